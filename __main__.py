@@ -1,0 +1,5 @@
+"""``python -m rigtwin`` is the command line."""
+
+from rigtwin.cli import main
+
+main()

@@ -1,0 +1,1 @@
+"""The nouns that measurement and simulation share; imports nothing else of rigtwin."""

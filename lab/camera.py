@@ -1,0 +1,102 @@
+"""What the experimenter says about the camera: rate, scale, region, time window, roll.
+
+The same words are options of ``rigtwin measure`` and keys of ``[experiments.camera]`` in lab.toml.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rigtwin.lab.errors import BadQuantity
+from rigtwin.lab.units import si
+
+
+@dataclass(frozen=True)
+class KnownLength:
+    """A length in view and the two picture points it spans."""
+
+    length: float  # [m]
+    start: tuple[float, float]  # [px], x to the right, y down, centre of the top-left pixel is (0, 0)
+    end: tuple[float, float]  # [px]
+
+    @property
+    def scale(self) -> float:
+        """[m/px]"""
+        dx, dy = self.end[0] - self.start[0], self.end[1] - self.start[1]
+        return self.length / float((dx * dx + dy * dy) ** 0.5)
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A point in the clip, as a time in seconds of capture time or as a frame number."""
+
+    value: float
+    unit: str  # "s" or "frame"
+
+
+@dataclass(frozen=True)
+class Camera:
+    """All that is known of the camera beforehand; None is "not given", never a default."""
+
+    frame_rate: float | None = None  # [1/s], capture rate; high-speed files often play at another rate
+    scale: float | None = None  # [m/px], at the bead's distance
+    known_length: KnownLength | None = None
+    region: tuple[float, float, float, float] | None = None  # [px], x, y, width, height
+    start: Moment | None = None
+    end: Moment | None = None
+    roll: float | None = None  # [rad], positive when the scene looks turned clockwise in the picture
+
+    @property
+    def given_scale(self) -> float | None:
+        """[m/px] from `scale` or `known_length`, None when neither was given."""
+        if self.scale is not None:
+            return self.scale
+        return self.known_length.scale if self.known_length is not None else None
+
+
+def known_length(text: str, *, name: str = "known_length") -> KnownLength:
+    """Parse ``"100mm:x1,y1,x2,y2"`` (pixels).
+
+    >>> known_length("100 mm:10,20,510,20").scale
+    0.0002
+    """
+    length_text, _, points = text.partition(":")
+    coordinates = _floats(points, 4, name, "100mm:x1,y1,x2,y2")
+    length = si(length_text, "length", name=name)
+    line = KnownLength(length, (coordinates[0], coordinates[1]), (coordinates[2], coordinates[3]))
+    if length <= 0 or line.start == line.end:
+        raise BadQuantity(f"{name}: {text!r} spans no length; give two different points and a positive length.")
+    return line
+
+
+def region(text: str, *, name: str = "region") -> tuple[float, float, float, float]:
+    """Parse ``"x,y,width,height"`` in pixels."""
+    x, y, width, height = _floats(text, 4, name, "x,y,width,height")
+    if width <= 0 or height <= 0:
+        raise BadQuantity(f"{name}: {text!r} is empty; width and height must be positive pixels.")
+    return x, y, width, height
+
+
+def moment(text: str | float, *, name: str = "start") -> Moment:
+    """Parse a time ("0.25 s") or a frame number ("60 frames", "60f").
+
+    >>> moment("60 frames")
+    Moment(value=60.0, unit='frame')
+    >>> moment("250 ms")
+    Moment(value=0.25, unit='s')
+    """
+    words = str(text).strip().lower()
+    for ending in ("frames", "frame", "f"):
+        if words.endswith(ending) and words[: -len(ending)].strip().replace(".", "", 1).isdigit():
+            return Moment(float(words[: -len(ending)]), "frame")
+    return Moment(si(text, "time", name=name), "s")
+
+
+def _floats(text: str, count: int, name: str, example: str) -> list[float]:
+    try:
+        numbers = [float(word) for word in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count:
+        raise BadQuantity(f"{name}: {text!r} is not of the form {example!r}.")
+    return numbers

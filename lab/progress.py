@@ -1,0 +1,16 @@
+"""How long work tells that it goes on: a callable that is handed a stage, what is done, and the whole."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+
+class Progress(Protocol):
+    """Called now and then by long work; must return quickly."""
+
+    def __call__(self, stage: str, done: float, total: float) -> None:
+        """`stage` in words ("following the bead"), `done` of `total` in any unit; total 0 means unknown."""
+
+
+def silent(stage: str, done: float, total: float) -> None:
+    """No progress shown."""

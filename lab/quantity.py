@@ -1,0 +1,143 @@
+"""What a measurement says: a number, its doubt, how it was got, and the checks it passed.
+
+`Quantity` is one number with its standard uncertainty; `Check` one self-check; `Measurement` everything one
+repetition gave.  All three print as the JSON documents that `rigtwin measure --json` writes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rigtwin.lab.records import Profile, Track
+
+Detail = str | int | float | bool
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One measured or simulated number with its standard uncertainty.
+
+    >>> e = Quantity("restitution_wall", 0.443, 0.006, "1", method="height", detail={"bounce": 1})
+    >>> low, high = e.interval95
+    >>> round(low, 3), round(high, 3)
+    (0.431, 0.455)
+    """
+
+    quantity: str
+    """Name as in the table of quantities: ``restitution_wall``, ``angle_of_repose_graphical``, ..."""
+    value: float
+    """In `unit`."""
+    std_uncertainty: float
+    """One standard uncertainty, in `unit`."""
+    unit: str
+    """``"1"``, ``"m"``, ``"deg"``, ``"s"``, ``"m/s"``, ..."""
+    method: str
+    """How the number was got: ``"height"``, ``"velocity"``, ``"apex"``, ..."""
+    n: int = 1
+    """Number of repetitions behind the value."""
+    detail: dict[str, Detail] = field(default_factory=dict)
+    """What tells it from its siblings: ``bounce=1``, ``side="left"``, ``body="B"``."""
+    budget: dict[str, float] = field(default_factory=dict)
+    """Named parts of the standard uncertainty, in `unit`; their root sum of squares is `std_uncertainty`."""
+    doubtful: str = ""
+    """Why this number should not be trusted as it stands; empty when nothing speaks against it."""
+
+    @property
+    def interval95(self) -> tuple[float, float]:
+        """95 % interval (normal, k = 1.96), in `unit`."""
+        half = 1.959964 * self.std_uncertainty
+        return self.value - half, self.value + half
+
+    def to_json(self) -> dict[str, Any]:
+        """The flat document of `rigtwin measure --json`; details stand beside the value."""
+        document: dict[str, Any] = {
+            "quantity": self.quantity,
+            "value": _finite(self.value),
+            "std_uncertainty": _finite(self.std_uncertainty),
+            "unit": self.unit,
+            "method": self.method,
+            **self.detail,
+        }
+        if self.n != 1:
+            document["n"] = self.n
+        if self.budget:
+            document["budget"] = {part: _finite(value) for part, value in self.budget.items()}
+        if self.doubtful:
+            document["doubtful"] = self.doubtful
+        return document
+
+
+def root_sum_of_squares(budget: dict[str, float]) -> float:
+    """Standard uncertainty from its independent named parts.
+
+    >>> root_sum_of_squares({"tracking": 3.0, "scale": 4.0})
+    5.0
+    """
+    return math.sqrt(sum(part * part for part in budget.values()))
+
+
+@dataclass(frozen=True)
+class Check:
+    """One self-check of a measurement: what was expected, what was found, what a mismatch means."""
+
+    check: str
+    passed: bool
+    value: float
+    expected: float
+    message: str
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "check": self.check,
+            "passed": bool(self.passed),
+            "value": _finite(self.value),
+            "expected": _finite(self.expected),
+            "message": self.message,
+        }
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What an estimator says of one record, filmed or simulated: the part of a measurement that knows no camera."""
+
+    quantities: tuple[Quantity, ...]
+    checks: tuple[Check, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Everything one repetition gave: quantities, checks, warnings, the record behind them, pictures to trust it by."""
+
+    rig: str
+    source: Path
+    source_sha256: str
+    quantities: tuple[Quantity, ...]
+    checks: tuple[Check, ...] = ()
+    warnings: tuple[str, ...] = ()
+    camera: dict[str, Any] = field(default_factory=dict)
+    """``frame_rate_hz``, ``scale_m_per_px``, ``scale_from``, ``camera_roll_deg`` ...: what was used, found or given."""
+    tracks: tuple[Track, ...] = ()
+    profiles: tuple[Profile, ...] = ()
+    files: dict[str, Path] = field(default_factory=dict)
+    """Files written: ``overlay`` (annotated video or picture), ``still`` (one overlay picture), ``plot``, ``record``."""
+
+    def to_json(self) -> dict[str, Any]:
+        """The document of `rigtwin measure --json`."""
+        return {
+            "rig": self.rig,
+            "source": {"file": str(self.source), "sha256": self.source_sha256},
+            "camera": self.camera,
+            "quantities": [quantity.to_json() for quantity in self.quantities],
+            "checks": [check.to_json() for check in self.checks],
+            "warnings": list(self.warnings),
+            "files": {name: str(path) for name, path in self.files.items()},
+        }
+
+
+def _finite(value: float) -> float | None:
+    """JSON knows no NaN and no infinity."""
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,1 @@
+"""Media to records to quantities; never imports the simulation."""

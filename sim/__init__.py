@@ -1,0 +1,1 @@
+"""Model and rig to records: the digital twins; never imports the measurement."""

@@ -1,0 +1,1 @@
+"""The DEM itself: state, neighbours, contacts, walls, time steps."""

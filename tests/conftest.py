@@ -1,0 +1,16 @@
+"""Make `import rigtwin` work from a bare clone as it does from an install."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+if importlib.util.find_spec("rigtwin") is None:
+    root = Path(__file__).parents[1]
+    spec = importlib.util.spec_from_file_location(
+        "rigtwin", root / "__init__.py", submodule_search_locations=[str(root)]
+    )
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["rigtwin"] = module
+    spec.loader.exec_module(module)
