@@ -1,0 +1,76 @@
+"""The wheel carries every folder of the package and nothing else; arrows between the rooms run one way."""
+
+import ast
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+ROOMS = ("lab", "measure", "sim", "compare")
+BELOW = {"lab": set(), "measure": {"lab"}, "sim": {"lab"}, "compare": {"lab", "measure", "sim"}}
+SETUPTOOLS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+
+
+def test_every_package_folder_is_listed_in_pyproject():
+    on_disk = {"rigtwin"} | {
+        ".".join(("rigtwin", *init.parent.relative_to(ROOT).parts))
+        for room in ROOMS
+        for init in (ROOT / room).rglob("__init__.py")
+    }
+    assert set(SETUPTOOLS["packages"]) == on_disk
+
+
+def test_no_folder_of_modules_lacks_its_init():
+    for room in ROOMS:
+        for module in (ROOT / room).rglob("*.py"):
+            assert (module.parent / "__init__.py").exists(), module
+
+
+def test_no_stray_python_file_at_the_root_slips_into_the_wheel():
+    assert {path.name for path in ROOT.glob("*.py")} == {"__init__.py", "__main__.py", "cli.py"}
+
+
+def test_every_data_file_inside_the_rooms_is_packaged():
+    packaged = {
+        path
+        for package, patterns in SETUPTOOLS["package-data"].items()
+        for pattern in patterns
+        for path in ROOT.joinpath(*package.split(".")[1:]).glob(pattern)
+    }
+    on_disk = {
+        path
+        for room in ROOMS
+        for path in (ROOT / room).rglob("*")
+        if path.is_file() and path.suffix not in {".py", ".pyc"}
+    }
+    assert on_disk == packaged
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_imports_between_the_rooms_run_one_way(room):
+    for module in (ROOT / room).rglob("*.py"):
+        for node in ast.walk(ast.parse(module.read_text())):
+            if isinstance(node, ast.ImportFrom):
+                assert node.level == 0, f"{module}: relative import"
+                names = [f"{node.module}.{alias.name}" for alias in node.names]
+            elif isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            else:
+                continue
+            for name in names:
+                parts = name.split(".")
+                if parts[0] == "rigtwin" and len(parts) > 1:
+                    assert parts[1] in BELOW[room] | {room, "__version__"}, f"{module} imports {name}"
+
+
+def test_the_engine_language_is_imported_in_one_module_only():
+    importing = {
+        path.relative_to(ROOT).as_posix()
+        for room in ROOMS
+        for path in (ROOT / room).rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if (isinstance(node, ast.Import) and any(alias.name.split(".")[0] == "taichi" for alias in node.names))
+        or (isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "taichi")
+    }
+    assert importing == {"sim/engine/backend.py"}
