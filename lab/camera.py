@@ -5,9 +5,10 @@ The same words are options of ``rigtwin measure`` and keys of ``[experiments.cam
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
-from rigtwin.lab.errors import BadQuantity
+from rigtwin.lab.errors import BadInput, BadQuantity
 from rigtwin.lab.units import si
 
 
@@ -45,6 +46,15 @@ class Camera:
     start: Moment | None = None
     end: Moment | None = None
     roll: float | None = None  # [rad], positive when the scene looks turned clockwise in the picture
+
+    def __post_init__(self) -> None:
+        for name in ("frame_rate", "scale"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise BadInput(f"the camera's {name.replace('_', ' ')} must be positive, got {value:g}.")
+        start, end = self.start, self.end
+        if start and end and start.unit == end.unit and start.value >= end.value:
+            raise BadInput(f"end ({end.value:g} {end.unit}) is not after start ({start.value:g} {start.unit}).")
 
     @property
     def given_scale(self) -> float | None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from rigtwin.lab.errors import BadInput
 
@@ -97,7 +99,57 @@ class Contact:
                 raise BadInput(f"{name} must be zero or positive, got {value:g}.")
 
 
+Pair = tuple[str, str]
+"""Names of the two sides of a contact, sorted."""
+
+PARAMETERS = ("restitution", "static_friction", "rolling_friction")
+"""The interaction parameters of a contact, by name."""
+
+
+@dataclass(frozen=True)
+class KnownContact:
+    """What is known of a contact so far; None is "not known", never a default."""
+
+    restitution: float | None = None  # [1]
+    static_friction: float | None = None  # [1]
+    rolling_friction: float | None = None  # [1]
+
+    def missing(self, needs: Sequence[str] = PARAMETERS) -> tuple[str, ...]:
+        """Which of the parameters in `needs` are not known."""
+        return tuple(name for name in needs if getattr(self, name) is None)
+
+    def filled(self, other: KnownContact | Contact) -> KnownContact:
+        """This contact with its gaps filled from `other`."""
+        return KnownContact(**{name: _first(getattr(self, name), getattr(other, name)) for name in PARAMETERS})
+
+    def complete(self, needs: Sequence[str] = PARAMETERS, *, name: str = "contact") -> Contact:
+        """The contact to simulate with; a parameter outside `needs` that is not known is zero (restitution: one).
+
+        Raises `BadInput` naming the contact `name` and the first parameter that is needed and not known.
+        """
+        if gaps := self.missing(needs):
+            raise BadInput(f"the {gaps[0]} of the contact {name} is not known; give it under [contacts.{name}].")
+        return Contact(
+            restitution=_first(self.restitution, 1.0),
+            static_friction=_first(self.static_friction, 0.0),
+            rolling_friction=_first(self.rolling_friction, 0.0),
+        )
+
+
+def pair(a: str, b: str) -> Pair:
+    """The key of a contact, the same for either order of names.
+
+    >>> pair("steel", "D6")
+    ('D6', 'steel')
+    """
+    return (a, b) if a <= b else (b, a)
+
+
 def _positive(owner: str, **values: float) -> None:
     for name, value in values.items():
         if not (math.isfinite(value) and value > 0):
             raise BadInput(f"{owner}: {name} must be a positive number, got {value:g}.")
+
+
+def _first(known: float | None, other: float | None) -> Any:
+    return other if known is None else known

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rigtwin.lab.records import Profile, Track
 
 Detail = str | int | float | bool
@@ -59,7 +61,7 @@ class Quantity:
             "std_uncertainty": _finite(self.std_uncertainty),
             "unit": self.unit,
             "method": self.method,
-            **self.detail,
+            **{name: _plain(value) for name, value in self.detail.items()},
         }
         if self.n != 1:
             document["n"] = self.n
@@ -76,7 +78,7 @@ def root_sum_of_squares(budget: dict[str, float]) -> float:
     >>> root_sum_of_squares({"tracking": 3.0, "scale": 4.0})
     5.0
     """
-    return math.sqrt(sum(part * part for part in budget.values()))
+    return math.hypot(*budget.values())
 
 
 @dataclass(frozen=True)
@@ -123,14 +125,14 @@ class Measurement:
     tracks: tuple[Track, ...] = ()
     profiles: tuple[Profile, ...] = ()
     files: dict[str, Path] = field(default_factory=dict)
-    """Files written: ``overlay`` (annotated video or picture), ``still`` (one overlay picture), ``plot``, ``record``."""
+    """Files written: ``overlay`` (annotated video or picture), ``still`` (one picture), ``plot``, ``record``."""
 
     def to_json(self) -> dict[str, Any]:
         """The document of `rigtwin measure --json`."""
         return {
             "rig": self.rig,
             "source": {"file": str(self.source), "sha256": self.source_sha256},
-            "camera": self.camera,
+            "camera": {name: _plain(value) for name, value in self.camera.items()},
             "quantities": [quantity.to_json() for quantity in self.quantities],
             "checks": [check.to_json() for check in self.checks],
             "warnings": list(self.warnings),
@@ -141,3 +143,9 @@ class Measurement:
 def _finite(value: float) -> float | None:
     """JSON knows no NaN and no infinity."""
     return float(value) if math.isfinite(value) else None
+
+
+def _plain(value: Any) -> Any:
+    """A NumPy number as Python's own, which JSON knows."""
+    value = value.item() if isinstance(value, np.generic) else value
+    return _finite(value) if isinstance(value, float) else value

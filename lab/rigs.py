@@ -6,7 +6,9 @@ Lengths in metres, angles in radians, masses in kilograms.  A field that is None
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
+
+from rigtwin.lab.errors import BadInput
 
 GRAVITY = 9.81  # [m/s^2]
 
@@ -42,3 +44,61 @@ class Pile:
 
 
 Rig = Drop | Pendulum | Pile
+
+
+@dataclass(frozen=True)
+class DropSettings:
+    """What the experimenter says of a drop beforehand; None is "not given" and is then measured."""
+
+    drop_height: float | None = None  # [m], from the bead's lowest point to the plate
+    bounces: int = 4  # how many bounces the twin shows
+
+    name: ClassVar[str] = "drop"
+
+    def rig(self, measured_drop_height: float | None = None) -> Drop:
+        """The rig of the twin; a height stated in the lab file goes before the measured one."""
+        height = _stated("drop_height", self.drop_height, measured_drop_height)
+        return Drop(drop_height=height, bounces=self.bounces)
+
+
+@dataclass(frozen=True)
+class PendulumSettings:
+    """What the experimenter says of a pendulum beforehand."""
+
+    length: float  # [m], hinge to bead centre
+    release_angle: float | None = None  # [rad], of bead A from the vertical
+    variant: Literal["double", "wall"] = "double"
+
+    name: ClassVar[str] = "pendulum"
+
+    def rig(self, measured_release_angle: float | None = None) -> Pendulum:
+        """The rig of the twin; an angle stated in the lab file goes before the measured one."""
+        angle = _stated("release_angle", self.release_angle, measured_release_angle)
+        return Pendulum(length=self.length, release_angle=angle, variant=self.variant)
+
+
+@dataclass(frozen=True)
+class PileSettings:
+    """What the experimenter says of a pile beforehand."""
+
+    base_diameter: float  # [m]
+    rim_height: float = 0.0  # [m], height of the bowl's rim above the base plate
+    outlet_diameter: float | None = None  # [m], of the pouring funnel
+    count: int | None = None  # how many particles were poured
+    variant: Literal["piling"] = "piling"
+
+    name: ClassVar[str] = "pile"
+
+    def rig(self) -> Pile:
+        """The rig of the twin."""
+        return Pile(self.base_diameter, self.rim_height, self.outlet_diameter, self.variant)
+
+
+RigSettings = DropSettings | PendulumSettings | PileSettings
+
+
+def _stated(key: str, stated: float | None, measured: float | None) -> float:
+    value = stated if stated is not None else measured
+    if value is None:
+        raise BadInput(f"{key} is neither stated nor measured; add {key} to the experiment in lab.toml.")
+    return value

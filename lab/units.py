@@ -7,6 +7,7 @@ number is already SI.  pint is loaded on the first call, so a command's ``--help
 from __future__ import annotations
 
 import math
+import re
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -32,6 +33,9 @@ DIMENSIONS = {
 }
 
 
+_ANGULAR = re.compile("radian|degree|turn|revolution|arcminute|arcsecond|grade")
+
+
 def si(text: str | float | int, dimension: str, *, name: str = "value") -> float:
     """A quantity as a float in SI.
 
@@ -40,48 +44,59 @@ def si(text: str | float | int, dimension: str, *, name: str = "value") -> float
 
     >>> si("6.2 mm", "length")
     0.0062
-    >>> si("3 rpm", "angular_speed") == 3 * 2 * math.pi / 60
-    True
+    >>> round(si("3 rpm", "angular_speed"), 6)
+    0.314159
     >>> si(0.5, "length")
     0.5
     """
     unit, example = DIMENSIONS[dimension]
     if isinstance(text, bool) or not isinstance(text, (str, int, float)):
-        raise BadQuantity(f"{name}: {text!r} is not a quantity; write a {dimension} like {example!r}.")
-    if isinstance(text, (int, float)):
-        value = float(text)
-    else:
-        value = _parse(text.strip(), unit, dimension, example, name)
+        raise BadQuantity(f"{name}: {text!r} is not a quantity; write {_a(dimension)} like {example!r}.")
+    try:
+        value = _parse(text.strip(), unit, dimension, example, name) if isinstance(text, str) else float(text)
+    except OverflowError:  # a whole number of more than 308 digits
+        value = math.inf
     if not math.isfinite(value):
-        raise BadQuantity(f"{name}: {text!r} is not a finite number; write a {dimension} like {example!r}.")
+        raise BadQuantity(f"{name}: {text!r} is not a finite number; write {_a(dimension)} like {example!r}.")
     return value
 
 
 def _parse(text: str, unit: str, dimension: str, example: str, name: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        pass
+    number = re.match(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", text)
+    if number is None or not (unit_text := text[number.end() :].strip()):
+        try:
+            return float(text)  # bare numbers, "inf" and "nan" included
+        except ValueError:
+            raise BadQuantity(f"{name}: {text!r} is not {_a(dimension)}; write it like {example!r}.") from None
+    if dimension == "frequency" and unit_text == "fps":  # feet per second elsewhere
+        unit_text = "1/s"
     import pint
 
     try:
-        # "Hz" is a frequency here, never 2 pi rad/s; a percent sign is 1/100
-        parsed = _registry().Quantity(text.replace("%", " percent").replace("°", " deg"))
-        value = parsed.to(unit if unit != "1" else "dimensionless").magnitude
-        return float(f"{float(value):.15g}")  # 6.2 mm is 0.0062 m, not 0.006200000000000001
+        registry = _registry()
+        written = registry.Unit(unit_text.replace("%", "percent").replace("°", "deg"))
+        value = registry.Quantity(float(number[0]), written).to(unit if unit != "1" else "dimensionless").magnitude
+        # pint counts radians as plain numbers: 3 Hz would pass as 3 rad/s, 5 deg as 0.087
+        if bool(_ANGULAR.search(str(written))) != bool(_ANGULAR.search(str(registry.Unit(unit)))):
+            wrong = f"has the wrong unit for {_a(dimension)}"
+        else:
+            return float(f"{float(value):.15g}")  # 6.2 mm is 0.0062 m, not 0.006200000000000001
     except pint.DimensionalityError:
-        wrong = f"has the wrong unit for a {dimension}"
-    except (pint.UndefinedUnitError, pint.DefinitionSyntaxError):
-        wrong = f"is not a {dimension} (unknown unit)"
-    except Exception:  # pint raises tokenizer and attribute errors for garbage text
-        wrong = f"is not a {dimension}"
+        wrong = f"has the wrong unit for {_a(dimension)}"
+    except Exception:  # pint raises its own, tokenizer and attribute errors for garbage text
+        wrong = f"is not {_a(dimension)} (unknown unit {unit_text!r})"
     raise BadQuantity(f"{name}: {text!r} {wrong}; write it like {example!r}.")
 
 
+def _a(dimension: str) -> str:
+    return f"{'an' if dimension[0] in 'aeiou' else 'a'} {dimension.replace('_', ' ')}"
+
+
 @cache
-def _registry() -> pint.UnitRegistry:
+def _registry() -> pint.UnitRegistry[float]:
     import pint
 
-    registry = pint.UnitRegistry()
-    registry.define("px = [pixel]")
+    registry: pint.UnitRegistry[float] = pint.UnitRegistry(on_redefinition="ignore")
+    registry.define("px = pixel")  # pint's own px is the CSS pixel, 1/96 inch
+    registry.define("@alias hertz = hz")
     return registry

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import av
@@ -29,8 +30,13 @@ class Frame:
 
     index: int  # 0 for the first picture in the file
     time: float  # [s], capture time of the start of the exposure, 0 for the first picture in the file
-    grey: Grey  # shape (height, width)
-    colour: Image  # BGR, shape (height, width, 3)
+    grey: Grey  # the luma plane as stored, shape (height, width)
+    picture: av.VideoFrame = field(repr=False)
+
+    @cached_property
+    def colour(self) -> Image:
+        """BGR, shape (height, width, 3); converted only when asked for."""
+        return _upright(self.picture, self.picture.to_ndarray(format="bgr24"))
 
 
 @dataclass(frozen=True)
@@ -51,12 +57,12 @@ class Video:
     def frames(self) -> Iterator[Frame]:
         """The pictures from `first` to `last`, in order."""
         for index, picture in enumerate(_decode(self.path)):
-            if index < self.first:
-                continue
             if index > self.last:
                 return
-            colour = _upright(picture)
-            yield Frame(index, float(self.times[index]), cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY), colour)
+            if index >= self.first:
+                yield Frame(index, float(self.times[index]), _upright(picture, _luma(picture)), picture)
+            if index == self.last:
+                return  # a damaged rest of the file is never touched
 
 
 def open_video(path: Path, camera: Camera) -> Video:
@@ -66,34 +72,23 @@ def open_video(path: Path, camera: Camera) -> Video:
     and none was given, or when the time window holds too few frames.
     """
     _must_exist(path, "video")
-    try:
-        with av.open(str(path)) as container:
-            if not container.streams.video:
-                raise UnreadableMedia(f"{path}: holds no video; give a clip that a video player shows.")
-            stream = container.streams.video[0]
-            stated = float(stream.average_rate or 0)
-            base = float(stream.time_base or 0)
-            stamps: list[float | None] = []
-            width = height = 0
-            for picture in container.decode(stream):
-                stamps.append(None if picture.pts is None else picture.pts * base)
-                if not width:
-                    height, width = _upright(picture).shape[:2]
-    except av.FFmpegError as error:
-        raise UnreadableMedia(
-            f"{path}: cannot be decoded as a video ({_reason(error)}); give a clip that a video player shows."
-        ) from None
+    stamps, stated, base, (height, width), warnings = _scan(path)
     if len(stamps) < 3:
         raise UnreadableMedia(f"{path}: decodes to {len(stamps)} pictures; a measurement needs a clip.")
     rate = camera.frame_rate or stated
     if not rate > 0:
         raise BadInput(f"{path}: the file states no frame rate; give the capture rate with --frame-rate 240Hz.")
-    times, warnings = _time_base(stamps, stated, rate)
+    if camera.frame_rate is None:
+        warnings.append(
+            f"frame rate {rate:.6g} Hz read from the file; high-speed files often play slower than captured: "
+            "check gravity, or give --frame-rate."
+        )
+    times, oddities = _time_base(stamps, stated, base, camera.frame_rate)
     first = _frame_of(camera.start, times, 0)
     last = _frame_of(camera.end, times, len(times) - 1)
     if last - first < 2:
         raise BadInput(f"{path}: --start and --end leave {max(last - first + 1, 0)} frames of {len(times)}.")
-    return Video(path, width, height, len(times), rate, stated, times, first, last, tuple(warnings))
+    return Video(path, width, height, len(times), rate, stated, times, first, last, (*warnings, *oddities))
 
 
 def read_photo(path: Path) -> Image:
@@ -121,6 +116,32 @@ def _must_exist(path: Path, kind: str) -> None:
         raise UnreadableMedia(f"{path}: is empty (0 bytes); copy the {kind} again.")
 
 
+def _scan(path: Path) -> tuple[list[float | None], float, float, tuple[int, int], list[str]]:
+    """One pass over a file: time stamps [s], stated rate [1/s], tick of the stamps [s], size, what is odd."""
+    stamps: list[float | None] = []
+    size = (0, 0)
+    stated = base = 0.0
+    try:
+        with av.open(str(path)) as container:
+            if not container.streams.video:
+                raise UnreadableMedia(f"{path}: holds no video; give a clip that a video player shows.")
+            stream = container.streams.video[0]
+            stream.thread_type = "AUTO"
+            stated = float(stream.average_rate or 0)
+            base = float(stream.time_base or 0)
+            for picture in container.decode(stream):
+                stamps.append(None if picture.pts is None else picture.pts * base)
+                if not size[0]:
+                    size = _upright(picture, _luma(picture)).shape
+    except av.FFmpegError as error:
+        if len(stamps) < 3:
+            raise UnreadableMedia(
+                f"{path}: cannot be decoded as a video ({_reason(error)}); give a clip that a video player shows."
+            ) from None
+        return stamps, stated, base, size, [f"the file is damaged after picture {len(stamps) - 1}; used what decodes."]
+    return stamps, stated, base, size, []
+
+
 def _decode(path: Path) -> Iterator[av.VideoFrame]:
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
@@ -128,38 +149,57 @@ def _decode(path: Path) -> Iterator[av.VideoFrame]:
         yield from container.decode(stream)
 
 
-def _upright(picture: av.VideoFrame) -> Image:
+def _luma(picture: av.VideoFrame) -> Grey:
+    """The luma plane itself where it is stored with 8 bits: no colour conversion, no rounding."""
+    if picture.format.name.startswith(("yuv4", "yuvj4", "nv12", "nv21", "gray")) and all(
+        component.bits == 8 for component in picture.format.components
+    ):
+        plane = picture.planes[0]
+        rows = np.frombuffer(plane, dtype=np.uint8).reshape(-1, plane.line_size)
+        return rows[: picture.height, : picture.width].copy()
+    return np.asarray(picture.to_ndarray(format="gray"), dtype=np.uint8)
+
+
+def _upright(picture: av.VideoFrame, image: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
     """Pixels with the display matrix applied, as a player shows them."""
-    image = picture.to_ndarray(format="bgr24")
     turns = round(getattr(picture, "rotation", 0) / 90) % 4  # counter-clockwise
     return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
 
 
 def _time_base(
-    stamps: list[float | None], stated: float, rate: float
+    stamps: list[float | None], stated: float, tick: float, given: float | None
 ) -> tuple[npt.NDArray[np.float64], list[str]]:
-    """Capture time of every picture, and what is odd about the file's own stamps."""
-    index_times = np.arange(len(stamps)) / rate
+    """Capture time of every picture, and what is odd about the file's own stamps.
+
+    `stated` is the file's rate, `given` the capture rate where it is known [1/s], `tick` the unit of the stamps [s].
+    """
+    rate = given or stated
+    index = np.arange(len(stamps), dtype=np.float64)
     if any(stamp is None for stamp in stamps):
-        return index_times, ["time base: the file has pictures without a time stamp; used the frame index."]
+        return index / rate, ["time base: the file has pictures without a time stamp; used the frame index."]
     times = np.array(stamps, dtype=np.float64)
     steps = np.diff(times)
     if np.any(steps <= 0):
-        return index_times, [
+        return index / rate, [
             f"time base: {int(np.sum(steps <= 0))} of the file's time stamps run backwards or repeat "
             "(typical of H.264 with B-frames in AVI); used frame index / frame rate instead."
         ]
-    warnings = []
+    line = np.polyfit(index, times, 1)
+    if np.max(np.abs(np.polyval(line, index) - times)) <= max(0.8 * tick, 0.02 * line[0]):
+        return index / rate, []  # equal steps but for the rounding of the stamps
     middle = float(np.median(steps))
-    if np.max(np.abs(steps - middle)) > 0.05 * middle:
-        odd = int(np.sum(np.abs(steps - middle) > 0.05 * middle))
-        warnings.append(
-            f"time base: {odd} of {len(steps)} frame intervals differ by more than 5 % from {middle * 1e3:.2f} ms; "
-            "the file's own time stamps were used."
-        )
-    # the file plays at its own rate; capture ran at `rate`: keep the pattern, stretch the unit
-    stretch = (stated / rate) if stated > 0 else 1.0
-    return (times - times[0]) * stretch, warnings
+    odd = int(np.sum(np.abs(steps - middle) > 0.05 * middle))
+    times = times - times[0]
+    plays_at = 1 / middle
+    if given is None or any(abs(real / given - 1) < 0.03 for real in (stated, plays_at, 1 / float(line[0]))):
+        # stamps of a file that plays as fast as it was captured are true times, dropped frames or not
+        used = "the file's own time stamps were used"
+    else:
+        times = times * plays_at / given
+        used = f"the file's own time stamps were used, stretched from {plays_at:.4g} Hz to {given:.4g} Hz"
+    return times, [
+        f"time base: {odd} of {len(steps)} frame intervals differ by more than 5 % from {middle * 1e3:.2f} ms; {used}."
+    ]
 
 
 def _frame_of(moment: Moment | None, times: npt.NDArray[np.float64], default: int) -> int:

@@ -1,0 +1,1 @@
+"""Published materials, particles and contacts that a lab can use by name."""

@@ -1,0 +1,60 @@
+"""Who plays in a twin asked for by name: particle, wall and contact from a lab file or the published reference."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from rigtwin.lab.entries import suggestion
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import PARAMETERS, Contact, KnownContact, Material, Particle
+from rigtwin.lab.model import Model
+from rigtwin.lab.notebook import read_lab
+from rigtwin.lab.reference import hlosta2020
+
+
+def model_of(lab: Path | None) -> Model:
+    """The model of a lab folder, or an empty one."""
+    return Model() if lab is None else read_lab(lab).model
+
+
+def particle(name: str, model: Model) -> Particle:
+    """A particle of the model, else of the published reference."""
+    if name in model.particles:
+        return model.particles[name]
+    if name in hlosta2020.PARTICLES:
+        return hlosta2020.particle(name)
+    raise BadInput(
+        f"--particle: there is no particle {name!r}; {suggestion(name, _names(model.particles, 'PARTICLES'))}."
+    )
+
+
+def wall(name: str, model: Model) -> Material:
+    """A material of the model, else of the published reference."""
+    if name in model.materials:
+        return model.materials[name]
+    if name in hlosta2020.MATERIALS:
+        return hlosta2020.material(name)
+    raise BadInput(f"--wall: there is no material {name!r}; {suggestion(name, _names(model.materials, 'MATERIALS'))}.")
+
+
+def contact(
+    a: str,
+    b: str,
+    model: Model,
+    needs: Sequence[str] = PARAMETERS,
+    *,
+    restitution: float | None = None,
+    static_friction: float | None = None,
+    rolling_friction: float | None = None,
+) -> Contact:
+    """A contact as given by option, else by the model, else by the published reference, parameter by parameter."""
+    known = KnownContact(restitution, static_friction, rolling_friction).filled(model.known_contact(a, b))
+    with suppress(BadInput):  # not a published pair: what is known so far must do
+        known = known.filled(hlosta2020.contact(a, b))
+    return known.complete(needs, name=f"{a}-{b}")
+
+
+def _names(own: object, published: str) -> list[str]:
+    return list(dict.fromkeys([*own, *getattr(hlosta2020, published)]))  # type: ignore[misc]

@@ -1,0 +1,235 @@
+"""A lab compared with its twins: measure every repetition, run the matched twins, write deviations and a report.
+
+::
+
+    lab.toml ── measure all repetitions ──┐
+        └────── run each rig's twin ──────┴── deviations ── observations.csv, deviations.csv/.json,
+                                                            report.html, provenance.json
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rigtwin.compare import results
+from rigtwin.compare.deviation import Deviation, deviations
+from rigtwin.compare.repetitions import Failure, Measured, measuring
+from rigtwin.compare.twin import NEEDS, Twin, needs_measurement, twin_of
+from rigtwin.lab.entries import suggestion
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import PARAMETERS
+from rigtwin.lab.notebook import Experiment, Lab, read_lab
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.quantity import Measurement
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One experiment: what its repetitions measured, what its twin gave, how far apart they are."""
+
+    experiment: Experiment
+    measurements: tuple[Measurement, ...]
+    failures: tuple[Failure, ...]
+    twin: Twin
+    deviations: tuple[Deviation, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """All warnings of this experiment, each with the file it speaks of."""
+        return (
+            *(f"{failure.source.name} was left out: {failure.message}" for failure in self.failures),
+            *(f"{item.source.name}: {warning}" for item in self.measurements for warning in item.warnings),
+            *(f"twin: {warning}" for warning in (*self.twin.warnings, *self.twin.evaluation.warnings)),
+        )
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A whole lab beside its twins."""
+
+    lab: Lab
+    outcomes: tuple[Outcome, ...]
+    seed: int
+    started: datetime
+    seconds: dict[str, float] = field(default_factory=dict)
+    """[s], wall-clock time of each part of the run."""
+    files: dict[str, Path] = field(default_factory=dict)
+
+    @property
+    def deviations(self) -> tuple[Deviation, ...]:
+        return tuple(row for outcome in self.outcomes for row in outcome.deviations)
+
+    def to_json(self) -> dict[str, Any]:
+        """The document of `rigtwin compare --json`."""
+        return {
+            "title": self.lab.title,
+            "lab": str(self.lab.path),
+            "deviations": [{**row.row(), "budget": row.budget} for row in self.deviations],
+            "experiments": [_experiment_json(outcome) for outcome in self.outcomes],
+            "borrowed": list(self.lab.borrowed),
+            "files": {name: str(path) for name, path in self.files.items()},
+        }
+
+
+def compare(
+    lab_folder: Path,
+    out: Path,
+    progress: Progress = silent,
+    *,
+    only: Sequence[str] | None = None,
+    count: int | None = None,
+    seed: int = 1,
+    threads: int | None = None,
+    workers: int | None = None,
+) -> Comparison:
+    """Compare a lab with its twins and write everything into `out`.
+
+    `only` names the experiments to take (all by default), `count` the particles of a pile's twin where lab.toml gives
+    none.  A repetition that cannot be measured is left out with a warning; raises `BadInput` when an experiment has
+    none left, `BadLabFile` when lab.toml is at fault, and then leaves the files of an earlier run as they were.
+    """
+    started, clock = datetime.now(UTC), time.perf_counter()
+    lab = read_lab(lab_folder)
+    experiments = _chosen(lab, only)
+    for experiment in experiments:
+        _need_contacts(lab, experiment)
+    twins: dict[str, Twin] = {}
+    run = partial(twin_of, model=lab.model, count=count, seed=seed, threads=threads, progress=progress)
+    with measuring(experiments, out, workers) as pending:
+        for experiment in experiments:
+            if not needs_measurement(experiment):
+                twins[experiment.id] = run(experiment)
+        measured = pending.results(progress)
+    measured_after = time.perf_counter() - clock
+    for experiment in experiments:
+        _need_one(experiment, measured[experiment.id])
+        if experiment.id not in twins:
+            found = measured[experiment.id].measurements
+            twins[experiment.id] = run(experiment, measurements=found)
+    seconds = {f"twin of {name}": twin.seconds for name, twin in twins.items()}
+    outcomes = tuple(_outcome(experiment, measured[experiment.id], twins[experiment.id]) for experiment in experiments)
+    comparison = Comparison(lab, outcomes, seed, started, {**seconds, "measuring, beside early twins": measured_after})
+    return _written(comparison, out, clock, progress)
+
+
+def observations(comparison: Comparison) -> list[dict[str, Any]]:
+    """Rows of ``observations.csv``: every quantity of every repetition, measured and simulated."""
+    rows = []
+    for outcome in comparison.outcomes:
+        name, rig = outcome.experiment.id, outcome.experiment.rig_name
+        for item in outcome.measurements:
+            source = _relative(item.source, comparison.lab.folder)
+            rows += [results.observation(name, rig, "measured", source, quantity) for quantity in item.quantities]
+        for quantity in outcome.twin.evaluation.quantities:
+            rows.append(results.observation(name, rig, "simulated", f"twin, seed {comparison.seed}", quantity))
+    return rows
+
+
+def provenance(comparison: Comparison) -> dict[str, Any]:
+    """Everything needed to tell, later, what these results were made from."""
+    lab = comparison.lab
+    media = [view for outcome in comparison.outcomes for views in outcome.experiment.repetitions for view in views]
+    return {
+        **results.surroundings(),
+        "started": comparison.started.isoformat(timespec="seconds"),
+        "seconds": {name: round(value, 3) for name, value in comparison.seconds.items()},
+        "seed": comparison.seed,
+        "inputs": [
+            {"file": _relative(path, lab.folder), "sha256": results.file_sha256(path)}
+            for path in dict.fromkeys([lab.path, *media])
+        ],
+        "model": {
+            "materials": {name: asdict(material) for name, material in lab.model.materials.items()},
+            "particles": {name: asdict(particle) for name, particle in lab.model.particles.items()},
+            "contacts": {"-".join(names): asdict(contact) for names, contact in lab.model.contacts.items()},
+            "effects": list(lab.model.effects),
+        },
+        "borrowed": list(lab.borrowed),
+        "twins": {outcome.experiment.id: outcome.twin.settings for outcome in comparison.outcomes},
+        "cameras": {
+            outcome.experiment.id: [item.camera for item in outcome.measurements] for outcome in comparison.outcomes
+        },
+    }
+
+
+def _written(comparison: Comparison, out: Path, clock: float, progress: Progress) -> Comparison:
+    from rigtwin.compare.report import report
+
+    progress("writing the report", 0, 1)
+    comparison.seconds["total before the report"] = time.perf_counter() - clock
+    record = results.plain(provenance(comparison))
+    names = ("observations.csv", "deviations.csv", "deviations.json", "report.html", "provenance.json")
+    comparison.files.update({name: out / name for name in names})
+    contents = {
+        "observations.csv": results.table(observations(comparison), results.OBSERVATION_COLUMNS),
+        "deviations.csv": results.deviations_csv(comparison.deviations),
+        "deviations.json": results.document(comparison.to_json()),
+        "report.html": report(comparison, record, out),
+        "provenance.json": results.document(record),
+    }
+    results.write_together(out, contents)
+    progress("writing the report", 1, 1)
+    return comparison
+
+
+def _chosen(lab: Lab, only: Sequence[str] | None) -> tuple[Experiment, ...]:
+    if not only:
+        return lab.experiments
+    known = [experiment.id for experiment in lab.experiments]
+    for name in only:
+        if name not in known:
+            raise BadInput(f"{lab.path}: there is no experiment {name!r}; {suggestion(name, known)}.")
+    return tuple(experiment for experiment in lab.experiments if experiment.id in only)
+
+
+def _need_contacts(lab: Lab, experiment: Experiment) -> None:
+    """Refuse before any work when the twin lacks a parameter."""
+    for a, b in experiment.contacts:
+        try:
+            lab.model.contact(a, b, NEEDS.get(experiment.rig_name, PARAMETERS))
+        except BadInput as error:
+            raise BadInput(f"{lab.path}: the twin of {experiment.id} cannot be built: {error}") from None
+
+
+def _need_one(experiment: Experiment, measured: Measured) -> None:
+    if measured.measurements:
+        return
+    first, *others = measured.failures
+    which = f"none of its {len(others) + 1} repetitions" if others else "its only repetition"
+    verb = "could be measured" if others else "could not be measured"
+    raise BadInput(f"{experiment.id}: {which} {verb}: {first.message}")
+
+
+def _outcome(experiment: Experiment, measured: Measured, twin: Twin) -> Outcome:
+    rows = deviations(
+        experiment.id,
+        experiment.rig_name,
+        [quantity for item in measured.measurements for quantity in item.quantities],
+        twin.evaluation.quantities,
+        set_from=twin.set_from,
+    )
+    return Outcome(experiment, measured.measurements, measured.failures, twin, rows)
+
+
+def _experiment_json(outcome: Outcome) -> dict[str, Any]:
+    return {
+        "id": outcome.experiment.id,
+        "rig": outcome.experiment.rig_name,
+        "measurements": [item.to_json() for item in outcome.measurements],
+        "failures": [{"file": str(item.source), "message": item.message} for item in outcome.failures],
+        "twin": outcome.twin.to_json(),
+        "warnings": list(outcome.warnings),
+    }
+
+
+def _relative(path: Path, folder: Path) -> str:
+    try:
+        return path.relative_to(folder).as_posix()
+    except ValueError:  # media may lie outside the lab folder
+        return str(path)

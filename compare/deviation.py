@@ -1,0 +1,267 @@
+"""Measured beside simulated: repetitions combined, differences with their uncertainty, a verdict in words.
+
+Uncertainties follow the GUM (JCGM 100:2008): the mean of n repetitions has the scatter's standard error
+(type A, section 4.2), combined with the parts that all repetitions share, such as the scale (section 5.1.2).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, fields
+from statistics import fmean, stdev
+from typing import Any
+
+from rigtwin.lab.quantity import Detail, Quantity, root_sum_of_squares
+
+# What tells a quantity from its siblings; other details (a frame number, a speed) describe and do not identify.
+IDENTITY = ("bounce", "collision", "body", "side", "view")
+
+# Parts of a budget that differ from one repetition to the next and so average out.  Every other part is taken as
+# shared by all repetitions: a scale does not get better by being used ten times.
+AVERAGES_OUT = frozenset({"tracking", "fit", "noise", "repetition", "scatter", "surface", "blur", "roughness"})
+
+Key = tuple[str, str, str, tuple[tuple[str, Detail], ...]]
+
+
+@dataclass(frozen=True)
+class Combined:
+    """n repetitions of one quantity as one number."""
+
+    value: float
+    std: float
+    """Sample standard deviation of the repetitions; of a single one, its own standard uncertainty."""
+    n: int
+    std_uncertainty: float
+    """Standard uncertainty of `value`: standard error of the scatter with the shared parts of the budget."""
+    unit: str
+    budget: dict[str, float] = field(default_factory=dict)
+    """Named parts of `std_uncertainty`."""
+    doubtful: str = ""
+    left_out: int = 0
+    """Doubtful repetitions that are not in the mean, because sound ones were there."""
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """One row of ``deviations.csv``: one quantity of one experiment, measured and simulated."""
+
+    experiment: str
+    rig: str
+    quantity: str
+    method: str
+    unit: str
+    bounce: int | None
+    collision: int | None
+    body: str | None
+    side: str | None
+    view: str | None
+    measured: float
+    measured_std: float
+    measured_n: int
+    measured_std_uncertainty: float
+    simulated: float | None
+    simulated_std: float | None
+    simulated_n: int
+    simulated_std_uncertainty: float | None
+    percent_deviation: float | None
+    percent_deviation_std: float | None
+    z: float | None
+    verdict: str
+    doubtful: str = ""
+    note: str = ""
+    budget: dict[str, float] = field(default_factory=dict)
+
+    def row(self) -> dict[str, Any]:
+        """The flat row of ``deviations.csv``."""
+        return {column: getattr(self, column) for column in COLUMNS}
+
+
+COLUMNS = tuple(column.name for column in fields(Deviation) if column.name != "budget")
+
+
+def key_of(quantity: Quantity) -> Key:
+    """What makes two quantities the same quantity of two repetitions."""
+    detail = quantity.detail
+    # a bead has its name; the side it swings to depends on where the camera stood
+    names = [name for name in IDENTITY if name in detail and not (name == "side" and "body" in detail)]
+    identity = tuple((name, detail[name]) for name in names)
+    return quantity.quantity, quantity.method, quantity.unit, identity
+
+
+def combine(repetitions: Sequence[Quantity]) -> Combined:
+    """Mean of repetitions with its standard uncertainty.
+
+    The scatter counts with s / sqrt(n), never less than the repetitions' own random parts allow: two repetitions that
+    happen to agree do not make a perfect measurement.  Doubtful repetitions are left out where sound ones remain.
+    """
+    sound = [repetition for repetition in repetitions if not repetition.doubtful]
+    used = sound or list(repetitions)
+    n = len(used)
+    values = [repetition.value for repetition in used]
+    split = [_split(repetition) for repetition in used]
+    shared = {
+        name: fmean(parts.get(name, 0.0) for _, parts in split)
+        for name in dict.fromkeys(name for _, parts in split for name in parts)
+    }
+    own = math.sqrt(fmean(random**2 for random, _ in split))
+    scatter = stdev(values) if n > 1 else own
+    budget = {"repetition" if n > 1 else "random": max(scatter, own) / math.sqrt(n), **shared}
+    budget = {name: part for name, part in budget.items() if part > 0}
+    return Combined(
+        value=fmean(values),
+        std=stdev(values) if n > 1 else used[0].std_uncertainty,
+        n=n,
+        std_uncertainty=root_sum_of_squares(budget),
+        unit=used[0].unit,
+        budget=budget,
+        doubtful="" if sound else "; ".join(dict.fromkeys(repetition.doubtful for repetition in repetitions)),
+        left_out=len(repetitions) - n,
+    )
+
+
+def group(quantities: Iterable[Quantity]) -> dict[Key, list[Quantity]]:
+    """Quantities of all repetitions under their common key, in the order of first appearance; NaN values left out."""
+    groups: dict[Key, list[Quantity]] = {}
+    for quantity in quantities:
+        if math.isfinite(quantity.value):
+            groups.setdefault(key_of(quantity), []).append(quantity)
+    return groups
+
+
+def deviations(
+    experiment: str,
+    rig: str,
+    measured: Iterable[Quantity],
+    simulated: Iterable[Quantity],
+    *,
+    set_from: dict[str, str] | None = None,
+) -> tuple[Deviation, ...]:
+    """One row for each measured quantity, beside its twin where the twin gives it.
+
+    `set_from` names the quantities that were handed to the twin ("measured", "stated"): their agreement says nothing
+    about the model, and the row's note says so.
+    """
+    twins = {key: combine(group_) for key, group_ in group(simulated).items()}
+    return tuple(
+        _deviation(
+            experiment, rig, key, combine(repetitions), twins.get(key), set_from=(set_from or {}).get(key[0], "")
+        )
+        for key, repetitions in group(measured).items()
+    )
+
+
+def percent_deviation(
+    measured: float, measured_u: float, simulated: float, simulated_u: float
+) -> tuple[float, float] | None:
+    """100 (simulated - measured) / measured and its standard uncertainty, both in percent.
+
+    First-order propagation of independent uncertainties (GUM eq. 10).  None where the measured value is not told from
+    zero by its own uncertainty: a percentage of nothing is no number.
+    """
+    if abs(measured) <= measured_u or measured == 0:
+        return None
+    percent = 100 * (simulated - measured) / measured
+    from_simulated = simulated_u / measured
+    from_measured = simulated * measured_u / measured**2
+    return percent, 100 * math.hypot(from_simulated, from_measured)
+
+
+def _deviation(
+    experiment: str, rig: str, key: Key, measured: Combined, simulated: Combined | None, *, set_from: str
+) -> Deviation:
+    name, method, unit, identity = key
+    detail = dict(identity)
+    percent: tuple[float, float] | None = None
+    z: float | None = None
+    if simulated is not None:
+        percent = percent_deviation(
+            measured.value, measured.std_uncertainty, simulated.value, simulated.std_uncertainty
+        )
+        z = _z(simulated.value - measured.value, math.hypot(measured.std_uncertainty, simulated.std_uncertainty))
+    doubts = [measured.doubtful] if measured.doubtful else []
+    if simulated is not None and simulated.doubtful:
+        doubts.append(f"twin: {simulated.doubtful}")
+    return Deviation(
+        experiment=experiment,
+        rig=rig,
+        quantity=name,
+        method=method,
+        unit=unit,
+        bounce=_whole(detail.get("bounce")),
+        collision=_whole(detail.get("collision")),
+        body=_text(detail.get("body")),
+        side=_text(detail.get("side")),
+        view=_text(detail.get("view")),
+        measured=measured.value,
+        measured_std=measured.std,
+        measured_n=measured.n,
+        measured_std_uncertainty=measured.std_uncertainty,
+        simulated=None if simulated is None else simulated.value,
+        simulated_std=None if simulated is None else simulated.std,
+        simulated_n=0 if simulated is None else simulated.n,
+        simulated_std_uncertainty=None if simulated is None else simulated.std_uncertainty,
+        percent_deviation=None if percent is None else percent[0],
+        percent_deviation_std=None if percent is None else percent[1],
+        z=z,
+        verdict=_verdict(simulated, percent, z, bool(doubts), bool(set_from)),
+        doubtful="; ".join(doubts),
+        note=_note(measured, set_from),
+        budget=measured.budget,
+    )
+
+
+def _split(quantity: Quantity) -> tuple[float, dict[str, float]]:
+    """The part that averages out over repetitions, and the named parts that do not, in the quantity's unit."""
+    if not math.isfinite(quantity.std_uncertainty):
+        return 0.0, {"unknown": math.inf}
+    if not quantity.budget:
+        return 0.0, {"measurement": quantity.std_uncertainty}
+    own = {name: part for name, part in quantity.budget.items() if name in AVERAGES_OUT}
+    shared = {name: part for name, part in quantity.budget.items() if name not in AVERAGES_OUT}
+    # an estimator may widen its uncertainty beyond the listed parts where it doubts the result
+    beyond = quantity.std_uncertainty**2 - root_sum_of_squares(quantity.budget) ** 2
+    if beyond > 1e-9 * quantity.std_uncertainty**2:
+        shared["unexplained"] = math.sqrt(beyond)
+    return root_sum_of_squares(own), shared
+
+
+def _z(difference: float, uncertainty: float) -> float | None:
+    if not math.isfinite(uncertainty) or uncertainty <= 0:
+        return None
+    return difference / uncertainty
+
+
+def _verdict(
+    simulated: Combined | None, percent: tuple[float, float] | None, z: float | None, doubtful: bool, given: bool
+) -> str:
+    if simulated is None:
+        return "no twin value"
+    if given:
+        return "set equal" if z is None or abs(z) < 2 else "differs from the stated setting"
+    if doubtful:
+        return "measurement doubtful"
+    if z is None:
+        return "uncertainty unknown"
+    if abs(z) < 2:
+        return "agrees within uncertainty"
+    size = "" if percent is None else f" by {abs(percent[0]):.2g} %"
+    certainty = "probably " if abs(z) < 3 else ""
+    return f"twin {certainty}too {'high' if z > 0 else 'low'}{size}"
+
+
+def _note(measured: Combined, set_from: str) -> str:
+    notes = []
+    if set_from:
+        notes.append(f"the twin starts from the {set_from} value")
+    if measured.left_out:
+        notes.append(f"{measured.left_out} doubtful repetition{'s' if measured.left_out > 1 else ''} left out")
+    return "; ".join(notes)
+
+
+def _whole(value: Detail | None) -> int | None:
+    return None if value is None else int(value)
+
+
+def _text(value: Detail | None) -> str | None:
+    return None if value is None else str(value)

@@ -1,0 +1,206 @@
+"""Measure the repetitions of a lab's experiments, several at a time in processes of their own."""
+
+from __future__ import annotations
+
+import hashlib
+import multiprocessing
+import os
+import re
+import signal
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rigtwin.lab.errors import BadInput, RigtwinError
+from rigtwin.lab.notebook import Experiment
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.quantity import Evaluation, Measurement
+from rigtwin.lab.records import read_profile, read_tracks
+from rigtwin.lab.rigs import DropSettings, PendulumSettings, PileSettings
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A repetition that could not be measured, and why in one sentence."""
+
+    source: Path
+    message: str
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What the repetitions of one experiment gave."""
+
+    measurements: tuple[Measurement, ...]
+    failures: tuple[Failure, ...]
+
+
+def measure_repetition(experiment: Experiment, views: Sequence[Path], out: Path | None) -> Measurement | Failure:
+    """One repetition from its media, or from a record already tracked (CSV); pictures go into `out`."""
+    try:
+        tracked = [view.suffix.lower() == ".csv" for view in views]
+        if all(tracked):
+            return _read_tracked(experiment, views)
+        if any(tracked):
+            raise BadInput(f"{views[0]}: views of one pile are either all photos or all CSV profiles.")
+        return _measure_media(experiment, views, out)
+    except RigtwinError as error:
+        return Failure(views[0], str(error))
+
+
+@contextmanager
+def measuring(experiments: Sequence[Experiment], out: Path, workers: int | None = None) -> Iterator[Pending]:
+    """Start measuring all repetitions; the block may do other work before it asks for `Pending.results`.
+
+    Processes are spawned, never forked: a simulation may already run in this one.
+    """
+    jobs = [
+        (experiment, views, folder)
+        for experiment, place in zip(experiments, folders(experiments), strict=True)
+        for views, folder in zip(experiment.repetitions, _places(experiment, out / place), strict=True)
+    ]
+    workers = max(1, min(workers or os.cpu_count() or 1, len(jobs)))
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_start_worker)
+    try:
+        yield Pending(
+            [
+                (experiment.id, pool.submit(measure_repetition, experiment, views, folder))
+                for experiment, views, folder in jobs
+            ]
+        )
+    except BrokenProcessPool:
+        raise RigtwinError(
+            "a measuring process ended before its time, most likely for want of memory; "
+            "close other programs and run again, or measure the clips one by one."
+        ) from None
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+@dataclass(frozen=True)
+class Pending:
+    """Measurements under way."""
+
+    jobs: list[tuple[str, Future[Measurement | Failure]]]
+
+    def results(self, progress: Progress = silent) -> Mapping[str, Measured]:
+        """Wait for all; by experiment, repetitions in the order of the lab file."""
+        found: dict[str, list[Measurement | Failure]] = {}
+        for done, (name, job) in enumerate(self.jobs):
+            progress("measuring repetitions", done, len(self.jobs))
+            found.setdefault(name, []).append(job.result())
+        progress("measuring repetitions", len(self.jobs), len(self.jobs))
+        return {
+            name: Measured(
+                tuple(result for result in results if isinstance(result, Measurement)),
+                tuple(result for result in results if isinstance(result, Failure)),
+            )
+            for name, results in found.items()
+        }
+
+
+def folders(experiments: Sequence[Experiment]) -> list[str]:
+    """A folder name for each experiment: its id, where the id can be one.
+
+    Ids that come out the same are told apart by a number.
+    """
+    names: list[str] = []
+    for experiment in experiments:
+        name = re.sub(r"[^\w.-]+", "_", experiment.id).lstrip(".") or "experiment"
+        same = sum(earlier.split("~")[0].lower() == name.lower() for earlier in names)
+        names.append(f"{name}~{same + 1}" if same else name)
+    return names
+
+
+def _places(experiment: Experiment, folder: Path) -> list[Path]:
+    """One folder for all repetitions, unless files of the same name would overwrite each other's pictures."""
+    stems = [view.stem.lower() for views in experiment.repetitions for view in views]
+    if len(set(stems)) == len(stems):
+        return [folder] * len(experiment.repetitions)
+    return [folder / f"r{number:02d}" for number in range(1, len(experiment.repetitions) + 1)]
+
+
+def _start_worker() -> None:
+    """Ctrl-C ends a worker at once and without words; the main process does the talking."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    import cv2
+
+    cv2.setNumThreads(1)  # the pool already uses every core
+
+
+def _measure_media(experiment: Experiment, views: Sequence[Path], out: Path | None) -> Measurement:
+    rig, particle, camera = experiment.rig, experiment.particle, experiment.camera
+    if isinstance(rig, DropSettings):
+        from rigtwin.measure import drop
+
+        density = particle.effective_density
+        return drop.measure(
+            views[0], camera, bead_diameter=particle.diameter, bead_density=density, out=out, progress=silent
+        )
+    if isinstance(rig, PendulumSettings):
+        from rigtwin.measure import pendulum
+
+        return pendulum.measure(
+            views[0],
+            camera,
+            variant=rig.variant,
+            length=rig.length,
+            bead_diameter=particle.diameter,
+            bead_mass=particle.mass,
+            out=out,
+            progress=silent,
+        )
+    from rigtwin.measure import pile
+
+    return pile.measure(
+        list(views),
+        camera,
+        base_diameter=rig.base_diameter,
+        bead_diameter=particle.diameter,
+        out=out,
+        progress=silent,
+    )
+
+
+def _read_tracked(experiment: Experiment, views: Sequence[Path]) -> Measurement:
+    rig, particle, path = experiment.rig, experiment.particle, views[0]
+    with path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    if isinstance(rig, PileSettings):
+        from rigtwin.measure import pile
+
+        profiles = tuple(read_profile(view) for view in views)
+        found = pile.evaluate(profiles, base_diameter=rig.base_diameter, bead_diameter=particle.diameter)
+        return _measurement("pile", path, digest, found, profiles=profiles)
+    tracks = read_tracks(path)
+    wanted = 2 if isinstance(rig, PendulumSettings) and rig.variant == "double" else 1
+    if len(tracks) != wanted:
+        raise BadInput(
+            f"{path}: holds the tracks of {len(tracks)} bodies where this {rig.name} has {wanted}; "
+            "name the bodies in a column 'particle'."
+        )
+    camera = {"frame_rate_hz": float(1 / np.median(np.diff(tracks[0].time)))}
+    if isinstance(rig, DropSettings):
+        from rigtwin.measure import drop
+
+        found = drop.evaluate(tracks[0], bead_diameter=particle.diameter, bead_density=particle.effective_density)
+    else:
+        from rigtwin.measure import pendulum
+
+        found = pendulum.evaluate(
+            tracks,
+            variant=rig.variant,
+            length=rig.length,
+            bead_diameter=particle.diameter,
+            bead_mass=particle.mass,
+        )
+    return _measurement(rig.name, path, digest, found, tracks=tracks, camera=camera)
+
+
+def _measurement(rig: str, path: Path, digest: str, found: Evaluation, **record: object) -> Measurement:
+    return Measurement(rig, path, digest, found.quantities, found.checks, found.warnings, **record)  # type: ignore[arg-type]

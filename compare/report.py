@@ -1,0 +1,326 @@
+"""The report: one HTML file that opens offline and tells measured, simulated and the difference to a person."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rigtwin.compare import figures
+from rigtwin.compare.deviation import Deviation
+from rigtwin.compare.wording import RIG_TITLES, percent, reading, siblings, title, uncertainty
+from rigtwin.lab.quantity import Check, Measurement, Quantity
+from rigtwin.lab.rigs import DropSettings, PendulumSettings, PileSettings
+
+if TYPE_CHECKING:
+    from rigtwin.compare.comparison import Comparison, Outcome
+
+MOST_STILLS = 4  # pictures shown per experiment; all of them lie beside the report
+STILL_WIDTH = 760  # [px]
+
+# the one number a reader looks for first
+HEADLINES = ("restitution_wall", "restitution_pair", "angle_of_repose_graphical", "angle_of_repose_geometric")
+
+
+@dataclass(frozen=True)
+class Row:
+    """A deviation as the tables show it."""
+
+    experiment: str
+    quantity: str
+    which: str
+    method: str
+    measured: str
+    n: int
+    simulated: str
+    percent: str
+    z: str
+    verdict: str
+    tone: str  # "good", "bad", "doubt" or "plain"
+    remark: str
+    bar: Bar | None
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A percent deviation drawn as a dot with its 95 % whisker; positions in percent of the drawing's width."""
+
+    dot: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class CheckLine:
+    """One self-check over all repetitions."""
+
+    name: str
+    passed: int
+    of: int
+    message: str
+
+    @property
+    def verdict(self) -> str:
+        if self.passed == self.of:
+            return "passed" if self.of == 1 else f"passed in all {self.of}"
+        return "failed" if self.passed == 0 else f"failed in {self.of - self.passed} of {self.of}"
+
+
+def report(comparison: Comparison, provenance: Mapping[str, Any], out: Path) -> str:
+    """The whole page; `provenance` is what provenance.json says, `out` the folder the page will lie in."""
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("rigtwin.compare", "templates"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    rows = [_row(deviation, comparison.deviations) for deviation in comparison.deviations]
+    return environment.get_template("report.html").render(
+        title=comparison.lab.title,
+        made=comparison.started.strftime("%d %B %Y, %H:%M UTC"),
+        summary=_summary(comparison),
+        headlines=[row for row, deviation in zip(rows, comparison.deviations, strict=True) if is_headline(deviation)],
+        sections=[_section(outcome, out) for outcome in comparison.outcomes],
+        borrowed=comparison.lab.borrowed,
+        provenance=provenance,
+        command=" ".join(provenance["command_line"]),
+    )
+
+
+def is_headline(row: Deviation) -> bool:
+    """Whether a row belongs into the summary: the rig's result, from the first bounce and over both sides."""
+    whole = row.side in (None, "mean") and row.view in (None, "mean")
+    return row.quantity in HEADLINES and whole and row.bounce in (None, 1) and row.collision in (None, 1)
+
+
+def _summary(comparison: Comparison) -> str:
+    compared = [row for row in comparison.deviations if row.z is not None and "set equal" not in row.verdict]
+    agree = sum(row.verdict.startswith("agrees") for row in compared)
+    doubtful = sum(bool(row.doubtful) for row in compared)
+    differ = len(compared) - agree - doubtful
+    parts = [f"{agree} agree within their uncertainty", f"{differ} differ"]
+    if doubtful:
+        parts.append(f"{doubtful} rest on a doubtful measurement")
+    rigs = len(comparison.outcomes)
+    return (
+        f"{rigs} experiment{'s' if rigs != 1 else ''}, {len(compared)} quantities measured and simulated: "
+        f"{', '.join(parts)}."
+    )
+
+
+def _section(outcome: Outcome, out: Path) -> dict[str, Any]:
+    experiment = outcome.experiment
+    wall = f" on {experiment.wall.name}" if experiment.wall is not None else ""
+    stills, more = _stills(outcome.measurements)
+    return {
+        "id": experiment.id,
+        "rig": RIG_TITLES[experiment.rig_name],
+        "what": f"{experiment.particle.name}{wall}",
+        "settings": _settings(outcome),
+        "figure": _figure(outcome),
+        "stills": stills,
+        "more_stills": more,
+        "rows": [_row(deviation, outcome.deviations) for deviation in outcome.deviations],
+        "checks": list(_check_lines([item.checks for item in outcome.measurements])),
+        "twin_checks": list(_check_lines([outcome.twin.evaluation.checks])),
+        "warnings": outcome.warnings,
+        "budgets": list(_budgets(outcome.deviations)),
+        "repetitions": [_repetition(item, out) for item in outcome.measurements],
+        "assumptions": outcome.twin.assumptions,
+        "twin_settings": list(_flat(outcome.twin.settings)),
+        "seconds": outcome.twin.seconds,
+    }
+
+
+def _row(deviation: Deviation, beside: Sequence[Deviation]) -> Row:
+    return Row(
+        experiment=deviation.experiment,
+        quantity=title(deviation.quantity),
+        which=siblings(deviation.row()),
+        method=deviation.method,
+        measured=reading(deviation.measured, deviation.measured_std_uncertainty, deviation.unit),
+        n=deviation.measured_n,
+        simulated=reading(deviation.simulated, deviation.simulated_std_uncertainty, deviation.unit),
+        percent=percent(deviation.percent_deviation, deviation.percent_deviation_std),
+        z="–" if deviation.z is None else f"{deviation.z:+.1f}".replace("-", "−"),
+        verdict=deviation.verdict,
+        tone=_tone(deviation),
+        remark="; ".join(text for text in (deviation.doubtful, deviation.note) if text),
+        bar=_bar(deviation, beside),
+    )
+
+
+def _tone(row: Deviation) -> str:
+    if row.doubtful:
+        return "doubt"
+    if row.verdict.startswith("agrees"):
+        return "good"
+    return "bad" if row.verdict.startswith(("twin", "differs")) else "plain"
+
+
+def _bar(row: Deviation, beside: Iterable[Deviation]) -> Bar | None:
+    """One scale for all rows of a table, wide enough for each dot."""
+    if row.percent_deviation is None or row.percent_deviation_std is None:
+        return None
+    widest = max(5.0, *(abs(other.percent_deviation) for other in beside if other.percent_deviation is not None), 0.0)
+
+    def place(value: float) -> float:
+        return 50 + 46 * max(-1.0, min(1.0, value / widest))
+
+    half = 1.96 * row.percent_deviation_std if math.isfinite(row.percent_deviation_std) else widest
+    return Bar(place(row.percent_deviation), place(row.percent_deviation - half), place(row.percent_deviation + half))
+
+
+def _settings(outcome: Outcome) -> list[tuple[str, str]]:
+    experiment, rig = outcome.experiment, outcome.experiment.rig
+    n = len(outcome.measurements)
+    lines = [
+        ("repetitions", f"{n} measured" + (f", {len(outcome.failures)} left out" if outcome.failures else "")),
+        ("bead", f"{experiment.particle.diameter * 1e3:.2f} mm, {experiment.particle.mass * 1e3:.3g} g"),
+    ]
+    if isinstance(rig, DropSettings) and rig.drop_height is not None:
+        lines.append(("drop height", f"{rig.drop_height * 1e3:.4g} mm (stated)"))
+    if isinstance(rig, PendulumSettings):
+        lines.append(("length", f"{rig.length * 1e3:.4g} mm"))
+        if rig.release_angle is not None:
+            lines.append(("release", f"{math.degrees(rig.release_angle):.3g}° (stated)"))
+    if isinstance(rig, PileSettings):
+        lines.append(("base", f"{rig.base_diameter * 1e3:.4g} mm, rim {rig.rim_height * 1e3:.3g} mm"))
+    rates = {
+        round(float(item.camera["frame_rate_hz"]), 2)
+        for item in outcome.measurements
+        if item.camera.get("frame_rate_hz")
+    }
+    if rates:
+        lines.append(("frame rate", ", ".join(f"{rate:g} Hz" for rate in sorted(rates))))
+    scales = [
+        float(item.camera["scale_m_per_px"]) for item in outcome.measurements if item.camera.get("scale_m_per_px")
+    ]
+    if scales:
+        sources = {str(item.camera["scale_from"]) for item in outcome.measurements if item.camera.get("scale_from")}
+        origin = f" (from {', '.join(sorted(sources))})" if sources else ""
+        lines.append(("scale", f"{1e3 * sum(scales) / len(scales):.4f} mm/px{origin}"))
+    return lines
+
+
+def _figure(outcome: Outcome) -> str:
+    experiment, twin = outcome.experiment, outcome.twin
+    particle, measurements = experiment.particle, outcome.measurements
+    if isinstance(experiment.rig, DropSettings):
+        with_track = [item for item in measurements if item.tracks]
+        return figures.drop_figure(
+            [item.tracks[0] for item in with_track],
+            twin.tracks[0],
+            drop_height=[_value(item.quantities, "drop_height") for item in with_track],
+            radius=particle.radius,
+        )
+    if isinstance(experiment.rig, PendulumSettings):
+        return figures.pendulum_figure(
+            [item.tracks for item in measurements if item.tracks],
+            twin.tracks,
+            length=experiment.rig.length,
+            diameter=particle.diameter,
+        )
+    return figures.pile_figure([profile for item in measurements for profile in item.profiles], twin.profiles)
+
+
+def _value(quantities: Sequence[Quantity], name: str) -> float | None:
+    return next((quantity.value for quantity in quantities if quantity.quantity == name), None)
+
+
+def _stills(measurements: Sequence[Measurement]) -> tuple[list[dict[str, str]], int]:
+    """Overlay pictures as data addresses, and how many more there are."""
+    pictures = [
+        (item.source.name, path)
+        for item in measurements
+        for name, path in item.files.items()
+        if name.startswith("still") and path.is_file()
+    ]
+    shown = [{"name": name, "source": _embedded(path)} for name, path in pictures[:MOST_STILLS]]
+    return shown, len(pictures) - len(shown)
+
+
+def _embedded(path: Path) -> str:
+    """A picture at the report's size as a data address."""
+    import cv2
+    import numpy as np
+
+    picture = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_COLOR)
+    if picture is None:
+        return ""
+    height, width = picture.shape[:2]
+    shrink = min(1.0, STILL_WIDTH / width, 1.2 * STILL_WIDTH / height)
+    if shrink < 1:
+        size = (max(1, round(width * shrink)), max(1, round(height * shrink)))
+        picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    _, packed = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 86])
+    return "data:image/jpeg;base64," + base64.b64encode(packed.tobytes()).decode("ascii")
+
+
+def _check_lines(repetitions: Sequence[Sequence[Check]]) -> Iterable[CheckLine]:
+    """Each check once, with the message of a failed repetition where there is one."""
+    names = dict.fromkeys(check.check for checks in repetitions for check in checks)
+    for name in names:
+        mine = [check for checks in repetitions for check in checks if check.check == name]
+        worst = next((check for check in mine if not check.passed), mine[0])
+        yield CheckLine(name.replace("_", " "), sum(check.passed for check in mine), len(mine), worst.message)
+
+
+def _budgets(rows: Sequence[Deviation]) -> Iterable[dict[str, Any]]:
+    for row in rows:
+        total = row.measured_std_uncertainty
+        if not row.budget or not math.isfinite(total) or total <= 0:
+            continue
+        parts = sorted(row.budget.items(), key=lambda part: -part[1])
+        yield {
+            "quantity": title(row.quantity),
+            "which": ", ".join(word for word in (siblings(row.row()), row.method) if word),
+            "total": uncertainty(total, row.unit),
+            "parts": [
+                {
+                    "name": name.replace("_", " "),
+                    "value": uncertainty(value, row.unit),
+                    "share": 100 * (value / total) ** 2,
+                }
+                for name, value in parts
+                if value > 0.02 * total
+            ],
+        }
+
+
+def _repetition(measurement: Measurement, out: Path) -> dict[str, Any]:
+    files = []
+    for kind, path in measurement.files.items():
+        try:
+            files.append((kind, path.resolve().relative_to(out.resolve()).as_posix()))
+        except ValueError:  # written elsewhere: a report that is moved could not reach it
+            continue
+    return {
+        "name": measurement.source.name,
+        "quantities": [
+            {
+                "quantity": title(quantity.quantity),
+                "which": siblings(quantity.detail),
+                "method": quantity.method,
+                "reading": reading(quantity.value, quantity.std_uncertainty, quantity.unit),
+                "doubtful": quantity.doubtful,
+            }
+            for quantity in measurement.quantities
+        ],
+        "files": files,
+    }
+
+
+def _flat(settings: Mapping[str, Any], prefix: str = "") -> Iterable[tuple[str, str]]:
+    """Nested settings as lines: ``particle.diameter``, ``0.0062``."""
+    for name, value in settings.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{name}.")
+        elif value is not None:
+            yield f"{prefix}{name}", f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,127 @@
+"""The files that a comparison leaves behind: all written beside the old ones first, then all renamed."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+import math
+import os
+import platform
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from rigtwin import __version__
+from rigtwin.compare.deviation import COLUMNS, IDENTITY, Deviation
+from rigtwin.lab.quantity import Quantity
+
+OBSERVATION_COLUMNS = (
+    "experiment", "rig", "origin", "repetition", "quantity", "method", *IDENTITY,
+    "value", "std_uncertainty", "unit", "doubtful",
+)  # fmt: skip
+
+LIBRARIES = (
+    "numpy", "scipy", "pandas", "taichi", "opencv-python-headless", "scikit-image", "av", "pydantic", "pint",
+    "matplotlib", "jinja2",
+)  # fmt: skip
+
+
+def write_together(folder: Path, contents: Mapping[str, str]) -> dict[str, Path]:
+    """Write text files so that a failure midway leaves every old file as it was."""
+    folder.mkdir(parents=True, exist_ok=True)
+    partials = {name: folder / f"{name}.{os.getpid()}.part" for name in contents}
+    try:
+        for name, text in contents.items():
+            partials[name].write_text(text, encoding="utf-8", newline="")
+        for name, partial in partials.items():
+            partial.replace(folder / name)
+    finally:
+        for partial in partials.values():
+            partial.unlink(missing_ok=True)
+    return {name: folder / name for name in contents}
+
+
+def observation(experiment: str, rig: str, origin: str, repetition: str, quantity: Quantity) -> dict[str, Any]:
+    """A row of ``observations.csv``: one quantity of one repetition; `origin` is measured or simulated."""
+    return {
+        "experiment": experiment,
+        "rig": rig,
+        "origin": origin,
+        "repetition": repetition,
+        "quantity": quantity.quantity,
+        "method": quantity.method,
+        **{name: quantity.detail.get(name) for name in IDENTITY},
+        "value": quantity.value,
+        "std_uncertainty": quantity.std_uncertainty,
+        "unit": quantity.unit,
+        "doubtful": quantity.doubtful,
+    }
+
+
+def deviations_csv(rows: Iterable[Deviation]) -> str:
+    """``deviations.csv``; an empty cell is "does not apply" or "cannot be told"."""
+    return table([row.row() for row in rows], COLUMNS)
+
+
+def table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
+    """Rows as CSV text; None, NaN and infinity become empty cells."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({name: _cell(row.get(name)) for name in columns} for row in rows)
+    return text.getvalue()
+
+
+def document(content: object) -> str:
+    """Anything made of dataclass-free Python and NumPy values as strict JSON text."""
+    return json.dumps(plain(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def plain(value: Any) -> Any:
+    """Only what JSON knows: paths become text, NumPy scalars numbers, NaN and infinity null."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple, set)):
+        return [plain(item) for item in value]
+    if hasattr(value, "tolist"):  # NumPy scalar or array
+        return plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if value is None or isinstance(value, (str, int, bool)):
+        return value
+    return str(value)
+
+
+def file_sha256(path: Path) -> str:
+    """Hex digest of a file's content."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def surroundings() -> dict[str, Any]:
+    """What the run was made with: versions, machine, command line."""
+    versions = {"rigtwin": __version__, "python": platform.python_version()}
+    for library in LIBRARIES:
+        try:
+            versions[library] = metadata.version(library)
+        except metadata.PackageNotFoundError:  # a checkout on the path without an install
+            versions[library] = "unknown"
+    return {
+        "versions": versions,
+        "platform": {
+            "system": platform.platform(),
+            "machine": platform.machine(),
+            "processors": os.cpu_count(),
+        },
+        "command_line": [Path(sys.argv[0]).name, *sys.argv[1:]],
+    }
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, float):
+        return f"{value:.9g}" if math.isfinite(value) else ""
+    return "" if value is None else value

@@ -1,0 +1,282 @@
+"""The twin of an experiment: the same rig simulated, then read with the same ruler as the film.
+
+Each rig's twin runs ``sim.<rig>`` and hands the record to ``measure.<rig>.evaluate``, the very function that reads the
+filmed record.  The twin is an ideal rig in a vacuum with pivots that do not rub: its evaluation is told no density and
+no mass, so that no drag is taken out of a flight that had none.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.model import Model
+from rigtwin.lab.notebook import Experiment
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
+from rigtwin.lab.records import Profile, Track, write_profile, write_tracks
+from rigtwin.lab.rigs import Drop, DropSettings, Pendulum, Pile, PileSettings
+
+PILE_COUNT = 1000
+"""Particles poured on a pile's twin where neither the lab file nor the command says how many."""
+
+# what a contact must know before its rig can be simulated
+NEEDS = {"drop": ("restitution",), "pendulum": ("restitution",)}
+
+# the quantity whose measured mean starts the twin where the lab file does not state it
+STARTS_FROM = {"drop": "drop_height", "pendulum": "release_angle"}
+
+
+@dataclass(frozen=True)
+class Twin:
+    """What the simulated counterpart of an experiment gave."""
+
+    rig: str
+    evaluation: Evaluation
+    settings: dict[str, Any]
+    """Rig, particle, contacts and numerics as simulated, in SI."""
+    tracks: tuple[Track, ...] = ()
+    profiles: tuple[Profile, ...] = ()
+    assumptions: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    set_from: dict[str, str] = field(default_factory=dict)
+    """Quantities that were handed to the twin: name -> ``"measured"`` or ``"stated"``."""
+    seconds: float = 0.0  # [s], time the run took
+
+    def to_json(self) -> dict[str, Any]:
+        """The document of `rigtwin simulate --json`."""
+        return {
+            "rig": self.rig,
+            "settings": self.settings,
+            "quantities": [quantity.to_json() for quantity in self.evaluation.quantities],
+            "checks": [check.to_json() for check in self.evaluation.checks],
+            "assumptions": list(self.assumptions),
+            "warnings": [*self.warnings, *self.evaluation.warnings],
+        }
+
+
+IDEAL = "The bead moves in a vacuum and does not spin at the start."
+
+
+def drop_twin(
+    rig: Drop,
+    particle: Particle,
+    wall: Material,
+    contact: Contact,
+    *,
+    frame_rate: float,
+    duration: float | None = None,
+    progress: Progress = silent,
+) -> Twin:
+    """A bead dropped on a plate, its record taken at `frame_rate` [1/s] for `duration` [s] or as long as
+    `rig.bounces` take."""
+    from rigtwin.measure import drop as ruler
+    from rigtwin.sim import drop
+
+    begun = time.perf_counter()
+    track = drop.run(rig, particle, wall, contact, frame_rate=frame_rate, duration=duration, progress=progress)
+    evaluation = ruler.evaluate(track, bead_diameter=particle.diameter, bead_density=None)
+    return Twin(
+        "drop",
+        evaluation,
+        _settings(rig, particle, {f"{particle.name}-{wall.name}": contact}, frame_rate_hz=frame_rate),
+        tracks=(track,),
+        assumptions=(IDEAL, "The plate is flat, level and does not move."),
+        seconds=time.perf_counter() - begun,
+    )
+
+
+def pendulum_twin(
+    rig: Pendulum,
+    particle: Particle,
+    contact: Contact,
+    *,
+    frame_rate: float,
+    duration: float | None = None,
+    progress: Progress = silent,
+) -> Twin:
+    """Bead A swinging against bead B, the record taken at `frame_rate` [1/s] for `duration` [s] or until both
+    beads have turned."""
+    from rigtwin.measure import pendulum as ruler
+    from rigtwin.sim import pendulum
+
+    begun = time.perf_counter()
+    tracks = pendulum.run(rig, particle, contact, frame_rate=frame_rate, duration=duration, progress=progress)
+    evaluation = ruler.evaluate(
+        tracks, variant=rig.variant, length=rig.length, bead_diameter=particle.diameter, bead_mass=None
+    )
+    return Twin(
+        "pendulum",
+        evaluation,
+        _settings(rig, particle, {f"{particle.name}-{particle.name}": contact}, frame_rate_hz=frame_rate),
+        tracks=tuple(tracks),
+        assumptions=(IDEAL, "Threads have no mass, hinges do not rub, the beads meet at the lowest point."),
+        seconds=time.perf_counter() - begun,
+    )
+
+
+def pile_twin(
+    rig: Pile,
+    particle: Particle,
+    wall: Material,
+    contact: Contact,
+    wall_contact: Contact,
+    *,
+    count: int,
+    seed: int,
+    stiffness_factor: float | None = None,
+    threads: int | None = None,
+    progress: Progress = silent,
+) -> Twin:
+    """A heap of `count` beads poured on a round base, its profile seen from the sides."""
+    from rigtwin.measure import pile as ruler
+    from rigtwin.sim import pile
+
+    begun = time.perf_counter()
+    options = {} if stiffness_factor is None else {"stiffness_factor": stiffness_factor}
+    heap = pile.run(
+        rig,
+        particle,
+        wall,
+        contact,
+        wall_contact,
+        count=count,
+        seed=seed,
+        threads=threads,
+        progress=progress,
+        **options,
+    )
+    evaluation = ruler.evaluate(heap.profiles, base_diameter=rig.base_diameter, bead_diameter=particle.diameter)
+    contacts = {f"{particle.name}-{particle.name}": contact, f"{particle.name}-{wall.name}": wall_contact}
+    counts = {"asked": heap.asked, "placed": heap.placed, "fallen": heap.fallen, "at_rest": heap.at_rest}
+    return Twin(
+        "pile",
+        evaluation,
+        _settings(rig, particle, contacts, seed=seed, **counts, statistics=heap.statistics),
+        profiles=tuple(heap.profiles),
+        assumptions=tuple(heap.assumptions),
+        warnings=tuple(heap.warnings),
+        seconds=time.perf_counter() - begun,
+    )
+
+
+def needs_measurement(experiment: Experiment) -> bool:
+    """Whether the twin waits for what was measured: its start, or the rate its record is taken at."""
+    rig = experiment.rig
+    if isinstance(rig, PileSettings):
+        return False
+    start = rig.drop_height if isinstance(rig, DropSettings) else rig.release_angle
+    return start is None or experiment.camera.frame_rate is None
+
+
+def twin_of(
+    experiment: Experiment,
+    *,
+    model: Model,
+    measurements: Sequence[Measurement] = (),
+    count: int | None = None,
+    seed: int = 1,
+    threads: int | None = None,
+    progress: Progress = silent,
+) -> Twin:
+    """The matched twin of an experiment under a model.
+
+    The twin starts from what the lab file states, else from the measured mean; the same settings are then marked in
+    `Twin.set_from`.  Raises `BadInput` when a contact that the rig needs is not known.
+    """
+    rig, particle = experiment.rig, experiment.particle
+    contacts = [model.contact(*names, NEEDS.get(experiment.rig_name, _ALL)) for names in experiment.contacts]
+    start, set_from = _start(experiment, measurements)
+    if isinstance(rig, PileSettings):
+        assert experiment.wall is not None  # the lab file demands a wall for piles and drops
+        return pile_twin(
+            rig.rig(),
+            particle,
+            experiment.wall,
+            contacts[1],
+            contacts[0],
+            count=rig.count or count or PILE_COUNT,
+            seed=seed,
+            threads=threads,
+            progress=progress,
+        )
+    rate = _frame_rate(experiment, measurements)
+    if isinstance(rig, DropSettings):
+        assert experiment.wall is not None
+        twin = drop_twin(rig.rig(start), particle, experiment.wall, contacts[0], frame_rate=rate, progress=progress)
+    else:
+        twin = pendulum_twin(rig.rig(start), particle, contacts[0], frame_rate=rate, progress=progress)
+    return replace(twin, set_from=set_from)
+
+
+def write_twin(twin: Twin, out: Path) -> dict[str, Path]:
+    """Write the twin's record and quantities into `out`; returns what was written by kind."""
+    out.mkdir(parents=True, exist_ok=True)
+    files: dict[str, Path] = {}
+    if twin.tracks:
+        files["record"] = out / f"{twin.rig}-twin-track.csv"
+        write_tracks(files["record"], twin.tracks)
+    for number, profile in enumerate(twin.profiles, start=1):
+        name = f"{twin.rig}-twin-profile-{number}.csv"
+        files[f"record_{number}"] = out / name
+        write_profile(out / name, profile)
+    files["quantities"] = out / "quantities.json"
+    partial = files["quantities"].with_suffix(".json.part")
+    partial.write_text(json.dumps(twin.to_json(), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    partial.replace(files["quantities"])
+    return files
+
+
+_ALL = ("restitution", "static_friction", "rolling_friction")
+
+
+def _start(experiment: Experiment, measurements: Sequence[Measurement]) -> tuple[float | None, dict[str, str]]:
+    """The measured start in SI (None for a pile, or where none was measured), and which source the twin starts from."""
+    name = STARTS_FROM.get(experiment.rig_name)
+    if name is None:
+        return None, {}
+    rig = experiment.rig
+    stated = rig.drop_height if isinstance(rig, DropSettings) else getattr(rig, "release_angle", None)
+    found = [_first(name, measurement.quantities) for measurement in measurements]
+    values = [quantity.value for quantity in found if quantity is not None]
+    if not values:
+        return None, {name: "stated"}
+    mean = fmean(values)
+    return (math.radians(mean) if name == "release_angle" else mean), {name: "measured" if stated is None else "stated"}
+
+
+def _first(name: str, quantities: Sequence[Quantity]) -> Quantity | None:
+    """The quantity of bead A, or the only one; a doubtful reading counts where there is no other."""
+    mine = [q for q in quantities if q.quantity == name and q.detail.get("body", "A") == "A" and math.isfinite(q.value)]
+    return min(mine, key=lambda quantity: bool(quantity.doubtful), default=None)
+
+
+def _frame_rate(experiment: Experiment, measurements: Sequence[Measurement]) -> float:
+    rates = [measurement.camera.get("frame_rate_hz") for measurement in measurements]
+    known = [float(rate) for rate in rates if rate]
+    rate = experiment.camera.frame_rate or (fmean(known) if known else None)
+    if rate is None:
+        raise BadInput(
+            f"{experiment.id}: the frame rate is neither stated nor measured; "
+            'add frame_rate = "240 Hz" under [experiments.camera].'
+        )
+    return rate
+
+
+def _settings(
+    rig: Drop | Pendulum | Pile, particle: Particle, contacts: dict[str, Contact], **more: Any
+) -> dict[str, Any]:
+    return {
+        "rig": asdict(rig),
+        "particle": {**asdict(particle), "density": particle.effective_density},
+        "contacts": {name: asdict(contact) for name, contact in contacts.items()},
+        **more,
+    }

@@ -1,0 +1,107 @@
+"""Numbers and names as a person reads them: ``0.443 ± 0.006``, ``298.4 ± 0.5 mm``, "Rebound height, bounce 1".
+
+Light on purpose: the command line prints with it before anything heavy is loaded.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+TITLES = {
+    "restitution_wall": "Restitution on the wall",
+    "restitution_pair": "Restitution of the pair",
+    "drop_height": "Drop height",
+    "rebound_height": "Rebound height",
+    "release_angle": "Release angle",
+    "rebound_angle": "Rebound angle",
+    "angle_of_repose_graphical": "Angle of repose, graphical",
+    "angle_of_repose_geometric": "Angle of repose, geometric",
+}
+
+RIG_TITLES = {"drop": "Drop test", "pendulum": "Pendulum", "pile": "Pile"}
+
+# how a unit is shown: the factor from SI and the sign behind the number
+_SHOWN = {"1": (1.0, ""), "m": (1e3, "mm"), "deg": (1.0, "°"), "kg": (1e3, "g"), "m/s^2": (1.0, "m/s²")}
+
+
+def title(quantity: str) -> str:
+    """A quantity's name for a person.
+
+    >>> title("rebound_height"), title("impact_speed")
+    ('Rebound height', 'Impact speed')
+    """
+    return TITLES.get(quantity, quantity.replace("_", " ").capitalize())
+
+
+def siblings(detail: Mapping[str, object]) -> str:
+    """What tells a quantity from others of its name.
+
+    >>> siblings({"bounce": 1}), siblings({"body": "B"}), siblings({"side": "left", "view": None})
+    ('bounce 1', 'bead B', 'left')
+    """
+    words = {"bounce": "bounce {}", "collision": "collision {}", "body": "bead {}", "side": "{}", "view": "{} view"}
+    return ", ".join(form.format(detail[name]) for name, form in words.items() if detail.get(name) is not None)
+
+
+def reading(value: float | None, std_uncertainty: float | None, unit: str) -> str:
+    """A value with one standard uncertainty, rounded to the uncertainty's second digit.
+
+    >>> reading(0.44321, 0.0061, "1")
+    '0.4432 ± 0.0061'
+    >>> reading(0.2984, 0.0005, "m")
+    '298.40 ± 0.50 mm'
+    >>> reading(0.7299937, 0.0000013, "1")
+    '0.72999 ± 0.00001'
+    >>> reading(None, None, "deg")
+    '–'
+    """
+    if value is None or not math.isfinite(value):
+        return "–"
+    factor, sign = _SHOWN.get(unit, (1.0, unit))
+    value *= factor
+    space = "" if sign in ("", "°") else " "
+    if std_uncertainty is None or not math.isfinite(std_uncertainty):
+        return f"{value:.4g} ± ?{space}{sign}"
+    std_uncertainty *= factor
+    if std_uncertainty <= 0:
+        return f"{value:.5g}{space}{sign}"
+    digits = decimals(std_uncertainty)
+    if value and (most := max(0, 4 - math.floor(math.log10(abs(value))))) < digits:
+        # a twin is known to a millionth; nobody reads beyond the fifth digit
+        digits, std_uncertainty = most, max(std_uncertainty, 10.0**-most)
+    return f"{value:.{digits}f} ± {std_uncertainty:.{digits}f}{space}{sign}"
+
+
+def uncertainty(std_uncertainty: float, unit: str) -> str:
+    """A part of an uncertainty, to two digits.
+
+    >>> uncertainty(0.00123, "m"), uncertainty(0.0061234, "1")
+    ('1.2 mm', '0.0061')
+    """
+    factor, sign = _SHOWN.get(unit, (1.0, unit))
+    space = "" if sign in ("", "°") else " "
+    return f"{std_uncertainty * factor:.2g}{space}{sign}"
+
+
+def percent(value: float | None, std_uncertainty: float | None) -> str:
+    """A percentage with its sign and standard uncertainty.
+
+    >>> percent(-3.21, 0.84), percent(None, None)
+    ('−3.21 ± 0.84 %', '–')
+    """
+    if value is None:
+        return "–"
+    if std_uncertainty is None or not math.isfinite(std_uncertainty):
+        return f"{value:+.2g} %".replace("-", "−")
+    digits = min(decimals(std_uncertainty), 2) if std_uncertainty > 0 else 2
+    return f"{value:+.{digits}f} ± {std_uncertainty:.{digits}f} %".replace("-", "−")
+
+
+def decimals(std_uncertainty: float) -> int:
+    """Decimal places that show two digits of an uncertainty.
+
+    >>> decimals(0.0061), decimals(0.5), decimals(12.0)
+    (4, 2, 0)
+    """
+    return max(0, 1 - math.floor(math.log10(std_uncertainty)))

@@ -1,0 +1,82 @@
+"""The model that a twin runs on: materials, particles, contacts and the effects switched on; a `model.toml`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from rigtwin.lab.entries import ModelFile, read_document, validated
+from rigtwin.lab.inventory import Inventory
+from rigtwin.lab.materials import PARAMETERS, Contact, KnownContact, Material, Pair, Particle, pair
+
+
+@dataclass(frozen=True)
+class Model:
+    """What the simulation is told of the world."""
+
+    materials: Mapping[str, Material] = field(default_factory=dict)
+    particles: Mapping[str, Particle] = field(default_factory=dict)
+    contacts: Mapping[Pair, KnownContact] = field(default_factory=dict)
+    effects: tuple[str, ...] = ()  # names of the effects added to plain contact mechanics
+
+    def known_contact(self, a: str, b: str) -> KnownContact:
+        """What is known of a contact, in any order of names; all unknown when nothing is."""
+        return self.contacts.get(pair(a, b), KnownContact())
+
+    def contact(self, a: str, b: str, needs: Sequence[str] = PARAMETERS) -> Contact:
+        """The contact of two particles, or of a particle and a wall, in any order.
+
+        Raises `BadInput` when a parameter named in `needs` is not known.
+        """
+        return self.known_contact(a, b).complete(needs, name=f"{a}-{b}")
+
+    def with_contact(
+        self,
+        a: str,
+        b: str,
+        *,
+        restitution: float | None = None,
+        static_friction: float | None = None,
+        rolling_friction: float | None = None,
+    ) -> Model:
+        """The same model with the given parameters of one contact set, for example to what was measured."""
+        known = KnownContact(restitution, static_friction, rolling_friction).filled(self.known_contact(a, b))
+        return replace(self, contacts={**self.contacts, pair(a, b): known})
+
+
+def read_model(path: Path) -> Model:
+    """Read a model.toml; the sections are those of lab.toml.  Raises `BadLabFile` naming file, line and key."""
+    document = read_document(path)
+    file = validated(document, ModelFile)
+    inventory = Inventory(file)
+    if inventory.problems:
+        raise document.error(inventory.problems)
+    return Model(inventory.materials, inventory.particles, inventory.contacts, tuple(file.effects))
+
+
+def write_model(path: Path, model: Model) -> None:
+    """Write a model.toml that `read_model` reads back the same; all values in SI."""
+    lines = ["# all values in SI units"]
+    if model.effects:
+        lines.append(f"effects = {json.dumps(list(model.effects), ensure_ascii=False)}")
+    for name, material in model.materials.items():
+        lines += _section("materials", name, ("density", "youngs_modulus", "poisson_ratio"), material)
+    for name, particle in model.particles.items():
+        lines += _section("particles", name, ("diameter", "density"), particle)
+        lines.append(f"material = {_text(particle.material.name)}")
+    for (a, b), contact in model.contacts.items():
+        lines += _section("contacts", f"{a}-{b}", PARAMETERS, contact)
+    partial = path.with_name(path.name + ".part")
+    partial.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    partial.replace(path)
+
+
+def _section(kind: str, name: str, keys: Sequence[str], item: object) -> list[str]:
+    values = [(key, getattr(item, key)) for key in keys]
+    return ["", f"[{kind}.{_text(name)}]", *(f"{key} = {value!r}" for key, value in values if value is not None)]
+
+
+def _text(name: str) -> str:
+    return json.dumps(name, ensure_ascii=False)

@@ -1,0 +1,220 @@
+"""Particles, materials and calibrated contacts of Hlosta et al. 2020, by name.
+
+Source: J. Hlosta, L. Jezerska, J. Rozbroj, D. Zurovec, J. Necas, J. Zegzulka, "DEM Investigation of the Influence of
+Particulate Properties and Operating Conditions on the Mixing Process in Rotary Drums: Part 1", Processes 8(2), 222
+(2020), doi 10.3390/pr8020222.  Its tables stand beside this module as CSV, as printed, under CC BY 4.0.
+
+Slips of the paper, and what is done about them here:
+
+- Table 13 prints the time step at G = 1e10 Pa as 2.45e-7 s; the row's neighbours make it 2.45e-6 s.  `table(13)`
+  gives the corrected value.  All its steps are 100 % of the Rayleigh step of a 6.2 mm bead, where the text says 30 %.
+- Table A1 repeats table 2 with the moduli in MPa instead of GPa: the model's stiffness is reduced to a thousandth
+  (section 3.3).  `material` gives the real one; ``material(name).softened(SOFTENING)`` that of the model.
+- Table A6 is headed "coefficient of restitution" and holds the static friction; table 16 carries table 15's title and
+  holds discharge times.
+- The restitution of D6 beads is 0.73 measured (table 12) and 0.75 calibrated (table A3).  The unlike pairs of both
+  tables are not measured: they follow from the like pairs of table 12 by eq. (8), `mixed_restitution`.
+- Table 3's volumes are those of the enlarged beads (4.2, 6.2 and 12.2 mm) that the calibrated model uses.
+- Table 10 gives the measured rolling friction on a wall, the tangent of an angle (eq. 4); table A7 the calibrated
+  coefficient of the contact model, a torque mu_r Fn R on each body.
+"""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import Contact, Material, Particle
+
+CITATION = "Hlosta et al. 2020"
+SOFTENING = 1e-3
+"""Stiffness of the calibrated model over the real one (section 3.3; table A1 against table 2)."""
+
+PARTICLES = ("D4", "D6", "D12", "C6", "P6x15", "D6_ABS", "D5_steel")
+MATERIALS = ("steel", "aluminum", "glass", "PMMA", "ABS", "wood_ash")
+WALLS = ("steel", "PMMA", "aluminum", "glass")
+
+Row = dict[str, str | float]
+
+# diameter of the calibrated model's sphere [m]: wooden beads are enlarged by 0.2 mm (table 3's volumes)
+_DIAMETERS = {"D4": 4.2e-3, "D6": 6.2e-3, "D12": 12.2e-3, "D6_ABS": 6e-3, "D5_steel": 5e-3}
+_MATERIAL_OF = {"D6_ABS": "ABS", "D5_steel": "steel"}
+_CORRECTED = {("13", "shear_modulus_pa", 1e10): {"timestep_s": 2.45e-6}}
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A measured mean with the standard deviation of its ten repetitions (not of the mean)."""
+
+    value: float  # in `unit`
+    std: float  # in `unit`
+    unit: str
+    source: str
+
+
+def material(name: str) -> Material:
+    """A material with its real stiffness (table 2).
+
+    >>> material("glass").youngs_modulus
+    70000000000.0
+    """
+    row = _row("2", "there is no such material", material=name)
+    return Material(name, _of(row, "density_kg_m3"), _of(row, "youngs_modulus_gpa") * 1e9, _of(row, "poisson_ratio"))
+
+
+def particle(name: str) -> Particle:
+    """A sphere with the calibrated model's diameter (table 3) and density (table A2).
+
+    >>> bead = particle("D6")
+    >>> bead.diameter, bead.effective_density
+    (0.0062, 569.0)
+
+    Raises `BadInput` for the cubes and pellets, which are no spheres; `properties` lists what is known of them.
+    """
+    if name in PARTICLES and name not in _DIAMETERS:
+        raise BadInput(
+            f"{name} of {CITATION} is a clump of spheres, which is not supported yet; use a sphere: "
+            f"{', '.join(_DIAMETERS)}."
+        )
+    row = _row("A2", "there is no such particle", particle=name)
+    solid = material(_MATERIAL_OF.get(name, "wood_ash"))
+    return Particle(name, solid, _DIAMETERS[name], _of(row, "density_kg_m3"))
+
+
+def contact(a: str, b: str) -> Contact:
+    """Calibrated contact of two particles (tables A3, A5, A7) or of a particle and a wall (A4, A6, A7), in any order.
+
+    Rolling friction of two particles is the arithmetic mean of theirs (note 1 of table A7).
+
+    >>> contact("steel", "D6")
+    Contact(restitution=0.42, static_friction=0.36, rolling_friction=0.06)
+    """
+    first, second = (b, a) if a in WALLS else (a, b)
+    if first in PARTICLES and second in WALLS:
+        wall = {"particle": first, "wall": second}
+        rolling = _of(_row("A7", "", particle=first), "mu_r_pw")
+        return Contact(_of(_row("A4", "", **wall), "e_pw"), _of(_row("A6", "", **wall), "mu_s_pw"), rolling)
+    if first in PARTICLES and second in PARTICLES:
+        rolling = sum(_of(_row("A7", "", particle=name), "mu_r_pp") for name in (first, second)) / 2
+        restitution = _of(_pair_row("A3", first, second), "e_pp")
+        return Contact(restitution, _of(_pair_row("A5", first, second), "mu_s_pp"), round(rolling, 6))
+    raise BadInput(
+        f"{CITATION} has no contact {a}-{b}; its particles are {', '.join(PARTICLES)}, its walls {', '.join(WALLS)}."
+    )
+
+
+def contact_tables(a: str, b: str) -> str:
+    """Where `contact` takes its numbers from, in words."""
+    return "tables A4, A6, A7" if {a, b} & set(WALLS) else "tables A3, A5, A7"
+
+
+def measured(quantity: str, particle: str, other: str | None = None) -> Measured:
+    """A measured value: ``restitution_wall`` (table 11), ``restitution_pair`` (12), ``static_friction`` on a wall (8)
+    or on another clump of particles (9), ``rolling_friction`` (10), and the last two with ``_angle`` [deg] on walls.
+
+    >>> measured("restitution_wall", "D6", "steel")
+    Measured(value=0.42, std=0.05, unit='1', source='Hlosta et al. 2020, table 11')
+    """
+    on_wall = other in WALLS
+    column, number = {
+        ("restitution_wall", True): ("e_pw", "11"),
+        ("restitution_pair", False): ("e_pp", "12"),
+        ("static_friction", True): ("mu_s_pw", "8"),
+        ("static_friction", False): ("mu_s_pp", "9"),
+        ("static_friction_angle", True): ("tilt_angle", "8"),
+        ("rolling_friction", False): ("mu_r_pw", "10"),
+        ("rolling_friction_angle", False): ("tilt_angle", "10"),
+    }.get((quantity, on_wall), ("", ""))
+    absent = f"{CITATION} has no measured {quantity} of {particle}" + (f" with {other}" if other else "")
+    if not column:
+        raise BadInput(f"{absent}; measured are restitution and friction, walls are {', '.join(WALLS)}.")
+    if number == "10":
+        row = _row(number, absent, particle=particle)
+    elif on_wall:
+        row = _row(number, absent, particle=particle, wall=str(other))
+    else:
+        row = _pair_row(number, particle, str(other), absent)
+    unit = "_deg" if column == "tilt_angle" else ""
+    std = f"{column}_std{unit}"
+    return Measured(_of(row, column + unit), _of(row, std), "deg" if unit else "1", f"{CITATION}, table {number}")
+
+
+def properties(name: str) -> list[Row]:
+    """What table 3 prints of a particle and of each clump that stands for it, cubes and pellets included.
+
+    >>> [row["virtual_particle"] for row in properties("P6x15")]
+    ['P6x15_3s', 'P6x15_5s']
+    """
+    rows = [row for row in table(3) if row["particle"] == name]
+    if not rows:
+        raise BadInput(f"{CITATION} has no particle {name!r}; known are {', '.join(PARTICLES)}.")
+    return rows
+
+
+def table(number: int | str, *, as_printed: bool = False) -> list[Row]:
+    """Rows of table 2 to 16 or A2 to A7; columns carry their unit, numbers are floats.
+
+    Misprints are corrected unless `as_printed`.  Table A1 is table 2 with MPa for GPa and has no file.
+
+    >>> table(13)[-1]["timestep_s"], table(13, as_printed=True)[-1]["timestep_s"]
+    (2.45e-06, 2.45e-07)
+    """
+    name = str(number).upper()
+    rows = [dict(row) for row in _printed(name)]
+    if not as_printed:
+        for (where, column, value), corrections in _CORRECTED.items():
+            for row in rows:
+                if where == name and row[column] == value:
+                    row.update(corrections)
+    return rows
+
+
+def mixed_restitution(modulus_a: float, restitution_a: float, modulus_b: float, restitution_b: float) -> float:
+    """Restitution of an unlike pair from those of the like pairs, weighted by stiffness (Hlosta et al. 2020, eq. 8).
+
+    (E_A e_A + E_B e_B) / (E_A + E_B); moduli in any one unit.
+
+    >>> mixed_restitution(11e9, 0.5, 11e9, 0.7)
+    0.6
+    """
+    return (modulus_a * restitution_a + modulus_b * restitution_b) / (modulus_a + modulus_b)
+
+
+@cache
+def _printed(name: str) -> tuple[Row, ...]:
+    prefix = f"table{name if name.startswith('A') else name.zfill(2)}_"
+    folder = resources.files("rigtwin.lab.reference") / "tables_hlosta2020"
+    for file in folder.iterdir():
+        if file.name.startswith(prefix):
+            lines = file.read_text(encoding="utf-8").splitlines()
+            return tuple({key: _cell(cell) for key, cell in row.items()} for row in csv.DictReader(lines))
+    raise BadInput(f"{CITATION} has no table {name!r} here; there are 2 to 16 and A2 to A7.")
+
+
+def _cell(text: str) -> str | float:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _row(number: str, absent: str, **keys: str) -> Row:
+    for row in table(number):
+        if all(row[key] == value for key, value in keys.items()):
+            return row
+    known = dict.fromkeys(str(row[next(iter(keys))]) for row in table(number))
+    raise BadInput(f"{absent or CITATION}: {' and '.join(keys.values())} not in table {number} ({', '.join(known)}).")
+
+
+def _pair_row(number: str, a: str, b: str, absent: str = "") -> Row:
+    for row in table(number):
+        if {a, b} == {row["particle"], row["particle_2"]}:
+            return row
+    raise BadInput(f"{absent or CITATION}: the pair {a}-{b} is not in table {number}.")
+
+
+def _of(row: Row, column: str) -> float:
+    return float(row[column])

@@ -1,0 +1,611 @@
+"""Find and follow beads in a video of a still scene, with the centre to a few hundredths of a pixel.
+
+`Background` learns the still `Scene`; `locate` fits a model of a shaded, motion-blurred disc to the pixels around a
+guess.  `rigtwin.measure.follow` uses both to follow a bead through a clip.  Picture coordinates: x right, y down,
+centre of the top-left pixel (0, 0).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy.special import ndtr
+
+Array = npt.NDArray[np.float64]
+Picture = npt.NDArray[np.float32]
+Grey = npt.NDArray[np.uint8]
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class BeadImage:
+    """A bead as one frame shows it."""
+
+    x: float  # [px]
+    y: float  # [px]
+    sigma: float  # [px], one standard deviation of each coordinate
+    radius: float  # [px]
+    blur: tuple[float, float]  # [px], path of the centre during the exposure; its sign is not seen
+    contrast: float  # [grey levels], mean difference between the bead and what it hides, signed
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a bead looks like wherever it is: learnt from many frames, it steadies the fit of each."""
+
+    radius: float  # [px]
+    edge: float  # [px], softness of the rim
+    light: Array  # [grey levels]: constant, slope in x, slope in y, bulge, shape (4,)
+
+
+@dataclass(frozen=True)
+class BeadFit:
+    """A located bead with what its pixels say of its look."""
+
+    image: BeadImage
+    look: Look
+    certainty: Array  # inverse covariance of (radius, edge, light), shape (6, 6)
+
+
+def locate(
+    grey: npt.NDArray[np.generic],
+    background: npt.NDArray[np.generic] | None,
+    near: tuple[float, float],
+    radius: float,
+    blur_guess: tuple[float, float] = (0.0, 0.0),
+) -> BeadImage | None:
+    """Sub-pixel centre of a disc near a guess; None when there is none.
+
+    `grey` and `background` have shape (height, width); without a background a plane of grey is fitted around the
+    bead.  `near`, `radius` and `blur_guess` in pixels; a `blur_guess` of zero means unknown.
+    """
+    fit = fit_bead(grey, background, near, radius, blur_guess=blur_guess)
+    return None if fit is None else fit.image
+
+
+def fit_bead(
+    grey: npt.NDArray[np.generic],
+    background: npt.NDArray[np.generic] | None,
+    near: tuple[float, float],
+    radius: float,
+    *,
+    blur_guess: tuple[float, float] = (0.0, 0.0),
+    hidden: Mask | None = None,
+    look: Look | None = None,
+) -> BeadFit | None:
+    """As `locate`; `hidden` marks pixels where something stands in front of the bead, `look` is its known look.
+
+    The bead is a disc of radius r with a soft edge, lit like a sphere (constant, two slopes and a bulge), averaged over
+    its path during the exposure, and hides the background behind it: D = mean_k d_k (p_k - B).  All parameters are
+    fitted at once by damped least squares with robust weights, started from the moments of the difference image.
+    """
+    patch = _cut_patch(grey, background, near, radius, blur_guess, hidden)
+    start = None if patch is None else _start_from_moments(patch, blur_guess)
+    if patch is None or start is None:
+        return None
+    pixels = _Pixels(patch)
+    fit = _fit_disc(pixels, _prior(pixels, start, look, patch))
+    image = None if fit is None else _bead_image(patch, pixels, fit)
+    return None if fit is None or image is None else BeadFit(image, _look(fit, patch), _certainty(fit, patch))
+
+
+def common_look(fits: Sequence[BeadFit]) -> Look:
+    """The look that all fits agree on: their mean, each weighted with the certainty matrix of its own pixels."""
+    table = np.array([np.concatenate([[fit.look.radius, fit.look.edge], fit.look.light]) for fit in fits])
+    # a fit caught by something else is far off in several parameters at once: only the inner ones vote
+    middle = np.median(table, axis=0)
+    spread = 1.4826 * np.median(np.abs(table - middle), axis=0) + 1e-6
+    inner = np.flatnonzero(np.max(np.abs(table - middle) / spread, axis=1) < 4)
+    inner = inner if len(inner) >= 3 else np.arange(len(fits))
+    total = np.sum([fits[k].certainty for k in inner], axis=0)
+    pull = np.sum([fits[k].certainty @ table[k] for k in inner], axis=0)
+    mean = np.linalg.lstsq(total, pull, rcond=1e-10)[0]
+    return Look(float(mean[0]), float(mean[1]), np.asarray(mean[2:]))
+
+
+@dataclass(frozen=True)
+class _Patch:
+    """Pixels around a guess, averaged down where the bead is larger than the fit needs."""
+
+    grey: Array  # difference to the background where there is one, shape (h, w)
+    behind: Array | None  # background, shape (h, w)
+    usable: Mask
+    origin: tuple[float, float]  # picture position of the patch's pixel (0, 0)
+    step: int  # picture pixels per patch pixel
+    near: tuple[float, float]  # in patch pixels, like the rest below
+    radius: float
+
+
+@dataclass(frozen=True)
+class _Prior:
+    """Where the fit starts and what is known beforehand, one entry per parameter; spread infinite: nothing.
+
+    Parameters: x, y, radius, edge softness, blur x, blur y; light: constant, slope x, slope y, bulge; then the scene:
+    offset (and slopes where there is no background).
+    """
+
+    mean: Array
+    spread: Array
+
+
+@dataclass(frozen=True)
+class _Fit:
+    parameters: Array
+    normal: Array  # information of the pixels and the priors
+    information: Array  # information of the pixels alone
+    noise: float  # [grey levels], robust residual scatter
+
+
+_SHAPES = 6
+_LIGHTS = 4
+_LARGEST_RADIUS = 14.0  # [px] beyond it a fit to block means loses nothing that matters and saves time
+
+
+def _cut_patch(
+    grey: npt.NDArray[np.generic],
+    background: npt.NDArray[np.generic] | None,
+    near: tuple[float, float],
+    radius: float,
+    blur: tuple[float, float],
+    hidden: Mask | None,
+) -> _Patch | None:
+    height, width = grey.shape
+    if not (np.all(np.isfinite(near)) and radius > 0):
+        return None
+    margin = 0.8 * radius + 5.0
+    reach_x, reach_y = (radius + margin + abs(blur[k]) / 2 for k in (0, 1))
+    left, right = max(math.floor(near[0] - reach_x), 0), min(math.ceil(near[0] + reach_x) + 1, width)
+    top, bottom = max(math.floor(near[1] - reach_y), 0), min(math.ceil(near[1] + reach_y) + 1, height)
+    if right - left < max(radius, 4) or bottom - top < max(radius, 4):
+        return None
+    window = np.s_[top:bottom, left:right]
+    values = np.asarray(grey[window], dtype=np.float64)
+    behind = None if background is None else np.asarray(background[window], dtype=np.float64)
+    usable = np.ones(values.shape, dtype=bool) if hidden is None else ~hidden[window]
+    if behind is not None:
+        values = values - behind
+    step = max(1, math.floor(radius / _LARGEST_RADIUS))
+    if step > 1:
+        values, usable = _block_mean(values, step), _block_mean(usable.astype(np.float64), step) > 0.99
+        behind = None if behind is None else _block_mean(behind, step)
+    first = (step - 1) / 2
+    return _Patch(
+        grey=values,
+        behind=behind,
+        usable=usable,
+        origin=(left + first, top + first),
+        step=step,
+        near=((near[0] - left - first) / step, (near[1] - top - first) / step),
+        radius=radius / step,
+    )
+
+
+def _block_mean(values: Array, step: int) -> Array:
+    height, width = (side // step for side in values.shape)
+    blocks = values[: height * step, : width * step].reshape(height, step, width, step)
+    return np.asarray(blocks.mean(axis=(1, 3)))
+
+
+def _start_from_moments(patch: _Patch, blur_guess: tuple[float, float]) -> Array | None:
+    """x, y, blur x, blur y and contrast, from the moments of the spot nearest to the guess."""
+    values = patch.grey - _surroundings(patch)
+    level = cv2.GaussianBlur(np.abs(values) * patch.usable, (0, 0), 0.8)
+    y, x = np.mgrid[: values.shape[0], : values.shape[1]].astype(np.float64)
+    distance = np.hypot(x - patch.near[0], y - patch.near[1])
+    inner = level[distance < max(patch.radius, 2.0)]
+    if inner.size == 0:
+        return None
+    noise = 1.4826 * float(np.median(np.abs(values - np.median(values))))
+    threshold = max(0.4 * float(np.percentile(level, 97)), 1.5 * noise, 1.0)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats((level > threshold).astype(np.uint8), connectivity=4)
+    best, score = 0, 0.0
+    for spot in range(1, count):
+        inside = labels == spot
+        nearness = float(np.sum(level[inside] / (1 + (distance[inside] / patch.radius) ** 2)))
+        if stats[spot, cv2.CC_STAT_AREA] >= 3 and nearness > score:
+            best, score = spot, nearness
+    if best == 0:
+        return None
+    inside = labels == best
+    centre = np.array([x[inside].mean(), y[inside].mean()])
+    blur = np.array(blur_guess) / patch.step
+    if not np.any(blur):
+        blur = _blur_from_moments(x[inside], y[inside])
+    return np.array([*centre, *blur, float(np.percentile(level[inside], 80))])
+
+
+def _surroundings(patch: _Patch) -> float:
+    """Median grey along the rim of the patch: what is there without the bead."""
+    if patch.behind is not None:
+        return 0.0
+    rim = np.concatenate([patch.grey[0], patch.grey[-1], patch.grey[:, 0], patch.grey[:, -1]])
+    return float(np.median(rim))
+
+
+def _blur_from_moments(x: Array, y: Array) -> Array:
+    """Smear of a disc from the second moments of its image: lambda_1 - lambda_2 = L^2 / 12."""
+    if len(x) < 6:
+        return np.array([0.3, 0.3])
+    values, vectors = np.linalg.eigh(np.cov(np.stack([x, y])))
+    length = math.sqrt(12 * max(float(values[1] - values[0]), 0.0))
+    return np.asarray(max(length, 0.5) * vectors[:, 1])
+
+
+def _prior(pixels: _Pixels, start: Array, look: Look | None, patch: _Patch) -> _Prior:
+    """Wide where a bead may be anything, narrow where its look is known.
+
+    The width only matters where the pixels say little: a blurred bead does not tell its radius from its blur.
+    """
+    x, y, blur_x, blur_y, contrast = start
+    blur = math.hypot(blur_x, blur_y)
+    scene = np.zeros(3 if patch.behind is None else 1)
+    if look is None:
+        shape = [x, y, patch.radius, 0.9, blur_x, blur_y]
+        spread = [np.inf, np.inf, 0.15 * patch.radius, 0.5, 1 + 0.4 * blur, 1 + 0.4 * blur]
+        light_spread = [np.inf, 0.4 * contrast, 0.4 * contrast, 0.4 * contrast]
+        mean = pixels.solve_light(np.array([*shape, *np.zeros(_LIGHTS), *scene]), np.array(light_spread))
+    else:
+        shape = [x, y, look.radius / patch.step, max(look.edge / patch.step, 0.4), blur_x, blur_y]
+        spread = [np.inf, np.inf, 0.01 * patch.radius, 0.1, 0.3 + 0.1 * blur, 0.3 + 0.1 * blur]
+        # light changes a little along the path: shadows, the bright plate
+        light_spread = [0.15 * contrast, 0.05 * contrast, 0.05 * contrast, 0.05 * contrast]
+        mean = np.array([*shape, *look.light, *scene])
+    return _Prior(mean, np.array([*spread, *light_spread, *np.full(len(scene), np.inf)]))
+
+
+def _fit_disc(pixels: _Pixels, prior: _Prior) -> _Fit | None:
+    """Levenberg-Marquardt on all parameters together, weights and noise renewed at every turn."""
+    parameters = prior.mean.copy()
+    jacobian, residual = pixels.linearise(parameters)
+    noise = max(1.4826 * float(np.median(np.abs(pixels.values - np.median(pixels.values)))), 0.5)
+    damping = 1e-3
+    certain = 1 / prior.spread**2
+    for turn in range(20):
+        if turn >= 1:
+            noise = max(1.4826 * float(np.median(np.abs(residual))), 0.4)
+        weights = _robust_weights(residual, noise) / noise**2
+        weighted = jacobian * weights[:, None]
+        information = weighted.T @ jacobian
+        pull = weighted.T @ residual + certain * (prior.mean - parameters)
+        cost = float(weights @ residual**2 + certain @ (parameters - prior.mean) ** 2)
+        gained = 0.0
+        for _ in range(6):
+            normal = information + np.diag(certain)
+            damped = normal + np.diag(damping * np.diag(normal) + 1e-12)
+            tried = _bounded(parameters + np.linalg.solve(damped, pull), parameters, prior)
+            tried_jacobian, tried_residual = pixels.linearise(tried)
+            tried_cost = float(weights @ tried_residual**2 + certain @ (tried - prior.mean) ** 2)
+            if tried_cost < cost:
+                gained = cost - tried_cost
+                parameters, jacobian, residual = tried, tried_jacobian, tried_residual
+                damping = max(damping / 6, 1e-7)
+                break
+            damping *= 8
+        if gained < 0.03 and turn >= 2:  # a gain of 1 would be one standard deviation
+            break
+    if not np.all(np.isfinite(parameters)):
+        return None
+    excess = _correlation_excess(pixels.image(residual))
+    return _Fit(parameters, information / excess + np.diag(certain), information / excess, noise)
+
+
+def _bounded(parameters: Array, before: Array, prior: _Prior) -> Array:
+    """A step that stays near enough for the linear model to hold, and a bead that stays one."""
+    radius = prior.mean[2]
+    parameters[:2] = np.clip(parameters[:2], before[:2] - 0.5 * radius, before[:2] + 0.5 * radius)
+    parameters[2] = np.clip(parameters[2], 0.5 * radius, 2.0 * radius)
+    parameters[3] = np.clip(parameters[3], 0.3, 3.0)
+    return parameters
+
+
+def _robust_weights(residual: Array, noise: float) -> Array:
+    """Weights of Geman and McClure, flat up to a few times the noise: pixels of an unknown thing count little."""
+    return np.asarray(1 / (1 + (residual / (4 * noise)) ** 2) ** 2)
+
+
+def _correlation_excess(residual: Array) -> float:
+    """How much neighbouring residuals repeat each other (compression, demosaicing): factor on the variance."""
+    values = residual - residual.mean()
+    power = float(np.sum(values**2)) + 1e-12
+    across = float(np.sum(values[:, 1:] * values[:, :-1])) / power
+    down = float(np.sum(values[1:] * values[:-1])) / power
+    excess = (1 + across) / (1 - across) * (1 + down) / (1 - down)
+    return float(np.clip(excess, 1.0, 16.0))
+
+
+class _Pixels:
+    """The usable pixels of a patch as flat arrays, and the disc model with its derivatives there."""
+
+    def __init__(self, patch: _Patch) -> None:
+        y, x = np.nonzero(patch.usable)
+        self._size = patch.grey.shape
+        self._index = y * self._size[1] + x
+        self.x, self.y = x.astype(np.float64), y.astype(np.float64)
+        self.values = patch.grey[y, x]
+        self.behind = None if patch.behind is None else patch.behind[y, x]
+        self._unit = patch.radius
+
+    def image(self, values: Array) -> Array:
+        """Flat values back in their places, zero elsewhere, shape (h, w)."""
+        flat = np.zeros(self._size[0] * self._size[1])
+        flat[self._index] = values
+        return flat.reshape(self._size)
+
+    def solve_light(self, parameters: Array, spread: Array) -> Array:
+        """The parameters with the light that fits best at this shape."""
+        jacobian, residual = self.linearise(parameters)
+        columns = jacobian[:, _SHAPES:]
+        ridge = np.full(columns.shape[1], 1e-6)
+        ridge[:_LIGHTS] += 1 / spread**2
+        solved = parameters.copy()
+        solved[_SHAPES:] += np.linalg.solve(columns.T @ columns + np.diag(ridge), columns.T @ residual)
+        return solved
+
+    def linearise(self, parameters: Array) -> tuple[Array, Array]:
+        """Derivatives of the model, shape (pixels, parameters), and data minus model, shape (pixels,)."""
+        shape, light = parameters[:_SHAPES], parameters[_SHAPES:]
+        cx, cy, radius, edge, blur_x, blur_y = shape
+        # the midpoint rule is exact enough once its step is about the width of the soft edge
+        count = max(1, math.ceil(math.hypot(blur_x, blur_y) / (1.3 * max(edge, 0.7))))
+        when = ((np.arange(count) + 0.5) / count - 0.5)[:, None]
+        # pixels far from the path are pure scene: computing them too would double the time
+        near = self.near_path(shape)
+        dx = self.x[near] - cx - when * blur_x
+        dy = self.y[near] - cy - when * blur_y
+        distance = np.hypot(dx, dy) + 1e-9
+        depth = (radius - distance) / edge
+        cover = ndtr(depth)
+        rim = np.exp(-0.5 * depth**2) / (math.sqrt(2 * math.pi) * edge)
+        u, v = dx / self._unit, dy / self._unit
+        bulge = 1 - u**2 - v**2
+        lit = light[0] + light[1] * u + light[2] * v + light[3] * bulge
+        scene, scene_columns = self._scene(light[_LIGHTS:])
+        behind = scene[near] if self.behind is None else self.behind[near]
+        over = lit - behind
+        toward = rim * over / distance
+        # d(cover * lit)/d(centre): the rim moves, and the shading moves with the bead
+        by_x = toward * dx - cover * (light[1] - 2 * light[3] * u) / self._unit
+        by_y = toward * dy - cover * (light[2] - 2 * light[3] * v) / self._unit
+        jacobian = np.zeros((len(self.x), _SHAPES + len(light)))
+        ring = rim * over
+        columns = (
+            by_x,
+            by_y,
+            ring,
+            -ring * depth,
+            by_x * when,
+            by_y * when,
+            cover,
+            cover * u,
+            cover * v,
+            cover * bulge,
+        )
+        for k, column in enumerate(columns):
+            jacobian[near, k] = column.mean(axis=0)
+        jacobian[:, _SHAPES + _LIGHTS :] = scene_columns
+        if self.behind is None:
+            jacobian[near, _SHAPES + _LIGHTS :] *= 1 - cover.mean(axis=0)[:, None]
+        model = scene
+        model[near] += (cover * over).mean(axis=0)
+        return jacobian, self.values - model
+
+    def near_path(self, shape: Array) -> npt.NDArray[np.intp]:
+        cx, cy, radius, edge, blur_x, blur_y = shape
+        length = math.hypot(blur_x, blur_y) + 1e-9
+        along = np.clip(((self.x - cx) * blur_x + (self.y - cy) * blur_y) / length, -length / 2, length / 2)
+        off_x, off_y = self.x - cx - along * blur_x / length, self.y - cy - along * blur_y / length
+        return np.flatnonzero(off_x**2 + off_y**2 < (radius + 4 * edge) ** 2)
+
+    def _scene(self, light: Array) -> tuple[Array, Array]:
+        if self.behind is not None:
+            return np.full(len(self.x), light[0]), np.ones((len(self.x), 1))
+        columns = np.stack([np.ones_like(self.x), self.x / self._unit, self.y / self._unit], axis=1)
+        return columns @ light, columns
+
+
+def _bead_image(patch: _Patch, pixels: _Pixels, fit: _Fit) -> BeadImage | None:
+    """Back to picture pixels; None when what was found is no bead."""
+    x, y, radius, _, blur_x, blur_y = fit.parameters[:_SHAPES]
+    covariance = np.linalg.pinv(fit.normal)
+    sigma = math.sqrt(max(float(covariance[0, 0] + covariance[1, 1]) / 2, 1e-6))
+    covered = pixels.near_path(fit.parameters[:_SHAPES] * np.array([1, 1, 0.7, 0, 1, 1]))
+    away = math.hypot(x - patch.near[0], y - patch.near[1])
+    if len(covered) < 3 or away > 1.5 * patch.radius + 4 or sigma > 0.5 * radius:
+        return None
+    spot = pixels.values[covered] - _surroundings(patch)
+    if float(np.sqrt(np.mean(spot**2))) < 2.0 * fit.noise:
+        return None
+    step = patch.step
+    return BeadImage(
+        x=float(patch.origin[0] + x * step),
+        y=float(patch.origin[1] + y * step),
+        sigma=max(sigma, 0.004) * step,
+        radius=float(radius * step),
+        blur=(float(blur_x * step), float(blur_y * step)),
+        contrast=float(np.mean(spot)),
+    )
+
+
+def _look(fit: _Fit, patch: _Patch) -> Look:
+    return Look(
+        float(fit.parameters[2] * patch.step),
+        float(fit.parameters[3] * patch.step),
+        fit.parameters[_SHAPES : _SHAPES + _LIGHTS].copy(),
+    )
+
+
+def _certainty(fit: _Fit, patch: _Patch) -> Array:
+    """Information on the look once place, blur and scene of this frame are taken as unknown (Schur complement)."""
+    mine = np.array([2, 3, *range(_SHAPES, _SHAPES + _LIGHTS)])
+    other = np.array([k for k in range(len(fit.parameters)) if k not in mine])
+    cross = fit.information[np.ix_(mine, other)]
+    inside = fit.information[np.ix_(other, other)] + np.diag(np.full(len(other), 1e-9))
+    schur = fit.information[np.ix_(mine, mine)] - cross @ np.linalg.lstsq(inside, cross.T, rcond=None)[0]
+    unit = np.array([patch.step, patch.step, 1, 1, 1, 1])
+    return np.asarray(schur / np.outer(unit, unit))
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What a clip shows without the bead."""
+
+    picture: Picture  # [grey levels], shape (height, width)
+    noise: Picture  # [grey levels], one standard deviation of every pixel over time, same shape
+
+    def view(self, grey: Grey, start: tuple[float, float] = (0.0, 0.0)) -> View:
+        """A frame laid over the scene: moved back by the camera's shake, levelled to the scene's brightness.
+
+        `start` is a guess of the shake, e.g. that of the frame before.
+        """
+        shift, gain = self._shake(grey, start)
+        steady = grey.astype(np.float32)
+        if max(abs(shift[0]), abs(shift[1])) > 0.03:
+            turn = np.array([[1, 0, shift[0]], [0, 1, shift[1]]], dtype=np.float32)
+            steady = np.asarray(
+                cv2.warpAffine(
+                    steady,
+                    turn,
+                    (grey.shape[1], grey.shape[0]),
+                    flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+                    borderMode=cv2.BORDER_REPLICATE,
+                ),
+                dtype=np.float32,
+            )
+        return View(steady / np.float32(gain), shift)
+
+    @cached_property
+    def _anchors(self) -> tuple[Array, Array, Array, Array]:
+        """x, y, and horizontal and vertical slope of the picture at its strongest edges, spread over the picture."""
+        smooth = cv2.GaussianBlur(self.picture, (0, 0), 1.0)
+        slope_x = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)
+        slope_y = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)
+        strength = np.hypot(slope_x, slope_y) / (self.noise + 0.5)
+        border = 8
+        strength[:border] = strength[-border:] = 0
+        strength[:, :border] = strength[:, -border:] = 0
+        chosen = []
+        for rows in np.array_split(np.arange(strength.shape[0]), 6):
+            for columns in np.array_split(np.arange(strength.shape[1]), 6):
+                block = strength[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+                best = np.argsort(block, axis=None)[-100:]
+                y, x = np.unravel_index(best[block.ravel()[best] > 0.5], block.shape)
+                chosen.append(np.stack([x + columns[0], y + rows[0]]))
+        x, y = np.concatenate(chosen, axis=1)
+        return x.astype(np.float64), y.astype(np.float64), slope_x[y, x].astype(float), slope_y[y, x].astype(float)
+
+    def _shake(self, grey: Grey, start: tuple[float, float]) -> tuple[tuple[float, float], float]:
+        """Shift of a frame against the scene [px] and its gain, by Gauss-Newton on the strongest edges."""
+        x, y, slope_x, slope_y = self._anchors
+        if len(x) < 60:
+            return (0.0, 0.0), 1.0
+        wanted = self.picture[y.astype(int), x.astype(int)].astype(np.float64)
+        shift = np.array(start)
+        gain = 1.0
+        for _ in range(5):
+            seen = cv2.remap(
+                grey,
+                (x + shift[0]).astype(np.float32).reshape(-1, 1),
+                (y + shift[1]).astype(np.float32).reshape(-1, 1),
+                cv2.INTER_LINEAR,
+                borderMode=cv2.BORDER_REPLICATE,
+            ).ravel()
+            error = seen.astype(np.float64) - gain * wanted
+            spread = 1.4826 * float(np.median(np.abs(error))) + 0.3
+            weights = 1 / (1 + (error / (2 * spread)) ** 2) ** 2  # a moving bead or hand must not pull the scene along
+            columns = np.stack([slope_x, slope_y, -wanted], axis=1)
+            normal = (columns * weights[:, None]).T @ columns
+            change = np.linalg.lstsq(normal, -(columns * weights[:, None]).T @ error, rcond=None)[0]
+            shift = shift + np.clip(change[:2], -3, 3)
+            gain += float(change[2])
+            if np.max(np.abs(change[:2])) < 0.003:
+                break
+        covariance = np.linalg.pinv(normal) * spread**2
+        if max(covariance[0, 0], covariance[1, 1]) > 0.05**2 or np.max(np.abs(shift)) > 40 or not 0.5 < gain < 2:
+            return (0.0, 0.0), 1.0  # too little texture to tell
+        return (float(shift[0]), float(shift[1])), gain
+
+
+@dataclass(frozen=True)
+class View:
+    """One frame laid over the scene."""
+
+    grey: Picture  # [grey levels], shape (height, width), in the scene's pixels
+    shake: tuple[float, float]  # [px], where the scene's origin lies in the frame
+
+
+class Background:
+    """Learns the still scene from frames spread over a clip; keeps at most `capacity` of them.
+
+    The scene is the median over time, so whatever covers a pixel for less than half of the frames is not in it.
+    `scene` can leave out the surroundings of a bead whose place in those frames is known: then even the scene behind a
+    bead that rested for most of the clip is found.
+    """
+
+    capacity = 21
+
+    def __init__(self) -> None:
+        self._frames: dict[int, Grey] = {}
+
+    def add(self, index: int, grey: Grey) -> None:
+        """Remember a frame; every second one is dropped again when there are too many."""
+        self._frames[index] = grey
+        if len(self._frames) > self.capacity:
+            for old in sorted(self._frames)[1::2]:
+                del self._frames[old]
+
+    @property
+    def indices(self) -> tuple[int, ...]:
+        """Frame numbers kept."""
+        return tuple(sorted(self._frames))
+
+    def scene(self, bead: Mapping[int, tuple[float, float]] | None = None, reach: float = 0.0) -> Scene:
+        """The still scene; `bead` maps frame numbers to bead centres [px], `reach` [px] is how far it may cover."""
+        stack = np.stack([self._frames[index] for index in self.indices])
+        scene = _median_scene(stack)
+        shakes = [scene.view(frame).shake for frame in stack]
+        if np.std(np.array(shakes), axis=0).max() > 0.15:
+            for _ in range(2):
+                steady = [scene.view(frame).grey for frame in stack]
+                scene = _median_scene(np.clip(np.round(np.stack(steady)), 0, 255).astype(np.uint8))
+            stack = np.clip(np.round(np.stack([scene.view(frame).grey for frame in stack])), 0, 255).astype(np.uint8)
+        return scene if not bead else _without_bead(scene, stack, self.indices, bead, reach)
+
+
+def _median_scene(stack: Grey) -> Scene:
+    ordered = np.sort(stack, axis=0)
+    count = len(stack)
+    middle = (ordered[(count - 1) // 2].astype(np.float32) + ordered[count // 2]) / 2
+    low, high = ordered[round(0.16 * (count - 1))], ordered[round(0.84 * (count - 1))]
+    # 8-bit steps make the spread of one pixel coarse: share it with its neighbours
+    noise = cv2.blur((high.astype(np.float32) - low) / 2, (5, 5)) + np.float32(0.3)
+    usual = float(np.median(noise))
+    return Scene(middle, np.asarray(np.clip(noise, 0.5 * usual, 4 * usual), dtype=np.float32))
+
+
+def _without_bead(
+    scene: Scene, stack: Grey, indices: tuple[int, ...], bead: Mapping[int, tuple[float, float]], reach: float
+) -> Scene:
+    """Median over those frames only in which the bead is away from the pixel, where there are any."""
+    picture = scene.picture.copy()
+    height, width = picture.shape
+    discs = [bead[index] for index in indices if index in bead]
+    touched = np.zeros(picture.shape, dtype=np.uint8)
+    covered = np.zeros(stack.shape, dtype=np.uint8)
+    for x, y in discs:
+        cv2.circle(touched, (round(x), round(y)), math.ceil(reach), 1, cv2.FILLED)
+    for layer, index in enumerate(indices):
+        if index in bead:
+            x, y = bead[index]
+            cv2.circle(covered[layer], (round(x), round(y)), math.ceil(reach), 1, cv2.FILLED)
+    y_touched, x_touched = np.nonzero(touched)
+    values = stack[:, y_touched, x_touched].astype(np.float32)
+    values[covered[:, y_touched, x_touched] > 0] = np.nan
+    enough = np.sum(np.isfinite(values), axis=0) >= 2
+    picture[y_touched[enough], x_touched[enough]] = np.nanmedian(values[:, enough], axis=0)
+    return Scene(picture, scene.noise)

@@ -1,0 +1,231 @@
+"""Find the round base under a heap: rim ends, roll, and how far one looks down on it.
+
+The base is a disc seen from slightly above: its front rim is half an ellipse, its lower edge another half ellipse
+below it, its sides two straight walls; bead colour above the rim, none on its face.  This template is laid where it
+fits best.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.measure.grains import Beads, Edges, edges
+
+Array = npt.NDArray[np.float64]
+
+LEAST_RIM = 0.5  # share of the lower rim that must lie on edges
+LEAST_WALL = 0.3  # likewise of both walls, less the edges that run on where a wall should end
+FOCAL_LENGTH = 2.0  # in widths of the photo: between a phone (0.75) and a macro lens (3 and more)
+FOCAL_DOUBT = 0.4  # standard deviation of the logarithm of the above
+
+
+@dataclass(frozen=True)
+class Disc:
+    """The base in the picture, a disc seen from the side."""
+
+    centre: tuple[float, float]  # [px], middle of the line between the rim's two ends, x right, y down
+    half_width: float  # [px], half the distance of the rim's ends
+    roll: float  # [rad], positive when the base looks turned clockwise in the picture
+    bulge: float  # [px], how far the front of the rim hangs below the line between its ends
+    thickness: float  # [px]
+    nearness: float  # [1], disc radius / distance of the camera; hardly to be seen in one photo
+    support: float  # [1], share of the template that lies on edges
+
+
+@dataclass(frozen=True)
+class _Template:
+    """Candidates for the disc, each field of shape (candidates, 1), lengths in half widths unless said."""
+
+    x: Array  # [px]
+    y: Array  # [px]
+    half: Array  # [px]
+    roll: Array  # [rad]
+    bulge: Array
+    thickness: Array
+    zoom: Array  # logarithm of the nearness over the one expected
+
+    def pixel(self, along: Array, down: Array) -> tuple[Array, Array]:
+        """Picture point of a template point given in half widths."""
+        cos, sin = np.cos(self.roll), np.sin(self.roll)
+        return self.x + self.half * (along * cos - down * sin), self.y + self.half * (along * sin + down * cos)
+
+    def nearness(self, photo_width: float) -> Array:
+        return np.asarray(np.minimum(np.exp(self.zoom) * self.half / (FOCAL_LENGTH * photo_width), 0.5))
+
+    def lower_bulge(self, photo_width: float) -> Array:
+        """One looks down on the lower rim more steeply, by the disc's thickness over the distance."""
+        near = self.nearness(photo_width)
+        return np.asarray(self.bulge + self.thickness * near / (1 - near * near))
+
+
+def find_disc(
+    grey: npt.NDArray[np.uint8],
+    alike: npt.NDArray[np.float32],
+    beads: Beads,
+    *,
+    half_width: float | None,
+    roll: float | None,
+) -> Disc | None:
+    """The disc under the beads, None when there is none to be seen.
+
+    `alike` is the bead likeness of every pixel; `half_width` [px] narrows the search where it is known from the
+    ratio of base and bead diameter, `roll` [rad] where the camera's roll was given.
+    """
+    from scipy.optimize import differential_evolution, minimize
+
+    bounds = _bounds(beads, half_width, roll)
+    found = "sobol"
+    for blur, generations in ((2.5, 30), (1.5, 60)):  # a blurred picture leads from further away
+        picture = edges(grey, blur=blur)
+        search = differential_evolution(
+            lambda p, picture=picture: -_score(picture, alike, beads, p, 40),
+            bounds,
+            vectorized=True,
+            updating="deferred",
+            init=found,
+            popsize=40,
+            maxiter=generations,
+            rng=1,
+            tol=1e-3,
+            polish=False,
+        )
+        found = search.population
+    fine = edges(grey, blur=1.2)
+    width = grey.shape[1]
+    face = _face_height(grey, _Template(*search.x[:, None, None]))
+
+    def settled(p: Array) -> Array:
+        """Thickness such that the front of the face is as high as it is seen to be."""
+        template = _Template(*p[:, None, None])
+        near = float(template.nearness(width)[0, 0])
+        p = p.copy()
+        p[5] = np.clip(face / p[2] / (1 + near / (1 - near * near)), *bounds[5])
+        return p
+
+    best = settled(
+        minimize(
+            lambda p: -_score(fine, alike, beads, settled(p)[:, None], 160)[0],
+            search.x,
+            method="Nelder-Mead",
+            bounds=bounds,
+            options={"maxiter": 500, "xatol": 1e-3, "fatol": 1e-4},
+        ).x
+    )
+    template = _Template(*best[:, None, None])
+    lower, left, right, upper, *_ = _support(fine, alike, template, beads.radius, 160)[:, 0]
+    if lower < LEAST_RIM or (left + right) / 2 < LEAST_WALL:
+        return None
+    x, y, half, turn, bulge, thickness, _ = (float(value) for value in best)
+    near = float(template.nearness(width)[0, 0])
+    return Disc((x, y), half, turn, bulge * half, thickness * half, near, float((2 * lower + left + right) / 4))
+
+
+def _face_height(grey: npt.NDArray[np.uint8], template: _Template) -> float:
+    """How far [px] the plain face reaches up from the lower rim, along the middle of the disc.
+
+    The front row of beads and its shadow hide the upper rim's edge; where columns stop looking like the face below
+    them, the face ends.
+    """
+    smooth = cv2.GaussianBlur(grey, (0, 0), 1.2)
+    along = np.linspace(-0.85, 0.85, 240)
+    arc = np.sqrt(1 - along * along)
+    half = float(template.half[0, 0])
+    low = template.lower_bulge(grey.shape[1]) * arc
+    guess = half * float((template.thickness + np.mean(low - template.bulge * arc))[0, 0])
+    rows = np.arange(2.0, max(1.8 * guess, guess + 10), 0.5)  # [px] above the lower rim
+    x, y = template.pixel(along[None, :], template.thickness + low - rows[:, None] / half)
+    values = cv2.remap(smooth, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR).astype(np.float64)
+    plain = rows < 0.5 * guess
+    change = np.median(np.abs(values - np.median(values[plain], axis=0)), axis=1)
+    usual = float(np.median(change[plain]))
+    # the beads' shadow on the rim is the first thing above the face, and fainter than the beads
+    level = usual + min(0.5 * (float(change[~plain].max()) - usual), max(2 * usual, 6.0))
+    return float(rows[~plain][np.argmax(change[~plain] > level)])
+
+
+def _bounds(beads: Beads, half_width: float | None, roll: float | None) -> Array:
+    low, high = beads.centre.min(axis=0) - beads.radius, beads.centre.max(axis=0) + beads.radius
+    reach, middle, foot = (high[0] - low[0]) / 2, (low[0] + high[0]) / 2, high[1]
+    width = (0.75 * half_width, 1.4 * half_width) if half_width else (0.85 * reach, 1.8 * reach)
+    turn = (-0.1, 0.1) if roll is None else (roll - 0.01, roll + 0.01)
+    return np.array(
+        [
+            (middle - 0.4 * reach, middle + 0.4 * reach),
+            (foot - 0.4 * reach, foot + beads.radius),
+            width,
+            turn,
+            (0.0, 0.3),  # looking down by up to 17 degrees
+            (0.02, 0.5),
+            (-2 * FOCAL_DOUBT, 2 * FOCAL_DOUBT),
+        ]
+    )
+
+
+def _score(
+    picture: Edges, alike: npt.NDArray[np.float32], beads: Beads, candidates: Array, samples: int
+) -> Array:
+    """How well candidates, shape (7, n), fit: edges on the outline, beads above the rim and neither below nor beside.
+
+    The lower rim weighs most: it is the longest edge, and nothing stands before it.
+    """
+    template = _Template(*candidates[..., None])
+    lower, left, right, upper, face, heap, spilled = _support(picture, alike, template, beads.radius, samples)
+    x, y = beads.centre[:, 0] - template.x, beads.centre[:, 1] - template.y
+    along = (x * np.cos(template.roll) + y * np.sin(template.roll)) / template.half
+    down = (y * np.cos(template.roll) - x * np.sin(template.roll)) / template.half
+    front = template.bulge * np.sqrt(np.clip(1 - along * along, 0, 1))
+    below = np.mean(down > front - 0.3 * beads.radius / template.half, axis=1)
+    walls = 0.4 * (left + right + np.minimum(left, right))
+    unlikely = 0.05 * (template.zoom[:, 0] / FOCAL_DOUBT) ** 2
+    return np.asarray(2 * lower + walls + upper + heap - face - spilled - 2 * below - unlikely)
+
+
+def _support(
+    picture: Edges, alike: npt.NDArray[np.float32], template: _Template, bead: float, samples: int
+) -> Array:
+    """Shares, shape (7, n): edges on lower rim, left wall, right wall, upper rim; bead colour on face, above, beside."""
+    height, width = picture.strength.shape
+    along = np.linspace(-0.97, 0.97, samples)
+    arc = np.sqrt(1 - along * along)
+    level = np.ones_like(along)
+    low = template.lower_bulge(width)
+    upper_y, lower_y = template.bulge * arc, template.thickness + low * arc
+
+    def lookup(u: Array, v: Array) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        x, y = template.pixel(u, v)
+        return np.clip(np.rint(y), 0, height - 1).astype(np.int64), np.clip(np.rint(x), 0, width - 1).astype(np.int64)
+
+    def on_edge(u: Array, v: Array, normal_u: Array, normal_v: Array) -> Array:
+        at = lookup(u, v)
+        cos, sin = np.cos(template.roll), np.sin(template.roll)
+        across = picture.x[at] * (normal_u * cos - normal_v * sin) + picture.y[at] * (normal_u * sin + normal_v * cos)
+        return np.asarray(
+            np.clip(np.abs(across) / np.hypot(normal_u, normal_v) / picture.strong, 0, 1).mean(axis=1)
+        )
+
+    def wall(side: int) -> Array:
+        one, zero = np.ones(16), np.zeros(16)
+        on, beyond = np.linspace(0.1, 0.9, 16), np.linspace(1.15, 1.7, 16)
+        runs_on = on_edge(side * one, template.thickness * beyond, one, zero)
+        return on_edge(side * one, template.thickness * on, one, zero) - 0.5 * runs_on
+
+    def bead_colour(u: Array, rows: list[Array]) -> Array:
+        return np.asarray(np.mean([alike[lookup(u, row)] for row in rows], axis=(0, 2)))
+
+    above = [-share * bead / template.half for share in (0.5, 1.0, 1.5, 2.0)]
+    beside = np.concatenate([np.linspace(-1.3, -1.07, 10), np.linspace(1.07, 1.3, 10)])
+    return np.array(
+        [
+            on_edge(along, lower_y, low * along / arc, level),
+            wall(-1),
+            wall(1),
+            on_edge(along, upper_y, template.bulge * along / arc, level),
+            bead_colour(along, [upper_y + share * (lower_y - upper_y) for share in (0.15, 0.35, 0.6, 0.85)]),
+            bead_colour(along, [upper_y + row for row in above]),
+            bead_colour(beside, above),
+        ]
+    )

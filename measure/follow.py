@@ -1,0 +1,435 @@
+"""Follow one bead through a clip of a still scene: find what moves, link it into paths, fit the bead in every frame.
+
+Three passes over the video, none of which holds it in memory: learn the scene, find the moving spots, fit the bead.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import linear_sum_assignment
+
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.measure.bead import Background, BeadFit, BeadImage, Look, Mask, Scene, View, common_look, fit_bead
+from rigtwin.measure.media import Frame, Video
+
+Array = npt.NDArray[np.float64]
+Grey = npt.NDArray[np.uint8]
+Region = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A patch of a frame that differs from the still scene."""
+
+    x: float  # [px]
+    y: float  # [px]
+    area: float  # [px^2]
+    width: float  # [px]
+    height: float  # [px]
+    contrast: float  # [grey levels], mean absolute difference
+
+
+@dataclass(frozen=True)
+class SpotPath:
+    """Spots of one moving thing, frame by frame."""
+
+    frames: tuple[int, ...]
+    spots: tuple[Spot, ...]
+
+    @property
+    def centres(self) -> Array:
+        """[px], shape (n, 2)"""
+        return np.array([(spot.x, spot.y) for spot in self.spots])
+
+    @property
+    def radius(self) -> float:
+        """[px], of the disc of the spot's narrower side, median over the path: motion blur only lengthens."""
+        return float(np.median([min(spot.width, spot.height) for spot in self.spots])) / 2
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """The bead in one frame, in the pixels of the still scene."""
+
+    frame: int
+    time: float  # [s]
+    image: BeadImage
+    shake: tuple[float, float]  # [px], add it to a scene position to draw on the frame
+    fit: BeadFit = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Chase:
+    """A bead followed through a clip."""
+
+    sightings: tuple[Sighting, ...]
+    path: SpotPath
+    shakes: Array  # [px], of every frame, shape (frames, 2)
+    shutter: float  # fraction of the frame interval that the exposure lasts, from the motion blur; 0 when none is seen
+    radius: float  # [px]
+    scene: Scene = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Channel:
+    """How a colour picture becomes one grey level: plain luma, or the mix that shows the bead best."""
+
+    weights: tuple[float, float, float] | None = None  # of blue, green, red; None: luma
+    offset: float = 0.0  # [grey levels]
+
+    def grey(self, frame: Frame) -> Grey:
+        """8 bit, shape (height, width)."""
+        if self.weights is None:
+            return frame.grey
+        mix = cv2.transform(frame.colour, np.array([[*self.weights, self.offset]], dtype=np.float32))
+        return np.asarray(mix, dtype=np.uint8)
+
+
+LUMA = Channel()
+
+
+def learn_scene(video: Video, first: int, last: int, channel: Channel = LUMA) -> Background:
+    """Background from frames spread evenly over `first` to `last`."""
+    background = Background()
+    wanted = _spread(first, last, Background.capacity)
+    for frame in video.frames():
+        if frame.index in wanted:
+            background.add(frame.index, channel.grey(frame))
+        if frame.index >= last:
+            break
+    return background
+
+
+def _spread(first: int, last: int, count: int) -> set[int]:
+    return set(np.unique(np.linspace(first, last, count).round().astype(int)).tolist())
+
+
+def best_channel(video: Video, path: SpotPath) -> Channel:
+    """The mix of colours in which the bead differs most surely from what is behind it (Fisher's discriminant).
+
+    A wooden bead in front of a grey wall has its own lit and dark side, but one hue.  Luma is kept unless another mix
+    is clearly better: it has the full resolution.
+    """
+    wanted = _spread(path.frames[0], path.frames[-1], 12)
+    frames = [frame for frame in video.frames() if frame.index in wanted]
+    where = _place(path)
+    places = [where(frame.index)[0] for frame in frames]
+    differences, noises, scenery = [], [], []
+    for k, (frame, place) in enumerate(zip(frames, places, strict=True)):
+        other = int(np.argmax([math.dist(place, elsewhere) for elsewhere in places]))
+        if math.dist(place, places[other]) < 4 * path.radius:
+            continue
+        rows, columns = _disc_pixels(place, 0.7 * path.radius, frame.grey.shape)
+        behind = frames[other].colour[rows, columns].astype(np.float64)
+        differences.append(frame.colour[rows, columns] - behind)
+        scenery.append(behind)
+        third = frames[k - 1].colour[::7, ::7].astype(np.float64) - frame.colour[::7, ::7]
+        noises.append(third.reshape(-1, 3))
+    if not differences:
+        return LUMA
+    return _fisher(np.concatenate(differences), np.concatenate(noises), np.concatenate(scenery))
+
+
+def _disc_pixels(centre: tuple[float, float], radius: float, shape: tuple[int, ...]) -> tuple[Array, Array]:
+    height, width = shape[:2]
+    disc = np.zeros((height, width), dtype=np.uint8)
+    cv2.circle(disc, (round(centre[0]), round(centre[1])), max(round(radius), 1), 1, cv2.FILLED)
+    return np.nonzero(disc)
+
+
+def _fisher(differences: Array, noises: Array, scenery: Array) -> Channel:
+    calm = noises[np.all(np.abs(noises) <= 3 * np.percentile(np.abs(noises), 68, axis=0) + 1, axis=1)]
+    noise = np.cov(calm.T) / 2 + 0.3 * np.eye(3)
+    scatter = np.cov(differences.T) + 2 * noise
+    mean = differences.mean(axis=0)
+    mix = np.linalg.solve(scatter, mean)
+    luma = np.array([0.114, 0.587, 0.299])
+
+    def sureness(weights: Array) -> float:
+        return float((weights @ mean) ** 2 / (weights @ scatter @ weights))
+
+    if sureness(mix) < 3 * sureness(luma) or sureness(mix) < 1:
+        return LUMA
+    # as much gain as 8 bits hold: contrast of 90 levels, or noise of 2 where that is less
+    gain = min(90 / abs(float(mix @ mean)), 2 / math.sqrt(float(mix @ noise @ mix)))
+    weights = mix * gain
+    middle = 128.0 - float(weights @ (np.median(scenery, axis=0) + mean / 2))
+    return Channel((float(weights[0]), float(weights[1]), float(weights[2])), middle)
+
+
+def moving_spots(view: View, scene: Scene, region: Region | None, *, most: int = 12) -> list[Spot]:
+    """Spots that stand out of the noise, the strongest first."""
+    difference = np.abs(cv2.blur(view.grey - scene.picture, (3, 3)))
+    # compression and demosaicing tie neighbouring pixels together: learn from the frame what averaging leaves of noise
+    left = float(np.median((difference / scene.noise)[::3, ::3])) / 0.6745
+    mask = (difference > np.float32(6 * left) * scene.noise + np.float32(1.5)).astype(np.uint8)
+    if region is not None:
+        x, y, width, height = (round(side) for side in region)
+        inside = np.zeros_like(mask)
+        inside[max(y, 0) : y + height, max(x, 0) : x + width] = 1
+        mask &= inside
+    count, labels, stats, centres = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    if count < 2:
+        return []
+    order = 1 + np.argsort(-stats[1:, cv2.CC_STAT_AREA])[: 4 * most]
+    spots = []
+    for k in order:
+        left, top, width, height, area = (int(value) for value in stats[k])
+        if area < 6:
+            continue
+        box = np.s_[top : top + height, left : left + width]
+        contrast = float(np.mean(difference[box][labels[box] == k]))
+        spots.append(Spot(float(centres[k][0]), float(centres[k][1]), area, width, height, contrast))
+    return sorted(spots, key=lambda spot: -spot.area * spot.contrast)[:most]
+
+
+class Linker:
+    """Joins spots of successive frames into paths; a path survives a few frames without a spot."""
+
+    patience = 12
+
+    def __init__(self) -> None:
+        self._open: list[_Thread] = []
+        self._closed: list[_Thread] = []
+
+    def add(self, frame: int, spots: Sequence[Spot]) -> None:
+        """Take the spots of the next frame."""
+        cost = np.array([[thread.cost(frame, spot) for spot in spots] for thread in self._open]).reshape(
+            len(self._open), len(spots)
+        )
+        used = set()
+        if cost.size:
+            for row, column in zip(*linear_sum_assignment(np.minimum(cost, 1e6)), strict=True):
+                if cost[row, column] < 1e6:
+                    self._open[row].append(frame, spots[column])
+                    used.add(int(column))
+        self._open += [_Thread(frame, spot) for k, spot in enumerate(spots) if k not in used]
+        stale = [thread for thread in self._open if frame - thread.frames[-1] > self.patience]
+        self._closed += [thread for thread in stale if len(thread.frames) > 3]
+        self._open = [thread for thread in self._open if frame - thread.frames[-1] <= self.patience]
+
+    def paths(self) -> list[SpotPath]:
+        """All paths of more than three frames."""
+        threads = self._closed + [thread for thread in self._open if len(thread.frames) > 3]
+        return [SpotPath(tuple(thread.frames), tuple(thread.spots)) for thread in threads]
+
+
+class _Thread:
+    def __init__(self, frame: int, spot: Spot) -> None:
+        self.frames = [frame]
+        self.spots = [spot]
+        self.velocity = np.zeros(2)  # [px/frame]
+
+    def append(self, frame: int, spot: Spot) -> None:
+        step = np.array([spot.x - self.spots[-1].x, spot.y - self.spots[-1].y]) / (frame - self.frames[-1])
+        self.velocity = step
+        self.frames.append(frame)
+        self.spots.append(spot)
+
+    def cost(self, frame: int, spot: Spot) -> float:
+        """Distance to where the bead may be: flying on, or bounced back; infinite when out of reach."""
+        last, gap = self.spots[-1], frame - self.frames[-1]
+        size = math.sqrt(last.area) + 2
+        here = np.array([spot.x - last.x, spot.y - last.y])
+        flying = float(np.linalg.norm(here - self.velocity * gap))
+        bounced = float(np.linalg.norm(here - self.velocity * gap * np.array([1, -0.5])))
+        speed = float(np.linalg.norm(self.velocity))
+        reach = (1.4 * speed + 1.2 * size) * gap if len(self.frames) > 1 else 4 * size * gap
+        if np.linalg.norm(here) > reach:
+            return math.inf
+        likeness = abs(math.log(spot.area / last.area)) + abs(math.log(spot.contrast / last.contrast))
+        return min(flying, 1.3 * bounced + 0.3 * size) / size + 0.7 * likeness
+
+
+def find_paths(
+    video: Video, scene: Scene, region: Region | None, progress: Progress = silent
+) -> tuple[list[SpotPath], Array]:
+    """Paths of everything that moves, and the camera's shake in every frame [px], shape (frames, 2)."""
+    linker = Linker()
+    shakes = []
+    shake = (0.0, 0.0)
+    for frame in video.frames():
+        view = scene.view(frame.grey, shake)
+        shake = view.shake
+        shakes.append(shake)
+        linker.add(frame.index, moving_spots(view, scene, region))
+        progress("finding what moves", frame.index - video.first + 1, video.last - video.first + 1)
+    return linker.paths(), np.array(shakes)
+
+
+def chase(
+    video: Video, path: SpotPath, shakes: Array, scene: Scene, channel: Channel = LUMA, progress: Progress = silent
+) -> Chase:
+    """Fit the bead of a path in every frame, also before and after the path where it rests.
+
+    Two rounds on the pixels cut out around the bead: the first finds radius and exposure, and what stands in front of
+    the bead's path; the second fits again knowing these.
+    """
+    cuts = _cut_out(video, path, scene, channel, progress)
+    moving = [cut for cut in cuts if path.frames[0] <= cut.frame <= path.frames[-1]]
+    few = moving[:: max(1, len(moving) // 60)]
+    first = _fit_cuts(few, scene, path.radius, progress=progress)
+    good = [sighting for sighting in first if sighting.fit.image.sigma < 0.3]
+    if len(good) < 5:
+        return Chase(tuple(first), path, shakes, 0.0, path.radius, scene)
+    shutter = _exposure(good, path)
+    hidden = _occluders(cuts, good, path.radius, scene)
+    radius = float(np.median([sighting.image.radius for sighting in good]))
+    for _ in range(2):
+        # slow frames show the look; fast ones smear it
+        slow = sorted(few, key=lambda cut: math.hypot(*cut.step))[: max(15, len(few) // 2)]
+        calm = _fit_cuts(slow, scene, radius, shutter=shutter, hidden=hidden, progress=progress)
+        look = common_look([sighting.fit for sighting in calm])
+        radius = look.radius
+    sightings = _fit_cuts(cuts, scene, radius, shutter=shutter, hidden=hidden, look=look, progress=progress)
+    return Chase(tuple(sightings), path, shakes, shutter, radius, scene)
+
+
+@dataclass(frozen=True)
+class _Cut:
+    """The pixels around the bead in one frame."""
+
+    frame: int
+    time: float
+    grey: npt.NDArray[np.float32]
+    left: int
+    top: int
+    near: tuple[float, float]  # [px], in the scene
+    step: tuple[float, float]  # [px/frame], motion
+    shake: tuple[float, float]
+
+
+def _cut_out(video: Video, path: SpotPath, scene: Scene, channel: Channel, progress: Progress) -> list[_Cut]:
+    where = _place(path)
+    cuts = []
+    shake = (0.0, 0.0)
+    for frame in video.frames():
+        view = scene.view(channel.grey(frame), shake)
+        shake = view.shake
+        near, step = where(frame.index)
+        reach = 2.2 * path.radius + 8 + abs(step[0]) + abs(step[1])
+        left, top = max(int(near[0] - reach), 0), max(int(near[1] - reach), 0)
+        right, bottom = max(int(near[0] + reach) + 2, 0), max(int(near[1] + reach) + 2, 0)
+        grey = view.grey[top:bottom, left:right].copy()
+        if min(grey.shape) > 4:
+            cuts.append(_Cut(frame.index, frame.time, grey, left, top, near, step, shake))
+        progress("cutting out the bead", frame.index - video.first + 1, video.last - video.first + 1)
+    return cuts
+
+
+def _place(path: SpotPath) -> Callable[[int], tuple[tuple[float, float], tuple[float, float]]]:
+    """Centre and motion per frame: from the spots, straight lines across gaps, at rest before and after."""
+    frames = np.array(path.frames, dtype=np.float64)
+    centres = path.centres
+
+    def where(frame: int) -> tuple[tuple[float, float], tuple[float, float]]:
+        x, y = (float(np.interp(frame, frames, centres[:, k])) for k in (0, 1))
+        k = int(np.clip(np.searchsorted(frames, frame), 1, len(frames) - 2))
+        if frame < frames[0] or frame > frames[-1]:
+            return (x, y), (0.0, 0.0)
+        ahead = (centres[k + 1] - centres[k]) / (frames[k + 1] - frames[k])
+        behind = (centres[k] - centres[k - 1]) / (frames[k] - frames[k - 1])
+        # at a bounce the two disagree in sign, and the blur is that of neither
+        step = (ahead + behind) / 2 if np.dot(ahead, behind) > 0 else np.zeros(2)
+        return (x, y), (float(step[0]), float(step[1]))
+
+    return where
+
+
+def _fit_cuts(
+    cuts: Sequence[_Cut],
+    scene: Scene,
+    radius: float,
+    *,
+    shutter: float = 0.0,
+    hidden: Mask | None = None,
+    look: Look | None = None,
+    progress: Progress,
+) -> list[Sighting]:
+    found = []
+    for done, cut in enumerate(cuts):
+        window = np.s_[cut.top : cut.top + cut.grey.shape[0], cut.left : cut.left + cut.grey.shape[1]]
+        fit = fit_bead(
+            cut.grey,
+            scene.picture[window],
+            (cut.near[0] - cut.left, cut.near[1] - cut.top),
+            radius,
+            blur_guess=(shutter * cut.step[0], shutter * cut.step[1]),
+            hidden=None if hidden is None else hidden[window],
+            look=look,
+        )
+        if fit is not None:
+            image = replace(fit.image, x=fit.image.x + cut.left, y=fit.image.y + cut.top)
+            found.append(Sighting(cut.frame, cut.time, image, cut.shake, fit))
+        progress("measuring the bead", done + 1, len(cuts))
+    return found
+
+
+def _exposure(sightings: list[Sighting], path: SpotPath) -> float:
+    """Exposure as a fraction of the frame interval: blur length over motion per frame, median of the faster half."""
+    where = _place(path)
+    steps = np.array([np.hypot(*where(sighting.frame)[1]) for sighting in sightings])
+    blurs = np.array([np.hypot(*sighting.image.blur) for sighting in sightings])
+    fast = (steps > 2) & (steps >= np.percentile(steps, 60))
+    if np.sum(fast) < 3:
+        return 0.0
+    ratio = float(np.median(blurs[fast] / steps[fast]))
+    # below about a pixel the blur is not told from the softness of the edge
+    return float(np.clip(ratio, 0.0, 1.0)) if np.median(blurs[fast]) > 1.2 else 0.02
+
+
+def _occluders(cuts: list[_Cut], sightings: list[Sighting], radius: float, scene: Scene) -> Mask | None:
+    """Pixels that keep showing the scene where the bead should hide it: something stands in front of the path."""
+    centres = _without_jumps(sightings)
+    if len(centres) < 4:
+        return None
+    bright = _brightness(cuts, sightings, scene)
+    seen = np.zeros(scene.picture.shape, dtype=np.float32)
+    missing = np.zeros(scene.picture.shape, dtype=np.float32)
+    for cut in cuts:
+        if not sightings[0].frame <= cut.frame <= sightings[-1].frame:
+            continue
+        x, y = (float(np.interp(cut.frame, centres[:, 0], centres[:, k])) for k in (1, 2))
+        window = np.s_[cut.top : cut.top + cut.grey.shape[0], cut.left : cut.left + cut.grey.shape[1]]
+        behind = scene.picture[window]
+        rows, columns = np.mgrid[: cut.grey.shape[0], : cut.grey.shape[1]]
+        slack = np.hypot(*cut.step) / 2 + 1.5
+        inside = np.hypot(columns + cut.left - x, rows + cut.top - y) < max(radius - slack, 0)
+        contrast = np.abs(bright - behind)
+        telling = inside & (contrast > 8 * scene.noise[window])
+        gone = telling & (np.abs(cut.grey - behind) < 0.25 * contrast)
+        seen[window] += telling
+        missing[window] += gone
+    hidden = (seen >= 2) & (missing > 0.7 * seen)
+    hidden = cv2.morphologyEx(hidden.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0
+    if not np.any(hidden):
+        return None
+    return np.asarray(cv2.dilate(hidden.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0)
+
+
+def _without_jumps(sightings: list[Sighting]) -> Array:
+    """Frame, x, y of the sightings without those that leave the line between their neighbours."""
+    table = np.array([(sighting.frame, sighting.image.x, sighting.image.y) for sighting in sightings])
+    if len(table) < 7:
+        return table
+    middle = (table[2:, 1:] + table[:-2, 1:]) / 2
+    off = np.concatenate([[0], np.linalg.norm(table[1:-1, 1:] - middle, axis=1), [0]])
+    return table[off < max(6 * float(np.median(off)), 2.0)]
+
+
+def _brightness(cuts: list[_Cut], sightings: list[Sighting], scene: Scene) -> float:
+    """Grey level of the bead's middle, median over the clip."""
+    by_frame = {cut.frame: cut for cut in cuts}
+    levels = []
+    for sighting in sightings:
+        cut = by_frame[sighting.frame]
+        row, column = round(sighting.image.y) - cut.top, round(sighting.image.x) - cut.left
+        if 0 <= row < cut.grey.shape[0] and 0 <= column < cut.grey.shape[1]:
+            levels.append(float(cut.grey[row, column]))
+    return float(np.median(levels)) if levels else 0.0

@@ -1,0 +1,156 @@
+"""Find a heap of roughly equal beads in a picture, without clicks.
+
+Every edge pixel votes for the centre of the circle it may belong to (Hough, by gradient direction); a centre counts
+when edges that point at it surround it.  Beads of a heap touch: the largest group of such circles one bead apart is
+the heap.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+SPOKES = 24  # directions in which a circle's edge is looked for
+SURROUNDED = 0.5  # share of the spokes that must meet an edge; half of a bead in a heap is hidden
+FEWEST_BEADS = 10
+
+
+@dataclass(frozen=True)
+class Beads:
+    """Circles in the picture that form one group."""
+
+    centre: Array  # [px], shape (n, 2), x right, y down
+    radius: float  # [px], common to all
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Brightness gradient of a picture."""
+
+    x: npt.NDArray[np.float32]  # [grey/px], shape (height, width)
+    y: npt.NDArray[np.float32]  # [grey/px], shape (height, width)
+    strength: npt.NDArray[np.float32]  # [grey/px], shape (height, width)
+    noise: float  # [grey/px], above this an edge is no accident
+    strong: float  # [grey/px], an edge as clear as any in this picture
+
+
+def edges(grey: npt.NDArray[np.uint8], blur: float) -> Edges:
+    """Gradient of the picture smoothed by `blur` pixels."""
+    smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), blur)
+    x = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)
+    y = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)
+    strength = np.hypot(x, y)
+    noise = max(2 * float(np.median(strength)), 1.0)
+    return Edges(x, y, strength, noise, max(float(np.percentile(strength, 90)), noise))
+
+
+def find_beads(grey: npt.NDArray[np.uint8], radii: tuple[float, float]) -> Beads | None:
+    """The largest group of touching circles with a radius between `radii` [px], None when there is none."""
+    picture = edges(grey, blur=1.0)
+    best, most = None, 0.0
+    for radius in np.geomspace(*radii, num=max(2, round(np.log(radii[1] / radii[0]) / 0.12) + 1)):
+        for sign in (1, -1):  # beads brighter, then darker than the gaps between them
+            centre = _circles(picture, float(radius), sign)
+            group = _largest_group(centre, 3.0 * radius)
+            if len(group) < FEWEST_BEADS:
+                continue
+            # edges explained: strength around the rims times their length; small circles inside beads explain little
+            explained = float(np.sum(np.maximum(_rim_strength(picture, group, float(radius), sign), 0)) * radius)
+            if explained > most:
+                best, most = Beads(group, float(radius)), explained
+    return best
+
+
+def likeness(image: npt.NDArray[np.uint8], beads: Beads) -> npt.NDArray[np.float32]:
+    """How much each pixel has the colour of the beads rather than of the rest of the picture, 0 to 1.
+
+    Ratio of two colour histograms (Swain and Ballard 1991): inside the circles, and further than two beads from them.
+    """
+    lab = cv2.cvtColor(cv2.GaussianBlur(image, (0, 0), max(0.1 * beads.radius, 0.8)), cv2.COLOR_BGR2LAB)
+    inside = np.zeros(image.shape[:2], np.uint8)
+    for x, y in np.rint(beads.centre).astype(int):
+        cv2.circle(inside, (int(x), int(y)), max(1, round(0.75 * beads.radius)), 255, -1)
+    around = cv2.dilate(inside, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * int(4 * beads.radius) + 1,) * 2))
+    cells = (lab // np.array([16, 6, 6], np.uint8)).astype(np.int64)
+    index = (cells[..., 0] * 43 + cells[..., 1]) * 43 + cells[..., 2]
+    here = _share(index[inside > 0])
+    there = _share(index[around == 0])
+    return np.asarray((here / (here + there + 1e-7))[index], dtype=np.float32)
+
+
+def _share(index: npt.NDArray[np.int64]) -> Array:
+    from scipy.ndimage import gaussian_filter
+
+    count = np.bincount(index, minlength=16 * 43 * 43).reshape(16, 43, 43).astype(np.float64)
+    return np.asarray(gaussian_filter(count / max(len(index), 1), 1.0).ravel())
+
+
+def _circles(picture: Edges, radius: float, sign: int) -> Array:
+    """Centres [px], shape (n, 2), of circles of this radius."""
+    height, width = picture.strength.shape
+    row, column = np.nonzero(picture.strength > picture.noise)
+    step = sign * radius / picture.strength[row, column]
+    x = np.rint(column + step * picture.x[row, column]).astype(np.int64)
+    y = np.rint(row + step * picture.y[row, column]).astype(np.int64)
+    inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    votes = np.bincount(y[inside] * width + x[inside], minlength=height * width).reshape(height, width)
+    spread = max(0.12 * radius, 0.8)
+    density = cv2.GaussianBlur(votes.astype(np.float32), (0, 0), spread) * (spread * spread / radius)
+    size = 2 * int(0.8 * radius) + 1
+    peak_y, peak_x = np.nonzero((density == cv2.dilate(density, np.ones((size, size), np.uint8))) & (density > 0.3))
+    centre = np.column_stack([peak_x, peak_y]).astype(np.float64)
+    return centre[_surrounded(picture, centre, radius, sign) >= SURROUNDED]
+
+
+def _spokes(centre: Array, length: float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Array, Array]:
+    angle = np.arange(SPOKES) * 2 * np.pi / SPOKES
+    cos, sin = np.cos(angle), np.sin(angle)
+    x = np.rint(centre[:, :1] + length * cos).astype(np.int64)
+    y = np.rint(centre[:, 1:] + length * sin).astype(np.int64)
+    return x, y, cos, sin
+
+
+def _along_spokes(picture: Edges, centre: Array, length: float, sign: int) -> tuple[Array, Array]:
+    """Gradient towards the centre, and the whole gradient, at the end of every spoke, shape (n, SPOKES)."""
+    height, width = picture.strength.shape
+    x, y, cos, sin = _spokes(centre, length)
+    seen = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
+    inward = -sign * (picture.x[y, x] * cos + picture.y[y, x] * sin)
+    return np.where(seen, inward, 0.0), np.where(seen, picture.strength[y, x], 0.0)
+
+
+def _surrounded(picture: Edges, centre: Array, radius: float, sign: int) -> Array:
+    """Share of the spokes that meet an edge pointing at the centre, shape (n,)."""
+    met = np.zeros((len(centre), SPOKES), dtype=bool)
+    for stretch in (0.85, 0.93, 1.0, 1.07, 1.15):
+        inward, whole = _along_spokes(picture, centre, stretch * radius, sign)
+        met |= (whole > picture.noise) & (inward > 0.8 * whole)
+    return np.asarray(met.mean(axis=1), dtype=np.float64)
+
+
+def _rim_strength(picture: Edges, centre: Array, radius: float, sign: int) -> Array:
+    strongest = 3 * picture.noise
+    rims = [
+        np.clip(_along_spokes(picture, centre, stretch * radius, sign)[0], -strongest, strongest)
+        for stretch in (0.9, 1.0, 1.1)
+    ]
+    return np.asarray(np.max(rims, axis=0).mean(axis=1), dtype=np.float64)
+
+
+def _largest_group(centre: Array, reach: float) -> Array:
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    if len(centre) < 2:
+        return centre
+    pairs = cKDTree(centre).query_pairs(reach, output_type="ndarray")
+    links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(centre), len(centre)))
+    _, label = connected_components(links, directed=False)
+    return centre[label == np.bincount(label).argmax()]

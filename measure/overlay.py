@@ -1,0 +1,196 @@
+"""Pictures that let a person judge a measurement at a glance: annotated video, still, plot.
+
+Drawing takes sub-pixel picture coordinates (x right, y down, centre of the top-left pixel is (0, 0)) and BGR images.
+Files are written under a temporary name and renamed, so a crash leaves the old file or the new one, never half a file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+import av
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.errors import BadInput
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Image = npt.NDArray[np.uint8]
+Point = tuple[float, float]
+Colour = tuple[int, int, int]
+
+# BGR; told apart by colour-blind readers too (Okabe and Ito 2008)
+ORANGE: Colour = (0, 159, 230)
+SKY: Colour = (233, 180, 86)
+GREEN: Colour = (115, 158, 0)
+YELLOW: Colour = (66, 228, 240)
+BLUE: Colour = (178, 114, 0)
+RED: Colour = (0, 94, 213)
+WHITE: Colour = (255, 255, 255)
+BLACK: Colour = (0, 0, 0)
+
+_SUBPIXEL_BITS = 4  # OpenCV draws in sixteenths of a pixel
+
+
+class OverlayVideo:
+    """An H.264 file that any player and browser shows; give it pictures one by one.
+
+    >>> with OverlayVideo(path, frame_rate=30) as video:  # doctest: +SKIP
+    ...     video.write(picture)
+    """
+
+    def __init__(self, path: Path, *, frame_rate: float) -> None:
+        """`frame_rate` [1/s] is how fast the overlay plays, not how fast the clip was captured."""
+        self.path = path
+        self._partial = path.with_name(path.stem + ".part" + path.suffix)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._container = av.open(str(self._partial), "w")
+        self._rate = Fraction(frame_rate).limit_denominator(1000)
+        self._stream: av.VideoStream | None = None
+
+    def write(self, picture: Image) -> None:
+        """Append one BGR picture; all must have the size of the first."""
+        if self._stream is None:
+            self._stream = self._open_stream(picture)
+        height, width = self._stream.height, self._stream.width
+        # 4:2:0 colour needs even sides: the odd last row or column is dropped
+        frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture[:height, :width]), format="bgr24")
+        for packet in self._stream.encode(frame):
+            self._container.mux(packet)
+
+    def _open_stream(self, picture: Image) -> av.VideoStream:
+        stream = self._container.add_stream(
+            "libx264", rate=self._rate, options={"preset": "superfast", "crf": "23", "tune": "fastdecode"}
+        )
+        stream.height, stream.width = picture.shape[0] // 2 * 2, picture.shape[1] // 2 * 2
+        stream.pix_fmt = "yuv420p"
+        return stream
+
+    def __enter__(self) -> OverlayVideo:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None and self._stream is not None:
+            for packet in self._stream.encode():
+                self._container.mux(packet)
+        self._container.close()
+        if kind is None and self._stream is not None:
+            self._partial.replace(self.path)
+        else:
+            self._partial.unlink(missing_ok=True)
+
+
+def save_picture(path: Path, picture: Image) -> None:
+    """Write a BGR picture in the format of its file name."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    written, data = cv2.imencode(path.suffix, picture)
+    if not written:
+        raise BadInput(f"{path}: cannot write a picture of this kind; use .png or .jpg.")
+    partial = path.with_name(path.name + ".part")
+    partial.write_bytes(data.tobytes())
+    partial.replace(path)
+
+
+def save_plot(path: Path, figure: Figure) -> None:
+    """Write a matplotlib figure in the format of its file name."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(path.name + ".part")
+    figure.savefig(partial, format=path.suffix.lstrip("."), bbox_inches="tight")
+    partial.replace(path)
+
+
+def line_width(picture: Image) -> int:
+    """[px], a stroke that is seen on this size of picture without hiding what it marks."""
+    return max(1, round(min(picture.shape[:2]) / 700))
+
+
+def draw_circle(picture: Image, centre: Point, radius: float, colour: Colour, *, width: int | None = None) -> None:
+    """A circle at a sub-pixel centre."""
+    if not np.all(np.isfinite((*centre, radius))):
+        return
+    cv2.circle(
+        picture,
+        _fixed(centre),
+        round(max(radius, 0.5) * 2**_SUBPIXEL_BITS),
+        colour,
+        width or line_width(picture),
+        cv2.LINE_AA,
+        _SUBPIXEL_BITS,
+    )
+
+
+def draw_dot(picture: Image, centre: Point, colour: Colour, *, radius: float = 1.5) -> None:
+    """A filled dot at a sub-pixel centre."""
+    if np.all(np.isfinite(centre)):
+        cv2.circle(
+            picture, _fixed(centre), round(radius * 2**_SUBPIXEL_BITS), colour, cv2.FILLED, cv2.LINE_AA, _SUBPIXEL_BITS
+        )
+
+
+def draw_line(picture: Image, start: Point, end: Point, colour: Colour, *, width: int | None = None) -> None:
+    """A straight line between two sub-pixel points."""
+    if np.all(np.isfinite((*start, *end))):
+        cv2.line(picture, _fixed(start), _fixed(end), colour, width or line_width(picture), cv2.LINE_AA, _SUBPIXEL_BITS)
+
+
+def draw_path(
+    picture: Image,
+    points: Sequence[Point] | npt.NDArray[np.float64],
+    colour: Colour,
+    *,
+    width: int | None = None,
+    closed: bool = False,
+) -> None:
+    """A polyline through sub-pixel points; a point that is not finite breaks the line."""
+    array = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+    finite = np.all(np.isfinite(array), axis=1)
+    pieces = np.split(np.arange(len(array)), np.flatnonzero(~finite))
+    for piece in pieces:
+        seen = piece[finite[piece]]
+        if len(seen) > 1:
+            fixed = np.round(np.clip(array[seen], -1e5, 1e5) * 2**_SUBPIXEL_BITS).astype(np.int32)
+            cv2.polylines(
+                picture,
+                [fixed.reshape(-1, 1, 2)],
+                closed,
+                colour,
+                width or line_width(picture),
+                cv2.LINE_AA,
+                _SUBPIXEL_BITS,
+            )
+
+
+def draw_cross(picture: Image, centre: Point, size: float, colour: Colour, *, width: int | None = None) -> None:
+    """An upright cross with arms of `size` pixels."""
+    x, y = centre
+    draw_line(picture, (x - size, y), (x + size, y), colour, width=width)
+    draw_line(picture, (x, y - size), (x, y + size), colour, width=width)
+
+
+def draw_text(picture: Image, text: str, corner: Point, colour: Colour = WHITE, *, size: float | None = None) -> None:
+    """One line of text with a dark rim, its bottom-left corner at `corner`, pushed inside the picture.
+
+    `size` is the height of a capital letter in pixels.
+    """
+    letter = size or max(9.0, min(picture.shape[:2]) / 45)
+    scale = letter / 22.0  # a capital of the Hershey font is 22 px high at scale 1
+    (width, height), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
+    x = round(min(max(corner[0], 2), max(picture.shape[1] - width - 2, 2)))
+    y = round(min(max(corner[1], height + 2), picture.shape[0] - below - 1))
+    stroke = max(1, round(letter / 12))
+    for ink, thick in ((BLACK, stroke + 2), (colour, stroke)):
+        cv2.putText(picture, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, scale, ink, thick, cv2.LINE_AA)
+
+
+def _fixed(point: Point) -> tuple[int, int]:
+    scaled = np.round(np.clip(point, -1e5, 1e5) * 2**_SUBPIXEL_BITS).astype(int)
+    return int(scaled[0]), int(scaled[1])

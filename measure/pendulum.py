@@ -1,0 +1,279 @@
+"""Double pendulum: bead A swings from an angle into bead B at rest (Hlosta et al. 2020, fig. 3c); or into a wall.
+
+`measure` reads a clip or a tracked record; `evaluate` turns tracks, filmed or simulated, into restitution and angles.
+Every number that enters the restitution is an angle or a ratio of speeds, so neither scale nor frame rate touch it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from rigtwin.lab.errors import BadInput, NothingToMeasure
+from rigtwin.lab.quantity import Check, Detail, Evaluation, Quantity, root_sum_of_squares
+from rigtwin.lab.records import Array, Track
+from rigtwin.lab.rigs import GRAVITY
+from rigtwin.measure.swing import (
+    Outcome,
+    SwingFit,
+    Swings,
+    centres,
+    fit_swings,
+    frame_interval,
+    states_at_collision,
+    turning_points,
+)
+
+Variant = Literal["double", "wall"]
+
+
+def evaluate(
+    tracks: Sequence[Track],
+    *,
+    variant: Variant = "double",
+    length: float | None = None,
+    bead_diameter: float | None = None,
+    bead_mass: float | None = None,
+) -> Evaluation:
+    """Restitution, release and rebound angles of a pendulum record, with checks of momentum, gravity and lengths.
+
+    `tracks` hold beads "A" (released) and "B" (hanging), or one bead for the wall; `length` [m] from hinge to bead
+    centre, `bead_diameter` [m] and `bead_mass` [kg] are what was stated beforehand and only serve the checks.
+
+    - ``restitution_pair``, method "velocity", per collision: e = (v_B' - v_A') / (v_A - v_B) with the speeds at the
+      contact from the fitted equation of motion, so damping does not count as restitution.
+    - ``restitution_pair``, method "angle": e = (sin(b'/2) - sin(a'/2)) / sin(a/2) with release angle a and the turning
+      angles a', b' of A and B, A's negative where it bounces back; losses of the swing between do count.
+    - ``energy_ratio_root``, method "height": sqrt(h_B' / h_A), the paper's eq. 5 applied to the two beads.  For equal
+      masses it is (1 + e) / 2, not e.
+    - ``restitution_wall`` for the wall: v'/v and sin(a'/2) / sin(a/2).
+
+    Raises `NothingToMeasure` when there is no release, no second bead or no collision in the record.
+    """
+    return judge(fit_swings(_in_order(tracks, variant)), length, bead_diameter, bead_mass)
+
+
+def judge(
+    fit: SwingFit, length: float | None = None, bead_diameter: float | None = None, bead_mass: float | None = None
+) -> Evaluation:
+    """The evaluation of fitted swings; arguments as in `evaluate`."""
+    outcomes = fit.propagate(_outcomes)
+    checks = [_gravity_check(outcomes)]
+    if fit.swings.beads == 2:
+        checks.insert(0, _momentum_check(outcomes, bead_mass))
+    if length is not None:
+        checks.append(_length_check(outcomes["length"], length))
+    if bead_diameter is not None and fit.swings.beads == 2:
+        checks.append(_distance_check(outcomes["distance"], bead_diameter))
+    doubts = _doubts(fit, outcomes)
+    if fit.swings.beads == 2 and not checks[0].passed:
+        doubts["collision"] = "; ".join(filter(None, [doubts["collision"], checks[0].message]))
+    quantities = [*_restitutions(fit, outcomes, doubts), *_angles(outcomes, doubts)]
+    warnings = [check.message for check in checks if not check.passed]
+    return Evaluation(tuple(quantities), tuple(checks), tuple(warnings))
+
+
+def _in_order(tracks: Sequence[Track], variant: Variant) -> tuple[Track, ...]:
+    """Bead A, then bead B."""
+    named = {track.body.strip().upper(): track for track in tracks}
+    if variant == "wall":
+        if len(tracks) != 1 and "A" not in named:
+            raise BadInput(f"A wall pendulum has one bead; this record holds {len(tracks)} ({', '.join(named)}).")
+        return (named.get("A", tracks[0]),)
+    if len(tracks) == 1:
+        raise NothingToMeasure(
+            "Only one bead moves in this record; a double pendulum needs bead A and bead B (for a wall: variant wall)."
+        )
+    if not {"A", "B"} <= set(named):
+        raise BadInput(f"The record names its beads {', '.join(named)}; name the released bead A and the hanging one B.")
+    return named["A"], named["B"]
+
+
+def _outcomes(swings: Swings) -> dict[str, Array]:
+    """All that is derived from the swings; speeds and angles count positive in A's direction of approach."""
+    lengths, outcomes = swings.per_bead("length"), {}
+    for k in range(swings.collisions):
+        angle, before = states_at_collision(swings, k)
+        v, v_after = before * lengths, swings.after(k) * lengths
+        if swings.beads == 1:
+            outcomes[f"restitution_{k}"] = -v_after[0] / v[0]
+        else:
+            outcomes[f"restitution_{k}"] = (v_after[1] - v_after[0]) / (v[0] - v[1])
+        outcomes[f"approach_{k}"] = np.abs(v[0] - (v[1] if swings.beads > 1 else 0))
+        if k == 0:
+            way = np.sign(v[0])
+            outcomes |= _first_collision(swings, angle, way * v, way * v_after, way)
+    return outcomes
+
+
+def _first_collision(swings: Swings, angle: Array, v: Array, v_after: Array, way: Array) -> dict[str, Array]:
+    turning = way * turning_points(swings, 0)[0]
+    release = np.abs(swings["release_angle"])
+    from_angles = np.sin(turning / 2) / np.sin(release / 2)
+    outcomes = {
+        "release": release,
+        "turning_0": turning[0],
+        "gravity": swings["gravity"],
+        "pull": swings["gravity"] / swings["length_0"],
+        "length": np.mean(swings.per_bead("length"), axis=0),
+        "way": way,
+    }
+    if swings.beads == 1:
+        return outcomes | {"from_angles": -from_angles[0]}
+    place = centres(swings, angle[:, None])[:, 0]
+    rise = swings["length_1"] * (1 - np.cos(turning[1])) / (swings["length_0"] * (1 - np.cos(release)))
+    return outcomes | {
+        "turning_1": turning[1],
+        "from_angles": from_angles[1] - from_angles[0],
+        "energy_ratio_root": np.sqrt(rise),
+        "angle_ratio": turning[1] / release,
+        "speed": v[0],
+        "speeds_after": v_after[0] + v_after[1],
+        "momentum": (v_after[0] + v_after[1]) / v[0],
+        "distance": np.hypot(*np.moveaxis(place[1] - place[0], -1, 0)),
+    }
+
+
+def _restitutions(fit: SwingFit, outcomes: dict[str, Outcome], doubts: dict[str, str]) -> list[Quantity]:
+    name = "restitution_pair" if fit.swings.beads == 2 else "restitution_wall"
+    found = []
+    for k in range(fit.swings.collisions):
+        e = outcomes[f"restitution_{k}"]
+        detail: dict[str, Detail] = {
+            "collision": k + 1,
+            "impact_speed_m_per_s": round(outcomes[f"approach_{k}"].value, 5),
+        }
+        doubt = doubts["collision"]
+        if e.value - 2 * e.std > 1:
+            doubt = "; ".join(filter(None, [doubt, "a restitution above 1 cannot be: a track is wrong"]))
+        found.append(_quantity(name, e, "1", "velocity", detail, doubt))
+    by_speed, by_angle = outcomes["restitution_0"], outcomes["from_angles"]
+    # what the swings lose on their way counts as restitution here: the fit knows how much
+    losses = {"swing_losses": abs(by_speed.value - by_angle.value)}
+    detail = {"collision": 1}
+    seen = "; ".join(filter(None, [doubts["collision"], doubts["release"], doubts["turning"]]))
+    found.append(
+        _quantity(name, Outcome(by_angle.value, by_angle.budget | losses), "1", "angle", detail, seen)
+    )
+    if fit.swings.beads == 2:
+        ratio = {"collision": 1, "angle_ratio": round(outcomes["angle_ratio"].value, 5), "equals": "(1+e)/2, not e"}
+        found.append(_quantity("energy_ratio_root", outcomes["energy_ratio_root"], "1", "height", ratio, seen))
+    return found
+
+
+def _angles(outcomes: dict[str, Outcome], doubts: dict[str, str]) -> list[Quantity]:
+    way = outcomes["way"].value
+    quantities = [
+        _quantity(
+            "release_angle",
+            _degrees(outcomes["release"]),
+            "deg",
+            "swing",
+            {"body": "A", "side": "left" if way > 0 else "right"},
+            doubts["release"],
+        )
+    ]
+    for bead, body in enumerate("AB"):
+        if (turning := outcomes.get(f"turning_{bead}")) is not None:
+            detail: dict[str, Detail] = {"body": body, "side": "right" if turning.value * way > 0 else "left"}
+            angle = _degrees(replace(turning, value=abs(turning.value)))
+            quantities.append(_quantity("rebound_angle", angle, "deg", "swing", detail, doubts["turning"]))
+    return quantities
+
+
+def _degrees(outcome: Outcome) -> Outcome:
+    return Outcome(math.degrees(outcome.value), {k: math.degrees(part) for k, part in outcome.budget.items()})
+
+
+def _quantity(
+    name: str, outcome: Outcome, unit: str, method: str, detail: dict[str, Detail], doubtful: str
+) -> Quantity:
+    std = root_sum_of_squares(outcome.budget)
+    return Quantity(
+        name, outcome.value, std, unit, method, detail=detail, budget=dict(outcome.budget), doubtful=doubtful
+    )
+
+
+def _doubts(fit: SwingFit, outcomes: dict[str, Outcome]) -> dict[str, str]:
+    """Why the collision, the release angle or the turning angles should not be trusted; empty where nothing is."""
+    swings = fit.swings
+    collision, release, turning = [], [], []
+    if fit.noise > 0.006 * outcomes["length"].value:
+        collision.append(
+            f"the tracks scatter by {fit.noise / outcomes['length'].value:.1%} of the pendulum length about the fit"
+        )
+    if swings.beads == 2 and (sway := _sway(fit)) > 0.005 * outcomes["speed"].value:
+        share = sway / outcomes["speed"].value
+        collision.append(f"bead B was not at rest before the collision ({share:.1%} of A's speed)")
+    first = fit.tracks[0]
+    if float(swings["release_time"]) < first.time[0] - frame_interval(first):
+        release.append("the record begins after the release: the angle is extrapolated")
+    _, when = turning_points(swings, 0)
+    for bead, track in enumerate(fit.tracks):
+        if track.time[-1] < float(when[bead, 0]):
+            turning.append(f"the record ends before bead {track.body} turns: its angle is extrapolated")
+    return {"collision": "; ".join(collision), "release": "; ".join(release), "turning": "; ".join(turning)}
+
+
+def _sway(fit: SwingFit) -> float:
+    """Speed of bead B in the last moments before the collision [m/s]; 0 where it cannot be told from noise."""
+    track, hit = fit.tracks[1], float(fit.swings["time_0"])
+    before = (track.time < hit - frame_interval(track)) & (track.time > hit - 0.12)
+    if np.sum(before) < 8:
+        return 0.0
+    time, x = track.time[before], track.position[before, 0]
+    (slope, _), covariance = np.polyfit(time - hit, x, 1, cov=True)
+    return float(abs(slope)) if abs(slope) > 4 * math.sqrt(covariance[0, 0]) else 0.0
+
+
+def _momentum_check(outcomes: dict[str, Outcome], bead_mass: float | None) -> Check:
+    ratio = outcomes["momentum"]
+    passed = abs(ratio.value - 1) <= max(0.03, 3 * ratio.std)
+    mass, unit = (1.0, "m/s per unit of mass") if bead_mass is None else (bead_mass, "kg m/s")
+    before, after = mass * outcomes["speed"].value, mass * outcomes["speeds_after"].value
+    found = f"momentum after the collision is {ratio.value:.4f} of that before (equal masses; {before:.4g} {unit} before)"
+    meaning = "" if passed else ": the beads differ in mass, they hit off centre, or a track is wrong"
+    return Check("momentum", passed, after, before, found + meaning)
+
+
+def _gravity_check(outcomes: dict[str, Outcome]) -> Check:
+    g = outcomes["gravity"]
+    excess = g.value / GRAVITY - 1
+    passed = abs(excess) <= max(0.02, 2.5 * g.std / GRAVITY)
+    fits = GRAVITY / outcomes["pull"].value
+    found = (
+        f"gravity from the swing is {g.value:.3f} ± {g.std:.3f} m/s²; a pendulum that swings like this is "
+        f"{fits * 1e3:.1f} mm long, the record says {outcomes['length'].value * 1e3:.1f} mm"
+    )
+    if passed:
+        return Check("gravity", True, g.value, GRAVITY, found)
+    word = "large" if excess > 0 else "small"
+    fast = "high" if excess > 0 else "low"
+    return Check(
+        "gravity",
+        False,
+        g.value,
+        GRAVITY,
+        f"{found}: the scale or stated length is {abs(excess):.1%} too {word}, or the frame rate "
+        f"{abs(math.sqrt(1 + excess) - 1):.1%} too {fast} (restitution and angles do not depend on either)",
+    )
+
+
+def _length_check(found: Outcome, stated: float) -> Check:
+    passed = abs(found.value / stated - 1) <= max(0.02, 2.5 * found.std / stated)
+    meaning = "" if passed else ": the scale is off, or the stated length is not from hinge to bead centre"
+    message = f"the beads swing on circles of {found.value * 1e3:.1f} mm, {stated * 1e3:.1f} mm are stated{meaning}"
+    return Check("length", passed, found.value, stated, message)
+
+
+def _distance_check(found: Outcome, diameter: float) -> Check:
+    passed = abs(found.value / diameter - 1) <= max(0.06, 2.5 * found.std / diameter)
+    meaning = "" if passed else ": the scale or the stated diameter is off, or the beads hit off centre"
+    message = (
+        f"the centres are {found.value * 1e3:.2f} mm apart at the collision, beads of {diameter * 1e3:.2f} mm{meaning}"
+    )
+    return Check("contact_distance", passed, found.value, diameter, message)

@@ -1,0 +1,589 @@
+"""The swing of one or two beads on threads, fitted as a whole: geometry, gravity, damping, and every collision.
+
+Each bead is a damped pendulum that keeps to its own circle,
+
+    theta'' = -(g / L) sin(theta) - c theta' - k |theta'| theta',      x = X + L sin(theta),  y = Y - L cos(theta)   (against gravity)
+
+whose angular speed jumps at a collision while its angle does not.  All frames before, between and after the collisions
+are fitted at once, so the speeds *at* the contact follow from hundreds of frames, damping is not counted as restitution,
+and the moment of contact is where the fits before and after meet.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.lab.quantity import root_sum_of_squares
+from rigtwin.lab.records import Array, Track
+
+Mask = npt.NDArray[np.bool_]
+
+STEP = 0.004  # [s], of the Runge-Kutta integration; a 100 mm pendulum turns 0.04 rad in it: error below 1e-7 rad
+
+# What is known beforehand of things that one short swing hardly shows; (mean, standard deviation).
+PRIORS = {
+    "damping": (0.03, 0.1),  # [1/s], pivot and thread
+    # [1/rad], rho_air Cd A L / (2 m): 0.006 to 0.01 for 6 to 12 mm beads of plastic or wood on 0.15 to 0.3 m
+    "drag": (0.01, 0.015),
+    # A camera four pendulum lengths away whose axis stands 1.5 degrees off the normal of the swing plane makes things
+    # one length from the middle 0.65 % larger on one side; a lens barrels by up to about half a percent there.
+    "perspective_x": (0.0, 0.0065),
+    "perspective_y": (0.0, 0.0065),
+    "lens": (0.0, 0.003),
+}
+_CAUSES = {
+    "damping": "damping",
+    "drag": "damping",
+    "perspective_x": "perspective",
+    "perspective_y": "perspective",
+    "lens": "lens",
+}
+_SHARED = ("tilt", "gravity", "damping", "drag", "perspective_x", "perspective_y", "lens", "release_angle", "release_time")
+
+
+@dataclass(frozen=True)
+class Swings:
+    """Parameters of the motion of `beads` beads through their collisions, in the record's own units.
+
+    `vector` may be a batch, shape (n_parameters, batch): every property then has the batch as its last axis.
+    """
+
+    vector: Array
+    beads: int
+    collisions: int
+
+    @staticmethod
+    def names(beads: int, collisions: int) -> list[str]:
+        """Names of the entries of `vector`, in order."""
+        of_beads = [f"{name}_{bead}" for bead in range(beads) for name in ("pivot_x", "pivot_y", "length")]
+        of_collisions = [
+            name for k in range(collisions) for name in (f"time_{k}", *(f"speed_{k}_{bead}" for bead in range(beads)))
+        ]
+        return [*of_beads, *_SHARED, *of_collisions]
+
+    def index(self, name: str) -> int:
+        return self.names(self.beads, self.collisions).index(name)
+
+    def __getitem__(self, name: str) -> Array:
+        return np.asarray(self.vector[self.index(name)])
+
+    def per_bead(self, name: str) -> Array:
+        """One entry per bead, shape (beads, ...)."""
+        return np.stack([self[f"{name}_{bead}"] for bead in range(self.beads)])
+
+    def after(self, collision: int) -> Array:
+        """Angular speeds [rad/s] just after a collision, shape (beads, ...)."""
+        return np.stack([self[f"speed_{collision}_{bead}"] for bead in range(self.beads)])
+
+    def batch(self, columns: Array) -> Swings:
+        return replace(self, vector=columns)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A number derived from a fit, and its standard uncertainty by cause."""
+
+    value: float
+    budget: dict[str, float]
+
+    @property
+    def std(self) -> float:
+        return root_sum_of_squares(self.budget)
+
+
+@dataclass(frozen=True)
+class SwingFit:
+    """`Swings` fitted to tracks."""
+
+    swings: Swings
+    tracks: tuple[Track, ...]
+    used: tuple[Mask, ...]  # which points of each track the fit rests on
+    residuals: tuple[Array, ...]  # [m], observed minus fitted, shape (n, 2) per track, also of points not used
+    noise: float  # [m], standard deviation of one coordinate of a used point
+    covariance: Array  # of the vector
+    parts: dict[str, Array]  # parts of the covariance by cause; they add up to it
+
+    def propagate(self, function: Callable[[Swings], dict[str, Array]]) -> dict[str, Outcome]:
+        """What `function` derives from the swings (each of shape (batch,)), with its standard uncertainty by cause."""
+        columns, steps = _perturbed(self.swings, np.sqrt(np.diag(self.covariance)) * 0.05)
+        outcomes = {}
+        for name, values in function(self.swings.batch(columns)).items():
+            gradient = (values[1:] - values[0]) / steps
+            variances = {cause: float(gradient @ part @ gradient) for cause, part in self.parts.items()}
+            budget = {cause: math.sqrt(max(variance, 0.0)) for cause, variance in variances.items()}
+            outcomes[name] = Outcome(float(values[0]), budget)
+        return outcomes
+
+
+def angles(swings: Swings, time: Array) -> tuple[Array, Array]:
+    """Angles [rad] from gravity's direction and angular speeds [rad/s] at `time`, shape (beads, n, batch)."""
+    vector = swings.vector.reshape(swings.vector.shape[0], -1)
+    swings = swings.batch(vector)
+    batch = vector.shape[1]
+    angle = np.zeros((swings.beads, len(time), batch))
+    speed = np.zeros_like(angle)
+    state, start = np.zeros((swings.beads, batch)), swings["release_time"]
+    state[0] = swings["release_angle"]
+    rate = np.zeros_like(state)
+    angle[0], ends = state[0], [swings[f"time_{k}"] for k in range(swings.collisions)]
+    last = max(float(np.max(time)), float(np.max(ends, initial=-np.inf))) + STEP
+    for k, end in enumerate([*ends, np.full(batch, last)]):
+        if k > 0:
+            rate = swings.after(k - 1)
+        inside = (time[:, None] >= start) & (time[:, None] < end)
+        inside_angle, inside_speed, state, rate = _integrate(swings, state, rate, start, end, time)
+        angle, speed = np.where(inside, inside_angle, angle), np.where(inside, inside_speed, speed)
+        start = end
+    return angle, speed
+
+
+def centres(swings: Swings, angle: Array) -> Array:
+    """Where the beads are, shape (beads, n, batch, 2), in the record's axes."""
+    pivot = np.stack([swings.per_bead("pivot_x"), swings.per_bead("pivot_y")], axis=-1)[:, None]
+    length = swings.per_bead("length")[:, None]
+    turned = angle + swings["tilt"]
+    return np.stack([pivot[..., 0] + length * np.sin(turned), pivot[..., 1] - length * np.cos(turned)], axis=-1)
+
+
+def positions(swings: Swings, angle: Array) -> Array:
+    """Where the beads are seen, shape (beads, n, batch, 2): `centres` through perspective and lens."""
+    unit = swings["length_0"]
+    # about the middle of the picture, near half-way down the threads, in units of the pendulum length
+    middle = np.stack([swings["pivot_x_0"], swings["pivot_y_0"] - 0.5 * unit], axis=-1)
+    away = (centres(swings, angle) - middle) / unit[..., None]
+    u, v = away[..., 0], away[..., 1]
+    growth = swings["perspective_x"] * u + swings["perspective_y"] * v + swings["lens"] * (u * u + v * v)
+    return np.asarray(middle + (1 + growth[..., None]) * away * unit[..., None])
+
+
+def states_at_collision(swings: Swings, collision: int) -> tuple[Array, Array]:
+    """Angles [rad] at a collision and angular speeds [rad/s] just before it, shape (beads, batch)."""
+    vector = swings.vector.reshape(swings.vector.shape[0], -1)
+    swings = swings.batch(vector)
+    state, start = np.zeros((swings.beads, vector.shape[1])), swings["release_time"]
+    state[0] = swings["release_angle"]
+    rate = np.zeros_like(state)
+    for k in range(collision + 1):
+        if k > 0:
+            rate = swings.after(k - 1)
+        end = swings[f"time_{k}"]
+        _, _, state, rate = _integrate(swings, state, rate, start, end, np.zeros(0))
+        start = end
+    return state, rate
+
+
+def turning_points(swings: Swings, collision: int) -> tuple[Array, Array]:
+    """Angle [rad] at which each bead turns after a collision, and the time [s] of it; shape (beads, batch)."""
+    swings = swings.batch(swings.vector.reshape(swings.vector.shape[0], -1))
+    state, _ = states_at_collision(swings, collision)
+    start = swings[f"time_{collision}"]
+    period = 2 * math.pi * np.sqrt(np.max(swings.per_bead("length"), axis=0) / swings["gravity"])
+    grid = np.linspace(0, 0.7 * float(np.max(period)), 400)
+    rate = swings.after(collision)
+    angle, speed, _, _ = _integrate(swings, state, rate, 0 * start, 0 * start + grid[-1], grid)
+    turned = np.sign(speed) != np.sign(rate[:, None])
+    turned[:, 0] = False
+    k = np.argmax(turned, axis=1)[:, None]
+    before, after = np.take_along_axis(speed, k - 1, 1), np.take_along_axis(speed, k, 1)
+    fraction = before / np.where(before == after, 1, before - after)
+    step = grid[1]
+    # between two grid points the speed falls linearly to zero: the angle still gains the triangle under it
+    turning = np.take_along_axis(angle, k - 1, 1) + 0.5 * before * fraction * step
+    return turning[:, 0], start + (grid[k[:, 0] - 1] + fraction[:, 0] * step)
+
+
+def _integrate(
+    swings: Swings, angle: Array, rate: Array, start: Array, end: Array, time: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Swing freely from `start` to `end` (shape (batch,)); angles and speeds at `time`, then those at `end`."""
+    pull = swings["gravity"] / swings.per_bead("length")
+    damping, drag = swings["damping"], swings["drag"]
+
+    def turn(theta: Array, omega: Array) -> Array:
+        return np.asarray(-pull * np.sin(theta) - (damping + drag * np.abs(omega)) * omega)
+
+    steps = max(2, math.ceil(float(np.max(end - start)) / STEP))
+    h = (end - start) / steps
+    angles_, rates = np.empty((steps + 1, *angle.shape)), np.empty((steps + 1, *angle.shape))
+    angles_[0], rates[0] = angle, rate
+    for i in range(steps):
+        theta, omega = angles_[i], rates[i]
+        a1 = turn(theta, omega)
+        w2 = omega + h / 2 * a1
+        a2 = turn(theta + h / 2 * omega, w2)
+        w3 = omega + h / 2 * a2
+        a3 = turn(theta + h / 2 * w2, w3)
+        w4 = omega + h * a3
+        a4 = turn(theta + h * w3, w4)
+        angles_[i + 1] = theta + h / 6 * (omega + 2 * w2 + 2 * w3 + w4)
+        rates[i + 1] = omega + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+    at_time, speed_at_time = _between(angles_, rates, (time[:, None] - start) / np.where(h == 0, 1, h), h)
+    return at_time, speed_at_time, angles_[-1], rates[-1]
+
+
+def _between(angle: Array, rate: Array, place: Array, h: Array) -> tuple[Array, Array]:
+    """Cubic Hermite interpolation at `place` (in steps, shape (n, batch)); shape (beads, n, batch)."""
+    k = np.clip(np.floor(place), 0, len(angle) - 2).astype(np.int64)
+    s = np.clip(place - k, 0, 1)
+    columns = np.arange(angle.shape[2])
+    a0, a1, w0, w1 = (
+        np.moveaxis(table[k + ahead, :, columns], 2, 0) for table in (angle, rate) for ahead in (0, 1)
+    )
+    value = (
+        (2 * s**3 - 3 * s**2 + 1) * a0
+        + (s**3 - 2 * s**2 + s) * h * w0
+        + (3 * s**2 - 2 * s**3) * a1
+        + (s**3 - s**2) * h * w1
+    )
+    return value, w0 + s * (w1 - w0)
+
+
+def fit_swings(tracks: Sequence[Track], *, most_collisions: int = 3) -> SwingFit:
+    """Fit the swing of bead A (``tracks[0]``) into bead B (``tracks[1]``) or, alone, into a wall.
+
+    Raises `NothingToMeasure` when there is no release, no collision, or too little of either to fit.
+    """
+    origin, unit = tracks[0].position[0], float(np.ptp(tracks[0].position[:, 0]))
+    if not unit > 0:
+        raise NothingToMeasure("Bead A never moves in this record; let the clip run from before the release.")
+    scaled = tuple(
+        replace(track, position=(track.position - origin) / unit, sigma=track.sigma / unit) for track in tracks
+    )
+    fit = _fit(_first_guess(scaled), scaled)
+    while fit.swings.collisions < most_collisions:
+        further = _with_next_collision(fit)
+        longer = None if further is None else _fit(further, scaled)
+        # where a later collision does not fit (the beads turn out of the plane, a track is lost) the earlier ones stand
+        if longer is None or longer.noise > 1.5 * fit.noise:
+            break
+        fit = longer
+    return _in_record_units(fit, tuple(tracks), origin, unit)
+
+
+def onset(track: Track) -> int | None:
+    """Index of the first point at which the body has clearly left its first place; None when it never does."""
+    first = np.median(track.position[:5], axis=0)
+    away = np.hypot(*(track.position - first).T)
+    moved = away > max(8 * jitter(track), 0.02 * float(np.percentile(away, 95)))
+    settled = moved[:-2] & moved[1:-1] & moved[2:]
+    if float(np.percentile(away, 95)) < 12 * jitter(track) or not np.any(settled):
+        return None
+    return int(np.argmax(settled))
+
+
+def jitter(track: Track) -> float:
+    """Noise of one coordinate [m] from the scatter of neighbouring points: an upper bound, for it takes in curvature."""
+    second = np.diff(track.position, n=2, axis=0)
+    return float(np.median(np.abs(second))) / (0.6745 * math.sqrt(6))
+
+
+def frame_interval(track: Track) -> float:
+    """[s]"""
+    return float(np.median(np.diff(track.time)))
+
+
+def fit_circle(points: Array) -> tuple[Array, float]:
+    """Centre and radius of the circle through an arc, robust against single wild points."""
+    from scipy.optimize import least_squares
+
+    # x^2 + y^2 = 2 a x + 2 b y + c is linear; its bias towards small circles is undone by the second, geometric fit
+    middle = points.mean(axis=0)
+    near = points - middle
+    a, b, c = np.linalg.lstsq(
+        np.column_stack([2 * near, np.ones(len(near))]), np.sum(near * near, axis=1), rcond=None
+    )[0]
+    size = math.sqrt(max(c + a * a + b * b, 1e-30))
+
+    def miss(circle: Array) -> Array:
+        return np.asarray(np.hypot(near[:, 0] - circle[0], near[:, 1] - circle[1]) - circle[2])
+
+    scatter = 1.4826 * float(np.median(np.abs(miss(np.array([a, b, size]))))) + 1e-9 * size
+    circle = least_squares(miss, [a, b, size], loss="soft_l1", f_scale=2 * scatter, x_scale=size).x
+    return middle + circle[:2], float(abs(circle[2]))
+
+
+def _first_guess(tracks: tuple[Track, ...]) -> Swings:
+    a = tracks[0]
+    start, hit = onset(a), _first_hit(tracks)
+    if start is None:
+        raise NothingToMeasure("Bead A never moves in this record; let the clip run from before the release.")
+    hit_time = float(tracks[-1].time[hit])
+    falling = np.arange(start, int(np.searchsorted(a.time, hit_time)))
+    if len(falling) < 6:
+        raise NothingToMeasure(
+            f"Only {len(falling)} frames lie between the release of bead A and the collision at {hit_time:.3f} s; "
+            "film at a higher rate, or let the clip begin before the release."
+        )
+    circles = [fit_circle(track.position) for track in tracks]
+    lowest = np.median(tracks[1].position[: max(hit, 1)], axis=0) if len(tracks) > 1 else a.position[hit]
+    down = lowest - circles[-1][0]
+    tilt = math.atan2(down[0], -down[1])
+    angle = [_angle(track, centre, tilt) for track, (centre, _) in zip(tracks, circles, strict=True)]
+    pull = _pull(a.time[falling], angle[0][falling])
+    release = float(np.median(angle[0][: max(start, 1)]))
+    fallen = abs(float(angle[0][start]) - release)
+    release_time = float(a.time[start]) - math.sqrt(2 * fallen / (pull * max(abs(math.sin(release)), 0.05)))
+    values = {
+        "tilt": tilt,
+        "gravity": pull * circles[0][1],
+        **{name: mean for name, (mean, _) in PRIORS.items()},
+        "release_angle": release,
+        "release_time": release_time,
+        "time_0": hit_time,
+    }
+    for bead, (centre, radius) in enumerate(circles):
+        values |= {f"pivot_x_{bead}": centre[0], f"pivot_y_{bead}": centre[1], f"length_{bead}": radius}
+        values[f"speed_0_{bead}"] = _slope(tracks[bead].time, angle[bead], hit_time, 0.5 / math.sqrt(pull))
+    beads = len(tracks)
+    return Swings(np.array([values[name] for name in Swings.names(beads, 1)]), beads, 1)
+
+
+def _first_hit(tracks: tuple[Track, ...]) -> int:
+    """Index into the last track of the first frame after the first collision."""
+    if len(tracks) > 1:
+        hit = onset(tracks[1])
+        if hit is None:
+            raise NothingToMeasure(
+                "Bead B never moves: there is no collision in this record; let the clip run on past the collision."
+            )
+        return hit
+    # a wall turns the bead around at full speed; at an end of its swing it turns slowly
+    track = tracks[0]
+    step = np.diff(track.position, axis=0)
+    kink = np.hypot(*np.diff(step, axis=0).T)
+    if len(kink) < 10 or np.max(kink) < 6 * np.percentile(kink, 80) + 6 * jitter(track):
+        raise NothingToMeasure("The bead never rebounds from a wall in this record; let the clip run past the impact.")
+    return int(np.argmax(kink > 0.5 * np.max(kink))) + 2
+
+
+def _angle(track: Track, centre: Array, tilt: float) -> Array:
+    away = track.position - centre
+    turned = np.arctan2(away[:, 0], -away[:, 1]) - tilt
+    return np.asarray((turned + math.pi) % (2 * math.pi) - math.pi)
+
+
+def _pull(time: Array, angle: Array) -> float:
+    """g/L [1/s^2] from the energy of a fall: omega^2 grows as 2 g/L cos(theta)."""
+    curve = np.polynomial.Polynomial.fit(time, angle, min(4, len(time) - 1))
+    energy = curve.deriv()(time) ** 2
+    slope = float(np.polynomial.Polynomial.fit(np.cos(curve(time)), energy, 1).convert().coef[-1])
+    if not slope > 0:
+        raise NothingToMeasure(
+            "Bead A does not gain speed as a falling pendulum does; let the clip begin before the release, upright."
+        )
+    return slope / 2
+
+
+def _slope(time: Array, angle: Array, start: float, span: float) -> float:
+    """Angular speed [rad/s] shortly after `start`."""
+    near = (time > start) & (time <= max(start + span, np.sort(time[time > start])[: 5][-1]))
+    if np.sum(near) < 3:
+        raise NothingToMeasure(f"The record ends right after the collision at {start:.3f} s; film on for one more swing.")
+    degree = 2 if np.sum(near) > 4 else 1
+    return float(np.polynomial.Polynomial.fit(time[near], angle[near], degree).deriv()(start))
+
+
+def _fit(swings: Swings, tracks: tuple[Track, ...]) -> SwingFit:
+    """Least squares with the priors; frames of contact, held frames and wild points stay out."""
+    from scipy.optimize import least_squares
+
+    weights = [_weights(track) for track in tracks]
+    wild = [~np.all(np.isfinite(track.position), axis=1) for track in tracks]
+    noise = 0.01 * float(swings["length_0"])
+    used: list[Mask] = []
+    for _ in range(6):
+        chosen = [_usable(swings, track, bead) & ~wild[bead] for bead, track in enumerate(tracks)]
+        if used and all(np.array_equal(old, new) for old, new in zip(used, chosen, strict=True)):
+            break
+        used = chosen
+        _enough(used, swings, tracks)
+
+        def miss(vector: Array, noise: float = noise, used: list[Mask] = used) -> Array:
+            return _misses(swings.batch(vector[:, None]), tracks, weights, used, noise)[:, 0]
+
+        def slopes(vector: Array, noise: float = noise, used: list[Mask] = used) -> Array:
+            columns, steps = _perturbed(swings.batch(vector))
+            table = _misses(swings.batch(columns), tracks, weights, used, noise)
+            return np.asarray((table[:, 1:] - table[:, :1]) / steps)
+
+        found = least_squares(miss, swings.vector, jac=slopes, method="lm", x_scale="jac", max_nfev=25)
+        swings = swings.batch(found.x)
+        residuals = _residuals(swings, tracks)
+        scaled = np.concatenate([(r * w[:, None])[u] for r, w, u in zip(residuals, weights, used, strict=True)])
+        spread = 1.4826 * float(np.median(np.abs(scaled)))
+        noise = max(float(np.sqrt(np.mean(scaled[np.abs(scaled) < 6 * spread + 1e-12] ** 2))), 1e-7)
+        wild = [
+            np.max(np.abs(r * w[:, None]), axis=1) > 6 * spread + 1e-9
+            for r, w in zip(residuals, weights, strict=True)
+        ]
+    covariance, parts = _covariance(swings, tracks, weights, used, noise, residuals)
+    return SwingFit(swings, tracks, tuple(used), tuple(residuals), noise, covariance, parts)
+
+
+def _weights(track: Track) -> Array:
+    """Relative weight of each point: one over its sigma, around one."""
+    sigma = track.sigma
+    if not np.all(np.isfinite(sigma)) or np.min(sigma) <= 0:
+        return np.ones(len(track.time))
+    return np.asarray(np.median(sigma) / sigma)
+
+
+def _usable(swings: Swings, track: Track, bead: int) -> Mask:
+    """Points in free swing: A after its release, none whose exposure may straddle a collision, none after the last."""
+    dt = frame_interval(track)
+    usable = track.time < _end_of_last_swing(swings) - dt
+    if bead == 0:
+        usable &= track.time > float(swings["release_time"]) + dt
+    for k in range(swings.collisions):
+        usable &= np.abs(track.time - float(swings[f"time_{k}"])) > dt
+    return np.asarray(usable)
+
+
+def _enough(used: list[Mask], swings: Swings, tracks: tuple[Track, ...]) -> None:
+    hit = float(swings["time_0"])
+    for mask, track in zip(used, tracks, strict=True):
+        after = int(np.sum(mask & (track.time > hit)))
+        if after < 5 or (track is tracks[0] and np.sum(mask & (track.time < hit)) < 5):
+            raise NothingToMeasure(
+                f"Too few frames show bead {track.body} swinging freely before and after the collision at {hit:.3f} s; "
+                "film at a higher rate, and for one swing past the collision."
+            )
+
+
+def _residuals(swings: Swings, tracks: tuple[Track, ...]) -> list[Array]:
+    return [
+        track.position - positions(swings.batch(swings.vector[:, None]), _track_angles(swings, track))[bead, :, 0]
+        for bead, track in enumerate(tracks)
+    ]
+
+
+def _track_angles(swings: Swings, track: Track) -> Array:
+    return angles(swings, track.time)[0]
+
+
+def _misses(
+    swings: Swings, tracks: tuple[Track, ...], weights: list[Array], used: list[Mask], noise: float
+) -> Array:
+    """Weighted misses of all used points and of the priors, shape (n, batch)."""
+    rows = []
+    time = np.unique(np.concatenate([track.time[mask] for track, mask in zip(tracks, used, strict=True)]))
+    seen = positions(swings, angles(swings, time)[0])
+    for bead, (track, weight, mask) in enumerate(zip(tracks, weights, used, strict=True)):
+        here = seen[bead, np.searchsorted(time, track.time[mask])]
+        miss = (track.position[mask][:, None] - here) * (weight[mask][:, None, None] / noise)
+        rows += [miss[..., 0], miss[..., 1]]
+    rows += [((swings[name] - mean) / deviation)[None] for name, (mean, deviation) in PRIORS.items()]
+    return np.concatenate(rows)
+
+
+def _perturbed(swings: Swings, steps: Array | None = None) -> tuple[Array, Array]:
+    """The vector and, one column each, the vector with one entry moved a little; shape (n, n + 1)."""
+    if steps is None:
+        steps = 1e-6 * np.maximum(np.abs(swings.vector), 0.1)
+    return swings.vector[:, None] + np.column_stack([np.zeros(len(steps)), np.diag(steps)]), steps
+
+
+def _covariance(
+    swings: Swings,
+    tracks: tuple[Track, ...],
+    weights: list[Array],
+    used: list[Mask],
+    noise: float,
+    residuals: list[Array],
+) -> tuple[Array, dict[str, Array]]:
+    """Covariance of the vector, and its parts: tracking noise, and each thing known beforehand only.
+
+    With information N from the data and P from the priors, C = (N + P)^-1 = C N C + sum of C P_i C.
+    """
+    columns, steps = _perturbed(swings)
+    table = _misses(swings.batch(columns), tracks, weights, used, noise)
+    slopes = (table[:, 1:] - table[:, :1]) / steps
+    count = len(slopes) - len(PRIORS)
+    # neighbouring residuals that go together (background, lens, texture) carry less information than their number says
+    data = slopes[:count].T @ slopes[:count] / _correlation(residuals, used)
+    causes = {"tracking": data}
+    for row, name in enumerate(PRIORS):
+        cause = _CAUSES[name]
+        causes[cause] = causes.get(cause, np.zeros_like(data)) + np.outer(slopes[count + row], slopes[count + row])
+    size = np.sqrt(np.diag(sum(causes.values(), np.zeros_like(data))))
+    inverse = np.linalg.inv(sum(causes.values(), np.zeros_like(data)) / np.outer(size, size)) / np.outer(size, size)
+    parts = {cause: inverse @ information @ inverse for cause, information in causes.items()}
+    return np.asarray(inverse), parts
+
+
+def _correlation(residuals: list[Array], used: list[Mask]) -> float:
+    """How many neighbouring residuals count as one: 1 + 2 sum of the autocorrelation up to its first zero."""
+    lengths = []
+    for residual, mask in zip(residuals, used, strict=True):
+        for series in residual[mask].T:
+            rest = series - np.mean(series)
+            total = float(rest @ rest)
+            together = 1.0
+            for lag in range(1, min(25, len(rest) // 3)):
+                rho = float(rest[lag:] @ rest[:-lag]) / total if total > 0 else 0.0
+                if rho <= 0:
+                    break
+                together += 2 * rho
+            lengths.append(together)
+    return max(float(np.mean(lengths)), 1.0)
+
+
+def _end_of_last_swing(swings: Swings) -> float:
+    """When the beads come together again after the last collision [s]."""
+    one = swings.batch(swings.vector.reshape(-1, 1))
+    start = float(swings[f"time_{swings.collisions - 1}"])
+    period = 2 * math.pi * math.sqrt(float(np.max(swings.per_bead("length"))) / float(swings["gravity"]))
+    time = start + np.linspace(0, 1.3 * period, 400)
+    angle, _ = angles(one, time)
+    at, _ = states_at_collision(one, swings.collisions - 1)
+    apart = (angle - at[:, None])[..., 0]
+    way = apart[0] if swings.beads == 1 else apart[1] - apart[0]
+    opened = len(time) // 6  # a fifth of a period after the collision: well apart, far from back together
+    closed = np.flatnonzero(way[opened:] * np.sign(way[opened]) <= 0)
+    return float(time[opened + closed[0]]) if len(closed) else float(time[-1])
+
+
+def _with_next_collision(fit: SwingFit) -> Swings | None:
+    """The fitted swings with a guess at the next collision; None when the record does not show it well."""
+    swings = fit.swings
+    hit = _end_of_last_swing(swings)
+    values = dict(zip(Swings.names(swings.beads, swings.collisions), swings.vector, strict=True))
+    pull = float(swings["gravity"] / swings["length_0"])
+    _, arriving = states_at_collision(swings.batch(swings.vector[:, None]), swings.collisions - 1)
+    k = swings.collisions
+    values[f"time_{k}"] = hit
+    for bead, track in enumerate(fit.tracks):
+        if np.sum(track.time > hit + 1.5 * frame_interval(track)) < 12:
+            return None
+        centre = np.array([swings[f"pivot_x_{bead}"], swings[f"pivot_y_{bead}"]])
+        angle = _angle(track, centre, float(swings["tilt"]))
+        values[f"speed_{k}_{bead}"] = _slope(track.time, angle, hit + frame_interval(track), 0.4 / math.sqrt(pull))
+    before = states_at_collision(swings.batch(swings.vector[:, None]), k - 1)[1]
+    approach = abs(float(np.ptp(before))) if swings.beads > 1 else abs(float(before[0, 0]))
+    # a soft collision hides in the noise and in the frames left out around it
+    leaving = np.ptp(swings.after(k - 1)) if swings.beads > 1 else abs(float(swings.after(k - 1)[0]))
+    if float(leaving) < 0.15 * approach:
+        return None
+    return Swings(np.array([values[name] for name in Swings.names(swings.beads, k + 1)]), swings.beads, k + 1)
+
+
+def _in_record_units(fit: SwingFit, tracks: tuple[Track, ...], origin: Array, unit: float) -> SwingFit:
+    names = Swings.names(fit.swings.beads, fit.swings.collisions)
+    lengths = np.array([unit if name.startswith(("pivot", "length", "gravity")) else 1.0 for name in names])
+    offset = np.array([origin["xy".index(name[6])] if name.startswith("pivot") else 0.0 for name in names])
+    both = np.outer(lengths, lengths)
+    return SwingFit(
+        fit.swings.batch(fit.swings.vector * lengths + offset),
+        tracks,
+        fit.used,
+        tuple(residual * unit for residual in fit.residuals),
+        fit.noise * unit,
+        fit.covariance * both,
+        {cause: part * both for cause, part in fit.parts.items()},
+    )

@@ -1,0 +1,587 @@
+"""Fields and kernels of the bulk engine: many spheres, half Verlet list, no atomics in the force sum.
+
+(`a[i] = a[i] + x` stands where `a[i] += x` would: Taichi makes the latter atomic.)
+
+A step has two passes.  *Pairs*: every pair of the list writes its force once, beside its own history.  *Beads*: each
+bead adds up the pairs it owns and the pairs that point to it, in list order, adds its walls, and moves.  No two
+threads ever write the same number, so the bits do not depend on how many there are.
+
+Beads are renumbered in cell order whenever the list is built anew (memory order is space order); `ident` keeps their
+names.  Between launches the state is: position at t, velocity and spin at t as predicted from the last
+accelerations, and those accelerations; the next pair pass evaluates the forces there and corrects the velocity
+(velocity Verlet; the prediction makes the damping second order in the step).
+
+Materials, walls, gravity and step are data, sizes come in a few classes: a new run does not recompile.
+"""
+
+from functools import cache
+
+import numpy as np
+
+from rigtwin.sim.engine.backend import ti
+from rigtwin.sim.engine.contact import LAW_SIZE, contact_forces
+from rigtwin.sim.engine.walls import WALL_SIZE, towards_wall
+
+KINDS, WALLS = 8, 16
+NEAR_WALLS = 4  # walls one bead can be near at once
+CELLS_PER_BEAD = 16
+FLAGS = 17  # steps of one multi-threaded burst, and one
+BURST = FLAGS - 1
+
+# columns of `numbers`
+STEP, SKIN, GRAVITY, LOW, HIGH, CELL, FLOOR, MOST_SPEED = 0, 1, 2, 5, 8, 11, 12, 13
+NUMBERS = 16
+# columns of `counts`
+BEADS, LISTED, LIVE_LIST, PAIRS, WALL_COUNT, CONSTANT_TORQUE, STATUS, CULPRIT, NX, NY, NZ, FALLEN, BUILDS, DONE = range(
+    14
+)
+COUNTS = 16
+# values of STATUS
+OK, PAIRS_FULL, WALLS_FULL, LEFT_DOMAIN, EXPLODED = range(5)
+# columns of an exported bead
+STATE_SIZE = 21  # position 3, velocity 3, spin 3, radius, mass, inertia, acceleration 3, angular 3, ident, kind, overlap
+
+
+@cache
+def arena(capacity: int, pair_capacity: int) -> "Arena":
+    """The arena of this size; fields are made once per process (Taichi dies after some 500 fields)."""
+    return Arena(capacity, pair_capacity)
+
+
+@ti.data_oriented
+class Arena:
+    """State of up to `capacity` beads and `pair_capacity` neighbouring pairs."""
+
+    def __init__(self, capacity, pair_capacity):
+        self.capacity = capacity
+        self.pair_capacity = pair_capacity
+        self.owner = None
+        self.cell_capacity = CELLS_PER_BEAD * capacity
+        self.place = ti.Vector.field(4, ti.f64, capacity)  # position, radius
+        self.motion = ti.Vector.field(4, ti.f64, capacity)  # velocity, mass
+        self.spin = ti.Vector.field(4, ti.f64, capacity)  # spin, inertia
+        self.push = ti.Vector.field(3, ti.f64, capacity)  # acceleration
+        self.twist = ti.Vector.field(3, ti.f64, capacity)  # angular acceleration
+        self.listed_at = ti.Vector.field(3, ti.f64, capacity)  # position when the list was built
+        self.tag = ti.Vector.field(2, ti.i32, capacity)  # ident, kind
+        self.worst = ti.field(ti.f64, capacity)  # largest overlap/radius seen by this slot's pairs and walls
+        self.near = ti.Vector.field(NEAR_WALLS, ti.i32, capacity)  # walls within reach, -1: none
+        self.wall_slip = ti.Vector.field(3, ti.f64, (capacity, NEAR_WALLS))
+        self.wall_roll = ti.Vector.field(3, ti.f64, (capacity, NEAR_WALLS))
+
+        self.spare = ti.Vector.field(STATE_SIZE, ti.f64, capacity)
+        self.spare_near = ti.Vector.field(NEAR_WALLS, ti.i32, capacity)
+        self.spare_history = ti.Vector.field(6 * NEAR_WALLS, ti.f64, capacity)
+
+        # two lists, of which LIVE_LIST is in force and the other is the last one or the next one
+        self.first = ti.field(ti.i32, (2, capacity + 1))  # first pair of a bead
+        self.partner = ti.field(ti.i32, (2, pair_capacity))
+        self.slip = ti.Vector.field(3, ti.f64, (2, pair_capacity))
+        self.roll = ti.Vector.field(3, ti.f64, (2, pair_capacity))
+        self.touching = ti.field(ti.i32, (2, pair_capacity))
+        self.pair_force = ti.Vector.field(9, ti.f64, pair_capacity)  # force and torque on the owner, torque on the other
+        self.pointed_first = ti.field(ti.i32, capacity + 1)  # first of the pairs that point to a bead
+        self.pointed = ti.field(ti.i32, pair_capacity)
+
+        self.cell_first = ti.field(ti.i32, self.cell_capacity + 1)
+        self.cell_of = ti.field(ti.i32, capacity)
+        self.order = ti.field(ti.i32, capacity)  # new number -> old number
+        self.fill = ti.field(ti.i32, capacity + 1)
+
+        self.numbers = ti.field(ti.f64, NUMBERS)
+        self.counts = ti.field(ti.i32, COUNTS)
+        self.stale = ti.field(ti.i32, FLAGS)
+        self.pair_law = ti.Vector.field(LAW_SIZE, ti.f64, (KINDS, KINDS))
+        self.wall_law = ti.Vector.field(LAW_SIZE, ti.f64, (KINDS, WALLS))
+        self.walls = ti.field(ti.f64, (WALLS, WALL_SIZE))
+
+    # ------------------------------------------------------------------ data in and out
+
+    @ti.kernel
+    def configure(
+        self,
+        numbers: ti.types.ndarray(),
+        counts: ti.types.ndarray(),
+        pair_law: ti.types.ndarray(),
+        wall_law: ti.types.ndarray(),
+        walls: ti.types.ndarray(),
+    ):
+        """Empty the arena and set everything that a run does not change."""
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            for c in range(NUMBERS):
+                self.numbers[c] = numbers[c]
+            for c in range(COUNTS):
+                self.counts[c] = counts[c]
+            for a in range(KINDS):
+                for c in ti.static(range(LAW_SIZE)):
+                    for b in range(KINDS):
+                        self.pair_law[a, b][c] = pair_law[a, b, c]
+                    for w in range(WALLS):
+                        self.wall_law[a, w][c] = wall_law[a, w, c]
+            for a, b in ti.ndrange(WALLS, WALL_SIZE):
+                self.walls[a, b] = walls[a, b]
+            self.first[0, 0] = 0
+            self.first[1, 0] = 0
+
+    @ti.kernel
+    def set_count(self, column: ti.i32, value: ti.i32):
+        self.counts[column] = value
+
+    @ti.kernel
+    def put(self, beads: ti.types.ndarray(), start: ti.i32, count: ti.i32):
+        """Write beads start ... start + count - 1 (columns as in STATE_SIZE); they are near no wall yet."""
+        ti.loop_config(serialize=True)
+        for k in range(count):
+            i = start + k
+            for c in ti.static(range(4)):
+                self.place[i][c] = beads[k, (0, 1, 2, 9)[c]]
+                self.motion[i][c] = beads[k, (3, 4, 5, 10)[c]]
+                self.spin[i][c] = beads[k, (6, 7, 8, 11)[c]]
+            for c in ti.static(range(3)):
+                self.push[i][c] = beads[k, 12 + c]
+                self.twist[i][c] = beads[k, 15 + c]
+            self.tag[i][0] = int(beads[k, 18])
+            self.tag[i][1] = int(beads[k, 19])
+            self.worst[i] = beads[k, 20]
+            for w in ti.static(range(NEAR_WALLS)):
+                self.near[i][w] = -1
+
+    @ti.kernel
+    def get(self, beads: ti.types.ndarray(), count: ti.i32):
+        """Read all beads (columns as in STATE_SIZE)."""
+        ti.loop_config(serialize=True)
+        for i in range(count):
+            for c in ti.static(range(4)):
+                beads[i, (0, 1, 2, 9)[c]] = self.place[i][c]
+                beads[i, (3, 4, 5, 10)[c]] = self.motion[i][c]
+                beads[i, (6, 7, 8, 11)[c]] = self.spin[i][c]
+            for c in ti.static(range(3)):
+                beads[i, 12 + c] = self.push[i][c]
+                beads[i, 15 + c] = self.twist[i][c]
+            beads[i, 18] = float(self.tag[i][0])
+            beads[i, 19] = float(self.tag[i][1])
+            beads[i, 20] = self.worst[i]
+
+    @ti.kernel
+    def get_walls(self, near: ti.types.ndarray(), count: ti.i32):
+        """Read the wall contacts: per slot wall number, slip 3, roll 3."""
+        ti.loop_config(serialize=True)
+        for i in range(count):
+            for w in ti.static(range(NEAR_WALLS)):
+                near[i, w, 0] = float(self.near[i][w])
+                for c in ti.static(range(3)):
+                    near[i, w, 1 + c] = self.wall_slip[i, w][c]
+                    near[i, w, 4 + c] = self.wall_roll[i, w][c]
+
+    @ti.kernel
+    def put_walls(self, near: ti.types.ndarray(), count: ti.i32):
+        ti.loop_config(serialize=True)
+        for i in range(count):
+            for w in ti.static(range(NEAR_WALLS)):
+                self.near[i][w] = int(near[i, w, 0])
+                for c in ti.static(range(3)):
+                    self.wall_slip[i, w][c] = near[i, w, 1 + c]
+                    self.wall_roll[i, w][c] = near[i, w, 4 + c]
+
+    @ti.kernel
+    def get_pairs(self, first: ti.types.ndarray(), pairs: ti.types.ndarray(), beads: ti.i32):
+        """Read the list in force: first pair of each bead; per pair partner, touching, slip 3, roll 3."""
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            live = self.counts[LIVE_LIST]
+            for i in range(beads + 1):
+                first[i] = self.first[live, i]
+            for p in range(self.first[live, beads]):
+                pairs[p, 0] = float(self.partner[live, p])
+                pairs[p, 1] = float(self.touching[live, p])
+                for c in ti.static(range(3)):
+                    pairs[p, 2 + c] = self.slip[live, p][c]
+                    pairs[p, 5 + c] = self.roll[live, p][c]
+
+    @ti.kernel
+    def put_pairs(self, first: ti.types.ndarray(), pairs: ti.types.ndarray(), beads: ti.i32):
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            live = self.counts[LIVE_LIST]
+            for i in range(beads + 1):
+                self.first[live, i] = first[i]
+            for p in range(first[beads]):
+                self.partner[live, p] = int(pairs[p, 0])
+                self.touching[live, p] = int(pairs[p, 1])
+                for c in ti.static(range(3)):
+                    self.slip[live, p][c] = pairs[p, 2 + c]
+                    self.roll[live, p][c] = pairs[p, 5 + c]
+            self.counts[LISTED] = beads
+
+    # ------------------------------------------------------------------ the list
+
+    @ti.func
+    def cell_coordinate(self, i, axis):
+        return int(ti.floor((self.place[i][axis] - self.numbers[LOW + axis]) / self.numbers[CELL]))
+
+    @ti.func
+    def sort_into_cells(self):
+        """Cell of every bead and the new order; beads below the floor are left out, beads outside are reported."""
+        beads = self.counts[BEADS]
+        nx, ny, nz = self.counts[NX], self.counts[NY], self.counts[NZ]
+        cells = nx * ny * nz
+        for c in range(cells + 1):
+            self.cell_first[c] = 0
+        kept = 0
+        for i in range(beads):
+            self.cell_of[i] = -1
+            if self.place[i][2] >= self.numbers[FLOOR]:
+                x, y, z = self.cell_coordinate(i, 0), self.cell_coordinate(i, 1), self.cell_coordinate(i, 2)
+                if ti.min(x, y, z, nx - 1 - x, ny - 1 - y, nz - 1 - z) < 0:
+                    self.counts[STATUS] = LEFT_DOMAIN
+                    self.counts[CULPRIT] = i
+                else:
+                    cell = (z * ny + y) * nx + x
+                    self.cell_of[i] = cell
+                    self.cell_first[cell + 1] = self.cell_first[cell + 1] + 1
+                    kept += 1
+        for c in range(cells):
+            self.cell_first[c + 1] = self.cell_first[c + 1] + self.cell_first[c]
+        for i in range(beads):
+            cell = self.cell_of[i]
+            if cell >= 0:
+                slot = self.cell_first[cell]
+                self.order[slot] = i
+                self.cell_first[cell] = slot + 1
+        # filling moved every start to the next cell's start
+        for k in range(cells):
+            c = cells - k
+            self.cell_first[c] = self.cell_first[c - 1]
+        self.cell_first[0] = 0
+        return kept
+
+    @ti.func
+    def list_pairs(self, kept):
+        """Write the next list in new numbers, history carried over; the list in force stays as it is."""
+        nx, ny, nz = self.counts[NX], self.counts[NY], self.counts[NZ]
+        following = 1 - self.counts[LIVE_LIST]
+        skin = self.numbers[SKIN]
+        pairs = 0
+        for a in range(kept):
+            i = self.order[a]
+            self.first[following, a] = pairs
+            cell = self.cell_of[i]
+            x = cell % nx
+            y = (cell // nx) % ny
+            z = cell // (nx * ny)
+            # own row from the next bead on, then the four rows that come later in cell order
+            for row in range(5):
+                dy, dz = row, 0
+                if row >= 2:
+                    dy, dz = row - 3, 1
+                if ti.min(y + dy, ny - 1 - y - dy, nz - 1 - z - dz) >= 0:
+                    line = ((z + dz) * ny + y + dy) * nx
+                    begin = self.cell_first[line + ti.max(x - 1, 0)]
+                    end = self.cell_first[line + ti.min(x + 1, nx - 1) + 1]
+                    if row == 0:
+                        begin = a + 1
+                    for b in range(begin, end):
+                        j = self.order[b]
+                        reach = self.place[i][3] + self.place[j][3] + skin
+                        gap2 = 0.0
+                        for c in ti.static(range(3)):
+                            gap2 += (self.place[i][c] - self.place[j][c]) ** 2
+                        if gap2 < reach * reach:
+                            if pairs < self.pair_capacity:
+                                self.partner[following, pairs] = b
+                                self.carry_history(i, j, following, pairs)
+                            pairs += 1
+        self.first[following, kept] = pairs
+        return pairs
+
+    @ti.func
+    def carry_history(self, i, j, following, new):
+        live = 1 - following
+        self.touching[following, new] = 0
+        self.slip[following, new] = ti.Vector([0.0, 0.0, 0.0])
+        self.roll[following, new] = ti.Vector([0.0, 0.0, 0.0])
+        owner, other = ti.min(i, j), ti.max(i, j)
+        if other < self.counts[LISTED]:
+            for p in range(self.first[live, owner], self.first[live, owner + 1]):
+                if self.partner[live, p] == other and self.touching[live, p] == 1:
+                    # seen from the other bead the history has the other sign
+                    sign = 1.0
+                    if owner != i:
+                        sign = -1.0
+                    self.touching[following, new] = 1
+                    self.slip[following, new] = sign * self.slip[live, p]
+                    self.roll[following, new] = sign * self.roll[live, p]
+
+    @ti.func
+    def renumber(self, kept):
+        for i in range(self.counts[BEADS]):
+            for c in ti.static(range(4)):
+                self.spare[i][c] = self.place[i][c]
+                self.spare[i][4 + c] = self.motion[i][c]
+                self.spare[i][8 + c] = self.spin[i][c]
+            for c in ti.static(range(3)):
+                self.spare[i][12 + c] = self.push[i][c]
+                self.spare[i][15 + c] = self.twist[i][c]
+            self.spare[i][18] = float(self.tag[i][0])
+            self.spare[i][19] = float(self.tag[i][1])
+            self.spare[i][20] = self.worst[i]
+            self.spare_near[i] = self.near[i]
+            for w in ti.static(range(NEAR_WALLS)):
+                for c in ti.static(range(3)):
+                    self.spare_history[i][6 * w + c] = self.wall_slip[i, w][c]
+                    self.spare_history[i][6 * w + 3 + c] = self.wall_roll[i, w][c]
+        for a in range(kept):
+            i = self.order[a]
+            for c in ti.static(range(4)):
+                self.place[a][c] = self.spare[i][c]
+                self.motion[a][c] = self.spare[i][4 + c]
+                self.spin[a][c] = self.spare[i][8 + c]
+            for c in ti.static(range(3)):
+                self.push[a][c] = self.spare[i][12 + c]
+                self.twist[a][c] = self.spare[i][15 + c]
+                self.listed_at[a][c] = self.spare[i][c]
+            self.tag[a][0] = int(self.spare[i][18])
+            self.tag[a][1] = int(self.spare[i][19])
+            self.worst[a] = self.spare[i][20]
+            self.list_walls(a, i)
+
+    @ti.func
+    def list_walls(self, a, i):
+        """Walls near bead `a`; history from its old number `i`."""
+        position = ti.Vector([self.place[a][0], self.place[a][1], self.place[a][2]])
+        reach = self.place[a][3] + 0.5 * self.numbers[SKIN]
+        found = 0
+        for s in ti.static(range(NEAR_WALLS)):
+            self.near[a][s] = -1
+        for w in range(self.counts[WALL_COUNT]):
+            distance, _direction = towards_wall(self.walls, w, position)
+            if distance < reach:
+                if found == NEAR_WALLS:
+                    self.counts[STATUS] = WALLS_FULL
+                    self.counts[CULPRIT] = a
+                else:
+                    self.near[a][found] = w
+                    self.wall_slip[a, found] = ti.Vector([0.0, 0.0, 0.0])
+                    self.wall_roll[a, found] = ti.Vector([0.0, 0.0, 0.0])
+                    for s in ti.static(range(NEAR_WALLS)):
+                        if self.spare_near[i][s] == w:
+                            for c in ti.static(range(3)):
+                                self.wall_slip[a, found][c] = self.spare_history[i][6 * s + c]
+                                self.wall_roll[a, found][c] = self.spare_history[i][6 * s + 3 + c]
+                    found += 1
+
+    @ti.func
+    def list_pointed(self, kept):
+        """For every bead the pairs that other beads own with it, in list order."""
+        live = self.counts[LIVE_LIST]
+        for i in range(kept + 1):
+            self.pointed_first[i] = 0
+        for p in range(self.counts[PAIRS]):
+            j = self.partner[live, p]
+            self.pointed_first[j + 1] = self.pointed_first[j + 1] + 1
+        for i in range(kept):
+            self.pointed_first[i + 1] = self.pointed_first[i + 1] + self.pointed_first[i]
+            self.fill[i] = self.pointed_first[i]
+        for p in range(self.counts[PAIRS]):
+            j = self.partner[live, p]
+            self.pointed[self.fill[j]] = p
+            self.fill[j] = self.fill[j] + 1
+
+    @ti.func
+    def build(self):
+        """Build the list anew and renumber; when anything does not fit, say so and leave all as it was."""
+        kept = self.sort_into_cells()
+        pairs = 0
+        if self.counts[STATUS] == OK:
+            pairs = self.list_pairs(kept)
+            if pairs > self.pair_capacity:
+                self.counts[STATUS] = PAIRS_FULL
+                self.counts[PAIRS] = pairs
+        if self.counts[STATUS] == OK:
+            self.renumber(kept)
+            self.counts[LIVE_LIST] = 1 - self.counts[LIVE_LIST]
+            self.counts[PAIRS] = pairs
+            self.counts[FALLEN] += self.counts[BEADS] - kept
+            self.counts[BEADS] = kept
+            self.counts[LISTED] = kept
+            self.counts[BUILDS] += 1
+            self.list_pointed(kept)
+            self.stale[0] = 0
+
+    # ------------------------------------------------------------------ the step
+
+    @ti.func
+    def meet(self, i):
+        """Forces of the pairs that bead `i` owns."""
+        live = self.counts[LIVE_LIST]
+        step = self.numbers[STEP]
+        constant_torque = self.counts[CONSTANT_TORQUE]
+        place, motion, spin = self.place[i], self.motion[i], self.spin[i]
+        kind = self.tag[i][1]
+        worst = 0.0
+        for p in range(self.first[live, i], self.first[live, i + 1]):
+            j = self.partner[live, p]
+            place_j = self.place[j]
+            between = ti.Vector([place_j[0] - place[0], place_j[1] - place[1], place_j[2] - place[2]])
+            both = place[3] + place_j[3]
+            distance2 = between.norm_sqr()
+            if distance2 < both * both:
+                motion_j, spin_j = self.motion[j], self.spin[j]
+                distance = ti.sqrt(distance2)
+                normal = between / distance
+                lever = distance * place[3] / both
+                lever_j = distance - lever
+                turning = ti.Vector([spin[0], spin[1], spin[2]])
+                turning_j = ti.Vector([spin_j[0], spin_j[1], spin_j[2]])
+                surface = ti.Vector([motion[0] - motion_j[0], motion[1] - motion_j[1], motion[2] - motion_j[2]])
+                surface += (lever * turning + lever_j * turning_j).cross(normal)
+                radius_eff = place[3] * place_j[3] / both
+                slip = ti.Vector([0.0, 0.0, 0.0])
+                roll = ti.Vector([0.0, 0.0, 0.0])
+                if self.touching[live, p] == 1:
+                    slip = self.slip[live, p]
+                    roll = self.roll[live, p]
+                force, torque, torque_j, slip, roll = contact_forces(
+                    both - distance, normal, surface, turning, turning_j, radius_eff,
+                    motion[3] * motion_j[3] / (motion[3] + motion_j[3]), place[3], place_j[3], spin[3], spin_j[3],
+                    2.0 * radius_eff, spin[3] * spin_j[3] / (spin[3] + spin_j[3]),
+                    self.pair_law[kind, self.tag[j][1]], slip, roll, step, constant_torque,
+                )  # fmt: skip
+                self.slip[live, p] = slip
+                self.roll[live, p] = roll
+                self.touching[live, p] = 1
+                turn = normal.cross(force)
+                for c in ti.static(range(3)):
+                    self.pair_force[p][c] = force[c]
+                    self.pair_force[p][3 + c] = lever * turn[c] + torque[c]
+                    self.pair_force[p][6 + c] = lever_j * turn[c] + torque_j[c]
+                worst = ti.max(worst, (both - distance) / (2.0 * radius_eff))
+            else:
+                self.touching[live, p] = 0
+        self.worst[i] = ti.max(self.worst[i], worst)
+
+    @ti.func
+    def move(self, i):
+        """Sum of all forces on bead `i`, its walls included, and its way to the next step; 1 when it left its skin."""
+        live = self.counts[LIVE_LIST]
+        step = self.numbers[STEP]
+        force = ti.Vector([0.0, 0.0, 0.0])
+        torque = ti.Vector([0.0, 0.0, 0.0])
+        for p in range(self.first[live, i], self.first[live, i + 1]):
+            if self.touching[live, p] == 1:
+                for c in ti.static(range(3)):
+                    force[c] += self.pair_force[p][c]
+                    torque[c] += self.pair_force[p][3 + c]
+        for q in range(self.pointed_first[i], self.pointed_first[i + 1]):
+            p = self.pointed[q]
+            if self.touching[live, p] == 1:
+                for c in ti.static(range(3)):
+                    force[c] -= self.pair_force[p][c]
+                    torque[c] += self.pair_force[p][6 + c]
+
+        place, motion, spin = self.place[i], self.motion[i], self.spin[i]
+        position = ti.Vector([place[0], place[1], place[2]])
+        velocity = ti.Vector([motion[0], motion[1], motion[2]])
+        turning = ti.Vector([spin[0], spin[1], spin[2]])
+        radius, mass, inertia = place[3], motion[3], spin[3]
+        for s in range(NEAR_WALLS):
+            w = self.near[i][s]
+            if w >= 0:
+                distance, normal = towards_wall(self.walls, w, position)
+                slip = ti.Vector([0.0, 0.0, 0.0])
+                roll = ti.Vector([0.0, 0.0, 0.0])
+                if distance < radius:
+                    drag, hold, _other, slip, roll = contact_forces(
+                        radius - distance, normal, velocity + distance * turning.cross(normal), turning,
+                        ti.Vector([0.0, 0.0, 0.0]), radius, mass, radius, radius, inertia, inertia, radius, inertia,
+                        self.wall_law[self.tag[i][1], w], self.wall_slip[i, s], self.wall_roll[i, s], step,
+                        self.counts[CONSTANT_TORQUE],
+                    )  # fmt: skip
+                    force += drag
+                    torque += distance * normal.cross(drag) + hold
+                    self.worst[i] = ti.max(self.worst[i], (radius - distance) / radius)
+                self.wall_slip[i, s] = slip
+                self.wall_roll[i, s] = roll
+
+        gravity = ti.Vector([self.numbers[GRAVITY], self.numbers[GRAVITY + 1], self.numbers[GRAVITY + 2]])
+        push = force / mass + gravity
+        twist = torque / inertia
+        velocity += 0.5 * step * (push - self.push[i])
+        turning += 0.5 * step * (twist - self.twist[i])
+        self.push[i] = push
+        self.twist[i] = twist
+        position += step * (velocity + 0.5 * step * push)
+        velocity += step * push
+        turning += step * twist
+        moved = 0.0
+        for c in ti.static(range(3)):
+            self.place[i][c] = position[c]
+            self.motion[i][c] = velocity[c]
+            self.spin[i][c] = turning[c]
+            moved += (position[c] - self.listed_at[i][c]) ** 2
+        if not (velocity.norm_sqr() < self.numbers[MOST_SPEED] ** 2):
+            self.counts[STATUS] = EXPLODED
+            self.counts[CULPRIT] = i
+        left_skin = 0
+        if moved > 0.25 * self.numbers[SKIN] ** 2:
+            left_skin = 1
+        return left_skin
+
+    @ti.kernel
+    def run_serial(self, steps: ti.i32):
+        """Up to `steps` steps on one thread, lists included; stops early when STATUS is no longer OK."""
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            done = 0
+            while done < steps and self.counts[STATUS] == OK:
+                if self.stale[0] == 1:
+                    self.build()
+                if self.counts[STATUS] == OK:
+                    beads = self.counts[BEADS]
+                    for i in range(beads):
+                        self.meet(i)
+                    left_skin = 0
+                    for i in range(beads):
+                        left_skin |= self.move(i)
+                    self.stale[0] = left_skin
+                    done += 1
+            self.counts[DONE] = done
+
+    @ti.kernel
+    def build_alone(self):
+        """The list for the multi-threaded step."""
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            if self.stale[0] == 1:
+                self.build()
+            for s in range(1, FLAGS):
+                self.stale[s] = 0
+
+    @ti.kernel
+    def run_step(self, s: ti.i32, beads: ti.i32):
+        """Step `s` of a burst on all threads; once a bead has left its skin the rest of the burst does nothing."""
+        for i in range(beads):
+            if self.stale[s] == 0:
+                self.meet(i)
+        for i in range(beads):
+            left_skin = 1
+            if self.stale[s] == 0:
+                left_skin = self.move(i)
+            if left_skin == 1:
+                self.stale[s + 1] = 1
+
+    @ti.kernel
+    def end_burst(self, length: ti.i32):
+        """Steps really made into DONE; the list's need into the first flag."""
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            done = 0
+            for s in range(length):
+                if self.stale[s] == 0:
+                    done += 1
+            self.stale[0] = self.stale[length]
+            self.counts[DONE] = done
+
+    def set_stale(self):
+        self.stale[0] = 1

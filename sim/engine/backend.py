@@ -1,0 +1,90 @@
+"""The one place where Taichi is imported and started; swap the engine's language here.
+
+Taichi talks on stdout (a banner at import, a line at start); stdout belongs to the result, so both are kept quiet.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import threading
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from rigtwin.lab.errors import BadInput, RigtwinError
+
+Device = Literal["cpu", "cuda"]
+
+os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # Taichi 1.7 asks for a deprecated locale call while it loads
+    import taichi
+
+ti: Any = taichi
+
+
+@dataclass(frozen=True)
+class Backend:
+    """Where the kernels run."""
+
+    device: Device
+    threads: int
+    note: str = ""  # why the device is not the one that was asked for
+
+
+_running: Backend | None = None
+
+
+def available_threads() -> int:
+    """Cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def start(threads: int | None = None, device: Device = "cpu") -> Backend:
+    """Start Taichi once per process and say where it runs; later calls return the running backend.
+
+    float64, no fast-math, compiled kernels cached on disk between processes.  `device` "cuda" falls back to the CPU
+    with a note where there is no CUDA device.  Never fork after this call: a forked child hangs, spawn it instead.
+    """
+    global _running  # noqa: PLW0603  Taichi itself is one global per process
+    if device not in ("cpu", "cuda"):
+        raise BadInput(f"device: {device!r} is unknown; use 'cpu' or 'cuda'.")
+    if threads is not None and threads < 1:
+        raise BadInput(f"threads: {threads} is too few; give at least 1.")
+    if _running is not None:
+        if device == "cuda" and _running.device == "cpu" and not _running.note:
+            raise RigtwinError("The engine already runs on the CPU in this process; start a new process for CUDA.")
+        return _running
+    if threading.current_thread() is not threading.main_thread():
+        raise RigtwinError("The engine must be started in the main thread; call it there, or in a process of its own.")
+    note = ""
+    if device == "cuda" and not _cuda_present():
+        device, note = "cpu", "no CUDA device was found; the engine runs on the CPU"
+    workers = threads or available_threads()
+    with _quiet_stdout():
+        ti.init(
+            arch=ti.cuda if device == "cuda" else ti.cpu,
+            default_fp=ti.f64,
+            fast_math=False,
+            offline_cache=True,
+            cpu_max_num_threads=workers,
+            log_level=ti.ERROR,
+            random_seed=0,
+        )
+    _running = Backend(device, workers, note)
+    return _running
+
+
+def _cuda_present() -> bool:
+    with _quiet_stdout(), contextlib.suppress(Exception):
+        return bool(taichi.lang.misc.is_arch_supported(ti.cuda))
+    return False
+
+
+@contextlib.contextmanager
+def _quiet_stdout() -> Iterator[None]:
+    """Send what is printed meanwhile, by Python or by Taichi's own library, to nowhere."""
+    with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):  # noqa: PTH123
+        yield

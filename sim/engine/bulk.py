@@ -1,0 +1,371 @@
+"""The bulk engine: thousands of spheres, walls, gravity.
+
+::
+
+    bed = Bulk([bead], contact, walls, low=(0, 0, 0), high=(0.1, 0.1, 0.2), time_step=3.6e-5)
+    bed.add(positions)
+    bed.run(20_000)
+    bed.beads().position
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.errors import BadInput, RigtwinError
+from rigtwin.lab.materials import Contact, Particle
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.rigs import GRAVITY
+from rigtwin.sim.engine import arena as at
+from rigtwin.sim.engine import backend
+from rigtwin.sim.engine.clock import positive
+from rigtwin.sim.engine.contact import LAW_SIZE, ROLLING, Rolling, pair_law
+from rigtwin.sim.engine.walls import WALL_SIZE, Vector, Wall, gaps
+
+Array = npt.NDArray[np.float64]
+
+SMALLEST_ARENA = 1024  # beads; arenas come in steps of four, so that few kernels are ever compiled
+PAIRS_PER_BEAD = 8  # half the neighbours of a bead, with room
+SKIN = 0.1  # of the largest diameter
+THREADED_FROM = 2000  # beads; below, one thread is faster than the launches cost
+LAUNCH_SECONDS = 0.25  # kernels come back at least twice a second, so that progress and Ctrl-C work
+OVERLAP_AT_START = 1e-3  # of a radius; more is a blunder
+
+
+class SimulationFailed(RigtwinError):
+    """A running simulation broke down; the message names the bead and the time."""
+
+
+@dataclass(frozen=True)
+class Beads:
+    """State of all beads, in the order of their names."""
+
+    ident: npt.NDArray[np.int64]  # number in the order of adding
+    kind: npt.NDArray[np.int64]  # index of the particle
+    position: Array  # [m], shape (n, 3)
+    velocity: Array  # [m/s], shape (n, 3)
+    spin: Array  # [rad/s], shape (n, 3)
+    radius: Array  # [m]
+    mass: Array  # [kg]
+
+    @property
+    def kinetic_energy(self) -> float:
+        """Of translation and rotation [J]."""
+        inertia = 0.4 * self.mass * self.radius**2
+        return float(0.5 * np.sum(self.mass * (self.velocity**2).sum(1) + inertia * (self.spin**2).sum(1)))
+
+
+class Bulk:
+    """Spheres of some kinds among walls, in a box that none may leave."""
+
+    def __init__(
+        self,
+        particles: Sequence[Particle],
+        contacts: Contact | Mapping[tuple[int, int], Contact],
+        walls: Sequence[Wall | Sequence[Wall]] = (),
+        *,
+        low: Vector,
+        high: Vector,
+        time_step: float,
+        gravity: Vector = (0.0, 0.0, -GRAVITY),
+        rolling: Rolling = "type C",
+        skin: float = SKIN,
+        floor: float = -math.inf,
+        threads: int | None = None,
+        capacity: int = SMALLEST_ARENA,
+        pair_capacity: int | None = None,
+    ) -> None:
+        """`particles` are the kinds; `contacts` one for all, or one per pair of kinds (a, b), a <= b.
+
+        A wall may be a sequence with one `Wall` (same shape) per kind.  `low` and `high` [m] bound the domain; beads
+        below `floor` [m] are taken out and counted as fallen.  `skin` is in units of the largest diameter.
+        """
+        positive(time_step=time_step, skin=skin)
+        self._particles = tuple(particles)
+        self._walls = [tuple(wall) if isinstance(wall, Sequence) else (wall,) * len(particles) for wall in walls]
+        self._check_sizes(low, high, rolling)
+        self.time_step = time_step
+        self.steps = 0
+        self._added = 0
+        self._floor = floor
+        self._threads = backend.start().threads if threads is None else threads
+        backend.start()
+        self._skin = skin * 2 * max(particle.radius for particle in particles)
+        self._low, self._high = np.array(low, dtype=float), np.array(high, dtype=float)
+        self._gravity = gravity
+        self._rolling = rolling
+        self._laws = self._pair_table(contacts), self._wall_table()
+        self._shapes = np.zeros((at.WALLS, WALL_SIZE))
+        for k, wall in enumerate(self._walls):
+            self._shapes[k] = wall[0].shape.row
+        size = _arena_size(capacity)
+        self._rate = 200.0 / LAUNCH_SECONDS  # steps per second, learnt from the launches
+        self._enter(at.arena(size, pair_capacity or PAIRS_PER_BEAD * size))
+
+    # ------------------------------------------------------------------ what a user does
+
+    def add(
+        self,
+        position: Array,
+        velocity: Array | None = None,
+        spin: Array | None = None,
+        *,
+        kind: int = 0,
+        overlap: float = OVERLAP_AT_START,
+    ) -> None:
+        """Add beads of one kind at `position` [m], shape (k, 3); overlaps above `overlap` radii are refused."""
+        position = np.ascontiguousarray(position, dtype=np.float64).reshape(-1, 3)
+        count = len(position)
+        velocity = np.zeros((count, 3)) if velocity is None else np.broadcast_to(velocity, (count, 3))
+        spin = np.zeros((count, 3)) if spin is None else np.broadcast_to(spin, (count, 3))
+        particle = self._particles[kind]
+        self._check_new(position, velocity, spin, particle, kind, overlap)
+        before = self._count(at.BEADS)
+        if before + count > self._arena.capacity:
+            self._grow(_arena_size(before + count), self._arena.pair_capacity)
+        rows = np.zeros((count, at.STATE_SIZE))
+        rows[:, 0:3], rows[:, 3:6], rows[:, 6:9] = position, velocity, spin
+        rows[:, 9:12] = particle.radius, particle.mass, 0.4 * particle.mass * particle.radius**2
+        rows[:, 12:15] = self._gravity  # a bead that touches nothing falls
+        rows[:, 18] = np.arange(self._added, self._added + count)
+        rows[:, 19] = kind
+        self._arena.put(rows, before, count)
+        self._arena.set_count(at.BEADS, before + count)
+        self._arena.set_stale()
+        self._added += count
+
+    def run(self, steps: int, progress: Progress = silent) -> None:
+        """Make `steps` steps.  Raises `SimulationFailed` when a bead leaves the domain or the energy explodes."""
+        self._mine()
+        left = steps
+        while left > 0:
+            burst = int(min(left, max(1.0, self._rate * LAUNCH_SECONDS)))
+            began = time.perf_counter()
+            done = self._launch(burst)
+            self._rate = max(1, done) / max(time.perf_counter() - began, 1e-6)
+            self.steps += done
+            left -= done
+            self._answer_trouble()
+            progress("simulating", float(steps - left), float(steps))
+
+    def beads(self) -> Beads:
+        """State of all beads now."""
+        rows = self._rows()
+        rows = rows[np.argsort(rows[:, 18], kind="stable")]
+        return Beads(
+            ident=rows[:, 18].astype(np.int64),
+            kind=rows[:, 19].astype(np.int64),
+            position=rows[:, 0:3].copy(),
+            velocity=rows[:, 3:6].copy(),
+            spin=rows[:, 6:9].copy(),
+            radius=rows[:, 9].copy(),
+            mass=rows[:, 10].copy(),
+        )
+
+    @property
+    def time(self) -> float:
+        """[s]"""
+        return self.steps * self.time_step
+
+    @property
+    def fallen(self) -> int:
+        """Beads that fell below the floor and were taken out."""
+        return self._count(at.FALLEN)
+
+    @property
+    def lists_built(self) -> int:
+        """How often the neighbour list was built."""
+        return self._count(at.BUILDS)
+
+    @property
+    def largest_overlap(self) -> float:
+        """Largest overlap so far, in radii (twice the effective radius between beads)."""
+        rows = self._rows()
+        return float(rows[:, 20].max()) if len(rows) else 0.0
+
+    @property
+    def contacts(self) -> int:
+        """Pairs of beads that touch now."""
+        beads = self._count(at.LISTED)
+        _first, pairs = self._pairs(beads)
+        return int(pairs[:, 1].sum())
+
+    # ------------------------------------------------------------------ set-up
+
+    def _check_sizes(self, low: Vector, high: Vector, rolling: Rolling) -> None:
+        if not 1 <= len(self._particles) <= at.KINDS:
+            raise BadInput(f"particles: {len(self._particles)} kinds were given; possible are 1 to {at.KINDS}.")
+        if len(self._walls) > at.WALLS:
+            raise BadInput(f"walls: {len(self._walls)} were given; at most {at.WALLS} are possible.")
+        if any(len(wall) != len(self._particles) for wall in self._walls):
+            raise BadInput("walls: a wall given per kind needs one entry for every kind of particle.")
+        if rolling not in ROLLING:
+            raise BadInput(f"rolling: {rolling!r} is unknown; use one of {', '.join(map(repr, ROLLING))}.")
+        if not (np.all(np.isfinite([low, high])) and np.all(np.less(low, high))):
+            raise BadInput(f"domain: low {low} must lie below high {high} on every axis, and both must be finite.")
+
+    def _pair_table(self, contacts: Contact | Mapping[tuple[int, int], Contact]) -> Array:
+        table = np.zeros((at.KINDS, at.KINDS, LAW_SIZE))
+        for a, one in enumerate(self._particles):
+            for b, other in enumerate(self._particles):
+                contact = contacts if isinstance(contacts, Contact) else contacts.get((min(a, b), max(a, b)))
+                if contact is None:
+                    raise BadInput(f"contacts: the pair {one.name}-{other.name} has none; give its Contact.")
+                table[a, b] = pair_law(one.material, other.material, contact).row
+        return table
+
+    def _wall_table(self) -> Array:
+        table = np.zeros((at.KINDS, at.WALLS, LAW_SIZE))
+        for k, wall in enumerate(self._walls):
+            for a, particle in enumerate(self._particles):
+                table[a, k] = pair_law(particle.material, wall[a].material, wall[a].contact).row
+        return table
+
+    def _enter(self, arena: at.Arena) -> None:
+        """Take an arena for this simulation; whoever had it before has lost it."""
+        extent = self._high - self._low
+        cell = 2 * max(particle.radius for particle in self._particles) + self._skin
+        cells = np.maximum(1, np.ceil(extent / cell))
+        while cells.prod() > arena.cell_capacity:
+            cell *= 1.1
+            cells = np.maximum(1, np.ceil(extent / cell))
+        numbers = np.zeros(at.NUMBERS)
+        numbers[at.STEP], numbers[at.SKIN], numbers[at.CELL], numbers[at.FLOOR] = (
+            self.time_step, self._skin, cell, max(self._floor, -1e30),
+        )  # fmt: skip
+        numbers[at.GRAVITY : at.GRAVITY + 3] = self._gravity
+        numbers[at.LOW : at.LOW + 3], numbers[at.HIGH : at.HIGH + 3] = self._low, self._high
+        # no bead may cross a fifth of its radius in a step: contacts would be missed, energy would explode
+        numbers[at.MOST_SPEED] = 0.2 * min(particle.radius for particle in self._particles) / self.time_step
+        counts = np.zeros(at.COUNTS, dtype=np.int32)
+        counts[at.WALL_COUNT] = len(self._walls)
+        counts[at.CONSTANT_TORQUE] = int(self._rolling == ROLLING[0])
+        counts[at.NX], counts[at.NY], counts[at.NZ] = cells
+        arena.configure(numbers, counts, *self._laws, self._shapes)
+        arena.owner = self
+        self._arena = arena
+
+    def _check_new(
+        self, position: Array, velocity: Array, spin: Array, particle: Particle, kind: int, overlap: float
+    ) -> None:
+        first = self._added
+        finite = np.isfinite(position).all(1) & np.isfinite(velocity).all(1) & np.isfinite(spin).all(1)
+        if not finite.all():
+            raise BadInput(f"bead {first + int(np.argmin(finite))}: position, velocity or spin is not a finite number.")
+        inside = ((position >= self._low) & (position <= self._high)).all(1)
+        if not inside.all():
+            bad = int(np.argmin(inside))
+            raise BadInput(f"bead {first + bad} starts outside the domain, at {np.round(position[bad], 6).tolist()} m.")
+        radii = np.full(len(position), particle.radius)
+        tolerance = overlap * particle.radius
+        for wall in self._walls:
+            gap = gaps(wall[kind].shape, position, radii)
+            if len(gap) and gap.min() < -tolerance:
+                bad = int(np.argmin(gap))
+                raise BadInput(f"bead {first + bad} starts {-gap[bad] * 1e3:.3g} mm inside a wall; move it out.")
+        self._check_overlaps(position, radii, tolerance)
+
+    def _check_overlaps(self, position: Array, radii: Array, tolerance: float) -> None:
+        from scipy.spatial import cKDTree
+
+        old = self._rows()
+        centres, sizes = np.vstack([old[:, 0:3], position]), np.concatenate([old[:, 9], radii])
+        names = np.concatenate([old[:, 18].astype(int), np.arange(self._added, self._added + len(position))])
+        near = cKDTree(centres).query_pairs(2 * sizes.max(), output_type="ndarray")
+        near = near[near[:, 1] >= len(old)]
+        gap = np.linalg.norm(centres[near[:, 0]] - centres[near[:, 1]], axis=1) - sizes[near].sum(1)
+        if len(gap) and gap.min() < -tolerance:
+            a, b = names[near[np.argmin(gap)]]
+            raise BadInput(f"beads {a} and {b} overlap at the start by {-gap.min() * 1e3:.3g} mm; move them apart.")
+
+    # ------------------------------------------------------------------ running
+
+    def _launch(self, steps: int) -> int:
+        """Make up to `steps` steps and say how many were made."""
+        arena = self._arena
+        beads = self._count(at.BEADS)
+        if self._threads == 1 or beads < THREADED_FROM:
+            arena.run_serial(steps)
+            return self._count(at.DONE)
+        done = 0
+        while done < steps:
+            arena.build_alone()
+            beads = self._count(at.BEADS)
+            length = min(at.BURST, steps - done)
+            if self._count(at.STATUS) != at.OK:
+                break
+            for s in range(length):
+                arena.run_step(s, beads)
+            arena.end_burst(length)
+            done += self._count(at.DONE)
+        return done
+
+    def _answer_trouble(self) -> None:
+        status = self._count(at.STATUS)
+        if status == at.OK:
+            return
+        if status == at.PAIRS_FULL:
+            self._grow(self._arena.capacity, 4 * self._arena.pair_capacity)
+            return
+        row = self._rows()[self._count(at.CULPRIT)]
+        where = f"bead {int(row[18])} at t = {self.time:.6g} s, position {np.round(row[0:3], 6).tolist()} m"
+        raise SimulationFailed(
+            {
+                at.LEFT_DOMAIN: f"A bead left the domain: {where}; make the domain larger or close the walls.",
+                at.WALLS_FULL: f"A bead is near more than {at.NEAR_WALLS} walls at once: {where}.",
+                at.EXPLODED: f"The energy exploded: {where}, speed {np.linalg.norm(row[3:6]):.3g} m/s; "
+                "use a smaller time step.",
+            }[status]
+        )
+
+    def _grow(self, capacity: int, pair_capacity: int) -> None:
+        """Move to a larger arena, history and all."""
+        old, beads, listed = self._arena, self._count(at.BEADS), self._count(at.LISTED)
+        rows, near, (first, pairs) = self._rows(), self._near(beads), self._pairs(listed)
+        kept = {column: self._count(column) for column in (at.FALLEN, at.BUILDS)}
+        self._enter(at.arena(capacity, max(pair_capacity, PAIRS_PER_BEAD * capacity)))
+        for column, value in {**kept, at.BEADS: beads}.items():
+            self._arena.set_count(column, value)
+        self._arena.put(rows, 0, beads)
+        self._arena.put_walls(near, beads)
+        self._arena.put_pairs(first, pairs, listed)
+        self._arena.set_stale()
+        old.owner = None
+
+    def _count(self, column: int) -> int:
+        self._mine()
+        return int(self._arena.counts[column])
+
+    def _rows(self) -> Array:
+        beads = self._count(at.BEADS)
+        rows = np.zeros((max(beads, 1), at.STATE_SIZE))
+        self._arena.get(rows, beads)
+        return rows[:beads]
+
+    def _near(self, beads: int) -> Array:
+        near = np.zeros((max(beads, 1), at.NEAR_WALLS, 7))
+        self._arena.get_walls(near, beads)
+        return near
+
+    def _pairs(self, beads: int) -> tuple[npt.NDArray[np.int32], Array]:
+        first = np.zeros(beads + 1, dtype=np.int32)
+        pairs = np.zeros((self._arena.pair_capacity, 8))
+        self._arena.get_pairs(first, pairs, beads)
+        return first, pairs[: max(1, int(first[beads]))]
+
+    def _mine(self) -> None:
+        if self._arena.owner is not self:
+            raise RigtwinError("This simulation's arena was taken by a later one; run them one after the other.")
+
+
+def _arena_size(beads: int) -> int:
+    size = SMALLEST_ARENA
+    while size < beads:
+        size *= 4
+    return size

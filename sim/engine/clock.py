@@ -1,0 +1,33 @@
+"""The step in time, from Rayleigh's, and when a run is accurate enough."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import Particle
+
+USUAL, DOUBTFUL, UNSTABLE = 0.30, 0.40, 0.80  # parts of Rayleigh's step
+
+
+def time_step(particles: Sequence[Particle], fraction: float = USUAL) -> tuple[float, tuple[str, ...]]:
+    """Step [s] as a fraction of the smallest Rayleigh step (Hlosta et al. 2020, eq. 7), with what speaks against it."""
+    if not (math.isfinite(fraction) and fraction > 0):
+        raise BadInput(f"time_step_fraction must be a positive number, got {fraction:g}.")
+    if fraction > UNSTABLE:
+        raise BadInput(
+            f"time_step_fraction: {fraction:.0%} of Rayleigh's step is unstable; "
+            f"give at most {UNSTABLE:.0%} (usual: {USUAL:.0%})."
+        )
+    warnings: tuple[str, ...] = ()
+    if fraction > DOUBTFUL:
+        warnings = (f"the time step is {fraction:.0%} of Rayleigh's; above {DOUBTFUL:.0%} contacts lose accuracy",)
+    return fraction * min(particle.rayleigh_time_step for particle in particles), warnings
+
+
+def positive(**values: float) -> None:
+    """Raise `BadInput` naming the first value that is not a finite, positive number."""
+    for name, value in values.items():
+        if not (math.isfinite(value) and value > 0):
+            raise BadInput(f"{name} must be a positive number, got {value:g}.")

@@ -1,0 +1,151 @@
+"""Forces in one contact: Hertz-Mindlin with tangential history, and rolling resistance.
+
+One law serves every pair, sphere on sphere and sphere on wall, in the few-body path and in the bulk engine.
+The first half prepares the numbers of a pair of materials; the second half is the Taichi function that uses them.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from rigtwin.lab.materials import Contact, Material
+from rigtwin.sim.engine.backend import ti
+
+Rolling = Literal["type A", "type C"]
+ROLLING: tuple[Rolling, ...] = ("type A", "type C")
+
+# columns of a table of pair laws
+STIFFNESS, SHEAR, DAMPING, FRICTION, ROLLING_FRICTION = range(5)
+LAW_SIZE = 5
+
+ROLLING_DAMPING = 0.3  # fraction of critical, below the torque limit (Ai et al. 2011, section 3.3)
+
+
+@dataclass(frozen=True)
+class PairLaw:
+    """What the contact law needs of two materials and their contact."""
+
+    effective_modulus: float  # E* [Pa]
+    effective_shear: float  # G* [Pa]
+    damping: float  # 2 sqrt(5/6) psi [1]
+    friction: float  # [1]
+    rolling_friction: float  # [1]
+
+    @property
+    def row(self) -> tuple[float, ...]:
+        return (self.effective_modulus, self.effective_shear, self.damping, self.friction, self.rolling_friction)
+
+
+def pair_law(one: Material, other: Material, contact: Contact) -> PairLaw:
+    """Effective moduli of two materials (Hlosta et al. 2020, section 2.1) and the damping of their contact."""
+    e_star = 1 / (
+        (1 - one.poisson_ratio**2) / one.youngs_modulus + (1 - other.poisson_ratio**2) / other.youngs_modulus
+    )
+    g_star = 1 / ((2 - one.poisson_ratio) / one.shear_modulus + (2 - other.poisson_ratio) / other.shear_modulus)
+    return PairLaw(
+        effective_modulus=e_star,
+        effective_shear=g_star,
+        damping=2 * math.sqrt(5 / 6) * damping_ratio(contact.restitution),
+        friction=contact.static_friction,
+        rolling_friction=contact.rolling_friction,
+    )
+
+
+def damping_ratio(restitution: float) -> float:
+    """Damping ratio psi of a Hertz contact without tension that returns this restitution, at any speed.
+
+    With y = x^(5/4) and d(tau) = x^(1/4) dt the damped Hertz oscillator becomes the linear one (Antypov and Elliott
+    2011, EPL 94, 50004).  The contact lets go when its force reaches zero, not its overlap (Schwager and Poeschel
+    2007), which gives, with psi = sin(a) below and psi = cosh(b) above critical damping::
+
+        -ln e = (pi - 2 a) tan(a)        e >= exp(-2)
+        -ln e = 2 b coth(b)              e <  exp(-2)
+
+    The usual psi = -ln e / sqrt(pi^2 + ln^2 e) lets the contact pull, and returns 0.487 for 0.42 once it may not.
+
+    >>> damping_ratio(1.0)
+    0.0
+    """
+    if restitution == 1:
+        return 0.0
+    loss = -math.log(restitution)
+    if loss == 2:
+        return 1.0
+    if loss < 2:
+        a = _root(lambda a: (math.pi - 2 * a) * math.tan(a) - loss, 0.0, math.pi / 2 * (1 - 1e-12))
+        return math.sin(a)
+    b = _root(lambda b: 2 * b / math.tanh(b) - loss, 1e-9, loss)
+    return math.cosh(b)
+
+
+def _root(function: "object", low: float, high: float) -> float:
+    from scipy.optimize import brentq
+
+    return float(brentq(function, low, high, xtol=1e-15, rtol=1e-14))
+
+
+@ti.func
+def turned(vector, normal):
+    """A tangential history vector carried into the tangent plane of the turned contact, its length kept."""
+    flat = vector - normal * vector.dot(normal)
+    length2 = flat.norm_sqr()
+    if length2 > 0.0:
+        flat *= ti.sqrt(vector.norm_sqr() / length2)
+    return flat
+
+
+@ti.func
+def contact_forces(
+    overlap, normal, velocity, spin_i, spin_j, radius_eff, mass_eff, radius_i, radius_j, inertia_i, inertia_j,
+    rolling_radius, rolling_inertia, law, slip, roll, step, constant_torque,
+):  # fmt: skip
+    """Hertz-Mindlin force on body i and the torques that rolling resistance adds on i and j.
+
+    `normal` points from i to j, `velocity` [m/s] is that of i's surface relative to j's at the contact, `slip` [m]
+    and `roll` [rad] are the stored histories.  Stiffnesses S_n = 2 E* sqrt(R* d), S_t = 8 G* sqrt(R* d); spring
+    2/3 S_n d; dashpots 2 sqrt(5/6) psi sqrt(S m*) v; no tension; |F_t| <= mu F_n (Hlosta et al. 2020, eqs 1 and 2
+    with the velocity outside the root).
+
+    Rolling resistance, torque limit mu_r F_n R on each sphere (EDEM's convention): type A acts against each body's
+    own spin, type C is an elastic-plastic spring-dashpot against the relative rolling (Ai et al. 2011) with spring
+    S_t R^2.  Returns force on i, torque on i, torque on j, new slip, new roll.
+    """
+    root = ti.sqrt(radius_eff * overlap)
+    stiff_n = 2.0 * law[STIFFNESS] * root
+    stiff_t = 8.0 * law[SHEAR] * root
+    closing = velocity.dot(normal)
+    push = ti.max(0.0, stiff_n * overlap * (2.0 / 3.0) + law[DAMPING] * ti.sqrt(stiff_n * mass_eff) * closing)
+
+    sliding = velocity - closing * normal
+    new_slip = turned(slip, normal) + sliding * step
+    drag = -stiff_t * new_slip - law[DAMPING] * ti.sqrt(stiff_t * mass_eff) * sliding
+    limit = law[FRICTION] * push
+    drag2 = drag.norm_sqr()
+    if drag2 > limit * limit:
+        drag *= limit / ti.sqrt(drag2)
+        new_slip = -drag / stiff_t
+
+    torque_i = ti.Vector([0.0, 0.0, 0.0])
+    torque_j = ti.Vector([0.0, 0.0, 0.0])
+    new_roll = ti.Vector([0.0, 0.0, 0.0])
+    if law[ROLLING_FRICTION] > 0.0:
+        grip = law[ROLLING_FRICTION] * push
+        if constant_torque == 1:
+            # never more than stops the spin within the step
+            speed_i = spin_i.norm() + 1e-30
+            speed_j = spin_j.norm() + 1e-30
+            torque_i = -ti.min(grip * radius_i, inertia_i * speed_i / step) / speed_i * spin_i
+            torque_j = -ti.min(grip * radius_j, inertia_j * speed_j / step) / speed_j * spin_j
+        else:
+            rate = spin_i - spin_j
+            rate -= rate.dot(normal) * normal
+            stiff_r = stiff_t * rolling_radius * rolling_radius
+            new_roll = turned(roll, normal) + rate * step
+            torque_i = -stiff_r * new_roll - 2.0 * ROLLING_DAMPING * ti.sqrt(stiff_r * rolling_inertia) * rate
+            most = grip * rolling_radius
+            torque2 = torque_i.norm_sqr()
+            if torque2 > most * most:
+                torque_i *= most / ti.sqrt(torque2)
+                new_roll = -torque_i / stiff_r
+            torque_j = -torque_i
+    return drag - push * normal, torque_i, torque_j, new_slip, new_roll

@@ -1,0 +1,72 @@
+"""What is said of the camera, as options and keys say it."""
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rigtwin.lab.camera import Camera, Moment, known_length, moment, region
+from rigtwin.lab.errors import BadInput, BadQuantity
+
+PIXELS = st.integers(0, 4000)
+
+
+@settings(deadline=None, derandomize=True)
+@given(x=PIXELS, y=PIXELS, distance=st.integers(1, 3000), angle=st.floats(0, 2 * math.pi))
+def test_a_known_length_gives_the_same_scale_in_any_direction(x, y, distance, angle):
+    x2, y2 = x + distance * math.cos(angle), y + distance * math.sin(angle)
+    line = known_length(f"100 mm:{x},{y},{x2},{y2}")
+    assert line.scale == pytest.approx(0.1 / distance, rel=1e-9)
+    assert Camera(known_length=line).given_scale == line.scale
+
+
+def test_a_given_scale_goes_before_a_known_length():
+    camera = Camera(scale=2e-4, known_length=known_length("100mm:0,0,100,0"))
+    assert camera.given_scale == 2e-4
+
+
+def test_a_camera_of_which_nothing_is_said_has_no_scale():
+    assert Camera().given_scale is None
+
+
+@pytest.mark.parametrize(
+    "text", ["100mm:10,20,10,20", "0mm:0,0,10,0", "-5mm:0,0,10,0", "100mm", "100mm:1,2,3", "100Hz:0,0,10,0", ":0,0,1,1"]
+)
+def test_a_known_length_that_spans_nothing_is_refused(text):
+    with pytest.raises(BadQuantity):
+        known_length(text)
+
+
+def test_a_region_is_read_in_the_order_x_y_width_height():
+    assert region("10, 20, 300,400") == (10, 20, 300, 400)
+
+
+@pytest.mark.parametrize("text", ["1,2,3", "1,2,0,4", "1,2,3,-4", "a,b,c,d", "", "1,2,3,4,5"])
+def test_an_empty_or_malformed_region_is_refused(text):
+    with pytest.raises(BadQuantity):
+        region(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("12 frames", Moment(12, "frame")),
+        ("12f", Moment(12, "frame")),
+        ("1 min", Moment(60, "s")),
+        (0.5, Moment(0.5, "s")),
+    ],
+)
+def test_a_moment_is_a_time_or_a_frame(text, expected):
+    assert moment(text) == expected
+
+
+def test_a_window_that_ends_before_it_starts_is_refused():
+    with pytest.raises(BadInput, match="not after start"):
+        Camera(start=Moment(2, "s"), end=Moment(1, "s"))
+
+
+@pytest.mark.parametrize("wrong", [{"frame_rate": 0.0}, {"frame_rate": -240.0}, {"scale": 0.0}, {"scale": math.nan}])
+def test_a_rate_or_scale_that_cannot_be_is_refused(wrong):
+    with pytest.raises(BadInput, match="must be positive"):
+        Camera(**wrong)
