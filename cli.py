@@ -36,58 +36,48 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
-    rich_markup_mode="rich",
+    rich_markup_mode=None,  # plain help pages: typer's decorated ones take twice as long to show
 )
-measure_app = typer.Typer(help="Measure one rig from its video or photos.", no_args_is_help=True)
-simulate_app = typer.Typer(help="Run the twin of one rig.", no_args_is_help=True)
+measure_app = typer.Typer(help="Measure one rig from its video or photos.", no_args_is_help=True, rich_markup_mode=None)
+simulate_app = typer.Typer(help="Run the twin of one rig.", no_args_is_help=True, rich_markup_mode=None)
 app.add_typer(measure_app, name="measure")
 app.add_typer(simulate_app, name="simulate")
 
-CAMERA, TWIN, OUTPUT = "Camera", "Model", "Output"
-
-Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for results.", rich_help_panel=OUTPUT)]
-Json = Annotated[
-    bool, typer.Option("--json", help="Print one JSON document instead of tables.", rich_help_panel=OUTPUT)
-]
-Quiet = Annotated[bool, typer.Option("--quiet", help="No progress, no tables.", rich_help_panel=OUTPUT)]
+Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for results.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="No progress, no tables.")]
 
 
-def _camera_option(flag: str, metavar: str, help_text: str) -> Any:
-    return typer.Option(flag, metavar=metavar, help=help_text, rich_help_panel=CAMERA)
-
-
-def _model_option(flag: str, metavar: str, help_text: str) -> Any:
-    return typer.Option(flag, metavar=metavar, help=help_text, rich_help_panel=TWIN)
+def _option(flag: str, metavar: str, help_text: str) -> Any:
+    return typer.Option(flag, metavar=metavar, help=help_text)
 
 
 FrameRate = Annotated[
-    str | None, _camera_option("--frame-rate", "240Hz", "Capture rate; without it the file's own rate is used.")
+    str | None, _option("--frame-rate", "240Hz", "Capture rate; without it the file's own rate is used.")
 ]
-Scale = Annotated[str | None, _camera_option("--scale", "0.2mm/px", "Length of one pixel at the bead.")]
+Scale = Annotated[str | None, _option("--scale", "0.2mm/px", "Length of one pixel at the bead.")]
 KnownLength = Annotated[
     str | None,
-    _camera_option("--known-length", "100mm:x1,y1,x2,y2", "A length in view and the two pixels it spans."),
+    _option("--known-length", "100mm:x1,y1,x2,y2", "A length in view and the two pixels it spans."),
 ]
-Region = Annotated[str | None, _camera_option("--region", "x,y,w,h", "Look only here (pixels).")]
-Start = Annotated[str | None, _camera_option("--start", "0.25s|60f", "Where to begin, in seconds or frames.")]
-End = Annotated[str | None, _camera_option("--end", "1.5s|360f", "Where to stop, in seconds or frames.")]
+Region = Annotated[str | None, _option("--region", "x,y,w,h", "Look only here (pixels).")]
+Start = Annotated[str | None, _option("--start", "0.25s|60f", "Where to begin, in seconds or frames.")]
+End = Annotated[str | None, _option("--end", "1.5s|360f", "Where to stop, in seconds or frames.")]
 CameraRoll = Annotated[
     str | None,
-    _camera_option("--camera-roll", "1.5deg", "Camera roll; positive: the scene looks turned clockwise."),
+    _option("--camera-roll", "1.5deg", "Camera roll; positive: the scene looks turned clockwise."),
 ]
 BeadDiameter = Annotated[str | None, typer.Option("--bead-diameter", metavar="6mm", help="Diameter of the bead.")]
 BeadMass = Annotated[str | None, typer.Option("--bead-mass", metavar="0.69g", help="Mass of one bead.")]
 
 LabFolder = Annotated[
-    Path | None, _model_option("--lab", "DIR", "Take particle, wall and contact from this lab folder's lab.toml.")
+    Path | None, _option("--lab", "DIR", "Take particle, wall and contact from this lab folder's lab.toml.")
 ]
-ParticleName = Annotated[str, _model_option("--particle", "NAME", "D4, D6, D12, ... or a particle of --lab.")]
-WallName = Annotated[str, _model_option("--wall", "NAME", "steel, ... or a material of --lab.")]
-Restitution = Annotated[float | None, _model_option("--restitution", "0..1", "Restitution of the contact.")]
-StaticFriction = Annotated[float | None, _model_option("--static-friction", "MU", "Static friction between particles.")]
-RollingFriction = Annotated[
-    float | None, _model_option("--rolling-friction", "MU", "Rolling friction between particles.")
-]
+ParticleName = Annotated[str, _option("--particle", "NAME", "D4, D6, D12, ... or a particle of --lab.")]
+WallName = Annotated[str, _option("--wall", "NAME", "steel, ... or a material of --lab.")]
+Restitution = Annotated[float | None, _option("--restitution", "0..1", "Restitution of the contact.")]
+StaticFriction = Annotated[float | None, _option("--static-friction", "MU", "Static friction between particles.")]
+RollingFriction = Annotated[float | None, _option("--rolling-friction", "MU", "Rolling friction between particles.")]
 TwinRate = Annotated[str, typer.Option("--frame-rate", metavar="240Hz", help="How often the twin's record is taken.")]
 Duration = Annotated[str | None, typer.Option("--duration", metavar="1.5s", help="How long the twin is watched.")]
 Seed = Annotated[int, typer.Option("--seed", help="Seed of everything random in the twin.")]
@@ -190,7 +180,10 @@ def compare(
     )
 
 
-@measure_app.command("drop")
+@measure_app.command(
+    "drop",
+    epilog="Example: rigtwin measure drop drop.mp4 --frame-rate 240Hz --bead-diameter 6mm --bead-density 568kg/m^3",
+)
 def measure_drop(
     clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the drop.")],
     *,
@@ -232,7 +225,10 @@ def measure_drop(
     _show_measurement(measurement, as_json, quiet)
 
 
-@measure_app.command("pendulum")
+@measure_app.command(
+    "pendulum",
+    epilog="Example: rigtwin measure pendulum swing.mp4 --frame-rate 240Hz --length 300mm --bead-diameter 12mm",
+)
 def measure_pendulum(
     clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the pendulum.")],
     *,
@@ -282,7 +278,9 @@ def measure_pendulum(
     _show_measurement(measurement, as_json, quiet)
 
 
-@measure_app.command("pile")
+@measure_app.command(
+    "pile", epilog="Example: rigtwin measure pile front.jpg side.jpg --base-diameter 90mm --bead-diameter 6mm"
+)
 def measure_pile(
     photos: Annotated[
         list[Path], typer.Argument(metavar="PHOTO...", help="Photos of one pile; several are its views.")
@@ -313,7 +311,7 @@ def measure_pile(
     _show_measurement(measurement, as_json, quiet)
 
 
-@simulate_app.command("drop")
+@simulate_app.command("drop", epilog="Example: rigtwin simulate drop --drop-height 300mm --particle D6 --wall steel")
 def simulate_drop(
     *,
     drop_height: Annotated[
@@ -346,7 +344,9 @@ def simulate_drop(
     _show_twin(twin, out or Path("out/simulate-drop"), as_json, quiet)
 
 
-@simulate_app.command("pendulum")
+@simulate_app.command(
+    "pendulum", epilog="Example: rigtwin simulate pendulum --length 300mm --release-angle 45deg --particle D12"
+)
 def simulate_pendulum(
     *,
     length: Annotated[str, typer.Option("--length", metavar="300mm", help="Hinge to bead centre.")],
@@ -378,7 +378,9 @@ def simulate_pendulum(
     _show_twin(twin, out or Path("out/simulate-pendulum"), as_json, quiet)
 
 
-@simulate_app.command("pile")
+@simulate_app.command(
+    "pile", epilog="Example: rigtwin simulate pile --base-diameter 90mm --rim-height 10mm --count 2000"
+)
 def simulate_pile(
     *,
     base_diameter: Annotated[str, typer.Option("--base-diameter", metavar="90mm", help="Diameter of the base.")],
@@ -397,8 +399,8 @@ def simulate_pile(
     count: Count = 1000,
     seed: Seed = 1,
     stiffness_factor: Annotated[
-        float | None, typer.Option("--stiffness-factor", help="Soften the beads by this factor, such as 0.001.")
-    ] = None,
+        float, typer.Option("--stiffness-factor", help="Young's moduli are multiplied by this, to save time.")
+    ] = 1e-3,
     threads: Threads = None,
     out: Out = None,
     as_json: Json = False,
@@ -454,14 +456,14 @@ def run(arguments: list[str]) -> int:
     try:
         code = app(arguments, prog_name="rigtwin", standalone_mode=False)
     except typer.TyperException as error:  # unknown option, missing argument; no words after a command alone
-        return _fail("usage", _usage(error), 2, as_json) if error.message else 2
-    except (KeyboardInterrupt, typer.Abort):
-        return _fail("interrupted", "interrupted; results of earlier runs are as they were.", 130, as_json)
+        return _fail("usage", _usage(error), 2, as_json) if error.format_message() else 2
     except BrokenPipeError:  # the reader of stdout left, as in `rigtwin ... | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except Exception as error:
         return _fault(error, as_json)
+    if code == 130:  # typer's word for Ctrl-C
+        return _fail("interrupted", "interrupted; results of earlier runs are as they were.", code, as_json)
     return code if isinstance(code, int) else 0
 
 
@@ -474,6 +476,9 @@ def _fault(error: Exception, as_json: bool) -> int:
         traceback.print_exception(error)
     if isinstance(error, RigtwinError):
         return _fail(type(error).__name__, str(error), error.exit_code, as_json)
+    if isinstance(error, OSError) and error.filename is not None:  # a folder that cannot be made, a full disk
+        reason = (error.strerror or "cannot be used").lower()
+        return _fail("file", f"{error.filename}: {reason}; check the path and its permissions.", 2, as_json)
     reason = f"{type(error).__name__}: {error}".splitlines()[0]
     message = f"a fault of rigtwin itself ({reason}); set RIGTWIN_DEBUG=1 and run again to see the traceback."
     return _fail("fault", message, 1, as_json)
@@ -636,7 +641,7 @@ def _show_twin(twin: Twin, out: Path, as_json: bool, quiet: bool) -> None:
 def _show_comparison(comparison: Comparison) -> None:
     from rich.table import Table
 
-    from rigtwin.compare.wording import percent, reading, siblings, title
+    from rigtwin.compare.wording import percent, reading, siblings, title, z_score
 
     table = Table(title=escape(comparison.lab.title), title_justify="left")
     for column in ("experiment", "quantity", "", "measured", "simulated", "deviation", "z", "verdict"):
@@ -650,7 +655,7 @@ def _show_comparison(comparison: Comparison) -> None:
                 reading(row.measured, row.measured_std_uncertainty, row.unit),
                 reading(row.simulated, row.simulated_std_uncertainty, row.unit),
                 percent(row.percent_deviation, row.percent_deviation_std),
-                "–" if row.z is None else f"{row.z:+.1f}",
+                z_score(row.z),
                 escape(row.verdict),
             )
         table.add_section()

@@ -133,9 +133,9 @@ def _since_contact(time: Array, rise: Array) -> Array:
     turn = low + int(np.argmax(np.diff(rise[low:], append=np.inf) > 0))
     before, after = slice(max(turn - 3, 0), turn), slice(turn + 1, turn + 4)
     if len(time[before]) < 2 or len(time[after]) < 2:
-        return time - time[turn]
+        return np.asarray(time - time[turn])
     down, up = np.polyfit(time[before], rise[before], 1), np.polyfit(time[after], rise[after], 1)
-    return time - float((up[1] - down[1]) / (down[0] - up[0]))
+    return np.asarray(time - (up[1] - down[1]) / (down[0] - up[0]))
 
 
 def _angles(tracks: Sequence[Track], length: float, diameter: float) -> list[tuple[Array, Array]]:

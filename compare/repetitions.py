@@ -67,12 +67,9 @@ def measuring(experiments: Sequence[Experiment], out: Path, workers: int | None 
     workers = max(1, min(workers or os.cpu_count() or 1, len(jobs)))
     pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_start_worker)
     try:
-        yield Pending(
-            [
-                (experiment.id, pool.submit(measure_repetition, experiment, views, folder))
-                for experiment, views, folder in jobs
-            ]
-        )
+        with _interrupts_held():
+            pending = [(item.id, pool.submit(measure_repetition, item, views, folder)) for item, views, folder in jobs]
+        yield Pending(pending)
     except BrokenProcessPool:
         raise RigtwinError(
             "a measuring process ended before its time, most likely for want of memory; "
@@ -125,9 +122,24 @@ def _places(experiment: Experiment, folder: Path) -> list[Path]:
     return [folder / f"r{number:02d}" for number in range(1, len(experiment.repetitions) + 1)]
 
 
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Processes started inside begin with Ctrl-C held back, until they are ready to die of it without a traceback."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _start_worker() -> None:
     """Ctrl-C ends a worker at once and without words; the main process does the talking."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     import cv2
 
     cv2.setNumThreads(1)  # the pool already uses every core

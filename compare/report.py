@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare import figures
 from rigtwin.compare.deviation import Deviation
-from rigtwin.compare.wording import RIG_TITLES, percent, reading, siblings, title, uncertainty
+from rigtwin.compare.wording import RIG_TITLES, percent, reading, siblings, title, uncertainty, z_score
 from rigtwin.lab.quantity import Check, Measurement, Quantity
 from rigtwin.lab.rigs import DropSettings, PendulumSettings, PileSettings
 
@@ -80,12 +80,11 @@ def report(comparison: Comparison, provenance: Mapping[str, Any], out: Path) -> 
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    rows = [_row(deviation, comparison.deviations) for deviation in comparison.deviations]
     return environment.get_template("report.html").render(
         title=comparison.lab.title,
         made=comparison.started.strftime("%d %B %Y, %H:%M UTC"),
         summary=_summary(comparison),
-        headlines=[row for row, deviation in zip(rows, comparison.deviations, strict=True) if is_headline(deviation)],
+        headlines=_table([row for row in comparison.deviations if is_headline(row)]),
         sections=[_section(outcome, out) for outcome in comparison.outcomes],
         borrowed=comparison.lab.borrowed,
         provenance=provenance,
@@ -104,7 +103,7 @@ def _summary(comparison: Comparison) -> str:
     agree = sum(row.verdict.startswith("agrees") for row in compared)
     doubtful = sum(bool(row.doubtful) for row in compared)
     differ = len(compared) - agree - doubtful
-    parts = [f"{agree} agree within their uncertainty", f"{differ} differ"]
+    parts = [f"{agree or 'none'} agree within their uncertainty", f"{differ or 'none'} differ"]
     if doubtful:
         parts.append(f"{doubtful} rest on a doubtful measurement")
     rigs = len(comparison.outcomes)
@@ -126,7 +125,7 @@ def _section(outcome: Outcome, out: Path) -> dict[str, Any]:
         "figure": _figure(outcome),
         "stills": stills,
         "more_stills": more,
-        "rows": [_row(deviation, outcome.deviations) for deviation in outcome.deviations],
+        "table": _table(outcome.deviations),
         "checks": list(_check_lines([item.checks for item in outcome.measurements])),
         "twin_checks": list(_check_lines([outcome.twin.evaluation.checks])),
         "warnings": outcome.warnings,
@@ -138,7 +137,12 @@ def _section(outcome: Outcome, out: Path) -> dict[str, Any]:
     }
 
 
-def _row(deviation: Deviation, beside: Sequence[Deviation]) -> Row:
+def _table(rows: Sequence[Deviation]) -> dict[str, Any]:
+    widest = _widest(rows)
+    return {"rows": [_row(row, widest) for row in rows], "widest": f"{widest:g}"}
+
+
+def _row(deviation: Deviation, widest: float) -> Row:
     return Row(
         experiment=deviation.experiment,
         quantity=title(deviation.quantity),
@@ -148,11 +152,11 @@ def _row(deviation: Deviation, beside: Sequence[Deviation]) -> Row:
         n=deviation.measured_n,
         simulated=reading(deviation.simulated, deviation.simulated_std_uncertainty, deviation.unit),
         percent=percent(deviation.percent_deviation, deviation.percent_deviation_std),
-        z="–" if deviation.z is None else f"{deviation.z:+.1f}".replace("-", "−"),
+        z=z_score(deviation.z),
         verdict=deviation.verdict,
         tone=_tone(deviation),
         remark="; ".join(text for text in (deviation.doubtful, deviation.note) if text),
-        bar=_bar(deviation, beside),
+        bar=_bar(deviation, widest),
     )
 
 
@@ -164,17 +168,22 @@ def _tone(row: Deviation) -> str:
     return "bad" if row.verdict.startswith(("twin", "differs")) else "plain"
 
 
-def _bar(row: Deviation, beside: Iterable[Deviation]) -> Bar | None:
-    """One scale for all rows of a table, wide enough for each dot."""
+def _bar(row: Deviation, widest: float) -> Bar | None:
     if row.percent_deviation is None or row.percent_deviation_std is None:
         return None
-    widest = max(5.0, *(abs(other.percent_deviation) for other in beside if other.percent_deviation is not None), 0.0)
 
     def place(value: float) -> float:
         return 50 + 46 * max(-1.0, min(1.0, value / widest))
 
     half = 1.96 * row.percent_deviation_std if math.isfinite(row.percent_deviation_std) else widest
     return Bar(place(row.percent_deviation), place(row.percent_deviation - half), place(row.percent_deviation + half))
+
+
+def _widest(rows: Iterable[Deviation]) -> float:
+    """[%] one scale for the drawings of a table, wide enough for each dot: 5, 10, 20, 50, ..."""
+    largest = max((abs(row.percent_deviation) for row in rows if row.percent_deviation is not None), default=0.0)
+    steps = (factor * 10**power for power in range(6) for factor in (1, 2, 5))
+    return float(next((step for step in steps if step >= max(largest, 5)), largest))
 
 
 def _settings(outcome: Outcome) -> list[tuple[str, str]]:

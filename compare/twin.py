@@ -23,6 +23,7 @@ from rigtwin.lab.notebook import Experiment
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
 from rigtwin.lab.records import Profile, Track, write_profile, write_tracks
+from rigtwin.lab.reference.hlosta2020 import SOFTENING
 from rigtwin.lab.rigs import Drop, DropSettings, Pendulum, Pile, PileSettings
 
 PILE_COUNT = 1000
@@ -132,7 +133,7 @@ def pile_twin(
     *,
     count: int,
     seed: int,
-    stiffness_factor: float | None = None,
+    stiffness_factor: float = SOFTENING,
     threads: int | None = None,
     progress: Progress = silent,
 ) -> Twin:
@@ -141,7 +142,6 @@ def pile_twin(
     from rigtwin.sim import pile
 
     begun = time.perf_counter()
-    options = {} if stiffness_factor is None else {"stiffness_factor": stiffness_factor}
     heap = pile.run(
         rig,
         particle,
@@ -152,7 +152,7 @@ def pile_twin(
         seed=seed,
         threads=threads,
         progress=progress,
-        **options,
+        stiffness_factor=stiffness_factor,
     )
     evaluation = ruler.evaluate(heap.profiles, base_diameter=rig.base_diameter, bead_diameter=particle.diameter)
     contacts = {f"{particle.name}-{particle.name}": contact, f"{particle.name}-{wall.name}": wall_contact}
@@ -162,7 +162,7 @@ def pile_twin(
         evaluation,
         _settings(rig, particle, contacts, seed=seed, **counts, statistics=heap.statistics),
         profiles=tuple(heap.profiles),
-        assumptions=tuple(heap.assumptions),
+        assumptions=tuple(f"{name.replace('_', ' ')}: {what}" for name, what in heap.assumptions.items()),
         warnings=tuple(heap.warnings),
         seconds=time.perf_counter() - begun,
     )

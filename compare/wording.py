@@ -95,7 +95,22 @@ def percent(value: float | None, std_uncertainty: float | None) -> str:
     if std_uncertainty is None or not math.isfinite(std_uncertainty):
         return f"{value:+.2g} %".replace("-", "−")
     digits = min(decimals(std_uncertainty), 2) if std_uncertainty > 0 else 2
-    return f"{value:+.{digits}f} ± {std_uncertainty:.{digits}f} %".replace("-", "−")
+    doubt = f"± {std_uncertainty:.{digits}f}" if std_uncertainty >= 0.01 else "± <0.01"
+    value = 0.0 if abs(value) < 0.5 * 10**-digits else value  # no negative zero
+    return f"{value:+.{digits}f} {doubt} %".replace("-", "−")
+
+
+def z_score(value: float | None) -> str:
+    """A difference in units of its standard uncertainty.
+
+    >>> z_score(-1.234), z_score(2345.6), z_score(None)
+    ('−1.2', '>+99', '–')
+    """
+    if value is None:
+        return "–"
+    if abs(value) > 99:
+        return ">+99" if value > 0 else "<−99"
+    return f"{0.0 if abs(value) < 0.05 else value:+.1f}".replace("-", "−")
 
 
 def decimals(std_uncertainty: float) -> int:

@@ -79,7 +79,7 @@ def _syntax_error(path: Path, text: str, error: Exception) -> str:
     place = re.search(r"\(at line (\d+), column (\d+)\)", said)
     line = int(place[1]) if place else text.rstrip().count("\n") + 1
     reason = re.sub(r"\s*\(at .*\)$", "", said)
-    written = text.split("\n")[line - 1].strip()
+    written = text.split("\n")[line - 1].strip()[:60]
     return (
         f"{path}, line {line}: not valid TOML ({reason[:1].lower()}{reason[1:]}) in {written!r}; "
         'write key = "text" or key = number, one per line.'

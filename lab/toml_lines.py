@@ -12,6 +12,12 @@ Key = tuple[str | int, ...]
 """Path to a value: table names and list indices, ``("experiments", 0, "camera", "frame_rate")``."""
 
 
+_BLANK = re.compile(r"[ \t\n]+|#[^\n]*")
+_STRING = re.compile(  # a multi-line text may end in one or two quotes of its own
+    r'''"""(?:[^\\]|\\.)*?"{3,5}|\'{3}.*?\'{3,5}|"(?:[^"\\]|\\.)*"|\'[^\']*\'''', re.DOTALL
+)
+
+
 def key_lines(text: str) -> dict[Key, int]:
     """Line (1 for the first) of every key, table and list item of a valid TOML text.
 
@@ -133,20 +139,14 @@ class _Scanner:
         self.at += 1
 
     def _string(self) -> None:
-        quote = self.text[self.at]
-        closing = quote * 3 if self.text.startswith(quote * 3, self.at) else quote
-        self.at += len(closing)
-        while not self.text.startswith(closing, self.at):
-            self.at += 2 if quote == '"' and self.text[self.at] == "\\" else 1
-        self.at += len(closing)
-        if len(closing) == 3:  # a multi-line text may end in quotes of its own
-            while False:
-                self.at += 1
+        match = _STRING.match(self.text, self.at)
+        assert match is not None  # tomllib has accepted the text
+        self.at = match.end()
 
     def _next(self) -> bool:
         """Move past blanks, line ends and comments; False at the end of the text."""
-        match = re.compile(r"(?:[ \t\n]|#[^\n]*)*").match(self.text, self.at)
-        self.at = match.end() if match else self.at
+        while match := _BLANK.match(self.text, self.at):
+            self.at = match.end()
         return self.at < len(self.text)
 
     def _line(self) -> int:

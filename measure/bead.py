@@ -51,6 +51,7 @@ class BeadFit:
     image: BeadImage
     look: Look
     certainty: Array  # inverse covariance of (radius, edge, light), shape (6, 6)
+    misfit: float  # [grey levels], mean absolute residual
 
 
 def locate(
@@ -78,21 +79,29 @@ def fit_bead(
     blur_guess: tuple[float, float] = (0.0, 0.0),
     hidden: Mask | None = None,
     look: Look | None = None,
+    surely_near: bool = False,
+    room: float | None = None,
 ) -> BeadFit | None:
     """As `locate`; `hidden` marks pixels where something stands in front of the bead, `look` is its known look.
+
+    `surely_near` starts the fit at `near` itself: what else moves close by, a shadow say, then cannot mislead it.
+    `room` [px] is how far beyond the bead at rest the pixels are used, half the blur when not given.
 
     The bead is a disc of radius r with a soft edge, lit like a sphere (constant, two slopes and a bulge), averaged over
     its path during the exposure, and hides the background behind it: D = mean_k d_k (p_k - B).  All parameters are
     fitted at once by damped least squares with robust weights, started from the moments of the difference image.
     """
-    patch = _cut_patch(grey, background, near, radius, blur_guess, hidden)
-    start = None if patch is None else _start_from_moments(patch, blur_guess)
+    margin = 0.8 * radius + 5.0 if look is None else 0.5 * radius + 4.0
+    along = (abs(blur_guess[0]) / 2, abs(blur_guess[1]) / 2) if room is None else (room, room)
+    reach = (radius + margin + along[0], radius + margin + along[1])
+    patch = _cut_patch(grey, background, near, reach, radius, hidden)
+    start = None if patch is None else _start(patch, blur_guess, look if surely_near else None)
     if patch is None or start is None:
         return None
     pixels = _Pixels(patch)
     fit = _fit_disc(pixels, _prior(pixels, start, look, patch))
     image = None if fit is None else _bead_image(patch, pixels, fit)
-    return None if fit is None or image is None else BeadFit(image, _look(fit, patch), _certainty(fit, patch))
+    return None if fit is None or image is None else BeadFit(image, _look(fit, patch), _certainty(fit, patch), fit.misfit)
 
 
 def common_look(fits: Sequence[BeadFit]) -> Look:
@@ -140,6 +149,7 @@ class _Fit:
     normal: Array  # information of the pixels and the priors
     information: Array  # information of the pixels alone
     noise: float  # [grey levels], robust residual scatter
+    misfit: float  # [grey levels], mean absolute residual
 
 
 _SHAPES = 6
@@ -151,17 +161,15 @@ def _cut_patch(
     grey: npt.NDArray[np.generic],
     background: npt.NDArray[np.generic] | None,
     near: tuple[float, float],
+    reach: tuple[float, float],
     radius: float,
-    blur: tuple[float, float],
     hidden: Mask | None,
 ) -> _Patch | None:
     height, width = grey.shape
     if not (np.all(np.isfinite(near)) and radius > 0):
         return None
-    margin = 0.8 * radius + 5.0
-    reach_x, reach_y = (radius + margin + abs(blur[k]) / 2 for k in (0, 1))
-    left, right = max(math.floor(near[0] - reach_x), 0), min(math.ceil(near[0] + reach_x) + 1, width)
-    top, bottom = max(math.floor(near[1] - reach_y), 0), min(math.ceil(near[1] + reach_y) + 1, height)
+    left, right = max(math.floor(near[0] - reach[0]), 0), min(math.ceil(near[0] + reach[0]) + 1, width)
+    top, bottom = max(math.floor(near[1] - reach[1]), 0), min(math.ceil(near[1] + reach[1]) + 1, height)
     if right - left < max(radius, 4) or bottom - top < max(radius, 4):
         return None
     window = np.s_[top:bottom, left:right]
@@ -190,6 +198,15 @@ def _block_mean(values: Array, step: int) -> Array:
     height, width = (side // step for side in values.shape)
     blocks = values[: height * step, : width * step].reshape(height, step, width, step)
     return np.asarray(blocks.mean(axis=(1, 3)))
+
+
+def _start(patch: _Patch, blur_guess: tuple[float, float], look: Look | None) -> Array | None:
+    """x, y, blur x, blur y and contrast to start from."""
+    if look is None:
+        return _start_from_moments(patch, blur_guess)
+    behind = 0.0 if patch.behind is None else float(np.median(patch.behind))
+    contrast = math.hypot(float(look.light[0]) - behind, 0.5 * math.hypot(*look.light[1:]))
+    return np.array([*patch.near, *(np.array(blur_guess) / patch.step), max(contrast, 1.0)])
 
 
 def _start_from_moments(patch: _Patch, blur_guess: tuple[float, float]) -> Array | None:
@@ -292,7 +309,7 @@ def _fit_disc(pixels: _Pixels, prior: _Prior) -> _Fit | None:
     if not np.all(np.isfinite(parameters)):
         return None
     excess = _correlation_excess(pixels.image(residual))
-    return _Fit(parameters, information / excess + np.diag(certain), information / excess, noise)
+    return _Fit(parameters, information / excess + np.diag(certain), information / excess, noise, float(np.mean(np.abs(residual))))
 
 
 def _bounded(parameters: Array, before: Array, prior: _Prior) -> Array:

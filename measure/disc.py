@@ -32,7 +32,7 @@ class Disc:
     roll: float  # [rad], positive when the base looks turned clockwise in the picture
     bulge: float  # [px], how far the front of the rim hangs below the line between its ends
     thickness: float  # [px]
-    nearness: float  # [1], disc radius / distance of the camera; hardly to be seen in one photo
+    nearness: float  # [1], disc radius / distance of the camera, by the expected focal length: one photo hardly tells
     support: float  # [1], share of the template that lies on edges
 
 
@@ -46,7 +46,6 @@ class _Template:
     roll: Array  # [rad]
     bulge: Array
     thickness: Array
-    zoom: Array  # logarithm of the nearness over the one expected
 
     def pixel(self, along: Array, down: Array) -> tuple[Array, Array]:
         """Picture point of a template point given in half widths."""
@@ -54,7 +53,7 @@ class _Template:
         return self.x + self.half * (along * cos - down * sin), self.y + self.half * (along * sin + down * cos)
 
     def nearness(self, photo_width: float) -> Array:
-        return np.asarray(np.minimum(np.exp(self.zoom) * self.half / (FOCAL_LENGTH * photo_width), 0.5))
+        return np.asarray(np.minimum(self.half / (FOCAL_LENGTH * photo_width), 0.5))
 
     def lower_bulge(self, photo_width: float) -> Array:
         """One looks down on the lower rim more steeply, by the disc's thickness over the distance."""
@@ -67,17 +66,15 @@ def find_disc(
     alike: npt.NDArray[np.float32],
     beads: Beads,
     *,
-    half_width: float | None,
     roll: float | None,
 ) -> Disc | None:
     """The disc under the beads, None when there is none to be seen.
 
-    `alike` is the bead likeness of every pixel; `half_width` [px] narrows the search where it is known from the
-    ratio of base and bead diameter, `roll` [rad] where the camera's roll was given.
+    `alike` is the bead likeness of every pixel, `roll` [rad] the camera's roll where it was given.
     """
-    from scipy.optimize import differential_evolution, minimize
+    from scipy.optimize import differential_evolution
 
-    bounds = _bounds(beads, half_width, roll)
+    bounds = _bounds(beads, roll)
     found = "sobol"
     for blur, generations in ((2.5, 30), (1.5, 60)):  # a blurred picture leads from further away
         picture = edges(grey, blur=blur)
@@ -95,33 +92,79 @@ def find_disc(
         )
         found = search.population
     fine = edges(grey, blur=1.2)
-    width = grey.shape[1]
-    face = _face_height(grey, _Template(*search.x[:, None, None]))
-
-    def settled(p: Array) -> Array:
-        """Thickness such that the front of the face is as high as it is seen to be."""
-        template = _Template(*p[:, None, None])
-        near = float(template.nearness(width)[0, 0])
-        p = p.copy()
-        p[5] = np.clip(face / p[2] / (1 + near / (1 - near * near)), *bounds[5])
-        return p
-
-    best = settled(
-        minimize(
-            lambda p: -_score(fine, alike, beads, settled(p)[:, None], 160)[0],
-            search.x,
-            method="Nelder-Mead",
-            bounds=bounds,
-            options={"maxiter": 500, "xatol": 1e-3, "fatol": 1e-4},
-        ).x
-    )
+    best = _sharpened(grey, fine, search.x)
     template = _Template(*best[:, None, None])
-    lower, left, right, upper, *_ = _support(fine, alike, template, beads.radius, 160)[:, 0]
+    lower, left, right, *_ = _support(fine, alike, template, beads.radius, 160)[:, 0]
     if lower < LEAST_RIM or (left + right) / 2 < LEAST_WALL:
         return None
-    x, y, half, turn, bulge, thickness, _ = (float(value) for value in best)
-    near = float(template.nearness(width)[0, 0])
+    x, y, half, turn, bulge, thickness = (float(value) for value in best)
+    near = float(template.nearness(grey.shape[1])[0, 0])
     return Disc((x, y), half, turn, bulge * half, thickness * half, near, float((2 * lower + left + right) / 4))
+
+
+def _sharpened(grey: npt.NDArray[np.uint8], fine: Edges, candidate: Array) -> Array:
+    """The candidate moved to the sub-pixel edges: walls, then lower rim, then the upper rim by the face's height."""
+    p = candidate.copy()
+    for reach in (7.0, 5.0, 3.0):
+        template = _Template(*p[:, None, None])
+        near = float(template.nearness(grey.shape[1])[0, 0])
+        deepening = near / (1 - near * near)  # the lower rim bulges by so much of the thickness more
+        low = p[4] + p[5] * deepening
+        down = p[5] + np.linspace(-0.8, -0.15, 24) * p[5]
+        left = _edge_offset(fine, template, -np.ones(24), down, (1.0, 0.0), reach)
+        right = _edge_offset(fine, template, np.ones(24), down, (1.0, 0.0), reach)
+        shift = np.array([np.median(left[0]), np.median(right[0])])
+        p[0], p[2] = p[0] + shift.mean(), p[2] + (shift[1] - shift[0]) / 2
+        along = np.linspace(-0.95, 0.95, 240)
+        arc = np.sqrt(1 - along * along)
+        offset, strength = _edge_offset(fine, template, along, p[5] + low * arc, (0.0, 1.0), reach)
+        move = _robust_fit(np.column_stack([np.ones_like(along), along, arc]), offset, strength)
+        lower, low = p[1] + p[5] * p[2] + move[0], max(low + move[2] / p[2], 0.0)  # [px], [half widths]
+        p[3] += move[1] / p[2]
+        p[1], p[4] = lower - p[5] * p[2], max(low - p[5] * deepening, 0.0)
+        face = _face_height(grey, _Template(*p[:, None, None])) / p[2]
+        p[5] = face / (1 + deepening)
+        p[1], p[4] = lower - p[5] * p[2], max(low - p[5] * deepening, 0.0)
+    return p
+
+
+def _edge_offset(
+    picture: Edges, template: _Template, along: Array, down: Array, normal: tuple[float, float], reach: float
+) -> tuple[Array, Array]:
+    """Where the strongest edge lies off the template [px] in the direction `normal`, and how strong it is."""
+    steps = np.arange(-reach, reach + 0.25, 0.5)
+    half = float(template.half[0, 0])
+    u, v = along[:, None] + normal[0] * steps / half, down[:, None] + normal[1] * steps / half
+    x, y = (part.astype(np.float32) for part in template.pixel(u, v))
+    cos, sin = float(np.cos(template.roll[0, 0])), float(np.sin(template.roll[0, 0]))
+    across = (normal[0] * cos - normal[1] * sin, normal[0] * sin + normal[1] * cos)
+    gradient = np.abs(
+        across[0] * cv2.remap(picture.x, x, y, cv2.INTER_LINEAR) + across[1] * cv2.remap(picture.y, x, y, cv2.INTER_LINEAR)
+    )
+    at = np.argmax(gradient, axis=1)
+    rows = np.arange(len(at))
+    return steps[at] + 0.5 * _vertex(gradient, rows, at), gradient[rows, at].astype(np.float64)
+
+
+def _vertex(values: npt.NDArray[np.float32], rows: npt.NDArray[np.int64], at: npt.NDArray[np.int64]) -> Array:
+    """Offset, in samples, of the parabola's top through the largest sample and its neighbours."""
+    at = np.clip(at, 1, values.shape[1] - 2)
+    before, here, after = (values[rows, at + k].astype(np.float64) for k in (-1, 0, 1))
+    bend = before - 2 * here + after
+    return np.asarray(np.clip(np.where(bend < -1e-9, 0.5 * (before - after) / np.minimum(bend, -1e-9), 0.0), -0.5, 0.5))
+
+
+def _robust_fit(design: Array, values: Array, weight: Array) -> Array:
+    """Weighted least squares with Huber's weights."""
+    usual = np.ones_like(values)
+    answer = np.zeros(design.shape[1])
+    for _ in range(12):
+        w = np.sqrt(weight * usual)
+        answer = np.linalg.lstsq(design * w[:, None], values * w, rcond=None)[0]
+        miss = np.abs(values - design @ answer)
+        scale = max(1.4826 * float(np.median(miss)), 0.1)
+        usual = np.minimum(1.0, 1.345 * scale / np.maximum(miss, 1e-9))
+    return np.asarray(answer)
 
 
 def _face_height(grey: npt.NDArray[np.uint8], template: _Template) -> float:
@@ -147,20 +190,19 @@ def _face_height(grey: npt.NDArray[np.uint8], template: _Template) -> float:
     return float(rows[~plain][np.argmax(change[~plain] > level)])
 
 
-def _bounds(beads: Beads, half_width: float | None, roll: float | None) -> Array:
+def _bounds(beads: Beads, roll: float | None) -> Array:
     low, high = beads.centre.min(axis=0) - beads.radius, beads.centre.max(axis=0) + beads.radius
     reach, middle, foot = (high[0] - low[0]) / 2, (low[0] + high[0]) / 2, high[1]
-    width = (0.75 * half_width, 1.4 * half_width) if half_width else (0.85 * reach, 1.8 * reach)
     turn = (-0.1, 0.1) if roll is None else (roll - 0.01, roll + 0.01)
     return np.array(
         [
             (middle - 0.4 * reach, middle + 0.4 * reach),
             (foot - 0.4 * reach, foot + beads.radius),
-            width,
+            (0.85 * reach, 1.8 * reach),
             turn,
             (0.0, 0.3),  # looking down by up to 17 degrees
             (0.02, 0.5),
-            (-2 * FOCAL_DOUBT, 2 * FOCAL_DOUBT),
+        
         ]
     )
 
@@ -168,7 +210,7 @@ def _bounds(beads: Beads, half_width: float | None, roll: float | None) -> Array
 def _score(
     picture: Edges, alike: npt.NDArray[np.float32], beads: Beads, candidates: Array, samples: int
 ) -> Array:
-    """How well candidates, shape (7, n), fit: edges on the outline, beads above the rim and neither below nor beside.
+    """How well candidates, shape (6, n), fit: edges on the outline, beads above the rim and neither below nor beside.
 
     The lower rim weighs most: it is the longest edge, and nothing stands before it.
     """
@@ -180,8 +222,7 @@ def _score(
     front = template.bulge * np.sqrt(np.clip(1 - along * along, 0, 1))
     below = np.mean(down > front - 0.3 * beads.radius / template.half, axis=1)
     walls = 0.4 * (left + right + np.minimum(left, right))
-    unlikely = 0.05 * (template.zoom[:, 0] / FOCAL_DOUBT) ** 2
-    return np.asarray(2 * lower + walls + upper + heap - face - spilled - 2 * below - unlikely)
+    return np.asarray(2 * lower + walls + upper + heap - face - spilled - 2 * below)
 
 
 def _support(

@@ -6,7 +6,7 @@ Three passes over the video, none of which holds it in memory: learn the scene, 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import cv2
@@ -74,6 +74,9 @@ class Chase:
     shutter: float  # fraction of the frame interval that the exposure lasts, from the motion blur; 0 when none is seen
     radius: float  # [px]
     scene: Scene = field(repr=False)
+    cuts: tuple[_Cut, ...] = field(repr=False)
+    look: Look | None = field(repr=False)
+    hidden: Mask | None = field(repr=False)
 
 
 @dataclass(frozen=True)
@@ -146,15 +149,16 @@ def _disc_pixels(centre: tuple[float, float], radius: float, shape: tuple[int, .
 def _fisher(differences: Array, noises: Array, scenery: Array) -> Channel:
     calm = noises[np.all(np.abs(noises) <= 3 * np.percentile(np.abs(noises), 68, axis=0) + 1, axis=1)]
     noise = np.cov(calm.T) / 2 + 0.3 * np.eye(3)
-    scatter = np.cov(differences.T) + 2 * noise
     mean = differences.mean(axis=0)
-    mix = np.linalg.solve(scatter, mean)
+    mix = np.linalg.solve(np.cov(differences.T) + 2 * noise, mean)
     luma = np.array([0.114, 0.587, 0.299])
 
-    def sureness(weights: Array) -> float:
-        return float((weights @ mean) ** 2 / (weights @ scatter @ weights))
+    def visibility(weights: Array) -> float:
+        """Difference to the background over noise, root mean square over the bead, shading included."""
+        return math.sqrt(float(np.mean((differences @ weights) ** 2)) / float(weights @ noise @ weights))
 
-    if sureness(mix) < 3 * sureness(luma) or sureness(mix) < 1:
+    # colour is stored at half the resolution and coarser steps: it must be far better where luma is just enough
+    if visibility(luma) > 6 or visibility(mix) < 2 * visibility(luma):
         return LUMA
     # as much gain as 8 bits hold: contrast of 90 levels, or noise of 2 where that is less
     gain = min(90 / abs(float(mix @ mean)), 2 / math.sqrt(float(mix @ noise @ mix)))
@@ -273,22 +277,61 @@ def chase(
     """
     cuts = _cut_out(video, path, scene, channel, progress)
     moving = [cut for cut in cuts if path.frames[0] <= cut.frame <= path.frames[-1]]
-    few = moving[:: max(1, len(moving) // 60)]
+    few = moving[:: max(1, len(moving) // 40)]
     first = _fit_cuts(few, scene, path.radius, progress=progress)
     good = [sighting for sighting in first if sighting.fit.image.sigma < 0.3]
     if len(good) < 5:
-        return Chase(tuple(first), path, shakes, 0.0, path.radius, scene)
-    shutter = _exposure(good, path)
+        return Chase(tuple(first), path, shakes, 0.0, path.radius, scene, tuple(cuts), None, None)
+    shutter = 0.0
     hidden = _occluders(cuts, good, path.radius, scene)
     radius = float(np.median([sighting.image.radius for sighting in good]))
+    # slow frames show the look; fast ones smear it
+    slow = sorted(few, key=lambda cut: math.hypot(*cut.step))[: max(15, len(few) // 2)]
+    look = None
     for _ in range(2):
-        # slow frames show the look; fast ones smear it
-        slow = sorted(few, key=lambda cut: math.hypot(*cut.step))[: max(15, len(few) // 2)]
         calm = _fit_cuts(slow, scene, radius, shutter=shutter, hidden=hidden, progress=progress)
+        if len(calm) < 3:
+            break
         look = common_look([sighting.fit for sighting in calm])
         radius = look.radius
+        shutter = shutter or _exposure(few, scene, look, hidden)
     sightings = _fit_cuts(cuts, scene, radius, shutter=shutter, hidden=hidden, look=look, progress=progress)
-    return Chase(tuple(sightings), path, shakes, shutter, radius, scene)
+    return Chase(tuple(sightings), path, shakes, shutter, radius, scene, tuple(cuts), look, hidden)
+
+
+def look_again(chase: Chase, expected: Mapping[int, tuple[tuple[float, float], tuple[float, float]]]) -> Chase:
+    """Fit some frames again, started where the bead is expected.
+
+    `expected` maps frames to centre [px] and motion [px/frame].  A frame in which no bead is found there loses its
+    sighting: what was found elsewhere was not the bead.
+    """
+    renewed = {sighting.frame: sighting for sighting in chase.sightings if sighting.frame not in expected}
+    cuts = [
+        replace(cut, near=expected[cut.frame][0], step=expected[cut.frame][1])
+        for cut in chase.cuts
+        if cut.frame in expected and _shows(cut, expected[cut.frame][0])
+    ]
+    again = _fit_cuts(
+        cuts,
+        chase.scene,
+        chase.radius,
+        shutter=chase.shutter,
+        hidden=chase.hidden,
+        look=chase.look,
+        surely_near=True,
+        progress=silent,
+    )
+    for sighting in again:
+        (x, y), _ = expected[sighting.frame]
+        if math.hypot(sighting.image.x - x, sighting.image.y - y) < 0.7 * chase.radius:
+            renewed[sighting.frame] = sighting
+    return replace(chase, sightings=tuple(renewed[frame] for frame in sorted(renewed)))
+
+
+def _shows(cut: _Cut, place: tuple[float, float]) -> bool:
+    return (
+        cut.left <= place[0] < cut.left + cut.grey.shape[1] and cut.top <= place[1] < cut.top + cut.grey.shape[0]
+    )
 
 
 @dataclass(frozen=True)
@@ -350,6 +393,8 @@ def _fit_cuts(
     shutter: float = 0.0,
     hidden: Mask | None = None,
     look: Look | None = None,
+    room: float | None = None,
+    surely_near: bool = False,
     progress: Progress,
 ) -> list[Sighting]:
     found = []
@@ -363,6 +408,8 @@ def _fit_cuts(
             blur_guess=(shutter * cut.step[0], shutter * cut.step[1]),
             hidden=None if hidden is None else hidden[window],
             look=look,
+            room=room,
+            surely_near=surely_near,
         )
         if fit is not None:
             image = replace(fit.image, x=fit.image.x + cut.left, y=fit.image.y + cut.top)
@@ -371,17 +418,28 @@ def _fit_cuts(
     return found
 
 
-def _exposure(sightings: list[Sighting], path: SpotPath) -> float:
-    """Exposure as a fraction of the frame interval: blur length over motion per frame, median of the faster half."""
-    where = _place(path)
-    steps = np.array([np.hypot(*where(sighting.frame)[1]) for sighting in sightings])
-    blurs = np.array([np.hypot(*sighting.image.blur) for sighting in sightings])
-    fast = (steps > 2) & (steps >= np.percentile(steps, 60))
-    if np.sum(fast) < 3:
+def _exposure(cuts: Sequence[_Cut], scene: Scene, look: Look, hidden: Mask | None) -> float:
+    """Exposure as a fraction of the frame interval: the one whose motion blur fits the fastest frames best."""
+    fast = sorted(cuts, key=lambda cut: -math.hypot(*cut.step))[:12]
+    if math.hypot(*fast[-1].step) < 2:
         return 0.0
-    ratio = float(np.median(blurs[fast] / steps[fast]))
-    # below about a pixel the blur is not told from the softness of the edge
-    return float(np.clip(ratio, 0.0, 1.0)) if np.median(blurs[fast]) > 1.2 else 0.02
+    tried = np.array([0.02, 0.2, 0.4, 0.6, 0.8, 1.0])
+    misfits = []
+    for shutter in tried:
+        # the same pixels for all, or the emptier patch would win
+        room = math.hypot(*fast[0].step) / 2
+        sightings = _fit_cuts(
+            fast, scene, look.radius, shutter=shutter, hidden=hidden, look=look, room=room, progress=silent
+        )
+        found = {sighting.frame: sighting.fit.misfit for sighting in sightings}
+        misfits.append([found.get(cut.frame, np.nan) for cut in fast])
+    table = np.array(misfits)[:, np.all(np.isfinite(misfits), axis=0)]
+    if table.shape[1] < 3:
+        return 0.0
+    total = np.median(table / table.min(axis=0), axis=1)
+    best = int(np.clip(np.argmin(total), 1, len(tried) - 2))
+    bend, slope, _ = np.polyfit(tried[best - 1 : best + 2], total[best - 1 : best + 2], 2)
+    return float(np.clip(-slope / (2 * bend), 0.02, 1.0)) if bend > 0 else float(tried[np.argmin(total)])
 
 
 def _occluders(cuts: list[_Cut], sightings: list[Sighting], radius: float, scene: Scene) -> Mask | None:

@@ -66,31 +66,55 @@ def find_beads(grey: npt.NDArray[np.uint8], radii: tuple[float, float]) -> Beads
     return best
 
 
-def likeness(image: npt.NDArray[np.uint8], beads: Beads) -> npt.NDArray[np.float32]:
-    """How much each pixel has the colour of the beads rather than of the rest of the picture, 0 to 1.
+def more_beads(grey: npt.NDArray[np.uint8], alike: npt.NDArray[np.float32], beads: Beads) -> Beads:
+    """All the circles of the heap, found more readily now that size and colour of the beads are known."""
+    picture = edges(grey, blur=1.0)
+    found = [beads.centre]
+    for stretch in (0.88, 1.0, 1.14):
+        for sign in (1, -1):
+            centre = _circles(picture, stretch * beads.radius, sign, surrounded=0.36)
+            x, y = centre.astype(np.int64).T
+            found.append(centre[alike[y, x] > 0.6])
+    return Beads(_largest_group(np.concatenate(found), 2.4 * beads.radius), beads.radius)
 
-    Ratio of two colour histograms (Swain and Ballard 1991): inside the circles, and further than two beads from them.
+
+def likeness(image: npt.NDArray[np.uint8], beads: Beads) -> npt.NDArray[np.float32]:
+    """How much each pixel has the colour of the beads rather than of what is around them, 0 to 1.
+
+    Ratio of two colour histograms (Swain and Ballard 1991): inside the circles, and further than two beads from
+    them; what is nearest behind the heap counts as much as all the rest.
     """
-    lab = cv2.cvtColor(cv2.GaussianBlur(image, (0, 0), max(0.1 * beads.radius, 0.8)), cv2.COLOR_BGR2LAB)
     inside = np.zeros(image.shape[:2], np.uint8)
     for x, y in np.rint(beads.centre).astype(int):
         cv2.circle(inside, (int(x), int(y)), max(1, round(0.75 * beads.radius)), 255, -1)
-    around = cv2.dilate(inside, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * int(4 * beads.radius) + 1,) * 2))
+    away = cv2.distanceTransform(255 - inside, cv2.DIST_L2, 3) / beads.radius
+    index = colour_cells(image, beads.radius)
+    here = shares(index[inside > 0])
+    there = 0.5 * (shares(index[away > 4]) + shares(index[(away > 4) & (away < 10)]))
+    return np.asarray((here / (here + there + rare(here, index[inside > 0])))[index], dtype=np.float32)
+
+
+def rare(share: Array, index: npt.NDArray[np.int64]) -> float:
+    """A share so small that it is no evidence: a false circle or two among the beads makes as much."""
+    return 0.1 * float(np.median(share[index]))
+
+
+def colour_cells(image: npt.NDArray[np.uint8], radius: float) -> npt.NDArray[np.int64]:
+    """Every pixel's colour as the number of a cell of the Lab space, of the picture smoothed to a part of a bead."""
+    lab = cv2.cvtColor(cv2.GaussianBlur(image, (0, 0), max(0.1 * radius, 0.8)), cv2.COLOR_BGR2LAB)
     cells = (lab // np.array([16, 6, 6], np.uint8)).astype(np.int64)
-    index = (cells[..., 0] * 43 + cells[..., 1]) * 43 + cells[..., 2]
-    here = _share(index[inside > 0])
-    there = _share(index[around == 0])
-    return np.asarray((here / (here + there + 1e-7))[index], dtype=np.float32)
+    return np.asarray((cells[..., 0] * 43 + cells[..., 1]) * 43 + cells[..., 2])
 
 
-def _share(index: npt.NDArray[np.int64]) -> Array:
+def shares(index: npt.NDArray[np.int64]) -> Array:
+    """Smoothed histogram of colour cells, sum 1."""
     from scipy.ndimage import gaussian_filter
 
     count = np.bincount(index, minlength=16 * 43 * 43).reshape(16, 43, 43).astype(np.float64)
     return np.asarray(gaussian_filter(count / max(len(index), 1), 1.0).ravel())
 
 
-def _circles(picture: Edges, radius: float, sign: int) -> Array:
+def _circles(picture: Edges, radius: float, sign: int, surrounded: float = SURROUNDED) -> Array:
     """Centres [px], shape (n, 2), of circles of this radius."""
     height, width = picture.strength.shape
     row, column = np.nonzero(picture.strength > picture.noise)
@@ -104,7 +128,7 @@ def _circles(picture: Edges, radius: float, sign: int) -> Array:
     size = 2 * int(0.8 * radius) + 1
     peak_y, peak_x = np.nonzero((density == cv2.dilate(density, np.ones((size, size), np.uint8))) & (density > 0.3))
     centre = np.column_stack([peak_x, peak_y]).astype(np.float64)
-    return centre[_surrounded(picture, centre, radius, sign) >= SURROUNDED]
+    return centre[_surrounded(picture, centre, radius, sign) >= surrounded]
 
 
 def _spokes(centre: Array, length: float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Array, Array]:

@@ -8,27 +8,245 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
+from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput, NothingToMeasure
-from rigtwin.lab.quantity import Check, Detail, Evaluation, Quantity, root_sum_of_squares
-from rigtwin.lab.records import Array, Track
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, root_sum_of_squares
+from rigtwin.lab.records import Array, Track, read_tracks, write_tracks
 from rigtwin.lab.rigs import GRAVITY
+from rigtwin.measure.media import Video, open_video, sha256
 from rigtwin.measure.swing import (
     Outcome,
     SwingFit,
     Swings,
+    angles,
     centres,
     fit_swings,
     frame_interval,
+    positions,
     states_at_collision,
     turning_points,
 )
+from rigtwin.measure.swing_pictures import picture_view, write_overlay, write_plot, write_still
+from rigtwin.measure.two_beads import Beads, find_beads, relocate
 
 Variant = Literal["double", "wall"]
+
+
+def measure(
+    clip: Path,
+    camera: Camera,
+    *,
+    variant: Variant = "double",
+    length: float | None = None,
+    bead_diameter: float | None = None,
+    bead_mass: float | None = None,
+    out: Path | None = None,
+    progress: Progress = silent,
+) -> Measurement:
+    """Measure a clip, or evaluate an already tracked record (``.csv`` with time_s, x_m, y_m, particle).
+
+    `length` [m] from hinge to bead centre, `bead_diameter` [m], `bead_mass` [kg], as far as known.  The scale is the
+    camera's where given, else from `length`, else from `bead_diameter` (the centres' distance at the collision), else
+    from gravity.  Files go into `out`; None writes none.
+
+    Raises `NothingToMeasure` where no released bead hits a hanging one.
+    """
+    if clip.suffix.lower() == ".csv":
+        return _measure_record(clip, variant, length, bead_diameter, bead_mass, out)
+    if variant == "wall":
+        raise BadInput(
+            f"{clip}: films of a pendulum against a wall are not supported yet; "
+            "track the bead elsewhere and give the record as CSV (time_s,x_m,y_m)."
+        )
+    video = open_video(clip, camera)
+    film = _watch(video, camera, length, progress)
+    scale, scale_from = _scale(film.fit, camera, length, bead_diameter)
+    roll = -float(film.fit.swings["tilt"]) if camera.roll is None else camera.roll
+    tracks = _upright(film, scale, roll)
+    fit = _fit_clip(clip, tracks)
+    evaluation = judge(
+        fit,
+        None if scale_from == "pendulum length" else length,
+        None if scale_from == "bead diameter" else bead_diameter,
+        bead_mass,
+    )
+    checks = _without_circle(evaluation.checks, scale_from)
+    seen = {
+        "frame_rate_hz": video.frame_rate,
+        "playback_rate_hz": video.playback_rate,
+        "scale_m_per_px": scale,
+        "scale_from": scale_from,
+        "camera_roll_deg": math.degrees(roll),
+    }
+    return Measurement(
+        rig="pendulum",
+        source=clip,
+        source_sha256=sha256(clip),
+        quantities=evaluation.quantities,
+        checks=checks,
+        warnings=(*video.warnings, *_roll_warning(film.fit, camera), *evaluation.warnings),
+        camera=seen,
+        tracks=tracks,
+        files={} if out is None else _write(out, clip, video, film, fit, tracks, evaluation, progress),
+    )
+
+
+@dataclass(frozen=True)
+class _Film:
+    """Both beads followed through a clip, and their swings fitted in pixels (y up)."""
+
+    beads: Beads
+    times: Array  # [s], of every frame
+    fit: SwingFit
+
+
+def _measure_record(
+    record: Path,
+    variant: Variant,
+    length: float | None,
+    bead_diameter: float | None,
+    bead_mass: float | None,
+    out: Path | None,
+) -> Measurement:
+    tracks = read_tracks(record)
+    fit = _fit_clip(record, _in_order(tracks, variant))
+    evaluation = judge(fit, length, bead_diameter, bead_mass)
+    files = {}
+    if out is not None:
+        files["plot"] = out / f"{record.stem}-plot.svg"
+        write_plot(files["plot"], fit)
+    return Measurement(
+        "pendulum",
+        record,
+        sha256(record),
+        evaluation.quantities,
+        evaluation.checks,
+        evaluation.warnings,
+        tracks=tracks,
+        files=files,
+    )
+
+
+def _watch(video: Video, camera: Camera, length: float | None, progress: Progress) -> _Film:
+    beads = find_beads(video, camera.region, stated_length=length, progress=progress)
+    times = video.times[beads.frames]
+    fit = _fit_clip(video.path, _picture_tracks(beads, times))
+    places, velocities, again = _second_look(fit, beads, times)
+    beads = relocate(video, beads, places, velocities, again)
+    return _Film(beads, times, fit)
+
+
+def _picture_tracks(beads: Beads, times: Array) -> tuple[Track, ...]:
+    """Tracks in pixels, y up."""
+    tracks = []
+    for body, images in zip("AB", (beads.a, beads.b), strict=True):
+        seen = [(time, image) for time, image in zip(times, images, strict=True) if image is not None]
+        position = np.array([(image.x, -image.y) for _, image in seen]).reshape(-1, 2)
+        sigma = np.array([image.sigma for _, image in seen])
+        tracks.append(Track(np.array([time for time, _ in seen]), position, sigma, body))
+    return tuple(tracks)
+
+
+def _second_look(fit: SwingFit, beads: Beads, times: Array) -> tuple[Array, Array, Array]:
+    """Where the fitted swings put the beads [px, y down], how fast [px/frame], and which frames deserve a second look.
+
+    These are frames around a collision, where the beads touch, and frames where a bead was lost or something else found.
+    """
+    frame = float(np.median(np.diff(times)))
+    after, before = (positions(fit.swings, angles(fit.swings, times + side * frame)[0]) for side in (0.5, -0.5))
+    middle = ((after + before) / 2)[:, :, 0] * [1, -1]
+    velocity = (after - before)[:, :, 0] * [1, -1]
+    again = np.zeros((2, len(times)), dtype=bool)
+    for k in range(fit.swings.collisions):
+        again |= np.abs(times - float(fit.swings[f"time_{k}"])) < 5 * frame
+    for bead, track in enumerate(fit.tracks):
+        known = np.searchsorted(times, track.time)
+        good = np.zeros(len(times), dtype=bool)
+        good[known] = np.hypot(*fit.residuals[bead].T) < 6 * fit.noise
+        again[bead] |= ~good
+    return middle, velocity, again & beads.looked
+
+
+def _fit_clip(clip: Path, tracks: tuple[Track, ...]) -> SwingFit:
+    try:
+        return fit_swings(tracks)
+    except NothingToMeasure as error:
+        raise NothingToMeasure(f"{clip}: {error}") from None
+
+
+def _scale(
+    fit: SwingFit, camera: Camera, length: float | None, bead_diameter: float | None
+) -> tuple[float, str]:
+    """[m/px] and where it is from."""
+    if camera.given_scale is not None:
+        return camera.given_scale, "given" if camera.scale is not None else "known length"
+    found = fit.propagate(_outcomes)
+    if length is not None:
+        return length / found["length"].value, "pendulum length"
+    if bead_diameter is not None:
+        return bead_diameter / found["distance"].value, "bead diameter"
+    return GRAVITY / found["gravity"].value, "gravity"
+
+
+def _upright(film: _Film, scale: float, roll: float) -> tuple[Track, ...]:
+    """Tracks in metres from where B hangs, x to the right, y against gravity."""
+    swings = film.fit.swings
+    rest = centres(swings, np.zeros((2, 1, 1)))[1, 0, 0]
+    back = np.array([[math.cos(roll), math.sin(roll)], [-math.sin(roll), math.cos(roll)]])
+    return tuple(
+        replace(track, position=(track.position - rest) @ back * scale, sigma=track.sigma * scale)
+        for track in _picture_tracks(film.beads, film.times)
+    )
+
+
+def _without_circle(checks: tuple[Check, ...], scale_from: str) -> tuple[Check, ...]:
+    """The gravity check says nothing where the scale is from gravity."""
+    if scale_from != "gravity":
+        return checks
+    message = "the scale was taken from gravity, so this checks nothing; give --length or --scale for a real check"
+    return tuple(replace(c, passed=True, message=message) if c.check == "gravity" else c for c in checks)
+
+
+def _roll_warning(fit: SwingFit, camera: Camera) -> tuple[str, ...]:
+    if camera.roll is None:
+        return ()
+    found = math.degrees(-float(fit.swings["tilt"]))
+    if abs(found - math.degrees(camera.roll)) < 0.3:
+        return ()
+    return (
+        f"camera roll: {math.degrees(camera.roll):.2f} degrees were given, but the beads hang at {found:.2f} degrees; "
+        "angles are measured from where they hang",
+    )
+
+
+def _write(
+    out: Path,
+    clip: Path,
+    video: Video,
+    film: _Film,
+    fit: SwingFit,
+    tracks: tuple[Track, ...],
+    evaluation: Evaluation,
+    progress: Progress,
+) -> dict[str, Path]:
+    out.mkdir(parents=True, exist_ok=True)
+    endings = {"overlay": "overlay.mp4", "still": "still.png", "plot": "plot.svg", "record": "track.csv"}
+    files = {kind: out / f"{clip.stem}-{ending}" for kind, ending in endings.items()}
+    view = picture_view(film.fit, film.times)
+    turning = float(turning_points(film.fit.swings, 0)[1][1, 0])
+    best = int(film.beads.frames[np.argmin(np.abs(film.times - turning))])
+    still = write_overlay(files["overlay"], video, film.beads, view, best, progress)
+    write_still(files["still"], still, film.beads, view, film.fit, evaluation.quantities)
+    write_plot(files["plot"], fit)
+    write_tracks(files["record"], tracks)
+    return files
 
 
 def evaluate(

@@ -82,7 +82,12 @@ class Swings:
         return np.stack([self[f"speed_{collision}_{bead}"] for bead in range(self.beads)])
 
     def batch(self, columns: Array) -> Swings:
+        """Other values of the parameters, one set per column."""
         return replace(self, vector=columns)
+
+    def batched(self) -> Swings:
+        """The same as a batch, of one where it is none."""
+        return self.batch(self.vector.reshape(len(self.vector), -1))
 
 
 @dataclass(frozen=True)
@@ -123,9 +128,8 @@ class SwingFit:
 
 def angles(swings: Swings, time: Array) -> tuple[Array, Array]:
     """Angles [rad] from gravity's direction and angular speeds [rad/s] at `time`, shape (beads, n, batch)."""
-    vector = swings.vector.reshape(swings.vector.shape[0], -1)
-    swings = swings.batch(vector)
-    batch = vector.shape[1]
+    swings = swings.batched()
+    batch = swings.vector.shape[1]
     angle = np.zeros((swings.beads, len(time), batch))
     speed = np.zeros_like(angle)
     state, start = np.zeros((swings.beads, batch)), swings["release_time"]
@@ -145,6 +149,7 @@ def angles(swings: Swings, time: Array) -> tuple[Array, Array]:
 
 def centres(swings: Swings, angle: Array) -> Array:
     """Where the beads are, shape (beads, n, batch, 2), in the record's axes."""
+    swings = swings.batched()
     pivot = np.stack([swings.per_bead("pivot_x"), swings.per_bead("pivot_y")], axis=-1)[:, None]
     length = swings.per_bead("length")[:, None]
     turned = angle + swings["tilt"]
@@ -153,6 +158,7 @@ def centres(swings: Swings, angle: Array) -> Array:
 
 def positions(swings: Swings, angle: Array) -> Array:
     """Where the beads are seen, shape (beads, n, batch, 2): `centres` through perspective and lens."""
+    swings = swings.batched()
     unit = swings["length_0"]
     # about the middle of the picture, near half-way down the threads, in units of the pendulum length
     middle = np.stack([swings["pivot_x_0"], swings["pivot_y_0"] - 0.5 * unit], axis=-1)
@@ -164,9 +170,8 @@ def positions(swings: Swings, angle: Array) -> Array:
 
 def states_at_collision(swings: Swings, collision: int) -> tuple[Array, Array]:
     """Angles [rad] at a collision and angular speeds [rad/s] just before it, shape (beads, batch)."""
-    vector = swings.vector.reshape(swings.vector.shape[0], -1)
-    swings = swings.batch(vector)
-    state, start = np.zeros((swings.beads, vector.shape[1])), swings["release_time"]
+    swings = swings.batched()
+    state, start = np.zeros((swings.beads, swings.vector.shape[1])), swings["release_time"]
     state[0] = swings["release_angle"]
     rate = np.zeros_like(state)
     for k in range(collision + 1):
@@ -180,7 +185,7 @@ def states_at_collision(swings: Swings, collision: int) -> tuple[Array, Array]:
 
 def turning_points(swings: Swings, collision: int) -> tuple[Array, Array]:
     """Angle [rad] at which each bead turns after a collision, and the time [s] of it; shape (beads, batch)."""
-    swings = swings.batch(swings.vector.reshape(swings.vector.shape[0], -1))
+    swings = swings.batched()
     state, _ = states_at_collision(swings, collision)
     start = swings[f"time_{collision}"]
     period = 2 * math.pi * np.sqrt(np.max(swings.per_bead("length"), axis=0) / swings["gravity"])
@@ -255,7 +260,7 @@ def fit_swings(tracks: Sequence[Track], *, most_collisions: int = 3) -> SwingFit
     scaled = tuple(
         replace(track, position=(track.position - origin) / unit, sigma=track.sigma / unit) for track in tracks
     )
-    fit = _fit(_first_guess(scaled), scaled)
+    fit = _fit(first_guess(scaled), scaled)
     while fit.swings.collisions < most_collisions:
         further = _with_next_collision(fit)
         longer = None if further is None else _fit(further, scaled)
@@ -308,7 +313,8 @@ def fit_circle(points: Array) -> tuple[Array, float]:
     return middle + circle[:2], float(abs(circle[2]))
 
 
-def _first_guess(tracks: tuple[Track, ...]) -> Swings:
+def first_guess(tracks: tuple[Track, ...]) -> Swings:
+    """Rough swings through the first collision; A's speed after it may be missing from the record of two beads."""
     a = tracks[0]
     start, hit = onset(a), _first_hit(tracks)
     if start is None:
@@ -337,10 +343,15 @@ def _first_guess(tracks: tuple[Track, ...]) -> Swings:
         "release_time": release_time,
         "time_0": hit_time,
     }
-    for bead, (centre, radius) in enumerate(circles):
-        values |= {f"pivot_x_{bead}": centre[0], f"pivot_y_{bead}": centre[1], f"length_{bead}": radius}
-        values[f"speed_0_{bead}"] = _slope(tracks[bead].time, angle[bead], hit_time, 0.5 / math.sqrt(pull))
     beads = len(tracks)
+    for bead, (centre, radius) in reversed(list(enumerate(circles))):
+        values |= {f"pivot_x_{bead}": centre[0], f"pivot_y_{bead}": centre[1], f"length_{bead}": radius}
+        if bead == 0 and beads == 2 and a.time[-1] <= hit_time + 2 * frame_interval(a):
+            # equal masses: A keeps what B does not take
+            arriving = -math.copysign(math.sqrt(2 * pull * (1 - math.cos(release))), release)
+            values["speed_0_0"] = arriving - values["speed_0_1"]
+        else:
+            values[f"speed_0_{bead}"] = _slope(tracks[bead].time, angle[bead], hit_time, 0.5 / math.sqrt(pull))
     return Swings(np.array([values[name] for name in Swings.names(beads, 1)]), beads, 1)
 
 
@@ -458,13 +469,9 @@ def _enough(used: list[Mask], swings: Swings, tracks: tuple[Track, ...]) -> None
 
 def _residuals(swings: Swings, tracks: tuple[Track, ...]) -> list[Array]:
     return [
-        track.position - positions(swings.batch(swings.vector[:, None]), _track_angles(swings, track))[bead, :, 0]
+        track.position - positions(swings, angles(swings, track.time)[0])[bead, :, 0]
         for bead, track in enumerate(tracks)
     ]
-
-
-def _track_angles(swings: Swings, track: Track) -> Array:
-    return angles(swings, track.time)[0]
 
 
 def _misses(
@@ -536,12 +543,11 @@ def _correlation(residuals: list[Array], used: list[Mask]) -> float:
 
 def _end_of_last_swing(swings: Swings) -> float:
     """When the beads come together again after the last collision [s]."""
-    one = swings.batch(swings.vector.reshape(-1, 1))
     start = float(swings[f"time_{swings.collisions - 1}"])
     period = 2 * math.pi * math.sqrt(float(np.max(swings.per_bead("length"))) / float(swings["gravity"]))
     time = start + np.linspace(0, 1.3 * period, 400)
-    angle, _ = angles(one, time)
-    at, _ = states_at_collision(one, swings.collisions - 1)
+    angle, _ = angles(swings, time)
+    at, _ = states_at_collision(swings, swings.collisions - 1)
     apart = (angle - at[:, None])[..., 0]
     way = apart[0] if swings.beads == 1 else apart[1] - apart[0]
     opened = len(time) // 6  # a fifth of a period after the collision: well apart, far from back together
@@ -555,7 +561,6 @@ def _with_next_collision(fit: SwingFit) -> Swings | None:
     hit = _end_of_last_swing(swings)
     values = dict(zip(Swings.names(swings.beads, swings.collisions), swings.vector, strict=True))
     pull = float(swings["gravity"] / swings["length_0"])
-    _, arriving = states_at_collision(swings.batch(swings.vector[:, None]), swings.collisions - 1)
     k = swings.collisions
     values[f"time_{k}"] = hit
     for bead, track in enumerate(fit.tracks):
@@ -564,7 +569,7 @@ def _with_next_collision(fit: SwingFit) -> Swings | None:
         centre = np.array([swings[f"pivot_x_{bead}"], swings[f"pivot_y_{bead}"]])
         angle = _angle(track, centre, float(swings["tilt"]))
         values[f"speed_{k}_{bead}"] = _slope(track.time, angle, hit + frame_interval(track), 0.4 / math.sqrt(pull))
-    before = states_at_collision(swings.batch(swings.vector[:, None]), k - 1)[1]
+    before = states_at_collision(swings, k - 1)[1]
     approach = abs(float(np.ptp(before))) if swings.beads > 1 else abs(float(before[0, 0]))
     # a soft collision hides in the noise and in the frames left out around it
     leaving = np.ptp(swings.after(k - 1)) if swings.beads > 1 else abs(float(swings.after(k - 1)[0]))

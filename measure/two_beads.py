@@ -18,8 +18,12 @@ import numpy.typing as npt
 
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.measure.bead import Background, BeadImage, Scene, locate
-from rigtwin.measure.media import Grey, Image, Video
+from rigtwin.lab.records import Track
+from rigtwin.lab.rigs import GRAVITY
+from rigtwin.measure.bead import Background, BeadFit, BeadImage, Look, Scene, common_look, fit_bead
+from rigtwin.measure.follow import Channel, Spot, SpotPath, best_channel
+from rigtwin.measure.media import Frame, Grey, Image, Video
+from rigtwin.measure.swing import angles, first_guess, positions
 
 Array = npt.NDArray[np.float64]
 
@@ -69,34 +73,62 @@ class Beads:
     frames: npt.NDArray[np.int64]  # frame numbers, shape (n,)
     a: list[BeadImage | None]
     b: list[BeadImage | None]
-    radius: float  # [px]
+    looks: list[Look]  # of A and B
+    exposure: float  # share of the frame interval
     scene: Scene
+    channel: Channel
     shakes: Array  # [px], where the scene's origin lies in each frame, shape (n, 2)
+    looked: npt.NDArray[np.bool_]  # where each bead was looked for, shape (2, n)
 
 
 def find_beads(
-    video: Video, region: tuple[float, float, float, float] | None = None, progress: Progress = silent
+    video: Video,
+    region: tuple[float, float, float, float] | None = None,
+    *,
+    stated_length: float | None = None,
+    progress: Progress = silent,
 ) -> Beads:
-    """Both beads in every frame.  Raises `NothingToMeasure` when no two bodies collide in the clip."""
+    """Both beads in every frame; `stated_length` [m] of the pendulum only helps to say what is wrong.
+
+    Raises `NothingToMeasure` when no two bodies collide in the clip.
+    """
     samples = _sample(video, progress)
+    scene = _scene({index: frame.grey for index, frame in samples.items()})
+    collision = _collision(_paths(video, scene, samples, region, progress), video, stated_length)
+    channel = best_channel(video, _as_spots(collision.fall))
+    greys = {index: channel.grey(frame) for index, frame in samples.items()}
+    scene = _scene(greys)
+    # right after the collision B has left its place and A has not come to it yet: the best view of what B hid
+    hit = collision.rise.frames[0]
+    greys |= {frame.index: channel.grey(frame) for frame in video.frames() if hit <= frame.index < hit + 12}
+    scene = _without_beads(scene, greys, collision.radius, _rough_places(collision, video))
+    looks, exposure = _learn_looks(video, channel, scene, collision)
+    return _follow(video, channel, scene, collision, looks, exposure, progress)
+
+
+def _scene(greys: dict[int, Grey]) -> Scene:
     background = Background()
-    for index, colour in samples.items():
-        background.add(index, cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY))
-    scene = background.scene()
-    paths = _paths(video, scene, samples, region, progress)
-    collision = _collision(paths, video)
-    scene = _without_beads(scene, samples, collision)
-    return _follow(video, scene, replace(collision, radius=_true_radius(scene, samples, collision)), progress)
+    for index, grey in greys.items():
+        background.add(index, grey)
+    return background.scene()
 
 
-def _sample(video: Video, progress: Progress) -> dict[int, Image]:
+def _as_spots(path: Path) -> SpotPath:
+    spots = [
+        Spot(float(x), float(y), math.pi / 4 * size**2, size, size, 0.0)
+        for (x, y), size in zip(path.places, path.sizes, strict=True)
+    ]
+    return SpotPath(tuple(path.frames), tuple(spots))
+
+
+def _sample(video: Video, progress: Progress) -> dict[int, Frame]:
     count = video.last - video.first + 1
     wanted = set(np.unique(np.linspace(video.first, video.last, min(SAMPLES, count)).round().astype(int)).tolist())
     samples = {}
     for frame in video.frames():
         progress("learning the still scene", frame.index - video.first, count)
         if frame.index in wanted:
-            samples[frame.index] = frame.colour
+            samples[frame.index] = frame
     return samples
 
 
@@ -106,14 +138,14 @@ def _sample(video: Video, progress: Progress) -> dict[int, Image]:
 def _paths(
     video: Video,
     scene: Scene,
-    samples: dict[int, Image],
+    samples: dict[int, Frame],
     region: tuple[float, float, float, float] | None,
     progress: Progress,
 ) -> list[Path]:
     """Everything that moves, linked from frame to frame and broken where its speed jumps."""
     paths: list[Path] = []
     shake = (0.0, 0.0)
-    still = np.median(np.stack(list(samples.values())), axis=0).astype(np.uint8)
+    still = np.median(np.stack([frame.colour for frame in samples.values()]), axis=0).astype(np.uint8)
     least = np.maximum(4 * scene.noise, 8.0)
     if region is not None:
         x, y, width, height = (round(side) for side in region)
@@ -221,7 +253,7 @@ def _unbroken(path: Path) -> list[Path]:
 # --- the collision --------------------------------------------------------------------------------------------------
 
 
-def _collision(paths: list[Path], video: Video) -> Collision:
+def _collision(paths: list[Path], video: Video, stated_length: float | None) -> Collision:
     """The pair of paths of which one ends, fast, where and when the other begins in the same direction."""
     moving = [path for path in paths if path.extent > 3 * float(np.median(path.sizes))]
     if not moving:
@@ -234,13 +266,35 @@ def _collision(paths: list[Path], video: Video) -> Collision:
                 best, best_score = (fall, rise), score
     if best is None:
         raise NothingToMeasure(
-            f"{video.path}: no bead is seen to hit a second one; the clip must show the released bead, "
-            "the hanging bead and their collision."
+            f"{video.path}: no bead is seen to hit a second one{_lone_swing(moving, video, stated_length)}; the clip must "
+            "show the released bead, the hanging bead and their collision."
         )
     fall, rise = best
     radius = float(np.median([*fall.sizes, *rise.sizes])) / 2 + 0.5
     fall = _with_beginning(fall, paths)
     return Collision(fall, rise, _rest_place(fall, rise, paths, radius), max(radius, 2.0))
+
+
+def _lone_swing(moving: list[Path], video: Video, stated_length: float | None) -> str:
+    """What a single pendulum's period says of its length; empty where nothing swings to and fro."""
+    size = max(float(np.median(path.sizes)) for path in moving)
+    main = [path for path in moving if float(np.median(path.sizes)) > 0.6 * size]
+    frames = np.concatenate([path.frames for path in main])
+    order = np.argsort(frames)
+    time = video.times[frames[order]]
+    x = np.concatenate([np.array(path.places)[:, 0] for path in main])[order]
+    away = x - (np.percentile(x, 2) + np.percentile(x, 98)) / 2
+    # crossings of the middle, counted once although noise may cross it to and fro
+    sides = np.flatnonzero(np.abs(away) > 0.3 * np.percentile(np.abs(away), 90))
+    turns = sides[:-1][np.sign(away[sides[:-1]]) != np.sign(away[sides[1:]])]
+    if len(turns) < 4:
+        return ""
+    crossings = time[turns]
+    halves = np.round((crossings - crossings[0]) / np.median(np.diff(crossings)))
+    half, _ = np.polyfit(halves, crossings, 1)
+    fits = GRAVITY * (half / math.pi) ** 2
+    stated = "" if stated_length is None else f", {stated_length * 1e3:.0f} mm are stated"
+    return f" (one body swings, with a period of {2 * half:.3f} s as a pendulum of {fits * 1e3:.0f} mm has{stated})"
 
 
 def _meeting(fall: Path, rise: Path) -> float:
@@ -305,120 +359,199 @@ def _rest_place(fall: Path, rise: Path, paths: list[Path], radius: float) -> Arr
     return np.asarray(rise.places[0] + velocity * float(np.clip(back, -8, 0)))
 
 
-def _true_radius(scene: Scene, samples: dict[int, Image], collision: Collision) -> float:
-    """Radius [px] that fits bead B where it hangs still and sharp; the spot's own width where that shows none."""
-    best: list[tuple[float, float]] = []
-    for index in [index for index in samples if index < collision.fall.frames[-1] - 3][:4]:
-        grey = scene.view(cv2.cvtColor(samples[index], cv2.COLOR_BGR2GRAY)).grey
-        place = (float(collision.rest[0]), float(collision.rest[1]))
-        tries = [locate(grey, scene.picture, place, collision.radius * factor) for factor in (0.8, 1.1, 1.5)]
-        found = [(image.sigma, image.radius) for image in tries if image is not None]
-        if found:
-            best.append(min(found))
-    return float(np.median([radius for _, radius in best])) if best else collision.radius
+def _without_beads(scene: Scene, greys: dict[int, Grey], radius: float, places: dict[int, list[Array]]) -> Scene:
+    """The still scene behind the beads as well.
+
+    Where beads cover a pixel in many frames the median over time is no background: there the frames are taken in which
+    the beads are furthest away, and where they never leave, the surroundings grow in.
+    """
+    reach = round(1.7 * radius + 3)
+    cover = np.zeros(scene.picture.shape, dtype=np.float32)
+    for index in greys:
+        disc = np.zeros(cover.shape, dtype=np.uint8)
+        for place in places[index]:
+            cv2.circle(disc, (round(place[0]), round(place[1])), reach, 1, cv2.FILLED)
+        cover += disc
+    y, x = np.nonzero(cover > 0.1 * len(greys))
+    if len(x) == 0:
+        return scene
+    away = np.stack(
+        [np.min([np.hypot(x - place[0], y - place[1]) for place in places[index]], axis=0) for index in greys]
+    )
+    values = np.stack([scene.view(grey).grey[y, x] for grey in greys.values()])
+    furthest = np.argsort(-away, axis=0)[:5]
+    picture, hidden = scene.picture.copy(), np.zeros(cover.shape, dtype=np.uint8)
+    picture[y, x] = np.median(np.take_along_axis(values, furthest, 0), axis=0)
+    never = np.take_along_axis(away, furthest, 0)[-1] < radius + 1.5
+    hidden[y[never], x[never]] = 1
+    filled = cv2.inpaint(np.clip(np.round(picture), 0, 255).astype(np.uint8), hidden, 5, cv2.INPAINT_NS)
+    return Scene(np.where(hidden > 0, filled, picture).astype(np.float32), scene.noise)
 
 
-def _without_beads(scene: Scene, samples: dict[int, Image], collision: Collision) -> Scene:
-    """The still scene behind the beads as well: median over the frames in which no bead covers the pixel."""
-    stack, covered = [], []
-    reach = round(1.7 * collision.radius + 3)
-    for index, colour in samples.items():
-        grey = cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY)
-        stack.append(scene.view(grey).grey)
-        cover = np.zeros(grey.shape, dtype=np.uint8)
-        for place in _rough_places(collision, index):
-            cv2.circle(cover, (round(place[0]), round(place[1])), reach, 1, cv2.FILLED)
-        covered.append(cover > 0)
-    values, hidden = np.stack(stack), np.stack(covered)
-    change = np.any(hidden, axis=0) & (np.sum(~hidden, axis=0) >= 2)
-    picture = scene.picture.copy()
-    columns = values[:, change]
-    columns[hidden[:, change]] = np.nan
-    picture[change] = np.nanmedian(columns, axis=0)
-    return Scene(picture, scene.noise)
+def _rough_places(collision: Collision, video: Video) -> dict[int, list[Array]]:
+    """Where both beads are about in every frame, from a pendulum's motion through the two paths."""
+    fall = _clear_of(collision.fall, collision.rest, 2.5 * collision.radius, from_end=True)
+    rise = _clear_of(collision.rise, collision.rest, 2.5 * collision.radius, from_end=False)
+    still = [frame for frame in range(video.first, fall.frames[-1] + 1)]
+    hanging = Path(still + rise.frames, [collision.rest] * len(still) + rise.places, [])
+    swings = first_guess(tuple(_rough_track(path, video) for path in (fall, hanging)))
+    frames = np.arange(video.first, video.last + 1)
+    seen = positions(swings, angles(swings, video.times[frames])[0])[:, :, 0] * [1, -1]
+    places = {int(frame): [seen[0, k], seen[1, k]] for k, frame in enumerate(frames)}
+    for path in (fall, rise):
+        for frame, place in zip(path.frames, path.places, strict=True):
+            places[frame].append(place)
+    return places
 
 
-def _rough_places(collision: Collision, index: int) -> list[Array]:
-    """Where the beads are about in a frame; after the collision A is somewhere between the two known places."""
-    fall, rise = collision.fall, collision.rise
-    hit = (fall.frames[-1] + rise.frames[0]) / 2
-    if index <= hit:
-        return [_on_path(fall, index), collision.rest]
-    return [_on_path(rise, index)] if index <= rise.frames[-1] else []
+def _rough_track(path: Path, video: Video) -> Track:
+    position = np.array(path.places) * [1, -1]
+    return Track(video.times[path.frames], position, np.full(len(position), np.nan))
 
 
-def _on_path(path: Path, index: int) -> Array:
+def _on_path(path: Path, index: float) -> Array:
     places = np.array(path.places)
     return np.array([np.interp(index, path.frames, places[:, k]) for k in (0, 1)])
+
+
+def _along(path: Path, index: int) -> tuple[Array, Array]:
+    """Place [px] and velocity [px/frame] on a path."""
+    return _on_path(path, index), (_on_path(path, index + 1) - _on_path(path, index - 1)) / 2
 
 
 # --- following ------------------------------------------------------------------------------------------------------
 
 
-def _follow(video: Video, scene: Scene, collision: Collision, progress: Progress) -> Beads:
+def _learn_looks(
+    video: Video, channel: Channel, scene: Scene, collision: Collision
+) -> tuple[list[Look], float]:
+    """What A and B look like, from frames in which they are apart, and the exposure's share of the frame interval."""
+    fall = _clear_of(collision.fall, collision.rest, 3 * collision.radius, from_end=True)
+    rise = _clear_of(collision.rise, collision.rest, 3 * collision.radius, from_end=False)
+    # not the first frames of the fall: something may hold the bead there
+    wanted = [_spread(path.frames[len(path.frames) // 3 * (1 - k)], path.frames[-1]) for k, path in enumerate((fall, rise))]
+    fits: list[list[BeadFit]] = [[], []]
+    smears: list[float] = []
+    for frame in video.frames():
+        for bead, path in enumerate((fall, rise)):
+            if frame.index in wanted[bead]:
+                place = _on_path(path, frame.index)
+                # a radius far off is no small error: the fit is held near the one it starts from
+                tries = [
+                    fit_bead(scene.view(channel.grey(frame)).grey, scene.picture, (place[0], place[1]), radius)
+                    for radius in (collision.radius, 1.3 * collision.radius)
+                ]
+                found = [fit for fit in tries if fit is not None]
+                if found:
+                    best = min(found, key=lambda fit: fit.image.sigma)
+                    fits[bead].append(best)
+                    speed = np.hypot(*(_on_path(path, frame.index + 1) - _on_path(path, frame.index - 1))) / 2
+                    smears += [math.hypot(*best.image.blur) / float(speed)] if speed > 3 else []
+    if len(fits[0]) < 3 and len(fits[1]) < 3:
+        raise NothingToMeasure(f"{video.path}: what moves in this clip does not look like beads.")
+    looks = [common_look(own if len(own) >= 3 else other) for own, other in (fits, fits[::-1])]
+    return looks, min(float(np.median(smears)), 1.0) if len(smears) > 2 else 0.3
+
+
+def _spread(first: int, last: int) -> set[int]:
+    return set(np.unique(np.linspace(first, last, 10).round().astype(int)).tolist())
+
+
+def _follow(
+    video: Video,
+    channel: Channel,
+    scene: Scene,
+    collision: Collision,
+    looks: list[Look],
+    exposure: float,
+    progress: Progress,
+) -> Beads:
     """Locate both beads in every frame, each from where its path or its last frames say it should be."""
-    walk = _Walk(scene, collision)
+    walk = _Walk(scene, collision, looks, exposure, video.first)
     for frame in video.frames():
         progress("following the beads", frame.index - video.first, video.last - video.first + 1)
-        walk.step(frame.index, frame.grey)
-    return Beads(np.array(walk.frames), walk.a, walk.b, walk.radius, scene, np.array(walk.shakes))
+        walk.step(frame.index, channel.grey(frame))
+    return Beads(
+        np.array(walk.frames),
+        walk.a,
+        walk.b,
+        looks,
+        exposure,
+        scene,
+        channel,
+        np.array(walk.shakes),
+        np.array(walk.looked, dtype=bool).T,
+    )
 
 
 class _Walk:
     """State of following two beads through the clip."""
 
-    def __init__(self, scene: Scene, collision: Collision) -> None:
-        self.scene, self.collision, self.radius = scene, collision, collision.radius
+    def __init__(self, scene: Scene, collision: Collision, looks: list[Look], exposure: float, first: int) -> None:
+        self.scene, self.collision, self.looks, self.exposure = scene, collision, looks, exposure
         self.frames: list[int] = []
         self.shakes: list[tuple[float, float]] = []
         self.a: list[BeadImage | None] = []
         self.b: list[BeadImage | None] = []
-        self._radii: list[float] = []
-        self.fall = _clear_of(collision.fall, collision.rest, 2.5 * collision.radius, from_end=True)
-        self.rise = _clear_of(collision.rise, collision.rest, 2.5 * collision.radius, from_end=False)
+        self.looked: list[list[bool]] = []
+        reach = looks[0].radius + looks[1].radius
+        self.fall = _clear_of(collision.fall, collision.rest, 1.2 * reach, from_end=True)
+        self.rise = _clear_of(collision.rise, collision.rest, 1.2 * reach, from_end=False)
         arriving, leaving = self.fall.velocity(at_end=True), self.rise.velocity(at_end=False)
-        self._hit = _hit_frame(self.fall, arriving, collision.rest, collision.radius)
+        self._hit = _hit_frame(self.fall, arriving, collision.rest, reach)
         # beads of equal mass: A keeps what B does not take; the search around it forgives other masses
         self._kept = arriving - leaving
+        # a bead at rest is the same in every frame: a few dozen frames say where
+        left = np.hypot(*(np.array(self.fall.places) - self.fall.places[0]).T) > 1.5
+        self._release = self.fall.frames[int(np.argmax(left))] - 2
+        self._rest_steps = (max(1, round((self._release - first) / 10)), max(1, round((self._hit - first) / 25)))
 
     def step(self, index: int, grey: Grey) -> None:
         view = self.scene.view(grey, self.shakes[-1] if self.shakes else (0.0, 0.0))
-        expected_a, expected_b = self._expect_a(index), self._expect_b(index)
+        (expected_a, speed_a), (expected_b, speed_b) = self._expect_a(index), self._expect_b(index)
         # in its swing B is well known beforehand; just after the collision A is not
-        b = self._see(view.grey, expected_b, expected_a if index < self._hit else None)
-        at_b = expected_b if b is None else np.array([b.x, b.y])
-        a = self._see(view.grey, expected_a, at_b)
+        b, a = None, None
+        looked = [
+            index >= self._release or index % self._rest_steps[0] == 0,
+            index > self._hit - 3 or index % self._rest_steps[1] == 0,
+        ]
+        if looked[1]:
+            b = self._see(view.grey, expected_b, speed_b, 1, expected_a if index < self._hit else None)
+        if looked[0]:
+            beside = expected_b if b is None else np.array([b.x, b.y])
+            a = self._see(view.grey, expected_a, speed_a, 0, beside)
+        self.looked.append(looked)
         self.frames.append(index)
         self.shakes.append(view.shake)
         self.a.append(a)
         self.b.append(b)
-        if len(self._radii) < 60:
-            self._radii += [image.radius for image in (a, b) if image is not None]
-            self.radius = float(np.median(self._radii)) if len(self._radii) >= 8 else self.radius
 
-    def _expect_a(self, index: int) -> Array:
-        if index <= self.fall.frames[-1]:
-            return _on_path(self.fall, index)
+    def _expect_a(self, index: int) -> tuple[Array, Array]:
+        """Place [px] and velocity [px/frame]."""
+        last, arriving = self.fall.frames[-1], self.fall.velocity(at_end=True)
+        if index < last:
+            return _along(self.fall, index)
         if index <= self._hit:
-            return self.fall.places[-1] + self.fall.velocity(at_end=True) * (index - self.fall.frames[-1])
-        start = self.fall.places[-1] + self.fall.velocity(at_end=True) * (self._hit - self.fall.frames[-1])
-        return self._onwards(self.a, index, start, self._kept, self._hit)
+            return self.fall.places[-1] + arriving * (index - last), arriving
+        return self._onwards(self.a, index, self.fall.places[-1] + arriving * (self._hit - last), self._kept, self._hit)
 
-    def _expect_b(self, index: int) -> Array:
+    def _expect_b(self, index: int) -> tuple[Array, Array]:
+        rise, rest = self.rise, self.collision.rest
+        found = [image for image in self.b if image is not None]
         if index <= self._hit:
-            return self.collision.rest
-        if index <= self.rise.frames[-1]:
-            share = (index - self._hit) / max(self.rise.frames[0] - self._hit, 1e-9)
-            if share < 1:
-                return self.collision.rest + share * (self.rise.places[0] - self.collision.rest)
-            return _on_path(self.rise, index)
-        return self._onwards(
-            self.b, index, self.rise.places[-1], self.rise.velocity(at_end=True), self.rise.frames[-1]
-        )
+            if len(found) >= 5:
+                rest = np.array([np.median([image.x for image in found]), np.median([image.y for image in found])])
+            return rest, np.zeros(2)
+        if index < rise.frames[0]:
+            velocity = (rise.places[0] - rest) / max(rise.frames[0] - self._hit, 1e-9)
+            return rest + (index - self._hit) * velocity, velocity
+        if index < rise.frames[-1]:
+            return _along(rise, index)
+        return self._onwards(self.b, index, rise.places[-1], rise.velocity(at_end=True), rise.frames[-1])
 
     def _onwards(
         self, images: list[BeadImage | None], index: int, start: Array, velocity: Array, since: float
-    ) -> Array:
+    ) -> tuple[Array, Array]:
         """Straight on from the last frames in which the bead was found since the collision."""
         seen = [
             (frame, image)
@@ -426,17 +559,20 @@ class _Walk:
             if image is not None and frame > since
         ][-3:]
         if not seen:
-            return start + velocity * (index - since)
+            return start + velocity * (index - since), velocity
         places = np.array([[image.x, image.y] for _, image in seen])
         if len(seen) > 1:
             velocity = (places[-1] - places[0]) / (seen[-1][0] - seen[0][0])
-        return np.asarray(places[-1] + velocity * (index - seen[-1][0]))
+        return places[-1] + velocity * (index - seen[-1][0]), velocity
 
-    def _see(self, grey: npt.NDArray[np.float32], expected: Array, other: Array | None) -> BeadImage | None:
-        image = _locate_beside(grey, self.scene, expected, self.radius, other)
-        if image is None or not 0.6 < image.radius / self.radius < 1.6:
+    def _see(
+        self, grey: npt.NDArray[np.float32], expected: Array, velocity: Array, bead: int, other: Array | None
+    ) -> BeadImage | None:
+        look, blur = self.looks[bead], velocity * self.exposure
+        image = _locate_beside(grey, self.scene, expected, look, blur, other, self.looks[1 - bead].radius)
+        if image is None:
             return None
-        return image if np.hypot(image.x - expected[0], image.y - expected[1]) < 1.2 * self.radius + 5 else None
+        return image if np.hypot(image.x - expected[0], image.y - expected[1]) < 1.2 * look.radius + 5 else None
 
 
 def relocate(video: Video, beads: Beads, places: Array, velocities: Array, again: npt.NDArray[np.bool_]) -> Beads:
@@ -446,47 +582,43 @@ def relocate(video: Video, beads: Beads, places: Array, velocities: Array, again
     """
     found = [list(beads.a), list(beads.b)]
     numbers = {int(frame): k for k, frame in enumerate(beads.frames)}
-    exposure = _exposure(beads, velocities)
     for frame in video.frames():
         k = numbers[frame.index]
         if not np.any(again[:, k]):
             continue
-        grey = beads.scene.view(frame.grey, (float(beads.shakes[k, 0]), float(beads.shakes[k, 1]))).grey
+        shake = (float(beads.shakes[k, 0]), float(beads.shakes[k, 1]))
+        grey = beads.scene.view(beads.channel.grey(frame), shake).grey
         for bead in np.flatnonzero(again[:, k]):
-            place, blur = places[bead, k], velocities[bead, k] * exposure
-            image = _locate_beside(grey, beads.scene, place, beads.radius, places[1 - bead, k], (blur[0], blur[1]))
-            if image is not None and np.hypot(image.x - place[0], image.y - place[1]) > 2 + 0.3 * beads.radius:
+            look, place, blur = beads.looks[bead], places[bead, k], velocities[bead, k] * beads.exposure
+            other, other_radius = places[1 - bead, k], beads.looks[1 - bead].radius
+            image = _locate_beside(grey, beads.scene, place, look, blur, other, other_radius)
+            if image is not None and np.hypot(image.x - place[0], image.y - place[1]) > 2 + 0.3 * look.radius:
                 image = None
             found[bead][k] = image
     return replace(beads, a=found[0], b=found[1])
-
-
-def _exposure(beads: Beads, velocities: Array) -> float:
-    """Share of the frame interval during which the shutter was open, from the smear of fast beads."""
-    shares = [
-        math.hypot(*image.blur) / float(np.hypot(*velocity))
-        for images, speeds in zip((beads.a, beads.b), velocities, strict=True)
-        for image, velocity in zip(images, speeds, strict=True)
-        if image is not None and np.hypot(*velocity) > 0.3 * beads.radius
-    ]
-    return min(float(np.median(shares)), 1.0) if len(shares) > 4 else 0.3
 
 
 def _locate_beside(
     grey: npt.NDArray[np.float32],
     scene: Scene,
     expected: Array,
-    radius: float,
+    look: Look,
+    blur: Array,
     other: Array | None,
-    blur: tuple[float, float] = (0.0, 0.0),
+    other_radius: float,
 ) -> BeadImage | None:
     """One bead where the other may be close by: the other's pixels are not looked at."""
     hidden = None
-    if other is not None and np.hypot(*(expected - other)) < 4 * radius + 10:
+    if other is not None and np.hypot(*(expected - other)) < 2.5 * (look.radius + other_radius) + 10:
         y, x = np.mgrid[: grey.shape[0], : grey.shape[1]]
-        nearer = np.hypot(x - other[0], y - other[1]) < np.hypot(x - expected[0], y - expected[1])
-        hidden = nearer & (np.hypot(x - other[0], y - other[1]) < radius + 3)
-    return locate(grey, scene.picture, (float(expected[0]), float(expected[1])), radius, blur, hidden)
+        to_other = np.hypot(x - other[0], y - other[1])
+        nearer = to_other - other_radius < np.hypot(x - expected[0], y - expected[1]) - look.radius
+        hidden = nearer & (to_other < other_radius + 3)
+    place = (float(expected[0]), float(expected[1]))
+    # no blur at all would mean "unknown"
+    smear = (float(blur[0]) + 0.01, float(blur[1]))
+    fit = fit_bead(grey, scene.picture, place, look.radius, blur_guess=smear, hidden=hidden, look=look)
+    return None if fit is None else fit.image
 
 
 def _clear_of(path: Path, rest: Array, reach: float, *, from_end: bool) -> Path:
@@ -498,8 +630,8 @@ def _clear_of(path: Path, rest: Array, reach: float, *, from_end: bool) -> Path:
     return path.part(0, int(keep[-1]) + 1) if from_end else path.part(int(keep[0]), len(path.frames))
 
 
-def _hit_frame(fall: Path, arriving: Array, rest: Array, radius: float) -> float:
-    """When A, going on as it does, touches B at rest: a frame number with a fraction."""
+def _hit_frame(fall: Path, arriving: Array, rest: Array, reach: float) -> float:
+    """When A, going on as it does, comes within `reach` [px] of B at rest: a frame number with a fraction."""
     speed = float(np.hypot(*arriving))
-    ahead = float((rest - fall.places[-1]) @ arriving) / max(speed, 1e-9) - 2 * radius
+    ahead = float((rest - fall.places[-1]) @ arriving) / max(speed, 1e-9) - reach
     return float(fall.frames[-1] + max(ahead, 0.0) / max(speed, 1e-9))

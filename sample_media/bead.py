@@ -21,9 +21,9 @@ def map_directions() -> Floats:
         (np.arange(MAP_COLUMNS) + 0.5) / MAP_COLUMNS * 2 * np.pi,
         indexing="ij",
     )
-    return np.stack(
-        [np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=-1
-    ).astype(np.float32)
+    return np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=-1).astype(
+        np.float32
+    )
 
 
 def look_up(table: Floats, direction: Floats) -> Floats:
@@ -60,8 +60,11 @@ def wooden_bead(
     highlight = (np.clip(directions @ half.T, 0, 1) ** shine * (cosine > 0)) @ lights.radiance * shine / 8 * 0.045
     shape = (MAP_ROWS, MAP_COLUMNS, 3)
     return WoodenBead(
-        radius, albedo.reshape(shape).astype(np.float32), lamp.reshape(shape).astype(np.float32),
-        highlight.reshape(shape).astype(np.float32), np.array(floor, dtype=np.float32),
+        radius,
+        albedo.reshape(shape).astype(np.float32),
+        lamp.reshape(shape).astype(np.float32),
+        highlight.reshape(shape).astype(np.float32),
+        np.array(floor, dtype=np.float32),
     )
 
 

@@ -13,7 +13,20 @@ from bead import WoodenBead, expose_bead, shadow, spun, wooden_bead
 from footage import Picture, develop, expose, soften, vignette
 from physics_drop import DropMotion, DropSetting, fly
 from scene import (
-    Body, Box, Camera, Cylinder, Floats, Lights, Region, Scene, Surface, along, draw, lens_blur, plain, room_lights,
+    Body,
+    Box,
+    Camera,
+    Cylinder,
+    Floats,
+    Lights,
+    Region,
+    Scene,
+    Surface,
+    along,
+    draw,
+    lens_blur,
+    plain,
+    room_lights,
 )
 from surfaces import brushed, label, laminate, painted, rule_colour
 
@@ -112,7 +125,11 @@ def still(region: Region) -> Still:
     plate = np.flatnonzero((which == 0) & (np.abs(points[:, 2]) < 0.05))
     free = np.array([scene().lit(points[plate].astype(np.float32) + [0, 0, 0.02], d) for d in lights().direction])
     return Still(
-        light, region, plate // region.width, plate % region.width, points[plate].astype(np.float32),
+        light,
+        region,
+        plate // region.width,
+        plate % region.width,
+        points[plate].astype(np.float32),
         free.reshape(len(lights().direction), -1).astype(np.float32),
     )
 
@@ -181,7 +198,7 @@ def clip(name: str) -> Iterator[Picture]:
     motion, bead = fly(SETTINGS[name]), looks(name)
     rng = np.random.default_rng(LOOKS[name][0])
     for index in range(FRAMES):
-        yield expose(finish(frame(motion, bead, ground, name, index), ground.region), rng, 1.6)
+        yield expose(finish(frame(motion, bead, ground, name, index), ground.region), rng, 1.8)
 
 
 @cache

@@ -68,8 +68,12 @@ def scene() -> Scene:
         Box((88.0, 20.0, 6.0), Surface(plain(0.13, 0.14, 0.15), mirror=0.06, gloss=0.1), half=(11.0, 34.0, 11.0)),
         Box((18.0, -BAR_SPREAD, 4.0), bar, half=(66.0, 3.0, 4.0)),
         Box((18.0, BAR_SPREAD, 4.0), bar, half=(66.0, 3.0, 4.0)),
-        Box((-10.0, 0.6, -217.0), Surface(rule_colour(150.0, 26.0), mirror=0.1, gloss=0.05), along((1.0, 0.0, 0.0)),
-            half=(13.0, 0.5, 75.0)),
+        Box(
+            (-10.0, 0.6, -217.0),
+            Surface(rule_colour(150.0, 26.0), mirror=0.1, gloss=0.05),
+            along((1.0, 0.0, 0.0)),
+            half=(13.0, 0.5, 75.0),
+        ),
         Cylinder(tuple(tip), rod, along(tuple(side)), radius=1.6, half=5.0),
         Cylinder(tuple(grip), black, along(tuple(side)), radius=4.5, half=12.0),
         Cylinder((float(grip[0]) - 4.0, 12.0, -230.0), rod, radius=5.0, half=86.0),
@@ -161,7 +165,7 @@ def clip(name: str) -> Iterator[Picture]:
     motion = swing(SETTINGS[name], FRAMES / FRAME_RATE + 0.01)
     rng = np.random.default_rng(SEEDS[name])
     for index in range(FRAMES):
-        yield expose(finish(frame(motion, still(), index)), rng, 1.5)
+        yield expose(finish(frame(motion, still(), index)), rng, 1.8)
 
 
 def truth(name: str) -> dict[str, Any]:

@@ -36,6 +36,7 @@ RADIUS = SETTING.diameter * 500  # [mm]
 BENCH = -42.0  # [mm], below the plate
 CAMERA = Camera((2.0, -640.0, 36.0), 4380.0, 1000, 750, pitch=np.radians(2.4), roll=np.radians(0.6))
 VIEWS = {"view1": 0.0, "view2": 90.0, "view3": 180.0, "view4": 270.0}  # [deg], how far the plate was turned
+TURNING = Region(160, 225, 660, 280)  # [px], holds the heap and the plate's edge in every view
 WOODS = 28  # different beads; each is used several times, turned another way and tinted
 
 
@@ -126,11 +127,7 @@ def _cloud_shade(centres: Floats) -> Callable[[Floats, Floats], np.ndarray]:
         for a, b, depth in local:
             i, j = np.round((np.array([a, b]) - low) / step).astype(int)
             rows, columns = np.arange(i - half, i + half + 1), np.arange(j - half, j + half + 1)
-            square = (
-                RADIUS**2
-                - ((rows * step + low[0] - a) ** 2)[:, None]
-                - ((columns * step + low[1] - b) ** 2)[None]
-            )
+            square = RADIUS**2 - ((rows * step + low[0] - a) ** 2)[:, None] - ((columns * step + low[1] - b) ** 2)[None]
             top = np.where(square > 0, depth + np.sqrt(np.maximum(square, 0)), -np.inf)
             part = nearest[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
             np.maximum(part, top, out=part)
@@ -165,8 +162,12 @@ def scene(degrees: float) -> Scene:
     spilled = [(-46.0, 75.0), (-38.5, 92.0), (34.0, 60.0), (52.0, 118.0), (41.0, 64.0)]
     bodies: list[Body] = [
         Cloud((0.0, 0.0, 0.0), beads, casts=False, centres=centres, radius=RADIUS),
-        Cylinder((0.0, 0.0, -2.5), Surface(brushed(0.20), mirror=0.28, gloss=0.12, shine=50),
-                 radius=SETTING.base_diameter * 500, half=2.5),
+        Cylinder(
+            (0.0, 0.0, -2.5),
+            Surface(brushed(0.20), mirror=0.28, gloss=0.12, shine=50),
+            radius=SETTING.base_diameter * 500,
+            half=2.5,
+        ),
         Cylinder((0.0, 0.0, -23.0), black, radius=13.0, half=18.0),
         Cylinder((0.0, 0.0, BENCH + 2.0), black, radius=30.0, half=2.0),
         Box((0.0, 100.0, BENCH - 50.0), Surface(laminate((0.27, 0.265, 0.25), seed=81)), half=(600.0, 420.0, 50.0)),
@@ -195,11 +196,29 @@ def _far_things() -> list[Body]:
     ]
 
 
-def light(name: str, region: Region | None = None) -> Floats:
-    """Linear light of a view, or of a part of it."""
-    region = region or Region(0, 0, CAMERA.width, CAMERA.height)
+def light(name: str, region: Region) -> Floats:
+    """Linear light of a part of a view."""
     picture, depth = draw(scene(VIEWS[name]), CAMERA, region)
+    return _through_lens(picture, depth)
+
+
+def _through_lens(picture: Floats, depth: Floats) -> Floats:
     return soften(lens_blur(picture, depth, focus=638.0, aperture=20.0))
+
+
+@cache
+def _first_view() -> tuple[Floats, Floats]:
+    return draw(scene(0.0), CAMERA, Region(0, 0, CAMERA.width, CAMERA.height))
+
+
+def _whole(name: str) -> Floats:
+    """A whole view; round the heap and its plate nothing changes when the plate is turned."""
+    picture, depth = (part.copy() for part in _first_view())
+    if VIEWS[name]:
+        r = TURNING
+        part = np.s_[r.top : r.top + r.height, r.left : r.left + r.width]
+        picture[part], depth[part] = draw(scene(VIEWS[name]), CAMERA, r)
+    return _through_lens(picture, depth)
 
 
 def finish(picture: Floats, region: Region | None = None) -> Floats:
@@ -211,7 +230,7 @@ def finish(picture: Floats, region: Region | None = None) -> Floats:
 
 def photo(name: str) -> Picture:
     """One view, RGB."""
-    return expose(finish(light(name)), np.random.default_rng(int(VIEWS[name]) + 5), 2.2)
+    return expose(finish(_whole(name)), np.random.default_rng(int(VIEWS[name]) + 5), 2.2)
 
 
 def truth() -> dict[str, Any]:

@@ -58,7 +58,7 @@ def write_clip(path: Path, frames: Iterable[Picture], rate: int, crf: int) -> No
                 stream.height, stream.width = frame.shape[:2]
                 stream.pix_fmt = "yuv420p"
                 # one thread: the same bits on every run
-                stream.options = {"crf": str(crf), "preset": "slow", "threads": "1"}
+                stream.options = {"crf": str(crf), "preset": "slow", "tune": "grain", "threads": "1"}
             container.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))
         if stream is not None:
             container.mux(stream.encode(None))

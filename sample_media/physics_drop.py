@@ -106,9 +106,7 @@ def fly(setting: DropSetting) -> DropMotion:
         pieces.append((time, end, flight.sol))
         if contact is not None:
             top = len(flight.t_events[1]) - 1
-            bounces.append(
-                Bounce(*contact, float(flight.t_events[1][top]), float(flight.y_events[1][top][2]) - radius)
-            )
+            bounces.append(Bounce(*contact, float(flight.t_events[1][top]), float(flight.y_events[1][top][2]) - radius))
         state = flight.y_events[0][0].copy()
         before = -float(state[5])
         after = before * setting.restitution * before**-setting.exponent

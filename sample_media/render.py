@@ -50,11 +50,11 @@ def _render(rig: str, out: Path) -> None:
     if rig == "drop":
         for name in draw_drop.SETTINGS:
             with _Told(f"drop/{name}.mp4"):
-                write_clip(out / f"drop/{name}.mp4", draw_drop.clip(name), draw_drop.FRAME_RATE, crf=20)
+                write_clip(out / f"drop/{name}.mp4", draw_drop.clip(name), draw_drop.FRAME_RATE, crf=17)
     elif rig == "pendulum":
         for name in draw_pendulum.SETTINGS:
             with _Told(f"pendulum/{name}.mp4"):
-                write_clip(out / f"pendulum/{name}.mp4", draw_pendulum.clip(name), draw_pendulum.FRAME_RATE, crf=20)
+                write_clip(out / f"pendulum/{name}.mp4", draw_pendulum.clip(name), draw_pendulum.FRAME_RATE, crf=17)
     else:
         for name in draw_pile.VIEWS:
             with _Told(f"pile/{name}.jpg"):

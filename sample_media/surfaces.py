@@ -127,9 +127,7 @@ def rule_colour(length: float, width: float, resolution: int = 16) -> Colour:
         if mm % 10 == 0 and 0 < mm < length:
             size, _ = cv2.getTextSize(str(mm // 10), cv2.FONT_HERSHEY_SIMPLEX, resolution / 9, 3)
             at = (round(10.0 * resolution), y + size[1] // 2)
-            cv2.putText(
-                sheet, str(mm // 10), at, cv2.FONT_HERSHEY_SIMPLEX, resolution / 9, 30, 3, cv2.LINE_AA
-            )
+            cv2.putText(sheet, str(mm // 10), at, cv2.FONT_HERSHEY_SIMPLEX, resolution / 9, 30, 3, cv2.LINE_AA)
     sheet = cv2.GaussianBlur(sheet.astype(np.float32) / 255, (0, 0), 2.2)
     steel = brushed(0.46, along_x=False, seed=31)
 

@@ -29,13 +29,12 @@ FLAGS = 17  # steps of one multi-threaded burst, and one
 BURST = FLAGS - 1
 
 # columns of `numbers`
-STEP, SKIN, GRAVITY, LOW, HIGH, CELL, FLOOR, MOST_SPEED = 0, 1, 2, 5, 8, 11, 12, 13
-NUMBERS = 16
+STEP, SKIN, GRAVITY, LOW, CELL, MOST_SPEED = 0, 1, 2, 5, 8, 9
+NUMBERS = 10
 # columns of `counts`
-BEADS, LISTED, LIVE_LIST, PAIRS, WALL_COUNT, CONSTANT_TORQUE, STATUS, CULPRIT, NX, NY, NZ, FALLEN, BUILDS, DONE = range(
-    14
-)
-COUNTS = 16
+BEADS, LISTED, LIVE_LIST, PAIRS, WALL_COUNT, CONSTANT_TORQUE, STATUS, CULPRIT = range(8)
+NX, NY, NZ, OPEN, GONE, BUILDS, DONE = range(8, 15)
+COUNTS = 15
 # values of STATUS
 OK, PAIRS_FULL, WALLS_FULL, LEFT_DOMAIN, EXPLODED = range(5)
 # columns of an exported bead
@@ -217,12 +216,8 @@ class Arena:
     # ------------------------------------------------------------------ the list
 
     @ti.func
-    def cell_coordinate(self, i, axis):
-        return int(ti.floor((self.place[i][axis] - self.numbers[LOW + axis]) / self.numbers[CELL]))
-
-    @ti.func
     def sort_into_cells(self):
-        """Cell of every bead and the new order; beads below the floor are left out, beads outside are reported."""
+        """Cell of every bead and the new order; beads outside are left out of an open domain, else reported."""
         beads = self.counts[BEADS]
         nx, ny, nz = self.counts[NX], self.counts[NY], self.counts[NZ]
         cells = nx * ny * nz
@@ -231,16 +226,18 @@ class Arena:
         kept = 0
         for i in range(beads):
             self.cell_of[i] = -1
-            if self.place[i][2] >= self.numbers[FLOOR]:
-                x, y, z = self.cell_coordinate(i, 0), self.cell_coordinate(i, 1), self.cell_coordinate(i, 2)
-                if ti.min(x, y, z, nx - 1 - x, ny - 1 - y, nz - 1 - z) < 0:
-                    self.counts[STATUS] = LEFT_DOMAIN
-                    self.counts[CULPRIT] = i
-                else:
-                    cell = (z * ny + y) * nx + x
-                    self.cell_of[i] = cell
-                    self.cell_first[cell + 1] = self.cell_first[cell + 1] + 1
-                    kept += 1
+            scale = 1.0 / self.numbers[CELL]
+            x = int(ti.floor((self.place[i][0] - self.numbers[LOW]) * scale))
+            y = int(ti.floor((self.place[i][1] - self.numbers[LOW + 1]) * scale))
+            z = int(ti.floor((self.place[i][2] - self.numbers[LOW + 2]) * scale))
+            if ti.min(x, y, z, nx - 1 - x, ny - 1 - y, nz - 1 - z) >= 0:
+                cell = (z * ny + y) * nx + x
+                self.cell_of[i] = cell
+                self.cell_first[cell + 1] = self.cell_first[cell + 1] + 1
+                kept += 1
+            elif self.counts[OPEN] == 0:
+                self.counts[STATUS] = LEFT_DOMAIN
+                self.counts[CULPRIT] = i
         for c in range(cells):
             self.cell_first[c + 1] = self.cell_first[c + 1] + self.cell_first[c]
         for i in range(beads):
@@ -402,7 +399,7 @@ class Arena:
             self.renumber(kept)
             self.counts[LIVE_LIST] = 1 - self.counts[LIVE_LIST]
             self.counts[PAIRS] = pairs
-            self.counts[FALLEN] += self.counts[BEADS] - kept
+            self.counts[GONE] += self.counts[BEADS] - kept
             self.counts[BEADS] = kept
             self.counts[LISTED] = kept
             self.counts[BUILDS] += 1

@@ -10,7 +10,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -76,15 +75,15 @@ class Bulk:
         gravity: Vector = (0.0, 0.0, -GRAVITY),
         rolling: Rolling = "type C",
         skin: float = SKIN,
-        floor: float = -math.inf,
+        open_domain: bool = False,
         threads: int | None = None,
         capacity: int = SMALLEST_ARENA,
         pair_capacity: int | None = None,
     ) -> None:
         """`particles` are the kinds; `contacts` one for all, or one per pair of kinds (a, b), a <= b.
 
-        A wall may be a sequence with one `Wall` (same shape) per kind.  `low` and `high` [m] bound the domain; beads
-        below `floor` [m] are taken out and counted as fallen.  `skin` is in units of the largest diameter.
+        A wall may be a sequence with one `Wall` (same shape) per kind.  `low` and `high` [m] bound the domain; in
+        an open one beads that leave are taken out and counted, else they stop the run.  `skin` is in units of the largest diameter.
         """
         positive(time_step=time_step, skin=skin)
         self._particles = tuple(particles)
@@ -93,8 +92,8 @@ class Bulk:
         self.time_step = time_step
         self.steps = 0
         self._added = 0
-        self._floor = floor
-        self._threads = backend.start().threads if threads is None else threads
+        self._open = open_domain
+        self.threads = backend.start().threads if threads is None else threads
         backend.start()
         self._skin = skin * 2 * max(particle.radius for particle in particles)
         self._low, self._high = np.array(low, dtype=float), np.array(high, dtype=float)
@@ -174,9 +173,14 @@ class Bulk:
         return self.steps * self.time_step
 
     @property
-    def fallen(self) -> int:
-        """Beads that fell below the floor and were taken out."""
-        return self._count(at.FALLEN)
+    def top(self) -> float:
+        """Upper end of the domain [m]."""
+        return float(self._high[2])
+
+    @property
+    def gone(self) -> int:
+        """Beads that left an open domain and were taken out."""
+        return self._count(at.GONE)
 
     @property
     def lists_built(self) -> int:
@@ -236,15 +240,13 @@ class Bulk:
             cell *= 1.1
             cells = np.maximum(1, np.ceil(extent / cell))
         numbers = np.zeros(at.NUMBERS)
-        numbers[at.STEP], numbers[at.SKIN], numbers[at.CELL], numbers[at.FLOOR] = (
-            self.time_step, self._skin, cell, max(self._floor, -1e30),
-        )  # fmt: skip
-        numbers[at.GRAVITY : at.GRAVITY + 3] = self._gravity
-        numbers[at.LOW : at.LOW + 3], numbers[at.HIGH : at.HIGH + 3] = self._low, self._high
+        numbers[at.STEP], numbers[at.SKIN], numbers[at.CELL] = self.time_step, self._skin, cell
+        numbers[at.GRAVITY : at.GRAVITY + 3], numbers[at.LOW : at.LOW + 3] = self._gravity, self._low
         # no bead may cross a fifth of its radius in a step: contacts would be missed, energy would explode
         numbers[at.MOST_SPEED] = 0.2 * min(particle.radius for particle in self._particles) / self.time_step
         counts = np.zeros(at.COUNTS, dtype=np.int32)
         counts[at.WALL_COUNT] = len(self._walls)
+        counts[at.OPEN] = int(self._open)
         counts[at.CONSTANT_TORQUE] = int(self._rolling == ROLLING[0])
         counts[at.NX], counts[at.NY], counts[at.NZ] = cells
         arena.configure(numbers, counts, *self._laws, self._shapes)
@@ -290,7 +292,7 @@ class Bulk:
         """Make up to `steps` steps and say how many were made."""
         arena = self._arena
         beads = self._count(at.BEADS)
-        if self._threads == 1 or beads < THREADED_FROM:
+        if self.threads == 1 or beads < THREADED_FROM:
             arena.run_serial(steps)
             return self._count(at.DONE)
         done = 0
@@ -328,7 +330,7 @@ class Bulk:
         """Move to a larger arena, history and all."""
         old, beads, listed = self._arena, self._count(at.BEADS), self._count(at.LISTED)
         rows, near, (first, pairs) = self._rows(), self._near(beads), self._pairs(listed)
-        kept = {column: self._count(column) for column in (at.FALLEN, at.BUILDS)}
+        kept = {column: self._count(column) for column in (at.GONE, at.BUILDS)}
         self._enter(at.arena(capacity, max(pair_capacity, PAIRS_PER_BEAD * capacity)))
         for column, value in {**kept, at.BEADS: beads}.items():
             self._arena.set_count(column, value)

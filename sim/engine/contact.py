@@ -107,8 +107,7 @@ def contact_forces(
     with the velocity outside the root).
 
     Rolling resistance, torque limit mu_r F_n R on each sphere (EDEM's convention): type A acts against each body's
-    own spin, type C is an elastic-plastic spring-dashpot against the relative rolling (Ai et al. 2011) with spring
-    S_t R^2.  Returns force on i, torque on i, torque on j, new slip, new roll.
+    own spin, type C is an elastic-plastic spring-dashpot against the relative spin (Ai et al. 2011) with spring S_t R^2.  Returns force on i, torque on i, torque on j, new slip, new roll.
     """
     root = ti.sqrt(radius_eff * overlap)
     stiff_n = 2.0 * law[STIFFNESS] * root
@@ -137,10 +136,10 @@ def contact_forces(
             torque_i = -ti.min(grip * radius_i, inertia_i * speed_i / step) / speed_i * spin_i
             torque_j = -ti.min(grip * radius_j, inertia_j * speed_j / step) / speed_j * spin_j
         else:
+            # twisting about the normal counts too, as in type A: else beads in a resting pile spin on like tops
             rate = spin_i - spin_j
-            rate -= rate.dot(normal) * normal
             stiff_r = stiff_t * rolling_radius * rolling_radius
-            new_roll = turned(roll, normal) + rate * step
+            new_roll = turned(roll, normal) + roll.dot(normal) * normal + rate * step
             torque_i = -stiff_r * new_roll - 2.0 * ROLLING_DAMPING * ti.sqrt(stiff_r * rolling_inertia) * rate
             most = grip * rolling_radius
             torque2 = torque_i.norm_sqr()

@@ -1,0 +1,498 @@
+"""A bead falls on a plate and bounces: drop and rebound heights, restitution per bounce (Hlosta et al. 2020, eq. 5).
+
+`measure` turns a clip into a track and the track into quantities; `evaluate` does the second half for any track, filmed
+or simulated.  Three restitutions are told apart: by ``height`` sqrt(h_{k+1}/h_k), which air drag lowers; by
+``velocity``, the ratio of the speeds at the contact itself; by ``time``, the ratio of neighbouring flight times.
+
+In a track of `measure` y = 0 is the bead's centre at its first contact, so y is the height of its lowest point above
+the plate; x = 0 is where it first hits.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, root_sum_of_squares
+from rigtwin.lab.records import Track, read_tracks, write_tracks
+from rigtwin.lab.rigs import GRAVITY
+from rigtwin.measure.flights import AirDrag, Bounces, Heights, find_contacts, fit_bounces, third_difference_noise
+from rigtwin.measure.follow import (
+    Chase,
+    SpotPath,
+    best_channel,
+    chase,
+    find_paths,
+    learn_scene,
+    look_again,
+)
+from rigtwin.measure.media import Video, open_video, sha256
+
+Array = npt.NDArray[np.float64]
+
+# Capture rates that cameras offer [1/s]; a wrong rate is most often another one of these.
+USUAL_RATES = (24, 25, 30, 48, 50, 60, 90, 100, 120, 200, 240, 250, 300, 400, 480, 500, 600, 960, 1000, 1200, 2000)
+SCALE_DOUBT = 0.005  # relative, of a scale read off a rule in view
+RIM_DOUBT = 0.12  # [px], where the rim of a bead's image is taken to be
+
+
+# ------------------------------------------------------------------------------------------------- record -> quantities
+
+
+def evaluate(track: Track, *, bead_diameter: float | None = None, bead_density: float | None = None) -> Evaluation:
+    """Quantities and checks of one track; y up, against gravity.
+
+    `bead_diameter` [m] and `bead_density` [kg/m^3] fix the air drag; without them its strength is fitted.  A `sigma`
+    of NaN means unknown: the noise is taken from the residuals.  Raises `NothingToMeasure` when there is no bounce.
+    """
+    bounces = _bounces(track, AirDrag(bead_diameter, bead_density), str(track.body))
+    return _evaluation(track, bounces, scale_doubt=0.0, rate=1 / float(np.median(np.diff(track.time))))
+
+
+def _bounces(track: Track, drag: AirDrag, name: str) -> Bounces:
+    finite = np.isfinite(track.time) & np.all(np.isfinite(track.position), axis=1)
+    record = Heights(track.time[finite], track.position[finite, 1], track.sigma[finite])
+    fitted = fit_bounces(record, drag) if len(record.time) > 12 else None
+    if fitted is not None:
+        return fitted
+    raise NothingToMeasure(f"{name}: {_why_no_bounce(record)}")
+
+
+def _why_no_bounce(record: Heights) -> str:
+    if len(record.time) < 8 or np.ptp(record.height) <= 12 * third_difference_noise(record):
+        return "the bead hardly moves; give a clip in which it falls and bounces."
+    top, low = int(np.argmax(record.height)), int(np.argmin(record.height))
+    if len(find_contacts(record)) == 0:
+        return (
+            f"the bead moves (highest at {record.time[top]:.3f} s, lowest at {record.time[low]:.3f} s) but no rebound "
+            "follows before the record ends; film longer, until it has bounced at least once, or move --end."
+        )
+    return (
+        f"the bead turns round at {record.time[low]:.3f} s, but what comes before and after is no free flight of at "
+        "least five frames; film at a higher frame rate, or move --start and --end to the fall and the bounces."
+    )
+
+
+def _evaluation(track: Track, bounces: Bounces, *, scale_doubt: float, rate: float) -> Evaluation:
+    checks = (
+        _gravity_check(bounces, scale_doubt, rate),
+        _residual_check(bounces),
+        _plane_check(track, bounces),
+        _timing_check(track, bounces),
+    )
+    failed = {check.check: check.message for check in checks if not check.passed}
+    quantities = [*_restitutions(bounces, failed), *_heights(bounces, scale_doubt, failed)]
+    return Evaluation(tuple(quantities), checks)
+
+
+def _restitutions(bounces: Bounces, failed: dict[str, str]) -> list[Quantity]:
+    doubt = "; ".join(failed[name] for name in ("flight_residuals", "frame_timing") if name in failed)
+    height_doubt = "; ".join(text for text in (doubt, failed.get("out_of_plane", "")) if text)
+    found = []
+    for k in range(1, bounces.count + 1):
+        speed, parts = bounces.read(lambda at, k=k: at.impact_speed(k) * at.size)
+        detail: dict[str, Detail] = {
+            "bounce": k,
+            "impact_speed_m_s": round(speed, 6),
+            "impact_speed_std_m_s": round(root_sum_of_squares(parts), 6),
+            "contact_time_s": round(float(bounces.contact_times[k - 1]), 7),
+        }
+        by_height = bounces.read(lambda at, k=k: math.sqrt(at.heights[k] / at.heights[k - 1]))
+        by_speed = bounces.read(lambda at, k=k: at.rebound_speed(k) / at.impact_speed(k))
+        found.append(_quantity("restitution_wall", by_height, "1", "height", detail, height_doubt))
+        found.append(_quantity("restitution_wall", by_speed, "1", "velocity", detail, doubt))
+        if k > 1:
+            by_time = bounces.read(lambda at, k=k: at.flight_times[k - 1] / at.flight_times[k - 2])
+            found.append(_quantity("restitution_wall", by_time, "1", "time", detail, doubt))
+    return found
+
+
+def _heights(bounces: Bounces, scale_doubt: float, failed: dict[str, str]) -> list[Quantity]:
+    doubt = "; ".join(failed[name] for name in ("gravity", "flight_residuals", "out_of_plane") if name in failed)
+    found = []
+    for k in range(bounces.count + 1):
+        value, parts = bounces.read(lambda at, k=k: at.heights[k] * at.size)
+        if scale_doubt > 0:
+            parts["scale"] = abs(value) * scale_doubt
+        name = "rebound_height" if k else "drop_height"
+        detail: dict[str, Detail] = {"bounce": k} if k else {}
+        found.append(_quantity(name, (value, parts), "m", "height", detail, doubt))
+    return found
+
+
+def _quantity(
+    name: str,
+    read: tuple[float, dict[str, float]],
+    unit: str,
+    method: str,
+    detail: dict[str, Detail],
+    doubtful: str,
+) -> Quantity:
+    value, parts = read
+    if doubtful:
+        # what a failed check spoils is not in the fit's own covariance
+        parts = {**parts, "failed check": 2 * root_sum_of_squares(parts)}
+    return Quantity(
+        name, value, root_sum_of_squares(parts), unit, method, detail=dict(detail), budget=parts, doubtful=doubtful
+    )
+
+
+def _gravity_check(bounces: Bounces, scale_doubt: float, rate: float) -> Check:
+    gravity, parts = bounces.read(lambda at: at.size * GRAVITY)
+    doubt = math.hypot(root_sum_of_squares(parts), gravity * scale_doubt)
+    passed = abs(gravity - GRAVITY) < max(0.015 * GRAVITY, 3 * doubt)
+    found = f"free flight gives g = {gravity:.3f} +- {doubt:.3f} m/s^2"
+    if passed:
+        return Check("gravity", True, gravity, GRAVITY, f"{found}: scale, frame rate and roll fit together.")
+    return Check("gravity", False, gravity, GRAVITY, f"{found} instead of {GRAVITY}: {_what_is_wrong(gravity, rate)}")
+
+
+def _what_is_wrong(gravity: float, rate: float) -> str:
+    ratio = gravity / GRAVITY
+    true_rate = rate / math.sqrt(ratio)
+    nearest = min(USUAL_RATES, key=lambda usual: abs(math.log(usual / true_rate)))
+    scale = f"lengths (the scale) are {abs(ratio - 1) * 100:.3g} % too {'large' if ratio > 1 else 'small'}"
+    if abs(ratio - 1) > 0.12 and abs(nearest / true_rate - 1) < 0.03 and abs(nearest / rate - 1) > 0.05:
+        return (
+            f"this is what a clip captured at {nearest} Hz gives when {rate:.4g} Hz are assumed; "
+            f"give --frame-rate {nearest}Hz, or else {scale}."
+        )
+    return f"either {scale}, or the clip was captured at {true_rate:.4g} Hz and not {rate:.4g} Hz."
+
+
+def _residual_check(bounces: Bounces) -> Check:
+    expected = max(bounces.expected_noise, 2e-5 * bounces.span)
+    ratio = bounces.noise / expected
+    passed = ratio < 2.5
+    meaning = (
+        "as its frame-to-frame noise tells"
+        if passed
+        else "far more than its frame-to-frame noise: something pushes the bead, or the tracking is wrong"
+    )
+    message = f"the track leaves the fitted flights by {ratio:.2f} times its noise, {meaning}."
+    return Check("flight_residuals", passed, ratio, 1.0, message)
+
+
+def _plane_check(track: Track, bounces: Bounces) -> Check:
+    """Sideways motion and growth against the fall: both change a height without any loss of energy."""
+    contacts = bounces.contact_times
+    speeds = [0.0]
+    impact = bounces.model.reader(bounces.parameters)
+    for k, start in enumerate(contacts):
+        end = contacts[k + 1] if k + 1 < len(contacts) else track.time[-1]
+        inside = (track.time > start) & (track.time < end)
+        if np.sum(inside) > 4:
+            slope = float(np.polyfit(track.time[inside], track.position[inside, 0], 1)[0])
+            speeds.append(abs(slope) / (impact.impact_speed(k + 1) * impact.size))
+    sideways = max(speeds)
+    _, levels, growth = bounces.model.split(bounces.parameters)
+    reach = float(impact.heights[1]) * impact.size
+    drift = float(np.max(np.abs(levels[: bounces.count] - levels[0]))) / reach if bounces.count > 1 else 0.0
+    swell = float(np.max(np.abs(growth)))
+    value = max(sideways, drift, swell)
+    passed = sideways < 0.15 and drift < 0.12 and swell < 0.12
+    message = (
+        f"sideways speed is {100 * sideways:.1f} % of the impact speed, the plate's level drifts by {100 * drift:.1f} % "
+        f"of the first rebound, the scale along the path by {100 * swell:.1f} %"
+    )
+    ending = "." if passed else ": the bead leaves the plane; level the plate, or trust method velocity only."
+    return Check("out_of_plane", passed, value, 0.0, message + ending)
+
+
+def _timing_check(track: Track, bounces: Bounces) -> Check:
+    """Frames missing or repeated while the bead flies."""
+    time = track.time
+    steps = np.diff(time)
+    usual = float(np.median(steps))
+    inside = (time[1:] > bounces.apex_times[0]) & (time[1:] < time[bounces.used].max())
+    missing = float(np.sum(np.maximum(np.round(steps[inside] / usual) - 1, 0)))
+    moved = np.linalg.norm(np.diff(track.position, axis=0), axis=1)
+    around = np.convolve(moved, [0.5, 0.0, 0.5], mode="same")
+    repeated = int(np.sum(inside & (moved < 0.02 * around) & (around > 12 * bounces.noise)))
+    whole = max(float(np.sum(inside)), 1.0)
+    passed = repeated == 0 and missing < 0.3 * whole
+    message = f"{int(missing)} of {int(whole + missing)} frames of the flights are missing, {repeated} are repeated"
+    ending = "." if passed else ": film with a fixed frame rate, or use the camera's original file."
+    return Check("frame_timing", passed, missing + repeated, 0.0, message + ending)
+
+
+# ---------------------------------------------------------------------------------------------------- media -> record
+
+
+@dataclass(frozen=True)
+class _Gauge:
+    """How pixels become metres, and which way is down."""
+
+    scale: float  # [m/px]
+    doubt: float  # relative standard uncertainty of the scale
+    source: str
+    roll: float  # [rad], positive when the scene looks turned clockwise
+    roll_doubt: float  # [rad]
+    cross_check: str
+
+
+def measure(
+    clip: Path,
+    camera: Camera,
+    *,
+    bead_diameter: float | None = None,
+    bead_density: float | None = None,
+    out: Path | None = None,
+    progress: Progress = silent,
+) -> Measurement:
+    """Measure a clip of a bouncing bead, or evaluate a track already made (``.csv``).
+
+    Raises `UnreadableMedia` for a file that is no video, `NothingToMeasure` when no bead falls and bounces in it.
+    """
+    drag = AirDrag(bead_diameter, bead_density)
+    if clip.suffix.lower() == ".csv":
+        return _measure_record(clip, drag, out)
+    video = open_video(clip, camera)
+    seen, pixels = _find_bead(video, camera, drag, bead_diameter, progress)
+    fitted = _bounces(pixels, drag, str(clip))
+    gauge = _gauge(pixels, fitted, seen, camera, bead_diameter, drag)
+    track = _to_metres(pixels, fitted, gauge)
+    bounces = _bounces(track, drag, str(clip))
+    evaluation = _evaluation(track, bounces, scale_doubt=gauge.doubt, rate=video.frame_rate)
+    checks = _with_gravity_told(evaluation.checks, gauge) + _view_checks(video, seen, fitted)
+    measurement = Measurement(
+        rig="drop",
+        source=clip,
+        source_sha256=sha256(clip),
+        quantities=evaluation.quantities,
+        checks=checks,
+        warnings=(*video.warnings, *evaluation.warnings),
+        camera={
+            "frame_rate_hz": video.frame_rate,
+            "playback_rate_hz": video.playback_rate,
+            "scale_m_per_px": gauge.scale,
+            "scale_std_rel": gauge.doubt,
+            "scale_from": gauge.source,
+            "camera_roll_deg": math.degrees(gauge.roll),
+            "camera_roll_std_deg": math.degrees(gauge.roll_doubt),
+            "exposure_fraction": seen.shutter,
+            "bead_radius_px": seen.radius,
+        },
+        tracks=(track,),
+    )
+    if out is None:
+        return measurement
+    from rigtwin.measure.drop_pictures import write_pictures
+
+    files = write_pictures(out, measurement, bounces, fitted, video, seen, progress)
+    return replace(measurement, files=files)
+
+
+def _measure_record(path: Path, drag: AirDrag, out: Path | None) -> Measurement:
+    tracks = read_tracks(path)
+    track = max(tracks, key=lambda each: len(each.time))
+    bounces = _bounces(track, drag, str(path))
+    evaluation = _evaluation(track, bounces, scale_doubt=0.0, rate=1 / float(np.median(np.diff(track.time))))
+    warnings = evaluation.warnings
+    if len(tracks) > 1:
+        warnings = (*warnings, f"{path.name} holds {len(tracks)} bodies; evaluated {track.body!r}, the longest.")
+    measurement = Measurement(
+        rig="drop",
+        source=path,
+        source_sha256=sha256(path),
+        quantities=evaluation.quantities,
+        checks=evaluation.checks,
+        warnings=warnings,
+        tracks=(track,),
+    )
+    if out is None:
+        return measurement
+    from rigtwin.measure.drop_pictures import write_plot
+
+    return replace(measurement, files={"plot": write_plot(out, measurement, bounces)})
+
+
+def _find_bead(
+    video: Video, camera: Camera, drag: AirDrag, bead_diameter: float | None, progress: Progress
+) -> tuple[Chase, Track]:
+    """The bead among all that moves: the thing that falls and bounces."""
+    scene = learn_scene(video, video.first, video.last).scene()
+    paths, shakes = find_paths(video, scene, camera.region, progress)
+    size = None
+    if bead_diameter is not None and camera.given_scale is not None:
+        size = bead_diameter / 2 / camera.given_scale
+    ranked = sorted(paths, key=lambda path: -_likeness(path, size))
+    likely = [path for path in ranked[:3] if _likeness(path, size) > 0.02 * _likeness(ranked[0], size) > 0]
+    if not likely:
+        raise NothingToMeasure(
+            f"{video.path}: nothing falls in this clip (frames {video.first} to {video.last}); film the bead with a "
+            "still camera, or narrow the search with --region, --start and --end."
+        )
+    best = None
+    for path in likely:
+        seen = _chase_path(video, path, shakes, progress)
+        pixels = _pixel_track(seen)
+        if len(pixels.time) > 8 and best is None:
+            best = seen, pixels
+        fitted = fit_bounces(Heights(pixels.time, pixels.position[:, 1], pixels.sigma), drag)
+        if fitted is not None:
+            better = look_again(seen, _expected(seen, pixels, fitted, video))
+            return better, _pixel_track(better)
+    if best is None:
+        raise NothingToMeasure(
+            f"{video.path}: something moves, but no bead could be made out in it; use a larger or better lit picture "
+            "of the bead, or narrow the search with --region."
+        )
+    return best
+
+
+def _likeness(path: SpotPath, size: float | None) -> float:
+    """How much a path looks like a falling bead: long way up and down, steady steps, clear and of the right size."""
+    y = path.centres[:, 1]
+    if len(y) < 8:
+        return 0.0
+    steps = np.diff(y) / np.diff(np.array(path.frames))
+    smooth = np.abs(np.diff(steps)) < 0.5 * path.radius + 0.2 * np.abs(steps[1:]) + 1
+    way = float(np.sum(np.abs(np.diff(y))))
+    if np.ptp(y) < 3 * path.radius or np.mean(smooth) < 0.5:
+        return 0.0
+    fit = 1.0 if size is None else math.exp(-(math.log(path.radius / size) ** 2))
+    contrast = float(np.median([spot.contrast for spot in path.spots]))
+    return way * float(np.mean(smooth)) ** 4 * math.sqrt(contrast) * fit
+
+
+def _chase_path(video: Video, path: SpotPath, shakes: Array, progress: Progress) -> Chase:
+    channel = best_channel(video, path)
+    background = learn_scene(video, path.frames[0], path.frames[-1], channel)
+    frames = np.array(path.frames)
+    centres = path.centres
+    bead = {
+        index: (float(np.interp(index, frames, centres[:, 0])), float(np.interp(index, frames, centres[:, 1])))
+        for index in background.indices
+    }
+    scene = background.scene(bead, reach=1.6 * path.radius + 6)
+    return chase(video, path, shakes, scene, channel, progress)
+
+
+def _pixel_track(seen: Chase) -> Track:
+    """In pixels, y up."""
+    return Track(
+        time=np.array([sighting.time for sighting in seen.sightings]),
+        position=np.array([(sighting.image.x, -sighting.image.y) for sighting in seen.sightings]).reshape(-1, 2),
+        sigma=np.array([sighting.image.sigma for sighting in seen.sightings]),
+    )
+
+
+def _expected(
+    seen: Chase, pixels: Track, fitted: Bounces, video: Video
+) -> dict[int, tuple[tuple[float, float], tuple[float, float]]]:
+    """Frames of the flights whose bead was lost or taken for something else, and where it should be."""
+    good = fitted.used
+    known = {sighting.frame for sighting, used in zip(seen.sightings, good, strict=True) if used}
+    step = 1 / video.frame_rate
+    expected = {}
+    for index in range(video.first, video.last + 1):
+        time = float(video.times[index])
+        if index in known or not pixels.time[good][0] <= time <= pixels.time[good][-1]:
+            continue
+        heights = fitted.curve(np.array([time - step / 2, time, time + step / 2]))
+        x = np.interp([time - step / 2, time, time + step / 2], pixels.time[good], pixels.position[good, 0])
+        if np.all(np.isfinite(heights)):
+            motion = (float(x[2] - x[0]), float(heights[0] - heights[2]))
+            expected[index] = ((float(x[1]), -float(heights[1])), motion)
+    return expected
+
+
+def _gauge(
+    pixels: Track, fitted: Bounces, seen: Chase, camera: Camera, bead_diameter: float | None, drag: AirDrag
+) -> _Gauge:
+    """The best scale at hand, with what the others say, and the direction of gravity."""
+    roll, roll_doubt = _roll(pixels, fitted)
+    told = f"gravity points {math.degrees(roll):+.2f} +- {math.degrees(roll_doubt):.2f} degrees off the picture's vertical"
+    if camera.roll is not None:
+        told += f", {math.degrees(camera.roll):+.2f} were given"
+        roll, roll_doubt = camera.roll, 0.0
+    size, parts = fitted.read(lambda at: at.size * math.cos(roll))
+    by_gravity = math.cos(roll) ** 2 / size
+    gravity_doubt = math.hypot(root_sum_of_squares(parts) / size, 4e-4)
+    if camera.given_scale is not None:
+        return _Gauge(camera.given_scale, SCALE_DOUBT, "given", roll, roll_doubt, told)
+    if bead_diameter is None:
+        return _Gauge(by_gravity, gravity_doubt, "gravity", roll, roll_doubt, told)
+    by_bead = bead_diameter / (2 * seen.radius)
+    bead_doubt = math.hypot(RIM_DOUBT / seen.radius, 0.01)
+    told += f"; the bead's diameter gives {by_bead * 1e3:.5g} mm/px, gravity {by_gravity * 1e3:.5g} mm/px"
+    agree = abs(by_bead / by_gravity - 1) < 3 * math.hypot(bead_doubt, gravity_doubt)
+    if camera.frame_rate is not None and agree and gravity_doubt < bead_doubt:
+        return _Gauge(by_gravity, gravity_doubt, "gravity, agreeing with the bead's diameter", roll, roll_doubt, told)
+    return _Gauge(by_bead, bead_doubt, "bead diameter", roll, roll_doubt, told)
+
+
+def _roll(pixels: Track, fitted: Bounces) -> tuple[float, float]:
+    """Angle of the fitted acceleration against the picture's vertical [rad]: x(t) bends as y(t) does, times its tangent."""
+    used = fitted.used
+    time, x = pixels.time[used], pixels.position[used, 0]
+    apexes, contacts = fitted.apex_times, fitted.contact_times
+    flight = np.searchsorted(contacts, time)
+    bend = -0.5 * GRAVITY * fitted.model.reader(fitted.parameters).size * (time - apexes[flight]) ** 2
+    columns = [bend]
+    for k in range(fitted.count + 1):
+        mine = (flight == k).astype(np.float64)
+        columns += [mine, mine * (time - apexes[k])]
+    design = np.stack(columns, axis=1)
+    keep = np.ones(len(x), dtype=bool)
+    for _ in range(3):
+        solution, *_ = np.linalg.lstsq(design[keep], x[keep], rcond=None)
+        off = x - design @ solution
+        keep = np.abs(off) < 4 * 1.4826 * np.median(np.abs(off[keep])) + 1e-9
+    variance = float(np.var(off[keep])) * np.linalg.pinv(design[keep].T @ design[keep])[0, 0]
+    # a bead off the camera's axis is seen at another scale higher up: bends x by a tenth of a degree or so
+    return math.atan(float(solution[0])), math.hypot(math.sqrt(variance), math.radians(0.15))
+
+
+def _to_metres(pixels: Track, fitted: Bounces, gauge: _Gauge) -> Track:
+    """Turned upright, scaled, with the first contact as origin."""
+    first = fitted.contact_times[0]
+    used = fitted.used
+    x0 = float(np.interp(first, pixels.time[used], pixels.position[used, 0]))
+    y0 = float(fitted.level(np.array([first]))[0])
+    x, y = pixels.position[:, 0] - x0, pixels.position[:, 1] - y0
+    cos, sin = math.cos(gauge.roll), math.sin(gauge.roll)
+    # a scene turned clockwise by the roll is turned back
+    upright = np.stack([cos * x - sin * y, sin * x + cos * y], axis=1)
+    return Track(pixels.time, gauge.scale * upright, gauge.scale * pixels.sigma)
+
+
+def _with_gravity_told(checks: tuple[Check, ...], gauge: _Gauge) -> tuple[Check, ...]:
+    gravity = checks[0]
+    message = gravity.message
+    if gauge.source == "gravity":
+        message = "the scale was taken from gravity, so this check cannot judge scale or frame rate"
+    return (replace(gravity, message=f"{message.rstrip('.')}; {gauge.cross_check}."), *checks[1:])
+
+
+def _view_checks(video: Video, seen: Chase, fitted: Bounces) -> tuple[Check, ...]:
+    times = np.array([sighting.time for sighting in seen.sightings])[fitted.used]
+    flights = (video.times >= times[0]) & (video.times <= times[-1])
+    share = len(times) / max(int(np.sum(flights)), 1)
+    shake = float(np.max(np.std(seen.shakes, axis=0)))
+    return (
+        Check(
+            "bead_in_view",
+            share > 0.7,
+            share,
+            1.0,
+            f"the bead was measured in {100 * share:.0f} % of the {int(np.sum(flights))} frames of its flights"
+            + ("." if share > 0.7 else ": something hides it; the rest is filled by the fit."),
+        ),
+        Check(
+            "static_camera",
+            shake < 0.5,
+            shake,
+            0.0,
+            f"the scene shakes by {shake:.2f} px (standard deviation)"
+            + ("." if shake < 0.1 else "; it was followed and taken out."),
+        ),
+    )

@@ -1,0 +1,474 @@
+"""The bounces of a falling bead, fitted as a whole: gravity, air drag, contact times, levels, the camera's view.
+
+Between two contacts the bead flies freely.  With quadratic-like air drag every vertical flight is a piece of one and
+the same curve, shifted in time: H - S(t - t_apex), so a whole record is described by one release and one apex height
+per bounce; the contacts are where neighbouring flights meet the plate.  Heights, speeds at the contacts and flight
+times are then not three fits but three readings of one.
+
+What the camera does to heights is fitted along, with priors as wide as a careful set-up makes them: perspective and
+lens (scale changes with height), a bead that bounces toward the camera (level and scale change along a flight).
+Nothing is ever taken from the nearest frame: at 60 frames per second that alone would cost 0.01 of the restitution.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import brentq, least_squares
+from scipy.signal import find_peaks
+
+from rigtwin.lab.rigs import GRAVITY
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+AIR_DENSITY = 1.2  # [kg/m^3], 20 degrees C
+AIR_VISCOSITY = 1.81e-5  # [Pa s]
+
+# One standard deviation of what is not known beforehand.
+PERSPECTIVE = 0.02  # relative change of scale over the drop height: a camera at 2.5 drop heights pitched by 3 degrees
+LENS = 0.01  # the same, quadratic: 1 % of barrel at the picture's edge
+DRIFT = 0.04  # the plate's level, as a fraction of a flight's height: a bead that leaves the plane by 2 degrees
+DWELL = 5e-4  # [s], duration of the contact
+DRAG = 0.10  # relative: sphere's drag coefficient for a bead with a hole or a seam
+FREE_DRAG = 0.3  # [1/m], drag per mass where the bead is unknown: a wooden bead of 6 mm has 0.2
+
+
+@dataclass(frozen=True)
+class AirDrag:
+    """Deceleration of a sphere in still air, Schiller and Naumann (1933): C_d = 24/Re (1 + 0.15 Re^0.687), at least 0.44.
+
+    Without diameter and density the constant-coefficient form k v^2 with an unknown k.
+    """
+
+    diameter: float | None = None  # [m]
+    density: float | None = None  # [kg/m^3]
+
+    @property
+    def known(self) -> bool:
+        return self.diameter is not None and self.density is not None
+
+    def deceleration(self, speed: Array, strength: float) -> Array:
+        """[m/s^2] at speeds [m/s]; `strength` multiplies the known law, or is k [1/m] of the unknown one."""
+        if self.diameter is None or self.density is None:
+            return np.asarray(strength * speed**2)
+        reynolds = np.maximum(AIR_DENSITY * speed * self.diameter / AIR_VISCOSITY, 1e-9)
+        coefficient = np.maximum(24 / reynolds * (1 + 0.15 * reynolds**0.687), 0.44)
+        return np.asarray(
+            strength * 0.75 * coefficient * AIR_DENSITY * speed**2 / (self.density * self.diameter)
+        )
+
+
+class Fall:
+    """Fall from rest and the time-reversed rise to rest, as tables over speed."""
+
+    _points = 1500
+
+    def __init__(self, drag: AirDrag, strength: float, highest: float) -> None:
+        """`highest` [m]: the tables reach at least this far."""
+        fastest = 1.4 * math.sqrt(2 * GRAVITY * highest)
+        terminal = self._terminal(drag, strength, fastest)
+        reach = -math.log1p(-min(fastest / terminal, 1 - 1e-6))
+        down = terminal * -np.expm1(-np.linspace(0, reach, self._points))
+        self.fall = _Table(down, GRAVITY - drag.deceleration(down, strength))
+        # drag shortens a rise: a bead may leave the plate faster than it could ever fall
+        up = np.linspace(0, 3 * fastest, self._points)
+        self.rise = _Table(up, GRAVITY + drag.deceleration(up, strength))
+
+    @staticmethod
+    def _terminal(drag: AirDrag, strength: float, fastest: float) -> float:
+        def surplus(speed: float) -> float:
+            return GRAVITY - float(drag.deceleration(np.array([speed]), strength)[0])
+
+        high = 100 * fastest
+        return high if surplus(high) > 0 else float(brentq(surplus, 1e-6, high))
+
+    def below_apex(self, time: Array) -> Array:
+        """[m], how far below its apex the bead is, `time` [s] counted from the apex."""
+        return np.where(time > 0, self.fall.distance_at(time), self.rise.distance_at(-time))
+
+
+class _Table:
+    def __init__(self, speed: Array, acceleration: Array) -> None:
+        self.speed = speed
+        # by speed, not by time: both integrals are smooth there, also near the terminal speed
+        self.time = _integral(speed, 1 / acceleration)
+        self.distance = _integral(speed, speed / acceleration)
+
+    def distance_at(self, time: Array) -> Array:
+        # between table points the motion is uniformly accelerated: interpolate distance over time squared
+        return np.interp(time**2, self.time**2, self.distance)
+
+    def time_to(self, distance: float) -> float:
+        """[s]"""
+        return math.sqrt(float(np.interp(distance, self.distance, self.time**2)))
+
+    def speed_after(self, distance: float) -> float:
+        """[m/s]"""
+        return math.sqrt(float(np.interp(distance, self.distance, self.speed**2)))
+
+
+def _integral(x: Array, y: Array) -> Array:
+    return np.concatenate([[0.0], np.cumsum((y[1:] + y[:-1]) / 2 * np.diff(x))])
+
+
+@dataclass(frozen=True)
+class Heights:
+    """Height over time of a bouncing bead, in any unit of length."""
+
+    time: Array  # [s], shape (n,)
+    height: Array  # up, shape (n,)
+    sigma: Array  # one standard deviation, shape (n,); only its course matters, its size is fitted
+
+
+@dataclass(frozen=True)
+class Bounces:
+    """The fitted record: values of the parameters, their covariance, and how to read them."""
+
+    model: _Model
+    parameters: Array
+    covariance: Array
+    used: Mask  # which frames were fitted, shape (n,)
+    residual: Array  # in the unit of the heights, shape (n,), NaN outside the flights
+    noise: float  # in the unit of the heights, scatter of the fitted frames
+    expected_noise: float  # the same from third differences, which know no model
+    time_offset: float  # [s], subtracted from the times before fitting
+
+    @property
+    def count(self) -> int:
+        """Bounces that were seen with a flight before and after."""
+        return self.model.count
+
+    @property
+    def contact_times(self) -> Array:
+        """[s], shape (count,)"""
+        return self.model.contacts(self.parameters)[: self.count] + self.time_offset
+
+    @property
+    def apex_times(self) -> Array:
+        """[s], shape (count + 1,), the first is the release (or the apex before it)."""
+        return self.model.apexes(self.parameters) + self.time_offset
+
+    @property
+    def span(self) -> float:
+        """Drop height in the unit of the record."""
+        reader = self.model.reader(self.parameters)
+        return float(reader.heights[0]) * reader.size
+
+    def curve(self, time: Array) -> Array:
+        """Fitted heights at times [s], in the unit of the record; NaN outside the flights."""
+        return self.model.curve(self.parameters, time - self.time_offset)
+
+    def level(self, time: Array) -> Array:
+        """Where the bead's centre stands at contact, in the unit of the record."""
+        return self.model.level(self.parameters, time - self.time_offset)
+
+    def read(self, reading: Callable[[_Reader], float]) -> tuple[float, dict[str, float]]:
+        """A number read off the fit, and the parts of its standard uncertainty by cause."""
+        value = reading(self.model.reader(self.parameters))
+        gradient = np.zeros(len(self.parameters))
+        for k, step in enumerate(0.1 * np.sqrt(np.diag(self.covariance)) + 1e-12):
+            moved = self.parameters.copy()
+            moved[k] += step
+            gradient[k] = (reading(self.model.reader(moved)) - value) / step
+        parts = {}
+        free = np.ones(len(self.parameters), dtype=bool)
+        before = float(gradient @ self.covariance @ gradient)
+        information = np.linalg.pinv(self.covariance)
+        for cause, mine in self.model.causes.items():
+            free[mine] = False
+            inner = np.linalg.pinv(information[np.ix_(free, free)])
+            after = float(gradient[free] @ inner @ gradient[free])
+            parts[cause] = math.sqrt(max(before - after, 0.0))
+            before = after
+        parts["tracking"] = math.sqrt(max(before, 0.0))
+        return value, parts
+
+
+def find_contacts(record: Heights) -> npt.NDArray[np.intp]:
+    """Frames nearest to the contacts: minima of the height that stand out of the noise on both sides."""
+    y = record.height
+    noise = third_difference_noise(record)
+    span = float(np.ptp(y))
+    if span <= 8 * noise:
+        return np.zeros(0, dtype=np.intp)
+    lows, found = find_peaks(-y, prominence=max(8 * noise, 0.004 * span))
+    # a toss has no low between two flights; a minimum at rest on the plate has no flight after it
+    return lows[found["prominences"] > 0]
+
+
+def third_difference_noise(record: Heights) -> float:
+    """Scatter of a record that needs no model: parabolas have no third difference; contacts are outvoted."""
+    steps = np.diff(record.time)
+    regular = np.abs(steps - np.median(steps)) < 0.02 * np.median(steps)
+    third = np.abs(np.diff(record.height, 3))[regular[2:] & regular[1:-1] & regular[:-2]]
+    return float(np.median(third)) / 0.6745 / math.sqrt(20) if len(third) > 3 else 0.0
+
+
+class _Reader:
+    """Parameters turned into the numbers of the experiment, in metres of fall."""
+
+    def __init__(self, heights: Array, fall: Fall, size: float, periods: Array) -> None:
+        self.heights = heights  # [m], apex above the contact level; the first is the drop
+        self.size = size  # record's unit per metre
+        self.flight_times = periods  # [s], from contact to contact
+        self._fall = fall
+
+    def impact_speed(self, bounce: int) -> float:
+        """[m/s], just before contact number `bounce` (1, 2, ...)."""
+        return self._fall.fall.speed_after(float(self.heights[bounce - 1]))
+
+    def rebound_speed(self, bounce: int) -> float:
+        """[m/s], just after it."""
+        return self._fall.rise.speed_after(float(self.heights[bounce]))
+
+
+@dataclass(frozen=True)
+class _Model:
+    """Layout of the parameter vector: size, release, H_0..H_N, levels, growth, perspective, lens, dwell, drag."""
+
+    count: int
+    drag: AirDrag
+    end: float  # [s], last frame used
+    top: float  # [m], about the drop height: unit of the perspective terms
+
+    @property
+    def length(self) -> int:
+        return 2 + (self.count + 1) + (self.count + 1) + self.count + 4
+
+    def split(self, p: Array) -> tuple[Array, Array, Array]:
+        """H_0..H_N [m]; levels at contacts 1..N and at the end; relative growth at contact 2..N and at the end."""
+        n = self.count
+        heights = np.maximum(p[2 : 3 + n], 1e-9)
+        return heights, p[3 + n : 4 + 2 * n], p[4 + 2 * n : 4 + 3 * n]
+
+    @property
+    def causes(self) -> dict[str, list[int]]:
+        """Which parameters stand for which cause of doubt."""
+        n = self.count
+        first = 4 + 3 * n
+        growth = list(range(4 + 2 * n, first))
+        return {"air drag": [first + 3], "contact duration": [first + 2], "camera": [*growth, first, first + 1]}
+
+    def fall(self, p: Array) -> Fall:
+        return Fall(self.drag, max(float(p[-1]), 0.0), 1.3 * float(np.max(self.split(p)[0])))
+
+    def apexes(self, p: Array) -> Array:
+        return self._times(p, self.fall(p))[0]
+
+    def contacts(self, p: Array) -> Array:
+        """[s], contacts 1..N and the (unseen) end of the last flight."""
+        return self._times(p, self.fall(p))[1]
+
+    def _times(self, p: Array, fall: Fall) -> tuple[Array, Array]:
+        heights, _, _ = self.split(p)
+        apexes, contacts = [float(p[1])], []
+        for n, height in enumerate(heights):
+            contacts.append(apexes[n] + fall.fall.time_to(float(height)))
+            if n + 1 < len(heights):
+                apexes.append(contacts[n] + max(float(p[-2]), 0.0) + fall.rise.time_to(float(heights[n + 1])))
+        return np.array(apexes), np.array(contacts)
+
+    def level(self, p: Array, time: Array) -> Array:
+        _, levels, _ = self.split(p)
+        contacts = self.contacts(p)
+        return np.interp(time, [*contacts[: self.count], max(self.end, contacts[self.count - 1] + 1e-6)], levels)
+
+    def curve(self, p: Array, time: Array) -> Array:
+        fall = self.fall(p)
+        heights, levels, growth = self.split(p)
+        apexes, contacts = self._times(p, fall)
+        flight = np.searchsorted(contacts[: self.count], time)
+        above = heights[flight] - fall.below_apex(time - apexes[flight])
+        knots = [*contacts[: self.count], max(self.end, contacts[self.count - 1] + 1e-6)]
+        swell = 1 + np.interp(time, knots, [0.0, *growth])
+        relative = above / self.top
+        seen = above * (1 + p[-4] * relative + p[-3] * relative**2)
+        curve = np.interp(time, knots, levels) + math.exp(p[0]) * swell * seen
+        curve[time > contacts[-1]] = np.nan
+        curve[time < apexes[0]] = np.nan
+        return np.asarray(curve)
+
+    def reader(self, p: Array) -> _Reader:
+        fall = self.fall(p)
+        apexes, contacts = self._times(p, fall)
+        return _Reader(self.split(p)[0], fall, math.exp(p[0]), np.diff(contacts))
+
+
+def fit_bounces(record: Heights, drag: AirDrag) -> Bounces | None:
+    """Fit all flights at once; None when there is no contact with a flight before and after it."""
+    offset = float(record.time[0])
+    record = replace(record, time=record.time - offset)
+    contacts = _worth_fitting(record, find_contacts(record))
+    while len(contacts):
+        fitted = _fit(record, contacts, drag, offset)
+        if fitted is not None:
+            return fitted
+        contacts = contacts[:-1]
+    return None
+
+
+def _worth_fitting(record: Heights, contacts: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
+    """Contacts with at least five frames of flight on both sides, in which the bead gets well away from the plate."""
+    noise = third_difference_noise(record)
+    edges = [0, *contacts.tolist(), len(record.time) - 1]
+    kept: list[int] = []
+    for k, contact in enumerate(contacts):
+        after = edges[k + 2] - contact
+        before = contact - edges[k]
+        rise = float(np.max(record.height[contact : edges[k + 2] + 1]) - record.height[contact])
+        if before < 5 or after < 5 or rise < 12 * noise:
+            break
+        kept.append(int(contact))
+    return np.array(kept, dtype=np.intp)
+
+
+def _fit(record: Heights, contacts: npt.NDArray[np.intp], drag: AirDrag, offset: float) -> Bounces | None:
+    start = _first_guess(record, contacts, drag)
+    if start is None:
+        return None
+    model, parameters, spread, stop = start
+    centre = parameters.copy()
+    step = float(np.median(np.diff(record.time)))
+    usual = max(third_difference_noise(record), 1e-7 * float(np.ptp(record.height)))
+    sigma = record.sigma.copy()
+    blank = ~(np.isfinite(sigma) & (sigma > 0))
+    sigma[blank] = usual if np.all(blank) else np.median(sigma[~blank])
+    sigma = np.maximum(sigma, 0.3 * np.median(sigma))
+    used = np.zeros(len(sigma), dtype=bool)
+    outlier = np.zeros(len(sigma), dtype=bool)
+    for turn in range(4):
+        used = _in_flight(record, model, parameters, step, usual, stop) & ~outlier
+        if np.sum(used) < model.count * 4 + 6:
+            return None
+        parameters, covariance = _solve(record, model, parameters, centre, spread, sigma, used)
+        residual = record.height - model.curve(parameters, record.time)
+        ratio = residual / sigma
+        scatter = 1.4826 * float(np.median(np.abs(ratio[used])))
+        sigma = sigma * max(scatter, 1e-3)
+        inside = used | outlier
+        limit = (8.0, 5.0, 4.0, 4.0)[turn]
+        outlier = inside & ~(np.abs(residual) < limit * sigma)
+        if np.sum(outlier) > 0.35 * np.sum(inside):
+            return None
+    residual = record.height - model.curve(parameters, record.time)
+    sigma = sigma * math.sqrt(_repetition((residual / sigma)[used]))
+    parameters, covariance = _solve(record, model, parameters, centre, spread, sigma, used)
+    residual = record.height - model.curve(parameters, record.time)
+    return Bounces(
+        model=model,
+        parameters=parameters,
+        covariance=covariance,
+        used=used,
+        residual=residual,
+        noise=float(np.std(residual[used])),
+        expected_noise=third_difference_noise(record),
+        time_offset=offset,
+    )
+
+
+def _repetition(ratio: Array) -> float:
+    """Factor on the variance because successive residuals repeat each other (a background's texture, pixel locking)."""
+    values = ratio - ratio.mean()
+    lag = float(np.sum(values[1:] * values[:-1]) / (np.sum(values**2) + 1e-300))
+    return float(np.clip((1 + lag) / (1 - lag), 1.0, 12.0))
+
+
+def _first_guess(
+    record: Heights, contacts: npt.NDArray[np.intp], drag: AirDrag
+) -> tuple[_Model, Array, Array, float] | None:
+    """Model, starting parameters, spread of their priors, and the time where the last usable flight ends."""
+    time, y = record.time, record.height
+    bends, apexes = [], []
+    following = find_contacts(record)
+    later = following[following > contacts[-1]]
+    stop = float(time[later[0]]) if len(later) else float(time[-1])
+    bounds = [_fall_begins(record, int(contacts[0])), *contacts.tolist(), int(np.searchsorted(time, stop))]
+    for first, last in zip(bounds[:-1], bounds[1:], strict=True):
+        piece = np.s_[first + (1 if bends else 0) : last]
+        if last - first < 4:
+            return None
+        bend, slope, base = np.polyfit(time[piece] - time[first], y[piece], 2)
+        if bend >= 0:
+            return None
+        bends.append(-2 * bend)
+        apexes.append((time[first] - slope / (2 * bend), base - slope**2 / (4 * bend)))
+    bend = float(np.median(bends))
+    levels = [float(min(y[k], y[min(k + 1, len(y) - 1)])) for k in contacts]
+    # two frames around a contact are both too high by up to a frame's fall: extrapolate with the parabola instead
+    heights = [max(apexes[0][1] - levels[0], 1e-3 * abs(apexes[0][1]))]
+    heights += [apex - level for (_, apex), level in zip(apexes[1:], levels, strict=True)]
+    if min(heights) <= 0:
+        return None
+    size = bend / GRAVITY
+    metres = np.array(heights) / size
+    model = _Model(len(contacts), drag, float(min(stop, time[-1])), float(metres[0]))
+    strength, doubt = (1.0, DRAG) if drag.known else (0.0, FREE_DRAG)
+    n = model.count
+    parameters = np.array(
+        [math.log(size), apexes[0][0], *metres, *levels, levels[-1], *np.zeros(n), 0.0, 0.0, 0.0, strength]
+    )
+    spread = np.full(model.length, np.inf)
+    spread[-4:] = PERSPECTIVE, LENS, DWELL, doubt
+    return model, parameters, spread, stop
+
+
+def _fall_begins(record: Heights, contact: int) -> int:
+    """Frame from which the bead surely falls: it is lower by 3 % of the fall than it was at its highest."""
+    y = record.height[: contact + 1]
+    top = float(np.max(y))
+    return int(np.flatnonzero(y > top - 0.03 * (top - y[-1]))[-1])
+
+
+def _in_flight(record: Heights, model: _Model, p: Array, step: float, noise: float, stop: float) -> Mask:
+    """Frames that show free flight: after the release, and not within an exposure of a contact."""
+    time = record.time
+    contacts = model.contacts(p)
+    heights, _, _ = model.split(p)
+    start = model.apexes(p)[0]
+    # at the apex itself a bead still held looks the same as one let go
+    begun = start + math.sqrt(2 * max(3 * noise / math.exp(p[0]), 0.004 * float(heights[0])) / GRAVITY)
+    inside = (time > begun) & (time < min(stop, float(contacts[-1])) + 1e-9)
+    for contact in [*contacts[: model.count], contacts[-1]]:
+        dwell = max(float(p[-2]), 0.0)
+        inside &= (time < contact - 0.55 * step) | (time > contact + dwell + 0.55 * step)
+    return np.asarray(inside)
+
+
+def _solve(
+    record: Heights, model: _Model, start: Array, centre: Array, spread: Array, sigma: Array, used: Mask
+) -> tuple[Array, Array]:
+    """Least squares with priors; values and covariance."""
+    time, y, sigma = record.time[used], record.height[used], sigma[used]
+    n = model.count
+    known = np.isfinite(spread)
+    flights = np.maximum(centre[3 : 3 + n], 1e-3 * centre[2])
+    size = math.exp(centre[0])
+    drift = DRIFT * flights * size
+    open_end = model.end < model.contacts(start)[-1] - 1e-3
+    swelling = DRIFT * 1.3 * flights / model.top
+
+    def misfit(p: Array) -> Array:
+        curve = model.curve(p, time)
+        # a frame before the moving release counts as at rest there
+        curve = np.where(np.isfinite(curve), curve, y + 10 * sigma)
+        _, levels, growth = model.split(p)
+        priors = (p[known] - centre[known]) / spread[known]
+        steps = np.diff(levels)
+        off = steps / drift
+        if open_end:
+            # no next contact shows the level: the bead most likely drifts on as before, but a bounce may turn it
+            before = float(steps[-2]) * flights[-1] ** 0.5 / flights[-2] ** 0.5 if n > 1 else 0.0
+            off[-1] = (steps[-1] - before) / (0.5 * drift[-1] + 0.5 * abs(before))
+        return np.concatenate([(y - curve) / sigma, priors, off, np.diff([0.0, *growth]) / swelling])
+
+    lower, upper = np.full(len(start), -np.inf), np.full(len(start), np.inf)
+    lower[2 : 3 + n] = 1e-6
+    lower[-2:] = -1e-12
+    inside = np.clip(start, lower, upper)
+    solved = least_squares(misfit, inside, bounds=(lower, upper), x_scale="jac", ftol=1e-10, xtol=1e-12, max_nfev=60)
+    return np.asarray(solved.x), np.linalg.pinv(solved.jac.T @ solved.jac, hermitian=True, rcond=1e-15)

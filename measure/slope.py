@@ -1,0 +1,188 @@
+"""Angles of a heap from its surface profile; the same for a filmed and a simulated heap.
+
+Two families of definitions, never to be mixed: the *graphical* angle is the slope of a line laid along a flank, the
+*geometric* angle that of a triangle with the heap's height or area.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.records import Profile
+
+Array = npt.NDArray[np.float64]
+
+WINDOW = (0.15, 0.85)  # of the heap's height: without the toe and the tip
+OTHER_WINDOWS = ((0.2, 0.8), (0.1, 0.85), (0.15, 0.75), (0.25, 0.85), (0.1, 0.75), (0.25, 0.75))
+SIDES = ("left", "right")
+DRAWS = 200  # of the bootstrap
+
+
+@dataclass(frozen=True)
+class Line:
+    """A straight line along a flank."""
+
+    angle: float  # [deg], above the base line, positive when the flank falls outwards
+    middle: tuple[float, float]  # [m], a point of the line
+    inner: float  # [m], x where the window ends towards the apex
+    outer: float  # [m], x where it ends towards the foot
+
+
+@dataclass(frozen=True)
+class Heap:
+    """The parts of a heap's profile; lengths in the unit of the profile."""
+
+    x: Array  # rising, evenly spaced
+    height: Array  # no gaps
+    apex: tuple[float, float]  # x and height
+    feet: tuple[float, float]  # x of the outermost points of the outline
+    base_width: float  # the dish's diameter where it is stated, else the distance of the feet
+    grain: float  # bead diameter
+
+
+def find_parts(profile: Profile, base_diameter: float | None, grain: float | None) -> Heap | None:
+    """Apex, feet and base of a profile; None when there is no heap in it.
+
+    The apex height is the 95th percentile of the uppermost grain's band, so that one stray grain does not set it.
+    """
+    seen = np.isfinite(profile.height) & np.isfinite(profile.x)
+    if np.sum(seen) < 8:
+        return None
+    x, height = profile.x[seen], profile.height[seen]
+    feet = _feet(x, height)
+    even = np.linspace(feet[0], feet[1], 800)
+    level = np.interp(even, x, height)
+    size = grain if grain is not None else 0.1 * float(level.max())
+    top = level > level.max() - size
+    summit = float(np.percentile(level[top], 95))
+    if not summit > 0 or feet[1] <= feet[0]:
+        return None
+    apex_x = float(np.mean(even[level >= summit]))
+    return Heap(even, level, (apex_x, summit), feet, base_diameter or feet[1] - feet[0], size)
+
+
+def flank_line(heap: Heap, side: str, window: tuple[float, float] = WINDOW) -> Line | None:
+    """Robust orthogonal line through one flank, between two fractions of the heap's height.
+
+    The flank runs from the outermost point that reaches the lower level to the innermost that stays below the upper
+    one; picking single points by their height would flatten a rough flank.
+    """
+    part = _flank(heap, side, window)
+    if part is None:
+        return None
+    x, height = heap.x[part], heap.height[part]
+    direction, middle = _orthogonal_fit(x, height)
+    outwards = -1.0 if side == "left" else 1.0
+    angle = math.degrees(math.atan2(-direction[1] * np.sign(direction[0]) * outwards, abs(direction[0])))
+    ends = (float(x[-1]), float(x[0])) if side == "left" else (float(x[0]), float(x[-1]))
+    return Line(angle, (float(middle[0]), float(middle[1])), *ends)
+
+
+def steepest_third(heap: Heap, side: str) -> float | None:
+    """Largest slope [deg] of a line over a third of the flank's height."""
+    low, high = WINDOW
+    third = (high - low) / 3
+    lines = [flank_line(heap, side, (bottom, bottom + third)) for bottom in np.linspace(low, high - third, 9)]
+    angles = [line.angle for line in lines if line is not None]
+    return max(angles) if angles else None
+
+
+def roughness_doubt(heap: Heap, side: str) -> float:
+    """Standard uncertainty [deg] of the flank's slope from its grains: moving-block bootstrap of the residuals.
+
+    Blocks are two grains long, so that a grain is never cut into independent points (Kuensch 1989).
+    """
+    part = _flank(heap, side, WINDOW)
+    if part is None:
+        return math.nan
+    x, height = heap.x[part], heap.height[part]
+    slope, offset = np.polyfit(x, height, 1)
+    residual = height - slope * x - offset
+    step = float(heap.x[1] - heap.x[0])
+    block = int(np.clip(round(2 * heap.grain / step), 1, len(x)))
+    blocks = math.ceil(len(x) / block)
+    random = np.random.default_rng(len(x))
+    start = random.integers(0, len(x), size=(DRAWS, blocks))
+    index = ((start[..., None] + np.arange(block)) % len(x)).reshape(DRAWS, -1)[:, : len(x)]
+    lever = (x - x.mean()) / np.sum((x - x.mean()) ** 2)
+    scatter = float(np.std(residual[index] @ lever))
+    grains = max((x[-1] - x[0]) / heap.grain, 2.5)
+    # the line has taken two degrees of freedom from what scatter the few grains show
+    return math.degrees(scatter * math.sqrt(grains / (grains - 2)) / (1 + slope * slope))
+
+
+def window_doubt(heap: Heap, side: str) -> float:
+    """Standard deviation [deg] of the slope over other, equally good windows."""
+    lines = [flank_line(heap, side, window) for window in (WINDOW, *OTHER_WINDOWS)]
+    angles = [line.angle for line in lines if line is not None]
+    return float(np.std(angles)) if len(angles) > 2 else math.nan
+
+
+def apex_angle(heap: Heap, side: str | None = None) -> float:
+    """atan(2 H / B) [deg], as in ISO 4324; of one side: apex to that side's foot."""
+    if side is None:
+        return math.degrees(math.atan(2 * heap.apex[1] / heap.base_width))
+    reach = abs(heap.apex[0] - heap.feet[SIDES.index(side)])
+    return math.degrees(math.atan2(heap.apex[1], reach))
+
+
+def equal_area_angle(heap: Heap) -> float:
+    """atan(4 S / B^2) [deg]: the isosceles triangle of the silhouette's area S on the same base."""
+    area = float(np.trapezoid(np.maximum(heap.height, 0), heap.x))
+    return math.degrees(math.atan(4 * area / heap.base_width**2))
+
+
+def tip_radius(heap: Heap) -> float | None:
+    """Radius of the circle along the top fifth of the heap, in the profile's unit; None when it is not round."""
+    top = np.abs(heap.x - heap.apex[0]) < 0.15 * (heap.feet[1] - heap.feet[0])
+    bend = float(np.polyfit(heap.x[top] - heap.apex[0], heap.height[top], 2)[0])
+    return -0.5 / bend if bend < 0 else None
+
+
+def monotony(heap: Heap, side: str) -> float:
+    """Share of a flank's rise that is not lost again in dips deeper than a grain's; 1 for a clean flank."""
+    from scipy.ndimage import uniform_filter1d
+
+    part = _flank(heap, side, WINDOW)
+    if part is None:
+        return 0.0
+    step = float(heap.x[1] - heap.x[0])
+    smooth = uniform_filter1d(heap.height, size=max(1, round(1.5 * heap.grain / step)))[part]
+    rises = np.diff(smooth) * (1.0 if side == "left" else -1.0)
+    return float(rises.sum() / max(np.abs(rises).sum(), 1e-12))
+
+
+def _feet(x: Array, height: Array) -> tuple[float, float]:
+    """Outermost points above the base; with a long flat run-out (base plane in the record) where the heap starts."""
+    up = height > 0.02 * float(height.max())
+    return float(x[up][0]), float(x[up][-1])
+
+
+def _flank(heap: Heap, side: str, window: tuple[float, float]) -> npt.NDArray[np.bool_] | None:
+    away = (heap.apex[0] - heap.x) if side == "left" else (heap.x - heap.apex[0])
+    low, high = (share * heap.apex[1] for share in window)
+    mine = away > 0
+    reaching, under = mine & (heap.height > low), mine & (heap.height < high)
+    if not reaching.any() or not under.any():
+        return None
+    inner, outer = float(away[under].min()), float(away[reaching].max())
+    part = mine & (away >= inner) & (away <= outer)
+    return part if np.sum(part) >= 8 else None
+
+
+def _orthogonal_fit(x: Array, height: Array) -> tuple[Array, Array]:
+    """Direction and a point of the line with the least orthogonal residuals, Huber's weights."""
+    points = np.column_stack([x, height])
+    weight = np.ones(len(x))
+    for _ in range(15):
+        middle = np.average(points, axis=0, weights=weight)
+        away = points - middle
+        direction = np.linalg.eigh((away * weight[:, None]).T @ away)[1][:, 1]
+        miss = np.abs(away @ np.array([-direction[1], direction[0]]))
+        scale = max(1.4826 * float(np.median(miss)), 1e-12)
+        weight = np.minimum(1.0, 1.345 * scale / np.maximum(miss, 1e-15))
+    return direction, middle

@@ -1,0 +1,285 @@
+"""From a photo of a heap to its surface profile: silhouette, base line, and the view undone.
+
+A heap is seen from slightly above and from near by: its outline is not its section.  `undo_view` takes each outline
+point back to the plane through the disc's axis, as on a cone of the flank's slope.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.measure.disc import Disc, find_disc
+from rigtwin.measure.grains import Beads, colour_cells, edges, find_beads, likeness, more_beads, rare, shares
+
+Array = npt.NDArray[np.float64]
+Image = npt.NDArray[np.uint8]
+
+FINEST = 1400  # [px], width of the picture that is measured
+COARSE = 900  # [px], width of the picture that is searched for beads
+
+
+@dataclass(frozen=True)
+class View:
+    """How the base lies in the picture; all lengths in px of the measured picture."""
+
+    origin: tuple[float, float]  # picture point of the disc's axis at the top of the base
+    roll: float  # [rad], positive when the base looks turned clockwise in the picture
+    radius: float  # of the base, in the scale of the plane through its axis; 0 when no disc is seen
+    camera_height: float  # above the base plane
+    camera_distance: float  # from the axis; infinite when not known
+
+    def to_picture(self, x: Array, height: Array) -> Array:
+        """Picture points, shape (n, 2), of points given along and above the base line."""
+        cos, sin = np.cos(self.roll), np.sin(self.roll)
+        return np.column_stack([self.origin[0] + x * cos + height * sin, self.origin[1] + x * sin - height * cos])
+
+
+@dataclass(frozen=True)
+class Silhouette:
+    """Outline of the heap against what is behind it; lengths in px of the measured picture."""
+
+    x: Array  # along the base line, 0 at the disc's axis, rising
+    height: Array  # above the base line, NaN where there is no heap
+    looser: Array  # the same outline when more pixels are taken for beads
+    stricter: Array  # and when fewer are
+    sigma: float  # of the height of one point
+    contrast: float  # [1], median clearness of the outline, 1 is as clear as any edge in the picture
+    bead_radius: float
+    view: View
+    disc: Disc | None
+    zoom: float  # px of the measured picture per px of the photo
+    cut_off: bool  # touches the picture's edge
+
+
+def find_heap(
+    photo: Image,
+    *,
+    roll: float | None = None,
+    region: tuple[float, float, float, float] | None = None,
+    beads_across: float | None = None,
+) -> Silhouette | None:
+    """The outline of a heap of beads in a photo (BGR), None when the photo shows none.
+
+    `roll` [rad] and `region` [px] as the camera gives them, `beads_across` the base's diameter in bead diameters.
+    """
+    zoom = min(1.0, FINEST / photo.shape[1])
+    image = cv2.resize(photo, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_AREA) if zoom < 1 else photo
+    grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+    if region is not None:
+        grey = _blank_outside(grey, tuple(zoom * side for side in region))
+    beads = _beads(grey)
+    if beads is None:
+        return None
+    beads = more_beads(grey, likeness(image, beads), beads)
+    alike = likeness(image, beads)
+    disc = find_disc(grey, alike, beads, roll=roll)
+    view = _view_of_disc(disc) if disc is not None else _view_of_feet(beads, roll)
+    if disc is not None and beads_across is not None:
+        beads = more_beads(grey, alike, Beads(beads.centre, view.radius / beads_across))
+        alike = likeness(image, beads)
+    found = _outline(image, alike, beads, view)
+    return None if found is None else replace(found, disc=disc, zoom=zoom)
+
+
+def undo_view(x: Array, height: Array, view: View, slopes: tuple[float, float]) -> tuple[Array, Array]:
+    """Outline points as they would be in a view from far away and level; all lengths in px.
+
+    The outline of a cone of slope theta is where the surface is seen edge-on: at the azimuth phi behind the plane
+    through the axis with sin phi = ((c - z) / tan theta - rho) / D, c and D the camera's height and distance.
+    `slopes` are tan(theta) of the left and right flank.
+    """
+    if not np.isfinite(view.camera_distance):
+        return x, height
+    gradient = np.where(x < 0, slopes[0], slopes[1])
+    rho, z = np.abs(x), height.copy()
+    for _ in range(4):
+        behind = np.clip(((view.camera_height - z) / gradient - rho) / view.camera_distance, -0.5, 0.5)
+        stretch = 1 + rho * behind / view.camera_distance
+        z = view.camera_height + (height - view.camera_height) * stretch
+        rho = np.abs(x) * stretch / np.sqrt(1 - behind * behind)
+    return np.sign(x) * rho, z
+
+
+def _blank_outside(grey: Image, region: tuple[float, ...]) -> Image:
+    left, top, width, height = (round(side) for side in region)
+    kept = np.full_like(grey, int(np.median(grey)))
+    kept[max(top, 0) : top + height, max(left, 0) : left + width] = grey[
+        max(top, 0) : top + height, max(left, 0) : left + width
+    ]
+    return kept
+
+
+def _beads(grey: Image) -> Beads | None:
+    shrink = min(1.0, COARSE / grey.shape[1])
+    small = cv2.resize(grey, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA) if shrink < 1 else grey
+    beads = find_beads(small, (0.0045 * small.shape[1], 0.05 * small.shape[1]))
+    return None if beads is None else Beads(beads.centre / shrink, beads.radius / shrink)
+
+
+def _view_of_disc(disc: Disc) -> View:
+    """The camera's place relative to the base, from the ellipse of its rim.
+
+    With q the disc's radius over the camera's distance D: the rim's ends lie R / sqrt(1 - q^2) from the middle, its
+    front bulges by c q / (1 - q^2) below the line between them, and the axis meets the base plane q bulges above it.
+    """
+    q = disc.nearness
+    lift = q * disc.bulge
+    radius = disc.half_width * np.sqrt(1 - q * q)
+    origin = (disc.centre[0] + lift * np.sin(disc.roll), disc.centre[1] - lift * np.cos(disc.roll))
+    return View(origin, disc.roll, float(radius), disc.bulge * (1 - q * q) / q, float(radius / q))
+
+
+def _view_of_feet(beads: Beads, roll: float | None) -> View:
+    """No disc in sight: the base line runs under the outermost beads."""
+    order = np.argsort(beads.centre[:, 0])
+    few = max(2, len(order) // 12)
+    feet = [beads.centre[part][np.argmax(beads.centre[part][:, 1])] for part in (order[:few], order[-few:])]
+    turn = float(np.arctan2(feet[1][1] - feet[0][1], feet[1][0] - feet[0][0])) if roll is None else roll
+    middle = (feet[0] + feet[1]) / 2
+    return View((float(middle[0]), float(middle[1] + beads.radius)), turn, 0.0, 0.0, float("inf"))
+
+
+def _outline(image: Image, alike: npt.NDArray[np.float32], beads: Beads, view: View) -> Silhouette | None:
+    """The border between beads and background, column by column above the base line."""
+    across = beads.centre - np.array(view.origin)
+    cos, sin = np.cos(view.roll), np.sin(view.roll)
+    u, h = across @ np.array([cos, sin]), across @ np.array([sin, -cos])
+    reach = max(view.radius, float(np.abs(u).max())) + 4 * beads.radius
+    top = float(h.max()) + 6 * beads.radius
+    columns = np.arange(-np.ceil(reach), np.ceil(reach) + 1)
+    rows = np.arange(np.ceil(top), -1, -1.0)  # from the sky down to the base line
+    points = view.to_picture(np.tile(columns, len(rows)), np.repeat(rows, len(columns))).reshape(len(rows), -1, 2)
+    map_x, map_y = points[..., 0].astype(np.float32), points[..., 1].astype(np.float32)
+    level = cv2.remap(image, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    colour = cv2.remap(alike, map_x, map_y, cv2.INTER_LINEAR, borderValue=0.0).astype(np.float64)
+    higher = _above_beads(columns, rows, u, h, beads.radius)
+    evidence = np.log((colour + 0.02) / (1.02 - colour)) + _against_local_sky(level, higher, colour, beads.radius)
+    # the further above the circles found, the surer a pixel's colour has to be
+    evidence = np.clip(np.clip(evidence, -3, 3) - 1.2 * higher, -3, 3)
+    borders = _edge_map(level)
+    usual, looser, stricter = (
+        _bead_shaped(_cheapest_border(evidence + shift, borders, 0.35 * beads.radius), beads.radius)
+        for shift in (0.0, 0.8, -0.8)
+    )
+    fine, clearness = _sub_pixel(borders, usual)
+    empty = usual >= len(rows) - 1 - 0.25 * beads.radius
+    if np.sum(~empty) < 6 * beads.radius:
+        return None
+
+    def as_height(border: Array) -> Array:
+        return np.where(empty, np.nan, rows[0] - border)
+
+    heap = ~empty
+    edge_x, edge_y = points[usual.astype(int), np.arange(len(columns))].T
+    margin = (
+        (edge_x < 2) | (edge_y < 2) | (edge_x > image.shape[1] - 3) | (edge_y > image.shape[0] - 3)
+    )
+    return Silhouette(
+        x=columns,
+        height=as_height(fine),
+        looser=as_height(looser),
+        stricter=as_height(stricter),
+        sigma=0.7,
+        contrast=float(np.median(clearness[heap])),
+        bead_radius=beads.radius,
+        view=view,
+        disc=None,
+        zoom=1.0,
+        cut_off=bool(np.any(margin & heap)),
+    )
+
+
+def _above_beads(columns: Array, rows: Array, u: Array, h: Array, radius: float) -> Array:
+    """How many radii above the circles found a pixel lies, shape (rows, columns)."""
+    from scipy.ndimage import grey_closing
+
+    envelope = np.zeros(len(columns))
+    for centre_u, centre_h in zip(u, h, strict=True):
+        near = np.abs(columns - centre_u) < 1.5 * radius
+        envelope[near] = np.maximum(envelope[near], centre_h + 1.2 * radius)
+    closed = grey_closing(envelope, size=int(6 * radius) | 1)
+    return np.maximum((rows[:, None] - closed[None, :]) / radius, 0)
+
+
+def _against_local_sky(level: Image, higher: Array, colour: Array, radius: float) -> Array:
+    """How much a pixel's colour speaks for beads against what stands behind just this part of the heap.
+
+    Logarithm of the ratio of two histograms: beads, and the strip above the circles within a few beads to both sides.
+    """
+    index = colour_cells(level, radius)
+    inside = index[(higher == 0) & (colour > 0.5)]
+    beads = shares(inside)
+    little = rare(beads, inside)
+    sky = (higher > 0.8) & (higher < 6.0)
+    answer = np.zeros_like(colour)
+    width, stride = level.shape[1], max(int(1.5 * radius), 1)
+    for left in range(0, width, stride):
+        window = slice(max(left - stride, 0), min(left + 2 * stride, width))
+        strip = slice(left, min(left + stride, width))
+        behind = shares(index[:, window][sky[:, window]])
+        answer[:, strip] = np.log((beads + 0.1 * little) / (behind + little))[index[:, strip]]
+    return np.clip(answer, -3, 3)
+
+
+def _edge_map(level: Image) -> Array:
+    """Strength of the colour edge that a border running through a pixel would follow, 0 to 1."""
+    strength = np.zeros(level.shape[:2], dtype=np.float32)
+    for channel in range(3):
+        strength = np.maximum(strength, edges(np.ascontiguousarray(level[..., channel]), blur=1.0).strength)
+    return np.asarray(np.clip(strength / max(float(np.percentile(strength, 95)), 1.0), 0, 1), dtype=np.float64)
+
+
+def _cheapest_border(evidence: Array, borders: Array, edge_reward: float) -> Array:
+    """Row of the border in every column: background above it, beads below, on edges where it can be.
+
+    Dynamic programming over the columns; a step between neighbours costs a part of what an edge gains, because the
+    sides of beads are steep.  The exact minimum, found by two running minima per column.
+    """
+    gain = evidence / 3
+    total = gain.sum(axis=0)
+    above = np.cumsum(gain, axis=0) - gain
+    cost = 2 * above - total - edge_reward * borders
+    count, width = cost.shape
+    step = 0.15 * np.arange(count)
+    best = cost[:, 0]
+    came_from = np.zeros((width, count), dtype=np.int64)
+    index = np.arange(count)
+    for column in range(1, width):
+        down, up = best - step, best + step
+        least_down = np.minimum.accumulate(down)
+        least_up = np.minimum.accumulate(up[::-1])[::-1]
+        from_down = np.maximum.accumulate(np.where(down <= least_down, index, 0))
+        from_up = np.minimum.accumulate(np.where(up <= least_up, index, count - 1)[::-1])[::-1]
+        use_down = least_down + step <= least_up - step
+        came_from[column] = np.where(use_down, from_down, from_up)
+        best = np.where(use_down, least_down + step, least_up - step) + cost[:, column]
+    border = np.empty(width)
+    row = int(np.argmin(best))
+    for column in range(width - 1, -1, -1):
+        border[column] = row
+        row = int(came_from[column, row])
+    return border
+
+
+def _bead_shaped(border: Array, radius: float) -> Array:
+    """Without deep slits and high spikes narrower than a bead; rows grow downwards."""
+    from scipy.ndimage import grey_closing, grey_opening
+
+    spikes_cut = grey_closing(border, size=int(1.6 * radius) | 1)
+    border = np.where(spikes_cut - border > 0.8 * radius, spikes_cut, border)
+    slits_filled = grey_opening(border, size=int(1.2 * radius) | 1)
+    return np.asarray(np.where(border - slits_filled > radius, slits_filled, border))
+
+
+def _sub_pixel(borders: Array, border: Array) -> tuple[Array, Array]:
+    """The border moved to the strongest edge within two rows of it, and how clear that edge is."""
+    rows, columns = borders.shape
+    reach = np.arange(-2, 3)
+    near = np.clip(border.astype(int)[:, None] + reach, 0, rows - 1)
+    strength = borders[near, np.arange(columns)[:, None]]
+    middle = np.sum(strength * reach, axis=1) / np.maximum(strength.sum(axis=1), 1e-9)
+    return border + middle, strength.max(axis=1)

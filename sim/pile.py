@@ -1,0 +1,303 @@
+"""The twin of the piling test: beads rain on a round base and heap up (Hlosta et al. 2020, fig. 5a)."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.records import Profile
+from rigtwin.lab.rigs import GRAVITY, Pile
+from rigtwin.sim.engine.clock import USUAL, positive, time_step
+
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.bulk import Bulk
+    from rigtwin.sim.engine.contact import Rolling
+
+Array = npt.NDArray[np.float64]
+
+VIEWS = (0.0, 45.0, 90.0, 135.0)  # [deg], about the disc's axis
+POINTS_PER_DIAMETER = 24
+PROFILE_SIGMA = 1e-5  # [m], a silhouette of exact spheres is as good as the beads' overlap
+LOOK = 0.02  # [s], how often the pouring looks at the heap
+SLOW = 0.1  # [m/s], a bead below this speed belongs to the heap, above it is still falling
+REST_ENERGY = 1e-5  # mean kinetic energy of a resting bead, in m g R
+REST_SPEED = 0.01  # [m/s], of the fastest bead
+REST_LOOKS = 3  # times in a row
+LEAST_RATE = 400.0  # [1/s]
+SKIN = 0.2  # of a diameter; the rain makes a list short-lived
+OVERLAP_LIMIT = 0.05  # of a radius; softer contacts than this bend the result
+
+
+@dataclass(frozen=True)
+class Heap:
+    """What lies on the base in the end.  x and y from the disc's axis, z above the disc's top face."""
+
+    centres: Array  # [m], shape (n, 3), of the beads that stay on the base
+    radius: float  # [m]
+    profiles: tuple[Profile, ...]  # silhouettes from four sides
+    at_rest: bool
+    time: float  # [s], simulated
+    asked: int
+    placed: int
+    fallen: int
+    statistics: dict[str, float] = field(default_factory=dict)
+    assumptions: dict[str, str] = field(default_factory=dict)  # all that the rig's description leaves open
+    warnings: tuple[str, ...] = ()
+
+
+def run(
+    rig: Pile,
+    particle: Particle,
+    wall: Material,
+    contact: Contact,
+    wall_contact: Contact,
+    *,
+    count: int = 1000,
+    seed: int = 1,
+    stiffness_factor: float = 1e-3,
+    threads: int | None = None,
+    time_step_fraction: float = USUAL,
+    pour_rate: float | None = None,
+    fall_height: float | None = None,
+    settle_limit: float = 4.0,
+    rolling: Rolling = "type C",
+    progress: Progress = silent,
+) -> Heap:
+    """Pour `count` beads on the base and wait until the heap rests.
+
+    The beads rain through a round outlet above the base's centre, without overlap, at `pour_rate` [1/s] (default:
+    Beverloo's discharge of the outlet, at least 400 per second).  The outlet rises with the heap and stays
+    `fall_height` [m] above its top (default: three bead diameters).  What leaves the base falls and is taken out.
+    The run ends when the beads rest, or `settle_limit` [s] after the last one was poured, and says which.
+    Young's moduli are multiplied by `stiffness_factor` (Hlosta et al. 2020, section 2.2.3).
+    """
+    _check(rig, particle, count, stiffness_factor, settle_limit)
+    soft = replace(particle, material=particle.material.softened(stiffness_factor))
+    step, warnings = time_step([soft], time_step_fraction)
+    outlet = _outlet(rig, particle, count, pour_rate, fall_height)
+    bulk = _bench(rig, soft, wall.softened(stiffness_factor), contact, wall_contact, outlet, step, rolling, threads)
+
+    began = time.perf_counter()
+    placed = _pour(bulk, outlet, particle, count, np.random.default_rng(seed), progress)
+    at_rest = _settle(bulk, particle, settle_limit, progress)
+    wall_time = time.perf_counter() - began
+
+    beads = bulk.beads()
+    stays = (np.hypot(*beads.position[:, :2].T) < rig.base_diameter / 2 + particle.radius) & (beads.position[:, 2] > 0)
+    centres = beads.position[stays]
+    statistics = {
+        "largest_overlap": bulk.largest_overlap,
+        "kinetic_energy_j": beads.kinetic_energy,
+        "contacts_per_bead": 2 * bulk.contacts / max(len(beads.ident), 1),
+        "time_step_s": step,
+        "steps": float(bulk.steps),
+        "steps_per_second": bulk.steps / max(wall_time, 1e-9),
+        "lists_built": float(bulk.lists_built),
+    }
+    return Heap(
+        centres=centres,
+        radius=particle.radius,
+        profiles=tuple(silhouette(centres, particle.radius, rig.base_diameter, view) for view in VIEWS),
+        at_rest=at_rest,
+        time=bulk.time,
+        asked=count,
+        placed=placed,
+        fallen=placed - len(centres),
+        statistics=statistics,
+        assumptions=_assumptions(rig, outlet, stiffness_factor, time_step_fraction, rolling),
+        warnings=warnings + _warnings(rig, count, placed, len(centres), at_rest, bulk.largest_overlap),
+    )
+
+
+def silhouette(centres: Array, radius: float, base_diameter: float, view: float) -> Profile:
+    """Outline of equal spheres on a disc, seen from the side, orthographic.
+
+    `view` [deg] turns the heap about the disc's axis.  Height is that of the highest bead edge at each x, 0 where
+    only the disc is seen; x runs over the disc, 0 on its axis.  A rim is not drawn: it would hide beads, not raise them.
+    """
+    points = math.ceil(base_diameter / (2 * radius) * POINTS_PER_DIAMETER) + 1
+    x = np.linspace(-base_diameter / 2, base_diameter / 2, points)
+    angle = math.radians(view)
+    across = centres[:, 0] * math.cos(angle) + centres[:, 1] * math.sin(angle)
+    height = np.zeros(points)
+    for part in np.array_split(np.arange(len(centres)), max(1, len(centres) // 1000)):
+        inside = radius**2 - (x - across[part, None]) ** 2
+        edge = np.where(inside >= 0, centres[part, 2, None] + np.sqrt(np.maximum(inside, 0.0)), 0.0)
+        height = np.maximum(height, edge.max(axis=0, initial=0.0))
+    return Profile(
+        x=x,
+        height=height,
+        sigma=np.full(points, PROFILE_SIGMA),
+        base=(-base_diameter / 2, base_diameter / 2),
+        view=f"{view:g} deg",
+    )
+
+
+@dataclass(frozen=True)
+class _Outlet:
+    diameter: float  # [m]
+    speed: float  # [m/s], of the beads leaving it
+    rate: float  # [1/s]
+    rate_from: str
+    fall_height: float  # [m], above the top of the heap
+
+
+def _outlet(rig: Pile, particle: Particle, count: int, rate: float | None, fall_height: float | None) -> _Outlet:
+    diameter = rig.base_diameter / 4 if rig.outlet_diameter is None else rig.outlet_diameter
+    bead = particle.diameter
+    if diameter < 2 * bead:
+        raise BadInput(
+            f"outlet_diameter: {diameter * 1e3:.3g} mm lets no beads of {bead * 1e3:.3g} mm through; "
+            "give at least two bead diameters."
+        )
+    rate_from = "as given"
+    if rate is None:
+        # Beverloo's law, bulk density 0.6 of the bead's
+        flow = 0.58 * 0.6 * particle.effective_density * math.sqrt(GRAVITY) * (diameter - 1.4 * bead) ** 2.5
+        rate, rate_from = flow / particle.mass, "Beverloo's discharge of the outlet"
+        if rate < LEAST_RATE:
+            rate, rate_from = LEAST_RATE, f"{LEAST_RATE:g} per second, above Beverloo's {rate:.0f}, to keep the run short"
+    height = 3 * bead if fall_height is None else fall_height
+    positive(pour_rate=rate, fall_height=height)
+    # as fast as a free discharge leaves, and fast enough that the beads keep clear of each other
+    thinnest = rate * particle.mass / particle.effective_density / (0.2 * math.pi / 4 * diameter**2)
+    return _Outlet(diameter, max(math.sqrt(GRAVITY * diameter / 2), thinnest), rate, rate_from, height)
+
+
+def _bench(
+    rig: Pile, soft: Particle, wall: Material, contact: Contact, wall_contact: Contact, outlet: _Outlet, step: float,
+    rolling: Rolling, threads: int | None,
+) -> Bulk:  # fmt: skip
+    from rigtwin.sim.engine.bulk import Bulk
+    from rigtwin.sim.engine.walls import Cylinder, Disc, Shape, Wall
+
+    up = (0.0, 0.0, 1.0)
+    shapes: list[Shape] = [Disc((0.0, 0.0, 0.0), up, rig.base_diameter / 2)]
+    if rig.rim_height > 0:
+        shapes.append(Cylinder((0.0, 0.0, 0.0), up, rig.base_diameter / 2, rig.rim_height))
+    side = rig.base_diameter / 2 + 4 * soft.diameter
+    # a heap steeper than 45 degrees is not expected; the outlet stops rising there
+    top = rig.rim_height + rig.base_diameter / 2 + outlet.fall_height + 4 * LOOK * outlet.speed + 4 * soft.diameter
+    return Bulk(
+        [soft],
+        contact,
+        [Wall(shape, wall, wall_contact) for shape in shapes],
+        low=(-side, -side, -2 * soft.diameter),
+        high=(side, side, top),
+        open_domain=True,
+        time_step=step,
+        rolling=rolling,
+        threads=threads,
+        skin=SKIN,
+    )
+
+
+def _pour(
+    bulk: Bulk, outlet: _Outlet, particle: Particle, count: int, rng: np.random.Generator, progress: Progress
+) -> int:
+    """Rain the beads and return how many were placed."""
+    steps = max(1, round(LOOK / bulk.time_step))
+    slab = 1.5 * outlet.speed * LOOK + particle.diameter
+    placed, height, patience = 0, outlet.fall_height, 0
+    while placed < count and patience < 100:
+        beads = bulk.beads()
+        resting = beads.position[(beads.velocity**2).sum(1) < SLOW**2, 2]
+        height = max(height, resting.max(initial=0.0) + particle.radius + outlet.fall_height)
+        height = min(height, bulk.top - slab - particle.diameter)
+        due = min(count, math.ceil(outlet.rate * (bulk.time + LOOK))) - placed
+        new = np.array(list(_drops(beads.position, outlet, particle, height, slab, due, rng))).reshape(-1, 3)
+        bulk.add(new, np.array([0.0, 0.0, -outlet.speed]))
+        patience = 0 if len(new) else patience + 1
+        placed += len(new)
+        bulk.run(steps)
+        progress("pouring", placed, count)
+    return placed
+
+
+def _drops(
+    occupied: Array, outlet: _Outlet, particle: Particle, height: float, slab: float, due: int, rng: np.random.Generator
+) -> Iterator[Array]:
+    """Up to `due` places in the outlet's cylinder that are clear of all beads and of each other."""
+    clear = 1.02 * particle.diameter
+    near = occupied[occupied[:, 2] > height - clear]
+    reach = outlet.diameter / 2 - particle.radius
+    for _ in range(20 * due):
+        if due <= 0:
+            return
+        distance, angle = reach * math.sqrt(rng.random()), rng.uniform(0, 2 * math.pi)
+        place = np.array([distance * math.cos(angle), distance * math.sin(angle), height + slab * rng.random()])
+        if not len(near) or ((near - place) ** 2).sum(1).min() > clear**2:
+            near = np.vstack([near, place])
+            due -= 1
+            yield place
+
+
+def _settle(bulk: Bulk, particle: Particle, limit: float, progress: Progress) -> bool:
+    """Run until the beads rest; False when they still moved at the limit."""
+    steps = max(1, round(LOOK / bulk.time_step))
+    end = bulk.time + limit
+    quiet = 0
+    while bulk.time < end and quiet < REST_LOOKS:
+        bulk.run(steps)
+        beads = bulk.beads()
+        energy = beads.kinetic_energy / max(len(beads.ident), 1)
+        fastest = np.sqrt((beads.velocity**2).sum(1).max(initial=0.0))
+        resting = energy < REST_ENERGY * particle.mass * GRAVITY * particle.radius and fastest < REST_SPEED
+        quiet = quiet + 1 if resting else 0
+        progress("settling", limit - (end - bulk.time), limit)
+    return quiet >= REST_LOOKS
+
+
+def _check(rig: Pile, particle: Particle, count: int, stiffness_factor: float, settle_limit: float) -> None:
+    positive(base_diameter=rig.base_diameter, stiffness_factor=stiffness_factor, settle_limit=settle_limit)
+    if rig.base_diameter < 4 * particle.diameter:
+        raise BadInput(
+            f"base_diameter: {rig.base_diameter * 1e3:.3g} mm is no base for a heap of beads of "
+            f"{particle.diameter * 1e3:.3g} mm; give at least four bead diameters."
+        )
+    if not (math.isfinite(rig.rim_height) and rig.rim_height >= 0):
+        raise BadInput(f"rim_height must be zero or positive, got {rig.rim_height:g}.")
+    if count < 1:
+        raise BadInput(f"count: {count} beads make no heap; give at least 1.")
+    if stiffness_factor > 1:
+        raise BadInput(f"stiffness_factor: {stiffness_factor:g} would stiffen the beads; give at most 1.")
+
+
+def _assumptions(
+    rig: Pile, outlet: _Outlet, stiffness_factor: float, fraction: float, rolling: Rolling
+) -> dict[str, str]:
+    given = "a quarter of the base" if rig.outlet_diameter is None else "as given"
+    return {
+        "outlet_diameter": f"{outlet.diameter * 1e3:.3g} mm ({given})",
+        "pour_rate": f"{outlet.rate:.0f} beads per second ({outlet.rate_from})",
+        "outlet_speed": f"{outlet.speed:.2f} m/s",
+        "fall_height": f"{outlet.fall_height * 1e3:.3g} mm above the top of the heap, with which the outlet rises",
+        "rim_height": f"{rig.rim_height * 1e3:.3g} mm" if rig.rim_height else "none: a flat disc",
+        "stiffness_factor": f"{stiffness_factor:g} of the real Young's moduli of beads and base",
+        "time_step": f"{fraction:.0%} of Rayleigh's",
+        "rolling_resistance": f"{rolling}, torque limit mu_r Fn R on each bead",
+    }
+
+
+def _warnings(rig: Pile, count: int, placed: int, staying: int, at_rest: bool, overlap: float) -> tuple[str, ...]:
+    warnings = []
+    if placed < count:
+        warnings.append(f"only {placed} of {count} beads found room below the outlet")
+    if rig.rim_height == 0:
+        warnings.append(f"the base has no rim: {staying} of {placed} beads stayed on it; give rim_height if it has one")
+    if not at_rest:
+        warnings.append("the heap was still moving when the time limit was reached")
+    if overlap > OVERLAP_LIMIT:
+        warnings.append(
+            f"the largest overlap was {overlap:.1%} of a radius; above {OVERLAP_LIMIT:.0%} raise stiffness_factor"
+        )
+    return tuple(warnings)

@@ -1,0 +1,257 @@
+"""The command line: what it says when all is well, and above all when it is not."""
+
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rigtwin.cli import run
+
+HEAVY = {
+    "numpy",
+    "cv2",
+    "scipy",
+    "skimage",
+    "matplotlib",
+    "taichi",
+    "av",
+    "pandas",
+    "pint",
+    "jinja2",
+    "rigtwin.compare",
+}
+
+LAB = """
+[lab]
+title = "Bench"
+[[experiments]]
+id = "drop-D6-steel"
+rig = "drop"
+particle = "D6"
+wall = "steel"
+drop_height = "300 mm"
+repetitions = ["r01.csv"]
+"""
+
+
+@pytest.fixture(autouse=True)
+def in_a_folder_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def empty_video(tmp_path):
+    """A readable clip of a plain wall."""
+    import av
+
+    path = tmp_path / "wall.mp4"
+    rng = np.random.default_rng(3)
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=60)
+        stream.width, stream.height, stream.pix_fmt = 160, 120, "yuv420p"
+        wall = np.full((120, 160, 3), 128) + rng.normal(0, 4, (120, 160, 1))
+        for _ in range(40):
+            picture = np.clip(wall + rng.normal(0, 1, wall.shape), 0, 255).astype(np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        container.mux(stream.encode())
+    return path
+
+
+@pytest.fixture
+def empty_photo(tmp_path):
+    import cv2
+
+    path = tmp_path / "wall.jpg"
+    noise = np.random.default_rng(4).normal(128, 4, (300, 400, 3))
+    cv2.imwrite(str(path), np.clip(noise, 0, 255).astype(np.uint8))
+    return path
+
+
+def lab_with(tmp_path: Path, old: str = "", new: str = "") -> Path:
+    folder = tmp_path / "lab"
+    folder.mkdir()
+    time = np.arange(60) / 240
+    rows = [f"{t:.6f},0,{0.3 - 4.905 * t * t:.6f}" for t in time]
+    (folder / "r01.csv").write_text("\n".join(["time_s,x_m,y_m", *rows]))
+    (folder / "lab.toml").write_text(LAB.replace(old, new) if old else LAB)
+    return folder
+
+
+def refused(arguments: list[object], capfd, *words: str) -> None:
+    """The command ends with one sentence on stderr and code 2, and as one JSON document with --json."""
+    words_given = [str(argument) for argument in arguments]
+    assert run(words_given) == 2
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1, err
+    assert "Traceback" not in err
+    for word in words:
+        assert word in err
+    assert run([*words_given, "--json"]) == 2
+    out, err = capfd.readouterr()
+    error = json.loads(out)["error"]
+    assert error["exit_code"] == 2
+    for word in words:
+        assert word in error["message"]
+    assert err == ""
+
+
+def test_help_loads_nothing_heavy():
+    code = (
+        "import sys; from rigtwin.cli import run; code = run(sys.argv[1:]);"
+        "print('\\nLOADED', *sorted(sys.modules)); sys.exit(code)"
+    )
+    for command in ([], ["measure", "drop"], ["compare"]):
+        done = subprocess.run(
+            [sys.executable, "-c", code, *command, "--help"], capture_output=True, text=True, check=True
+        )
+        page, _, loaded = done.stdout.partition("LOADED")
+        assert "Usage" in page
+        assert HEAVY.isdisjoint(loaded.split())
+
+
+def test_the_version_is_that_of_the_package(capfd):
+    from rigtwin import __version__
+
+    assert run(["--version"]) == 0
+    assert capfd.readouterr().out == f"rigtwin {__version__}\n"
+
+
+@pytest.mark.parametrize("rig", ["drop", "pendulum", "pile"])
+def test_a_wrong_path_is_refused_in_one_sentence(rig, capfd):
+    refused(["measure", rig, "nowhere.mp4", "--bead-diameter", "6mm"], capfd, "nowhere.mp4", "no such file")
+
+
+@pytest.mark.parametrize("rig", ["drop", "pendulum", "pile"])
+def test_an_empty_file_is_refused_in_one_sentence(rig, tmp_path, capfd):
+    (tmp_path / "empty.mp4").touch()
+    refused(["measure", rig, "empty.mp4", "--bead-diameter", "6mm"], capfd, "empty.mp4", "is empty")
+
+
+@pytest.mark.parametrize(("rig", "kind"), [("drop", "video"), ("pendulum", "video"), ("pile", "photo")])
+def test_a_text_file_with_the_name_of_a_video_is_refused_in_one_sentence(rig, kind, tmp_path, capfd):
+    (tmp_path / "notes.mp4").write_text("Drop height 300 mm, ten repetitions.\n" * 20)
+    refused(["measure", rig, "notes.mp4", "--bead-diameter", "6mm"], capfd, "notes.mp4", f"decoded as a {kind}")
+
+
+@pytest.mark.parametrize("rig", ["drop", "pendulum"])
+def test_a_video_without_a_bead_is_refused_in_one_sentence(rig, empty_video, capfd):
+    refused(["measure", rig, empty_video, "--bead-diameter", "6mm"], capfd, "wall.mp4")
+
+
+def test_a_photo_without_a_pile_is_refused_in_one_sentence(empty_photo, capfd):
+    refused(["measure", "pile", empty_photo, "--base-diameter", "90mm"], capfd, "wall.jpg")
+
+
+def test_a_wrong_unit_in_the_lab_file_is_refused_with_key_and_line(tmp_path, capfd):
+    folder = lab_with(tmp_path, '"300 mm"', '"300 kg"')
+    refused(["compare", folder], capfd, "lab.toml", "line 9", "drop_height", "300 kg")
+
+
+def test_a_missing_key_in_the_lab_file_is_refused_with_its_name(tmp_path, capfd):
+    folder = lab_with(tmp_path, 'particle = "D6"\n', "")
+    refused(["compare", folder], capfd, "lab.toml", "particle", "missing")
+
+
+def test_a_lab_whose_only_repetition_shows_no_bounce_is_refused_by_name(tmp_path, capfd):
+    refused(["compare", lab_with(tmp_path)], capfd, "drop-D6-steel", "repetition")
+
+
+def test_an_unknown_experiment_is_refused_with_the_known_ones(tmp_path, capfd):
+    refused(["compare", lab_with(tmp_path), "--only", "drop-D6-stel"], capfd, "drop-D6-stel", "drop-D6-steel")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["measure", "drop", "x.mp4", "--bead-diameter", "6kg"], "--bead-diameter"),
+        (["measure", "drop", "x.mp4", "--bead-diameter", "-6mm"], "--bead-diameter"),
+        (["measure", "drop", "x.mp4", "--frame-rate", "240 mm"], "--frame-rate"),
+        (["measure", "drop", "x.mp4", "--scale", "0.2 mm"], "--scale"),
+        (["measure", "drop", "x.mp4", "--region", "1,2,3"], "--region"),
+        (["measure", "drop", "x.mp4", "--known-length", "100mm"], "--known-length"),
+        (["measure", "drop", "x.mp4", "--start", "soon"], "--start"),
+        (["measure", "drop", "x.mp4", "--camera-roll", "1 mm"], "--camera-roll"),
+        (["measure", "drop", "x.mp4", "--bead-mass", "0.1g"], "--bead-diameter"),
+        (["measure", "pendulum", "x.mp4", "--variant", "triple"], "--variant"),
+        (["simulate", "drop", "--drop-height", "300 s"], "--drop-height"),
+        (["simulate", "drop", "--drop-height", "300mm", "--particle", "D7"], "--particle"),
+        (["simulate", "drop", "--drop-height", "300mm", "--wall", "stel"], "steel"),
+        (["simulate", "pile"], "--base-diameter"),
+        (["compare"], "LAB"),
+        (["measure", "drop", "x.mp4", "--no-such-option"], "--no-such-option"),
+    ],
+)
+def test_a_wrong_option_is_refused_with_its_name(arguments, word, capfd):
+    refused(arguments, capfd, word)
+
+
+def test_a_fault_of_the_program_is_one_sentence_and_code_1(monkeypatch, capfd):
+    import rigtwin.lab.notebook
+
+    def fall_over(folder):
+        raise ZeroDivisionError("division by zero")
+
+    monkeypatch.setattr(rigtwin.lab.notebook, "new_lab", fall_over)
+    assert run(["init", "lab"]) == 1
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert "RIGTWIN_DEBUG" in err
+    assert "Traceback" not in err
+
+
+def test_the_traceback_of_a_fault_is_shown_on_demand(monkeypatch, capfd):
+    import rigtwin.lab.notebook
+
+    def fall_over(folder):
+        raise ZeroDivisionError("division by zero")
+
+    monkeypatch.setattr(rigtwin.lab.notebook, "new_lab", fall_over)
+    monkeypatch.setenv("RIGTWIN_DEBUG", "1")
+    assert run(["init", "lab"]) == 1
+    assert "fall_over" in capfd.readouterr().err
+
+
+def test_an_interrupt_ends_with_code_130(monkeypatch, capfd):
+    import rigtwin.lab.notebook
+
+    def interrupted(folder):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(rigtwin.lab.notebook, "new_lab", interrupted)
+    assert run(["init", "lab", "--json"]) == 130
+    assert json.loads(capfd.readouterr().out)["error"]["type"] == "interrupted"
+
+
+def test_init_makes_a_lab_file_that_is_never_overwritten(capfd):
+    assert run(["init", "bench"]) == 0
+    assert "rigtwin compare bench" in capfd.readouterr().out
+    assert Path("bench/lab.toml").is_file()
+    refused(["init", "bench"], capfd, "lab.toml")
+
+
+def test_simulate_prints_one_json_document_with_the_restitution_that_was_put_in(capfd):
+    arguments = ["simulate", "pendulum", "--length", "200mm", "--release-angle", "45deg", "--restitution", "0.7"]
+    assert run([*arguments, "--out", "twin", "--json"]) == 0
+    document = json.loads(capfd.readouterr().out)
+    restitution = next(q for q in document["quantities"] if q["quantity"] == "restitution_pair")
+    assert math.isclose(restitution["value"], 0.7, rel_tol=0.005)
+    written = json.loads(Path("twin/quantities.json").read_text())
+    assert written["quantities"] == document["quantities"]
+    assert Path(document["files"]["record"]).read_text().startswith("time_s,x_m,y_m")
+
+
+def test_a_results_folder_that_is_a_file_is_refused_by_name(tmp_path, capfd):
+    (tmp_path / "taken").touch()
+    refused(["simulate", "drop", "--drop-height", "50mm", "--out", "taken"], capfd, "taken", "exists")
+
+
+def test_quiet_prints_nothing(capfd):
+    arguments = ["simulate", "drop", "--drop-height", "100mm", "--frame-rate", "1kHz"]
+    assert run([*arguments, "--out", "twin", "--quiet"]) == 0
+    assert capfd.readouterr() == ("", "")

@@ -1,0 +1,259 @@
+"""A whole lab compared: the files it leaves, the page a person opens, and what stays when a run fails."""
+
+import csv
+import hashlib
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rigtwin.compare import comparison as subject
+from rigtwin.compare.comparison import compare
+from rigtwin.compare.results import document, write_together
+from rigtwin.compare.twin import twin_of
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.notebook import read_lab
+from rigtwin.lab.quantity import Measurement, Quantity
+
+FILES = ("observations.csv", "deviations.csv", "deviations.json", "report.html", "provenance.json")
+
+LAB = """
+[lab]
+title = "Ash <beads> & steel"
+
+[particles.bead]
+material = "wood_ash"
+diameter = "12 mm"
+density = "760 kg/m^3"
+
+[contacts.bead-bead]
+restitution = 0.70
+
+[[experiments]]
+id = "pair/1"
+rig = "pendulum"
+variant = "double"
+particle = "bead"
+length = "200 mm"
+repetitions = ["day1/swing.csv", "day2/swing.csv", "day2/nothing.csv"]
+"""
+
+
+def swing(path: Path, restitution: float, *, angle: float, seed: int, length: float = 0.2, diameter: float = 0.012):
+    """Tracks of two beads with 20 µm of noise, from the small print of a pendulum: energy and restitution only."""
+    rate, gravity = 240.0, 9.81
+    quarter, start = [], np.radians(angle)
+    step, theta, speed = 1e-5, -start, 0.0
+    while theta < 0:  # bead A swings down
+        quarter.append(theta)
+        speed -= gravity / length * np.sin(theta) * step
+        theta += speed * step
+    hit = len(quarter) * step
+    after = {"A": speed * (1 - restitution) / 2, "B": speed * (1 + restitution) / 2}
+    time = np.arange(int((hit + 0.35) * rate)) / rate
+    rng, rows = np.random.default_rng(seed), ["time_s,x_m,y_m,particle"]
+    for body, rest in (("A", -diameter / 2), ("B", diameter / 2)):
+        angles, theta, speed = list(quarter) if body == "A" else [0.0] * len(quarter), 0.0, after[body]
+        while len(angles) * step < time[-1] + 0.01:
+            angles.append(theta)
+            speed -= gravity / length * np.sin(theta) * step
+            theta += speed * step
+        seen = np.asarray(angles)[(time / step).astype(int)]
+        x = rest + length * np.sin(seen) + rng.normal(0, 2e-5, len(time))
+        y = length * (1 - np.cos(seen)) + rng.normal(0, 2e-5, len(time))
+        rows += [f"{t:.6f},{a:.7f},{b:.7f},{body}" for t, a, b in zip(time, x, y, strict=True)]
+    path.parent.mkdir(exist_ok=True, parents=True)
+    path.write_text("\n".join(rows) + "\n")
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("lab")
+    (folder / "lab.toml").write_text(LAB)
+    swing(folder / "day1/swing.csv", 0.64, angle=40, seed=1)
+    swing(folder / "day2/swing.csv", 0.64, angle=42, seed=2)
+    still = "\n".join(f"{t / 240:.6f},0.0,0.0,{body}" for body in "AB" for t in range(100))
+    (folder / "day2/nothing.csv").write_text("time_s,x_m,y_m,particle\n" + still + "\n")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def compared(lab, tmp_path_factory):
+    return compare(lab, tmp_path_factory.mktemp("out"), workers=1)
+
+
+@pytest.fixture(scope="module")
+def out(compared):
+    return compared.files["report.html"].parent
+
+
+@pytest.fixture(scope="module")
+def page(out):
+    return (out / "report.html").read_text(encoding="utf-8")
+
+
+def rows_of(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def row_of(rows, **wanted):
+    return next(row for row in rows if all(row[name] == value for name, value in wanted.items()))
+
+
+def test_all_files_are_there_and_nothing_half_written(out):
+    assert {path.name for path in out.iterdir() if path.is_file()} == set(FILES)
+
+
+def test_the_deviation_is_that_of_the_restitution_in_the_lab_file(out):
+    row = row_of(rows_of(out / "deviations.csv"), quantity="restitution_pair", method="velocity")
+    assert float(row["measured"]) == pytest.approx(0.64, abs=0.004)
+    assert float(row["simulated"]) == pytest.approx(0.70, rel=0.005)
+    assert float(row["percent_deviation"]) == pytest.approx(100 * 0.06 / 0.64, abs=1.0)
+    assert (row["measured_n"], row["simulated_n"], row["experiment"]) == ("2", "1", "pair/1")
+
+
+def test_the_twin_starts_from_the_measured_mean_where_the_lab_file_does_not_state_it(out):
+    row = row_of(rows_of(out / "deviations.csv"), quantity="release_angle")
+    assert float(row["simulated"]) == pytest.approx(41, abs=0.2)
+    assert row["verdict"] == "set equal"
+    assert "measured" in row["note"]
+
+
+def test_every_repetition_and_the_twin_are_in_the_observations(out):
+    rows = [row for row in rows_of(out / "observations.csv") if row["quantity"] == "release_angle"]
+    found = [(row["origin"], row["repetition"]) for row in rows]
+    assert found == [("measured", "day1/swing.csv"), ("measured", "day2/swing.csv"), ("simulated", "twin, seed 1")]
+    assert [float(row["value"]) for row in rows] == pytest.approx([40, 42, 41], abs=0.3)
+
+
+def test_json_and_csv_say_the_same(out):
+    table = rows_of(out / "deviations.csv")
+    document = json.loads((out / "deviations.json").read_text())
+    assert len(table) == len(document["deviations"])
+    for row, entry in zip(table, document["deviations"], strict=True):
+        for name, cell in row.items():
+            if cell == "":
+                assert entry[name] in (None, "")
+            elif isinstance(entry[name], float):
+                assert float(cell) == pytest.approx(entry[name], rel=1e-6)
+            else:
+                assert cell == str(entry[name])
+
+
+def test_a_repetition_that_shows_nothing_is_left_out_with_a_warning(compared, page):
+    (outcome,) = compared.outcomes
+    assert [failure.source.name for failure in outcome.failures] == ["nothing.csv"]
+    assert any("nothing.csv was left out" in warning for warning in outcome.warnings)
+    assert "nothing.csv was left out" in page
+
+
+def test_provenance_names_every_input_by_its_content(lab, out):
+    record = json.loads((out / "provenance.json").read_text())
+    inputs = {entry["file"]: entry["sha256"] for entry in record["inputs"]}
+    assert set(inputs) == {"lab.toml", "day1/swing.csv", "day2/swing.csv", "day2/nothing.csv"}
+    for name, digest in inputs.items():
+        assert digest == hashlib.sha256((lab / name).read_bytes()).hexdigest()
+    assert record["seed"] == 1
+    assert record["model"]["contacts"]["bead-bead"]["restitution"] == 0.70
+    assert {"rigtwin", "python", "numpy", "taichi"} <= set(record["versions"])
+    assert record["borrowed"]
+
+
+class Page(HTMLParser):
+    """Everything in a page that could fetch something or run."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.addresses, self.tags, self.ids = [], set(), set()
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.add(tag)
+        for name, value in attributes:
+            if name in ("src", "href", "xlink:href", "data", "srcset", "poster", "action"):
+                self.addresses.append(value)
+            if name == "id":
+                self.ids.add(value)
+            assert not name.startswith("on"), f"{tag} runs a script: {name}"
+
+
+def fetched(addresses):
+    return [address for address in addresses if not address.startswith(("#", "data:image/"))]
+
+
+def test_the_report_opens_offline_and_runs_nothing(page):
+    parsed = Page(page)
+    assert fetched(parsed.addresses) == []
+    assert parsed.tags.isdisjoint({"script", "link", "iframe", "object", "embed", "base"})
+    assert not re.search(r"@import|url\(\s*['\"]?(?!#)", page)
+    assert "<svg" in page
+
+
+def test_names_from_the_lab_file_cannot_break_the_page(page):
+    assert "Ash &lt;beads&gt; &amp; steel" in page
+    assert "<beads>" not in page
+
+
+def test_the_summary_links_to_the_section_of_its_experiment(page):
+    parsed = Page(page)
+    targets = [address[1:] for address in parsed.addresses if address.startswith("#pair")]
+    assert targets
+    assert set(targets) <= parsed.ids
+
+
+def test_overlay_pictures_are_inside_the_report(lab, tmp_path):
+    import cv2
+
+    picture = np.random.default_rng(5).integers(0, 255, (1500, 2000, 3), dtype=np.uint8)
+    cv2.imwrite(str(tmp_path / "swing-still.png"), picture)
+    experiment = read_lab(lab).experiments[0]
+    angle = Quantity("release_angle", 40.0, 0.1, "deg", "swing", detail={"body": "A"}, budget={"tracking": 0.1})
+    files = {"still": tmp_path / "swing-still.png", "overlay": tmp_path / "pair" / "swing-overlay.mp4"}
+    measurement = Measurement(
+        "pendulum", Path("swing.mp4"), "0" * 64, (angle,), camera={"frame_rate_hz": 240}, files=files
+    )
+    twin = twin_of(experiment, model=read_lab(lab).model, measurements=[measurement])
+    measured = subject.Measured((measurement,), ())
+    outcome = subject.Outcome(experiment, measured.measurements, (), twin, ())
+    whole = subject.Comparison(read_lab(lab), (outcome,), 1, subject.datetime.now(subject.UTC))
+    from rigtwin.compare.report import report
+
+    parsed = Page(report(whole, subject.provenance(whole), tmp_path))
+    (embedded,) = [address for address in parsed.addresses if address.startswith("data:image/")]
+    assert len(embedded) < 1_000_000
+    assert fetched(parsed.addresses) == ["swing-still.png", "pair/swing-overlay.mp4"]
+
+
+def test_an_experiment_without_any_usable_repetition_is_an_error_that_leaves_old_results(lab, compared, out):
+    before = {name: (out / name).read_bytes() for name in FILES}
+    text = (lab / "lab.toml").read_text()
+    broken = lab / "broken.toml"
+    broken.write_text(text.replace('["day1/swing.csv", "day2/swing.csv", "day2/nothing.csv"]', '["day2/nothing.csv"]'))
+    with pytest.raises(BadInput, match=r"pair/1: its only repetition could not be measured"):
+        compare(broken, out, workers=1)
+    assert {name: (out / name).read_bytes() for name in FILES} == before
+
+
+def test_a_twin_without_its_restitution_is_refused_before_any_work(lab):
+    text = (lab / "lab.toml").read_text()
+    unknown = lab / "unknown.toml"
+    unknown.write_text(text.replace("restitution = 0.70", ""))
+    with pytest.raises(BadInput, match=r"pair/1.*restitution.*bead-bead"):
+        compare(unknown, lab / "never", workers=1)
+    assert not (lab / "never").exists()
+
+
+def test_files_are_replaced_all_or_none(tmp_path):
+    write_together(tmp_path, {"a.csv": "old", "b.csv": "old"})
+    with pytest.raises(TypeError):
+        write_together(tmp_path, {"a.csv": "new", "b.csv": 3})
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"a.csv": "old", "b.csv": "old"}
+
+
+def test_json_holds_no_nan_and_no_infinity():
+    text = document({"a": float("nan"), "b": [np.float64("inf"), np.int64(3)], "c": Path("x"), "d": np.array([1.0])})
+    assert json.loads(text, parse_constant=pytest.fail) == {"a": None, "b": [None, 3], "c": "x", "d": [1.0]}

@@ -1,0 +1,174 @@
+"""Deviations: the numbers behind `measured`, `percent_deviation` and `z` hold up against chance itself."""
+
+import csv
+import io
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rigtwin.compare.deviation import combine, deviations, percent_deviation
+from rigtwin.compare.results import deviations_csv, document
+from rigtwin.lab.quantity import Quantity
+
+sizes = st.floats(1e-3, 1e3)
+shares = st.floats(1e-3, 0.2)
+
+
+def quantity(value, std=0.01, name="restitution_wall", unit="1", method="height", **more):
+    return Quantity(name, value, std, unit, method, **more)
+
+
+def compared(measured, simulated, **more):
+    return deviations("drop-1", "drop", measured, simulated, **more)
+
+
+def test_the_uncertainty_of_the_percentage_is_the_scatter_of_repeated_experiments():
+    rng = np.random.default_rng(1)
+    measured, measured_u, simulated, simulated_u = 0.42, 0.012, 0.46, 0.009
+    trials = rng.normal(simulated, simulated_u, 200_000) / rng.normal(measured, measured_u, 200_000)
+    percent, std = percent_deviation(measured, measured_u, simulated, simulated_u)
+    assert percent == pytest.approx(9.5238, abs=1e-3)
+    # first order: the neglected terms are of the order (0.012 / 0.42)^2
+    assert std == pytest.approx(100 * trials.std(), rel=0.01)
+
+
+def test_the_stated_uncertainty_of_a_mean_is_its_scatter_about_the_truth():
+    rng = np.random.default_rng(2)
+    truth, noise, scale, n, labs = 0.5, 0.010, 0.006, 6, 3000
+    misses, stated = [], []
+    for _ in range(labs):
+        shared = rng.normal(0, scale)
+        values = truth + shared + rng.normal(0, noise, n)
+        budget = {"tracking": noise, "scale": scale}
+        total = math.hypot(noise, scale)
+        mean = combine([quantity(value, total, budget=budget) for value in values])
+        misses.append(mean.value - truth)
+        stated.append(mean.std_uncertainty)
+    # taking the larger of scatter and stated noise errs on the safe side, by at most a fifth
+    assert 0.97 < np.sqrt(np.mean(np.square(stated))) / np.std(misses) < 1.2
+
+
+@given(n=st.integers(1, 40), scale=st.floats(1e-4, 1.0))
+def test_repeating_does_not_make_a_shared_scale_error_smaller(n, scale):
+    budget = {"tracking": 0.5, "scale": scale}
+    repetition = quantity(10.0, math.hypot(0.5, scale), budget=budget)
+    assert combine([repetition] * n).std_uncertainty >= scale
+
+
+def test_repetitions_that_agree_by_luck_are_not_free_of_uncertainty():
+    repetition = quantity(0.5, 0.01, budget={"tracking": 0.01})
+    assert combine([repetition] * 4).std_uncertainty == pytest.approx(0.005)
+
+
+def test_one_repetition_keeps_its_own_uncertainty():
+    mean = combine([quantity(0.5, 0.05, budget={"tracking": 0.03, "scale": 0.04})])
+    assert (mean.n, mean.std) == (1, 0.05)
+    assert mean.std_uncertainty == pytest.approx(0.05)
+
+
+def test_an_estimator_that_widens_its_uncertainty_beyond_its_budget_is_believed():
+    wide = quantity(0.5, 0.2, budget={"tracking": 0.01}, doubtful="blurred")
+    assert combine([wide, wide]).std_uncertainty >= 0.199
+
+
+@given(measured=sizes, ratio=st.floats(0.2, 5), u_measured=shares, u_simulated=shares, factor=st.floats(1e-3, 1e3))
+def test_neither_percent_nor_z_depends_on_the_unit(measured, ratio, u_measured, u_simulated, factor):
+    def row(unit_factor):
+        m, s = measured * unit_factor, measured * ratio * unit_factor
+        return compared([quantity(m, u_measured * m)], [quantity(s, u_simulated * s)])[0]
+
+    plain, scaled = row(1.0), row(factor)
+    assert scaled.percent_deviation == pytest.approx(plain.percent_deviation, rel=1e-9, abs=1e-9)
+    assert scaled.percent_deviation_std == pytest.approx(plain.percent_deviation_std, rel=1e-9)
+    assert scaled.z == pytest.approx(plain.z, rel=1e-9, abs=1e-9)
+
+
+@given(a=sizes, b=sizes, u_a=shares, u_b=shares)
+def test_z_changes_sign_when_measured_and_simulated_change_places(a, b, u_a, u_b):
+    first = [quantity(a, u_a * a)]
+    second = [quantity(b, u_b * b)]
+    assert compared(first, second)[0].z == pytest.approx(-compared(second, first)[0].z)
+
+
+@pytest.mark.parametrize("value", [0.0, 1e-300, -0.02])
+def test_a_measured_value_that_is_not_told_from_zero_gives_no_percentage_but_a_z(value):
+    row = compared([quantity(value, 0.03)], [quantity(0.09, 0.04)])[0]
+    assert (row.percent_deviation, row.percent_deviation_std) == (None, None)
+    assert row.z == pytest.approx((0.09 - value) / 0.05)
+
+
+def test_an_unknown_uncertainty_leaves_the_percentage_and_takes_z_away():
+    row = compared([quantity(0.5, math.inf)], [quantity(0.6, 0.01)])[0]
+    assert row.z is None
+    assert row.verdict == "uncertainty unknown"
+    assert "Infinity" not in document([row.row()])
+
+
+def test_a_doubtful_repetition_is_left_out_and_named_where_sound_ones_remain():
+    row = compared([quantity(0.5), quantity(0.52), quantity(0.9, doubtful="blurred")], [quantity(0.51)])[0]
+    assert (row.measured, row.measured_n, row.doubtful) == (pytest.approx(0.51), 2, "")
+    assert "1 doubtful repetition left out" in row.note
+
+
+def test_doubt_is_carried_into_the_row_when_every_repetition_is_doubtful():
+    row = compared([quantity(0.5, doubtful="blurred"), quantity(0.6, doubtful="rolled")], [quantity(0.51)])[0]
+    assert (row.measured_n, row.doubtful, row.verdict) == (2, "blurred; rolled", "measurement doubtful")
+
+
+def test_a_quantity_that_the_twin_does_not_give_keeps_its_row():
+    row = compared([quantity(0.5)], [])[0]
+    assert (row.simulated, row.percent_deviation, row.z, row.simulated_n) == (None, None, None, 0)
+    assert row.verdict == "no twin value"
+
+
+def test_bounces_are_compared_with_the_same_bounce():
+    measured = [quantity(0.5, detail={"bounce": 1}), quantity(0.4, detail={"bounce": 2})]
+    simulated = [quantity(0.4, detail={"bounce": 2}), quantity(0.5, detail={"bounce": 1})]
+    assert [(row.bounce, row.percent_deviation) for row in compared(measured, simulated)] == [(1, 0.0), (2, 0.0)]
+
+
+def test_a_pendulum_filmed_from_behind_is_compared_with_the_same_bead():
+    def angle(value, body, side):
+        return quantity(value, 0.1, "rebound_angle", "deg", "swing", detail={"body": body, "side": side})
+
+    measured = [angle(8.0, "A", "left"), angle(40.0, "B", "left")]
+    simulated = [angle(8.0, "A", "right"), angle(40.0, "B", "right")]
+    assert [row.percent_deviation for row in compared(measured, simulated)] == [0.0, 0.0]
+
+
+def test_the_two_slopes_of_a_pile_stay_apart():
+    def slope(value, side):
+        return quantity(value, 0.5, "angle_of_repose_graphical", "deg", "line", detail={"side": side})
+
+    rows = compared([slope(24.0, "left"), slope(30.0, "right")], [slope(30.0, "right"), slope(24.0, "left")])
+    assert [(row.side, row.percent_deviation) for row in rows] == [("left", 0.0), ("right", 0.0)]
+
+
+def test_a_setting_handed_to_the_twin_is_not_counted_as_agreement():
+    height = quantity(0.3, 0.001, "drop_height", "m", "fit")
+    row = compared([height], [height], set_from={"drop_height": "measured"})[0]
+    assert (row.verdict, row.note) == ("set equal", "the twin starts from the measured value")
+
+
+def test_the_verdict_says_which_side_is_high_only_when_the_difference_is_told_from_chance():
+    def verdict(simulated):
+        return compared([quantity(0.5, 0.006)], [quantity(simulated, 0.008)])[0].verdict
+
+    assert verdict(0.515) == "agrees within uncertainty"
+    assert verdict(0.525) == "twin probably too high by 5 %"
+    assert verdict(0.45) == "twin too low by 10 %"
+
+
+def test_the_csv_has_the_agreed_columns_and_empty_cells_for_what_cannot_be_told():
+    text = deviations_csv(compared([quantity(0.0, 0.1)], [quantity(0.5, math.nan)]))
+    row = next(csv.DictReader(io.StringIO(text)))
+    agreed = (
+        "experiment quantity unit measured measured_std measured_n simulated simulated_std simulated_n "
+        "percent_deviation z method side bounce body percent_deviation_std"
+    )
+    assert set(agreed.split()) <= set(row)
+    assert (row["percent_deviation"], row["z"], row["simulated_std"], row["bounce"]) == ("", "", "", "")
+    assert (row["measured"], row["simulated"], row["measured_n"]) == ("0", "0.5", "1")

@@ -1,0 +1,120 @@
+"""Twins: they start where the experiment started, and give back what was put into them."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from rigtwin.compare import cast
+from rigtwin.compare.twin import drop_twin, needs_measurement, pendulum_twin, pile_twin, twin_of
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import Contact
+from rigtwin.lab.model import Model
+from rigtwin.lab.notebook import Experiment
+from rigtwin.lab.quantity import Measurement, Quantity
+from rigtwin.lab.reference import hlosta2020
+from rigtwin.lab.rigs import Drop, DropSettings, Pendulum, PendulumSettings, Pile, PileSettings
+
+BEAD, STEEL = hlosta2020.particle("D12"), hlosta2020.material("steel")
+
+
+def experiment(rig, *, frame_rate=240.0, wall=None):
+    return Experiment("it", rig, BEAD, wall, Camera(frame_rate=frame_rate), ((Path("r01.mp4"),),))
+
+
+def measured(name, value, unit, *, frame_rate=240.0, **detail):
+    quantity = Quantity(name, value, 0.01, unit, "fit", detail=detail)
+    return Measurement("it", Path("r01.mp4"), "0" * 64, (quantity,), camera={"frame_rate_hz": frame_rate})
+
+
+def values(twin, name):
+    return [quantity.value for quantity in twin.evaluation.quantities if quantity.quantity == name]
+
+
+@pytest.mark.parametrize("restitution", [0.42, 0.85])
+def test_a_drop_twin_gives_back_its_restitution_by_every_method_and_bounce(restitution):
+    twin = drop_twin(Drop(0.3, bounces=2), BEAD, STEEL, Contact(restitution), frame_rate=240)
+    found = values(twin, "restitution_wall")
+    assert len(found) >= 2
+    assert found == pytest.approx([restitution] * len(found), rel=0.005)
+    assert values(twin, "drop_height") == pytest.approx([0.3], rel=1e-3)
+
+
+def test_a_pendulum_twin_gives_back_its_restitution():
+    twin = pendulum_twin(Pendulum(0.2, math.radians(45)), BEAD, Contact(0.7), frame_rate=240)
+    assert values(twin, "restitution_pair") == pytest.approx([0.7, 0.7], rel=0.005)
+    assert all(check.passed for check in twin.evaluation.checks)
+
+
+def test_a_pile_twin_says_how_many_beads_stayed_and_what_it_assumed():
+    contact = Contact(0.5, 0.6, 0.2)
+    twin = pile_twin(Pile(0.06, 0.012), BEAD, STEEL, contact, contact, count=40, seed=3, threads=1)
+    settings = twin.settings
+    assert settings["asked"] == 40
+    assert 0 <= settings["fallen"] <= settings["placed"] <= 40
+    assert twin.assumptions
+    assert len(twin.profiles) >= 2
+    assert settings["contacts"]["D12-steel"]["static_friction"] == 0.6
+
+
+def test_a_stated_release_angle_goes_before_the_measured_one():
+    rig = PendulumSettings(0.2, release_angle=math.radians(30))
+    found = [measured("release_angle", 33.0, "deg", body="A")]
+    model = Model().with_contact("D12", "D12", restitution=0.7)
+    twin = twin_of(experiment(rig), model=model, measurements=found)
+    assert values(twin, "release_angle") == pytest.approx([30], abs=0.05)
+    assert twin.set_from == {"release_angle": "stated"}
+
+
+def test_a_drop_that_states_no_height_starts_from_the_mean_of_the_measured_ones():
+    model = Model().with_contact("D12", "steel", restitution=0.6)
+    found = [measured("drop_height", 0.20, "m"), measured("drop_height", 0.24, "m")]
+    twin = twin_of(experiment(DropSettings(), wall=STEEL), model=model, measurements=found)
+    assert values(twin, "drop_height") == pytest.approx([0.22], rel=1e-3)
+    assert twin.set_from == {"drop_height": "measured"}
+
+
+def test_the_twin_is_filmed_at_the_rate_the_measurement_found_where_none_is_stated():
+    model = Model().with_contact("D12", "steel", restitution=0.6)
+    found = [measured("drop_height", 0.1, "m", frame_rate=1000.0)]
+    twin = twin_of(experiment(DropSettings(), frame_rate=None, wall=STEEL), model=model, measurements=found)
+    steps = twin.tracks[0].time[1:] - twin.tracks[0].time[:-1]
+    assert steps == pytest.approx([1e-3] * len(steps))
+
+
+def test_a_drop_neither_stated_nor_measured_is_refused_with_the_key_to_add():
+    model = Model().with_contact("D12", "steel", restitution=0.6)
+    with pytest.raises(BadInput, match=r"drop_height.*lab\.toml"):
+        twin_of(experiment(DropSettings(), wall=STEEL), model=model)
+
+
+@pytest.mark.parametrize(
+    ("rig", "frame_rate", "waits"),
+    [
+        (PileSettings(0.09), None, False),
+        (DropSettings(0.3), 240.0, False),
+        (DropSettings(0.3), None, True),
+        (DropSettings(), 240.0, True),
+        (PendulumSettings(0.3, 0.7), 240.0, False),
+        (PendulumSettings(0.3), 240.0, True),
+    ],
+)
+def test_a_twin_waits_for_the_measurement_only_where_it_needs_it(rig, frame_rate, waits):
+    assert needs_measurement(experiment(rig, frame_rate=frame_rate)) is waits
+
+
+def test_an_option_replaces_one_parameter_of_a_published_contact_and_leaves_the_others():
+    published = hlosta2020.contact("D6", "steel")
+    contact = cast.contact("D6", "steel", Model(), restitution=0.9)
+    assert contact == Contact(0.9, published.static_friction, published.rolling_friction)
+
+
+def test_the_lab_goes_before_the_published_contact():
+    model = Model().with_contact("D6", "steel", static_friction=0.11)
+    assert cast.contact("steel", "D6", model).static_friction == 0.11
+
+
+def test_a_contact_nobody_knows_is_refused_by_name():
+    with pytest.raises(BadInput, match="D6-wood_ash"):
+        cast.contact("D6", "wood_ash", Model())

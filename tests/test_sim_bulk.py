@@ -1,0 +1,270 @@
+"""Many beads: the bulk engine against physics, its own bits, and bad input."""
+
+import math
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from rigtwin.lab.errors import BadInput, RigtwinError
+from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.sim.engine import bulk as engine
+from rigtwin.sim.engine.bulk import Bulk, SimulationFailed
+from rigtwin.sim.engine.clock import time_step
+from rigtwin.sim.engine.walls import Cylinder, Disc, Plane, Wall
+
+G = 9.81
+SOFT = Material("soft ash", 720, 11e6, 0.44)
+D6 = Particle("D6", SOFT, 6e-3, density=569)
+CONTACT = Contact(0.6, 0.44, 0.08)
+STEP = 0.3 * D6.rayleigh_time_step
+
+
+def box(width=0.04, height=0.3, contact=CONTACT, particles=(D6,), **more) -> Bulk:
+    planes = [((0, 0, 0), (0, 0, 1)), ((0, 0, 0), (1, 0, 0)), ((width, 0, 0), (-1, 0, 0))]
+    planes += [((0, 0, 0), (0, 1, 0)), ((0, width, 0), (0, -1, 0))]
+    more = {"time_step": STEP, "threads": 1} | more
+    return Bulk(
+        particles,
+        contact,
+        [Wall(Plane(point, normal), SOFT, CONTACT) for point, normal in planes],
+        low=(-0.003, -0.003, -0.003),
+        high=(width + 0.003, width + 0.003, height),
+        **more,
+    )
+
+
+def lattice(count: int, width=0.04, seed=1, pitch=6.3e-3):
+    side = int((width - 0.1e-3) / pitch)
+    k = np.arange(count)
+    places = np.stack([k % side, k // side % side, k // side**2], axis=1) * pitch + pitch / 2
+    return places + np.random.default_rng(seed).uniform(-1e-4, 1e-4, places.shape)
+
+
+def weightless(contact, particles=(D6,), fraction=0.3, walls=(), **more) -> Bulk:
+    return Bulk(
+        particles, contact, walls, low=(-0.1,) * 3, high=(0.1,) * 3, gravity=(0, 0, 0),
+        time_step=fraction * min(p.rayleigh_time_step for p in particles), threads=1, **more,
+    )  # fmt: skip
+
+
+def test_free_fall_is_exact():
+    bed = box()
+    bed.add([[0.02, 0.02, 0.25]], [[0.1, 0, 0]])
+    bed.run(1000)
+    t = 1000 * STEP
+    beads = bed.beads()
+    assert beads.position[0] == pytest.approx([0.02 + 0.1 * t, 0.02, 0.25 - G * t**2 / 2], abs=1e-12)
+    assert beads.velocity[0, 2] == pytest.approx(-G * t, rel=1e-12)
+
+
+@pytest.mark.parametrize("e", [0.2, 0.5, 0.9])
+def test_the_restitution_put_in_comes_out_at_a_fine_step(e):
+    contact = Contact(e, 0.3)
+    bed = weightless(contact, fraction=0.01, walls=[Wall(Plane((0, 0, -0.05), (0, 0, 1)), SOFT, contact)])
+    bed.add([[0, 0, -0.0469], [0.03, 0, 0], [0.0361, 0, 0]], [[0, 0, -0.5], [0.5, 0, 0], [0, 0, 0]])
+    bed.run(2500)
+    at_wall, one, two = bed.beads().velocity
+    assert at_wall[2] == pytest.approx(0.5 * e, rel=5e-3)
+    assert two[0] - one[0] == pytest.approx(0.5 * e, rel=5e-3)
+    assert one[0] + two[0] == pytest.approx(0.5, rel=1e-12)
+
+
+def test_an_oblique_collision_of_unlike_beads_keeps_momentum_and_angular_momentum():
+    stone = Particle("stone", Material("stone", 2600, 70e6, 0.22), 9e-3)
+    contacts = {(0, 0): CONTACT, (0, 1): Contact(0.5, 0.4, 0.05), (1, 1): CONTACT}
+    bed = weightless(contacts, particles=(D6, stone))
+    bed.add([[-0.004, 0.001, 0]], [[1.0, 0.2, 0.3]], [[30, -80, 50]], kind=0)
+    bed.add([[0.0045, -0.001, 0.001]], [[-1.0, 0, 0]], [[0, 40, -20]], kind=1)
+    before = bed.beads()
+    bed.run(300)
+    after = bed.beads()
+
+    def angular(beads):
+        inertia = 0.4 * beads.mass * beads.radius**2
+        orbital = np.cross(beads.position, beads.mass[:, None] * beads.velocity)
+        return (orbital + inertia[:, None] * beads.spin).sum(0)
+
+    assert np.abs(after.spin - before.spin).max() > 10  # they did rub
+    linear = [(beads.mass[:, None] * beads.velocity).sum(0) for beads in (before, after)]
+    assert linear[1] == pytest.approx(linear[0], abs=1e-12 * np.linalg.norm(linear[0]))
+    assert angular(after) == pytest.approx(angular(before), abs=1e-11 * np.linalg.norm(angular(before)))
+
+
+@pytest.fixture(scope="module")
+def settled() -> np.ndarray:
+    """Positions of 150 beads at rest in a box."""
+    bed = box()
+    bed.add(lattice(150))
+    for _ in range(30):
+        bed.run(1000)
+        if bed.beads().kinetic_energy < 1e-13:
+            break
+    return bed.beads().position
+
+
+def laid(settled, **more) -> Bulk:
+    bed = box(**more)
+    bed.add(settled, overlap=0.05)
+    bed.run(4000)
+    return bed
+
+
+def test_a_bed_at_rest_stays_at_rest(settled):
+    bed = laid(settled)
+    before, lists = bed.beads(), bed.lists_built
+    bed.run(10_000)
+    after = bed.beads()
+    assert np.abs(after.position - before.position).max() < 1e-6 * before.position[:, 2].max()
+    assert after.kinetic_energy < 1e-12 * after.mass.sum() * G * D6.radius
+    assert bed.lists_built == lists
+
+
+def test_the_floor_carries_the_weight_of_the_bed(settled):
+    # the deepest beads are pressed in; Hertz turns depth into force
+    beads = laid(settled, contact=Contact(0.6, 0.0, 0.0)).beads()
+    assert len(beads.ident) == 150
+    effective = SOFT.youngs_modulus / (2 * (1 - SOFT.poisson_ratio**2))
+    depth = np.maximum(D6.radius - beads.position[:, 2], 0)
+    carried = (4 / 3 * effective * math.sqrt(D6.radius) * depth**1.5).sum()
+    weight = beads.mass.sum() * G
+    assert 0.5 * weight < carried < 1.02 * weight  # the walls' friction carries the rest
+
+
+def test_a_new_neighbour_list_changes_nothing_but_the_order_of_sums(settled):
+    calm, stirred = laid(settled), None
+    calm.run(300)
+    expected = calm.beads()
+    stirred = laid(settled)
+    for _ in range(10):
+        stirred.add(np.zeros((0, 3)))  # adding no bead still lists and renumbers anew
+        stirred.run(30)
+    assert stirred.lists_built >= 10
+    assert np.abs(stirred.beads().position - expected.position).max() < 1e-12
+
+
+def poured(threads: int, **more) -> engine.Beads:
+    bed = box(width=0.07, threads=threads, **more)
+    bed.add(lattice(1000, width=0.07), [[0.1, 0.05, -0.5]])
+    bed.run(600)
+    return bed.beads()
+
+
+def same_bits(one: engine.Beads, other: engine.Beads) -> bool:
+    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ("position", "velocity", "spin"))
+
+
+def test_one_thread_and_two_give_the_same_bits(monkeypatch):
+    serial = poured(1)
+    monkeypatch.setattr(engine, "THREADED_FROM", 1)
+    assert same_bits(poured(2), serial)
+    assert serial.spin.any()
+
+
+def test_launches_do_not_show_in_the_bits(monkeypatch):
+    whole = poured(1)
+    monkeypatch.setattr(engine, "LAUNCH_SECONDS", 1e-3)
+    assert same_bits(poured(1), whole)
+
+
+def test_a_full_neighbour_list_grows_and_loses_no_contact():
+    plenty = poured(1)
+    assert same_bits(poured(1, pair_capacity=1000), plenty)
+
+
+@pytest.mark.parametrize("rolling", ["type A", "type C"])
+def test_energy_only_ever_falls_in_a_settling_bed(rolling):
+    bed = box(rolling=rolling)
+    bed.add(lattice(100), np.random.default_rng(2).normal(0, 0.2, (100, 3)), np.full((100, 3), 20.0))
+    energies = []
+    for _ in range(12):
+        beads = bed.beads()
+        energies.append(beads.kinetic_energy + (beads.mass * G * beads.position[:, 2]).sum())
+        bed.run(250)
+    assert np.all(np.diff(energies) < 1e-3 * energies[0])
+    assert energies[-1] < 0.8 * energies[0]
+
+
+def test_beads_stand_in_a_bowl_and_those_outside_are_counted_out():
+    up = (0.0, 0.0, 1.0)
+    walls = [Wall(Disc((0, 0, 0), up, 0.02), SOFT, CONTACT), Wall(Cylinder((0, 0, 0), up, 0.02, 0.008), SOFT, CONTACT)]
+    bowl = Bulk(
+        [D6], CONTACT, walls, low=(-0.05, -0.05, -0.02), high=(0.05, 0.05, 0.05),
+        time_step=STEP, open_domain=True, threads=1,
+    )  # fmt: skip
+    bowl.add([[0.005, 0, 0.01], [-0.008, 0.004, 0.01], [0.03, 0, 0.01], [0, 0.035, 0.01]])
+    bowl.run(8000)
+    beads = bowl.beads()
+    assert beads.ident.tolist() == [0, 1]
+    assert bowl.gone == 2
+    assert np.hypot(beads.position[:, 0], beads.position[:, 1]).max() <= 0.02 - 0.003 + 1e-4
+    assert beads.position[:, 2] == pytest.approx(0.003, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("position", "message"),
+    [
+        ([[0.02, 0.02, math.nan]], "not a finite number"),
+        ([[0.02, 0.02, 0.5]], "outside the domain"),
+        ([[0.02, 0.02, 0.001]], "inside a wall"),
+        ([[0.02, 0.02, 0.1], [0.02, 0.02, 0.105]], "beads 0 and 1 overlap"),
+    ],
+)
+def test_impossible_beads_are_refused_before_the_run(position, message):
+    with pytest.raises(BadInput, match=message):
+        box().add(position)
+
+
+def test_a_bead_that_leaves_the_domain_stops_the_run_by_name_and_time():
+    bed = weightless(CONTACT)
+    bed.add([[0, 0, 0], [0, 0, 0.09]], [[0, 0, 0], [0, 0, 2.0]])
+    with pytest.raises(SimulationFailed, match=r"bead 1 at t = 0\.0"):
+        bed.run(1000)
+
+
+def test_an_explosion_of_energy_stops_the_run_by_name_and_time():
+    bed = box(time_step=20 * STEP)
+    bed.add(lattice(80))
+    with pytest.raises(SimulationFailed, match=r"bead \d+ at t = .* s"):
+        bed.run(20_000)
+
+
+def test_the_step_is_checked_against_rayleigh():
+    assert time_step([D6]) == (pytest.approx(0.3 * D6.rayleigh_time_step), ())
+    step, warnings = time_step([D6], 0.5)
+    assert step == pytest.approx(0.5 * D6.rayleigh_time_step)
+    assert "50%" in warnings[0]
+    for fraction in (0.9, 0.0, -0.1, math.nan):
+        with pytest.raises(BadInput, match="time_step_fraction"):
+            time_step([D6], fraction)
+
+
+def test_a_bed_cannot_be_used_after_another_took_its_place():
+    first = box()
+    box()
+    with pytest.raises(RigtwinError, match="later one"):
+        first.run(1)
+
+
+def in_a_new_process(code: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ, timeout=60
+    )
+
+
+def test_the_engine_starts_without_a_word_and_says_when_there_is_no_cuda():
+    code = (
+        "from rigtwin.sim.engine import backend\n"
+        "first = backend.start(device='cuda')\n"
+        "assert backend.start() is first\n"
+        "assert (first.device == 'cuda') == (first.note == ''), first\n"
+    )
+    done = in_a_new_process(code)
+    assert done.stdout == ""
+
+
+def test_twins_are_imported_without_the_engine():
+    code = "import sys, rigtwin.sim.drop, rigtwin.sim.pendulum, rigtwin.sim.pile\nassert 'taichi' not in sys.modules"
+    in_a_new_process(code)
