@@ -82,6 +82,7 @@ TwinRate = Annotated[str, typer.Option("--frame-rate", metavar="240Hz", help="Ho
 Duration = Annotated[str | None, typer.Option("--duration", metavar="1.5s", help="How long the twin is watched.")]
 Seed = Annotated[int, typer.Option("--seed", help="Seed of everything random in the twin.")]
 Count = Annotated[int, typer.Option("--count", min=1, help="Number of particles poured on the base.")]
+Heaps = Annotated[int, typer.Option("--heaps", min=1, help="Heaps that a pile's twin pours, from --seed upwards.")]
 Threads = Annotated[int | None, typer.Option("--threads", min=1, help="CPU threads of the twin; all by default.")]
 
 
@@ -107,6 +108,7 @@ def demo(
     out: Out = None,
     count: Count = 1000,
     seed: Seed = 1,
+    heaps: Heaps = 1,
     threads: Threads = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -126,6 +128,7 @@ def demo(
         only=None,
         count=count,
         seed=seed,
+        heaps=heaps,
         threads=threads,
         as_json=as_json,
         quiet=quiet,
@@ -162,6 +165,7 @@ def compare(
         int | None, typer.Option("--count", min=1, help="Particles in the pile's twin, where lab.toml gives none.")
     ] = None,
     seed: Seed = 1,
+    heaps: Heaps = 1,
     threads: Threads = None,
     out: Out = None,
     as_json: Json = False,
@@ -174,6 +178,7 @@ def compare(
         only=only,
         count=count,
         seed=seed,
+        heaps=heaps,
         threads=threads,
         as_json=as_json,
         quiet=quiet,
@@ -506,6 +511,7 @@ def _compare(
     only: list[str] | None,
     count: int | None,
     seed: int,
+    heaps: int,
     threads: int | None,
     as_json: bool,
     quiet: bool,
@@ -513,7 +519,7 @@ def _compare(
     from rigtwin.compare.comparison import compare as compare_lab
 
     with _progress(as_json or quiet) as progress:
-        comparison = compare_lab(lab, out, progress, only=only, count=count, seed=seed, threads=threads)
+        comparison = compare_lab(lab, out, progress, only=only, count=count, seed=seed, heaps=heaps, threads=threads)
     if as_json:
         _print_json(comparison.to_json())
     elif not quiet:

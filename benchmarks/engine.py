@@ -54,7 +54,8 @@ def settled_bed(beads: int) -> Bulk:
         time_step=time_step([D6])[0],
         capacity=beads,
     )
-    bed.add(centres)
+    # thrown about, so that the bed does not settle as the lattice it was
+    bed.add(centres, rng.normal(0, 0.4, centres.shape))
     for _ in range(40):
         bed.run(1000)
         state = bed.beads()
@@ -101,7 +102,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             )
     if options.pile:
         began = time.perf_counter()
-        heap = pile.run(Pile(0.09, rim_height=0.01), Particle("D6", ASH, 6.2e-3, density=568), STEEL, BEAD_BEAD, BEAD_WALL)
+        heap = pile.run(
+            Pile(0.09, rim_height=0.01), Particle("D6", ASH, 6.2e-3, density=568), STEEL, BEAD_BEAD, BEAD_WALL
+        )
         sys.stdout.write(
             f"pile of 1000: {time.perf_counter() - began:.1f} s wall, {heap.time:.2f} s simulated, "
             f"{len(heap.centres)} beads stay\n"

@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from functools import partial
@@ -18,15 +18,17 @@ from pathlib import Path
 from typing import Any
 
 from rigtwin.compare import results
-from rigtwin.compare.deviation import Deviation, deviations
+from rigtwin.compare.deviation import Deviation, deviations, over_views
 from rigtwin.compare.repetitions import Failure, Measured, measuring
-from rigtwin.compare.twin import NEEDS, Twin, needs_measurement, twin_of
+from rigtwin.compare.twin import NEEDS, Twin, measured_start, needs_measurement, stated_start, twin_of
+from rigtwin.compare.wording import reading
 from rigtwin.lab.entries import suggestion
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import PARAMETERS
 from rigtwin.lab.notebook import Experiment, Lab, read_lab
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement
+from rigtwin.lab.rigs import PileSettings
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,12 @@ class Outcome:
     failures: tuple[Failure, ...]
     twin: Twin
     deviations: tuple[Deviation, ...]
+    more_heaps: tuple[Twin, ...] = ()
+    """Twins of a pile from further seeds."""
+
+    @property
+    def twins(self) -> tuple[Twin, ...]:
+        return (self.twin, *self.more_heaps)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -45,7 +53,8 @@ class Outcome:
         return (
             *(f"{failure.source.name} was left out: {failure.message}" for failure in self.failures),
             *(f"{item.source.name}: {warning}" for item in self.measurements for warning in item.warnings),
-            *(f"twin: {warning}" for warning in (*self.twin.warnings, *self.twin.evaluation.warnings)),
+            *_against_stated(self.experiment, self.measurements),
+            *(f"twin: {warning}" for twin in self.twins for warning in (*twin.warnings, *twin.evaluation.warnings)),
         )
 
 
@@ -85,34 +94,37 @@ def compare(
     only: Sequence[str] | None = None,
     count: int | None = None,
     seed: int = 1,
+    heaps: int = 1,
     threads: int | None = None,
     workers: int | None = None,
 ) -> Comparison:
     """Compare a lab with its twins and write everything into `out`.
 
     `only` names the experiments to take (all by default), `count` the particles of a pile's twin where lab.toml gives
-    none.  A repetition that cannot be measured is left out with a warning; raises `BadInput` when an experiment has
-    none left, `BadLabFile` when lab.toml is at fault, and then leaves the files of an earlier run as they were.
+    none, `heaps` how many heaps that twin pours, with seeds from `seed` upwards.  A repetition that cannot be measured
+    is left out with a warning.  Raises `BadInput` when an experiment has none left and `BadLabFile` when lab.toml is at
+    fault, and then leaves the files of an earlier run as they were.
     """
     started, clock = datetime.now(UTC), time.perf_counter()
     lab = read_lab(lab_folder)
     experiments = _chosen(lab, only)
     for experiment in experiments:
         _need_contacts(lab, experiment)
-    twins: dict[str, Twin] = {}
-    run = partial(twin_of, model=lab.model, count=count, seed=seed, threads=threads, progress=progress)
+    twins: dict[str, list[Twin]] = {}
+    run = partial(twin_of, model=lab.model, count=count, threads=threads, progress=progress)
     with measuring(experiments, out, workers) as pending:
         for experiment in experiments:
             if not needs_measurement(experiment):
-                twins[experiment.id] = run(experiment)
+                number = heaps if isinstance(experiment.rig, PileSettings) else 1
+                twins[experiment.id] = [run(experiment, seed=seed + k) for k in range(number)]
         measured = pending.results(progress)
     measured_after = time.perf_counter() - clock
     for experiment in experiments:
         _need_one(experiment, measured[experiment.id])
         if experiment.id not in twins:
             found = measured[experiment.id].measurements
-            twins[experiment.id] = run(experiment, measurements=found)
-    seconds = {f"twin of {name}": twin.seconds for name, twin in twins.items()}
+            twins[experiment.id] = [run(experiment, measurements=found)]
+    seconds = {f"twin of {name}": sum(twin.seconds for twin in runs) for name, runs in twins.items()}
     outcomes = tuple(_outcome(experiment, measured[experiment.id], twins[experiment.id]) for experiment in experiments)
     comparison = Comparison(lab, outcomes, seed, started, {**seconds, "measuring, beside early twins": measured_after})
     return _written(comparison, out, clock, progress)
@@ -126,8 +138,9 @@ def observations(comparison: Comparison) -> list[dict[str, Any]]:
         for item in outcome.measurements:
             source = _relative(item.source, comparison.lab.folder)
             rows += [results.observation(name, rig, "measured", source, quantity) for quantity in item.quantities]
-        for quantity in outcome.twin.evaluation.quantities:
-            rows.append(results.observation(name, rig, "simulated", f"twin, seed {comparison.seed}", quantity))
+        for number, twin in enumerate(outcome.twins):
+            run = f"twin, seed {comparison.seed + number}"
+            rows += [results.observation(name, rig, "simulated", run, item) for item in twin.evaluation.quantities]
     return rows
 
 
@@ -151,7 +164,7 @@ def provenance(comparison: Comparison) -> dict[str, Any]:
             "effects": list(lab.model.effects),
         },
         "borrowed": list(lab.borrowed),
-        "twins": {outcome.experiment.id: outcome.twin.settings for outcome in comparison.outcomes},
+        "twins": {outcome.experiment.id: [twin.settings for twin in outcome.twins] for outcome in comparison.outcomes},
         "cameras": {
             outcome.experiment.id: [item.camera for item in outcome.measurements] for outcome in comparison.outcomes
         },
@@ -206,15 +219,15 @@ def _need_one(experiment: Experiment, measured: Measured) -> None:
     raise BadInput(f"{experiment.id}: {which} {verb}: {first.message}")
 
 
-def _outcome(experiment: Experiment, measured: Measured, twin: Twin) -> Outcome:
+def _outcome(experiment: Experiment, measured: Measured, twins: Sequence[Twin]) -> Outcome:
     rows = deviations(
         experiment.id,
         experiment.rig_name,
-        [quantity for item in measured.measurements for quantity in item.quantities],
-        twin.evaluation.quantities,
-        set_from=twin.set_from,
+        [quantity for item in measured.measurements for quantity in over_views(item.quantities)],
+        [quantity for twin in twins for quantity in over_views(twin.evaluation.quantities)],
+        set_from=twins[0].set_from,
     )
-    return Outcome(experiment, measured.measurements, measured.failures, twin, rows)
+    return Outcome(experiment, measured.measurements, measured.failures, twins[0], rows, tuple(twins[1:]))
 
 
 def _experiment_json(outcome: Outcome) -> dict[str, Any]:
@@ -223,9 +236,24 @@ def _experiment_json(outcome: Outcome) -> dict[str, Any]:
         "rig": outcome.experiment.rig_name,
         "measurements": [item.to_json() for item in outcome.measurements],
         "failures": [{"file": str(item.source), "message": item.message} for item in outcome.failures],
-        "twin": outcome.twin.to_json(),
+        "twins": [twin.to_json() for twin in outcome.twins],
         "warnings": list(outcome.warnings),
     }
+
+
+def _against_stated(experiment: Experiment, measurements: Sequence[Measurement]) -> Iterator[str]:
+    """Repetitions whose start is not the one that the lab file states: the wrong clip, scale, or a bounce not seen."""
+    stated = stated_start(experiment)
+    if stated is None:
+        return
+    for item in measurements:
+        found = measured_start(experiment, item)
+        if found is not None and abs(found.value - stated) > max(0.1 * stated, 3 * found.std_uncertainty):
+            was, should = (reading(value, 0.0, found.unit) for value in (found.value, stated))
+            yield (
+                f"{item.source.name}: measured a {found.quantity.replace('_', ' ')} of {was} where the lab file states "
+                f"{should}; an early part of the motion was missed, or clip, scale or setting are not those stated"
+            )
 
 
 def _relative(path: Path, folder: Path) -> str:

@@ -15,11 +15,20 @@ from typing import Any
 from rigtwin.lab.quantity import Detail, Quantity, root_sum_of_squares
 
 # What tells a quantity from its siblings; other details (a frame number, a speed) describe and do not identify.
-IDENTITY = ("bounce", "collision", "body", "side", "view")
+IDENTITY = ("bounce", "collision", "body", "side")
 
 # Parts of a budget that differ from one repetition to the next and so average out.  Every other part is taken as
 # shared by all repetitions: a scale does not get better by being used ten times.
-AVERAGES_OUT = frozenset({"tracking", "fit", "noise", "repetition", "scatter", "surface", "blur", "roughness"})
+AVERAGES_OUT = frozenset(
+    {
+        "tracking",
+        "repetition",
+        "grain roughness",
+        "grain at apex and foot",
+        "half left-right difference",
+        "scatter of views and sides",
+    }
+)
 
 Key = tuple[str, str, str, tuple[tuple[str, Detail], ...]]
 
@@ -55,7 +64,6 @@ class Deviation:
     collision: int | None
     body: str | None
     side: str | None
-    view: str | None
     measured: float
     measured_std: float
     measured_n: int
@@ -118,6 +126,15 @@ def combine(repetitions: Sequence[Quantity]) -> Combined:
         doubtful="" if sound else "; ".join(dict.fromkeys(repetition.doubtful for repetition in repetitions)),
         left_out=len(repetitions) - n,
     )
+
+
+def over_views(quantities: Sequence[Quantity]) -> list[Quantity]:
+    """One repetition's quantities, where what was combined over views (``view="all"``) stands for the single views.
+
+    What the estimator has not combined, such as the left slopes of a heap, stays view by view.
+    """
+    combined = {key_of(quantity) for quantity in quantities if quantity.detail.get("view") == "all"}
+    return [one for one in quantities if key_of(one) not in combined or one.detail.get("view") == "all"]
 
 
 def group(quantities: Iterable[Quantity]) -> dict[Key, list[Quantity]]:
@@ -192,7 +209,6 @@ def _deviation(
         collision=_whole(detail.get("collision")),
         body=_text(detail.get("body")),
         side=_text(detail.get("side")),
-        view=_text(detail.get("view")),
         measured=measured.value,
         measured_std=measured.std,
         measured_n=measured.n,
@@ -206,7 +222,7 @@ def _deviation(
         z=z,
         verdict=_verdict(simulated, percent, z, bool(doubts), bool(set_from)),
         doubtful="; ".join(doubts),
-        note=_note(measured, set_from),
+        note=_note(rig, measured, simulated, set_from),
         budget=measured.budget,
     )
 
@@ -240,18 +256,20 @@ def _verdict(
     if given:
         return "set equal" if z is None or abs(z) < 2 else "differs from the stated setting"
     if doubtful:
-        return "measurement doubtful"
+        return "doubtful"
     if z is None:
         return "uncertainty unknown"
     if abs(z) < 2:
-        return "agrees within uncertainty"
+        return "agrees"
     size = "" if percent is None else f" by {abs(percent[0]):.2g} %"
     certainty = "probably " if abs(z) < 3 else ""
     return f"twin {certainty}too {'high' if z > 0 else 'low'}{size}"
 
 
-def _note(measured: Combined, set_from: str) -> str:
+def _note(rig: str, measured: Combined, simulated: Combined | None, set_from: str) -> str:
     notes = []
+    if rig == "pile" and simulated is not None and simulated.n == 1:
+        notes.append("one simulated heap: how much heaps differ is not in its uncertainty")
     if set_from:
         notes.append(f"the twin starts from the {set_from} value")
     if measured.left_out:

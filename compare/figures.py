@@ -39,22 +39,15 @@ _STYLE: Any = {
 _MOST_POINTS = 500  # per curve; more is not seen and makes the file heavy
 
 
-def drop_figure(measured: Sequence[Track], twin: Track, *, drop_height: Sequence[float | None], radius: float) -> str:
-    """Height of the bead's lowest point [mm] against time from the first contact.
-
-    `drop_height` [m] per repetition sets its record's zero where the record's own is not the plate.
-    """
+def drop_figure(measured: Sequence[Track], twin: Track) -> str:
+    """Height of the bead above its first contact [mm] against time from the first contact."""
     with _canvas() as (figure, axes):
-        for number, (track, height) in enumerate(zip(measured, drop_height, strict=True)):
-            rise = _heights(track, height, radius)
+        for number, track in enumerate(measured):
             label = "measured" if number == 0 else None
-            axes.plot(
-                *_thin(_since_contact(track.time, rise), rise * 1e3), ".", ms=3, color=MEASURED, alpha=0.5, label=label
-            )
-        rise = twin.position[:, 1] - radius
-        axes.plot(*_thin(_since_contact(twin.time, rise), rise * 1e3), "-", lw=1.3, color=TWIN, label="twin")
+            axes.plot(*_thin(*_since_contact(track)), ".", ms=3, color=MEASURED, alpha=0.5, label=label)
+        axes.plot(*_thin(*_since_contact(twin)), "-", lw=1.3, color=TWIN, label="twin")
         axes.set(xlabel="time from the first contact / s", ylabel="height above the plate / mm")
-        axes.legend(loc="upper right")
+        axes.legend(loc="upper right", markerscale=2.5)
         return _svg(figure, "Height of the bead over time, measured and simulated")
 
 
@@ -72,13 +65,16 @@ def pendulum_figure(
         for track, (time, angle), line in zip(twin, _angles(twin, length, diameter), ("-", "--"), strict=False):
             axes.plot(*_thin(time, angle), line, lw=1.3, color=TWIN, label=f"bead {track.body}, twin")
         axes.set(xlabel="time from the collision / s", ylabel="angle from the vertical / °")
-        axes.legend(loc="best", ncols=2)
+        axes.legend(loc="best", ncols=2, markerscale=2.5)
         return _svg(figure, "Angles of the beads over time, measured and simulated")
 
 
 def pile_figure(measured: Sequence[Profile], twin: Sequence[Profile]) -> str:
     """Surface of the heap [mm], middle of the base at zero, true to scale."""
-    with _canvas() as (figure, axes):
+    outlines = [_outline(profile) for profile in (*measured, *twin)]
+    width = max((float(np.ptp(x)) for x, _ in outlines), default=1.0)
+    height = max((float(np.nanmax(z)) for _, z in outlines), default=1.0)
+    with _canvas(0.8 + 6.5 * min(height / width, 1.0)) as (figure, axes):
         for number, profile in enumerate(measured):
             label = "measured" if number == 0 else None
             axes.plot(*_thin(*_outline(profile)), "-", lw=1.2, color=MEASURED, alpha=0.6, label=label)
@@ -87,18 +83,18 @@ def pile_figure(measured: Sequence[Profile], twin: Sequence[Profile]) -> str:
             axes.plot(*_thin(*_outline(profile)), "-", lw=1, color=TWIN, alpha=0.5, label=label)
         axes.set(xlabel="distance from the middle / mm", ylabel="height above the base / mm", aspect="equal")
         axes.set_ylim(bottom=0)
-        axes.legend(loc="upper right")
+        axes.legend(loc="upper right", markerscale=2.5)
         return _svg(figure, "Surface of the heap, measured and simulated")
 
 
 @contextmanager
-def _canvas() -> Iterator[tuple[Figure, Axes]]:
-    """A figure with one pair of axes in the report's style; no pyplot, so nothing global is left behind."""
+def _canvas(height: float = 3.2) -> Iterator[tuple[Figure, Axes]]:
+    """A figure of `height` [inch] with one pair of axes in the report's style; no pyplot, so nothing global is left."""
     import matplotlib
     from matplotlib.figure import Figure
 
     with matplotlib.rc_context(_STYLE):
-        figure = Figure(figsize=(7.2, 3.2), layout="constrained")
+        figure = Figure(figsize=(7.2, height), layout="constrained")
         yield figure, figure.add_subplot()
 
 
@@ -116,42 +112,33 @@ def _thin(x: Array, y: Array) -> tuple[Array, Array]:
     return x[::step], y[::step]
 
 
-def _heights(track: Track, drop_height: float | None, radius: float) -> Array:
-    """[m] of the bead's lowest point above the plate."""
-    rise = np.asarray(track.position[:, 1] - radius, dtype=np.float64)
-    if drop_height is None:
-        return rise
-    first = slice(0, max(3, len(rise) // 50))
-    # a record whose zero is not the plate begins at another height than the drop height
-    off = float(np.max(rise[first])) - drop_height
-    return rise - (off if abs(off) > 0.2 * drop_height else 0.0)
+def _since_contact(track: Track) -> tuple[Array, Array]:
+    """Time [s] and height [mm] from the first contact, where lines through the frames on both sides of it meet.
 
-
-def _since_contact(time: Array, rise: Array) -> Array:
-    """Time from the first contact, where straight lines through the frames on both sides of it meet."""
-    low = int(np.argmax(rise < 0.15 * np.max(rise)))
-    turn = low + int(np.argmax(np.diff(rise[low:], append=np.inf) > 0))
+    The zeros of a record are its own: the plate, the contact, or whatever the tracking program chose.
+    """
+    time, height = track.time, track.position[:, 1]
+    span = float(np.ptp(height))
+    low = int(np.argmax(height < np.min(height) + 0.15 * span))
+    turn = low + int(np.argmax(np.diff(height[low:], append=np.inf) > 0))
     before, after = slice(max(turn - 3, 0), turn), slice(turn + 1, turn + 4)
     if len(time[before]) < 2 or len(time[after]) < 2:
-        return np.asarray(time - time[turn])
-    down, up = np.polyfit(time[before], rise[before], 1), np.polyfit(time[after], rise[after], 1)
-    return np.asarray(time - (up[1] - down[1]) / (down[0] - up[0]))
+        return np.asarray(time - time[turn]), np.asarray((height - height[turn]) * 1e3)
+    down, up = np.polyfit(time[before], height[before], 1), np.polyfit(time[after], height[after], 1)
+    contact = (up[1] - down[1]) / (down[0] - up[0])
+    return np.asarray(time - contact), np.asarray((height - np.polyval(down, contact)) * 1e3)
 
 
 def _angles(tracks: Sequence[Track], length: float, diameter: float) -> list[tuple[Array, Array]]:
-    """Per bead: time from the first collision [s] and angle [deg], from the horizontal way off the place of rest."""
+    """Per bead: time from the first collision [s] and angle [deg], from the horizontal way off the pivot."""
+    from rigtwin.measure.swing import fit_circle
+
     first = tracks[0]
-    if len(tracks) > 1:
-        rest_b = float(np.median(tracks[1].position[: max(3, len(tracks[1].time) // 20), 0]))
-        side = 1.0 if float(first.position[0, 0]) < rest_b else -1.0
-        rests = [rest_b - side * diameter, rest_b]
-    else:
-        side = -1.0 if float(first.position[0, 0]) > float(np.median(first.position[:, 0])) else 1.0
-        lowest = int(np.argmin(first.position[:, 1]))
-        rests = [float(first.position[lowest, 0])]
+    (pivot, _), _ = fit_circle(first.position)
+    side = 1.0 if float(first.position[0, 0]) < pivot else -1.0
     angles = [
-        np.degrees(np.arcsin(np.clip(side * (track.position[:, 0] - rest) / length, -1, 1)))
-        for track, rest in zip(tracks, rests, strict=False)
+        np.degrees(np.arcsin(np.clip(side * (track.position[:, 0] - pivot) / length - shift, -1, 1)))
+        for track, shift in zip(tracks, (0.0, diameter / length), strict=False)
     ]
     hit = float(first.time[int(np.argmax(angles[0] > -0.5))])
     return [(track.time - hit, angle) for track, angle in zip(tracks, angles, strict=False)]

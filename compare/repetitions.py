@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import multiprocessing
 import os
 import re
@@ -14,14 +13,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
-from rigtwin.lab.errors import BadInput, RigtwinError
+from rigtwin.lab.errors import RigtwinError
 from rigtwin.lab.notebook import Experiment
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Evaluation, Measurement
-from rigtwin.lab.records import read_profile, read_tracks
-from rigtwin.lab.rigs import DropSettings, PendulumSettings, PileSettings
+from rigtwin.lab.quantity import Measurement
+from rigtwin.lab.rigs import DropSettings, PendulumSettings
 
 
 @dataclass(frozen=True)
@@ -43,12 +39,7 @@ class Measured:
 def measure_repetition(experiment: Experiment, views: Sequence[Path], out: Path | None) -> Measurement | Failure:
     """One repetition from its media, or from a record already tracked (CSV); pictures go into `out`."""
     try:
-        tracked = [view.suffix.lower() == ".csv" for view in views]
-        if all(tracked):
-            return _read_tracked(experiment, views)
-        if any(tracked):
-            raise BadInput(f"{views[0]}: views of one pile are either all photos or all CSV profiles.")
-        return _measure_media(experiment, views, out)
+        return _measure(experiment, views, out)
     except RigtwinError as error:
         return Failure(views[0], str(error))
 
@@ -145,7 +136,7 @@ def _start_worker() -> None:
     cv2.setNumThreads(1)  # the pool already uses every core
 
 
-def _measure_media(experiment: Experiment, views: Sequence[Path], out: Path | None) -> Measurement:
+def _measure(experiment: Experiment, views: Sequence[Path], out: Path | None) -> Measurement:
     rig, particle, camera = experiment.rig, experiment.particle, experiment.camera
     if isinstance(rig, DropSettings):
         from rigtwin.measure import drop
@@ -177,42 +168,3 @@ def _measure_media(experiment: Experiment, views: Sequence[Path], out: Path | No
         out=out,
         progress=silent,
     )
-
-
-def _read_tracked(experiment: Experiment, views: Sequence[Path]) -> Measurement:
-    rig, particle, path = experiment.rig, experiment.particle, views[0]
-    with path.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
-    if isinstance(rig, PileSettings):
-        from rigtwin.measure import pile
-
-        profiles = tuple(read_profile(view) for view in views)
-        found = pile.evaluate(profiles, base_diameter=rig.base_diameter, bead_diameter=particle.diameter)
-        return _measurement("pile", path, digest, found, profiles=profiles)
-    tracks = read_tracks(path)
-    wanted = 2 if isinstance(rig, PendulumSettings) and rig.variant == "double" else 1
-    if len(tracks) != wanted:
-        raise BadInput(
-            f"{path}: holds the tracks of {len(tracks)} bodies where this {rig.name} has {wanted}; "
-            "name the bodies in a column 'particle'."
-        )
-    camera = {"frame_rate_hz": float(1 / np.median(np.diff(tracks[0].time)))}
-    if isinstance(rig, DropSettings):
-        from rigtwin.measure import drop
-
-        found = drop.evaluate(tracks[0], bead_diameter=particle.diameter, bead_density=particle.effective_density)
-    else:
-        from rigtwin.measure import pendulum
-
-        found = pendulum.evaluate(
-            tracks,
-            variant=rig.variant,
-            length=rig.length,
-            bead_diameter=particle.diameter,
-            bead_mass=particle.mass,
-        )
-    return _measurement(rig.name, path, digest, found, tracks=tracks, camera=camera)
-
-
-def _measurement(rig: str, path: Path, digest: str, found: Evaluation, **record: object) -> Measurement:
-    return Measurement(rig, path, digest, found.quantities, found.checks, found.warnings, **record)  # type: ignore[arg-type]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from rigtwin.compare import figures
 from rigtwin.compare.deviation import Deviation
 from rigtwin.compare.wording import RIG_TITLES, percent, reading, siblings, title, uncertainty, z_score
-from rigtwin.lab.quantity import Check, Measurement, Quantity
+from rigtwin.lab.quantity import Check, Measurement
 from rigtwin.lab.rigs import DropSettings, PendulumSettings, PileSettings
 
 if TYPE_CHECKING:
@@ -21,8 +22,13 @@ if TYPE_CHECKING:
 MOST_STILLS = 4  # pictures shown per experiment; all of them lie beside the report
 STILL_WIDTH = 760  # [px]
 
-# the one number a reader looks for first
-HEADLINES = ("restitution_wall", "restitution_pair", "angle_of_repose_graphical", "angle_of_repose_geometric")
+# the results of the rigs, and how many of their methods the summary shows
+HEADLINES = {
+    "restitution_wall": 2,
+    "restitution_pair": 2,
+    "angle_of_repose_graphical": 1,
+    "angle_of_repose_geometric": 1,
+}
 
 
 @dataclass(frozen=True)
@@ -84,7 +90,7 @@ def report(comparison: Comparison, provenance: Mapping[str, Any], out: Path) -> 
         title=comparison.lab.title,
         made=comparison.started.strftime("%d %B %Y, %H:%M UTC"),
         summary=_summary(comparison),
-        headlines=_table([row for row in comparison.deviations if is_headline(row)]),
+        headlines=_table(headlines(comparison.deviations)),
         sections=[_section(outcome, out) for outcome in comparison.outcomes],
         borrowed=comparison.lab.borrowed,
         provenance=provenance,
@@ -92,15 +98,20 @@ def report(comparison: Comparison, provenance: Mapping[str, Any], out: Path) -> 
     )
 
 
-def is_headline(row: Deviation) -> bool:
-    """Whether a row belongs into the summary: the rig's result, from the first bounce and over both sides."""
-    whole = row.side in (None, "mean") and row.view in (None, "mean")
-    return row.quantity in HEADLINES and whole and row.bounce in (None, 1) and row.collision in (None, 1)
+def headlines(rows: Iterable[Deviation]) -> list[Deviation]:
+    """What a reader looks for first: each rig's result from the first bounce and over both sides."""
+    found: list[Deviation] = []
+    for row in rows:
+        first = row.side in (None, "mean") and row.bounce in (None, 1) and row.collision in (None, 1)
+        methods = sum((other.experiment, other.quantity) == (row.experiment, row.quantity) for other in found)
+        if first and methods < HEADLINES.get(row.quantity, 0):
+            found.append(row)
+    return found
 
 
 def _summary(comparison: Comparison) -> str:
     compared = [row for row in comparison.deviations if row.z is not None and "set equal" not in row.verdict]
-    agree = sum(row.verdict.startswith("agrees") for row in compared)
+    agree = sum(row.verdict.startswith("agree") for row in compared)
     doubtful = sum(bool(row.doubtful) for row in compared)
     differ = len(compared) - agree - doubtful
     parts = [f"{agree or 'none'} agree within their uncertainty", f"{differ or 'none'} differ"]
@@ -127,13 +138,13 @@ def _section(outcome: Outcome, out: Path) -> dict[str, Any]:
         "more_stills": more,
         "table": _table(outcome.deviations),
         "checks": list(_check_lines([item.checks for item in outcome.measurements])),
-        "twin_checks": list(_check_lines([outcome.twin.evaluation.checks])),
+        "twin_checks": list(_check_lines([twin.evaluation.checks for twin in outcome.twins])),
         "warnings": outcome.warnings,
         "budgets": list(_budgets(outcome.deviations)),
         "repetitions": [_repetition(item, out) for item in outcome.measurements],
         "assumptions": outcome.twin.assumptions,
         "twin_settings": list(_flat(outcome.twin.settings)),
-        "seconds": outcome.twin.seconds,
+        "seconds": sum(twin.seconds for twin in outcome.twins),
     }
 
 
@@ -163,7 +174,7 @@ def _row(deviation: Deviation, widest: float) -> Row:
 def _tone(row: Deviation) -> str:
     if row.doubtful:
         return "doubt"
-    if row.verdict.startswith("agrees"):
+    if row.verdict.startswith("agree"):
         return "good"
     return "bad" if row.verdict.startswith(("twin", "differs")) else "plain"
 
@@ -213,7 +224,7 @@ def _settings(outcome: Outcome) -> list[tuple[str, str]]:
     ]
     if scales:
         sources = {str(item.camera["scale_from"]) for item in outcome.measurements if item.camera.get("scale_from")}
-        origin = f" (from {', '.join(sorted(sources))})" if sources else ""
+        origin = f" ({', '.join(sorted(sources))})" if sources else ""
         lines.append(("scale", f"{1e3 * sum(scales) / len(scales):.4f} mm/px{origin}"))
     return lines
 
@@ -222,13 +233,7 @@ def _figure(outcome: Outcome) -> str:
     experiment, twin = outcome.experiment, outcome.twin
     particle, measurements = experiment.particle, outcome.measurements
     if isinstance(experiment.rig, DropSettings):
-        with_track = [item for item in measurements if item.tracks]
-        return figures.drop_figure(
-            [item.tracks[0] for item in with_track],
-            twin.tracks[0],
-            drop_height=[_value(item.quantities, "drop_height") for item in with_track],
-            radius=particle.radius,
-        )
+        return figures.drop_figure([item.tracks[0] for item in measurements if item.tracks], twin.tracks[0])
     if isinstance(experiment.rig, PendulumSettings):
         return figures.pendulum_figure(
             [item.tracks for item in measurements if item.tracks],
@@ -236,40 +241,40 @@ def _figure(outcome: Outcome) -> str:
             length=experiment.rig.length,
             diameter=particle.diameter,
         )
-    return figures.pile_figure([profile for item in measurements for profile in item.profiles], twin.profiles)
+    return figures.pile_figure(
+        [profile for item in measurements for profile in item.profiles],
+        [profile for heap in outcome.twins for profile in heap.profiles],
+    )
 
 
-def _value(quantities: Sequence[Quantity], name: str) -> float | None:
-    return next((quantity.value for quantity in quantities if quantity.quantity == name), None)
-
-
-def _stills(measurements: Sequence[Measurement]) -> tuple[list[dict[str, str]], int]:
+def _stills(measurements: Sequence[Measurement]) -> tuple[list[dict[str, Any]], int]:
     """Overlay pictures as data addresses, and how many more there are."""
     pictures = [
-        (item.source.name, path)
+        (re.sub(r"-(still|overlay)\.\w+$", "", path.name), path)
         for item in measurements
         for name, path in item.files.items()
         if name.startswith("still") and path.is_file()
     ]
-    shown = [{"name": name, "source": _embedded(path)} for name, path in pictures[:MOST_STILLS]]
+    shown = [{"name": name, **_embedded(path)} for name, path in pictures[:MOST_STILLS]]
     return shown, len(pictures) - len(shown)
 
 
-def _embedded(path: Path) -> str:
-    """A picture at the report's size as a data address."""
+def _embedded(path: Path) -> dict[str, Any]:
+    """A picture at the report's size as a data address, and whether it is wider than high."""
     import cv2
     import numpy as np
 
     picture = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_COLOR)
     if picture is None:
-        return ""
+        return {"source": "", "wide": True}
     height, width = picture.shape[:2]
     shrink = min(1.0, STILL_WIDTH / width, 1.2 * STILL_WIDTH / height)
     if shrink < 1:
         size = (max(1, round(width * shrink)), max(1, round(height * shrink)))
         picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
     _, packed = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 86])
-    return "data:image/jpeg;base64," + base64.b64encode(packed.tobytes()).decode("ascii")
+    data = base64.b64encode(packed.tobytes()).decode("ascii")
+    return {"source": f"data:image/jpeg;base64,{data}", "wide": width > height}
 
 
 def _check_lines(repetitions: Sequence[Sequence[Check]]) -> Iterable[CheckLine]:

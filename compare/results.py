@@ -20,7 +20,7 @@ from rigtwin.compare.deviation import COLUMNS, IDENTITY, Deviation
 from rigtwin.lab.quantity import Quantity
 
 OBSERVATION_COLUMNS = (
-    "experiment", "rig", "origin", "repetition", "quantity", "method", *IDENTITY,
+    "experiment", "rig", "origin", "repetition", "quantity", "method", *IDENTITY, "view",
     "value", "std_uncertainty", "unit", "doubtful",
 )  # fmt: skip
 
@@ -54,7 +54,7 @@ def observation(experiment: str, rig: str, origin: str, repetition: str, quantit
         "repetition": repetition,
         "quantity": quantity.quantity,
         "method": quantity.method,
-        **{name: quantity.detail.get(name) for name in IDENTITY},
+        **{name: quantity.detail.get(name) for name in (*IDENTITY, "view")},
         "value": quantity.value,
         "std_uncertainty": quantity.std_uncertainty,
         "unit": quantity.unit,

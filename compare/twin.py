@@ -16,6 +16,8 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
+import numpy as np
+
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.model import Model
@@ -24,7 +26,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
 from rigtwin.lab.records import Profile, Track, write_profile, write_tracks
 from rigtwin.lab.reference.hlosta2020 import SOFTENING
-from rigtwin.lab.rigs import Drop, DropSettings, Pendulum, Pile, PileSettings
+from rigtwin.lab.rigs import GRAVITY, Drop, DropSettings, Pendulum, PendulumSettings, Pile, PileSettings
 
 PILE_COUNT = 1000
 """Particles poured on a pile's twin where neither the lab file nor the command says how many."""
@@ -169,12 +171,28 @@ def pile_twin(
 
 
 def needs_measurement(experiment: Experiment) -> bool:
-    """Whether the twin waits for what was measured: its start, or the rate its record is taken at."""
-    rig = experiment.rig
-    if isinstance(rig, PileSettings):
+    """Whether the twin waits for what was measured: its start, its frame rate, or how long the film goes on."""
+    if isinstance(experiment.rig, PileSettings):
         return False
-    start = rig.drop_height if isinstance(rig, DropSettings) else rig.release_angle
-    return start is None or experiment.camera.frame_rate is None
+    stated = stated_start(experiment) is not None and experiment.camera.frame_rate is not None
+    return not (isinstance(experiment.rig, DropSettings) and stated)
+
+
+def stated_start(experiment: Experiment) -> float | None:
+    """Drop height [m] or release angle [deg] as the lab file states it; None for a pile, or where it does not."""
+    rig = experiment.rig
+    if isinstance(rig, DropSettings):
+        return rig.drop_height
+    if isinstance(rig, PendulumSettings) and rig.release_angle is not None:
+        return math.degrees(rig.release_angle)
+    return None
+
+
+def measured_start(experiment: Experiment, measurement: Measurement) -> Quantity | None:
+    """The measured drop height, or release angle of bead A; a doubtful one only where there is no other."""
+    name = STARTS_FROM.get(experiment.rig_name)
+    mine = [q for q in measurement.quantities if q.quantity == name and math.isfinite(q.value)]
+    return min(mine, key=lambda quantity: bool(quantity.doubtful), default=None)
 
 
 def twin_of(
@@ -213,7 +231,9 @@ def twin_of(
         assert experiment.wall is not None
         twin = drop_twin(rig.rig(start), particle, experiment.wall, contacts[0], frame_rate=rate, progress=progress)
     else:
-        twin = pendulum_twin(rig.rig(start), particle, contacts[0], frame_rate=rate, progress=progress)
+        pendulum = rig.rig(start)
+        watched = _watched(pendulum, rate, measurements)
+        twin = pendulum_twin(pendulum, particle, contacts[0], frame_rate=rate, duration=watched, progress=progress)
     return replace(twin, set_from=set_from)
 
 
@@ -243,32 +263,33 @@ def _start(experiment: Experiment, measurements: Sequence[Measurement]) -> tuple
     name = STARTS_FROM.get(experiment.rig_name)
     if name is None:
         return None, {}
-    rig = experiment.rig
-    stated = rig.drop_height if isinstance(rig, DropSettings) else getattr(rig, "release_angle", None)
-    found = [_first(name, measurement.quantities) for measurement in measurements]
-    values = [quantity.value for quantity in found if quantity is not None]
-    if not values:
-        return None, {name: "stated"}
-    mean = fmean(values)
-    return (math.radians(mean) if name == "release_angle" else mean), {name: "measured" if stated is None else "stated"}
-
-
-def _first(name: str, quantities: Sequence[Quantity]) -> Quantity | None:
-    """The quantity of bead A, or the only one; a doubtful reading counts where there is no other."""
-    mine = [q for q in quantities if q.quantity == name and q.detail.get("body", "A") == "A" and math.isfinite(q.value)]
-    return min(mine, key=lambda quantity: bool(quantity.doubtful), default=None)
+    set_from = {name: "measured" if stated_start(experiment) is None else "stated"}
+    found = [quantity for item in measurements if (quantity := measured_start(experiment, item)) is not None]
+    sound = [quantity.value for quantity in found if not quantity.doubtful] or [quantity.value for quantity in found]
+    if not sound:
+        return None, set_from
+    return (math.radians(fmean(sound)) if name == "release_angle" else fmean(sound)), set_from
 
 
 def _frame_rate(experiment: Experiment, measurements: Sequence[Measurement]) -> float:
-    rates = [measurement.camera.get("frame_rate_hz") for measurement in measurements]
-    known = [float(rate) for rate in rates if rate]
-    rate = experiment.camera.frame_rate or (fmean(known) if known else None)
-    if rate is None:
+    """[1/s] as stated, else as the clips have it, else from the time steps of records already tracked."""
+    if experiment.camera.frame_rate is not None:
+        return experiment.camera.frame_rate
+    rates = [float(rate) for item in measurements if (rate := item.camera.get("frame_rate_hz"))]
+    rates = rates or [1 / float(np.median(np.diff(track.time))) for item in measurements for track in item.tracks]
+    if not rates:
         raise BadInput(
             f"{experiment.id}: the frame rate is neither stated nor measured; "
             'add frame_rate = "240 Hz" under [experiments.camera].'
         )
-    return rate
+    return fmean(rates)
+
+
+def _watched(rig: Pendulum, rate: float, measurements: Sequence[Measurement]) -> float:
+    """[s] as long as the films go on, so that later collisions have their twin, and until the beads have turned."""
+    film = max((float(np.ptp(track.time)) for item in measurements for track in item.tracks), default=0.0)
+    period = 2 * math.pi * math.sqrt(rig.length / GRAVITY) * (1 + rig.release_angle**2 / 16)
+    return max(film, 0.6 * period + 5 / rate)
 
 
 def _settings(

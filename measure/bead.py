@@ -101,7 +101,11 @@ def fit_bead(
     pixels = _Pixels(patch)
     fit = _fit_disc(pixels, _prior(pixels, start, look, patch))
     image = None if fit is None else _bead_image(patch, pixels, fit)
-    return None if fit is None or image is None else BeadFit(image, _look(fit, patch), _certainty(fit, patch), fit.misfit)
+    if fit is not None and look is not None and not pixels.confirm(fit.parameters):
+        return None
+    return (
+        None if fit is None or image is None else BeadFit(image, _look(fit, patch), _certainty(fit, patch), fit.misfit)
+    )
 
 
 def common_look(fits: Sequence[BeadFit]) -> Look:
@@ -110,8 +114,8 @@ def common_look(fits: Sequence[BeadFit]) -> Look:
     # a fit caught by something else is far off in several parameters at once: only the inner ones vote
     middle = np.median(table, axis=0)
     spread = 1.4826 * np.median(np.abs(table - middle), axis=0) + 1e-6
-    inner = np.flatnonzero(np.max(np.abs(table - middle) / spread, axis=1) < 4)
-    inner = inner if len(inner) >= 3 else np.arange(len(fits))
+    inner = np.flatnonzero(np.max(np.abs(table - middle) / spread, axis=1) < 4).tolist()
+    inner = inner if len(inner) >= 3 else list(range(len(fits)))
     total = np.sum([fits[k].certainty for k in inner], axis=0)
     pull = np.sum([fits[k].certainty @ table[k] for k in inner], axis=0)
     mean = np.linalg.lstsq(total, pull, rcond=1e-10)[0]
@@ -154,7 +158,8 @@ class _Fit:
 
 _SHAPES = 6
 _LIGHTS = 4
-_LARGEST_RADIUS = 14.0  # [px] beyond it a fit to block means loses nothing that matters and saves time
+_MOST_STEPS = 18  # of the exposure integral: a longer smear has its information at its ends and sides
+_LARGEST_RADIUS = 10.0  # [px] beyond it a fit to block means loses nothing that matters and saves time
 
 
 def _cut_patch(
@@ -283,7 +288,7 @@ def _fit_disc(pixels: _Pixels, prior: _Prior) -> _Fit | None:
     noise = max(1.4826 * float(np.median(np.abs(pixels.values - np.median(pixels.values)))), 0.5)
     damping = 1e-3
     certain = 1 / prior.spread**2
-    for turn in range(20):
+    for turn in range(14):
         if turn >= 1:
             noise = max(1.4826 * float(np.median(np.abs(residual))), 0.4)
         weights = _robust_weights(residual, noise) / noise**2
@@ -309,7 +314,13 @@ def _fit_disc(pixels: _Pixels, prior: _Prior) -> _Fit | None:
     if not np.all(np.isfinite(parameters)):
         return None
     excess = _correlation_excess(pixels.image(residual))
-    return _Fit(parameters, information / excess + np.diag(certain), information / excess, noise, float(np.mean(np.abs(residual))))
+    return _Fit(
+        parameters,
+        information / excess + np.diag(certain),
+        information / excess,
+        noise,
+        float(np.mean(np.abs(residual))),
+    )
 
 
 def _bounded(parameters: Array, before: Array, prior: _Prior) -> Array:
@@ -364,12 +375,21 @@ class _Pixels:
         solved[_SHAPES:] += np.linalg.solve(columns.T @ columns + np.diag(ridge), columns.T @ residual)
         return solved
 
+    def confirm(self, parameters: Array) -> bool:
+        """Whether the pixels show what the model says, and not just the scene."""
+        empty = parameters.copy()
+        empty[_SHAPES + _LIGHTS :] = 0.0
+        _, residual = self.linearise(empty)
+        model = self.values - residual
+        power = float(model @ model)
+        return power > 0 and 0.5 < float(model @ self.values) / power < 2.0
+
     def linearise(self, parameters: Array) -> tuple[Array, Array]:
         """Derivatives of the model, shape (pixels, parameters), and data minus model, shape (pixels,)."""
         shape, light = parameters[:_SHAPES], parameters[_SHAPES:]
         cx, cy, radius, edge, blur_x, blur_y = shape
         # the midpoint rule is exact enough once its step is about the width of the soft edge
-        count = max(1, math.ceil(math.hypot(blur_x, blur_y) / (1.3 * max(edge, 0.7))))
+        count = min(max(1, math.ceil(math.hypot(blur_x, blur_y) / (1.3 * max(edge, 0.7)))), _MOST_STEPS)
         when = ((np.arange(count) + 0.5) / count - 0.5)[:, None]
         # pixels far from the path are pure scene: computing them too would double the time
         near = self.near_path(shape)
@@ -610,7 +630,6 @@ def _without_bead(
 ) -> Scene:
     """Median over those frames only in which the bead is away from the pixel, where there are any."""
     picture = scene.picture.copy()
-    height, width = picture.shape
     discs = [bead[index] for index in indices if index in bead]
     touched = np.zeros(picture.shape, dtype=np.uint8)
     covered = np.zeros(stack.shape, dtype=np.uint8)

@@ -7,7 +7,10 @@ fits best.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,6 +22,8 @@ Array = npt.NDArray[np.float64]
 
 LEAST_RIM = 0.5  # share of the lower rim that must lie on edges
 LEAST_WALL = 0.3  # likewise of both walls, less the edges that run on where a wall should end
+GOOD_SUPPORT = 0.82  # share of the outline on edges from which a find is not to be doubted
+DOUBTFUL_SUPPORT = 0.78  # below it the find may be another edge
 FOCAL_LENGTH = 2.0  # in widths of the photo: between a phone (0.75) and a macro lens (3 and more)
 FOCAL_DOUBT = 0.4  # standard deviation of the logarithm of the above
 
@@ -34,6 +39,15 @@ class Disc:
     thickness: float  # [px]
     nearness: float  # [1], disc radius / distance of the camera, by the expected focal length: one photo hardly tells
     support: float  # [1], share of the template that lies on edges
+
+    @property
+    def sigma(self) -> float:
+        """Standard uncertainty [px] of the rim's height; the less of the outline is seen, the more."""
+        return 1.5 * (1 + 10 * max(0.0, 0.9 - self.support))
+
+    @property
+    def doubtful(self) -> bool:
+        return self.support < DOUBTFUL_SUPPORT
 
 
 @dataclass(frozen=True)
@@ -72,34 +86,45 @@ def find_disc(
 
     `alike` is the bead likeness of every pixel, `roll` [rad] the camera's roll where it was given.
     """
-    from scipy.optimize import differential_evolution
+    fine = edges(grey, blur=1.2)
+    pictures = [edges(grey, blur=2.5), edges(grey, blur=1.5)]
+    best: Disc | None = None
+    for seed in (1, 2, 3):  # the search may end on another edge; look again when little supports what it found
+        candidate = _sharpened(grey, fine, _search(pictures, alike, beads, roll, seed))
+        template = _Template(*candidate[:, None, None])
+        lower, left, right, *_ = _support(fine, alike, template, beads.radius, 160)[:, 0]
+        support = float((2 * lower + left + right) / 4)
+        if lower > LEAST_RIM and (left + right) / 2 > LEAST_WALL and (best is None or support > best.support):
+            x, y, half, turn, bulge, thickness = (float(value) for value in candidate)
+            near = float(template.nearness(grey.shape[1])[0, 0])
+            best = Disc((x, y), half, turn, bulge * half, thickness * half, near, support)
+        if best is not None and best.support > GOOD_SUPPORT:
+            break
+    return best
+
+
+def _search(
+    pictures: Sequence[Edges], alike: npt.NDArray[np.float32], beads: Beads, roll: float | None, seed: int
+) -> Array:
+    from scipy.optimize import Bounds, differential_evolution
 
     bounds = _bounds(beads, roll)
-    found = "sobol"
-    for blur, generations in ((2.5, 30), (1.5, 60)):  # a blurred picture leads from further away
-        picture = edges(grey, blur=blur)
+    population: Any = "sobol"
+    for picture, generations in zip(pictures, (30, 60), strict=True):  # the more blurred one leads from further away
         search = differential_evolution(
-            lambda p, picture=picture: -_score(picture, alike, beads, p, 40),
-            bounds,
+            partial(_cost, picture, alike, beads),
+            Bounds(bounds[:, 0], bounds[:, 1]),
             vectorized=True,
             updating="deferred",
-            init=found,
+            init=population,
             popsize=40,
             maxiter=generations,
-            rng=1,
+            rng=seed,
             tol=1e-3,
             polish=False,
         )
-        found = search.population
-    fine = edges(grey, blur=1.2)
-    best = _sharpened(grey, fine, search.x)
-    template = _Template(*best[:, None, None])
-    lower, left, right, *_ = _support(fine, alike, template, beads.radius, 160)[:, 0]
-    if lower < LEAST_RIM or (left + right) / 2 < LEAST_WALL:
-        return None
-    x, y, half, turn, bulge, thickness = (float(value) for value in best)
-    near = float(template.nearness(grey.shape[1])[0, 0])
-    return Disc((x, y), half, turn, bulge * half, thickness * half, near, float((2 * lower + left + right) / 4))
+        population = search.population
+    return np.asarray(search.x)
 
 
 def _sharpened(grey: npt.NDArray[np.uint8], fine: Edges, candidate: Array) -> Array:
@@ -139,7 +164,8 @@ def _edge_offset(
     cos, sin = float(np.cos(template.roll[0, 0])), float(np.sin(template.roll[0, 0]))
     across = (normal[0] * cos - normal[1] * sin, normal[0] * sin + normal[1] * cos)
     gradient = np.abs(
-        across[0] * cv2.remap(picture.x, x, y, cv2.INTER_LINEAR) + across[1] * cv2.remap(picture.y, x, y, cv2.INTER_LINEAR)
+        across[0] * cv2.remap(picture.x, x, y, cv2.INTER_LINEAR)
+        + across[1] * cv2.remap(picture.y, x, y, cv2.INTER_LINEAR)
     )
     at = np.argmax(gradient, axis=1)
     rows = np.arange(len(at))
@@ -160,11 +186,11 @@ def _robust_fit(design: Array, values: Array, weight: Array) -> Array:
     answer = np.zeros(design.shape[1])
     for _ in range(12):
         w = np.sqrt(weight * usual)
-        answer = np.linalg.lstsq(design * w[:, None], values * w, rcond=None)[0]
+        answer = np.asarray(np.linalg.lstsq(design * w[:, None], values * w, rcond=None)[0], dtype=np.float64)
         miss = np.abs(values - design @ answer)
         scale = max(1.4826 * float(np.median(miss)), 0.1)
         usual = np.minimum(1.0, 1.345 * scale / np.maximum(miss, 1e-9))
-    return np.asarray(answer)
+    return answer
 
 
 def _face_height(grey: npt.NDArray[np.uint8], template: _Template) -> float:
@@ -184,10 +210,12 @@ def _face_height(grey: npt.NDArray[np.uint8], template: _Template) -> float:
     values = cv2.remap(smooth, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR).astype(np.float64)
     plain = rows < 0.5 * guess
     change = np.median(np.abs(values - np.median(values[plain], axis=0)), axis=1)
-    usual = float(np.median(change[plain]))
+    usual, above = float(np.median(change[plain])), change[~plain]
     # the beads' shadow on the rim is the first thing above the face, and fainter than the beads
-    level = usual + min(0.5 * (float(change[~plain].max()) - usual), max(2 * usual, 6.0))
-    return float(rows[~plain][np.argmax(change[~plain] > level)])
+    starts = int(np.argmax(above > usual + min(0.5 * (float(above.max()) - usual), max(2 * usual, 6.0))))
+    nearby = above[starts : starts + 8]  # the edge itself is as wide as the blur: take its half height
+    edge = starts + int(np.argmax(nearby >= (usual + float(nearby.max())) / 2))
+    return float(rows[~plain][edge])
 
 
 def _bounds(beads: Beads, roll: float | None) -> Array:
@@ -202,14 +230,11 @@ def _bounds(beads: Beads, roll: float | None) -> Array:
             turn,
             (0.0, 0.3),  # looking down by up to 17 degrees
             (0.02, 0.5),
-        
         ]
     )
 
 
-def _score(
-    picture: Edges, alike: npt.NDArray[np.float32], beads: Beads, candidates: Array, samples: int
-) -> Array:
+def _score(picture: Edges, alike: npt.NDArray[np.float32], beads: Beads, candidates: Array, samples: int) -> Array:
     """How well candidates, shape (6, n), fit: edges on the outline, beads above the rim and neither below nor beside.
 
     The lower rim weighs most: it is the longest edge, and nothing stands before it.
@@ -225,10 +250,12 @@ def _score(
     return np.asarray(2 * lower + walls + upper + heap - face - spilled - 2 * below)
 
 
-def _support(
-    picture: Edges, alike: npt.NDArray[np.float32], template: _Template, bead: float, samples: int
-) -> Array:
-    """Shares, shape (7, n): edges on lower rim, left wall, right wall, upper rim; bead colour on face, above, beside."""
+def _cost(picture: Edges, alike: npt.NDArray[np.float32], beads: Beads, candidates: Array) -> Any:
+    return -_score(picture, alike, beads, candidates, 40)
+
+
+def _support(picture: Edges, alike: npt.NDArray[np.float32], template: _Template, bead: float, samples: int) -> Array:
+    """Shares, shape (7, n): edges on lower rim, both walls, upper rim; bead colour on the face, above, beside."""
     height, width = picture.strength.shape
     along = np.linspace(-0.97, 0.97, samples)
     arc = np.sqrt(1 - along * along)
@@ -244,9 +271,7 @@ def _support(
         at = lookup(u, v)
         cos, sin = np.cos(template.roll), np.sin(template.roll)
         across = picture.x[at] * (normal_u * cos - normal_v * sin) + picture.y[at] * (normal_u * sin + normal_v * cos)
-        return np.asarray(
-            np.clip(np.abs(across) / np.hypot(normal_u, normal_v) / picture.strong, 0, 1).mean(axis=1)
-        )
+        return np.asarray(np.clip(np.abs(across) / np.hypot(normal_u, normal_v) / picture.strong, 0, 1).mean(axis=1))
 
     def wall(side: int) -> Array:
         one, zero = np.ones(16), np.zeros(16)

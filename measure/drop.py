@@ -11,6 +11,7 @@ the plate; x = 0 is where it first hits.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,9 +22,17 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, root_sum_of_squares
-from rigtwin.lab.records import Track, read_tracks, write_tracks
+from rigtwin.lab.records import Track, read_tracks
 from rigtwin.lab.rigs import GRAVITY
-from rigtwin.measure.flights import AirDrag, Bounces, Heights, find_contacts, fit_bounces, third_difference_noise
+from rigtwin.measure.flights import (
+    AirDrag,
+    Bounces,
+    Heights,
+    Reader,
+    find_contacts,
+    fit_bounces,
+    third_difference_noise,
+)
 from rigtwin.measure.follow import (
     Chase,
     SpotPath,
@@ -97,30 +106,49 @@ def _restitutions(bounces: Bounces, failed: dict[str, str]) -> list[Quantity]:
     height_doubt = "; ".join(text for text in (doubt, failed.get("out_of_plane", "")) if text)
     found = []
     for k in range(1, bounces.count + 1):
-        speed, parts = bounces.read(lambda at, k=k: at.impact_speed(k) * at.size)
+        speed, parts = bounces.read(_impact_speed(k))
         detail: dict[str, Detail] = {
             "bounce": k,
             "impact_speed_m_s": round(speed, 6),
             "impact_speed_std_m_s": round(root_sum_of_squares(parts), 6),
             "contact_time_s": round(float(bounces.contact_times[k - 1]), 7),
         }
-        by_height = bounces.read(lambda at, k=k: math.sqrt(at.heights[k] / at.heights[k - 1]))
-        by_speed = bounces.read(lambda at, k=k: at.rebound_speed(k) / at.impact_speed(k))
+        by_height, by_speed = bounces.read(_height_ratio(k)), bounces.read(_speed_ratio(k))
         found.append(_quantity("restitution_wall", by_height, "1", "height", detail, height_doubt))
         found.append(_quantity("restitution_wall", by_speed, "1", "velocity", detail, doubt))
         if k > 1:
-            by_time = bounces.read(lambda at, k=k: at.flight_times[k - 1] / at.flight_times[k - 2])
-            found.append(_quantity("restitution_wall", by_time, "1", "time", detail, doubt))
+            found.append(_quantity("restitution_wall", bounces.read(_time_ratio(k)), "1", "time", detail, doubt))
     return found
+
+
+def _impact_speed(bounce: int) -> Callable[[Reader], float]:
+    return lambda at: at.impact_speed(bounce) * at.size
+
+
+def _height_ratio(bounce: int) -> Callable[[Reader], float]:
+    """sqrt(h_{k+1} / h_k) (Hlosta et al. 2020, eq. 5)."""
+    return lambda at: math.sqrt(at.heights[bounce] / at.heights[bounce - 1])
+
+
+def _speed_ratio(bounce: int) -> Callable[[Reader], float]:
+    return lambda at: at.rebound_speed(bounce) / at.impact_speed(bounce)
+
+
+def _time_ratio(bounce: int) -> Callable[[Reader], float]:
+    return lambda at: float(at.flight_times[bounce - 1] / at.flight_times[bounce - 2])
+
+
+def _apex_height(bounce: int) -> Callable[[Reader], float]:
+    return lambda at: float(at.heights[bounce]) * at.size
 
 
 def _heights(bounces: Bounces, scale_doubt: float, failed: dict[str, str]) -> list[Quantity]:
     doubt = "; ".join(failed[name] for name in ("gravity", "flight_residuals", "out_of_plane") if name in failed)
     found = []
     for k in range(bounces.count + 1):
-        value, parts = bounces.read(lambda at, k=k: at.heights[k] * at.size)
+        value, parts = bounces.read(_apex_height(k))
         if scale_doubt > 0:
-            parts["scale"] = abs(value) * scale_doubt
+            parts["scale"] = abs(value) * float(scale_doubt)
         name = "rebound_height" if k else "drop_height"
         detail: dict[str, Detail] = {"bounce": k} if k else {}
         found.append(_quantity(name, (value, parts), "m", "height", detail, doubt))
@@ -199,8 +227,8 @@ def _plane_check(track: Track, bounces: Bounces) -> Check:
     value = max(sideways, drift, swell)
     passed = sideways < 0.15 and drift < 0.12 and swell < 0.12
     message = (
-        f"sideways speed is {100 * sideways:.1f} % of the impact speed, the plate's level drifts by {100 * drift:.1f} % "
-        f"of the first rebound, the scale along the path by {100 * swell:.1f} %"
+        f"sideways speed is {100 * sideways:.1f} % of the impact speed, the plate's level drifts by "
+        f"{100 * drift:.1f} % of the first rebound, the scale along the path by {100 * swell:.1f} %"
     )
     ending = "." if passed else ": the bead leaves the plane; level the plate, or trust method velocity only."
     return Check("out_of_plane", passed, value, 0.0, message + ending)
@@ -214,8 +242,10 @@ def _timing_check(track: Track, bounces: Bounces) -> Check:
     inside = (time[1:] > bounces.apex_times[0]) & (time[1:] < time[bounces.used].max())
     missing = float(np.sum(np.maximum(np.round(steps[inside] / usual) - 1, 0)))
     moved = np.linalg.norm(np.diff(track.position, axis=0), axis=1)
-    around = np.convolve(moved, [0.5, 0.0, 0.5], mode="same")
-    repeated = int(np.sum(inside & (moved < 0.02 * around) & (around > 12 * bounces.noise)))
+    fitted = np.abs(np.diff(bounces.curve(time)))
+    near_contact = np.min(np.abs(time[1:, None] - usual / 2 - bounces.contact_times), axis=1) < 1.5 * usual
+    still = ~near_contact & (moved < 0.05 * fitted) & (fitted > 12 * bounces.expected_noise)
+    repeated = int(np.sum(inside & still))
     whole = max(float(np.sum(inside)), 1.0)
     passed = repeated == 0 and missing < 0.3 * whole
     message = f"{int(missing)} of {int(whole + missing)} frames of the flights are missing, {repeated} are repeated"
@@ -235,7 +265,8 @@ class _Gauge:
     source: str
     roll: float  # [rad], positive when the scene looks turned clockwise
     roll_doubt: float  # [rad]
-    cross_check: str
+    cross_check: str  # what the other scales say
+    gravity: tuple[float, float] | None  # [m/s^2] and its doubt, by a scale that does not come from gravity itself
 
 
 def measure(
@@ -257,7 +288,7 @@ def measure(
     video = open_video(clip, camera)
     seen, pixels = _find_bead(video, camera, drag, bead_diameter, progress)
     fitted = _bounces(pixels, drag, str(clip))
-    gauge = _gauge(pixels, fitted, seen, camera, bead_diameter, drag)
+    gauge = _gauge(pixels, fitted, seen, camera, bead_diameter)
     track = _to_metres(pixels, fitted, gauge)
     bounces = _bounces(track, drag, str(clip))
     evaluation = _evaluation(track, bounces, scale_doubt=gauge.doubt, rate=video.frame_rate)
@@ -405,12 +436,12 @@ def _expected(
     return expected
 
 
-def _gauge(
-    pixels: Track, fitted: Bounces, seen: Chase, camera: Camera, bead_diameter: float | None, drag: AirDrag
-) -> _Gauge:
+def _gauge(pixels: Track, fitted: Bounces, seen: Chase, camera: Camera, bead_diameter: float | None) -> _Gauge:
     """The best scale at hand, with what the others say, and the direction of gravity."""
     roll, roll_doubt = _roll(pixels, fitted)
-    told = f"gravity points {math.degrees(roll):+.2f} +- {math.degrees(roll_doubt):.2f} degrees off the picture's vertical"
+    told = (
+        f"gravity points {math.degrees(roll):+.2f} +- {math.degrees(roll_doubt):.2f} degrees off the picture's vertical"
+    )
     if camera.roll is not None:
         told += f", {math.degrees(camera.roll):+.2f} were given"
         roll, roll_doubt = camera.roll, 0.0
@@ -418,20 +449,33 @@ def _gauge(
     by_gravity = math.cos(roll) ** 2 / size
     gravity_doubt = math.hypot(root_sum_of_squares(parts) / size, 4e-4)
     if camera.given_scale is not None:
-        return _Gauge(camera.given_scale, SCALE_DOUBT, "given", roll, roll_doubt, told)
+        return _Gauge(camera.given_scale, SCALE_DOUBT, "given", roll, roll_doubt, told, None)
     if bead_diameter is None:
-        return _Gauge(by_gravity, gravity_doubt, "gravity", roll, roll_doubt, told)
+        return _Gauge(by_gravity, gravity_doubt, "gravity", roll, roll_doubt, told, None)
     by_bead = bead_diameter / (2 * seen.radius)
-    bead_doubt = math.hypot(RIM_DOUBT / seen.radius, 0.01)
-    told += f"; the bead's diameter gives {by_bead * 1e3:.5g} mm/px, gravity {by_gravity * 1e3:.5g} mm/px"
+    bead_doubt = _radius_doubt(seen)
+    told += (
+        f"; the bead's diameter gives {by_bead * 1e3:.4g} mm/px (+- {100 * bead_doubt:.1f} %), "
+        f"gravity {by_gravity * 1e3:.4g} mm/px"
+    )
     agree = abs(by_bead / by_gravity - 1) < 3 * math.hypot(bead_doubt, gravity_doubt)
     if camera.frame_rate is not None and agree and gravity_doubt < bead_doubt:
-        return _Gauge(by_gravity, gravity_doubt, "gravity, agreeing with the bead's diameter", roll, roll_doubt, told)
-    return _Gauge(by_bead, bead_doubt, "bead diameter", roll, roll_doubt, told)
+        source = "gravity, agreeing with the bead's diameter"
+        judged = GRAVITY * by_bead / by_gravity, GRAVITY * math.hypot(bead_doubt, gravity_doubt)
+        return _Gauge(by_gravity, gravity_doubt, source, roll, roll_doubt, told, judged)
+    return _Gauge(by_bead, bead_doubt, "bead diameter", roll, roll_doubt, told, None)
+
+
+def _radius_doubt(seen: Chase) -> float:
+    """Relative; large where a lit or a dark side of the bead melts into what is behind it."""
+    contrasts = [abs(sighting.image.contrast) for sighting in seen.sightings]
+    contrast = max(float(np.median(contrasts)), 1.0)
+    shade = 0.0 if seen.look is None else math.hypot(*seen.look.light[1:3]) / contrast
+    return math.hypot(RIM_DOUBT / seen.radius, 0.01, 0.025 * min(shade, 4.0))
 
 
 def _roll(pixels: Track, fitted: Bounces) -> tuple[float, float]:
-    """Angle of the fitted acceleration against the picture's vertical [rad]: x(t) bends as y(t) does, times its tangent."""
+    """Angle of the acceleration against the picture's vertical [rad]: x(t) bends as y(t) does, times its tangent."""
     used = fitted.used
     time, x = pixels.time[used], pixels.position[used, 0]
     apexes, contacts = fitted.apex_times, fitted.contact_times
@@ -449,7 +493,7 @@ def _roll(pixels: Track, fitted: Bounces) -> tuple[float, float]:
         keep = np.abs(off) < 4 * 1.4826 * np.median(np.abs(off[keep])) + 1e-9
     variance = float(np.var(off[keep])) * np.linalg.pinv(design[keep].T @ design[keep])[0, 0]
     # a bead off the camera's axis is seen at another scale higher up: bends x by a tenth of a degree or so
-    return math.atan(float(solution[0])), math.hypot(math.sqrt(variance), math.radians(0.15))
+    return math.atan(float(solution[0])), math.hypot(math.sqrt(variance), math.radians(0.2))
 
 
 def _to_metres(pixels: Track, fitted: Bounces, gauge: _Gauge) -> Track:
@@ -467,10 +511,16 @@ def _to_metres(pixels: Track, fitted: Bounces, gauge: _Gauge) -> Track:
 
 def _with_gravity_told(checks: tuple[Check, ...], gauge: _Gauge) -> tuple[Check, ...]:
     gravity = checks[0]
-    message = gravity.message
-    if gauge.source == "gravity":
+    if gauge.gravity is not None:
+        value, doubt = gauge.gravity
+        message = (
+            f"with the scale of the bead's diameter free flight gives g = {value:.2f} +- {doubt:.2f} m/s^2: they agree"
+        )
+        gravity = replace(gravity, value=value, message=message)
+    elif gauge.source == "gravity":
         message = "the scale was taken from gravity, so this check cannot judge scale or frame rate"
-    return (replace(gravity, message=f"{message.rstrip('.')}; {gauge.cross_check}."), *checks[1:])
+        gravity = replace(gravity, message=message)
+    return (replace(gravity, message=f"{gravity.message.rstrip('.')}; {gauge.cross_check}."), *checks[1:])
 
 
 def _view_checks(video: Video, seen: Chase, fitted: Bounces) -> tuple[Check, ...]:

@@ -15,6 +15,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -40,7 +42,9 @@ FREE_DRAG = 0.3  # [1/m], drag per mass where the bead is unknown: a wooden bead
 
 @dataclass(frozen=True)
 class AirDrag:
-    """Deceleration of a sphere in still air, Schiller and Naumann (1933): C_d = 24/Re (1 + 0.15 Re^0.687), at least 0.44.
+    """Deceleration of a sphere in still air: C_d = 24/Re (1 + 0.15 Re^0.687), at least 0.44.
+
+    Schiller and Naumann (1933), "A drag coefficient correlation"; 0.44 is Newton's regime.
 
     Without diameter and density the constant-coefficient form k v^2 with an unknown k.
     """
@@ -58,9 +62,7 @@ class AirDrag:
             return np.asarray(strength * speed**2)
         reynolds = np.maximum(AIR_DENSITY * speed * self.diameter / AIR_VISCOSITY, 1e-9)
         coefficient = np.maximum(24 / reynolds * (1 + 0.15 * reynolds**0.687), 0.44)
-        return np.asarray(
-            strength * 0.75 * coefficient * AIR_DENSITY * speed**2 / (self.density * self.diameter)
-        )
+        return np.asarray(strength * 0.75 * coefficient * AIR_DENSITY * speed**2 / (self.density * self.diameter))
 
 
 class Fall:
@@ -110,6 +112,11 @@ class _Table:
     def speed_after(self, distance: float) -> float:
         """[m/s]"""
         return math.sqrt(float(np.interp(distance, self.distance, self.speed**2)))
+
+
+@lru_cache(maxsize=64)
+def _fall(drag: AirDrag, strength: float, highest: float) -> Fall:
+    return Fall(drag, strength, highest)
 
 
 def _integral(x: Array, y: Array) -> Array:
@@ -167,9 +174,9 @@ class Bounces:
         """Where the bead's centre stands at contact, in the unit of the record."""
         return self.model.level(self.parameters, time - self.time_offset)
 
-    def read(self, reading: Callable[[_Reader], float]) -> tuple[float, dict[str, float]]:
+    def read(self, reading: Callable[[Reader], float]) -> tuple[float, dict[str, float]]:
         """A number read off the fit, and the parts of its standard uncertainty by cause."""
-        value = reading(self.model.reader(self.parameters))
+        value = float(reading(self.model.reader(self.parameters)))
         gradient = np.zeros(len(self.parameters))
         for k, step in enumerate(0.1 * np.sqrt(np.diag(self.covariance)) + 1e-12):
             moved = self.parameters.copy()
@@ -209,7 +216,7 @@ def third_difference_noise(record: Heights) -> float:
     return float(np.median(third)) / 0.6745 / math.sqrt(20) if len(third) > 3 else 0.0
 
 
-class _Reader:
+class Reader:
     """Parameters turned into the numbers of the experiment, in metres of fall."""
 
     def __init__(self, heights: Array, fall: Fall, size: float, periods: Array) -> None:
@@ -255,7 +262,9 @@ class _Model:
         return {"air drag": [first + 3], "contact duration": [first + 2], "camera": [*growth, first, first + 1]}
 
     def fall(self, p: Array) -> Fall:
-        return Fall(self.drag, max(float(p[-1]), 0.0), 1.3 * float(np.max(self.split(p)[0])))
+        # the reach of the tables goes in steps, so that most calls find them made
+        highest = 2.0 ** math.ceil(math.log2(1.3 * float(np.max(self.split(p)[0]))))
+        return _fall(self.drag, max(float(p[-1]), 0.0), highest)
 
     def apexes(self, p: Array) -> Array:
         return self._times(p, self.fall(p))[0]
@@ -293,10 +302,10 @@ class _Model:
         curve[time < apexes[0]] = np.nan
         return np.asarray(curve)
 
-    def reader(self, p: Array) -> _Reader:
+    def reader(self, p: Array) -> Reader:
         fall = self.fall(p)
-        apexes, contacts = self._times(p, fall)
-        return _Reader(self.split(p)[0], fall, math.exp(p[0]), np.diff(contacts))
+        _, contacts = self._times(p, fall)
+        return Reader(self.split(p)[0], fall, math.exp(p[0]), np.diff(contacts))
 
 
 def fit_bounces(record: Heights, drag: AirDrag) -> Bounces | None:
@@ -334,14 +343,16 @@ def _fit(record: Heights, contacts: npt.NDArray[np.intp], drag: AirDrag, offset:
     model, parameters, spread, stop = start
     centre = parameters.copy()
     step = float(np.median(np.diff(record.time)))
-    usual = max(third_difference_noise(record), 1e-7 * float(np.ptp(record.height)))
+    # below this the tables of the fall would be taken for a residual
+    finest = 2e-6 * float(np.ptp(record.height))
+    usual = max(third_difference_noise(record), finest)
     sigma = record.sigma.copy()
     blank = ~(np.isfinite(sigma) & (sigma > 0))
     sigma[blank] = usual if np.all(blank) else np.median(sigma[~blank])
     sigma = np.maximum(sigma, 0.3 * np.median(sigma))
     used = np.zeros(len(sigma), dtype=bool)
     outlier = np.zeros(len(sigma), dtype=bool)
-    for turn in range(4):
+    for turn in range(5):
         used = _in_flight(record, model, parameters, step, usual, stop) & ~outlier
         if np.sum(used) < model.count * 4 + 6:
             return None
@@ -349,9 +360,9 @@ def _fit(record: Heights, contacts: npt.NDArray[np.intp], drag: AirDrag, offset:
         residual = record.height - model.curve(parameters, record.time)
         ratio = residual / sigma
         scatter = 1.4826 * float(np.median(np.abs(ratio[used])))
-        sigma = sigma * max(scatter, 1e-3)
+        sigma = np.maximum(sigma * max(scatter, 1e-3), finest)
         inside = used | outlier
-        limit = (8.0, 5.0, 4.0, 4.0)[turn]
+        limit = (np.inf, 8.0, 5.0, 4.0, 4.0)[turn]
         outlier = inside & ~(np.abs(residual) < limit * sigma)
         if np.sum(outlier) > 0.35 * np.sum(inside):
             return None
@@ -383,12 +394,13 @@ def _first_guess(
 ) -> tuple[_Model, Array, Array, float] | None:
     """Model, starting parameters, spread of their priors, and the time where the last usable flight ends."""
     time, y = record.time, record.height
-    bends, apexes = [], []
+    bends: list[float] = []
+    apexes: list[tuple[float, float]] = []
     following = find_contacts(record)
     later = following[following > contacts[-1]]
     stop = float(time[later[0]]) if len(later) else float(time[-1])
     bounds = [_fall_begins(record, int(contacts[0])), *contacts.tolist(), int(np.searchsorted(time, stop))]
-    for first, last in zip(bounds[:-1], bounds[1:], strict=True):
+    for first, last in pairwise(bounds):
         piece = np.s_[first + (1 if bends else 0) : last]
         if last - first < 4:
             return None
@@ -406,11 +418,15 @@ def _first_guess(
         return None
     size = bend / GRAVITY
     metres = np.array(heights) / size
+    # flight times know neither scale nor drag, so they start the fit with the contacts where they were seen
+    between = np.diff(time[contacts])
+    metres[1 : 1 + len(between)] = GRAVITY * between**2 / 8
     model = _Model(len(contacts), drag, float(min(stop, time[-1])), float(metres[0]))
     strength, doubt = (1.0, DRAG) if drag.known else (0.0, FREE_DRAG)
     n = model.count
+    release = float(time[contacts[0]]) - _fall(drag, strength, 4 * float(metres[0])).fall.time_to(float(metres[0]))
     parameters = np.array(
-        [math.log(size), apexes[0][0], *metres, *levels, levels[-1], *np.zeros(n), 0.0, 0.0, 0.0, strength]
+        [math.log(size), release, *metres, *levels, levels[-1], *np.zeros(n), 0.0, 0.0, 0.0, strength]
     )
     spread = np.full(model.length, np.inf)
     spread[-4:] = PERSPECTIVE, LENS, DWELL, doubt
@@ -470,5 +486,6 @@ def _solve(
     lower[2 : 3 + n] = 1e-6
     lower[-2:] = -1e-12
     inside = np.clip(start, lower, upper)
-    solved = least_squares(misfit, inside, bounds=(lower, upper), x_scale="jac", ftol=1e-10, xtol=1e-12, max_nfev=60)
-    return np.asarray(solved.x), np.linalg.pinv(solved.jac.T @ solved.jac, hermitian=True, rcond=1e-15)
+    solved = least_squares(misfit, inside, bounds=(lower, upper), x_scale="jac", ftol=1e-9, xtol=1e-10, max_nfev=40)
+    jacobian = np.asarray(solved.jac)
+    return np.asarray(solved.x), np.linalg.pinv(jacobian.T @ jacobian, hermitian=True, rcond=1e-15)

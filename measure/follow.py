@@ -139,11 +139,14 @@ def best_channel(video: Video, path: SpotPath) -> Channel:
     return _fisher(np.concatenate(differences), np.concatenate(noises), np.concatenate(scenery))
 
 
-def _disc_pixels(centre: tuple[float, float], radius: float, shape: tuple[int, ...]) -> tuple[Array, Array]:
+def _disc_pixels(
+    centre: tuple[float, float], radius: float, shape: tuple[int, ...]
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     height, width = shape[:2]
     disc = np.zeros((height, width), dtype=np.uint8)
     cv2.circle(disc, (round(centre[0]), round(centre[1])), max(round(radius), 1), 1, cv2.FILLED)
-    return np.nonzero(disc)
+    rows, columns = np.nonzero(disc)
+    return rows, columns
 
 
 def _fisher(differences: Array, noises: Array, scenery: Array) -> Channel:
@@ -196,7 +199,7 @@ def moving_spots(view: View, scene: Scene, region: Region | None, *, most: int =
 class Linker:
     """Joins spots of successive frames into paths; a path survives a few frames without a spot."""
 
-    patience = 12
+    patience = 25
 
     def __init__(self) -> None:
         self._open: list[_Thread] = []
@@ -211,7 +214,7 @@ class Linker:
         if cost.size:
             for row, column in zip(*linear_sum_assignment(np.minimum(cost, 1e6)), strict=True):
                 if cost[row, column] < 1e6:
-                    self._open[row].append(frame, spots[column])
+                    self._open[int(row)].append(frame, spots[int(column)])
                     used.add(int(column))
         self._open += [_Thread(frame, spot) for k, spot in enumerate(spots) if k not in used]
         stale = [thread for thread in self._open if frame - thread.frames[-1] > self.patience]
@@ -279,7 +282,7 @@ def chase(
     moving = [cut for cut in cuts if path.frames[0] <= cut.frame <= path.frames[-1]]
     few = moving[:: max(1, len(moving) // 40)]
     first = _fit_cuts(few, scene, path.radius, progress=progress)
-    good = [sighting for sighting in first if sighting.fit.image.sigma < 0.3]
+    good = [sighting for sighting in first if sighting.fit.image.sigma < max(0.3, 0.04 * path.radius)]
     if len(good) < 5:
         return Chase(tuple(first), path, shakes, 0.0, path.radius, scene, tuple(cuts), None, None)
     shutter = 0.0
@@ -329,7 +332,7 @@ def look_again(chase: Chase, expected: Mapping[int, tuple[tuple[float, float], t
 
 
 def _shows(cut: _Cut, place: tuple[float, float]) -> bool:
-    return (
+    return bool(
         cut.left <= place[0] < cut.left + cut.grey.shape[1] and cut.top <= place[1] < cut.top + cut.grey.shape[0]
     )
 

@@ -42,9 +42,9 @@ class Edges:
 def edges(grey: npt.NDArray[np.uint8], blur: float) -> Edges:
     """Gradient of the picture smoothed by `blur` pixels."""
     smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), blur)
-    x = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)
-    y = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)
-    strength = np.hypot(x, y)
+    x = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8), dtype=np.float32)
+    y = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8), dtype=np.float32)
+    strength = np.asarray(np.hypot(x, y), dtype=np.float32)
     noise = max(2 * float(np.median(strength)), 1.0)
     return Edges(x, y, strength, noise, max(float(np.percentile(strength, 90)), noise))
 
@@ -177,4 +177,4 @@ def _largest_group(centre: Array, reach: float) -> Array:
     pairs = cKDTree(centre).query_pairs(reach, output_type="ndarray")
     links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(centre), len(centre)))
     _, label = connected_components(links, directed=False)
-    return centre[label == np.bincount(label).argmax()]
+    return np.asarray(centre[label == np.bincount(label).argmax()])

@@ -36,7 +36,7 @@ class Frame:
     @cached_property
     def colour(self) -> Image:
         """BGR, shape (height, width, 3); converted only when asked for."""
-        return _upright(self.picture, self.picture.to_ndarray(format="bgr24"))
+        return _upright(self.picture, np.asarray(self.picture.to_ndarray(format="bgr24"), dtype=np.uint8))
 
 
 @dataclass(frozen=True)
@@ -155,8 +155,8 @@ def _luma(picture: av.VideoFrame) -> Grey:
         component.bits == 8 for component in picture.format.components
     ):
         plane = picture.planes[0]
-        rows = np.frombuffer(plane, dtype=np.uint8).reshape(-1, plane.line_size)
-        return rows[: picture.height, : picture.width].copy()
+        rows: Grey = np.frombuffer(memoryview(plane), dtype=np.uint8).reshape(-1, plane.line_size)
+        return np.array(rows[: picture.height, : picture.width])
     return np.asarray(picture.to_ndarray(format="gray"), dtype=np.uint8)
 
 

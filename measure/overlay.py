@@ -110,7 +110,7 @@ def save_plot(path: Path, figure: Figure) -> None:
 
 def line_width(picture: Image) -> int:
     """[px], a stroke that is seen on this size of picture without hiding what it marks."""
-    return max(1, round(min(picture.shape[:2]) / 700))
+    return max(1, round(float(min(picture.shape[:2])) / 700))
 
 
 def draw_circle(picture: Image, centre: Point, radius: float, colour: Colour, *, width: int | None = None) -> None:
@@ -187,8 +187,10 @@ def draw_text(picture: Image, text: str, corner: Point, colour: Colour = WHITE, 
     x = round(min(max(corner[0], 2), max(picture.shape[1] - width - 2, 2)))
     y = round(min(max(corner[1], height + 2), picture.shape[0] - below - 1))
     stroke = max(1, round(letter / 12))
-    for ink, thick in ((BLACK, stroke + 2), (colour, stroke)):
-        cv2.putText(picture, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, scale, ink, thick, cv2.LINE_AA)
+    # a thicker stroke would also be wider: the rim is the same text, moved by a pixel
+    for dx, dy in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+        cv2.putText(picture, text, (x + dx, y + dy), cv2.FONT_HERSHEY_SIMPLEX, scale, BLACK, stroke, cv2.LINE_AA)
+    cv2.putText(picture, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, scale, colour, stroke, cv2.LINE_AA)
 
 
 def _fixed(point: Point) -> tuple[int, int]:

@@ -22,6 +22,7 @@ from rigtwin.lab.records import Array, Track, read_tracks, write_tracks
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.media import Video, open_video, sha256
 from rigtwin.measure.swing import (
+    Mask,
     Outcome,
     SwingFit,
     Swings,
@@ -37,6 +38,10 @@ from rigtwin.measure.swing_pictures import picture_view, write_overlay, write_pl
 from rigtwin.measure.two_beads import Beads, find_beads, relocate
 
 Variant = Literal["double", "wall"]
+
+# The lit side of a bead turns with its place under the lamp: its centre, fitted as that of an evenly shaded disc,
+# shifts by some hundredths of the radius between the ends of a swing.
+SHADING = 0.03
 
 
 def measure(
@@ -59,7 +64,9 @@ def measure(
     Raises `NothingToMeasure` where no released bead hits a hanging one.
     """
     if clip.suffix.lower() == ".csv":
-        return _measure_record(clip, variant, length, bead_diameter, bead_mass, out)
+        return _measure_record(
+            clip, variant=variant, length=length, bead_diameter=bead_diameter, bead_mass=bead_mass, out=out
+        )
     if variant == "wall":
         raise BadInput(
             f"{clip}: films of a pendulum against a wall are not supported yet; "
@@ -76,6 +83,7 @@ def measure(
         None if scale_from == "pendulum length" else length,
         None if scale_from == "bead diameter" else bead_diameter,
         bead_mass,
+        shading=SHADING * scale * max(look.radius for look in film.beads.looks),
     )
     checks = _without_circle(evaluation.checks, scale_from)
     seen = {
@@ -94,7 +102,7 @@ def measure(
         warnings=(*video.warnings, *_roll_warning(film.fit, camera), *evaluation.warnings),
         camera=seen,
         tracks=tracks,
-        files={} if out is None else _write(out, clip, video, film, fit, tracks, evaluation, progress),
+        files={} if out is None else _write(out, video, film, fit, evaluation.quantities, progress=progress),
     )
 
 
@@ -109,6 +117,7 @@ class _Film:
 
 def _measure_record(
     record: Path,
+    *,
     variant: Variant,
     length: float | None,
     bead_diameter: float | None,
@@ -154,10 +163,10 @@ def _picture_tracks(beads: Beads, times: Array) -> tuple[Track, ...]:
     return tuple(tracks)
 
 
-def _second_look(fit: SwingFit, beads: Beads, times: Array) -> tuple[Array, Array, Array]:
-    """Where the fitted swings put the beads [px, y down], how fast [px/frame], and which frames deserve a second look.
+def _second_look(fit: SwingFit, beads: Beads, times: Array) -> tuple[Array, Array, Mask]:
+    """Where the fitted swings put the beads [px, y down], how fast [px/frame], which frames need a second look.
 
-    These are frames around a collision, where the beads touch, and frames where a bead was lost or something else found.
+    These are frames around a collision, where the beads touch, and frames where a bead was lost or another thing found.
     """
     frame = float(np.median(np.diff(times)))
     after, before = (positions(fit.swings, angles(fit.swings, times + side * frame)[0]) for side in (0.5, -0.5))
@@ -171,7 +180,7 @@ def _second_look(fit: SwingFit, beads: Beads, times: Array) -> tuple[Array, Arra
         good = np.zeros(len(times), dtype=bool)
         good[known] = np.hypot(*fit.residuals[bead].T) < 6 * fit.noise
         again[bead] |= ~good
-    return middle, velocity, again & beads.looked
+    return middle, velocity, again
 
 
 def _fit_clip(clip: Path, tracks: tuple[Track, ...]) -> SwingFit:
@@ -181,9 +190,7 @@ def _fit_clip(clip: Path, tracks: tuple[Track, ...]) -> SwingFit:
         raise NothingToMeasure(f"{clip}: {error}") from None
 
 
-def _scale(
-    fit: SwingFit, camera: Camera, length: float | None, bead_diameter: float | None
-) -> tuple[float, str]:
+def _scale(fit: SwingFit, camera: Camera, length: float | None, bead_diameter: float | None) -> tuple[float, str]:
     """[m/px] and where it is from."""
     if camera.given_scale is not None:
         return camera.given_scale, "given" if camera.scale is not None else "known length"
@@ -227,25 +234,19 @@ def _roll_warning(fit: SwingFit, camera: Camera) -> tuple[str, ...]:
 
 
 def _write(
-    out: Path,
-    clip: Path,
-    video: Video,
-    film: _Film,
-    fit: SwingFit,
-    tracks: tuple[Track, ...],
-    evaluation: Evaluation,
-    progress: Progress,
+    out: Path, video: Video, film: _Film, fit: SwingFit, found: Sequence[Quantity], *, progress: Progress
 ) -> dict[str, Path]:
+    clip = video.path
     out.mkdir(parents=True, exist_ok=True)
     endings = {"overlay": "overlay.mp4", "still": "still.png", "plot": "plot.svg", "record": "track.csv"}
     files = {kind: out / f"{clip.stem}-{ending}" for kind, ending in endings.items()}
     view = picture_view(film.fit, film.times)
     turning = float(turning_points(film.fit.swings, 0)[1][1, 0])
     best = int(film.beads.frames[np.argmin(np.abs(film.times - turning))])
-    still = write_overlay(files["overlay"], video, film.beads, view, best, progress)
-    write_still(files["still"], still, film.beads, view, film.fit, evaluation.quantities)
+    still = write_overlay(files["overlay"], video, film.beads, view, still=best, progress=progress)
+    write_still(files["still"], still, film.beads, view, film.fit, found=found)
     write_plot(files["plot"], fit)
-    write_tracks(files["record"], tracks)
+    write_tracks(files["record"], fit.tracks)
     return files
 
 
@@ -276,10 +277,18 @@ def evaluate(
 
 
 def judge(
-    fit: SwingFit, length: float | None = None, bead_diameter: float | None = None, bead_mass: float | None = None
+    fit: SwingFit,
+    length: float | None = None,
+    bead_diameter: float | None = None,
+    bead_mass: float | None = None,
+    *,
+    shading: float = 0.0,
 ) -> Evaluation:
-    """The evaluation of fitted swings; arguments as in `evaluate`."""
-    outcomes = fit.propagate(_outcomes)
+    """The evaluation of fitted swings; arguments as in `evaluate`.
+
+    `shading` [m] is how far a filmed bead's centre seems to shift from place to place with the light that falls on it.
+    """
+    outcomes = _with_shading(fit.propagate(_outcomes), shading)
     checks = [_gravity_check(outcomes)]
     if fit.swings.beads == 2:
         checks.insert(0, _momentum_check(outcomes, bead_mass))
@@ -307,7 +316,9 @@ def _in_order(tracks: Sequence[Track], variant: Variant) -> tuple[Track, ...]:
             "Only one bead moves in this record; a double pendulum needs bead A and bead B (for a wall: variant wall)."
         )
     if not {"A", "B"} <= set(named):
-        raise BadInput(f"The record names its beads {', '.join(named)}; name the released bead A and the hanging one B.")
+        raise BadInput(
+            f"The record names its beads {', '.join(named)}; name the released bead A and the hanging one B."
+        )
     return named["A"], named["B"]
 
 
@@ -356,6 +367,25 @@ def _first_collision(swings: Swings, angle: Array, v: Array, v_after: Array, way
     }
 
 
+def _with_shading(outcomes: dict[str, Outcome], shading: float) -> dict[str, Outcome]:
+    """Angles, each seen somewhere else, with the doubt about where the bead's centre is there."""
+    if not shading > 0:
+        return outcomes
+    step = shading / outcomes["length"].value  # [rad]
+    turns = [outcomes[name].value for name in ("turning_0", "turning_1") if name in outcomes]
+    half = np.sin(outcomes["release"].value / 2)
+    rise = [math.cos(turn / 2) / 2 * step / half for turn in turns]
+    fall = step / (2 * math.tan(outcomes["release"].value / 2))
+    steps = dict.fromkeys(("release", "turning_0", "turning_1"), step)
+    steps["from_angles"] = math.hypot(*rise, fall * outcomes["from_angles"].value)
+    if "energy_ratio_root" in outcomes:
+        steps["energy_ratio_root"] = math.hypot(rise[1], fall * outcomes["energy_ratio_root"].value)
+    return {
+        name: Outcome(outcome.value, outcome.budget | ({"shading": steps[name]} if name in steps else {}))
+        for name, outcome in outcomes.items()
+    }
+
+
 def _restitutions(fit: SwingFit, outcomes: dict[str, Outcome], doubts: dict[str, str]) -> list[Quantity]:
     name = "restitution_pair" if fit.swings.beads == 2 else "restitution_wall"
     found = []
@@ -368,18 +398,22 @@ def _restitutions(fit: SwingFit, outcomes: dict[str, Outcome], doubts: dict[str,
         doubt = doubts["collision"]
         if e.value - 2 * e.std > 1:
             doubt = "; ".join(filter(None, [doubt, "a restitution above 1 cannot be: a track is wrong"]))
-        found.append(_quantity(name, e, "1", "velocity", detail, doubt))
+        found.append(_quantity(name, e, "1", "velocity", detail, doubtful=doubt))
     by_speed, by_angle = outcomes["restitution_0"], outcomes["from_angles"]
     # what the swings lose on their way counts as restitution here: the fit knows how much
     losses = {"swing_losses": abs(by_speed.value - by_angle.value)}
     detail = {"collision": 1}
     seen = "; ".join(filter(None, [doubts["collision"], doubts["release"], doubts["turning"]]))
     found.append(
-        _quantity(name, Outcome(by_angle.value, by_angle.budget | losses), "1", "angle", detail, seen)
+        _quantity(name, Outcome(by_angle.value, by_angle.budget | losses), "1", "angle", detail, doubtful=seen)
     )
     if fit.swings.beads == 2:
-        ratio = {"collision": 1, "angle_ratio": round(outcomes["angle_ratio"].value, 5), "equals": "(1+e)/2, not e"}
-        found.append(_quantity("energy_ratio_root", outcomes["energy_ratio_root"], "1", "height", ratio, seen))
+        ratio: dict[str, Detail] = {
+            "collision": 1,
+            "angle_ratio": round(outcomes["angle_ratio"].value, 5),
+            "equals": "(1+e)/2, not e",
+        }
+        found.append(_quantity("energy_ratio_root", outcomes["energy_ratio_root"], "1", "height", ratio, doubtful=seen))
     return found
 
 
@@ -392,14 +426,14 @@ def _angles(outcomes: dict[str, Outcome], doubts: dict[str, str]) -> list[Quanti
             "deg",
             "swing",
             {"body": "A", "side": "left" if way > 0 else "right"},
-            doubts["release"],
+            doubtful=doubts["release"],
         )
     ]
     for bead, body in enumerate("AB"):
         if (turning := outcomes.get(f"turning_{bead}")) is not None:
             detail: dict[str, Detail] = {"body": body, "side": "right" if turning.value * way > 0 else "left"}
             angle = _degrees(replace(turning, value=abs(turning.value)))
-            quantities.append(_quantity("rebound_angle", angle, "deg", "swing", detail, doubts["turning"]))
+            quantities.append(_quantity("rebound_angle", angle, "deg", "swing", detail, doubtful=doubts["turning"]))
     return quantities
 
 
@@ -408,7 +442,7 @@ def _degrees(outcome: Outcome) -> Outcome:
 
 
 def _quantity(
-    name: str, outcome: Outcome, unit: str, method: str, detail: dict[str, Detail], doubtful: str
+    name: str, outcome: Outcome, unit: str, method: str, detail: dict[str, Detail], *, doubtful: str
 ) -> Quantity:
     std = root_sum_of_squares(outcome.budget)
     return Quantity(
@@ -453,7 +487,9 @@ def _momentum_check(outcomes: dict[str, Outcome], bead_mass: float | None) -> Ch
     passed = abs(ratio.value - 1) <= max(0.03, 3 * ratio.std)
     mass, unit = (1.0, "m/s per unit of mass") if bead_mass is None else (bead_mass, "kg m/s")
     before, after = mass * outcomes["speed"].value, mass * outcomes["speeds_after"].value
-    found = f"momentum after the collision is {ratio.value:.4f} of that before (equal masses; {before:.4g} {unit} before)"
+    found = (
+        f"momentum after the collision is {ratio.value:.4f} of that before (equal masses; {before:.4g} {unit} before)"
+    )
     meaning = "" if passed else ": the beads differ in mass, they hit off centre, or a track is wrong"
     return Check("momentum", passed, after, before, found + meaning)
 

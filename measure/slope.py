@@ -53,13 +53,15 @@ def find_parts(profile: Profile, base_diameter: float | None, grain: float | Non
     if np.sum(seen) < 8:
         return None
     x, height = profile.x[seen], profile.height[seen]
+    if not height.max() > 0:
+        return None
     feet = _feet(x, height)
     even = np.linspace(feet[0], feet[1], 800)
     level = np.interp(even, x, height)
     size = grain if grain is not None else 0.1 * float(level.max())
     top = level > level.max() - size
     summit = float(np.percentile(level[top], 95))
-    if not summit > 0 or feet[1] <= feet[0]:
+    if feet[1] <= feet[0]:
         return None
     apex_x = float(np.mean(even[level >= summit]))
     return Heap(even, level, (apex_x, summit), feet, base_diameter or feet[1] - feet[0], size)
@@ -75,17 +77,19 @@ def flank_line(heap: Heap, side: str, window: tuple[float, float] = WINDOW) -> L
     if part is None:
         return None
     x, height = heap.x[part], heap.height[part]
-    direction, middle = _orthogonal_fit(x, height)
+    direction, middle = _orthogonal_fit(x, height, heap.grain)
     outwards = -1.0 if side == "left" else 1.0
-    angle = math.degrees(math.atan2(-direction[1] * np.sign(direction[0]) * outwards, abs(direction[0])))
+    angle = math.degrees(math.atan2(-direction[1] * outwards, direction[0]))
     ends = (float(x[-1]), float(x[0])) if side == "left" else (float(x[0]), float(x[-1]))
     return Line(angle, (float(middle[0]), float(middle[1])), *ends)
 
 
 def steepest_third(heap: Heap, side: str) -> float | None:
-    """Largest slope [deg] of a line over a third of the flank's height."""
+    """Largest slope [deg] of a line over a third of the flank's height; None where that is fewer than three grains."""
     low, high = WINDOW
     third = (high - low) / 3
+    if third * heap.apex[1] < 3 * 0.5 * heap.grain:
+        return None
     lines = [flank_line(heap, side, (bottom, bottom + third)) for bottom in np.linspace(low, high - third, 9)]
     angles = [line.angle for line in lines if line is not None]
     return max(angles) if angles else None
@@ -157,9 +161,17 @@ def monotony(heap: Heap, side: str) -> float:
 
 
 def _feet(x: Array, height: Array) -> tuple[float, float]:
-    """Outermost points above the base; with a long flat run-out (base plane in the record) where the heap starts."""
-    up = height > 0.02 * float(height.max())
-    return float(x[up][0]), float(x[up][-1])
+    """Where the heap starts and ends: from 2 % of its height outwards as long as the outline keeps falling.
+
+    A record may go on along the base plane; what lies there is no foot.
+    """
+    (up,) = np.nonzero(height > 0.02 * float(height.max()))
+    first, last = int(up[0]), int(up[-1])
+    while first > 0 and 0 <= height[first - 1] < height[first]:
+        first -= 1
+    while last < len(x) - 1 and 0 <= height[last + 1] < height[last]:
+        last += 1
+    return float(x[first]), float(x[last])
 
 
 def _flank(heap: Heap, side: str, window: tuple[float, float]) -> npt.NDArray[np.bool_] | None:
@@ -174,15 +186,21 @@ def _flank(heap: Heap, side: str, window: tuple[float, float]) -> npt.NDArray[np
     return part if np.sum(part) >= 8 else None
 
 
-def _orthogonal_fit(x: Array, height: Array) -> tuple[Array, Array]:
-    """Direction and a point of the line with the least orthogonal residuals, Huber's weights."""
+def _orthogonal_fit(x: Array, height: Array, grain: float) -> tuple[Array, Array]:
+    """Direction and a point of the line with the least orthogonal residuals, Huber's weights.
+
+    Bumps of half a grain are the surface itself; only what sticks out further is given less weight.
+    """
     points = np.column_stack([x, height])
     weight = np.ones(len(x))
-    for _ in range(15):
+    while True:
         middle = np.average(points, axis=0, weights=weight)
         away = points - middle
-        direction = np.linalg.eigh((away * weight[:, None]).T @ away)[1][:, 1]
+        xx, xy, yy = (float(np.sum(weight * away[:, i] * away[:, j])) for i, j in ((0, 0), (0, 1), (1, 1)))
+        turn = 0.5 * math.atan2(2 * xy, xx - yy)  # the larger principal axis
+        direction = np.array([math.cos(turn), math.sin(turn)])
         miss = np.abs(away @ np.array([-direction[1], direction[0]]))
-        scale = max(1.4826 * float(np.median(miss)), 1e-12)
-        weight = np.minimum(1.0, 1.345 * scale / np.maximum(miss, 1e-15))
-    return direction, middle
+        bound = max(1.345 * 1.4826 * float(np.median(miss)), 0.5 * grain)
+        before, weight = weight, np.minimum(1.0, bound / np.maximum(miss, 1e-15))
+        if float(np.max(np.abs(weight - before))) < 1e-3:
+            return direction, middle

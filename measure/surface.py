@@ -13,12 +13,23 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.measure.disc import Disc, find_disc
-from rigtwin.measure.grains import Beads, colour_cells, edges, find_beads, likeness, more_beads, rare, shares
+from rigtwin.measure.grains import (
+    FEWEST_BEADS,
+    Beads,
+    colour_cells,
+    edges,
+    find_beads,
+    likeness,
+    more_beads,
+    rare,
+    shares,
+)
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
 
 FINEST = 1400  # [px], width of the picture that is measured
+COVERED = 0.8  # share of the area under the outline that circles must cover
 COARSE = 900  # [px], width of the picture that is searched for beads
 
 
@@ -53,6 +64,9 @@ class Silhouette:
     disc: Disc | None
     zoom: float  # px of the measured picture per px of the photo
     cut_off: bool  # touches the picture's edge
+    covered: float  # [1], share of the area under the outline that circles cover
+    alike_behind: float  # [1], bead likeness just above the outline
+    unexplained: float  # [1], share of the outline that runs more than a radius above all circles
 
 
 def find_heap(
@@ -67,7 +81,7 @@ def find_heap(
     `roll` [rad] and `region` [px] as the camera gives them, `beads_across` the base's diameter in bead diameters.
     """
     zoom = min(1.0, FINEST / photo.shape[1])
-    image = cv2.resize(photo, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_AREA) if zoom < 1 else photo
+    image = _shrunk(photo, zoom)
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
     if region is not None:
         grey = _blank_outside(grey, tuple(zoom * side for side in region))
@@ -82,7 +96,10 @@ def find_heap(
         beads = more_beads(grey, alike, Beads(beads.centre, view.radius / beads_across))
         alike = likeness(image, beads)
     found = _outline(image, alike, beads, view)
-    return None if found is None else replace(found, disc=disc, zoom=zoom)
+    if found is None:
+        return None
+    found = replace(found, disc=disc, zoom=zoom)
+    return found if _looks_like_a_heap(found) else None
 
 
 def undo_view(x: Array, height: Array, view: View, slopes: tuple[float, float]) -> tuple[Array, Array]:
@@ -95,6 +112,8 @@ def undo_view(x: Array, height: Array, view: View, slopes: tuple[float, float]) 
     if not np.isfinite(view.camera_distance):
         return x, height
     gradient = np.where(x < 0, slopes[0], slopes[1])
+    # the camera is pointed at the heap, so heights are foreshortened
+    height = height * np.hypot(1.0, view.camera_height / view.camera_distance)
     rho, z = np.abs(x), height.copy()
     for _ in range(4):
         behind = np.clip(((view.camera_height - z) / gradient - rho) / view.camera_distance, -0.5, 0.5)
@@ -102,6 +121,12 @@ def undo_view(x: Array, height: Array, view: View, slopes: tuple[float, float]) 
         z = view.camera_height + (height - view.camera_height) * stretch
         rho = np.abs(x) * stretch / np.sqrt(1 - behind * behind)
     return np.sign(x) * rho, z
+
+
+def _shrunk(picture: Image, factor: float) -> Image:
+    if factor >= 1:
+        return picture
+    return np.asarray(cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def _blank_outside(grey: Image, region: tuple[float, ...]) -> Image:
@@ -115,7 +140,7 @@ def _blank_outside(grey: Image, region: tuple[float, ...]) -> Image:
 
 def _beads(grey: Image) -> Beads | None:
     shrink = min(1.0, COARSE / grey.shape[1])
-    small = cv2.resize(grey, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA) if shrink < 1 else grey
+    small = _shrunk(grey, shrink)
     beads = find_beads(small, (0.0045 * small.shape[1], 0.05 * small.shape[1]))
     return None if beads is None else Beads(beads.centre / shrink, beads.radius / shrink)
 
@@ -148,13 +173,18 @@ def _outline(image: Image, alike: npt.NDArray[np.float32], beads: Beads, view: V
     across = beads.centre - np.array(view.origin)
     cos, sin = np.cos(view.roll), np.sin(view.roll)
     u, h = across @ np.array([cos, sin]), across @ np.array([sin, -cos])
+    above = h > 0
+    if np.sum(above) < FEWEST_BEADS:
+        return None
+    u, h = u[above], h[above]
     reach = max(view.radius, float(np.abs(u).max())) + 4 * beads.radius
     top = float(h.max()) + 6 * beads.radius
     columns = np.arange(-np.ceil(reach), np.ceil(reach) + 1)
     rows = np.arange(np.ceil(top), -1, -1.0)  # from the sky down to the base line
     points = view.to_picture(np.tile(columns, len(rows)), np.repeat(rows, len(columns))).reshape(len(rows), -1, 2)
     map_x, map_y = points[..., 0].astype(np.float32), points[..., 1].astype(np.float32)
-    level = cv2.remap(image, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    seen = cv2.remap(image, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    level = np.asarray(seen, dtype=np.uint8)
     colour = cv2.remap(alike, map_x, map_y, cv2.INTER_LINEAR, borderValue=0.0).astype(np.float64)
     higher = _above_beads(columns, rows, u, h, beads.radius)
     evidence = np.log((colour + 0.02) / (1.02 - colour)) + _against_local_sky(level, higher, colour, beads.radius)
@@ -166,7 +196,8 @@ def _outline(image: Image, alike: npt.NDArray[np.float32], beads: Beads, view: V
         for shift in (0.0, 0.8, -0.8)
     )
     fine, clearness = _sub_pixel(borders, usual)
-    empty = usual >= len(rows) - 1 - 0.25 * beads.radius
+    # the foot of a heap is a bead's side, steep: what runs out flat is something behind it
+    empty = ~_longest_run(usual < len(rows) - 1 - 0.5 * beads.radius, gap=int(2 * beads.radius))
     if np.sum(~empty) < 6 * beads.radius:
         return None
 
@@ -175,9 +206,7 @@ def _outline(image: Image, alike: npt.NDArray[np.float32], beads: Beads, view: V
 
     heap = ~empty
     edge_x, edge_y = points[usual.astype(int), np.arange(len(columns))].T
-    margin = (
-        (edge_x < 2) | (edge_y < 2) | (edge_x > image.shape[1] - 3) | (edge_y > image.shape[0] - 3)
-    )
+    margin = (edge_x < 2) | (edge_y < 2) | (edge_x > image.shape[1] - 3) | (edge_y > image.shape[0] - 3)
     return Silhouette(
         x=columns,
         height=as_height(fine),
@@ -190,7 +219,51 @@ def _outline(image: Image, alike: npt.NDArray[np.float32], beads: Beads, view: V
         disc=None,
         zoom=1.0,
         cut_off=bool(np.any(margin & heap)),
+        covered=_covered(columns, rows, usual, heap, np.column_stack([u, h]), beads.radius),
+        unexplained=float(np.mean(higher[usual.astype(int), np.arange(len(columns))][heap] > 1.0)),
+        alike_behind=float(np.mean(_just_above(colour, usual, beads.radius)[:, heap])),
     )
+
+
+def _looks_like_a_heap(found: Silhouette) -> bool:
+    """Whether beads fill the outline, something else is behind it, and it has a heap's proportions.
+
+    Circles are found in many pictures; that they cover all of an area that ends at them is a heap's own.
+    """
+    height, width = float(np.nanmax(found.height)), float(np.sum(np.isfinite(found.height)))
+    bead = 2 * found.bead_radius
+    if height < 1.2 * bead or width < 5 * bead or height > 0.75 * width or found.alike_behind > 0.45:
+        return False
+    on_disc = found.disc is not None and found.contrast > 0.5 and found.alike_behind < 0.3
+    return found.covered > (0.6 if on_disc else COVERED)
+
+
+def _covered(
+    columns: Array, rows: Array, border: Array, heap: npt.NDArray[np.bool_], centre: Array, radius: float
+) -> float:
+    under = (np.arange(len(rows))[:, None] > border[None, :]) & heap[None, :]
+    circles = np.zeros(under.shape, np.uint8)
+    for u, h in centre:
+        cv2.circle(circles, (round(u - columns[0]), round(rows[0] - h)), round(radius), 1, -1)
+    return float(np.mean(circles[under]))
+
+
+def _just_above(values: Array, border: Array, radius: float) -> Array:
+    """Values one to six tenths of a bead above the border, shape (rows, columns)."""
+    rows = border[None, :] - np.linspace(0.2, 1.2, 6)[:, None] * radius
+    return np.take_along_axis(values, np.clip(np.rint(rows), 0, len(values) - 1).astype(np.int64), axis=0)
+
+
+def _longest_run(kept: npt.NDArray[np.bool_], gap: int) -> npt.NDArray[np.bool_]:
+    """Only the longest run of kept columns, across gaps of up to `gap` columns."""
+    from scipy.ndimage import binary_closing, label
+
+    padded = np.pad(kept, gap + 1)
+    joined = np.asarray(binary_closing(padded, np.ones(gap + 1, dtype=bool)))[gap + 1 : -gap - 1] | kept
+    pieces, count = label(joined)
+    if count == 0:
+        return kept
+    return np.asarray(kept & (pieces == 1 + np.bincount(pieces[pieces > 0])[1:].argmax()))
 
 
 def _above_beads(columns: Array, rows: Array, u: Array, h: Array, radius: float) -> Array:
@@ -201,8 +274,8 @@ def _above_beads(columns: Array, rows: Array, u: Array, h: Array, radius: float)
     for centre_u, centre_h in zip(u, h, strict=True):
         near = np.abs(columns - centre_u) < 1.5 * radius
         envelope[near] = np.maximum(envelope[near], centre_h + 1.2 * radius)
-    closed = grey_closing(envelope, size=int(6 * radius) | 1)
-    return np.maximum((rows[:, None] - closed[None, :]) / radius, 0)
+    closed = np.asarray(grey_closing(envelope, size=(int(6 * radius) | 1,)))
+    return np.asarray(np.maximum((rows[:, None] - closed[None, :]) / radius, 0))
 
 
 def _against_local_sky(level: Image, higher: Array, colour: Array, radius: float) -> Array:
@@ -269,9 +342,9 @@ def _bead_shaped(border: Array, radius: float) -> Array:
     """Without deep slits and high spikes narrower than a bead; rows grow downwards."""
     from scipy.ndimage import grey_closing, grey_opening
 
-    spikes_cut = grey_closing(border, size=int(1.6 * radius) | 1)
+    spikes_cut = grey_closing(border, size=(int(1.6 * radius) | 1,))
     border = np.where(spikes_cut - border > 0.8 * radius, spikes_cut, border)
-    slits_filled = grey_opening(border, size=int(1.2 * radius) | 1)
+    slits_filled = grey_opening(border, size=(int(1.2 * radius) | 1,))
     return np.asarray(np.where(border - slits_filled > radius, slits_filled, border))
 
 

@@ -2,11 +2,12 @@
 
 Each bead is a damped pendulum that keeps to its own circle,
 
-    theta'' = -(g / L) sin(theta) - c theta' - k |theta'| theta',      x = X + L sin(theta),  y = Y - L cos(theta)   (against gravity)
+    theta'' = -(g / L) sin(theta) - c theta' - k |theta'| theta'
+    x = X + L sin(theta),  y = Y - L cos(theta)                       (y against gravity)
 
-whose angular speed jumps at a collision while its angle does not.  All frames before, between and after the collisions
-are fitted at once, so the speeds *at* the contact follow from hundreds of frames, damping is not counted as restitution,
-and the moment of contact is where the fits before and after meet.
+whose angular speed jumps at a collision while its angle does not.  All frames before, between and after the
+collisions are fitted at once, so the speeds *at* the contact follow from hundreds of frames, damping is not counted
+as restitution, and the moment of contact is where the fits before and after meet.
 """
 
 from __future__ import annotations
@@ -44,7 +45,17 @@ _CAUSES = {
     "perspective_y": "perspective",
     "lens": "lens",
 }
-_SHARED = ("tilt", "gravity", "damping", "drag", "perspective_x", "perspective_y", "lens", "release_angle", "release_time")
+_SHARED = (
+    "tilt",
+    "gravity",
+    "damping",
+    "drag",
+    "perspective_x",
+    "perspective_y",
+    "lens",
+    "release_angle",
+    "release_time",
+)
 
 
 @dataclass(frozen=True)
@@ -141,7 +152,7 @@ def angles(swings: Swings, time: Array) -> tuple[Array, Array]:
         if k > 0:
             rate = swings.after(k - 1)
         inside = (time[:, None] >= start) & (time[:, None] < end)
-        inside_angle, inside_speed, state, rate = _integrate(swings, state, rate, start, end, time)
+        inside_angle, inside_speed, state, rate = _integrate(swings, state, rate, start, end, time=time)
         angle, speed = np.where(inside, inside_angle, angle), np.where(inside, inside_speed, speed)
         start = end
     return angle, speed
@@ -178,7 +189,7 @@ def states_at_collision(swings: Swings, collision: int) -> tuple[Array, Array]:
         if k > 0:
             rate = swings.after(k - 1)
         end = swings[f"time_{k}"]
-        _, _, state, rate = _integrate(swings, state, rate, start, end, np.zeros(0))
+        _, _, state, rate = _integrate(swings, state, rate, start, end, time=np.zeros(0))
         start = end
     return state, rate
 
@@ -191,7 +202,7 @@ def turning_points(swings: Swings, collision: int) -> tuple[Array, Array]:
     period = 2 * math.pi * np.sqrt(np.max(swings.per_bead("length"), axis=0) / swings["gravity"])
     grid = np.linspace(0, 0.7 * float(np.max(period)), 400)
     rate = swings.after(collision)
-    angle, speed, _, _ = _integrate(swings, state, rate, 0 * start, 0 * start + grid[-1], grid)
+    angle, speed, _, _ = _integrate(swings, state, rate, 0 * start, 0 * start + grid[-1], time=grid)
     turned = np.sign(speed) != np.sign(rate[:, None])
     turned[:, 0] = False
     k = np.argmax(turned, axis=1)[:, None]
@@ -204,7 +215,7 @@ def turning_points(swings: Swings, collision: int) -> tuple[Array, Array]:
 
 
 def _integrate(
-    swings: Swings, angle: Array, rate: Array, start: Array, end: Array, time: Array
+    swings: Swings, angle: Array, rate: Array, start: Array, end: Array, *, time: Array
 ) -> tuple[Array, Array, Array, Array]:
     """Swing freely from `start` to `end` (shape (batch,)); angles and speeds at `time`, then those at `end`."""
     pull = swings["gravity"] / swings.per_bead("length")
@@ -237,9 +248,7 @@ def _between(angle: Array, rate: Array, place: Array, h: Array) -> tuple[Array, 
     k = np.clip(np.floor(place), 0, len(angle) - 2).astype(np.int64)
     s = np.clip(place - k, 0, 1)
     columns = np.arange(angle.shape[2])
-    a0, a1, w0, w1 = (
-        np.moveaxis(table[k + ahead, :, columns], 2, 0) for table in (angle, rate) for ahead in (0, 1)
-    )
+    a0, a1, w0, w1 = (np.moveaxis(table[k + ahead, :, columns], 2, 0) for table in (angle, rate) for ahead in (0, 1))
     value = (
         (2 * s**3 - 3 * s**2 + 1) * a0
         + (s**3 - 2 * s**2 + s) * h * w0
@@ -283,7 +292,7 @@ def onset(track: Track) -> int | None:
 
 
 def jitter(track: Track) -> float:
-    """Noise of one coordinate [m] from the scatter of neighbouring points: an upper bound, for it takes in curvature."""
+    """Noise of one coordinate [m] from neighbouring points: an upper bound, for it takes in the path's curvature."""
     second = np.diff(track.position, n=2, axis=0)
     return float(np.median(np.abs(second))) / (0.6745 * math.sqrt(6))
 
@@ -300,9 +309,9 @@ def fit_circle(points: Array) -> tuple[Array, float]:
     # x^2 + y^2 = 2 a x + 2 b y + c is linear; its bias towards small circles is undone by the second, geometric fit
     middle = points.mean(axis=0)
     near = points - middle
-    a, b, c = np.linalg.lstsq(
-        np.column_stack([2 * near, np.ones(len(near))]), np.sum(near * near, axis=1), rcond=None
-    )[0]
+    a, b, c = np.linalg.lstsq(np.column_stack([2 * near, np.ones(len(near))]), np.sum(near * near, axis=1), rcond=None)[
+        0
+    ]
     size = math.sqrt(max(c + a * a + b * b, 1e-30))
 
     def miss(circle: Array) -> Array:
@@ -332,6 +341,9 @@ def first_guess(tracks: tuple[Track, ...]) -> Swings:
     tilt = math.atan2(down[0], -down[1])
     angle = [_angle(track, centre, tilt) for track, (centre, _) in zip(tracks, circles, strict=True)]
     pull = _pull(a.time[falling], angle[0][falling])
+    if len(tracks) > 1:  # run B back to where it hung
+        leaving = _slope(tracks[1].time, angle[1], float(tracks[1].time[hit - 1]), 0.3 / math.sqrt(pull))
+        hit_time -= max(float(angle[1][hit]) / leaving, 0.0) if leaving != 0 else 0.0
     release = float(np.median(angle[0][: max(start, 1)]))
     fallen = abs(float(angle[0][start]) - release)
     release_time = float(a.time[start]) - math.sqrt(2 * fallen / (pull * max(abs(math.sin(release)), 0.05)))
@@ -393,9 +405,12 @@ def _pull(time: Array, angle: Array) -> float:
 
 def _slope(time: Array, angle: Array, start: float, span: float) -> float:
     """Angular speed [rad/s] shortly after `start`."""
-    near = (time > start) & (time <= max(start + span, np.sort(time[time > start])[: 5][-1]))
+    later = time[time > start]
+    near = (time > start) & (time <= max(start + span, later[min(4, len(later) - 1)] if len(later) else start))
     if np.sum(near) < 3:
-        raise NothingToMeasure(f"The record ends right after the collision at {start:.3f} s; film on for one more swing.")
+        raise NothingToMeasure(
+            f"The record ends right after the collision at {start:.3f} s; film on for one more swing."
+        )
     degree = 2 if np.sum(near) > 4 else 1
     return float(np.polynomial.Polynomial.fit(time[near], angle[near], degree).deriv()(start))
 
@@ -415,25 +430,19 @@ def _fit(swings: Swings, tracks: tuple[Track, ...]) -> SwingFit:
         used = chosen
         _enough(used, swings, tracks)
 
-        def miss(vector: Array, noise: float = noise, used: list[Mask] = used) -> Array:
-            return _misses(swings.batch(vector[:, None]), tracks, weights, used, noise)[:, 0]
-
-        def slopes(vector: Array, noise: float = noise, used: list[Mask] = used) -> Array:
-            columns, steps = _perturbed(swings.batch(vector))
-            table = _misses(swings.batch(columns), tracks, weights, used, noise)
-            return np.asarray((table[:, 1:] - table[:, :1]) / steps)
-
-        found = least_squares(miss, swings.vector, jac=slopes, method="lm", x_scale="jac", max_nfev=25)
+        data = _Data(tracks, tuple(weights), tuple(used), noise)
+        found = least_squares(
+            _misses_at, swings.vector, jac=_slopes_at, args=(swings, data), method="lm", x_scale="jac", max_nfev=25
+        )
         swings = swings.batch(found.x)
         residuals = _residuals(swings, tracks)
         scaled = np.concatenate([(r * w[:, None])[u] for r, w, u in zip(residuals, weights, used, strict=True)])
         spread = 1.4826 * float(np.median(np.abs(scaled)))
         noise = max(float(np.sqrt(np.mean(scaled[np.abs(scaled) < 6 * spread + 1e-12] ** 2))), 1e-7)
         wild = [
-            np.max(np.abs(r * w[:, None]), axis=1) > 6 * spread + 1e-9
-            for r, w in zip(residuals, weights, strict=True)
+            np.max(np.abs(r * w[:, None]), axis=1) > 6 * spread + 1e-9 for r, w in zip(residuals, weights, strict=True)
         ]
-    covariance, parts = _covariance(swings, tracks, weights, used, noise, residuals)
+    covariance, parts = _covariance(swings, _Data(tracks, tuple(weights), tuple(used), noise), residuals)
     return SwingFit(swings, tracks, tuple(used), tuple(residuals), noise, covariance, parts)
 
 
@@ -474,16 +483,39 @@ def _residuals(swings: Swings, tracks: tuple[Track, ...]) -> list[Array]:
     ]
 
 
-def _misses(
-    swings: Swings, tracks: tuple[Track, ...], weights: list[Array], used: list[Mask], noise: float
-) -> Array:
+@dataclass(frozen=True)
+class _Data:
+    """What a fit is held against."""
+
+    tracks: tuple[Track, ...]
+    weights: tuple[Array, ...]  # relative, of every point
+    used: tuple[Mask, ...]
+    noise: float  # [m], of a point of weight 1
+
+
+def _misses_at(vector: Array, swings: Swings, data: _Data) -> Array:
+    return _misses(swings.batch(vector[:, None]), data)[:, 0]
+
+
+def _slopes_at(vector: Array, swings: Swings, data: _Data) -> Array:
+    return _slopes(swings.batch(vector), data)
+
+
+def _slopes(swings: Swings, data: _Data) -> Array:
+    """Derivatives of the misses, shape (n, parameters)."""
+    columns, steps = _perturbed(swings)
+    table = _misses(swings.batch(columns), data)
+    return np.asarray((table[:, 1:] - table[:, :1]) / steps)
+
+
+def _misses(swings: Swings, data: _Data) -> Array:
     """Weighted misses of all used points and of the priors, shape (n, batch)."""
     rows = []
-    time = np.unique(np.concatenate([track.time[mask] for track, mask in zip(tracks, used, strict=True)]))
+    time = np.unique(np.concatenate([track.time[mask] for track, mask in zip(data.tracks, data.used, strict=True)]))
     seen = positions(swings, angles(swings, time)[0])
-    for bead, (track, weight, mask) in enumerate(zip(tracks, weights, used, strict=True)):
+    for bead, (track, weight, mask) in enumerate(zip(data.tracks, data.weights, data.used, strict=True)):
         here = seen[bead, np.searchsorted(time, track.time[mask])]
-        miss = (track.position[mask][:, None] - here) * (weight[mask][:, None, None] / noise)
+        miss = (track.position[mask][:, None] - here) * (weight[mask][:, None, None] / data.noise)
         rows += [miss[..., 0], miss[..., 1]]
     rows += [((swings[name] - mean) / deviation)[None] for name, (mean, deviation) in PRIORS.items()]
     return np.concatenate(rows)
@@ -496,35 +528,26 @@ def _perturbed(swings: Swings, steps: Array | None = None) -> tuple[Array, Array
     return swings.vector[:, None] + np.column_stack([np.zeros(len(steps)), np.diag(steps)]), steps
 
 
-def _covariance(
-    swings: Swings,
-    tracks: tuple[Track, ...],
-    weights: list[Array],
-    used: list[Mask],
-    noise: float,
-    residuals: list[Array],
-) -> tuple[Array, dict[str, Array]]:
+def _covariance(swings: Swings, data: _Data, residuals: list[Array]) -> tuple[Array, dict[str, Array]]:
     """Covariance of the vector, and its parts: tracking noise, and each thing known beforehand only.
 
     With information N from the data and P from the priors, C = (N + P)^-1 = C N C + sum of C P_i C.
     """
-    columns, steps = _perturbed(swings)
-    table = _misses(swings.batch(columns), tracks, weights, used, noise)
-    slopes = (table[:, 1:] - table[:, :1]) / steps
+    slopes = _slopes(swings, data)
     count = len(slopes) - len(PRIORS)
     # neighbouring residuals that go together (background, lens, texture) carry less information than their number says
-    data = slopes[:count].T @ slopes[:count] / _correlation(residuals, used)
-    causes = {"tracking": data}
+    seen = slopes[:count].T @ slopes[:count] / _correlation(residuals, data.used)
+    causes = {"tracking": seen}
     for row, name in enumerate(PRIORS):
         cause = _CAUSES[name]
-        causes[cause] = causes.get(cause, np.zeros_like(data)) + np.outer(slopes[count + row], slopes[count + row])
-    size = np.sqrt(np.diag(sum(causes.values(), np.zeros_like(data))))
-    inverse = np.linalg.inv(sum(causes.values(), np.zeros_like(data)) / np.outer(size, size)) / np.outer(size, size)
+        causes[cause] = causes.get(cause, np.zeros_like(seen)) + np.outer(slopes[count + row], slopes[count + row])
+    size = np.sqrt(np.diag(sum(causes.values(), np.zeros_like(seen))))
+    inverse = np.linalg.inv(sum(causes.values(), np.zeros_like(seen)) / np.outer(size, size)) / np.outer(size, size)
     parts = {cause: inverse @ information @ inverse for cause, information in causes.items()}
     return np.asarray(inverse), parts
 
 
-def _correlation(residuals: list[Array], used: list[Mask]) -> float:
+def _correlation(residuals: list[Array], used: Sequence[Mask]) -> float:
     """How many neighbouring residuals count as one: 1 + 2 sum of the autocorrelation up to its first zero."""
     lengths = []
     for residual, mask in zip(residuals, used, strict=True):

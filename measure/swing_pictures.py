@@ -49,7 +49,7 @@ def picture_view(fit: SwingFit, times: Array) -> View:
     return View(pivots, swings.per_bead("length"), float(swings["tilt"]), at[..., 0])
 
 
-def write_overlay(path: Path, video: Video, beads: Beads, view: View, still: int, progress: Progress) -> Image:
+def write_overlay(path: Path, video: Video, beads: Beads, view: View, *, still: int, progress: Progress) -> Image:
     """The clip with both beads circled, their trails, pivots and angles; hands back the untouched frame `still`."""
     kept: Image | None = None
     trails = [np.array([_place(image) for image in images]) for images in (beads.a, beads.b)]
@@ -72,7 +72,9 @@ def write_overlay(path: Path, video: Video, beads: Beads, view: View, still: int
     return kept
 
 
-def write_still(path: Path, picture: Image, beads: Beads, view: View, fit: SwingFit, found: Sequence[Quantity]) -> None:
+def write_still(
+    path: Path, picture: Image, beads: Beads, view: View, fit: SwingFit, *, found: Sequence[Quantity]
+) -> None:
     """One picture: both trails, release and turning angles as lines with their numbers, restitution in the corner."""
     picture = picture.copy()
     release = float(fit.swings["release_angle"])

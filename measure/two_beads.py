@@ -1,8 +1,7 @@
-"""Find and follow the two beads of a double pendulum in the film of a still camera.
+"""Follow the two beads of a double pendulum through the film of a still camera, sub-pixel, in touch or apart.
 
-`find` looks at what moves: of all paths it takes the one that ends, fast, where and when another begins, and follows both
-beads from there to the ends of the clip with `bead.locate`.  The beads swing in one plane and cannot pass each other, so
-the released bead stays on its side of the hanging one.
+`find_beads` follows both from their collision (`meeting`) to the ends of the clip; `relocate` looks again where the
+fitted swings say a bead must be.  The beads swing in one plane and cannot pass each other.
 
 Picture coordinates: x right, y down, centre of the top-left pixel (0, 0).
 """
@@ -10,7 +9,8 @@ Picture coordinates: x right, y down, centre of the top-left pixel (0, 0).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -18,52 +18,14 @@ import numpy.typing as npt
 
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.records import Track
-from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.bead import Background, BeadFit, BeadImage, Look, Scene, common_look, fit_bead
 from rigtwin.measure.follow import Channel, Spot, SpotPath, best_channel
-from rigtwin.measure.media import Frame, Grey, Image, Video
-from rigtwin.measure.swing import angles, first_guess, positions
+from rigtwin.measure.media import Frame, Grey, Video
+from rigtwin.measure.meeting import Collision, Path, Region, find_collision, find_paths, hanging_place
 
 Array = npt.NDArray[np.float64]
 
 SAMPLES = 21  # frames from which the still scene is learnt
-LOST = 4  # frames after which a path that was not seen again has ended
-
-
-@dataclass
-class Path:
-    """What moves, frame by frame; `size` is the smaller side of its picture."""
-
-    frames: list[int] = field(default_factory=list)
-    places: list[Array] = field(default_factory=list)  # [px]
-    sizes: list[float] = field(default_factory=list)  # [px]
-
-    def part(self, start: int, end: int) -> Path:
-        return Path(self.frames[start:end], self.places[start:end], self.sizes[start:end])
-
-    @property
-    def extent(self) -> float:
-        """[px]"""
-        return float(np.max(np.ptp(np.array(self.places), axis=0)))
-
-    def velocity(self, *, at_end: bool) -> Array:
-        """[px/frame] over the last or first few frames."""
-        few = slice(-4, None) if at_end else slice(0, 4)
-        frames, places = np.array(self.frames[few], dtype=float), np.array(self.places[few])
-        if len(frames) < 2:
-            return np.zeros(2)
-        return np.asarray(np.polyfit(frames - frames[0], places, 1)[0])
-
-
-@dataclass(frozen=True)
-class Collision:
-    """The two paths that meet, before the beads are followed in detail."""
-
-    fall: Path  # bead A up to the collision
-    rise: Path  # bead B from it on
-    rest: Array  # [px], where B hangs
-    radius: float  # [px]
 
 
 @dataclass(frozen=True)
@@ -79,11 +41,12 @@ class Beads:
     channel: Channel
     shakes: Array  # [px], where the scene's origin lies in each frame, shape (n, 2)
     looked: npt.NDArray[np.bool_]  # where each bead was looked for, shape (2, n)
+    greys: dict[int, Grey]  # the frames from which the scene was learnt
 
 
 def find_beads(
     video: Video,
-    region: tuple[float, float, float, float] | None = None,
+    region: Region | None = None,
     *,
     stated_length: float | None = None,
     progress: Progress = silent,
@@ -94,16 +57,32 @@ def find_beads(
     """
     samples = _sample(video, progress)
     scene = _scene({index: frame.grey for index, frame in samples.items()})
-    collision = _collision(_paths(video, scene, samples, region, progress), video, stated_length)
+    collision = find_collision(find_paths(video, scene, samples, region, progress), video, stated_length)
     channel = best_channel(video, _as_spots(collision.fall))
     greys = {index: channel.grey(frame) for index, frame in samples.items()}
     scene = _scene(greys)
     # right after the collision B has left its place and A has not come to it yet: the best view of what B hid
     hit = collision.rise.frames[0]
     greys |= {frame.index: channel.grey(frame) for frame in video.frames() if hit <= frame.index < hit + 12}
-    scene = _without_beads(scene, greys, collision.radius, _rough_places(collision, video))
+    collision = replace(collision, rest=hanging_place(greys, collision))
+    scene = _without_beads(scene, greys, collision.rest, collision.radius, _rough_places(collision, greys))
     looks, exposure = _learn_looks(video, channel, scene, collision)
-    return _follow(video, channel, scene, collision, looks, exposure, progress)
+    walk = _Walk(scene, collision, looks, exposure, video.first)
+    for frame in video.frames():
+        progress("following the beads", frame.index - video.first, video.last - video.first + 1)
+        walk.step(frame.index, channel.grey(frame))
+    return Beads(
+        np.array(walk.frames),
+        walk.a,
+        walk.b,
+        looks,
+        exposure,
+        scene,
+        channel,
+        np.array(walk.shakes),
+        np.array(walk.looked, dtype=bool).T,
+        greys,
+    )
 
 
 def _scene(greys: dict[int, Grey]) -> Scene:
@@ -132,253 +111,28 @@ def _sample(video: Video, progress: Progress) -> dict[int, Frame]:
     return samples
 
 
-# --- what moves -----------------------------------------------------------------------------------------------------
-
-
-def _paths(
-    video: Video,
-    scene: Scene,
-    samples: dict[int, Frame],
-    region: tuple[float, float, float, float] | None,
-    progress: Progress,
-) -> list[Path]:
-    """Everything that moves, linked from frame to frame and broken where its speed jumps."""
-    paths: list[Path] = []
-    shake = (0.0, 0.0)
-    still = np.median(np.stack([frame.colour for frame in samples.values()]), axis=0).astype(np.uint8)
-    least = np.maximum(4 * scene.noise, 8.0)
-    if region is not None:
-        x, y, width, height = (round(side) for side in region)
-        inside = np.zeros(least.shape, dtype=bool)
-        inside[max(y, 0) : y + height, max(x, 0) : x + width] = True
-        least = np.where(inside, least, np.inf)
-    for frame in video.frames():
-        progress("looking for beads", frame.index - video.first, video.last - video.first + 1)
-        shake = scene.view(frame.grey, shake).shake
-        # in colour: a brown bead on a grey wall may have the wall's grey on its lit side
-        difference = cv2.absdiff(_steady(frame.colour, shake), still).max(axis=2)
-        _link(paths, _spots(difference, least), frame.index)
-    return [piece for path in paths for piece in _unbroken(path)]
-
-
-def _steady(colour: Image, shake: tuple[float, float]) -> Image:
-    if max(abs(shake[0]), abs(shake[1])) < 0.03:
-        return colour
-    back = np.array([[1, 0, -shake[0]], [0, 1, -shake[1]]], dtype=np.float32)
-    size = (colour.shape[1], colour.shape[0])
-    return np.asarray(cv2.warpAffine(colour, back, size, borderMode=cv2.BORDER_REPLICATE), dtype=np.uint8)
-
-
-def _spots(difference: npt.NDArray[np.uint8], least: npt.NDArray[np.float32]) -> list[tuple[Array, float, float]]:
-    """Compact spots that differ from the still scene: place [px], width [px], weight; heaviest first."""
-    smooth = cv2.medianBlur(difference, 5)  # drops what is thinner than half its window, keeps edges
-    mask = (smooth > least).astype(np.uint8)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    weights = np.bincount(labels.ravel(), smooth.ravel(), minlength=count)
-    spots = []
-    for k in np.argsort(weights[1:])[::-1][:12] + 1:
-        x, y, width, height, area = (int(number) for number in stats[k])
-        if area < 9 or min(width, height) > 0.3 * min(mask.shape):
-            continue
-        window = np.s_[y : y + height, x : x + width]
-        spot = _core(np.where(labels[window] == k, smooth[window], 0))
-        if spot is not None:
-            spots.append((spot[0] + (x, y), spot[1], float(weights[k])))
-    return spots
-
-
-def _core(values: npt.NDArray[np.uint8]) -> tuple[Array, float] | None:
-    """Middle and width of the thickest part of a spot: threads and faint shadows that hang on it fall away."""
-    strong = values > 0.3 * np.percentile(values[values > 0], 90)
-    depth = cv2.distanceTransform(np.pad(strong, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
-    deepest = float(np.max(depth))
-    if deepest < 1.5:
-        return None
-    y, x = np.nonzero(depth > 0.4 * deepest)
-    return np.array([np.mean(x), np.mean(y)]), 2 * deepest
-
-
-def _link(paths: list[Path], spots: list[tuple[Array, float, float]], index: int) -> None:
-    """Extend the living paths by the spots nearest to where they should be; the others begin new paths."""
-    living = [path for path in paths if index - path.frames[-1] <= LOST]
-    pairs = []
-    for path in living:
-        ahead = index - path.frames[-1]
-        velocity = path.velocity(at_end=True)
-        expected = path.places[-1] + velocity * ahead
-        reach = 4 + 0.5 * path.sizes[-1] + 0.5 * float(np.hypot(*velocity)) * ahead
-        if len(path.frames) < 2:
-            reach += 1.5 * path.sizes[-1]
-        for number, (place, size, _) in enumerate(spots):
-            miss = float(np.hypot(*(place - expected)))
-            if miss < reach and 0.4 < size / path.sizes[-1] < 2.5:
-                pairs.append((miss, path, number))
-    taken: set[int] = set()
-    extended: set[int] = set()
-    for _, path, number in sorted(pairs, key=lambda pair: pair[0]):
-        if number in taken or id(path) in extended:
-            continue
-        taken.add(number)
-        extended.add(id(path))
-        _extend(path, spots[number], index)
-    for number, spot in enumerate(spots):
-        if number not in taken:
-            paths.append(Path())
-            _extend(paths[-1], spot, index)
-
-
-def _extend(path: Path, spot: tuple[Array, float, float], index: int) -> None:
-    path.frames.append(index)
-    path.places.append(spot[0])
-    path.sizes.append(spot[1])
-
-
-def _unbroken(path: Path) -> list[Path]:
-    """Pieces between the jumps of speed: a pendulum's speed changes slowly, a collision's at once."""
-    if len(path.frames) < 5:
-        return []
-    frames, places = np.array(path.frames, dtype=float), np.array(path.places)
-    speed = np.diff(places, axis=0) / np.diff(frames)[:, None]
-    fast = np.hypot(*speed.T)
-    # two steps back and two ahead, so that a single frame of contact counts once
-    jump = np.zeros(len(frames))
-    for i in range(2, len(frames) - 2):
-        before, after = np.median(speed[max(i - 3, 0) : i], axis=0), np.median(speed[i : i + 3], axis=0)
-        jump[i] = np.hypot(*(after - before)) / (1.0 + 0.15 * max(fast[max(i - 3, 0) : i + 3]))
-    cuts = [i for i in range(len(jump)) if jump[i] > 1 and jump[i] == np.max(jump[max(i - 3, 0) : i + 4])]
-    edges = [0, *cuts, len(frames)]
-    return [path.part(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if b - a >= 4]
-
-
-# --- the collision --------------------------------------------------------------------------------------------------
-
-
-def _collision(paths: list[Path], video: Video, stated_length: float | None) -> Collision:
-    """The pair of paths of which one ends, fast, where and when the other begins in the same direction."""
-    moving = [path for path in paths if path.extent > 3 * float(np.median(path.sizes))]
-    if not moving:
-        raise NothingToMeasure(f"{video.path}: nothing of a bead's kind moves in this clip; show the release and the hit.")
-    best, best_score = None, 0.0
-    for fall in moving:
-        for rise in moving:
-            score = _meeting(fall, rise)
-            if score > best_score:
-                best, best_score = (fall, rise), score
-    if best is None:
-        raise NothingToMeasure(
-            f"{video.path}: no bead is seen to hit a second one{_lone_swing(moving, video, stated_length)}; the clip must "
-            "show the released bead, the hanging bead and their collision."
-        )
-    fall, rise = best
-    radius = float(np.median([*fall.sizes, *rise.sizes])) / 2 + 0.5
-    fall = _with_beginning(fall, paths)
-    return Collision(fall, rise, _rest_place(fall, rise, paths, radius), max(radius, 2.0))
-
-
-def _lone_swing(moving: list[Path], video: Video, stated_length: float | None) -> str:
-    """What a single pendulum's period says of its length; empty where nothing swings to and fro."""
-    size = max(float(np.median(path.sizes)) for path in moving)
-    main = [path for path in moving if float(np.median(path.sizes)) > 0.6 * size]
-    frames = np.concatenate([path.frames for path in main])
-    order = np.argsort(frames)
-    time = video.times[frames[order]]
-    x = np.concatenate([np.array(path.places)[:, 0] for path in main])[order]
-    away = x - (np.percentile(x, 2) + np.percentile(x, 98)) / 2
-    # crossings of the middle, counted once although noise may cross it to and fro
-    sides = np.flatnonzero(np.abs(away) > 0.3 * np.percentile(np.abs(away), 90))
-    turns = sides[:-1][np.sign(away[sides[:-1]]) != np.sign(away[sides[1:]])]
-    if len(turns) < 4:
-        return ""
-    crossings = time[turns]
-    halves = np.round((crossings - crossings[0]) / np.median(np.diff(crossings)))
-    half, _ = np.polyfit(halves, crossings, 1)
-    fits = GRAVITY * (half / math.pi) ** 2
-    stated = "" if stated_length is None else f", {stated_length * 1e3:.0f} mm are stated"
-    return f" (one body swings, with a period of {2 * half:.3f} s as a pendulum of {fits * 1e3:.0f} mm has{stated})"
-
-
-def _meeting(fall: Path, rise: Path) -> float:
-    """How well `rise` begins where and when `fall` ends; 0 where it does not."""
-    wait = rise.frames[0] - fall.frames[-1]
-    if fall is rise or not -3 <= wait <= LOST + 2 or len(fall.frames) < 6:
-        return 0.0
-    arriving, leaving = fall.velocity(at_end=True), rise.velocity(at_end=False)
-    speed = float(np.hypot(*arriving))
-    size = float(np.median([*fall.sizes, *rise.sizes]))
-    gap = rise.places[0] - fall.places[-1]
-    ahead = float(gap @ arriving) / max(speed, 1e-9)
-    along = float(arriving @ leaving) / max(speed, 1e-9)
-    if speed < 1.0 or not 0.35 * speed < along < 1.3 * speed:
-        return 0.0
-    if not -speed < ahead < 2.5 * size + (wait + 2.5) * speed or float(np.hypot(*gap)) > 3 * size + (wait + 3) * speed:
-        return 0.0
-    start_speed = float(np.hypot(*fall.velocity(at_end=False)))
-    if start_speed > 0.9 * speed:  # a bead that falls gains speed
-        return 0.0
-    return (fall.extent + rise.extent) * math.sqrt(size)
-
-
-def _with_beginning(fall: Path, paths: list[Path]) -> Path:
-    """The fall with the pieces of path that lead up to it, back to the bead at rest."""
-    while True:
-        back = [
-            path
-            for path in paths
-            if 0 <= fall.frames[0] - path.frames[-1] <= LOST + 2
-            and np.hypot(*(fall.places[0] - path.places[-1])) < 3 + 2 * float(np.hypot(*fall.velocity(at_end=False)))
-        ]
-        if not back:
-            return fall
-        first = max(back, key=lambda path: len(path.frames))
-        own = 1 if first.frames[-1] == fall.frames[0] else 0
-        fall = Path(
-            first.frames + fall.frames[own:], first.places + fall.places[own:], first.sizes + fall.sizes[own:]
-        )
-
-
-def _rest_place(fall: Path, rise: Path, paths: list[Path], radius: float) -> Array:
-    """Where B hung: a still spot there, else where its rise, run back, meets the bead that hits it."""
-    velocity = rise.velocity(at_end=False)
-    speed = float(np.hypot(*velocity))
-    furthest = (rise.frames[0] - fall.frames[-1] + 6) * speed + radius
-    for path in sorted(paths, key=lambda path: -len(path.frames)):
-        still = np.median(np.array(path.places), axis=0)
-        if path.extent < 0.6 * radius + 1 and len(path.frames) >= 5:
-            away = rise.places[0] - still
-            along = float(away @ velocity) / speed
-            across = float(np.hypot(*(away - along * velocity / speed)))
-            if -radius <= along < furthest and across < radius + 0.15 * along:
-                return np.asarray(still)
-    clear = _clear_of(fall, rise.places[0], 4 * radius, from_end=True)
-    arriving = clear.velocity(at_end=True)
-    closing = float((arriving - velocity) @ velocity) / speed
-    start = rise.frames[0] - clear.frames[-1]
-    gap = float((rise.places[0] - clear.places[-1]) @ velocity) / speed - 2 * radius
-    # frames from the rise's first frame back to the contact, both beads running straight
-    back = (gap - start * float(arriving @ velocity) / speed) / closing if abs(closing) > 0.1 * speed else 1.0
-    return np.asarray(rise.places[0] + velocity * float(np.clip(back, -8, 0)))
-
-
-def _without_beads(scene: Scene, greys: dict[int, Grey], radius: float, places: dict[int, list[Array]]) -> Scene:
-    """The still scene behind the beads as well.
+def _without_beads(
+    scene: Scene, greys: dict[int, Grey], rest: Array, radius: float, places: dict[int, list[Array]]
+) -> Scene:
+    """The still scene behind the beads as well, from the frames in `places`, which says where beads may be in them.
 
     Where beads cover a pixel in many frames the median over time is no background: there the frames are taken in which
     the beads are furthest away, and where they never leave, the surroundings grow in.
     """
     reach = round(1.7 * radius + 3)
     cover = np.zeros(scene.picture.shape, dtype=np.float32)
-    for index in greys:
+    for spots in places.values():
         disc = np.zeros(cover.shape, dtype=np.uint8)
-        for place in places[index]:
+        for place in spots:
             cv2.circle(disc, (round(place[0]), round(place[1])), reach, 1, cv2.FILLED)
         cover += disc
-    y, x = np.nonzero(cover > 0.1 * len(greys))
-    if len(x) == 0:
-        return scene
+    slow = np.zeros(cover.shape, dtype=np.uint8)
+    cv2.circle(slow, (round(rest[0]), round(rest[1])), round(5 * radius), 1, cv2.FILLED)
+    y, x = np.nonzero((cover > 0.1 * len(places)) | (slow > 0))
     away = np.stack(
-        [np.min([np.hypot(x - place[0], y - place[1]) for place in places[index]], axis=0) for index in greys]
+        [np.min([np.hypot(x - place[0], y - place[1]) for place in spots], axis=0) for spots in places.values()]
     )
-    values = np.stack([scene.view(grey).grey[y, x] for grey in greys.values()])
+    values = np.stack([scene.view(greys[index]).grey[y, x] for index in places])
     furthest = np.argsort(-away, axis=0)[:5]
     picture, hidden = scene.picture.copy(), np.zeros(cover.shape, dtype=np.uint8)
     picture[y, x] = np.median(np.take_along_axis(values, furthest, 0), axis=0)
@@ -388,65 +142,58 @@ def _without_beads(scene: Scene, greys: dict[int, Grey], radius: float, places: 
     return Scene(np.where(hidden > 0, filled, picture).astype(np.float32), scene.noise)
 
 
-def _rough_places(collision: Collision, video: Video) -> dict[int, list[Array]]:
-    """Where both beads are about in every frame, from a pendulum's motion through the two paths."""
-    fall = _clear_of(collision.fall, collision.rest, 2.5 * collision.radius, from_end=True)
-    rise = _clear_of(collision.rise, collision.rest, 2.5 * collision.radius, from_end=False)
-    still = [frame for frame in range(video.first, fall.frames[-1] + 1)]
-    hanging = Path(still + rise.frames, [collision.rest] * len(still) + rise.places, [])
-    swings = first_guess(tuple(_rough_track(path, video) for path in (fall, hanging)))
-    frames = np.arange(video.first, video.last + 1)
-    seen = positions(swings, angles(swings, video.times[frames])[0])[:, :, 0] * [1, -1]
-    places = {int(frame): [seen[0, k], seen[1, k]] for k, frame in enumerate(frames)}
-    for path in (fall, rise):
-        for frame, place in zip(path.frames, path.places, strict=True):
-            places[frame].append(place)
+def _rough_places(collision: Collision, indices: Iterable[int]) -> dict[int, list[Array]]:
+    """Where beads may be, in those of the frames `indices` in which that is known well enough."""
+    hit, rest = collision.rise.frames[0], collision.rest
+    fall = collision.fall.clear_of(rest, 2.5 * collision.radius, from_end=True)
+    velocity = collision.rise.velocity(at_end=False)
+    touch = rest - 2 * collision.radius * velocity / max(float(np.hypot(*velocity)), 1e-9)
+    places = {}
+    for index in indices:
+        if index <= fall.frames[-1]:
+            places[index] = [fall.at(index), rest]
+        elif hit <= index < hit + 12:
+            # A may stay where it hit or go on, up to half as fast as B (which leaves out a restitution below 0.3)
+            onwards = [touch + share * velocity * (index - hit + 2) for share in np.linspace(0, 0.5, 6)]
+            places[index] = [collision.rise.at(index), *onwards]
     return places
-
-
-def _rough_track(path: Path, video: Video) -> Track:
-    position = np.array(path.places) * [1, -1]
-    return Track(video.times[path.frames], position, np.full(len(position), np.nan))
-
-
-def _on_path(path: Path, index: float) -> Array:
-    places = np.array(path.places)
-    return np.array([np.interp(index, path.frames, places[:, k]) for k in (0, 1)])
-
-
-def _along(path: Path, index: int) -> tuple[Array, Array]:
-    """Place [px] and velocity [px/frame] on a path."""
-    return _on_path(path, index), (_on_path(path, index + 1) - _on_path(path, index - 1)) / 2
 
 
 # --- following ------------------------------------------------------------------------------------------------------
 
 
-def _learn_looks(
-    video: Video, channel: Channel, scene: Scene, collision: Collision
-) -> tuple[list[Look], float]:
+def _learn_looks(video: Video, channel: Channel, scene: Scene, collision: Collision) -> tuple[list[Look], float]:
     """What A and B look like, from frames in which they are apart, and the exposure's share of the frame interval."""
-    fall = _clear_of(collision.fall, collision.rest, 3 * collision.radius, from_end=True)
-    rise = _clear_of(collision.rise, collision.rest, 3 * collision.radius, from_end=False)
+    fall = collision.fall.clear_of(collision.rest, 3 * collision.radius, from_end=True)
+    rise = collision.rise.clear_of(collision.rest, 3 * collision.radius, from_end=False)
     # not the first frames of the fall: something may hold the bead there
-    wanted = [_spread(path.frames[len(path.frames) // 3 * (1 - k)], path.frames[-1]) for k, path in enumerate((fall, rise))]
+    wanted = [
+        _spread(path.frames[len(path.frames) // 3 * (1 - k)], path.frames[-1]) for k, path in enumerate((fall, rise))
+    ]
     fits: list[list[BeadFit]] = [[], []]
     smears: list[float] = []
     for frame in video.frames():
         for bead, path in enumerate((fall, rise)):
             if frame.index in wanted[bead]:
-                place = _on_path(path, frame.index)
-                # a radius far off is no small error: the fit is held near the one it starts from
+                (x, y), speed = path.along(frame.index)
+                grey = scene.view(channel.grey(frame)).grey
+                # neither radius nor exposure is known yet, and the fit is held near those it starts from
                 tries = [
-                    fit_bead(scene.view(channel.grey(frame)).grey, scene.picture, (place[0], place[1]), radius)
-                    for radius in (collision.radius, 1.3 * collision.radius)
+                    fit_bead(
+                        grey,
+                        scene.picture,
+                        (float(x), float(y)),
+                        share * collision.radius,
+                        blur_guess=(float(exposure * speed[0]) + 0.01, float(exposure * speed[1])),
+                    )
+                    for share, exposure in ((0.85, 0.2), (1.05, 0.2), (1.05, 0.8))
                 ]
                 found = [fit for fit in tries if fit is not None]
                 if found:
                     best = min(found, key=lambda fit: fit.image.sigma)
                     fits[bead].append(best)
-                    speed = np.hypot(*(_on_path(path, frame.index + 1) - _on_path(path, frame.index - 1))) / 2
-                    smears += [math.hypot(*best.image.blur) / float(speed)] if speed > 3 else []
+                    pace = float(np.hypot(*speed))
+                    smears += [math.hypot(*best.image.blur) / pace] if pace > 3 else []
     if len(fits[0]) < 3 and len(fits[1]) < 3:
         raise NothingToMeasure(f"{video.path}: what moves in this clip does not look like beads.")
     looks = [common_look(own if len(own) >= 3 else other) for own, other in (fits, fits[::-1])]
@@ -454,38 +201,11 @@ def _learn_looks(
 
 
 def _spread(first: int, last: int) -> set[int]:
-    return set(np.unique(np.linspace(first, last, 10).round().astype(int)).tolist())
-
-
-def _follow(
-    video: Video,
-    channel: Channel,
-    scene: Scene,
-    collision: Collision,
-    looks: list[Look],
-    exposure: float,
-    progress: Progress,
-) -> Beads:
-    """Locate both beads in every frame, each from where its path or its last frames say it should be."""
-    walk = _Walk(scene, collision, looks, exposure, video.first)
-    for frame in video.frames():
-        progress("following the beads", frame.index - video.first, video.last - video.first + 1)
-        walk.step(frame.index, channel.grey(frame))
-    return Beads(
-        np.array(walk.frames),
-        walk.a,
-        walk.b,
-        looks,
-        exposure,
-        scene,
-        channel,
-        np.array(walk.shakes),
-        np.array(walk.looked, dtype=bool).T,
-    )
+    return set(np.unique(np.linspace(first, last, 8).round().astype(int)).tolist())
 
 
 class _Walk:
-    """State of following two beads through the clip."""
+    """Locates both beads frame by frame, each from where its path or its last frames say it should be."""
 
     def __init__(self, scene: Scene, collision: Collision, looks: list[Look], exposure: float, first: int) -> None:
         self.scene, self.collision, self.looks, self.exposure = scene, collision, looks, exposure
@@ -495,8 +215,8 @@ class _Walk:
         self.b: list[BeadImage | None] = []
         self.looked: list[list[bool]] = []
         reach = looks[0].radius + looks[1].radius
-        self.fall = _clear_of(collision.fall, collision.rest, 1.2 * reach, from_end=True)
-        self.rise = _clear_of(collision.rise, collision.rest, 1.2 * reach, from_end=False)
+        self.fall = collision.fall.clear_of(collision.rest, 1.2 * reach, from_end=True)
+        self.rise = collision.rise.clear_of(collision.rest, 1.2 * reach, from_end=False)
         arriving, leaving = self.fall.velocity(at_end=True), self.rise.velocity(at_end=False)
         self._hit = _hit_frame(self.fall, arriving, collision.rest, reach)
         # beads of equal mass: A keeps what B does not take; the search around it forgives other masses
@@ -530,7 +250,7 @@ class _Walk:
         """Place [px] and velocity [px/frame]."""
         last, arriving = self.fall.frames[-1], self.fall.velocity(at_end=True)
         if index < last:
-            return _along(self.fall, index)
+            return self.fall.along(index)
         if index <= self._hit:
             return self.fall.places[-1] + arriving * (index - last), arriving
         return self._onwards(self.a, index, self.fall.places[-1] + arriving * (self._hit - last), self._kept, self._hit)
@@ -546,7 +266,7 @@ class _Walk:
             velocity = (rise.places[0] - rest) / max(rise.frames[0] - self._hit, 1e-9)
             return rest + (index - self._hit) * velocity, velocity
         if index < rise.frames[-1]:
-            return _along(rise, index)
+            return rise.along(index)
         return self._onwards(self.b, index, rise.places[-1], rise.velocity(at_end=True), rise.frames[-1])
 
     def _onwards(
@@ -569,17 +289,27 @@ class _Walk:
         self, grey: npt.NDArray[np.float32], expected: Array, velocity: Array, bead: int, other: Array | None
     ) -> BeadImage | None:
         look, blur = self.looks[bead], velocity * self.exposure
-        image = _locate_beside(grey, self.scene, expected, look, blur, other, self.looks[1 - bead].radius)
+        image = _locate_beside(
+            grey, self.scene, expected, look, blur, other=other, other_radius=self.looks[1 - bead].radius
+        )
         if image is None:
             return None
         return image if np.hypot(image.x - expected[0], image.y - expected[1]) < 1.2 * look.radius + 5 else None
 
 
 def relocate(video: Video, beads: Beads, places: Array, velocities: Array, again: npt.NDArray[np.bool_]) -> Beads:
-    """Look again in the frames and for the beads marked in `again` (shape (2, n)), where the fitted swing says they are.
+    """Look again, in the frames and for the beads marked in `again` (shape (2, n)), where the fitted swings put them.
 
-    `places` [px] and `velocities` [px/frame] have shape (2, n, 2).  A bead that is not found there is not seen.
+    `places` [px] and `velocities` [px/frame] have shape (2, n, 2).  Knowing where both beads are in every frame shows
+    the scene behind them better; where that changes it, beads are looked at again too.  A bead that is not found
+    where it should be is not seen.
     """
+    known = {int(frame): [places[0, k], places[1, k]] for k, frame in enumerate(beads.frames)}
+    radius = max(look.radius for look in beads.looks)
+    rest = np.median(places[1, beads.frames <= min(beads.greys) + 3], axis=0)
+    scene = _without_beads(beads.scene, beads.greys, rest, radius, {index: known[index] for index in beads.greys})
+    again = (again | _in_front_of(np.abs(scene.picture - beads.scene.picture), places, beads.looks)) & beads.looked
+    beads = replace(beads, scene=scene)
     found = [list(beads.a), list(beads.b)]
     numbers = {int(frame): k for k, frame in enumerate(beads.frames)}
     for frame in video.frames():
@@ -590,12 +320,30 @@ def relocate(video: Video, beads: Beads, places: Array, velocities: Array, again
         grey = beads.scene.view(beads.channel.grey(frame), shake).grey
         for bead in np.flatnonzero(again[:, k]):
             look, place, blur = beads.looks[bead], places[bead, k], velocities[bead, k] * beads.exposure
-            other, other_radius = places[1 - bead, k], beads.looks[1 - bead].radius
-            image = _locate_beside(grey, beads.scene, place, look, blur, other, other_radius)
+            image = _locate_beside(
+                grey,
+                beads.scene,
+                place,
+                look,
+                blur,
+                other=places[1 - bead, k],
+                other_radius=beads.looks[1 - bead].radius,
+            )
             if image is not None and np.hypot(image.x - place[0], image.y - place[1]) > 2 + 0.3 * look.radius:
                 image = None
             found[bead][k] = image
     return replace(beads, a=found[0], b=found[1])
+
+
+def _in_front_of(change: npt.NDArray[np.float32], places: Array, looks: list[Look]) -> npt.NDArray[np.bool_]:
+    """Which beads stand before a part of the scene that has changed by some grey levels, shape (2, n)."""
+    near = np.zeros(places.shape[:2], dtype=bool)
+    for bead, look in enumerate(looks):
+        size = 2 * math.ceil(look.radius) + 1
+        mean = cv2.blur(change, (size, size))
+        x, y = (np.clip(np.round(places[bead, :, axis]).astype(int), 0, change.shape[1 - axis] - 1) for axis in (0, 1))
+        near[bead] = mean[y, x] > 1.0
+    return near
 
 
 def _locate_beside(
@@ -604,6 +352,7 @@ def _locate_beside(
     expected: Array,
     look: Look,
     blur: Array,
+    *,
     other: Array | None,
     other_radius: float,
 ) -> BeadImage | None:
@@ -619,15 +368,6 @@ def _locate_beside(
     smear = (float(blur[0]) + 0.01, float(blur[1]))
     fit = fit_bead(grey, scene.picture, place, look.radius, blur_guess=smear, hidden=hidden, look=look)
     return None if fit is None else fit.image
-
-
-def _clear_of(path: Path, rest: Array, reach: float, *, from_end: bool) -> Path:
-    """The path without its frames next to the hanging bead, where the two show as one spot."""
-    far = np.hypot(*(np.array(path.places) - rest).T) > reach
-    keep = np.flatnonzero(far)
-    if len(keep) < 4:
-        return path
-    return path.part(0, int(keep[-1]) + 1) if from_end else path.part(int(keep[0]), len(path.frames))
 
 
 def _hit_frame(fall: Path, arriving: Array, rest: Array, reach: float) -> float:

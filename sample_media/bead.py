@@ -135,7 +135,7 @@ def spun(axis: tuple[float, float, float], angle: float) -> Floats:
     return frame.T @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ frame
 
 
-def shadow(points: Floats, normal: Floats, lights: Lights, free: Floats, centre: Floats, radius: float) -> Floats:
+def shadow(points: Floats, normal: Floats, lights: Lights, free: Floats, *, centre: Floats, radius: float) -> Floats:
     """Share of light left on points of a flat surface when a ball stands at `centre`, shape (n, 3).
 
     `free` says which lights reach which points without the ball, shape (n_lights, n_points).

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import cv2
@@ -54,12 +55,12 @@ def lights() -> Lights:
 @cache
 def scene() -> Scene:
     """Everything that stands still; the plate's top is z = 0, the bead falls along x = y = 0."""
-    steel = Surface(brushed(0.20), mirror=0.30, gloss=0.10, shine=60)
+    steel = Surface(brushed(0.17), mirror=0.24, gloss=0.10, shine=60)
     rod = Surface(brushed(0.16, along_x=False), mirror=0.42, gloss=0.2, shine=80)
     black = Surface(plain(0.018, 0.018, 0.02), mirror=0.03, gloss=0.12, shine=25)
     bodies: list[Body] = [
         Box((11.5, 6.0, -5.0), steel, half=(49.5, 36.0, 5.0)),
-        Box((-20.0, 240.0, -60.0), Surface(laminate((0.25, 0.245, 0.235))), half=(700.0, 560.0, 50.0)),
+        Box((-20.0, 240.0, -60.0), Surface(laminate((0.17, 0.168, 0.165))), half=(700.0, 560.0, 50.0)),
         Box(RULE_MIDDLE, Surface(rule_colour(300.0, 22.0), mirror=0.10, gloss=0.05, shine=40), half=(11.0, 0.5, 150.0)),
         Cylinder((-62.0, 34.0, 150.0), rod, radius=6.0, half=160.0),
         Box((-62.0, 34.0, -6.0), Surface(plain(0.05, 0.07, 0.10), gloss=0.06), half=(22.0, 26.0, 4.0)),
@@ -77,7 +78,7 @@ def scene() -> Scene:
 def _far_things() -> list[Body]:
     """A wall, a shelf and what stands on it, out of focus."""
     far = {"behind": True}
-    wall = Box((0.0, 820.0, 200.0), Surface(painted((0.40, 0.43, 0.42))), half=(900.0, 10.0, 600.0), **far)
+    wall = Box((0.0, 820.0, 200.0), Surface(painted((0.235, 0.265, 0.275))), half=(900.0, 10.0, 600.0), **far)
     board = Surface(plain(0.42, 0.33, 0.22))
     things: list[Body] = [
         wall,
@@ -123,7 +124,8 @@ def still(region: Region) -> Still:
     distance, which = scene().trace(np.array(CAMERA.position), rays)
     points = np.array(CAMERA.position) + rays * np.where(np.isfinite(distance), distance, 0)[:, None]
     plate = np.flatnonzero((which == 0) & (np.abs(points[:, 2]) < 0.05))
-    free = np.array([scene().lit(points[plate].astype(np.float32) + [0, 0, 0.02], d) for d in lights().direction])
+    above = (points[plate] + np.array([0.0, 0.0, 0.02])).astype(np.float32)
+    free = np.array([scene().lit(above, direction) for direction in lights().direction])
     return Still(
         light,
         region,
@@ -147,7 +149,7 @@ def frame(motion: DropMotion, bead: WoodenBead, ground: Still, name: str, index:
     picture = ground.light.copy()
     middle = motion.state(start + EXPOSURE / 2)[:3] * 1000
     normal = np.array([0.0, 0.0, 1.0], dtype=np.float32)
-    left_over = shadow(ground.points, normal, lights(), ground.free, middle, bead.radius)
+    left_over = shadow(ground.points, normal, lights(), ground.free, centre=middle, radius=bead.radius)
     picture[ground.rows, ground.columns] *= left_over
     turn = _attitude(motion, name, start + EXPOSURE / 2)
     whole = np.zeros((CAMERA.height, CAMERA.width, 3), dtype=np.float32)
@@ -226,7 +228,7 @@ def truth(name: str) -> dict[str, Any]:
         "bead_mass_kg": setting.mass,
         "release_time_s": setting.release,
         "heights_m": heights,
-        "restitution_from_heights": [float(np.sqrt(b / a)) for a, b in zip(heights, heights[1:], strict=False)],
+        "restitution_from_heights": [float(np.sqrt(b / a)) for a, b in pairwise(heights)],
         "bounces": [
             {
                 "time_s": bounce.time,

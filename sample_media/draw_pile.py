@@ -31,7 +31,7 @@ from scene import (
 from scipy.spatial import cKDTree
 from surfaces import brushed, drilled, label, laminate, painted, wood
 
-SETTING = HeapSetting(6.2e-3, 0.090, np.radians(32.0), np.radians(1.0), 0.004, seed=13)
+SETTING = HeapSetting(6.2e-3, 0.090, np.radians(32.0), np.radians(1.0), 0.004, seed=22)
 RADIUS = SETTING.diameter * 500  # [mm]
 BENCH = -42.0  # [mm], below the plate
 CAMERA = Camera((2.0, -640.0, 36.0), 4380.0, 1000, 750, pitch=np.radians(2.4), roll=np.radians(0.6))
@@ -170,7 +170,7 @@ def scene(degrees: float) -> Scene:
         ),
         Cylinder((0.0, 0.0, -23.0), black, radius=13.0, half=18.0),
         Cylinder((0.0, 0.0, BENCH + 2.0), black, radius=30.0, half=2.0),
-        Box((0.0, 100.0, BENCH - 50.0), Surface(laminate((0.27, 0.265, 0.25), seed=81)), half=(600.0, 420.0, 50.0)),
+        Box((0.0, 100.0, BENCH - 50.0), Surface(laminate((0.20, 0.197, 0.19), seed=81)), half=(600.0, 420.0, 50.0)),
         *(
             Ball((x, y, BENCH + RADIUS), Surface(_loose(number)), radius=RADIUS)
             for number, (x, y) in enumerate(spilled)
@@ -187,7 +187,7 @@ def _loose(number: int) -> Callable[[Floats], Floats]:
 def _far_things() -> list[Body]:
     far = {"behind": True}
     return [
-        Box((0.0, 520.0, 300.0), Surface(painted((0.33, 0.37, 0.39), seed=91)), half=(900.0, 10.0, 700.0), **far),
+        Box((0.0, 520.0, 300.0), Surface(painted((0.145, 0.17, 0.185), seed=91)), half=(900.0, 10.0, 700.0), **far),
         Cylinder((-112.0, 420.0, 0.0), Surface(label((0.20, 0.075, 0.02), 92), gloss=0.2), radius=24, half=42, **far),
         Cylinder((-112.0, 420.0, 52.0), Surface(plain(0.03, 0.03, 0.035)), radius=11, half=10, **far),
         Box((118.0, 440.0, 2.0), Surface(label((0.04, 0.10, 0.24), 93)), half=(13.0, 40.0, 44.0), **far),

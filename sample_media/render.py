@@ -22,7 +22,7 @@ CONVENTIONS = {
     "heights are of the bead's lowest point above the plate; restitution is the ratio of speeds normal to the plate",
     "pendulum": "x right, z up; origin midway between the hinges; angles from the vertical, to the right positive; "
     "speeds along the arc, to the right positive; restitution is speed of parting over speed of approach",
-    "pile": "x right, y away from the camera, z up from the top of the plate, origin on its axis; a view shows the heap "
+    "pile": "x right, y away from the camera, z up from the top of the plate, origin on its axis; a view shows it "
     "after the plate was turned by plate_turned_deg counter-clockwise seen from above; the profile is the outline seen "
     "by parallel rays; graphical: line of least orthogonal distances through the outline between the outermost points "
     "at the two fractions of the heap's height; geometric: atan(2 H / base diameter)",

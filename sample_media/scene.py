@@ -280,7 +280,7 @@ class Scene:
                 free[maybe] &= ~np.isfinite(body.hit(-(offset[maybe] @ turn.T), turn @ direction))
         return free
 
-    def shaded(self, points: Floats, normal: Floats, view: Floats, albedo: Floats, body: Body, k: int) -> Floats:
+    def shaded(self, points: Floats, normal: Floats, view: Floats, albedo: Floats, *, body: Body, k: int) -> Floats:
         """Light that leaves points of a body towards the camera in pass `k`."""
         lights, surface = self.lights.share(k), body.surface
         diffuse = np.zeros_like(points)
@@ -345,7 +345,7 @@ def draw(scene: Scene, camera: Camera, region: Region) -> tuple[Floats, Floats]:
             local = body.local(points)
             normal = (body.normal(local) @ body.turn).astype(np.float32)
             albedo = body.surface.colour(local).astype(np.float32)
-            light[mine] += scene.shaded(points, normal, rays[mine], albedo, body, k) / PASSES
+            light[mine] += scene.shaded(points, normal, rays[mine], albedo, body=body, k=k) / PASSES
     return light.reshape(region.height, region.width, 3), depth.reshape(region.height, region.width)
 
 

@@ -13,7 +13,7 @@ from rigtwin.lab.rigs import GRAVITY, Drop
 from rigtwin.sim.engine.clock import positive
 
 FRAMES_AT_REST = 5  # shown before the bead is let go
-TRACK_SIGMA = 1e-6  # [m], what halving the step may move a sample at most
+TRACK_SIGMA = 1e-6  # [m], the step is halved until samples move by less
 
 
 def run(
@@ -44,16 +44,18 @@ def run(
 
     start = (0.0, 0.0, rig.drop_height + particle.radius)
     position = np.tile(start, (len(time), 1))
+    sigma = TRACK_SIGMA
     if len(falling):
-        motion = few_body.run_halved(
+        motion, apart = few_body.run_halved(
             [few_body.Body(particle, start)],
             falling,
             walls=[Wall(Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), wall, contact)],
             tolerance=TRACK_SIGMA,
             progress=progress,
         )
+        sigma = max(sigma, apart)
         position[FRAMES_AT_REST + 1 :] = motion.position[:, 0]
-    return Track(time=time, position=position[:, [0, 2]], sigma=np.full(len(time), TRACK_SIGMA))
+    return Track(time=time, position=position[:, [0, 2]], sigma=np.full(len(time), sigma))
 
 
 def _flight_time(rig: Drop, restitution: float) -> float:

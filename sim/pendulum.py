@@ -14,7 +14,7 @@ from rigtwin.lab.rigs import GRAVITY, Pendulum
 from rigtwin.sim.engine.clock import positive
 
 FRAMES_AT_REST = 5  # shown before bead A is let go
-TRACK_SIGMA = 1e-6  # [m], what halving the step may move a sample at most
+TRACK_SIGMA = 1e-6  # [m], the step is halved until samples move by less
 
 
 def run(
@@ -48,8 +48,9 @@ def run(
     start_a = (-radius - rig.length * math.sin(angle), 0.0, rig.length * (1 - math.cos(angle)))
     start_b = (radius, 0.0, 0.0)
     position = np.tile([start_a, start_b], (len(time), 1, 1))
+    sigma = TRACK_SIGMA
     if len(swinging):
-        motion = few_body.run_halved(
+        motion, apart = few_body.run_halved(
             [
                 few_body.Body(particle, start_a, pivot=(-radius, 0.0, rig.length)),
                 few_body.Body(particle, start_b, pivot=(radius, 0.0, rig.length)),
@@ -59,9 +60,9 @@ def run(
             tolerance=TRACK_SIGMA,
             progress=progress,
         )
+        sigma = max(sigma, apart)
         position[FRAMES_AT_REST + 1 :] = motion.position
-    sigma = np.full(len(time), TRACK_SIGMA)
-    a, b = (Track(time, position[:, k][:, [0, 2]], sigma, body) for k, body in enumerate("AB"))
+    a, b = (Track(time, position[:, k][:, [0, 2]], np.full(len(time), sigma), body) for k, body in enumerate("AB"))
     return a, b
 
 

@@ -84,10 +84,11 @@ def run(
     soft = replace(particle, material=particle.material.softened(stiffness_factor))
     step, warnings = time_step([soft], time_step_fraction)
     outlet = _outlet(rig, particle, count, pour_rate, fall_height)
-    bulk = _bench(rig, soft, wall.softened(stiffness_factor), contact, wall_contact, outlet, step, rolling, threads)
+    base = wall.softened(stiffness_factor)
+    bulk = _bench(rig, soft, base, (contact, wall_contact), outlet, step=step, rolling=rolling, threads=threads)
 
     began = time.perf_counter()
-    placed = _pour(bulk, outlet, particle, count, np.random.default_rng(seed), progress)
+    placed = _pour(bulk, outlet, particle, count, rng=np.random.default_rng(seed), progress=progress)
     at_rest = _settle(bulk, particle, settle_limit, progress)
     wall_time = time.perf_counter() - began
 
@@ -114,7 +115,15 @@ def run(
         fallen=placed - len(centres),
         statistics=statistics,
         assumptions=_assumptions(rig, outlet, stiffness_factor, time_step_fraction, rolling),
-        warnings=warnings + _warnings(rig, count, placed, len(centres), at_rest, bulk.largest_overlap),
+        warnings=warnings
+        + _warnings(
+            rig,
+            count=count,
+            placed=placed,
+            staying=len(centres),
+            at_rest=at_rest,
+            overlap=bulk.largest_overlap,
+        ),
     )
 
 
@@ -122,7 +131,8 @@ def silhouette(centres: Array, radius: float, base_diameter: float, view: float)
     """Outline of equal spheres on a disc, seen from the side, orthographic.
 
     `view` [deg] turns the heap about the disc's axis.  Height is that of the highest bead edge at each x, 0 where
-    only the disc is seen; x runs over the disc, 0 on its axis.  A rim is not drawn: it would hide beads, not raise them.
+    only the disc is seen; x runs over the disc, 0 on its axis.  A rim is not
+    drawn: it would hide beads, not raise them.
     """
     points = math.ceil(base_diameter / (2 * radius) * POINTS_PER_DIAMETER) + 1
     x = np.linspace(-base_diameter / 2, base_diameter / 2, points)
@@ -165,7 +175,10 @@ def _outlet(rig: Pile, particle: Particle, count: int, rate: float | None, fall_
         flow = 0.58 * 0.6 * particle.effective_density * math.sqrt(GRAVITY) * (diameter - 1.4 * bead) ** 2.5
         rate, rate_from = flow / particle.mass, "Beverloo's discharge of the outlet"
         if rate < LEAST_RATE:
-            rate, rate_from = LEAST_RATE, f"{LEAST_RATE:g} per second, above Beverloo's {rate:.0f}, to keep the run short"
+            rate, rate_from = (
+                LEAST_RATE,
+                f"{LEAST_RATE:g} per second, above Beverloo's {rate:.0f}, to keep the run short",
+            )
     height = 3 * bead if fall_height is None else fall_height
     positive(pour_rate=rate, fall_height=height)
     # as fast as a free discharge leaves, and fast enough that the beads keep clear of each other
@@ -174,9 +187,16 @@ def _outlet(rig: Pile, particle: Particle, count: int, rate: float | None, fall_
 
 
 def _bench(
-    rig: Pile, soft: Particle, wall: Material, contact: Contact, wall_contact: Contact, outlet: _Outlet, step: float,
-    rolling: Rolling, threads: int | None,
-) -> Bulk:  # fmt: skip
+    rig: Pile,
+    soft: Particle,
+    wall: Material,
+    contacts: tuple[Contact, Contact],
+    outlet: _Outlet,
+    *,
+    step: float,
+    rolling: Rolling,
+    threads: int | None,
+) -> Bulk:
     from rigtwin.sim.engine.bulk import Bulk
     from rigtwin.sim.engine.walls import Cylinder, Disc, Shape, Wall
 
@@ -189,8 +209,8 @@ def _bench(
     top = rig.rim_height + rig.base_diameter / 2 + outlet.fall_height + 4 * LOOK * outlet.speed + 4 * soft.diameter
     return Bulk(
         [soft],
-        contact,
-        [Wall(shape, wall, wall_contact) for shape in shapes],
+        contacts[0],
+        [Wall(shape, wall, contacts[1]) for shape in shapes],
         low=(-side, -side, -2 * soft.diameter),
         high=(side, side, top),
         open_domain=True,
@@ -202,7 +222,7 @@ def _bench(
 
 
 def _pour(
-    bulk: Bulk, outlet: _Outlet, particle: Particle, count: int, rng: np.random.Generator, progress: Progress
+    bulk: Bulk, outlet: _Outlet, particle: Particle, count: int, *, rng: np.random.Generator, progress: Progress
 ) -> int:
     """Rain the beads and return how many were placed."""
     steps = max(1, round(LOOK / bulk.time_step))
@@ -214,7 +234,9 @@ def _pour(
         height = max(height, resting.max(initial=0.0) + particle.radius + outlet.fall_height)
         height = min(height, bulk.top - slab - particle.diameter)
         due = min(count, math.ceil(outlet.rate * (bulk.time + LOOK))) - placed
-        new = np.array(list(_drops(beads.position, outlet, particle, height, slab, due, rng))).reshape(-1, 3)
+        new = np.array(
+            list(_drops(beads.position, outlet, particle, height=height, slab=slab, due=due, rng=rng))
+        ).reshape(-1, 3)
         bulk.add(new, np.array([0.0, 0.0, -outlet.speed]))
         patience = 0 if len(new) else patience + 1
         placed += len(new)
@@ -224,7 +246,14 @@ def _pour(
 
 
 def _drops(
-    occupied: Array, outlet: _Outlet, particle: Particle, height: float, slab: float, due: int, rng: np.random.Generator
+    occupied: Array,
+    outlet: _Outlet,
+    particle: Particle,
+    *,
+    height: float,
+    slab: float,
+    due: int,
+    rng: np.random.Generator,
 ) -> Iterator[Array]:
     """Up to `due` places in the outlet's cylinder that are clear of all beads and of each other."""
     clear = 1.02 * particle.diameter
@@ -288,7 +317,7 @@ def _assumptions(
     }
 
 
-def _warnings(rig: Pile, count: int, placed: int, staying: int, at_rest: bool, overlap: float) -> tuple[str, ...]:
+def _warnings(rig: Pile, *, count: int, placed: int, staying: int, at_rest: bool, overlap: float) -> tuple[str, ...]:
     warnings = []
     if placed < count:
         warnings.append(f"only {placed} of {count} beads found room below the outlet")

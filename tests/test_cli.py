@@ -158,7 +158,14 @@ def test_a_missing_key_in_the_lab_file_is_refused_with_its_name(tmp_path, capfd)
 
 
 def test_a_lab_whose_only_repetition_shows_no_bounce_is_refused_by_name(tmp_path, capfd):
-    refused(["compare", lab_with(tmp_path)], capfd, "drop-D6-steel", "repetition")
+    assert run(["compare", str(lab_with(tmp_path)), "--json"]) == 2
+    message = json.loads(capfd.readouterr().out)["error"]["message"]
+    assert message.startswith("drop-D6-steel: its only repetition could not be measured")
+
+
+def test_the_demo_without_its_sample_media_says_where_they_are(tmp_path, monkeypatch, capfd):
+    monkeypatch.setattr("rigtwin.cli.__file__", str(tmp_path / "cli.py"))
+    refused(["demo"], capfd, "sample_media", "source repository")
 
 
 def test_an_unknown_experiment_is_refused_with_the_known_ones(tmp_path, capfd):

@@ -45,8 +45,8 @@ repetitions = ["day1/swing.csv", "day2/swing.csv", "day2/nothing.csv"]
 def swing(path: Path, restitution: float, *, angle: float, seed: int, length: float = 0.2, diameter: float = 0.012):
     """Tracks of two beads with 20 µm of noise, from the small print of a pendulum: energy and restitution only."""
     rate, gravity = 240.0, 9.81
-    quarter, start = [], np.radians(angle)
-    step, theta, speed = 1e-5, -start, 0.0
+    start, step = np.radians(angle), 1e-5
+    quarter, theta, speed = [-start] * 5000, -start, 0.0  # held for 50 ms
     while theta < 0:  # bead A swings down
         quarter.append(theta)
         speed -= gravity / length * np.sin(theta) * step
@@ -168,12 +168,15 @@ class Page(HTMLParser):
 
     def __init__(self, text):
         super().__init__()
+        self.sources: list[str] = []
         self.addresses, self.tags, self.ids = [], set(), set()
         self.feed(text)
 
     def handle_starttag(self, tag, attributes):
         self.tags.add(tag)
         for name, value in attributes:
+            if name in ("src", "srcset"):
+                self.sources.append(value)
             if name in ("src", "href", "xlink:href", "data", "srcset", "poster", "action"):
                 self.addresses.append(value)
             if name == "id":
@@ -181,13 +184,15 @@ class Page(HTMLParser):
             assert not name.startswith("on"), f"{tag} runs a script: {name}"
 
 
-def fetched(addresses):
+def linked(addresses):
     return [address for address in addresses if not address.startswith(("#", "data:image/"))]
 
 
-def test_the_report_opens_offline_and_runs_nothing(page):
+def test_the_report_opens_offline_and_runs_nothing(page, out):
     parsed = Page(page)
-    assert fetched(parsed.addresses) == []
+    for address in linked(parsed.addresses):
+        assert (out / address).is_file(), "only files of the same run may be linked to"
+    assert all(source.startswith("data:image/") for source in parsed.sources)
     assert parsed.tags.isdisjoint({"script", "link", "iframe", "object", "embed", "base"})
     assert not re.search(r"@import|url\(\s*['\"]?(?!#)", page)
     assert "<svg" in page
@@ -225,7 +230,7 @@ def test_overlay_pictures_are_inside_the_report(lab, tmp_path):
     parsed = Page(report(whole, subject.provenance(whole), tmp_path))
     (embedded,) = [address for address in parsed.addresses if address.startswith("data:image/")]
     assert len(embedded) < 1_000_000
-    assert fetched(parsed.addresses) == ["swing-still.png", "pair/swing-overlay.mp4"]
+    assert linked(parsed.addresses) == ["swing-still.png", "pair/swing-overlay.mp4"]
 
 
 def test_an_experiment_without_any_usable_repetition_is_an_error_that_leaves_old_results(lab, compared, out):
@@ -245,6 +250,18 @@ def test_a_twin_without_its_restitution_is_refused_before_any_work(lab):
     with pytest.raises(BadInput, match=r"pair/1.*restitution.*bead-bead"):
         compare(unknown, lab / "never", workers=1)
     assert not (lab / "never").exists()
+
+
+def test_ids_that_make_no_folder_names_still_get_folders_of_their_own(lab):
+    from dataclasses import replace
+
+    from rigtwin.compare.repetitions import folders
+
+    (experiment,) = read_lab(lab).experiments
+    ids = ["a/b", "a_b", "A b", "..", "../../etc", "größe 1"]
+    names = folders([replace(experiment, id=name) for name in ids])
+    assert len({name.lower() for name in names}) == len(ids)
+    assert all(Path(name).parts == (name,) and name not in {".", ".."} for name in names)
 
 
 def test_files_are_replaced_all_or_none(tmp_path):

@@ -49,13 +49,14 @@ def test_a_pendulum_twin_gives_back_its_restitution():
 
 def test_a_pile_twin_says_how_many_beads_stayed_and_what_it_assumed():
     contact = Contact(0.5, 0.6, 0.2)
-    twin = pile_twin(Pile(0.06, 0.012), BEAD, STEEL, contact, contact, count=40, seed=3, threads=1)
+    bead = hlosta2020.particle("D6")
+    twin = pile_twin(Pile(0.06, 0.006), bead, STEEL, contact, contact, count=150, seed=3, threads=1)
     settings = twin.settings
-    assert settings["asked"] == 40
-    assert 0 <= settings["fallen"] <= settings["placed"] <= 40
+    assert settings["asked"] == 150
+    assert 0 <= settings["fallen"] <= settings["placed"] <= 150
     assert twin.assumptions
     assert len(twin.profiles) >= 2
-    assert settings["contacts"]["D12-steel"]["static_friction"] == 0.6
+    assert settings["contacts"]["D6-steel"]["static_friction"] == 0.6
 
 
 def test_a_stated_release_angle_goes_before_the_measured_one():
@@ -65,6 +66,22 @@ def test_a_stated_release_angle_goes_before_the_measured_one():
     twin = twin_of(experiment(rig), model=model, measurements=found)
     assert values(twin, "release_angle") == pytest.approx([30], abs=0.05)
     assert twin.set_from == {"release_angle": "stated"}
+
+
+def test_the_twin_swings_on_as_long_as_the_film_so_that_each_collision_has_its_twin():
+    from dataclasses import replace
+
+    import numpy as np
+
+    from rigtwin.lab.records import Track
+
+    time = np.arange(0, 1.0, 1 / 240)
+    film = Track(time, np.zeros((len(time), 2)), np.zeros(len(time)), "A")
+    found = [replace(measured("release_angle", 40.0, "deg", body="A"), tracks=(film,))]
+    model = Model().with_contact("D12", "D12", restitution=0.7)
+    twin = twin_of(experiment(PendulumSettings(0.2)), model=model, measurements=found)
+    collisions = {q.detail.get("collision") for q in twin.evaluation.quantities if q.quantity == "restitution_pair"}
+    assert {1, 2} <= collisions
 
 
 def test_a_drop_that_states_no_height_starts_from_the_mean_of_the_measured_ones():
@@ -96,7 +113,7 @@ def test_a_drop_neither_stated_nor_measured_is_refused_with_the_key_to_add():
         (DropSettings(0.3), 240.0, False),
         (DropSettings(0.3), None, True),
         (DropSettings(), 240.0, True),
-        (PendulumSettings(0.3, 0.7), 240.0, False),
+        (PendulumSettings(0.3, 0.7), 240.0, True),
         (PendulumSettings(0.3), 240.0, True),
     ],
 )

@@ -212,8 +212,8 @@ def test_a_moving_bead_is_seen_where_the_truth_says(truth: dict[str, Any], rig: 
     pixels = known["position_px"] if rig == "drop" else known["position_px"]["A"]
     index = 45  # in free fall, or bead A on its way down
     with av.open(str(MEDIA / known["file"])) as container:
-        frames = [frame.to_ndarray(format="gray").astype(float) for frame in container.decode(video=0)]
-    moved = np.abs(frames[index] - np.median(frames[100::8], axis=0)) > 14
+        frames = [frame.to_ndarray(format="rgb24").astype(float) for frame in container.decode(video=0)]
+    moved = np.abs(frames[index] - np.median(frames[100::12], axis=0)).max(axis=2) > 18
     u, v = pixels[index]
     rows, columns = np.nonzero(moved)
     near = np.hypot(columns - u, rows - v) < 25

@@ -83,7 +83,8 @@ class Bulk:
         """`particles` are the kinds; `contacts` one for all, or one per pair of kinds (a, b), a <= b.
 
         A wall may be a sequence with one `Wall` (same shape) per kind.  `low` and `high` [m] bound the domain; in
-        an open one beads that leave are taken out and counted, else they stop the run.  `skin` is in units of the largest diameter.
+        an open one beads that leave are taken out and counted, else they stop the run.  `skin` is in
+        units of the largest diameter.
         """
         positive(time_step=time_step, skin=skin)
         self._particles = tuple(particles)
@@ -93,8 +94,9 @@ class Bulk:
         self.steps = 0
         self._added = 0
         self._open = open_domain
-        self.threads = backend.start().threads if threads is None else threads
-        backend.start()
+        running = backend.start()
+        self.threads = running.threads if threads is None else threads
+        self._on_gpu = running.device == "cuda"
         self._skin = skin * 2 * max(particle.radius for particle in particles)
         self._low, self._high = np.array(low, dtype=float), np.array(high, dtype=float)
         self._gravity = gravity
@@ -124,7 +126,7 @@ class Bulk:
         velocity = np.zeros((count, 3)) if velocity is None else np.broadcast_to(velocity, (count, 3))
         spin = np.zeros((count, 3)) if spin is None else np.broadcast_to(spin, (count, 3))
         particle = self._particles[kind]
-        self._check_new(position, velocity, spin, particle, kind, overlap)
+        self._check_new(np.hstack([position, velocity, spin]), particle, kind, overlap)
         before = self._count(at.BEADS)
         if before + count > self._arena.capacity:
             self._grow(_arena_size(before + count), self._arena.pair_capacity)
@@ -132,6 +134,7 @@ class Bulk:
         rows[:, 0:3], rows[:, 3:6], rows[:, 6:9] = position, velocity, spin
         rows[:, 9:12] = particle.radius, particle.mass, 0.4 * particle.mass * particle.radius**2
         rows[:, 12:15] = self._gravity  # a bead that touches nothing falls
+        rows[:, 3:6] -= 0.5 * self.time_step * rows[:, 12:15]
         rows[:, 18] = np.arange(self._added, self._added + count)
         rows[:, 19] = kind
         self._arena.put(rows, before, count)
@@ -157,12 +160,13 @@ class Bulk:
         """State of all beads now."""
         rows = self._rows()
         rows = rows[np.argsort(rows[:, 18], kind="stable")]
+        half = 0.5 * self.time_step
         return Beads(
             ident=rows[:, 18].astype(np.int64),
             kind=rows[:, 19].astype(np.int64),
             position=rows[:, 0:3].copy(),
-            velocity=rows[:, 3:6].copy(),
-            spin=rows[:, 6:9].copy(),
+            velocity=rows[:, 3:6] + half * rows[:, 12:15],
+            spin=rows[:, 6:9] + half * rows[:, 15:18],
             radius=rows[:, 9].copy(),
             mass=rows[:, 10].copy(),
         )
@@ -253,11 +257,9 @@ class Bulk:
         arena.owner = self
         self._arena = arena
 
-    def _check_new(
-        self, position: Array, velocity: Array, spin: Array, particle: Particle, kind: int, overlap: float
-    ) -> None:
-        first = self._added
-        finite = np.isfinite(position).all(1) & np.isfinite(velocity).all(1) & np.isfinite(spin).all(1)
+    def _check_new(self, state: Array, particle: Particle, kind: int, overlap: float) -> None:
+        first, position = self._added, state[:, :3]
+        finite = np.isfinite(state).all(1)
         if not finite.all():
             raise BadInput(f"bead {first + int(np.argmin(finite))}: position, velocity or spin is not a finite number.")
         inside = ((position >= self._low) & (position <= self._high)).all(1)
@@ -292,7 +294,7 @@ class Bulk:
         """Make up to `steps` steps and say how many were made."""
         arena = self._arena
         beads = self._count(at.BEADS)
-        if self.threads == 1 or beads < THREADED_FROM:
+        if not self._on_gpu and (self.threads == 1 or beads < THREADED_FROM):
             arena.run_serial(steps)
             return self._count(at.DONE)
         done = 0

@@ -5,6 +5,7 @@ contact a small part of Rayleigh's; between contacts the step grows with the gap
 float64; a body may hang on a rigid massless thread (RATTLE).
 """
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.engine import backend
 from rigtwin.sim.engine.backend import ti
 from rigtwin.sim.engine.contact import LAW_SIZE, ROLLING, Rolling, contact_forces, pair_law
-from rigtwin.sim.engine.walls import WALL_SIZE, Shape, Wall, gaps, towards_wall
+from rigtwin.sim.engine.walls import WALL_SIZE, Wall, gaps, towards_wall
 
 Array = npt.NDArray[np.float64]
 
@@ -88,7 +89,7 @@ def run(
         raise BadInput(f"step: {step:g} s does not lie between 0 and the flight step of {flight_step:g} s.")
     backend.start()
     bench = _bench()
-    bench.load(bodies, walls, contacts, gravity, step, flight_step, rolling)
+    bench.load(bodies, walls, contacts, gravity=gravity, steps=(step, flight_step), rolling=rolling)
     count = len(bodies)
     sampled: list[Array] = []
     budget = LAUNCH_STEPS
@@ -113,20 +114,23 @@ def run(
 
 def run_halved(
     bodies: Sequence[Body], times: Array, *, tolerance: float, step: float | None = None, **settings: Any
-) -> Motion:
+) -> tuple[Motion, float]:
     """`run` with the step in contact halved until no sample moves by more than `tolerance` [m].
 
-    What halving last changed halves again at least, so the finer of the last two runs lies within the tolerance.
+    Returns the finer of the last two runs and how far they lie apart [m], which is above the tolerance only when
+    six halvings were not enough.
     """
     step = contact_step([body.particle for body in bodies]) if step is None else step
     coarse = run(bodies, times, step=step, **settings)
+    apart = math.inf
     for _ in range(HALVINGS):
         step /= 2
         fine = run(bodies, times, step=step, **settings)
-        if np.abs(fine.position - coarse.position).max() <= tolerance:
-            return fine
+        apart = float(np.abs(fine.position - coarse.position).max())
         coarse = fine
-    return coarse
+        if apart <= tolerance:
+            break
+    return coarse, apart
 
 
 def _check(
@@ -136,7 +140,9 @@ def _check(
     contacts: Mapping[tuple[int, int], Contact] | Contact | None,
 ) -> None:
     if not 1 <= len(bodies) <= BODIES:
-        raise BadInput(f"bodies: {len(bodies)} were given; this path moves 1 to {BODIES}, use the bulk engine for more.")
+        raise BadInput(
+            f"bodies: {len(bodies)} were given; this path moves 1 to {BODIES}, use the bulk engine for more."
+        )
     if len(walls) > WALLS:
         raise BadInput(f"walls: {len(walls)} were given; at most {WALLS} are possible.")
     if len(times) == 0 or times[0] < 0 or not np.all(np.isfinite(times)) or not np.all(np.diff(times) > 0):
@@ -168,7 +174,7 @@ def _bench() -> "_Bench":
 class _Bench:
     """Fields and kernel of the few-body path; made once per process, after the backend has started."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.position = ti.Vector.field(3, ti.f64, BODIES)
         self.velocity = ti.Vector.field(3, ti.f64, BODIES)
         self.spin = ti.Vector.field(3, ti.f64, BODIES)
@@ -193,7 +199,16 @@ class _Bench:
         self.counts = ti.field(ti.i32, 8)  # bodies, walls, samples wanted, samples taken, status, rolling, culprit
         self.total_steps = ti.field(ti.i64, ())
 
-    def load(self, bodies, walls, contacts, gravity, step, flight_step, rolling):
+    def load(
+        self,
+        bodies: Sequence[Body],
+        walls: Sequence[Wall],
+        contacts: Mapping[tuple[int, int], Contact] | Contact | None,
+        *,
+        gravity: tuple[float, float, float],
+        steps: tuple[float, float],
+        rolling: Rolling,
+    ) -> None:
         table = np.zeros((BODIES, 20))
         for i, b in enumerate(bodies):
             p = b.particle
@@ -214,27 +229,27 @@ class _Bench:
             wall[k] = w.shape.row
             for i, b in enumerate(bodies):
                 on_wall[i, k] = pair_law(b.particle.material, w.material, w.contact).row
-        numbers = np.array([0.0, step, flight_step, *gravity])
+        numbers = np.array([0.0, *steps, *gravity])
         self._load(table, pair, wall, on_wall, numbers, len(bodies), len(walls), int(rolling == ROLLING[0]))
 
-    def expect(self, times):
+    def expect(self, times: Array) -> None:
         padded = np.zeros(SAMPLES)
         padded[: len(times)] = times
         self._expect(padded, len(times))
 
-    def status(self):
-        return self.counts[4]
+    def status(self) -> int:
+        return int(self.counts[4])
 
-    def culprit(self):
-        return self.counts[6]
+    def culprit(self) -> int:
+        return int(self.counts[6])
 
-    def now(self):
-        return self.clock[0]
+    def now(self) -> float:
+        return float(self.clock[0])
 
-    def steps(self):
+    def steps(self) -> int:
         return int(self.total_steps[None])
 
-    def samples(self, samples, bodies):
+    def samples(self, samples: int, bodies: int) -> Array:
         return np.asarray(self.out.to_numpy()[:samples, :bodies])
 
     @ti.kernel
@@ -290,7 +305,7 @@ class _Bench:
 
     @ti.func
     def forces(self, step):
-        """Accelerations at the present positions and velocities; the smallest time to a contact, 0 in contact."""
+        """Accelerations here, from the velocities of mid-step; the smallest time to a contact, 0 in contact."""
         n = self.counts[0]
         clear = self.clock[2]
         slack = self.gravity[None].norm() * self.clock[2]
@@ -305,9 +320,9 @@ class _Bench:
                 overlap = radius - distance
                 if overlap > 0.0:
                     clear = 0.0
-                    surface = self.velocity[i] + distance * self.spin[i].cross(normal)
+                    surface = self.half[i] + distance * self.half_spin[i].cross(normal)
                     force, torque, _t, slip, roll = contact_forces(
-                        overlap, normal, surface, self.spin[i], ti.Vector([0.0, 0.0, 0.0]), radius, mass, radius,
+                        overlap, normal, surface, self.half_spin[i], ti.Vector([0.0, 0.0, 0.0]), radius, mass, radius,
                         radius, inertia, inertia, radius, inertia, self.wall_law[i, k], self.wall_slip[i, k],
                         self.wall_roll[i, k], step, constant_torque,
                     )  # fmt: skip
@@ -318,23 +333,23 @@ class _Bench:
                 else:
                     self.wall_slip[i, k] = ti.Vector([0.0, 0.0, 0.0])
                     self.wall_roll[i, k] = ti.Vector([0.0, 0.0, 0.0])
-                    clear = ti.min(clear, -0.4 * overlap / (self.velocity[i].norm() + slack))
+                    clear = ti.min(clear, -0.4 * overlap / (self.half[i].norm() + slack))
             for j in range(i + 1, n):
                 if self.pair_meets[i, j] == 1:
                     radius_j, mass_j, inertia_j = self.body[j][0], self.body[j][1], self.body[j][2]
                     between = self.position[j] - self.position[i]
                     distance = between.norm()
                     overlap = radius + radius_j - distance
-                    velocity = self.velocity[i] - self.velocity[j]
+                    velocity = self.half[i] - self.half[j]
                     if overlap > 0.0:
                         clear = 0.0
                         normal = between / distance
                         lever = distance * radius / (radius + radius_j)
                         lever_j = distance - lever
-                        surface = velocity + (lever * self.spin[i] + lever_j * self.spin[j]).cross(normal)
+                        surface = velocity + (lever * self.half_spin[i] + lever_j * self.half_spin[j]).cross(normal)
                         radius_eff = radius * radius_j / (radius + radius_j)
                         force, torque, torque_j, slip, roll = contact_forces(
-                            overlap, normal, surface, self.spin[i], self.spin[j], radius_eff,
+                            overlap, normal, surface, self.half_spin[i], self.half_spin[j], radius_eff,
                             mass * mass_j / (mass + mass_j), radius, radius_j, inertia, inertia_j, 2.0 * radius_eff,
                             inertia * inertia_j / (inertia + inertia_j), self.pair_law[i, j], self.pair_slip[i, j],
                             self.pair_roll[i, j], step, constant_torque,
@@ -354,7 +369,7 @@ class _Bench:
 
     @ti.func
     def drift(self, i, h):
-        """Positions to the end of the step, velocities predicted there; a thread keeps its length (RATTLE)."""
+        """Positions to the end of the step, velocities to its middle; a thread keeps its length (RATTLE)."""
         before = self.position[i]
         middle = self.velocity[i] + 0.5 * h * self.push[i]
         after = before + h * middle
@@ -370,9 +385,7 @@ class _Bench:
             middle += pull / h * arm
         self.position[i] = after
         self.half[i] = middle
-        self.velocity[i] = self.across_thread(i, middle + 0.5 * h * self.push[i])
         self.half_spin[i] = self.spin[i] + 0.5 * h * self.twist[i]
-        self.spin[i] = self.spin[i] + h * self.twist[i]
 
     @ti.func
     def across_thread(self, i, velocity):

@@ -45,7 +45,7 @@ class Disc:
 
 @dataclass(frozen=True)
 class Cylinder:
-    """A thin tube wall from `centre` along `axis`, touched from inside, outside or on its edges; a short one is a rim."""
+    """A thin tube wall from `centre` along `axis`, touched on any side; a short one is a rim."""
 
     centre: Vector  # [m], of the lower opening
     axis: Vector

@@ -1,0 +1,334 @@
+"""Where one bead hits another in a film: of all paths of what moves, the one that ends, fast, where another begins.
+
+Picture coordinates: x right, y down, centre of the top-left pixel (0, 0).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.rigs import GRAVITY
+from rigtwin.measure.bead import Scene
+from rigtwin.measure.media import Frame, Grey, Image, Video
+
+Array = npt.NDArray[np.float64]
+Region = tuple[float, float, float, float]
+
+LOST = 4  # frames after which a path that was not seen again has ended
+
+
+@dataclass
+class Path:
+    """What moves, frame by frame; `size` is the smaller side of its picture."""
+
+    frames: list[int] = field(default_factory=list)
+    places: list[Array] = field(default_factory=list)  # [px]
+    sizes: list[float] = field(default_factory=list)  # [px]
+
+    def part(self, start: int, end: int) -> Path:
+        return Path(self.frames[start:end], self.places[start:end], self.sizes[start:end])
+
+    def at(self, frame: float) -> Array:
+        """Place [px] in a frame between those seen; at an end, the last one seen."""
+        places = np.array(self.places)
+        return np.array([np.interp(frame, self.frames, places[:, k]) for k in (0, 1)])
+
+    def along(self, frame: int) -> tuple[Array, Array]:
+        """Place [px] and velocity [px/frame]."""
+        return self.at(frame), (self.at(frame + 1) - self.at(frame - 1)) / 2
+
+    def clear_of(self, place: Array, reach: float, *, from_end: bool) -> Path:
+        """The path without its last (or first) frames within `reach` of a place, where two beads show as one spot."""
+        keep = np.flatnonzero(np.hypot(*(np.array(self.places) - place).T) > reach)
+        if len(keep) < 4:
+            return self
+        return self.part(0, int(keep[-1]) + 1) if from_end else self.part(int(keep[0]), len(self.frames))
+
+    @property
+    def extent(self) -> float:
+        """[px]"""
+        return float(np.max(np.ptp(np.array(self.places), axis=0)))
+
+    def velocity(self, *, at_end: bool) -> Array:
+        """[px/frame] over the last or first few frames."""
+        last = len(self.frames) - 1
+        one, other = (max(last - 3, 0), last) if at_end else (0, min(3, last))
+        if one == other:
+            return np.zeros(2)
+        return np.asarray((self.places[other] - self.places[one]) / (self.frames[other] - self.frames[one]))
+
+
+@dataclass(frozen=True)
+class Collision:
+    """The two paths that meet, before the beads are followed in detail."""
+
+    fall: Path  # bead A up to the collision
+    rise: Path  # bead B from it on
+    rest: Array  # [px], where B hangs
+    radius: float  # [px]
+
+
+def find_paths(
+    video: Video, scene: Scene, samples: dict[int, Frame], region: Region | None = None, progress: Progress = silent
+) -> list[Path]:
+    """Everything that moves against the still `scene`, linked from frame to frame and broken where its speed jumps."""
+    paths: list[Path] = []
+    shake = (0.0, 0.0)
+    still = np.median(np.stack([frame.colour for frame in samples.values()]), axis=0).astype(np.uint8)
+    least = np.maximum(4 * scene.noise, 8.0)
+    if region is not None:
+        x, y, width, height = (round(side) for side in region)
+        inside = np.zeros(least.shape, dtype=bool)
+        inside[max(y, 0) : y + height, max(x, 0) : x + width] = True
+        least = np.where(inside, least, np.inf)
+    for frame in video.frames():
+        progress("looking for beads", frame.index - video.first, video.last - video.first + 1)
+        view = scene.view(frame.grey, shake)
+        shake = view.shake
+        # in colour: a brown bead on a grey wall may have the wall's grey on its lit side
+        level = float(view.grey.mean()) / max(float(frame.grey.mean()), 1.0)  # the lamp's flicker
+        blue, green, red = cv2.split(cv2.absdiff(_steady(frame.colour, shake, level), still))
+        difference = np.asarray(cv2.max(cv2.max(blue, green), red), dtype=np.uint8)
+        _link(paths, _spots(difference, least), frame.index)
+    return [piece for path in paths for piece in _unbroken(path)]
+
+
+def _steady(colour: Image, shake: tuple[float, float], level: float) -> Image:
+    """A frame laid over the still scene, as `Scene.view` does it."""
+    if abs(level - 1) > 0.004:
+        colour = np.asarray(cv2.convertScaleAbs(colour, alpha=level), dtype=np.uint8)
+    if max(abs(shake[0]), abs(shake[1])) < 0.03:
+        return colour
+    back = np.array([[1, 0, -shake[0]], [0, 1, -shake[1]]], dtype=np.float32)
+    size = (colour.shape[1], colour.shape[0])
+    return np.asarray(cv2.warpAffine(colour, back, size, borderMode=cv2.BORDER_REPLICATE), dtype=np.uint8)
+
+
+def _spots(difference: npt.NDArray[np.uint8], least: npt.NDArray[np.float32]) -> list[tuple[Array, float, float]]:
+    """Compact spots that differ from the still scene: place [px], width [px], weight; heaviest first."""
+    smooth = cv2.medianBlur(difference, 5)  # drops what is thinner than half its window, keeps edges
+    mask = (smooth > least).astype(np.uint8)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    weights = np.bincount(labels.ravel(), smooth.ravel(), minlength=count)
+    spots = []
+    for k in np.argsort(weights[1:])[::-1][:12] + 1:
+        x, y, width, height, area = (int(number) for number in stats[k])
+        if area < 9 or min(width, height) > 0.3 * min(mask.shape):
+            continue
+        window = np.s_[y : y + height, x : x + width]
+        spot = _core(np.where(labels[window] == k, smooth[window], 0))
+        if spot is not None:
+            spots.append((spot[0] + (x, y), spot[1], float(weights[k])))
+    return spots
+
+
+def _core(values: npt.NDArray[np.uint8]) -> tuple[Array, float] | None:
+    """Middle and width of the thickest part of a spot: threads and faint shadows that hang on it fall away."""
+    strong = values > 0.3 * np.percentile(values[values > 0], 90)
+    depth = cv2.distanceTransform(np.pad(strong, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    deepest = float(np.max(depth))
+    if deepest < 1.5:
+        return None
+    y, x = np.nonzero(depth > 0.4 * deepest)
+    return np.array([np.mean(x), np.mean(y)]), 2 * deepest
+
+
+def _link(paths: list[Path], spots: list[tuple[Array, float, float]], index: int) -> None:
+    """Extend the living paths by the spots nearest to where they should be; the others begin new paths."""
+    living = [path for path in paths if index - path.frames[-1] <= LOST]
+    pairs = []
+    for path in living:
+        ahead = index - path.frames[-1]
+        velocity = path.velocity(at_end=True)
+        expected = path.places[-1] + velocity * ahead
+        reach = 4 + 0.5 * path.sizes[-1] + 0.5 * float(np.hypot(*velocity)) * ahead
+        if len(path.frames) < 2:
+            reach += 1.5 * path.sizes[-1]
+        for number, (place, size, _) in enumerate(spots):
+            miss = float(np.hypot(*(place - expected)))
+            if miss < reach and 0.4 < size / path.sizes[-1] < 2.5:
+                pairs.append((miss, path, number))
+    taken: set[int] = set()
+    extended: set[int] = set()
+    for _, path, number in sorted(pairs, key=lambda pair: pair[0]):
+        if number in taken or id(path) in extended:
+            continue
+        taken.add(number)
+        extended.add(id(path))
+        _extend(path, spots[number], index)
+    for number, spot in enumerate(spots):
+        if number not in taken:
+            paths.append(Path())
+            _extend(paths[-1], spot, index)
+
+
+def _extend(path: Path, spot: tuple[Array, float, float], index: int) -> None:
+    path.frames.append(index)
+    path.places.append(spot[0])
+    path.sizes.append(spot[1])
+
+
+def _unbroken(path: Path) -> list[Path]:
+    """Pieces between the jumps of speed: a pendulum's speed changes slowly, a collision's at once."""
+    if len(path.frames) < 5:
+        return []
+    frames, places = np.array(path.frames, dtype=float), np.array(path.places)
+    speed = np.diff(places, axis=0) / np.diff(frames)[:, None]
+    fast = np.hypot(*speed.T)
+    size = float(np.median(path.sizes))
+    jump = np.zeros(len(frames))
+    for i in range(2, len(frames) - 2):
+        # medians over three steps, so that a single frame of contact counts once
+        before, after = np.median(speed[max(i - 3, 0) : i], axis=0), np.median(speed[i : i + 3], axis=0)
+        jump[i] = np.hypot(*(after - before)) / (1.0 + 0.15 * max(fast[max(i - 3, 0) : i + 3]))
+        # from the hitting bead over to the one it hits, a leap of one diameter
+        around = np.median(speed[max(i - 4, 0) : i + 3], axis=0)
+        leap = places[i] - places[i - 1] - around * (frames[i] - frames[i - 1])
+        jump[i] = max(jump[i], float(np.hypot(*leap)) / (1.5 + 0.35 * size))
+    cuts = [i for i in range(len(jump)) if jump[i] > 1 and jump[i] == np.max(jump[max(i - 3, 0) : i + 4])]
+    edges = [0, *cuts, len(frames)]
+    return [path.part(a, b) for a, b in pairwise(edges) if b - a >= 4]
+
+
+def find_collision(paths: list[Path], video: Video, stated_length: float | None = None) -> Collision:
+    """The pair of paths of which one ends, fast, where and when the other begins in the same direction.
+
+    Raises `NothingToMeasure` when there is none; `stated_length` [m] of the pendulum then helps to say what was seen.
+    """
+    moving = [path for path in paths if path.extent > 3 * float(np.median(path.sizes))]
+    if not moving:
+        raise NothingToMeasure(
+            f"{video.path}: nothing of a bead's kind moves in this clip; show the release and the hit."
+        )
+    best, best_score = None, 0.0
+    for fall in moving:
+        for rise in moving:
+            score = _meeting(fall, rise)
+            if score > best_score:
+                best, best_score = (fall, rise), score
+    if best is None:
+        lone = _lone_swing(moving, video, stated_length)
+        raise NothingToMeasure(
+            f"{video.path}: no bead is seen to hit a second one{lone}; the clip must show the released bead, "
+            "the hanging bead and their collision."
+        )
+    fall, rise = best
+    radius = float(np.median([*fall.sizes, *rise.sizes])) / 2 + 0.5
+    fall = _with_beginning(fall, paths)
+    return Collision(fall, rise, _rest_place(fall, rise, paths, radius), max(radius, 2.0))
+
+
+def _lone_swing(moving: list[Path], video: Video, stated_length: float | None) -> str:
+    """What a single pendulum's period says of its length; empty where nothing swings to and fro."""
+    size = max(float(np.median(path.sizes)) for path in moving)
+    main = [path for path in moving if float(np.median(path.sizes)) > 0.6 * size]
+    frames = np.concatenate([path.frames for path in main])
+    order = np.argsort(frames)
+    time = video.times[frames[order]]
+    x = np.concatenate([np.array(path.places)[:, 0] for path in main])[order]
+    away = x - (np.percentile(x, 2) + np.percentile(x, 98)) / 2
+    # crossings of the middle, each counted once although noise may cross it to and fro
+    far = np.flatnonzero(np.abs(away) > 0.3 * np.percentile(np.abs(away), 90))
+    turns = np.flatnonzero(np.sign(away[far[:-1]]) != np.sign(away[far[1:]]))
+    if len(turns) < 4:
+        return ""
+    before, after = far[turns], far[turns + 1]
+    crossings = time[before] - away[before] * (time[after] - time[before]) / (away[after] - away[before])
+    steps = np.diff(crossings)
+    halves = np.concatenate([[0], np.cumsum(np.round(steps / np.median(steps)))])
+    half, _ = np.polyfit(halves, crossings, 1)
+    fits = GRAVITY * (half / math.pi) ** 2
+    stated = "" if stated_length is None else f", {stated_length * 1e3:.0f} mm are stated"
+    return f" (one body swings, with a period of {2 * half:.3f} s as a pendulum of {fits * 1e3:.0f} mm has{stated})"
+
+
+def _meeting(fall: Path, rise: Path) -> float:
+    """How well `rise` begins where and when `fall` ends; 0 where it does not."""
+    wait = rise.frames[0] - fall.frames[-1]
+    if fall is rise or not -3 <= wait <= LOST + 2 or len(fall.frames) < 6:
+        return 0.0
+    arriving, leaving = fall.velocity(at_end=True), rise.velocity(at_end=False)
+    speed = float(np.hypot(*arriving))
+    size = float(np.median([*fall.sizes, *rise.sizes]))
+    gap = rise.places[0] - fall.places[-1]
+    ahead = float(gap @ arriving) / max(speed, 1e-9)
+    along = float(arriving @ leaving) / max(speed, 1e-9)
+    if speed < 1.0 or not 0.35 * speed < along < 1.3 * speed:
+        return 0.0
+    if not -speed < ahead < 2.5 * size + (wait + 2.5) * speed or float(np.hypot(*gap)) > 3 * size + (wait + 3) * speed:
+        return 0.0
+    start_speed = float(np.hypot(*fall.velocity(at_end=False)))
+    if start_speed > 0.9 * speed:  # a bead that falls gains speed
+        return 0.0
+    return (fall.extent + rise.extent) * math.sqrt(size)
+
+
+def _with_beginning(fall: Path, paths: list[Path]) -> Path:
+    """The fall with the pieces of path that lead up to it, back to the bead at rest."""
+    while True:
+        velocity = fall.velocity(at_end=False)
+        back = []
+        for path in paths:
+            gap = fall.frames[0] - path.frames[-1]
+            # behind something narrow the bead is out of sight for a while
+            expected = fall.places[0] - gap * velocity
+            reach = 3 + 0.5 * fall.sizes[0] + 0.4 * gap * float(np.hypot(*velocity))
+            if 0 <= gap <= 3 * LOST and np.hypot(*(path.places[-1] - expected)) < reach:
+                back.append(path)
+        if not back:
+            return fall
+        first = max(back, key=lambda path: path.extent + len(path.frames))
+        own = 1 if first.frames[-1] == fall.frames[0] else 0
+        fall = Path(first.frames + fall.frames[own:], first.places + fall.places[own:], first.sizes + fall.sizes[own:])
+
+
+def _rest_place(fall: Path, rise: Path, paths: list[Path], radius: float) -> Array:
+    """About where B hung: a still spot behind its rise, else a little behind where its rise is first seen."""
+    velocity = rise.velocity(at_end=False)
+    speed = float(np.hypot(*velocity))
+    furthest = (rise.frames[0] - fall.frames[-1] + 6) * speed + radius
+    for path in sorted(paths, key=lambda path: -len(path.frames)):
+        still = np.median(np.array(path.places), axis=0)
+        if path.extent < 0.6 * radius + 1 and len(path.frames) >= 5:
+            away = rise.places[0] - still
+            along = float(away @ velocity) / speed
+            across = float(np.hypot(*(away - along * velocity / speed)))
+            if -radius <= along < furthest and across < radius + 0.15 * along:
+                return np.asarray(still)
+    return rise.places[0] - 2 * velocity
+
+
+def hanging_place(greys: dict[int, Grey], collision: Collision) -> Array:
+    """Where B hung: what the frames before the collision show there and those after it do not.
+
+    A may have come to rest one diameter before it: of two such places, B's is the one further on.
+    """
+    hit, radius = collision.rise.frames[0], collision.radius
+    before = [grey for index, grey in greys.items() if index < collision.fall.frames[-1] - 1]
+    after = [grey for index, grey in greys.items() if index > hit + 1]
+    if len(before) < 3 or len(after) < 3:
+        return collision.rest
+    change = np.abs(np.median(np.stack(before), axis=0) - np.median(np.stack(after), axis=0)).astype(np.float32)
+    reach = math.ceil(radius)
+    v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    disc = (np.hypot(u, v) <= radius).astype(np.float32)
+    filled = cv2.filter2D(change, -1, disc / disc.sum())
+    velocity = collision.rise.velocity(at_end=False)
+    way = velocity / max(float(np.hypot(*velocity)), 1e-9)
+    y, x = np.nonzero(filled >= cv2.dilate(filled, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)))
+    away = np.column_stack([x, y]) - collision.rise.places[0]
+    along, across = away @ way, np.abs(away @ np.array([-way[1], way[0]]))
+    behind = (along < radius) & (along > -6 * radius - 5 * float(np.hypot(*velocity))) & (across < 2 * radius)
+    peaks = np.where(behind, filled[y, x], 0)
+    if len(peaks) == 0 or np.max(peaks) < 4:
+        return collision.rest
+    best = np.argmax(np.where(peaks > 0.6 * np.max(peaks), along, -np.inf))
+    return np.array([x[best], y[best]], dtype=np.float64)

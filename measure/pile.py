@@ -1,0 +1,453 @@
+"""A heap on a round base, photographed from the side: angle of repose, graphical and geometric.
+
+`measure` turns photos into profiles, `evaluate` profiles into angles; a simulated heap goes through the same
+`evaluate`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.errors import BadInput, NothingToMeasure
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, root_sum_of_squares
+from rigtwin.lab.records import Profile, read_profile
+from rigtwin.measure import slope
+from rigtwin.measure.disc import FOCAL_DOUBT, Disc
+from rigtwin.measure.media import read_photo, sha256
+from rigtwin.measure.surface import Silhouette, View, find_heap, undo_view
+
+Array = npt.NDArray[np.float64]
+
+GRAPHICAL, GEOMETRIC = "angle_of_repose_graphical", "angle_of_repose_geometric"
+LINE, NARROWER = "line 15-85 %", "line 20-80 %"
+ADVISED_RATIO = 25  # base over bead diameter (Hlosta et al. 2020, section 2.1.5 advises more)
+NO_SCALE = "not known"
+FLAWED = 3.0  # [deg], added to the doubt of an angle whose outline cannot be relied on
+DOUBTFUL_COVER = 0.83  # share of the heap that circles cover, below which its outline may belong to something else
+
+
+@dataclass(frozen=True)
+class Observation:
+    """One photo's profile, and the same profile under other readings of the photo, one standard deviation away."""
+
+    profile: Profile
+    variants: Mapping[str, tuple[Profile, Profile]] = field(default_factory=dict)
+    flaw: str = ""  # why the outline is not to be relied on
+    grain: float | None = None  # bead diameter, in the unit of the profile
+
+
+def measure(
+    photos: Sequence[Path],
+    camera: Camera,
+    *,
+    base_diameter: float | None = None,
+    bead_diameter: float | None = None,
+    out: Path | None = None,
+    progress: Progress = silent,
+) -> Measurement:
+    """Angles of repose from photos of one heap, one photo per view; a ``.csv`` is a profile that is ready.
+
+    `base_diameter` [m] of the disc the heap stands on, `bead_diameter` [m].  Angles need neither; heights and widths
+    need one of them, or a scale in `camera`.  Raises `NothingToMeasure` when a photo shows no heap.
+    """
+    if not photos:
+        raise BadInput("measure pile: no photo given; name one or more photos of the heap.")
+    observations, views, files = [], [], {}
+    for number, photo in enumerate(photos):
+        progress("looking for the heap", number, len(photos))
+        if photo.suffix.lower() == ".csv":
+            seen, view, written = _observe_table(photo, base_diameter, out)
+        else:
+            seen, view, written = _observe_photo(photo, camera, base_diameter, bead_diameter, out)
+        observations.append(seen)
+        views.append(view)
+        files.update(written if number == 0 else {f"{name}_{number + 1}": path for name, path in written.items()})
+    progress("looking for the heap", len(photos), len(photos))
+    scaled = all(view["scale_from"] != NO_SCALE for view in views)
+    evaluation = _evaluate(observations, base_diameter if scaled else None, bead_diameter if scaled else None)
+    warnings = list(evaluation.warnings)
+    quantities = evaluation.quantities
+    if not scaled:
+        quantities = tuple(quantity for quantity in quantities if quantity.unit != "m")
+        warnings.append(
+            "scale: not known, so heights and widths are left out; give --base-diameter, --bead-diameter or --scale."
+        )
+    return Measurement(
+        rig="pile",
+        source=photos[0],
+        source_sha256=sha256(photos[0]),
+        quantities=quantities,
+        checks=evaluation.checks,
+        warnings=tuple(warnings),
+        camera=views[0] if len(views) == 1 else {**views[0], "views": views},
+        profiles=tuple(seen.profile for seen in observations) if scaled else (),
+        files=files,
+    )
+
+
+def evaluate(
+    profiles: Sequence[Profile], *, base_diameter: float | None = None, bead_diameter: float | None = None
+) -> Evaluation:
+    """Angles, height and width of a heap from its profiles (several views of one heap), filmed or simulated.
+
+    A simulated heap's profile is the silhouette of its spheres, not the line through their centres.  Raises
+    `NothingToMeasure` when a profile holds no heap.
+    """
+    return _evaluate([Observation(profile) for profile in profiles], base_diameter, bead_diameter)
+
+
+def _evaluate(
+    observations: Sequence[Observation], base_diameter: float | None, bead_diameter: float | None
+) -> Evaluation:
+    quantities: list[Quantity] = []
+    checks: list[Check] = []
+    warnings: list[str] = []
+    for number, seen in enumerate(observations):
+        grain = bead_diameter or seen.grain
+        heap = slope.find_parts(seen.profile, base_diameter, grain)
+        if heap is None:
+            raise NothingToMeasure(
+                f"profile {number + 1} ({seen.profile.view}) holds no heap above its base line; "
+                "check that height_m is measured upwards from the base."
+            )
+        found = _quantities_of_view(seen, heap, base_diameter, grain)
+        if len(observations) > 1:
+            found = [replace(one, detail={**one.detail, "view": seen.profile.view}) for one in found]
+        quantities += found
+        warnings += sorted({f"{seen.profile.view}: {one.doubtful}" for one in found if one.doubtful})
+        checks += _checks(seen.profile, heap, base_diameter, bead_diameter)
+    if len(observations) > 1:
+        quantities = _over_views(quantities) + quantities
+    return Evaluation(tuple(quantities), tuple(checks), tuple(warnings))
+
+
+def _angles(profile: Profile, base_diameter: float | None, grain: float | None) -> dict[tuple[str, str, str], float]:
+    """Every angle [deg] of a profile by (quantity, method, side)."""
+    heap = slope.find_parts(profile, base_diameter, grain)
+    if heap is None:
+        return {}
+    angles = {}
+    for method, window in ((LINE, slope.WINDOW), (NARROWER, (0.2, 0.8))):
+        lines = {side: slope.flank_line(heap, side, window) for side in slope.SIDES}
+        sides = {side: line.angle for side, line in lines.items() if line is not None}
+        if len(sides) == 2:
+            sides["mean"] = (sides["left"] + sides["right"]) / 2
+        angles.update({(GRAPHICAL, method, side): angle for side, angle in sides.items()})
+    for side in slope.SIDES:
+        angles[GEOMETRIC, "apex", side] = slope.apex_angle(heap, side)
+        steepest = slope.steepest_third(heap, side)
+        if steepest is not None:
+            angles[GRAPHICAL, "steepest third", side] = steepest
+    angles[GEOMETRIC, "apex", "mean"] = slope.apex_angle(heap)
+    angles[GEOMETRIC, "equal area", "mean"] = slope.equal_area_angle(heap)
+    return angles
+
+
+def _quantities_of_view(
+    seen: Observation, heap: slope.Heap, base_diameter: float | None, grain: float | None
+) -> list[Quantity]:
+    angles = _angles(seen.profile, base_diameter, grain)
+    varied = {
+        name: [_angles(profile, base_diameter, grain) for profile in pair] for name, pair in seen.variants.items()
+    }
+    flaw = seen.flaw or _flaw_of_profile(heap, angles)
+    limited = _base_limited(seen.profile, heap, base_diameter)
+    grainy = {side: (slope.roughness_doubt(heap, side), slope.window_doubt(heap, side)) for side in slope.SIDES}
+    quantities = []
+    for (name, method, side), angle in angles.items():
+        budget = {
+            part: _spread([other.get((name, method, side), angle) for other in pair], angle)
+            for part, pair in varied.items()
+        }
+        budget |= _definition_doubt(heap, grainy, angles, name, method, side)
+        if flaw:
+            budget["unreliable outline"] = FLAWED
+        budget = {part: value for part, value in budget.items() if math.isfinite(value) and value > 0}
+        detail: dict[str, str | int | float | bool] = {"side": side}
+        if name == GEOMETRIC:
+            detail["base_limited"] = limited
+        quantities.append(Quantity(name, angle, root_sum_of_squares(budget), "deg", method, 1, detail, budget, flaw))
+    order = [(GRAPHICAL, LINE), (GEOMETRIC, "apex"), (GEOMETRIC, "equal area"), (GRAPHICAL, NARROWER)]
+    place = {key: rank for rank, key in enumerate(order)}
+    quantities.sort(key=lambda one: place.get((one.quantity, one.method), len(order)))
+    return quantities + _lengths(seen, heap, grain, flaw)
+
+
+def _definition_doubt(
+    heap: slope.Heap,
+    grainy: Mapping[str, tuple[float, float]],
+    angles: Mapping[tuple[str, str, str], float],
+    name: str,
+    method: str,
+    side: str,
+) -> dict[str, float]:
+    """What the grains and the definition itself leave open [deg]."""
+    if name == GRAPHICAL:
+        if side != "mean":
+            return dict(zip(("grain roughness", "window of the line"), grainy[side], strict=True))
+        rough, window = (math.hypot(*both) / 2 for both in zip(*grainy.values(), strict=True))
+        return {
+            "grain roughness": rough,
+            "window of the line": window,
+            "half left-right difference": abs(angles[name, method, "left"] - angles[name, method, "right"]) / 2,
+        }
+    # which grain is the apex: an eighth of a grain; which one the foot: a quarter
+    reach = heap.base_width / 2 if side == "mean" else abs(heap.apex[0] - heap.feet[slope.SIDES.index(side)])
+    tangent = math.tan(math.radians(angles[name, method, side]))
+    per_grain = math.hypot(0.125, 0.0 if side == "mean" else 0.25 * tangent) * heap.grain / reach
+    return {"grain at apex and foot": math.degrees(per_grain / (1 + tangent * tangent))}
+
+
+def _flaw_of_profile(heap: slope.Heap, angles: Mapping[tuple[str, str, str], float]) -> str:
+    missing = [side for side in slope.SIDES if (GRAPHICAL, LINE, side) not in angles]
+    if missing:
+        return f"the {missing[0]} flank is too short for a line"
+    for side in slope.SIDES:
+        line = slope.flank_line(heap, side)
+        if line is not None and abs(line.outer - line.inner) < 3 * heap.grain:
+            return f"the {side} flank is only {abs(line.outer - line.inner) / heap.grain:.1f} grains long"
+        if slope.monotony(heap, side) < 0.6:
+            return f"the {side} flank does not fall steadily"
+    return ""
+
+
+def _lengths(seen: Observation, heap: slope.Heap, grain: float | None, flaw: str) -> list[Quantity]:
+    def length(name: str, value: float, method: str, share: float) -> Quantity:
+        budget = {"grain at apex and foot": 0.25 * heap.grain} if share else {"grain roughness": 0.3 * value}
+        scales = [slope.find_parts(profile, None, grain) for pair in seen.variants.values() for profile in pair]
+        if name == "pile_height" and scales:
+            budget["outline and base line"] = float(np.std([part.apex[1] for part in scales if part is not None]))
+        return Quantity(name, value, root_sum_of_squares(budget), "m", method, 1, {}, budget, flaw)
+
+    lengths = [
+        length("pile_height", heap.apex[1], "95 % of the top grain band", 1.0),
+        length("pile_base_width", heap.feet[1] - heap.feet[0], "outermost outline points", 1.0),
+    ]
+    radius = slope.tip_radius(heap)
+    if radius is not None:
+        lengths.append(length("pile_tip_radius", radius, "parabola through the tip", 0.0))
+    return lengths
+
+
+def _base_limited(profile: Profile, heap: slope.Heap, base_diameter: float | None) -> bool:
+    """Whether the heap reaches the rim on both sides, so that its width is the dish's and not its own."""
+    if profile.base is not None:
+        gaps = (heap.feet[0] - profile.base[0], profile.base[1] - heap.feet[1])
+        return max(gaps) < heap.grain
+    return base_diameter is not None and heap.feet[1] - heap.feet[0] > base_diameter - 2 * heap.grain
+
+
+def _checks(
+    profile: Profile, heap: slope.Heap, base_diameter: float | None, bead_diameter: float | None
+) -> list[Check]:
+    checks = []
+    if base_diameter is not None and bead_diameter is not None:
+        ratio = base_diameter / bead_diameter
+        checks.append(
+            Check(
+                "base_bead_ratio",
+                ratio > ADVISED_RATIO,
+                ratio,
+                float(ADVISED_RATIO),
+                f"the base is {ratio:.0f} bead diameters wide, more than {ADVISED_RATIO} are advised; "
+                "with fewer, single beads set the angle.",
+            )
+        )
+    left, right = (slope.flank_line(heap, side) for side in slope.SIDES)
+    if left is not None and right is not None:
+        doubt = math.hypot(*(slope.roughness_doubt(heap, side) for side in slope.SIDES))
+        difference = left.angle - right.angle
+        checks.append(
+            Check(
+                "flanks_agree",
+                abs(difference) < 2.5 * doubt + 1.0,
+                difference,
+                0.0,
+                f"left minus right flank ({profile.view}) is {difference:+.1f} deg, its grains explain about "
+                f"{doubt:.1f} deg; more means an uneven fill, a tilted base or an unnoticed camera roll.",
+            )
+        )
+    return checks
+
+
+def _over_views(quantities: Sequence[Quantity]) -> list[Quantity]:
+    """Mean over all views, of an angle over views and sides; the scatter is what repeats give."""
+    groups: dict[tuple[str, str], list[Quantity]] = {}
+    for one in quantities:
+        per_side = any(
+            other.detail.get("side") == "left" and (other.quantity, other.method) == (one.quantity, one.method)
+            for other in quantities
+        )
+        if not (per_side and one.detail.get("side") == "mean" and one.quantity == GRAPHICAL) and (
+            one.quantity != GEOMETRIC or one.detail.get("side") == "mean"
+        ):
+            groups.setdefault((one.quantity, one.method), []).append(one)
+    combined = []
+    for (name, method), ones in groups.items():
+        values = np.array([one.value for one in ones])
+        shared = [part for part in ones[0].budget if part not in ("grain roughness", "grain at apex and foot")]
+        budget = {part: float(np.mean([one.budget.get(part, 0.0) for one in ones])) for part in shared}
+        budget["scatter of views and sides"] = float(values.std(ddof=1) / math.sqrt(len(values)))
+        doubts = sorted({one.doubtful for one in ones if one.doubtful})
+        detail: dict[str, str | int | float | bool] = {"side": "mean"} if ones[0].unit == "deg" else {}
+        combined.append(
+            Quantity(
+                name,
+                float(values.mean()),
+                root_sum_of_squares(budget),
+                ones[0].unit,
+                method,
+                len(values),
+                {**detail, "view": "all", "standard_deviation": float(values.std(ddof=1))},
+                budget,
+                "; ".join(doubts),
+            )
+        )
+    return combined
+
+
+def _spread(values: Sequence[float], middle: float) -> float:
+    """Root mean square of the changes that the readings one standard deviation away bring."""
+    return math.sqrt(sum((value - middle) ** 2 for value in values) / len(values))
+
+
+def _observe_table(
+    path: Path, base_diameter: float | None, out: Path | None
+) -> tuple[Observation, dict[str, Any], dict[str, Path]]:
+    profile = replace(read_profile(path), view=path.stem)
+    if base_diameter is not None:
+        profile = replace(profile, base=(-base_diameter / 2, base_diameter / 2))
+    files: dict[str, Path] = {}
+    if out is not None:
+        from rigtwin.measure.pile_pictures import write_plot
+
+        out.mkdir(parents=True, exist_ok=True)
+        files["plot"] = write_plot(out / f"{path.stem}-plot.svg", profile, base_diameter, None, "m")
+    view = {"scale_m_per_px": None, "scale_from": "profile table", "camera_roll_deg": None}
+    return Observation(profile), view, files
+
+
+def _observe_photo(
+    photo: Path, camera: Camera, base_diameter: float | None, bead_diameter: float | None, out: Path | None
+) -> tuple[Observation, dict[str, Any], dict[str, Path]]:
+    image = read_photo(photo)
+    ratio = base_diameter / bead_diameter if base_diameter and bead_diameter else None
+    found = find_heap(image, roll=camera.roll, region=camera.region, beads_across=ratio)
+    if found is None:
+        raise NothingToMeasure(
+            f"{photo}: shows no heap of beads standing out from what is behind it; "
+            "give a side view of the whole heap, or point at it with --region x,y,width,height."
+        )
+    scale, scale_from = _scale(found, camera, base_diameter, bead_diameter)
+    unit = scale if scale is not None else 1.0
+    profile = _profile(found, found.view, found.height, unit, photo.stem)
+    seen = Observation(
+        profile, _variants(found, unit, photo.stem), _flaw_of_picture(found), 2 * found.bead_radius * unit
+    )
+    view = {
+        "scale_m_per_px": None if scale is None else scale * found.zoom,
+        "scale_from": scale_from,
+        "camera_roll_deg": math.degrees(found.view.roll),
+        "looking_down_deg": math.degrees(math.atan2(found.view.camera_height, found.view.camera_distance)),
+        "base_found": found.disc is not None,
+    }
+    files: dict[str, Path] = {}
+    if out is not None:
+        from rigtwin.measure.pile_pictures import write_pictures
+
+        out.mkdir(parents=True, exist_ok=True)
+        evaluation = _evaluate([seen], base_diameter if scale else None, bead_diameter if scale else None)
+        files = write_pictures(out, photo.stem, image, found, profile, evaluation, base_diameter, scale, seen.grain)
+    return seen, view, files
+
+
+def _scale(
+    found: Silhouette, camera: Camera, base_diameter: float | None, bead_diameter: float | None
+) -> tuple[float | None, str]:
+    """[m/px] of the measured picture in the plane through the base's axis, and where it comes from."""
+    if camera.given_scale is not None:
+        return camera.given_scale / found.zoom, "known length" if camera.scale is None else "given"
+    if base_diameter is not None and found.disc is not None:
+        return base_diameter / (2 * found.view.radius), "base diameter"
+    if bead_diameter is not None:
+        return bead_diameter / (2 * found.bead_radius), "bead diameter"
+    return None, NO_SCALE
+
+
+def _profile(found: Silhouette, view: View, height: Array, unit: float, name: str) -> Profile:
+    """The outline as a section through the heap, in metres (in px where `unit` is 1)."""
+    seen = np.isfinite(height)
+    x, level = found.x[seen], height[seen]
+    raw = slope.find_parts(Profile(x, level, level), None, 2 * found.bead_radius)
+    if raw is not None:
+        lines = [slope.flank_line(raw, side) for side in slope.SIDES]
+        left, right = (max(math.tan(math.radians(line.angle)), 0.1) if line else 0.5 for line in lines)
+        x, level = undo_view(x, level, view, (left, right))
+    order = np.argsort(x)
+    x, level = x[order], level[order]
+    base = (-view.radius * unit, view.radius * unit) if view.radius > 0 else None
+    return Profile(x * unit, level * unit, np.full(len(x), found.sigma * unit), base, name)
+
+
+def _variants(found: Silhouette, unit: float, name: str) -> dict[str, tuple[Profile, Profile]]:
+    """Other readings of the same photo, each pair one standard deviation to either side."""
+    view, height = found.view, found.height
+    raised = found.disc.sigma if found.disc is not None else 0.5 * found.bead_radius
+    turned = raised / max(view.radius, 0.5 * float(np.ptp(found.x)))
+    pairs = {
+        "outline level": ((view, found.looser), (view, found.stricter)),
+        "base line height": ((view, height + raised), (view, height - raised)),
+        "base line angle": ((view, height + turned * found.x), (view, height - turned * found.x)),
+    }
+    if found.disc is not None:
+        factor = math.exp(FOCAL_DOUBT)
+        (far, far_lift), (near, near_lift) = (
+            _other_distance(view, found.disc, stretch) for stretch in (factor, 1 / factor)
+        )
+        pairs["camera distance"] = (far, height + far_lift), (near, height + near_lift)
+    return {
+        part: (_profile(found, *first, unit, name), _profile(found, *second, unit, name))
+        for part, (first, second) in pairs.items()
+    }
+
+
+def _other_distance(view: View, disc: Disc, factor: float) -> tuple[View, float]:
+    """The view with the camera `factor` times as far away, and how much higher heights then are [px].
+
+    Lower rim and front of the face are what was seen.  From further away the lower rim bulges less beyond the upper
+    one, so that the upper one must bulge more, and the axis meets the base plane elsewhere (see `Disc`).
+    """
+    near, other = disc.nearness, disc.nearness / factor
+    deepening, changed = near / (1 - near * near), other / (1 - other * other)
+    thickness = disc.thickness * (1 + deepening) / (1 + changed)
+    bulge = max(disc.bulge + disc.thickness * deepening - thickness * changed, 0.0)
+    lift = (disc.thickness - thickness) + near * disc.bulge - other * bulge
+    radius = disc.half_width * math.sqrt(1 - other * other)
+    seen = replace(view, radius=radius, camera_height=bulge / changed, camera_distance=radius / other)
+    return seen, lift
+
+
+def _flaw_of_picture(found: Silhouette) -> str:
+    if found.cut_off:
+        return "the outline touches the edge of the picture"
+    if found.contrast < 0.3:
+        return "the outline is hardly to be told from the background"
+    if found.covered < DOUBTFUL_COVER or found.unexplained > 0.04:
+        return "beads were made out in only part of the heap"
+    if found.disc is None:
+        return "the base disc was not found, so the base line is taken from the outermost beads"
+    if found.disc.doubtful:
+        return "the edges of the base disc are unclear, so the base line may be off"
+    apart = np.abs(found.looser - found.stricter)
+    if float(np.nanmean(apart > found.bead_radius)) > 0.1:
+        return "more than a tenth of the outline depends on the level at which beads are told from the background"
+    return ""

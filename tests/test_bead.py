@@ -1,0 +1,143 @@
+"""Sub-pixel bead centres and the still scene behind them, on pictures drawn with known truth."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rigtwin.measure.bead import Background, Look, fit_bead, locate
+
+SIZE = 72
+FINE = 6  # drawn on a grid this much finer, then averaged
+
+
+def draw(centre, *, radius=9.0, blur=(0.0, 0.0), bead=170.0, slope=0.0, noise=4.0, scene=None, seed=0):
+    """A lit disc smeared along `blur` in front of a scene, seen through a soft lens by a noisy 8-bit camera."""
+    scene = np.full((SIZE, SIZE), 60.0) if scene is None else scene
+    y, x = (np.mgrid[: SIZE * FINE, : SIZE * FINE] + 0.5) / FINE - 0.5
+    steps = max(1, round(3 * np.hypot(*blur)))
+    light = cover = 0.0
+    for k in range(steps):
+        part = (k + 0.5) / steps - 0.5
+        dx, dy = x - centre[0] - part * blur[0], y - centre[1] - part * blur[1]
+        inside = np.hypot(dx, dy) < radius
+        light, cover = light + inside * (bead + slope * dy / radius), cover + inside
+
+    def seen(fine):
+        return (fine / steps).reshape(SIZE, FINE, SIZE, FINE).mean(axis=(1, 3))
+
+    picture = cv2.GaussianBlur(scene * (1 - seen(cover)) + seen(light), (0, 0), 0.7)
+    noisy = picture + noise * np.random.default_rng(seed).standard_normal(picture.shape)
+    return np.clip(np.round(noisy), 0, 255)
+
+
+TEXTURE = 60 + 25 * np.sin(np.arange(SIZE) / 4)[None, :] + 20 * np.cos(np.arange(SIZE) / 3)[:, None]
+
+
+@pytest.mark.parametrize("with_background", [True, False])
+@pytest.mark.parametrize(
+    ("blur", "slope", "limit"), [((0, 0), 0, 0.02), ((0, 8), 0, 0.045), ((5, 6), 0, 0.045), ((0, 0), 40, 0.025)]
+)
+def test_centre_is_found_near_the_noise_limit_and_sigma_says_how_near(with_background, blur, slope, limit):
+    """The limit for a sharp disc here is 0.013 px; blur, shading and a bead of unknown look cost up to three times."""
+    rng = np.random.default_rng(3)
+    errors, scaled = [], []
+    for seed in range(16):
+        centre = 36 + rng.uniform(-2, 2, 2)
+        grey = draw(centre, blur=blur, slope=slope, seed=seed)
+        scene = np.full((SIZE, SIZE), 60.0) if with_background else None
+        found = locate(grey, scene, tuple(centre + rng.uniform(-2, 2, 2)), 9.0)
+        assert found is not None
+        error = np.array([found.x, found.y]) - centre
+        errors.append(error)
+        scaled.append(error / found.sigma)
+    assert np.sqrt(np.mean(np.square(errors))) < 1.3 * limit
+    assert 0.6 < np.sqrt(np.mean(np.square(scaled))) < 1.6
+
+
+def test_textured_background_does_not_pull_the_centre():
+    errors = []
+    for seed in range(8):
+        centre = np.array([35.0, 36.0]) + np.random.default_rng(seed).uniform(-2, 2, 2)
+        found = locate(draw(centre, scene=TEXTURE, seed=seed), TEXTURE, tuple(centre + 1), 9.0)
+        assert found is not None
+        errors.append((found.x - centre[0], found.y - centre[1]))
+    assert np.abs(np.mean(errors, axis=0)).max() < 0.03
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.floats(28, 44), st.floats(28, 44), st.booleans())
+def test_a_dark_bead_is_found_as_well_as_a_bright_one(x, y, dark):
+    grey = draw((x, y), bead=15.0 if dark else 150.0, noise=1.0)
+    found = locate(grey, np.full((SIZE, SIZE), 60.0), (x + 1.5, y - 1.5), 9.0)
+    assert found is not None
+    assert np.hypot(found.x - x, found.y - y) < 0.06
+    assert (found.contrast < 0) == dark
+
+
+def test_motion_blur_is_measured():
+    found = locate(draw((36.2, 35.7), blur=(0, 12), noise=2.0), np.full((SIZE, SIZE), 60.0), (36, 36), 9.0)
+    assert found is not None
+    assert np.hypot(*found.blur) == pytest.approx(12, abs=0.6)
+    assert abs(found.blur[0]) < 1.5
+
+
+def test_radius_is_measured():
+    found = locate(draw((36.2, 35.7), radius=8.3, noise=2.0), np.full((SIZE, SIZE), 60.0), (36, 36), 9.0)
+    assert found is not None
+    assert found.radius == pytest.approx(8.3, abs=0.05)
+
+
+@pytest.mark.parametrize("scene", [None, np.full((SIZE, SIZE), 60.0), TEXTURE])
+def test_an_empty_frame_holds_no_bead(scene):
+    still = TEXTURE if scene is TEXTURE else np.full((SIZE, SIZE), 60.0)
+    grey = np.round(still + 4 * np.random.default_rng(0).standard_normal(still.shape))
+    assert locate(grey, scene, (36, 36), 9.0) is None
+
+
+def test_a_guess_outside_the_picture_finds_nothing():
+    assert locate(draw((36, 36)), np.full((SIZE, SIZE), 60.0), (-200.0, 36.0), 9.0) is None
+
+
+def test_half_a_bead_behind_a_rule_is_still_centred_when_the_rule_is_known():
+    centre = (36.3, 36.4)
+    grey = draw(centre, noise=2.0)
+    hidden = np.zeros((SIZE, SIZE), dtype=bool)
+    hidden[:, 39:50] = True
+    grey[hidden] = 60.0
+    look = Look(radius=9.0, edge=0.75, light=np.array([170.0, 0.0, 0.0, 0.0]))
+    fit = fit_bead(grey, np.full((SIZE, SIZE), 60.0), (35, 36), 9.0, hidden=hidden, look=look)
+    assert fit is not None
+    assert np.hypot(fit.image.x - centre[0], fit.image.y - centre[1]) < 0.08
+
+
+def test_scene_behind_a_bead_that_rests_most_of_the_time_is_recovered():
+    background, places = Background(), {}
+    for index in range(15):
+        place = (20.0, 20.0) if index < 11 else (50.0, 50.0)
+        places[index] = place
+        background.add(index, draw(place, scene=TEXTURE, seed=index).astype(np.uint8))
+    true = cv2.GaussianBlur(TEXTURE, (0, 0), 0.7)
+    assert np.abs(background.scene().picture - true)[14:27, 14:27].max() > 50
+    assert np.abs(background.scene(places, reach=14).picture - true).max() < 15
+
+
+def test_background_memory_is_bounded():
+    background = Background()
+    for index in range(500):
+        background.add(index, np.zeros((4, 4), dtype=np.uint8))
+    assert len(background.indices) <= Background.capacity
+    assert max(background.indices) - min(background.indices) > 250
+
+
+def test_shake_of_the_camera_is_measured():
+    rng = np.random.default_rng(5)
+    wide = cv2.GaussianBlur(rng.uniform(0, 255, (240, 240)).astype(np.float32), (0, 0), 3) * 3 - 255
+    background = Background()
+    for index in range(9):
+        background.add(index, np.clip(wide + rng.normal(0, 2, wide.shape), 0, 255).astype(np.uint8))
+    turn = np.array([[1, 0, 1.37], [0, 1, -0.62]], dtype=np.float32)
+    moved = cv2.warpAffine(wide, turn, (240, 240), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+    view = background.scene().view(np.clip(moved, 0, 255).astype(np.uint8))
+    assert view.shake == pytest.approx((1.37, -0.62), abs=0.03)

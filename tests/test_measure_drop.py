@@ -1,0 +1,345 @@
+"""Restitution from drawn clips and made-up tracks whose truth is known."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.errors import NothingToMeasure, UnreadableMedia
+from rigtwin.lab.records import Track, write_tracks
+from rigtwin.measure import drop
+
+G = 9.81
+FPS = 240.0
+SCALE = 0.0005  # [m/px] of the drawn clips
+DIAMETER = 0.006  # [m]
+
+
+def fall(times, *, height=0.25, restitution=0.7, drag=0.0, release=0.03):
+    """Height of the lowest point under gravity and drag k v |v|, bouncing with one restitution, shape (n,)."""
+
+    def motion(_, state):
+        return [state[1], -G - drag * state[1] * abs(state[1])]
+
+    def floor(_, state):
+        return state[0]
+
+    floor.terminal, floor.direction = True, -1
+    heights = np.full(len(times), height)
+    state, now = [height, 0.0], release
+    while now < times[-1]:
+        flight = solve_ivp(
+            motion, (now, times[-1] + 0.01), state, events=floor, dense_output=True, rtol=1e-9, atol=1e-12
+        )
+        inside = (times >= now) & (times <= flight.t[-1])
+        if np.any(inside):
+            heights[inside] = flight.sol(times[inside])[0]
+        if not flight.t_events[0].size:
+            break
+        now, state = float(flight.t_events[0][0]), [1e-12, -restitution * float(flight.y_events[0][0][1])]
+        if state[1] < 0.05:  # rests on the plate before bounces come without end
+            heights[times > now] = 0.0
+            break
+    return heights
+
+
+def track(*, fps=FPS, duration=0.95, noise=5e-5, seed=0, sideways=0.01, **motion):
+    times = np.arange(round(duration * fps)) / fps
+    rng = np.random.default_rng(seed)
+    position = np.stack([sideways * times, fall(times, **motion)], axis=1) + noise * rng.standard_normal(
+        (len(times), 2)
+    )
+    return Track(times, position, np.full(len(times), noise if noise else np.nan))
+
+
+def pick(quantities, name, *, method=None, bounce=None):
+    found = [
+        q
+        for q in quantities
+        if q.quantity == name and method in (None, q.method) and bounce in (None, q.detail.get("bounce"))
+    ]
+    assert len(found) == 1, [q.to_json() for q in quantities]
+    return found[0]
+
+
+def check(result, name):
+    return next(each for each in result.checks if each.check == name)
+
+
+# ------------------------------------------------------------------------------------------------------------- tracks
+
+
+@pytest.mark.parametrize("method", ["height", "velocity"])
+def test_without_air_all_restitutions_are_that_of_the_contact(method):
+    result = drop.evaluate(track(), bead_diameter=0.006, bead_density=7800.0)
+    for bounce in (1, 2):
+        e = pick(result.quantities, "restitution_wall", method=method, bounce=bounce)
+        assert e.value == pytest.approx(0.7, abs=0.001)
+        assert not e.doubtful
+    assert pick(result.quantities, "restitution_wall", method="time", bounce=2).value == pytest.approx(0.7, abs=0.001)
+
+
+def test_heights_and_impact_speed_are_those_of_the_fall():
+    result = drop.evaluate(track(), bead_diameter=0.006, bead_density=7800.0)
+    assert pick(result.quantities, "drop_height").value == pytest.approx(0.25, rel=0.004)
+    assert pick(result.quantities, "rebound_height", bounce=1).value == pytest.approx(0.25 * 0.49, rel=0.006)
+    speed = pick(result.quantities, "restitution_wall", method="velocity", bounce=1).detail["impact_speed_m_s"]
+    assert speed == pytest.approx(math.sqrt(2 * G * 0.25), rel=0.003)
+    assert check(result, "gravity").passed
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_air_drag_lowers_the_heights_but_not_the_restitution_at_the_contact(known):
+    """A light bead, k = 0.35 / m: sqrt(h2/h1) loses 2 to 3 %, which is no loss of the contact."""
+    k = 0.35
+    # the bead whose drag coefficient is 0.44 at these speeds: k = 0.75 * 0.44 * 1.2 / (density * diameter)
+    diameter = 0.06
+    bead = {"bead_diameter": diameter, "bead_density": 0.75 * 0.44 * 1.2 / (k * diameter)} if known else {}
+    result = drop.evaluate(track(drag=k, height=0.5, duration=1.2, noise=1e-4), **bead)
+    by_speed = pick(result.quantities, "restitution_wall", method="velocity", bounce=1)
+    by_height = pick(result.quantities, "restitution_wall", method="height", bounce=1)
+    assert by_speed.value == pytest.approx(0.7, abs=0.007)
+    assert by_height.value < 0.689
+    low, high = by_speed.interval95
+    assert low - 0.002 < 0.7 < high + 0.002
+
+
+def test_restitution_is_unchanged_when_the_camera_is_twice_as_fast():
+    slow = drop.evaluate(track(fps=120.0, noise=2e-5))
+    fast = drop.evaluate(track(fps=240.0, noise=2e-5))
+    for method in ("height", "velocity"):
+        a = pick(slow.quantities, "restitution_wall", method=method, bounce=1)
+        b = pick(fast.quantities, "restitution_wall", method=method, bounce=1)
+        assert a.value == pytest.approx(b.value, abs=2 * math.hypot(a.std_uncertainty, b.std_uncertainty))
+        assert a.value == pytest.approx(b.value, abs=0.002)
+
+
+def test_restitution_is_unchanged_by_the_unit_of_length_and_by_mirroring():
+    first = track()
+    other = replace(first, position=first.position * [-3.0, 3.0], sigma=first.sigma * 3)
+    a, b = drop.evaluate(first), drop.evaluate(other)
+    for method in ("height", "velocity"):
+        e = [pick(each.quantities, "restitution_wall", method=method, bounce=1).value for each in (a, b)]
+        assert e[0] == pytest.approx(e[1], abs=1e-4)
+    assert check(a, "gravity").passed
+    assert not check(b, "gravity").passed
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-6])
+def test_a_simulated_track_is_read_with_the_same_ruler(noise):
+    """Exact heights, no sigma: only the estimator's own bias is left."""
+    made = replace(track(noise=noise, fps=400.0), sigma=np.full(380, np.nan))
+    result = drop.evaluate(made, bead_diameter=0.006, bead_density=7800.0)
+    assert pick(result.quantities, "restitution_wall", method="velocity", bounce=1).value == pytest.approx(
+        0.7, abs=5e-4
+    )
+
+
+def test_stated_intervals_hold_the_truth_about_as_often_as_they_say():
+    """24 records of 6 numbers with random restitution, phase, noise and gaps: 95 % wanted, and not all far inside."""
+    rng = np.random.default_rng(11)
+    scaled = []
+    for seed in range(24):
+        e = rng.uniform(0.5, 0.85)
+        made = track(
+            restitution=e,
+            release=rng.uniform(0.02, 0.04),
+            noise=10 ** rng.uniform(-4.6, -3.6),
+            seed=seed,
+            sideways=0.02,
+        )
+        kept = rng.uniform(size=len(made.time)) > 0.02
+        result = drop.evaluate(Track(made.time[kept], made.position[kept], made.sigma[kept]))
+        for method in ("height", "velocity"):
+            for q in result.quantities:
+                if q.quantity == "restitution_wall" and q.method == method and q.detail["bounce"] < 4:
+                    scaled.append((q.value - e) / q.std_uncertainty)
+    assert np.mean(np.abs(scaled) < 1.96) > 0.88
+    assert np.std(scaled) > 0.15
+
+
+def test_noisier_tracks_have_wider_intervals():
+    clean, noisy = (drop.evaluate(track(noise=noise)) for noise in (2e-5, 4e-4))
+    a, b = (pick(each.quantities, "restitution_wall", method="velocity", bounce=2) for each in (clean, noisy))
+    assert b.budget["tracking"] > 5 * a.budget["tracking"]
+
+
+def test_budget_adds_up():
+    for quantity in drop.evaluate(track()).quantities:
+        assert math.sqrt(sum(part**2 for part in quantity.budget.values())) == pytest.approx(quantity.std_uncertainty)
+
+
+def test_slow_motion_taken_for_real_time_is_recognised():
+    """Captured at 240 Hz, stamped as if at 30 Hz: g comes out 64 times too small, restitution stays."""
+    made = track()
+    result = drop.evaluate(replace(made, time=made.time * 8))
+    gravity = check(result, "gravity")
+    assert not gravity.passed
+    assert gravity.value == pytest.approx(G / 64, rel=0.02)
+    assert "captured at 240 Hz" in gravity.message
+    assert pick(result.quantities, "drop_height").doubtful
+    assert pick(result.quantities, "restitution_wall", method="time", bounce=2).value == pytest.approx(0.7, abs=0.003)
+
+
+def test_a_scale_off_by_a_twentieth_is_recognised():
+    made = track()
+    result = drop.evaluate(replace(made, position=made.position * 1.05))
+    gravity = check(result, "gravity")
+    assert not gravity.passed
+    assert gravity.value == pytest.approx(1.05 * G, rel=0.004)
+    assert "the scale" in gravity.message
+
+
+def test_something_that_pushes_the_bead_makes_the_result_doubtful():
+    made = track()
+    bump = 1.5e-3 * np.sin(2 * np.pi * made.time / 0.045)
+    result = drop.evaluate(replace(made, position=made.position + np.stack([0 * bump, bump], axis=1)))
+    assert not check(result, "flight_residuals").passed
+    assert pick(result.quantities, "restitution_wall", method="velocity", bounce=1).doubtful
+
+
+def test_a_bead_that_bounces_aside_is_named():
+    result = drop.evaluate(track(sideways=0.6))
+    assert not check(result, "out_of_plane").passed
+
+
+def test_a_fall_without_rebound_says_so():
+    with pytest.raises(NothingToMeasure, match="no rebound"):
+        drop.evaluate(track(duration=0.24))
+
+
+def test_a_bead_at_rest_is_nothing_to_measure():
+    with pytest.raises(NothingToMeasure, match="hardly moves"):
+        drop.evaluate(track(release=9.0))
+
+
+def test_a_tracked_record_is_evaluated_and_plotted(tmp_path):
+    path = tmp_path / "rep.csv"
+    write_tracks(path, [track()])
+    result = drop.measure(path, Camera(), out=tmp_path / "out")
+    assert pick(result.quantities, "restitution_wall", method="height", bounce=1).value == pytest.approx(0.7, abs=0.002)
+    assert result.files["plot"].read_text().lstrip().startswith("<?xml")
+    assert list(result.files) == ["plot"]
+
+
+# -------------------------------------------------------------------------------------------------------------- clips
+
+
+def film(path: Path, *, fps=FPS, mirrored=False, bead=True, frames=150, roll=0.0, noise=2.0, playback=30) -> Path:
+    """Draw a clip: textured wall, plate, holder, a lit bead of 6 px radius with a third of a frame of motion blur."""
+    width, height, radius = 176, 352, DIAMETER / 2 / SCALE
+    rng = np.random.default_rng(7)
+    wall = 130 + 3 * cv2.GaussianBlur(rng.normal(0, 30, (height, width)).astype(np.float32), (0, 0), 4)
+    wall[320:] = 90
+    wall[:22, 80:92] = 40
+    y, x = np.mgrid[:height, :width].astype(np.float32)
+    fine = np.arange(3 * frames) / (3 * fps)
+    drops = fall(fine, height=0.14, release=0.02) / SCALE
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=playback, options={"crf": "16", "preset": "ultrafast"})
+        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        for k in range(frames):
+            light, cover = np.zeros_like(wall), np.zeros_like(wall)
+            for part in (0, 1):  # blur over the first third of the frame
+                here = float(drops[3 * k] * (1 - part / 2) + drops[3 * k + 1] * part / 2) if bead else 1e4
+                cx, cy = 86 + 0.02 * k, 320 - radius - here
+                dx, dy = (x - cx) * math.cos(roll) + (y - cy) * math.sin(roll), y - cy
+                distance = np.hypot(x - cx - math.tan(roll) * (cy - 320), dy)
+                soft = np.clip(radius - distance + 0.5, 0, 1)
+                light += soft * (205 - 25 * dy / radius + 0 * dx) / 2
+                cover += soft / 2
+            picture = cv2.GaussianBlur(wall * (1 - cover) + light, (0, 0), 0.6) + rng.normal(0, noise, wall.shape)
+            grey = np.clip(picture, 0, 255).astype(np.uint8)
+            grey = np.ascontiguousarray(grey[:, ::-1]) if mirrored else grey
+            frame = av.VideoFrame.from_ndarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), format="bgr24")
+            for packet in stream.encode(frame):
+                container.mux(packet)
+        for packet in stream.encode():
+            container.mux(packet)
+    return path
+
+
+CAMERA = Camera(frame_rate=FPS)
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory):
+    return film(tmp_path_factory.mktemp("drop") / "bounce.mp4")
+
+
+@pytest.fixture(scope="module")
+def measured(clip):
+    return drop.measure(clip, CAMERA, bead_diameter=DIAMETER, bead_density=7800.0, out=clip.parent / "out")
+
+
+def test_a_clip_gives_the_restitution_it_was_drawn_with(measured):
+    for method in ("height", "velocity"):
+        e = pick(measured.quantities, "restitution_wall", method=method, bounce=1)
+        assert e.value == pytest.approx(0.7, abs=0.004)
+        assert abs(e.value - 0.7) < 3 * e.std_uncertainty
+    assert all(each.passed for each in measured.checks), [each.to_json() for each in measured.checks]
+
+
+def test_a_clip_gives_the_height_it_was_drawn_with(measured):
+    assert pick(measured.quantities, "drop_height").value == pytest.approx(0.14, rel=0.01)
+
+
+def test_everything_to_judge_by_is_written(measured):
+    assert {"overlay", "still", "plot", "record"} <= set(measured.files)
+    assert all(path.stat().st_size > 500 for path in measured.files.values())
+    assert not list(measured.files["still"].parent.glob("*part*"))
+    with av.open(str(measured.files["overlay"])) as container:
+        stream = container.streams.video[0]
+        assert stream.codec_context.name == "h264"
+        assert sum(1 for _ in container.decode(stream)) == 150
+
+
+def test_scales_from_rule_bead_and_gravity_agree(clip, measured):
+    given = drop.measure(clip, Camera(frame_rate=FPS, scale=SCALE))
+    gravity = drop.measure(clip, CAMERA)
+    assert given.camera["scale_from"] == "given"
+    assert gravity.camera["scale_from"] == "gravity"
+    assert check(given, "gravity").passed
+    assert "cannot judge" in check(gravity, "gravity").message
+    assert gravity.camera["scale_m_per_px"] == pytest.approx(SCALE, rel=0.006)
+    assert measured.camera["scale_m_per_px"] == pytest.approx(SCALE, rel=0.006)
+    assert 2 * measured.camera["bead_radius_px"] * SCALE == pytest.approx(DIAMETER, rel=0.03)
+
+
+def test_a_mirrored_clip_gives_the_same_restitution(tmp_path, measured):
+    mirrored = drop.measure(film(tmp_path / "mirrored.mp4", mirrored=True), CAMERA, bead_density=7800.0)
+    for method in ("height", "velocity"):
+        a = pick(mirrored.quantities, "restitution_wall", method=method, bounce=1)
+        b = pick(measured.quantities, "restitution_wall", method=method, bounce=1)
+        assert a.value == pytest.approx(b.value, abs=3 * math.hypot(a.std_uncertainty, b.std_uncertainty))
+
+
+def test_playback_rate_taken_for_the_capture_rate_is_flagged(clip):
+    result = drop.measure(clip, Camera(scale=SCALE))
+    assert not check(result, "gravity").passed
+    assert "captured at 240 Hz" in check(result, "gravity").message
+    assert any("read from the file" in line for line in result.warnings)
+
+
+def test_a_clip_that_ends_before_the_rebound_says_so(tmp_path):
+    with pytest.raises(NothingToMeasure, match="no rebound"):
+        drop.measure(film(tmp_path / "short.mp4", frames=42), CAMERA)
+
+
+def test_a_clip_without_a_bead_says_so(tmp_path):
+    with pytest.raises(NothingToMeasure, match="nothing falls"):
+        drop.measure(film(tmp_path / "empty.mp4", bead=False, frames=30), CAMERA)
+
+
+@pytest.mark.parametrize("content", [b"", b"time_s,x_m\n1,2\n"])
+def test_a_file_that_is_no_video_says_so(tmp_path, content):
+    path = tmp_path / "clip.mp4"
+    path.write_bytes(content)
+    with pytest.raises(UnreadableMedia, match=r"clip\.mp4"):
+        drop.measure(path, CAMERA)

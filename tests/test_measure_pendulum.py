@@ -1,0 +1,382 @@
+"""The pendulum's ruler against swings made by an integrator of its own, and against drawn clips of known truth."""
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+
+import av
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rigtwin.lab.camera import Camera, Moment
+from rigtwin.lab.errors import BadInput, NothingToMeasure
+from rigtwin.lab.records import Track, write_tracks
+from rigtwin.measure.pendulum import evaluate, measure
+
+GRAVITY = 9.81
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A double pendulum: two pivots one bead apart, A released at rest, B hanging until it is hit."""
+
+    restitution: float = 0.6
+    length: float = 0.19  # [m]
+    release: float = math.radians(48)  # [rad], to the left
+    damping: float = 0.04  # [1/s], pivot
+    drag: float = 0.01  # [1/rad], air
+    diameter: float = 0.012  # [m]
+    released: float = 0.05  # [s]
+    mass_ratio: float = 1.0  # B / A
+
+
+def swing(truth, times):
+    """Angles of A and B at `times` by small symplectic steps, and the speeds (vA, vA', vB') at every collision."""
+    step = 1e-4
+    pull = GRAVITY / truth.length
+    angle, speed = np.array([-truth.release, 0.0]), np.zeros(2)
+    seen, collisions, now = [], [], truth.released
+    for time in times:
+        while now < time:
+            h = min(step, time - now)
+            half = angle + h / 2 * speed
+            slowing = truth.damping + truth.drag * np.abs(speed)
+            speed = speed + h * (-pull * np.sin(half) - slowing * speed)
+            angle = half + h / 2 * speed
+            now += h
+            closing = speed[0] - speed[1]
+            if angle[0] >= angle[1] and closing > 0:
+                momentum, m = speed[0] + truth.mass_ratio * speed[1], truth.mass_ratio
+                after = np.array([momentum - m * truth.restitution * closing, momentum + truth.restitution * closing])
+                collisions.append(truth.length * np.array([speed[0], *(after / (1 + m))]))
+                angle, speed = np.full(2, angle.mean()), after / (1 + m)
+        seen.append(angle.copy())
+    return np.array(seen), collisions
+
+
+def tracks_of(truth, *, frame_rate=240.0, duration=0.68, noise=5e-5, roll=0.0, seed=0):
+    times = np.arange(int(duration * frame_rate)) / frame_rate
+    angles, _ = swing(truth, times)
+    rng = np.random.default_rng(seed)
+    turn = np.array([[math.cos(roll), math.sin(roll)], [-math.sin(roll), math.cos(roll)]])
+    tracks = []
+    for bead, body in enumerate("AB"):
+        x = truth.length * np.sin(angles[:, bead]) + bead * truth.diameter
+        y = -truth.length * np.cos(angles[:, bead])
+        position = np.column_stack([x, y]) @ turn + rng.normal(0, noise, (len(times), 2))
+        tracks.append(Track(times, position, np.full(len(times), noise), body))
+    return tracks
+
+
+def found(evaluation, quantity, method=None, **detail):
+    (one,) = [
+        q
+        for q in evaluation.quantities
+        if q.quantity == quantity and method in (None, q.method) and detail.items() <= q.detail.items()
+    ]
+    return one
+
+
+def check(evaluation, name):
+    (one,) = [c for c in evaluation.checks if c.check == name]
+    return one
+
+
+def test_the_restitution_put_into_the_swing_comes_back_free_of_damping_and_drag():
+    evaluation = evaluate(tracks_of(Truth(restitution=0.62, damping=0.08, drag=0.02), noise=1e-5))
+    e = found(evaluation, "restitution_pair", "velocity", collision=1)
+    assert e.value == pytest.approx(0.62, abs=0.002)
+    # the angles themselves include what the swings lost on their way, and say so
+    by_angle = found(evaluation, "restitution_pair", "angle")
+    assert by_angle.value < 0.615
+    low, high = by_angle.interval95
+    assert low < 0.62 < high
+
+
+def test_release_and_rebound_angles_are_those_of_the_swing():
+    truth = Truth()
+    times = np.arange(0, 0.6, 1 / 960)
+    angles, _ = swing(truth, times)
+    evaluation = evaluate(tracks_of(truth, noise=1e-5))
+    hit = int(np.argmax(angles[:, 1] > 0))
+    assert found(evaluation, "release_angle").value == pytest.approx(48, abs=0.05)
+    rebound_a = found(evaluation, "rebound_angle", body="A")
+    rebound_b = found(evaluation, "rebound_angle", body="B")
+    assert rebound_a.value == pytest.approx(math.degrees(angles[hit:, 0].max()), abs=0.03)
+    assert rebound_b.value == pytest.approx(math.degrees(angles[:, 1].max()), abs=0.05)
+    assert rebound_b.detail["side"] == "right"
+
+
+@settings(max_examples=6)
+@given(
+    restitution=st.floats(0.3, 0.95),
+    release=st.floats(25, 60),
+    length=st.floats(0.12, 0.3),
+    frame_rate=st.sampled_from([120.0, 240.0, 500.0]),
+    roll=st.floats(-3, 3),
+)
+def test_restitution_depends_on_neither_angle_nor_length_nor_frame_rate_nor_roll(
+    restitution, release, length, frame_rate, roll
+):
+    truth = Truth(restitution=restitution, release=math.radians(release), length=length)
+    duration = 0.05 + 1.1 * math.pi * math.sqrt(length / GRAVITY)
+    tracks = tracks_of(truth, frame_rate=frame_rate, duration=duration, noise=1e-5 * length, roll=math.radians(roll))
+    assert found(evaluate(tracks), "restitution_pair", "velocity", collision=1).value == pytest.approx(
+        restitution, abs=0.005
+    )
+
+
+def test_a_clip_stamped_with_twice_the_frame_rate_gives_the_same_restitution_but_fails_the_gravity_check():
+    tracks = tracks_of(Truth())
+    fast = [Track(track.time / 2, track.position, track.sigma, track.body) for track in tracks]
+    right, wrong = evaluate(tracks), evaluate(fast)
+    assert found(wrong, "restitution_pair", "velocity", collision=1).value == pytest.approx(
+        found(right, "restitution_pair", "velocity", collision=1).value, abs=0.004
+    )
+    assert check(right, "gravity").passed
+    assert not check(wrong, "gravity").passed
+    assert check(wrong, "gravity").value == pytest.approx(4 * GRAVITY, rel=0.02)
+    assert "frame rate" in check(wrong, "gravity").message
+
+
+def test_the_mirrored_record_gives_the_same_numbers_with_the_sides_swapped():
+    tracks = tracks_of(Truth())
+    mirrored = [Track(track.time, track.position * [-1, 1], track.sigma, track.body) for track in tracks]
+    for one, other in zip(evaluate(tracks).quantities, evaluate(mirrored).quantities, strict=True):
+        assert other.value == pytest.approx(one.value, rel=1e-3)
+        if "side" in one.detail:
+            assert {one.detail["side"], other.detail["side"]} == {"left", "right"}
+
+
+def test_without_damping_the_energy_ratio_root_of_equal_beads_is_half_of_one_plus_e():
+    truth = Truth(restitution=0.7, damping=0, drag=0)
+    ratio = found(evaluate(tracks_of(truth, noise=1e-6)), "energy_ratio_root")
+    assert ratio.value == pytest.approx(0.85, abs=0.001)
+    assert ratio.method == "height"
+
+
+def test_every_clean_collision_of_a_long_record_gives_its_restitution():
+    evaluation = evaluate(tracks_of(Truth(restitution=0.8), duration=1.6))
+    collisions = [q for q in evaluation.quantities if q.quantity == "restitution_pair" and q.method == "velocity"]
+    assert [q.detail["collision"] for q in collisions] == [1, 2, 3]
+    for e in collisions:
+        assert e.value == pytest.approx(0.8, abs=4 * e.std_uncertainty)
+
+
+def test_momentum_is_checked_and_beads_of_different_mass_are_told():
+    equal = evaluate(tracks_of(Truth()), bead_mass=0.69e-3)
+    assert check(equal, "momentum").passed
+    assert check(equal, "momentum").expected == pytest.approx(0.69e-3 * 1.097, rel=0.02)
+    unequal = evaluate(tracks_of(Truth(mass_ratio=1.6)))
+    assert not check(unequal, "momentum").passed
+    assert found(unequal, "restitution_pair", "velocity", collision=1).doubtful
+
+
+def test_a_heavy_hanging_bead_throws_the_released_one_back_to_its_side():
+    evaluation = evaluate(tracks_of(Truth(mass_ratio=3, restitution=0.8)))
+    assert found(evaluation, "rebound_angle", body="A").detail["side"] == "left"
+    assert found(evaluation, "restitution_pair", "velocity", collision=1).value == pytest.approx(0.8, abs=0.006)
+
+
+def test_stated_length_and_diameter_are_held_against_the_record():
+    tracks = tracks_of(Truth())
+    right = evaluate(tracks, length=0.19, bead_diameter=0.012)
+    wrong = evaluate(tracks, length=0.21, bead_diameter=0.010)
+    assert check(right, "length").passed
+    assert check(right, "contact_distance").passed
+    assert not check(wrong, "length").passed
+    assert not check(wrong, "contact_distance").passed
+    assert len(wrong.warnings) == 2
+
+
+def test_the_stated_interval_holds_the_truth_as_often_as_it_says():
+    rng = np.random.default_rng(7)
+    inside, misses = 0, []
+    for seed in range(24):
+        truth = Truth(
+            restitution=rng.uniform(0.3, 0.95), release=math.radians(rng.uniform(25, 60)), drag=rng.uniform(0, 0.02)
+        )
+        e = found(
+            evaluate(tracks_of(truth, noise=1e-4, seed=seed, frame_rate=120)),
+            "restitution_pair",
+            "velocity",
+            collision=1,
+        )
+        low, high = e.interval95
+        inside += low < truth.restitution < high
+        misses.append((e.value - truth.restitution) / e.std_uncertainty)
+    # 24 records at 95 %: fewer than 19 inside happens once in a thousand times by chance
+    assert inside >= 19
+    assert 0.5 < np.std(misses) < 1.6  # nor are the intervals idly wide
+
+
+def test_missing_frames_and_wild_points_do_not_matter():
+    tracks = tracks_of(Truth())
+    rng = np.random.default_rng(1)
+    damaged = []
+    for track in tracks:
+        keep = rng.random(len(track.time)) > 0.08
+        position = track.position.copy()
+        position[rng.random(len(keep)) < 0.04] += 0.02
+        damaged.append(Track(track.time[keep], position[keep], track.sigma[keep], track.body))
+    e = found(evaluate(damaged), "restitution_pair", "velocity", collision=1)
+    assert e.value == pytest.approx(0.6, abs=max(3 * e.std_uncertainty, 0.006))
+
+
+def test_a_record_that_ends_before_the_beads_turn_is_doubtful_about_the_angles_only():
+    evaluation = evaluate(tracks_of(Truth(), duration=0.42))
+    assert "turns" in found(evaluation, "rebound_angle", body="B").doubtful
+    assert not found(evaluation, "restitution_pair", "velocity", collision=1).doubtful
+
+
+def test_a_record_without_collision_or_without_second_bead_is_refused_in_one_sentence():
+    still, moving = tracks_of(Truth())[::-1]
+    with pytest.raises(NothingToMeasure, match="Only one bead"):
+        evaluate([moving])
+    before = [Track(t.time[:60], t.position[:60], t.sigma[:60], t.body) for t in (moving, still)]
+    with pytest.raises(NothingToMeasure, match="no collision"):
+        evaluate(before)
+    with pytest.raises(BadInput, match="name the released bead A"):
+        evaluate([Track(t.time, t.position, t.sigma, name) for t, name in ((moving, "1"), (still, "2"))])
+
+
+def test_a_wall_gives_the_ratio_of_the_speeds():
+    wall = tracks_of(Truth(mass_ratio=1e9, restitution=0.7), duration=0.75)[0]
+    e = found(evaluate([wall], variant="wall"), "restitution_wall", "velocity", collision=1)
+    assert e.value == pytest.approx(0.7, abs=max(3 * e.std_uncertainty, 0.005))
+    free = tracks_of(Truth(), duration=0.25)[0]
+    with pytest.raises(NothingToMeasure, match="wall"):
+        evaluate([free], variant="wall")
+
+
+def test_a_tracked_record_is_measured_like_its_tracks(tmp_path):
+    tracks = tracks_of(Truth())
+    write_tracks(tmp_path / "swing.csv", tracks)
+    measurement = measure(tmp_path / "swing.csv", Camera(), out=tmp_path / "out")
+    direct = found(evaluate(tracks), "restitution_pair", "velocity", collision=1)
+    assert found(measurement, "restitution_pair", "velocity", collision=1).value == pytest.approx(
+        direct.value, abs=1e-4
+    )
+    assert measurement.files["plot"].exists()
+
+
+# --- drawn clips ------------------------------------------------------------------------------------------------------
+
+SCALE = 0.0008  # [m/px]
+
+
+def draw_clip(path, truth, *, duration=0.66, exposure=0.25, mirror=False, seed=0):
+    """A film of shaded beads on threads before a mottled wall with a stand and a holder: blur, noise, H.264."""
+    rng = np.random.default_rng(seed)
+    rate, width, height, parts = 240, 480, 300, 5
+    times = np.arange(int(duration * rate)) / rate
+    fine = (times[:, None] + np.arange(parts) / parts * exposure / rate).ravel()
+    angles = swing(truth, fine)[0].reshape(len(times), parts, 2)
+    y, x = np.mgrid[:height, :width].astype(float)
+    wall = 150 + 12 * np.sin(x / 31) * np.cos(y / 23) + 0.08 * x
+    wall[:, 400:412] = 90
+    wall[40:52, 200:420] = 110
+    with av.open(str(path), "w") as film:
+        stream = film.add_stream("libx264", rate=Fraction(rate), options={"crf": "18"})
+        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        for time, swung in zip(times, angles, strict=True):
+            picture = np.mean([_scene(wall, x, y, truth, part) for part in swung], axis=0)
+            if time < truth.released:
+                _hold(picture, x, y, truth)
+            noisy = np.clip(picture + rng.normal(0, 3, picture.shape), 0, 255).astype(np.uint8)
+            grey = noisy[:, ::-1] if mirror else noisy
+            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(np.stack([grey] * 3, axis=-1)), format="rgb24")
+            film.mux(stream.encode(frame))
+        film.mux(stream.encode())
+
+
+def _pivots(truth):
+    return np.array([[230.0, 52.0], [230.0 + truth.diameter / SCALE, 52.0]])
+
+
+def _scene(wall, x, y, truth, swung):
+    picture = wall.copy()
+    for pivot, angle in zip(_pivots(truth), swung, strict=True):
+        length, radius = truth.length / SCALE, truth.diameter / SCALE / 2
+        centre = pivot + length * np.array([math.sin(angle), math.cos(angle)])
+        along = (x - pivot[0]) * math.sin(angle) + (y - pivot[1]) * math.cos(angle)
+        across = (x - pivot[0]) * math.cos(angle) - (y - pivot[1]) * math.sin(angle)
+        thread = np.clip(1 - np.abs(across), 0, 1) * ((along > 0) & (along < length))
+        picture += thread * (70 - picture) * 0.5
+        u, v = (x - centre[0]) / radius, (y - centre[1]) / radius
+        cover = np.clip((1 - np.hypot(u, v)) * radius + 0.5, 0, 1)
+        light = 60 + 35 * np.clip(0.3 * u - 0.5 * v + 0.8 * np.sqrt(np.clip(1 - u * u - v * v, 0, 1)), 0, 1)
+        picture += cover * (light - picture)
+    return picture
+
+
+def _hold(picture, x, y, truth):
+    """A rod that touches the released bead from outside until it lets go."""
+    pivot, reach = _pivots(truth)[0], truth.length / SCALE
+    end = pivot + reach * np.array([-math.sin(truth.release), math.cos(truth.release)])
+    rod = (np.abs(y - end[1]) < 3) & (x < end[0] - truth.diameter / SCALE / 2 + 1) & (x > end[0] - 40)
+    picture[rod] = 40
+
+
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory):
+    truth = Truth(restitution=0.72, length=0.16, release=math.radians(45), released=0.06)
+    path = tmp_path_factory.mktemp("drawn") / "swing.mp4"
+    draw_clip(path, truth)
+    return truth, path
+
+
+def test_a_drawn_clip_gives_back_restitution_angles_scale_and_roll(drawn, tmp_path):
+    truth, path = drawn
+    stages = set()
+    measurement = measure(
+        path,
+        Camera(frame_rate=240),
+        length=truth.length,
+        bead_diameter=truth.diameter,
+        out=tmp_path,
+        progress=lambda stage, done, total: stages.add(stage),
+    )
+    e = found(measurement, "restitution_pair", "velocity", collision=1)
+    assert e.value == pytest.approx(0.72, rel=0.02)
+    low, high = e.interval95
+    assert low < 0.72 < high
+    assert found(measurement, "release_angle").value == pytest.approx(45, abs=0.2)
+    assert measurement.camera["scale_from"] == "pendulum length"
+    assert measurement.camera["scale_m_per_px"] == pytest.approx(SCALE, rel=0.01)
+    assert measurement.camera["camera_roll_deg"] == pytest.approx(0, abs=0.3)
+    assert all(c.passed for c in measurement.checks)
+    assert {name: path.suffix for name, path in measurement.files.items()} == {
+        "overlay": ".mp4",
+        "still": ".png",
+        "plot": ".svg",
+        "record": ".csv",
+    }
+    assert all(path.stat().st_size > 0 for path in measurement.files.values())
+    assert len(stages) >= 3
+    # the record written is one that measures the same
+    again = measure(measurement.files["record"], Camera())
+    assert found(again, "restitution_pair", "velocity", collision=1).value == pytest.approx(e.value, abs=2e-3)
+
+
+def test_a_mirrored_clip_whose_scale_is_from_the_bead_gives_the_same_restitution(tmp_path):
+    truth = Truth(restitution=0.9, length=0.16, release=math.radians(40), released=0.04)
+    draw_clip(tmp_path / "mirrored.mp4", truth, mirror=True, duration=0.6, exposure=0.6, seed=3)
+    measurement = measure(tmp_path / "mirrored.mp4", Camera(frame_rate=240), bead_diameter=truth.diameter)
+    assert found(measurement, "restitution_pair", "velocity", collision=1).value == pytest.approx(0.9, rel=0.02)
+    assert found(measurement, "release_angle").detail["side"] == "right"
+    assert measurement.camera["scale_from"] == "bead diameter"
+    assert measurement.camera["scale_m_per_px"] == pytest.approx(SCALE, rel=0.03)
+
+
+def test_a_clip_cut_off_before_the_collision_holds_nothing_to_measure(drawn):
+    _, path = drawn
+    with pytest.raises(NothingToMeasure, match=r"hit a second one|no collision|nothing like a bead"):
+        measure(path, Camera(frame_rate=240, end=Moment(50, "frame")))
+
+
+def test_a_film_of_a_wall_pendulum_is_refused_with_the_way_out(drawn):
+    with pytest.raises(BadInput, match="CSV"):
+        measure(drawn[1], Camera(frame_rate=240), variant="wall")

@@ -1,0 +1,443 @@
+"""Angles of repose: exact shapes, drawn photos of sphere heaps with known outlines, and pictures without a heap."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.errors import BadInput, NothingToMeasure
+from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
+from rigtwin.lab.records import Profile, read_profile, write_profile
+from rigtwin.measure.pile import evaluate, measure
+
+Array = npt.NDArray[np.float64]
+Image = npt.NDArray[np.uint8]
+
+GRAPHICAL, GEOMETRIC = "angle_of_repose_graphical", "angle_of_repose_geometric"
+MAIN = {GRAPHICAL: "line 15-85 %", GEOMETRIC: "apex"}
+
+
+def angle(result: Evaluation | Measurement, name: str, side: str, method: str | None = None) -> Quantity:
+    wanted = (name, method or MAIN[name], side)
+    (found,) = [q for q in result.quantities if (q.quantity, q.method, q.detail.get("side")) == wanted]
+    return found
+
+
+# --- profiles -----------------------------------------------------------------------------------------------------
+
+
+def triangle(left: float, right: float, *, height: float = 0.03, grain: float = 0.0) -> Profile:
+    """A triangle of two slopes [deg]; with a grain [m], made of the upper halves of beads laid along it."""
+    foot_left, foot_right = (height / math.tan(math.radians(slope)) for slope in (left, right))
+    x = np.linspace(-foot_left, foot_right, 1500)
+    surface = np.minimum(
+        (x + foot_left) * math.tan(math.radians(left)), (foot_right - x) * math.tan(math.radians(right))
+    )
+    if grain:
+        bumps = []
+        for centre in np.arange(-foot_left, foot_right, grain):
+            inside = np.maximum((grain / 2) ** 2 - (x - centre) ** 2, 0)
+            level = np.interp(centre, x, surface) - grain / 4
+            bumps.append(np.where(inside > 0, level + np.sqrt(inside), -np.inf))
+        surface = np.max(bumps, axis=0)
+    return Profile(x, surface, np.zeros_like(x))
+
+
+@given(left=st.floats(12, 45), right=st.floats(12, 45))
+@settings(max_examples=12, deadline=None)
+def test_lines_along_a_triangle_have_its_slopes(left: float, right: float) -> None:
+    result = evaluate([triangle(left, right)], bead_diameter=0.0005)
+    assert angle(result, GRAPHICAL, "left").value == pytest.approx(left, abs=0.05)
+    assert angle(result, GRAPHICAL, "right").value == pytest.approx(right, abs=0.05)
+    assert angle(result, GRAPHICAL, "mean").value == pytest.approx((left + right) / 2, abs=0.05)
+
+
+@given(slope=st.floats(15, 40), grain=st.floats(0.001, 0.003))
+@settings(max_examples=12, deadline=None)
+def test_grains_on_a_flank_cost_its_slope_no_more_than_the_stated_doubt(slope: float, grain: float) -> None:
+    found = angle(evaluate([triangle(slope, slope, grain=grain)], bead_diameter=grain), GRAPHICAL, "mean")
+    assert found.value == pytest.approx(slope, abs=1.0)
+    # the same grains on both sides: the worst case, in which nothing averages out
+    assert abs(found.value - slope) <= 3 * found.std_uncertainty
+
+
+def test_geometric_angles_of_an_isosceles_triangle_agree_with_its_slope() -> None:
+    result = evaluate([triangle(30, 30)], bead_diameter=0.0003)
+    for method in ("apex", "equal area"):
+        assert angle(result, GEOMETRIC, "mean", method).value == pytest.approx(30, abs=0.2)
+
+
+def test_a_cut_tip_lowers_the_apex_angle_but_not_the_line() -> None:
+    whole = triangle(30, 30)
+    cut = replace(whole, height=np.minimum(whole.height, 0.9 * whole.height.max()))
+    result = evaluate([cut], bead_diameter=0.0005)
+    assert angle(result, GEOMETRIC, "mean").value == pytest.approx(
+        math.degrees(math.atan(0.9 * math.tan(math.pi / 6))), abs=0.3
+    )
+    assert angle(result, GRAPHICAL, "mean").value == pytest.approx(30, abs=0.1)
+
+
+def test_one_stray_grain_on_the_tip_does_not_set_the_height() -> None:
+    flat = triangle(25, 25, grain=0.001)
+    stray = np.where(np.abs(flat.x - 0.002) < 0.0001, flat.height + 0.001, flat.height)
+    before, after = (
+        angle(evaluate([replace(flat, height=height)], bead_diameter=0.001), GEOMETRIC, "mean").value
+        for height in (flat.height, stray)
+    )
+    assert after == pytest.approx(before, abs=0.5)
+
+
+def test_a_stated_dish_sets_the_base_of_the_geometric_angle() -> None:
+    heap = triangle(30, 30, height=0.02)
+    dish = 0.1
+    found = angle(evaluate([heap], base_diameter=dish, bead_diameter=0.001), GEOMETRIC, "mean")
+    assert math.tan(math.radians(found.value)) == pytest.approx(2 * 0.02 / dish, rel=0.05)
+    assert found.detail["base_limited"] is False
+
+
+@given(scale=st.floats(0.01, 100))
+@settings(max_examples=6, deadline=None)
+def test_angles_do_not_depend_on_the_size_of_the_heap(scale: float) -> None:
+    heap = triangle(22, 31, grain=0.002)
+    big = Profile(heap.x * scale, heap.height * scale, heap.sigma)
+    small_angles, big_angles = (
+        [q.value for q in evaluate([p], bead_diameter=d).quantities if q.unit == "deg"]
+        for p, d in ((heap, 0.002), (big, 0.002 * scale))
+    )
+    assert big_angles == pytest.approx(small_angles, rel=1e-6)
+
+
+def test_a_mirrored_profile_has_its_sides_exchanged() -> None:
+    heap = triangle(22, 31, grain=0.002)
+    mirrored = Profile(-heap.x[::-1], heap.height[::-1], heap.sigma)
+    one, other = (evaluate([p], bead_diameter=0.002) for p in (heap, mirrored))
+    for name in MAIN:
+        assert angle(one, name, "left").value == pytest.approx(angle(other, name, "right").value, abs=0.05)
+
+
+def test_every_budget_adds_up_to_the_stated_uncertainty() -> None:
+    for q in evaluate([triangle(22, 31, grain=0.002)], bead_diameter=0.002).quantities:
+        assert math.sqrt(sum(part**2 for part in q.budget.values())) == pytest.approx(q.std_uncertainty)
+    mean = angle(evaluate([triangle(22, 31, grain=0.002)], bead_diameter=0.002), GRAPHICAL, "mean")
+    assert mean.budget["half left-right difference"] == pytest.approx(4.5, abs=0.5)
+
+
+def test_several_views_are_averaged_over_views_and_sides() -> None:
+    slopes = [(24.0, 30.0), (26.0, 28.0), (27.0, 29.0)]
+    profiles = [replace(triangle(*pair), view=f"view {k}") for k, pair in enumerate(slopes)]
+    result = evaluate(profiles, bead_diameter=0.0005)
+    (combined,) = [
+        q
+        for q in result.quantities
+        if (q.quantity, q.method, q.detail.get("view")) == (GRAPHICAL, MAIN[GRAPHICAL], "all")
+    ]
+    assert combined.n == 6
+    assert combined.value == pytest.approx(np.mean(slopes), abs=0.05)
+    assert combined.detail["standard_deviation"] == pytest.approx(np.std(slopes, ddof=1), abs=0.05)
+
+
+def test_a_level_bed_is_not_a_heap() -> None:
+    x = np.linspace(-0.05, 0.05, 200)
+    with pytest.raises(NothingToMeasure):
+        evaluate([Profile(x, np.zeros_like(x), np.zeros_like(x))])
+
+
+def test_a_profile_table_is_measured_like_the_record_it_holds(tmp_path: Path) -> None:
+    heap = triangle(25, 29, grain=0.002)
+    write_profile(tmp_path / "heap.csv", heap)
+    from_table = measure([tmp_path / "heap.csv"], Camera(), bead_diameter=0.002, out=tmp_path / "out")
+    straight = evaluate([read_profile(tmp_path / "heap.csv")], bead_diameter=0.002)
+    assert angle(from_table, GRAPHICAL, "left").value == angle(straight, GRAPHICAL, "left").value
+    assert from_table.files["plot"].is_file()
+    json.dumps(from_table.to_json(), allow_nan=False)
+
+
+# --- drawn photos -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is drawn: a heap of equal spheres on a disc before a background; lengths in bead diameters."""
+
+    slope: float = 27.0  # [deg]
+    base: float = 24.0
+    bead: tuple[int, int, int] = (110, 165, 205)  # BGR
+    disc: tuple[int, int, int] = (120, 122, 125)
+    wall: tuple[int, int, int] = (200, 205, 205)
+    roll: float = 0.0  # [deg]
+    looking_down: float = 3.0  # [deg]
+    distance: float = 75.0
+    clutter: int = 0  # boxes and bottles behind
+    noise: float = 3.0
+    blur: float = 0.7
+    size: tuple[int, int] = (640, 900)
+    fill: float = 0.66  # base width in picture widths
+    beads: bool = True
+    seed: int = 1
+
+
+def heap_of_spheres(scene: Scene) -> Array:
+    """Centres [bead diameters] of a rough close-packed cone, x right, y away from the camera, z up."""
+    random = np.random.default_rng(scene.seed)
+    rim, steep = scene.base / 2 - 0.5, math.tan(math.radians(scene.slope))
+    centres = []
+    layer, height = 0, 0.5
+    while height < rim * steep:
+        shift = (layer % 2) * np.array([0.5, 0.29])
+        grid = np.arange(-scene.base, scene.base)
+        x, y = np.meshgrid(grid, grid)
+        points = np.column_stack([(x + 0.5 * (y % 2)).ravel(), (0.866 * y).ravel()]) * 1.03 + shift
+        points += random.normal(0, 0.07, points.shape)
+        radius = np.hypot(*points.T)
+        keep = radius < np.minimum(rim - (height - 0.5) / steep + random.normal(0, 0.2, len(points)), rim)
+        centres.append(np.column_stack([points[keep], np.full(keep.sum(), height)]))
+        layer, height = layer + 1, height + 0.8
+    return np.concatenate(centres)
+
+
+def true_profile(centres: Array) -> Profile:
+    """The outline of the spheres seen level and from far away, highest edge at each x."""
+    x = np.linspace(centres[:, 0].min() - 0.49, centres[:, 0].max() + 0.49, 1500)
+    rise = np.sqrt(np.maximum(0.25 - (x - centres[:, :1]) ** 2, 0))
+    height = np.max(np.where(rise > 0, centres[:, 2:] + rise, -np.inf), axis=0)
+    height[~np.isfinite(height)] = 0.0
+    return Profile(x, height, np.zeros_like(x))
+
+
+def draw(scene: Scene) -> Image:
+    """A shaded photo of the scene with a real camera's perspective, blur, noise and roll."""
+    random = np.random.default_rng(scene.seed + 1000)
+    rows, columns = scene.size
+    focal = scene.fill * columns * scene.distance / scene.base
+    tilt, turn = math.radians(scene.looking_down), math.radians(scene.roll)
+    eye_height = scene.distance * math.tan(tilt)
+
+    def project(points: Array) -> tuple[Array, Array]:
+        """Picture points and distances; the camera looks at a point a little above the base."""
+        away = points + np.array([0.0, scene.distance, -eye_height])
+        depth = away[:, 1] * math.cos(tilt) - away[:, 2] * math.sin(tilt)
+        up = away[:, 2] * math.cos(tilt) + away[:, 1] * math.sin(tilt)
+        u, v = focal * away[:, 0] / depth, -focal * up / depth
+        turned = np.column_stack([u * math.cos(turn) - v * math.sin(turn), u * math.sin(turn) + v * math.cos(turn)])
+        return turned + np.array([columns / 2, 0.56 * rows]), depth
+
+    shade = np.linspace(1.05, 0.9, rows)[:, None, None] * np.ones((1, columns, 1))
+    picture = np.array(scene.wall, dtype=np.float64) * shade
+    for _ in range(scene.clutter):
+        left, width = random.uniform(0, columns), random.uniform(20, 130)
+        top, colour = random.uniform(0.1, 0.6) * rows, random.uniform(30, 220, 3)
+        box = np.array([[left, top], [left + width, top], [left + width, 0.8 * rows], [left, 0.8 * rows]])
+        cv2.fillPoly(picture, [box.astype(np.int32)], colour.tolist())
+    round_about = np.linspace(0, 2 * np.pi, 361)
+    rim = scene.base / 2 * np.column_stack([np.cos(round_about), np.sin(round_about), 0 * round_about])
+    post = np.array([[-2.5, 0, -1], [2.5, 0, -1], [2.5, 0, -40], [-2.5, 0, -40.0]])
+    cv2.fillPoly(picture, [project(post)[0].astype(np.int32)], (50, 48, 46))
+    side = np.concatenate([project(rim)[0], project(rim - [0, 0, 1.5])[0]]).astype(np.float32)
+    face = tuple(0.75 * channel for channel in scene.disc)
+    cv2.fillConvexPoly(picture, cv2.convexHull(np.round(side * 16).astype(np.int32)), face, cv2.LINE_AA, 4)
+    top_rim = np.round(project(rim)[0] * 16).astype(np.int32)
+    cv2.fillConvexPoly(picture, top_rim, scene.disc, cv2.LINE_AA, 4)
+    if scene.beads:
+        centres = heap_of_spheres(scene)
+        _draw_spheres(picture, *project(centres), focal, scene, random)
+    if scene.blur:
+        picture = cv2.GaussianBlur(picture, (0, 0), scene.blur)
+    return np.clip(picture + random.normal(0, scene.noise, picture.shape), 0, 255).astype(np.uint8)
+
+
+def _draw_spheres(
+    picture: Array, places: Array, depth: Array, focal: float, scene: Scene, random: np.random.Generator
+) -> None:
+    nearest = np.full(picture.shape[:2], np.inf)
+    light = np.array([0.35, 0.75, 0.55])  # from the upper right, before the heap
+    for (u, v), away in zip(places, depth, strict=True):
+        radius = 0.5 * focal / away
+        left, right = max(int(u - radius), 0), min(int(u + radius) + 2, picture.shape[1])
+        top, bottom = max(int(v - radius), 0), min(int(v + radius) + 2, picture.shape[0])
+        if left >= right or top >= bottom:
+            continue
+        y, x = np.mgrid[top:bottom, left:right]
+        nx, ny = (x - u) / radius, (v - y) / radius
+        nz = np.sqrt(np.maximum(1 - nx * nx - ny * ny, 0))
+        patch = nearest[top:bottom, left:right]
+        distance = away - 0.5 * nz
+        seen = (nx * nx + ny * ny < 1) & (distance < patch)
+        patch[seen] = distance[seen]
+        bright = 0.35 + 0.65 * np.maximum(nx * light[0] + ny * light[1] + nz * light[2], 0)
+        bright = bright * np.clip(0.35 + 0.9 * nz, 0, 1)  # the gaps between beads are dark
+        colour = np.array(scene.bead) * random.uniform(0.92, 1.08)
+        picture[top:bottom, left:right][seen] = (bright[..., None] * colour)[seen]
+
+
+def photograph(folder: Path, scene: Scene, name: str = "heap.jpg", quality: int = 90) -> Path:
+    path = folder / name
+    assert cv2.imwrite(str(path), draw(scene), [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return path
+
+
+BEAD = 0.006  # [m]
+SCENES = {
+    "plain": Scene(),
+    "steep, dark beads": Scene(slope=35, bead=(50, 45, 60), base=26, seed=2),
+    "flat, coarse": Scene(slope=21, base=17, seed=3, looking_down=1.5),
+    "looking down, clutter, noise": Scene(slope=29, looking_down=6, clutter=14, noise=9, blur=1.2, seed=4),
+    "rolled, fine beads, dark wall": Scene(
+        slope=25, base=36, roll=-2.2, wall=(60, 55, 50), bead=(60, 120, 220), seed=5
+    ),
+    "bright beads on a dark disc": Scene(slope=31, bead=(225, 228, 230), wall=(120, 90, 70), disc=(60, 60, 60), seed=6),
+}
+
+
+def measured(path: Path, scene: Scene, out: Path | None = None) -> Measurement:
+    return measure([path], Camera(), base_diameter=scene.base * BEAD, bead_diameter=BEAD, out=out)
+
+
+def truth(scene: Scene) -> Evaluation:
+    """Our own ruler laid on the exact outline of the drawn spheres."""
+    outline = true_profile(heap_of_spheres(scene))
+    metres = replace(outline, x=outline.x * BEAD, height=outline.height * BEAD)
+    return evaluate([metres], base_diameter=scene.base * BEAD, bead_diameter=BEAD)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_drawn_heap_is_measured_within_its_interval(name: str, tmp_path: Path) -> None:
+    scene = SCENES[name]
+    result, exact = measured(photograph(tmp_path, scene), scene), truth(scene)
+    for quantity in MAIN:
+        found = angle(result, quantity, "mean")
+        wanted = angle(exact, quantity, "mean").value
+        assert found.value == pytest.approx(wanted, abs=1.0)
+        assert found.interval95[0] <= wanted <= found.interval95[1]
+        assert not found.doubtful
+    for side in ("left", "right"):
+        # one flank of so few grains: a bead more or less in the window is worth a degree
+        assert angle(result, GRAPHICAL, side).value == pytest.approx(angle(exact, GRAPHICAL, side).value, abs=1.6)
+
+
+def test_scale_roll_and_pictures_come_with_the_angles(tmp_path: Path) -> None:
+    scene = SCENES["rolled, fine beads, dark wall"]
+    result = measured(photograph(tmp_path, scene), scene, out=tmp_path / "out")
+    width = scene.base * BEAD
+    assert result.camera["scale_m_per_px"] == pytest.approx(width / (scene.fill * scene.size[1]), rel=0.02)
+    assert result.camera["scale_from"] == "base diameter"
+    assert result.camera["camera_roll_deg"] == pytest.approx(scene.roll, abs=0.15)
+    (height,) = [q for q in result.quantities if q.quantity == "pile_height"]
+    assert height.value == pytest.approx(true_profile(heap_of_spheres(scene)).height.max() * BEAD, rel=0.04)
+    assert result.files["still"] == result.files["overlay"] == tmp_path / "out" / "heap-overlay.png"
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "heap-overlay.png",
+        "heap-plot.svg",
+        "heap-profile.csv",
+    }
+    assert json.loads(json.dumps(result.to_json(), allow_nan=False))["rig"] == "pile"
+    again = evaluate([read_profile(result.files["record"])], base_diameter=width, bead_diameter=BEAD)
+    assert angle(again, GRAPHICAL, "left").value == pytest.approx(angle(result, GRAPHICAL, "left").value, abs=0.05)
+
+
+def test_a_mirrored_photo_gives_the_mirrored_angles(tmp_path: Path) -> None:
+    scene = Scene(seed=7, roll=1.0)
+    path = photograph(tmp_path, scene, "heap.png")
+    mirrored = tmp_path / "mirrored.png"
+    cv2.imwrite(str(mirrored), cv2.imread(str(path))[:, ::-1])
+    one, other = measured(path, scene), measured(mirrored, scene)
+    for side, opposite in (("left", "right"), ("right", "left")):
+        difference = angle(one, GRAPHICAL, side).value - angle(other, GRAPHICAL, opposite).value
+        assert abs(difference) < 0.5  # one window end may fall on another bead
+    assert one.camera["camera_roll_deg"] == pytest.approx(-other.camera["camera_roll_deg"], abs=0.1)
+
+
+def test_two_degrees_of_camera_roll_do_not_change_the_angle(tmp_path: Path) -> None:
+    level, rolled = (Scene(seed=8, roll=roll) for roll in (0.0, 2.0))
+    one, other = (measured(photograph(tmp_path, scene), scene) for scene in (level, rolled))
+    for name in MAIN:
+        assert angle(one, name, "mean").value == pytest.approx(angle(other, name, "mean").value, abs=0.3)
+
+
+def test_a_photo_without_any_scale_gives_angles_and_says_what_lengths_need(tmp_path: Path) -> None:
+    scene = Scene(seed=9)
+    result = measure([photograph(tmp_path, scene)], Camera(), out=tmp_path / "out")
+    wanted = angle(truth(scene), GRAPHICAL, "mean").value
+    assert angle(result, GRAPHICAL, "mean").value == pytest.approx(wanted, abs=1.0)
+    assert {q.unit for q in result.quantities} == {"deg"}
+    assert result.camera["scale_m_per_px"] is None
+    assert "record" not in result.files
+    assert any("--base-diameter" in warning for warning in result.warnings)
+
+
+def test_a_large_photo_gives_the_same_angles(tmp_path: Path) -> None:
+    small = Scene(seed=10, noise=2)
+    large = replace(small, size=(1920, 2700), blur=2.0)
+    one, other = (measured(photograph(tmp_path, scene), scene) for scene in (small, large))
+    assert angle(one, GRAPHICAL, "mean").value == pytest.approx(angle(other, GRAPHICAL, "mean").value, abs=0.4)
+
+
+def test_two_views_of_one_heap_are_combined(tmp_path: Path) -> None:
+    scenes = [Scene(seed=1), Scene(seed=3)]
+    paths = [photograph(tmp_path, scene, f"view{k}.jpg") for k, scene in enumerate(scenes)]
+    result = measure(paths, Camera(), base_diameter=24 * BEAD, bead_diameter=BEAD, out=tmp_path / "out")
+    (combined,) = [
+        q
+        for q in result.quantities
+        if (q.quantity, q.method, q.detail.get("view")) == (GRAPHICAL, MAIN[GRAPHICAL], "all")
+    ]
+    sides = [
+        q.value
+        for q in result.quantities
+        if (q.quantity, q.method) == (GRAPHICAL, MAIN[GRAPHICAL]) and q.detail["side"] != "mean"
+    ]
+    assert combined.n == len(sides) == 4
+    assert combined.value == pytest.approx(np.mean(sides))
+    assert len(result.profiles) == 2
+
+
+# --- nothing to measure -------------------------------------------------------------------------------------------
+
+
+def without_heap(kind: str) -> Image:
+    random = np.random.default_rng(3)
+    if kind == "uniform":
+        return np.full((480, 640, 3), 128, np.uint8)
+    if kind == "noise":
+        return random.integers(0, 256, (480, 640, 3)).astype(np.uint8)
+    if kind == "blotches":
+        blurred = cv2.GaussianBlur(random.normal(0, 1, (480, 640, 3)), (0, 0), 6)
+        return np.clip(128 + 400 * blurred, 0, 255).astype(np.uint8)
+    if kind == "empty disc":
+        return draw(Scene(beads=False))
+    return draw(Scene(beads=False, clutter=25, noise=7, roll=1.5, seed=12))
+
+
+@pytest.mark.parametrize("kind", ["uniform", "noise", "blotches", "empty disc", "cluttered bench"])
+def test_a_picture_without_a_heap_gives_no_angle(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "photo.png"
+    cv2.imwrite(str(path), without_heap(kind))
+    with pytest.raises(NothingToMeasure, match=r"photo\.png: shows no heap") as caught:
+        measure([path], Camera(), base_diameter=0.09, bead_diameter=0.006, out=tmp_path / "out")
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_no_photo_at_all_is_bad_input() -> None:
+    with pytest.raises(BadInput, match="no photo"):
+        measure([], Camera())
+
+
+def test_a_heap_cut_by_the_picture_edge_is_doubtful(tmp_path: Path) -> None:
+    scene = Scene(seed=2)
+    path = tmp_path / "cut.png"
+    cv2.imwrite(str(path), draw(scene)[:, 260:])
+    result = measured(path, scene)
+    for name in MAIN:
+        found = angle(result, name, "mean")
+        assert found.doubtful
+        assert found.std_uncertainty > 2

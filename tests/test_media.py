@@ -1,0 +1,141 @@
+"""Reading videos and photos: true times, true orientation, and clear words for what cannot be read."""
+
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from rigtwin.lab.camera import Camera, Moment
+from rigtwin.lab.errors import BadInput, UnreadableMedia
+from rigtwin.measure.media import open_video, read_photo, sha256
+
+
+def write_clip(path: Path, stamps: list[int], *, rate: int = 30, tick: int = 1000, codec: str = "libx264") -> Path:
+    """Frame k is a grey of 10 + 5 k shown from `stamps[k]` / `tick` seconds."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=rate)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        stream.codec_context.time_base = Fraction(1, tick)
+        for k, stamp in enumerate(stamps):
+            frame = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 10 + 5 * k, dtype=np.uint8), format="bgr24")
+            frame.pts, frame.time_base = stamp, Fraction(1, tick)
+            for packet in stream.encode(frame):
+                container.mux(packet)
+        for packet in stream.encode():
+            container.mux(packet)
+    return path
+
+
+def regular(tmp_path: Path, count: int = 12) -> Path:
+    return write_clip(tmp_path / "clip.mp4", [round(k * 1000 / 25) for k in range(count)], rate=25)
+
+
+def test_frames_come_in_order_with_their_own_picture_and_time(tmp_path):
+    video = open_video(regular(tmp_path), Camera())
+    frames = list(video.frames())
+    assert [frame.index for frame in frames] == list(range(12))
+    assert np.all(np.diff([float(frame.grey.mean()) for frame in frames]) > 3)
+    assert [frame.time for frame in frames] == pytest.approx([k / 25 for k in range(12)])
+    assert frames[3].colour.shape == (48, 64, 3)
+    assert frames[3].colour.mean() == pytest.approx(25, abs=4)  # the codec rounds dark greys
+
+
+def test_a_given_capture_rate_replaces_the_playback_rate(tmp_path):
+    video = open_video(regular(tmp_path), Camera(frame_rate=500.0))
+    assert video.times == pytest.approx(np.arange(12) / 500)
+    assert video.playback_rate == pytest.approx(25)
+
+
+def test_a_rate_read_from_the_file_is_said_aloud(tmp_path):
+    clip = regular(tmp_path)
+    assert any("frame rate 25 Hz read from the file" in line for line in open_video(clip, Camera()).warnings)
+    assert open_video(clip, Camera(frame_rate=25.0)).warnings == ()
+
+
+def test_dropped_frames_keep_their_true_times(tmp_path):
+    stamps = [0, 40, 80, 120, 240, 280, 320, 360, 400, 440]
+    video = open_video(write_clip(tmp_path / "gap.mkv", stamps, rate=25), Camera(frame_rate=25.0))
+    assert video.times == pytest.approx(np.array(stamps) / 1000, abs=1e-6)
+    assert any("frame intervals differ" in line for line in video.warnings)
+
+
+def test_dropped_frames_of_a_slow_motion_file_are_stretched(tmp_path):
+    stamps = [0, 40, 80, 120, 240, 280, 320, 360, 400, 440]
+    video = open_video(write_clip(tmp_path / "gap.mkv", stamps, rate=25), Camera(frame_rate=250.0))
+    assert video.times == pytest.approx(np.array(stamps) / 10000, abs=1e-6)
+
+
+def test_rounding_of_time_stamps_is_not_taken_for_uneven_frames(tmp_path):
+    stamps = [round(k * 1000 / 240) for k in range(40)]  # 4, 4, 5, 4 ms
+    video = open_video(write_clip(tmp_path / "ms.mkv", stamps, rate=240), Camera(frame_rate=240.0))
+    assert video.times == pytest.approx(np.arange(40) / 240)
+    assert video.warnings == ()
+
+
+def test_time_window_takes_seconds_and_frames(tmp_path):
+    clip = regular(tmp_path)
+    by_time = open_video(clip, Camera(frame_rate=25.0, start=Moment(0.08, "s"), end=Moment(0.2, "s")))
+    by_frame = open_video(clip, Camera(frame_rate=25.0, start=Moment(2, "frame"), end=Moment(5, "frame")))
+    assert [frame.index for frame in by_time.frames()] == [2, 3, 4, 5]
+    assert [frame.index for frame in by_frame.frames()] == [2, 3, 4, 5]
+
+
+def test_an_empty_window_is_refused(tmp_path):
+    with pytest.raises(BadInput, match="leave 2 frames of 12"):
+        open_video(regular(tmp_path), Camera(start=Moment(5, "frame"), end=Moment(6, "frame")))
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [(None, "no such file"), (b"", "is empty"), (b"notes, not a film\n" * 50, "cannot be decoded")],
+)
+def test_what_is_no_video_is_named(tmp_path, content, words):
+    path = tmp_path / "clip.mp4"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(UnreadableMedia, match=words) as caught:
+        open_video(path, Camera())
+    assert "clip.mp4" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_folder_is_no_video(tmp_path):
+    with pytest.raises(UnreadableMedia, match="is a folder"):
+        open_video(tmp_path, Camera())
+
+
+def test_sound_alone_is_no_video(tmp_path):
+    path = tmp_path / "sound.wav"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("pcm_s16le", rate=8000)
+        frame = av.AudioFrame.from_ndarray(np.zeros((1, 800), dtype=np.int16), format="s16", layout="mono")
+        frame.sample_rate = 8000
+        for packet in stream.encode(frame):
+            container.mux(packet)
+    with pytest.raises(UnreadableMedia, match="holds no video"):
+        open_video(path, Camera())
+
+
+def test_a_photo_is_read_upright_and_in_colour(tmp_path):
+    image = np.zeros((20, 30, 3), dtype=np.uint8)
+    image[:, :, 2] = 200
+    path = tmp_path / "photo.png"
+    cv2.imwrite(str(path), image)
+    assert np.array_equal(read_photo(path), image)
+
+
+@pytest.mark.parametrize("content", [b"", b"not a picture"])
+def test_what_is_no_photo_is_named(tmp_path, content):
+    path = tmp_path / "photo.jpg"
+    path.write_bytes(content)
+    with pytest.raises(UnreadableMedia, match=r"photo\.jpg"):
+        read_photo(path)
+
+
+def test_hash_is_that_of_the_content(tmp_path):
+    path = tmp_path / "x"
+    path.write_bytes(b"abc")
+    assert sha256(path) == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"

@@ -1,0 +1,116 @@
+"""The twin of the piling test: a heap that rests, is round, and says what was assumed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.rigs import Pile
+from rigtwin.sim import pile
+
+ASH = Material("ash", 720, 11e9, 0.44)
+STEEL = Material("steel", 7850, 210e9, 0.3)
+D6 = Particle("D6", ASH, 6e-3, density=569)
+BOWL = Pile(0.04, rim_height=0.008, outlet_diameter=0.02)
+BEADS, BASE = Contact(0.75, 0.44, 0.08), Contact(0.42, 0.36, 0.06)
+
+
+@pytest.fixture(scope="module")
+def heap() -> pile.Heap:
+    return pile.run(BOWL, D6, STEEL, BEADS, BASE, count=150, seed=3, threads=1)
+
+
+def test_the_heap_rests_and_no_bead_is_lost_from_the_books(heap):
+    assert heap.at_rest
+    assert (heap.asked, heap.placed) == (150, 150)
+    assert len(heap.centres) + heap.fallen == 150
+    assert 60 < len(heap.centres) < 150
+    assert heap.warnings == ()
+
+
+def test_beads_lie_on_the_base_and_hardly_in_each_other(heap):
+    gaps = np.linalg.norm(heap.centres[:, None] - heap.centres, axis=2) + np.eye(len(heap.centres))
+    assert gaps.min() > 2 * D6.radius * (1 - 0.02)
+    assert heap.centres[:, 2].min() > D6.radius * (1 - 0.02)
+    assert np.hypot(heap.centres[:, 0], heap.centres[:, 1]).max() < BOWL.base_diameter / 2 + D6.radius
+
+
+def test_the_heap_stands_in_the_middle_and_higher_than_its_rim(heap):
+    assert np.abs(heap.centres[:, :2].mean(axis=0)) == pytest.approx([0, 0], abs=D6.radius / 2)
+    middle = np.hypot(heap.centres[:, 0], heap.centres[:, 1]) < 0.008
+    assert heap.centres[middle, 2].max() > BOWL.rim_height + D6.diameter
+
+
+def test_profiles_are_the_silhouettes_of_the_beads_from_four_sides(heap):
+    assert len(heap.profiles) == 4
+    assert len({profile.view for profile in heap.profiles}) == 4
+    highest = heap.centres[:, 2].max() + heap.radius
+    for profile in heap.profiles:
+        assert profile.base == (-0.02, 0.02)
+        assert np.diff(profile.x).max() <= D6.diameter / 24 * (1 + 1e-9)
+        assert profile.height.max() == pytest.approx(highest, rel=1e-3)
+        assert profile.height.min() >= 0
+    for centre in heap.centres:  # the first view looks along y: every bead lies under the outline
+        k = int(np.argmin(np.abs(heap.profiles[0].x - centre[0])))
+        if abs(heap.profiles[0].x[k] - centre[0]) < 1e-4:
+            assert heap.profiles[0].height[k] > centre[2] + heap.radius * (1 - 1e-2)
+
+
+def test_the_same_seed_gives_the_same_heap_and_another_seed_another(heap):
+    again = pile.run(BOWL, D6, STEEL, BEADS, BASE, count=150, seed=3, threads=1)
+    assert np.array_equal(again.centres, heap.centres)
+    other = pile.run(BOWL, D6, STEEL, BEADS, BASE, count=60, seed=4, threads=1)
+    assert not np.array_equal(other.centres[:20], heap.centres[:20])
+
+
+def test_what_the_rig_leaves_open_is_in_the_result(heap):
+    assert {"outlet_diameter", "fall_height", "rim_height", "pour_rate", "stiffness_factor"} <= set(heap.assumptions)
+    assert "20 mm" in heap.assumptions["outlet_diameter"]
+    assert heap.statistics["largest_overlap"] < 0.05
+
+
+def test_without_a_rim_the_result_says_how_many_beads_stayed():
+    flat = pile.run(replace(BOWL, rim_height=0.0), D6, STEEL, BEADS, BASE, count=40, settle_limit=1.0, threads=1)
+    assert any(f"{len(flat.centres)} of 40" in warning for warning in flat.warnings)
+
+
+def test_a_heap_that_is_not_given_time_says_that_it_moves():
+    hasty = pile.run(BOWL, D6, STEEL, BEADS, BASE, count=40, settle_limit=0.02, threads=1)
+    assert not hasty.at_rest
+    assert any("still moving" in warning for warning in hasty.warnings)
+
+
+@settings(max_examples=20, deadline=None)
+@given(x=st.floats(-0.015, 0.015), y=st.floats(-0.015, 0.015), z=st.floats(0.003, 0.03), view=st.floats(0, 180))
+def test_one_bead_casts_a_round_silhouette(x, y, z, view):
+    profile = pile.silhouette(np.array([[x, y, z]]), 0.003, 0.04, view)
+    shadow = profile.height > 0
+    assert profile.height.max() == pytest.approx(z + 0.003, rel=1e-2)
+    assert profile.height[shadow].min() >= z
+    assert np.ptp(profile.x[shadow]) == pytest.approx(0.006, abs=1e-3)
+    turned = pile.silhouette(np.array([[-x, -y, z]]), 0.003, 0.04, view)
+    assert turned.height == pytest.approx(profile.height[::-1], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("rig", "count", "message"),
+    [
+        (Pile(-0.09), 10, "base_diameter"),
+        (Pile(0.01), 10, "base_diameter"),
+        (Pile(0.09, rim_height=-0.01), 10, "rim_height"),
+        (Pile(0.09, outlet_diameter=0.007), 10, "outlet_diameter"),
+        (Pile(0.09), 0, "count"),
+    ],
+)
+def test_a_pile_that_cannot_be_is_refused(rig, count, message):
+    with pytest.raises(BadInput, match=message):
+        pile.run(rig, D6, STEEL, BEADS, BASE, count=count)
+
+
+def test_a_step_too_large_is_refused():
+    with pytest.raises(BadInput, match="time_step_fraction"):
+        pile.run(BOWL, D6, STEEL, BEADS, BASE, time_step_fraction=0.9)
