@@ -185,14 +185,21 @@ def _gravity_check(bounces: Bounces, scale_doubt: float, rate: float) -> Check:
 def _what_is_wrong(gravity: float, rate: float) -> str:
     ratio = gravity / GRAVITY
     true_rate = rate / math.sqrt(ratio)
-    nearest = min(USUAL_RATES, key=lambda usual: abs(math.log(usual / true_rate)))
+    usual = _other_rate(rate, gravity)
     scale = f"lengths (the scale) are {abs(ratio - 1) * 100:.3g} % too {'large' if ratio > 1 else 'small'}"
-    if abs(ratio - 1) > 0.12 and abs(nearest / true_rate - 1) < 0.03 and abs(nearest / rate - 1) > 0.05:
+    if usual is not None:
         return (
-            f"this is what a clip captured at {nearest} Hz gives when {rate:.4g} Hz are assumed; "
-            f"give --frame-rate {nearest}Hz, or else {scale}."
+            f"this is what a clip captured at {usual} Hz gives when {rate:.4g} Hz are assumed; "
+            f"give --frame-rate {usual}Hz, or else {scale}."
         )
     return f"either {scale}, or the clip was captured at {true_rate:.4g} Hz and not {rate:.4g} Hz."
+
+
+def _other_rate(rate: float, gravity: float) -> int | None:
+    """The usual capture rate [1/s] that explains a fitted gravity [m/s^2] when `rate` was assumed, if there is one."""
+    true_rate = rate / math.sqrt(gravity / GRAVITY)
+    nearest = min(USUAL_RATES, key=lambda usual: abs(math.log(usual / true_rate)))
+    return nearest if abs(nearest / true_rate - 1) < 0.03 and abs(nearest / rate - 1) > 0.15 else None
 
 
 def _residual_check(bounces: Bounces) -> Check:
@@ -355,6 +362,8 @@ def _find_bead(
     if bead_diameter is not None and camera.given_scale is not None:
         size = bead_diameter / 2 / camera.given_scale
     ranked = sorted(paths, key=lambda path: -_likeness(path, size))
+    joined = _join_flights(ranked, size)
+    ranked = ranked if joined is None else [joined, *ranked]
     likely = [path for path in ranked[:3] if _likeness(path, size) > 0.02 * _likeness(ranked[0], size) > 0]
     if not likely:
         raise NothingToMeasure(
@@ -377,6 +386,72 @@ def _find_bead(
             "of the bead, or narrow the search with --region."
         )
     return best
+
+
+@dataclass(frozen=True)
+class _Arc:
+    """A piece of a path without a kink, and how it accelerates."""
+
+    path: SpotPath
+    acceleration: float  # [px/frame^2], down
+    doubt: float  # standard uncertainty of it
+    weight: float  # how surely it is a bead in free flight: way times contrast
+
+
+def _join_flights(paths: list[SpotPath], size: float | None) -> SpotPath | None:
+    """One path from all arcs that fall alike: at a bounce, or behind a post, a bead is easily mixed up with its shadow.
+
+    Shadows and reflections on a plate move too, but only the bead always accelerates by the same gravity.
+    """
+    arcs = [arc for path in paths if _likeness(path, size) > 0 for piece in _arcs(path) for arc in _as_arc(piece)]
+    if not arcs:
+        return None
+    best = max(arcs, key=lambda arc: arc.weight)
+    frames: dict[int, int] = {}
+    chosen: list[SpotPath] = []
+    for arc in sorted(arcs, key=lambda arc: -arc.weight):
+        alike = abs(arc.acceleration - best.acceleration) < 0.1 * best.acceleration + 3 * arc.doubt
+        same = 0.6 < arc.path.radius / best.path.radius < 1.7
+        free = [k for k, frame in enumerate(arc.path.frames) if frame not in frames]
+        if alike and same and len(free) > 0.7 * len(arc.path.frames):
+            frames.update(dict.fromkeys(arc.path.frames, 1))
+            chosen.append(SpotPath(tuple(arc.path.frames[k] for k in free), tuple(arc.path.spots[k] for k in free)))
+    pairs = sorted(
+        (pair for path in chosen for pair in zip(path.frames, path.spots, strict=True)), key=lambda pair: pair[0]
+    )
+    return SpotPath(tuple(frame for frame, _ in pairs), tuple(spot for _, spot in pairs))
+
+
+def _arcs(path: SpotPath) -> list[SpotPath]:
+    """Pieces between kinks."""
+    y = path.centres[:, 1]
+    frames = np.array(path.frames)
+    speed = np.diff(y) / np.diff(frames)
+    kinks = np.flatnonzero(np.abs(np.diff(speed)) > 0.4 * path.radius + 0.15 * np.abs(speed[1:])) + 1
+    pieces = np.split(np.arange(len(y)), kinks)
+    return [
+        SpotPath(tuple(path.frames[k] for k in piece), tuple(path.spots[k] for k in piece))
+        for piece in pieces
+        if len(piece) >= 5
+    ]
+
+
+def _as_arc(path: SpotPath) -> list[_Arc]:
+    """The piece as an arc when it is a parabola bent downwards; resting frames before a release are left out."""
+    y, frames = path.centres[:, 1], np.array(path.frames, dtype=np.float64)
+    moving = np.flatnonzero(np.abs(y - y[0]) > 0.5 * path.radius)
+    first = 0 if np.ptp(y) < 2 * path.radius or not len(moving) else max(int(moving[0]) - 2, 0)
+    if len(y) - first < 5:
+        return []
+    t, y = frames[first:] - frames[first], y[first:]
+    bend, slope, base = np.polyfit(t, y, 2)
+    rms = float(np.std(y - np.polyval([bend, slope, base], t)))
+    doubt = 2 * 13.4 * max(rms, 0.1) / (float(np.ptp(t)) ** 2 * math.sqrt(len(t)))
+    if bend <= 0 or np.ptp(y) < path.radius or rms > 0.25 * path.radius + 0.01 * np.ptp(y) or doubt > bend:
+        return []
+    contrast = float(np.median([spot.contrast for spot in path.spots]))
+    whole = SpotPath(path.frames, path.spots)
+    return [_Arc(whole, 2 * float(bend), doubt, float(np.ptp(y)) * math.sqrt(contrast))]
 
 
 def _likeness(path: SpotPath, size: float | None) -> float:
@@ -409,11 +484,22 @@ def _chase_path(video: Video, path: SpotPath, shakes: Array, progress: Progress)
 
 def _pixel_track(seen: Chase) -> Track:
     """In pixels, y up."""
+    frames = np.array([sighting.frame for sighting in seen.sightings])
+    # where the bead was lost from sight, what is seen just before and after may be only a part of it
+    doubted = np.where(_beside_a_gap(frames, np.array(seen.path.frames)), 5.0, 1.0)
     return Track(
         time=np.array([sighting.time for sighting in seen.sightings]),
         position=np.array([(sighting.image.x, -sighting.image.y) for sighting in seen.sightings]).reshape(-1, 2),
-        sigma=np.array([sighting.image.sigma for sighting in seen.sightings]),
+        sigma=doubted * np.array([sighting.image.sigma for sighting in seen.sightings]),
     )
+
+
+def _beside_a_gap(frames: npt.NDArray[np.intp], path: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
+    """Whether each frame lies in, or within two frames of, a stretch of two or more frames without a moving spot."""
+    beside = np.zeros(len(frames), dtype=bool)
+    for k in np.flatnonzero(np.diff(path) > 2):
+        beside |= (frames > path[k] - 2) & (frames < path[k + 1] + 2)
+    return beside
 
 
 def _expected(
@@ -459,9 +545,13 @@ def _gauge(pixels: Track, fitted: Bounces, seen: Chase, camera: Camera, bead_dia
         f"gravity {by_gravity * 1e3:.4g} mm/px"
     )
     agree = abs(by_bead / by_gravity - 1) < 3 * math.hypot(bead_doubt, gravity_doubt)
+    judged = GRAVITY * by_bead / by_gravity, GRAVITY * math.hypot(bead_doubt, gravity_doubt)
+    if camera.frame_rate is not None and not agree and _other_rate(camera.frame_rate, judged[0]) is None:
+        # the rate was given and no usual mix-up of rates explains the difference: the bead's rim was misjudged
+        doubt = math.hypot(gravity_doubt, 0.3 * abs(by_bead / by_gravity - 1))
+        return _Gauge(by_gravity, doubt, "gravity, against the bead's diameter", roll, roll_doubt, told, judged)
     if camera.frame_rate is not None and agree and gravity_doubt < bead_doubt:
         source = "gravity, agreeing with the bead's diameter"
-        judged = GRAVITY * by_bead / by_gravity, GRAVITY * math.hypot(bead_doubt, gravity_doubt)
         return _Gauge(by_gravity, gravity_doubt, source, roll, roll_doubt, told, judged)
     return _Gauge(by_bead, bead_doubt, "bead diameter", roll, roll_doubt, told, None)
 

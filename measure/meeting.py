@@ -46,11 +46,14 @@ class Path:
         return self.at(frame), (self.at(frame + 1) - self.at(frame - 1)) / 2
 
     def clear_of(self, place: Array, reach: float, *, from_end: bool) -> Path:
-        """The path without its last (or first) frames within `reach` of a place, where two beads show as one spot."""
-        keep = np.flatnonzero(np.hypot(*(np.array(self.places) - place).T) > reach)
-        if len(keep) < 4:
-            return self
-        return self.part(0, int(keep[-1]) + 1) if from_end else self.part(int(keep[0]), len(self.frames))
+        """The path up to where it comes within `reach` of a place, or from where it has left it.
+
+        Next to each other two beads show as one spot.
+        """
+        near = np.hypot(*(np.array(self.places) - place).T) <= reach
+        if from_end:
+            return self.part(0, int(np.argmax(near))) if np.any(near[4:]) and not np.any(near[:4]) else self
+        return self.part(int(np.argmin(near)), len(self.frames)) if np.sum(~near) >= 4 else self
 
     @property
     def extent(self) -> float:
@@ -209,7 +212,7 @@ def find_collision(paths: list[Path], video: Video, stated_length: float | None 
             f"{video.path}: nothing of a bead's kind moves in this clip; show the release and the hit."
         )
     best, best_score = None, 0.0
-    for fall in moving:
+    for fall in [_with_beginning(path, paths) for path in moving]:
         for rise in moving:
             score = _meeting(fall, rise)
             if score > best_score:
@@ -222,7 +225,6 @@ def find_collision(paths: list[Path], video: Video, stated_length: float | None 
         )
     fall, rise = best
     radius = float(np.median([*fall.sizes, *rise.sizes])) / 2 + 0.5
-    fall = _with_beginning(fall, paths)
     return Collision(fall, rise, _rest_place(fall, rise, paths, radius), max(radius, 2.0))
 
 
@@ -253,11 +255,13 @@ def _lone_swing(moving: list[Path], video: Video, stated_length: float | None) -
 def _meeting(fall: Path, rise: Path) -> float:
     """How well `rise` begins where and when `fall` ends; 0 where it does not."""
     wait = rise.frames[0] - fall.frames[-1]
-    if fall is rise or not -3 <= wait <= LOST + 2 or len(fall.frames) < 6:
+    if not -3 <= wait <= 3 * LOST or len(fall.frames) < 6:
         return 0.0
     arriving, leaving = fall.velocity(at_end=True), rise.velocity(at_end=False)
     speed = float(np.hypot(*arriving))
     size = float(np.median([*fall.sizes, *rise.sizes]))
+    if not 0.55 < float(np.median(fall.sizes)) / float(np.median(rise.sizes)) < 1.8:
+        return 0.0
     gap = rise.places[0] - fall.places[-1]
     ahead = float(gap @ arriving) / max(speed, 1e-9)
     along = float(arriving @ leaving) / max(speed, 1e-9)
@@ -326,7 +330,8 @@ def hanging_place(greys: dict[int, Grey], collision: Collision) -> Array:
     y, x = np.nonzero(filled >= cv2.dilate(filled, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)))
     away = np.column_stack([x, y]) - collision.rise.places[0]
     along, across = away @ way, np.abs(away @ np.array([-way[1], way[0]]))
-    behind = (along < radius) & (along > -6 * radius - 5 * float(np.hypot(*velocity))) & (across < 2 * radius)
+    furthest = 6 * radius + (hit - collision.fall.frames[-1] + 3) * float(np.hypot(*velocity))
+    behind = (along < radius) & (along > -furthest) & (across < 2 * radius)
     peaks = np.where(behind, filled[y, x], 0)
     if len(peaks) == 0 or np.max(peaks) < 4:
         return collision.rest

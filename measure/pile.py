@@ -204,7 +204,10 @@ def _definition_doubt(
     reach = heap.base_width / 2 if side == "mean" else abs(heap.apex[0] - heap.feet[slope.SIDES.index(side)])
     tangent = math.tan(math.radians(angles[name, method, side]))
     per_grain = math.hypot(0.125, 0.0 if side == "mean" else 0.25 * tangent) * heap.grain / reach
-    return {"grain at apex and foot": math.degrees(per_grain / (1 + tangent * tangent))}
+    doubt = {"grain at apex and foot": math.degrees(per_grain / (1 + tangent * tangent))}
+    if side != "mean":
+        doubt["place of the apex"] = math.degrees(tangent / (1 + tangent * tangent) * heap.apex_spread / reach)
+    return doubt
 
 
 def _flaw_of_profile(heap: slope.Heap, angles: Mapping[tuple[str, str, str], float]) -> str:

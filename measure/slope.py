@@ -42,6 +42,7 @@ class Heap:
     feet: tuple[float, float]  # x of the outermost points of the outline
     base_width: float  # the dish's diameter where it is stated, else the distance of the feet
     grain: float  # bead diameter
+    apex_spread: float  # how far apart the places are that could as well be called the apex
 
 
 def find_parts(profile: Profile, base_diameter: float | None, grain: float | None) -> Heap | None:
@@ -64,7 +65,8 @@ def find_parts(profile: Profile, base_diameter: float | None, grain: float | Non
     if feet[1] <= feet[0]:
         return None
     apex_x = float(np.mean(even[level >= summit]))
-    return Heap(even, level, (apex_x, summit), feet, base_diameter or feet[1] - feet[0], size)
+    spread = float(np.std(even[level >= summit - 0.3 * size]))
+    return Heap(even, level, (apex_x, summit), feet, base_diameter or feet[1] - feet[0], size, spread)
 
 
 def flank_line(heap: Heap, side: str, window: tuple[float, float] = WINDOW) -> Line | None:

@@ -270,14 +270,14 @@ SCALE = 0.0008  # [m/px]
 def draw_clip(path, truth, *, duration=0.66, exposure=0.25, mirror=False, seed=0):
     """A film of shaded beads on threads before a mottled wall with a stand and a holder: blur, noise, H.264."""
     rng = np.random.default_rng(seed)
-    rate, width, height, parts = 240, 480, 300, 5
+    rate, width, height, parts = 240, 400, 280, 3
     times = np.arange(int(duration * rate)) / rate
     fine = (times[:, None] + np.arange(parts) / parts * exposure / rate).ravel()
     angles = swing(truth, fine)[0].reshape(len(times), parts, 2)
     y, x = np.mgrid[:height, :width].astype(float)
     wall = 150 + 12 * np.sin(x / 31) * np.cos(y / 23) + 0.08 * x
-    wall[:, 400:412] = 90
-    wall[40:52, 200:420] = 110
+    wall[:, 360:372] = 90
+    wall[40:52, 170:380] = 110
     with av.open(str(path), "w") as film:
         stream = film.add_stream("libx264", rate=Fraction(rate), options={"crf": "18"})
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
@@ -293,7 +293,7 @@ def draw_clip(path, truth, *, duration=0.66, exposure=0.25, mirror=False, seed=0
 
 
 def _pivots(truth):
-    return np.array([[230.0, 52.0], [230.0 + truth.diameter / SCALE, 52.0]])
+    return np.array([[195.0, 52.0], [195.0 + truth.diameter / SCALE, 52.0]])
 
 
 def _scene(wall, x, y, truth, swung):

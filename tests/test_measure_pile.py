@@ -376,7 +376,7 @@ def test_a_photo_without_any_scale_gives_angles_and_says_what_lengths_need(tmp_p
 
 def test_a_large_photo_gives_the_same_angles(tmp_path: Path) -> None:
     small = Scene(seed=10, noise=2)
-    large = replace(small, size=(1920, 2700), blur=2.0)
+    large = replace(small, size=(1280, 1800), blur=1.4)
     one, other = (measured(photograph(tmp_path, scene), scene) for scene in (small, large))
     assert angle(one, GRAPHICAL, "mean").value == pytest.approx(angle(other, GRAPHICAL, "mean").value, abs=0.4)
 

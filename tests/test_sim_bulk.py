@@ -124,10 +124,13 @@ def settled() -> np.ndarray:
     return shaken().beads().position
 
 
-def shaken(seed=2, steps=30_000) -> Bulk:
+def shaken(seed=2) -> Bulk:
     bed = box()
     bed.add(lattice(150, seed=seed), np.random.default_rng(seed).normal(0, 0.4, (150, 3)))
-    bed.run(steps)
+    for _ in range(20):  # 3.6 s at most
+        bed.run(5000)
+        if bed.beads().kinetic_energy < 1e-20:
+            break
     return bed
 
 
@@ -139,7 +142,7 @@ def laid(settled, **more) -> Bulk:
 
 
 def test_a_bed_at_rest_stays_at_rest():
-    bed = shaken()
+    bed = shaken(seed=3)
     before, lists = bed.beads(), bed.lists_built
     bed.run(10_000)
     after = bed.beads()

@@ -401,6 +401,7 @@ class Arena:
             self.fill[i] = self.pointed_first[i]
         for p in range(self.counts[PAIRS]):
             j = self.partner[live, p]
+            self.clear_force(p)
             self.pointed[self.fill[j]] = p
             self.fill[j] = self.fill[j] + 1
 
@@ -426,6 +427,11 @@ class Arena:
             self.stale[0] = 0
 
     # ------------------------------------------------------------------ the step
+
+    @ti.func
+    def clear_force(self, p):
+        for c in ti.static(range(9)):
+            self.pair_force[p][c] = 0.0
 
     @ti.func
     def meet(self, i):
@@ -473,8 +479,9 @@ class Arena:
                     self.pair_force[p][3 + c] = lever * turn[c] + torque[c]
                     self.pair_force[p][6 + c] = lever_j * turn[c] + torque_j[c]
                 worst = ti.max(worst, (both - distance) / (2.0 * radius_eff))
-            else:
+            elif self.touching[live, p] == 1:
                 self.touching[live, p] = 0
+                self.clear_force(p)
         self.worst[i] = ti.max(self.worst[i], worst)
 
     @ti.func
@@ -485,16 +492,14 @@ class Arena:
         force = ti.Vector([0.0, 0.0, 0.0])
         torque = ti.Vector([0.0, 0.0, 0.0])
         for p in range(self.first[live, i], self.first[live, i + 1]):
-            if self.touching[live, p] == 1:
-                for c in ti.static(range(3)):
-                    force[c] += self.pair_force[p][c]
-                    torque[c] += self.pair_force[p][3 + c]
+            for c in ti.static(range(3)):
+                force[c] += self.pair_force[p][c]
+                torque[c] += self.pair_force[p][3 + c]
         for q in range(self.pointed_first[i], self.pointed_first[i + 1]):
             p = self.pointed[q]
-            if self.touching[live, p] == 1:
-                for c in ti.static(range(3)):
-                    force[c] -= self.pair_force[p][c]
-                    torque[c] += self.pair_force[p][6 + c]
+            for c in ti.static(range(3)):
+                force[c] -= self.pair_force[p][c]
+                torque[c] += self.pair_force[p][6 + c]
 
         place, motion, spin = self.place[i], self.motion[i], self.spin[i]
         position = ti.Vector([place[0], place[1], place[2]])
