@@ -147,10 +147,10 @@ def init(
 
     written = new_lab(folder)
     if as_json:
-        _print_json({"lab": str(folder), "files": [str(written)]})
+        _print_json({"lab": str(folder), "files": [str(path) for path in written]})
     elif not quiet:
         typer.echo(
-            f"Wrote {written}. Describe your rigs there, put the media beside it, then: rigtwin compare {folder}"
+            f"Wrote {', '.join(map(str, written))}. Describe your rigs there, put the media beside it, then: rigtwin compare {folder}"
         )
 
 

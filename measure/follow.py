@@ -248,7 +248,8 @@ class _Thread:
         bounced = float(np.linalg.norm(here - self.velocity * gap * np.array([1, -0.5])))
         speed = float(np.linalg.norm(self.velocity))
         reach = (1.4 * speed + 1.2 * size) * gap if len(self.frames) > 1 else 4 * size * gap
-        if np.linalg.norm(here) > reach:
+        # specks of noise must not win a bead's path, nor lend theirs to it; a factor of six is a merged shadow
+        if np.linalg.norm(here) > reach or abs(math.log(spot.area / last.area)) > math.log(6):
             return math.inf
         likeness = abs(math.log(spot.area / last.area)) + abs(math.log(spot.contrast / last.contrast))
         return min(flying, 1.3 * bounced + 0.3 * size) / size + 0.7 * likeness

@@ -208,9 +208,7 @@ def find_collision(paths: list[Path], video: Video, stated_length: float | None 
     """
     moving = [path for path in paths if path.extent > 3 * float(np.median(path.sizes))]
     if not moving:
-        raise NothingToMeasure(
-            f"{video.path}: nothing of a bead's kind moves in this clip; show the release and the hit."
-        )
+        raise NothingToMeasure(f"{video.path}: nothing like a bead moves in this clip; show the release and the hit.")
     best, best_score = None, 0.0
     for fall in [_with_beginning(path, paths) for path in moving]:
         for rise in moving:
@@ -246,7 +244,9 @@ def _lone_swing(moving: list[Path], video: Video, stated_length: float | None) -
     crossings = time[before] - away[before] * (time[after] - time[before]) / (away[after] - away[before])
     steps = np.diff(crossings)
     halves = np.concatenate([[0], np.cumsum(np.round(steps / np.median(steps)))])
-    half, _ = np.polyfit(halves, crossings, 1)
+    half, first = np.polyfit(halves, crossings, 1)
+    if half < 0.1 or np.std(crossings - first - half * halves) > 0.1 * half:
+        return ""
     fits = GRAVITY * (half / math.pi) ** 2
     stated = "" if stated_length is None else f", {stated_length * 1e3:.0f} mm are stated"
     return f" (one body swings, with a period of {2 * half:.3f} s as a pendulum of {fits * 1e3:.0f} mm has{stated})"

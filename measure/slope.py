@@ -65,7 +65,7 @@ def find_parts(profile: Profile, base_diameter: float | None, grain: float | Non
     if feet[1] <= feet[0]:
         return None
     apex_x = float(np.mean(even[level >= summit]))
-    spread = float(np.std(even[level >= summit - 0.3 * size]))
+    spread = float(np.std(even[level >= summit - 0.1 * size]))
     return Heap(even, level, (apex_x, summit), feet, base_diameter or feet[1] - feet[0], size, spread)
 
 

@@ -269,7 +269,7 @@ def fit_swings(tracks: Sequence[Track], *, most_collisions: int = 3) -> SwingFit
     scaled = tuple(
         replace(track, position=(track.position - origin) / unit, sigma=track.sigma / unit) for track in tracks
     )
-    fit = _fit(first_guess(scaled), scaled)
+    fit = _fit(_first_guess(scaled), scaled)
     while fit.swings.collisions < most_collisions:
         further = _with_next_collision(fit)
         longer = None if further is None else _fit(further, scaled)
@@ -322,8 +322,7 @@ def fit_circle(points: Array) -> tuple[Array, float]:
     return middle + circle[:2], float(abs(circle[2]))
 
 
-def first_guess(tracks: tuple[Track, ...]) -> Swings:
-    """Rough swings through the first collision; A's speed after it may be missing from the record of two beads."""
+def _first_guess(tracks: tuple[Track, ...]) -> Swings:
     a = tracks[0]
     start, hit = onset(a), _first_hit(tracks)
     if start is None:
@@ -356,14 +355,9 @@ def first_guess(tracks: tuple[Track, ...]) -> Swings:
         "time_0": hit_time,
     }
     beads = len(tracks)
-    for bead, (centre, radius) in reversed(list(enumerate(circles))):
+    for bead, (centre, radius) in enumerate(circles):
         values |= {f"pivot_x_{bead}": centre[0], f"pivot_y_{bead}": centre[1], f"length_{bead}": radius}
-        if bead == 0 and beads == 2 and a.time[-1] <= hit_time + 2 * frame_interval(a):
-            # equal masses: A keeps what B does not take
-            arriving = -math.copysign(math.sqrt(2 * pull * (1 - math.cos(release))), release)
-            values["speed_0_0"] = arriving - values["speed_0_1"]
-        else:
-            values[f"speed_0_{bead}"] = _slope(tracks[bead].time, angle[bead], hit_time, 0.5 / math.sqrt(pull))
+        values[f"speed_0_{bead}"] = _slope(tracks[bead].time, angle[bead], hit_time, 0.5 / math.sqrt(pull))
     return Swings(np.array([values[name] for name in Swings.names(beads, 1)]), beads, 1)
 
 

@@ -19,6 +19,7 @@ ROLLING: tuple[Rolling, ...] = ("type A", "type C")
 STIFFNESS, SHEAR, DAMPING, FRICTION, ROLLING_FRICTION = range(5)
 LAW_SIZE = 5
 
+LAG = 0.25  # of a step; see contact_forces
 ROLLING_DAMPING = 0.05  # of critical; more than a tenth rings where many contacts meet
 
 
@@ -116,14 +117,15 @@ def contact_forces(
     stiff_t = 8.0 * law[SHEAR] * root
     closing = velocity.dot(normal)
     dashpot = law[DAMPING] * ti.sqrt(stiff_n * mass_eff)
-    push = (stiff_n * overlap * (2.0 / 3.0) + dashpot * closing) / (1.0 + 0.5 * step * dashpot / mass_eff)
-    push = ti.max(0.0, push)
+    damped = closing * dashpot / (1.0 + LAG * step * dashpot / mass_eff)
+    push = ti.max(0.0, stiff_n * overlap * (2.0 / 3.0) + damped)
 
     sliding = velocity - closing * normal
     new_slip = turned(slip, normal) + sliding * step
     dashpot = law[DAMPING] * ti.sqrt(stiff_t * mass_eff)
     # a tangential force also turns the spheres: the contact moves as if its mass were 2/7
-    drag = -(stiff_t * new_slip + dashpot * sliding) / (1.0 + 1.75 * step * dashpot / mass_eff)
+    damping = dashpot / (1.0 + 3.5 * LAG * step * dashpot / mass_eff)
+    drag = -stiff_t * new_slip - damping * sliding
     limit = law[FRICTION] * push
     drag2 = drag.norm_sqr()
     if drag2 > limit * limit:
@@ -147,7 +149,8 @@ def contact_forces(
             stiff_r = stiff_t * rolling_radius * rolling_radius
             new_roll = turned(roll, normal) + (rate - rate.dot(normal) * normal) * step
             dashpot = 2.0 * ROLLING_DAMPING * ti.sqrt(stiff_r * rolling_inertia)
-            torque_i = -(stiff_r * new_roll + dashpot * rate) / (1.0 + 0.5 * step * dashpot / rolling_inertia)
+            damping = dashpot / (1.0 + LAG * step * dashpot / rolling_inertia)
+            torque_i = -stiff_r * new_roll - damping * rate
             most = grip * rolling_radius
             torque2 = torque_i.norm_sqr()
             if torque2 > most * most:
