@@ -102,11 +102,13 @@ def contact_forces(
     """Hertz-Mindlin force on body i and the torques that rolling resistance adds on i and j.
 
     `normal` points from i to j, `velocity` [m/s] is that of i's surface relative to j's at the contact in the middle
-    of the step that led here, `slip` [m] and `roll` [rad] are the stored histories.  A dashpot fed with the velocity of
-    mid-step takes too much, one that solves for the velocity at the end of the step too little; half of that
-    correction (LAG) returns the restitution put in to 0.5 % on average even where a contact lasts only eight steps.  Stiffnesses S_n = 2 E* sqrt(R* d), S_t = 8 G* sqrt(R* d); spring
-    2/3 S_n d; dashpots 2 sqrt(5/6) psi sqrt(S m*) v; no tension; |F_t| <= mu F_n (Hlosta et al. 2020, eqs 1 and 2
-    with the velocity outside the root).
+    of the step that led here, `slip` [m] and `roll` [rad] are the stored histories.  Stiffnesses S_n = 2 E* sqrt(R* d)
+    and S_t = 8 G* sqrt(R* d); spring 2/3 S_n d; dashpots 2 sqrt(5/6) psi sqrt(S m*) v; no tension; |F_t| <= mu F_n
+    (Hlosta et al. 2020, eqs 1 and 2 with the velocity outside the root).
+
+    A dashpot fed with the velocity of mid-step takes too much energy, one that solves for the velocity at the end of
+    the step too little; half of that correction (LAG) returns the restitution put in to 0.5 % on average even where a
+    contact lasts only eight steps, and leaves a static contact exactly Hertzian.
 
     Rolling resistance, torque limit mu_r F_n R on each sphere (EDEM's convention): type A acts against each body's
     own spin, type C is an elastic-plastic spring-dashpot against the relative rolling (Ai et al. 2011) with spring
