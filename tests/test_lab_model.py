@@ -21,7 +21,7 @@ def models(draw):
     names = draw(st.lists(NAMES, min_size=2, max_size=4, unique=True))
     names = [f"{name}_" for name in names]  # no name of the reference
     solids = {
-        name: Material(name, draw(POSITIVE), draw(POSITIVE), draw(st.floats(0, 0.499)))
+        name: Material(name, draw(POSITIVE), draw(POSITIVE), draw(st.floats(0, 0.499, allow_subnormal=False)))
         for name in names[: len(names) // 2]
     }
     beads = {

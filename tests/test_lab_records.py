@@ -9,7 +9,7 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.records import Profile, Track, read_profile, read_tracks, write_profile, write_tracks
 
 SIZES = st.integers(1, 30)
-METRES = st.floats(-10, 10)
+METRES = st.floats(-10, 10, allow_subnormal=False)
 SIGMAS = st.floats(1e-7, 1e-2) | st.just(float("nan"))
 NAMES = st.text(st.characters(codec="utf-8", exclude_categories=["C", "Z"]), min_size=1, max_size=5)
 
