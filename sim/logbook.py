@@ -33,7 +33,7 @@ class History:
     potential: Array  # [J]
     elastic: Array  # [J]
     supplied: Array  # [J], brought by the beads poured so far
-    risen: Array  # [J], gained from nowhere so far: rounding and too large a step
+    risen: Array  # [J], the most that was gained from nowhere so far: rounding and too large a step
     beads: Array  # [1], in the domain
     contacts: Array  # [1], between beads
     wall_contacts: Array  # [1]
@@ -43,7 +43,7 @@ class History:
     @property
     def dissipated(self) -> Array:
         """Energy [J] that friction and dashpots took, or that left with the beads that fell."""
-        return self.supplied + self.risen - self.kinetic - self.potential - self.elastic
+        return self.supplied - self.kinetic - self.potential - self.elastic
 
 
 class Logbook:
@@ -85,7 +85,7 @@ class Logbook:
         self._moved = False  # whether a step was made since the run began or was taken up again
         self._history: list[dict[str, float]] = []
         self._supplied = self._risen = 0.0
-        self._total = 0.0  # [J], when the last look ended
+        self._total = self._most_dissipated = 0.0  # [J], when the last look ended, and ever
         self.first_frame: float | None = None  # [s], when a trajectory began after the run did
 
     def resume(self) -> dict[str, Any] | None:
@@ -96,7 +96,7 @@ class Logbook:
             books, state = kept
             self._bulk.restore(state)
             course, frames, self._history = books["course"], books["frames"], books["history"]
-            self._supplied, self._risen, self._total = books["energy"]
+            self._supplied, self._risen, self._total, self._most_dissipated = books["energy"]
         if self._film_path is not None:
             self._film = begin(self._film_path, self._bulk.kinds, self._bulk.domain, frames=frames)
             walls = self._film_path.with_name(f"{self._film_path.stem}-walls.vtk")
@@ -109,8 +109,7 @@ class Logbook:
         """Make `steps` steps, with a frame whenever its time has come."""
         from rigtwin.sim.engine.bulk import SimulationFailed
 
-        before = self._bulk.budget().total
-        self._supplied += before - self._total
+        self._supplied += self._bulk.budget().total - self._total
         end = self._bulk.steps + steps
         self._moved = True
         try:
@@ -126,7 +125,7 @@ class Logbook:
                 f"{trouble} The last good state, of t = {self._checkpoint.kept_at:.6g} s, "
                 f"is kept in {self._checkpoint.path}."
             ) from None
-        self._enter(self._bulk.budget(), before)
+        self._enter(self._bulk.budget())
 
     def look(self, course: Mapping[str, Any]) -> None:
         """Write a checkpoint when one is due; `course` tells how far the run has come, in JSON's types."""
@@ -185,10 +184,12 @@ class Logbook:
         if kind is None and self._checkpoint is not None and self._moved:
             self._write()
 
-    def _enter(self, budget: Budget, before: float) -> None:
+    def _enter(self, budget: Budget) -> None:
         self._total = budget.total
-        # what falls out of the domain only takes energy away: it came from above the base
-        self._risen += max(0.0, self._total - before)
+        # friction gives nothing back, and what falls out of the domain only takes energy away: it came from above
+        dissipated = self._supplied - self._total
+        self._most_dissipated = max(self._most_dissipated, dissipated)
+        self._risen = max(self._risen, self._most_dissipated - dissipated)
         numbers = {name: float(value) for name, value in asdict(budget).items()}
         self._history.append({**numbers, "time": self._bulk.time, "supplied": self._supplied, "risen": self._risen})
 
@@ -198,6 +199,6 @@ class Logbook:
             "course": self._course,
             "frames": self._film.frames if self._film else 0,
             "history": self._history,
-            "energy": [self._supplied, self._risen, self._total],
+            "energy": [self._supplied, self._risen, self._total, self._most_dissipated],
         }
         self._checkpoint.write(books, self._bulk.state(), self._bulk.time)
