@@ -23,6 +23,7 @@ from rigtwin.sim.logbook import History, Logbook
 if TYPE_CHECKING:
     from rigtwin.sim.engine.bulk import Bulk
     from rigtwin.sim.engine.contact import Rolling
+    from rigtwin.sim.engine.walls import Shape
 
 Array = npt.NDArray[np.float64]
 
@@ -37,7 +38,7 @@ REST_LOOKS = 3  # times in a row
 LEAST_RATE = 400.0  # [1/s]
 SKIN = 0.2  # of a diameter; the rain makes a list short-lived
 FRAME_INTERVAL = 0.01  # [s]
-CHECKPOINT_INTERVAL = 60.0  # [s] of computing
+CHECKPOINT_INTERVAL = 60.0  # [s] of computing; what a power cut may cost
 OVERLAP_LIMIT = 0.05  # of a radius; softer contacts than this bend the result
 
 
@@ -187,6 +188,18 @@ def silhouette(centres: Array, radius: float, base_diameter: float, view: float)
     )
 
 
+def picture(rig: Pile, heap: Heap, *, turn: float = 30.0, tilt: float = 20.0) -> npt.NDArray[np.uint8]:
+    """The heap on its base as shaded spheres, an RGB image; the eye `turn` [deg] about z and `tilt` [deg] above."""
+    from rigtwin.sim.picture import draw
+    from rigtwin.sim.trajectory import triangles
+
+    reach = np.full(3, rig.base_diameter + rig.rim_height)
+    walls = [triangles(shape, (-reach, reach)) for shape in _shapes(rig)]
+    return draw(
+        heap.centres, np.full(len(heap.centres), heap.radius), walls=np.concatenate(walls), turn=turn, tilt=tilt
+    )
+
+
 @dataclass(frozen=True)
 class _Outlet:
     diameter: float  # [m]
@@ -233,19 +246,15 @@ def _bench(
     threads: int | None,
 ) -> Bulk:
     from rigtwin.sim.engine.bulk import Bulk
-    from rigtwin.sim.engine.walls import Cylinder, Disc, Shape, Wall
+    from rigtwin.sim.engine.walls import Wall
 
-    up = (0.0, 0.0, 1.0)
-    shapes: list[Shape] = [Disc((0.0, 0.0, 0.0), up, rig.base_diameter / 2)]
-    if rig.rim_height > 0:
-        shapes.append(Cylinder((0.0, 0.0, 0.0), up, rig.base_diameter / 2, rig.rim_height))
     side = rig.base_diameter / 2 + 4 * soft.diameter
     # a heap steeper than 45 degrees is not expected; the outlet stops rising there
     top = rig.rim_height + rig.base_diameter / 2 + outlet.fall_height + 4 * LOOK * outlet.speed + 4 * soft.diameter
     return Bulk(
         [soft],
         contacts[0],
-        [Wall(shape, wall, contacts[1]) for shape in shapes],
+        [Wall(shape, wall, contacts[1]) for shape in _shapes(rig)],
         low=(-side, -side, -2 * soft.diameter),
         high=(side, side, top),
         open_domain=True,
@@ -254,6 +263,16 @@ def _bench(
         threads=threads,
         skin=SKIN,
     )
+
+
+def _shapes(rig: Pile) -> list[Shape]:
+    from rigtwin.sim.engine.walls import Cylinder, Disc
+
+    up = (0.0, 0.0, 1.0)
+    shapes: list[Shape] = [Disc((0.0, 0.0, 0.0), up, rig.base_diameter / 2)]
+    if rig.rim_height > 0:
+        shapes.append(Cylinder((0.0, 0.0, 0.0), up, rig.base_diameter / 2, rig.rim_height))
+    return shapes
 
 
 @dataclass

@@ -24,8 +24,6 @@ from rigtwin.sim.engine.backend import ti
 State = dict[str, npt.NDArray[Any]]
 """Arrays by name."""
 
-INTERVAL = 60.0  # [s] of computing; what a power cut may cost
-
 # written anew before they are read; everything else in an arena is kept, whatever is added to it one day
 SCRATCH = frozenset({"spare", "spare_near", "spare_history", "cell_first", "cell_of", "order", "fill", "pair_force"})
 
@@ -67,7 +65,7 @@ def _fields(arena: at.Arena) -> Iterator[tuple[str, Any]]:
 class Checkpoint:
     """One run's checkpoint file."""
 
-    def __init__(self, path: Path, settings: Mapping[str, Any], interval: float = INTERVAL) -> None:
+    def __init__(self, path: Path, settings: Mapping[str, Any], interval: float) -> None:
         """`settings` are all that decide the run's outcome, in JSON's types; `interval` [s] is of computing."""
         self.path = path
         self.kept_at: float | None = None  # [s], simulated, of the state in the file
