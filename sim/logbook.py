@@ -81,6 +81,7 @@ class Logbook:
             self._checkpoint = Checkpoint(checkpoint, settings, checkpoint_interval)
         self._film_path = trajectory
         self._film: Trajectory | None = None
+        self._added = 0  # beads whose energy is in the books
         self._course: dict[str, Any] = {}
         self._moved = False  # whether a step was made since the run began or was taken up again
         self._history: list[dict[str, float]] = []
@@ -95,8 +96,10 @@ class Logbook:
         if kept is not None:
             books, state = kept
             self._bulk.restore(state)
+            self._added = self._bulk.added
             course, frames, self._history = books["course"], books["frames"], books["history"]
             self._supplied, self._risen, self._total, self._most_dissipated = books["energy"]
+            self.first_frame = books["first_frame"]
         if self._film_path is not None:
             self._film = begin(self._film_path, self._bulk.kinds, self._bulk.domain, frames=frames)
             walls = self._film_path.with_name(f"{self._film_path.stem}-walls.vtk")
@@ -109,7 +112,9 @@ class Logbook:
         """Make `steps` steps, with a frame whenever its time has come."""
         from rigtwin.sim.engine.bulk import SimulationFailed
 
-        self._supplied += self._bulk.budget().total - self._total
+        if self._bulk.added != self._added:
+            self._added = self._bulk.added
+            self._supplied += self._bulk.budget().total - self._total
         end = self._bulk.steps + steps
         self._moved = True
         try:
@@ -198,6 +203,7 @@ class Logbook:
         books = {
             "course": self._course,
             "frames": self._film.frames if self._film else 0,
+            "first_frame": self.first_frame if self._film else None,
             "history": self._history,
             "energy": [self._supplied, self._risen, self._total, self._most_dissipated],
         }

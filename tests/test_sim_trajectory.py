@@ -281,6 +281,8 @@ def test_a_film_that_begins_at_the_break_says_so(tmp_path):
         heap(checkpoint=tmp_path / "heap.npz", checkpoint_interval=0, progress=power_cut)
     resumed = heap(checkpoint=tmp_path / "heap.npz", trajectory=tmp_path / "heap.gsd")
     assert any("the trajectory begins at t = 0.02" in warning for warning in resumed.warnings)
+    again = heap(checkpoint=tmp_path / "heap.npz", trajectory=tmp_path / "heap.gsd")
+    assert again.warnings == resumed.warnings
 
 
 def test_what_led_to_a_failure_can_be_watched(tmp_path):
@@ -290,6 +292,16 @@ def test_what_led_to_a_failure_can_be_watched(tmp_path):
     frames = frames_of(tmp_path / "film.gsd")
     assert frames[-1]["position"][0, 0] == pytest.approx(0.03 + 1.5 * frames[-1]["time"], rel=1e-5)
     assert len(frames) == 10  # it hits the end of the box, 70 mm on, after 47 ms
+
+
+def test_intervals_that_cannot_be_are_refused(tmp_path):
+    with pytest.raises(BadInput, match="trajectory_interval"):
+        heap(trajectory=tmp_path / "heap.gsd", trajectory_interval=0)
+    with pytest.raises(BadInput, match="checkpoint_interval"):
+        heap(checkpoint=tmp_path / "heap.npz", checkpoint_interval=math.nan)
+    with pytest.raises(BadInput, match="suffix"):
+        heap(trajectory=tmp_path / "heap.mp4")
+    assert list(tmp_path.iterdir()) == []
 
 
 def lone(*positions, velocity=(0, 0, 0), gravity=(0, 0, -G), fraction=0.3, contact=BEADS) -> Bulk:

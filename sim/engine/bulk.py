@@ -220,6 +220,11 @@ class Bulk:
         return tuple(wall[0].shape for wall in self._walls)
 
     @property
+    def added(self) -> int:
+        """Beads that were ever added."""
+        return self._added
+
+    @property
     def gone(self) -> int:
         """Beads that left an open domain and were taken out."""
         return self._count(at.GONE)
