@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,10 +18,12 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Profile
 from rigtwin.lab.rigs import GRAVITY, Pile
 from rigtwin.sim.engine.clock import USUAL, positive, time_step
+from rigtwin.sim.logbook import History, Logbook
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.bulk import Bulk
     from rigtwin.sim.engine.contact import Rolling
+    from rigtwin.sim.engine.walls import Shape
 
 Array = npt.NDArray[np.float64]
 
@@ -34,6 +37,8 @@ REST_SPEED = 0.01  # [m/s], of the fastest bead
 REST_LOOKS = 3  # times in a row
 LEAST_RATE = 400.0  # [1/s]
 SKIN = 0.2  # of a diameter; the rain makes a list short-lived
+FRAME_INTERVAL = 0.01  # [s]
+CHECKPOINT_INTERVAL = 60.0  # [s] of computing; what a power cut may cost
 OVERLAP_LIMIT = 0.05  # of a radius; softer contacts than this bend the result
 
 
@@ -50,6 +55,7 @@ class Heap:
     placed: int
     fallen: int
     statistics: dict[str, float] = field(default_factory=dict)
+    history: History | None = None  # energy, contacts and overlaps over time
     assumptions: dict[str, str] = field(default_factory=dict)  # all that the rig's description leaves open
     warnings: tuple[str, ...] = ()
 
@@ -70,6 +76,10 @@ def run(
     fall_height: float | None = None,
     settle_limit: float = 4.0,
     rolling: Rolling = "type C",
+    trajectory: Path | None = None,
+    trajectory_interval: float = FRAME_INTERVAL,
+    checkpoint: Path | None = None,
+    checkpoint_interval: float = CHECKPOINT_INTERVAL,
     progress: Progress = silent,
 ) -> Heap:
     """Pour `count` beads on the base and wait until the heap rests.
@@ -79,6 +89,10 @@ def run(
     `fall_height` [m] above its top (default: three bead diameters).  What leaves the base falls and is taken out.
     The run ends when the beads rest, or `settle_limit` [s] after the last one was poured, and says which.
     Young's moduli are multiplied by `stiffness_factor` (Hlosta et al. 2020, section 2.2.3).
+
+    `trajectory` (.gsd or .vtkhdf) takes a frame every `trajectory_interval` [s] simulated, the walls stand beside it
+    in `<stem>-walls.vtk`.  `checkpoint` keeps the run every `checkpoint_interval` [s] of computing; a run whose file
+    is there goes on from it and ends with the same bits as one that never stopped.
     """
     _check(rig, particle, count, stiffness_factor, settle_limit)
     soft = replace(particle, material=particle.material.softened(stiffness_factor))
@@ -87,23 +101,43 @@ def run(
     base = wall.softened(stiffness_factor)
     bulk = _bench(rig, soft, base, (contact, wall_contact), outlet, step=step, rolling=rolling, threads=threads)
 
-    began = time.perf_counter()
-    placed = _pour(bulk, outlet, particle, count, rng=np.random.default_rng(seed), progress=progress)
-    at_rest = _settle(bulk, particle, settle_limit, progress)
-    wall_time = time.perf_counter() - began
+    settings = {
+        **{name: asdict(thing) for name, thing in (("rig", rig), ("particle", particle), ("wall", wall))},
+        **{"contact": asdict(contact), "wall_contact": asdict(wall_contact), "outlet": asdict(outlet)},
+        **{"count": count, "seed": seed, "stiffness_factor": stiffness_factor, "rolling": rolling},
+        **{"time_step_fraction": time_step_fraction, "settle_limit": settle_limit},
+    }
+    course = _Course(np.random.default_rng(seed), height=outlet.fall_height)
+    logbook = Logbook(
+        bulk,
+        settings,
+        trajectory=trajectory,
+        trajectory_interval=trajectory_interval,
+        checkpoint=checkpoint,
+        checkpoint_interval=checkpoint_interval,
+    )
+    with logbook:
+        if kept := logbook.resume():
+            course.go_on(kept)
+        began, first_step = time.perf_counter(), bulk.steps
+        _pour(bulk, logbook, course, outlet, particle, count, progress)
+        at_rest = _settle(bulk, logbook, course, particle, settle_limit, progress)
+        wall_time = time.perf_counter() - began
+    placed = course.placed
 
     beads = bulk.beads()
     stays = (np.hypot(*beads.position[:, :2].T) < rig.base_diameter / 2 + particle.radius) & (beads.position[:, 2] > 0)
     centres = beads.position[stays]
     statistics = {
         "largest_overlap": bulk.largest_overlap,
-        "kinetic_energy_j": beads.kinetic_energy,
+        **logbook.statistics(),
         "contacts_per_bead": 2 * bulk.contacts / max(len(beads.ident), 1),
         "time_step_s": step,
         "steps": float(bulk.steps),
-        "steps_per_second": bulk.steps / max(wall_time, 1e-9),
         "lists_built": float(bulk.lists_built),
     }
+    if bulk.steps > first_step:
+        statistics["steps_per_second"] = (bulk.steps - first_step) / max(wall_time, 1e-9)
     return Heap(
         centres=centres,
         radius=particle.radius,
@@ -114,8 +148,10 @@ def run(
         placed=placed,
         fallen=placed - len(centres),
         statistics=statistics,
+        history=logbook.history,
         assumptions=_assumptions(rig, outlet, stiffness_factor, time_step_fraction, rolling),
         warnings=warnings
+        + logbook.warnings
         + _warnings(
             rig,
             count=count,
@@ -149,6 +185,18 @@ def silhouette(centres: Array, radius: float, base_diameter: float, view: float)
         sigma=np.full(points, PROFILE_SIGMA),
         base=(-base_diameter / 2, base_diameter / 2),
         view=f"{view:g} deg",
+    )
+
+
+def picture(rig: Pile, heap: Heap, *, turn: float = 30.0, tilt: float = 20.0) -> npt.NDArray[np.uint8]:
+    """The heap on its base as shaded spheres, an RGB image; the eye `turn` [deg] about z and `tilt` [deg] above."""
+    from rigtwin.sim.picture import draw
+    from rigtwin.sim.trajectory import triangles
+
+    reach = np.full(3, rig.base_diameter + rig.rim_height)
+    walls = [triangles(shape, (-reach, reach)) for shape in _shapes(rig)]
+    return draw(
+        heap.centres, np.full(len(heap.centres), heap.radius), walls=np.concatenate(walls), turn=turn, tilt=tilt
     )
 
 
@@ -198,19 +246,15 @@ def _bench(
     threads: int | None,
 ) -> Bulk:
     from rigtwin.sim.engine.bulk import Bulk
-    from rigtwin.sim.engine.walls import Cylinder, Disc, Shape, Wall
+    from rigtwin.sim.engine.walls import Wall
 
-    up = (0.0, 0.0, 1.0)
-    shapes: list[Shape] = [Disc((0.0, 0.0, 0.0), up, rig.base_diameter / 2)]
-    if rig.rim_height > 0:
-        shapes.append(Cylinder((0.0, 0.0, 0.0), up, rig.base_diameter / 2, rig.rim_height))
     side = rig.base_diameter / 2 + 4 * soft.diameter
     # a heap steeper than 45 degrees is not expected; the outlet stops rising there
     top = rig.rim_height + rig.base_diameter / 2 + outlet.fall_height + 4 * LOOK * outlet.speed + 4 * soft.diameter
     return Bulk(
         [soft],
         contacts[0],
-        [Wall(shape, wall, contacts[1]) for shape in shapes],
+        [Wall(shape, wall, contacts[1]) for shape in _shapes(rig)],
         low=(-side, -side, -2 * soft.diameter),
         high=(side, side, top),
         open_domain=True,
@@ -221,28 +265,61 @@ def _bench(
     )
 
 
+def _shapes(rig: Pile) -> list[Shape]:
+    from rigtwin.sim.engine.walls import Cylinder, Disc
+
+    up = (0.0, 0.0, 1.0)
+    shapes: list[Shape] = [Disc((0.0, 0.0, 0.0), up, rig.base_diameter / 2)]
+    if rig.rim_height > 0:
+        shapes.append(Cylinder((0.0, 0.0, 0.0), up, rig.base_diameter / 2, rig.rim_height))
+    return shapes
+
+
+@dataclass
+class _Course:
+    """How far pouring and settling have come: with the beads, all that a run needs to go on."""
+
+    random: np.random.Generator
+    height: float  # [m], of the outlet
+    placed: int = 0
+    patience: int = 0  # looks in a row at which no bead found room
+    settling_until: float | None = None  # [s]; None while pouring
+    quiet: int = 0  # looks in a row at which the heap rested
+
+    def kept(self) -> dict[str, Any]:
+        return {**vars(self), "random": self.random.bit_generator.state}
+
+    def go_on(self, kept: dict[str, Any]) -> None:
+        self.random.bit_generator.state = kept["random"]
+        vars(self).update({name: value for name, value in kept.items() if name != "random"})
+
+
 def _pour(
-    bulk: Bulk, outlet: _Outlet, particle: Particle, count: int, *, rng: np.random.Generator, progress: Progress
-) -> int:
-    """Rain the beads and return how many were placed."""
+    bulk: Bulk,
+    logbook: Logbook,
+    course: _Course,
+    outlet: _Outlet,
+    particle: Particle,
+    count: int,
+    progress: Progress,
+) -> None:
+    """Rain the beads."""
     steps = max(1, round(LOOK / bulk.time_step))
     slab = 1.5 * outlet.speed * LOOK + particle.diameter
-    placed, height, patience = 0, outlet.fall_height, 0
-    while placed < count and patience < 100:
+    while course.placed < count and course.patience < 100:
         beads = bulk.beads()
         resting = beads.position[(beads.velocity**2).sum(1) < SLOW**2, 2]
-        height = max(height, resting.max(initial=0.0) + particle.radius + outlet.fall_height)
-        height = min(height, bulk.top - slab - particle.diameter)
-        due = min(count, math.ceil(outlet.rate * (bulk.time + LOOK))) - placed
-        new = np.array(
-            list(_drops(beads.position, outlet, particle, height=height, slab=slab, due=due, rng=rng))
-        ).reshape(-1, 3)
+        height = max(course.height, resting.max(initial=0.0) + particle.radius + outlet.fall_height)
+        course.height = float(min(height, bulk.top - slab - particle.diameter))
+        due = min(count, math.ceil(outlet.rate * (bulk.time + LOOK))) - course.placed
+        drops = _drops(beads.position, outlet, particle, height=course.height, slab=slab, due=due, rng=course.random)
+        new = np.array(list(drops)).reshape(-1, 3)
         bulk.add(new, np.array([0.0, 0.0, -outlet.speed]))
-        patience = 0 if len(new) else patience + 1
-        placed += len(new)
-        bulk.run(steps)
-        progress("pouring", placed, count)
-    return placed
+        course.patience = 0 if len(new) else course.patience + 1
+        course.placed += len(new)
+        logbook.run(steps)
+        logbook.look(course.kept())
+        progress("pouring", course.placed, count)
 
 
 def _drops(
@@ -270,20 +347,23 @@ def _drops(
             yield place
 
 
-def _settle(bulk: Bulk, particle: Particle, limit: float, progress: Progress) -> bool:
+def _settle(
+    bulk: Bulk, logbook: Logbook, course: _Course, particle: Particle, limit: float, progress: Progress
+) -> bool:
     """Run until the beads rest; False when they still moved at the limit."""
     steps = max(1, round(LOOK / bulk.time_step))
-    end = bulk.time + limit
-    quiet = 0
-    while bulk.time < end and quiet < REST_LOOKS:
-        bulk.run(steps)
+    if course.settling_until is None:
+        course.settling_until = bulk.time + limit
+    while bulk.time < course.settling_until and course.quiet < REST_LOOKS:
+        logbook.run(steps)
         beads = bulk.beads()
         energy = beads.kinetic_energy / max(len(beads.ident), 1)
         fastest = np.sqrt((beads.velocity**2).sum(1).max(initial=0.0))
         resting = energy < REST_ENERGY * particle.mass * GRAVITY * particle.radius and fastest < REST_SPEED
-        quiet = quiet + 1 if resting else 0
-        progress("settling", limit - (end - bulk.time), limit)
-    return quiet >= REST_LOOKS
+        course.quiet = course.quiet + 1 if resting else 0
+        logbook.look(course.kept())
+        progress("settling", limit - (course.settling_until - bulk.time), limit)
+    return course.quiet >= REST_LOOKS
 
 
 def _check(rig: Pile, particle: Particle, count: int, stiffness_factor: float, settle_limit: float) -> None:

@@ -119,3 +119,14 @@ def test_a_pile_that_cannot_be_is_refused(rig, count, message):
 def test_a_step_too_large_is_refused():
     with pytest.raises(BadInput, match="time_step_fraction"):
         pile.run(BOWL, D6, STEEL, BEADS, BASE, time_step_fraction=0.9)
+
+
+def test_the_picture_shows_the_heap_on_its_base(heap):
+    image = pile.picture(BOWL, heap, turn=0, tilt=0)
+    rows, columns = np.nonzero((image < 255).any(axis=2))
+    # from the side the picture is as high as the heap, and as wide as the base or what hangs over its rim
+    across = heap.centres[:, 0]
+    left, right = min(-0.02, across.min() - heap.radius), max(0.02, across.max() + heap.radius)
+    assert np.ptp(rows) / np.ptp(columns) == pytest.approx(heap.profiles[0].height.max() / (right - left), rel=0.01)
+    brown = image[..., 0].astype(int) - image[..., 2] > 30
+    assert brown.sum() > 0.5 * np.ptp(rows) * np.ptp(columns) / 2

@@ -22,10 +22,10 @@ from rigtwin.lab.materials import Contact, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.engine import arena as at
-from rigtwin.sim.engine import backend
+from rigtwin.sim.engine import backend, budget, checkpoint
 from rigtwin.sim.engine.clock import positive
 from rigtwin.sim.engine.contact import LAW_SIZE, ROLLING, Rolling, pair_law
-from rigtwin.sim.engine.walls import WALL_SIZE, Vector, Wall, gaps
+from rigtwin.sim.engine.walls import WALL_SIZE, Shape, Vector, Wall, gaps
 
 Array = npt.NDArray[np.float64]
 
@@ -171,6 +171,29 @@ class Bulk:
             mass=rows[:, 10].copy(),
         )
 
+    def budget(self) -> budget.Budget:
+        """Energies and overlaps now."""
+        beads = self._count(at.LISTED)
+        first, pairs = self._pairs(beads)
+        owner = np.repeat(np.arange(beads), np.diff(first))
+        near = np.stack([owner, pairs[: len(owner), 0].astype(np.int64)], axis=1)
+        return budget.measure(
+            self._rows(), near, self.shapes, self._laws, gravity=self._gravity, time_step=self.time_step
+        )
+
+    def state(self) -> checkpoint.State:
+        """All that the next step depends on."""
+        self._mine()
+        sizes = (self._arena.capacity, self._arena.pair_capacity)
+        own = {"sizes": np.array(sizes), "steps": np.array(self.steps), "added": np.array(self._added)}
+        return own | checkpoint.read_arena(self._arena)
+
+    def restore(self, state: checkpoint.State) -> None:
+        """Go on from a `state` of a simulation that was made in the same way."""
+        self._enter(at.arena(*map(int, state["sizes"])))
+        checkpoint.write_arena(self._arena, state)
+        self.steps, self._added = int(state["steps"]), int(state["added"])
+
     @property
     def time(self) -> float:
         """[s]"""
@@ -180,6 +203,26 @@ class Bulk:
     def top(self) -> float:
         """Upper end of the domain [m]."""
         return float(self._high[2])
+
+    @property
+    def domain(self) -> tuple[Array, Array]:
+        """Lower and upper corner [m]."""
+        return self._low, self._high
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Names of the kinds of particles."""
+        return tuple(particle.name for particle in self._particles)
+
+    @property
+    def shapes(self) -> tuple[Shape, ...]:
+        """The walls."""
+        return tuple(wall[0].shape for wall in self._walls)
+
+    @property
+    def added(self) -> int:
+        """Beads that were ever added."""
+        return self._added
 
     @property
     def gone(self) -> int:

@@ -1,0 +1,82 @@
+"""The books of a running simulation: where the energy is, and how deep the contacts are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.sim.engine.contact import STIFFNESS
+from rigtwin.sim.engine.walls import Shape, Vector, gaps
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Energies and overlaps at one moment.
+
+    The elastic energy is that of the Hertz springs; those of sliding and rolling are smaller and left out.  Overlaps
+    are in twice the effective radius, which is the radius between equal beads (at a wall: in the bead's radius).
+    """
+
+    kinetic: float  # [J], of translation and rotation
+    potential: float  # [J], zero at the origin
+    elastic: float  # [J]
+    beads: int
+    contacts: int  # between beads
+    wall_contacts: int
+    mean_overlap: float  # of all contacts
+    largest_overlap: float
+
+    @property
+    def total(self) -> float:
+        """[J]"""
+        return self.kinetic + self.potential + self.elastic
+
+
+def measure(
+    rows: Array,
+    near: npt.NDArray[np.int64],
+    shapes: Sequence[Shape],
+    laws: tuple[Array, Array],
+    *,
+    gravity: Vector,
+    time_step: float,
+) -> Budget:
+    """The budget of the beads in `rows` (as exported by the arena), of which the pairs `near` may touch."""
+    position, radius, mass, inertia = rows[:, 0:3], rows[:, 9], rows[:, 10], rows[:, 11]
+    kind = rows[:, 19].astype(int)
+    velocity = rows[:, 3:6] + 0.5 * time_step * rows[:, 12:15]
+    spin = rows[:, 6:9] + 0.5 * time_step * rows[:, 15:18]
+
+    one, other = near.T
+    overlap = radius[one] + radius[other] - np.linalg.norm(position[one] - position[other], axis=1)
+    touch = overlap > 0
+    one, other, overlap = one[touch], other[touch], overlap[touch]
+    effective = radius[one] * radius[other] / (radius[one] + radius[other])
+    depths = [overlap / (2 * effective)]
+    elastic = _hertz(laws[0][kind[one], kind[other], STIFFNESS], effective, overlap)
+    for k, shape in enumerate(shapes):
+        deep = -gaps(shape, position, radius)
+        at_wall = deep > 0
+        depths.append(deep[at_wall] / radius[at_wall])
+        elastic += _hertz(laws[1][kind[at_wall], k, STIFFNESS], radius[at_wall], deep[at_wall])
+    depth = np.concatenate(depths)
+    return Budget(
+        kinetic=float(0.5 * np.sum(mass * (velocity**2).sum(1) + inertia * (spin**2).sum(1))),
+        potential=float(-np.sum(mass * (position @ np.array(gravity)))),
+        elastic=elastic,
+        beads=len(rows),
+        contacts=len(one),
+        wall_contacts=len(depth) - len(one),
+        mean_overlap=float(depth.mean()) if len(depth) else 0.0,
+        largest_overlap=float(depth.max(initial=0.0)),
+    )
+
+
+def _hertz(modulus: Array, radius: Array, overlap: Array) -> float:
+    """Energy [J] of contacts with force 4/3 E* sqrt(R*) d^(3/2)."""
+    return float(np.sum(8 / 15 * modulus * np.sqrt(radius) * overlap**2.5))

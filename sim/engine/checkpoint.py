@@ -1,0 +1,131 @@
+"""Checkpoints: all that the next step depends on, kept in one file that is replaced whole or not at all.
+
+A run that goes on from its checkpoint makes the same bits as one that never stopped, on any number of threads.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin import __version__
+from rigtwin.lab.errors import BadInput
+from rigtwin.sim.engine import arena as at
+from rigtwin.sim.engine.backend import ti
+
+State = dict[str, npt.NDArray[Any]]
+"""Arrays by name."""
+
+# written anew before they are read; everything else in an arena is kept, whatever is added to it one day
+SCRATCH = frozenset({"spare", "spare_near", "spare_history", "cell_first", "cell_of", "order", "fill", "pair_force"})
+
+
+def read_arena(arena: at.Arena) -> State:
+    """Every field of `arena` that a step reads, cut to the beads and pairs in use."""
+    counts = arena.counts.to_numpy()
+    beads, listed = int(counts[at.BEADS]), int(counts[at.LISTED])
+    pairs = int(arena.first[int(counts[at.LIVE_LIST]), listed])
+    used = {
+        arena.capacity: max(beads, listed),
+        arena.capacity + 1: max(beads, listed) + 1,
+        arena.pair_capacity: max(pairs, int(counts[at.PAIRS])),
+    }
+    state: State = {}
+    for name, field in _fields(arena):
+        whole = field.to_numpy()
+        state[name] = whole[tuple(slice(min(length, used.get(length, length))) for length in whole.shape)].copy()
+    return state
+
+
+def write_arena(arena: at.Arena, state: State) -> None:
+    """Fill `arena`, of the sizes that `state` was read from."""
+    for name, field in _fields(arena):
+        whole = np.zeros_like(field.to_numpy())
+        part = state[name]
+        whole[tuple(slice(length) for length in part.shape)] = part
+        field.from_numpy(whole)
+    # of pairs apart nobody writes the force again: it must be zero
+    arena.pair_force.fill(0.0)
+
+
+def _fields(arena: at.Arena) -> Iterator[tuple[str, Any]]:
+    for name, value in vars(arena).items():
+        if isinstance(value, ti.Field) and name not in SCRATCH:
+            yield name, value
+
+
+class Checkpoint:
+    """One run's checkpoint file."""
+
+    def __init__(self, path: Path, settings: Mapping[str, Any], interval: float) -> None:
+        """`settings` are all that decide the run's outcome, in JSON's types; `interval` [s] is of computing."""
+        self.path = path
+        self.kept_at: float | None = None  # [s], simulated, of the state in the file
+        self._settings = json.loads(json.dumps({"rigtwin": __version__, **settings}))
+        self._interval = interval
+        self._written = time.monotonic()
+
+    @property
+    def due(self) -> bool:
+        """Whether the interval has passed."""
+        return time.monotonic() - self._written >= self._interval
+
+    def write(self, course: Mapping[str, Any], state: State, now: float) -> None:
+        """Replace the file by this state, at `now` [s] simulated; `course` is what is not an array, in JSON's types."""
+        words = json.dumps({"settings": self._settings, "course": course, "time_s": now})
+        part = self.path.with_name(self.path.name + ".part")
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with part.open("wb") as file:
+                arrays: dict[str, Any] = {f"state_{name}": array for name, array in state.items()}
+                np.savez(file, words=np.array(words), **arrays)
+                file.flush()
+                os.fsync(file.fileno())
+            part.replace(self.path)
+        except OSError as trouble:
+            raise BadInput(
+                f"The checkpoint {self.path} cannot be written ({trouble.strerror}); name another place."
+            ) from None
+        self.kept_at = now
+        self._written = time.monotonic()
+
+    def read(self) -> tuple[dict[str, Any], State] | None:
+        """Course and state to go on from; None when there is no file yet.
+
+        Raises `BadInput` when the file is no checkpoint or belongs to a run with other settings.
+        """
+        if not self.path.exists():
+            return None
+        try:
+            with self.path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+                words = json.loads(str(file["words"]))
+                state = {name.removeprefix("state_"): file[name] for name in file.files if name != "words"}
+            settings, course, now = words["settings"], words["course"], words["time_s"]
+        except (OSError, ValueError, KeyError, EOFError, TypeError, BadZipFile):
+            raise BadInput(
+                f"{self.path} is not a checkpoint of rigtwin, or is damaged; delete it or name another."
+            ) from None
+        if settings != self._settings:
+            raise BadInput(
+                f"The checkpoint {self.path} belongs to another run ({_difference(settings, self._settings)}); "
+                "name another file, or delete it to begin anew."
+            )
+        self.kept_at = now
+        return course, state
+
+
+def _difference(there: Any, here: Any, name: str = "") -> str:
+    """The first setting that is not the same, in words."""
+    if isinstance(there, dict) and isinstance(here, dict):
+        for key in [*here, *(key for key in there if key not in here)]:
+            if there.get(key) != here.get(key):
+                return _difference(there.get(key), here.get(key), f"{name}.{key}" if name else key)
+    return f"{name}: {there} there, {here} here"

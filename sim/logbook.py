@@ -1,0 +1,210 @@
+"""What a run keeps while it goes: frames of its trajectory, checkpoints to go on from, and the books of its energy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.sim.engine.clock import positive
+from rigtwin.sim.trajectory import Trajectory, begin, write_walls
+
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.budget import Budget
+    from rigtwin.sim.engine.bulk import Bulk
+    from rigtwin.sim.engine.checkpoint import Checkpoint
+
+Array = npt.NDArray[np.float64]
+
+RISE_LIMIT = 0.01  # of the energy supplied; a bed that gains more has a step too large for its contacts
+
+
+@dataclass(frozen=True)
+class History:
+    """The books of a run, looked into now and then; arrays of one length.  Overlaps as in `Budget`."""
+
+    time: Array  # [s]
+    kinetic: Array  # [J]
+    potential: Array  # [J]
+    elastic: Array  # [J]
+    supplied: Array  # [J], brought by the beads poured so far
+    risen: Array  # [J], the most that was gained from nowhere so far: rounding and too large a step
+    beads: Array  # [1], in the domain
+    contacts: Array  # [1], between beads
+    wall_contacts: Array  # [1]
+    mean_overlap: Array  # [1]
+    largest_overlap: Array  # [1]
+
+    @property
+    def dissipated(self) -> Array:
+        """Energy [J] that friction and dashpots took, or that left with the beads that fell."""
+        return self.supplied - self.kinetic - self.potential - self.elastic
+
+
+class Logbook:
+    """Runs a simulation and writes down what it does; a context in which the run happens.
+
+    ::
+
+        with Logbook(bulk, settings, checkpoint=Path("heap.npz"), trajectory=Path("heap.gsd")) as logbook:
+            course = logbook.resume() or {"poured": 0}
+            while ...:
+                logbook.run(500)
+                logbook.look(course)
+    """
+
+    def __init__(
+        self,
+        bulk: Bulk,
+        settings: Mapping[str, Any],
+        *,
+        trajectory: Path | None = None,
+        trajectory_interval: float,
+        checkpoint: Path | None = None,
+        checkpoint_interval: float,
+    ) -> None:
+        """`settings` are all that decide the outcome; intervals are [s] simulated and [s] of computing."""
+        positive(trajectory_interval=trajectory_interval)
+        if not checkpoint_interval >= 0:
+            positive(checkpoint_interval=checkpoint_interval)
+        from rigtwin.sim.engine.checkpoint import Checkpoint
+
+        self._bulk = bulk
+        self._frame_steps = max(1, round(trajectory_interval / bulk.time_step))
+        self._checkpoint: Checkpoint | None = None
+        if checkpoint is not None:
+            self._checkpoint = Checkpoint(checkpoint, settings, checkpoint_interval)
+        self._film_path = trajectory
+        self._film: Trajectory | None = None
+        self._added = 0  # beads whose energy is in the books
+        self._course: dict[str, Any] = {}
+        self._moved = False  # whether a step was made since the run began or was taken up again
+        self._history: list[dict[str, float]] = []
+        self._supplied = self._risen = 0.0
+        self._total = self._most_dissipated = 0.0  # [J], when the last look ended, and ever
+        self.first_frame: float | None = None  # [s], when a trajectory began after the run did
+
+    def resume(self) -> dict[str, Any] | None:
+        """Bring the simulation to its checkpoint and say how far the run had come; None when it begins."""
+        kept = self._checkpoint.read() if self._checkpoint else None
+        frames, course = 0, None
+        if kept is not None:
+            books, state = kept
+            self._bulk.restore(state)
+            self._added = self._bulk.added
+            course, frames, self._history = books["course"], books["frames"], books["history"]
+            self._supplied, self._risen, self._total, self._most_dissipated = books["energy"]
+            self.first_frame = books["first_frame"]
+        if self._film_path is not None:
+            self._film = begin(self._film_path, self._bulk.kinds, self._bulk.domain, frames=frames)
+            walls = self._film_path.with_name(f"{self._film_path.stem}-walls.vtk")
+            write_walls(walls, self._bulk.shapes, self._bulk.domain)
+            if self._bulk.steps and not self._film.frames:
+                self.first_frame = self._bulk.time
+        return course
+
+    def run(self, steps: int) -> None:
+        """Make `steps` steps, with a frame whenever its time has come."""
+        from rigtwin.sim.engine.bulk import SimulationFailed
+
+        if self._bulk.added != self._added:
+            self._added = self._bulk.added
+            self._supplied += self._bulk.budget().total - self._total
+        end = self._bulk.steps + steps
+        self._moved = True
+        try:
+            while self._bulk.steps < end:
+                if self._film and self._bulk.steps % self._frame_steps == 0:
+                    self._film.add(self._bulk.beads(), self._bulk.time, self._bulk.steps)
+                pause = self._frame_steps - self._bulk.steps % self._frame_steps if self._film else steps
+                self._bulk.run(min(end - self._bulk.steps, pause))
+        except SimulationFailed as trouble:
+            if self._checkpoint is None or self._checkpoint.kept_at is None:
+                raise
+            raise SimulationFailed(
+                f"{trouble} The last good state, of t = {self._checkpoint.kept_at:.6g} s, "
+                f"is kept in {self._checkpoint.path}."
+            ) from None
+        self._enter(self._bulk.budget())
+
+    def look(self, course: Mapping[str, Any]) -> None:
+        """Write a checkpoint when one is due; `course` tells how far the run has come, in JSON's types."""
+        if self._checkpoint is not None:
+            self._course = dict(course)
+            if self._checkpoint.due:
+                self._write()
+
+    @property
+    def history(self) -> History:
+        """The books so far."""
+        return History(
+            **{item.name: np.array([entry[item.name] for entry in self._history]) for item in fields(History)}
+        )
+
+    def statistics(self) -> dict[str, float]:
+        """The books' last line and extremes, for the record of a run."""
+        books = self.history
+        if not len(books.time):
+            return {}
+        last = {f"{name}_energy_j": float(getattr(books, name)[-1]) for name in ("kinetic", "potential", "elastic")}
+        return {
+            **last,
+            "energy_supplied_j": float(books.supplied[-1]),
+            "energy_dissipated_j": float(books.dissipated[-1]),
+            "energy_risen_j": float(books.risen[-1]),
+            "contacts": float(books.contacts[-1]),
+            "wall_contacts": float(books.wall_contacts[-1]),
+            "mean_overlap": float(books.mean_overlap[-1]),
+        }
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What speaks against the run, in words."""
+        warnings = []
+        if self._risen > RISE_LIMIT * abs(self._supplied):
+            warnings.append(
+                f"the energy budget does not close: {self._risen:.3g} J came from nowhere, of "
+                f"{self._supplied:.3g} J supplied; use a smaller time step"
+            )
+        if self.first_frame is not None:
+            warnings.append(f"the trajectory begins at t = {self.first_frame:.4g} s, where the run was taken up again")
+        return tuple(warnings)
+
+    def __enter__(self) -> Logbook:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        # frames made before a failure are what one wants to see; they get their name too
+        if self._film is not None:
+            if kind is None and self._moved:
+                self._film.add(self._bulk.beads(), self._bulk.time, self._bulk.steps)
+            self._film.close()
+        if kind is None and self._checkpoint is not None and self._moved:
+            self._write()
+
+    def _enter(self, budget: Budget) -> None:
+        self._total = budget.total
+        # friction gives nothing back, and what falls out of the domain only takes energy away: it came from above
+        dissipated = self._supplied - self._total
+        self._most_dissipated = max(self._most_dissipated, dissipated)
+        self._risen = max(self._risen, self._most_dissipated - dissipated)
+        numbers = {name: float(value) for name, value in asdict(budget).items()}
+        self._history.append({**numbers, "time": self._bulk.time, "supplied": self._supplied, "risen": self._risen})
+
+    def _write(self) -> None:
+        assert self._checkpoint is not None
+        books = {
+            "course": self._course,
+            "frames": self._film.frames if self._film else 0,
+            "first_frame": self.first_frame if self._film else None,
+            "history": self._history,
+            "energy": [self._supplied, self._risen, self._total, self._most_dissipated],
+        }
+        self._checkpoint.write(books, self._bulk.state(), self._bulk.time)
