@@ -46,9 +46,9 @@ def against(
 ) -> Row:
     """A row that passes when the value lies within one tolerance of its reference."""
     if relative is not None:
-        tolerance, wanted = relative * abs(reference), f"within {relative:.2g} of the reference"
+        tolerance, wanted = relative * abs(reference), f"within {relative:.2%}"
     elif absolute is not None:
-        tolerance, wanted = absolute, f"within {absolute:.2g} {'' if unit == '1' else unit}".rstrip()
+        tolerance, wanted = absolute, f"within {absolute:.2g}"
     else:
         return Row(name, value, unit, reference, note=note)
     return Row(name, value, unit, reference, wanted, bool(abs(value - reference) <= tolerance), note)
@@ -102,7 +102,7 @@ def _print(target: str, rows: Sequence[Row]) -> None:
     table = Table(title=f"{target}, {machine()['processor']}, load average {machine()['load_average']}")
     for column in ("figure", "ours", "reference", "deviation", "wanted", "passed", "note"):
         number = column in ("ours", "reference", "deviation")
-        table.add_column(column, justify="right" if number else "left", no_wrap=number)
+        table.add_column(column, justify="right" if number else "left", no_wrap=column != "note")
     for row in rows:
         unit = "" if row.unit == "1" else f" {row.unit}"
         off = row.deviation
@@ -110,7 +110,7 @@ def _print(target: str, rows: Sequence[Row]) -> None:
         verdict = {True: "yes", False: "NO", None: ""}[row.passed]
         reference = "" if row.reference is None else f"{row.reference:.5g}{unit}"
         table.add_row(row.name, f"{row.value:.5g}{unit}", reference, deviation, row.wanted, verdict, row.note)
-    width = None if sys.stdout.isatty() else 170
+    width = None if sys.stdout.isatty() else 200
     Console(width=width).print(table)
 
 
