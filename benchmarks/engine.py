@@ -13,7 +13,9 @@ from __future__ import annotations
 import argparse
 import os
 import statistics
+import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Sequence
 
@@ -25,10 +27,11 @@ from figures import Row, machine, report
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.rigs import GRAVITY, Pile
 from rigtwin.sim import pile
-from rigtwin.sim.engine import backend
+from rigtwin.sim.engine import backend, few_body
 from rigtwin.sim.engine.bulk import SKIN, Bulk
 from rigtwin.sim.engine.clock import time_step
 from rigtwin.sim.engine.contact import ROLLING, Rolling
+from rigtwin.sim.engine.few_body import Body
 from rigtwin.sim.engine.walls import Plane, Wall
 
 ASH = Material("ash", 720, 11e9, 0.44)
@@ -167,6 +170,53 @@ def _spread(values: list[float], scale: float) -> str:
     return f"{min(values) / scale:.2f} to {max(values) / scale:.2f}"
 
 
+FIRST_STEP = """
+from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.sim.engine.bulk import Bulk
+bead = Particle("D6", Material("ash", 720, 11e6, 0.44), 6e-3)
+bed = Bulk([bead], Contact(0.5), low=(0, 0, 0), high=(0.1, 0.1, 0.1), time_step=1e-5)
+bed.add([[0.05, 0.05, 0.05]])
+bed.run(1)
+"""
+
+
+def start_rows() -> list[Row]:
+    """From the command to the first step of the bulk engine, kernels compiled and kernels cached."""
+    rows = []
+    with tempfile.TemporaryDirectory() as cache:
+        environment = os.environ | {"TI_OFFLINE_CACHE_FILE_PATH": cache}
+        for name, wanted in (("first start", 5.0), ("later start", 1.5)):
+            began = time.perf_counter()
+            subprocess.run([sys.executable, "-c", FIRST_STEP], check=True, env=environment)
+            took = time.perf_counter() - began
+            note = f"load average {machine()['load_average']}"
+            rows.append(
+                Row(f"{name}: command to first step", took, "s", None, f"below {wanted:g}", took < wanted, note)
+            )
+    return rows
+
+
+def drop_rows() -> list[Row]:
+    """A million steps of one bead in free fall and of one that rubs on a floor."""
+    rows = []
+    floor = [Wall(Plane((0, 0, 0), (0, 0, 1)), ASH, BEAD_WALL)]
+    bead = Particle("D6", ASH, 6e-3, density=569)
+    starts = {
+        "falls": Body(bead, (0, 0, 10.0)),
+        "slides on a floor": Body(bead, (0, 0, bead.radius), velocity=(10.0, 0, 0)),
+    }
+    for name, body in starts.items():
+        took = []
+        for _ in range(4):  # the first compiles
+            began = time.perf_counter()
+            motion = few_body.run([body], np.array([1.0]), walls=floor, step=1e-6, flight_step=1e-6)
+            took.append((time.perf_counter() - began) * 1e6 / motion.steps)
+        best = min(took[1:])
+        note = f"best of 3, load average {machine()['load_average']}"
+        rows.append(Row(f"1e6 steps of a bead that {name}", best, "s", None, "below 0.3", best < 0.3, note))
+    return rows
+
+
 def pile_rows() -> list[Row]:
     """How long the twin of a pile of 1000 beads takes."""
     began = time.perf_counter()
@@ -191,6 +241,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options.pairs, options.pairs_large = 3, 2
     before = machine()["load_average"]
     rows = [row for beads in options.beads for row in compare(beads, options)]
+    rows += start_rows() + drop_rows()
     if options.pile:
         rows += pile_rows()
     present = liggghts.installed(1)
