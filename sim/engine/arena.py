@@ -552,30 +552,27 @@ class Arena:
 
     @ti.kernel
     def run_serial(self, steps: ti.i32):
-        """Up to `steps` steps on one thread, lists included; stops early when STATUS is no longer OK."""
+        """Up to `steps` steps on one thread; stops early when the list is needed anew or STATUS is no longer OK."""
         ti.loop_config(serialize=True)
         for _ in range(1):
             done = 0
-            while done < steps and self.counts[STATUS] == OK:
-                if self.stale[0] == 1:
-                    self.build()
-                if self.counts[STATUS] == OK:
-                    beads = self.counts[BEADS]
-                    for i in range(beads):
-                        self.meet(i)
-                    left_skin = 0
-                    for i in range(beads):
-                        left_skin |= self.move(i)
-                    self.stale[0] = left_skin
-                    done += 1
+            while done < steps and self.stale[0] == 0 and self.counts[STATUS] == OK:
+                beads = self.counts[BEADS]
+                for i in range(beads):
+                    self.meet(i)
+                left_skin = 0
+                for i in range(beads):
+                    left_skin |= self.move(i)
+                self.stale[0] = left_skin
+                done += 1
             self.counts[DONE] = done
 
     @ti.kernel
     def build_alone(self):
-        """The list for the multi-threaded step."""
+        """The list, where it is needed anew; inlined in the step's kernel it would double what a first start takes."""
         ti.loop_config(serialize=True)
         for _ in range(1):
-            if self.stale[0] == 1:
+            if self.stale[0] == 1 and self.counts[STATUS] == OK:
                 self.build()
             for s in range(1, FLAGS):
                 self.stale[s] = 0
