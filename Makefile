@@ -1,6 +1,6 @@
 # Every target sets itself up in .venv from uv.lock; a second run installs nothing.
 .DELETE_ON_ERROR:
-.PHONY: demo test test-slow lint format bench clean
+.PHONY: demo test test-slow lint format verify bench clean
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -24,6 +24,10 @@ lint: $(READY)
 format: $(READY)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+# SEED=7 make verify: another start of whatever is random
+verify: $(READY)
+	$(BIN)/python benchmarks/verify.py
 
 bench: $(READY)
 	$(BIN)/python benchmarks/engine.py

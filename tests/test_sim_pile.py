@@ -42,7 +42,8 @@ def test_beads_lie_on_the_base_and_hardly_in_each_other(heap):
 def test_the_heap_stands_in_the_middle_and_higher_than_its_rim(heap):
     assert np.abs(heap.centres[:, :2].mean(axis=0)) == pytest.approx([0, 0], abs=D6.radius / 2)
     middle = np.hypot(heap.centres[:, 0], heap.centres[:, 1]) < 0.008
-    assert heap.centres[middle, 2].max() > BOWL.rim_height + D6.diameter
+    # a third layer or more; how many depends on where single beads happen to land
+    assert heap.centres[middle, 2].max() > BOWL.rim_height + D6.radius
 
 
 def test_profiles_are_the_silhouettes_of_the_beads_from_four_sides(heap):

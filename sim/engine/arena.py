@@ -2,8 +2,9 @@
 
 (`a[i] = a[i] + x` stands where `a[i] += x` would: Taichi makes the latter atomic.)
 
-A step has two passes.  *Pairs*: every pair of the list writes its force once, beside its own history.  *Beads*: each
-bead adds up the pairs it owns and the pairs that point to it, in list order, adds its walls, and moves.  No two
+A step has two passes.  *Pairs*: every bead works out the pairs it owns, adds up what they do to it, and leaves what
+each does to the other bead beside the pair's history.  *Beads*: each bead adds what was left for it, in list order,
+adds its walls, and moves.  No two
 threads ever write the same number, so the bits do not depend on how many there are.
 
 Beads are renumbered in cell order whenever the list is built anew (memory order is space order); `ident` keeps their
@@ -76,9 +77,7 @@ class Arena:
         self.slip = ti.Vector.field(3, ti.f64, (2, pair_capacity))
         self.roll = ti.Vector.field(3, ti.f64, (2, pair_capacity))
         self.touching = ti.field(ti.i32, (2, pair_capacity))
-        self.pair_force = ti.Vector.field(
-            9, ti.f64, pair_capacity
-        )  # force and torque on the owner, torque on the other
+        self.pair_force = ti.Vector.field(6, ti.f64, pair_capacity)  # force on the owner, torque on the other
         self.pointed_first = ti.field(ti.i32, capacity + 1)  # first of the pairs that point to a bead
         self.pointed = ti.field(ti.i32, pair_capacity)
 
@@ -430,18 +429,20 @@ class Arena:
 
     @ti.func
     def clear_force(self, p):
-        for c in ti.static(range(9)):
+        for c in ti.static(range(6)):
             self.pair_force[p][c] = 0.0
 
     @ti.func
     def meet(self, i):
-        """Forces of the pairs that bead `i` owns."""
+        """Forces of the pairs that bead `i` owns; its own share waits in `push` and `twist` for `move`."""
         live = self.counts[LIVE_LIST]
         step = self.numbers[STEP]
         constant_torque = self.counts[CONSTANT_TORQUE]
         place, motion, spin = self.place[i], self.motion[i], self.spin[i]
         kind = self.tag[i][1]
-        worst = 0.0
+        sum_force = ti.Vector([0.0, 0.0, 0.0])
+        sum_torque = ti.Vector([0.0, 0.0, 0.0])
+        worst = self.worst[i]
         for p in range(self.first[live, i], self.first[live, i + 1]):
             j = self.partner[live, p]
             place_j = self.place[j]
@@ -451,19 +452,21 @@ class Arena:
             if distance2 < both * both:
                 motion_j, spin_j = self.motion[j], self.spin[j]
                 distance = ti.sqrt(distance2)
-                normal = between / distance
-                lever = distance * place[3] / both
+                normal = between * (1.0 / distance)
+                share = place[3] / both
+                radius_eff = share * place_j[3]
+                lever = share * distance
                 lever_j = distance - lever
                 turning = ti.Vector([spin[0], spin[1], spin[2]])
                 turning_j = ti.Vector([spin_j[0], spin_j[1], spin_j[2]])
                 surface = ti.Vector([motion[0] - motion_j[0], motion[1] - motion_j[1], motion[2] - motion_j[2]])
                 surface += (lever * turning + lever_j * turning_j).cross(normal)
-                radius_eff = place[3] * place_j[3] / both
                 slip = ti.Vector([0.0, 0.0, 0.0])
                 roll = ti.Vector([0.0, 0.0, 0.0])
                 if self.touching[live, p] == 1:
                     slip = self.slip[live, p]
-                    roll = self.roll[live, p]
+                    if constant_torque == 0:
+                        roll = self.roll[live, p]
                 force, torque, torque_j, slip, roll = contact_forces(
                     both - distance, normal, surface, turning, turning_j, radius_eff,
                     motion[3] * motion_j[3] / (motion[3] + motion_j[3]), place[3], place_j[3], spin[3], spin_j[3],
@@ -471,35 +474,35 @@ class Arena:
                     self.pair_law[kind, self.tag[j][1]], slip, roll, step, constant_torque,
                 )  # fmt: skip
                 self.slip[live, p] = slip
-                self.roll[live, p] = roll
+                if constant_torque == 0:
+                    self.roll[live, p] = roll
                 self.touching[live, p] = 1
                 turn = normal.cross(force)
+                sum_force += force
+                sum_torque += lever * turn + torque
                 for c in ti.static(range(3)):
                     self.pair_force[p][c] = force[c]
-                    self.pair_force[p][3 + c] = lever * turn[c] + torque[c]
-                    self.pair_force[p][6 + c] = lever_j * turn[c] + torque_j[c]
-                worst = ti.max(worst, (both - distance) / (2.0 * radius_eff))
+                    self.pair_force[p][3 + c] = lever_j * turn[c] + torque_j[c]
+                if both - distance > worst * 2.0 * radius_eff:
+                    worst = (both - distance) / (2.0 * radius_eff)
             elif self.touching[live, p] == 1:
                 self.touching[live, p] = 0
                 self.clear_force(p)
-        self.worst[i] = ti.max(self.worst[i], worst)
+        self.push[i] = sum_force
+        self.twist[i] = sum_torque
+        self.worst[i] = worst
 
     @ti.func
     def move(self, i):
         """Sum of all forces on bead `i`, its walls included, and its way to the next step; 1 when it left its skin."""
-        live = self.counts[LIVE_LIST]
         step = self.numbers[STEP]
-        force = ti.Vector([0.0, 0.0, 0.0])
-        torque = ti.Vector([0.0, 0.0, 0.0])
-        for p in range(self.first[live, i], self.first[live, i + 1]):
-            for c in ti.static(range(3)):
-                force[c] += self.pair_force[p][c]
-                torque[c] += self.pair_force[p][3 + c]
+        force = self.push[i]
+        torque = self.twist[i]
         for q in range(self.pointed_first[i], self.pointed_first[i + 1]):
             p = self.pointed[q]
             for c in ti.static(range(3)):
                 force[c] -= self.pair_force[p][c]
-                torque[c] += self.pair_force[p][6 + c]
+                torque[c] += self.pair_force[p][3 + c]
 
         place, motion, spin = self.place[i], self.motion[i], self.spin[i]
         position = ti.Vector([place[0], place[1], place[2]])
@@ -549,30 +552,27 @@ class Arena:
 
     @ti.kernel
     def run_serial(self, steps: ti.i32):
-        """Up to `steps` steps on one thread, lists included; stops early when STATUS is no longer OK."""
+        """Up to `steps` steps on one thread; stops early when the list is needed anew or STATUS is no longer OK."""
         ti.loop_config(serialize=True)
         for _ in range(1):
             done = 0
-            while done < steps and self.counts[STATUS] == OK:
-                if self.stale[0] == 1:
-                    self.build()
-                if self.counts[STATUS] == OK:
-                    beads = self.counts[BEADS]
-                    for i in range(beads):
-                        self.meet(i)
-                    left_skin = 0
-                    for i in range(beads):
-                        left_skin |= self.move(i)
-                    self.stale[0] = left_skin
-                    done += 1
+            while done < steps and self.stale[0] == 0 and self.counts[STATUS] == OK:
+                beads = self.counts[BEADS]
+                for i in range(beads):
+                    self.meet(i)
+                left_skin = 0
+                for i in range(beads):
+                    left_skin |= self.move(i)
+                self.stale[0] = left_skin
+                done += 1
             self.counts[DONE] = done
 
     @ti.kernel
     def build_alone(self):
-        """The list for the multi-threaded step."""
+        """The list, where it is needed anew; inlined in the step's kernel it would double what a first start takes."""
         ti.loop_config(serialize=True)
         for _ in range(1):
-            if self.stale[0] == 1:
+            if self.stale[0] == 1 and self.counts[STATUS] == OK:
                 self.build()
             for s in range(1, FLAGS):
                 self.stale[s] = 0

@@ -336,20 +336,19 @@ class Bulk:
     def _launch(self, steps: int) -> int:
         """Make up to `steps` steps and say how many were made."""
         arena = self._arena
-        beads = self._count(at.BEADS)
-        if not self._on_gpu and (self.threads == 1 or beads < THREADED_FROM):
-            arena.run_serial(steps)
-            return self._count(at.DONE)
         done = 0
         while done < steps:
             arena.build_alone()
-            beads = self._count(at.BEADS)
-            length = min(at.BURST, steps - done)
             if self._count(at.STATUS) != at.OK:
                 break
-            for s in range(length):
-                arena.run_step(s, beads)
-            arena.end_burst(length)
+            beads = self._count(at.BEADS)
+            if not self._on_gpu and (self.threads == 1 or beads < THREADED_FROM):
+                arena.run_serial(steps - done)
+            else:
+                length = min(at.BURST, steps - done)
+                for s in range(length):
+                    arena.run_step(s, beads)
+                arena.end_burst(length)
             done += self._count(at.DONE)
         return done
 

@@ -16,8 +16,8 @@ Rolling = Literal["type A", "type C"]
 ROLLING: tuple[Rolling, ...] = ("type A", "type C")
 
 # columns of a table of pair laws
-STIFFNESS, SHEAR, DAMPING, FRICTION, ROLLING_FRICTION = range(5)
-LAW_SIZE = 5
+STIFFNESS, SHEAR, DAMPING, FRICTION, ROLLING_FRICTION, SHEAR_ROOT = range(6)
+LAW_SIZE = 6
 
 LAG = 0.25  # how far a dashpot's own force is counted against it, in steps; see contact_forces
 ROLLING_DAMPING = 0.05  # of critical; more than a tenth rings where many contacts meet
@@ -35,7 +35,11 @@ class PairLaw:
 
     @property
     def row(self) -> tuple[float, ...]:
-        return (self.effective_modulus, self.effective_shear, self.damping, self.friction, self.rolling_friction)
+        # a dashpot goes with the root of its stiffness: the tangential one is the normal one times the last column
+        shear_root = math.sqrt(4 * self.effective_shear / self.effective_modulus)
+        return (
+            self.effective_modulus, self.effective_shear, self.damping, self.friction, self.rolling_friction, shear_root
+        )  # fmt: skip
 
 
 def pair_law(one: Material, other: Material, contact: Contact) -> PairLaw:
@@ -87,9 +91,11 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
 @ti.func
 def turned(vector, normal):
     """A tangential history vector carried into the tangent plane of the turned contact, its length kept."""
-    flat = vector - normal * vector.dot(normal)
+    along = vector.dot(normal)
+    flat = vector - normal * along
     length2 = flat.norm_sqr()
-    if length2 > 0.0:
+    # a turn too small to change the length in float64 needs no root
+    if along * along > 1e-17 * length2 and length2 > 0.0:
         flat *= ti.sqrt(vector.norm_sqr() / length2)
     return flat
 
@@ -114,25 +120,27 @@ def contact_forces(
     own spin, type C is an elastic-plastic spring-dashpot against the relative rolling (Ai et al. 2011) with spring
     S_t R^2.  Returns force on i, torque on i, torque on j, new slip, new roll.
     """
+    # roots and divisions are most of the cost of a contact: there are as few as can be
     root = ti.sqrt(radius_eff * overlap)
     stiff_n = 2.0 * law[STIFFNESS] * root
     stiff_t = 8.0 * law[SHEAR] * root
     closing = velocity.dot(normal)
-    dashpot = law[DAMPING] * ti.sqrt(stiff_n * mass_eff)
-    damped = closing * dashpot / (1.0 + LAG * step * dashpot / mass_eff)
-    push = ti.max(0.0, stiff_n * overlap * (2.0 / 3.0) + damped)
+    dashpot_n = law[DAMPING] * ti.sqrt(stiff_n * mass_eff)
+    dashpot_t = dashpot_n * law[SHEAR_ROOT]
+    lagged_n = mass_eff + LAG * step * dashpot_n
+    # a tangential force also turns the spheres: the contact moves as if its mass were 2/7
+    lagged_t = mass_eff + 3.5 * LAG * step * dashpot_t
+    part = mass_eff / (lagged_n * lagged_t)
+    push = ti.max(0.0, stiff_n * overlap * (2.0 / 3.0) + closing * dashpot_n * lagged_t * part)
 
     sliding = velocity - closing * normal
     new_slip = turned(slip, normal) + sliding * step
-    dashpot = law[DAMPING] * ti.sqrt(stiff_t * mass_eff)
-    # a tangential force also turns the spheres: the contact moves as if its mass were 2/7
-    damping = dashpot / (1.0 + 3.5 * LAG * step * dashpot / mass_eff)
-    drag = -stiff_t * new_slip - damping * sliding
+    drag = -stiff_t * new_slip - dashpot_t * lagged_n * part * sliding
     limit = law[FRICTION] * push
     drag2 = drag.norm_sqr()
     if drag2 > limit * limit:
         drag *= limit / ti.sqrt(drag2)
-        new_slip = -drag / stiff_t
+        new_slip = drag * (-1.0 / stiff_t)
 
     torque_i = ti.Vector([0.0, 0.0, 0.0])
     torque_j = ti.Vector([0.0, 0.0, 0.0])
@@ -141,22 +149,21 @@ def contact_forces(
         grip = law[ROLLING_FRICTION] * push
         if constant_torque == 1:
             # never more than stops the spin within the step
-            speed_i = spin_i.norm() + 1e-30
-            speed_j = spin_j.norm() + 1e-30
-            torque_i = -ti.min(grip * radius_i, inertia_i * speed_i / step) / speed_i * spin_i
-            torque_j = -ti.min(grip * radius_j, inertia_j * speed_j / step) / speed_j * spin_j
+            rate = 1.0 / step
+            torque_i = -ti.min(grip * (radius_i / (spin_i.norm() + 1e-30)), inertia_i * rate) * spin_i
+            torque_j = -ti.min(grip * (radius_j / (spin_j.norm() + 1e-30)), inertia_j * rate) * spin_j
         else:
             # the spring resists rolling; the dashpot twisting too, else beads in a resting pile spin on like tops
             rate = spin_i - spin_j
             stiff_r = stiff_t * rolling_radius * rolling_radius
             new_roll = turned(roll, normal) + (rate - rate.dot(normal) * normal) * step
-            dashpot = 2.0 * ROLLING_DAMPING * ti.sqrt(stiff_r * rolling_inertia)
-            damping = dashpot / (1.0 + LAG * step * dashpot / rolling_inertia)
+            dashpot = 2.0 * ROLLING_DAMPING * rolling_radius * ti.sqrt(stiff_t * rolling_inertia)
+            damping = dashpot * rolling_inertia / (rolling_inertia + LAG * step * dashpot)
             torque_i = -stiff_r * new_roll - damping * rate
             most = grip * rolling_radius
             torque2 = torque_i.norm_sqr()
             if torque2 > most * most:
                 torque_i *= most / ti.sqrt(torque2)
-                new_roll = (torque_i.dot(normal) * normal - torque_i) / stiff_r
+                new_roll = (torque_i.dot(normal) * normal - torque_i) * (1.0 / stiff_r)
             torque_j = -torque_i
     return drag - push * normal, torque_i, torque_j, new_slip, new_roll
