@@ -485,12 +485,12 @@ def rest() -> list[Row]:
         bed.run(5000)
         if bed.beads().kinetic_energy < 1e-20:
             break
-    before = bed.beads()
+    before, settled = bed.beads(), bed.time
     bed.run(math.ceil(10.0 / STEP))
     after = bed.beads()
     height = float(before.position[:, 2].max())
     moved = float(np.abs(after.position - before.position).max())
-    note = f"{len(before.ident)} beads, type C, {before.kinetic_energy:.1g} J left at the start"
+    note = f"{len(before.ident)} beads, type C, settled in {settled:.1f} s, {before.kinetic_energy:.1g} J left then"
     return [
         below("bed at rest for 10 s: drift / height", moved / height, 1e-6, note=note),
         below("bed at rest for 10 s: kinetic energy / m g R", _weight_energy(after), 1e-12),
