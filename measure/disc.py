@@ -7,9 +7,9 @@ fits best.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import cv2
@@ -22,8 +22,19 @@ Array = npt.NDArray[np.float64]
 
 LEAST_RIM = 0.5  # share of the lower rim that must lie on edges
 LEAST_WALL = 0.3  # likewise of both walls, less the edges that run on where a wall should end
-GOOD_SUPPORT = 0.82  # share of the outline on edges from which a find is not to be doubted
-DOUBTFUL_SUPPORT = 0.78  # below it the find may be another edge
+DOUBTFUL_SUPPORT = 0.8  # share of the outline on edges below which the find may be another edge
+POPULATION = 240  # candidates searched together
+ISLANDS = 4  # parts of the height in which the front rim may lie
+ISLAND_GENERATIONS, GENERATIONS = 25, 50
+USUAL_WALL = 0.6  # share of a wall on edges
+RUNNING_ON = 0.5  # weight of edges that run on where a wall should end
+HEAP = 3.0  # weight of bead colour right above the rim
+FACE = 2.0  # weight of bead colour on the face: beads are no disc
+PLAIN = 1.5  # weight of edges on the face
+THICK = 1.5  # cost of a thickness of half the width: bases are plates
+EMPTY = 4.0  # cost of a base twice as wide as the heap
+SEEN_LARGER = 1.15  # circles are found on the clearest edge of a shaded bead, a little inside its rim
+SIZE_DOUBT = 0.2  # error of the logarithm of the circles' radius that is nothing unusual
 FOCAL_LENGTH = 2.0  # in widths of the photo: between a phone (0.75) and a macro lens (3 and more)
 FOCAL_DOUBT = 0.4  # standard deviation of the logarithm of the above
 
@@ -52,27 +63,32 @@ class Disc:
 
 @dataclass(frozen=True)
 class _Template:
-    """Candidates for the disc, each field of shape (candidates, 1), lengths in half widths unless said."""
+    """Candidates for the disc, each field of shape (candidates, 1), lengths in half widths unless said.
 
-    x: Array  # [px]
-    y: Array  # [px]
+    Held by its lower rim, which nothing hides.
+    """
+
+    x: Array  # [px], middle of the line between the lower rim's ends
+    y: Array  # [px], likewise
     half: Array  # [px]
     roll: Array  # [rad]
-    bulge: Array
+    low: Array  # how far the front of the lower rim hangs below the line between its ends
     thickness: Array
 
     def pixel(self, along: Array, down: Array) -> tuple[Array, Array]:
-        """Picture point of a template point given in half widths."""
+        """Picture point of a template point, given in half widths from the middle of the lower rim."""
         cos, sin = np.cos(self.roll), np.sin(self.roll)
         return self.x + self.half * (along * cos - down * sin), self.y + self.half * (along * sin + down * cos)
 
-    def nearness(self, photo_width: float) -> Array:
-        return np.asarray(np.minimum(self.half / (FOCAL_LENGTH * photo_width), 0.5))
+    def bulge(self, focal_length: float) -> Array:
+        """One looks down on the upper rim less steeply, by the disc's thickness over the distance."""
+        near = nearness(self.half, focal_length)
+        return np.asarray(np.maximum(self.low - self.thickness * near / (1 - near * near), 0))
 
-    def lower_bulge(self, photo_width: float) -> Array:
-        """One looks down on the lower rim more steeply, by the disc's thickness over the distance."""
-        near = self.nearness(photo_width)
-        return np.asarray(self.bulge + self.thickness * near / (1 - near * near))
+
+def nearness(half: Array, focal_length: float) -> Array:
+    """Disc radius over the camera's distance, from half its width and the focal length, both in px."""
+    return np.asarray(np.minimum(half / focal_length, 0.5))
 
 
 def find_disc(
@@ -80,76 +96,103 @@ def find_disc(
     alike: npt.NDArray[np.float32],
     beads: Beads,
     *,
+    focal_length: float,
     roll: float | None,
+    beads_across: float | None,
 ) -> Disc | None:
     """The disc under the beads, None when there is none to be seen.
 
-    `alike` is the bead likeness of every pixel, `roll` [rad] the camera's roll where it was given.
+    `alike` is the bead likeness of every pixel, `focal_length` in px, `roll` [rad] the camera's roll where it was
+    given, `beads_across` the disc's diameter in bead diameters where it is known.
     """
-    fine = edges(grey, blur=1.2)
     pictures = [edges(grey, blur=2.5), edges(grey, blur=1.5)]
-    best: Disc | None = None
-    for seed in (1, 2, 3):  # the search may end on another edge; look again when little supports what it found
-        candidate = _sharpened(grey, fine, _search(pictures, alike, beads, roll, seed))
-        template = _Template(*candidate[:, None, None])
-        lower, left, right, *_ = _support(fine, alike, template, beads.radius, 160)[:, 0]
-        support = float((2 * lower + left + right) / 4)
-        if lower > LEAST_RIM and (left + right) / 2 > LEAST_WALL and (best is None or support > best.support):
-            x, y, half, turn, bulge, thickness = (float(value) for value in candidate)
-            near = float(template.nearness(grey.shape[1])[0, 0])
-            best = Disc((x, y), half, turn, bulge * half, thickness * half, near, support)
-        if best is not None and best.support > GOOD_SUPPORT:
-            break
-    return best
+    costs = [_Cost(picture, alike, beads, focal_length, beads_across) for picture in pictures]
+    best = _candidate(_search(costs, _bounds(beads, roll)))
+    fine = edges(grey, blur=1.2)
+    candidate = _sharpened(grey, fine, best, focal_length)
+    template = _Template(*candidate[:, None, None])
+    lower, left, right, *_ = _support(fine, alike, template, beads.radius, focal_length, 160)[:, 0]
+    if lower < LEAST_RIM or (left + right) / 2 < LEAST_WALL:
+        return None
+    _, _, half, turn, _, thickness = (float(value) for value in candidate)
+    x, y = (float(part[0, 0]) for part in template.pixel(np.zeros((1, 1)), -template.thickness))
+    bulge, near = float(template.bulge(focal_length)[0, 0]), float(nearness(template.half, focal_length)[0, 0])
+    return Disc((x, y), half, turn, bulge * half, thickness * half, near, float((2 * lower + left + right) / 4))
 
 
-def _search(
-    pictures: Sequence[Edges], alike: npt.NDArray[np.float32], beads: Beads, roll: float | None, seed: int
-) -> Array:
+def _search(costs: Sequence[_Cost], bounds: Array) -> Array:
+    """The cheapest place: one island per height of the front rim, then the best of them all on the finer picture.
+
+    Strong edges above or below the disc would otherwise draw the whole population to them.
+    """
+    top, bottom = bounds[2]
+    sills = np.linspace(top, bottom, ISLANDS + 1)
+    found = []
+    for seed, (top, bottom) in enumerate(itertools.pairwise(sills)):
+        part = bounds.copy()
+        part[2] = top - 0.2 * (bottom - top), bottom
+        found.append(_evolved(costs[0], part, "sobol", ISLAND_GENERATIONS, seed))
+    share = POPULATION // ISLANDS
+    best = np.concatenate([population[np.argsort(energies)[:share]] for population, energies in found])
+    population, energies = _evolved(costs[1], bounds, best, GENERATIONS, ISLANDS)
+    return np.asarray(population[np.argmin(energies)])
+
+
+def _evolved(
+    cost: Callable[[Array], Any], bounds: Array, start: Any, generations: int, seed: int
+) -> tuple[Array, Array]:
+    """Population and its costs after differential evolution (Storn and Price 1997)."""
     from scipy.optimize import Bounds, differential_evolution
 
-    bounds = _bounds(beads, roll)
-    population: Any = "sobol"
-    for picture, generations in zip(pictures, (30, 60), strict=True):  # the more blurred one leads from further away
-        search = differential_evolution(
-            partial(_cost, picture, alike, beads),
-            Bounds(bounds[:, 0], bounds[:, 1]),
-            vectorized=True,
-            updating="deferred",
-            init=population,
-            popsize=40,
-            maxiter=generations,
-            rng=seed,
-            tol=1e-3,
-            polish=False,
-        )
-        population = search.population
-    return np.asarray(search.x)
+    search = differential_evolution(
+        cost,
+        Bounds(bounds[:, 0], bounds[:, 1]),
+        vectorized=True,
+        updating="deferred",
+        init=np.clip(start, bounds[:, 0], bounds[:, 1]) if isinstance(start, np.ndarray) else start,
+        popsize=POPULATION // len(bounds),
+        maxiter=generations,
+        rng=seed,
+        tol=1e-3,
+        polish=False,
+    )
+    return np.asarray(search.population), np.asarray(search.population_energies)
 
 
-def _sharpened(grey: npt.NDArray[np.uint8], fine: Edges, candidate: Array) -> Array:
+def _candidate(place: Array) -> Array:
+    """Fields of a template from what is searched for: x of both ends, y of the lower rim's front, and the rest.
+
+    Each edge then hangs on as few numbers as can be.
+    """
+    left, right, front, roll, low, thickness = place
+    half = (right - left) / (2 * np.cos(roll))
+    middle = np.array([(left + right) / 2, front])
+    return np.array(
+        [middle[0] + low * half * np.sin(roll), middle[1] - low * half * np.cos(roll), half, roll, low, thickness]
+    )
+
+
+def _sharpened(grey: npt.NDArray[np.uint8], fine: Edges, candidate: Array, focal_length: float) -> Array:
     """The candidate moved to the sub-pixel edges: walls, then lower rim, then the upper rim by the face's height."""
     p = candidate.copy()
     for reach in (7.0, 5.0, 3.0):
         template = _Template(*p[:, None, None])
-        near = float(template.nearness(grey.shape[1])[0, 0])
-        deepening = near / (1 - near * near)  # the lower rim bulges by so much of the thickness more
-        low = p[4] + p[5] * deepening
-        down = p[5] + np.linspace(-0.8, -0.15, 24) * p[5]
+        near = float(nearness(template.half, focal_length)[0, 0])
+        down = np.linspace(-0.8, -0.15, 24) * p[5]
         left = _edge_offset(fine, template, -np.ones(24), down, (1.0, 0.0), reach)
         right = _edge_offset(fine, template, np.ones(24), down, (1.0, 0.0), reach)
         shift = np.array([np.median(left[0]), np.median(right[0])])
         p[0], p[2] = p[0] + shift.mean(), p[2] + (shift[1] - shift[0]) / 2
         along = np.linspace(-0.95, 0.95, 240)
         arc = np.sqrt(1 - along * along)
-        offset, strength = _edge_offset(fine, template, along, p[5] + low * arc, (0.0, 1.0), reach)
+        offset, strength = _edge_offset(fine, template, along, p[4] * arc, (0.0, 1.0), reach)
         move = _robust_fit(np.column_stack([np.ones_like(along), along, arc]), offset, strength)
-        lower, low = p[1] + p[5] * p[2] + move[0], max(low + move[2] / p[2], 0.0)  # [px], [half widths]
+        p[1], p[4] = p[1] + move[0], max(p[4] + move[2] / p[2], 0.0)
         p[3] += move[1] / p[2]
-        p[1], p[4] = lower - p[5] * p[2], max(low - p[5] * deepening, 0.0)
-        face = _face_height(grey, _Template(*p[:, None, None])) / p[2]
-        p[5] = face / (1 + deepening)
-        p[1], p[4] = lower - p[5] * p[2], max(low - p[5] * deepening, 0.0)
+        face = _face_height(grey, _Template(*p[:, None, None]), focal_length) / p[2]
+        p[5] = face / (
+            1 + near / (1 - near * near)
+        )  # the face is higher in the middle, by what the lower rim bulges more
     return p
 
 
@@ -193,7 +236,7 @@ def _robust_fit(design: Array, values: Array, weight: Array) -> Array:
     return answer
 
 
-def _face_height(grey: npt.NDArray[np.uint8], template: _Template) -> float:
+def _face_height(grey: npt.NDArray[np.uint8], template: _Template, focal_length: float) -> float:
     """How far [px] the plain face reaches up from the lower rim, along the middle of the disc.
 
     The front row of beads and its shadow hide the upper rim's edge; where columns stop looking like the face below
@@ -203,10 +246,10 @@ def _face_height(grey: npt.NDArray[np.uint8], template: _Template) -> float:
     along = np.linspace(-0.85, 0.85, 240)
     arc = np.sqrt(1 - along * along)
     half = float(template.half[0, 0])
-    low = template.lower_bulge(grey.shape[1]) * arc
-    guess = half * float((template.thickness + np.mean(low - template.bulge * arc))[0, 0])
+    low = template.low * arc
+    guess = half * float((template.thickness + np.mean(low - template.bulge(focal_length) * arc))[0, 0])
     rows = np.arange(2.0, max(1.8 * guess, guess + 10), 0.5)  # [px] above the lower rim
-    x, y = template.pixel(along[None, :], template.thickness + low - rows[:, None] / half)
+    x, y = template.pixel(along[None, :], low - rows[:, None] / half)
     values = cv2.remap(smooth, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR).astype(np.float64)
     plain = rows < 0.5 * guess
     change = np.median(np.abs(values - np.median(values[plain], axis=0)), axis=1)
@@ -219,49 +262,79 @@ def _face_height(grey: npt.NDArray[np.uint8], template: _Template) -> float:
 
 
 def _bounds(beads: Beads, roll: float | None) -> Array:
-    low, high = beads.centre.min(axis=0) - beads.radius, beads.centre.max(axis=0) + beads.radius
-    reach, middle, foot = (high[0] - low[0]) / 2, (low[0] + high[0]) / 2, high[1]
+    low, high, reach, foot = _reach(beads)
     turn = (-0.1, 0.1) if roll is None else (roll - 0.01, roll + 0.01)
     return np.array(
         [
-            (middle - 0.4 * reach, middle + 0.4 * reach),
-            (foot - 0.4 * reach, foot + beads.radius),
-            (0.85 * reach, 1.8 * reach),
+            (low - 0.6 * reach, low + 0.15 * reach),
+            (high - 0.15 * reach, high + 0.6 * reach),
+            (foot - 0.1 * reach, foot + 0.45 * reach),
             turn,
-            (0.0, 0.3),  # looking down by up to 17 degrees
+            (0.0, 0.4),  # looking down by up to 20 degrees
             (0.02, 0.5),
         ]
     )
 
 
-def _score(picture: Edges, alike: npt.NDArray[np.float32], beads: Beads, candidates: Array, samples: int) -> Array:
-    """How well candidates, shape (6, n), fit: edges on the outline, beads above the rim and neither below nor beside.
+def _reach(beads: Beads) -> tuple[float, float, float, float]:
+    """Left and right end of the heap, half its width, and its foot, all in px.
+
+    A few circles beside the heap may have been taken for beads of it.
+    """
+    left, right = np.percentile(beads.centre[:, 0], (1, 99)) + np.array([-beads.radius, beads.radius])
+    return left, right, (right - left) / 2, float(np.percentile(beads.centre[:, 1], 95)) + beads.radius
+
+
+@dataclass(frozen=True)
+class _Cost:
+    """How badly candidates fit: edges on the outline, beads above the rim and neither below nor beside, a plain face.
 
     The lower rim weighs most: it is the longest edge, and nothing stands before it.
     """
-    template = _Template(*candidates[..., None])
-    lower, left, right, upper, face, heap, spilled = _support(picture, alike, template, beads.radius, samples)
-    x, y = beads.centre[:, 0] - template.x, beads.centre[:, 1] - template.y
-    along = (x * np.cos(template.roll) + y * np.sin(template.roll)) / template.half
-    down = (y * np.cos(template.roll) - x * np.sin(template.roll)) / template.half
-    front = template.bulge * np.sqrt(np.clip(1 - along * along, 0, 1))
-    below = np.mean(down > front - 0.3 * beads.radius / template.half, axis=1)
-    walls = 0.4 * (left + right + np.minimum(left, right))
-    return np.asarray(2 * lower + walls + upper + heap - face - spilled - 2 * below)
+
+    picture: Edges
+    alike: npt.NDArray[np.float32]
+    beads: Beads
+    focal_length: float
+    beads_across: float | None
+
+    def __call__(self, places: Array) -> Array:
+        """Cost of places, shape (6, n), as `_candidate` reads them."""
+        template = _Template(*_candidate(places)[..., None])
+        bead = self.beads.radius
+        lower, left, right, upper, face, uneven, heap, spilled = _support(
+            self.picture, self.alike, template, bead, self.focal_length, 40
+        )
+        x, y = self.beads.centre[:, 0] - template.x, self.beads.centre[:, 1] - template.y
+        along = (x * np.cos(template.roll) + y * np.sin(template.roll)) / template.half
+        down = (y * np.cos(template.roll) - x * np.sin(template.roll)) / template.half
+        arc = np.sqrt(np.clip(1 - along * along, 0, 1))
+        front = template.bulge(self.focal_length) * arc - template.thickness
+        below = np.mean(down > front - 0.3 * bead / template.half, axis=1)
+        # walls lower than a bead are little evidence: a bead's own side may pass for one
+        tall = np.minimum(template.thickness * template.half / bead, 1)[:, 0]
+        walls = 0.45 * (tall * (left + right + np.minimum(left, right)) + (1 - tall) * 3 * USUAL_WALL)
+        score = 2.5 * lower + walls + upper + HEAP * heap - FACE * face - PLAIN * uneven - spilled - 2 * below
+        score -= THICK * template.thickness[:, 0]
+        score -= EMPTY * np.maximum(template.half[:, 0] / _reach(self.beads)[2] - 1.15, 0)
+        if self.beads_across is not None:
+            size = np.log(template.half[:, 0] / bead / (self.beads_across * SEEN_LARGER))
+            score -= np.maximum(np.abs(size) - SIZE_DOUBT, 0) / SIZE_DOUBT
+        return np.asarray(-score)
 
 
-def _cost(picture: Edges, alike: npt.NDArray[np.float32], beads: Beads, candidates: Array) -> Any:
-    return -_score(picture, alike, beads, candidates, 40)
-
-
-def _support(picture: Edges, alike: npt.NDArray[np.float32], template: _Template, bead: float, samples: int) -> Array:
-    """Shares, shape (7, n): edges on lower rim, both walls, upper rim; bead colour on the face, above, beside."""
+def _support(
+    picture: Edges, alike: npt.NDArray[np.float32], template: _Template, bead: float, focal_length: float, samples: int
+) -> Array:
+    """Shares, shape (8, n): edges on lower rim, both walls, upper rim; on the face bead colour and edges; bead colour
+    above and beside the heap's foot.
+    """
     height, width = picture.strength.shape
     along = np.linspace(-0.97, 0.97, samples)
     arc = np.sqrt(1 - along * along)
     level = np.ones_like(along)
-    low = template.lower_bulge(width)
-    upper_y, lower_y = template.bulge * arc, template.thickness + low * arc
+    bulge = template.bulge(focal_length)
+    upper_y, lower_y = bulge * arc - template.thickness, template.low * arc
 
     def lookup(u: Array, v: Array) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
         x, y = template.pixel(u, v)
@@ -275,23 +348,32 @@ def _support(picture: Edges, alike: npt.NDArray[np.float32], template: _Template
 
     def wall(side: int) -> Array:
         one, zero = np.ones(16), np.zeros(16)
-        on, beyond = np.linspace(0.1, 0.9, 16), np.linspace(1.15, 1.7, 16)
+        on, beyond = np.linspace(-0.9, -0.1, 16), np.linspace(0.15, 0.9, 16)
         runs_on = on_edge(side * one, template.thickness * beyond, one, zero)
-        return on_edge(side * one, template.thickness * on, one, zero) - 0.5 * runs_on
+        return on_edge(side * one, template.thickness * on, one, zero) - RUNNING_ON * runs_on
 
     def bead_colour(u: Array, rows: list[Array]) -> Array:
         return np.asarray(np.mean([alike[lookup(u, row)] for row in rows], axis=(0, 2)))
 
+    def on_face(share: float) -> Array:
+        return upper_y + share * (lower_y - upper_y)
+
+    inner = along[np.abs(along) < 0.75]  # a heap need not reach the rim at the sides
+    inner_rim = bulge * np.sqrt(1 - inner * inner) - template.thickness
     above = [-share * bead / template.half for share in (0.5, 1.0, 1.5, 2.0)]
     beside = np.concatenate([np.linspace(-1.3, -1.07, 10), np.linspace(1.07, 1.3, 10)])
+    slope = template.low * along / arc
+    # the quietest row stands for a face so thin that its rims' edges fill it
+    uneven = np.array([on_edge(along, on_face(share), slope, level) for share in (0.3, 0.5, 0.7)])
     return np.array(
         [
-            on_edge(along, lower_y, low * along / arc, level),
+            on_edge(along, lower_y, slope, level),
             wall(-1),
             wall(1),
-            on_edge(along, upper_y, template.bulge * along / arc, level),
-            bead_colour(along, [upper_y + share * (lower_y - upper_y) for share in (0.15, 0.35, 0.6, 0.85)]),
-            bead_colour(along, [upper_y + row for row in above]),
-            bead_colour(beside, above),
+            on_edge(along, upper_y, bulge * along / arc, level),
+            bead_colour(along, [on_face(share) for share in (0.15, 0.35, 0.6, 0.85)]),
+            (uneven.mean(axis=0) + uneven.min(axis=0)) / 2,
+            bead_colour(inner, [inner_rim + row for row in above]),
+            bead_colour(beside, [row - template.thickness for row in above]),
         ]
     )

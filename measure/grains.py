@@ -17,6 +17,8 @@ Array = npt.NDArray[np.float64]
 
 SPOKES = 24  # directions in which a circle's edge is looked for
 SURROUNDED = 0.5  # share of the spokes that must meet an edge; half of a bead in a heap is hidden
+WELL_SURROUNDED = 0.7  # beads at the front of a heap hide behind none
+NEARLY = 0.5  # share of the best score at which a larger radius is preferred
 FEWEST_BEADS = 10
 
 
@@ -50,20 +52,27 @@ def edges(grey: npt.NDArray[np.uint8], blur: float) -> Edges:
 
 
 def find_beads(grey: npt.NDArray[np.uint8], radii: tuple[float, float]) -> Beads | None:
-    """The largest group of touching circles with a radius between `radii` [px], None when there is none."""
+    """The largest group of touching circles with a radius between `radii` [px], None when there is none.
+
+    What counts is how completely edges surround the circles: larger ones through the gaps between beads, and smaller
+    ones inside beads, meet an edge on part of their rim only.  Shading puts the clearest edge inside a bead's rim,
+    therefore the largest radius that does nearly as well as the best.
+    """
     picture = edges(grey, blur=1.0)
-    best, most = None, 0.0
+    tried: list[tuple[float, Beads]] = []
     for radius in np.geomspace(*radii, num=max(2, round(np.log(radii[1] / radii[0]) / 0.12) + 1)):
         for sign in (1, -1):  # beads brighter, then darker than the gaps between them
             centre = _circles(picture, float(radius), sign)
             group = _largest_group(centre, 3.0 * radius)
             if len(group) < FEWEST_BEADS:
                 continue
-            # edges explained: strength around the rims times their length; small circles inside beads explain little
-            explained = float(np.sum(np.maximum(_rim_strength(picture, group, float(radius), sign), 0)) * radius)
-            if explained > most:
-                best, most = Beads(group, float(radius)), explained
-    return best
+            surrounded = _surrounded(picture, group, float(radius), sign)
+            tried.append((float(np.sum(np.maximum(surrounded - WELL_SURROUNDED, 0)) * radius), Beads(group, radius)))
+    if not tried:
+        return None
+    best, leader = max(tried, key=lambda one: one[0])
+    close = [beads for score, beads in tried if score >= NEARLY * best and beads.radius < 1.5 * leader.radius]
+    return max(close, key=lambda beads: beads.radius)
 
 
 def more_beads(grey: npt.NDArray[np.uint8], alike: npt.NDArray[np.float32], beads: Beads) -> Beads:

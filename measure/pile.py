@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -32,6 +33,9 @@ LINE, NARROWER = "line 15-85 %", "line 20-80 %"
 ADVISED_RATIO = 25  # base over bead diameter (Hlosta et al. 2020, section 2.1.5 advises more)
 NO_SCALE = "not known"
 FLAWED = 3.0  # [deg], added to the doubt of an angle whose outline cannot be relied on
+STATED_FOCAL_DOUBT = 0.1  # standard deviation of the logarithm of a focal length that the photo states
+FULL_FRAME_DIAGONAL = 43.27  # [mm]
+EXIF_IFD, FOCAL_LENGTH_35MM = 0x8769, 0xA405  # EXIF 2.32, tables 4 and 9
 DOUBTFUL_COVER = 0.83  # share of the heap that circles cover, below which its outline may belong to something else
 
 
@@ -62,12 +66,12 @@ def measure(
     if not photos:
         raise BadInput("measure pile: no photo given; name one or more photos of the heap.")
     observations, views, files = [], [], {}
-    for number, photo in enumerate(photos):
+    for number, (photo, name) in enumerate(zip(photos, _names(photos), strict=True)):
         progress("looking for the heap", number, len(photos))
         if photo.suffix.lower() == ".csv":
-            seen, view, written = _observe_table(photo, base_diameter, out)
+            seen, view, written = _observe_table(photo, name, base_diameter, out)
         else:
-            seen, view, written = _observe_photo(photo, camera, base_diameter, bead_diameter, out)
+            seen, view, written = _observe_photo(photo, name, camera, base_diameter, bead_diameter, out)
         observations.append(seen)
         views.append(view)
         files.update(written if number == 0 else {f"{name}_{number + 1}": path for name, path in written.items()})
@@ -111,6 +115,7 @@ def _evaluate(
     quantities: list[Quantity] = []
     checks: list[Check] = []
     warnings: list[str] = []
+    doubtful: list[bool] = []
     for number, seen in enumerate(observations):
         grain = bead_diameter or seen.grain
         heap = slope.find_parts(seen.profile, base_diameter, grain)
@@ -123,10 +128,16 @@ def _evaluate(
         if len(observations) > 1:
             found = [replace(one, detail={**one.detail, "view": seen.profile.view}) for one in found]
         quantities += found
-        warnings += sorted({f"{seen.profile.view}: {one.doubtful}" for one in found if one.doubtful})
+        doubts = sorted({one.doubtful for one in found if one.doubtful})
+        doubtful.append(bool(doubts))
+        whose = f"{seen.profile.view}: " if len(observations) > 1 else ""
+        warnings += [whose + doubt for doubt in doubts]
         checks += _checks(seen.profile, heap, base_diameter, bead_diameter)
     if len(observations) > 1:
         quantities = _over_views(quantities) + quantities
+        if any(doubtful) and not all(doubtful):
+            left_out = ", ".join(seen.profile.view for seen, bad in zip(observations, doubtful, strict=True) if bad)
+            warnings.append(f"left out of the mean over views, because doubtful: {left_out}.")
     return Evaluation(tuple(quantities), tuple(checks), tuple(warnings))
 
 
@@ -198,6 +209,7 @@ def _definition_doubt(
         return {
             "grain roughness": rough,
             "window of the line": window,
+            # the standard error of the mean of two sides, whose standard deviation is difference / sqrt 2
             "half left-right difference": abs(angles[name, method, "left"] - angles[name, method, "right"]) / 2,
         }
     # which grain is the apex: an eighth of a grain; which one the foot: a quarter
@@ -294,28 +306,36 @@ def _over_views(quantities: Sequence[Quantity]) -> list[Quantity]:
             one.quantity != GEOMETRIC or one.detail.get("side") == "mean"
         ):
             groups.setdefault((one.quantity, one.method), []).append(one)
-    combined = []
-    for (name, method), ones in groups.items():
-        values = np.array([one.value for one in ones])
-        shared = [part for part in ones[0].budget if part not in ("grain roughness", "grain at apex and foot")]
-        budget = {part: float(np.mean([one.budget.get(part, 0.0) for one in ones])) for part in shared}
-        budget["scatter of views and sides"] = float(values.std(ddof=1) / math.sqrt(len(values)))
-        doubts = sorted({one.doubtful for one in ones if one.doubtful})
-        detail: dict[str, str | int | float | bool] = {"side": "mean"} if ones[0].unit == "deg" else {}
-        combined.append(
-            Quantity(
-                name,
-                float(values.mean()),
-                root_sum_of_squares(budget),
-                ones[0].unit,
-                method,
-                len(values),
-                {**detail, "view": "all", "standard_deviation": float(values.std(ddof=1))},
-                budget,
-                "; ".join(doubts),
-            )
-        )
-    return combined
+    return [_combined(name, method, ones) for (name, method), ones in groups.items()]
+
+
+def _combined(name: str, method: str, ones: Sequence[Quantity]) -> Quantity:
+    """Mean of the sound ones; of all, doubtful, where none is sound."""
+    ones = [one for one in ones if not one.doubtful] or ones
+    values = np.array([one.value for one in ones])
+    alone = len(ones) == 1
+    independent = () if alone else ("grain roughness", "grain at apex and foot")  # these are in the scatter
+    parts = sorted({part for one in ones for part in one.budget if part not in independent})
+    budget = {part: float(np.mean([one.budget.get(part, 0.0) for one in ones])) for part in parts}
+    deviation = 0.0 if alone else float(values.std(ddof=1))
+    if not alone:
+        budget["scatter of views and sides"] = deviation / math.sqrt(len(values))
+    detail: dict[str, str | int | float | bool] = {"side": "mean"} if ones[0].unit == "deg" else {}
+    detail["view"] = "all"
+    if not alone:
+        detail["standard_deviation"] = deviation
+    doubts = "; ".join(sorted({one.doubtful for one in ones if one.doubtful}))
+    return Quantity(
+        name,
+        float(values.mean()),
+        root_sum_of_squares(budget),
+        ones[0].unit,
+        method,
+        len(values),
+        detail,
+        budget,
+        doubts,
+    )
 
 
 def _spread(values: Sequence[float], middle: float) -> float:
@@ -323,10 +343,19 @@ def _spread(values: Sequence[float], middle: float) -> float:
     return math.sqrt(sum((value - middle) ** 2 for value in values) / len(values))
 
 
+def _names(photos: Sequence[Path]) -> list[str]:
+    """A name for every photo's view and files: its stem, numbered where an earlier photo has the same."""
+    names: list[str] = []
+    for photo in photos:
+        taken = (f"{photo.stem}-{number}" for number in itertools.count(2))
+        names.append(photo.stem if photo.stem not in names else next(name for name in taken if name not in names))
+    return names
+
+
 def _observe_table(
-    path: Path, base_diameter: float | None, out: Path | None
+    path: Path, name: str, base_diameter: float | None, out: Path | None
 ) -> tuple[Observation, dict[str, Any], dict[str, Path]]:
-    profile = replace(read_profile(path), view=path.stem)
+    profile = replace(read_profile(path), view=name)
     if base_diameter is not None:
         profile = replace(profile, base=(-base_diameter / 2, base_diameter / 2))
     files: dict[str, Path] = {}
@@ -334,17 +363,18 @@ def _observe_table(
         from rigtwin.measure.pile_pictures import write_plot
 
         out.mkdir(parents=True, exist_ok=True)
-        files["plot"] = write_plot(out / f"{path.stem}-plot.svg", profile, base_diameter, None, "m")
+        files["plot"] = write_plot(out / f"{name}-plot.svg", profile, base_diameter, None, "m")
     view = {"scale_m_per_px": None, "scale_from": "profile table", "camera_roll_deg": None}
     return Observation(profile), view, files
 
 
 def _observe_photo(
-    photo: Path, camera: Camera, base_diameter: float | None, bead_diameter: float | None, out: Path | None
+    photo: Path, name: str, camera: Camera, base_diameter: float | None, bead_diameter: float | None, out: Path | None
 ) -> tuple[Observation, dict[str, Any], dict[str, Path]]:
     image = read_photo(photo)
     ratio = base_diameter / bead_diameter if base_diameter and bead_diameter else None
-    found = find_heap(image, roll=camera.roll, region=camera.region, beads_across=ratio)
+    focal_length = _focal_length(photo, image)
+    found = find_heap(image, roll=camera.roll, region=camera.region, beads_across=ratio, focal_length=focal_length)
     if found is None:
         raise NothingToMeasure(
             f"{photo}: shows no heap of beads standing out from what is behind it; "
@@ -352,9 +382,12 @@ def _observe_photo(
         )
     scale, scale_from = _scale(found, camera, base_diameter, bead_diameter)
     unit = scale if scale is not None else 1.0
-    profile = _profile(found, found.view, found.height, unit, photo.stem)
+    profile = _profile(found, found.view, found.height, unit, name)
     seen = Observation(
-        profile, _variants(found, unit, photo.stem), _flaw_of_picture(found), 2 * found.bead_radius * unit
+        profile,
+        _variants(found, unit, name, FOCAL_DOUBT if focal_length is None else STATED_FOCAL_DOUBT),
+        _flaw_of_picture(found),
+        2 * found.bead_radius * unit,
     )
     view = {
         "scale_m_per_px": None if scale is None else scale * found.zoom,
@@ -369,8 +402,19 @@ def _observe_photo(
 
         out.mkdir(parents=True, exist_ok=True)
         evaluation = _evaluate([seen], base_diameter if scale else None, bead_diameter if scale else None)
-        files = write_pictures(out, photo.stem, image, found, profile, evaluation, base_diameter, scale, seen.grain)
+        files = write_pictures(out, name, image, found, profile, evaluation, base_diameter, scale, seen.grain)
     return seen, view, files
+
+
+def _focal_length(photo: Path, image: npt.NDArray[np.uint8]) -> float | None:
+    """Focal length [px] by the photo's own note of its 35 mm equivalent, which goes by the diagonal (CIPA DCG-001)."""
+    from PIL import Image
+
+    with Image.open(photo) as file:
+        equivalent = file.getexif().get_ifd(EXIF_IFD).get(FOCAL_LENGTH_35MM)
+    if not equivalent:
+        return None
+    return float(equivalent) / FULL_FRAME_DIAGONAL * math.hypot(*image.shape[:2])
 
 
 def _scale(
@@ -401,7 +445,7 @@ def _profile(found: Silhouette, view: View, height: Array, unit: float, name: st
     return Profile(x * unit, level * unit, np.full(len(x), found.sigma * unit), base, name)
 
 
-def _variants(found: Silhouette, unit: float, name: str) -> dict[str, tuple[Profile, Profile]]:
+def _variants(found: Silhouette, unit: float, name: str, focal_doubt: float) -> dict[str, tuple[Profile, Profile]]:
     """Other readings of the same photo, each pair one standard deviation to either side."""
     view, height = found.view, found.height
     raised = found.disc.sigma if found.disc is not None else 0.5 * found.bead_radius
@@ -412,7 +456,7 @@ def _variants(found: Silhouette, unit: float, name: str) -> dict[str, tuple[Prof
         "base line angle": ((view, height + turned * found.x), (view, height - turned * found.x)),
     }
     if found.disc is not None:
-        factor = math.exp(FOCAL_DOUBT)
+        factor = math.exp(focal_doubt)
         (far, far_lift), (near, near_lift) = (
             _other_distance(view, found.disc, stretch) for stretch in (factor, 1 / factor)
         )

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.measure.disc import Disc, find_disc
+from rigtwin.measure.disc import FOCAL_LENGTH, Disc, find_disc
 from rigtwin.measure.grains import (
     FEWEST_BEADS,
     Beads,
@@ -75,22 +75,42 @@ def find_heap(
     roll: float | None = None,
     region: tuple[float, float, float, float] | None = None,
     beads_across: float | None = None,
+    focal_length: float | None = None,
 ) -> Silhouette | None:
     """The outline of a heap of beads in a photo (BGR), None when the photo shows none.
 
-    `roll` [rad] and `region` [px] as the camera gives them, `beads_across` the base's diameter in bead diameters.
+    `roll` [rad] and `region` [px] as the camera gives them, `beads_across` the base's diameter in bead diameters,
+    `focal_length` [px] of the lens where it is known.
     """
+    focal_length = focal_length or FOCAL_LENGTH * photo.shape[1]
+    if region is not None:
+        left, top, width, height = (max(round(side), 0) for side in region)
+        part = photo[top : top + height, left : left + width]
+        found = _heap_in(part, roll, beads_across, focal_length) if part.size else None
+        return None if found is None else _moved(found, left, top)
+    return _heap_in(photo, roll, beads_across, focal_length)
+
+
+def _moved(found: Silhouette, left: float, top: float) -> Silhouette:
+    """The same in a photo that reaches further by `left` and `top` [px]."""
+    by = (left * found.zoom, top * found.zoom)
+    origin = (found.view.origin[0] + by[0], found.view.origin[1] + by[1])
+    disc = found.disc
+    if disc is not None:
+        disc = replace(disc, centre=(disc.centre[0] + by[0], disc.centre[1] + by[1]))
+    return replace(found, view=replace(found.view, origin=origin), disc=disc)
+
+
+def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal_length: float) -> Silhouette | None:
     zoom = min(1.0, FINEST / photo.shape[1])
     image = _shrunk(photo, zoom)
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
-    if region is not None:
-        grey = _blank_outside(grey, tuple(zoom * side for side in region))
     beads = _beads(grey)
     if beads is None:
         return None
     beads = more_beads(grey, likeness(image, beads), beads)
     alike = likeness(image, beads)
-    disc = find_disc(grey, alike, beads, roll=roll)
+    disc = find_disc(grey, alike, beads, focal_length=focal_length * zoom, roll=roll, beads_across=beads_across)
     view = _view_of_disc(disc) if disc is not None else _view_of_feet(beads, roll)
     if disc is not None and beads_across is not None:
         beads = more_beads(grey, alike, Beads(beads.centre, view.radius / beads_across))
@@ -127,15 +147,6 @@ def _shrunk(picture: Image, factor: float) -> Image:
     if factor >= 1:
         return picture
     return np.asarray(cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-
-
-def _blank_outside(grey: Image, region: tuple[float, ...]) -> Image:
-    left, top, width, height = (round(side) for side in region)
-    kept = np.full_like(grey, int(np.median(grey)))
-    kept[max(top, 0) : top + height, max(left, 0) : left + width] = grey[
-        max(top, 0) : top + height, max(left, 0) : left + width
-    ]
-    return kept
 
 
 def _beads(grey: Image) -> Beads | None:

@@ -146,6 +146,40 @@ def test_several_views_are_averaged_over_views_and_sides() -> None:
     assert combined.detail["standard_deviation"] == pytest.approx(np.std(slopes, ddof=1), abs=0.05)
 
 
+def test_a_doubtful_view_is_left_out_of_the_mean_and_named() -> None:
+    sound = [replace(triangle(30, 30), view=f"sound {k}") for k in (1, 2)]
+    handful = replace(triangle(18, 18, height=0.002), view="handful")
+    result = evaluate([sound[0], handful, sound[1]], bead_diameter=0.002)
+    combined = [q for q in result.quantities if q.detail.get("view") == "all" and q.unit == "deg"]
+    assert len(combined) >= 4
+    for one in combined:
+        assert one.value == pytest.approx(30, abs=2)
+        assert not one.doubtful
+    assert any("left out" in warning and "handful" in warning for warning in result.warnings)
+
+
+def test_one_sound_view_is_the_mean_with_its_own_uncertainty() -> None:
+    sound = replace(triangle(30, 30), view="sound")
+    result = evaluate([sound, replace(triangle(18, 18, height=0.002), view="handful")], bead_diameter=0.002)
+    (combined,) = [
+        q for q in result.quantities if (q.quantity, q.method, q.detail.get("view")) == (GEOMETRIC, "apex", "all")
+    ]
+    alone = angle(evaluate([sound], bead_diameter=0.002), GEOMETRIC, "mean")
+    assert (combined.value, combined.std_uncertainty) == pytest.approx((alone.value, alone.std_uncertainty))
+    json.dumps(result.quantities[0].detail, allow_nan=False)
+
+
+def test_photos_of_the_same_name_keep_their_own_files(tmp_path: Path) -> None:
+    tables = [tmp_path / folder / "heap.csv" for folder in ("monday", "tuesday")]
+    for table, slope in zip(tables, (24, 31), strict=True):
+        table.parent.mkdir()
+        write_profile(table, triangle(slope, slope))
+    result = measure(tables, Camera(), bead_diameter=0.002, out=tmp_path / "out")
+    assert len(list((tmp_path / "out").iterdir())) == len(set(result.files.values())) == 2
+    views = {q.detail["view"] for q in result.quantities} - {"all"}
+    assert len(views) == 2
+
+
 def test_a_level_bed_is_not_a_heap() -> None:
     x = np.linspace(-0.05, 0.05, 200)
     with pytest.raises(NothingToMeasure):
@@ -342,6 +376,33 @@ def test_scale_roll_and_pictures_come_with_the_angles(tmp_path: Path) -> None:
     assert json.loads(json.dumps(result.to_json(), allow_nan=False))["rig"] == "pile"
     again = evaluate([read_profile(result.files["record"])], base_diameter=width, bead_diameter=BEAD)
     assert angle(again, GRAPHICAL, "left").value == pytest.approx(angle(result, GRAPHICAL, "left").value, abs=0.05)
+
+
+def test_a_photo_that_states_its_focal_length_leaves_less_doubt_about_the_distance(tmp_path: Path) -> None:
+    from PIL import Image as PillowImage
+
+    scene = Scene(seed=7, looking_down=5)
+    plain, stating = photograph(tmp_path, scene), tmp_path / "stating.jpg"
+    focal_length = scene.fill * scene.distance / scene.base * scene.size[1]  # [px]
+    with PillowImage.open(plain) as file:
+        exif = file.getexif()
+        exif.get_ifd(0x8769)[0xA405] = round(focal_length * 43.27 / math.hypot(*scene.size))
+        file.save(stating, exif=exif, quality=95)
+    vague, exact = (angle(measured(path, scene), GEOMETRIC, "mean") for path in (plain, stating))
+    assert exact.budget["camera distance"] < 0.5 * vague.budget["camera distance"]
+    assert exact.value == pytest.approx(angle(truth(scene), GEOMETRIC, "mean").value, abs=1.0)
+
+
+def test_a_region_keeps_the_measurement_to_its_part_of_the_photo(tmp_path: Path) -> None:
+    scene = Scene(seed=8)
+    path = tmp_path / "two.png"
+    cv2.imwrite(str(path), np.hstack([draw(Scene(seed=3, slope=35)), draw(scene)]))
+    width = scene.size[1]
+    result = measure(
+        [path], Camera(region=(width, 0, width, scene.size[0])), base_diameter=24 * BEAD, bead_diameter=BEAD
+    )
+    assert result.camera["base_found"]
+    assert angle(result, GRAPHICAL, "mean").value == pytest.approx(angle(truth(scene), GRAPHICAL, "mean").value, abs=1)
 
 
 def test_a_mirrored_photo_gives_the_mirrored_angles(tmp_path: Path) -> None:
