@@ -22,7 +22,6 @@ from rigtwin import __version__
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.table import Table
 
     from rigtwin.compare.comparison import Comparison
     from rigtwin.compare.twin import Twin
@@ -150,7 +149,8 @@ def init(
         _print_json({"lab": str(folder), "files": [str(path) for path in written]})
     elif not quiet:
         typer.echo(
-            f"Wrote {', '.join(map(str, written))}. Describe your rigs there, put the media beside it, then: rigtwin compare {folder}"
+            f"Wrote {', '.join(map(str, written))}. Describe your rigs there, put the media beside it, then: "
+            f"rigtwin compare {folder}"
         )
 
 
@@ -307,6 +307,7 @@ def measure_pile(
     base = _positive(base_diameter, "length", "--base-diameter")
     diameter = _positive(bead_diameter, "length", "--bead-diameter")
     camera = _camera(scale=scale, known_length=known_length, region=region, camera_roll=camera_roll)
+    _all_different(photos)
     from rigtwin.measure import pile
 
     with _progress(as_json or quiet) as progress:
@@ -452,6 +453,8 @@ def simulate_pile(
 
 def main() -> None:
     """Entry point of the command ``rigtwin``; leaves with 0, 1 (our fault), 2 (bad input) or 130 (interrupted)."""
+    if sys.stdout is None:  # started with stdout closed: results still go into files
+        sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
     sys.exit(run(sys.argv[1:]))
 
 
@@ -481,6 +484,9 @@ def _fault(error: Exception, as_json: bool) -> int:
         traceback.print_exception(error)
     if isinstance(error, RigtwinError):
         return _fail(type(error).__name__, str(error), error.exit_code, as_json)
+    if isinstance(error, MemoryError):
+        message = "this does not fit into memory; ask for fewer particles, a shorter time or a lower frame rate."
+        return _fail("memory", message, 2, as_json)
     if isinstance(error, OSError) and error.filename is not None:  # a folder that cannot be made, a full disk
         reason = (error.strerror or "cannot be used").lower()
         return _fail("file", f"{error.filename}: {reason}; check the path and its permissions.", 2, as_json)
@@ -545,7 +551,7 @@ def _camera(
         region=None if region is None else camera.region(region, name="--region"),
         start=None if start is None else camera.moment(start, name="--start"),
         end=None if end is None else camera.moment(end, name="--end"),
-        roll=None if camera_roll is None else _parsed(camera_roll, "angle", "--camera-roll"),
+        roll=None if camera_roll is None else camera.roll(camera_roll, name="--camera-roll"),
     )
 
 
@@ -557,15 +563,29 @@ def _parsed(text: str, dimension: str, name: str) -> float:
 
 def _needed(text: str, dimension: str, name: str) -> float:
     from rigtwin.lab.errors import BadQuantity
+    from rigtwin.lab.units import LONGEST
 
     value = _parsed(text, dimension, name)
     if value <= 0:
-        raise BadQuantity(f"{name}: {text!r} cannot be; give a {dimension} above zero.")
+        raise BadQuantity(f"{name}: {text!r} cannot be; it must be above zero.")
+    if dimension == "length" and value > LONGEST:
+        raise BadQuantity(f"{name}: {text!r} is {value:g} m; write a length with its unit, like '300mm'.")
     return value
 
 
 def _positive(text: str | None, dimension: str, name: str) -> float | None:
     return None if text is None else _needed(text, dimension, name)
+
+
+def _all_different(photos: Sequence[Path]) -> None:
+    """The same photo counted twice would make the mean over views look more certain than it is."""
+    from rigtwin.lab.errors import BadInput
+
+    seen: set[Path] = set()
+    for photo in photos:
+        if photo.resolve() in seen:
+            raise BadInput(f"{photo}: is given twice; each view counts once.")
+        seen.add(photo.resolve())
 
 
 def _density(density: str | None, mass: str | None, diameter: float | None) -> float | None:
@@ -624,7 +644,7 @@ def _show_measurement(measurement: Measurement, as_json: bool, quiet: bool) -> N
     if quiet:
         return
     console = _console()
-    console.print(_quantity_table(f"{measurement.rig}: {measurement.source.name}", measurement.quantities))
+    _show_quantities(console, f"{measurement.rig}: {measurement.source.name}", measurement.quantities)
     _show_rest(console, measurement.checks, measurement.warnings, measurement.files)
 
 
@@ -638,7 +658,7 @@ def _show_twin(twin: Twin, out: Path, as_json: bool, quiet: bool) -> None:
     if quiet:
         return
     console = _console()
-    console.print(_quantity_table(f"twin of the {twin.rig}", twin.evaluation.quantities))
+    _show_quantities(console, f"twin of the {twin.rig}", twin.evaluation.quantities)
     for assumption in twin.assumptions:
         console.print(f"[dim]assumed:[/dim] {escape(assumption)}")
     _show_rest(console, twin.evaluation.checks, (*twin.warnings, *twin.evaluation.warnings), files)
@@ -647,13 +667,17 @@ def _show_twin(twin: Twin, out: Path, as_json: bool, quiet: bool) -> None:
 def _show_comparison(comparison: Comparison) -> None:
     from rich.table import Table
 
+    from rigtwin.compare.deviation import primary_first
     from rigtwin.compare.wording import percent, reading, siblings, title, z_score
 
+    primary, rest = primary_first(comparison.deviations)
     table = Table(title=escape(comparison.lab.title), title_justify="left")
-    for column in ("experiment", "quantity", "", "measured", "simulated", "deviation", "z", "verdict"):
+    for column in ("experiment", "quantity", "which", "measured", "simulated", "deviation", "z", "verdict"):
         table.add_column(column, justify="right" if column in ("measured", "simulated", "deviation", "z") else "left")
     for outcome in comparison.outcomes:
-        for row in outcome.deviations:
+        for row in primary:
+            if row.experiment != outcome.experiment.id:
+                continue
             table.add_row(
                 escape(row.experiment),
                 f"{title(row.quantity)} [dim]({escape(row.method)})[/dim]",
@@ -667,6 +691,10 @@ def _show_comparison(comparison: Comparison) -> None:
         table.add_section()
     console = _console()
     console.print(table)
+    if rest:
+        console.print(f"{len(rest)} more (later bounces, single sides, other methods) in the report and deviations.csv")
+    for reason in dict.fromkeys(f"{row.experiment}: {row.doubtful}" for row in primary if row.doubtful):
+        console.print(f"[yellow]doubtful:[/yellow] {escape(reason)}")
     for outcome in comparison.outcomes:
         for warning in outcome.warnings:
             console.print(f"[yellow]warning:[/yellow] {escape(outcome.experiment.id)}: {escape(warning)}")
@@ -674,32 +702,38 @@ def _show_comparison(comparison: Comparison) -> None:
         typer.echo(f"wrote {path}")
 
 
-def _quantity_table(heading: str, quantities: Sequence[Quantity]) -> Table:
+def _show_quantities(console: Console, heading: str, quantities: Sequence[Quantity]) -> None:
     from rich.table import Table
 
     from rigtwin.compare.wording import reading, siblings, title
 
     table = Table(title=escape(heading), title_justify="left")
-    for column in ("quantity", "", "value ± standard uncertainty", "method", "doubt"):
+    for column in ("quantity", "which", "value ± standard uncertainty", "method", ""):
         table.add_column(column, justify="right" if column.startswith("value") else "left")
-    for quantity in quantities:
+    over_views = [quantity for quantity in quantities if quantity.detail.get("view") == "all"]
+    shown = over_views or quantities
+    for quantity in shown:
         table.add_row(
             title(quantity.quantity),
             escape(siblings(quantity.detail)),
             reading(quantity.value, quantity.std_uncertainty, quantity.unit),
             escape(quantity.method),
-            escape(quantity.doubtful),
+            "[yellow]doubtful[/yellow]" if quantity.doubtful else "",
         )
-    return table
+    console.print(table)
+    if len(shown) < len(quantities):
+        console.print(f"{len(quantities) - len(shown)} more (view by view, left and right): add --json")
+    for reason in dict.fromkeys(quantity.doubtful for quantity in shown if quantity.doubtful):
+        console.print(f"[yellow]doubtful:[/yellow] {escape(reason)}")
 
 
 def _show_rest(console: Console, checks: Sequence[Check], warnings: Sequence[str], files: Mapping[str, Path]) -> None:
-    for check in checks:
-        mark = "[green]passed[/green]" if check.passed else "[red]failed[/red]"
-        console.print(f"{mark} {escape(check.check)}: {escape(check.message)}")
+    for passed, name, message in dict.fromkeys((check.passed, check.check, check.message) for check in checks):
+        mark = "[green]passed[/green]" if passed else "[red]failed[/red]"
+        console.print(f"{mark} {escape(name.replace('_', ' '))}: {escape(message)}")
     for warning in warnings:
         console.print(f"[yellow]warning:[/yellow] {escape(warning)}")
-    for path in files.values():
+    for path in dict.fromkeys(files.values()):
         typer.echo(f"wrote {path}")
 
 

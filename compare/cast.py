@@ -25,9 +25,8 @@ def particle(name: str, model: Model) -> Particle:
         return model.particles[name]
     if name in hlosta2020.PARTICLES:
         return hlosta2020.particle(name)
-    raise BadInput(
-        f"--particle: there is no particle {name!r}; {suggestion(name, _names(model.particles, 'PARTICLES'))}."
-    )
+    known = (*model.particles, *hlosta2020.PARTICLES)
+    raise BadInput(f"--particle: there is no particle {name!r}; {suggestion(name, known)}.")
 
 
 def wall(name: str, model: Model) -> Material:
@@ -36,7 +35,8 @@ def wall(name: str, model: Model) -> Material:
         return model.materials[name]
     if name in hlosta2020.MATERIALS:
         return hlosta2020.material(name)
-    raise BadInput(f"--wall: there is no material {name!r}; {suggestion(name, _names(model.materials, 'MATERIALS'))}.")
+    known = (*model.materials, *hlosta2020.MATERIALS)
+    raise BadInput(f"--wall: there is no material {name!r}; {suggestion(name, known)}.")
 
 
 def contact(
@@ -53,8 +53,9 @@ def contact(
     known = KnownContact(restitution, static_friction, rolling_friction).filled(model.known_contact(a, b))
     with suppress(BadInput):  # not a published pair: what is known so far must do
         known = known.filled(hlosta2020.contact(a, b))
-    return known.complete(needs, name=f"{a}-{b}")
-
-
-def _names(own: object, published: str) -> list[str]:
-    return list(dict.fromkeys([*own, *getattr(hlosta2020, published)]))  # type: ignore[misc]
+    if gaps := known.missing(needs):
+        raise BadInput(
+            f"the {gaps[0].replace('_', ' ')} of the contact {a}-{b} is not known; give it as an option, or under "
+            f"[contacts.{a}-{b}] in the lab.toml of --lab."
+        )
+    return known.complete(needs)

@@ -1,14 +1,16 @@
 """Measured beside simulated: repetitions combined, differences with their uncertainty, a verdict in words.
 
 Uncertainties follow the GUM (JCGM 100:2008): the mean of n repetitions has the scatter's standard error
-(type A, section 4.2), combined with the parts that all repetitions share, such as the scale (section 5.1.2).
+(type A, section 4.2), combined with the parts that all repetitions share, such as the scale (section 5.1.2).  A
+scatter known from two or three repetitions is itself uncertain: 95 % then span more than two standard uncertainties
+(annex G.4).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from statistics import fmean, stdev
 from typing import Any
 
@@ -30,6 +32,15 @@ AVERAGES_OUT = frozenset(
     }
 )
 
+# The results of the rigs, each with how many of its methods a reader is shown first.
+RESULTS = {
+    "restitution_wall": 2,
+    "restitution_pair": 2,
+    "angle_of_repose_graphical": 1,
+    "angle_of_repose_geometric": 1,
+}
+MORE_SHOWN = {"drop_height": 1, "rebound_height": 1, "release_angle": 1, "rebound_angle": 1}
+
 Key = tuple[str, str, str, tuple[tuple[str, Detail], ...]]
 
 
@@ -49,6 +60,8 @@ class Combined:
     doubtful: str = ""
     left_out: int = 0
     """Doubtful repetitions that are not in the mean, because sound ones were there."""
+    freedom: float = math.inf
+    """Effective degrees of freedom of `std_uncertainty` (GUM eq. G.2b)."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +88,8 @@ class Deviation:
     percent_deviation: float | None
     percent_deviation_std: float | None
     z: float | None
+    coverage_factor: float | None
+    """How many standard uncertainties of the difference span 95 %: 1.96, more where the repetitions are few."""
     verdict: str
     doubtful: str = ""
     note: str = ""
@@ -114,27 +129,51 @@ def combine(repetitions: Sequence[Quantity]) -> Combined:
     }
     own = math.sqrt(fmean(random**2 for random, _ in split))
     scatter = stdev(values) if n > 1 else own
-    budget = {"repetition" if n > 1 else "random": max(scatter, own) / math.sqrt(n), **shared}
+    random = max(scatter, own) / math.sqrt(n)
+    budget = {"repetition" if n > 1 else "random": random, **shared}
     budget = {name: part for name, part in budget.items() if part > 0}
+    std_uncertainty = root_sum_of_squares(budget)
     return Combined(
         value=fmean(values),
         std=stdev(values) if n > 1 else used[0].std_uncertainty,
         n=n,
-        std_uncertainty=root_sum_of_squares(budget),
+        std_uncertainty=std_uncertainty,
         unit=used[0].unit,
         budget=budget,
         doubtful="" if sound else "; ".join(dict.fromkeys(repetition.doubtful for repetition in repetitions)),
         left_out=len(repetitions) - n,
+        freedom=_freedom([(random, n - 1 if scatter > own else math.inf)], std_uncertainty),
     )
 
 
 def over_views(quantities: Sequence[Quantity]) -> list[Quantity]:
-    """One repetition's quantities, where what was combined over views (``view="all"``) stands for the single views.
+    """One repetition's quantities, one each: several views of a heap are no repetitions of it.
 
-    What the estimator has not combined, such as the left slopes of a heap, stays view by view.
+    What the estimator combined over views (``view="all"``) stands for the single views; what it has not combined, such
+    as the left slopes, becomes their mean.
     """
-    combined = {key_of(quantity) for quantity in quantities if quantity.detail.get("view") == "all"}
-    return [one for one in quantities if key_of(one) not in combined or one.detail.get("view") == "all"]
+    views: dict[Key, list[Quantity]] = {}
+    for one in quantities:
+        views.setdefault(key_of(one), []).append(one)
+    found = []
+    for ones in views.values():
+        whole = [one for one in ones if one.detail.get("view") == "all"]
+        seen = [one for one in ones if "view" in one.detail and math.isfinite(one.value)]
+        found += whole or ([_mean_view(seen)] if len(seen) > 1 else ones)
+    return found
+
+
+def _mean_view(views: Sequence[Quantity]) -> Quantity:
+    mean = combine(views)
+    budget = {"scatter of views and sides" if name == "repetition" else name: u for name, u in mean.budget.items()}
+    return replace(
+        views[0],
+        value=mean.value,
+        std_uncertainty=mean.std_uncertainty,
+        detail={**views[0].detail, "view": "all"},
+        budget=budget,
+        doubtful=mean.doubtful,
+    )
 
 
 def group(quantities: Iterable[Quantity]) -> dict[Key, list[Quantity]]:
@@ -168,6 +207,33 @@ def deviations(
     )
 
 
+def headlines(rows: Iterable[Deviation]) -> list[Deviation]:
+    """What a reader looks for first: each rig's result from the first bounce and over both sides."""
+    return _first_of(rows, RESULTS)
+
+
+def primary_first(rows: Sequence[Deviation]) -> tuple[list[Deviation], list[Deviation]]:
+    """The rows that tell an experiment at a glance, and the rest: later bounces, single sides, other methods.
+
+    An experiment that has none of the first kind keeps all its rows there.
+    """
+    first = _first_of(rows, RESULTS | MORE_SHOWN)
+    with_first = {row.experiment for row in first}
+    primary = [row for row in rows if row in first or row.experiment not in with_first]
+    return primary, [row for row in rows if row not in primary]
+
+
+def _first_of(rows: Iterable[Deviation], methods: dict[str, int]) -> list[Deviation]:
+    found: list[Deviation] = []
+    for row in rows:
+        first = row.side in (None, "mean") and row.bounce in (None, 1) and row.collision in (None, 1)
+        mine = (row.experiment, row.quantity, row.body)
+        before = sum((other.experiment, other.quantity, other.body) == mine for other in found)
+        if first and before < methods.get(row.quantity, 0):
+            found.append(row)
+    return found
+
+
 def percent_deviation(
     measured: float, measured_u: float, simulated: float, simulated_u: float
 ) -> tuple[float, float] | None:
@@ -191,11 +257,15 @@ def _deviation(
     detail = dict(identity)
     percent: tuple[float, float] | None = None
     z: float | None = None
+    freedom = math.inf
     if simulated is not None:
         percent = percent_deviation(
             measured.value, measured.std_uncertainty, simulated.value, simulated.std_uncertainty
         )
-        z = _z(simulated.value - measured.value, math.hypot(measured.std_uncertainty, simulated.std_uncertainty))
+        total = math.hypot(measured.std_uncertainty, simulated.std_uncertainty)
+        z = _z(simulated.value - measured.value, total)
+        parts = ((one.std_uncertainty, one.freedom) for one in (measured, simulated))
+        freedom = _freedom(parts, total)
     doubts = [measured.doubtful] if measured.doubtful else []
     if simulated is not None and simulated.doubtful:
         doubts.append(f"twin: {simulated.doubtful}")
@@ -220,7 +290,8 @@ def _deviation(
         percent_deviation=None if percent is None else percent[0],
         percent_deviation_std=None if percent is None else percent[1],
         z=z,
-        verdict=_verdict(simulated, percent, z, bool(doubts), bool(set_from)),
+        coverage_factor=None if z is None else _coverage(freedom, 0.95),
+        verdict=_verdict(simulated, z, freedom, doubtful=bool(doubts), given=bool(set_from)),
         doubtful="; ".join(doubts),
         note=_note(rig, measured, simulated, set_from),
         budget=measured.budget,
@@ -248,28 +319,45 @@ def _z(difference: float, uncertainty: float) -> float | None:
     return difference / uncertainty
 
 
-def _verdict(
-    simulated: Combined | None, percent: tuple[float, float] | None, z: float | None, doubtful: bool, given: bool
-) -> str:
+def _freedom(parts: Iterable[tuple[float, float]], total: float) -> float:
+    """Effective degrees of freedom of `total` from its parts, each (uncertainty, degrees of freedom) (GUM eq. G.2b)."""
+    if not math.isfinite(total) or total <= 0:
+        return math.inf
+    loss = sum((part / total) ** 4 / freedom for part, freedom in parts)
+    return 1 / loss if loss > 0 else math.inf
+
+
+def _coverage(freedom: float, probability: float) -> float:
+    """Standard uncertainties on each side of a value that hold `probability` (Student's t)."""
+    from scipy.special import ndtri, stdtrit
+
+    upper = (1 + probability) / 2
+    return float(stdtrit(freedom, upper) if math.isfinite(freedom) else ndtri(upper))
+
+
+def _verdict(simulated: Combined | None, z: float | None, freedom: float, *, doubtful: bool, given: bool) -> str:
     if simulated is None:
         return "no twin value"
     if given:
-        return "set equal" if z is None or abs(z) < 2 else "differs from the stated setting"
+        return "set equal" if z is None or abs(z) < max(2, _coverage(freedom, 0.95)) else "differs from the setting"
     if doubtful:
         return "doubtful"
     if z is None:
         return "uncertainty unknown"
     if abs(z) < 2:
         return "agrees"
-    size = "" if percent is None else f" by {abs(percent[0]):.2g} %"
-    certainty = "probably " if abs(z) < 3 else ""
-    return f"twin {certainty}too {'high' if z > 0 else 'low'}{size}"
+    if abs(z) < _coverage(freedom, 0.95):
+        return "too few repetitions to tell"
+    certainty = "probably " if abs(z) < _coverage(freedom, 0.997) else ""
+    return f"twin {certainty}too {'high' if z > 0 else 'low'}"
 
 
 def _note(rig: str, measured: Combined, simulated: Combined | None, set_from: str) -> str:
     notes = []
-    if rig == "pile" and simulated is not None and simulated.n == 1:
-        notes.append("one simulated heap: how much heaps differ is not in its uncertainty")
+    both = {"measured": measured, "simulated": simulated}
+    single = [name for name, one in both.items() if one is not None and one.n == 1]
+    if rig == "pile" and single:
+        notes.append(f"one heap {' and one '.join(single)}: how much heaps differ is not in the uncertainty")
     if set_from:
         notes.append(f"the twin starts from the {set_from} value")
     if measured.left_out:

@@ -56,6 +56,7 @@ def measuring(experiments: Sequence[Experiment], out: Path, workers: int | None 
         for views, folder in zip(experiment.repetitions, _places(experiment, out / place), strict=True)
     ]
     workers = max(1, min(workers or os.cpu_count() or 1, len(jobs)))
+    others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_start_worker)
     try:
         with _interrupts_held():
@@ -66,6 +67,11 @@ def measuring(experiments: Sequence[Experiment], out: Path, workers: int | None 
             "a measuring process ended before its time, most likely for want of memory; "
             "close other programs and run again, or measure the clips one by one."
         ) from None
+    except BaseException:
+        # nobody will read what is still being measured: do not let the person wait for it
+        for process in set(multiprocessing.active_children()) - others:
+            process.terminate()
+        raise
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 

@@ -5,14 +5,17 @@ from __future__ import annotations
 import base64
 import math
 import re
+import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare import figures
-from rigtwin.compare.deviation import Deviation
+from rigtwin.compare.deviation import Deviation, headlines, primary_first
+from rigtwin.compare.twin import NEEDS
 from rigtwin.compare.wording import RIG_TITLES, percent, reading, siblings, title, uncertainty, z_score
+from rigtwin.lab.materials import PARAMETERS
 from rigtwin.lab.quantity import Check, Measurement
 from rigtwin.lab.rigs import DropSettings, PendulumSettings, PileSettings
 
@@ -20,15 +23,7 @@ if TYPE_CHECKING:
     from rigtwin.compare.comparison import Comparison, Outcome
 
 MOST_STILLS = 4  # pictures shown per experiment; all of them lie beside the report
-STILL_WIDTH = 760  # [px]
-
-# the results of the rigs, and how many of their methods the summary shows
-HEADLINES = {
-    "restitution_wall": 2,
-    "restitution_pair": 2,
-    "angle_of_repose_graphical": 1,
-    "angle_of_repose_geometric": 1,
-}
+STILL_WIDTH = 1200  # [px], wide enough to judge a bead's outline when the picture is enlarged
 
 
 @dataclass(frozen=True)
@@ -46,7 +41,7 @@ class Row:
     z: str
     verdict: str
     tone: str  # "good", "bad", "doubt" or "plain"
-    remark: str
+    notes: tuple[int, ...]  # numbers of the notes below the table
     bar: Bar | None
 
 
@@ -94,29 +89,20 @@ def report(comparison: Comparison, provenance: Mapping[str, Any], out: Path) -> 
         sections=[_section(outcome, out) for outcome in comparison.outcomes],
         borrowed=comparison.lab.borrowed,
         provenance=provenance,
-        command=" ".join(provenance["command_line"]),
+        command=shlex.join(provenance["command_line"]),
     )
 
 
-def headlines(rows: Iterable[Deviation]) -> list[Deviation]:
-    """What a reader looks for first: each rig's result from the first bounce and over both sides."""
-    found: list[Deviation] = []
-    for row in rows:
-        first = row.side in (None, "mean") and row.bounce in (None, 1) and row.collision in (None, 1)
-        methods = sum((other.experiment, other.quantity) == (row.experiment, row.quantity) for other in found)
-        if first and methods < HEADLINES.get(row.quantity, 0):
-            found.append(row)
-    return found
-
-
 def _summary(comparison: Comparison) -> str:
-    compared = [row for row in comparison.deviations if row.z is not None and "set equal" not in row.verdict]
-    agree = sum(row.verdict.startswith("agree") for row in compared)
-    doubtful = sum(bool(row.doubtful) for row in compared)
-    differ = len(compared) - agree - doubtful
+    compared = [row for row in comparison.deviations if row.z is not None and row.verdict != "set equal"]
+    verdicts = [row.verdict for row in compared]
+    agree, doubtful, few = (verdicts.count(word) for word in ("agrees", "doubtful", "too few repetitions to tell"))
+    differ = len(compared) - agree - doubtful - few
     parts = [f"{agree or 'none'} agree within their uncertainty", f"{differ or 'none'} differ"]
+    if few:
+        parts.append(f"{few} cannot be told apart with so few repetitions")
     if doubtful:
-        parts.append(f"{doubtful} rest on a doubtful measurement")
+        parts.append(f"{doubtful} are doubtful")
     rigs = len(comparison.outcomes)
     return (
         f"{rigs} experiment{'s' if rigs != 1 else ''}, {len(compared)} quantities measured and simulated: "
@@ -128,6 +114,7 @@ def _section(outcome: Outcome, out: Path) -> dict[str, Any]:
     experiment = outcome.experiment
     wall = f" on {experiment.wall.name}" if experiment.wall is not None else ""
     stills, more = _stills(outcome.measurements)
+    primary, rest = primary_first(outcome.deviations)
     return {
         "id": experiment.id,
         "rig": RIG_TITLES[experiment.rig_name],
@@ -136,7 +123,8 @@ def _section(outcome: Outcome, out: Path) -> dict[str, Any]:
         "figure": _figure(outcome),
         "stills": stills,
         "more_stills": more,
-        "table": _table(outcome.deviations),
+        "table": _table(primary),
+        "more_rows": _table(rest) if rest else None,
         "checks": list(_check_lines([item.checks for item in outcome.measurements])),
         "twin_checks": list(_check_lines([twin.evaluation.checks for twin in outcome.twins])),
         "warnings": outcome.warnings,
@@ -150,10 +138,17 @@ def _section(outcome: Outcome, out: Path) -> dict[str, Any]:
 
 def _table(rows: Sequence[Deviation]) -> dict[str, Any]:
     widest = _widest(rows)
-    return {"rows": [_row(row, widest) for row in rows], "widest": f"{widest:g}"}
+    notes = list(dict.fromkeys(note for row in rows for note in _notes(row)))
+    return {"rows": [_row(row, widest, notes) for row in rows], "widest": f"{widest:g}", "notes": notes}
 
 
-def _row(deviation: Deviation, widest: float) -> Row:
+def _notes(row: Deviation) -> list[str]:
+    doubt = f"Doubtful: {row.doubtful}." if row.doubtful else ""
+    note = f"{row.note[:1].upper()}{row.note[1:]}." if row.note else ""
+    return [text for text in (doubt, note) if text]
+
+
+def _row(deviation: Deviation, widest: float, notes: list[str]) -> Row:
     return Row(
         experiment=deviation.experiment,
         quantity=title(deviation.quantity),
@@ -166,7 +161,7 @@ def _row(deviation: Deviation, widest: float) -> Row:
         z=z_score(deviation.z),
         verdict=deviation.verdict,
         tone=_tone(deviation),
-        remark="; ".join(text for text in (deviation.doubtful, deviation.note) if text),
+        notes=tuple(1 + notes.index(note) for note in _notes(deviation)),
         bar=_bar(deviation, widest),
     )
 
@@ -186,7 +181,8 @@ def _bar(row: Deviation, widest: float) -> Bar | None:
     def place(value: float) -> float:
         return 50 + 46 * max(-1.0, min(1.0, value / widest))
 
-    half = 1.96 * row.percent_deviation_std if math.isfinite(row.percent_deviation_std) else widest
+    half = (row.coverage_factor or 1.96) * row.percent_deviation_std
+    half = half if math.isfinite(half) else widest
     return Bar(place(row.percent_deviation), place(row.percent_deviation - half), place(row.percent_deviation + half))
 
 
@@ -226,6 +222,10 @@ def _settings(outcome: Outcome) -> list[tuple[str, str]]:
         sources = {str(item.camera["scale_from"]) for item in outcome.measurements if item.camera.get("scale_from")}
         origin = f" ({', '.join(sorted(sources))})" if sources else ""
         lines.append(("scale", f"{1e3 * sum(scales) / len(scales):.4f} mm/px{origin}"))
+    for pair, contact in outcome.twin.settings["contacts"].items():
+        needed = NEEDS.get(experiment.rig_name, PARAMETERS)
+        values = ", ".join(f"{name.replace('_', ' ')} {contact[name]:g}" for name in needed)
+        lines.append((f"put into the twin, {pair}:", values))
     return lines
 
 

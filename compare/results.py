@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import hashlib
 import io
 import json
@@ -33,6 +34,9 @@ LIBRARIES = (
 def write_together(folder: Path, contents: Mapping[str, str]) -> dict[str, Path]:
     """Write text files so that a failure midway leaves every old file as it was."""
     folder.mkdir(parents=True, exist_ok=True)
+    for name in contents:
+        if (folder / name).is_dir():  # would be found out only halfway through the renaming
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(folder / name))
     partials = {name: folder / f"{name}.{os.getpid()}.part" for name in contents}
     try:
         for name, text in contents.items():

@@ -7,7 +7,6 @@ no mass, so that no drag is taken out of a flight that had none.
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from collections.abc import Sequence
@@ -18,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from rigtwin.compare import results
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.materials import PARAMETERS, Contact, Material, Particle
 from rigtwin.lab.model import Model
 from rigtwin.lab.notebook import Experiment
 from rigtwin.lab.progress import Progress, silent
@@ -211,7 +211,7 @@ def twin_of(
     `Twin.set_from`.  Raises `BadInput` when a contact that the rig needs is not known.
     """
     rig, particle = experiment.rig, experiment.particle
-    contacts = [model.contact(*names, NEEDS.get(experiment.rig_name, _ALL)) for names in experiment.contacts]
+    contacts = [model.contact(*names, NEEDS.get(experiment.rig_name, PARAMETERS)) for names in experiment.contacts]
     start, set_from = _start(experiment, measurements)
     if isinstance(rig, PileSettings):
         assert experiment.wall is not None  # the lab file demands a wall for piles and drops
@@ -248,14 +248,9 @@ def write_twin(twin: Twin, out: Path) -> dict[str, Path]:
         name = f"{twin.rig}-twin-profile-{number}.csv"
         files[f"record_{number}"] = out / name
         write_profile(out / name, profile)
-    files["quantities"] = out / "quantities.json"
-    partial = files["quantities"].with_suffix(".json.part")
-    partial.write_text(json.dumps(twin.to_json(), indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    partial.replace(files["quantities"])
+    written = results.write_together(out, {"quantities.json": results.document(twin.to_json())})
+    files["quantities"] = written["quantities.json"]
     return files
-
-
-_ALL = ("restitution", "static_friction", "rolling_friction")
 
 
 def _start(experiment: Experiment, measurements: Sequence[Measurement]) -> tuple[float | None, dict[str, str]]:

@@ -17,6 +17,7 @@ TITLES = {
     "rebound_angle": "Rebound angle",
     "angle_of_repose_graphical": "Angle of repose, graphical",
     "angle_of_repose_geometric": "Angle of repose, geometric",
+    "energy_ratio_root": "√(h_B/h_A), which is (1+e)/2",
 }
 
 RIG_TITLES = {"drop": "Drop test", "pendulum": "Pendulum", "pile": "Pile"}
@@ -37,10 +38,12 @@ def title(quantity: str) -> str:
 def siblings(detail: Mapping[str, object]) -> str:
     """What tells a quantity from others of its name.
 
-    >>> siblings({"bounce": 1}), siblings({"body": "B"}), siblings({"side": "left", "view": None})
-    ('bounce 1', 'bead B', 'left')
+    >>> siblings({"bounce": 1}), siblings({"body": "B"}), siblings({"side": "mean", "view": "all"})
+    ('bounce 1', 'bead B', 'mean, all views')
     """
-    words = {"bounce": "bounce {}", "collision": "collision {}", "body": "bead {}", "side": "{}", "view": "{} view"}
+    words = {"bounce": "bounce {}", "collision": "collision {}", "body": "bead {}", "side": "{}", "view": "view {}"}
+    if detail.get("view") == "all":
+        words["view"] = "all views"
     return ", ".join(form.format(detail[name]) for name, form in words.items() if detail.get(name) is not None)
 
 

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from rigtwin.lab.errors import BadInput, BadQuantity
 from rigtwin.lab.units import si
 
+FASTEST = 1e8  # [1/s], no camera films faster; a larger rate is a slip of the pen
+
 
 @dataclass(frozen=True)
 class KnownLength:
@@ -52,6 +54,8 @@ class Camera:
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise BadInput(f"the camera's {name.replace('_', ' ')} must be positive, got {value:g}.")
+        if self.frame_rate is not None and self.frame_rate > FASTEST:
+            raise BadInput(f"the camera's frame rate cannot be {self.frame_rate:g} Hz; write it like '240 Hz'.")
         start, end = self.start, self.end
         if start and end and start.unit == end.unit and start.value >= end.value:
             raise BadInput(f"end ({end.value:g} {end.unit}) is not after start ({start.value:g} {start.unit}).")
@@ -99,7 +103,20 @@ def moment(text: str | float, *, name: str = "start") -> Moment:
     for ending in ("frames", "frame", "f"):
         if words.endswith(ending) and words[: -len(ending)].strip().replace(".", "", 1).isdigit():
             return Moment(float(words[: -len(ending)]), "frame")
-    return Moment(si(text, "time", name=name), "s")
+    time = si(text, "time", name=name)
+    if time < 0:
+        raise BadQuantity(f"{name}: {text!r} lies before the clip begins; write it like '0.25 s' or '60 frames'.")
+    return Moment(time, "s")
+
+
+def roll(text: str | float, *, name: str = "camera_roll") -> float:
+    """Parse a camera roll [rad]; a bare number would be radians, and 1.5 of them are no roll."""
+    angle = si(text, "angle", name=name)
+    if abs(angle) > math.pi / 4:
+        raise BadQuantity(
+            f"{name}: {text!r} is {math.degrees(angle):.3g} degrees; a roll is small, write it like '1.5 deg'."
+        )
+    return angle
 
 
 def _floats(text: str, count: int, name: str, example: str) -> list[float]:
@@ -107,6 +124,6 @@ def _floats(text: str, count: int, name: str, example: str) -> list[float]:
         numbers = [float(word) for word in text.split(",")]
     except ValueError:
         numbers = []
-    if len(numbers) != count:
+    if len(numbers) != count or not all(map(math.isfinite, numbers)):
         raise BadQuantity(f"{name}: {text!r} is not of the form {example!r}.")
     return numbers

@@ -166,6 +166,7 @@ def _wall_problems(entry: ExperimentEntry, key: Key) -> list[Problem]:
 
 def _media_problems(entry: ExperimentEntry, repetitions: tuple[tuple[Path, ...], ...], key: Key) -> list[Problem]:
     problems = []
+    seen: set[Path] = set()
     for number, views in enumerate(repetitions):
         place: Key = (*key, "repetitions", number)
         if len(views) > 1 and not isinstance(entry, PileEntry):
@@ -173,6 +174,11 @@ def _media_problems(entry: ExperimentEntry, repetitions: tuple[tuple[Path, ...],
         for view in views:
             if not _is_file(view):
                 problems.append(Problem(place, f"there is no file {view}; put it there or correct the name."))
+            elif (file := view.resolve()) in seen:
+                # counted twice it would halve the variance of a mean without a second measurement
+                problems.append(Problem(place, f"{view} is listed twice; take one of them out."))
+            else:
+                seen.add(file)
     return problems
 
 

@@ -33,6 +33,8 @@ DIMENSIONS = {
 }
 
 
+LONGEST = 10.0  # [m], no rig on a bench is larger: "300" was meant to be millimetres
+
 _ANGULAR = re.compile("radian|degree|turn|revolution|arcminute|arcsecond|grade")
 
 

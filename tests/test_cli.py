@@ -71,6 +71,13 @@ def empty_photo(tmp_path):
     return path
 
 
+@pytest.fixture
+def started_engine(capfd):
+    """Taichi says a word of its own when it first starts under captured output."""
+    run(["simulate", "drop", "--drop-height", "50mm", "--out", "first", "--quiet"])
+    capfd.readouterr()
+
+
 def lab_with(tmp_path: Path, old: str = "", new: str = "") -> Path:
     folder = tmp_path / "lab"
     folder.mkdir()
@@ -183,9 +190,16 @@ def test_an_unknown_experiment_is_refused_with_the_known_ones(tmp_path, capfd):
         (["measure", "drop", "x.mp4", "--known-length", "100mm"], "--known-length"),
         (["measure", "drop", "x.mp4", "--start", "soon"], "--start"),
         (["measure", "drop", "x.mp4", "--camera-roll", "1 mm"], "--camera-roll"),
+        (["measure", "drop", "x.mp4", "--camera-roll", "90"], "--camera-roll"),
+        (["measure", "drop", "x.mp4", "--start", "-5s"], "--start"),
+        (["measure", "drop", "x.mp4", "--region", "nan,0,10,10"], "--region"),
+        (["measure", "drop", "x.mp4", "--frame-rate", "1e300Hz"], "frame rate"),
+        (["measure", "pile", "x.jpg", "./x.jpg"], "given twice"),
+        (["simulate", "drop", "--drop-height", "300mm", "--wall", "wood_ash"], "D6-wood_ash"),
         (["measure", "drop", "x.mp4", "--bead-mass", "0.1g"], "--bead-diameter"),
         (["measure", "pendulum", "x.mp4", "--variant", "triple"], "--variant"),
         (["simulate", "drop", "--drop-height", "300 s"], "--drop-height"),
+        (["simulate", "drop", "--drop-height", "300"], "300 m; write a length with its unit"),
         (["simulate", "drop", "--drop-height", "300mm", "--particle", "D7"], "--particle"),
         (["simulate", "drop", "--drop-height", "300mm", "--wall", "stel"], "steel"),
         (["simulate", "pile"], "--base-diameter"),
@@ -253,11 +267,52 @@ def test_simulate_prints_one_json_document_with_the_restitution_that_was_put_in(
     assert Path(document["files"]["record"]).read_text().startswith("time_s,x_m,y_m")
 
 
+@pytest.mark.usefixtures("started_engine")
 def test_a_results_folder_that_is_a_file_is_refused_by_name(tmp_path, capfd):
     (tmp_path / "taken").touch()
     refused(["simulate", "drop", "--drop-height", "50mm", "--out", "taken"], capfd, "taken", "exists")
 
 
+@pytest.mark.usefixtures("started_engine")
+def test_a_twin_that_cannot_fit_into_memory_is_refused(capfd):
+    arguments = ["simulate", "drop", "--drop-height", "300mm", "--duration", "1e12s", "--out", "twin"]
+    refused(arguments, capfd, "memory")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="closing a descriptor in the shell")
+def test_results_are_written_even_when_nobody_listens(tmp_path):
+    command = f"{sys.executable} -m rigtwin simulate drop --drop-height 100mm --frame-rate 1kHz --out twin >&-"
+    done = subprocess.run(["sh", "-c", command], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "twin/quantities.json").is_file()
+
+
+def test_a_comparison_shows_the_results_first_and_says_why_a_number_is_doubtful(capfd):
+    from datetime import UTC, datetime
+
+    from rigtwin.cli import _show_comparison
+    from rigtwin.compare.comparison import Comparison, Outcome
+    from rigtwin.compare.deviation import deviations
+    from rigtwin.compare.twin import Twin
+    from rigtwin.lab.notebook import read_lab
+    from rigtwin.lab.quantity import Evaluation, Quantity
+
+    lab = read_lab(lab_with(Path.cwd()))
+    found = [
+        Quantity("restitution_wall", 0.42, 0.01, "1", "height", detail={"bounce": bounce}, doubtful="the plate moved")
+        for bounce in (1, 2)
+    ]
+    twin = Twin("drop", Evaluation(tuple(found)), {})
+    rows = deviations(lab.experiments[0].id, "drop", found, found)
+    _show_comparison(Comparison(lab, (Outcome(lab.experiments[0], (), (), twin, rows),), 1, datetime.now(UTC)))
+    said = capfd.readouterr().out
+    assert "bounce 1" in said
+    assert "bounce 2" not in said
+    assert "1 more" in said
+    assert said.count("doubtful: drop-D6-steel: the plate moved") == 1
+
+
+@pytest.mark.usefixtures("started_engine")
 def test_quiet_prints_nothing(capfd):
     arguments = ["simulate", "drop", "--drop-height", "100mm", "--frame-rate", "1kHz"]
     assert run([*arguments, "--out", "twin", "--quiet"]) == 0

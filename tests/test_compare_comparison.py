@@ -3,7 +3,9 @@
 import csv
 import hashlib
 import json
+import multiprocessing
 import re
+import time
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -12,6 +14,7 @@ import pytest
 
 from rigtwin.compare import comparison as subject
 from rigtwin.compare.comparison import compare
+from rigtwin.compare.repetitions import measuring
 from rigtwin.compare.results import document, write_together
 from rigtwin.compare.twin import twin_of
 from rigtwin.lab.errors import BadInput
@@ -252,6 +255,21 @@ def test_a_twin_without_its_restitution_is_refused_before_any_work(lab):
     assert not (lab / "never").exists()
 
 
+def test_an_interrupted_comparison_does_not_wait_for_its_measuring_processes(lab, tmp_path):
+    def interrupted():
+        with measuring(read_lab(lab).experiments, tmp_path, workers=2):
+            assert multiprocessing.active_children()
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    # a worker needs longer than this to load its libraries alone
+    deadline = time.monotonic() + 1.0
+    while multiprocessing.active_children() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert not multiprocessing.active_children()
+
+
 def test_ids_that_make_no_folder_names_still_get_folders_of_their_own(lab):
     from dataclasses import replace
 
@@ -269,6 +287,15 @@ def test_files_are_replaced_all_or_none(tmp_path):
     with pytest.raises(TypeError):
         write_together(tmp_path, {"a.csv": "new", "b.csv": 3})
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"a.csv": "old", "b.csv": "old"}
+
+
+def test_a_folder_in_the_place_of_a_result_is_found_before_anything_is_replaced(tmp_path):
+    write_together(tmp_path, {"a.csv": "old"})
+    (tmp_path / "b.csv").mkdir()
+    with pytest.raises(IsADirectoryError) as refused:
+        write_together(tmp_path, {"a.csv": "new", "b.csv": "new"})
+    assert refused.value.filename == str(tmp_path / "b.csv")
+    assert (tmp_path / "a.csv").read_text() == "old"
 
 
 def test_json_holds_no_nan_and_no_infinity():

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rigtwin.compare.deviation import combine, deviations, over_views, percent_deviation
+from rigtwin.compare.deviation import combine, deviations, over_views, percent_deviation, primary_first
 from rigtwin.compare.results import deviations_csv, document
 from rigtwin.lab.quantity import Quantity
 
@@ -157,8 +157,20 @@ def test_a_heap_seen_from_four_sides_is_one_repetition_where_its_views_were_comb
         over_views([*four, slope(27.4, "mean", "all")]), over_views([slope(27.0, "left"), slope(27.4, "mean")])
     )
     found = {row.side: (row.measured, row.measured_n) for row in rows}
-    assert found == {"left": (27.0, 4), "mean": (27.4, 1)}
+    assert found == {"left": (27.0, 1), "mean": (27.4, 1)}
     assert [row.percent_deviation for row in rows] == [0.0, 0.0]
+
+
+def test_the_mean_over_views_leaves_doubtful_views_out_and_keeps_what_they_share():
+    def slope(value, view, doubtful=""):
+        budget = {"grain roughness": 0.3, "camera distance": 0.4}
+        detail = {"side": "left", "view": view}
+        return quantity(value, 0.5, "slope", "deg", "line", detail=detail, budget=budget, doubtful=doubtful)
+
+    (one,) = over_views([slope(24.0, "front"), slope(26.0, "back"), slope(60.0, "top", "cut off")])
+    assert (one.value, one.doubtful) == (25.0, "")
+    # standard error of 24 and 26 is 1; the camera stood where it stood
+    assert one.std_uncertainty == pytest.approx(math.hypot(1.0, 0.4))
 
 
 def test_a_setting_handed_to_the_twin_is_not_counted_as_agreement():
@@ -172,8 +184,64 @@ def test_the_verdict_says_which_side_is_high_only_when_the_difference_is_told_fr
         return compared([quantity(0.5, 0.006)], [quantity(simulated, 0.008)])[0].verdict
 
     assert verdict(0.515) == "agrees"
-    assert verdict(0.525) == "twin probably too high by 5 %"
-    assert verdict(0.45) == "twin too low by 10 %"
+    assert verdict(0.525) == "twin probably too high"
+    assert verdict(0.45) == "twin too low"
+
+
+def scattered(rng, truth, noise, n):
+    return [quantity(value, noise / 100, budget={"tracking": noise / 100}) for value in rng.normal(truth, noise, n)]
+
+
+@pytest.mark.parametrize("n", [2, 3, 5])
+def test_a_right_twin_is_called_wrong_in_one_of_twenty_labs_however_few_their_repetitions(n):
+    rng = np.random.default_rng(n)
+    rows = [compared(scattered(rng, 0.5, 0.01, n), [quantity(0.5, 1e-9)])[0] for _ in range(1500)]
+    wrong = sum(row.verdict.startswith("twin") for row in rows) / len(rows)
+    # three standard errors of a share of 5 % among 1500
+    assert wrong == pytest.approx(0.05, abs=0.017)
+    assert np.mean([abs(row.z) > row.coverage_factor for row in rows]) == pytest.approx(0.05, abs=0.017)
+
+
+def test_two_repetitions_that_scatter_cannot_convict_a_twin_that_one_sure_measurement_can():
+    loose = [quantity(0.50, 1e-4, budget={"tracking": 1e-4}), quantity(0.51, 1e-4, budget={"tracking": 1e-4})]
+    sure = [quantity(0.505, 0.005, budget={"scale": 0.005})]
+    twin = [quantity(0.53, 1e-6)]
+    few, one = compared(loose, twin)[0], compared(sure, twin)[0]
+    assert few.z == pytest.approx(one.z, rel=1e-3)
+    assert (few.verdict, one.verdict) == ("too few repetitions to tell", "twin too high")
+
+
+def test_the_first_bounce_and_both_sides_come_before_later_bounces_single_sides_and_other_methods():
+    measured = [
+        quantity(0.4, detail={"bounce": 2}),
+        quantity(0.4, detail={"bounce": 1}),
+        quantity(0.4, method="velocity", detail={"bounce": 1}),
+        quantity(0.4, method="time", detail={"bounce": 1}),
+        quantity(0.3, name="drop_height", unit="m"),
+        *[quantity(30.0, name="angle_of_repose_graphical", detail={"side": side}) for side in ("left", "mean")],
+        quantity(0.03, name="pile_height", unit="m"),
+    ]
+    rows = compared(measured, measured)
+    primary, rest = primary_first(rows)
+    assert [(row.quantity, row.method, row.side) for row in primary] == [
+        ("restitution_wall", "height", None),
+        ("restitution_wall", "velocity", None),
+        ("drop_height", "height", None),
+        ("angle_of_repose_graphical", "height", "mean"),
+    ]
+    assert len(primary) + len(rest) == len(rows)
+    later = [row for row in rest if row.bounce == 2]
+    assert primary_first(later) == (later, []), "an experiment with nothing else shows what it has"
+
+
+def test_a_single_heap_on_either_side_is_said_to_hide_how_much_heaps_differ():
+    slope = quantity(30.0, 0.5, "angle_of_repose_graphical", "deg", "line")
+    (row,) = deviations("pile-1", "pile", [slope, slope], [slope])
+    assert row.note.startswith("one heap simulated:")
+    (row,) = deviations("pile-1", "pile", [slope], [slope])
+    assert row.note.startswith("one heap measured and one simulated:")
+    (row,) = deviations("pile-1", "pile", [slope, slope], [slope, slope])
+    assert row.note == ""
 
 
 def test_the_csv_has_the_agreed_columns_and_empty_cells_for_what_cannot_be_told():
@@ -181,7 +249,7 @@ def test_the_csv_has_the_agreed_columns_and_empty_cells_for_what_cannot_be_told(
     row = next(csv.DictReader(io.StringIO(text)))
     agreed = (
         "experiment quantity unit measured measured_std measured_n simulated simulated_std simulated_n "
-        "percent_deviation z method side bounce body percent_deviation_std"
+        "percent_deviation z coverage_factor method side bounce body percent_deviation_std"
     )
     assert set(agreed.split()) <= set(row)
     assert (row["percent_deviation"], row["z"], row["simulated_std"], row["bounce"]) == ("", "", "", "")

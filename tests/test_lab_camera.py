@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rigtwin.lab.camera import Camera, Moment, known_length, moment, region
+from rigtwin.lab.camera import Camera, Moment, known_length, moment, region, roll
 from rigtwin.lab.errors import BadInput, BadQuantity
 
 PIXELS = st.integers(0, 4000)
@@ -31,7 +31,17 @@ def test_a_camera_of_which_nothing_is_said_has_no_scale():
 
 
 @pytest.mark.parametrize(
-    "text", ["100mm:10,20,10,20", "0mm:0,0,10,0", "-5mm:0,0,10,0", "100mm", "100mm:1,2,3", "100Hz:0,0,10,0", ":0,0,1,1"]
+    "text",
+    [
+        "100mm:10,20,10,20",
+        "100mm:nan,0,10,0",
+        "0mm:0,0,10,0",
+        "-5mm:0,0,10,0",
+        "100mm",
+        "100mm:1,2,3",
+        "100Hz:0,0,10,0",
+        ":0,0,1,1",
+    ],
 )
 def test_a_known_length_that_spans_nothing_is_refused(text):
     with pytest.raises(BadQuantity):
@@ -42,7 +52,7 @@ def test_a_region_is_read_in_the_order_x_y_width_height():
     assert region("10, 20, 300,400") == (10, 20, 300, 400)
 
 
-@pytest.mark.parametrize("text", ["1,2,3", "1,2,0,4", "1,2,3,-4", "a,b,c,d", "", "1,2,3,4,5"])
+@pytest.mark.parametrize("text", ["1,2,3", "nan,2,3,4", "1,2,inf,4", "1,2,0,4", "1,2,3,-4", "a,b,c,d", "", "1,2,3,4,5"])
 def test_an_empty_or_malformed_region_is_refused(text):
     with pytest.raises(BadQuantity):
         region(text)
@@ -61,6 +71,18 @@ def test_a_moment_is_a_time_or_a_frame(text, expected):
     assert moment(text) == expected
 
 
+@pytest.mark.parametrize("text", ["-1 s", -0.5, "-3 frames"])
+def test_a_moment_before_the_clip_is_refused(text):
+    with pytest.raises(BadQuantity, match="start"):
+        moment(text)
+
+
+@pytest.mark.parametrize("text", ["90 deg", 3, "-60 deg"])
+def test_a_roll_that_no_camera_on_a_stand_has_is_refused_and_taken_for_a_missing_unit(text):
+    with pytest.raises(BadQuantity, match=r"write it like '1.5 deg'"):
+        roll(text)
+
+
 def test_a_window_that_ends_before_it_starts_is_refused():
     with pytest.raises(BadInput, match="not after start"):
         Camera(start=Moment(2, "s"), end=Moment(1, "s"))
@@ -70,3 +92,8 @@ def test_a_window_that_ends_before_it_starts_is_refused():
 def test_a_rate_or_scale_that_cannot_be_is_refused(wrong):
     with pytest.raises(BadInput, match="must be positive"):
         Camera(**wrong)
+
+
+def test_a_rate_that_no_camera_has_is_refused():
+    with pytest.raises(BadInput, match="1e\\+300"):
+        Camera(frame_rate=1e300)

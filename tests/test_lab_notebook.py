@@ -149,6 +149,13 @@ def test_what_the_file_defines_goes_before_the_paper_and_only_gaps_are_filled(fo
     assert "its own steel" in said
 
 
+@pytest.mark.parametrize("again", ["r01.mp4", "./r01.mp4"])
+def test_a_clip_listed_twice_is_refused_for_it_is_no_second_measurement(folder, again):
+    message, _ = refusal(folder, '"r02.csv"', f'"{again}"')
+    assert "experiments[0].repetitions[1]" in message
+    assert "listed twice" in message
+
+
 def test_each_experiment_names_the_pairs_that_touch_in_it(folder):
     drop, pendulum, pile = read_lab(folder).experiments
     assert drop.contacts == (("oak-bead", "steel"),)
@@ -173,6 +180,7 @@ def test_each_experiment_names_the_pairs_that_touch_in_it(folder):
         ("0.44", "0.5", "materials.ash.poisson_ratio", "poisson_ratio", "at most 0.499"),
         ("restitution = 0.5", "restitution = 1.2", "contacts.steel-oak-bead.restitution", "1.2", "at most 1"),
         ("restitution = 0.5", "static_friction = nan", "contacts.steel-oak-bead.static_friction", "nan", "finite"),
+        ('"6 mm"', "6e3", "particles.oak-bead.diameter", "6e3", "at most 10"),
         ('"6 mm"', '"-6 mm"', "particles.oak-bead.diameter", "-6 mm", "above 0"),
         ("count = 1000", "count = 0", "experiments[2].count", "count", "whole number"),
         ("count = 1000", 'count = "many"', "experiments[2].count", "count", "'many' is not a whole number"),
