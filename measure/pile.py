@@ -314,7 +314,8 @@ def _combined(name: str, method: str, ones: Sequence[Quantity]) -> Quantity:
     ones = [one for one in ones if not one.doubtful] or ones
     values = np.array([one.value for one in ones])
     alone = len(ones) == 1
-    independent = () if alone else ("grain roughness", "grain at apex and foot")  # these are in the scatter
+    # a side's roughness is in the scatter; the top grain is one and the same in every view, so its doubt stays
+    independent = () if alone else ("grain roughness",)
     parts = sorted({part for one in ones for part in one.budget if part not in independent})
     budget = {part: float(np.mean([one.budget.get(part, 0.0) for one in ones])) for part in parts}
     deviation = 0.0 if alone else float(values.std(ddof=1))
