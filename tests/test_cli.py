@@ -290,7 +290,7 @@ def test_results_are_written_even_when_nobody_listens(tmp_path):
 def test_a_comparison_shows_the_results_first_and_says_why_a_number_is_doubtful(capfd):
     from datetime import UTC, datetime
 
-    from rigtwin.cli import _show_comparison
+    from rigtwin.commands.show import show_comparison
     from rigtwin.compare.comparison import Comparison, Outcome
     from rigtwin.compare.deviation import deviations
     from rigtwin.compare.twin import Twin
@@ -304,7 +304,7 @@ def test_a_comparison_shows_the_results_first_and_says_why_a_number_is_doubtful(
     ]
     twin = Twin("drop", Evaluation(tuple(found)), {})
     rows = deviations(lab.experiments[0].id, "drop", found, found)
-    _show_comparison(Comparison(lab, (Outcome(lab.experiments[0], (), (), twin, rows),), 1, datetime.now(UTC)))
+    show_comparison(Comparison(lab, (Outcome(lab.experiments[0], (), (), twin, rows),), 1, datetime.now(UTC)))
     said = capfd.readouterr().out
     assert "bounce 1" in said
     assert "bounce 2" not in said
