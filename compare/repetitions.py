@@ -11,13 +11,22 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from rigtwin.lab.errors import RigtwinError
 from rigtwin.lab.notebook import Experiment
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement
-from rigtwin.lab.rigs import DropSettings, PendulumSettings
+from rigtwin.lab.rigs import (
+    DropSettings,
+    DrumSettings,
+    PackingSettings,
+    PendulumSettings,
+    PileSettings,
+    TiltSettings,
+)
 
 
 @dataclass(frozen=True)
@@ -143,34 +152,28 @@ def _start_worker() -> None:
 
 
 def _measure(experiment: Experiment, views: Sequence[Path], out: Path | None) -> Measurement:
-    rig, particle, camera = experiment.rig, experiment.particle, experiment.camera
-    if isinstance(rig, DropSettings):
-        from rigtwin.measure import drop
+    rig, camera = experiment.rig, experiment.camera
+    ruler = import_module(f"rigtwin.measure.{rig.name}")
+    media = list(views) if isinstance(rig, (PackingSettings, PileSettings)) else views[0]
+    measurement: Measurement = ruler.measure(media, camera, **known(experiment), out=out, progress=silent)
+    return measurement
 
-        density = particle.effective_density
-        return drop.measure(
-            views[0], camera, bead_diameter=particle.diameter, bead_density=density, out=out, progress=silent
-        )
-    if isinstance(rig, PendulumSettings):
-        from rigtwin.measure import pendulum
 
-        return pendulum.measure(
-            views[0],
-            camera,
-            variant=rig.variant,
-            length=rig.length,
-            bead_diameter=particle.diameter,
-            bead_mass=particle.mass,
-            out=out,
-            progress=silent,
-        )
-    from rigtwin.measure import pile
-
-    return pile.measure(
-        list(views),
-        camera,
-        base_diameter=rig.base_diameter,
-        bead_diameter=particle.diameter,
-        out=out,
-        progress=silent,
-    )
+def known(experiment: Experiment) -> dict[str, Any]:
+    """What the ruler of the experiment's rig is told beforehand, by keyword."""
+    rig, particle = experiment.rig, experiment.particle
+    told: dict[str, Any] = {"bead_diameter": particle.diameter}
+    match rig:
+        case DropSettings():
+            return told | {"bead_density": particle.effective_density}
+        case PendulumSettings():
+            return told | {"variant": rig.variant, "length": rig.length, "bead_mass": particle.mass}
+        case TiltSettings():
+            return told | {"variant": rig.variant, "arm_length": rig.arm_length}
+        case PackingSettings():
+            return told | {"cylinder_diameter": rig.cylinder_diameter, "total_mass": rig.total_mass}
+        case PileSettings():
+            return told | {"base_diameter": rig.base_diameter}
+        case DrumSettings():
+            return told | {"drum_diameter": rig.drum_diameter, "speed": rig.speed}
+    return told | {"bin_width": rig.bin_width, "total_mass": rig.total_mass}

@@ -231,6 +231,7 @@ def twin_of(
         assert experiment.wall is not None
         twin = drop_twin(rig.rig(start), particle, experiment.wall, contacts[0], frame_rate=rate, progress=progress)
     else:
+        assert isinstance(rig, PendulumSettings)
         pendulum = rig.rig(start)
         watched = _watched(pendulum, rate, measurements)
         twin = pendulum_twin(pendulum, particle, contacts[0], frame_rate=rate, duration=watched, progress=progress)
