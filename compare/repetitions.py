@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 import re
-import signal
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from rigtwin.compare.processes import interrupts_held, spawned
 from rigtwin.lab.errors import RigtwinError
 from rigtwin.lab.notebook import Experiment
 from rigtwin.lab.progress import Progress, silent
@@ -55,34 +52,16 @@ def measure_repetition(experiment: Experiment, views: Sequence[Path], out: Path 
 
 @contextmanager
 def measuring(experiments: Sequence[Experiment], out: Path, workers: int | None = None) -> Iterator[Pending]:
-    """Start measuring all repetitions; the block may do other work before it asks for `Pending.results`.
-
-    Processes are spawned, never forked: a simulation may already run in this one.
-    """
+    """Start measuring all repetitions; the block may do other work before it asks for `Pending.results`."""
     jobs = [
         (experiment, views, folder)
         for experiment, place in zip(experiments, folders(experiments), strict=True)
         for views, folder in zip(experiment.repetitions, _places(experiment, out / place), strict=True)
     ]
-    workers = max(1, min(workers or os.cpu_count() or 1, len(jobs)))
-    others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_start_worker)
-    try:
-        with _interrupts_held():
+    with spawned(len(jobs), workers) as pool:
+        with interrupts_held():
             pending = [(item.id, pool.submit(measure_repetition, item, views, folder)) for item, views, folder in jobs]
         yield Pending(pending)
-    except BrokenProcessPool:
-        raise RigtwinError(
-            "a measuring process ended before its time, most likely for want of memory; "
-            "close other programs and run again, or measure the clips one by one."
-        ) from None
-    except BaseException:
-        # nobody will read what is still being measured: do not let the person wait for it
-        for process in set(multiprocessing.active_children()) - others:
-            process.terminate()
-        raise
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
 
 
 @dataclass(frozen=True)
@@ -126,29 +105,6 @@ def _places(experiment: Experiment, folder: Path) -> list[Path]:
     if len(set(stems)) == len(stems):
         return [folder] * len(experiment.repetitions)
     return [folder / f"r{number:02d}" for number in range(1, len(experiment.repetitions) + 1)]
-
-
-@contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Processes started inside begin with Ctrl-C held back, until they are ready to die of it without a traceback."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _start_worker() -> None:
-    """Ctrl-C ends a worker at once and without words; the main process does the talking."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    import cv2
-
-    cv2.setNumThreads(1)  # the pool already uses every core
 
 
 def _measure(experiment: Experiment, views: Sequence[Path], out: Path | None) -> Measurement:
