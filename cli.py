@@ -9,14 +9,14 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from rigtwin import __version__
 from rigtwin.commands import measure, simulate
 from rigtwin.commands.options import Heaps, Json, Out, Quiet, Seed, Threads
-from rigtwin.commands.show import print_json, progress_bars, show_comparison
+from rigtwin.commands.show import print_json, progress_bars, show_comparison, show_reproduction
 
 app = typer.Typer(
     name="rigtwin",
@@ -130,6 +130,42 @@ def compare(
         as_json=as_json,
         quiet=quiet,
     )
+
+
+@app.command()
+def reproduce(
+    reference: Annotated[Literal["hlosta2020"], typer.Argument(help="The published tables: hlosta2020.")],
+    *,
+    table: Annotated[
+        list[int] | None, typer.Option("--table", metavar="N", help="Only this table; may be given again.")
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="A representative part, in minutes.")] = False,
+    repetitions: Annotated[
+        int | None, typer.Option("--repetitions", min=1, help="Runs with different seeds per cell.")
+    ] = None,
+    workers: Annotated[int | None, typer.Option("--workers", min=1, help="Runs at a time; one per core.")] = None,
+    seed: Seed = 1,
+    out: Out = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """The published tables beside what our twins give with the published parameters; resumes where it was stopped."""
+    from rigtwin.compare.reproduce.reproduction import reproduce as fill
+
+    with progress_bars(as_json or quiet) as progress:
+        found = fill(
+            out or Path("out/reproduce") / reference,
+            tables=table,
+            quick=quick,
+            repetitions=repetitions,
+            seed=seed,
+            workers=workers,
+            progress=progress,
+        )
+    if as_json:
+        print_json(found.to_json())
+    elif not quiet:
+        show_reproduction(found)
 
 
 def main() -> None:

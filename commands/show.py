@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from rigtwin.compare.comparison import Comparison
+    from rigtwin.compare.reproduce.reproduction import Reproduction
     from rigtwin.compare.twin import Twin
     from rigtwin.lab.progress import Progress
     from rigtwin.lab.quantity import Check, Measurement, Quantity
@@ -123,6 +124,42 @@ def show_comparison(comparison: Comparison) -> None:
         for warning in outcome.warnings:
             console.print(f"[yellow]warning:[/yellow] {escape(outcome.experiment.id)}: {escape(warning)}")
     for path in comparison.files.values():
+        typer.echo(f"wrote {path}")
+
+
+def show_reproduction(reproduction: Reproduction) -> None:
+    """The paper's cells beside ours."""
+    from rich.table import Table
+
+    from rigtwin.compare.reproduce.reproduction import number
+    from rigtwin.compare.wording import percent
+
+    console = _console()
+    for score in reproduction.scores:
+        table = Table(title=f"Table {score['table']}", title_justify="left")
+        for column in ("cell", "quantity", "paper experiment", "paper DEM", "ours", "paper DEM off", "ours off"):
+            table.add_column(column, justify="left" if column in ("cell", "quantity") else "right")
+        for row in reproduction.rows:
+            if row["table"] == score["table"]:
+                table.add_row(
+                    row["row"],
+                    f"{row['quantity'].replace('_', ' ')} [dim]{escape(row['unit'])}[/dim]",
+                    number(row["paper_experiment"], row["paper_experiment_std"]),
+                    number(row["paper_dem"], row["paper_dem_std"]),
+                    number(row["ours"], row["ours_std"]),
+                    percent(row["paper_dem_percent_deviation"], None),
+                    percent(row["ours_percent_deviation"], None),
+                )
+        console.print(table)
+        if score["judged"]:
+            console.print(
+                f"{score['no_further']} of {score['judged']} cells no further from the experiment than the paper's DEM"
+            )
+    for words in reproduction.assumptions.values():
+        console.print(f"[dim]assumed:[/dim] {escape(words)}")
+    for name, words in reproduction.done.failures.items():
+        console.print(f"[red]failed[/red] {escape(name)}: {escape(words)}")
+    for path in reproduction.files.values():
         typer.echo(f"wrote {path}")
 
 
