@@ -6,6 +6,7 @@ leaves unsaid is an argument with the inferred value as its default, and `ASSUME
 
 from __future__ import annotations
 
+from dataclasses import replace
 from statistics import fmean
 from typing import Any
 
@@ -18,15 +19,18 @@ RIM = 10e-3  # [m]
 PILED = 1.6  # beads poured over those that a heap of 30 degrees and a full bowl would hold
 
 ASSUMED = {
-    "rim": "the bowls have a rim of 10 mm and the base of the triangle is the bowl's plate (the paper gives neither; "
-    "without a rim no pile stands)",
+    "rim": "the bowls have a rim of 10 mm, and what stands above it is read, as a camera beside the bowl sees it (the "
+    "paper gives neither; without a rim no pile stands)",
     "piled": "1.6 times as many particles are poured as bowl and heap hold; the surplus falls over the rim",
 }
 
 
 def piling(particle: str, *, base_diameter: float, seed: int, wall: str = "steel", rim: float = RIM) -> dict[str, Any]:
     """Angles of repose [deg] of one pile, means over four views and both sides (tables 14 and 15)."""
+    import numpy as np
+
     from rigtwin.compare.twin import pile_twin
+    from rigtwin.measure import pile
 
     bead = hlosta2020.particle(particle)
     rig = Pile(base_diameter, rim)
@@ -40,7 +44,10 @@ def piling(particle: str, *, base_diameter: float, seed: int, wall: str = "steel
         seed=seed,
         threads=1,
     )
-    return {**_angles(twin.evaluation), **_course(twin)}
+    above = [replace(profile, height=np.maximum(profile.height - rim, 0.0)) for profile in twin.profiles]
+    seen = pile.evaluate(above, base_diameter=base_diameter, bead_diameter=bead.diameter)
+    from_plate = {f"{name}_from_plate": angle for name, angle in _angles(twin.evaluation).items()}
+    return {**_angles(seen), **from_plate, **_course(twin)}
 
 
 def piled_count(base_diameter: float, rim: float, volume: float) -> int:
