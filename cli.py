@@ -180,8 +180,11 @@ def run(arguments: list[str]) -> int:
     as_json = "--json" in arguments
     try:
         code = app(arguments, prog_name="rigtwin", standalone_mode=False)
-    except typer.TyperException as error:  # unknown option, missing argument; no words after a command alone
-        return _fail("usage", _usage(error), 2, as_json) if error.format_message() else 2
+    except typer.TyperException as error:  # unknown option, missing argument
+        if type(error).__name__ == "NoArgsIsHelpError":  # a group alone: its words are the whole help page
+            typer.echo(error.format_message(), err=True)
+            return 2
+        return _fail("usage", _usage(error), 2, as_json)
     except BrokenPipeError:  # the reader of stdout left, as in `rigtwin ... | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
@@ -224,7 +227,8 @@ def _fail(kind: str, message: str, code: int, as_json: bool) -> int:
 def _usage(error: typer.TyperException) -> str:
     context = getattr(error, "ctx", None)
     command = context.command_path if context is not None else "rigtwin"
-    return f"{error.format_message().rstrip('.')}; see `{command} --help`."
+    words = error.format_message().replace("Value error, ", "").replace("'. Did you mean", "'; did you mean")
+    return f"{words.rstrip('.?')}; see `{command} --help`."
 
 
 def _compare(

@@ -45,6 +45,9 @@ CAMERA: dict[str, Any] = {
 }
 """What the person says of the camera; the same words are keys of ``[experiments.camera]`` in lab.toml."""
 
+SHORTEST, LARGEST_BEAD = 1e-6, 0.5  # [m], what a camera resolves, and a unit that was forgotten
+HEAVIEST = 25_000.0  # [kg/m^3], osmium has 22 600
+
 PHOTO = ("scale", "known_length", "region", "camera_roll")
 
 Seed = Annotated[int, typer.Option("--seed", help="Seed of everything random in the twin.")]
@@ -116,9 +119,11 @@ def needed(text: str, dimension: str, name: str) -> float:
 
     value = parsed(text, dimension, name)
     if value <= 0:
-        raise BadQuantity(f"{name}: {text!r} cannot be used; it must be above zero.")
-    if dimension == "length" and value > LONGEST:
-        raise BadQuantity(f"{name}: {text!r} is {value:g} m; write a length with its unit, like '300mm'.")
+        raise BadQuantity(f"{name}: {text!r} is not above zero; give a positive value.")
+    bead = name == "--bead-diameter"
+    if dimension == "length" and not SHORTEST <= value <= (LARGEST_BEAD if bead else LONGEST):
+        what, example = ("a bead's diameter", "6mm") if bead else ("a length", "300mm")
+        raise BadQuantity(f"{name}: {text!r} is {value:g} m; write {what} with its unit, like {example!r}.")
     return value
 
 
@@ -132,12 +137,23 @@ def density(given: str | None, mass: str | None, diameter: float | None) -> floa
     from rigtwin.lab.errors import BadInput
 
     if mass is None:
-        return positive(given, "density", "--bead-density")
+        return _possible(positive(given, "density", "--bead-density"), "--bead-density")
     if given is not None:
         raise BadInput("--bead-mass and --bead-density are both given; leave one of them out.")
     if diameter is None:
         raise BadInput("--bead-mass alone says nothing of the density; give --bead-diameter too.")
-    return needed(mass, "mass", "--bead-mass") / (math.pi / 6 * diameter**3)
+    return _possible(needed(mass, "mass", "--bead-mass") / (math.pi / 6 * diameter**3), "--bead-mass")
+
+
+def _possible(value: float | None, name: str) -> float | None:
+    from rigtwin.lab.errors import BadQuantity
+
+    if value is not None and value > HEAVIEST:
+        raise BadQuantity(
+            f"{name}: the bead would weigh {value:.3g} kg/m^3, more than any metal; "
+            "check its unit and the bead's diameter."
+        )
+    return value
 
 
 def all_different(photos: Sequence[Path]) -> None:

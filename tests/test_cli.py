@@ -195,6 +195,11 @@ def test_an_unknown_experiment_is_refused_with_the_known_ones(tmp_path, capfd):
         (["measure", "drop", "x.mp4", "--region", "nan,0,10,10"], "--region"),
         (["measure", "drop", "x.mp4", "--frame-rate", "1e300Hz"], "frame rate"),
         (["measure", "pile", "x.jpg", "./x.jpg"], "given twice"),
+        (["measure", "drop", "x.mp4", "--bead-diameter", "6"], "is 6 m; write a bead's diameter with its unit"),
+        (["measure", "drop", "x.mp4", "--bead-diameter", "1e-30mm"], "is 1e-33 m; write"),
+        (["measure", "drop", "x.mp4", "--bead-diameter", "0mm"], "is not above zero"),
+        (["measure", "drop", "x.mp4", "--bead-diameter", "6mm", "--bead-mass", "71g"], "more than any metal"),
+        (["measure", "drop", "x.mp4", "--bead-density", "568000kg/m^3"], "more than any metal"),
         (["simulate", "drop", "--drop-height", "300mm", "--wall", "wood_ash"], "D6-wood_ash"),
         (["measure", "drop", "x.mp4", "--bead-mass", "0.1g"], "--bead-diameter"),
         (["measure", "pendulum", "x.mp4", "--variant", "triple"], "--variant"),
@@ -209,6 +214,17 @@ def test_an_unknown_experiment_is_refused_with_the_known_ones(tmp_path, capfd):
 )
 def test_a_wrong_option_is_refused_with_its_name(arguments, word, capfd):
     refused(arguments, capfd, word)
+
+
+def test_a_group_of_commands_alone_shows_its_help_page_line_by_line(capfd):
+    assert run(["measure"]) == 2
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert "\n  pendulum " in err
+
+
+def test_a_misspelt_command_is_answered_in_one_sentence(capfd):
+    refused(["measur", "drop"], capfd, "'measur'; did you mean 'measure'; see")
 
 
 def test_a_fault_of_the_program_is_one_sentence_and_code_1(monkeypatch, capfd):

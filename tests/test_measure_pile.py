@@ -502,3 +502,12 @@ def test_a_heap_cut_by_the_picture_edge_is_doubtful(tmp_path: Path) -> None:
         found = angle(result, name, "mean")
         assert found.doubtful
         assert found.std_uncertainty > 2
+
+
+def test_the_picture_shows_the_uncertainty_that_the_table_shows():
+    from rigtwin.measure.pile_pictures import _labels
+
+    angle = Quantity("angle_of_repose_graphical", 28.04, 1.21, "deg", "line 15-85 %", 1, {"side": "left"}, {}, "")
+    first, _ = _labels(Evaluation((angle,), (), ()))
+    assert "left 28.0 +- 1.2" in first
+    assert "standard uncertainty" in first
