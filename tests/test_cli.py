@@ -164,6 +164,11 @@ def test_a_missing_key_in_the_lab_file_is_refused_with_its_name(tmp_path, capfd)
     refused(["compare", folder], capfd, "lab.toml", "particle", "missing")
 
 
+def test_a_misspelt_key_is_named_before_the_key_that_is_then_missing(tmp_path, capfd):
+    folder = lab_with(tmp_path, 'wall = "steel"', 'wal = "steel"')
+    refused(["compare", folder], capfd, ".wal:", "wall", "and 1 more")
+
+
 def test_a_lab_whose_only_repetition_shows_no_bounce_is_refused_by_name(tmp_path, capfd):
     assert run(["compare", str(lab_with(tmp_path)), "--json"]) == 2
     message = json.loads(capfd.readouterr().out)["error"]["message"]
