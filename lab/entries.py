@@ -47,8 +47,13 @@ class Document:
         return self.lines[key]
 
     def error(self, problems: Iterable[Problem]) -> BadLabFile:
-        """One sentence on the first problem by line, and how many more there are."""
-        first, *others = sorted(dict.fromkeys(problems), key=lambda problem: self.line(problem.key))
+        """One sentence on the first problem by line, and how many more there are.
+
+        A missing key comes last: it may be the misspelt one.
+        """
+        first, *others = sorted(
+            dict.fromkeys(problems), key=lambda problem: (problem.key not in self.lines, self.line(problem.key))
+        )
         where = f"{self.path}, line {self.line(first.key)}: "
         key = f"{dotted(first.key)}: " if first.key else ""
         more = f" (and {len(others)} more)" if others else ""
@@ -99,7 +104,7 @@ def _quantity(dimension: str, lowest: float = -math.inf, highest: float = math.i
     def parse(value: Any) -> float:
         number = si(value, dimension)
         if number < lowest or number > highest or (open_low and number == lowest):
-            raise BadInput(f"{value!r} cannot be; it must be {_limits(lowest, highest, open_low)}.")
+            raise BadInput(f"{value!r} is out of range; it must be {_limits(lowest, highest, open_low)}.")
         return number
 
     return _edge(parse)

@@ -164,6 +164,11 @@ def test_a_missing_key_in_the_lab_file_is_refused_with_its_name(tmp_path, capfd)
     refused(["compare", folder], capfd, "lab.toml", "particle", "missing")
 
 
+def test_a_misspelt_key_is_named_before_the_key_that_is_then_missing(tmp_path, capfd):
+    folder = lab_with(tmp_path, 'wall = "steel"', 'wal = "steel"')
+    refused(["compare", folder], capfd, ".wal:", "wall", "and 1 more")
+
+
 def test_a_lab_whose_only_repetition_shows_no_bounce_is_refused_by_name(tmp_path, capfd):
     assert run(["compare", str(lab_with(tmp_path)), "--json"]) == 2
     message = json.loads(capfd.readouterr().out)["error"]["message"]
@@ -290,12 +295,29 @@ def test_a_results_folder_that_is_a_file_is_refused_by_name(tmp_path, capfd):
 
 
 @pytest.mark.usefixtures("started_engine")
-def test_a_twin_that_cannot_fit_into_memory_is_refused(capfd):
-    arguments = ["simulate", "drop", "--drop-height", "300mm", "--duration", "1e12s", "--out", "twin"]
-    refused(arguments, capfd, "memory")
+def test_a_twin_that_does_not_fit_into_memory_is_refused(monkeypatch, capfd):
+    def too_much(*arguments, **settings):
+        raise MemoryError
+
+    monkeypatch.setattr("rigtwin.compare.twin.drop_twin", too_much)
+    refused(["simulate", "drop", "--drop-height", "300mm"], capfd, "memory")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="closing a descriptor in the shell")
+def test_a_twin_too_short_to_measure_gets_advice_on_its_settings(capfd):
+    arguments = ["simulate", "drop", "--drop-height", "300mm", "--duration", "0.1s"]
+    refused(arguments, capfd, "the twin of the drop gives nothing to measure", "try a higher frame rate")
+    assert run(arguments) == 2
+    assert "film" not in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "rig", [["drop", "--drop-height", "300mm"], ["pendulum", "--length", "300mm", "--release-angle", "45deg"]]
+)
+def test_a_twin_of_a_million_seconds_is_refused_at_once(rig, capfd):
+    refused(["simulate", *rig, "--duration", "1e6s"], capfd, "2.4e+08 frames", "shorter duration")
+
+
 def test_results_are_written_even_when_nobody_listens(tmp_path):
     command = f"{sys.executable} -m rigtwin simulate drop --drop-height 100mm --frame-rate 1kHz --out twin >&-"
     done = subprocess.run(["sh", "-c", command], cwd=tmp_path, capture_output=True, text=True, check=False)
