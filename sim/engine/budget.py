@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from rigtwin.sim.engine.contact import STIFFNESS
 from rigtwin.sim.engine.walls import Shape, Vector, gaps
+
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.bulk import Grains
 
 Array = npt.NDArray[np.float64]
 
@@ -43,14 +47,12 @@ def measure(
     shapes: Sequence[Shape],
     laws: tuple[Array, Array],
     *,
+    grains: Grains,
     gravity: Vector,
-    time_step: float,
 ) -> Budget:
-    """The budget of the beads in `rows` (as exported by the arena), of which the pairs `near` may touch."""
-    position, radius, mass, inertia = rows[:, 0:3], rows[:, 9], rows[:, 10], rows[:, 11]
+    """The budget of `grains`, whose spheres are `rows` (as exported by the arena); the pairs `near` may touch."""
+    position, radius = rows[:, 0:3], rows[:, 9]
     kind = rows[:, 19].astype(int)
-    velocity = rows[:, 3:6] + 0.5 * time_step * rows[:, 12:15]
-    spin = rows[:, 6:9] + 0.5 * time_step * rows[:, 15:18]
 
     one, other = near.T
     overlap = radius[one] + radius[other] - np.linalg.norm(position[one] - position[other], axis=1)
@@ -66,8 +68,8 @@ def measure(
         elastic += _hertz(laws[1][kind[at_wall], k, STIFFNESS], radius[at_wall], deep[at_wall])
     depth = np.concatenate(depths)
     return Budget(
-        kinetic=float(0.5 * np.sum(mass * (velocity**2).sum(1) + inertia * (spin**2).sum(1))),
-        potential=float(-np.sum(mass * (position @ np.array(gravity)))),
+        kinetic=grains.kinetic_energy,
+        potential=float(-np.sum(grains.mass * (grains.position @ np.array(gravity)))),
         elastic=elastic,
         beads=len(rows),
         contacts=len(one),

@@ -25,7 +25,10 @@ State = dict[str, npt.NDArray[Any]]
 """Arrays by name."""
 
 # written anew before they are read; everything else in an arena is kept, whatever is added to it one day
-SCRATCH = frozenset({"spare", "spare_near", "spare_history", "cell_first", "cell_of", "order", "fill", "pair_force"})
+SCRATCH = frozenset(
+    {"spare", "spare_near", "spare_history", "spare_member", "cell_first", "cell_of", "order", "fill", "pair_force"}
+    | {"body_new"}
+)
 
 
 def read_arena(arena: at.Arena) -> State:
