@@ -43,7 +43,30 @@ class Pile:
     variant: Literal["piling"] = "piling"
 
 
-Rig = Drop | Pendulum | Pile
+@dataclass(frozen=True)
+class Packing:
+    """Particles pour from a hopper, as its slide is drawn, into a measuring cylinder (fig. 4).
+
+    The paper gives the cylinder's volume, 1000 mL, not its diameter: 65 mm follow from its masses and bed heights.
+    """
+
+    cylinder_diameter: float = 0.065  # [m], inside
+    cylinder_height: float = 0.302  # [m], inside; with 65 mm it holds 1000 mL
+    outlet_diameter: float | None = None  # [m], of the hopper; None: 0.6 of the cylinder
+    fall_height: float = 0.02  # [m], from the outlet to the cylinder's rim
+
+
+@dataclass(frozen=True)
+class Tilt:
+    """A plate turns slowly about a hinge until the body on it slides or rolls (figs 3a and 3d)."""
+
+    variant: Literal["slide", "roll"]
+    speed: float = 0.0175  # [rad/s], of the plate; about one degree per second
+    start_angle: float = 0.0  # [rad], of the plate where the film begins
+    plate_length: float = 0.2  # [m], from the hinge; the body lies in its middle
+
+
+Rig = Drop | Pendulum | Pile | Packing | Tilt
 
 
 @dataclass(frozen=True)

@@ -151,6 +151,9 @@ def _check(
         raise BadInput(
             f"walls: they are made of {count} parts; this path takes {ELEMENTS}, use the bulk engine for larger meshes."
         )
+    for body in bodies:
+        if body.particle.shape is not None:
+            raise BadInput(f"{body.particle.name} is a clump; this path moves spheres, use the bulk engine for clumps.")
     if len(times) == 0 or times[0] < 0 or not np.all(np.isfinite(times)) or not np.all(np.diff(times) > 0):
         raise BadInput("times: must be finite, rise, and start at or after 0 s.")
     state = np.array([[*b.position, *b.velocity, *b.spin, *(b.pivot or ())][:9] for b in bodies])
