@@ -601,6 +601,10 @@ class Background:
         """Frame numbers kept."""
         return tuple(sorted(self._frames))
 
+    def samples(self) -> dict[int, Grey]:
+        """The frames kept, by frame number."""
+        return dict(self._frames)
+
     def scene(self, bead: Mapping[int, tuple[float, float]] | None = None, reach: float = 0.0) -> Scene:
         """The still scene; `bead` maps frame numbers to bead centres [px], `reach` [px] is how far it may cover."""
         stack = np.stack([self._frames[index] for index in self.indices])
