@@ -18,46 +18,24 @@ import numpy.typing as npt
 
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.measure.bead import Background, Scene
+from rigtwin.measure.bead import Scene
 from rigtwin.measure.grains import colour_cells, rare, shares
 from rigtwin.measure.level import Upright, upright
 from rigtwin.measure.media import Video
 from rigtwin.measure.rim import Rim, find_rim, rim_of_bed
+from rigtwin.measure.still import Cut, Steadied, apart, cut_for, steadied, still_scene
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
 Map = npt.NDArray[np.float32]
 Region = tuple[float, float, float, float]
 
-FINEST = 960  # [px], longer side of the picture that is measured
 SAMPLES = 41  # frames from which the looks of bed and drum are learnt
 BEAD_SHARE = 0.04  # of the drum's diameter, a bead's size where nothing is known of it
 GRAIN_SHARE = 0.012  # likewise in a single picture, whose bed may be of powder
 STEPS = 32  # of a histogram of motion or texture
 STANDS_OUT = 1.6  # times the noise, motion that is no accident
 SHIFT = 0.8  # [1], change of the evidence that is one standard deviation of where bead ends and drum begins
-
-
-@dataclass(frozen=True)
-class Cut:
-    """The part of every frame that is measured, and at which size."""
-
-    zoom: float  # px measured per px of the clip
-    region: Region | None = None  # [px] of the clip: x, y, width, height
-
-    def seen(self, picture: Image) -> Image:
-        """The part, made smaller where the clip is larger than need be."""
-        if self.region is not None:
-            left, top, width, height = (max(round(side), 0) for side in self.region)
-            picture = picture[top : top + height, left : left + width]
-        if self.zoom >= 1:
-            return np.ascontiguousarray(picture)
-        return np.asarray(cv2.resize(picture, None, fx=self.zoom, fy=self.zoom, interpolation=cv2.INTER_AREA), np.uint8)
-
-    def in_clip(self, points: Array) -> Array:
-        """Points measured [px], shape (n, 2), as px of the clip."""
-        left, top = (max(round(side), 0) for side in self.region[:2]) if self.region is not None else (0, 0)
-        return np.asarray(points / self.zoom + np.array([left, top]))
 
 
 @dataclass(frozen=True)
@@ -112,11 +90,6 @@ class Bed:
     shows_motion: bool
 
 
-def zoom_for(width: int, height: int) -> float:
-    """Px measured per px of the clip."""
-    return min(1.0, FINEST / max(width, height))
-
-
 def follow_bed(
     video: Video,
     *,
@@ -129,12 +102,12 @@ def follow_bed(
 
     Raises `NothingToMeasure` when no turning drum with a bed in it is seen.
     """
-    lens = Cut(zoom_for(video.width, video.height), region)
-    scene = _scene(video, lens)
+    lens = cut_for(video.width, video.height, region)
+    scene = still_scene(video, lens)
     wanted = set(np.unique(np.linspace(video.first, video.last, SAMPLES).round().astype(int)).tolist())
     samples, shakes = [], []
     count = video.last - video.first + 1
-    for still in _steadied(video, scene, lens):
+    for still in _stills(video, scene, lens):
         shakes.append(still.shake)
         if still.index in wanted:
             samples.append(still)
@@ -159,7 +132,7 @@ def follow_bed(
             "give a clip in which it turns."
         )
     outlines = []
-    for still in _steadied(video, scene, lens):
+    for still in _stills(video, scene, lens):
         outlines.append(_outline(still, looks, rim, turned.roll))
         progress("following the bed's surface", len(outlines), count)
     inside = motion[rim.inside(motion.shape, 0.95)]
@@ -172,7 +145,7 @@ def bed_in_photo(
     photo: Image, *, roll: float | None, bead_share: float | None, region: Region | None = None
 ) -> Bed | None:
     """The bed's surface in a single picture, None when it shows no drum with a bed."""
-    lens = Cut(zoom_for(photo.shape[1], photo.shape[0]), region)
+    lens = cut_for(photo.shape[1], photo.shape[0], region)
     image = lens.seen(photo)
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32)
     rim = find_rim(np.asarray(grey, dtype=np.float32))
@@ -189,59 +162,30 @@ def bed_in_photo(
     return Bed((outline,), rim, True, turned, bead, lens, clearness, 0.0, False)
 
 
-def _scene(video: Video, lens: Cut) -> Scene:
-    background = Background()
-    wanted = set(np.unique(np.linspace(video.first, video.last, Background.capacity).round().astype(int)).tolist())
-    for frame in video.frames():
-        if frame.index in wanted:
-            background.add(frame.index, lens.seen(frame.grey))
-    return background.scene()
-
-
-def _steadied(video: Video, scene: Scene, lens: Cut) -> Iterator[Still]:
-    """Every frame, moved back by the camera's shake, with its change against its neighbours in time."""
-    waiting: list[tuple[int, float, Image, tuple[float, float]]] = []
-    shake = (0.0, 0.0)
-    for frame in video.frames():
-        shake = scene.view(lens.seen(frame.grey), shake).shake
-        waiting.append((frame.index, frame.time, _moved(lens.seen(frame.colour), shake), shake))
+def _stills(video: Video, scene: Scene, lens: Cut) -> Iterator[Still]:
+    """Every frame with its change against its neighbours in time."""
+    waiting: list[Steadied] = []
+    for seen in steadied(video, scene, lens):
+        waiting.append(seen)
         if len(waiting) == 2:
-            yield _still(waiting[0], [waiting[1]])
+            yield _still(waiting[0], waiting[1:])
         elif len(waiting) == 3:
             yield _still(waiting[1], [waiting[0], waiting[2]])
             del waiting[0]
     if len(waiting) == 2:
-        yield _still(waiting[1], [waiting[0]])
+        yield _still(waiting[1], waiting[:1])
 
 
-def _still(
-    now: tuple[int, float, Image, tuple[float, float]], others: list[tuple[int, float, Image, tuple[float, float]]]
-) -> Still:
-    differences = [_apart(now[2], other[2]) for other in others]
-    change = np.mean(np.stack(differences), axis=0, dtype=np.float32)
-    return Still(now[0], now[1], now[2], np.asarray(change, dtype=np.float32), now[3])
-
-
-def _apart(one: Image, other: Image) -> Image:
-    """Largest difference of the three colours, pixel by pixel."""
-    blue, green, red = cv2.split(cv2.absdiff(one, other))
-    return np.asarray(cv2.max(cv2.max(blue, green), red), dtype=np.uint8)
-
-
-def _moved(picture: Image, shake: tuple[float, float]) -> Image:
-    if max(abs(shake[0]), abs(shake[1])) < 0.15:
-        return picture
-    turn = np.array([[1, 0, shake[0]], [0, 1, shake[1]]], dtype=np.float32)
-    size = (picture.shape[1], picture.shape[0])
-    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    return np.asarray(cv2.warpAffine(picture, turn, size, flags=flags, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+def _still(now: Steadied, others: list[Steadied]) -> Still:
+    change = np.mean(np.stack([apart(now.colour, other.colour) for other in others]), axis=0, dtype=np.float32)
+    return Still(now.index, now.time, now.colour, np.asarray(change, dtype=np.float32), now.shake)
 
 
 def _motion(samples: list[Still]) -> Map:
     """How much every pixel changes: between neighbouring frames, and from one end of the clip to the other."""
     quick = np.mean([still.change for still in samples], axis=0)
     slow = np.mean(
-        [_apart(one.colour, other.colour) for one, other in itertools.pairwise(samples)],
+        [apart(one.colour, other.colour) for one, other in itertools.pairwise(samples)],
         axis=0,
     )
     return np.asarray(cv2.GaussianBlur((quick + slow).astype(np.float32), (0, 0), 2.0), dtype=np.float32)
