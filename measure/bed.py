@@ -35,6 +35,7 @@ BEAD_SHARE = 0.04  # of the drum's diameter, a bead's size where nothing is know
 GRAIN_SHARE = 0.012  # likewise in a single picture, whose bed may be of powder
 STEPS = 32  # of a histogram of motion or texture
 STANDS_OUT = 1.6  # times the noise, motion that is no accident
+PIECE = 0.08  # of the bed's area, the least that still belongs to it when it is seen apart
 SHIFT = 0.8  # [1], change of the evidence that is one standard deviation of where bead ends and drum begins
 
 
@@ -314,21 +315,22 @@ def _outline(still: Still, looks: Looks, rim: Rim, roll: float) -> Outline:
 
 
 def _top(odds: Map, shift: float, bead: float) -> tuple[Array, float]:
-    """Row of the upper border of the largest group of bead pixels by column, NaN where it has none; and its area."""
+    """Row of the upper border of the large groups of bead pixels by column, NaN where there is none; and their area."""
     size = max(3, round(0.35 * bead) | 1)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
     marked = cv2.morphologyEx((odds + shift > 0).astype(np.uint8), cv2.MORPH_OPEN, kernel)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(marked, connectivity=4)
     if count < 2:
         return np.full(odds.shape[1], np.nan), 0.0
-    largest = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
-    bed = labels == largest
+    areas = stats[:, cv2.CC_STAT_AREA]
+    # a bar in front of the drum parts the bed in two; what is much smaller is in flight
+    bed = np.isin(labels, 1 + np.flatnonzero(areas[1:] > PIECE * areas[1:].max()))
     row = np.argmax(bed, axis=0)
     columns = np.arange(odds.shape[1])
     # the border lies between the last pixel above and the first below, where the odds are even
     below, above = odds[row, columns] + shift, odds[np.maximum(row - 1, 0), columns] + shift
     part = np.where((below > 0) & (above < 0), below / np.maximum(below - above, 1e-6), 0.5)
-    return np.where(bed.any(axis=0), row - part, np.nan), float(stats[largest, cv2.CC_STAT_AREA])
+    return np.where(bed.any(axis=0), row - part, np.nan), float(bed.sum())
 
 
 def _two_colours(

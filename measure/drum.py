@@ -498,7 +498,7 @@ def _checks_of_picture(bed: Bed) -> list[Check]:
         ),
         Check(
             "static_camera",
-            bed.shake < 1.0,
+            bed.shake < 3.0,
             bed.shake,
             0.0,
             f"the scene shakes by {bed.shake:.2f} px (standard deviation)"

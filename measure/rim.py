@@ -19,6 +19,7 @@ Grey = npt.NDArray[np.uint8]
 COARSE = 400  # [px], longer side of the picture in which the axis is voted for
 SPOKES = 240  # directions in which a circle's edge is looked for
 LEAST_SUPPORT = 0.3  # share of the spokes that must meet an edge of the circle
+THIN = 0.045  # of the picture, what is narrower than this is no bed
 NEAR = 0.07  # of the radius, how far the bed may end short of the wall it lies on
 
 
@@ -78,7 +79,12 @@ def rim_of_bed(moving: npt.NDArray[np.bool_]) -> Rim | None:
 
 
 def _largest(marked: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(marked.astype(np.uint8), connectivity=4)
+    """The largest thick region: bolts that turn with the flange draw a thin ring next to the bed."""
+    size = max(3, round(THIN * max(marked.shape)) | 1)
+    thick = cv2.morphologyEx(
+        marked.astype(np.uint8), cv2.MORPH_OPEN, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    )
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(thick, connectivity=4)
     if count < 2:
         return marked
     return np.asarray(labels == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA])))
