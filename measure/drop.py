@@ -36,8 +36,7 @@ from rigtwin.measure.flights import (
 from rigtwin.measure.follow import (
     Chase,
     SpotPath,
-    best_channel,
-    chase,
+    chase_path,
     find_paths,
     learn_scene,
     look_again,
@@ -372,7 +371,7 @@ def _find_bead(
         )
     best = None
     for path in likely:
-        seen = _chase_path(video, path, shakes, progress)
+        seen = chase_path(video, path, shakes, progress)
         pixels = _pixel_track(seen)
         if len(pixels.time) > 8 and best is None:
             best = seen, pixels
@@ -467,19 +466,6 @@ def _likeness(path: SpotPath, size: float | None) -> float:
     fit = 1.0 if size is None else math.exp(-(math.log(path.radius / size) ** 2))
     contrast = float(np.median([spot.contrast for spot in path.spots]))
     return way * float(np.mean(smooth)) ** 4 * math.sqrt(contrast) * fit
-
-
-def _chase_path(video: Video, path: SpotPath, shakes: Array, progress: Progress) -> Chase:
-    channel = best_channel(video, path)
-    background = learn_scene(video, path.frames[0], path.frames[-1], channel)
-    frames = np.array(path.frames)
-    centres = path.centres
-    bead = {
-        index: (float(np.interp(index, frames, centres[:, 0])), float(np.interp(index, frames, centres[:, 1])))
-        for index in background.indices
-    }
-    scene = background.scene(bead, reach=1.6 * path.radius + 6)
-    return chase(video, path, shakes, scene, channel, progress)
 
 
 def _pixel_track(seen: Chase) -> Track:

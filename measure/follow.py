@@ -303,6 +303,20 @@ def chase(
     return Chase(tuple(sightings), path, shakes, shutter, radius, scene, tuple(cuts), look, hidden)
 
 
+def chase_path(video: Video, path: SpotPath, shakes: Array, progress: Progress = silent) -> Chase:
+    """`chase` in the best channel, before the scene without the bead, wherever it rests."""
+    channel = best_channel(video, path)
+    background = learn_scene(video, path.frames[0], path.frames[-1], channel)
+    frames = np.array(path.frames)
+    centres = path.centres
+    bead = {
+        index: (float(np.interp(index, frames, centres[:, 0])), float(np.interp(index, frames, centres[:, 1])))
+        for index in background.indices
+    }
+    scene = background.scene(bead, reach=1.6 * path.radius + 6)
+    return chase(video, path, shakes, scene, channel, progress)
+
+
 def look_again(chase: Chase, expected: Mapping[int, tuple[tuple[float, float], tuple[float, float]]]) -> Chase:
     """Fit some frames again, started where the bead is expected.
 
