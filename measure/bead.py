@@ -285,12 +285,11 @@ def _fit_disc(pixels: _Pixels, prior: _Prior) -> _Fit | None:
     """Levenberg-Marquardt on all parameters together, weights and noise renewed at every turn."""
     parameters = prior.mean.copy()
     jacobian, residual = pixels.linearise(parameters)
-    noise = max(1.4826 * float(np.median(np.abs(pixels.values - np.median(pixels.values)))), 0.5)
     damping = 1e-3
     certain = 1 / prior.spread**2
+    steps = np.arange(len(certain))
     for turn in range(14):
-        if turn >= 1:
-            noise = max(1.4826 * float(np.median(np.abs(residual))), 0.4)
+        noise = _noise(residual, jacobian[:, _SHAPES])
         weights = _robust_weights(residual, noise) / noise**2
         weighted = jacobian * weights[:, None]
         information = weighted.T @ jacobian
@@ -299,7 +298,8 @@ def _fit_disc(pixels: _Pixels, prior: _Prior) -> _Fit | None:
         gained = 0.0
         for _ in range(6):
             normal = information + np.diag(certain)
-            damped = normal + np.diag(damping * np.diag(normal) + 1e-12)
+            damped = normal.copy()
+            damped[steps, steps] += damping * normal[steps, steps] + 1e-12
             tried = _bounded(parameters + np.linalg.solve(damped, pull), parameters, prior)
             tried_jacobian, tried_residual = pixels.linearise(tried)
             tried_cost = float(weights @ tried_residual**2 + certain @ (tried - prior.mean) ** 2)
@@ -309,7 +309,7 @@ def _fit_disc(pixels: _Pixels, prior: _Prior) -> _Fit | None:
                 damping = max(damping / 6, 1e-7)
                 break
             damping *= 8
-        if gained < 0.03 and turn >= 2:  # a gain of 1 would be one standard deviation
+        if gained < 0.1 and turn >= 2:  # a gain of 1 would be one standard deviation
             break
     if not np.all(np.isfinite(parameters)):
         return None
@@ -318,7 +318,7 @@ def _fit_disc(pixels: _Pixels, prior: _Prior) -> _Fit | None:
         parameters,
         information / excess + np.diag(certain),
         information / excess,
-        noise,
+        float(np.min(noise)),
         float(np.mean(np.abs(residual))),
     )
 
@@ -332,7 +332,25 @@ def _bounded(parameters: Array, before: Array, prior: _Prior) -> Array:
     return parameters
 
 
-def _robust_weights(residual: Array, noise: float) -> Array:
+def _noise(residual: Array, cover: Array) -> Array:
+    """[grey levels], of every pixel: a bead's grain and gloss are no noise of the camera, but no shading either.
+
+    `cover` is how much of each pixel the bead covers.
+    """
+    off = np.abs(residual)
+    around = max(1.4826 * _middle(off), 0.4)
+    inside = off[cover > 0.5]
+    within = max(1.4826 * _middle(inside), around) if len(inside) > 8 else around
+    return np.asarray(np.sqrt(around**2 + cover * (within**2 - around**2)))
+
+
+def _middle(values: Array) -> float:
+    """The median of many, without the care np.median takes of few."""
+    half = len(values) // 2
+    return float(np.partition(values, half)[half])
+
+
+def _robust_weights(residual: Array, noise: Array) -> Array:
     """Weights of Geman and McClure, flat up to a few times the noise: pixels of an unknown thing count little."""
     return np.asarray(1 / (1 + (residual / (4 * noise)) ** 2) ** 2)
 
@@ -409,27 +427,18 @@ class _Pixels:
         # d(cover * lit)/d(centre): the rim moves, and the shading moves with the bead
         by_x = toward * dx - cover * (light[1] - 2 * light[3] * u) / self._unit
         by_y = toward * dy - cover * (light[2] - 2 * light[3] * v) / self._unit
-        jacobian = np.zeros((len(self.x), _SHAPES + len(light)))
         ring = rim * over
-        columns = (
-            by_x,
-            by_y,
-            ring,
-            -ring * depth,
-            by_x * when,
-            by_y * when,
-            cover,
-            cover * u,
-            cover * v,
-            cover * bulge,
-        )
-        for k, column in enumerate(columns):
-            jacobian[near, k] = column.mean(axis=0)
+        columns = np.empty((_SHAPES + _LIGHTS, *dx.shape))
+        columns[0], columns[1], columns[2], columns[3] = by_x, by_y, ring, -ring * depth
+        columns[4], columns[5] = by_x * when, by_y * when
+        columns[6], columns[7], columns[8], columns[9] = cover, cover * u, cover * v, cover * bulge
+        jacobian = np.zeros((len(self.x), _SHAPES + len(light)))
+        jacobian[near, : _SHAPES + _LIGHTS] = np.add.reduce(columns, axis=1).T / count
         jacobian[:, _SHAPES + _LIGHTS :] = scene_columns
         if self.behind is None:
-            jacobian[near, _SHAPES + _LIGHTS :] *= 1 - cover.mean(axis=0)[:, None]
+            jacobian[near, _SHAPES + _LIGHTS :] *= 1 - jacobian[near, _SHAPES, None]
         model = scene
-        model[near] += (cover * over).mean(axis=0)
+        model[near] += np.add.reduce(cover * over, axis=0) / count
         return jacobian, self.values - model
 
     def near_path(self, shape: Array) -> npt.NDArray[np.intp]:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.quantity import Quantity
 from rigtwin.lab.records import Array
@@ -68,7 +69,8 @@ def write_overlay(path: Path, video: Video, beads: Beads, view: View, *, still: 
                     overlay.draw_circle(picture, place, beads.looks[bead].radius, COLOURS[bead])
             overlay.draw_text(picture, f"{frame.time:.4f} s", (6, picture.shape[0] - 6))
             film.write(picture)
-    assert kept is not None  # a clip has at least three frames
+    if kept is None:
+        raise NothingToMeasure(f"{path.stem}: no frame could be read again to draw on; copy the clip anew.")
     return kept
 
 

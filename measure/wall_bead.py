@@ -14,7 +14,7 @@ import numpy.typing as npt
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.measure.bead import BeadImage
-from rigtwin.measure.follow import Chase, SpotPath, chase_path
+from rigtwin.measure.follow import Chase, Movement, SpotPath, chase_path
 from rigtwin.measure.media import Video
 from rigtwin.measure.meeting import LOST, Path, Region, find_paths, lone_swing, with_beginning
 from rigtwin.measure.swing import fit_circle
@@ -34,7 +34,7 @@ def find_wall_bead(
     scene = still_scene({index: frame.grey for index, frame in samples.items()})
     paths = find_paths(video, scene, samples, region, progress)
     path = _whole_path(paths, *find_rebound(paths, video, stated_length))
-    return chase_path(video, path, np.zeros((0, 2)), progress)
+    return chase_path(video, path, Movement([path], np.zeros((0, 2)), frozenset()), progress)
 
 
 def find_rebound(paths: list[Path], video: Video, stated_length: float | None = None) -> tuple[Path, Path]:
