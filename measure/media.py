@@ -53,13 +53,14 @@ class Video:
     first: int  # first frame inside --start/--end
     last: int  # last frame inside --start/--end
     warnings: tuple[str, ...] = field(default=())
+    skipped: frozenset[int] = field(default=frozenset())  # pictures that `frames()` leaves out
 
     def frames(self) -> Iterator[Frame]:
         """The pictures from `first` to `last`, in order."""
         for index, picture in enumerate(_decode(self.path)):
             if index > self.last:
                 return
-            if index >= self.first:
+            if index >= self.first and index not in self.skipped:
                 yield Frame(index, float(self.times[index]), _upright(picture, _luma(picture)), picture)
             if index == self.last:
                 return  # a damaged rest of the file is never touched

@@ -29,7 +29,9 @@ from rigtwin.measure.pendulum_checks import (
     gravity_check,
     length_check,
     momentum_check,
+    timing_check,
 )
+from rigtwin.measure.repeats import without_repeats
 from rigtwin.measure.swing import (
     Mask,
     Outcome,
@@ -76,7 +78,7 @@ def measure(
         return _measure_record(
             clip, variant=variant, length=length, bead_diameter=bead_diameter, bead_mass=bead_mass, out=out
         )
-    video = open_video(clip, camera)
+    video = without_repeats(open_video(clip, camera), progress)
     film = (_watch_wall if variant == "wall" else _watch)(video, camera, length, progress)
     scale, scale_from = _scale(film, camera, length, bead_diameter)
     roll = -float(film.fit.swings["tilt"]) if camera.roll is None else camera.roll
@@ -89,7 +91,7 @@ def measure(
         bead_mass,
         shading=SHADING * scale * max(look.radius for look in film.beads.looks),
     )
-    checks = _without_circle(evaluation.checks, scale_from)
+    checks = (*_without_circle(evaluation.checks, scale_from), timing_check(video))
     seen = {
         "frame_rate_hz": video.frame_rate,
         "playback_rate_hz": video.playback_rate,
@@ -172,7 +174,7 @@ def _watch_wall(video: Video, camera: Camera, length: float | None, progress: Pr
 
 
 def _one_bead(chase: Chase, video: Video) -> Beads:
-    frames = np.arange(video.first, video.last + 1)
+    frames = np.array([index for index in range(video.first, video.last + 1) if index not in video.skipped])
     images = images_by_frame(chase, frames)
     shakes = {cut.frame: cut.shake for cut in chase.cuts}
     look = chase.look
@@ -489,7 +491,9 @@ def _degrees(outcome: Outcome) -> Outcome:
 def _quantity(
     name: str, outcome: Outcome, unit: str, method: str, detail: dict[str, Detail], *, doubtful: str
 ) -> Quantity:
-    std = root_sum_of_squares(outcome.budget)
-    return Quantity(
-        name, outcome.value, std, unit, method, detail=detail, budget=dict(outcome.budget), doubtful=doubtful
-    )
+    budget = dict(outcome.budget)
+    if doubtful:
+        # what a failed check spoils is not in the fit's own covariance
+        budget["failed check"] = 2 * root_sum_of_squares(budget)
+    std = root_sum_of_squares(budget)
+    return Quantity(name, outcome.value, std, unit, method, detail=detail, budget=budget, doubtful=doubtful)

@@ -8,6 +8,7 @@ import numpy as np
 
 from rigtwin.lab.quantity import Check
 from rigtwin.lab.rigs import GRAVITY
+from rigtwin.measure.media import Video
 from rigtwin.measure.swing import Outcome, SwingFit, frame_interval, turning_points
 
 
@@ -23,8 +24,14 @@ def doubts_of(fit: SwingFit, outcomes: dict[str, Outcome]) -> dict[str, str]:
         share = sway / outcomes["speed"].value
         collision.append(f"bead B was not at rest before the collision ({share:.1%} of A's speed)")
     first = fit.tracks[0]
-    if float(swings["release_time"]) < first.time[0] - frame_interval(first):
+    since = float(swings["release_time"]) - first.time[0]
+    if since < -frame_interval(first):
         release.append("the record begins after the release: the angle is extrapolated")
+    elif since < 2 * frame_interval(first):
+        release.append("the record begins at the release: that the bead started from rest is not seen")
+    if since < 2 * frame_interval(first):
+        # the speed at the hit follows from a fall that is taken to start from rest
+        collision.append("the record does not show bead A at rest before its fall")
     _, when = turning_points(swings, 0)
     for bead, track in enumerate(fit.tracks):
         if track.time[-1] < float(when[bead, 0]):
@@ -86,6 +93,15 @@ def gravity_check(outcomes: dict[str, Outcome]) -> Check:
         f"{found}: the scale or stated length is {abs(excess):.1%} too {word}, or the frame rate "
         f"{abs(math.sqrt(1 + excess) - 1):.1%} too {fast} (restitution and angles do not depend on either)",
     )
+
+
+def timing_check(video: Video) -> Check:
+    """Whether frames of the film repeat the one before them."""
+    frames, doubled = video.last - video.first + 1, len(video.skipped)
+    message = f"{doubled} of {frames} frames repeat the one before"
+    if doubled:
+        message = f"doubled frames: {message} and were left out: use the camera's original file"
+    return Check("frame_timing", not doubled, doubled, 0.0, message)
 
 
 def length_check(found: Outcome, stated: float) -> Check:

@@ -5,9 +5,14 @@ Where something moves, a repeated frame stands out: nothing has changed in it, a
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import numpy.typing as npt
+
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.measure.media import Video
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
@@ -37,6 +42,15 @@ class Repeats:
         """Numbers of the repeated frames; none where there are only a few."""
         marked = repeated(np.array(self._changes), noise=2.0)
         return frozenset(int(index) for index, mark in zip(self._indices, marked, strict=True) if mark)
+
+
+def without_repeats(video: Video, progress: Progress = silent) -> Video:
+    """The video that skips such frames."""
+    repeats = Repeats()
+    for frame in video.frames():
+        repeats.add(frame.index, frame.grey)
+        progress("looking for doubled frames", frame.index - video.first + 1, video.last - video.first + 1)
+    return replace(video, skipped=video.skipped | repeats.frames())
 
 
 def repeated(changes: Array, *, noise: float = 0.0) -> npt.NDArray[np.bool_]:

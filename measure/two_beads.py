@@ -103,7 +103,9 @@ def as_spots(path: Path) -> SpotPath:
 def sample_frames(video: Video, progress: Progress) -> dict[int, Frame]:
     """Frames spread evenly over the clip, by number."""
     count = video.last - video.first + 1
-    wanted = set(np.unique(np.linspace(video.first, video.last, min(SAMPLES, count)).round().astype(int)).tolist())
+    there = [index for index in range(video.first, video.last + 1) if index not in video.skipped]
+    chosen = np.unique(np.linspace(0, len(there) - 1, min(SAMPLES, len(there))).round().astype(int))
+    wanted = {there[k] for k in chosen}
     samples = {}
     for frame in video.frames():
         progress("learning the still scene", frame.index - video.first, count)

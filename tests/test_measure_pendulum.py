@@ -231,6 +231,14 @@ def test_a_record_that_ends_before_the_beads_turn_is_doubtful_about_the_angles_o
     assert not found(evaluation, "restitution_pair", "velocity", collision=1).doubtful
 
 
+def test_a_record_that_does_not_show_the_bead_at_rest_says_so_and_is_less_sure():
+    whole, late = evaluate(tracks_of(Truth())), evaluate(tracks_of(Truth(released=0.0)))
+    e, doubted = (found(each, "restitution_pair", "velocity", collision=1) for each in (whole, late))
+    assert not e.doubtful
+    assert "at rest" in doubted.doubtful
+    assert doubted.std_uncertainty > 2 * e.std_uncertainty
+
+
 def test_a_record_without_collision_or_without_second_bead_is_refused_in_one_sentence():
     still, moving = tracks_of(Truth())[::-1]
     with pytest.raises(NothingToMeasure, match="Only one bead"):
