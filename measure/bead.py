@@ -156,6 +156,7 @@ class _Fit:
     misfit: float  # [grey levels], mean absolute residual
 
 
+FLICKER = 0.01  # relative change of brightness above which a frame is levelled with an offset as well
 _SHAPES = 6
 _LIGHTS = 4
 _MOST_STEPS = 18  # of the exposure integral: a longer smear has its information at its ends and sides
@@ -523,7 +524,27 @@ class Scene:
                 ),
                 dtype=np.float32,
             )
-        return View(steady / np.float32(gain), shift)
+        if abs(gain - 1) < FLICKER:
+            return View(steady / np.float32(gain), shift, gain)
+        gain, offset = self._light(steady, gain)
+        return View((steady - np.float32(offset)) / np.float32(gain), shift, gain)
+
+    def _light(self, steady: Picture, gain: float) -> tuple[float, float]:
+        """Gain and offset of a flickering frame: black is not 0 in most videos, so a gain alone would not level it."""
+        step = max(1, min(self.picture.shape) // 60)
+        wanted, seen = (each[::step, ::step].ravel().astype(np.float64) for each in (self.picture, steady))
+        offset = 0.0
+        for _ in range(5):
+            error = seen - gain * wanted - offset
+            spread = 1.4826 * float(np.median(np.abs(error - np.median(error)))) + 0.3
+            weights = 1 / (1 + (error / (2 * spread)) ** 2) ** 2
+            middle = float(np.average(wanted, weights=weights))
+            power = float(np.average((wanted - middle) ** 2, weights=weights))
+            if power < 20:  # [grey levels squared]: one even grey tells no gain from an offset
+                return gain, float(np.average(seen - gain * wanted, weights=weights))
+            gain = float(np.average((wanted - middle) * seen, weights=weights)) / power
+            offset = float(np.average(seen - gain * wanted, weights=weights))
+        return gain, offset
 
     @cached_property
     def _anchors(self) -> tuple[Array, Array, Array, Array]:
@@ -583,6 +604,7 @@ class View:
 
     grey: Picture  # [grey levels], shape (height, width), in the scene's pixels
     shake: tuple[float, float]  # [px], where the scene's origin lies in the frame
+    gain: float = 1.0  # how bright the frame is against the scene
 
 
 class Background:
@@ -614,8 +636,9 @@ class Background:
         """The still scene; `bead` maps frame numbers to bead centres [px], `reach` [px] is how far it may cover."""
         stack = np.stack([self._frames[index] for index in self.indices])
         scene = _median_scene(stack)
-        shakes = [scene.view(frame).shake for frame in stack]
-        if np.std(np.array(shakes), axis=0).max() > 0.15:
+        views = [scene.view(frame) for frame in stack]
+        shaken = np.std(np.array([view.shake for view in views]), axis=0).max() > 0.15
+        if shaken or np.std([view.gain for view in views]) > FLICKER:
             for _ in range(2):
                 steady = [scene.view(frame).grey for frame in stack]
                 scene = _median_scene(np.clip(np.round(np.stack(steady)), 0, 255).astype(np.uint8))
