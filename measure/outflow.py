@@ -18,9 +18,9 @@ from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress
 from rigtwin.measure.bead import Scene
 from rigtwin.measure.grains import colour_cells, find_beads, rare, shares
-from rigtwin.measure.upright import Upright, upright
 from rigtwin.measure.media import Video
 from rigtwin.measure.still import Cut, Region, Steadied, apart, cut_for, steadied, still_scene
+from rigtwin.measure.upright import Upright, upright
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
