@@ -185,7 +185,10 @@ def silhouette(centres: Array, radii: Array | float, base_diameter: float, view:
     height = np.zeros(points)
     for part in np.array_split(np.arange(len(centres)), max(1, len(centres) // 1000)):
         inside = radii[part, None] ** 2 - (x - across[part, None]) ** 2
-        edge = np.where(inside >= 0, centres[part, 2, None] + np.sqrt(np.maximum(inside, 0.0)), 0.0)
+        # a point that only touches the outline would go in or out by rounding
+        edge = np.where(
+            inside > 1e-9 * radii[part, None] ** 2, centres[part, 2, None] + np.sqrt(np.maximum(inside, 0.0)), 0.0
+        )
         height = np.maximum(height, edge.max(axis=0, initial=0.0))
     return Profile(
         x=x,
