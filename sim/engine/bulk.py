@@ -26,8 +26,8 @@ from rigtwin.sim.engine import backend, bodies, budget, checkpoint
 from rigtwin.sim.engine.clock import positive
 from rigtwin.sim.engine.contact import LAW_SIZE, ROLLING, Rolling, pair_law
 from rigtwin.sim.engine.elements import Vector
-from rigtwin.sim.engine.wall_contacts import KINDS, WallTable, wall_table
-from rigtwin.sim.engine.walls import Shape, Wall, gaps
+from rigtwin.sim.engine.wall_contacts import KINDS, UNTIL, WallTable, motion_of, motion_row, wall_table
+from rigtwin.sim.engine.walls import Motion, Shape, Wall, gaps
 
 Array = npt.NDArray[np.float64]
 
@@ -281,9 +281,21 @@ class Bulk:
         """Go on from a `state` of a simulation that was made in the same way."""
         self._enter(at.arena(*map(int, state["sizes"]), self._table.room, self._rigid))
         checkpoint.write_arena(self._arena, state)
+        self._table.motion[:] = self._arena.walls.motion.to_numpy()
         self.steps, self._added = int(state["steps"]), int(state["added"])
         self._owners = np.asarray(state["owners"], dtype=np.int64)
         self._spheres = len(self._owners)
+
+    def remove_wall(self, wall: int) -> None:
+        """From now on this wall (its number in the order given) is gone."""
+        self._set_motion(wall, (*self._table.motion[wall, :UNTIL], self.time, *self._table.motion[wall, UNTIL + 1 :]))
+
+    def move_wall(self, wall: int, motion: Motion) -> None:
+        """Give a wall that has not moved yet a motion, which starts now or later."""
+        row = self._table.motion[wall]
+        if motion.start < self.time or motion_of(row).moved_by(self.time):
+            raise BadInput(f"wall {wall} has moved already, or the motion starts before {self.time:g} s; it must not.")
+        self._set_motion(wall, motion_row(self._walls[wall][0].shape, motion, float(row[UNTIL]), self.domain))
 
     @property
     def time(self) -> float:
@@ -370,6 +382,12 @@ class Bulk:
     def _wall_table(self) -> WallTable:
         return wall_table(self._walls, self._particles, skin=self._skin, domain=self.domain)
 
+    def _set_motion(self, wall: int, row: tuple[float, ...]) -> None:
+        self._mine()
+        self._table.motion[wall] = row
+        self._arena.walls.motion.from_numpy(self._table.motion)
+        self._arena.set_stale()  # walls that move are listed from farther off
+
     def _enter(self, arena: at.Arena) -> None:
         """Take an arena for this simulation; whoever had it before has lost it."""
         extent = self._high - self._low
@@ -413,11 +431,10 @@ class Bulk:
             bad = int(np.argmin(inside))
             raise BadInput(f"bead {name[bad]} starts outside the domain, at {np.round(position[bad], 6).tolist()} m.")
         tolerance = overlap * min(particle.radii)
-        for wall in self._walls:
-            motion = wall[0].motion
-            if self.time >= wall[0].until:
+        for wall, row in zip(self._walls, self._table.motion, strict=False):
+            if self.time >= row[UNTIL]:
                 continue
-            gap = gaps(wall[kind].shape, motion.undone(position, self.time) if motion else position, radii)
+            gap = gaps(wall[kind].shape, motion_of(row).undone(position, self.time), radii)
             if len(gap) and gap.min() < -tolerance:
                 bad = int(np.argmin(gap))
                 raise BadInput(f"bead {name[bad]} starts {-gap[bad] * 1e3:.3g} mm inside a wall; move it out.")
