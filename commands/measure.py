@@ -129,6 +129,41 @@ def measure_tilt(
     show_measurement(measurement, as_json, quiet)
 
 
+@app.command("packing", epilog="Example: rigtwin measure packing bed.jpg --cylinder-diameter 65mm --total-mass 212.7g")
+@filmed(*PHOTO)
+def measure_packing(
+    photos: Annotated[list[Path], typer.Argument(metavar="PHOTO...", help="Photos of one bed; several are its views.")],
+    *,
+    camera: Camera,
+    cylinder_diameter: Annotated[
+        str | None, option("--cylinder-diameter", "65mm", "Inner diameter of the cylinder.")
+    ] = None,
+    total_mass: TotalMass = None,
+    bead_diameter: BeadDiameter = None,
+    out: Out = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """A bed in a cylinder: its height and bulk density."""
+    cylinder = positive(cylinder_diameter, "length", "--cylinder-diameter")
+    mass = positive(total_mass, "mass", "--total-mass")
+    diameter = positive(bead_diameter, "length", "--bead-diameter")
+    all_different(photos)
+    from rigtwin.measure import packing
+
+    with progress_bars(as_json or quiet) as progress:
+        measurement = packing.measure(
+            photos,
+            camera,
+            cylinder_diameter=cylinder,
+            total_mass=mass,
+            bead_diameter=diameter,
+            out=out or FOLDER,
+            progress=progress,
+        )
+    show_measurement(measurement, as_json, quiet)
+
+
 @app.command("pile", epilog="Example: rigtwin measure pile front.jpg side.jpg --base-diameter 90mm --bead-diameter 6mm")
 @filmed(*PHOTO)
 def measure_pile(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -20,9 +20,14 @@ WallName = Annotated[str, option("--wall", "NAME", "steel, ... or a material of 
 Restitution = Annotated[float | None, option("--restitution", "0..1", "Restitution of the contact.")]
 StaticFriction = Annotated[float | None, option("--static-friction", "MU", "Static friction between particles.")]
 RollingFriction = Annotated[float | None, option("--rolling-friction", "MU", "Rolling friction between particles.")]
+WallFriction = Annotated[float | None, option("--static-friction", "MU", "Static friction on the plate.")]
+WallRolling = Annotated[float | None, option("--rolling-friction", "MU", "Rolling friction on the plate.")]
+Stiffness = Annotated[
+    float, typer.Option("--stiffness-factor", help="Young's moduli are multiplied by this, to save time.")
+]
 TwinRate = Annotated[str, typer.Option("--frame-rate", metavar="240Hz", help="How often the twin's record is taken.")]
 Duration = Annotated[str | None, typer.Option("--duration", metavar="1.5s", help="How long the twin is watched.")]
-Count = Annotated[int, typer.Option("--count", min=1, help="Number of particles poured on the base.")]
+Count = Annotated[int, typer.Option("--count", min=1, help="Number of particles.")]
 
 
 @app.command("drop", epilog="Example: rigtwin simulate drop --drop-height 300mm --particle D6 --wall steel")
@@ -110,16 +115,13 @@ def simulate_pile(
     rolling_friction: RollingFriction = None,
     count: Count = 1000,
     seed: Seed = 1,
-    stiffness_factor: Annotated[
-        float, typer.Option("--stiffness-factor", help="Young's moduli are multiplied by this, to save time.")
-    ] = 1e-3,
+    stiffness_factor: Stiffness = 1e-3,
     threads: Threads = None,
     out: Out = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Beads poured on a round base until a heap stands."""
-    from rigtwin.compare import cast
     from rigtwin.lab.rigs import Pile
 
     rim = parsed(rim_height, "length", "--rim-height")
@@ -128,6 +130,179 @@ def simulate_pile(
         rim,
         positive(outlet_diameter, "length", "--outlet-diameter"),
     )
+    who = _cast(particle, wall, lab, restitution, static_friction, rolling_friction)
+    from rigtwin.compare.bulk_twins import pile_twin
+
+    numerics: dict[str, Any] = {"count": count, "seed": seed, "stiffness_factor": stiffness_factor, "threads": threads}
+    with progress_bars(as_json or quiet) as progress:
+        twin = pile_twin(rig, *who, **numerics, progress=progress)
+    show_twin(twin, out or Path("out/simulate-pile"), as_json, quiet)
+
+
+@app.command("tilt", epilog="Example: rigtwin simulate tilt --variant slide --particle D6 --wall steel")
+def simulate_tilt(
+    *,
+    variant: Annotated[
+        Literal["slide", "roll"], typer.Option(help="A body that slides (glued beads), or a bead that rolls.")
+    ],
+    speed: Annotated[str, option("--speed", "1deg/s", "How fast the plate is tilted.")] = "1 deg/s",
+    particle: ParticleName = "D6",
+    wall: WallName = "steel",
+    lab: LabFolder = None,
+    static_friction: WallFriction = None,
+    rolling_friction: WallRolling = None,
+    frame_rate: TwinRate = "240Hz",
+    duration: Duration = None,
+    out: Out = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """A plate tilted until the body on it moves."""
+    from rigtwin.compare import cast
+    from rigtwin.lab.rigs import Tilt
+
+    rig = Tilt(variant, needed(speed, "angular_speed", "--speed"))
+    rate, span = needed(frame_rate, "frequency", "--frame-rate"), positive(duration, "time", "--duration")
+    model = cast.model_of(lab)
+    bead, plate = cast.particle(particle, model), cast.wall(wall, model)
+    needs = ("static_friction", "rolling_friction")
+    friction: dict[str, Any] = {"static_friction": static_friction, "rolling_friction": rolling_friction}
+    contact = cast.contact(bead.name, plate.name, model, needs, **friction)
+    from rigtwin.compare.twin import tilt_twin
+
+    with progress_bars(as_json or quiet) as progress:
+        twin = tilt_twin(rig, bead, plate, contact, frame_rate=rate, duration=span, progress=progress)
+    show_twin(twin, out or Path("out/simulate-tilt"), as_json, quiet)
+
+
+@app.command("packing", epilog="Example: rigtwin simulate packing --cylinder-diameter 65mm --particle D6 --count 1000")
+def simulate_packing(
+    *,
+    cylinder_diameter: Annotated[str, option("--cylinder-diameter", "65mm", "Inner diameter of the cylinder.")] = (
+        "65 mm"
+    ),
+    particle: ParticleName = "D6",
+    wall: WallName = "PMMA",
+    lab: LabFolder = None,
+    restitution: Restitution = None,
+    static_friction: StaticFriction = None,
+    rolling_friction: RollingFriction = None,
+    count: Count = 1000,
+    seed: Seed = 1,
+    stiffness_factor: Stiffness = 1e-3,
+    threads: Threads = None,
+    out: Out = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Particles poured into a cylinder: bed height and bulk density."""
+    diameter = needed(cylinder_diameter, "length", "--cylinder-diameter")
+    cast = _cast(particle, wall, lab, restitution, static_friction, rolling_friction)
+    from rigtwin.compare import bulk_twins
+
+    rig = bulk_twins.cylinder_for(diameter, cast[0], count)
+    numerics: dict[str, Any] = {"count": count, "seed": seed, "stiffness_factor": stiffness_factor, "threads": threads}
+    with progress_bars(as_json or quiet) as progress:
+        twin = bulk_twins.packing_twin(rig, *cast, **numerics, progress=progress)
+    show_twin(twin, out or Path("out/simulate-packing"), as_json, quiet)
+
+
+@app.command(
+    "drum", epilog="Example: rigtwin simulate drum --drum-diameter 140mm --speed 3rpm --depth 50mm --fill 0.35"
+)
+def simulate_drum(
+    *,
+    drum_diameter: Annotated[str, option("--drum-diameter", "140mm", "Inner diameter of the drum.")],
+    speed: Annotated[str, option("--speed", "3rpm", "How fast the drum turns.")],
+    depth: Annotated[str | None, option("--depth", "50mm", "Inner length of the drum; half its diameter.")] = None,
+    fill: Annotated[float | None, option("--fill", "0..1", "Share of the drum that the bed takes; 0.35.")] = None,
+    turns: Annotated[float, option("--turns", "N", "How often the drum turns.")] = 1.0,
+    particle: ParticleName = "D6",
+    wall: WallName = "PMMA",
+    lab: LabFolder = None,
+    restitution: Restitution = None,
+    static_friction: StaticFriction = None,
+    rolling_friction: RollingFriction = None,
+    count: Annotated[int | None, typer.Option("--count", min=1, help="Particles, in place of --fill.")] = None,
+    seed: Seed = 1,
+    stiffness_factor: Stiffness = 1e-3,
+    threads: Threads = None,
+    out: Out = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """A bed in a turning drum: its dynamic angle of repose and how it mixes."""
+    from rigtwin.lab.rigs import Drum
+
+    rig = Drum(
+        needed(drum_diameter, "length", "--drum-diameter"),
+        needed(speed, "angular_speed", "--speed"),
+        positive(depth, "length", "--depth"),
+        fill,
+    )
+    cast = _cast(particle, wall, lab, restitution, static_friction, rolling_friction)
+    from rigtwin.compare.bulk_twins import drum_twin
+
+    numerics: dict[str, Any] = {"seed": seed, "stiffness_factor": stiffness_factor, "threads": threads}
+    with progress_bars(as_json or quiet) as progress:
+        twin = drum_twin(rig, *cast, count=count, turns=turns, **numerics, progress=progress)
+    show_twin(twin, out or Path("out/simulate-drum"), as_json, quiet)
+
+
+@app.command(
+    "hopper", epilog="Example: rigtwin simulate hopper --variant slot --outlet 20mm --particle D6 --count 2000"
+)
+def simulate_hopper(
+    *,
+    variant: Annotated[
+        Literal["conical", "slot"], typer.Option(help="A cone with a round outlet, or two walls with a slot.")
+    ] = "conical",
+    outlet: Annotated[str, option("--outlet", "50mm", "Diameter of the outlet, or width of the slot.")],
+    bin_width: Annotated[
+        str | None, option("--bin-width", "150mm", "Width above the walls; diameter of the conical hopper's cylinder.")
+    ] = None,
+    depth: Annotated[str | None, option("--depth", "68mm", "Length of the slot.")] = None,
+    particle: ParticleName = "D6",
+    wall: WallName = "PMMA",
+    lab: LabFolder = None,
+    restitution: Restitution = None,
+    static_friction: StaticFriction = None,
+    rolling_friction: RollingFriction = None,
+    count: Count = 2000,
+    duration: Duration = None,
+    seed: Seed = 1,
+    stiffness_factor: Stiffness = 1e-3,
+    threads: Threads = None,
+    out: Out = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """A hopper that empties through its outlet: discharge time and mass flow."""
+    from rigtwin.lab.rigs import HopperSettings
+
+    width, length = positive(bin_width, "length", "--bin-width"), positive(depth, "length", "--depth")
+    rig = HopperSettings(variant, width, length, needed(outlet, "length", "--outlet")).rig()
+    span = positive(duration, "time", "--duration")
+    cast = _cast(particle, wall, lab, restitution, static_friction, rolling_friction)
+    from rigtwin.compare.bulk_twins import hopper_twin
+
+    numerics: dict[str, Any] = {"count": count, "seed": seed, "stiffness_factor": stiffness_factor, "threads": threads}
+    with progress_bars(as_json or quiet) as progress:
+        twin = hopper_twin(rig, *cast, **numerics, duration=span, progress=progress)
+    show_twin(twin, out or Path("out/simulate-hopper"), as_json, quiet)
+
+
+def _cast(
+    particle: str,
+    wall: str,
+    lab: Path | None,
+    restitution: float | None,
+    static_friction: float | None,
+    rolling_friction: float | None,
+) -> tuple[Any, Any, Any, Any]:
+    """Particle, wall, their contacts among themselves and with the wall; the options go before lab and reference."""
+    from rigtwin.compare import cast
+
     model = cast.model_of(lab)
     bead, base = cast.particle(particle, model), cast.wall(wall, model)
     contact = cast.contact(
@@ -138,20 +313,4 @@ def simulate_pile(
         static_friction=static_friction,
         rolling_friction=rolling_friction,
     )
-    wall_contact = cast.contact(bead.name, base.name, model)
-    from rigtwin.compare.twin import pile_twin
-
-    with progress_bars(as_json or quiet) as progress:
-        twin = pile_twin(
-            rig,
-            bead,
-            base,
-            contact,
-            wall_contact,
-            count=count,
-            seed=seed,
-            stiffness_factor=stiffness_factor,
-            threads=threads,
-            progress=progress,
-        )
-    show_twin(twin, out or Path("out/simulate-pile"), as_json, quiet)
+    return bead, base, contact, cast.contact(bead.name, base.name, model)

@@ -25,15 +25,30 @@ from rigtwin.lab.model import Model
 from rigtwin.lab.notebook import Experiment
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
-from rigtwin.lab.records import Profile, Track, write_profile, write_tracks
-from rigtwin.lab.reference.hlosta2020 import SOFTENING
-from rigtwin.lab.rigs import GRAVITY, Drop, DropSettings, Pendulum, PendulumSettings, Pile, PileSettings
+from rigtwin.lab.records import Profile, Series, Track, write_profile, write_series, write_tracks
+from rigtwin.lab.rigs import (
+    GRAVITY,
+    Drop,
+    DropSettings,
+    DrumSettings,
+    HopperSettings,
+    PackingSettings,
+    Pendulum,
+    PendulumSettings,
+    PileSettings,
+    Rig,
+    Tilt,
+    TiltSettings,
+)
 
 PILE_COUNT = 1000
 """Particles poured on a pile's twin where neither the lab file nor the command says how many."""
 
-# what a contact must know before its rig can be simulated
-NEEDS = {"drop": ("restitution",), "pendulum": ("restitution",)}
+BULK = (PackingSettings, PileSettings, DrumSettings, HopperSettings)
+"""Rigs of many particles: their twins wait for nothing that is measured."""
+
+NEEDS = {"drop": ("restitution",), "pendulum": ("restitution",), "tilt": ("static_friction", "rolling_friction")}
+"""What a contact must know before its rig can be simulated."""
 
 # the quantity whose measured mean starts the twin where the lab file does not state it
 STARTS_FROM = {"drop": "drop_height", "pendulum": "release_angle"}
@@ -49,6 +64,7 @@ class Twin:
     """Rig, particle, contacts and numerics as simulated, in SI."""
     tracks: tuple[Track, ...] = ()
     profiles: tuple[Profile, ...] = ()
+    series: tuple[Series, ...] = ()
     assumptions: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     set_from: dict[str, str] = field(default_factory=dict)
@@ -92,7 +108,7 @@ def drop_twin(
     return Twin(
         "drop",
         evaluation,
-        _settings(rig, particle, {f"{particle.name}-{wall.name}": contact}, frame_rate_hz=frame_rate),
+        settings_of(rig, particle, {f"{particle.name}-{wall.name}": contact}, frame_rate_hz=frame_rate),
         tracks=(track,),
         assumptions=(IDEAL, "The plate is flat, level and does not move."),
         seconds=time.perf_counter() - begun,
@@ -122,68 +138,54 @@ def pendulum_twin(
     return Twin(
         "pendulum",
         evaluation,
-        _settings(rig, particle, {f"{particle.name}-{particle.name}": contact}, frame_rate_hz=frame_rate),
+        settings_of(rig, particle, {f"{particle.name}-{particle.name}": contact}, frame_rate_hz=frame_rate),
         tracks=tuple(tracks),
         assumptions=(IDEAL, "Threads have no mass, hinges do not rub, the beads meet at the lowest point."),
         seconds=time.perf_counter() - begun,
     )
 
 
-def pile_twin(
-    rig: Pile,
+def tilt_twin(
+    rig: Tilt,
     particle: Particle,
     wall: Material,
     contact: Contact,
-    wall_contact: Contact,
     *,
-    count: int,
-    seed: int,
-    stiffness_factor: float = SOFTENING,
-    threads: int | None = None,
+    frame_rate: float,
+    duration: float | None = None,
     progress: Progress = silent,
 ) -> Twin:
-    """A heap of `count` beads poured on a round base, its profile seen from the sides."""
-    from rigtwin.measure import pile as ruler
-    from rigtwin.sim import pile
+    """A plate that rises until the body on it slides or rolls, the record taken at `frame_rate` [1/s]."""
+    from rigtwin.measure import tilt as ruler
+    from rigtwin.sim import tilt
 
     begun = time.perf_counter()
-    heap = pile.run(
-        rig,
-        particle,
-        wall,
-        contact,
-        wall_contact,
-        count=count,
-        seed=seed,
-        threads=threads,
-        progress=progress,
-        stiffness_factor=stiffness_factor,
-    )
-    with _as_a_twin("pile", "more particles, a rim, a rougher base"):
-        evaluation = ruler.evaluate(heap.profiles, base_diameter=rig.base_diameter, bead_diameter=particle.diameter)
-    contacts = {f"{particle.name}-{particle.name}": contact, f"{particle.name}-{wall.name}": wall_contact}
-    counts = {"asked": heap.asked, "placed": heap.placed, "fallen": heap.fallen, "at_rest": heap.at_rest}
+    angle, track = tilt.run(rig, particle, wall, contact, frame_rate=frame_rate, duration=duration, progress=progress)
+    evaluation = ruler.evaluate(angle, [track], variant=rig.variant, bead_diameter=particle.diameter)
     return Twin(
-        "pile",
+        "tilt",
         evaluation,
-        _settings(rig, particle, contacts, seed=seed, **counts, statistics=heap.statistics),
-        profiles=tuple(heap.profiles),
-        assumptions=tuple(f"{name.replace('_', ' ')}: {what}" for name, what in heap.assumptions.items()),
-        warnings=tuple(heap.warnings),
+        settings_of(rig, particle, {f"{particle.name}-{wall.name}": contact}, frame_rate_hz=frame_rate),
+        tracks=(track,),
+        series=(angle,),
+        assumptions=(
+            f"The plate rises by {math.degrees(rig.speed):.3g} degrees per second, steadily and without shaking.",
+            "A body that slides does not turn; a bead that rolls is a sphere.",
+        ),
         seconds=time.perf_counter() - begun,
     )
 
 
 def needs_measurement(experiment: Experiment) -> bool:
     """Whether the twin waits for what was measured: its start, its frame rate, or how long the film goes on."""
-    if isinstance(experiment.rig, PileSettings):
+    if isinstance(experiment.rig, BULK):
         return False
     stated = stated_start(experiment) is not None and experiment.camera.frame_rate is not None
     return not (isinstance(experiment.rig, DropSettings) and stated)
 
 
 def stated_start(experiment: Experiment) -> float | None:
-    """Drop height [m] or release angle [deg] as the lab file states it; None for a pile, or where it does not."""
+    """Drop height [m] or release angle [deg] as the lab file states it; None for other rigs, or where it does not."""
     rig = experiment.rig
     if isinstance(rig, DropSettings):
         return rig.drop_height
@@ -217,29 +219,56 @@ def twin_of(
     rig, particle = experiment.rig, experiment.particle
     contacts = [model.contact(*names, NEEDS.get(experiment.rig_name, PARAMETERS)) for names in experiment.contacts]
     start, set_from = _start(experiment, measurements)
-    if isinstance(rig, PileSettings):
-        assert experiment.wall is not None  # the lab file demands a wall for piles and drops
-        return pile_twin(
-            rig.rig(),
-            particle,
-            experiment.wall,
-            contacts[1],
-            contacts[0],
-            count=rig.count or count or PILE_COUNT,
-            seed=seed,
-            threads=threads,
-            progress=progress,
-        )
+    if isinstance(rig, BULK):
+        return _bulk_twin(experiment, contacts, count=count, seed=seed, threads=threads, progress=progress)
     rate = _frame_rate(experiment, measurements)
     if isinstance(rig, DropSettings):
         assert experiment.wall is not None
         twin = drop_twin(rig.rig(start), particle, experiment.wall, contacts[0], frame_rate=rate, progress=progress)
+    elif isinstance(rig, TiltSettings):
+        assert experiment.wall is not None
+        twin = tilt_twin(rig.rig(), particle, experiment.wall, contacts[0], frame_rate=rate, progress=progress)
     else:
         assert isinstance(rig, PendulumSettings)
         pendulum = rig.rig(start)
         watched = _watched(pendulum, rate, measurements)
         twin = pendulum_twin(pendulum, particle, contacts[0], frame_rate=rate, duration=watched, progress=progress)
     return replace(twin, set_from=set_from)
+
+
+def _bulk_twin(
+    experiment: Experiment,
+    contacts: Sequence[Contact],
+    *,
+    count: int | None,
+    seed: int,
+    threads: int | None,
+    progress: Progress,
+) -> Twin:
+    """The twin of a rig of many particles; `contacts` with the wall first."""
+    from rigtwin.compare import bulk_twins
+
+    rig, particle, wall = experiment.rig, experiment.particle, experiment.wall
+    assert wall is not None  # the lab file demands a wall for these rigs
+    cast = (particle, wall, contacts[1], contacts[0])
+    if isinstance(rig, DrumSettings):
+        return bulk_twins.drum_twin(
+            rig.rig(), *cast, count=rig.count or count, seed=seed, threads=threads, progress=progress
+        )
+    if isinstance(rig, PileSettings):
+        poured = rig.count or count or PILE_COUNT
+        return bulk_twins.pile_twin(rig.rig(), *cast, count=poured, seed=seed, threads=threads, progress=progress)
+    assert isinstance(rig, (PackingSettings, HopperSettings))
+    weighed = None if rig.total_mass is None else round(rig.total_mass / particle.mass)
+    filled = rig.count or weighed or count
+    if not filled:
+        raise BadInput(
+            f"{experiment.id}: how many particles there are is not known; add total_mass or count to the experiment."
+        )
+    if isinstance(rig, HopperSettings):
+        return bulk_twins.hopper_twin(rig.rig(), *cast, count=filled, seed=seed, threads=threads, progress=progress)
+    cylinder = bulk_twins.cylinder_for(rig.cylinder_diameter, particle, filled)
+    return bulk_twins.packing_twin(cylinder, *cast, count=filled, seed=seed, threads=threads, progress=progress)
 
 
 def write_twin(twin: Twin, out: Path) -> dict[str, Path]:
@@ -249,6 +278,10 @@ def write_twin(twin: Twin, out: Path) -> dict[str, Path]:
     if twin.tracks:
         files["record"] = out / f"{twin.rig}-twin-track.csv"
         write_tracks(files["record"], twin.tracks)
+    for item in twin.series:
+        name = f"{twin.rig}-twin-{item.quantity}.csv"
+        files[item.quantity] = out / name
+        write_series(out / name, item)
     for number, profile in enumerate(twin.profiles, start=1):
         name = f"{twin.rig}-twin-profile-{number}.csv"
         files[f"record_{number}"] = out / name
@@ -302,9 +335,8 @@ def _watched(rig: Pendulum, rate: float, measurements: Sequence[Measurement]) ->
     return max(film, 0.6 * period + 5 / rate)
 
 
-def _settings(
-    rig: Drop | Pendulum | Pile, particle: Particle, contacts: dict[str, Contact], **more: Any
-) -> dict[str, Any]:
+def settings_of(rig: Rig, particle: Particle, contacts: dict[str, Contact], **more: Any) -> dict[str, Any]:
+    """What a twin was run with, in SI."""
     return {
         "rig": asdict(rig),
         "particle": {**asdict(particle), "density": particle.effective_density},

@@ -6,7 +6,7 @@ Lengths in metres, angles in radians, masses in kilograms.  A field that is None
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 from rigtwin.lab.errors import BadInput
@@ -157,6 +157,10 @@ class TiltSettings:
 
     name: ClassVar[str] = "tilt"
 
+    def rig(self) -> Tilt:
+        """The rig of the twin."""
+        return Tilt(self.variant) if self.speed is None else Tilt(self.variant, self.speed)
+
 
 @dataclass(frozen=True)
 class PackingSettings:
@@ -181,6 +185,10 @@ class DrumSettings:
 
     name: ClassVar[str] = "drum"
 
+    def rig(self) -> Drum:
+        """The rig of the twin."""
+        return Drum(self.drum_diameter, self.speed, self.depth, self.fill)
+
 
 @dataclass(frozen=True)
 class HopperSettings:
@@ -194,6 +202,14 @@ class HopperSettings:
     count: int | None = None  # how many particles there are
 
     name: ClassVar[str] = "hopper"
+
+    def rig(self) -> Hopper:
+        """The rig of the twin."""
+        outlet = _stated("outlet", self.outlet, None)
+        if self.variant == "slot":
+            return Hopper(outlet, "slot", width=self.bin_width, slot_length=self.depth)
+        usual = Hopper(outlet)
+        return usual if self.bin_width is None else replace(usual, diameter=self.bin_width)
 
 
 RigSettings = (

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from rigtwin.compare import cast
-from rigtwin.compare.twin import drop_twin, needs_measurement, pendulum_twin, pile_twin, twin_of
+from rigtwin.compare.bulk_twins import pile_twin
+from rigtwin.compare.twin import drop_twin, needs_measurement, pendulum_twin, twin_of
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact

@@ -29,7 +29,7 @@ def piling(particle: str, *, base_diameter: float, seed: int, wall: str = "steel
     """Angles of repose [deg] of one pile, means over four views and both sides (tables 14 and 15)."""
     import numpy as np
 
-    from rigtwin.compare.twin import pile_twin
+    from rigtwin.compare.bulk_twins import pile_twin
     from rigtwin.measure import pile
 
     bead = hlosta2020.particle(particle)
