@@ -68,6 +68,18 @@ def find_level(
     return _fit(lines, doubt, centre, usual if converging is None else _combined(usual, converging))
 
 
+def level_of(lines: list[Line], shape: tuple[int, ...], given: float | None = None) -> Level:
+    """The direction that long edges share, and how it changes from row to row; `given` [rad] where it is known."""
+    height, width = shape[:2]
+    centre = ((width - 1) / 2, (height - 1) / 2)
+    usual = 0.0, math.tan(SIDEWAYS) / (FOCAL_WIDTHS * width)
+    good = [line for line in lines if line.sigma < POOR]
+    if given is not None or not good:
+        kept = [line for line in good if given is None or abs(line.slope - given) < PARALLEL]
+        return Level(given or 0.0, ALONE, 0.0, usual[1], tuple(kept), centre)
+    return _fit(good, np.full(len(good), ELSEWHERE), centre, usual)
+
+
 def _combined(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
     """Weighted mean of two values and its standard uncertainty."""
     weight = np.array([1 / one[1] ** 2, 1 / other[1] ** 2])

@@ -116,7 +116,7 @@ def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal
     if disc is not None and beads_across is not None:
         beads = more_beads(grey, alike, Beads(beads.centre, view.radius / beads_across))
         alike = likeness(image, beads)
-    found = _outline(image, alike, beads, view)
+    found = outline_of(image, alike, beads, view)
     if found is None:
         return None
     found = replace(found, disc=disc, zoom=zoom)
@@ -185,8 +185,13 @@ def _view_of_feet(beads: Beads, roll: float | None) -> View:
     return View((float(middle[0]), float(middle[1] + beads.radius)), turn, 0.0, 0.0, float("inf"))
 
 
-def _outline(image: Image, alike: npt.NDArray[np.float32], beads: Beads, view: View) -> Silhouette | None:
-    """The border between beads and background, column by column above the base line."""
+def outline_of(
+    image: Image, alike: npt.NDArray[np.float32], beads: Beads, view: View, *, solid: bool = False
+) -> Silhouette | None:
+    """The border between beads and background, column by column above the base line.
+
+    `solid`: below the uppermost circles there are beads everywhere, as in a filled cylinder, whatever a gap looks like.
+    """
     across = beads.centre - np.array(view.origin)
     cos, sin = np.cos(view.roll), np.sin(view.roll)
     u, h = across @ np.array([cos, sin]), across @ np.array([sin, -cos])
@@ -207,6 +212,8 @@ def _outline(image: Image, alike: npt.NDArray[np.float32], beads: Beads, view: V
     evidence = np.log((colour + 0.02) / (1.02 - colour)) + _against_local_sky(level, higher, colour, beads.radius)
     # the further above the circles found, the surer a pixel's colour has to be
     evidence = np.clip(np.clip(evidence, -3, 3) - 1.2 * higher, -3, 3)
+    if solid:
+        evidence = np.where(_above_beads(columns, rows, u, h - 2.4 * beads.radius, beads.radius) == 0, 3.0, evidence)
     borders = _edge_map(level)
     usual, looser, stricter = (
         _bead_shaped(_cheapest_border(evidence + shift, borders, 0.35 * beads.radius), beads.radius)

@@ -1,0 +1,184 @@
+"""Read a length gauge that stands in a photo: the reading in millimetres at every row, without clicks.
+
+Graduations repeat.  Along the gauge the grey level is a wave of one period per millimetre whose phase, followed from
+end to end, is the reading itself: perspective, which lets the far end's millimetres shrink, is in the phase as well.
+Which of the marks are whole centimetres shows where the marks are longer.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Grey = npt.NDArray[np.uint8]
+
+PITCH_DOUBT = 0.06  # relative, of the expected size of a millimetre
+BENDING = 0.05  # how much the pitch may change from one end to the other, by perspective
+LEAST_LENGTH = 25.0  # [mm] of a gauge in view
+CLEAR = 7.0  # strength of the wave over that of a chance one
+LONGER_MARKS = 5.0  # how much the marks at whole centimetres must stand out
+FINEST = 2.2  # [px], of a millimetre that can be told apart
+
+
+@dataclass(frozen=True)
+class Gauge:
+    """A graduated line in the picture; `row` is counted along the gauge's own direction."""
+
+    column: float  # [px], where the gauge crosses row 0 of its direction
+    lean: float  # [rad], the gauge's direction against the picture's columns, positive where its foot is further right
+    rate: tuple[float, float, float]  # reading [mm] = a + b row + c row^2, falling with the row
+    first: float  # [px], rows between which graduations are seen
+    last: float  # [px]
+    strength: float  # of the wave over a chance one
+
+    def reading(self, row: Array | float) -> Array:
+        """[mm] at a picture row on the gauge."""
+        a, b, c = self.rate
+        return np.asarray(a + b * np.asarray(row) + c * np.asarray(row) ** 2, dtype=np.float64)
+
+    def row_of(self, reading: float) -> float:
+        """Picture row [px] of a reading [mm]."""
+        a, b, c = self.rate
+        row = (reading - a) / b
+        for _ in range(20):
+            row = (reading - a - c * row * row) / b
+        return float(row)
+
+    def pitch(self, row: float) -> float:
+        """[m/px] at a picture row."""
+        return abs(self.rate[1] + 2 * self.rate[2] * row) * 1e-3
+
+    def column_at(self, row: float) -> float:
+        """Picture column [px] of the gauge at a row."""
+        return self.column + math.tan(self.lean) * row
+
+
+def find_gauge(
+    grey: Grey, columns: Array, lean: Array, expected: float, floor: float, floor_doubt: float
+) -> Gauge | None:
+    """The clearest gauge in the picture columns `columns`, whose direction there is `lean` [rad].
+
+    `expected` is the size of a millimetre [px], `floor` the row near which the gauge's zero is, `floor_doubt` how near
+    [px].  None when no graduations are seen.
+    """
+    if expected < FINEST or len(columns) == 0:
+        return None
+    best: tuple[float, int, tuple[float, float]] | None = None
+    waves = [_wave(grey, float(column), float(turn)) for column, turn in zip(columns, lean, strict=True)]
+    for k, wave in enumerate(waves):
+        found = _period(wave, expected)
+        if found is not None and (best is None or found[0] > best[0]):
+            best = found[0], k, found[1]
+    if best is None or best[0] < CLEAR:
+        return None
+    strength, k, (rate, bend) = best
+    wave = waves[k]
+    phase, first, last = _phase(wave, rate, bend)
+    if (last - first) * abs(rate) < LEAST_LENGTH:
+        return None
+    at_row_0 = _whole(waves, k, (phase, rate, bend), (first, last), floor, floor_doubt)
+    if at_row_0 is None:
+        return None
+    # readings grow upwards, rows downwards
+    return Gauge(float(columns[k]), float(lean[k]), (at_row_0, -rate, -bend), first, last, strength)
+
+
+def _wave(grey: Grey, column: float, lean: float, half_width: int = 2) -> Array:
+    """Grey level along the gauge's direction, its slow part taken out, in units of its usual size."""
+    rows = np.arange(grey.shape[0], dtype=np.float32)
+    across = np.arange(-half_width, half_width + 1, dtype=np.float32)
+    x = column + math.tan(lean) * rows[:, None] + across[None, :]
+    y = np.broadcast_to(rows[:, None], x.shape)
+    values = cv2.remap(grey, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR)
+    line = values.astype(np.float64).mean(axis=1)
+    slow = cv2.GaussianBlur(line.reshape(-1, 1), (1, 37), sigmaX=0.1, sigmaY=6.0).ravel()
+    fast = line - slow
+    size = np.sqrt(cv2.blur((fast**2).reshape(-1, 1), (1, 61)).ravel()) + 0.7
+    return np.asarray(fast / size)
+
+
+def _turns(rows: Array, rate: float, bend: float) -> Array:
+    return np.asarray(np.exp(-2j * math.pi * (rate * rows + bend * rows * rows)))
+
+
+def _period(wave: Array, expected: float) -> tuple[float, tuple[float, float]] | None:
+    """Strength of the clearest millimetre wave and its rate [1/px] and bend [1/px^2]."""
+    rows = np.arange(len(wave), dtype=np.float64)
+    middle = len(wave) / 2
+    bends = np.linspace(-BENDING, BENDING, 11) / (2 * len(wave) * expected)
+    step = 0.35 / len(wave)
+    reach = PITCH_DOUBT / expected
+    rates = np.arange(1 / expected - reach, 1 / expected + reach + step, step)
+    usual = math.sqrt(float(np.sum(wave**2)))
+    best, place = 0.0, (0.0, 0.0)
+    for bend in bends:
+        table = np.exp(-2j * math.pi * np.outer(rates, rows)) @ (
+            wave * np.exp(-2j * math.pi * bend * (rows - middle) ** 2)
+        )
+        k = int(np.argmax(np.abs(table)))
+        if abs(table[k]) > best:
+            best, place = float(abs(table[k])), (float(rates[k]), float(bend))
+    rate, bend = place
+    # bend about the middle, as reading = a + rate row + bend row^2
+    return best / usual, (rate - 2 * bend * middle, bend)
+
+
+def _phase(wave: Array, rate: float, bend: float) -> tuple[float, float, float]:
+    """Phase at row 0 [turns], and the rows between which the wave is seen."""
+    rows = np.arange(len(wave), dtype=np.float64)
+    mixed = wave * _turns(rows, rate, bend)
+    window = 15
+    local = np.convolve(mixed, np.ones(window) / window, mode="same")
+    whole = mixed.sum()
+    agreeing = np.real(local * np.conj(whole)) / (abs(whole) + 1e-9)
+    seen = agreeing > 0.35 * float(np.percentile(agreeing, 80))
+    runs = np.flatnonzero(seen)
+    pieces = np.split(runs, np.flatnonzero(np.diff(runs) > 40) + 1)
+    best = max(pieces, key=len)
+    inside = slice(int(best[0]), int(best[-1]) + 1)
+    return float(np.angle(mixed[inside].sum()) / (2 * math.pi)), float(best[0]), float(best[-1])
+
+
+def _whole(
+    waves: list[Array],
+    k: int,
+    law: tuple[float, float, float],
+    ends: tuple[float, float],
+    floor: float,
+    floor_doubt: float,
+) -> float | None:
+    """The reading at row 0 [mm]: marks lie on whole millimetres, the longer ones on whole centimetres, and the zero
+    near the floor.
+    """
+    phase, rate, bend = law
+    rows = np.arange(len(waves[0]), dtype=np.float64)
+    inside = (rows >= ends[0] - 8) & (rows <= ends[1] + 8)
+    fallen = rate * rows + bend * rows * rows
+    middle = rate * floor + bend * floor * floor
+    best, answer = LONGER_MARKS, None
+    for j in range(max(k - 14, 0), min(k + 15, len(waves))):
+        wave = waves[j][inside]
+        # marks are the thin part of the period: dark on light, or light on dark
+        sign = -1.0 if float(np.mean(wave**3)) < 0 else 1.0
+        nearest = math.ceil(middle - floor_doubt * rate)
+        start = -phase + (0.5 if sign < 0 else 0.0)
+        for whole in np.arange(nearest - 1, middle + floor_doubt * rate + 1):
+            at_row_0 = whole + (start - math.floor(start))
+            if abs(at_row_0 - middle) > floor_doubt * rate:
+                continue
+            reading = at_row_0 - fallen[inside]
+            long, half = (_tooth(reading + shift) for shift in (0.0, 5.0))
+            score = sign * float(wave @ (long - half)) / math.sqrt(float(long @ long + half @ half) + 1e-9)
+            if score > best:
+                best, answer = score, at_row_0
+    return answer
+
+
+def _tooth(reading: Array) -> Array:
+    """One at whole centimetres, zero half a millimetre from them."""
+    return np.asarray(np.exp(-0.5 * ((reading - 10 * np.round(reading / 10)) / 0.25) ** 2))

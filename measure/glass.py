@@ -1,0 +1,298 @@
+"""Find a bed of beads in a glass cylinder in a photo: its walls, its floor, its outline, and a gauge beside it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, field, replace
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.measure.gauge import Gauge, find_gauge
+from rigtwin.measure.grains import Beads, find_beads, likeness, more_beads
+from rigtwin.measure.level import Level, level_of
+from rigtwin.measure.straight import long_lines
+from rigtwin.measure.surface import Silhouette, View, outline_of
+
+Array = npt.NDArray[np.float64]
+Image = npt.NDArray[np.uint8]
+
+COARSE = 900  # [px], longer side of the picture that is searched for beads
+FEWEST = 25  # beads of a bed that can be told
+MOST_LEAN = math.radians(7)
+FOCAL_SIDES = 2.0  # usual focal length in longer sides of the picture
+USUAL_STEEPNESS = 0.5  # in bead diameters, as `Bed.steepness`
+FOCAL_DOUBT = 0.4  # standard deviation of its logarithm
+INSIDE = 0.97  # share of the inner radius in which the outline is looked for
+
+
+@dataclass(frozen=True)
+class Bed:
+    """A bed in the picture; lengths in px, rows counted down."""
+
+    axis: tuple[float, float]  # point of the axis at the floor
+    lean: float  # [rad], of the axis: positive where its foot is further right
+    roll: float  # [rad], of the horizontal: positive where it falls to the right
+    width: float  # inner width of the cylinder in the plane of its axis
+    floor_sigma: float
+    bulge: float  # how far the front of the floor hangs below its middle
+    bead_radius: float
+    gauge: Gauge | None
+    contrast: float  # [1], clearness of the outline, 1 is as clear as any edge in the picture
+    outline_doubt: float  # standard uncertainty of the mean outline
+    flaw: str  # why the outline is not to be relied on
+    longer_side: float  # of the picture
+    silhouette: Silhouette = field(repr=False)
+
+    @property
+    def floor(self) -> float:
+        return self.axis[1]
+
+    @property
+    def outline(self) -> tuple[Array, Array]:
+        """x from the axis and height above the floor, inside the cylinder."""
+        seen = np.isfinite(self.silhouette.height) & (np.abs(self.silhouette.x) < INSIDE * self.width / 2)
+        return self.silhouette.x[seen], self.silhouette.height[seen]
+
+    def gauge_rows(self, x: Array, height: Array) -> Array:
+        """Rows at which the gauge is met on the level of outline points."""
+        assert self.gauge is not None
+        points = self.silhouette.view.to_picture(x, height)
+        rows = points[:, 1].copy()
+        for _ in range(3):
+            rows = points[:, 1] + (self.gauge.column_at(float(rows.mean())) - points[:, 0]) * math.tan(self.roll)
+        return rows
+
+    def steepness(self) -> tuple[float, float]:
+        """How far the bed's far side rises over its near side in the picture, in bead diameters, and its doubt.
+
+        The front of the floor tells how steeply the camera looks down on the floor; on the surface it does by the
+        height over the camera's distance less.
+        """
+        _, height = self.outline
+        focal = FOCAL_SIDES * self.longer_side
+        fallen = float(np.mean(height)) / focal
+        steep = self.bulge / (self.width / 2) - fallen
+        doubt = math.hypot(fallen * FOCAL_DOUBT, 0.6 * self.bead_radius / (self.width / 2))
+        beads = self.width / (4 * self.bead_radius)
+        # who photographs a surface holds the camera near its height
+        share = USUAL_STEEPNESS**2 / (USUAL_STEEPNESS**2 + (doubt * beads) ** 2)
+        return float(np.clip(share * steep * beads, -1.5, 1.5)), math.sqrt(share) * doubt * beads
+
+
+def find_bed(
+    image: Image,
+    *,
+    cylinder: float | None,
+    bead: float | None,
+    roll: float | None = None,
+    region: tuple[float, float, float, float] | None = None,
+) -> Bed | None:
+    """The bed in a photo (BGR), None when there is none; `cylinder` inner and `bead` diameter [m] where known."""
+    grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+    beads = _beads(image, grey, region)
+    if beads is None or len(beads.centre) < FEWEST:
+        return None
+    upright = _upright(grey, roll)
+    ratio = cylinder / bead if cylinder and bead else None
+    middle = float(np.median(beads.centre[:, 1]))
+    column = float(np.median(beads.centre[:, 0]))
+    lean = upright.at(column)[0]
+    centre = beads.centre - np.array([column, middle])
+    across = centre[:, 0] * math.cos(lean) - centre[:, 1] * math.sin(lean)
+    down = centre[:, 1] * math.cos(lean) + centre[:, 0] * math.sin(lean)
+    left, right = _walls(across, down, beads.radius, ratio, upright, (column, middle))
+    width = right - left
+    radius = width / 2 / ratio if ratio else beads.radius
+    inside = _in_the_bed(across, down, (left, right), beads.radius)
+    if np.sum(inside) < FEWEST:
+        return None
+    floor, floor_sigma, bulge = _floor(across[inside] - (left + right) / 2, down[inside], width / 2, radius)
+    offset = (left + right) / 2
+    axis = (
+        column + offset * math.cos(lean) + floor * math.sin(lean),
+        middle - offset * math.sin(lean) + floor * math.cos(lean),
+    )
+    horizontal = -upright.at((image.shape[1] - 1) / 2)[0]
+    view = View(axis, -lean, width / 2, 0.0, math.inf)
+    kept = Beads(beads.centre[inside], radius if 0.7 < radius / beads.radius < 1.4 else beads.radius)
+    found = outline_of(image, likeness(image, kept), kept, view, solid=True)
+    if found is None:
+        return None
+    gauge = None
+    if cylinder is not None or bead is not None:
+        pixel = width / (cylinder * 1e3) if cylinder else 2 * beads.radius / (bead or 1.0) / 1e3
+        gauge = _gauge(grey, upright, (axis[0] - width / 2, axis[0] + width / 2), pixel, axis, horizontal)
+    if gauge is not None:
+        row = gauge.row_of(0.0)
+        zero = row - (gauge.column_at(row) - axis[0]) * math.tan(horizontal)
+        known = floor - (axis[1] - zero) / math.cos(lean)
+        bulge = _floor(across[inside] - offset, down[inside], width / 2, radius, known)[2]
+    bed = Bed(
+        axis,
+        lean,
+        horizontal,
+        width,
+        floor_sigma,
+        bulge,
+        kept.radius,
+        gauge,
+        found.contrast,
+        0.0,
+        "",
+        float(max(image.shape[:2])),
+        found,
+    )
+    return _judged(bed)
+
+
+def _beads(image: Image, grey: Image, region: tuple[float, float, float, float] | None) -> Beads | None:
+    shrink = min(1.0, COARSE / max(grey.shape))
+    small = grey if shrink == 1 else cv2.resize(grey, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
+    beads = find_beads(np.asarray(small, dtype=np.uint8), (0.0055 * max(small.shape), 0.045 * max(small.shape)))
+    if beads is None:
+        return None
+    beads = Beads(beads.centre / shrink, beads.radius / shrink)
+    beads = more_beads(grey, likeness(image, beads), beads)
+    if region is not None:
+        x, y, width, height = region
+        here = (np.abs(beads.centre - [x + width / 2, y + height / 2]) < [width / 2, height / 2]).all(axis=1)
+        beads = Beads(beads.centre[here], beads.radius)
+    return beads
+
+
+def _upright(grey: Image, roll: float | None) -> Level:
+    """How the vertical runs through the picture: its lean at every column, from the long upright edges."""
+    turned = np.ascontiguousarray(grey.T).astype(np.float32)
+    lines = long_lines(
+        turned, np.ones(turned.shape, dtype=bool), steepest=MOST_LEAN, shortest=0.22 * turned.shape[1], most=24
+    )
+    return level_of(lines, turned.shape, None if roll is None else -roll)
+
+
+def _walls(
+    across: Array, down: Array, radius: float, ratio: float | None, upright: Level, middle: tuple[float, float]
+) -> tuple[float, float]:
+    """Inner walls at the bed's middle row, from its outermost beads and the long upright edges next to them."""
+    # the edges are lines of the turned picture: (row, column)
+    places = [line.start[1] + (middle[1] - line.start[0]) * math.tan(line.slope) - middle[0] for line in upright.lines]
+    if ratio is not None:
+        _, once = np.unique(np.floor(np.stack([across, down]) / radius), axis=1, return_index=True)
+        starts = np.sort(across[once])
+        width = 2 * radius * ratio
+
+        def held(left: float, right: float) -> int:
+            return int(np.searchsorted(starts, right) - np.searchsorted(starts, left))
+
+        # two upright edges as far apart as the cylinder's walls, with the beads between them; the inner ones
+        pairs = [(one, two) for one in places for two in places if 0.92 * width < two - one < 1.09 * width]
+        most = max((held(*pair) for pair in pairs), default=0)
+        if most > 0.8 * max(held(start - radius, start + width) for start in starts.tolist()):
+            return min((pair for pair in pairs if held(*pair) > 0.96 * most), key=lambda pair: pair[1] - pair[0])
+        # else the strip that holds the most beads
+        first = max(starts.tolist(), key=lambda start: held(start, start + width - 1.8 * radius))
+        across = across[(across >= first) & (across <= first + width - 1.8 * radius)]
+    low, high = np.percentile(across, (2, 98))
+    ends = [float(low) - radius, float(high) + radius]
+    for side in (0, 1):
+        near = [place for place in places if abs(place - ends[side]) < 0.4 * radius]
+        if near:
+            ends[side] = min(near, key=lambda place: abs(place - ends[side]))
+    return ends[0], ends[1]
+
+
+def _in_the_bed(across: Array, down: Array, walls: tuple[float, float], radius: float) -> npt.NDArray[np.bool_]:
+    """Circles between the walls, and in rows that beads fill: what else looks round stands alone."""
+    inside = (across > walls[0]) & (across < walls[1])
+    rows = np.arange(down.min(), down.max() + radius, radius)
+    filled = []
+    for row in rows:
+        near = inside & (np.abs(down - row) < radius)
+        places = np.unique(np.floor((across[near] - walls[0]) / (2 * radius)))
+        filled.append(len(places) * 2 * radius / (walls[1] - walls[0]))
+    full = np.flatnonzero(np.array(filled) > 0.4)
+    if len(full) == 0:
+        return inside
+    runs = np.split(full, np.flatnonzero(np.diff(full) > 2) + 1)
+    best = max(runs, key=len)
+    return np.asarray(inside & (down > rows[best[0]] - 1.5 * radius) & (down < rows[best[-1]] + 1.2 * radius))
+
+
+def _floor(
+    across: Array, down: Array, half: float, radius: float, known: float | None = None
+) -> tuple[float, float, float]:
+    """Row of the floor at the axis, its doubt, and how far the floor's front hangs below it, all in px.
+
+    `known` is the row of the floor where a gauge tells it.  The lowest beads of a bed seen from above form an arc:
+    those in front touch the floor in front.
+    """
+    bins = np.linspace(-0.93 * half, 0.93 * half, 15)
+    places, lowest = [], []
+    for left, right in itertools.pairwise(bins):
+        here = (across >= left) & (across < right)
+        if np.any(here):
+            k = int(np.argmax(np.where(here, down, -np.inf)))
+            places.append(across[k])
+            lowest.append(down[k] + radius)
+    x, y = np.array(places), np.array(lowest)
+    arc = np.sqrt(np.clip(1 - (x / (half - 0.5 * radius)) ** 2, 0, 1)) * (1 - radius / half)
+    weight = np.ones_like(y)
+    answer = np.array([float(np.median(y)), 0.0])
+    for _ in range(12):
+        design = np.column_stack([np.ones_like(x), arc]) * weight[:, None]
+        if known is None:
+            answer = np.linalg.solve(design.T @ design + np.diag([0.0, 0.3]), design.T @ (y * weight))
+        else:
+            bulge = float(design[:, 1] @ ((y - known) * weight) / (design[:, 1] @ design[:, 1]))
+            answer = np.array([known, bulge])
+        answer[1] = max(answer[1], 0.0) if known is None else answer[1]
+        miss = y - answer @ np.array([np.ones_like(x), arc])
+        scale = max(1.4826 * float(np.median(np.abs(miss))), 0.1 * radius)
+        # a bead that is not seen leaves the place to one that lies higher
+        weight = np.where(miss < 0, 1 / (1 + (miss / (1.5 * scale)) ** 2), 1 / (1 + (miss / (2.5 * scale)) ** 2))
+    return float(answer[0]), max(0.35 * radius, 1.0), float(answer[1])
+
+
+def _gauge(
+    grey: Image,
+    upright: Level,
+    walls: tuple[float, float],
+    pixel: float,
+    axis: tuple[float, float],
+    horizontal: float,
+) -> Gauge | None:
+    """The gauge beside the cylinder; `pixel` is the expected size of a millimetre [px]."""
+    gap = 0.06 * (walls[1] - walls[0])
+    columns = np.concatenate([np.arange(4, walls[0] - gap, 3.0), np.arange(walls[1] + gap, grey.shape[1] - 4, 3.0)])
+    best = None
+    for side in (columns < walls[0], columns > walls[1]):
+        mine = columns[side]
+        if len(mine) < 4:
+            continue
+        lean = np.array([upright.at(column)[0] for column in mine])
+        floor = axis[1] + (float(mine.mean()) - axis[0]) * math.tan(horizontal)
+        found = find_gauge(grey, mine - np.tan(lean) * grey.shape[0] / 2, lean, pixel, floor, 4.6 * pixel)
+        if found is not None and (best is None or found.strength > best.strength):
+            best = found
+    return best
+
+
+def _judged(bed: Bed) -> Bed | None:
+    """The bed with what speaks against its outline; None when it is none."""
+    found = bed.silhouette
+    seen = np.abs(found.x) < INSIDE * bed.width / 2
+    known = seen & np.isfinite(found.height)
+    if np.sum(known) < 0.5 * np.sum(seen):
+        return None
+    apart = np.abs(found.looser[known] - found.stricter[known])
+    doubt = 0.15 * float(np.nanmean(np.minimum(apart, 4 * bed.bead_radius))) + 0.3
+    flaw = ""
+    if np.sum(known) < 0.9 * np.sum(seen):
+        flaw = "the surface is hidden in more than a tenth of the cylinder's width"
+    elif found.contrast < 0.25:
+        flaw = "the outline is hardly to be told from what is behind it"
+    elif float(np.nanmean(apart > 1.5 * bed.bead_radius)) > 0.2:
+        flaw = "a fifth of the outline depends on the level at which beads are told from what is behind them"
+    return replace(bed, outline_doubt=doubt, flaw=flaw)

@@ -1,0 +1,353 @@
+"""A cylinder filled with beads, photographed from the side: bed height and bulk density (Hlosta et al. 2020, fig. 4).
+
+The surface of a bed is a band, not a line.  `bed_height` is the mean height of the tops of the beads that form the
+surface: those with no higher bead whose centre lies within 0.8 diameters sideways of their own.  What a photo shows is
+the outline: at every place across the cylinder the highest bead along the line of sight, some 0.3 diameters higher.
+`evaluate` reads the outline and takes that off; for the mean surface with its pits see method "mean surface".
+
+A profile of `measure` runs across the cylinder, x = 0 on its axis; heights are above the cylinder's floor.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.errors import BadInput, NothingToMeasure
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, root_sum_of_squares
+from rigtwin.lab.records import Profile, read_profile
+from rigtwin.measure.glass import Bed, find_bed
+from rigtwin.measure.media import read_photo, sha256
+
+Array = npt.NDArray[np.float64]
+Image = npt.NDArray[np.uint8]
+
+# How far the mean outline stands above the mean top of the surface beads, and the mean surface with its pits below it,
+# in bead diameters; from settled beds of a DEM, of 8 to 13 bead diameters' width and of several frictions.
+OUTLINE_ABOVE, OUTLINE_SPREAD = 0.30, 0.06
+PITS_BELOW, PITS_SPREAD = 0.50, 0.05
+INSIDE = 0.95  # share of the inner radius that is read: at the wall the outline falls with the last bead's side
+WALL_DOUBT = 0.006  # relative, of a scale read off the cylinder's inner walls
+GAUGE_DOUBT = 0.002  # relative, of a scale read off a gauge in the plane of the axis
+SAME_PLANE = 0.02  # how far the two may differ when the gauge stands in the plane of the axis
+ADVISED_RATIO = 5.0  # cylinder over bead diameter
+
+
+@dataclass(frozen=True)
+class Observation:
+    """One photo's outline and what the picture leaves in doubt [m]."""
+
+    profile: Profile
+    doubts: dict[str, float] = field(default_factory=dict)  # of the mean height
+    flaw: str = ""
+
+
+# ------------------------------------------------------------------------------------------------- record -> quantities
+
+
+def evaluate(
+    profiles: Sequence[Profile],
+    *,
+    cylinder_diameter: float | None,
+    total_mass: float | None = None,
+    bead_diameter: float | None = None,
+) -> Evaluation:
+    """Bed height and bulk density from outlines of one bed (several views), filmed or simulated.
+
+    A simulated bed's profile is the outline of its spheres seen level and from far away, above the floor.
+    `cylinder_diameter` [m] is the inner one, `total_mass` [kg], `bead_diameter` [m].
+    """
+    return _evaluate([Observation(profile) for profile in profiles], cylinder_diameter, total_mass, bead_diameter)
+
+
+def _evaluate(
+    seen: Sequence[Observation], cylinder: float | None, mass: float | None, bead: float | None
+) -> Evaluation:
+    if not seen:
+        raise BadInput("measure packing: no profile given; give at least one outline of the bed.")
+    for name, value in (("cylinder_diameter", cylinder), ("total_mass", mass), ("bead_diameter", bead)):
+        if value is not None and not (math.isfinite(value) and value > 0):
+            raise BadInput(f"measure packing: {name} must be positive, got {value:g}.")
+    heights = [_mean_outline(each.profile, cylinder) for each in seen]
+    outline = float(np.mean([height for height, _ in heights]))
+    rough = float(np.mean([rough for _, rough in heights]))
+    # without a stated bead the outline's own roughness tells its size: a quarter of a bead
+    grain = bead or 4 * rough
+    parts = _view_doubts(seen, [height for height, _ in heights])
+    guess = {} if bead else {"bead diameter": 0.4 * grain * OUTLINE_ABOVE}
+    tops = {**parts, "outline to tops": OUTLINE_SPREAD * grain, **guess}
+    pits = {**parts, "outline to surface": math.hypot(OUTLINE_SPREAD, PITS_SPREAD) * grain, **guess}
+    flaw = "; ".join(dict.fromkeys(each.flaw for each in seen if each.flaw))
+    found = [
+        _height(outline - OUTLINE_ABOVE * grain, "surface bead tops", tops, len(seen), flaw),
+        _height(outline - (OUTLINE_ABOVE + PITS_BELOW) * grain, "mean surface", pits, len(seen), flaw),
+        _height(outline, "outline", parts, len(seen), flaw),
+    ]
+    if found[0].value <= 0:
+        raise NothingToMeasure(
+            f"the outline lies at {outline * 1e3:.1f} mm, not above the floor by a bead; check height_m and its zero."
+        )
+    warnings = []
+    if mass is not None and cylinder is not None:
+        found.append(_density(found[0], mass, cylinder))
+    else:
+        missing = "total_mass" if mass is None else "cylinder_diameter"
+        warnings.append(f"bulk density is left out; give --{missing.replace('_', '-')}.")
+    return Evaluation(tuple(found), tuple(_checks(seen, heights, cylinder, bead)), tuple(warnings))
+
+
+def _mean_outline(profile: Profile, cylinder: float | None) -> tuple[float, float]:
+    """Mean height of the outline inside the cylinder and its roughness about a slope, both in m."""
+    finite = np.isfinite(profile.height) & np.isfinite(profile.x)
+    x, height = profile.x[finite], profile.height[finite]
+    if cylinder is not None:
+        inside = np.abs(x) < INSIDE * cylinder / 2
+    elif len(x):
+        reach = INSIDE * float(np.ptp(x)) / 2
+        inside = np.abs(x - (x.max() + x.min()) / 2) < reach
+    else:
+        inside = np.zeros(0, dtype=bool)
+    x, height = x[inside], height[inside]
+    if len(x) < 8 or np.ptp(x) <= 0:
+        raise NothingToMeasure(
+            f"profile {profile.view!r} shows too little of the bed's surface inside the cylinder; "
+            "give x_m from the axis and height_m above the floor."
+        )
+    # even steps: a profile may be denser at some places
+    places = np.linspace(x.min(), x.max(), 400)
+    order = np.argsort(x)
+    level = np.interp(places, x[order], height[order])
+    return float(level.mean()), float(np.std(level - np.polyval(np.polyfit(places, level, 2), places)))
+
+
+def _view_doubts(seen: Sequence[Observation], heights: Sequence[float]) -> dict[str, float]:
+    """What the pictures leave in doubt; views share scale and floor, so only scatter averages out."""
+    names = dict.fromkeys(name for each in seen for name in each.doubts)
+    parts = {name: max(each.doubts.get(name, 0.0) for each in seen) for name in names}
+    sigmas = [float(np.nanmedian(each.profile.sigma)) for each in seen]
+    noise = max((sigma for sigma in sigmas if math.isfinite(sigma)), default=0.0)
+    parts["outline"] = 0.3 * noise
+    if len(heights) > 1:
+        parts["views"] = float(np.std(heights, ddof=1)) / math.sqrt(len(heights))
+    return parts
+
+
+def _height(value: float, method: str, budget: dict[str, float], count: int, flaw: str) -> Quantity:
+    budget = {name: part for name, part in budget.items() if part > 0}
+    if flaw:
+        budget["unreliable outline"] = 2 * root_sum_of_squares(budget)
+    return Quantity("bed_height", value, root_sum_of_squares(budget), "m", method, count, {}, budget, flaw)
+
+
+def _density(height: Quantity, mass: float, cylinder: float) -> Quantity:
+    """Mass over the filled volume, pi/4 D^2 h."""
+    value = mass / (math.pi / 4 * cylinder**2 * height.value)
+    budget = {name: value * part / height.value for name, part in height.budget.items()}
+    sigma = root_sum_of_squares(budget)
+    return Quantity(
+        "bulk_density", value, sigma, "kg/m^3", height.method, height.n, budget=budget, doubtful=height.doubtful
+    )
+
+
+def _checks(
+    seen: Sequence[Observation], heights: Sequence[tuple[float, float]], cylinder: float | None, bead: float | None
+) -> list[Check]:
+    checks = []
+    if cylinder is not None and bead is not None:
+        ratio = cylinder / bead
+        ending = "." if ratio > ADVISED_RATIO else ": the wall orders the beads and the bed is looser than in bulk."
+        checks.append(
+            Check(
+                "cylinder_bead_ratio",
+                ratio > ADVISED_RATIO,
+                ratio,
+                ADVISED_RATIO,
+                f"the cylinder is {ratio:.1f} bead diameters wide{ending}",
+            )
+        )
+    for each, (mean, rough) in zip(seen, heights, strict=True):
+        finite = np.isfinite(each.profile.height)
+        lean = float(np.polyfit(each.profile.x[finite], each.profile.height[finite], 1)[0])
+        degrees = math.degrees(math.atan(lean))
+        passed = abs(degrees) < 6
+        ending = "." if passed else ": the bed lies askew; level it, or photograph it from more sides."
+        checks.append(
+            Check(
+                "level_bed",
+                passed,
+                degrees,
+                0.0,
+                f"the outline ({each.profile.view}) leans by {degrees:+.1f} deg and is {rough * 1e3:.2f} mm rough "
+                f"about its mean of {mean * 1e3:.1f} mm{ending}",
+            )
+        )
+    return checks
+
+
+# ---------------------------------------------------------------------------------------------------- media -> record
+
+
+def measure(
+    photos: Sequence[Path],
+    camera: Camera,
+    *,
+    cylinder_diameter: float | None,
+    total_mass: float | None = None,
+    bead_diameter: float | None = None,
+    out: Path | None = None,
+    progress: Progress = silent,
+) -> Measurement:
+    """Bed height and bulk density from photos of one bed (one per view); a ``.csv`` is a profile that is ready.
+
+    A gauge beside the cylinder gives scale and zero where its graduations are seen; else the inner diameter of the
+    cylinder gives the scale, and the lowest beads the floor.  Raises `NothingToMeasure` when no bed is seen.
+    """
+    if not photos:
+        raise BadInput("measure packing: no photo given; name one or more photos of the cylinder.")
+    if cylinder_diameter is not None and not (math.isfinite(cylinder_diameter) and cylinder_diameter > 0):
+        raise BadInput(f"measure packing: cylinder_diameter must be positive, got {cylinder_diameter:g}.")
+    seen, views, checks = [], [], []
+    beds: list[tuple[Image, Bed] | None] = []
+    for number, photo in enumerate(photos):
+        progress("looking for the bed", number, len(photos))
+        if photo.suffix.lower() == ".csv":
+            seen.append(Observation(replace(read_profile(photo), view=photo.stem)))
+            views.append({"scale_m_per_px": None, "scale_from": "profile table", "camera_roll_deg": None})
+            beds.append(None)
+            continue
+        image = read_photo(photo)
+        bed, observation, view, found = _observe(photo, image, camera, cylinder_diameter, bead_diameter)
+        seen.append(observation)
+        views.append(view)
+        checks += found
+        beds.append((image, bed))
+    progress("looking for the bed", len(photos), len(photos))
+    evaluation = _evaluate(seen, cylinder_diameter, total_mass, bead_diameter)
+    measurement = Measurement(
+        rig="packing",
+        source=photos[0],
+        source_sha256=sha256(photos[0]),
+        quantities=evaluation.quantities,
+        checks=(*checks, *evaluation.checks),
+        warnings=evaluation.warnings,
+        camera=views[0] if len(views) == 1 else {**views[0], "views": views},
+        profiles=tuple(each.profile for each in seen),
+    )
+    if out is None:
+        return measurement
+    from rigtwin.measure.packing_pictures import write_pictures
+
+    files: dict[str, Path] = {}
+    for number, (photo, each, pair) in enumerate(zip(photos, seen, beds, strict=True)):
+        written = write_pictures(out, photo.stem, each.profile, pair, measurement)
+        files.update(written if number == 0 else {f"{name}_{number + 1}": path for name, path in written.items()})
+    return replace(measurement, files=files)
+
+
+def _observe(
+    photo: Path, image: Image, camera: Camera, cylinder: float | None, bead: float | None
+) -> tuple[Bed, Observation, dict[str, Any], list[Check]]:
+    bed = find_bed(image, cylinder=cylinder, bead=bead, roll=camera.roll, region=camera.region)
+    if bed is None:
+        raise NothingToMeasure(
+            f"{photo}: shows no bed of beads in a cylinder; photograph it from the side, the beads a dozen pixels wide "
+            "or more, or point at it with --region x,y,width,height."
+        )
+    scale, doubt, source = _scale(photo, bed, camera, cylinder, bead)
+    x, above = bed.outline
+    if bed.gauge is not None and source == "gauge":
+        height = bed.gauge.reading(bed.gauge_rows(x, above)) * 1e-3
+        floor_doubt, floor_from = 0.15e-3, "gauge"
+    else:
+        height = above * scale
+        floor_doubt, floor_from = bed.floor_sigma * scale, "lowest beads"
+    steep = bed.steepness()
+    grain = 2 * bed.bead_radius * scale
+    # seen from above or below, the near or the far side of the bed stands out over the middle
+    raised = 0.25 * steep[0] ** 2 * grain
+    spread = max(0.25 * abs(2 * steep[0] * steep[1]), 0.02) * grain
+    profile = Profile(x * scale, height - raised, np.full(len(x), 0.8 * scale), view=photo.stem)
+    mean = float(np.nanmean(height))
+    doubts = {
+        "scale": doubt * mean,
+        "floor": floor_doubt,
+        "outline level": bed.outline_doubt * scale,
+        "camera height": spread,
+    }
+    view = {
+        "scale_m_per_px": scale,
+        "scale_from": source,
+        "floor_from": floor_from,
+        "camera_roll_deg": math.degrees(bed.roll),
+        "bead_radius_px": bed.bead_radius,
+    }
+    return bed, Observation(profile, doubts, bed.flaw), view, _picture_checks(bed, scale, cylinder, bead)
+
+
+def _scale(
+    photo: Path, bed: Bed, camera: Camera, cylinder: float | None, bead: float | None
+) -> tuple[float, float, str]:
+    """[m/px] in the plane of the axis at the bed's middle, its relative doubt, and where it is from."""
+    if camera.given_scale is not None:
+        return camera.given_scale, 0.003, "given" if camera.scale is not None else "known length"
+    wall = None if cylinder is None else cylinder / bed.width
+    if bed.gauge is not None:
+        middle = bed.floor - float(np.mean(bed.outline[1])) / 2
+        pitch = bed.gauge.pitch(middle)
+        if wall is None or abs(pitch / wall - 1) < SAME_PLANE:
+            return pitch, GAUGE_DOUBT, "gauge"
+    if wall is not None:
+        return wall, WALL_DOUBT, "cylinder diameter"
+    if bead is not None:
+        return bead / (2 * bed.bead_radius), 0.08, "bead diameter"
+    raise BadInput(
+        f"{photo}: no scale; give --cylinder-diameter, --scale, or a photo with a graduated gauge beside the cylinder."
+    )
+
+
+def _picture_checks(bed: Bed, scale: float, cylinder: float | None, bead: float | None) -> list[Check]:
+    checks = []
+    if bed.gauge is None:
+        checks.append(
+            Check(
+                "gauge",
+                True,
+                0.0,
+                1.0,
+                "no graduations of a length gauge were made out; scale and floor come from the cylinder and its beads.",
+            )
+        )
+    elif cylinder is not None:
+        ratio = bed.gauge.pitch(bed.floor) / (cylinder / bed.width)
+        same = abs(ratio - 1) < SAME_PLANE
+        ending = (
+            ", as in the plane of the axis." if same else ": it stands before or behind the axis, so it was not used."
+        )
+        checks.append(
+            Check("gauge", same, ratio, 1.0, f"the gauge's millimetre is {ratio:.3f} of the cylinder's{ending}")
+        )
+    if bead is not None:
+        ratio = 2 * bed.bead_radius * scale / bead
+        passed = 0.8 < ratio < 1.25
+        ending = "." if passed else ": check --bead-diameter and the scale."
+        checks.append(
+            Check("bead_size", passed, ratio, 1.0, f"beads look {ratio:.2f} times as large as stated{ending}")
+        )
+    checks.append(
+        Check(
+            "outline",
+            not bed.flaw,
+            bed.contrast,
+            1.0,
+            bed.flaw or f"the outline's clearness is {bed.contrast:.2f} of the clearest edge in the picture.",
+        )
+    )
+    return checks

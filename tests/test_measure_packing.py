@@ -1,0 +1,226 @@
+"""Bed height and bulk density from made-up outlines and from drawn photos whose truth is known."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.errors import BadInput, NothingToMeasure, UnreadableMedia
+from rigtwin.lab.records import Profile, write_profile
+from rigtwin.measure import packing
+from rigtwin.measure.gauge import find_gauge
+
+BEAD, CYLINDER = 0.006, 0.06
+
+
+def outline(centres, bead=BEAD, cylinder=CYLINDER):
+    """Outline of spheres seen level and from far away."""
+    x = np.linspace(-cylinder / 2, cylinder / 2, 601)
+    inside = (bead / 2) ** 2 - (x - centres[:, :1]) ** 2
+    height = np.where(inside > 0, centres[:, 2:] + np.sqrt(np.maximum(inside, 0)), -np.inf).max(axis=0)
+    return Profile(x, np.where(np.isfinite(height), height, np.nan), np.full(len(x), 1e-5))
+
+
+def flat(height, cylinder=CYLINDER):
+    x = np.linspace(-cylinder / 2, cylinder / 2, 301)
+    return Profile(x, np.full(len(x), height), np.full(len(x), 1e-5))
+
+
+def pick(result, name, method="surface bead tops"):
+    return next(q for q in result.quantities if q.quantity == name and q.method == method)
+
+
+# ------------------------------------------------------------------------------------------------------------ profiles
+
+
+def test_the_outline_of_a_flat_bed_is_its_height():
+    result = packing.evaluate([flat(0.07)], cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    assert pick(result, "bed_height", "outline").value == pytest.approx(0.07)
+
+
+@settings(max_examples=20)
+@given(st.floats(0.2, 5.0))
+def test_heights_scale_with_the_rig_and_the_density_does_not(size):
+    rng = np.random.default_rng(1)
+    centres = np.column_stack([rng.uniform(-0.027, 0.027, (300, 2)), 0.06 + 0.002 * rng.standard_normal(300)])
+    mass = 0.08
+    one = packing.evaluate([outline(centres)], cylinder_diameter=CYLINDER, total_mass=mass, bead_diameter=BEAD)
+    other = packing.evaluate(
+        [outline(size * centres, size * BEAD, size * CYLINDER)],
+        cylinder_diameter=size * CYLINDER,
+        total_mass=mass * size**3,
+        bead_diameter=size * BEAD,
+    )
+    assert pick(other, "bed_height").value == pytest.approx(size * pick(one, "bed_height").value, rel=1e-3)
+    assert pick(other, "bulk_density").value == pytest.approx(pick(one, "bulk_density").value, rel=1e-3)
+
+
+def layer(seed, count=105):
+    """Tops of a rough bed: beads in the surface of random height, no two nearer than a bead in all directions."""
+    rng = np.random.default_rng(seed)
+    places: list[np.ndarray] = []
+    while len(places) < count:
+        x, y = rng.uniform(-0.027, 0.027, 2)
+        if math.hypot(x, y) > 0.027:
+            continue
+        new = np.array([x, y, 0.06 + 0.0022 * rng.standard_normal()])
+        if all(np.linalg.norm(new - old) > 0.9 * BEAD for old in places):
+            places.append(new)
+    return np.array(places)
+
+
+def test_intervals_cover_the_mean_top_of_the_surface_beads():
+    inside = 0
+    for seed in range(20):
+        beads = layer(seed)
+        apart = np.hypot(*(beads[:, None, :2] - beads[None, :, :2]).T)
+        higher = beads[:, 2][:, None] > beads[:, 2][None, :]
+        free = ~np.any((apart < 0.8 * BEAD) & higher, axis=0)
+        truth = float(np.mean(beads[free, 2])) + BEAD / 2
+        result = packing.evaluate([outline(beads)], cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+        low, high = pick(result, "bed_height").interval95
+        inside += low < truth < high
+    assert inside >= 17
+
+
+def test_bulk_density_is_mass_over_the_filled_volume():
+    result = packing.evaluate([flat(0.0718)], cylinder_diameter=CYLINDER, total_mass=0.1, bead_diameter=BEAD)
+    height = pick(result, "bed_height").value
+    density = pick(result, "bulk_density")
+    assert density.value == pytest.approx(0.1 / (math.pi * 0.03**2 * height))
+    assert density.std_uncertainty / density.value == pytest.approx(
+        pick(result, "bed_height").std_uncertainty / height, rel=1e-6
+    )
+
+
+def test_several_views_are_averaged():
+    result = packing.evaluate([flat(0.070), flat(0.072)], cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    height = pick(result, "bed_height", "outline")
+    assert height.value == pytest.approx(0.071)
+    assert height.n == 2
+    assert height.budget["views"] == pytest.approx(0.001)
+
+
+@pytest.mark.parametrize(
+    ("profiles", "diameter", "message"),
+    [
+        ([], CYLINDER, "no profile"),
+        ([flat(0.001)], CYLINDER, "not above the floor"),
+        ([flat(0.07)], -1.0, "must be positive"),
+        ([Profile(np.array([0.0]), np.array([0.07]), np.array([0.0]))], CYLINDER, "too little"),
+    ],
+)
+def test_unusable_profiles_are_refused_in_a_sentence(profiles, diameter, message):
+    with pytest.raises(BadInput, match=message):
+        packing.evaluate(profiles, cylinder_diameter=diameter, bead_diameter=BEAD)
+
+
+# -------------------------------------------------------------------------------------------------------------- photos
+
+PIXEL = 4.4  # [px] of a millimetre
+
+
+def draw(path, *, roll_deg=0.0, gauge=True, height=62.0, seed=2):
+    """A cylinder of shaded beads beside a gauge; returns the mean row of the outline as a height [mm]."""
+    rng = np.random.default_rng(seed)
+    zoom = 2
+    picture = np.full((620 * zoom, 560 * zoom, 3), (205, 200, 192), np.uint8)
+    axis, floor = 200 * zoom, 540 * zoom
+    mm = PIXEL * zoom
+    cv2.rectangle(picture, (0, floor), (picture.shape[1], picture.shape[0]), (150, 152, 150), cv2.FILLED)
+    tops = []
+    rows = np.arange(3.0, height - 2, 4.6)
+    for depth in (0, 1):
+        for k, row in enumerate(rows):
+            for x in np.arange(-27 + 2.7 * ((k + depth) % 2), 27.1, 5.4):
+                place = np.array([x + rng.uniform(-0.4, 0.4), row + rng.uniform(-0.7, 0.7)])
+                tops.append(place)
+                centre = (round(axis + place[0] * mm), round(floor - place[1] * mm))
+                tone = rng.uniform(0.85, 1.1) * (0.75 + 0.25 * depth)
+                for share in np.linspace(1, 0.1, 12):
+                    colour = tuple(int(c * tone * (1 - 0.55 * share**2)) for c in (120, 170, 205))
+                    cv2.circle(picture, centre, round(3 * mm * share), colour, cv2.FILLED, cv2.LINE_AA)
+    for side in (-1, 1):
+        for place, tone in ((30, 60), (32.5, 120)):
+            x = round(axis + side * place * mm)
+            cv2.line(picture, (x, round(floor - 110 * mm)), (x, floor), (tone, tone, tone), zoom)
+    if gauge:
+        left = round(axis + 42 * mm)
+        cv2.rectangle(picture, (left, 0), (left + round(20 * mm), floor), (170, 175, 178), cv2.FILLED)
+        for k in range(0, 121):
+            length = 9 if k % 10 == 0 else 6.5 if k % 5 == 0 else 4.5
+            y = round((floor - k * mm) * 16)
+            right = round((left + length * mm) * 16)
+            cv2.line(picture, (left * 16, y), (right, y), (40, 40, 40), max(1, zoom), cv2.LINE_AA, 4)
+    picture = cv2.resize(picture, None, fx=1 / zoom, fy=1 / zoom, interpolation=cv2.INTER_AREA)
+    if roll_deg:
+        turn = cv2.getRotationMatrix2D((280, 310), -roll_deg, 1.0)
+        picture = cv2.warpAffine(picture, turn, (560, 620), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    noisy = picture + 2.5 * rng.standard_normal(picture.shape)
+    cv2.imwrite(str(path), np.clip(noisy, 0, 255).astype(np.uint8))
+    centres = np.column_stack([np.array(tops)[:, 0], np.zeros(len(tops)), np.array(tops)[:, 1]]) * 1e-3
+    profile = outline(centres)
+    inside = np.abs(profile.x) < packing.INSIDE * CYLINDER / 2
+    return float(np.nanmean(profile.height[inside]))
+
+
+@pytest.mark.parametrize(("gauge", "roll"), [(True, 0.0), (True, 1.5), (False, 0.0)])
+def test_a_drawn_bed_is_read_off_the_gauge_or_the_cylinder(tmp_path, gauge, roll):
+    photo = tmp_path / "bed.png"
+    truth = draw(photo, gauge=gauge, roll_deg=roll)
+    result = packing.measure(
+        [photo],
+        Camera(),
+        cylinder_diameter=CYLINDER,
+        total_mass=0.1,
+        bead_diameter=BEAD,
+        out=tmp_path / "out" if gauge and roll == 0 else None,
+    )
+    assert result.camera["scale_from"] == ("gauge" if gauge else "cylinder diameter")
+    assert result.camera["scale_m_per_px"] == pytest.approx(1e-3 / PIXEL, rel=0.004 if gauge else 0.03)
+    assert result.camera["camera_roll_deg"] == pytest.approx(roll, abs=0.2)
+    found = pick(result, "bed_height", "outline")
+    assert found.value == pytest.approx(truth, abs=0.0012 if gauge else 0.002)
+    for path in result.files.values():
+        assert path.stat().st_size > 0
+
+
+def test_a_gauge_is_read_to_a_twentieth_of_a_millimetre():
+    rows = np.arange(700)
+    zero, pitch = 630.3, 4.37
+    reading = (zero - rows) / pitch
+    near = np.abs(reading - np.round(reading)) * pitch
+    line = np.where((near < 0.7) & (reading > -0.5), 60.0, 180.0)
+    picture = np.full((700, 60), 180.0)
+    picture[:, 10:25] = line[:, None]
+    for step, end in ((5, 32), (10, 42)):
+        marks = (near < 0.7) & (np.round(reading) % step == 0) & (reading > -0.5)
+        picture[marks, 10:end] = 60.0
+    noisy = np.clip(picture + 8 * np.random.default_rng(0).standard_normal(picture.shape), 0, 255).astype(np.uint8)
+    gauge = find_gauge(noisy, np.arange(6.0, 54.0, 2.0), np.zeros(24), 4.4, 624.0, 18.0)
+    assert gauge is not None
+    assert gauge.reading(630.3 - 50 * 4.37) == pytest.approx(50.0, abs=0.08)
+    assert gauge.row_of(0.0) == pytest.approx(zero, abs=0.4)
+
+
+def test_a_profile_table_is_a_measurement_too(tmp_path):
+    table = tmp_path / "bed.csv"
+    write_profile(table, flat(0.07))
+    result = packing.measure([table], Camera(), cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    assert pick(result, "bed_height", "outline").value == pytest.approx(0.07)
+    assert "bulk density" in result.warnings[0]
+
+
+def test_a_photo_without_a_bed_says_so(tmp_path):
+    photo = tmp_path / "wall.png"
+    cv2.imwrite(str(photo), np.full((300, 300, 3), 180, np.uint8))
+    with pytest.raises(NothingToMeasure, match="no bed of beads"):
+        packing.measure([photo], Camera(), cylinder_diameter=CYLINDER)
+    with pytest.raises(UnreadableMedia):
+        packing.measure([tmp_path / "none.png"], Camera(), cylinder_diameter=CYLINDER)
+    with pytest.raises(BadInput, match="no photo"):
+        packing.measure([], Camera(), cylinder_diameter=CYLINDER)
