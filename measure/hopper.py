@@ -28,11 +28,11 @@ Array = npt.NDArray[np.float64]
 
 STEADY = (0.2, 0.8)  # of what leaves, the part over which the flow is steady
 EXPOSURE = 0.15  # frames, standard deviation of where in its frame's interval an unknown exposure lies
-CROSSING = 0.15  # frames, of the last particle's passage read between two frames
+CROSSING = 0.2  # frames, of the last particle's passage read between two frames
 BINS = 6  # parts of the steady flow whose rates are compared
+HIDDEN = 0.08  # share of the slot's width that may show no bead before something hides it
 RESIDUE = 0.02  # share of the bed that may stay behind before it is worth a warning
 AREA_DOUBT = 0.05  # relative, how far the bed's visible area follows its mass
-LENGTH_DOUBT = 0.05  # of a bead's diameter, in the slot's height
 
 
 @dataclass(frozen=True)
@@ -69,10 +69,13 @@ def measure(
     edges = _edges(seen)
     gate = _gate(seen, edges)
     opened = _opened(seen, gate)
+    hidden = _hidden(seen, edges)
     last = _last_particle(seen)
+    if hidden > HIDDEN:
+        last = replace(last, budget=last.budget | {"hidden part of the slot": seen.interval})
     left = _left(seen)
     evaluation = _evaluate(left, total_mass, opened, last, seen.residue, AREA_DOUBT)
-    checks = (*_checks_of_picture(seen, gate), *evaluation.checks)
+    checks = (*_checks_of_picture(seen, gate, hidden), *evaluation.checks)
     scale, scale_from = _scale(seen, camera, bead_diameter)
     warnings = [*video.warnings, *evaluation.warnings]
     warnings.append("mass left: taken from the bed's visible area, as of a slab of even depth.")
@@ -294,12 +297,24 @@ def _left(seen: Outflow) -> Series:
 def _edges(seen: Outflow) -> tuple[float, float]:
     """Left and right edge of the slot [px], upright."""
     slot = seen.scenery.slot
+    return slot_edges(_beads_in_slot(seen), slot.left, slot.right)
+
+
+def _hidden(seen: Outflow, edges: tuple[float, float]) -> float:
+    """Share of the slot in which no bead is ever seen though beads pass to both sides: something stands before it."""
+    share = _beads_in_slot(seen)[:, math.ceil(edges[0]) : math.floor(edges[1]) + 1].mean(axis=0)
+    return float(np.mean(share < 0.3 * np.median(share))) if len(share) else 1.0
+
+
+def _beads_in_slot(seen: Outflow) -> npt.NDArray[np.bool_]:
+    """Where in the rows below the slot beads are, shape (frames, width)."""
     full = seen.strips[:5].astype(np.float64).mean(axis=0)
     empty = seen.strips[-5:].astype(np.float64).mean(axis=0)
     level = max(seen.scenery.level, 8.0)
     strips = seen.strips.astype(np.float64)
-    beads = (np.abs(strips - empty).mean(axis=2) > 0.6 * level) & (np.abs(strips - full).mean(axis=2) > 0.6 * level)
-    return slot_edges(beads, slot.left, slot.right)
+    return np.asarray(
+        (np.abs(strips - empty).mean(axis=2) > 0.6 * level) & (np.abs(strips - full).mean(axis=2) > 0.6 * level)
+    )
 
 
 def _gate(seen: Outflow, edges: tuple[float, float]) -> Opening | None:
@@ -358,11 +373,11 @@ def _last_particle(seen: Outflow) -> Instant:
         part = (slot - top[k]) / (below - top[k])
         speed = below - top[k]
         budget = {"passage": CROSSING * seen.interval}
-        budget["slot's height"] = 2 * LENGTH_DOUBT * seen.scenery.bead / max(speed, 1.0) * seen.interval
+        budget["slot's height"] = seen.scenery.slot.sigma / max(speed, 1.0) * seen.interval
     else:
         part = 0.5
         budget = {"passage": 0.3 * seen.interval}
-    budget["slot's height"] = min(budget.get("slot's height", 0.0), seen.interval)
+    budget["slot's height"] = min(budget.get("slot's height", 0.0), 3 * seen.interval)
     budget["exposure"] = EXPOSURE * seen.interval
     return Instant(float(time[k] + part * (time[k + 1] - time[k])), budget, "upper edge of the last bead at the slot")
 
@@ -376,7 +391,7 @@ def _scale(seen: Outflow, camera: Camera, bead_diameter: float | None) -> tuple[
     return None, "not known"
 
 
-def _checks_of_picture(seen: Outflow, gate: Opening | None) -> list[Check]:
+def _checks_of_picture(seen: Outflow, gate: Opening | None, hidden: float) -> list[Check]:
     clear = seen.scenery.level / (3 * seen.scenery.noise)
     speed = gate.speed if gate is not None else math.nan
     return [
@@ -389,6 +404,14 @@ def _checks_of_picture(seen: Outflow, gate: Opening | None) -> list[Check]:
             + (f" at {speed:.1f} px per frame." if math.isfinite(speed) else " between two frames.")
             if gate is not None
             else "the slide was not seen to move; the opening is taken from the beads.",
+        ),
+        Check(
+            "slot_in_view",
+            hidden <= HIDDEN,
+            hidden,
+            0.0,
+            f"{100 * hidden:.0f} % of the slot shows no bead while others pass"
+            + ("." if hidden <= HIDDEN else ": something stands before it and may hide the last one."),
         ),
         Check(
             "bed_clear",

@@ -29,6 +29,7 @@ Mask = npt.NDArray[np.bool_]
 ENDS = 5  # frames at either end of the clip that show the full and the empty hopper
 BEAD_SHARE = 0.06  # of the bed's width, a bead's diameter where none is made out
 CLEAR = 6.0  # times the noise by which bed and empty hopper must differ
+SLOT_DOUBT = 0.12  # of a bead's diameter, where on the lowest beads the slot lies
 LEAST_BEAD = 0.2  # of a bead's disc, the area below which a patch is no bead
 
 
@@ -39,6 +40,7 @@ class Slot:
     row: float  # lower edge of the bed that rests on the closed slide
     left: float
     right: float
+    sigma: float = 1.0  # of the row
 
 
 @dataclass(frozen=True)
@@ -176,10 +178,7 @@ def _scenery(video: Video, scene: Scene, lens: Cut, turn: Array, bead: float | N
     here, there = shares(cells_full[core]), shares(cells_empty[bed | below])
     little = rare(here, cells_full[core])
     odds = np.clip(np.log((here + little) / (there + little)), -3, 3)
-    # the slide changed too: the bed's lower edge is that of what has the beads' colour
-    coloured = bed & (odds[cells_full] > 0.7)
-    if coloured.sum() > 0.5 * bed.sum():
-        slot = _slot(coloured, seen)
+    slot = _above_slide(np.asarray(odds)[cells_full], bed & (odds[cells_full] > 0.7), slot, seen)
     contrast = float(np.median(apart(full, empty)[core]))
     return Scenery(
         full,
@@ -200,7 +199,7 @@ def _searched(picture: Image, bed: Mask) -> tuple[Image, tuple[float, float]]:
     rows, columns = np.nonzero(bed)
     crop = picture[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
     width = float(np.ptp(columns))
-    return np.asarray(cv2.cvtColor(crop, cv2.COLOR_BGR2GRAY), np.uint8), (max(0.012 * width, 2.5), 0.09 * width)
+    return np.asarray(cv2.cvtColor(crop, cv2.COLOR_BGR2GRAY), np.uint8), (max(0.012 * width, 2.5), 0.15 * width)
 
 
 def _otsu(values: npt.NDArray[np.uint8]) -> float:
@@ -233,6 +232,27 @@ def _slot(bed: Mask, bead: float) -> Slot:
     bottoms = bed.shape[0] - 1 - np.argmax(bed[::-1, inner], axis=0)
     # beads touch the slide with their lowest points only
     return Slot(float(np.percentile(bottoms, 70)) + 0.5, float(columns[0]) - 0.5, float(columns[-1]) + 0.5)
+
+
+def _above_slide(odds: Array, coloured: Mask, slot: Slot, bead: float) -> Slot:
+    """The slot where the beads' colour ends: the slide beneath them went away, too, and looks like part of the bed."""
+    inset = round(0.12 * (slot.right - slot.left))
+    columns = slice(round(slot.left) + inset, max(round(slot.right) - inset, round(slot.left) + inset + 1))
+    rows = np.flatnonzero(coloured.any(axis=1))
+    first = max(round(slot.row - max(1.2 * bead, 0.1 * float(np.ptp(rows)) if len(rows) else 0.0)), 0)
+    alike = odds[first : round(slot.row + 0.3 * bead) + 1, columns].mean(axis=1)
+    other = np.flatnonzero(alike < 0)
+    if len(other) == 0 or other[0] == 0:
+        return replace(slot, sigma=0.4 * bead)
+    row = first + int(other[0])
+    seen = np.flatnonzero(coloured[max(row - round(0.4 * bead), 0) : row].any(axis=0))
+    if len(seen) < 0.5 * (slot.right - slot.left):
+        return replace(slot, sigma=0.4 * bead)
+    # where between the last row of beads and the first of the slide the colour changes over
+    above, below = alike[other[0] - 1], alike[other[0]]
+    crossing = row - 1 + above / max(above - below, 1e-6)
+    sigma = max(SLOT_DOUBT * bead, 0.7)
+    return Slot(float(crossing), float(seen[0]) - 0.5, float(seen[-1]) + 0.5, sigma)
 
 
 def _moment(frame: Steadied, before: Image | None, scenery: Scenery) -> Moment:
