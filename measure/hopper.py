@@ -29,6 +29,7 @@ Array = npt.NDArray[np.float64]
 STEADY = (0.2, 0.8)  # of what leaves, the part over which the flow is steady
 EXPOSURE = 0.15  # frames, standard deviation of where in its frame's interval an unknown exposure lies
 CROSSING = 0.2  # frames, of the last particle's passage read between two frames
+SCALE_DOUBT = 0.04  # relative, of a scale taken from the beads' own size
 BINS = 6  # parts of the steady flow whose rates are compared
 HIDDEN = 0.08  # share of the slot's width that may show no bead before something hides it
 RESIDUE = 0.02  # share of the bed that may stay behind before it is worth a warning
@@ -89,11 +90,12 @@ def measure(
         "slide_goes": {1: "right", -1: "left", 0: "not told"}[gate.direction if gate is not None else 0],
         "frames": len(seen.moments),
     }
+    quantities = (*evaluation.quantities, *_outlet_velocity(seen, scale))
     result = Measurement(
         rig="hopper",
         source=clip,
         source_sha256=sha256(clip),
-        quantities=evaluation.quantities,
+        quantities=quantities,
         checks=checks,
         warnings=tuple(warnings),
         camera=view,
@@ -380,6 +382,31 @@ def _last_particle(seen: Outflow) -> Instant:
     budget["slot's height"] = min(budget.get("slot's height", 0.0), 3 * seen.interval)
     budget["exposure"] = EXPOSURE * seen.interval
     return Instant(float(time[k] + part * (time[k + 1] - time[k])), budget, "upper edge of the last bead at the slot")
+
+
+def outlet_profile(seen: Outflow, scale: float) -> tuple[Array, Array]:
+    """Place along the slot from its middle [m], and downward velocity of the beads there [m/s]; NaN: not seen."""
+    place, shift = seen.outlet.place[:, 0], seen.outlet.shift[:, 1]
+    size = scale / seen.lens.zoom
+    return (place - (seen.scenery.slot.left + seen.scenery.slot.right) / 2) * size, shift * size / seen.interval
+
+
+def _outlet_velocity(seen: Outflow, scale: float | None) -> list[Quantity]:
+    if scale is None:
+        return []
+    _, velocity = outlet_profile(seen, scale)
+    known = velocity[np.isfinite(velocity)]
+    if len(known) < 3:
+        return []
+    value = float(known.mean())
+    budget = {
+        # neighbouring windows overlap by half
+        "scatter along the slot": float(known.std(ddof=1)) / math.sqrt(len(known) / 2),
+        "scale": SCALE_DOUBT * abs(value),
+    }
+    detail: dict[str, Detail] = {"windows": len(known), "fastest_m_s": round(float(known.max()), 5)}
+    method = "cross-correlation at the slot, mean over the steady flow"
+    return [Quantity("outlet_velocity", value, root_sum_of_squares(budget), "m/s", method, 1, detail, budget)]
 
 
 def _scale(seen: Outflow, camera: Camera, bead_diameter: float | None) -> tuple[float | None, str]:

@@ -20,6 +20,7 @@ from rigtwin.measure.bead import Scene
 from rigtwin.measure.grains import colour_cells, find_beads, rare, shares
 from rigtwin.measure.level import Upright, upright
 from rigtwin.measure.media import Video
+from rigtwin.measure.piv import Displacements, MeanCorrelation, without_outliers
 from rigtwin.measure.still import Cut, Region, Steadied, apart, cut_for, steadied, still_scene
 
 Array = npt.NDArray[np.float64]
@@ -29,6 +30,7 @@ Mask = npt.NDArray[np.bool_]
 ENDS = 5  # frames at either end of the clip that show the full and the empty hopper
 BEAD_SHARE = 0.06  # of the bed's width, a bead's diameter where none is made out
 CLEAR = 6.0  # times the noise by which bed and empty hopper must differ
+FLOWING = (0.2, 0.8)  # of the bed that is left, while the flow is steady
 SLOT_DOUBT = 0.12  # of a bead's diameter, where on the lowest beads the slot lies
 LEAST_BEAD = 0.2  # of a bead's disc, the area below which a patch is no bead
 
@@ -84,6 +86,7 @@ class Outflow:
     residue: float  # share of the bed's area that is still there at the end
     shake: float  # [px], standard deviation
     interval: float  # [s], between frames
+    outlet: Displacements  # of the beads in the slot from frame to frame, mean over the steady flow
 
 
 def follow_outflow(
@@ -102,10 +105,14 @@ def follow_outflow(
     scenery = _scenery(video, scene, lens, turn, None if bead is None else bead * lens.zoom)
     moments, strips = [], []
     before: Image | None = None
+    outlet = _windows(scenery)
     count = video.last - video.first + 1
     for frame in _upright_frames(video, scene, lens, turn):
         moments.append(_moment(frame, before, scenery))
         strips.append(slide_strip(frame.colour, scenery))
+        share = moments[-1].left / max(float(np.median([moment.left for moment in moments[:ENDS]])), 1.0)
+        if before is not None and FLOWING[0] < share < FLOWING[1]:
+            outlet.add(_grey(before), _grey(frame.colour))
         before = frame.colour
         progress("watching the hopper empty", len(moments), count)
     shakes = np.array([moment.shake for moment in moments])
@@ -118,7 +125,21 @@ def follow_outflow(
         _residue(scenery),
         float(shakes.std(axis=0).max()),
         float(np.median(np.diff([moment.time for moment in moments]))),
+        without_outliers(outlet.displacements()),
     )
+
+
+def _windows(scenery: Scenery) -> MeanCorrelation:
+    """Windows of two beads side by side along the slot, which see shifts of up to three beads downwards."""
+    slot, bead = scenery.slot, scenery.bead
+    count = max(3, round((slot.right - slot.left) / (0.75 * bead)))
+    x = slot.left + (np.arange(count) + 0.5) * (slot.right - slot.left) / count
+    place = np.column_stack([x, np.full(count, slot.row)])
+    return MeanCorrelation(place, window=max(8, round(2 * bead)), reach=(max(3, round(bead)), max(6, round(3 * bead))))
+
+
+def _grey(picture: Image) -> npt.NDArray[np.uint8]:
+    return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
 
 
 def bead_mask(picture: Image, scenery: Scenery) -> Mask:
@@ -220,7 +241,9 @@ def _bed(differs: Mask) -> Mask | None:
     if not large:
         return None
     upper = min(large, key=lambda k: centres[k][1])
-    return np.asarray(labels == upper)
+    # a bar in front of the hopper parts the bed in two
+    reach = 0.5 * stats[upper, cv2.CC_STAT_HEIGHT]
+    return np.isin(labels, [k for k in large if abs(centres[k][1] - centres[upper][1]) < reach])
 
 
 def _slot(bed: Mask, bead: float) -> Slot:
