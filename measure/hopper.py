@@ -22,14 +22,15 @@ from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantit
 from rigtwin.lab.records import Series
 from rigtwin.measure.gate import Opening, find_opening, slot_edges
 from rigtwin.measure.media import open_video, sha256
-from rigtwin.measure.outflow import Outflow, follow_outflow
+from rigtwin.measure.outflow import Outflow, bin_walls, follow_outflow
 
 Array = npt.NDArray[np.float64]
 
 STEADY = (0.2, 0.8)  # of what leaves, the part over which the flow is steady
 EXPOSURE = 0.15  # frames, standard deviation of where in its frame's interval an unknown exposure lies
 CROSSING = 0.2  # frames, of the last particle's passage read between two frames
-SCALE_DOUBT = 0.04  # relative, of a scale taken from the beads' own size
+BIN_DOUBT = 0.04  # relative, of a scale from the bin's walls, whose depth in view is not known
+BEAD_DOUBT = 0.15  # likewise from beads in a crowded bed, whose rims hide each other
 BINS = 6  # parts of the steady flow whose rates are compared
 HIDDEN = 0.08  # share of the slot's width that may show no bead before something hides it
 RESIDUE = 0.02  # share of the bed that may stay behind before it is worth a warning
@@ -77,7 +78,7 @@ def measure(
     left = _left(seen)
     evaluation = _evaluate(left, total_mass, opened, last, seen.residue, AREA_DOUBT)
     checks = (*_checks_of_picture(seen, gate, hidden), *evaluation.checks)
-    scale, scale_from = _scale(seen, camera, bead_diameter)
+    scale, scale_from, scale_doubt = _scale(seen, camera, bead_diameter, bin_width)
     warnings = [*video.warnings, *evaluation.warnings]
     warnings.append("mass left: taken from the bed's visible area, as of a slab of even depth.")
     view: dict[str, Any] = {
@@ -90,7 +91,7 @@ def measure(
         "slide_goes": {1: "right", -1: "left", 0: "not told"}[gate.direction if gate is not None else 0],
         "frames": len(seen.moments),
     }
-    quantities = (*evaluation.quantities, *_outlet_velocity(seen, scale))
+    quantities = (*evaluation.quantities, *_outlet_velocity(seen, scale, scale_doubt))
     result = Measurement(
         rig="hopper",
         source=clip,
@@ -391,7 +392,7 @@ def outlet_profile(seen: Outflow, scale: float) -> tuple[Array, Array]:
     return (place - (seen.scenery.slot.left + seen.scenery.slot.right) / 2) * size, shift * size / seen.interval
 
 
-def _outlet_velocity(seen: Outflow, scale: float | None) -> list[Quantity]:
+def _outlet_velocity(seen: Outflow, scale: float | None, scale_doubt: float) -> list[Quantity]:
     if scale is None:
         return []
     _, velocity = outlet_profile(seen, scale)
@@ -402,20 +403,25 @@ def _outlet_velocity(seen: Outflow, scale: float | None) -> list[Quantity]:
     budget = {
         # neighbouring windows overlap by half
         "scatter along the slot": float(known.std(ddof=1)) / math.sqrt(len(known) / 2),
-        "scale": SCALE_DOUBT * abs(value),
+        "scale": scale_doubt * abs(value),
     }
     detail: dict[str, Detail] = {"windows": len(known), "fastest_m_s": round(float(known.max()), 5)}
     method = "cross-correlation at the slot, mean over the steady flow"
     return [Quantity("outlet_velocity", value, root_sum_of_squares(budget), "m/s", method, 1, detail, budget)]
 
 
-def _scale(seen: Outflow, camera: Camera, bead_diameter: float | None) -> tuple[float | None, str]:
-    """[m/px] of the clip, and where it comes from."""
+def _scale(
+    seen: Outflow, camera: Camera, bead_diameter: float | None, bin_width: float | None
+) -> tuple[float | None, str, float]:
+    """[m/px] of the clip, where it comes from, and its relative doubt."""
     if camera.given_scale is not None:
-        return camera.given_scale, "known length" if camera.scale is None else "given"
+        return float(camera.given_scale), "known length" if camera.scale is None else "given", 0.01
+    walls = bin_walls(seen.scenery) if bin_width is not None else None
+    if walls is not None and bin_width is not None:
+        return bin_width / (walls[1] - walls[0]) * seen.lens.zoom, "bin width", BIN_DOUBT
     if bead_diameter is not None and seen.scenery.bead_seen:
-        return bead_diameter / seen.scenery.bead * seen.lens.zoom, "bead diameter"
-    return None, "not known"
+        return float(bead_diameter / seen.scenery.bead * seen.lens.zoom), "bead diameter", BEAD_DOUBT
+    return None, "not known", math.inf
 
 
 def _checks_of_picture(seen: Outflow, gate: Opening | None, hidden: float) -> list[Check]:

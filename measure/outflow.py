@@ -142,6 +142,34 @@ def _grey(picture: Image) -> npt.NDArray[np.uint8]:
     return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
 
 
+def bin_walls(scenery: Scenery) -> tuple[float, float] | None:
+    """Inner edges [px] of the bin's upright walls above the bed, None where they are not clear.
+
+    Outwards from the bed the first edge that runs upright over all these rows is the wall's.
+    """
+    rows, columns = np.nonzero(scenery.bed)
+    top = int(rows.min() - 0.5 * scenery.bead)
+    if top < 3 * scenery.bead:
+        return None
+    left, right = float(columns.min()), float(columns.max())
+    part = cv2.cvtColor(scenery.empty[max(top - round(8 * scenery.bead), 0) : top], cv2.COLOR_BGR2GRAY)
+    steps = cv2.Sobel(cv2.GaussianBlur(part.astype(np.float32), (0, 0), 1.0), cv2.CV_32F, 1, 0, scale=1 / 8)
+    upright_edge = np.abs(np.median(steps, axis=0))
+    reach = round(0.25 * (right - left))
+    found = []
+    for start, way in ((round(left + scenery.bead), -1), (round(right - scenery.bead), 1)):
+        x = np.clip(start + way * np.arange(reach), 1, len(upright_edge) - 2)
+        strength = upright_edge[x]
+        peaks = [k for k in range(1, reach - 1) if strength[k] >= max(strength[k - 1], strength[k + 1])]
+        clear = [k for k in peaks if strength[k] > 0.5 * strength.max() and strength[k] > 2.0]
+        if not clear:
+            return None
+        found.append(float(x[clear[0]]))
+    middle = (scenery.slot.left + scenery.slot.right) / 2
+    lopsided = abs(found[0] + found[1] - 2 * middle) / (found[1] - found[0])
+    return (found[0], found[1]) if lopsided < 0.12 else None
+
+
 def bead_mask(picture: Image, scenery: Scenery) -> Mask:
     """Pixels of an upright picture that belong to beads which are not part of the empty hopper."""
     differs = cv2.GaussianBlur(apart(picture, scenery.empty), (0, 0), max(0.1 * scenery.bead, 0.8))
