@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import uniform_filter1d
 
 Array = npt.NDArray[np.float64]
 Strips = npt.NDArray[np.uint8]
@@ -87,6 +88,9 @@ def _first_changes(level: Array, empty: Array) -> Array:
     What comes next is what the empty hopper shows, and soon beads.  The change counts from where it is half done, for a
     moving edge is blurred.
     """
+    wide = _smoothing(level)
+    if wide > 1:
+        level, empty = (uniform_filter1d(each, wide, axis=-2) for each in (level, empty))
     start = np.median(level[:STILL], axis=0)
     away, step = _by_row(level - start), _by_row((empty - start)[None])[0]
     noise = max(float(np.percentile(away[:STILL], 90)), 1.0)
@@ -97,6 +101,12 @@ def _first_changes(level: Array, empty: Array) -> Array:
     count = len(above) - LASTING + 1
     lasting = np.all([above[k : count + k] for k in range(LASTING)], axis=0)
     return np.asarray(np.where(lasting.any(axis=0), np.argmax(lasting, axis=0), np.inf), dtype=np.float64)
+
+
+def _smoothing(level: Array) -> int:
+    """Over how many columns to average, so that a noisy film shows a slide that differs little from the wall."""
+    noise = 1.4826 * float(np.median(np.abs(np.diff(level[:STILL], axis=0)))) / math.sqrt(2)
+    return 2 * int(np.clip(round(noise / 3), 0, 4)) + 1
 
 
 def _by_row(colours: Array) -> Array:
@@ -118,7 +128,17 @@ def _edge_places(along: Array, changed: Array) -> tuple[Array, Array]:
         if 1 < k < len(along) - 1 and wrong[k] < 0.2 * len(along):
             frames.append(frame)
             places.append((along[k - 1] + along[k]) / 2)
-    return np.array(frames, dtype=np.float64), np.array(places)
+    return _moving(np.array(frames, dtype=np.float64), np.array(places))
+
+
+def _moving(frames: Array, places: Array) -> tuple[Array, Array]:
+    """The longest stretch in which the edge goes on from frame to frame; of equally long ones the first."""
+    if len(frames) < 2:
+        return frames, places
+    on = (np.diff(places) > 1.5) & (np.diff(frames) == 1)
+    runs = np.split(np.arange(len(frames)), np.flatnonzero(~on) + 1)
+    longest = max(runs, key=len)
+    return frames[longest], places[longest]
 
 
 def _line(frames: Array, places: Array) -> tuple[float, float, float]:

@@ -22,17 +22,19 @@ from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantit
 from rigtwin.lab.records import Series
 from rigtwin.measure.gate import Opening, find_opening, slot_edges
 from rigtwin.measure.media import open_video, sha256
-from rigtwin.measure.outflow import Outflow, follow_outflow
+from rigtwin.measure.outflow import Outflow, bin_walls, follow_outflow
 
 Array = npt.NDArray[np.float64]
 
 STEADY = (0.2, 0.8)  # of what leaves, the part over which the flow is steady
 EXPOSURE = 0.15  # frames, standard deviation of where in its frame's interval an unknown exposure lies
-CROSSING = 0.15  # frames, of the last particle's passage read between two frames
+CROSSING = 0.2  # frames, of the last particle's passage read between two frames
+BIN_DOUBT = 0.04  # relative, of a scale from the bin's walls, whose depth in view is not known
+BEAD_DOUBT = 0.15  # likewise from beads in a crowded bed, whose rims hide each other
 BINS = 6  # parts of the steady flow whose rates are compared
+HIDDEN = 0.08  # share of the slot's width that may show no bead before something hides it
 RESIDUE = 0.02  # share of the bed that may stay behind before it is worth a warning
 AREA_DOUBT = 0.05  # relative, how far the bed's visible area follows its mass
-LENGTH_DOUBT = 0.05  # of a bead's diameter, in the slot's height
 
 
 @dataclass(frozen=True)
@@ -69,11 +71,14 @@ def measure(
     edges = _edges(seen)
     gate = _gate(seen, edges)
     opened = _opened(seen, gate)
+    hidden = _hidden(seen, edges)
     last = _last_particle(seen)
+    if hidden > HIDDEN:
+        last = replace(last, budget=last.budget | {"hidden part of the slot": seen.interval})
     left = _left(seen)
     evaluation = _evaluate(left, total_mass, opened, last, seen.residue, AREA_DOUBT)
-    checks = (*_checks_of_picture(seen, gate), *evaluation.checks)
-    scale, scale_from = _scale(seen, camera, bead_diameter)
+    checks = (*_checks_of_picture(seen, gate, hidden), *evaluation.checks)
+    scale, scale_from, scale_doubt = _scale(seen, camera, bead_diameter, bin_width)
     warnings = [*video.warnings, *evaluation.warnings]
     warnings.append("mass left: taken from the bed's visible area, as of a slab of even depth.")
     view: dict[str, Any] = {
@@ -86,11 +91,12 @@ def measure(
         "slide_goes": {1: "right", -1: "left", 0: "not told"}[gate.direction if gate is not None else 0],
         "frames": len(seen.moments),
     }
+    quantities = (*evaluation.quantities, *_outlet_velocity(seen, scale, scale_doubt))
     result = Measurement(
         rig="hopper",
         source=clip,
         source_sha256=sha256(clip),
-        quantities=evaluation.quantities,
+        quantities=quantities,
         checks=checks,
         warnings=tuple(warnings),
         camera=view,
@@ -294,12 +300,24 @@ def _left(seen: Outflow) -> Series:
 def _edges(seen: Outflow) -> tuple[float, float]:
     """Left and right edge of the slot [px], upright."""
     slot = seen.scenery.slot
+    return slot_edges(_beads_in_slot(seen), slot.left, slot.right)
+
+
+def _hidden(seen: Outflow, edges: tuple[float, float]) -> float:
+    """Share of the slot in which no bead is ever seen though beads pass to both sides: something stands before it."""
+    share = _beads_in_slot(seen)[:, math.ceil(edges[0]) : math.floor(edges[1]) + 1].mean(axis=0)
+    return float(np.mean(share < 0.3 * np.median(share))) if len(share) else 1.0
+
+
+def _beads_in_slot(seen: Outflow) -> npt.NDArray[np.bool_]:
+    """Where in the rows below the slot beads are, shape (frames, width)."""
     full = seen.strips[:5].astype(np.float64).mean(axis=0)
     empty = seen.strips[-5:].astype(np.float64).mean(axis=0)
     level = max(seen.scenery.level, 8.0)
     strips = seen.strips.astype(np.float64)
-    beads = (np.abs(strips - empty).mean(axis=2) > 0.6 * level) & (np.abs(strips - full).mean(axis=2) > 0.6 * level)
-    return slot_edges(beads, slot.left, slot.right)
+    return np.asarray(
+        (np.abs(strips - empty).mean(axis=2) > 0.6 * level) & (np.abs(strips - full).mean(axis=2) > 0.6 * level)
+    )
 
 
 def _gate(seen: Outflow, edges: tuple[float, float]) -> Opening | None:
@@ -358,25 +376,55 @@ def _last_particle(seen: Outflow) -> Instant:
         part = (slot - top[k]) / (below - top[k])
         speed = below - top[k]
         budget = {"passage": CROSSING * seen.interval}
-        budget["slot's height"] = 2 * LENGTH_DOUBT * seen.scenery.bead / max(speed, 1.0) * seen.interval
+        budget["slot's height"] = seen.scenery.slot.sigma / max(speed, 1.0) * seen.interval
     else:
         part = 0.5
         budget = {"passage": 0.3 * seen.interval}
-    budget["slot's height"] = min(budget.get("slot's height", 0.0), seen.interval)
+    budget["slot's height"] = min(budget.get("slot's height", 0.0), 3 * seen.interval)
     budget["exposure"] = EXPOSURE * seen.interval
     return Instant(float(time[k] + part * (time[k + 1] - time[k])), budget, "upper edge of the last bead at the slot")
 
 
-def _scale(seen: Outflow, camera: Camera, bead_diameter: float | None) -> tuple[float | None, str]:
-    """[m/px] of the clip, and where it comes from."""
+def outlet_profile(seen: Outflow, scale: float) -> tuple[Array, Array]:
+    """Place along the slot from its middle [m], and downward velocity of the beads there [m/s]; NaN: not seen."""
+    place, shift = seen.outlet.place[:, 0], seen.outlet.shift[:, 1]
+    size = scale / seen.lens.zoom
+    return (place - (seen.scenery.slot.left + seen.scenery.slot.right) / 2) * size, shift * size / seen.interval
+
+
+def _outlet_velocity(seen: Outflow, scale: float | None, scale_doubt: float) -> list[Quantity]:
+    if scale is None:
+        return []
+    _, velocity = outlet_profile(seen, scale)
+    known = velocity[np.isfinite(velocity)]
+    if len(known) < 3:
+        return []
+    value = float(known.mean())
+    budget = {
+        # neighbouring windows overlap by half
+        "scatter along the slot": float(known.std(ddof=1)) / math.sqrt(len(known) / 2),
+        "scale": scale_doubt * abs(value),
+    }
+    detail: dict[str, Detail] = {"windows": len(known), "fastest_m_s": round(float(known.max()), 5)}
+    method = "cross-correlation at the slot, mean over the steady flow"
+    return [Quantity("outlet_velocity", value, root_sum_of_squares(budget), "m/s", method, 1, detail, budget)]
+
+
+def _scale(
+    seen: Outflow, camera: Camera, bead_diameter: float | None, bin_width: float | None
+) -> tuple[float | None, str, float]:
+    """[m/px] of the clip, where it comes from, and its relative doubt."""
     if camera.given_scale is not None:
-        return camera.given_scale, "known length" if camera.scale is None else "given"
+        return float(camera.given_scale), "known length" if camera.scale is None else "given", 0.01
+    walls = bin_walls(seen.scenery) if bin_width is not None else None
+    if walls is not None and bin_width is not None:
+        return bin_width / (walls[1] - walls[0]) * seen.lens.zoom, "bin width", BIN_DOUBT
     if bead_diameter is not None and seen.scenery.bead_seen:
-        return bead_diameter / seen.scenery.bead * seen.lens.zoom, "bead diameter"
-    return None, "not known"
+        return float(bead_diameter / seen.scenery.bead * seen.lens.zoom), "bead diameter", BEAD_DOUBT
+    return None, "not known", math.inf
 
 
-def _checks_of_picture(seen: Outflow, gate: Opening | None) -> list[Check]:
+def _checks_of_picture(seen: Outflow, gate: Opening | None, hidden: float) -> list[Check]:
     clear = seen.scenery.level / (3 * seen.scenery.noise)
     speed = gate.speed if gate is not None else math.nan
     return [
@@ -389,6 +437,14 @@ def _checks_of_picture(seen: Outflow, gate: Opening | None) -> list[Check]:
             + (f" at {speed:.1f} px per frame." if math.isfinite(speed) else " between two frames.")
             if gate is not None
             else "the slide was not seen to move; the opening is taken from the beads.",
+        ),
+        Check(
+            "slot_in_view",
+            hidden <= HIDDEN,
+            hidden,
+            0.0,
+            f"{100 * hidden:.0f} % of the slot shows no bead while others pass"
+            + ("." if hidden <= HIDDEN else ": something stands before it and may hide the last one."),
         ),
         Check(
             "bed_clear",

@@ -13,6 +13,7 @@ from rigtwin.lab.progress import Progress
 from rigtwin.lab.quantity import Measurement, Quantity
 from rigtwin.lab.records import Series
 from rigtwin.measure import overlay
+from rigtwin.measure.hopper import outlet_profile
 from rigtwin.measure.media import open_video
 from rigtwin.measure.outflow import Outflow
 
@@ -32,7 +33,7 @@ def write_pictures(
     stem = measurement.source.stem
     files = {name: out / f"{stem}-{name}{ending}" for name, ending in (("overlay", ".mp4"), ("still", ".png"))}
     _write_video(files["overlay"], files["still"], measurement, seen, edges, camera, progress)
-    files["plot"] = _write_plot(out / f"{stem}-plot.svg", measurement, left)
+    files["plot"] = _write_plot(out / f"{stem}-plot.svg", measurement, seen, left, scale)
     files["record"] = out / f"{stem}-left.csv"
     partial = files["record"].with_name(files["record"].name + ".part")
     with partial.open("w", newline="", encoding="utf-8") as file:
@@ -86,11 +87,11 @@ def _write_video(
     overlay.save_picture(still, chosen)
 
 
-def _write_plot(path: Path, measurement: Measurement, left: Series) -> Path:
+def _write_plot(path: Path, measurement: Measurement, seen: Outflow, left: Series, scale: float | None) -> Path:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(7.5, 3.8), layout="constrained")
-    axes = figure.add_subplot()
+    figure = Figure(figsize=(10, 3.8), layout="constrained")
+    axes, outlet = figure.subplots(1, 2, width_ratios=[2, 1])
     axes.plot(left.time, left.value, ".-", ms=3, lw=0.8, color="#0072b2", label="left in the hopper")
     for name, colour in (("opening_time", "#009e73"), ("last_particle_time", "#d55e00")):
         one = _quantity(measurement, name)
@@ -102,5 +103,11 @@ def _write_plot(path: Path, measurement: Measurement, left: Series) -> Path:
     axes.set_xlabel("time [s]")
     axes.set_ylabel(left.quantity)
     axes.legend(fontsize=8, frameon=False)
+    place, velocity = outlet_profile(seen, scale or 1.0)
+    factor, units = (1e3, ("mm", "m/s")) if scale is not None else (1.0, ("px", "px/s"))
+    outlet.plot(place * factor, velocity, "o-", ms=4, color="#0072b2")
+    outlet.set_ylim(bottom=0)
+    outlet.set_xlabel(f"along the slot [{units[0]}]")
+    outlet.set_ylabel(f"downward velocity [{units[1]}]")
     overlay.save_plot(path, figure)
     return path

@@ -19,6 +19,7 @@ from rigtwin.lab.progress import Progress
 from rigtwin.measure.bead import Scene
 from rigtwin.measure.grains import colour_cells, find_beads, rare, shares
 from rigtwin.measure.media import Video
+from rigtwin.measure.piv import Displacements, MeanCorrelation, without_outliers
 from rigtwin.measure.still import Cut, Region, Steadied, apart, cut_for, steadied, still_scene
 from rigtwin.measure.upright import Upright, upright
 
@@ -29,6 +30,8 @@ Mask = npt.NDArray[np.bool_]
 ENDS = 5  # frames at either end of the clip that show the full and the empty hopper
 BEAD_SHARE = 0.06  # of the bed's width, a bead's diameter where none is made out
 CLEAR = 6.0  # times the noise by which bed and empty hopper must differ
+FLOWING = (0.2, 0.8)  # of the bed that is left, while the flow is steady
+SLOT_DOUBT = 0.12  # of a bead's diameter, where on the lowest beads the slot lies
 LEAST_BEAD = 0.2  # of a bead's disc, the area below which a patch is no bead
 
 
@@ -39,6 +42,7 @@ class Slot:
     row: float  # lower edge of the bed that rests on the closed slide
     left: float
     right: float
+    sigma: float = 1.0  # of the row
 
 
 @dataclass(frozen=True)
@@ -82,6 +86,7 @@ class Outflow:
     residue: float  # share of the bed's area that is still there at the end
     shake: float  # [px], standard deviation
     interval: float  # [s], between frames
+    outlet: Displacements  # of the beads in the slot from frame to frame, mean over the steady flow
 
 
 def follow_outflow(
@@ -100,10 +105,14 @@ def follow_outflow(
     scenery = _scenery(video, scene, lens, turn, None if bead is None else bead * lens.zoom)
     moments, strips = [], []
     before: Image | None = None
+    outlet = _windows(scenery)
     count = video.last - video.first + 1
     for frame in _upright_frames(video, scene, lens, turn):
         moments.append(_moment(frame, before, scenery))
         strips.append(slide_strip(frame.colour, scenery))
+        share = moments[-1].left / max(float(np.median([moment.left for moment in moments[:ENDS]])), 1.0)
+        if before is not None and FLOWING[0] < share < FLOWING[1]:
+            outlet.add(_grey(before), _grey(frame.colour))
         before = frame.colour
         progress("watching the hopper empty", len(moments), count)
     shakes = np.array([moment.shake for moment in moments])
@@ -116,7 +125,49 @@ def follow_outflow(
         _residue(scenery),
         float(shakes.std(axis=0).max()),
         float(np.median(np.diff([moment.time for moment in moments]))),
+        without_outliers(outlet.displacements()),
     )
+
+
+def _windows(scenery: Scenery) -> MeanCorrelation:
+    """Windows of two beads side by side along the slot, which see shifts of up to three beads downwards."""
+    slot, bead = scenery.slot, scenery.bead
+    count = max(3, round((slot.right - slot.left) / (0.75 * bead)))
+    x = slot.left + (np.arange(count) + 0.5) * (slot.right - slot.left) / count
+    place = np.column_stack([x, np.full(count, slot.row)])
+    return MeanCorrelation(place, window=max(8, round(2 * bead)), reach=(max(3, round(bead)), max(6, round(3 * bead))))
+
+
+def _grey(picture: Image) -> npt.NDArray[np.uint8]:
+    return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+
+
+def bin_walls(scenery: Scenery) -> tuple[float, float] | None:
+    """Inner edges [px] of the bin's upright walls above the bed, None where they are not clear.
+
+    Outwards from the bed the first edge that runs upright over all these rows is the wall's.
+    """
+    rows, columns = np.nonzero(scenery.bed)
+    top = int(rows.min() - 0.5 * scenery.bead)
+    if top < 3 * scenery.bead:
+        return None
+    left, right = float(columns.min()), float(columns.max())
+    part = cv2.cvtColor(scenery.empty[max(top - round(8 * scenery.bead), 0) : top], cv2.COLOR_BGR2GRAY)
+    steps = cv2.Sobel(cv2.GaussianBlur(part.astype(np.float32), (0, 0), 1.0), cv2.CV_32F, 1, 0, scale=1 / 8)
+    upright_edge = np.abs(np.median(steps, axis=0))
+    reach = round(0.25 * (right - left))
+    found = []
+    for start, way in ((round(left + scenery.bead), -1), (round(right - scenery.bead), 1)):
+        x = np.clip(start + way * np.arange(reach), 1, len(upright_edge) - 2)
+        strength = upright_edge[x]
+        peaks = [k for k in range(1, reach - 1) if strength[k] >= max(strength[k - 1], strength[k + 1])]
+        clear = [k for k in peaks if strength[k] > 0.5 * strength.max() and strength[k] > 2.0]
+        if not clear:
+            return None
+        found.append(float(x[clear[0]]))
+    middle = (scenery.slot.left + scenery.slot.right) / 2
+    lopsided = abs(found[0] + found[1] - 2 * middle) / (found[1] - found[0])
+    return (found[0], found[1]) if lopsided < 0.12 else None
 
 
 def bead_mask(picture: Image, scenery: Scenery) -> Mask:
@@ -176,10 +227,7 @@ def _scenery(video: Video, scene: Scene, lens: Cut, turn: Array, bead: float | N
     here, there = shares(cells_full[core]), shares(cells_empty[bed | below])
     little = rare(here, cells_full[core])
     odds = np.clip(np.log((here + little) / (there + little)), -3, 3)
-    # the slide changed too: the bed's lower edge is that of what has the beads' colour
-    coloured = bed & (odds[cells_full] > 0.7)
-    if coloured.sum() > 0.5 * bed.sum():
-        slot = _slot(coloured, seen)
+    slot = _above_slide(np.asarray(odds)[cells_full], bed & (odds[cells_full] > 0.7), slot, seen)
     contrast = float(np.median(apart(full, empty)[core]))
     return Scenery(
         full,
@@ -200,7 +248,7 @@ def _searched(picture: Image, bed: Mask) -> tuple[Image, tuple[float, float]]:
     rows, columns = np.nonzero(bed)
     crop = picture[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
     width = float(np.ptp(columns))
-    return np.asarray(cv2.cvtColor(crop, cv2.COLOR_BGR2GRAY), np.uint8), (max(0.012 * width, 2.5), 0.09 * width)
+    return np.asarray(cv2.cvtColor(crop, cv2.COLOR_BGR2GRAY), np.uint8), (max(0.012 * width, 2.5), 0.15 * width)
 
 
 def _otsu(values: npt.NDArray[np.uint8]) -> float:
@@ -221,7 +269,9 @@ def _bed(differs: Mask) -> Mask | None:
     if not large:
         return None
     upper = min(large, key=lambda k: centres[k][1])
-    return np.asarray(labels == upper)
+    # a bar in front of the hopper parts the bed in two
+    reach = 0.5 * stats[upper, cv2.CC_STAT_HEIGHT]
+    return np.isin(labels, [k for k in large if abs(centres[k][1] - centres[upper][1]) < reach])
 
 
 def _slot(bed: Mask, bead: float) -> Slot:
@@ -233,6 +283,27 @@ def _slot(bed: Mask, bead: float) -> Slot:
     bottoms = bed.shape[0] - 1 - np.argmax(bed[::-1, inner], axis=0)
     # beads touch the slide with their lowest points only
     return Slot(float(np.percentile(bottoms, 70)) + 0.5, float(columns[0]) - 0.5, float(columns[-1]) + 0.5)
+
+
+def _above_slide(odds: Array, coloured: Mask, slot: Slot, bead: float) -> Slot:
+    """The slot where the beads' colour ends: the slide beneath them went away, too, and looks like part of the bed."""
+    inset = round(0.12 * (slot.right - slot.left))
+    columns = slice(round(slot.left) + inset, max(round(slot.right) - inset, round(slot.left) + inset + 1))
+    rows = np.flatnonzero(coloured.any(axis=1))
+    first = max(round(slot.row - max(1.2 * bead, 0.1 * float(np.ptp(rows)) if len(rows) else 0.0)), 0)
+    alike = odds[first : round(slot.row + 0.3 * bead) + 1, columns].mean(axis=1)
+    other = np.flatnonzero(alike < 0)
+    if len(other) == 0 or other[0] == 0:
+        return replace(slot, sigma=0.4 * bead)
+    row = first + int(other[0])
+    seen = np.flatnonzero(coloured[max(row - round(0.4 * bead), 0) : row].any(axis=0))
+    if len(seen) < 0.5 * (slot.right - slot.left):
+        return replace(slot, sigma=0.4 * bead)
+    # where between the last row of beads and the first of the slide the colour changes over
+    above, below = alike[other[0] - 1], alike[other[0]]
+    crossing = row - 1 + above / max(above - below, 1e-6)
+    sigma = max(SLOT_DOUBT * bead, 0.7)
+    return Slot(float(crossing), float(seen[0]) - 0.5, float(seen[-1]) + 0.5, sigma)
 
 
 def _moment(frame: Steadied, before: Image | None, scenery: Scenery) -> Moment:
