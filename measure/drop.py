@@ -74,8 +74,11 @@ def _readable(track: Track) -> tuple[Track, int]:
     time, position = track.time[finite], track.position[finite]
     again = np.zeros(len(time), dtype=bool)
     if len(time) > 12:
-        steps = np.hypot(*np.diff(position, axis=0).T)
-        again[1:] = repeated(steps)
+        steps = np.diff(position, axis=0)
+        onwards = np.sum(steps[:-2] * steps[2:], axis=1) > 0  # not where the bead turns round
+        lengths = np.hypot(*steps.T)
+        lengths[1:-1][~onwards] = np.max(lengths)
+        again[1:] = repeated(lengths)
     kept = Track(time[~again], position[~again], track.sigma[finite][~again], track.body)
     return kept, int(np.sum(again))
 

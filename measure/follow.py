@@ -6,7 +6,7 @@ Three passes over the video, none of which holds it in memory: learn the scene, 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import cv2
@@ -98,30 +98,39 @@ class Channel:
 LUMA = Channel()
 
 
-def learn_scene(video: Video, first: int, last: int, channel: Channel = LUMA) -> Background:
+def learn_scene(video: Video, first: int, last: int) -> Background:
     """Background from frames spread evenly over `first` to `last`."""
+    return _background(frames_of(video, _spread(first, last, Background.capacity)))
+
+
+def _background(frames: Sequence[Frame], channel: Channel = LUMA) -> Background:
     background = Background()
-    wanted = _spread(first, last, Background.capacity)
-    for frame in video.frames():
-        if frame.index in wanted:
-            background.add(frame.index, channel.grey(frame))
-        if frame.index >= last:
-            break
+    for frame in frames:
+        background.add(frame.index, channel.grey(frame))
     return background
+
+
+def frames_of(video: Video, indices: Collection[int]) -> list[Frame]:
+    """Some frames of a video; it is read no further than the last of them."""
+    found = []
+    for frame in video.frames():
+        if frame.index in indices:
+            found.append(frame)
+        if frame.index >= max(indices):
+            break
+    return found
 
 
 def _spread(first: int, last: int, count: int) -> set[int]:
     return set(np.unique(np.linspace(first, last, count).round().astype(int)).tolist())
 
 
-def best_channel(video: Video, path: SpotPath) -> Channel:
+def best_channel(frames: Sequence[Frame], path: SpotPath) -> Channel:
     """The mix of colours in which the bead differs most surely from what is behind it (Fisher's discriminant).
 
     A wooden bead in front of a grey wall has its own lit and dark side, but one hue.  Luma is kept unless another mix
-    is clearly better: it has the full resolution.
+    is clearly better: it has the full resolution.  A dozen frames spread over the path are enough.
     """
-    wanted = _spread(path.frames[0], path.frames[-1], 12)
-    frames = [frame for frame in video.frames() if frame.index in wanted]
     where = _place(path)
     places = [where(frame.index)[0] for frame in frames]
     differences, noises, scenery = [], [], []
@@ -320,8 +329,9 @@ def chase(
 
 def chase_path(video: Video, path: SpotPath, moves: Movement, progress: Progress = silent) -> Chase:
     """`chase` in the best channel, before the scene without the bead, wherever it rests."""
-    channel = best_channel(video, path)
-    background = learn_scene(video, path.frames[0], path.frames[-1], channel)
+    seen = frames_of(video, _spread(path.frames[0], path.frames[-1], Background.capacity))
+    channel = best_channel(seen[::2], path)
+    background = _background(seen, channel)
     frames = np.array(path.frames)
     centres = path.centres
     bead = {

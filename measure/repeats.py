@@ -68,4 +68,7 @@ def repeated(changes: Array, *, noise: float = 0.0) -> npt.NDArray[np.bool_]:
     moving = around > 4 * calm
     # at the top of a flight steps shrink evenly: half a step beside two and a half is the nearest they come to this
     marked = moving & (changes < np.maximum(0.15 * around, calm))
-    return marked if np.sum(marked) > max(LEAST_SHARE * np.sum(moving), 3) else none
+    if np.sum(marked) <= max(LEAST_SHARE * np.sum(moving), 3):
+        return none
+    # the tops of flights come seldom; the slowest of the usual doublings is every sixth frame
+    return marked if float(np.median(np.diff(np.flatnonzero(marked)))) <= 6 else none

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.measure.bead import Background, BeadFit, BeadImage, Look, Scene, common_look, fit_bead
-from rigtwin.measure.follow import Channel, Spot, SpotPath, best_channel
+from rigtwin.measure.follow import Channel, Spot, SpotPath, best_channel, frames_of
 from rigtwin.measure.media import Frame, Grey, Video
 from rigtwin.measure.meeting import Collision, Path, Region, find_collision, find_paths, hanging_place
 
@@ -57,7 +57,8 @@ def find_beads(
     samples = sample_frames(video, progress)
     scene = still_scene({index: frame.grey for index, frame in samples.items()})
     collision = find_collision(find_paths(video, scene, samples, region, progress), video, stated_length)
-    channel = best_channel(video, as_spots(collision.fall))
+    falling = np.linspace(collision.fall.frames[0], collision.fall.frames[-1], 12).round().astype(int)
+    channel = best_channel(frames_of(video, set(falling.tolist())), as_spots(collision.fall))
     greys = {index: channel.grey(frame) for index, frame in samples.items()}
     scene = still_scene(greys)
     # right after the collision B has left its place and A has not come to it yet: the best view of what B hid

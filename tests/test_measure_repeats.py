@@ -1,10 +1,13 @@
 """Doubled frames are found by what does not change in them, and nothing else is taken for one."""
 
+import av
 import cv2
 import numpy as np
 import pytest
 
-from rigtwin.measure.repeats import Repeats, repeated
+from rigtwin.lab.camera import Camera
+from rigtwin.measure.media import open_video
+from rigtwin.measure.repeats import Repeats, repeated, without_repeats
 
 
 def frames_of_a_bouncing_bead(count, *, noise=2.0, seed=0):
@@ -47,6 +50,29 @@ def test_doubled_frames_are_found_whatever_their_rhythm(pattern):
     assert len(marked - again) <= 2
 
 
+def test_the_tops_of_slow_film_are_no_doubled_frames():
+    """Ten frames from contact to contact: at every second top the bead hardly moves for one frame."""
+    rng = np.random.default_rng(2)
+    steps = np.abs(np.tile([4.5, 3.5, 2.5, 1.5, 0.1, 0.9, 2, 3, 4, 5.0], 8)) + rng.uniform(0, 0.05, 80)
+    assert not np.any(repeated(steps))
+
+
 def test_a_bead_that_rests_repeats_nothing():
     rng = np.random.default_rng(4)
     assert not np.any(repeated(rng.uniform(0.5, 2.5, 100), noise=2.0))
+
+
+def test_a_doubled_clip_is_read_without_its_doubled_frames(tmp_path):
+    path = tmp_path / "doubled.mp4"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=60, options={"crf": "18", "preset": "ultrafast"})
+        stream.width, stream.height, stream.pix_fmt = 80, 240, "yuv420p"
+        for grey in frames_of_a_bouncing_bead(40):
+            for _ in range(2):
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(np.stack([grey] * 3, axis=-1), format="bgr24")))
+        container.mux(stream.encode())
+    video = open_video(path, Camera(frame_rate=60))
+    read = [frame.index for frame in without_repeats(video).frames()]
+    assert len(read) < 46
+    assert set(range(0, 80, 2)) <= set(read) | {0}
+    assert len(list(video.frames())) == 80
