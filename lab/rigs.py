@@ -117,7 +117,58 @@ class PileSettings:
         return Pile(self.base_diameter, self.rim_height, self.outlet_diameter, self.variant)
 
 
-RigSettings = DropSettings | PendulumSettings | PileSettings
+@dataclass(frozen=True)
+class TiltSettings:
+    """What the experimenter says of a tilting plate beforehand."""
+
+    variant: Literal["slide", "roll"]
+    arm_length: float | None = None  # [m], plate or arm, from hinge to tip
+    speed: float | None = None  # [rad/s], how fast the plate is tilted
+
+    name: ClassVar[str] = "tilt"
+
+
+@dataclass(frozen=True)
+class PackingSettings:
+    """What the experimenter says of a packed cylinder beforehand."""
+
+    cylinder_diameter: float  # [m], inner
+    total_mass: float | None = None  # [kg], of all particles
+    count: int | None = None  # how many particles there are
+
+    name: ClassVar[str] = "packing"
+
+
+@dataclass(frozen=True)
+class DrumSettings:
+    """What the experimenter says of a rotating drum beforehand."""
+
+    drum_diameter: float  # [m], inner
+    speed: float  # [rad/s]
+    depth: float | None = None  # [m], inner length along the axis
+    fill: float | None = None  # [1], share of the drum's volume that the bed takes
+    count: int | None = None  # how many particles there are
+
+    name: ClassVar[str] = "drum"
+
+
+@dataclass(frozen=True)
+class HopperSettings:
+    """What the experimenter says of a hopper beforehand."""
+
+    variant: Literal["slot", "conical"]
+    bin_width: float | None = None  # [m], inner width, or diameter, of the bin
+    depth: float | None = None  # [m], of a slot hopper, along the line of sight
+    outlet: float | None = None  # [m], width of the slot or diameter of the outlet
+    total_mass: float | None = None  # [kg], of all particles
+    count: int | None = None  # how many particles there are
+
+    name: ClassVar[str] = "hopper"
+
+
+RigSettings = (
+    DropSettings | PendulumSettings | TiltSettings | PackingSettings | PileSettings | DrumSettings | HopperSettings
+)
 
 
 def _stated(key: str, stated: float | None, measured: float | None) -> float:

@@ -229,7 +229,6 @@ def test_each_experiment_names_the_pairs_that_touch_in_it(folder):
         ('"double"', '"wall"', "experiments[1].wall", '[[experiments]]\nid = "pendulum-1"', "missing"),
         ('"double"', '"double"\nwall = "steel"', "experiments[1].wall", 'wall = "steel"\nparticle', "no wall"),
         # rigs and media
-        ('rig = "drop"', 'rig = "hopper"', "experiments[0].rig", "hopper", "not supported yet"),
         ('rig = "drop"', 'rig = "dorp"', "experiments[0].rig", "dorp", "did you mean 'drop'"),
         ('"r02.csv"]', '\n"r03.csv"]', "experiments[0].repetitions[1]", "r03.csv", "no file"),
         ('"p3.jpg"', '"."', "experiments[2].repetitions[1]", '"."', "no file"),

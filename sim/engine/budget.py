@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.sim.engine.contact import STIFFNESS
-from rigtwin.sim.engine.walls import Shape, Vector, gaps
+from rigtwin.sim.engine.elements import Vector
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.bulk import Grains
@@ -34,6 +33,7 @@ class Budget:
     wall_contacts: int
     mean_overlap: float  # of all contacts
     largest_overlap: float
+    work: float  # [J], given by moving walls until now
 
     @property
     def total(self) -> float:
@@ -44,13 +44,17 @@ class Budget:
 def measure(
     rows: Array,
     near: npt.NDArray[np.int64],
-    shapes: Sequence[Shape],
+    at_walls: Array,
     laws: tuple[Array, Array],
     *,
     grains: Grains,
     gravity: Vector,
+    work: float = 0.0,
 ) -> Budget:
-    """The budget of `grains`, whose spheres are `rows` (as exported by the arena); the pairs `near` may touch."""
+    """The budget of `grains`, whose spheres are `rows` (as exported by the arena); the pairs `near` may touch.
+
+    `at_walls` are the contacts with walls: bead, wall, overlap [m].
+    """
     position, radius = rows[:, 0:3], rows[:, 9]
     kind = rows[:, 19].astype(int)
 
@@ -61,11 +65,9 @@ def measure(
     effective = radius[one] * radius[other] / (radius[one] + radius[other])
     depths = [overlap / (2 * effective)]
     elastic = _hertz(laws[0][kind[one], kind[other], STIFFNESS], effective, overlap)
-    for k, shape in enumerate(shapes):
-        deep = -gaps(shape, position, radius)
-        at_wall = deep > 0
-        depths.append(deep[at_wall] / radius[at_wall])
-        elastic += _hertz(laws[1][kind[at_wall], k, STIFFNESS], radius[at_wall], deep[at_wall])
+    bead, wall = at_walls[:, :2].astype(int).T
+    depths.append(at_walls[:, 2] / radius[bead])
+    elastic += _hertz(laws[1][kind[bead], wall, STIFFNESS], radius[bead], at_walls[:, 2])
     depth = np.concatenate(depths)
     return Budget(
         kinetic=grains.kinetic_energy,
@@ -76,6 +78,7 @@ def measure(
         wall_contacts=len(depth) - len(one),
         mean_overlap=float(depth.mean()) if len(depth) else 0.0,
         largest_overlap=float(depth.max(initial=0.0)),
+        work=work,
     )
 
 

@@ -22,11 +22,15 @@ from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.engine import backend
 from rigtwin.sim.engine.backend import ti
 from rigtwin.sim.engine.contact import LAW_SIZE, ROLLING, Rolling, contact_forces, pair_law
-from rigtwin.sim.engine.walls import WALL_SIZE, Wall, gaps, towards_wall
+from rigtwin.sim.engine.elements import OF_WALL
+from rigtwin.sim.engine.wall_contacts import WANDERS, WallContacts, wall_table
+from rigtwin.sim.engine.walls import Wall, gaps
 
 Array = npt.NDArray[np.float64]
 
-BODIES, WALLS, SAMPLES = 16, 8, 4096
+BODIES, SAMPLES = 16, 4096
+ELEMENTS = 64  # planes, discs, triangles ... that the walls are made of
+ENDLESS = 1e9  # [m]
 ACCURATE_FRACTION = 0.015  # of Rayleigh's step: a twentieth of the usual 30 %, restitution then errs by < 0.1 %
 FLIGHT_STEP = 1e-4  # [s], longest step out of contact
 HALVINGS = 6
@@ -147,8 +151,10 @@ def _check(
         raise BadInput(
             f"bodies: {len(bodies)} were given; this path moves 1 to {BODIES}, use the bulk engine for more."
         )
-    if len(walls) > WALLS:
-        raise BadInput(f"walls: {len(walls)} were given; at most {WALLS} are possible.")
+    if (count := sum(len(wall.shape.rows) for wall in walls)) > ELEMENTS:
+        raise BadInput(
+            f"walls: they are made of {count} parts; this path takes {ELEMENTS}, use the bulk engine for larger meshes."
+        )
     for body in bodies:
         if body.particle.shape is not None:
             raise BadInput(f"{body.particle.name} is a clump; this twin moves single spheres, name a sphere instead.")
@@ -161,7 +167,7 @@ def _check(
     centres, radii = state[:, :3], np.array([b.particle.radius for b in bodies])
     tolerance = 1e-3 * radii  # hanging beads touch; a thousandth of a radius is no blunder
     for wall in walls:
-        gap = gaps(wall.shape, centres, radii)
+        gap = gaps(wall.shape, wall.motion.undone(centres, 0.0) if wall.motion else centres, radii)
         if np.any(gap < -tolerance):
             bad = int(np.argmin(gap))
             raise BadInput(f"body {bad} starts {-gap[bad] * 1e3:.3g} mm inside a wall; move it out.")
@@ -193,18 +199,16 @@ class _Bench:
         self.thread = ti.Vector.field(4, ti.f64, BODIES)  # pivot, length (0: none)
         self.pair_slip = ti.Vector.field(3, ti.f64, (BODIES, BODIES))
         self.pair_roll = ti.Vector.field(3, ti.f64, (BODIES, BODIES))
-        self.wall_slip = ti.Vector.field(3, ti.f64, (BODIES, WALLS))
-        self.wall_roll = ti.Vector.field(3, ti.f64, (BODIES, WALLS))
+        self.walls = WallContacts(BODIES, BODIES * ELEMENTS, ELEMENTS)
+        self.kind = ti.field(ti.i32, BODIES)
         self.pair_law = ti.Vector.field(LAW_SIZE, ti.f64, (BODIES, BODIES))
-        self.wall_law = ti.Vector.field(LAW_SIZE, ti.f64, (BODIES, WALLS))
         self.pair_meets = ti.field(ti.i32, (BODIES, BODIES))
-        self.walls = ti.field(ti.f64, (WALLS, WALL_SIZE))
         self.gravity = ti.Vector.field(4, ti.f64, ())  # at the start, and how fast it turns about y
         self.pull = ti.Vector.field(3, ti.f64, ())  # gravity now
         self.times = ti.field(ti.f64, SAMPLES)
         self.out = ti.field(ti.f64, (SAMPLES, BODIES, 9))
         self.clock = ti.field(ti.f64, 4)  # time, step in contact, longest step, time to a contact
-        self.counts = ti.field(ti.i32, 8)  # bodies, walls, samples wanted, samples taken, status, rolling, culprit
+        self.counts = ti.field(ti.i32, 8)
         self.total_steps = ti.field(ti.i64, ())
 
     def load(
@@ -231,14 +235,25 @@ class _Bench:
                 if contact is not None:
                     law = pair_law(bodies[i].particle.material, bodies[j].particle.material, contact)
                     pair[i, j] = (*law.row, 1.0)
-        wall = np.zeros((WALLS, WALL_SIZE))
-        on_wall = np.zeros((BODIES, WALLS, LAW_SIZE))
-        for k, w in enumerate(walls):
-            wall[k] = w.shape.row
-            for i, b in enumerate(bodies):
-                on_wall[i, k] = pair_law(b.particle.material, w.material, w.contact).row
+        kinds = list(dict.fromkeys(b.particle for b in bodies))
+        for i, b in enumerate(bodies):
+            table[i, 16] = kinds.index(b.particle)
+        self._load_walls(walls, kinds, len(bodies))
+        changing = any(w.motion is not None or math.isfinite(w.until) for w in walls)
         numbers = np.array([0.0, *steps, *gravity])
-        self._load(table, pair, wall, on_wall, numbers, len(bodies), len(walls), int(rolling == ROLLING[0]))
+        constant_torque = int(rolling == ROLLING[0])
+        self._load(table, pair, numbers, len(bodies), len(walls), constant_torque, int(changing))
+
+    def _load_walls(self, walls: Sequence[Wall], kinds: Sequence[Particle], bodies: int) -> None:
+        """Every part of every wall is near every body."""
+        everywhere = np.full(3, -ENDLESS), np.full(3, ENDLESS)
+        laws = wall_table([(wall,) * len(kinds) for wall in walls], kinds, skin=0.0, domain=everywhere)
+        self.walls.load(laws)
+        parts = len(laws.elements) if walls else 0
+        first = (np.arange(BODIES + 1) * parts).astype(np.int32)
+        near = np.zeros((max(1, BODIES * parts), 9))
+        near[: BODIES * parts, 0] = np.tile(np.arange(parts), BODIES)
+        self.walls.put_list(first, near, 0, bodies)
 
     def expect(self, times: Array) -> None:
         padded = np.zeros(SAMPLES)
@@ -265,12 +280,11 @@ class _Bench:
         self,
         table: ti.types.ndarray(),
         pair: ti.types.ndarray(),
-        wall: ti.types.ndarray(),
-        on_wall: ti.types.ndarray(),
         numbers: ti.types.ndarray(),
         bodies: ti.i32,
         walls: ti.i32,
         constant_torque: ti.i32,
+        changing: ti.i32,
     ):
         ti.loop_config(serialize=True)
         for i in range(BODIES):
@@ -285,13 +299,7 @@ class _Bench:
                 self.pair_meets[i, j] = int(pair[i, j, LAW_SIZE])
                 for c in ti.static(range(LAW_SIZE)):
                     self.pair_law[i, j][c] = pair[i, j, c]
-            for k in range(WALLS):
-                self.wall_slip[i, k] = ti.Vector([0.0, 0.0, 0.0])
-                self.wall_roll[i, k] = ti.Vector([0.0, 0.0, 0.0])
-                for c in ti.static(range(LAW_SIZE)):
-                    self.wall_law[i, k][c] = on_wall[i, k, c]
-        for k, c in ti.ndrange(WALLS, WALL_SIZE):
-            self.walls[k, c] = wall[k, c]
+            self.kind[i] = int(table[i, 16])
         for c in ti.static(range(3)):
             self.clock[c] = numbers[c]
             self.clock[3] = 0.0
@@ -303,6 +311,7 @@ class _Bench:
         self.counts[4] = DONE
         self.counts[5] = constant_torque
         self.counts[6] = -1
+        self.counts[7] = changing
         self.total_steps[None] = -1  # forces not yet known
 
     @ti.kernel
@@ -320,30 +329,24 @@ class _Bench:
         clear = self.clock[2]
         slack = self.pull[None].norm() * self.clock[2]
         constant_torque = self.counts[5]
+        self.walls.pose(self.counts[1], self.clock[0] + step, step, ENDLESS)
         for i in range(n):
             self.push[i] = self.pull[None]
             self.twist[i] = ti.Vector([0.0, 0.0, 0.0])
         for i in range(n):
             radius, mass, inertia = self.body[i][0], self.body[i][1], self.body[i][2]
-            for k in range(self.counts[1]):
-                distance, normal = towards_wall(self.walls, k, self.position[i])
-                overlap = radius - distance
-                if overlap > 0.0:
-                    clear = 0.0
-                    surface = self.half[i] + distance * self.half_spin[i].cross(normal)
-                    force, torque, _t, slip, roll = contact_forces(
-                        overlap, normal, surface, self.half_spin[i], ti.Vector([0.0, 0.0, 0.0]), radius, mass, radius,
-                        radius, inertia, inertia, radius, inertia, self.wall_law[i, k], self.wall_slip[i, k],
-                        self.wall_roll[i, k], step, constant_torque,
-                    )  # fmt: skip
-                    self.wall_slip[i, k] = slip
-                    self.wall_roll[i, k] = roll
-                    self.push[i] = self.push[i] + force / mass
-                    self.twist[i] = self.twist[i] + (distance * normal.cross(force) + torque) / inertia
-                else:
-                    self.wall_slip[i, k] = ti.Vector([0.0, 0.0, 0.0])
-                    self.wall_roll[i, k] = ti.Vector([0.0, 0.0, 0.0])
-                    clear = ti.min(clear, -0.4 * overlap / (self.half[i].norm() + slack))
+            force, torque, deepest = self.walls.press(
+                0, i, self.kind[i], self.position[i], self.half[i], self.half_spin[i], radius, mass, inertia, step,
+                constant_torque,
+            )  # fmt: skip
+            self.push[i] = self.push[i] + force / mass
+            self.twist[i] = self.twist[i] + torque / inertia
+            for q in range(self.walls.first[0, i], self.walls.first[0, i + 1]):
+                wall = int(self.walls.elements[self.walls.near[0, q], OF_WALL])
+                closing = self.half[i].norm() + slack + self.walls.motion[wall, WANDERS]
+                clear = ti.min(clear, 0.4 * ti.max(self.walls.facing[q][3] - radius, 0.0) / closing)
+            if deepest > 0.0:
+                clear = 0.0
             for j in range(i + 1, n):
                 if self.pair_meets[i, j] == 1:
                     radius_j, mass_j, inertia_j = self.body[j][0], self.body[j][1], self.body[j][2]
@@ -442,11 +445,13 @@ class _Bench:
                     h = 0.0
                 for i in range(n):
                     self.drift(i, h)
-                still = 1
-                if self.gravity[None][3] != 0.0:
-                    still = 0
+                turned = self.gravity[None][3] != 0.0
+                if turned:
                     self.turn_gravity(self.clock[0] + h)
                 self.clock[3] = self.forces(h)
+                still = 1 - self.counts[7]
+                if turned:
+                    still = 0
                 for i in range(n):
                     self.velocity[i] = self.across_thread(i, self.half[i] + 0.5 * h * self.push[i])
                     self.spin[i] = self.half_spin[i] + 0.5 * h * self.twist[i]
