@@ -5,6 +5,7 @@ Lengths in metres, angles in radians, masses in kilograms.  A field that is None
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -66,7 +67,36 @@ class Tilt:
     plate_length: float = 0.2  # [m], from the hinge; the body lies in its middle
 
 
-Rig = Drop | Pendulum | Pile | Packing | Tilt
+@dataclass(frozen=True)
+class Drum:
+    """A drum turning about its level axis, partly filled (section 2.2.4); the paper states neither depth nor fill."""
+
+    diameter: float  # [m], inner
+    speed: float  # [rad/s]
+    depth: float | None = None  # [m], between the end walls; None: half the diameter
+    fill: float | None = None  # [1], part of the drum's volume that the bed takes; None: 0.35
+
+
+@dataclass(frozen=True)
+class Hopper:
+    """A hopper that empties through its outlet.
+
+    conical: a cylinder on a cone, with a round outlet (section 2.2.3).  slot: two inclined walls between two upright
+    plates, with a slot between them, and below it a slide that leads to the floor (section 2.2.5).
+    """
+
+    outlet: float  # [m], diameter of the round outlet, width of the slot
+    variant: Literal["conical", "slot"] = "conical"
+    diameter: float = 0.1  # [m], of the conical hopper's cylinder
+    cone_height: float = 0.1  # [m]
+    inclination: float = math.radians(60)  # [rad], of the slot hopper's walls from the level
+    width: float | None = None  # [m], of the slot hopper above its inclined walls; None: 150 mm
+    slot_length: float | None = None  # [m]; None: 68 mm
+    slide_angle: float | None = None  # [rad], of the slide from the level; None: 45 degrees
+    slide_drop: float | None = None  # [m], from the slot to the slide below it; None: 60 mm
+
+
+Rig = Drop | Pendulum | Pile | Packing | Tilt | Drum | Hopper
 
 
 @dataclass(frozen=True)

@@ -55,13 +55,14 @@ class Video:
     last: int  # last frame inside --start/--end
     source: sources.Source = field(repr=False)
     warnings: tuple[str, ...] = field(default=())
+    skipped: frozenset[int] = field(default=frozenset())  # pictures that `frames()` leaves out
 
     def frames(self) -> Iterator[Frame]:
         """The pictures from `first` to `last`, in order."""
         index = -1
         try:
             for index, (grey, in_colour) in enumerate(self.source.pictures()):
-                if index >= self.first:
+                if index >= self.first and index not in self.skipped:
                     yield Frame(index, float(self.times[index]), grey, in_colour)
                 if index == self.last:
                     return  # a damaged rest of the file is never touched

@@ -48,7 +48,7 @@ def arena(capacity: int, pair_capacity: int, near_capacity: int, room: int = ROO
 class Arena(RigidBodies):
     """State of up to `capacity` beads, `pair_capacity` neighbouring pairs and `near_capacity` walls near beads.
 
-    `rigid`: some of the beads are parts of bodies.
+    `rigid`: some beads are parts of bodies.
     """
 
     def __init__(self, capacity: int, pair_capacity: int, near_capacity: int, room: int, rigid: bool) -> None:
@@ -555,6 +555,12 @@ class Arena(RigidBodies):
         return left_skin
 
     @ti.func
+    def pose_walls(self, time):
+        """Put the walls where they are at `time`; 1 when one has come too far for the list."""
+        step, leeway = self.numbers[STEP], 0.5 * self.numbers[SKIN]
+        return self.walls.pose(self.counts[WALL_COUNT], time, step, leeway)
+
+    @ti.func
     def move_body(self, b):
         """Body `b` to the next step; 1 when one of its beads left its skin."""
         gravity = ti.Vector([self.numbers[GRAVITY], self.numbers[GRAVITY + 1], self.numbers[GRAVITY + 2]])
@@ -564,12 +570,6 @@ class Arena(RigidBodies):
             self.counts[STATUS] = EXPLODED
             self.counts[CULPRIT] = self.member[self.member_first[b]]
         return answer & 1
-
-    @ti.func
-    def pose_walls(self, time):
-        """Put the walls where they are at `time`; 1 when one has come too far for the list."""
-        step, leeway = self.numbers[STEP], 0.5 * self.numbers[SKIN]
-        return self.walls.pose(self.counts[WALL_COUNT], time, step, leeway)
 
     @ti.kernel
     def run_serial(self, steps: ti.i32, before: ti.f64):

@@ -53,7 +53,7 @@ def measure(
 ) -> Budget:
     """The budget of `grains`, whose spheres are `rows` (as exported by the arena); the pairs `near` may touch.
 
-    `at_walls` are the contacts with walls: bead, wall, overlap [m].
+    `at_walls` are the contacts with walls: sphere, wall, overlap [m].
     """
     position, radius = rows[:, 0:3], rows[:, 9]
     kind = rows[:, 19].astype(int)

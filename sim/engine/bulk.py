@@ -26,8 +26,8 @@ from rigtwin.sim.engine import backend, bodies, budget, checkpoint
 from rigtwin.sim.engine.clock import positive
 from rigtwin.sim.engine.contact import LAW_SIZE, ROLLING, Rolling, pair_law
 from rigtwin.sim.engine.elements import Vector
-from rigtwin.sim.engine.wall_contacts import KINDS, WallTable, wall_table
-from rigtwin.sim.engine.walls import Shape, Wall, gaps
+from rigtwin.sim.engine.wall_contacts import KINDS, UNTIL, WallTable, motion_of, motion_row, wall_table
+from rigtwin.sim.engine.walls import Motion, Shape, Wall, gaps
 
 Array = npt.NDArray[np.float64]
 
@@ -175,8 +175,7 @@ class Bulk:
         self._check_new(rows, particle, kind, overlap)
         before = self._count(at.BEADS)
         if before + len(rows) > self._arena.capacity:
-            near = self._arena.walls.near_capacity
-            self._grow(_arena_size(before + len(rows)), self._arena.pair_capacity, near)
+            self._grow(_arena_size(before + len(rows)), self._arena.pair_capacity, self._arena.walls.near_capacity)
         rows[:, 18] = np.arange(self._spheres, self._spheres + len(rows))
         rows[:, 19] = kind
         self._arena.put(rows, before, len(rows))
@@ -282,9 +281,21 @@ class Bulk:
         """Go on from a `state` of a simulation that was made in the same way."""
         self._enter(at.arena(*map(int, state["sizes"]), self._table.room, self._rigid))
         checkpoint.write_arena(self._arena, state)
+        self._table.motion[:] = self._arena.walls.motion.to_numpy()
         self.steps, self._added = int(state["steps"]), int(state["added"])
         self._owners = np.asarray(state["owners"], dtype=np.int64)
         self._spheres = len(self._owners)
+
+    def remove_wall(self, wall: int) -> None:
+        """From now on this wall (its number in the order given) is gone."""
+        self._set_motion(wall, (*self._table.motion[wall, :UNTIL], self.time, *self._table.motion[wall, UNTIL + 1 :]))
+
+    def move_wall(self, wall: int, motion: Motion) -> None:
+        """Give a wall that has not moved yet a motion, which starts now or later."""
+        row = self._table.motion[wall]
+        if motion.start < self.time or motion_of(row).moved_by(self.time):
+            raise BadInput(f"wall {wall} has moved already, or the motion starts before {self.time:g} s; it must not.")
+        self._set_motion(wall, motion_row(self._walls[wall][0].shape, motion, float(row[UNTIL]), self.domain))
 
     @property
     def time(self) -> float:
@@ -371,6 +382,12 @@ class Bulk:
     def _wall_table(self) -> WallTable:
         return wall_table(self._walls, self._particles, skin=self._skin, domain=self.domain)
 
+    def _set_motion(self, wall: int, row: tuple[float, ...]) -> None:
+        self._mine()
+        self._table.motion[wall] = row
+        self._arena.walls.motion.from_numpy(self._table.motion)
+        self._arena.set_stale()  # walls that move are listed from farther off
+
     def _enter(self, arena: at.Arena) -> None:
         """Take an arena for this simulation; whoever had it before has lost it."""
         extent = self._high - self._low
@@ -414,11 +431,10 @@ class Bulk:
             bad = int(np.argmin(inside))
             raise BadInput(f"bead {name[bad]} starts outside the domain, at {np.round(position[bad], 6).tolist()} m.")
         tolerance = overlap * min(particle.radii)
-        for wall in self._walls:
-            motion = wall[0].motion
-            if self.time >= wall[0].until:
+        for wall, row in zip(self._walls, self._table.motion, strict=False):
+            if self.time >= row[UNTIL]:
                 continue
-            gap = gaps(wall[kind].shape, motion.undone(position, self.time) if motion else position, radii)
+            gap = gaps(wall[kind].shape, motion_of(row).undone(position, self.time), radii)
             if len(gap) and gap.min() < -tolerance:
                 bad = int(np.argmin(gap))
                 raise BadInput(f"bead {name[bad]} starts {-gap[bad] * 1e3:.3g} mm inside a wall; move it out.")
@@ -512,18 +528,6 @@ class Bulk:
         self._arena.get(rows, beads)
         return rows[:beads]
 
-    def _body_rows(self) -> Array:
-        count = self._count(at.BODIES) if self._rigid else 0
-        rows = np.zeros((max(count, 1), bodies.BODY_SIZE))
-        if count:
-            self._arena.get_bodies(rows, count)
-        return rows[:count]
-
-    def _members(self, beads: int) -> Array:
-        members = np.zeros((max(beads, 1), bodies.MEMBER_SIZE))
-        self._arena.get_members(members, beads)
-        return members[:beads]
-
     def _near(self, beads: int) -> tuple[npt.NDArray[np.int32], Array]:
         live, walls = self._count(at.LIVE_LIST), self._arena.walls
         first = np.zeros(beads + 1, dtype=np.int32)
@@ -541,6 +545,18 @@ class Bulk:
         owner = np.repeat(np.arange(beads), np.diff(first))
         found = np.stack([owner, near[: len(owner), 8], overlap[: len(owner)]], axis=1)
         return found[found[:, 2] > 0]
+
+    def _body_rows(self) -> Array:
+        count = self._count(at.BODIES) if self._rigid else 0
+        rows = np.zeros((max(count, 1), bodies.BODY_SIZE))
+        if count:
+            self._arena.get_bodies(rows, count)
+        return rows[:count]
+
+    def _members(self, beads: int) -> Array:
+        members = np.zeros((max(beads, 1), bodies.MEMBER_SIZE))
+        self._arena.get_members(members, beads)
+        return members[:beads]
 
     def _pairs(self, beads: int) -> tuple[npt.NDArray[np.int32], Array]:
         first = np.zeros(beads + 1, dtype=np.int32)

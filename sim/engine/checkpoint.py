@@ -29,7 +29,7 @@ State = dict[str, npt.NDArray[Any]]
 SCRATCH = frozenset({"spare", "cell_first", "cell_of", "order", "fill", "pair_force", "spare_member", "body_new"}) | {
     f"walls.{name}"
     for name in (
-        *("elements", "cell_first", "items", "grid", "grid_shape", "motion", "law"),
+        *("elements", "cell_first", "items", "grid", "grid_shape", "law"),
         *("state", "turned", "pivot", "velocity", "spin", "facing", "mark"),
     )
 }

@@ -445,13 +445,11 @@ class _Bench:
                     h = 0.0
                 for i in range(n):
                     self.drift(i, h)
-                turned = self.gravity[None][3] != 0.0
-                if turned:
+                still = 1 - self.counts[7]
+                if self.gravity[None][3] != 0.0:
+                    still = 0
                     self.turn_gravity(self.clock[0] + h)
                 self.clock[3] = self.forces(h)
-                still = 1 - self.counts[7]
-                if turned:
-                    still = 0
                 for i in range(n):
                     self.velocity[i] = self.across_thread(i, self.half[i] + 0.5 * h * self.push[i])
                     self.spin[i] = self.half_spin[i] + 0.5 * h * self.twist[i]
