@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from rigtwin.compare.diagnose.double import DoubleBench
 from rigtwin.compare.diagnose.drop import DropBench
 from rigtwin.compare.diagnose.fit import Fit, fit
 from rigtwin.compare.diagnose.forms import nameless
@@ -21,6 +22,8 @@ from rigtwin.compare.diagnose.labs import BULK, TrackedLab
 from rigtwin.compare.diagnose.locate import Disagreement, Location, Regioned, locate
 from rigtwin.compare.diagnose.naming import FORM, Candidate, Naming, name_effects
 from rigtwin.compare.diagnose.pendulum import PendulumBench
+from rigtwin.compare.diagnose.roll import RollBench
+from rigtwin.compare.diagnose.slide import SlideBench
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.sim.effects import Effect, library
@@ -126,7 +129,14 @@ def diagnose(lab: TrackedLab, own: Sequence[Effect] = (), progress: Progress = s
 
 def bench_of(lab: TrackedLab) -> Regioned:
     """The reduced model of the lab's rig, bound to its data."""
-    builders: dict[str, Callable[[TrackedLab], Regioned]] = {"drop": DropBench, "pendulum": PendulumBench}
+    if lab.rig == "pendulum":
+        return DoubleBench(lab) if lab.conditions[0].wall else PendulumBench(lab)
+    builders: dict[str, Callable[[TrackedLab], Regioned]] = {
+        "drop": DropBench,
+        "double": DoubleBench,
+        "roll": RollBench,
+        "slide": SlideBench,
+    }
     return builders[lab.rig](lab)
 
 
