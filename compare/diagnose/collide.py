@@ -57,7 +57,13 @@ def swing_and_hit(
     everyone = np.arange(a.shape[1])
     limit = int(float((until / step).max())) + MOST_EXTRA
     for _ in range(limit):
-        ends = _both(push, a, b, u, v, step)
+        hit_once = np.where(count > 0, 1.0, 0.0)  # until then the second bob hangs still
+
+        def second(angle: Array, rate: Array, mobile: Array = hit_once) -> Array:
+            return mobile * push[1](angle, rate)
+
+        pushes = (push[0], second)
+        ends = _both(pushes, a, b, u, v, step)
         distance, closing = gap(a, b, u, v, everyone)
         distance_end, closing_end = gap(ends[0], ends[1], ends[2], ends[3], everyone)
         touching = (distance_end < 0) & (closing_end < 0)
@@ -66,10 +72,10 @@ def swing_and_hit(
             share = _first_zero(np.maximum(distance, 0.0), distance_end, closing * step, closing_end * step)
             length = np.where(touching, step * share, step)
             for _again in range(2):  # Newton, from a start within a thousandth of the step
-                ends = _both(push, a, b, u, v, length)
+                ends = _both(pushes, a, b, u, v, length)
                 off, speed_off = gap(ends[0], ends[1], ends[2], ends[3], everyone)
                 length = np.where(touching, np.clip(length - off / np.minimum(speed_off, -1e-6), 1e-9, step), step)
-            ends = _both(push, a, b, u, v, length)
+            ends = _both(pushes, a, b, u, v, length)
         saved.append((t, length, a, b, u, v, *ends))
         t = t + length
         a, b, u, v = ends

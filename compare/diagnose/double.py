@@ -22,6 +22,7 @@ from rigtwin.lab.records import Array
 from rigtwin.sim.effects import Effect
 
 MOST_IMPACTS = 5
+HANGS = 5e-4  # [rad], how far off the vertical the waiting bead may hang
 FIRST_GUESS = 0.65  # of a restitution
 
 
@@ -52,12 +53,14 @@ class DoubleBench(Runs):
         self.impacts = int(seen.max())
         self.active = np.arange(self.impacts)[None] < seen[:, None]
         self.local_prior = np.concatenate(
-            [np.zeros((count, 1)), angle[:, None], np.full((count, self.impacts), FIRST_GUESS)], axis=1
+            [np.zeros((count, 1)), angle[:, None], np.zeros((count, 1)), np.full((count, self.impacts), FIRST_GUESS)],
+            axis=1,
         )
+        waits = np.full((count, 1), 1e-7 if self.wall else HANGS)
         self.local_sd = np.concatenate(
-            [np.full((count, 1), 10.0), np.full((count, 1), doubt), np.where(self.active, np.inf, 1e-3)], axis=1
+            [np.full((count, 1), 10.0), np.full((count, 1), doubt), waits, np.where(self.active, np.inf, 1e-3)], axis=1
         )
-        self.local_step = np.array([1e-3, 1e-2, *([1e-2] * self.impacts)])
+        self.local_step = np.array([1e-3, 1e-2, 1e-3, *([1e-2] * self.impacts)])
         self.scatter = np.where(self.active, self.pair[:, None], -1)
         self.scatter_start = np.full(len(self.pairs), 0.03)
 
@@ -101,12 +104,11 @@ class DoubleBench(Runs):
         true = exposed(self.time, self.rows, values, terms)
         since = true - local[..., 0][:, self.owner]
         until = np.array([np.maximum(since[:, span].max(axis=1), 1e-3) for span in self.spans]).T
-        zero = np.zeros_like(local[..., 1])
         laws = self._laws(values)
         still: Any = (lambda a, w: 0 * a) if self.wall else second
         contacts = _Contacts(self, local, reach, laws)
         motion = swing_and_hit(
-            (local[..., 1], zero), (first, still), 2 * math.pi / omega, until, contacts.gap, contacts.hit, self.impacts
+            (local[..., 1], local[..., 2]), (first, still), 2 * math.pi / omega, until, contacts.gap, contacts.hit, self.impacts
         )
         angle, rate = angles_at(motion, since, self.owner, self.body)
         thread = np.where(self.body == 0, reach[0][:, self.owner], reach[1][:, self.owner])
@@ -134,7 +136,7 @@ class DoubleBench(Runs):
             if term.restitution is not None:
                 own = [values[f"{term.name}.{p.name}"][:, None, None] for p in term.parameters]
                 e = term.restitution(e, speed, self.radius[:, None], self.mass[:, None], *own)
-        return np.where(self.active, local[..., 2:] - e, 0.0)
+        return np.where(self.active, local[..., 3:] - e, 0.0)
 
 
 class _Contacts:
@@ -156,7 +158,7 @@ class _Contacts:
     def hit(self, a: Array, b: Array, u: Array, v: Array, count: Array, _who: Any) -> tuple[Array, Array, Array]:
         impacts = self.bench.impacts
         at = np.minimum(count, impacts - 1)
-        e = np.take_along_axis(self.local[..., 2:], at[..., None], axis=2)[..., 0]
+        e = np.take_along_axis(self.local[..., 3:], at[..., None], axis=2)[..., 0]
         e = np.where(count < impacts, e, self.laws)
         if self.bench.wall:
             return -e * u, v, np.abs(self.reach[0] * u)

@@ -13,7 +13,11 @@ from rigtwin.sim.effects import Effect
 ALARM = 16.0
 """Least gain in deviance for a first effect: what the best of twenty false ones gains once in 1000 labs."""
 SECOND = 16.0
-"""Least further gain for one more effect."""
+"""Least further gain for one more effect ..."""
+SECOND_SHARE, SECOND_MOST = 0.02, 1500.0
+"""... and this share of what was gained before, up to a limit: a strong effect whose law is known to a few percent
+leaves something that is no second effect."""
+RIVAL = 0.3  # a single that gains less than this share of the best is no root for pairs
 ALIKE = 6.0
 """Candidates closer than this in deviance explain the data equally well."""
 FORM = 25.0
@@ -87,7 +91,7 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
     rounds = [tuple(singles)]
     if best is None or best.score < ALARM:
         return Naming(base, location, tuple(done.values()), None, (), location, tuple(rounds))
-    front = _front(singles, 3)
+    front = [one for one in _front(singles, 3) if one.score > RIVAL * best.score]
     for count in range(2, MOST_TERMS + 1):
         if count > 2 and locate(bench, best.fitted).p > 1e-3:
             break
@@ -100,7 +104,7 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
         grown = _polished(bench, grown, base, spread, done)
         rounds.append(tuple(grown))
         more = _best(grown)
-        if more is None or more.score - best.score < SECOND or not _each_needed(more, done):
+        if more is None or more.score - best.score < _price(best.gain) or not _each_needed(more, done):
             break
         best, front = more, _front(grown, 3)
     same_size = [one for one in done.values() if len(one.terms) == len(best.terms) and not one.reason]
@@ -179,11 +183,16 @@ def _apart(candidates: Sequence[Candidate]) -> list[Candidate]:
     return _front(candidates, len(candidates))
 
 
+def _price(gain: float) -> float:
+    """What one more effect must gain."""
+    return max(SECOND, min(SECOND_SHARE * gain, SECOND_MOST))
+
+
 def _each_needed(candidate: Candidate, done: dict[frozenset[str], Candidate]) -> bool:
     """Whether no term can be left out at less than the price of a term."""
     for term in candidate.terms:
         rest = done.get(frozenset(name for name in candidate.names if name != term.name))
-        if rest is not None and candidate.score - rest.score < SECOND:
+        if rest is not None and candidate.score - rest.score < _price(rest.gain):
             return False
     return True
 
