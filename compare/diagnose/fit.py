@@ -238,7 +238,9 @@ def _linearise(
         local[1 + k, :, k] += steps_local[k]
     for k in range(count):
         values[1 + size + k, k] += steps_global[k]
-    seen = bench.predict(local, {u.name: values[:, k] for k, u in enumerate(unknowns)}, terms)
+    # a step too far may leave the numbers; it is then refused as one that fits infinitely badly
+    with np.errstate(all="ignore"):
+        seen = bench.predict(local, {u.name: values[:, k] for k, u in enumerate(unknowns)}, terms)
     sigma = _sigma(bench, seen, state.jitter)
     weight = np.where(mask, 1.0, 0.0)[:, None] / sigma
     residual = (bench.rows - seen.position[0]) * weight
