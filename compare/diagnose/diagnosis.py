@@ -99,8 +99,13 @@ class Diagnosis:
         }
 
 
-def diagnose(lab: TrackedLab, own: Sequence[Effect] = (), progress: Progress = silent) -> Diagnosis:
-    """Diagnose one lab with the library and the user's own effects."""
+def diagnose(
+    lab: TrackedLab,
+    own: Sequence[Effect] = (),
+    progress: Progress = silent,
+    listed: Sequence[Effect] | None = None,
+) -> Diagnosis:
+    """Diagnose one lab with the library, or the `listed` effects of it, and the user's own effects."""
     begun = time.process_time()
     if lab.rig in BULK:
         return Diagnosis(
@@ -118,7 +123,7 @@ def diagnose(lab: TrackedLab, own: Sequence[Effect] = (), progress: Progress = s
     bench = bench_of(lab)
     progress("baseline", 0, 1)
     base = fit(bench)
-    candidates = [effect for effect in (*library(), *own) if lab.rig in effect.rigs]
+    candidates = [effect for effect in (*(library() if listed is None else listed), *own) if lab.rig in effect.rigs]
     naming = name_effects(bench, candidates, base, progress)
     verdict = _judge(bench, lab, naming, progress)
     chosen = verdict.chosen

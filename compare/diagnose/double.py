@@ -108,7 +108,13 @@ class DoubleBench(Runs):
         still: Any = (lambda a, w: 0 * a) if self.wall else second
         contacts = _Contacts(self, local, reach, laws)
         motion = swing_and_hit(
-            (local[..., 1], local[..., 2]), (first, still), 2 * math.pi / omega, until, contacts.gap, contacts.hit, self.impacts
+            (local[..., 1], local[..., 2]),
+            (first, still),
+            2 * math.pi / omega,
+            until,
+            contacts.gap,
+            contacts.hit,
+            self.impacts,
         )
         angle, rate = angles_at(motion, since, self.owner, self.body)
         thread = np.where(self.body == 0, reach[0][:, self.owner], reach[1][:, self.owner])

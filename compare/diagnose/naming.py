@@ -91,7 +91,10 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
     rounds = [tuple(singles)]
     if best is None or best.score < ALARM:
         return Naming(base, location, tuple(done.values()), None, (), location, tuple(rounds))
-    front = [one for one in _front(singles, 3) if one.score > RIVAL * best.score]
+    front = [best]
+    if best.fitted.per_row > 1.3 or locate(bench, best.fitted).p < 1e-3:
+        # one effect does not do: the first of the pair need not be the best single
+        front = [one for one in _front(singles, 3) if one.score > RIVAL * best.score]
     for count in range(2, MOST_TERMS + 1):
         if count > 2 and locate(bench, best.fitted).p > 1e-3:
             break
@@ -123,15 +126,16 @@ def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit, base: Fit) -> Fi
         first = glance(bench, terms, near)
         if near.deviance - first.deviance < GLANCE:
             return first
-    fits = [fit(bench, terms, near=near, most=12, rounds=2)]
     parameter = newest.parameters[0]
     far = near.per_row > ROUGH
+    rounds = 1 if far else 2
+    fits = [fit(bench, terms, near=near, most=12, rounds=rounds)]
     starts = (*parameter.starts, *((parameter.typical,) if far and parameter.typical not in parameter.starts else ()))
     if far or _flat(newest):
         name = f"{newest.name}.{parameter.name}"
         if newest.geometry != "jitter":
             for value in starts:
-                fits.append(fit(bench, terms, start={**_values(near), name: value}, most=12, rounds=2))
+                fits.append(fit(bench, terms, start={**_values(near), name: value}, most=12, rounds=rounds))
     return min(fits, key=lambda one: one.deviance)
 
 
@@ -156,7 +160,7 @@ def _polished(
     result = []
     for one in singles:
         better = one
-        if one in leading and not one.fitted.converged:
+        if one in leading and (not one.fitted.converged or base.per_row > ROUGH):
             fitted = fit(bench, one.terms, near=one.fitted, most=60)
             gain = (base.deviance - fitted.deviance) / spread
             better = Candidate(one.terms, fitted, gain, _refused(fitted, one.terms))
