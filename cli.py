@@ -16,7 +16,7 @@ import typer
 from rigtwin import __version__
 from rigtwin.commands import measure, simulate
 from rigtwin.commands.options import Heaps, Json, Out, Quiet, Seed, Threads
-from rigtwin.commands.show import print_json, progress_bars, show_comparison, show_reproduction
+from rigtwin.commands.show import print_json, progress_bars, show_comparison, show_diagnosis, show_reproduction
 
 app = typer.Typer(
     name="rigtwin",
@@ -130,6 +130,30 @@ def compare(
         as_json=as_json,
         quiet=quiet,
     )
+
+
+@app.command()
+def diagnose(
+    lab: Annotated[Path, typer.Argument(metavar="LAB", help="Folder with a lab.json of tracked repetitions.")],
+    *,
+    effect: Annotated[
+        list[Path] | None,
+        typer.Option("--effect", metavar="FILE", help="Your own effect, one Python file; may be given again."),
+    ] = None,
+    out: Out = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Find where twin and measurement disagree, name the missing effect, add it, show the gap shrink."""
+    from rigtwin.compare.diagnose.run import diagnose_folder
+
+    target = out or (lab if lab.is_dir() else lab.parent) / "out"
+    with progress_bars(as_json or quiet) as progress:
+        diagnosis, files = diagnose_folder(lab, target, own=effect or (), progress=progress)
+    if as_json:
+        print_json({**diagnosis.to_json(), "files": files})
+    elif not quiet:
+        show_diagnosis(diagnosis, files)
 
 
 @app.command()

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from rigtwin.compare.comparison import Comparison
+    from rigtwin.compare.diagnose.diagnosis import Diagnosis
     from rigtwin.compare.reproduce.reproduction import Reproduction
     from rigtwin.compare.twin import Twin
     from rigtwin.lab.progress import Progress
@@ -160,6 +161,28 @@ def show_reproduction(reproduction: Reproduction) -> None:
     for name, words in reproduction.done.failures.items():
         console.print(f"[red]failed[/red] {escape(name)}: {escape(words)}")
     for path in reproduction.files.values():
+        typer.echo(f"wrote {path}")
+
+
+def show_diagnosis(diagnosis: Diagnosis, files: Mapping[str, Path]) -> None:
+    """The four steps in words."""
+    console = _console()
+    console.print(f"[bold]{escape(diagnosis.verdict)}[/bold]: {escape(diagnosis.reason)}")
+    document = diagnosis.to_json()
+    console.print(f"where: {escape(document['where_in_words'])}")
+    for effect in document["effects"]:
+        for name, found in effect["parameters"].items():
+            console.print(
+                f"{escape(effect['title'])}: {name} = {found['value']:.4g} ± {found['std']:.2g} {found['unit']}"
+            )
+    if diagnosis.form:
+        console.print(f"form: {escape(diagnosis.form)}")
+    if diagnosis.gap is not None:
+        gap = diagnosis.gap
+        console.print(f"gap: {gap.before:.4g} before, {gap.after:.4g} after, noise alone {gap.noise_floor:.4g}")
+    if diagnosis.next_experiment:
+        console.print(f"next: {escape(diagnosis.next_experiment)}")
+    for path in files.values():
         typer.echo(f"wrote {path}")
 
 
