@@ -171,9 +171,7 @@ def _pendulum(world: World, rng: np.random.Generator, wanted: Sequence[str], *, 
                 ) -> Path:
                     start = math.radians(angle + r.normal(0, 0.05))
                     longer = length + off[length]
-                    return pendulum(
-                        real, longer, start, 3.0 if wall else 6.0, world, r, wall=walls[0] if wall else None
-                    )
+                    return pendulum(real, longer, start, 3.0 if wall else 6.0, world, r, wall=struck)
 
                 stated: dict[str, Any] = {
                     "name": f"{bead.name}_{walls[0] + '_' if wall else ''}L{round(length * 1000)}_a{angle}",
