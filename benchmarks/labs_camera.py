@@ -17,6 +17,7 @@ from labs_motion import Path
 Array = npt.NDArray[np.float64]
 
 LOST = 0.01  # share of the frames
+DISTANCE = 1.2  # [m], of the camera from the plane of motion
 
 
 @dataclass(frozen=True)
@@ -80,13 +81,29 @@ def _exposed(path: Path, real: Array, shutter: float) -> Array:
 
 
 def _projected(body: Array, camera: Camera, hidden: Mapping[str, float], real: Array) -> Array:
-    x, y = body
-    lean = hidden.get("perspective", 0.0)  # [1/m], growth of the scale with height
+    x, y = _pinhole(*body, hidden.get("perspective", 0.0)) if hidden.get("perspective") else body
     depth = hidden.get("depth_drift", 0.0)  # [1/s], growth of the scale as the bead comes nearer
-    zoom = (1 + camera.scale_error) * (1 + hidden.get("scale", 0.0)) * (1 + lean * y) * (1 + depth * real)
+    zoom = (1 + camera.scale_error) * (1 + hidden.get("scale", 0.0)) * (1 + depth * real)
     roll = camera.roll + hidden.get("roll", 0.0)
     c, s = math.cos(roll), math.sin(roll)
     return np.array([zoom * (c * x - s * y), zoom * (s * x + c * y)])
+
+
+def _pinhole(x: Array, y: Array, gradient: float) -> tuple[Array, Array]:
+    """What a camera sees that looks up or down, the picture's origin put where the rig's is.
+
+    Its scale is right at the height it looks at, and grows by `gradient` [1/m] with height there.
+    """
+    looks_at = 0.0 if y.min() < -0.1 else 0.3  # [m], pendulums are filmed from about the pivot's height
+    pitch = math.asin(min(abs(gradient) * DISTANCE, 0.9))
+
+    def seen(x: Array, y: Array) -> tuple[Array, Array]:
+        near = 1 / (1 - gradient * (y - looks_at))
+        return x * near, (y - looks_at) * math.cos(pitch) * near
+
+    origin = seen(np.zeros(1), np.zeros(1))
+    u, v = seen(x, y)
+    return u - origin[0], v - origin[1]
 
 
 def _tracked(body: Array, camera: Camera, rng: np.random.Generator) -> Array:

@@ -291,7 +291,7 @@ LISTED = (
     ),
     Effect(
         "scale_error",
-        ("scale error", "wrong scale", "pixel scale", "calibration scale", "scale", "length scale"),
+        ("scale error", "wrong scale", "pixel scale", "calibration scale", "scale", "length scale", "scale&error"),
         "scale",
         _by_rig(drop=(0.006, 0.015, 0.04), pendulum=(0.006, 0.015, 0.04), double=(0.008, 0.02, 0.05)),
         "all lengths off by one factor",
@@ -299,7 +299,16 @@ LISTED = (
     ),
     Effect(
         "wrong_frame_rate",
-        ("wrong frame rate", "frame rate", "frame rate error", "fps", "clock", "time base", "time scale", "frame&rate"),
+        (
+            "wrong frame rate",
+            "frame rate",
+            "frame rate error",
+            "fps",
+            "clock",
+            "time base",
+            "time scale",
+            "frame&rate&!shutter",
+        ),
         "cam_q",  # added to 1
         _by_rig(
             drop=(0.002, 0.005, 0.015),
@@ -322,8 +331,8 @@ LISTED = (
     Effect(
         "perspective",
         ("perspective", "out of plane motion", "camera pitch", "out-of-plane", "keystone", "foreshortening"),
-        "perspective",  # [1/m]
-        _by_rig(drop=(0.03, 0.08, 0.25), pendulum=(0.08, 0.2, 0.5)),
+        "perspective",  # [1/m], relative growth of the scale with height
+        _by_rig(drop=(0.03, 0.08, 0.25), pendulum=(0.06, 0.15, 0.35)),
         "the scale grows with height",
         signed=True,
         also=("scale_error", "out_of_plane"),

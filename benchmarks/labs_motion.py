@@ -10,13 +10,14 @@ An effect is one or more numbers in `World.hidden`; a number that is absent swit
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 Array = npt.NDArray[np.float64]
 
@@ -84,7 +85,7 @@ class Path:
     def at(self, times: Array) -> Array:
         """Positions, shape (bodies, 2, k)."""
         flat = np.atleast_1d(times)
-        which = np.array([max(bisect_right(self.starts, t) - 1, 0) for t in flat])
+        which = np.maximum(np.searchsorted(self.starts, flat, side="right") - 1, 0)
         found = [(flat_rows := np.flatnonzero(which == k), self.pieces[k](flat[flat_rows])) for k in np.unique(which)]
         out = np.empty((*found[0][1].shape[:2], len(flat)))
         for rows, values in found:
@@ -405,16 +406,20 @@ def slide(
         a = angle(t)
         return np.array([[r * np.cos(a) - height * np.sin(a), r * np.sin(a) + height * np.cos(a)]])
 
-    def press(t: float, rate: float) -> float:
-        shake = 1 - wave * math.sin(2 * math.pi * 17 * t) if wave else 1.0
-        return GRAVITY * math.cos(angle(t)) * shake + extra + 2 * rate * tilt_rate - height * tilt_rate**2
+    def press(t: Array | float, rate: float) -> Any:
+        shake = 1 - wave * np.sin(2 * math.pi * 17 * t) if wave else 1.0
+        return GRAVITY * np.cos(angle(t)) * shake + extra + 2 * rate * tilt_rate - height * tilt_rate**2
 
-    def surplus(t: float, _s: Array) -> float:
-        return GRAVITY * math.sin(angle(t)) - place * tilt_rate**2 - friction * press(t, 0.0)
+    def surplus(t: Array | float) -> Array:
+        """Pull along the arm beyond what friction holds [m/s^2]."""
+        return GRAVITY * np.sin(angle(t)) - place * tilt_rate**2 - friction * press(t, 0.0)
 
-    surplus.terminal, surplus.direction = True, 1  # type: ignore[attr-defined]
-    wait = solve_ivp(lambda t, s: [0.0], (0.0, duration), [0.0], events=surplus, max_step=0.01, rtol=1e-9)
-    begin = float(wait.t[-1])
+    waiting = np.arange(0.0, duration, 1e-3)
+    holds = surplus(waiting) < 0
+    if holds.all() or not holds[0]:
+        raise ValueError("the clump must start to slide within the record")
+    slips = int(np.argmin(holds))
+    begin = float(brentq(surplus, waiting[slips - 1], waiting[slips], xtol=1e-12))
     path.add(0.0, begin, lambda t: spot(np.full(len(t), place), t))
 
     def motion(t: float, s: Array) -> list[float]:
