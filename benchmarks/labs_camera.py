@@ -17,7 +17,7 @@ from labs_motion import Path
 Array = npt.NDArray[np.float64]
 
 LOST = 0.01  # share of the frames
-DISTANCE = 1.2  # [m], of the camera from the plane of motion
+DISTANCE = 0.6  # [m], of the camera from the plane of motion
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ AIR_VISCOSITY = 1.8e-5  # [Pa s]
 EPSILON_0 = 8.854e-12  # [F/m]
 PRECISE = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-12, "dense_output": True}
 REST_SPEED = 0.012  # [m/s], rebounds slower than this are over
-STOP_RATE = 1e-3  # [rad/s], width of the sign change of dry friction at a pivot
+STOP_RATE = 3e-3  # [rad/s], width of the sign change of dry friction at a pivot
 
 
 @dataclass(frozen=True)
@@ -130,8 +130,8 @@ def restitution_at(bead: Bead, base: float, speed: float, hidden: Mapping[str, f
     if (threshold := hidden.get("yield_speed", 0.0)) and speed > threshold:
         e *= (speed / threshold) ** -0.25
     if strength := hidden.get("plate_loss", 0.0):
-        # Zener's inelasticity grows with (R / thickness)^2 v^(1/5)
-        e *= math.exp(-strength * (bead.radius / thickness) ** 2 * bead.density / 1000 * speed**0.2)
+        # Zener's inelasticity grows with (R / thickness)^2 v^(1/5); the base is that at 1 m/s
+        e *= math.exp(-strength * (bead.radius / thickness) ** 2 * bead.density / 1000 * (speed**0.2 - 1))
     if sticking := sticking_speed(bead, hidden):
         e = math.sqrt(max(e**2 - (sticking / speed) ** 2, 0.0))
     return min(max(e, 0.0), 0.99)
@@ -407,7 +407,7 @@ def slide(
         return np.array([[r * np.cos(a) - height * np.sin(a), r * np.sin(a) + height * np.cos(a)]])
 
     def press(t: Array | float, rate: float) -> Any:
-        shake = 1 - wave * np.sin(2 * math.pi * 17 * t) if wave else 1.0
+        shake = 1 - wave * np.sin(2 * math.pi * 3 * t) if wave else 1.0
         return GRAVITY * np.cos(angle(t)) * shake + extra + 2 * rate * tilt_rate - height * tilt_rate**2
 
     def surplus(t: Array | float) -> Array:
@@ -454,7 +454,7 @@ def roll(
     growth, sag = hidden.get("rolling_growth", 0.0), hidden.get("sag", 0.0)
     weight, added = buoyant(bead, hidden)
     stick = hidden.get("pull_off", 0.0) / bead.mass
-    bump, pitch = hidden.get("ripple", 0.0), hidden.get("ripple_length", 0.05)
+    bump, pitch = hidden.get("ripple", 0.0), hidden.get("ripple_length", 0.2)
     begin = float(rng.uniform(0.01, 0.05))
 
     def spot(s: Array) -> Array:
