@@ -1,0 +1,395 @@
+"""Nested least squares: a rig's global unknowns together with the random start and impacts of every repetition.
+
+The local unknowns of a repetition touch only its own data, so they are eliminated block by block (Schur complement).
+Scatter between impacts is a random effect: its standard deviation is estimated by expectation-maximisation, and the
+deviance integrates the local unknowns out (Laplace).  What the experimenter states with an uncertainty (scale, clock,
+roll, level, length) is an unknown with that prior: an effect may not take credit for it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from rigtwin.lab.records import Array
+from rigtwin.sim.effects import Effect
+
+LEAST_SCATTER = 1e-3  # of a restitution or a rebound direction: smaller is not believed
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A global unknown: a calibration quantity, a contact parameter, or a coefficient of an effect."""
+
+    name: str
+    start: float
+    step: float
+    """Size of a visible change; sets the finite-difference step."""
+    prior: float = 0.0
+    sd: float = math.inf
+    """Standard deviation of the prior; infinite where nothing is stated."""
+    low: float = -math.inf
+    high: float = math.inf
+    effect: str = ""
+    """The effect that it belongs to, empty for the rig's own."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a rig predicts for a stack of B settings of its unknowns."""
+
+    position: Array  # [m], (B, N, 2), where the camera sees the body at each row
+    soft: Array  # (B, R, S), deviations that scatter around zero from impact to impact
+    speed: Array  # [m/s], (N, 2), velocity of the first setting at each row
+
+
+class Bench(Protocol):
+    """A rig with its data, as the fit sees it."""
+
+    rows: Array  # [m], (N, 2) observed positions, sorted by repetition
+    spans: Sequence[slice]  # the rows of each repetition
+    sigma: Array  # [m], (N,)
+    local_prior: Array  # (R, L)
+    local_sd: Array  # (R, L)
+    local_step: Array  # (L,)
+    scatter: Array  # (R, S) index of the scatter that a soft row belongs to, -1 where there is none
+    scatter_start: Array  # (H,)
+    condition: Array  # (R,) number of the condition of each repetition
+
+    def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]: ...
+
+    def first_guess(self, values: Mapping[str, float]) -> Array: ...
+
+    def predict(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect]) -> Seen: ...
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A model fitted to a lab."""
+
+    terms: tuple[Effect, ...]
+    unknowns: tuple[Unknown, ...]
+    values: Array  # (G,)
+    local: Array  # (R, L)
+    scatter: Array  # (H,)
+    jitter: float  # [s]
+    covariance: Array  # (G, G)
+    robust: Array  # (G,), standard deviations from the scatter between repetitions
+    deviance: float
+    """-2 log of the likelihood with all random effects integrated out, priors included."""
+    chi2: float
+    """Sum of squared data residuals over the stated noise."""
+    pulls: Mapping[str, float]
+    residual: Array  # (N, 2), in units of the noise
+    speed: Array  # (N, 2) [m/s]
+    seen: Array  # (N, 2) [m]
+    converged: bool
+    design: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """Information matrix of the global unknowns, local ones eliminated."""
+
+    @property
+    def per_row(self) -> float:
+        """chi2 per coordinate."""
+        return self.chi2 / max(self.residual.size, 1)
+
+    def value(self, name: str) -> float:
+        return float(self.values[self.index(name)])
+
+    def std(self, name: str) -> float:
+        """The larger of the formal and the repetition-robust standard deviation."""
+        at = self.index(name)
+        return max(math.sqrt(max(self.covariance[at, at], 0.0)), float(self.robust[at]))
+
+    def index(self, name: str) -> int:
+        return [unknown.name for unknown in self.unknowns].index(name)
+
+    def of(self, effect: str) -> list[Unknown]:
+        return [unknown for unknown in self.unknowns if unknown.effect == effect]
+
+
+@dataclass
+class _State:
+    local: Array
+    values: Array
+    scatter: Array
+    jitter: float
+
+
+@dataclass
+class _Linear:
+    """Everything at one point: the objective and its normal equations."""
+
+    objective: float
+    chi2: float
+    seen: Seen
+    residual: Array
+    a: Array  # (R, L, L)
+    b: Array  # (R, L, G)
+    c: Array  # (R, G, G)
+    g_local: Array  # (R, L)
+    g_global: Array  # (R, G)
+    soft: Array  # (R, S)
+    soft_slope: Array  # (R, S, L)
+
+
+def fit(
+    bench: Bench,
+    terms: Sequence[Effect] = (),
+    *,
+    near: Fit | None = None,
+    start: Mapping[str, float] | None = None,
+    local: Array | None = None,
+    use: Array | None = None,
+    most: int = 40,
+    held: Mapping[str, float] | None = None,
+    rounds: int = 3,
+) -> Fit:
+    """Fit the baseline with `terms` added.
+
+    `near` starts from another fit's values; `start` sets single unknowns; `use` is a mask over rows; `held` keeps the
+    named unknowns at these values.
+    """
+    unknowns = tuple(bench.unknowns(terms))
+    fixed = dict(held or {})
+    values = np.array([unknown.start for unknown in unknowns])
+    if near is not None:
+        known = {unknown.name: value for unknown, value in zip(near.unknowns, near.values, strict=True)}
+        values = np.array([known.get(u.name, u.start) for u in unknowns])
+    for number, unknown in enumerate(unknowns):
+        if start and unknown.name in start:
+            values[number] = start[unknown.name]
+        if unknown.name in fixed:
+            values[number] = fixed[unknown.name]
+    if local is None:
+        named = {u.name: float(v) for u, v in zip(unknowns, values, strict=True)}
+        local = near.local if near is not None and not start else bench.first_guess(named)
+    scatter = near.scatter if near is not None else bench.scatter_start
+    state = _State(local.copy(), values, scatter.copy(), near.jitter if near is not None else 0.0)
+    free = np.array([u.name not in fixed for u in unknowns], dtype=bool)
+    mask = np.ones(len(bench.rows), dtype=bool) if use is None else use
+    jittered = any(term.geometry == "jitter" for term in terms)
+    if jittered and state.jitter == 0.0:
+        state.jitter = next(term.parameters[0].typical for term in terms if term.geometry == "jitter")
+    converged = False
+    if near is None or start:
+        for horizon in getattr(bench, "horizons", list)():
+            early = _linearise(bench, terms, unknowns, state, mask & horizon)
+            _descend(bench, terms, unknowns, state, mask & horizon, free, early, most)
+    linear = _linearise(bench, terms, unknowns, state, mask)
+    for _ in range(rounds):
+        linear, converged = _descend(bench, terms, unknowns, state, mask, free, linear, most)
+        before = state.scatter.copy(), state.jitter
+        _expect_scatter(bench, state, linear)
+        if jittered:
+            state.jitter = _jitter(bench, linear, mask)
+        same = np.allclose(state.scatter, before[0], rtol=0.02) and math.isclose(state.jitter, before[1], rel_tol=0.01)
+        linear = _linearise(bench, terms, unknowns, state, mask)
+        if same:
+            break
+    return _finished(bench, terms, unknowns, state, mask, free, linear, converged)
+
+
+def _linearise(
+    bench: Bench, terms: Sequence[Effect], unknowns: Sequence[Unknown], state: _State, mask: Array
+) -> _Linear:
+    """Residuals and normal equations at a state, by forward differences of one stacked prediction."""
+    repetitions, size = state.local.shape
+    count = len(unknowns)
+    stack = 1 + size + count
+    local = np.repeat(state.local[None], stack, axis=0)
+    values = np.repeat(state.values[None], stack, axis=0)
+    steps_local = 1e-3 * bench.local_step
+    steps_global = np.array([1e-3 * u.step for u in unknowns])
+    for k in range(size):
+        local[1 + k, :, k] += steps_local[k]
+    for k in range(count):
+        values[1 + size + k, k] += steps_global[k]
+    seen = bench.predict(local, {u.name: values[:, k] for k, u in enumerate(unknowns)}, terms)
+    sigma = _sigma(bench, seen, state.jitter)
+    weight = np.where(mask, 1.0, 0.0)[:, None] / sigma
+    residual = (bench.rows - seen.position[0]) * weight
+    slopes = np.concatenate(
+        [
+            (seen.position[1 : 1 + size] - seen.position[0]) / steps_local[:, None, None],
+            (seen.position[1 + size :] - seen.position[0]) / steps_global[:, None, None],
+        ]
+    )
+    slopes = np.moveaxis(slopes * weight, 0, -1)  # (N, 2, L + G)
+    spread = np.where(bench.scatter >= 0, state.scatter[np.maximum(bench.scatter, 0)], np.inf)
+    soft = seen.soft[0]
+    soft_slope = np.concatenate(
+        [
+            (seen.soft[1 : 1 + size] - soft) / steps_local[:, None, None],
+            (seen.soft[1 + size :] - soft) / steps_global[:, None, None],
+        ]
+    )
+    soft_slope = np.moveaxis(soft_slope, 0, -1)  # (R, S, L + G)
+    whole = np.zeros((repetitions, size + count, size + count))
+    gradient = np.zeros((repetitions, size + count))
+    for r, span in enumerate(bench.spans):
+        j = slopes[span].reshape(-1, size + count)
+        whole[r] = j.T @ j
+        gradient[r] = j.T @ residual[span].reshape(-1)
+    scaled = soft_slope / spread[..., None]
+    whole += np.einsum("rsi,rsj->rij", scaled, scaled)
+    gradient -= np.einsum("rsi,rs->ri", scaled, soft / spread)
+    tie = 1.0 / bench.local_sd**2
+    index = np.arange(size)
+    whole[:, index, index] += tie
+    gradient[:, :size] += tie * (bench.local_prior - state.local)
+    chi2 = float(np.sum(residual**2))
+    objective = chi2 + float(np.sum((soft / spread) ** 2))
+    objective += float(np.sum(tie * (state.local - bench.local_prior) ** 2))
+    objective += sum(((v - u.prior) / u.sd) ** 2 for u, v in zip(unknowns, state.values, strict=True))
+    if state.jitter > 0:
+        objective += (
+            2 * float(np.sum(np.log(sigma[mask] / bench.sigma[mask, None]))) * (1 if sigma.shape[1] == 2 else 2)
+        )
+    return _Linear(
+        objective if math.isfinite(objective) else math.inf, chi2, seen, residual,
+        whole[:, :size, :size], whole[:, :size, size:], whole[:, size:, size:],
+        gradient[:, :size], gradient[:, size:], soft, soft_slope[..., :size],
+    )  # fmt: skip
+
+
+def _sigma(bench: Bench, seen: Seen, jitter: float) -> Array:
+    """[m], (N, 1) or (N, 2): the noise of each coordinate."""
+    if jitter == 0.0:
+        return bench.sigma[:, None]
+    return np.sqrt(bench.sigma[:, None] ** 2 + (jitter * seen.speed) ** 2)
+
+
+def _descend(
+    bench: Bench,
+    terms: Sequence[Effect],
+    unknowns: Sequence[Unknown],
+    state: _State,
+    mask: Array,
+    free: Array,
+    linear: _Linear,
+    most: int,
+) -> tuple[_Linear, bool]:
+    """Levenberg-Marquardt with the scatter held; changes `state`."""
+    damping = 1e-4
+    small = 0
+    low, high = np.array([u.low for u in unknowns]), np.array([u.high for u in unknowns])
+    for _ in range(most):
+        step_local, step_global = _step(unknowns, state, free, linear, damping)
+        trial = _State(
+            state.local + step_local,
+            np.clip(state.values + step_global, low, high),
+            state.scatter,
+            state.jitter,
+        )
+        tried = _linearise(bench, terms, unknowns, trial, mask)
+        if tried.objective <= linear.objective:
+            gain = linear.objective - tried.objective
+            state.local, state.values, linear = trial.local, trial.values, tried
+            damping = max(damping / 10, 1e-9)
+            small = small + 1 if gain < 1e-2 + 1e-7 * abs(tried.objective) else 0
+            if small >= 1 and damping < 1e-2:
+                return linear, True
+        else:
+            if tried.objective - linear.objective < 1e-2 and damping < 1e-2:
+                return linear, True
+            damping = damping * 10
+            if damping > 1e8:
+                return linear, True
+    return linear, False
+
+
+def _step(
+    unknowns: Sequence[Unknown], state: _State, free: Array, linear: _Linear, damping: float
+) -> tuple[Array, Array]:
+    a = linear.a.copy()
+    diagonal = np.arange(a.shape[1])
+    a[:, diagonal, diagonal] *= 1 + damping
+    reduced = np.linalg.solve(a, np.concatenate([linear.b, linear.g_local[..., None]], axis=2))
+    ab, ag = reduced[..., :-1], reduced[..., -1]
+    s = linear.c.sum(0) - np.einsum("rlg,rlh->gh", linear.b, ab)
+    g = linear.g_global.sum(0) - np.einsum("rlg,rl->g", linear.b, ag)
+    for k, (unknown, value) in enumerate(zip(unknowns, state.values, strict=True)):
+        s[k, k] += 1 / unknown.sd**2
+        g[k] += (unknown.prior - value) / unknown.sd**2
+    at = np.flatnonzero(free)
+    step = np.zeros(len(unknowns))
+    if len(at):
+        block = s[np.ix_(at, at)]
+        scale = np.sqrt(np.maximum(np.diag(block), 1e-300))
+        block = block / np.outer(scale, scale) + (1e-12 + damping) * np.eye(len(at))
+        step[at] = np.linalg.solve(block, g[at] / scale) / scale
+    return ag - ab @ step, step
+
+
+def _expect_scatter(bench: Bench, state: _State, linear: _Linear) -> None:
+    """One expectation-maximisation step: squared deviations plus their posterior variance."""
+    if not len(state.scatter):
+        return
+    inverse = np.linalg.inv(linear.a)
+    variance = np.einsum("rsi,rij,rsj->rs", linear.soft_slope, inverse, linear.soft_slope)
+    for h in range(len(state.scatter)):
+        mine = bench.scatter == h
+        if mine.any():
+            square = float(np.mean(linear.soft[mine] ** 2 + np.minimum(variance[mine], state.scatter[h] ** 2)))
+            state.scatter[h] = max(math.sqrt(square), LEAST_SCATTER)
+
+
+def _jitter(bench: Bench, linear: _Linear, mask: Array) -> float:
+    """[s], the timestamp jitter that makes the residuals along the path most likely."""
+    from scipy.optimize import minimize_scalar
+
+    off = (bench.rows - linear.seen.position[0])[mask] ** 2
+    speed, floor = linear.seen.speed[mask] ** 2, bench.sigma[mask, None] ** 2
+
+    def badness(log_tau: float) -> float:
+        variance = floor + math.exp(2 * log_tau) * speed
+        return float(np.sum(off / variance + np.log(variance)))
+
+    return math.exp(float(minimize_scalar(badness, bounds=(math.log(1e-7), math.log(0.05)), method="bounded").x))
+
+
+def _finished(
+    bench: Bench,
+    terms: Sequence[Effect],
+    unknowns: tuple[Unknown, ...],
+    state: _State,
+    mask: Array,
+    free: Array,
+    linear: _Linear,
+    converged: bool,
+) -> Fit:
+    ab = np.linalg.solve(linear.a, linear.b)
+    information = linear.c.sum(0) - np.einsum("rlg,rlh->gh", linear.b, ab)
+    # score of each repetition, its local unknowns eliminated
+    scores = linear.g_global - np.einsum("rlg,rl->rg", ab, linear.g_local)
+    for k, unknown in enumerate(unknowns):
+        information[k, k] += 1 / unknown.sd**2
+    at = np.flatnonzero(free)
+    covariance = np.zeros((len(unknowns), len(unknowns)))
+    robust = np.zeros(len(unknowns))
+    if len(at):
+        scale = np.sqrt(np.maximum(np.diag(information)[at], 1e-300))
+        block = information[np.ix_(at, at)] / np.outer(scale, scale) + 1e-12 * np.eye(len(at))
+        inverse = np.linalg.inv(block) / np.outer(scale, scale)
+        covariance[np.ix_(at, at)] = inverse
+        repetitions = len(bench.spans)
+        centred = scores[:, at] - scores[:, at].mean(0)
+        meat = centred.T @ centred * repetitions / max(repetitions - 1, 1)
+        robust[at] = np.sqrt(np.maximum(np.diag(inverse @ meat @ inverse), 0.0))
+    deviance = linear.objective + float(np.sum(np.linalg.slogdet(linear.a)[1]))
+    for h, sd in enumerate(state.scatter):
+        deviance += 2 * math.log(sd) * int(np.sum(bench.scatter == h))
+    pulls = {
+        u.name: (float(v) - u.prior) / u.sd
+        for u, v in zip(unknowns, state.values, strict=True)
+        if math.isfinite(u.sd) and u.sd > 0
+    }
+    return Fit(
+        tuple(terms), unknowns, state.values.copy(), state.local.copy(), state.scatter.copy(), state.jitter,
+        covariance, robust, deviance, linear.chi2, pulls, linear.residual, linear.seen.speed,
+        linear.seen.position[0], converged, information,
+    )  # fmt: skip

@@ -1,0 +1,221 @@
+"""Reads a lab for diagnosis: tracked repetitions and all that the experimenter knows, stated uncertainties included.
+
+Two forms: a folder with a `lab.json` (conditions, stated uncertainties, one CSV per repetition), or a `lab.toml`
+whose repetitions are CSV already tracked.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rigtwin.lab.errors import BadLabFile
+from rigtwin.lab.records import Track, read_tracks
+
+TRACKED = ("drop", "pendulum", "double", "slide", "roll")
+BULK = ("pile", "hopper", "drum")
+
+
+@dataclass(frozen=True)
+class Bead:
+    """One kind of bead: what the experimenter knows of it."""
+
+    name: str
+    diameter: float  # [m]
+    mass: float  # [kg]
+    about: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def radius(self) -> float:
+        return self.diameter / 2
+
+
+@dataclass(frozen=True)
+class Camera:
+    """The stated camera and how well it is known; standard uncertainties."""
+
+    frame_rate: float  # [1/s]
+    noise: float  # [m], one standard deviation of a tracked coordinate; NaN where not stated
+    scale_rel: float = 0.002
+    clock_rel: float = 1e-4
+    roll: float = math.radians(0.15)  # [rad]
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One setting of the rig with its repetitions."""
+
+    name: str
+    bead: Bead
+    wall: str
+    settings: Mapping[str, Any]
+    repetitions: tuple[tuple[Track, ...], ...]
+    files: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class TrackedLab:
+    """A lab ready for diagnosis."""
+
+    title: str
+    rig: str
+    gravity: float  # [m/s^2]
+    camera: Camera
+    geometry: Mapping[str, Any]
+    conditions: tuple[Condition, ...]
+    folder: Path
+    stated: Mapping[str, Any] = field(default_factory=dict)
+    """The whole document as it stands in the file."""
+
+    @property
+    def repetitions(self) -> int:
+        return sum(len(condition.repetitions) for condition in self.conditions)
+
+    def known(self, *names: str, default: float) -> float:
+        """The first of the geometry's numbers of these names, else the default."""
+        for name in names:
+            value = self.geometry.get(name)
+            if isinstance(value, (int, float)) and not isinstance(value, bool):
+                return float(value)
+        return default
+
+
+def read_tracked_lab(path: Path) -> TrackedLab:
+    """Read the lab.json of a folder.  Raises `BadLabFile` in one sentence."""
+    file = path / "lab.json" if path.is_dir() else path
+    document = _document(file)
+    rig = _text(document, "rig", file)
+    if rig not in (*TRACKED, *BULK):
+        raise BadLabFile(f"{file}: rig: there is no rig {rig!r}; known are {', '.join((*TRACKED, *BULK))}.")
+    raw_conditions = document.get("conditions")
+    if not isinstance(raw_conditions, list) or not raw_conditions:
+        raise BadLabFile(f"{file}: conditions: is missing or empty; list one condition per setting of the rig.")
+    conditions = () if rig in BULK else tuple(_condition(document, raw, file, rig) for raw in raw_conditions)
+    geometry = document.get("rig_geometry") or {}
+    if not isinstance(geometry, dict):
+        raise BadLabFile(f"{file}: rig_geometry: is not a table of names and values.")
+    return TrackedLab(
+        title=str(document.get("case") or document.get("title") or file.parent.name),
+        rig=rig,
+        gravity=_number(document, "gravity_m_s2", file, default=9.81),
+        camera=_camera(document, file, rig),
+        geometry=geometry,
+        conditions=conditions,
+        folder=file.parent,
+        stated=document,
+    )
+
+
+def _document(file: Path) -> dict[str, Any]:
+    try:
+        document = json.loads(file.read_text(encoding="utf-8-sig"))
+    except FileNotFoundError:
+        raise BadLabFile(f"{file}: no such file; give a folder with a lab.json of tracked repetitions.") from None
+    except OSError as error:
+        raise BadLabFile(f"{file}: cannot be read ({error.strerror}); check the path and its permissions.") from None
+    except UnicodeDecodeError:
+        raise BadLabFile(f"{file}: is not UTF-8 text; save the file as UTF-8.") from None
+    except (ValueError, RecursionError) as error:
+        raise BadLabFile(f"{file}: is not valid JSON ({error}); correct it there.") from None
+    if not isinstance(document, dict):
+        raise BadLabFile(f"{file}: holds no table of names and values; see the documentation of lab.json.")
+    return document
+
+
+def _camera(document: Mapping[str, Any], file: Path, rig: str) -> Camera:
+    raw = document.get("camera") or {}
+    if not isinstance(raw, dict):
+        raise BadLabFile(f"{file}: camera: is not a table of names and values.")
+    if rig in BULK:
+        return Camera(_number(raw, "frame_rate_hz", file, default=240.0), math.nan)
+    scale = _number(raw, "scale_m_per_px", file, default=math.nan)
+    noise = _number(raw, "tracking_noise_px", file, default=math.nan) * scale
+    return Camera(
+        frame_rate=_number(raw, "frame_rate_hz", file),
+        noise=_number(raw, "tracking_noise_m", file, default=noise),
+        scale_rel=_number(raw, "scale_uncertainty_rel", file, default=0.002),
+        clock_rel=_number(raw, "frame_rate_uncertainty_rel", file, default=1e-4),
+        roll=math.radians(_number(raw, "roll_uncertainty_deg", file, default=0.15)),
+    )
+
+
+def _condition(document: Mapping[str, Any], raw: Any, file: Path, rig: str) -> Condition:
+    if not isinstance(raw, dict):
+        raise BadLabFile(f"{file}: conditions: each must be a table with a name.")
+    name = _text(raw, "name", file)
+    bead = _bead(document, raw, file, name)
+    count = raw.get("repetitions", 0)
+    if not isinstance(count, int) or isinstance(count, bool) or count < 1:
+        raise BadLabFile(f"{file}: condition {name}: repetitions: {count!r} is not a whole number of at least 1.")
+    pattern = str(raw.get("files") or f"{name}/rep%02d.csv")
+    try:
+        files = [pattern % number for number in range(1, count + 1)]
+    except (TypeError, ValueError):
+        raise BadLabFile(
+            f"{file}: condition {name}: files: {pattern!r} holds no place for a number; write 'rep%02d.csv'."
+        ) from None
+    tracks = tuple(read_tracks(file.parent / one) for one in files)
+    for one, repetition in zip(files, tracks, strict=True):
+        _check(repetition, file.parent / one, rig)
+    settings = {key: value for key, value in raw.items() if key not in ("name", "files", "repetitions")}
+    return Condition(name, bead, str(raw.get("wall", "")), settings, tracks, tuple(files))
+
+
+def _check(repetition: tuple[Track, ...], path: Path, rig: str) -> None:
+    needed = 2 if rig == "double" else 1
+    if len(repetition) != needed:
+        found = ", ".join(track.body for track in repetition)
+        raise BadLabFile(f"{path}: {len(repetition)} bodies ({found}) where a {rig} has {needed}.")
+    for track in repetition:
+        if len(track.time) < 20:
+            raise BadLabFile(f"{path}: only {len(track.time)} rows; at least 20 are needed to see a motion.")
+        if float(np.max(np.abs(track.position))) > 100:
+            raise BadLabFile(f"{path}: a position is more than 100 m from the origin; are the columns in metres?")
+
+
+def _bead(document: Mapping[str, Any], raw: Mapping[str, Any], file: Path, where: str) -> Bead:
+    particles = document.get("particles")
+    if not isinstance(particles, dict) or not particles:
+        raise BadLabFile(f"{file}: particles: is missing or empty; describe each bead there.")
+    wanted = next((raw[key] for key in ("bead", "particle", "clump", "sphere") if key in raw), None)
+    if wanted is None and len(particles) == 1:
+        wanted = next(iter(particles))
+    if "diameter_m" in particles and wanted is None:
+        wanted, particles = "bead", {"bead": particles}
+    about = particles.get(wanted) if isinstance(wanted, str) else None
+    if not isinstance(about, dict):
+        known = ", ".join(map(str, particles))
+        raise BadLabFile(f"{file}: condition {where}: bead {wanted!r} is not under particles (known: {known}).")
+    diameter = _number(about, "diameter_m", file, default=math.nan)
+    mass = _number(about, "mass_g", file, default=math.nan) * 1e-3
+    density = _number(about, "density_kg_m3", file, default=math.nan)
+    mass = mass if math.isfinite(mass) else _number(about, "mass_kg", file, default=math.nan)
+    if not math.isfinite(mass):
+        mass = density * math.pi / 6 * diameter**3
+    if not (diameter > 0 and mass > 0):
+        raise BadLabFile(f"{file}: particles: {wanted}: needs diameter_m and mass_g (or density_kg_m3) above zero.")
+    return Bead(str(wanted), diameter, mass, about)
+
+
+def _text(table: Mapping[str, Any], key: str, file: Path) -> str:
+    value = table.get(key)
+    if not isinstance(value, str) or not value:
+        raise BadLabFile(f"{file}: {key}: is missing or not a text.")
+    return value
+
+
+def _number(table: Mapping[str, Any], key: str, file: Path, *, default: float | None = None) -> float:
+    value = table.get(key, default)
+    if value is None:
+        raise BadLabFile(f"{file}: {key}: is missing; state it as a number.")
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise BadLabFile(f"{file}: {key}: {value!r} is not a number.")
+    if default is None and not value > 0:
+        raise BadLabFile(f"{file}: {key}: {value!r} cannot be; it must be above zero.")
+    return float(value)

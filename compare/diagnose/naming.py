@@ -1,0 +1,213 @@
+"""Which effect it is: every candidate fitted together with the baseline's own parameters, singly and in pairs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from rigtwin.compare.diagnose.fit import Fit, fit
+from rigtwin.compare.diagnose.locate import Location, Regioned, locate
+from rigtwin.sim.effects import Effect
+
+ALARM = 16.0
+"""Least gain in deviance for a first effect: beyond what the best of twenty false candidates gains in 99 labs of 100."""
+SECOND = 16.0
+"""Least further gain for one more effect."""
+ALIKE = 6.0
+"""Candidates closer than this in deviance explain the data equally well."""
+FORM = 25.0
+"""A nameless term must beat the listed effects by this much to call a disagreement unlisted."""
+MOST_TERMS = 3
+ROUGH = 2.0  # chi2 per coordinate above which a fit from the baseline may not find its way
+
+Tell = Callable[[str, float, float], None]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A set of effects and its fit."""
+
+    terms: tuple[Effect, ...]
+    fitted: Fit
+    gain: float
+    """Deviance of the baseline less its own, over the spread of the residuals; higher is better."""
+    reason: str = ""
+    """Why it is refused, empty where it is plausible."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(term.name for term in self.terms)
+
+    @property
+    def groups(self) -> frozenset[str]:
+        return frozenset(term.group for term in self.terms)
+
+    @property
+    def score(self) -> float:
+        """Gain less the surprise of its coefficients where physics predicts them."""
+        return self.gain - sum(_surprise(self.fitted, term) for term in self.terms)
+
+
+@dataclass(frozen=True)
+class Naming:
+    """Everything tried and what came of it."""
+
+    base: Fit
+    location: Location  # of the baseline's residuals
+    tried: tuple[Candidate, ...]
+    best: Candidate | None
+    alike: tuple[Candidate, ...]
+    """Other plausible sets that explain the data equally well."""
+    after: Location
+    """Of the residuals of the best, or of the baseline where there is none."""
+    rounds: tuple[tuple[Candidate, ...], ...] = ()
+
+
+def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell: Tell) -> Naming:
+    """Forward selection over the library, from the fewest terms up, with pairs grown from the three best singles."""
+    location = locate(bench, base)
+    spread = _spread(base, location)
+    done: dict[frozenset[str], Candidate] = {}
+
+    def consider(terms: tuple[Effect, ...], near: Fit) -> Candidate:
+        key = frozenset(term.name for term in terms)
+        if key not in done:
+            fitted = _fit(bench, terms, near, base)
+            done[key] = Candidate(terms, fitted, (base.deviance - fitted.deviance) / spread, _refused(fitted, terms))
+        return done[key]
+
+    singles = []
+    for number, effect in enumerate(candidates):
+        tell("candidates", number, len(candidates))
+        singles.append(consider((effect,), base))
+    singles = _polished(bench, singles, base, spread, done)
+    best = _best(singles)
+    rounds = [tuple(singles)]
+    if best is None or best.score < ALARM:
+        return Naming(base, location, tuple(done.values()), None, (), location, tuple(rounds))
+    front = _front(singles, 3)
+    for count in range(2, MOST_TERMS + 1):
+        if count > 2 and locate(bench, best.fitted).p > 1e-3:
+            break
+        grown = []
+        for number, root in enumerate(front if count == 2 else front[:1]):
+            tell("pairs", number, len(front))
+            for effect in candidates:
+                if effect.group not in root.groups:
+                    grown.append(consider((*root.terms, effect), root.fitted))
+        grown = _polished(bench, grown, base, spread, done)
+        rounds.append(tuple(grown))
+        more = _best(grown)
+        if more is None or more.score - best.score < SECOND or not _each_needed(more, done):
+            break
+        best, front = more, _front(grown, 3)
+    same_size = [one for one in done.values() if len(one.terms) == len(best.terms) and not one.reason]
+    alike = _apart([one for one in same_size if best.score - one.score < ALIKE and one.groups != best.groups])
+    return Naming(
+        base, location, tuple(done.values()), best, tuple(alike), locate(bench, best.fitted), tuple(rounds)
+    )
+
+
+def _spread(base: Fit, location: Location) -> float:
+    # a misfit differs from repetition to repetition too; only a fit near the noise tells of the noise
+    return location.spread if base.per_row < 1.5 else 1.0
+
+
+def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit, base: Fit) -> Fit:
+    newest = terms[-1]
+    fits = [fit(bench, terms, near=near, most=12, rounds=2)]
+    parameter = newest.parameters[0]
+    far = near.per_row > ROUGH
+    starts = (*parameter.starts, *((parameter.typical,) if far and parameter.typical not in parameter.starts else ()))
+    if far or _flat(newest):
+        name = f"{newest.name}.{parameter.name}"
+        if newest.geometry != "jitter":
+            for value in starts:
+                fits.append(fit(bench, terms, start={**_values(near), name: value}, most=12, rounds=2))
+    return min(fits, key=lambda one: one.deviance)
+
+
+def _flat(effect: Effect) -> bool:
+    """Whether the effect has no slope at zero, so that a fit from there stays there."""
+    return effect.name == "electrostatic"
+
+
+def _values(near: Fit) -> dict[str, float]:
+    return {u.name: float(v) for u, v in zip(near.unknowns, near.values, strict=True) if u.effect}
+
+
+def _polished(
+    bench: Regioned,
+    singles: list[Candidate],
+    base: Fit,
+    spread: float,
+    done: dict[frozenset[str], Candidate],
+) -> list[Candidate]:
+    """The leading candidates fitted to the end."""
+    leading = sorted(singles, key=lambda one: -one.gain)[:4]
+    result = []
+    for one in singles:
+        better = one
+        if one in leading and not one.fitted.converged:
+            fitted = fit(bench, one.terms, near=one.fitted, most=60)
+            gain = (base.deviance - fitted.deviance) / spread
+            better = Candidate(one.terms, fitted, gain, _refused(fitted, one.terms))
+            done[frozenset(one.names)] = better
+        result.append(better)
+    return result
+
+
+def _best(candidates: Sequence[Candidate]) -> Candidate | None:
+    return max((one for one in candidates if not one.reason), key=lambda one: one.score, default=None)
+
+
+def _front(candidates: Sequence[Candidate], count: int) -> list[Candidate]:
+    """The best of each family, plausible or nearly so."""
+    front: list[Candidate] = []
+    for one in sorted((c for c in candidates if not c.reason), key=lambda c: -c.score):
+        if all(one.groups != other.groups for other in front):
+            front.append(one)
+    return front[:count]
+
+
+def _apart(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """One of each family."""
+    return _front(candidates, len(candidates))
+
+
+def _each_needed(candidate: Candidate, done: dict[frozenset[str], Candidate]) -> bool:
+    """Whether no term can be left out at less than the price of a term."""
+    for term in candidate.terms:
+        rest = done.get(frozenset(name for name in candidate.names if name != term.name))
+        if rest is not None and candidate.score - rest.score < SECOND:
+            return False
+    return True
+
+
+def _refused(fitted: Fit, terms: Sequence[Effect]) -> str:
+    """Why a fit's coefficients cannot be: out of their physical range, or not larger than their own doubt."""
+    for term in terms:
+        if term.geometry == "jitter":
+            if fitted.jitter < 2e-6:
+                return "no jitter found"
+            continue
+        for parameter in term.parameters:
+            name = f"{term.name}.{parameter.name}"
+            value, std = fitted.value(name), fitted.std(name)
+            if value < parameter.low - 2 * std or value > parameter.high + 2 * std:
+                return f"{parameter.name} = {value:.3g} {parameter.unit} is outside {parameter.low:g} to {parameter.high:g}"
+            if abs(value) < 3.0 * std:
+                return f"{parameter.name} = {value:.3g} is within three of its standard deviations ({std:.2g}) of zero"
+    return ""
+
+
+def _surprise(fitted: Fit, term: Effect) -> float:
+    """Twice the log of how much less likely a coefficient is than the predicted one; a factor of two costs one."""
+    total = 0.0
+    for parameter in term.parameters:
+        if parameter.predicted and term.geometry != "jitter":
+            value = abs(fitted.value(f"{term.name}.{parameter.name}"))
+            ratio = math.log(max(value, 1e-9) / parameter.predicted) / math.log(2)
+            total += min(ratio * ratio, 5.0)
+    return total

@@ -1,0 +1,139 @@
+"""The pendulum as the diagnosis sees it: a bob on a thread, let go from an angle, its ring-down filmed.
+
+World axes: x right, y up, origin at the pivot; angles from the vertical, positive to the right.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from rigtwin.compare.diagnose.camera import camera_unknowns, exposed, noise_of, viewed
+from rigtwin.compare.diagnose.fit import Seen, Unknown
+from rigtwin.compare.diagnose.labs import TrackedLab
+from rigtwin.compare.diagnose.swing import Push, angle_at, half_swings
+from rigtwin.lab.records import Array
+from rigtwin.sim.effects import Effect
+
+OWN_LENGTH = 0.5  # share of the stated length uncertainty that each length has on its own
+
+
+class PendulumBench:
+    """All repetitions of a lab of single pendulums."""
+
+    def __init__(self, lab: TrackedLab) -> None:
+        self.lab = lab
+        runs = [
+            (c, condition, tracks[0]) for c, condition in enumerate(lab.conditions) for tracks in condition.repetitions
+        ]
+        self.condition = np.array([c for c, _, _ in runs])
+        self.radius = np.array([condition.bead.radius for _, condition, _ in runs])
+        self.mass = np.array([condition.bead.mass for _, condition, _ in runs])
+        self.length = np.array([float(condition.settings["length_m"]) for _, condition, _ in runs])
+        self.lengths = sorted(set(self.length.tolist()))
+        self.which = np.array([self.lengths.index(length) for length in self.length.tolist()])
+        angle = np.radians([float(condition.settings["release_angle_deg"]) for _, condition, _ in runs])
+        side = np.array([1.0 if float(np.median(track.position[:5, 0])) >= 0 else -1.0 for _, _, track in runs])
+        angle = np.abs(angle) * side
+        self.noise = noise_of(lab, [track for _, _, track in runs])
+        self.time = np.concatenate([track.time for _, _, track in runs])
+        self.rows = np.concatenate([track.position for _, _, track in runs])
+        counts = [len(track.time) for _, _, track in runs]
+        edges = np.concatenate([[0], np.cumsum(counts)])
+        self.spans = [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        self.owner = np.repeat(np.arange(len(runs)), counts)
+        self.sigma = np.full(len(self.rows), self.noise)
+        self.condition_names = [condition.name for condition in lab.conditions]
+        self.region, self.region_names = eighths(self.time, self.spans)
+        repetitions = len(runs)
+        doubt = math.radians(lab.known("release_angle_uncertainty_deg", default=0.3))
+        self.local_prior = np.stack([np.zeros(repetitions), angle], axis=1)
+        self.local_sd = np.tile([10.0, doubt], (repetitions, 1))
+        self.local_step = np.array([1e-3, 1e-2])
+        self.scatter = np.zeros((repetitions, 0), dtype=int)
+        self.scatter_start = np.zeros(0)
+
+    def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
+        """The lengths and the calibration with their priors, and the terms' coefficients."""
+        doubt = self.lab.known("length_uncertainty_m", default=5e-4)
+        own = [Unknown(f"length.{length:g}", 0.0, 1e-3, sd=OWN_LENGTH * doubt) for length in self.lengths]
+        many = own if len(own) > 1 else []
+        return [*many, *camera_unknowns(self.lab, terms, {"length_error": doubt})]
+
+    def first_guess(self, values: Mapping[str, float]) -> Array:
+        """Release time from the moment the angle has fallen by a tenth."""
+        clock = 1.0 + values.get("frame_rate_error.relative", 0.0)
+        guess = self.local_prior.copy()
+        for r, span in enumerate(self.spans):
+            time, place = self.time[span] / clock, self.rows[span]
+            angle = np.abs(np.arctan2(place[:, 0], -place[:, 1]))
+            part = int(np.argmax(angle < 0.9 * float(np.median(angle[:3]))))
+            omega = math.sqrt(self.lab.gravity / self.length[r])
+            guess[r, 0] = max(float(time[part]) - math.sqrt(0.2) / omega, 0.0)
+        return guess
+
+    def horizons(self) -> list[Array]:
+        """Masks over rows, the first swings first: phases are then never lost."""
+        return [self.time < limit for limit in (1.0, 2.5) if float(self.time.max()) > 1.3 * limit]
+
+    def predict(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect]) -> Seen:
+        """Swing and film all repetitions for a stack of settings."""
+        length = self.length + values["length_error.offset"][:, None]
+        if len(self.lengths) > 1:
+            own = np.stack([values[f"length.{one:g}"] for one in self.lengths], axis=-1)
+            length = length + own[:, self.which]
+        push, omega = pushing(length, self.mass, self.radius, self.lab.gravity, values, terms)
+        true = exposed(self.time, self.rows, values, terms)
+        t0 = local[..., 0]
+        since = true - t0[:, self.owner]
+        until = np.array([since[:, span].max(axis=1) for span in self.spans]).T
+        swings = half_swings(local[..., 1], push, omega, until)
+        angle, rate = angle_at(swings, since, self.owner)
+        reach = length[:, self.owner]
+        x, y = reach * np.sin(angle), -reach * np.cos(angle)
+        speed = np.stack([reach[0] * rate[0] * np.cos(angle[0]), reach[0] * rate[0] * np.sin(angle[0])], axis=-1)
+        return Seen(np.stack(viewed(x, y, values, terms), axis=-1), np.zeros((len(local), len(self.spans), 0)), speed)
+
+
+def eighths(time: Array, spans: Sequence[slice]) -> tuple[Array, list[str]]:
+    """Eighths of the record by time."""
+    region = np.concatenate(
+        [np.minimum((8 * (time[s] - time[s][0]) / (np.ptp(time[s]) + 1e-9)).astype(int), 7) for s in spans]
+    )
+    return region, [f"eighth {k + 1} of the record" for k in range(8)]
+
+
+def pushing(
+    length: Array,
+    mass: Array,
+    radius: Array,
+    gravity: float,
+    values: Mapping[str, Array],
+    terms: Sequence[Effect],
+) -> tuple[Push, Array]:
+    """Angular acceleration of a bob on its thread with the terms acting, and sqrt(g/L)."""
+    thread = values.get("rod_mass.mass_per_length", np.zeros(len(length)))[:, None]
+    inertia = mass * length**2 + thread * length**3 / 3
+    weight = (mass + thread * length / 2) * gravity * length
+    acting = [
+        (term, [values[f"{term.name}.{p.name}"][:, None] for p in term.parameters])
+        for term in terms
+        if term.force is not None or term.torque is not None
+    ]
+
+    def push(angle: Array, rate: Array) -> Array:
+        sine = np.sin(angle)
+        moment = -weight * sine
+        if acting:
+            cosine = np.cos(angle)
+            for term, own in acting:
+                if term.force is not None:
+                    fx, fy = term.force(length * rate * cosine, length * rate * sine, 1e3, radius, mass, *own)
+                    moment = moment + length * (fx * cosine + fy * sine)
+                if term.torque is not None:
+                    moment = moment + term.torque(angle, rate, length, mass, *own)
+        return np.asarray(moment / inertia)
+
+    return push, np.sqrt(weight / inertia)

@@ -1,0 +1,124 @@
+"""Swings of a bob on a thread, integrated from turning point to turning point for many settings at once.
+
+Between two turning points the rate keeps its sign, so dry friction is exact: each half swing starts anew at the moment
+the last one has come to rest.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from rigtwin.lab.records import Array
+
+STEPS = 20  # per half swing; the path between two steps is a cubic
+LEAST_RATE = 1e-3  # [rad/s], dry friction acts fully from here on
+
+Push = Callable[[Array, Array], Array]
+"""Angular acceleration [rad/s^2] from angle and rate, without the dry sign at rest."""
+
+
+@dataclass(frozen=True)
+class HalfSwings:
+    """Half swings of a stack: arrays (half swings, nodes, settings, repetitions)."""
+
+    begin: Array  # [s], (half swings + 1, settings, repetitions), from the release
+    step: Array  # [s], (half swings, settings, repetitions)
+    angle: Array  # [rad]
+    rate: Array  # [rad/s]
+
+
+def half_swings(angle: Array, push: Push, omega: Array, until: Array, rate: Array | None = None) -> HalfSwings:
+    """Swing from `angle` at rest (or with `rate`) for at least `until` [s]; `omega` [1/s] is sqrt(g/L)."""
+    begin = [np.zeros_like(angle)]
+    steps, angles, rates = [], [], []
+    theta = angle
+    omega_now = np.zeros_like(angle) if rate is None else rate
+    stuck = np.zeros(angle.shape, dtype=bool)
+    for _ in range(400):
+        resting = np.abs(omega_now) < 1e-9
+        side = np.where(resting, -np.sign(theta), np.sign(omega_now))
+        side = np.where(side == 0, 1.0, side)
+        first = push(theta, side * LEAST_RATE)
+        stuck |= resting & (first * side <= 0)
+        live = np.where(stuck, 0.0, 1.0)
+
+        def change(a: Array, w: Array, side: Array = side, live: Array = live) -> Array:
+            return live * push(a, side * np.maximum(side * w, LEAST_RATE))
+
+        h = _duration(theta, omega_now, omega, side) / STEPS
+        node_angle, node_rate = [theta], [omega_now]
+        a, w = theta, omega_now
+        for _ in range(STEPS - 1):
+            a, w = _runge_kutta(change, a, w, h)
+            node_angle.append(a)
+            node_rate.append(w)
+        last = h
+        end_a, end_w = _runge_kutta(change, a, w, last)
+        for _ in range(3):  # Newton to the moment of rest
+            bend = change(end_a, end_w)
+            correction = np.where(np.abs(bend) > 1e-9, -end_w / np.where(bend == 0, 1.0, bend), 0.0)
+            last = np.clip(last + np.clip(correction, -0.7 * h, 0.7 * h), 0.05 * h, 6 * h)
+            end_a, end_w = _runge_kutta(change, a, w, last)
+        node_angle.append(end_a)
+        node_rate.append(np.zeros_like(end_w))
+        steps.append(h)
+        angles.append(np.stack(node_angle))
+        rates.append(np.stack(node_rate))
+        begin.append(begin[-1] + (STEPS - 1) * h + last)
+        theta, omega_now = end_a, np.zeros_like(end_w)
+        if (begin[-1] > until).all():
+            break
+    return HalfSwings(np.stack(begin), np.stack(steps), np.stack(angles), np.stack(rates))
+
+
+def _duration(theta: Array, rate: Array, omega: Array, side: Array) -> Array:
+    """[s] to the next turning point without damping."""
+    # amplitude from the energy, phase from the harmonic motion of that amplitude
+    energy = np.clip(np.cos(theta) - 0.5 * (rate / omega) ** 2, -0.999, 1.0)
+    amplitude = np.maximum(np.arccos(energy), 1e-6)
+    slow = 1 + amplitude**2 / 16 + 11 * amplitude**4 / 3072 + 173 * amplitude**6 / 737280
+    phase = np.arccos(np.clip(-side * theta / amplitude, -1.0, 1.0))  # 0 at the start of the half swing
+    return np.maximum((math.pi - phase) / omega * slow, 1e-3)
+
+
+def _runge_kutta(change: Push, a: Array, w: Array, h: Array) -> tuple[Array, Array]:
+    k1 = change(a, w)
+    w2 = w + 0.5 * h * k1
+    k2 = change(a + 0.5 * h * w, w2)
+    w3 = w + 0.5 * h * k2
+    k3 = change(a + 0.5 * h * w2, w3)
+    w4 = w + h * k3
+    k4 = change(a + h * w3, w4)
+    return a + h / 6 * (w + 2 * w2 + 2 * w3 + w4), w + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
+def angle_at(swings: HalfSwings, since: Array, owner: Array) -> tuple[Array, Array]:
+    """Angle [rad] and rate [rad/s] at times `since` the release (settings, rows); at rest before it."""
+    count, nodes, settings, repetitions = swings.angle.shape
+    held = since < 0
+    since = np.maximum(since, 0.0)
+    base = np.arange(settings)[:, None] * repetitions + owner[None]
+    size = settings * repetitions
+    begin = swings.begin.reshape(count + 1, size)
+    number = np.zeros(base.shape, dtype=np.int64)
+    for half in range(1, count):
+        number += since >= begin[half][base]
+    flat_begin = begin.reshape(-1)
+    start = flat_begin[number * size + base]
+    end = flat_begin[(number + 1) * size + base]
+    h = swings.step.reshape(-1)[number * size + base]
+    s = since - start
+    k = np.minimum((s / h).astype(np.int64), nodes - 2)
+    length = np.where(k == nodes - 2, end - start - k * h, h)
+    s = np.minimum((s - k * h) / length, 1.0)
+    first = (number * nodes + k) * size + base
+    angle, rate = swings.angle.reshape(-1), swings.rate.reshape(-1)
+    a, b = angle[first], angle[first + size]
+    da, db = rate[first] * length, rate[first + size] * length
+    value = a + s * (da + s * (3 * (b - a) - 2 * da - db + s * (2 * (a - b) + da + db)))
+    slope = (da + s * (2 * (3 * (b - a) - 2 * da - db) + 3 * s * (2 * (a - b) + da + db))) / length
+    return value, np.where(held, 0.0, slope)

@@ -1,0 +1,59 @@
+"""The library of effects: one small file each, found by looking into this folder.
+
+An effect is one term that plain contact mechanics and an ideal camera leave out.  A file says what it is called, its
+equation and source, its parameters, the rigs in which it acts, and how it enters, as plain functions of numbers.  The
+functions use only ``+ - * / ** abs``, so the very same code runs on NumPy arrays here and can be compiled into an
+engine.  A user's own file of the same kind takes part: `own_effect(path)`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import pkgutil
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+
+from rigtwin.lab.errors import BadInput
+from rigtwin.sim.effects.effect import Effect, Parameter
+
+__all__ = ["Effect", "Parameter", "library", "named", "own_effect"]
+
+
+@cache
+def library() -> tuple[Effect, ...]:
+    """Every effect of this folder, in the order of their names."""
+    found = []
+    for module in pkgutil.iter_modules(__path__):
+        if module.name != "effect":
+            found.append(_effect_of(importlib.import_module(f"{__name__}.{module.name}"), module.name))
+    return tuple(sorted(found, key=lambda effect: effect.name))
+
+
+def named(name: str) -> Effect:
+    """The effect of that name.  Raises `BadInput` with the known names."""
+    known = {effect.name: effect for effect in library()}
+    if name not in known:
+        raise BadInput(f"there is no effect {name!r}; known are {', '.join(known)}.")
+    return known[name]
+
+
+def own_effect(path: Path) -> Effect:
+    """The effect in a user's own file, which must define ``EFFECT = Effect(...)``."""
+    spec = importlib.util.spec_from_file_location(f"rigtwin_own_{path.stem}", path)
+    if not path.is_file() or spec is None or spec.loader is None:
+        raise BadInput(f"{path}: no such Python file; give a file that defines EFFECT = Effect(...).")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise BadInput(f"{path}: cannot be run ({type(error).__name__}: {error}); correct the file.") from error
+    return _effect_of(module, str(path))
+
+
+def _effect_of(module: ModuleType, name: str) -> Effect:
+    effect = getattr(module, "EFFECT", None)
+    if not isinstance(effect, Effect):
+        raise BadInput(f"{name}: defines no EFFECT = Effect(...); see rigtwin/sim/effects/air_drag.py for a model.")
+    return effect

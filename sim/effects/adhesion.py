@@ -1,0 +1,26 @@
+"""Adhesion at the contact: each impact loses one fixed energy, so slow impacts bounce less and at last stick."""
+
+from typing import Any
+
+from rigtwin.sim.effects.effect import Effect, Parameter
+
+
+def restitution(e: Any, speed: Any, radius: Any, mass: Any, work: Any) -> Any:
+    """e'^2 = e^2 - 2 W / (m v^2), W = work (R / 3 mm)^(4/3); zero where the bead sticks."""
+    energy = work * (radius / 0.003) ** 1.3333333333333333
+    left = e * e - 2.0 * energy / (mass * speed * speed + 1e-18)
+    return (0.5 * (left + abs(left)) + 1e-12) ** 0.5
+
+
+EFFECT = Effect(
+    name="adhesion",
+    title="adhesion",
+    kind="physical",
+    rigs=("drop", "double"),
+    parameters=(Parameter("work", "J", 0.0, 1e-4, 1e-7, meaning="energy lost per impact of a 6 mm bead"),),
+    equation="e'^2 = e^2 - 2 W/(m v^2), W ~ R^(4/3)",
+    source="Johnson, Kendall & Roberts 1971; Thornton & Ning 1998",
+    synonyms=("cohesion", "jkr", "sticking", "surface energy", "stickiness", "capillary bridge"),
+    restitution=restitution,
+    splits="low drops (5 to 50 mm) dry and humid: adhesion stops the last bounces and changes with humidity",
+)

@@ -1,0 +1,75 @@
+"""What an effect is: names, equation, source, parameters, the rigs in which it acts, and the hooks where it enters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+Hook = Callable[..., Any]
+RIGS = ("drop", "pendulum", "double", "slide", "roll")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One coefficient of an effect, in SI."""
+
+    name: str
+    unit: str
+    low: float
+    """Below this the value is not physical."""
+    high: float
+    typical: float
+    """A clearly visible size; sets the step of the fit."""
+    predicted: float | None = None
+    """The value that physics predicts without a fit, where it does."""
+    starts: tuple[float, ...] = ()
+    """Further values from which a fit is started, where the way to the best one is not straight."""
+    meaning: str = ""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One term that can be added to a model.
+
+    The hooks are plain functions of numbers (arrays, or scalars in a compiled engine), parameters last:
+
+    - ``force(vx, vy, gap, radius, mass, *p) -> (fx, fy)`` [N] on a sphere in flight or on a thread; `gap` [m] is the
+      height of its lowest point above the plate.
+    - ``torque(angle, rate, length, mass, *p)`` [N m] about a pivot.
+    - ``restitution(e, speed, radius, mass, *p)``: the coefficient at an impact `speed` [m/s], from the one at 1 m/s.
+    - ``rolling(mu, speed, radius, *p)``: the rolling friction (tangent of the angle) at a speed.
+    - ``sliding(mu, speed, waiting, *p)``: the sliding friction while it slides.
+    - ``onset(mu, waiting, normal, *p)``: the friction at which sliding starts; `waiting` [s], `normal` [N].
+    - ``exposure(time, x, y, *p)``: the true time [s] at which a row stamped `time` was taken.
+    - ``view(x, y, *p) -> (x, y)`` [m]: where the camera sees what is at x, y.
+    """
+
+    name: str
+    title: str
+    kind: Literal["physical", "measurement"]
+    rigs: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    equation: str
+    source: str
+    synonyms: tuple[str, ...] = ()
+    family: str = ""
+    """Effects of one family are forms of one thing: told apart only where the data can."""
+    force: Hook | None = None
+    torque: Hook | None = None
+    restitution: Hook | None = None
+    rolling: Hook | None = None
+    sliding: Hook | None = None
+    onset: Hook | None = None
+    exposure: Hook | None = None
+    view: Hook | None = None
+    geometry: str = ""
+    """Name of the rig's own quantity that the first parameter shifts: ``"level"``, ``"length"``, ``"release_spin"``,
+    ``"rod_mass"``, ``"release_speed"``, ``"jitter"``."""
+    splits: str = ""
+    """The experiment that tells this effect from those that look alike."""
+
+    @property
+    def group(self) -> str:
+        """The family, or the name where there is none."""
+        return self.family or self.name

@@ -1,0 +1,26 @@
+"""The camera's true frame rate is not the stated one."""
+
+from typing import Any
+
+from rigtwin.sim.effects.effect import Effect, Parameter
+
+
+def exposure(time: Any, x: Any, y: Any, relative: Any) -> Any:
+    """Rows are stamped with the stated rate; a faster camera took them earlier."""
+    return time / (1.0 + relative)
+
+
+EFFECT = Effect(
+    name="frame_rate_error",
+    title="wrong frame rate",
+    kind="measurement",
+    rigs=("drop", "pendulum", "double", "slide", "roll"),
+    parameters=(
+        Parameter("relative", "1", -0.8, 4.0, 0.005, starts=(-0.5, 1.0), meaning="true over stated rate, less 1"),
+    ),
+    equation="t_true = t / (1 + f)",
+    source="camera clock",
+    synonyms=("frame rate", "fps", "clock error", "time base", "time scale"),
+    exposure=exposure,
+    splits="film a running clock or a blinking light of known rate: times are wrong, lengths are not",
+)

@@ -1,0 +1,25 @@
+"""The lens bends straight lines: the scale changes with the distance from the middle of the picture."""
+
+from typing import Any
+
+from rigtwin.sim.effects.effect import Effect, Parameter
+
+
+def view(x: Any, y: Any, radial: Any) -> Any:
+    """Radial distortion about the origin of the coordinates."""
+    factor = 1.0 + radial * (x * x + y * y)
+    return x * factor, y * factor
+
+
+EFFECT = Effect(
+    name="lens_distortion",
+    title="lens distortion",
+    kind="measurement",
+    rigs=("drop", "pendulum", "double", "roll", "slide"),
+    parameters=(Parameter("radial", "1/m^2", -2.0, 2.0, 0.05, meaning="k1 of the plane of motion"),),
+    equation="r' = r (1 + k1 r^2)",
+    source="Brown 1966",
+    synonyms=("barrel distortion", "pincushion", "radial distortion", "fisheye"),
+    view=view,
+    splits="film a chessboard: straight lines bend",
+)

@@ -1,0 +1,27 @@
+"""Viscous drag of the air, linear in the speed (Stokes)."""
+
+from typing import Any
+
+from rigtwin.sim.effects.effect import Effect, Parameter
+
+AIR_VISCOSITY = 1.8e-5  # [Pa s]
+
+
+def force(vx: Any, vy: Any, gap: Any, radius: Any, mass: Any, multiplier: Any) -> Any:
+    """[N] against the velocity: 6 pi eta R v."""
+    pull = -multiplier * 6.0 * 3.141592653589793 * AIR_VISCOSITY * radius
+    return pull * vx, pull * vy
+
+
+EFFECT = Effect(
+    name="linear_drag",
+    title="linear (Stokes) drag",
+    kind="physical",
+    rigs=("drop", "pendulum", "double", "roll"),
+    parameters=(Parameter("multiplier", "1", 0.0, 500.0, 10.0, predicted=1.0, meaning="1 for Re << 1"),),
+    equation="F = 6 pi eta R v",
+    source="Stokes 1851",
+    synonyms=("stokes drag", "viscous drag", "linear air drag", "viscous air resistance"),
+    force=force,
+    splits="greater heights: linear and quadratic drag part as the speed grows",
+)

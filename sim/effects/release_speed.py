@@ -1,0 +1,16 @@
+"""The holder pushes or drags the bead as it lets go."""
+
+from rigtwin.sim.effects.effect import Effect, Parameter
+
+EFFECT = Effect(
+    name="release_speed",
+    title="release speed",
+    kind="physical",
+    rigs=("drop",),
+    parameters=(Parameter("speed", "m/s", -0.5, 0.5, 0.05, meaning="upwards"),),
+    equation="v_y(0) = v_rel",
+    source="release mechanics of the holder",
+    synonyms=("release velocity", "initial velocity", "push at release", "late release"),
+    geometry="release_speed",
+    splits="keep the frames before the release, or use another release head",
+)

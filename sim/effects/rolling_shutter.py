@@ -1,0 +1,24 @@
+"""Rows of a picture are read one after the other: what is high in it is seen earlier or later."""
+
+from typing import Any
+
+from rigtwin.sim.effects.effect import Effect, Parameter
+
+
+def exposure(time: Any, x: Any, y: Any, delay: Any) -> Any:
+    """True time = stamp + r y, with y [m] the height in the plane of motion."""
+    return time + delay * y
+
+
+EFFECT = Effect(
+    name="rolling_shutter",
+    title="rolling shutter",
+    kind="measurement",
+    rigs=("drop", "pendulum", "double", "slide", "roll"),
+    parameters=(Parameter("delay", "s/m", -0.2, 0.2, 0.003, starts=(-0.02, 0.02), meaning="row delay per height"),),
+    equation="t_true = t + r y",
+    source="CMOS read-out; Meingast, Geyer & Sastry 2005",
+    synonyms=("row delay", "shutter readout", "read-out delay", "cmos skew", "rolling readout"),
+    exposure=exposure,
+    splits="turn the camera by 180 degrees, or drop a steel ball: drag goes with 1/density, a shutter does not",
+)

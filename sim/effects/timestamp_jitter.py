@@ -1,0 +1,16 @@
+"""Frames are not taken evenly: the noise along the path grows with the speed."""
+
+from rigtwin.sim.effects.effect import Effect, Parameter
+
+EFFECT = Effect(
+    name="timestamp_jitter",
+    title="timestamp jitter",
+    kind="measurement",
+    rigs=("drop", "pendulum", "double", "slide", "roll"),
+    parameters=(Parameter("std", "s", 0.0, 0.05, 2e-4, meaning="standard deviation of a frame's time"),),
+    equation="sigma^2 = sigma_0^2 + (v tau)^2 along the path",
+    source="camera clock",
+    synonyms=("jitter", "frame timing", "irregular frames", "time stamp noise", "timing noise"),
+    geometry="jitter",
+    splits="film a light that blinks at a steady rate: the noise of its times is the jitter",
+)
