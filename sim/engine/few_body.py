@@ -21,7 +21,8 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.engine import backend
 from rigtwin.sim.engine.backend import ti
-from rigtwin.sim.engine.contact import LAW_SIZE, ROLLING, Rolling, contact_forces, pair_law
+from rigtwin.sim.engine.contact import DAMPING, LAW_SIZE, ROLLING, STIFFNESS, Rolling, contact_forces, pair_law
+from rigtwin.sim.engine.terms import Active, Terms, terms_of
 from rigtwin.sim.engine.walls import WALL_SIZE, Wall, gaps, towards_wall
 
 Array = npt.NDArray[np.float64]
@@ -75,12 +76,13 @@ def run(
     step: float | None = None,
     flight_step: float = FLIGHT_STEP,
     rolling: Rolling = "type C",
+    effects: Sequence[Active] = (),
     progress: Progress = silent,
 ) -> Motion:
     """Move the bodies from t = 0 and sample them at `times` [s], rising.
 
     `contacts` is one Contact for all pairs of bodies, or one per pair (i, j) with i < j; None: bodies never touch.
-    `step` [s] is the step in contact (default `contact_step`).
+    `step` [s] is the step in contact (default `contact_step`).  `effects` act on all bodies and contacts.
     """
     times = np.ascontiguousarray(times, dtype=np.float64)
     _check(bodies, times, walls, contacts)
@@ -88,7 +90,7 @@ def run(
     if not 0 < step <= flight_step:
         raise BadInput(f"step: {step:g} s does not lie between 0 and the flight step of {flight_step:g} s.")
     backend.start()
-    bench = _bench()
+    bench = _bench(terms_of(effects))
     bench.load(bodies, walls, contacts, gravity=gravity, steps=(step, flight_step), rolling=rolling)
     count = len(bodies)
     sampled: list[Array] = []
@@ -166,15 +168,16 @@ def _check(
 
 
 @cache
-def _bench() -> "_Bench":
-    return _Bench()
+def _bench(terms: Terms) -> "_Bench":
+    return _Bench(terms)
 
 
 @ti.data_oriented
 class _Bench:
     """Fields and kernel of the few-body path; made once per process, after the backend has started."""
 
-    def __init__(self) -> None:
+    def __init__(self, terms: Terms) -> None:
+        self.terms = terms
         self.position = ti.Vector.field(3, ti.f64, BODIES)
         self.velocity = ti.Vector.field(3, ti.f64, BODIES)
         self.spin = ti.Vector.field(3, ti.f64, BODIES)
@@ -191,6 +194,11 @@ class _Bench:
         self.pair_law = ti.Vector.field(LAW_SIZE, ti.f64, (BODIES, BODIES))
         self.wall_law = ti.Vector.field(LAW_SIZE, ti.f64, (BODIES, WALLS))
         self.pair_meets = ti.field(ti.i32, (BODIES, BODIES))
+        if terms.act_on_contacts:
+            self.pair_impact = ti.field(ti.f64, (BODIES, BODIES))  # DAMPING of this impact; negative: no contact
+            self.wall_impact = ti.field(ti.f64, (BODIES, WALLS))
+            self.pair_base = ti.field(ti.f64, (BODIES, BODIES))  # restitution at 1 m/s
+            self.wall_base = ti.field(ti.f64, (BODIES, WALLS))
         self.walls = ti.field(ti.f64, (WALLS, WALL_SIZE))
         self.gravity = ti.Vector.field(3, ti.f64, ())
         self.times = ti.field(ti.f64, SAMPLES)
@@ -217,20 +225,28 @@ class _Bench:
             inertia = 0.4 * p.mass * p.radius**2
             table[i, :16] = (*b.position, *b.velocity, *b.spin, p.radius, p.mass, inertia, *pivot, length)
         pair = np.zeros((BODIES, BODIES, LAW_SIZE + 1))
+        base = np.ones((BODIES, BODIES)), np.ones((BODIES, WALLS))
         for i in range(len(bodies)):
             for j in range(i + 1, len(bodies)):
                 contact = contacts if isinstance(contacts, Contact) or contacts is None else contacts.get((i, j))
                 if contact is not None:
                     law = pair_law(bodies[i].particle.material, bodies[j].particle.material, contact)
                     pair[i, j] = (*law.row, 1.0)
+                    base[0][i, j] = contact.restitution
         wall = np.zeros((WALLS, WALL_SIZE))
         on_wall = np.zeros((BODIES, WALLS, LAW_SIZE))
         for k, w in enumerate(walls):
             wall[k] = w.shape.row
             for i, b in enumerate(bodies):
                 on_wall[i, k] = pair_law(b.particle.material, w.material, w.contact).row
+                base[1][i, k] = w.contact.restitution
         numbers = np.array([0.0, *steps, *gravity])
         self._load(table, pair, wall, on_wall, numbers, len(bodies), len(walls), int(rolling == ROLLING[0]))
+        if self.terms.act_on_contacts:
+            self.pair_base.from_numpy(base[0])
+            self.wall_base.from_numpy(base[1])
+            self.pair_impact.fill(-1.0)
+            self.wall_impact.fill(-1.0)
 
     def expect(self, times: Array) -> None:
         padded = np.zeros(SAMPLES)
@@ -311,19 +327,20 @@ class _Bench:
         slack = self.gravity[None].norm() * self.clock[2]
         constant_torque = self.counts[5]
         for i in range(n):
-            self.push[i] = self.gravity[None]
+            self.push[i] = self.push_on_body(i, step)
             self.twist[i] = ti.Vector([0.0, 0.0, 0.0])
         for i in range(n):
             radius, mass, inertia = self.body[i][0], self.body[i][1], self.body[i][2]
             for k in range(self.counts[1]):
                 distance, normal = towards_wall(self.walls, k, self.position[i])
                 overlap = radius - distance
+                clear = ti.min(clear, self.cling_to_wall(i, k, overlap, normal))
                 if overlap > 0.0:
                     clear = 0.0
                     surface = self.half[i] + distance * self.half_spin[i].cross(normal)
                     force, torque, _t, slip, roll = contact_forces(
                         overlap, normal, surface, self.half_spin[i], ti.Vector([0.0, 0.0, 0.0]), radius, mass, radius,
-                        radius, inertia, inertia, radius, inertia, self.wall_law[i, k], self.wall_slip[i, k],
+                        radius, inertia, inertia, radius, inertia, self.law_at_wall(i, k), self.wall_slip[i, k],
                         self.wall_roll[i, k], step, constant_torque,
                     )  # fmt: skip
                     self.wall_slip[i, k] = slip
@@ -341,6 +358,7 @@ class _Bench:
                     distance = between.norm()
                     overlap = radius + radius_j - distance
                     velocity = self.half[i] - self.half[j]
+                    clear = ti.min(clear, self.cling_together(i, j, overlap, between))
                     if overlap > 0.0:
                         clear = 0.0
                         normal = between / distance
@@ -351,7 +369,7 @@ class _Bench:
                         force, torque, torque_j, slip, roll = contact_forces(
                             overlap, normal, surface, self.half_spin[i], self.half_spin[j], radius_eff,
                             mass * mass_j / (mass + mass_j), radius, radius_j, inertia, inertia_j, 2.0 * radius_eff,
-                            inertia * inertia_j / (inertia + inertia_j), self.pair_law[i, j], self.pair_slip[i, j],
+                            inertia * inertia_j / (inertia + inertia_j), self.law_of_pair(i, j), self.pair_slip[i, j],
                             self.pair_roll[i, j], step, constant_torque,
                         )  # fmt: skip
                         self.pair_slip[i, j] = slip
@@ -365,6 +383,97 @@ class _Bench:
                         self.pair_slip[i, j] = ti.Vector([0.0, 0.0, 0.0])
                         self.pair_roll[i, j] = ti.Vector([0.0, 0.0, 0.0])
                         clear = ti.min(clear, -0.4 * overlap / (velocity.norm() + slack))
+        return clear
+
+    @ti.func
+    def push_on_body(self, i, step):
+        """Gravity and what effects add to it."""
+        push = self.gravity[None]
+        if ti.static(self.terms.act_on_bodies):
+            push += self.push_of_terms(i, step)
+        return push
+
+    @ti.func
+    def push_of_terms(self, i, step):
+        """Acceleration by what acts on a body away from contacts; `push` still holds the last step's."""
+        radius, mass = self.body[i][0], self.body[i][1]
+        gravity = self.gravity[None]
+        velocity = self.half[i] + 0.5 * step * self.push[i]
+        up = ti.Vector([0.0, 0.0, 1.0])
+        if gravity.norm_sqr() > 0.0:
+            up = -gravity / gravity.norm()
+        push = ti.Vector([0.0, 0.0, 0.0])
+        if ti.static(self.terms.acts_in_flight):
+            gap = 1e9
+            for k in range(self.counts[1]):
+                distance, _normal = towards_wall(self.walls, k, self.position[i])
+                gap = ti.min(gap, distance - radius)
+            push += self.terms.in_flight(velocity, gap, radius, mass, up) / mass
+        if ti.static(self.terms.acts_on_threads):
+            length = self.thread[i][3]
+            if length > 0.0:
+                pivot = ti.Vector([self.thread[i][0], self.thread[i][1], self.thread[i][2]])
+                arm = (self.position[i] - pivot) / length
+                push += self.terms.on_thread(velocity, arm, length, mass, up) / mass
+        return push
+
+    @ti.func
+    def law_at_wall(self, i, k):
+        law = self.wall_law[i, k]
+        if ti.static(self.terms.changes_restitution):
+            law[DAMPING] = self.wall_impact[i, k]
+        return law
+
+    @ti.func
+    def law_of_pair(self, i, j):
+        law = self.pair_law[i, j]
+        if ti.static(self.terms.changes_restitution):
+            law[DAMPING] = self.pair_impact[i, j]
+        return law
+
+    @ti.func
+    def cling_to_wall(self, i, k, overlap, normal):
+        """The longest step while effects act on this contact: none; they remember how it began, and may pull."""
+        clear = self.clock[2]
+        if ti.static(self.terms.act_on_contacts):
+            radius, mass = self.body[i][0], self.body[i][1]
+            modulus = self.wall_law[i, k][STIFFNESS]
+            state = self.wall_impact[i, k]
+            if overlap > 0.0 and state < 0.0:
+                state = self.terms.damping(self.wall_base[i, k], self.half[i].dot(normal), radius, mass)
+            if overlap < -self.terms.neck(radius, modulus):
+                state = -1.0
+            if state >= 0.0:
+                clear = 0.0
+                pull = self.terms.attraction(overlap, radius, modulus)
+                self.push[i] = self.push[i] + pull / mass * normal
+            self.wall_impact[i, k] = state
+        return clear
+
+    @ti.func
+    def cling_together(self, i, j, overlap, between):
+        """As `cling_to_wall`, for two bodies."""
+        clear = self.clock[2]
+        if ti.static(self.terms.act_on_contacts):
+            normal = between / between.norm()
+            radius, mass = self.body[i][0], self.body[i][1]
+            radius_j, mass_j = self.body[j][0], self.body[j][1]
+            radius_eff = radius * radius_j / (radius + radius_j)
+            modulus = self.pair_law[i, j][STIFFNESS]
+            state = self.pair_impact[i, j]
+            if overlap > 0.0 and state < 0.0:
+                # equal beads count with their own radius and mass
+                closing = (self.half[i] - self.half[j]).dot(normal)
+                both = 2.0 * mass * mass_j / (mass + mass_j)
+                state = self.terms.damping(self.pair_base[i, j], closing, 2.0 * radius_eff, both)
+            if overlap < -self.terms.neck(radius_eff, modulus):
+                state = -1.0
+            if state >= 0.0:
+                clear = 0.0
+                pull = self.terms.attraction(overlap, radius_eff, modulus)
+                self.push[i] = self.push[i] + pull / mass * normal
+                self.push[j] = self.push[j] - pull / mass_j * normal
+            self.pair_impact[i, j] = state
         return clear
 
     @ti.func
