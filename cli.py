@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from rigtwin.compare.comparison import Comparison
+    from rigtwin.compare.diagnose.diagnosis import Diagnosis
     from rigtwin.compare.twin import Twin
     from rigtwin.lab.camera import Camera
     from rigtwin.lab.progress import Progress
@@ -183,6 +184,30 @@ def compare(
         as_json=as_json,
         quiet=quiet,
     )
+
+
+@app.command()
+def diagnose(
+    lab: Annotated[Path, typer.Argument(metavar="LAB", help="Folder with a lab.json of tracked repetitions.")],
+    *,
+    effect: Annotated[
+        list[Path] | None,
+        typer.Option("--effect", metavar="FILE", help="Your own effect, one Python file; may be given again."),
+    ] = None,
+    out: Out = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Find where twin and measurement disagree, name the missing effect, add it, show the gap shrink."""
+    from rigtwin.compare.diagnose.run import diagnose_folder
+
+    target = out or (lab if lab.is_dir() else lab.parent) / "out"
+    with _progress(as_json or quiet) as progress:
+        diagnosis, files = diagnose_folder(lab, target, own=effect or (), progress=progress)
+    if as_json:
+        _print_json({**diagnosis.to_json(), "files": files})
+    elif not quiet:
+        _show_diagnosis(diagnosis, files)
 
 
 @measure_app.command(
@@ -699,6 +724,27 @@ def _show_comparison(comparison: Comparison) -> None:
         for warning in outcome.warnings:
             console.print(f"[yellow]warning:[/yellow] {escape(outcome.experiment.id)}: {escape(warning)}")
     for path in comparison.files.values():
+        typer.echo(f"wrote {path}")
+
+
+def _show_diagnosis(diagnosis: Diagnosis, files: Mapping[str, Path]) -> None:
+    console = _console()
+    console.print(f"[bold]{escape(diagnosis.verdict)}[/bold]: {escape(diagnosis.reason)}")
+    document = diagnosis.to_json()
+    console.print(f"where: {escape(document['where_in_words'])}")
+    for effect in document["effects"]:
+        for name, found in effect["parameters"].items():
+            console.print(
+                f"{escape(effect['title'])}: {name} = {found['value']:.4g} ± {found['std']:.2g} {found['unit']}"
+            )
+    if diagnosis.form:
+        console.print(f"form: {escape(diagnosis.form)}")
+    if diagnosis.gap is not None:
+        gap = diagnosis.gap
+        console.print(f"gap: {gap.before:.4g} before, {gap.after:.4g} after, noise alone {gap.noise_floor:.4g}")
+    if diagnosis.next_experiment:
+        console.print(f"next: {escape(diagnosis.next_experiment)}")
+    for path in files.values():
         typer.echo(f"wrote {path}")
 
 

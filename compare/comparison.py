@@ -161,7 +161,7 @@ def provenance(comparison: Comparison) -> dict[str, Any]:
             "materials": {name: asdict(material) for name, material in lab.model.materials.items()},
             "particles": {name: asdict(particle) for name, particle in lab.model.particles.items()},
             "contacts": {"-".join(names): asdict(contact) for names, contact in lab.model.contacts.items()},
-            "effects": list(lab.model.effects),
+            "effects": {name: dict(values) for name, values in lab.model.effects.items()},
         },
         "borrowed": list(lab.borrowed),
         "twins": {outcome.experiment.id: [twin.settings for twin in outcome.twins] for outcome in comparison.outcomes},

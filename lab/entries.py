@@ -253,7 +253,7 @@ class ModelFile(_Entry):
     materials: dict[str, MaterialEntry] = {}
     particles: dict[str, ParticleEntry] = {}
     contacts: dict[str, ContactEntry] = {}
-    effects: list[str] = []
+    effects: dict[str, dict[str, float]] = {}
 
 
 _SECTIONS: dict[str, type[_Entry]] = {

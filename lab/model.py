@@ -19,7 +19,8 @@ class Model:
     materials: Mapping[str, Material] = field(default_factory=dict)
     particles: Mapping[str, Particle] = field(default_factory=dict)
     contacts: Mapping[Pair, KnownContact] = field(default_factory=dict)
-    effects: tuple[str, ...] = ()  # names of the effects added to plain contact mechanics
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Effects added to plain contact mechanics, by name, each with its parameters in SI."""
 
     def known_contact(self, a: str, b: str) -> KnownContact:
         """What is known of a contact, in any order of names; all unknown when nothing is."""
@@ -53,14 +54,19 @@ def read_model(path: Path) -> Model:
     inventory = Inventory(file)
     if inventory.problems:
         raise document.error(inventory.problems)
-    return Model(inventory.materials, inventory.particles, inventory.contacts, tuple(file.effects))
+    return Model(inventory.materials, inventory.particles, inventory.contacts, dict(file.effects))
 
 
 def write_model(path: Path, model: Model) -> None:
     """Write a model.toml that `read_model` reads back the same; all values in SI."""
+    partial = path.with_name(path.name + ".part")
+    partial.write_text(model_text(model), encoding="utf-8")
+    partial.replace(path)
+
+
+def model_text(model: Model) -> str:
+    """The text of a model.toml; all values in SI."""
     lines = ["# all values in SI units"]
-    if model.effects:
-        lines.append(f"effects = {json.dumps(list(model.effects), ensure_ascii=False)}")
     for name, material in model.materials.items():
         lines += _section("materials", name, ("density", "youngs_modulus", "poisson_ratio"), material)
     for name, particle in model.particles.items():
@@ -68,9 +74,9 @@ def write_model(path: Path, model: Model) -> None:
         lines.append(f"material = {_text(particle.material.name)}")
     for (a, b), contact in model.contacts.items():
         lines += _section("contacts", f"{a}-{b}", PARAMETERS, contact)
-    partial = path.with_name(path.name + ".part")
-    partial.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    partial.replace(path)
+    for name, parameters in model.effects.items():
+        lines += ["", f"[effects.{_text(name)}]", *(f"{_text(key)} = {value!r}" for key, value in parameters.items())]
+    return "\n".join(lines) + "\n"
 
 
 def _section(kind: str, name: str, keys: Sequence[str], item: object) -> list[str]:

@@ -33,7 +33,9 @@ def models(draw):
         pair(bead, draw(st.sampled_from(names))): KnownContact(draw(FRACTIONS), draw(FRACTIONS), draw(FRACTIONS))
         for bead in beads
     }
-    return Model(solids, beads, contacts, tuple(draw(st.lists(st.text("abc \"'\\ö", max_size=5), max_size=2))))
+    words = st.text("abc \"'\\ö", max_size=5)
+    effects = draw(st.dictionaries(words, st.dictionaries(words, st.floats(-1e6, 1e6), max_size=2), max_size=2))
+    return Model(solids, beads, contacts, effects)
 
 
 @settings(deadline=None, derandomize=True)
@@ -46,7 +48,7 @@ def test_a_model_comes_back_from_its_file_as_it_was_written(model, tmp_path_fact
 
 def test_a_model_file_with_an_unknown_key_is_refused_with_its_line(tmp_path):
     path = tmp_path / "model.toml"
-    path.write_text("effects = []\n[materials.ash]\ndensty = 1\n")
+    path.write_text("[effects]\n[materials.ash]\ndensty = 1\n")
     with pytest.raises(BadLabFile, match=r"model\.toml, line 2: materials\.ash\.density: this key is missing.*3 more"):
         read_model(path)
 

@@ -42,7 +42,7 @@ def camera_unknowns(lab: TrackedLab, terms: Sequence[Effect], more: Mapping[str,
                 low=parameter.low,
                 high=parameter.high,
                 effect=name if lifted else "",
-            )  # fmt: skip
+            )
         )
     for term in terms:
         if term.name in stated or term.geometry == "jitter":
@@ -56,7 +56,7 @@ def camera_unknowns(lab: TrackedLab, terms: Sequence[Effect], more: Mapping[str,
                     low=_wide(parameter.low, parameter.high),
                     high=parameter.high + (parameter.high - parameter.low),
                     effect=term.name,
-                )  # fmt: skip
+                )
             )
     return unknowns
 
@@ -101,9 +101,10 @@ def noise_of(lab: TrackedLab, tracks: Sequence[Track]) -> float:
     for track in tracks:
         gap = np.diff(track.time)
         even = np.abs(gap - np.median(gap)) < 0.2 * np.median(gap)
-        run = even[:-2] & even[1:-1] & even[2:]
-        for k in (0, 1):
-            rough.append(np.abs(np.diff(track.position[:, k], 3)[run]))
+        third = np.abs(np.diff(track.position, 3, axis=0))
+        # an impact is rough in itself
+        calm = (third < 5 * np.median(third, axis=0)).all(axis=1)
+        rough.append(third[even[:-2] & even[1:-1] & even[2:] & calm].ravel())
     found = float(np.median(np.concatenate(rough))) / 0.6745 / math.sqrt(20.0)
     if not math.isfinite(lab.camera.noise) or lab.camera.noise <= 0:
         return max(found, 1e-7)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -46,24 +47,27 @@ class DropBench:
         self.rows = np.concatenate([track.position[keep] for (_, _, track), keep in zip(runs, kept, strict=True)])
         lengths = [int(keep.sum()) for keep in kept]
         edges = np.concatenate([[0], np.cumsum(lengths)])
-        self.spans = [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        self.spans = [slice(int(a), int(b)) for a, b in pairwise(edges)]
         self.owner = np.repeat(np.arange(len(runs)), lengths)
         self.sigma = np.full(len(self.rows), self.noise)
         self.events = events
         self.condition_names = [condition.name for condition in lab.conditions]
         self.region, self.region_names = regions(self.time, self.spans, events)
-        self.impacts = max(1, max(len(found) for found in events))
+        self.impacts = max(1, *(len(found) for found in events))
         self.active = np.array([[j < len(found) for j in range(self.impacts)] for found in events])
         repetitions = len(runs)
         self.names = ["t0", "x0", "y0", "vx0"]
         lost = self.impacts
         self.local_prior = np.concatenate(
             [
-                np.zeros((repetitions, 2)), (height + self.radius)[:, None], np.zeros((repetitions, 1)),
-                np.ones((repetitions, lost)), np.zeros((repetitions, lost)),
+                np.zeros((repetitions, 2)),
+                (height + self.radius)[:, None],
+                np.zeros((repetitions, 1)),
+                np.ones((repetitions, lost)),
+                np.zeros((repetitions, lost)),
             ],
             axis=1,
-        )  # fmt: skip
+        )
         tall = lab.known("drop_height_uncertainty_m", default=5e-4)
         # an impact that was not filmed is tied to its prior alone
         unseen = np.where(self.active, np.inf, 1e-3)
@@ -126,9 +130,17 @@ class DropBench:
         drop = (y0 * cosine[..., 0] - x0 * sine[..., 0] - self.radius)[..., None]
         gap = np.concatenate([np.maximum(drop, 1e-5), np.zeros_like(up)], axis=2)
         paths = flight.fly(
-            start_vx, start_vy, gap, sine, cosine,
-            radius=self.radius[:, None], mass=self.mass[:, None], gravity=self.lab.gravity, terms=terms, values=values,
-        )  # fmt: skip
+            start_vx,
+            start_vy,
+            gap,
+            sine,
+            cosine,
+            radius=self.radius[:, None],
+            mass=self.mass[:, None],
+            gravity=self.lab.gravity,
+            terms=terms,
+            values=values,
+        )
         begin = np.concatenate([t0[..., None], t0[..., None] + np.cumsum(paths.duration[..., :n], axis=2)], axis=2)
         begin[..., 1:] = np.where(self.active, begin[..., 1:], np.inf)
         x_start = np.concatenate([x0[..., None], x0[..., None] + np.cumsum(paths.land_x[..., :n], axis=2)], axis=2)
@@ -177,7 +189,11 @@ PARTS = ("first", "middle", "last")
 def regions(time: Array, spans: Sequence[slice], events: Sequence[Sequence[float]]) -> tuple[Array, list[str]]:
     """Thirds of the fall and of each flight after an impact, by number; -1 where the next impact is not seen."""
     most = max(len(found) for found in events)
-    names = [f"{part} third of the {'fall' if j == 0 else f'flight after impact {j}'}" for j in range(most + 1) for part in PARTS]
+    names = [
+        f"{part} third of the {'fall' if j == 0 else f'flight after impact {j}'}"
+        for j in range(most + 1)
+        for part in PARTS
+    ]
     region = np.full(len(time), -1)
     for span, found in zip(spans, events, strict=True):
         t = time[span]

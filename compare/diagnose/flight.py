@@ -103,11 +103,11 @@ def fly(
     land_y = _cubic(begin[1], end[1], begin[3] * h, end[3] * h, s)
     land_vx = _cubic_slope(begin[0], end[0], begin[2] * h, end[2] * h, s) / h
     land_vy = _cubic_slope(begin[1], end[1], begin[3] * h, end[3] * h, s) / h
-    return Paths(h, *nodes, (at[0] + s) * h, land_x, land_y, land_vx, land_vy)
+    return Paths(h, nodes[0], nodes[1], nodes[2], nodes[3], (at[0] + s) * h, land_x, land_y, land_vx, land_vy)
 
 
 def where(
-    paths: Paths, begin: Array, x_start: Array, y_start: Array, time: Array, owner: Array
+    paths: Paths, begin: Array, x_start: Array, y_start: Array, time: Array, owner: Any
 ) -> tuple[Array, Array, Array, Array]:
     """Position [m] and velocity [m/s] at `time` (settings, rows); flights begin at `begin`, held still before that."""
     settings, repetitions, flights = begin.shape

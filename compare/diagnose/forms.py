@@ -45,7 +45,12 @@ IMPACT: dict[str, tuple[str, str, float, Callable[[Any, Any], Any]]] = {
     "e~v": ("e + c v", "s/m", 0.02, lambda v, e: v),
     "e~1/v": ("e + c / v", "m/s", 0.01, lambda v, e: 1 / (v + 0.02)),
     "e~v^2": ("e + c v^2", "s^2/m^2", 0.01, lambda v, e: v * v),
-    "e~bump": ("e + c exp(-(v - 1.5 m/s)^2 / 2 (0.7 m/s)^2)", "1", 0.03, lambda v, e: np.exp(-(((v - 1.5) / 0.7) ** 2) / 2)),
+    "e~bump": (
+        "e + c exp(-(v - 1.5 m/s)^2 / 2 (0.7 m/s)^2)",
+        "1",
+        0.03,
+        lambda v, e: np.exp(-(((v - 1.5) / 0.7) ** 2) / 2),
+    ),
 }
 ROLL: dict[str, tuple[str, str, float, Callable[[Any, Any], Any]]] = {
     # formula, unit, typical size, acceleration along the track from place and speed

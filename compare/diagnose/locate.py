@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -23,7 +23,7 @@ AXES = ("x", "y")
 class Regioned(Bench, Protocol):
     """A bench that can say in which region of the motion each row lies."""
 
-    region: Array  # (N,) number of the region, -1 for none
+    region: Any  # (N,) number of the region, -1 for none
     region_names: Sequence[str]
     condition_names: Sequence[str]
 
@@ -55,7 +55,7 @@ class Location:
 
 def locate(bench: Regioned, fitted: Fit, level: float = 0.02) -> Location:
     """Test every region of every condition."""
-    means, counts, owners = _region_means(bench, fitted)
+    means, counts = _region_means(bench, fitted)
     spread = _spread(bench, means, counts)
     rows = []
     for c, name in enumerate(bench.condition_names):
@@ -73,16 +73,15 @@ def locate(bench: Regioned, fitted: Fit, level: float = 0.02) -> Location:
         return Location((), 0, 0.0, 1.0, spread)
     from scipy import stats
 
-    z = np.array([row[3] for row in rows])
-    p = 2 * stats.norm.sf(np.abs(z))
-    adjusted = holm(p)
+    scores = np.array([row[3] for row in rows])
+    adjusted = holm(np.asarray(2 * stats.norm.sf(np.abs(scores))))
     found = [
         Disagreement(name, axis, region, float(value), float(q), mean)
         for (name, axis, region, value, mean), q in zip(rows, adjusted, strict=True)
         if q < level
     ]
     found.sort(key=lambda one: -abs(one.z))
-    total = float(np.sum(z**2))
+    total = float(np.sum(scores**2))
     return Location(tuple(found), len(rows), total / len(rows), float(stats.chi2.sf(total, len(rows))), spread)
 
 
@@ -101,7 +100,7 @@ def holm(p: Array) -> Array:
     return adjusted
 
 
-def _region_means(bench: Regioned, fitted: Fit) -> tuple[Array, Array, Array]:
+def _region_means(bench: Regioned, fitted: Fit) -> tuple[Array, Array]:
     """Mean residual per repetition and region (R, regions, 2), and how many rows stand behind it."""
     regions = len(bench.region_names)
     repetitions = len(bench.spans)
@@ -110,7 +109,7 @@ def _region_means(bench: Regioned, fitted: Fit) -> tuple[Array, Array, Array]:
     inside = bench.region >= 0
     np.add.at(counts, (owner[inside], bench.region[inside]), 1)
     np.add.at(sums, (owner[inside], bench.region[inside]), fitted.residual[inside])
-    return sums / np.maximum(counts, 1)[..., None], counts, owner
+    return sums / np.maximum(counts, 1)[..., None], counts
 
 
 def _spread(bench: Regioned, means: Array, counts: Array) -> float:

@@ -6,12 +6,12 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from rigtwin.compare.diagnose.fit import Fit, fit
+from rigtwin.compare.diagnose.fit import Fit, fit, glance
 from rigtwin.compare.diagnose.locate import Location, Regioned, locate
 from rigtwin.sim.effects import Effect
 
 ALARM = 16.0
-"""Least gain in deviance for a first effect: beyond what the best of twenty false candidates gains in 99 labs of 100."""
+"""Least gain in deviance for a first effect: what the best of twenty false ones gains once in 1000 labs."""
 SECOND = 16.0
 """Least further gain for one more effect."""
 ALIKE = 6.0
@@ -19,6 +19,7 @@ ALIKE = 6.0
 FORM = 25.0
 """A nameless term must beat the listed effects by this much to call a disagreement unlisted."""
 MOST_TERMS = 3
+GLANCE = 6.0  # a candidate whose first step promises less than this is not fitted to the end
 ROUGH = 2.0  # chi2 per coordinate above which a fit from the baseline may not find its way
 
 Tell = Callable[[str, float, float], None]
@@ -104,9 +105,7 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
         best, front = more, _front(grown, 3)
     same_size = [one for one in done.values() if len(one.terms) == len(best.terms) and not one.reason]
     alike = _apart([one for one in same_size if best.score - one.score < ALIKE and one.groups != best.groups])
-    return Naming(
-        base, location, tuple(done.values()), best, tuple(alike), locate(bench, best.fitted), tuple(rounds)
-    )
+    return Naming(base, location, tuple(done.values()), best, tuple(alike), locate(bench, best.fitted), tuple(rounds))
 
 
 def _spread(base: Fit, location: Location) -> float:
@@ -116,6 +115,10 @@ def _spread(base: Fit, location: Location) -> float:
 
 def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit, base: Fit) -> Fit:
     newest = terms[-1]
+    if near.per_row < 1.5 and not _flat(newest):
+        first = glance(bench, terms, near)
+        if near.deviance - first.deviance < GLANCE:
+            return first
     fits = [fit(bench, terms, near=near, most=12, rounds=2)]
     parameter = newest.parameters[0]
     far = near.per_row > ROUGH
@@ -196,7 +199,9 @@ def _refused(fitted: Fit, terms: Sequence[Effect]) -> str:
             name = f"{term.name}.{parameter.name}"
             value, std = fitted.value(name), fitted.std(name)
             if value < parameter.low - 2 * std or value > parameter.high + 2 * std:
-                return f"{parameter.name} = {value:.3g} {parameter.unit} is outside {parameter.low:g} to {parameter.high:g}"
+                return (
+                    f"{parameter.name} = {value:.3g} {parameter.unit} is not in {parameter.low:g} to {parameter.high:g}"
+                )
             if abs(value) < 3.0 * std:
                 return f"{parameter.name} = {value:.3g} is within three of its standard deviations ({std:.2g}) of zero"
     return ""

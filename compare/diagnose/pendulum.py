@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -42,7 +44,7 @@ class PendulumBench:
         self.rows = np.concatenate([track.position for _, _, track in runs])
         counts = [len(track.time) for _, _, track in runs]
         edges = np.concatenate([[0], np.cumsum(counts)])
-        self.spans = [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        self.spans = [slice(int(a), int(b)) for a, b in pairwise(edges)]
         self.owner = np.repeat(np.arange(len(runs)), counts)
         self.sigma = np.full(len(self.rows), self.noise)
         self.condition_names = [condition.name for condition in lab.conditions]
@@ -74,7 +76,7 @@ class PendulumBench:
             guess[r, 0] = max(float(time[part]) - math.sqrt(0.2) / omega, 0.0)
         return guess
 
-    def horizons(self) -> list[Array]:
+    def horizons(self) -> list[Any]:
         """Masks over rows, the first swings first: phases are then never lost."""
         return [self.time < limit for limit in (1.0, 2.5) if float(self.time.max()) > 1.3 * limit]
 

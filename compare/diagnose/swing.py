@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -96,7 +97,7 @@ def _runge_kutta(change: Push, a: Array, w: Array, h: Array) -> tuple[Array, Arr
     return a + h / 6 * (w + 2 * w2 + 2 * w3 + w4), w + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
 
-def angle_at(swings: HalfSwings, since: Array, owner: Array) -> tuple[Array, Array]:
+def angle_at(swings: HalfSwings, since: Array, owner: Any) -> tuple[Array, Array]:
     """Angle [rad] and rate [rad/s] at times `since` the release (settings, rows); at rest before it."""
     count, nodes, settings, repetitions = swings.angle.shape
     held = since < 0

@@ -1,0 +1,352 @@
+"""The diagnosis of a lab: locate, name, add, show, and what to do next.
+
+::
+
+    tracks ── calibrate the baseline ── locate ── alarm? ── name ── listed or not? ── gap ── next experiment
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from rigtwin.compare.diagnose.drop import DropBench
+from rigtwin.compare.diagnose.fit import Fit, fit
+from rigtwin.compare.diagnose.forms import nameless
+from rigtwin.compare.diagnose.gap import Gap, gap, names
+from rigtwin.compare.diagnose.labs import BULK, TrackedLab
+from rigtwin.compare.diagnose.locate import Disagreement, Location, Regioned, locate
+from rigtwin.compare.diagnose.naming import FORM, Candidate, Naming, name_effects
+from rigtwin.compare.diagnose.pendulum import PendulumBench
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.sim.effects import Effect, library
+
+FEWEST = 5  # repetitions in a lab, below which nothing is named
+SURE = 1e-4  # of the residual statistic, below which something is left over
+LEFT = 0.9  # share of the excess gap that a name must close where something is left over
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What the diagnosis of one lab says."""
+
+    lab: TrackedLab
+    verdict: str
+    reason: str
+    location: Location | None = None
+    naming: Naming | None = None
+    chosen: Candidate | None = None
+    gap: Gap | None = None
+    form: str = ""
+    next_experiment: str = ""
+    seconds: float = 0.0  # [s], CPU
+    bench: Any = field(default=None, repr=False)
+
+    @property
+    def where(self) -> tuple[Disagreement, ...]:
+        return self.location.found if self.location else ()
+
+    def to_json(self) -> dict[str, Any]:
+        """The document of `diagnosis.json`."""
+        naming, chosen = self.naming, self.chosen
+        return {
+            "verdict": self.verdict,
+            "reason": self.reason,
+            "lab": self.lab.title,
+            "rig": self.lab.rig,
+            "where": [
+                {
+                    "experiment": one.experiment,
+                    "record": one.record,
+                    "region": one.region,
+                    "z": one.z,
+                    "p_adjusted": one.p_adjusted,
+                    "deviation_m": one.deviation,
+                }
+                for one in self.where
+            ],
+            "where_in_words": in_words(self.location),
+            "effects": _effects(self),
+            "indistinguishable": _sets(self),
+            "form": self.form,
+            "gap": self.gap.to_json() if self.gap else {},
+            "next_experiment": self.next_experiment,
+            "calibration": _calibration(chosen.fitted if chosen else naming.base) if naming else [],
+            "tried": [
+                {
+                    "effects": list(one.names),
+                    "gain": one.gain,
+                    "refused": one.reason,
+                    "parameters": parameters(one.fitted, one.terms),
+                    "converged": one.fitted.converged,
+                }
+                for one in sorted(naming.tried, key=lambda one: -one.gain)
+            ]
+            if naming
+            else [],
+            "residual_statistic": {
+                "before": _statistic(self.location),
+                "after": _statistic(naming.after if naming else None),
+            },
+            "cpu_seconds": self.seconds,
+        }
+
+
+def diagnose(lab: TrackedLab, own: Sequence[Effect] = (), progress: Progress = silent) -> Diagnosis:
+    """Diagnose one lab with the library and the user's own effects."""
+    begun = time.process_time()
+    if lab.rig in BULK:
+        return Diagnosis(
+            lab,
+            "undecided",
+            f"a {lab.rig} needs many full simulations to be judged; its profiles and counts alone cannot tell "
+            "rolling resistance, static friction and cohesion apart, so nothing is named",
+            next_experiment="the same material on a drop, a pendulum and an incline, which measure one parameter each",
+        )
+    if lab.repetitions < FEWEST:
+        raise BadInput(
+            f"{lab.folder}: {lab.repetitions} repetitions in all; at least {FEWEST} are needed to tell an effect "
+            "from scatter."
+        )
+    bench = bench_of(lab)
+    progress("baseline", 0, 1)
+    base = fit(bench)
+    candidates = [effect for effect in (*library(), *own) if lab.rig in effect.rigs]
+    naming = name_effects(bench, candidates, base, progress)
+    verdict = _judge(bench, lab, naming, progress)
+    chosen = verdict.chosen
+    sizes = gap(bench_of, bench, lab, base, chosen.fitted if chosen else None)
+    done = replace(verdict, gap=sizes, next_experiment=_next(verdict), seconds=time.process_time() - begun)
+    return done
+
+
+def bench_of(lab: TrackedLab) -> Regioned:
+    """The reduced model of the lab's rig, bound to its data."""
+    builders: dict[str, Callable[[TrackedLab], Regioned]] = {"drop": DropBench, "pendulum": PendulumBench}
+    return builders[lab.rig](lab)
+
+
+def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress) -> Diagnosis:
+    """Verdict from what was tried; nameless terms are asked whether the listed ones suffice."""
+    best, location = naming.best, naming.location
+    plain = Diagnosis(lab, "none", "", location, naming, bench=bench)
+    loud = location.p < SURE or max((one.gain for one in naming.tried), default=0.0) > FORM
+    if best is None and not loud:
+        return replace(plain, reason="the data lie inside noise, scatter and stated calibration")
+    forms = _forms(bench, naming, progress)
+    alone = max(forms, key=lambda one: one.gain, default=None)
+    if best is None:
+        if alone is not None and alone.gain > FORM and not alone.reason:
+            return _unlisted(plain, bench, naming, alone, "no listed effect explains it with plausible coefficients")
+        refused = [one for one in naming.tried if one.gain > FORM]
+        if location.p < SURE or refused:
+            return replace(
+                plain,
+                verdict="undecided",
+                reason="something disagrees, but no listed effect and no simple formula describes it",
+            )
+        return replace(plain, reason="the data lie inside noise, scatter and stated calibration")
+    left = naming.after.p < SURE
+    if alone is not None and not alone.reason and alone.gain - best.gain > FORM and len(alone.terms) <= len(best.terms):
+        return _unlisted(
+            plain, bench, naming, alone, f"a formula that is not listed does better than {names(best.terms)}"
+        )
+    share = _closed(naming)
+    if left and share is not None and share < LEFT:
+        why = f"{names(best.terms)} would close {100 * share:.0f} % of the gap and leave a disagreement"
+        if alone is not None and not alone.reason and alone.gain > best.gain:
+            return _unlisted(plain, bench, naming, alone, why)
+        return replace(plain, verdict="unlisted", reason=why, form=_more_form(bench, best, naming))
+    if naming.alike:
+        others = "; ".join(names(other.terms) for other in naming.alike)
+        return replace(
+            plain,
+            verdict="indistinguishable",
+            chosen=best,
+            reason=f"{names(best.terms)} explains the data, and equally well: {others}",
+        )
+    rest = ", with a remainder that it does not explain" if left else ""
+    return replace(plain, verdict="named", chosen=best, reason=f"{names(best.terms)} explains the disagreement{rest}")
+
+
+def _forms(bench: Regioned, naming: Naming, progress: Progress) -> list[Candidate]:
+    """Nameless terms alone, on the baseline."""
+    found = []
+    terms = nameless(bench.lab.rig)  # type: ignore[attr-defined]
+    for number, term in enumerate(terms):
+        progress("formulas", number, len(terms))
+        fitted = fit(bench, (term,), near=naming.base, most=15, rounds=2)
+        found.append(_candidate(naming, (term,), fitted))
+    return found
+
+
+def _candidate(naming: Naming, terms: tuple[Effect, ...], fitted: Fit) -> Candidate:
+    spread = naming.location.spread if naming.base.per_row < 1.5 else 1.0
+    name = f"{terms[-1].name}.c"
+    weak = abs(fitted.value(name)) < 3 * fitted.std(name)
+    reason = "within three of its standard deviations of zero" if weak else ""
+    return Candidate(terms, fitted, (naming.base.deviance - fitted.deviance) / spread, reason)
+
+
+def _unlisted(plain: Diagnosis, bench: Regioned, naming: Naming, first: Candidate, why: str) -> Diagnosis:
+    """The formula grown to a second term where that earns its place."""
+    best = fit(bench, first.terms, near=first.fitted, most=40)
+    grown = _candidate(naming, first.terms, best)
+    options = []
+    for term in nameless(plain.lab.rig):
+        if term.name not in first.names:
+            fitted = fit(bench, (*first.terms, term), near=best, most=15, rounds=2)
+            options.append(_candidate(naming, (*first.terms, term), fitted))
+    second = max((one for one in options if not one.reason), key=lambda one: one.gain, default=None)
+    if second is not None and second.gain - grown.gain > FORM:
+        grown = second
+    return replace(
+        plain,
+        verdict="unlisted",
+        reason=why,
+        chosen=grown,
+        form=_formula(grown),
+        naming=replace(naming, after=locate(bench, grown.fitted)),
+    )
+
+
+def _more_form(bench: Regioned, best: Candidate, naming: Naming) -> str:
+    options = []
+    for term in nameless(bench.lab.rig):  # type: ignore[attr-defined]
+        fitted = fit(bench, (*best.terms, term), near=best.fitted, most=15, rounds=2)
+        options.append(_candidate(naming, (*best.terms, term), fitted))
+    top = max((one for one in options if not one.reason), key=lambda one: one.gain, default=None)
+    if top is None or top.gain - best.gain < FORM:
+        return ""
+    return _formula(replace(top, terms=top.terms[-1:]))
+
+
+def _formula(candidate: Candidate) -> str:
+    """The terms with their coefficients and doubts."""
+    parts = []
+    for term in candidate.terms:
+        name, unit = f"{term.name}.c", term.parameters[0].unit
+        value, std = candidate.fitted.value(name), candidate.fitted.std(name)
+        parts.append(f"{term.title} with c = {value:.4g} +- {std:.2g} {unit}")
+    return "; ".join(parts)
+
+
+def _closed(naming: Naming) -> float | None:
+    """Share of the located excess that the best closes."""
+    assert naming.best is not None
+    before, after = naming.location.statistic, naming.after.statistic
+    return None if before < 1.5 else 1 - max(after - 1.0, 0.0) / (before - 1.0)
+
+
+def _next(diagnosis: Diagnosis) -> str:
+    """What to do next at the bench."""
+    naming = diagnosis.naming
+    if diagnosis.verdict == "indistinguishable" and diagnosis.chosen is not None:
+        asked = [*diagnosis.chosen.terms, *(term for other in _alike(diagnosis) for term in other.terms)]
+        return "; or ".join(dict.fromkeys(term.splits for term in asked if term.splits))
+    if diagnosis.verdict == "named" and diagnosis.chosen is not None:
+        splits = [term.splits for term in diagnosis.chosen.terms if term.splits]
+        return f"to confirm it: {splits[0]}" if splits else ""
+    if diagnosis.verdict == "none" and naming is not None:
+        seen = []
+        for one in naming.tried:
+            if len(one.terms) == 1 and one.terms[0].geometry != "jitter":
+                parameter = one.terms[0].parameters[0]
+                std = one.fitted.std(f"{one.terms[0].name}.{parameter.name}")
+                seen.append(f"{one.terms[0].title} {4 * std:.2g} {parameter.unit}")
+        return "smallest effects that these data would have shown: " + ", ".join(seen) if seen else ""
+    return "repeat the condition with the largest disagreement with one setting changed at a time"
+
+
+def _alike(diagnosis: Diagnosis) -> tuple[Candidate, ...]:
+    naming = diagnosis.naming
+    return naming.alike if naming is not None and diagnosis.verdict == "indistinguishable" else ()
+
+
+def _sets(diagnosis: Diagnosis) -> list[list[str]]:
+    """The names that stand for each other: what the rival sets do not share."""
+    others = _alike(diagnosis)
+    if diagnosis.chosen is None or not others:
+        return []
+    every = [diagnosis.chosen.names, *(other.names for other in others)]
+    common = set(every[0]).intersection(*every[1:])
+    return [list(dict.fromkeys(name for one in every for name in one if name not in common))]
+
+
+def _effects(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """Effects with parameters, the most certain first; each probability from the deviances of its rivals."""
+    if diagnosis.chosen is None or diagnosis.verdict == "unlisted":
+        return []
+    chosen, others = diagnosis.chosen, _alike(diagnosis)
+    weights = [1.0, *(math.exp((other.score - chosen.score) / 2) for other in others)]
+    probability = weights[0] / sum(weights)
+    order = sorted(chosen.terms, key=lambda term: -_gain_of(diagnosis, term))
+    return [
+        {
+            "effect": term.name,
+            "title": term.title,
+            "kind": term.kind,
+            "parameters": parameters(chosen.fitted, (term,)),
+            "probability": probability,
+        }
+        for term in order
+    ]
+
+
+def _gain_of(diagnosis: Diagnosis, term: Effect) -> float:
+    """What the chosen set would lose without the term."""
+    assert diagnosis.naming is not None
+    assert diagnosis.chosen is not None
+    rest = {name for name in diagnosis.chosen.names if name != term.name}
+    without = next((one.gain for one in diagnosis.naming.tried if set(one.names) == rest), 0.0)
+    return diagnosis.chosen.gain - without
+
+
+def parameters(fitted: Fit, terms: Sequence[Effect]) -> dict[str, dict[str, Any]]:
+    """Value, standard deviation and unit of each coefficient."""
+    found: dict[str, dict[str, Any]] = {}
+    for term in terms:
+        for parameter in term.parameters:
+            if term.geometry == "jitter":
+                rows = max(fitted.residual.size, 1)
+                found[parameter.name] = {"value": fitted.jitter, "std": fitted.jitter / math.sqrt(rows), "unit": "s"}
+                continue
+            name = f"{term.name}.{parameter.name}"
+            found[parameter.name] = {"value": fitted.value(name), "std": fitted.std(name), "unit": parameter.unit}
+    return found
+
+
+def _calibration(fitted: Fit) -> list[dict[str, Any]]:
+    return [
+        {"name": u.name, "value": float(v), "std": fitted.std(u.name), "pull": fitted.pulls.get(u.name)}
+        for u, v in zip(fitted.unknowns, fitted.values, strict=True)
+        if not u.effect
+    ]
+
+
+def _statistic(location: Location | None) -> dict[str, Any] | None:
+    if location is None:
+        return None
+    return {"S": location.statistic, "p": location.p, "regions": location.tested, "spread": location.spread}
+
+
+def in_words(location: Location | None) -> str:
+    """Where the disagreement is and where it is not, in one or two sentences."""
+    if location is None:
+        return "not located"
+    if not location.found:
+        return f"nowhere: none of {location.tested} regions stands out of the noise"
+    experiments = dict.fromkeys(one.experiment for one in location.found)
+    regions = dict.fromkeys(one.region for one in location.found)
+    top = location.found[0]
+    where = ", ".join(list(regions)[:3])
+    return (
+        f"{len(location.found)} of {location.tested} regions disagree, in {len(experiments)} conditions "
+        f"({', '.join(list(experiments)[:3])}{' ...' if len(experiments) > 3 else ''}); strongest in {top.record} "
+        f"during the {top.region} of {top.experiment} (z = {top.z:.1f}, {1e3 * top.deviation:.3f} mm); "
+        f"mostly {where}"
+    )

@@ -1,0 +1,170 @@
+"""The page of a diagnosis: locate, name, add, show, as one HTML file that opens offline."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rigtwin.compare.diagnose.diagnosis import Diagnosis, in_words, parameters
+from rigtwin.compare.diagnose.fit import Fit
+from rigtwin.compare.diagnose.gap import closed
+from rigtwin.lab.records import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+BEFORE, AFTER, NOISE = "#d55e00", "#0072b2", "#c3ccd4"  # told apart by colour-blind readers (Okabe and Ito 2008)
+MOST_PANELS = 12
+SLICES = 40  # of a record, for the curves
+
+
+def page(diagnosis: Diagnosis) -> str:
+    """The whole page."""
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("rigtwin.compare", "templates"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    naming = diagnosis.naming
+    return environment.get_template("diagnosis.html").render(
+        title=diagnosis.lab.title,
+        rig=diagnosis.lab.rig,
+        verdict=diagnosis.verdict,
+        reason=diagnosis.reason,
+        form=diagnosis.form,
+        next_experiment=diagnosis.next_experiment,
+        where=in_words(diagnosis.location),
+        regions=diagnosis.where[:12],
+        candidates=[_candidate_row(one) for one in _leading(diagnosis)],
+        added=_added(diagnosis),
+        gaps=_gaps(diagnosis),
+        calibration=diagnosis.to_json()["calibration"],
+        statistic=diagnosis.to_json()["residual_statistic"],
+        figure=_figure(diagnosis) if naming is not None else "",
+        tried=len(naming.tried) if naming is not None else 0,
+        seconds=diagnosis.seconds,
+    )
+
+
+def _leading(diagnosis: Diagnosis) -> list[Any]:
+    """All single candidates, and the ten best sets of more."""
+    if diagnosis.naming is None:
+        return []
+    order = sorted(diagnosis.naming.tried, key=lambda one: -one.gain)
+    singles = [one for one in order if len(one.terms) == 1]
+    more = [one for one in order if len(one.terms) > 1][:10]
+    return sorted([*singles, *more], key=lambda one: -one.gain)
+
+
+def _candidate_row(candidate: Any) -> dict[str, str]:
+    found = parameters(candidate.fitted, candidate.terms)
+    return {
+        "names": " + ".join(term.title for term in candidate.terms),
+        "kind": ", ".join(dict.fromkeys(term.kind for term in candidate.terms)),
+        "gain": f"{candidate.gain:.1f}",
+        "parameters": "; ".join(f"{n} = {p['value']:.4g} ± {p['std']:.2g} {p['unit']}" for n, p in found.items()),
+        "refused": candidate.reason,
+    }
+
+
+def _added(diagnosis: Diagnosis) -> list[dict[str, str]]:
+    if diagnosis.chosen is None:
+        return []
+    return [
+        {
+            "title": term.title,
+            "equation": term.equation,
+            "source": term.source,
+            "kind": term.kind,
+            "rigs": ", ".join(term.rigs),
+            "parameters": _candidate_row_of(diagnosis, term),
+        }
+        for term in diagnosis.chosen.terms
+    ]
+
+
+def _candidate_row_of(diagnosis: Diagnosis, term: Any) -> str:
+    assert diagnosis.chosen is not None
+    found = parameters(diagnosis.chosen.fitted, (term,))
+    return "; ".join(f"{n} = {p['value']:.4g} ± {p['std']:.2g} {p['unit']}" for n, p in found.items())
+
+
+def _gaps(diagnosis: Diagnosis) -> list[dict[str, str]]:
+    gap = diagnosis.gap
+    if gap is None:
+        return []
+    rows = [
+        ("all data", gap.before, gap.after, gap.noise_floor),
+        ("repetitions held out", gap.held_out_before, gap.held_out_after, gap.held_out_noise_floor),
+        (f"condition held out {gap.condition}", gap.condition_before, gap.condition_after, gap.condition_noise_floor),
+    ]
+    return [
+        {
+            "what": what,
+            "before": f"{before:.4g}",
+            "after": f"{after:.4g}",
+            "floor": f"{floor:.4g}",
+            "closed": "–" if (share := closed(before, after, floor)) is None else f"{100 * share:.1f} %",
+        }
+        for what, before, after, floor in rows
+        if before is not None and after is not None and floor is not None
+    ]
+
+
+def _figure(diagnosis: Diagnosis) -> str:
+    """Mean residual over repetitions against time, before and after, one panel per condition and coordinate."""
+    from matplotlib.figure import Figure
+
+    bench, naming = diagnosis.bench, diagnosis.naming
+    assert naming is not None
+    names = list(bench.condition_names)
+    order = {one.experiment: rank for rank, one in reversed(list(enumerate(diagnosis.where)))}
+    shown = sorted(range(len(names)), key=lambda c: order.get(names[c], 999))[: MOST_PANELS // 2]
+    figure = Figure(figsize=(9.5, 1.9 * len(shown)), layout="constrained")
+    axes = np.atleast_2d(figure.subplots(len(shown), 2, squeeze=False))
+    for row, c in enumerate(shown):
+        for k, axis in enumerate("xy"):
+            _panel(axes[row, k], bench, naming.base, c, k, BEFORE, "before")
+            if diagnosis.chosen is not None:
+                _panel(axes[row, k], bench, diagnosis.chosen.fitted, c, k, AFTER, "after")
+            axes[row, k].set_title(f"{names[c]}: {axis}", fontsize=8, loc="left")
+            axes[row, k].tick_params(labelsize=7)
+            axes[row, k].axhspan(-2, 2, color=NOISE, alpha=0.35, lw=0)
+    axes[-1, 0].set_xlabel("time / s", fontsize=8)
+    axes[0, 0].set_ylabel("mean residual / standard errors", fontsize=7)
+    axes[0, 0].legend(fontsize=7, frameon=False)
+    text = io.StringIO()
+    figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+    drawing = text.getvalue()
+    drawing = re.sub(r"<style.*?</style>", "", drawing[drawing.index("<svg") :], flags=re.DOTALL)
+    label = "Mean residuals of measurement minus simulation over time, before and after the effect is added"
+    return drawing.replace("<svg ", f'<svg role="img" aria-label="{label}" ', 1)
+
+
+def _panel(axes: Axes, bench: Any, fitted: Fit, condition: int, k: int, colour: str, label: str) -> None:
+    spans = [bench.spans[r] for r in np.flatnonzero(bench.condition == condition)]
+    time = np.concatenate([bench.time[span] for span in spans])
+    residual = np.concatenate([fitted.residual[span, k] for span in spans])
+    centre, mean = _slices(time, residual)
+    axes.plot(centre, mean, ".-", ms=3, lw=0.8, color=colour, label=label)
+
+
+def _slices(time: Array, residual: Array) -> tuple[Array, Array]:
+    """Mean residual of each slice of time in its standard errors."""
+    edges = np.linspace(time.min(), time.max() + 1e-9, SLICES + 1)
+    number = np.digitize(time, edges) - 1
+    centre, mean = [], []
+    for one in range(SLICES):
+        inside = number == one
+        if inside.sum() > 2:
+            centre.append(float(time[inside].mean()))
+            mean.append(float(residual[inside].mean()) * math.sqrt(int(inside.sum())))
+    return np.array(centre), np.array(mean)

@@ -1,0 +1,77 @@
+"""From a folder to the files of a diagnosis: diagnosis.json, model.toml and the page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rigtwin.compare import results
+from rigtwin.compare.diagnose.diagnosis import Diagnosis, diagnose, parameters
+from rigtwin.compare.diagnose.labs import read_tracked_lab
+from rigtwin.compare.diagnose.page import page
+from rigtwin.lab.materials import KnownContact, Material, Pair, Particle, pair
+from rigtwin.lab.model import Model, model_text
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.sim.effects import own_effect
+
+
+def diagnose_folder(
+    folder: Path, out: Path, *, own: Sequence[Path] = (), progress: Progress = silent
+) -> tuple[Diagnosis, dict[str, Path]]:
+    """Diagnose the lab in `folder` and write what was found into `out`.  Returns the diagnosis and the files."""
+    effects = [own_effect(path) for path in own]
+    diagnosis = diagnose(read_tracked_lab(folder), effects, progress)
+    contents = {
+        "diagnosis.json": results.document(diagnosis.to_json()),
+        "diagnosis.html": page(diagnosis),
+        "model.toml": model_text(model_of(diagnosis)),
+    }
+    return diagnosis, results.write_together(out, contents)
+
+
+def model_of(diagnosis: Diagnosis) -> Model:
+    """The lab's beads with the fitted contacts, and the effects that were named."""
+    lab = diagnosis.lab
+    materials: dict[str, Material] = {}
+    particles: dict[str, Particle] = {}
+    for condition in lab.conditions:
+        bead = condition.bead
+        solid = _material(f"{bead.about.get('material') or 'material'} of {bead.name}", dict(bead.about))
+        materials[solid.name] = solid
+        particles[bead.name] = Particle(bead.name, solid, bead.diameter, float(bead.mass / (0.5236 * bead.diameter**3)))
+        about = (lab.stated.get("walls") or {}).get(condition.wall)
+        if isinstance(about, dict):
+            materials[condition.wall] = _material(condition.wall, about)
+    return Model(materials, particles, _contacts(diagnosis), _named(diagnosis))
+
+
+def _material(name: str, about: dict[str, object]) -> Material:
+    def number(key: str, default: float) -> float:
+        value = about.get(key)
+        return float(value) if isinstance(value, (int, float)) else default
+
+    density = number("density_kg_m3", 1000.0)
+    return Material(name, density, number("youngs_modulus_Pa", 1e9), number("poissons_ratio", 0.3))
+
+
+def _contacts(diagnosis: Diagnosis) -> dict[Pair, KnownContact]:
+    if diagnosis.naming is None:
+        return {}
+    fitted = diagnosis.chosen.fitted if diagnosis.chosen else diagnosis.naming.base
+    found: dict[Pair, KnownContact] = {}
+    for condition in diagnosis.lab.conditions:
+        other = condition.wall or condition.bead.name
+        known = {unknown.name: float(value) for unknown, value in zip(fitted.unknowns, fitted.values, strict=True)}
+        restitution = known.get(f"restitution.{condition.bead.name}-{other}")
+        if restitution is not None:
+            found[pair(condition.bead.name, other)] = KnownContact(min(max(restitution, 0.01), 1.0), None, None)
+    return found
+
+
+def _named(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
+    if diagnosis.chosen is None:
+        return {}
+    return {
+        term.name: {name: float(one["value"]) for name, one in parameters(diagnosis.chosen.fitted, (term,)).items()}
+        for term in diagnosis.chosen.terms
+    }
