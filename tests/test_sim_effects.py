@@ -134,7 +134,7 @@ def pulled_off(effects, force: float, overlap: float) -> bool:
     wall = Wall(FLOOR, RUBBER, Contact(0.2))
     body = Body(SOFT, (0, 0, SOFT.radius - overlap))
     gravity = (0.0, 0.0, force / SOFT.mass)
-    motion = run([body], np.array([0.03]), walls=[wall], gravity=gravity, effects=effects, step=4e-6)
+    motion = run([body], np.array([0.06]), walls=[wall], gravity=gravity, effects=effects, step=4e-6)
     return bool(motion.position[0, 0, 2] > 1.05 * SOFT.radius)
 
 

@@ -113,7 +113,7 @@ class Terms:
         self.attracts = bool(self.attractions)
         self.act_on_bodies = self.acts_in_flight or self.acts_on_threads
         self.act_on_contacts = self.changes_restitution or self.attracts
-        self.values = ti.field(ti.f64, (max(1, len(effects)), MOST_PARAMETERS)) if effects else None
+        self.values: Any = ti.field(ti.f64, (len(effects), MOST_PARAMETERS)) if effects else None
 
     def load(self, effects: Sequence[Active]) -> None:
         for row, one in enumerate(effects):
