@@ -269,17 +269,30 @@ def write_walls(path: Path, shapes: Sequence[Shape], domain: tuple[Array, Array]
 
 def triangles(shape: Shape, domain: tuple[Array, Array]) -> Array:
     """The wall as triangles [m], shape (n, 3 corners, 3); a plane is cut to the `domain`."""
-    from rigtwin.sim.engine.walls import Disc, Plane
+    from rigtwin.sim.engine import elements
+    from rigtwin.sim.engine.walls import Plane
 
     if isinstance(shape, Plane):
         return _fan(_cut_plane(np.array(shape.point), np.array(shape.normal), domain))
-    if isinstance(shape, Disc):
-        return _fan(_circle(np.array(shape.centre), np.array(shape.normal), shape.radius))
-    axis = np.array(shape.axis) / np.linalg.norm(shape.axis)
-    low = _circle(np.array(shape.centre), axis, shape.radius)
-    high = low + shape.height * axis
-    low_next, high_next = np.roll(low, -1, axis=0), np.roll(high, -1, axis=0)
-    return np.concatenate([np.stack([low, low_next, high], 1), np.stack([low_next, high_next, high], 1)])
+    rows = shape.rows
+    if rows[0, elements.KIND] == elements.TRIANGLE:
+        return rows[:, elements.POINT :].reshape(-1, 3, 3)
+    return _turned_line(
+        rows[0, elements.POINT : elements.AXIS], rows[0, elements.AXIS : elements.LOW_RADIUS],
+        *rows[0, elements.LOW_RADIUS :],
+    )  # fmt: skip
+
+
+def _turned_line(point: Array, axis: Array, radius: float, far_radius: float, height: float) -> Array:
+    """What a straight line makes that turns about an axis; at a tip there is one triangle where else there are two."""
+    one, other = _circle(point, axis, radius), _circle(point + height * axis, axis, far_radius)
+    one_next, other_next = np.roll(one, -1, axis=0), np.roll(other, -1, axis=0)
+    parts = []
+    if radius > 0:
+        parts.append(np.stack([one, one_next, other], 1))
+    if far_radius > 0:
+        parts.append(np.stack([one_next, other_next, other], 1))
+    return np.concatenate(parts)
 
 
 def _fan(corners: Array) -> Array:

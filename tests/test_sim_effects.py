@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.sim.effects import Effect, Parameter
+from rigtwin.sim.engine.bulk import Bulk
 from rigtwin.sim.engine.contact import damping_ratio
 from rigtwin.sim.engine.few_body import Body, run
 from rigtwin.sim.engine.terms import active
@@ -206,3 +207,74 @@ def test_damping_in_the_step_is_that_of_the_pair_law():
 
     fill()
     assert found.to_numpy() == pytest.approx([damping_ratio(e) for e in wanted], rel=1e-9)
+
+
+# ---------------------------------------------------------------------------------------- the same in the bulk engine
+
+
+def bulk(particle, effects, walls=(), gravity=(0.0, 0.0, -G), time_step=1e-5, restitution=0.6):
+    return Bulk(
+        [particle], Contact(restitution), walls, low=(-1, -1, -1), high=(1, 1, 20), time_step=time_step,
+        gravity=gravity, effects=effects,
+    )  # fmt: skip
+
+
+def test_a_bead_in_the_bulk_falls_in_drag_like_one_alone():
+    bed = bulk(BALL, only("air_drag_schiller_naumann"), time_step=2e-5)
+    bed.add(np.array([[0.0, 0.0, 5.0]]), np.array([[0.5, 0.0, 0.0]]))
+    bed.run(20_000)
+    body = Body(BALL, (0, 0, 5), velocity=(0.5, 0, 0))
+    alone = run([body], np.array([0.4]), effects=only("air_drag_schiller_naumann"))
+    assert bed.beads().position[0] == pytest.approx(alone.position[0, 0], abs=1e-5)
+    assert bed.beads().velocity[0] == pytest.approx(alone.velocity[0, 0], abs=2e-5)
+
+
+@pytest.mark.parametrize("speed", [0.3, 2.0])
+def test_restitution_in_the_bulk_is_that_of_the_speed_at_walls_and_between_beads(speed):
+    effects = only("restitution_viscoelastic", 0.8)
+    wanted = 1 - 0.4 * (0.2 + 0.8 * speed**0.2)
+    bed = bulk(SOFT, effects, [Wall(FLOOR, PLATE, Contact(0.6))], WEIGHTLESS, 1e-6)
+    gap = 1e-5
+    far = 0.5
+    bed.add(np.array([[0, 0, SOFT.radius + gap], [far, 0, far], [far + SOFT.diameter + gap, 0, far]]),
+            np.array([[0, 0, -speed], [speed, 0, 0], [0, 0, 0]]))  # fmt: skip
+    bed.run(8000)
+    velocity = bed.beads().velocity
+    assert velocity[0, 2] / speed == pytest.approx(wanted, rel=0.01)
+    assert (velocity[2, 0] - velocity[1, 0]) / speed == pytest.approx(wanted, rel=0.01)
+
+
+def after_sticking(speed: float, work: float, radius: float, mass: float, modulus: float) -> float:
+    """Speed [m/s] left of an elastic impact that must tear the contact off (Thornton and Ning 1998, eq. 57)."""
+    energy = 7.09 * (work**5 * radius**4 / modulus**2) ** (1 / 3)
+    return math.sqrt(speed**2 - 2 * energy / mass)
+
+
+def test_tearing_off_costs_what_jkr_says_alone_and_in_the_bulk_at_walls_and_between_beads():
+    work, speed, gap = 0.1, 0.05, 1e-6
+    effects = only("adhesion_jkr", work)
+    floor = [Wall(FLOOR, RUBBER, Contact(1.0))]
+    modulus = 1 / (2 * (1 - 0.3**2) / 1e6)
+    at_wall = after_sticking(speed, work, SOFT.radius, SOFT.mass, modulus)
+    of_pair = after_sticking(speed, work, SOFT.radius / 2, SOFT.mass / 2, modulus)
+    far = 0.5
+    place = np.array([[0, 0, SOFT.radius + gap], [far, 0, far], [far + SOFT.diameter + gap, 0, far]])
+    velocity = np.array([[0, 0, -speed], [speed, 0, 0], [0, 0, 0]])
+    bodies = [Body(SOFT, tuple(x), velocity=tuple(v)) for x, v in zip(place, velocity, strict=True)]
+    alone = run(
+        bodies, np.array([0.02]), walls=floor, contacts={(1, 2): Contact(1.0)}, gravity=WEIGHTLESS, effects=effects
+    ).velocity[0]
+    bed = bulk(SOFT, effects, floor, WEIGHTLESS, 1e-6, restitution=1.0)
+    bed.add(place, velocity)
+    bed.run(20_000)
+    for found in (alone, bed.beads().velocity):
+        assert found[0, 2] == pytest.approx(at_wall, rel=0.01)
+        assert found[2, 0] - found[1, 0] == pytest.approx(of_pair, rel=0.01)
+
+
+def test_a_slow_bead_stays_stuck():
+    effects = only("adhesion_jkr", 0.1)
+    bed = bulk(SOFT, effects, [Wall(FLOOR, RUBBER, Contact(0.5))], WEIGHTLESS, 2e-6)
+    bed.add(np.array([[0, 0, SOFT.radius + 1e-6]]), np.array([[0, 0, -0.01]]))
+    bed.run(50_000)
+    assert abs(bed.beads().position[0, 2] - SOFT.radius) < 1e-5

@@ -17,11 +17,10 @@ Materials, walls, gravity and step are data, sizes come in a few classes: a new 
 from functools import cache
 
 from rigtwin.sim.engine.backend import ti
-from rigtwin.sim.engine.contact import LAW_SIZE, contact_forces
-from rigtwin.sim.engine.walls import WALL_SIZE, towards_wall
+from rigtwin.sim.engine.contact import DAMPING, LAW_SIZE, STIFFNESS, contact_forces
+from rigtwin.sim.engine.terms import Terms, upwards
+from rigtwin.sim.engine.wall_contacts import KINDS, ROOM, WallContacts
 
-KINDS, WALLS = 8, 16
-NEAR_WALLS = 4  # walls one bead can be near at once
 CELLS_PER_BEAD = 16
 FLAGS = 17  # steps of one multi-threaded burst, and one
 BURST = FLAGS - 1
@@ -34,25 +33,27 @@ BEADS, LISTED, LIVE_LIST, PAIRS, WALL_COUNT, CONSTANT_TORQUE, STATUS, CULPRIT = 
 NX, NY, NZ, OPEN, GONE, BUILDS, DONE = range(8, 15)
 COUNTS = 15
 # values of STATUS
-OK, PAIRS_FULL, WALLS_FULL, LEFT_DOMAIN, EXPLODED = range(5)
+OK, PAIRS_FULL, NEAR_FULL, LEFT_DOMAIN, EXPLODED = range(5)
 # an exported bead: position 3, velocity 3, spin 3, radius, mass, inertia, acceleration 3, angular 3, ident, kind,
 # largest overlap; velocity and spin half a step back
 STATE_SIZE = 21
 
 
 @cache
-def arena(capacity: int, pair_capacity: int) -> "Arena":
+def arena(capacity: int, pair_capacity: int, near_capacity: int, terms: Terms, room: int = ROOM) -> "Arena":
     """The arena of this size; fields are made once per process (Taichi dies after some 500 fields)."""
-    return Arena(capacity, pair_capacity)
+    return Arena(capacity, pair_capacity, near_capacity, terms, room)
 
 
 @ti.data_oriented
 class Arena:
-    """State of up to `capacity` beads and `pair_capacity` neighbouring pairs."""
+    """State of up to `capacity` beads, `pair_capacity` neighbouring pairs and `near_capacity` walls near beads."""
 
-    def __init__(self, capacity: int, pair_capacity: int) -> None:
+    def __init__(self, capacity: int, pair_capacity: int, near_capacity: int, terms: Terms, room: int) -> None:
+        self.terms = terms
         self.capacity = capacity
         self.pair_capacity = pair_capacity
+        self.walls = WallContacts(capacity, near_capacity, room, terms)
         self.owner: object = None  # the simulation whose state this is
         self.cell_capacity = CELLS_PER_BEAD * capacity
         self.place = ti.Vector.field(4, ti.f64, capacity)  # position, radius
@@ -63,13 +64,8 @@ class Arena:
         self.listed_at = ti.Vector.field(3, ti.f64, capacity)  # position when the list was built
         self.tag = ti.Vector.field(2, ti.i32, capacity)  # ident, kind
         self.worst = ti.field(ti.f64, capacity)  # largest overlap/radius seen by this slot's pairs and walls
-        self.near = ti.Vector.field(NEAR_WALLS, ti.i32, capacity)  # walls within reach, -1: none
-        self.wall_slip = ti.Vector.field(3, ti.f64, (capacity, NEAR_WALLS))
-        self.wall_roll = ti.Vector.field(3, ti.f64, (capacity, NEAR_WALLS))
 
         self.spare = ti.Vector.field(STATE_SIZE, ti.f64, capacity)
-        self.spare_near = ti.Vector.field(NEAR_WALLS, ti.i32, capacity)
-        self.spare_history = ti.Vector.field(6 * NEAR_WALLS, ti.f64, capacity)
 
         # two lists, of which LIVE_LIST is in force and the other is the last one or the next one
         self.first = ti.field(ti.i32, (2, capacity + 1))  # first pair of a bead
@@ -77,6 +73,8 @@ class Arena:
         self.slip = ti.Vector.field(3, ti.f64, (2, pair_capacity))
         self.roll = ti.Vector.field(3, ti.f64, (2, pair_capacity))
         self.touching = ti.field(ti.i32, (2, pair_capacity))
+        if terms.changes_restitution:
+            self.impact = ti.field(ti.f64, (2, pair_capacity))  # DAMPING of this impact
         self.pair_force = ti.Vector.field(6, ti.f64, pair_capacity)  # force on the owner, torque on the other
         self.pointed_first = ti.field(ti.i32, capacity + 1)  # first of the pairs that point to a bead
         self.pointed = ti.field(ti.i32, pair_capacity)
@@ -90,8 +88,6 @@ class Arena:
         self.counts = ti.field(ti.i32, COUNTS)
         self.stale = ti.field(ti.i32, FLAGS)
         self.pair_law = ti.Vector.field(LAW_SIZE, ti.f64, (KINDS, KINDS))
-        self.wall_law = ti.Vector.field(LAW_SIZE, ti.f64, (KINDS, WALLS))
-        self.walls = ti.field(ti.f64, (WALLS, WALL_SIZE))
 
     # ------------------------------------------------------------------ data in and out
 
@@ -101,8 +97,6 @@ class Arena:
         numbers: ti.types.ndarray(),
         counts: ti.types.ndarray(),
         pair_law: ti.types.ndarray(),
-        wall_law: ti.types.ndarray(),
-        walls: ti.types.ndarray(),
     ):
         """Empty the arena and set everything that a run does not change."""
         ti.loop_config(serialize=True)
@@ -115,10 +109,6 @@ class Arena:
                 for c in ti.static(range(LAW_SIZE)):
                     for b in range(KINDS):
                         self.pair_law[a, b][c] = pair_law[a, b, c]
-                    for w in range(WALLS):
-                        self.wall_law[a, w][c] = wall_law[a, w, c]
-            for a, b in ti.ndrange(WALLS, WALL_SIZE):
-                self.walls[a, b] = walls[a, b]
             self.first[0, 0] = 0
             self.first[1, 0] = 0
 
@@ -128,7 +118,7 @@ class Arena:
 
     @ti.kernel
     def put(self, beads: ti.types.ndarray(), start: ti.i32, count: ti.i32):
-        """Write beads start ... start + count - 1 (columns as in STATE_SIZE); they are near no wall yet."""
+        """Write beads start ... start + count - 1 (columns as in STATE_SIZE)."""
         ti.loop_config(serialize=True)
         for k in range(count):
             i = start + k
@@ -142,8 +132,6 @@ class Arena:
             self.tag[i][0] = int(beads[k, 18])
             self.tag[i][1] = int(beads[k, 19])
             self.worst[i] = beads[k, 20]
-            for w in ti.static(range(NEAR_WALLS)):
-                self.near[i][w] = -1
 
     @ti.kernel
     def get(self, beads: ti.types.ndarray(), count: ti.i32):
@@ -160,27 +148,6 @@ class Arena:
             beads[i, 18] = float(self.tag[i][0])
             beads[i, 19] = float(self.tag[i][1])
             beads[i, 20] = self.worst[i]
-
-    @ti.kernel
-    def get_walls(self, near: ti.types.ndarray(), count: ti.i32):
-        """Read the wall contacts: per slot wall number, slip 3, roll 3."""
-        ti.loop_config(serialize=True)
-        for i in range(count):
-            for w in ti.static(range(NEAR_WALLS)):
-                near[i, w, 0] = float(self.near[i][w])
-                for c in ti.static(range(3)):
-                    near[i, w, 1 + c] = self.wall_slip[i, w][c]
-                    near[i, w, 4 + c] = self.wall_roll[i, w][c]
-
-    @ti.kernel
-    def put_walls(self, near: ti.types.ndarray(), count: ti.i32):
-        ti.loop_config(serialize=True)
-        for i in range(count):
-            for w in ti.static(range(NEAR_WALLS)):
-                self.near[i][w] = int(near[i, w, 0])
-                for c in ti.static(range(3)):
-                    self.wall_slip[i, w][c] = near[i, w, 1 + c]
-                    self.wall_roll[i, w][c] = near[i, w, 4 + c]
 
     @ti.kernel
     def get_pairs(self, first: ti.types.ndarray(), pairs: ti.types.ndarray(), beads: ti.i32):
@@ -308,6 +275,8 @@ class Arena:
                 self.roll[following, p] = self.roll[following, front]
                 self.slip[following, front] = slip
                 self.roll[following, front] = roll
+                if ti.static(self.terms.changes_restitution):
+                    self.impact[following, front] = self.impact[following, p]
                 front += 1
 
     @ti.func
@@ -327,6 +296,8 @@ class Arena:
                     self.touching[following, new] = 1
                     self.slip[following, new] = sign * self.slip[live, p]
                     self.roll[following, new] = sign * self.roll[live, p]
+                    if ti.static(self.terms.changes_restitution):
+                        self.impact[following, new] = self.impact[live, p]
 
     @ti.func
     def renumber(self, kept):
@@ -341,11 +312,6 @@ class Arena:
             self.spare[i][18] = float(self.tag[i][0])
             self.spare[i][19] = float(self.tag[i][1])
             self.spare[i][20] = self.worst[i]
-            self.spare_near[i] = self.near[i]
-            for w in ti.static(range(NEAR_WALLS)):
-                for c in ti.static(range(3)):
-                    self.spare_history[i][6 * w + c] = self.wall_slip[i, w][c]
-                    self.spare_history[i][6 * w + 3 + c] = self.wall_roll[i, w][c]
         for a in range(kept):
             i = self.order[a]
             for c in ti.static(range(4)):
@@ -359,32 +325,21 @@ class Arena:
             self.tag[a][0] = int(self.spare[i][18])
             self.tag[a][1] = int(self.spare[i][19])
             self.worst[a] = self.spare[i][20]
-            self.list_walls(a, i)
 
     @ti.func
-    def list_walls(self, a, i):
-        """Walls near bead `a`; history from its old number `i`."""
-        position = ti.Vector([self.place[a][0], self.place[a][1], self.place[a][2]])
-        reach = self.place[a][3] + 0.5 * self.numbers[SKIN]
+    def list_walls(self, kept):
+        """Write the next list of walls near beads, as `list_pairs` does that of pairs."""
+        leeway = 0.5 * self.numbers[SKIN]
         found = 0
-        for s in ti.static(range(NEAR_WALLS)):
-            self.near[a][s] = -1
-        for w in range(self.counts[WALL_COUNT]):
-            distance, _direction = towards_wall(self.walls, w, position)
-            if distance < reach:
-                if found == NEAR_WALLS:
-                    self.counts[STATUS] = WALLS_FULL
-                    self.counts[CULPRIT] = a
-                else:
-                    self.near[a][found] = w
-                    self.wall_slip[a, found] = ti.Vector([0.0, 0.0, 0.0])
-                    self.wall_roll[a, found] = ti.Vector([0.0, 0.0, 0.0])
-                    for s in ti.static(range(NEAR_WALLS)):
-                        if self.spare_near[i][s] == w:
-                            for c in ti.static(range(3)):
-                                self.wall_slip[a, found][c] = self.spare_history[i][6 * s + c]
-                                self.wall_roll[a, found][c] = self.spare_history[i][6 * s + 3 + c]
-                    found += 1
+        for a in range(kept):
+            i = self.order[a]
+            position = ti.Vector([self.place[i][0], self.place[i][1], self.place[i][2]])
+            found = self.walls.list_bead(
+                self.counts[LIVE_LIST], a, i, self.counts[LISTED], found, position, self.place[i][3] + leeway, leeway,
+                self.counts[WALL_COUNT],
+            )  # fmt: skip
+        self.walls.first[1 - self.counts[LIVE_LIST], kept] = found
+        return found
 
     @ti.func
     def list_pointed(self, kept):
@@ -405,7 +360,7 @@ class Arena:
             self.fill[j] = self.fill[j] + 1
 
     @ti.func
-    def build(self):
+    def build(self, time):
         """Build the list anew and renumber; when anything does not fit, say so and leave all as it was."""
         kept = self.sort_into_cells()
         pairs = 0
@@ -414,7 +369,10 @@ class Arena:
             if pairs > self.pair_capacity:
                 self.counts[STATUS] = PAIRS_FULL
                 self.counts[PAIRS] = pairs
+        if self.counts[STATUS] == OK and self.list_walls(kept) > self.walls.near_capacity:
+            self.counts[STATUS] = NEAR_FULL
         if self.counts[STATUS] == OK:
+            self.walls.note_listing(self.counts[WALL_COUNT], time, self.counts[BEADS])
             self.renumber(kept)
             self.counts[LIVE_LIST] = 1 - self.counts[LIVE_LIST]
             self.counts[PAIRS] = pairs
@@ -433,7 +391,33 @@ class Arena:
             self.pair_force[p][c] = 0.0
 
     @ti.func
-    def meet(self, i):
+    def law_of_impact(self, live, p, kind, kind_j, closing, radius_eff, mass_eff):
+        """The law of a pair; where restitution depends on the speed of impact, the damping of this one."""
+        law = self.pair_law[kind, kind_j]
+        if ti.static(self.terms.changes_restitution):
+            if self.touching[live, p] == 0:
+                self.impact[live, p] = self.terms.damping_of_pair(law[DAMPING], closing, radius_eff, mass_eff)
+            law[DAMPING] = self.impact[live, p]
+        return law
+
+    @ti.func
+    def cling(self, live, p, i, j):
+        """Pull on the owner of a pair whose beads have parted but still hold together."""
+        place, place_j = self.place[i], self.place[j]
+        between = ti.Vector([place_j[0] - place[0], place_j[1] - place[1], place_j[2] - place[2]])
+        distance, both = between.norm(), place[3] + place_j[3]
+        radius_eff = place[3] * place_j[3] / both
+        modulus = self.pair_law[self.tag[i][1], self.tag[j][1]][STIFFNESS]
+        force = ti.Vector([0.0, 0.0, 0.0])
+        if distance - both < self.terms.neck(radius_eff, modulus):
+            self.touching[live, p] = 1
+            force = self.terms.attraction(both - distance, radius_eff, modulus) / distance * between
+            for c in ti.static(range(3)):
+                self.pair_force[p][c] = force[c]
+        return force
+
+    @ti.func
+    def meet(self, i):  # noqa: PLR0915  one idea: all that a pair does in a step
         """Forces of the pairs that bead `i` owns; its own share waits in `push` and `twist` for `move`."""
         live = self.counts[LIVE_LIST]
         step = self.numbers[STEP]
@@ -467,12 +451,16 @@ class Arena:
                     slip = self.slip[live, p]
                     if constant_torque == 0:
                         roll = self.roll[live, p]
+                mass_eff = motion[3] * motion_j[3] / (motion[3] + motion_j[3])
+                law = self.law_of_impact(live, p, kind, self.tag[j][1], surface.dot(normal), radius_eff, mass_eff)
                 force, torque, torque_j, slip, roll = contact_forces(
                     both - distance, normal, surface, turning, turning_j, radius_eff,
-                    motion[3] * motion_j[3] / (motion[3] + motion_j[3]), place[3], place_j[3], spin[3], spin_j[3],
+                    mass_eff, place[3], place_j[3], spin[3], spin_j[3],
                     2.0 * radius_eff, spin[3] * spin_j[3] / (spin[3] + spin_j[3]),
-                    self.pair_law[kind, self.tag[j][1]], slip, roll, step, constant_torque,
+                    law, slip, roll, step, constant_torque,
                 )  # fmt: skip
+                if ti.static(self.terms.attracts):
+                    force += self.terms.attraction(both - distance, radius_eff, law[STIFFNESS]) * normal
                 self.slip[live, p] = slip
                 if constant_torque == 0:
                     self.roll[live, p] = roll
@@ -488,6 +476,8 @@ class Arena:
             elif self.touching[live, p] == 1:
                 self.touching[live, p] = 0
                 self.clear_force(p)
+                if ti.static(self.terms.has_neck):
+                    sum_force += self.cling(live, p, i, j)
         self.push[i] = sum_force
         self.twist[i] = sum_torque
         self.worst[i] = worst
@@ -509,27 +499,21 @@ class Arena:
         velocity = ti.Vector([motion[0], motion[1], motion[2]])
         turning = ti.Vector([spin[0], spin[1], spin[2]])
         radius, mass, inertia = place[3], motion[3], spin[3]
-        for s in range(NEAR_WALLS):
-            w = self.near[i][s]
-            if w >= 0:
-                distance, normal = towards_wall(self.walls, w, position)
-                slip = ti.Vector([0.0, 0.0, 0.0])
-                roll = ti.Vector([0.0, 0.0, 0.0])
-                if distance < radius:
-                    drag, hold, _other, slip, roll = contact_forces(
-                        radius - distance, normal, velocity + distance * turning.cross(normal), turning,
-                        ti.Vector([0.0, 0.0, 0.0]), radius, mass, radius, radius, inertia, inertia, radius, inertia,
-                        self.wall_law[self.tag[i][1], w], self.wall_slip[i, s], self.wall_roll[i, s], step,
-                        self.counts[CONSTANT_TORQUE],
-                    )  # fmt: skip
-                    force += drag
-                    torque += distance * normal.cross(drag) + hold
-                    self.worst[i] = ti.max(self.worst[i], (radius - distance) / radius)
-                self.wall_slip[i, s] = slip
-                self.wall_roll[i, s] = roll
+        drag, hold, deepest = self.walls.press(
+            self.counts[LIVE_LIST], i, self.tag[i][1], position, velocity, turning, radius, mass, inertia, step,
+            self.counts[CONSTANT_TORQUE],
+        )  # fmt: skip
+        force += drag
+        torque += hold
+        self.worst[i] = ti.max(self.worst[i], deepest / radius)
 
         gravity = ti.Vector([self.numbers[GRAVITY], self.numbers[GRAVITY + 1], self.numbers[GRAVITY + 2]])
         push = force / mass + gravity
+        if ti.static(self.terms.acts_in_flight):
+            # the velocity is that of half a step ago
+            now = velocity + 0.5 * step * push
+            gap = self.walls.gap(self.counts[LIVE_LIST], i, radius)
+            push += self.terms.in_flight(now, gap, radius, mass, upwards(gravity)) / mass
         twist = torque / inertia
         self.push[i] = push
         self.twist[i] = twist
@@ -550,36 +534,53 @@ class Arena:
             left_skin = 1
         return left_skin
 
+    @ti.func
+    def pose_walls(self, time):
+        """Put the walls where they are at `time`; 1 when one has come too far for the list."""
+        step, leeway = self.numbers[STEP], 0.5 * self.numbers[SKIN]
+        return self.walls.pose(self.counts[WALL_COUNT], time, step, leeway)
+
     @ti.kernel
-    def run_serial(self, steps: ti.i32):
-        """Up to `steps` steps on one thread; stops early when the list is needed anew or STATUS is no longer OK."""
+    def run_serial(self, steps: ti.i32, before: ti.f64):
+        """Up to `steps` steps on one thread, after the `before` ones made so far.
+
+        Stops early when the list is needed anew or STATUS is no longer OK.
+        """
         ti.loop_config(serialize=True)
         for _ in range(1):
             done = 0
             while done < steps and self.stale[0] == 0 and self.counts[STATUS] == OK:
-                beads = self.counts[BEADS]
-                for i in range(beads):
-                    self.meet(i)
-                left_skin = 0
-                for i in range(beads):
-                    left_skin |= self.move(i)
-                self.stale[0] = left_skin
-                done += 1
+                self.stale[0] = self.pose_walls((before + done) * self.numbers[STEP])
+                if self.stale[0] == 0:
+                    beads = self.counts[BEADS]
+                    for i in range(beads):
+                        self.meet(i)
+                    left_skin = 0
+                    for i in range(beads):
+                        left_skin |= self.move(i)
+                    self.stale[0] = left_skin
+                    done += 1
             self.counts[DONE] = done
 
     @ti.kernel
-    def build_alone(self):
+    def build_alone(self, before: ti.f64):
         """The list, where it is needed anew; inlined in the step's kernel it would double what a first start takes."""
         ti.loop_config(serialize=True)
         for _ in range(1):
             if self.stale[0] == 1 and self.counts[STATUS] == OK:
-                self.build()
+                time = before * self.numbers[STEP]
+                self.pose_walls(time)
+                self.build(time)
             for s in range(1, FLAGS):
                 self.stale[s] = 0
 
     @ti.kernel
-    def run_step(self, s: ti.i32, beads: ti.i32):
-        """Step `s` of a burst on all threads; once a bead has left its skin the rest of the burst does nothing."""
+    def run_step(self, s: ti.i32, beads: ti.i32, before: ti.f64):
+        """Step `s` of a burst on all threads; once the list is needed anew the rest of the burst does nothing."""
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            if self.stale[s] == 0:
+                self.stale[s] = self.pose_walls((before + s) * self.numbers[STEP])
         for i in range(beads):
             if self.stale[s] == 0:
                 self.meet(i)

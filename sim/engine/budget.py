@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from rigtwin.sim.engine.contact import STIFFNESS
-from rigtwin.sim.engine.walls import Shape, Vector, gaps
+from rigtwin.sim.engine.elements import Vector
 
 Array = npt.NDArray[np.float64]
 
@@ -30,6 +29,7 @@ class Budget:
     wall_contacts: int
     mean_overlap: float  # of all contacts
     largest_overlap: float
+    work: float  # [J], given by moving walls until now
 
     @property
     def total(self) -> float:
@@ -40,13 +40,17 @@ class Budget:
 def measure(
     rows: Array,
     near: npt.NDArray[np.int64],
-    shapes: Sequence[Shape],
+    at_walls: Array,
     laws: tuple[Array, Array],
     *,
     gravity: Vector,
     time_step: float,
+    work: float = 0.0,
 ) -> Budget:
-    """The budget of the beads in `rows` (as exported by the arena), of which the pairs `near` may touch."""
+    """The budget of the beads in `rows` (as exported by the arena), of which the pairs `near` may touch.
+
+    `at_walls` are the contacts with walls: bead, wall, overlap [m].
+    """
     position, radius, mass, inertia = rows[:, 0:3], rows[:, 9], rows[:, 10], rows[:, 11]
     kind = rows[:, 19].astype(int)
     velocity = rows[:, 3:6] + 0.5 * time_step * rows[:, 12:15]
@@ -59,11 +63,9 @@ def measure(
     effective = radius[one] * radius[other] / (radius[one] + radius[other])
     depths = [overlap / (2 * effective)]
     elastic = _hertz(laws[0][kind[one], kind[other], STIFFNESS], effective, overlap)
-    for k, shape in enumerate(shapes):
-        deep = -gaps(shape, position, radius)
-        at_wall = deep > 0
-        depths.append(deep[at_wall] / radius[at_wall])
-        elastic += _hertz(laws[1][kind[at_wall], k, STIFFNESS], radius[at_wall], deep[at_wall])
+    bead, wall = at_walls[:, :2].astype(int).T
+    depths.append(at_walls[:, 2] / radius[bead])
+    elastic += _hertz(laws[1][kind[bead], wall, STIFFNESS], radius[bead], at_walls[:, 2])
     depth = np.concatenate(depths)
     return Budget(
         kinetic=float(0.5 * np.sum(mass * (velocity**2).sum(1) + inertia * (spin**2).sum(1))),
@@ -74,6 +76,7 @@ def measure(
         wall_contacts=len(depth) - len(one),
         mean_overlap=float(depth.mean()) if len(depth) else 0.0,
         largest_overlap=float(depth.max(initial=0.0)),
+        work=work,
     )
 
 

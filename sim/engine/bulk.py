@@ -25,12 +25,16 @@ from rigtwin.sim.engine import arena as at
 from rigtwin.sim.engine import backend, budget, checkpoint
 from rigtwin.sim.engine.clock import positive
 from rigtwin.sim.engine.contact import LAW_SIZE, ROLLING, Rolling, pair_law
-from rigtwin.sim.engine.walls import WALL_SIZE, Shape, Vector, Wall, gaps
+from rigtwin.sim.engine.elements import Vector
+from rigtwin.sim.engine.terms import Active, Terms, terms_of
+from rigtwin.sim.engine.wall_contacts import KINDS, WallTable, wall_table
+from rigtwin.sim.engine.walls import Shape, Wall, gaps
 
 Array = npt.NDArray[np.float64]
 
 SMALLEST_ARENA = 1024  # beads; arenas come in steps of four, so that few kernels are ever compiled
 PAIRS_PER_BEAD = 8  # half the neighbours of a bead, with room
+NEAR_PER_BEAD = 2  # walls, or parts of them, near a bead on average, with room
 SKIN = 0.1  # of the largest diameter
 THREADED_FROM = 2000  # beads; below, one thread is faster than the launches cost
 LAUNCH_SECONDS = 0.25  # kernels come back at least twice a second, so that progress and Ctrl-C work
@@ -74,17 +78,19 @@ class Bulk:
         time_step: float,
         gravity: Vector = (0.0, 0.0, -GRAVITY),
         rolling: Rolling = "type C",
+        effects: Sequence[Active] = (),
         skin: float = SKIN,
         open_domain: bool = False,
         threads: int | None = None,
         capacity: int = SMALLEST_ARENA,
         pair_capacity: int | None = None,
+        near_capacity: int | None = None,
     ) -> None:
         """`particles` are the kinds; `contacts` one for all, or one per pair of kinds (a, b), a <= b.
 
-        A wall may be a sequence with one `Wall` (same shape) per kind.  `low` and `high` [m] bound the domain; in
-        an open one beads that leave are taken out and counted, else they stop the run.  `skin` is in
-        units of the largest diameter.
+        A wall may be a sequence with one `Wall` per kind, alike but for material and contact.  `low` and `high` [m]
+        bound the domain; in an open one beads that leave are taken out and counted, else they stop the run.  `skin`
+        is in units of the largest diameter.  `effects` act on all beads and contacts.
         """
         positive(time_step=time_step, skin=skin)
         self._particles = tuple(particles)
@@ -101,13 +107,20 @@ class Bulk:
         self._low, self._high = np.array(low, dtype=float), np.array(high, dtype=float)
         self._gravity = gravity
         self._rolling = rolling
-        self._laws = self._pair_table(contacts), self._wall_table()
-        self._shapes = np.zeros((at.WALLS, WALL_SIZE))
-        for k, wall in enumerate(self._walls):
-            self._shapes[k] = wall[0].shape.row
+        self._effects = tuple(effects)
+        self._laws = self._pair_table(contacts)
+        self._table = self._wall_table()
         size = _arena_size(capacity)
         self._rate = 200.0 / LAUNCH_SECONDS  # steps per second, learnt from the launches
-        self._enter(at.arena(size, pair_capacity or PAIRS_PER_BEAD * size))
+        self._enter(
+            at.arena(
+                size,
+                pair_capacity or PAIRS_PER_BEAD * size,
+                near_capacity or NEAR_PER_BEAD * size,
+                self._terms(),
+                self._table.room,
+            )
+        )
 
     # ------------------------------------------------------------------ what a user does
 
@@ -129,7 +142,7 @@ class Bulk:
         self._check_new(np.hstack([position, velocity, spin]), particle, kind, overlap)
         before = self._count(at.BEADS)
         if before + count > self._arena.capacity:
-            self._grow(_arena_size(before + count), self._arena.pair_capacity)
+            self._grow(_arena_size(before + count), self._arena.pair_capacity, self._arena.walls.near_capacity)
         rows = np.zeros((count, at.STATE_SIZE))
         rows[:, 0:3], rows[:, 3:6], rows[:, 6:9] = position, velocity, spin
         rows[:, 9:12] = particle.radius, particle.mass, 0.4 * particle.mass * particle.radius**2
@@ -177,20 +190,27 @@ class Bulk:
         first, pairs = self._pairs(beads)
         owner = np.repeat(np.arange(beads), np.diff(first))
         near = np.stack([owner, pairs[: len(owner), 0].astype(np.int64)], axis=1)
+        rows = self._rows()
         return budget.measure(
-            self._rows(), near, self.shapes, self._laws, gravity=self._gravity, time_step=self.time_step
+            rows,
+            near,
+            self._wall_overlaps(rows, beads),
+            (self._laws, self._table.law),
+            gravity=self._gravity,
+            time_step=self.time_step,
+            work=self.work,
         )
 
     def state(self) -> checkpoint.State:
         """All that the next step depends on."""
         self._mine()
-        sizes = (self._arena.capacity, self._arena.pair_capacity)
+        sizes = (self._arena.capacity, self._arena.pair_capacity, self._arena.walls.near_capacity)
         own = {"sizes": np.array(sizes), "steps": np.array(self.steps), "added": np.array(self._added)}
         return own | checkpoint.read_arena(self._arena)
 
     def restore(self, state: checkpoint.State) -> None:
         """Go on from a `state` of a simulation that was made in the same way."""
-        self._enter(at.arena(*map(int, state["sizes"])))
+        self._enter(at.arena(*map(int, state["sizes"]), self._terms(), self._table.room))
         checkpoint.write_arena(self._arena, state)
         self.steps, self._added = int(state["steps"]), int(state["added"])
 
@@ -230,6 +250,13 @@ class Bulk:
         return self._count(at.GONE)
 
     @property
+    def work(self) -> float:
+        """Energy [J] that moving walls have given to the beads."""
+        self._mine()
+        walls = self._arena.walls
+        return float(walls.work_before[None] + walls.work.to_numpy().sum())
+
+    @property
     def lists_built(self) -> int:
         """How often the neighbour list was built."""
         return self._count(at.BUILDS)
@@ -250,10 +277,8 @@ class Bulk:
     # ------------------------------------------------------------------ set-up
 
     def _check_sizes(self, low: Vector, high: Vector, rolling: Rolling) -> None:
-        if not 1 <= len(self._particles) <= at.KINDS:
-            raise BadInput(f"particles: {len(self._particles)} kinds were given; possible are 1 to {at.KINDS}.")
-        if len(self._walls) > at.WALLS:
-            raise BadInput(f"walls: {len(self._walls)} were given; at most {at.WALLS} are possible.")
+        if not 1 <= len(self._particles) <= KINDS:
+            raise BadInput(f"particles: {len(self._particles)} kinds were given; possible are 1 to {KINDS}.")
         if any(len(wall) != len(self._particles) for wall in self._walls):
             raise BadInput("walls: a wall given per kind needs one entry for every kind of particle.")
         if rolling not in ROLLING:
@@ -262,7 +287,7 @@ class Bulk:
             raise BadInput(f"domain: low {low} must lie below high {high} on every axis, and both must be finite.")
 
     def _pair_table(self, contacts: Contact | Mapping[tuple[int, int], Contact]) -> Array:
-        table = np.zeros((at.KINDS, at.KINDS, LAW_SIZE))
+        table = np.zeros((KINDS, KINDS, LAW_SIZE))
         for a, one in enumerate(self._particles):
             for b, other in enumerate(self._particles):
                 contact = contacts if isinstance(contacts, Contact) else contacts.get((min(a, b), max(a, b)))
@@ -271,12 +296,11 @@ class Bulk:
                 table[a, b] = pair_law(one.material, other.material, contact).row
         return table
 
-    def _wall_table(self) -> Array:
-        table = np.zeros((at.KINDS, at.WALLS, LAW_SIZE))
-        for k, wall in enumerate(self._walls):
-            for a, particle in enumerate(self._particles):
-                table[a, k] = pair_law(particle.material, wall[a].material, wall[a].contact).row
-        return table
+    def _wall_table(self) -> WallTable:
+        return wall_table(self._walls, self._particles, skin=self._skin, domain=self.domain)
+
+    def _terms(self) -> Terms:
+        return terms_of(self._effects, "bulk")
 
     def _enter(self, arena: at.Arena) -> None:
         """Take an arena for this simulation; whoever had it before has lost it."""
@@ -296,7 +320,8 @@ class Bulk:
         counts[at.OPEN] = int(self._open)
         counts[at.CONSTANT_TORQUE] = int(self._rolling == ROLLING[0])
         counts[at.NX], counts[at.NY], counts[at.NZ] = cells
-        arena.configure(numbers, counts, *self._laws, self._shapes)
+        arena.configure(numbers, counts, self._laws)
+        arena.walls.load(self._table)
         arena.owner = self
         self._arena = arena
 
@@ -312,7 +337,10 @@ class Bulk:
         radii = np.full(len(position), particle.radius)
         tolerance = overlap * particle.radius
         for wall in self._walls:
-            gap = gaps(wall[kind].shape, position, radii)
+            motion = wall[0].motion
+            if self.time >= wall[0].until:
+                continue
+            gap = gaps(wall[kind].shape, motion.undone(position, self.time) if motion else position, radii)
             if len(gap) and gap.min() < -tolerance:
                 bad = int(np.argmin(gap))
                 raise BadInput(f"bead {first + bad} starts {-gap[bad] * 1e3:.3g} mm inside a wall; move it out.")
@@ -338,16 +366,17 @@ class Bulk:
         arena = self._arena
         done = 0
         while done < steps:
-            arena.build_alone()
+            before = float(self.steps + done)
+            arena.build_alone(before)
             if self._count(at.STATUS) != at.OK:
                 break
             beads = self._count(at.BEADS)
             if not self._on_gpu and (self.threads == 1 or beads < THREADED_FROM):
-                arena.run_serial(steps - done)
+                arena.run_serial(steps - done, before)
             else:
                 length = min(at.BURST, steps - done)
                 for s in range(length):
-                    arena.run_step(s, beads)
+                    arena.run_step(s, beads, before)
                 arena.end_burst(length)
             done += self._count(at.DONE)
         return done
@@ -356,31 +385,37 @@ class Bulk:
         status = self._count(at.STATUS)
         if status == at.OK:
             return
-        if status == at.PAIRS_FULL:
-            self._grow(self._arena.capacity, 4 * self._arena.pair_capacity)
+        if status in (at.PAIRS_FULL, at.NEAR_FULL):
+            more_pairs, more_near = (4, 1) if status == at.PAIRS_FULL else (1, 4)
+            sizes = more_pairs * self._arena.pair_capacity, more_near * self._arena.walls.near_capacity
+            self._grow(self._arena.capacity, *sizes)
             return
         row = self._rows()[self._count(at.CULPRIT)]
         where = f"bead {int(row[18])} at t = {self.time:.6g} s, position {np.round(row[0:3], 6).tolist()} m"
         raise SimulationFailed(
             {
                 at.LEFT_DOMAIN: f"A bead left the domain: {where}; make the domain larger or close the walls.",
-                at.WALLS_FULL: f"A bead is near more than {at.NEAR_WALLS} walls at once: {where}.",
                 at.EXPLODED: f"The energy exploded: {where}, speed {np.linalg.norm(row[3:6]):.3g} m/s; "
                 "use a smaller time step.",
             }[status]
         )
 
-    def _grow(self, capacity: int, pair_capacity: int) -> None:
+    def _grow(self, capacity: int, pair_capacity: int, near_capacity: int) -> None:
         """Move to a larger arena, history and all."""
         old, beads, listed = self._arena, self._count(at.BEADS), self._count(at.LISTED)
-        rows, near, (first, pairs) = self._rows(), self._near(beads), self._pairs(listed)
+        rows, (first, pairs), near, work = self._rows(), self._pairs(listed), self._near(listed), self.work
+        listed_at = old.walls.listed_at.to_numpy()
         kept = {column: self._count(column) for column in (at.GONE, at.BUILDS)}
-        self._enter(at.arena(capacity, max(pair_capacity, PAIRS_PER_BEAD * capacity)))
+        pair_capacity = max(pair_capacity, PAIRS_PER_BEAD * capacity)
+        near_capacity = max(near_capacity, NEAR_PER_BEAD * capacity)
+        self._enter(at.arena(capacity, pair_capacity, near_capacity, self._terms(), self._table.room))
         for column, value in {**kept, at.BEADS: beads}.items():
             self._arena.set_count(column, value)
         self._arena.put(rows, 0, beads)
-        self._arena.put_walls(near, beads)
         self._arena.put_pairs(first, pairs, listed)
+        self._arena.walls.put_list(*near, self._count(at.LIVE_LIST), listed)
+        self._arena.walls.work_before[None] = work
+        self._arena.walls.listed_at.from_numpy(listed_at)
         self._arena.set_stale()
         old.owner = None
 
@@ -394,10 +429,23 @@ class Bulk:
         self._arena.get(rows, beads)
         return rows[:beads]
 
-    def _near(self, beads: int) -> Array:
-        near = np.zeros((max(beads, 1), at.NEAR_WALLS, 7))
-        self._arena.get_walls(near, beads)
-        return near
+    def _near(self, beads: int) -> tuple[npt.NDArray[np.int32], Array]:
+        live, walls = self._count(at.LIVE_LIST), self._arena.walls
+        first = np.zeros(beads + 1, dtype=np.int32)
+        near = np.zeros((max(1, walls.first[live, beads]), 9))
+        walls.get_list(first, near, live, beads)
+        return first, near
+
+    def _wall_overlaps(self, rows: Array, beads: int) -> Array:
+        """Contacts with walls that hold now: bead, wall, overlap [m], shape (n, 3)."""
+        first, near = self._near(beads)
+        overlap = np.zeros(len(near))
+        place = np.ascontiguousarray(rows[:, [0, 1, 2, 9]]) if len(rows) else np.zeros((1, 4))
+        counts = (self._count(at.LIVE_LIST), beads, len(self._walls))
+        self._arena.walls.get_contacts(place, overlap, *counts, self.time, self.time_step)
+        owner = np.repeat(np.arange(beads), np.diff(first))
+        found = np.stack([owner, near[: len(owner), 8], overlap[: len(owner)]], axis=1)
+        return found[found[:, 2] > 0]
 
     def _pairs(self, beads: int) -> tuple[npt.NDArray[np.int32], Array]:
         first = np.zeros(beads + 1, dtype=np.int32)

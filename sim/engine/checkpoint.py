@@ -24,8 +24,15 @@ from rigtwin.sim.engine.backend import ti
 State = dict[str, npt.NDArray[Any]]
 """Arrays by name."""
 
-# written anew before they are read; everything else in an arena is kept, whatever is added to it one day
-SCRATCH = frozenset({"spare", "spare_near", "spare_history", "cell_first", "cell_of", "order", "fill", "pair_force"})
+# written anew before they are read, or set up with the run; everything else in an arena is kept, whatever is added to
+# it one day
+SCRATCH = frozenset({"spare", "cell_first", "cell_of", "order", "fill", "pair_force"}) | {
+    f"walls.{name}"
+    for name in (
+        *("elements", "cell_first", "items", "grid", "grid_shape", "motion", "law"),
+        *("state", "turned", "pivot", "velocity", "spin", "facing", "mark"),
+    )
+}
 
 
 def read_arena(arena: at.Arena) -> State:
@@ -38,6 +45,9 @@ def read_arena(arena: at.Arena) -> State:
         arena.capacity + 1: max(beads, listed) + 1,
         arena.pair_capacity: max(pairs, int(counts[at.PAIRS])),
     }
+    # lengths tell what a field counts; should two be the same, the larger part is kept
+    near = arena.walls.near_capacity
+    used[near] = max(used.get(near, 0), int(arena.walls.first[int(counts[at.LIVE_LIST]), listed]))
     state: State = {}
     for name, field in _fields(arena):
         whole = field.to_numpy()
@@ -57,7 +67,8 @@ def write_arena(arena: at.Arena, state: State) -> None:
 
 
 def _fields(arena: at.Arena) -> Iterator[tuple[str, Any]]:
-    for name, value in vars(arena).items():
+    own = {**vars(arena), **{f"walls.{name}": value for name, value in vars(arena.walls).items()}}
+    for name, value in own.items():
         if isinstance(value, ti.Field) and name not in SCRATCH:
             yield name, value
 

@@ -22,12 +22,16 @@ from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.engine import backend
 from rigtwin.sim.engine.backend import ti
 from rigtwin.sim.engine.contact import DAMPING, LAW_SIZE, ROLLING, STIFFNESS, Rolling, contact_forces, pair_law
-from rigtwin.sim.engine.terms import Active, Terms, terms_of
-from rigtwin.sim.engine.walls import WALL_SIZE, Wall, gaps, towards_wall
+from rigtwin.sim.engine.elements import OF_WALL
+from rigtwin.sim.engine.terms import Active, Terms, terms_of, upwards
+from rigtwin.sim.engine.wall_contacts import WANDERS, WallContacts, wall_table
+from rigtwin.sim.engine.walls import Wall, gaps
 
 Array = npt.NDArray[np.float64]
 
-BODIES, WALLS, SAMPLES = 16, 8, 4096
+BODIES, SAMPLES = 16, 4096
+ELEMENTS = 64  # planes, discs, triangles ... that the walls are made of
+ENDLESS = 1e9  # [m]
 ACCURATE_FRACTION = 0.015  # of Rayleigh's step: a twentieth of the usual 30 %, restitution then errs by < 0.1 %
 FLIGHT_STEP = 1e-4  # [s], longest step out of contact
 HALVINGS = 6
@@ -90,7 +94,7 @@ def run(
     if not 0 < step <= flight_step:
         raise BadInput(f"step: {step:g} s does not lie between 0 and the flight step of {flight_step:g} s.")
     backend.start()
-    bench = _bench(terms_of(effects))
+    bench = _bench(terms_of(effects, "few bodies"))
     bench.load(bodies, walls, contacts, gravity=gravity, steps=(step, flight_step), rolling=rolling)
     count = len(bodies)
     sampled: list[Array] = []
@@ -145,8 +149,10 @@ def _check(
         raise BadInput(
             f"bodies: {len(bodies)} were given; this path moves 1 to {BODIES}, use the bulk engine for more."
         )
-    if len(walls) > WALLS:
-        raise BadInput(f"walls: {len(walls)} were given; at most {WALLS} are possible.")
+    if (count := sum(len(wall.shape.rows) for wall in walls)) > ELEMENTS:
+        raise BadInput(
+            f"walls: they are made of {count} parts; this path takes {ELEMENTS}, use the bulk engine for larger meshes."
+        )
     if len(times) == 0 or times[0] < 0 or not np.all(np.isfinite(times)) or not np.all(np.diff(times) > 0):
         raise BadInput("times: must be finite, rise, and start at or after 0 s.")
     state = np.array([[*b.position, *b.velocity, *b.spin, *(b.pivot or ())][:9] for b in bodies])
@@ -156,7 +162,7 @@ def _check(
     centres, radii = state[:, :3], np.array([b.particle.radius for b in bodies])
     tolerance = 1e-3 * radii  # hanging beads touch; a thousandth of a radius is no blunder
     for wall in walls:
-        gap = gaps(wall.shape, centres, radii)
+        gap = gaps(wall.shape, wall.motion.undone(centres, 0.0) if wall.motion else centres, radii)
         if np.any(gap < -tolerance):
             bad = int(np.argmin(gap))
             raise BadInput(f"body {bad} starts {-gap[bad] * 1e3:.3g} mm inside a wall; move it out.")
@@ -189,22 +195,17 @@ class _Bench:
         self.thread = ti.Vector.field(4, ti.f64, BODIES)  # pivot, length (0: none)
         self.pair_slip = ti.Vector.field(3, ti.f64, (BODIES, BODIES))
         self.pair_roll = ti.Vector.field(3, ti.f64, (BODIES, BODIES))
-        self.wall_slip = ti.Vector.field(3, ti.f64, (BODIES, WALLS))
-        self.wall_roll = ti.Vector.field(3, ti.f64, (BODIES, WALLS))
+        self.walls = WallContacts(BODIES, BODIES * ELEMENTS, ELEMENTS, terms)
+        self.kind = ti.field(ti.i32, BODIES)
         self.pair_law = ti.Vector.field(LAW_SIZE, ti.f64, (BODIES, BODIES))
-        self.wall_law = ti.Vector.field(LAW_SIZE, ti.f64, (BODIES, WALLS))
         self.pair_meets = ti.field(ti.i32, (BODIES, BODIES))
         if terms.act_on_contacts:
-            self.pair_impact = ti.field(ti.f64, (BODIES, BODIES))  # DAMPING of this impact; negative: no contact
-            self.wall_impact = ti.field(ti.f64, (BODIES, WALLS))
-            self.pair_base = ti.field(ti.f64, (BODIES, BODIES))  # restitution at 1 m/s
-            self.wall_base = ti.field(ti.f64, (BODIES, WALLS))
-        self.walls = ti.field(ti.f64, (WALLS, WALL_SIZE))
+            self.impact = ti.field(ti.f64, (BODIES, BODIES))  # DAMPING of this impact; negative: apart
         self.gravity = ti.Vector.field(3, ti.f64, ())
         self.times = ti.field(ti.f64, SAMPLES)
         self.out = ti.field(ti.f64, (SAMPLES, BODIES, 9))
         self.clock = ti.field(ti.f64, 4)  # time, step in contact, longest step, time to a contact
-        self.counts = ti.field(ti.i32, 8)  # bodies, walls, samples wanted, samples taken, status, rolling, culprit
+        self.counts = ti.field(ti.i32, 8)
         self.total_steps = ti.field(ti.i64, ())
 
     def load(
@@ -225,28 +226,33 @@ class _Bench:
             inertia = 0.4 * p.mass * p.radius**2
             table[i, :16] = (*b.position, *b.velocity, *b.spin, p.radius, p.mass, inertia, *pivot, length)
         pair = np.zeros((BODIES, BODIES, LAW_SIZE + 1))
-        base = np.ones((BODIES, BODIES)), np.ones((BODIES, WALLS))
         for i in range(len(bodies)):
             for j in range(i + 1, len(bodies)):
                 contact = contacts if isinstance(contacts, Contact) or contacts is None else contacts.get((i, j))
                 if contact is not None:
                     law = pair_law(bodies[i].particle.material, bodies[j].particle.material, contact)
                     pair[i, j] = (*law.row, 1.0)
-                    base[0][i, j] = contact.restitution
-        wall = np.zeros((WALLS, WALL_SIZE))
-        on_wall = np.zeros((BODIES, WALLS, LAW_SIZE))
-        for k, w in enumerate(walls):
-            wall[k] = w.shape.row
-            for i, b in enumerate(bodies):
-                on_wall[i, k] = pair_law(b.particle.material, w.material, w.contact).row
-                base[1][i, k] = w.contact.restitution
+        kinds = list(dict.fromkeys(b.particle for b in bodies))
+        for i, b in enumerate(bodies):
+            table[i, 16] = kinds.index(b.particle)
+        self._load_walls(walls, kinds, len(bodies))
+        changing = any(w.motion is not None or math.isfinite(w.until) for w in walls)
         numbers = np.array([0.0, *steps, *gravity])
-        self._load(table, pair, wall, on_wall, numbers, len(bodies), len(walls), int(rolling == ROLLING[0]))
+        constant_torque = int(rolling == ROLLING[0])
+        self._load(table, pair, numbers, len(bodies), len(walls), constant_torque, int(changing))
         if self.terms.act_on_contacts:
-            self.pair_base.from_numpy(base[0])
-            self.wall_base.from_numpy(base[1])
-            self.pair_impact.fill(-1.0)
-            self.wall_impact.fill(-1.0)
+            self.impact.fill(-1.0)
+
+    def _load_walls(self, walls: Sequence[Wall], kinds: Sequence[Particle], bodies: int) -> None:
+        """Every part of every wall is near every body."""
+        everywhere = np.full(3, -ENDLESS), np.full(3, ENDLESS)
+        laws = wall_table([(wall,) * len(kinds) for wall in walls], kinds, skin=0.0, domain=everywhere)
+        self.walls.load(laws)
+        parts = len(laws.elements) if walls else 0
+        first = (np.arange(BODIES + 1) * parts).astype(np.int32)
+        near = np.zeros((max(1, BODIES * parts), 9))
+        near[: BODIES * parts, 0] = np.tile(np.arange(parts), BODIES)
+        self.walls.put_list(first, near, 0, bodies)
 
     def expect(self, times: Array) -> None:
         padded = np.zeros(SAMPLES)
@@ -273,12 +279,11 @@ class _Bench:
         self,
         table: ti.types.ndarray(),
         pair: ti.types.ndarray(),
-        wall: ti.types.ndarray(),
-        on_wall: ti.types.ndarray(),
         numbers: ti.types.ndarray(),
         bodies: ti.i32,
         walls: ti.i32,
         constant_torque: ti.i32,
+        changing: ti.i32,
     ):
         ti.loop_config(serialize=True)
         for i in range(BODIES):
@@ -293,13 +298,7 @@ class _Bench:
                 self.pair_meets[i, j] = int(pair[i, j, LAW_SIZE])
                 for c in ti.static(range(LAW_SIZE)):
                     self.pair_law[i, j][c] = pair[i, j, c]
-            for k in range(WALLS):
-                self.wall_slip[i, k] = ti.Vector([0.0, 0.0, 0.0])
-                self.wall_roll[i, k] = ti.Vector([0.0, 0.0, 0.0])
-                for c in ti.static(range(LAW_SIZE)):
-                    self.wall_law[i, k][c] = on_wall[i, k, c]
-        for k, c in ti.ndrange(WALLS, WALL_SIZE):
-            self.walls[k, c] = wall[k, c]
+            self.kind[i] = int(table[i, 16])
         for c in ti.static(range(3)):
             self.clock[c] = numbers[c]
             self.clock[3] = 0.0
@@ -309,6 +308,7 @@ class _Bench:
         self.counts[4] = DONE
         self.counts[5] = constant_torque
         self.counts[6] = -1
+        self.counts[7] = changing
         self.total_steps[None] = -1  # forces not yet known
 
     @ti.kernel
@@ -326,31 +326,24 @@ class _Bench:
         clear = self.clock[2]
         slack = self.gravity[None].norm() * self.clock[2]
         constant_torque = self.counts[5]
+        self.walls.pose(self.counts[1], self.clock[0] + step, step, ENDLESS)
         for i in range(n):
             self.push[i] = self.push_on_body(i, step)
             self.twist[i] = ti.Vector([0.0, 0.0, 0.0])
         for i in range(n):
             radius, mass, inertia = self.body[i][0], self.body[i][1], self.body[i][2]
-            for k in range(self.counts[1]):
-                distance, normal = towards_wall(self.walls, k, self.position[i])
-                overlap = radius - distance
-                clear = ti.min(clear, self.cling_to_wall(i, k, overlap, normal))
-                if overlap > 0.0:
-                    clear = 0.0
-                    surface = self.half[i] + distance * self.half_spin[i].cross(normal)
-                    force, torque, _t, slip, roll = contact_forces(
-                        overlap, normal, surface, self.half_spin[i], ti.Vector([0.0, 0.0, 0.0]), radius, mass, radius,
-                        radius, inertia, inertia, radius, inertia, self.law_at_wall(i, k), self.wall_slip[i, k],
-                        self.wall_roll[i, k], step, constant_torque,
-                    )  # fmt: skip
-                    self.wall_slip[i, k] = slip
-                    self.wall_roll[i, k] = roll
-                    self.push[i] = self.push[i] + force / mass
-                    self.twist[i] = self.twist[i] + (distance * normal.cross(force) + torque) / inertia
-                else:
-                    self.wall_slip[i, k] = ti.Vector([0.0, 0.0, 0.0])
-                    self.wall_roll[i, k] = ti.Vector([0.0, 0.0, 0.0])
-                    clear = ti.min(clear, -0.4 * overlap / (self.half[i].norm() + slack))
+            force, torque, deepest = self.walls.press(
+                0, i, self.kind[i], self.position[i], self.half[i], self.half_spin[i], radius, mass, inertia, step,
+                constant_torque,
+            )  # fmt: skip
+            self.push[i] = self.push[i] + force / mass
+            self.twist[i] = self.twist[i] + torque / inertia
+            for q in range(self.walls.first[0, i], self.walls.first[0, i + 1]):
+                wall = int(self.walls.elements[self.walls.near[0, q], OF_WALL])
+                closing = self.half[i].norm() + slack + self.walls.motion[wall, WANDERS]
+                clear = ti.min(clear, 0.4 * ti.max(self.walls.facing[q][3] - radius, 0.0) / closing)
+            if deepest > 0.0:
+                clear = 0.0
             for j in range(i + 1, n):
                 if self.pair_meets[i, j] == 1:
                     radius_j, mass_j, inertia_j = self.body[j][0], self.body[j][1], self.body[j][2]
@@ -358,7 +351,7 @@ class _Bench:
                     distance = between.norm()
                     overlap = radius + radius_j - distance
                     velocity = self.half[i] - self.half[j]
-                    clear = ti.min(clear, self.cling_together(i, j, overlap, between))
+                    clear = ti.min(clear, self.cling(i, j, overlap, between))
                     if overlap > 0.0:
                         clear = 0.0
                         normal = between / distance
@@ -399,81 +392,48 @@ class _Bench:
         radius, mass = self.body[i][0], self.body[i][1]
         gravity = self.gravity[None]
         velocity = self.half[i] + 0.5 * step * self.push[i]
-        up = ti.Vector([0.0, 0.0, 1.0])
-        if gravity.norm_sqr() > 0.0:
-            up = -gravity / gravity.norm()
         push = ti.Vector([0.0, 0.0, 0.0])
         if ti.static(self.terms.acts_in_flight):
-            gap = 1e9
-            for k in range(self.counts[1]):
-                distance, _normal = towards_wall(self.walls, k, self.position[i])
-                gap = ti.min(gap, distance - radius)
-            push += self.terms.in_flight(velocity, gap, radius, mass, up) / mass
+            self.walls.face(0, i, self.position[i], radius)
+            push += self.terms.in_flight(velocity, self.walls.gap(0, i, radius), radius, mass, upwards(gravity)) / mass
         if ti.static(self.terms.acts_on_threads):
             length = self.thread[i][3]
             if length > 0.0:
                 pivot = ti.Vector([self.thread[i][0], self.thread[i][1], self.thread[i][2]])
                 arm = (self.position[i] - pivot) / length
-                push += self.terms.on_thread(velocity, arm, length, mass, up) / mass
+                push += self.terms.on_thread(velocity, arm, length, mass, upwards(gravity)) / mass
         return push
-
-    @ti.func
-    def law_at_wall(self, i, k):
-        law = self.wall_law[i, k]
-        if ti.static(self.terms.changes_restitution):
-            law[DAMPING] = self.wall_impact[i, k]
-        return law
 
     @ti.func
     def law_of_pair(self, i, j):
         law = self.pair_law[i, j]
         if ti.static(self.terms.changes_restitution):
-            law[DAMPING] = self.pair_impact[i, j]
+            law[DAMPING] = self.impact[i, j]
         return law
 
     @ti.func
-    def cling_to_wall(self, i, k, overlap, normal):
+    def cling(self, i, j, overlap, between):
         """The longest step while effects act on this contact: none; they remember how it began, and may pull."""
-        clear = self.clock[2]
-        if ti.static(self.terms.act_on_contacts):
-            radius, mass = self.body[i][0], self.body[i][1]
-            modulus = self.wall_law[i, k][STIFFNESS]
-            state = self.wall_impact[i, k]
-            if overlap > 0.0 and state < 0.0:
-                state = self.terms.damping(self.wall_base[i, k], self.half[i].dot(normal), radius, mass)
-            if overlap < -self.terms.neck(radius, modulus):
-                state = -1.0
-            if state >= 0.0:
-                clear = 0.0
-                pull = self.terms.attraction(overlap, radius, modulus)
-                self.push[i] = self.push[i] + pull / mass * normal
-            self.wall_impact[i, k] = state
-        return clear
-
-    @ti.func
-    def cling_together(self, i, j, overlap, between):
-        """As `cling_to_wall`, for two bodies."""
         clear = self.clock[2]
         if ti.static(self.terms.act_on_contacts):
             normal = between / between.norm()
             radius, mass = self.body[i][0], self.body[i][1]
             radius_j, mass_j = self.body[j][0], self.body[j][1]
             radius_eff = radius * radius_j / (radius + radius_j)
-            modulus = self.pair_law[i, j][STIFFNESS]
-            state = self.pair_impact[i, j]
+            law = self.pair_law[i, j]
+            state = self.impact[i, j]
             if overlap > 0.0 and state < 0.0:
-                # equal beads count with their own radius and mass
                 closing = (self.half[i] - self.half[j]).dot(normal)
-                both = 2.0 * mass * mass_j / (mass + mass_j)
-                state = self.terms.damping(self.pair_base[i, j], closing, 2.0 * radius_eff, both)
-            if overlap < -self.terms.neck(radius_eff, modulus):
+                mass_eff = mass * mass_j / (mass + mass_j)
+                state = self.terms.damping_of_pair(law[DAMPING], closing, radius_eff, mass_eff)
+            if overlap < -self.terms.neck(radius_eff, law[STIFFNESS]):
                 state = -1.0
             if state >= 0.0:
                 clear = 0.0
-                pull = self.terms.attraction(overlap, radius_eff, modulus)
+                pull = self.terms.attraction(overlap, radius_eff, law[STIFFNESS])
                 self.push[i] = self.push[i] + pull / mass * normal
                 self.push[j] = self.push[j] - pull / mass_j * normal
-            self.pair_impact[i, j] = state
+            self.impact[i, j] = state
         return clear
 
     @ti.func
@@ -535,7 +495,7 @@ class _Bench:
                 for i in range(n):
                     self.drift(i, h)
                 self.clock[3] = self.forces(h)
-                still = 1
+                still = 1 - self.counts[7]
                 for i in range(n):
                     self.velocity[i] = self.across_thread(i, self.half[i] + 0.5 * h * self.push[i])
                     self.spin[i] = self.half_spin[i] + 0.5 * h * self.twist[i]

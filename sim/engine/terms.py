@@ -55,8 +55,8 @@ def active(effect: str | Effect, /, **parameters: float) -> Active:
     return Active(effect, tuple(values))
 
 
-def terms_of(effects: Sequence[Active]) -> Terms:
-    """The compiled terms of these effects, their parameters set."""
+def terms_of(effects: Sequence[Active], place: str) -> Terms:
+    """The compiled terms of these effects, their parameters set; each `place` that simulates has its own."""
     for one in effects:
         if not any(getattr(one.effect, hook, None) for hook in HOOKS):
             raise BadInput(
@@ -65,13 +65,13 @@ def terms_of(effects: Sequence[Active]) -> Terms:
             )
         if len(one.values) > MOST_PARAMETERS:
             raise BadInput(f"effect {one.effect.name}: the engine takes at most {MOST_PARAMETERS} parameters.")
-    terms = _terms(tuple(one.effect for one in effects))
+    terms = _terms(tuple(one.effect for one in effects), place)
     terms.load(effects)
     return terms
 
 
 @cache
-def _terms(effects: tuple[Effect, ...]) -> Terms:
+def _terms(effects: tuple[Effect, ...], place: str) -> Terms:
     return Terms(effects)
 
 
@@ -111,6 +111,7 @@ class Terms:
         self.acts_on_threads = bool(self.torques)
         self.changes_restitution = bool(self.restitutions)
         self.attracts = bool(self.attractions)
+        self.has_neck = bool(self.necks)
         self.act_on_bodies = self.acts_in_flight or self.acts_on_threads
         self.act_on_contacts = self.changes_restitution or self.attracts
         self.values: Any = ti.field(ti.f64, (len(effects), MOST_PARAMETERS)) if effects else None
@@ -170,9 +171,14 @@ class Terms:
         return total / length / ti.max(speed, 1e-30) * velocity
 
     @ti.func
-    def damping(self, base, closing, radius, mass):
-        """Column DAMPING of the law for an impact at the speed `closing`; `base` is the restitution at 1 m/s."""
-        e = base
+    def damping_of_pair(self, damping, closing, radius_eff, mass_eff):
+        """As `damping`; equal beads count with their own radius and mass."""
+        return self.damping(damping, closing, 2.0 * radius_eff, 2.0 * mass_eff)
+
+    @ti.func
+    def damping(self, damping, closing, radius, mass):
+        """Column DAMPING of the law for an impact at the speed `closing`; the law's own is that at 1 m/s."""
+        e = restitution_of(damping / DAMPING_FACTOR)
         speed = ti.max(closing, 1e-6)
         for k in ti.static(range(len(self.restitutions))):
             row, count, function = ti.static(self.restitutions[k])
@@ -207,6 +213,28 @@ class Terms:
             if ti.static(count == 2):
                 longest = ti.max(longest, function(radius, modulus, self.values[row, 0], self.values[row, 1]))
         return longest
+
+
+@ti.func
+def upwards(gravity):
+    """Unit vector against gravity; z where there is none."""
+    up = ti.Vector([0.0, 0.0, 1.0])
+    if gravity.norm_sqr() > 0.0:
+        up = -gravity / gravity.norm()
+    return up
+
+
+@ti.func
+def restitution_of(ratio):
+    """The restitution that a damping ratio returns: `contact.damping_ratio` the other way round."""
+    e = 1.0
+    if ratio < 1.0:
+        a = ti.asin(ratio)
+        e = ti.exp(-(math.pi - 2.0 * a) * ti.tan(a))
+    else:
+        b = ti.max(ti.log(ratio + ti.sqrt(ratio * ratio - 1.0)), 1e-9)
+        e = ti.exp(-2.0 * b / ti.tanh(b))
+    return e
 
 
 @ti.func

@@ -1,0 +1,510 @@
+"""Contacts of beads with walls, still or moving: which of them hold, their history, and their forces.
+
+A bead near an edge overlaps several elements of what is one surface.  A contact point counts only if it stands out of
+the tangent plane of every nearer contact: behind that plane lies the same surface going on (a coplanar neighbour, the
+other side of a convex edge, a wall behind a wall), in front of it another surface (a corner).  So a face goes before
+its edges and an edge before its ends, whatever the elements are, and a contact that takes another's place takes over
+its history.
+
+Walls move in closed form: their place follows from the time alone, so that nothing drifts and a run can be taken up
+anywhere.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import Particle
+from rigtwin.sim.engine import elements as shape
+from rigtwin.sim.engine.backend import ti
+from rigtwin.sim.engine.contact import DAMPING, LAW_SIZE, STIFFNESS, contact_forces, pair_law
+from rigtwin.sim.engine.elements import ELEMENT_SIZE, OF_WALL, TRIANGLE, towards_element
+from rigtwin.sim.engine.mesh import ALONE, sort_into_cells
+from rigtwin.sim.engine.terms import Terms
+from rigtwin.sim.engine.walls import Motion, Wall, wandering
+
+Array = npt.NDArray[np.float64]
+
+KINDS, WALLS = 16, 64
+ROOM = 16_384  # elements; more make it eight times larger, so that few kernels are ever compiled
+CELLS_PER_ELEMENT, ITEMS_PER_ELEMENT = 8, 32
+SAME = 1e-6  # of a radius; what stands out less is the same surface
+
+# columns of a table of motions: velocity 3, point 3, axis 3, spin, start, how long it lasts, when the wall is gone,
+# whether it moves in place, how fast it leaves its place at most
+VELOCITY, PIVOT, AXIS, SPIN, START, LASTS, UNTIL, IN_PLACE, WANDERS = 0, 3, 6, 9, 10, 11, 12, 13, 14
+MOTION_SIZE = 15
+FAR_OFF = 1e300  # [s], stands for never
+GONE, STILL, MOVES = range(3)  # states of a wall
+APART, WAITS, HOLDS, BEHIND = range(4)  # marks of a contact; BEHIND + q: it is the same surface as contact q
+
+
+@dataclass(frozen=True)
+class WallTable:
+    """The walls of a simulation in numbers."""
+
+    elements: Array  # shape (n, 11)
+    cell_first: npt.NDArray[np.int32]  # cells of all walls, one after the other
+    items: npt.NDArray[np.int32]  # elements
+    grid: Array  # per wall: lower corner 3, cells per metre
+    grid_shape: npt.NDArray[np.int32]  # per wall: cells along x, y, z, and the first one; zeros: a single cell
+    motion: Array  # shape (walls, 15)
+    law: Array  # shape (kinds, walls, LAW_SIZE)
+
+    @cached_property
+    def room(self) -> int:
+        """Elements that a `WallContacts` for these walls has room for."""
+        room = ROOM
+        needs = (len(self.elements), len(self.cell_first) / CELLS_PER_ELEMENT, len(self.items) / ITEMS_PER_ELEMENT)
+        while room < max(needs):
+            room *= 8
+        return room
+
+
+def wall_table(
+    walls: Sequence[Sequence[Wall]], particles: Sequence[Particle], *, skin: float, domain: tuple[Array, Array]
+) -> WallTable:
+    """The table of walls that are each given per kind of particle; lists are good for half a `skin` [m] of moving."""
+    if len(walls) > WALLS:
+        raise BadInput(
+            f"walls: {len(walls)} were given; at most {WALLS} are possible, but one may be a mesh of many parts."
+        )
+    reach = max(particle.radius for particle in particles) + skin
+    rows: list[Array] = []
+    cells: list[npt.NDArray[np.integer]] = [np.zeros(1, dtype=np.int32)]
+    items: list[npt.NDArray[np.integer]] = []
+    grid, grid_shape = np.zeros((WALLS, 4)), np.zeros((WALLS, 4))
+    motion, law = np.zeros((WALLS, MOTION_SIZE)), np.zeros((KINDS, WALLS, LAW_SIZE))
+    before = 0  # elements of earlier walls
+    for w, wall in enumerate(walls):
+        own = wall[0].shape.rows
+        own[:, OF_WALL] = w
+        grid_shape[w, 3] = sum(len(part) for part in cells) - 1
+        known = sum(len(part) for part in items)
+        if len(own) > ALONE and np.all(own[:, shape.KIND] == TRIANGLE):
+            sorted_ = sort_into_cells(own[:, shape.POINT :].reshape(-1, 3, 3), reach)
+            grid[w] = *sorted_.low, 1 / sorted_.size
+            grid_shape[w, :3] = sorted_.shape
+            cells.append(known + sorted_.first[1:])
+            items.append(before + sorted_.items)
+        else:
+            cells.append(np.array([known + len(own)]))
+            items.append(before + np.arange(len(own)))
+        rows.append(own)
+        before += len(own)
+        motion[w] = _motion_row(wall[0], domain)
+        for a, particle in enumerate(particles):
+            law[a, w] = pair_law(particle.material, wall[a].material, wall[a].contact).row
+    return WallTable(
+        np.concatenate(rows) if rows else np.zeros((1, ELEMENT_SIZE)),
+        np.concatenate(cells).astype(np.int32),
+        np.concatenate(items).astype(np.int32) if items else np.zeros(1, dtype=np.int32),
+        grid,
+        grid_shape.astype(np.int32),
+        motion,
+        law,
+    )
+
+
+def _motion_row(wall: Wall, domain: tuple[Array, Array]) -> tuple[float, ...]:
+    motion = wall.motion or Motion()
+    lasts = min(motion.stop - motion.start, FAR_OFF)
+    return (
+        *motion.velocity, *motion.point, *shape.unit(motion.axis), motion.spin, motion.start, lasts,
+        min(wall.until, FAR_OFF), float(motion.in_place), wandering(wall.shape, motion, domain),
+    )  # fmt: skip
+
+
+@ti.data_oriented
+class WallContacts:
+    """The walls near each of up to `capacity` beads, `near_capacity` entries in all, in two lists by turns."""
+
+    def __init__(self, capacity: int, near_capacity: int, room: int, terms: Terms) -> None:
+        self.terms = terms
+        self.near_capacity = near_capacity
+        self.room = room
+        self.elements = ti.field(ti.f64, (room, ELEMENT_SIZE))
+        self.cell_first = ti.field(ti.i32, CELLS_PER_ELEMENT * room + 1)
+        self.items = ti.field(ti.i32, ITEMS_PER_ELEMENT * room)
+        self.grid = ti.field(ti.f64, (WALLS, 4))
+        self.grid_shape = ti.field(ti.i32, (WALLS, 4))
+        self.motion = ti.field(ti.f64, (WALLS, MOTION_SIZE))
+        self.law = ti.Vector.field(LAW_SIZE, ti.f64, (KINDS, WALLS))
+
+        # where the walls are in this step
+        self.state = ti.field(ti.i32, WALLS)
+        self.turned = ti.Matrix.field(3, 3, ti.f64, WALLS)
+        self.pivot = ti.Vector.field(3, ti.f64, WALLS)
+        self.velocity = ti.Vector.field(3, ti.f64, WALLS)
+        self.spin = ti.Vector.field(3, ti.f64, WALLS)
+        self.listed_at = ti.field(ti.f64, WALLS)  # how long each had moved when the list was made
+
+        self.first = ti.field(ti.i32, (2, capacity + 1))  # first entry of a bead
+        self.near = ti.field(ti.i32, (2, near_capacity))  # element
+        self.touching = ti.field(ti.i32, (2, near_capacity))
+        self.slip = ti.Vector.field(3, ti.f64, (2, near_capacity))
+        self.roll = ti.Vector.field(3, ti.f64, (2, near_capacity))
+        if terms.changes_restitution:
+            self.impact = ti.field(ti.f64, (2, near_capacity))  # DAMPING of this impact
+        self.facing = ti.Vector.field(4, ti.f64, near_capacity)  # direction to the wall's nearest point, distance
+        self.mark = ti.field(ti.i32, near_capacity)
+        self.work = ti.field(ti.f64, capacity)  # [J], done by moving walls on the beads of this slot
+        self.work_before = ti.field(ti.f64, ())  # [J], until the list was made
+
+    def load(self, table: WallTable) -> None:
+        """Take the walls of a simulation; nothing is near them yet."""
+        self._load(
+            table.elements, table.cell_first, table.items, table.grid, table.grid_shape, table.motion, table.law,
+            len(table.elements), len(table.cell_first), len(table.items),
+        )  # fmt: skip
+        self.work.fill(0.0)
+
+    @ti.kernel
+    def _load(
+        self,
+        elements: ti.types.ndarray(),
+        cell_first: ti.types.ndarray(),
+        items: ti.types.ndarray(),
+        grid: ti.types.ndarray(),
+        grid_shape: ti.types.ndarray(),
+        motion: ti.types.ndarray(),
+        law: ti.types.ndarray(),
+        element_count: ti.i32,
+        cell_count: ti.i32,
+        item_count: ti.i32,
+    ):
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            for e, c in ti.ndrange(element_count, ELEMENT_SIZE):
+                self.elements[e, c] = elements[e, c]
+            for c in range(cell_count):
+                self.cell_first[c] = cell_first[c]
+            for c in range(item_count):
+                self.items[c] = items[c]
+            for w in range(WALLS):
+                for c in range(4):
+                    self.grid[w, c] = grid[w, c]
+                    self.grid_shape[w, c] = grid_shape[w, c]
+                for c in range(MOTION_SIZE):
+                    self.motion[w, c] = motion[w, c]
+                for a in range(KINDS):
+                    for c in ti.static(range(LAW_SIZE)):
+                        self.law[a, w][c] = law[a, w, c]
+                self.listed_at[w] = 0.0
+            self.first[0, 0] = 0
+            self.first[1, 0] = 0
+            self.work_before[None] = 0.0
+
+    # ------------------------------------------------------------------ where the walls are
+
+    @ti.func
+    def time_moving(self, w, time):
+        return ti.min(ti.max(time - self.motion[w, START], 0.0), self.motion[w, LASTS])
+
+    @ti.func
+    def pose(self, walls, time, step, leeway):
+        """Put the walls where they are at `time`; 1 when one left the place it was listed at by more than `leeway`."""
+        strayed = 0
+        for w in range(walls):
+            velocity = self.motion_vector(w, VELOCITY)
+            spin = self.motion[w, SPIN] * self.motion_vector(w, AXIS)
+            self.state[w] = STILL
+            self.velocity[w] = ti.Vector([0.0, 0.0, 0.0])
+            self.spin[w] = ti.Vector([0.0, 0.0, 0.0])
+            if velocity.norm_sqr() + spin.norm_sqr() > 0.0:
+                self.state[w] = MOVES
+                lasted = self.time_moving(w, time)
+                # velocities are those of mid-step
+                since = time - 0.5 * step - self.motion[w, START]
+                if since > 0.0 and since < self.motion[w, LASTS]:
+                    self.velocity[w] = velocity
+                    self.spin[w] = spin
+                if (lasted - self.listed_at[w]) * self.motion[w, WANDERS] > leeway:
+                    strayed = 1
+                if self.motion[w, IN_PLACE] > 0.5:
+                    lasted = 0.0
+                self.pivot[w] = self.motion_vector(w, PIVOT) + lasted * velocity
+                self.turned[w] = rotation(self.motion_vector(w, AXIS), self.motion[w, SPIN] * lasted)
+            if time >= self.motion[w, UNTIL]:
+                self.state[w] = GONE
+        return strayed
+
+    @ti.func
+    def motion_vector(self, w, column):
+        return ti.Vector([self.motion[w, column], self.motion[w, column + 1], self.motion[w, column + 2]])
+
+    @ti.func
+    def before_it_moved(self, w, position):
+        """A place as seen from the wall."""
+        there = position
+        if self.state[w] == MOVES:
+            there = self.turned[w].transpose() @ (position - self.pivot[w]) + self.motion_vector(w, PIVOT)
+        return there
+
+    # ------------------------------------------------------------------ the list
+
+    @ti.func
+    def note_listing(self, walls, time, beads):
+        """The lists are made now: where the walls are, and what they have done until now."""
+        for w in range(walls):
+            self.listed_at[w] = self.time_moving(w, time)
+        for i in range(beads):
+            self.work_before[None] = self.work_before[None] + self.work[i]
+            self.work[i] = 0.0
+
+    @ti.func
+    def list_bead(self, live, a, i, listed, found, position, reach, leeway, walls):
+        """List what is near bead `i`, which is `a` in the next list, history carried over; entries found so far."""
+        following = 1 - live
+        self.first[following, a] = found
+        for w in range(walls):
+            if self.state[w] != GONE:
+                there = self.before_it_moved(w, position)
+                far = reach
+                if self.motion[w, WANDERS] > 0.0:
+                    far += leeway
+                cell = self.grid_shape[w, 3]
+                if self.grid_shape[w, 0] > 0:
+                    at = ti.Vector([0, 0, 0])
+                    inside = 1
+                    for c in ti.static(range(3)):
+                        at[c] = int(ti.floor((there[c] - self.grid[w, c]) * self.grid[w, 3]))
+                        if at[c] < 0 or at[c] >= self.grid_shape[w, c]:
+                            inside = 0
+                    cell += (at[2] * self.grid_shape[w, 1] + at[1]) * self.grid_shape[w, 0] + at[0]
+                    if inside == 0:
+                        cell = -1
+                if cell >= 0:
+                    for item in range(self.cell_first[cell], self.cell_first[cell + 1]):
+                        e = self.items[item]
+                        distance, _direction = towards_element(self.elements, e, there)
+                        if distance < far:
+                            if found < self.near_capacity:
+                                self.near[following, found] = e
+                                self.carry_history(live, i, listed, found)
+                            found += 1
+        return found
+
+    @ti.func
+    def carry_history(self, live, i, listed, new):
+        following = 1 - live
+        self.touching[following, new] = 0
+        self.slip[following, new] = ti.Vector([0.0, 0.0, 0.0])
+        self.roll[following, new] = ti.Vector([0.0, 0.0, 0.0])
+        if i < listed:
+            for q in range(self.first[live, i], self.first[live, i + 1]):
+                if self.near[live, q] == self.near[following, new] and self.touching[live, q] == 1:
+                    self.touching[following, new] = 1
+                    self.slip[following, new] = self.slip[live, q]
+                    self.roll[following, new] = self.roll[live, q]
+                    if ti.static(self.terms.changes_restitution):
+                        self.impact[following, new] = self.impact[live, q]
+
+    # ------------------------------------------------------------------ the step
+
+    @ti.func
+    def face(self, live, i, position, radius):
+        """Mark which contacts of bead `i` hold; how many it has or had a step ago."""
+        meets = 0
+        for q in range(self.first[live, i], self.first[live, i + 1]):
+            e = self.near[live, q]
+            w = int(self.elements[e, OF_WALL])
+            distance, direction = towards_element(self.elements, e, self.before_it_moved(w, position))
+            if self.state[w] == MOVES:
+                direction = self.turned[w] @ direction
+            if self.state[w] == GONE:
+                distance = 1e9
+            for c in ti.static(range(3)):
+                self.facing[q][c] = direction[c]
+            self.facing[q][3] = distance
+            self.mark[q] = APART
+            if distance < radius:
+                self.mark[q] = HOLDS
+            if distance < radius or self.touching[live, q] == 1:
+                meets += 1
+        if meets > 1:
+            self.tell_apart(live, i, radius, meets)
+        return meets
+
+    @ti.func
+    def tell_apart(self, live, i, radius, meets):
+        """Leave out the contacts that do not stand out of the tangent plane of a nearer one."""
+        begin, end = self.first[live, i], self.first[live, i + 1]
+        for q in range(begin, end):
+            if self.mark[q] == HOLDS or self.touching[live, q] == 1:
+                self.mark[q] = WAITS
+        for _ in range(meets):
+            nearest, least = begin, 1e30
+            for q in range(begin, end):
+                if self.mark[q] == WAITS and self.facing[q][3] < least:
+                    nearest, least = q, self.facing[q][3]
+            self.mark[nearest] = APART
+            if least < radius:
+                self.mark[nearest] = HOLDS
+            one = self.facing[nearest]
+            for r in range(begin, end):
+                if self.mark[r] == HOLDS and r != nearest:
+                    other = self.facing[r]
+                    depth = one[3] * (one[0] * other[0] + one[1] * other[1] + one[2] * other[2]) - other[3]
+                    if depth > -SAME * radius:
+                        self.mark[nearest] = BEHIND + r
+
+    @ti.func
+    def hand_over(self, live, i):
+        """Contacts that hold from now on take over the history of those that they stand for."""
+        for q in range(self.first[live, i], self.first[live, i + 1]):
+            if self.mark[q] >= BEHIND and self.touching[live, q] == 1:
+                heir = self.mark[q] - BEHIND
+                if self.touching[live, heir] == 0:
+                    self.touching[live, heir] = 1
+                    self.slip[live, heir] = self.slip[live, q]
+                    self.roll[live, heir] = self.roll[live, q]
+                    if ti.static(self.terms.changes_restitution):
+                        self.impact[live, heir] = self.impact[live, q]
+
+    @ti.func
+    def press(self, live, i, kind, position, velocity, turning, radius, mass, inertia, step, constant_torque):
+        """Force of the walls on bead `i`, torque about its centre, and the deepest overlap."""
+        force = ti.Vector([0.0, 0.0, 0.0])
+        torque = ti.Vector([0.0, 0.0, 0.0])
+        deepest = 0.0
+        meets = self.face(live, i, position, radius)
+        if meets > 1:
+            self.hand_over(live, i)
+        if meets > 0:
+            for q in range(self.first[live, i], self.first[live, i + 1]):
+                if self.mark[q] == HOLDS:
+                    w = int(self.elements[self.near[live, q], OF_WALL])
+                    normal = ti.Vector([self.facing[q][0], self.facing[q][1], self.facing[q][2]])
+                    distance = self.facing[q][3]
+                    surface = ti.Vector([0.0, 0.0, 0.0])
+                    wall_spin = ti.Vector([0.0, 0.0, 0.0])
+                    slip = ti.Vector([0.0, 0.0, 0.0])
+                    roll = ti.Vector([0.0, 0.0, 0.0])
+                    if self.touching[live, q] == 1:
+                        slip, roll = self.slip[live, q], self.roll[live, q]
+                    if self.state[w] == MOVES:
+                        wall_spin = self.spin[w]
+                        arm = position + distance * normal - self.pivot[w]
+                        surface = self.velocity[w] + wall_spin.cross(arm)
+                        # the history turns with the wall about the normal; about other axes it follows the normal
+                        twist = step * wall_spin.dot(normal) * normal
+                        slip += twist.cross(slip)
+                        roll += twist.cross(roll)
+                    law = self.law[kind, w]
+                    if ti.static(self.terms.changes_restitution):
+                        if self.touching[live, q] == 0:
+                            closing = (velocity - surface).dot(normal)
+                            self.impact[live, q] = self.terms.damping(law[DAMPING], closing, radius, mass)
+                        law[DAMPING] = self.impact[live, q]
+                    drag, hold, _other, slip, roll = contact_forces(
+                        radius - distance, normal, velocity + distance * turning.cross(normal) - surface, turning,
+                        wall_spin, radius, mass, radius, radius, inertia, inertia, radius, inertia, law,
+                        slip, roll, step, constant_torque,
+                    )  # fmt: skip
+                    if ti.static(self.terms.attracts):
+                        drag += self.terms.attraction(radius - distance, radius, law[STIFFNESS]) * normal
+                    self.slip[live, q] = slip
+                    self.roll[live, q] = roll
+                    self.touching[live, q] = 1
+                    force += drag
+                    torque += distance * normal.cross(drag) + hold
+                    deepest = ti.max(deepest, radius - distance)
+                    if self.state[w] == MOVES:
+                        self.work[i] = self.work[i] + step * (drag.dot(surface) + hold.dot(wall_spin))
+                elif self.touching[live, q] == 1:
+                    self.touching[live, q] = 0
+                    if ti.static(self.terms.has_neck):
+                        force += self.hold_neck(live, q, kind, radius)
+        return force, torque, deepest
+
+    @ti.func
+    def hold_neck(self, live, q, kind, radius):
+        """Pull of a contact whose bodies part but still hold together."""
+        modulus = self.law[kind, int(self.elements[self.near[live, q], OF_WALL])][STIFFNESS]
+        apart = self.facing[q][3] - radius
+        force = ti.Vector([0.0, 0.0, 0.0])
+        if self.mark[q] == APART and apart < self.terms.neck(radius, modulus):
+            self.touching[live, q] = 1
+            pull = self.terms.attraction(-apart, radius, modulus)
+            force = pull * ti.Vector([self.facing[q][0], self.facing[q][1], self.facing[q][2]])
+        return force
+
+    @ti.func
+    def gap(self, live, i, radius):
+        """Free way [m] of bead `i` to the nearest wall of its list, as last faced; far where there is none."""
+        least = 1e9
+        for q in range(self.first[live, i], self.first[live, i + 1]):
+            least = ti.min(least, self.facing[q][3] - radius)
+        return least
+
+    # ------------------------------------------------------------------ data out and in
+
+    @ti.kernel
+    def get_contacts(
+        self,
+        beads: ti.types.ndarray(),
+        found: ti.types.ndarray(),
+        live: ti.i32,
+        count: ti.i32,
+        walls: ti.i32,
+        time: ti.f64,
+        step: ti.f64,
+    ):
+        """Overlap of each entry of the list whose contact holds now, else zero; `beads` is place 3 and radius."""
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            self.pose(walls, time, step, 0.0)
+            for i in range(count):
+                radius = beads[i, 3]
+                self.face(live, i, ti.Vector([beads[i, 0], beads[i, 1], beads[i, 2]]), radius)
+                for q in range(self.first[live, i], self.first[live, i + 1]):
+                    found[q] = 0.0
+                    if self.mark[q] == HOLDS:
+                        found[q] = radius - self.facing[q][3]
+
+    @ti.kernel
+    def get_list(self, first: ti.types.ndarray(), entries: ti.types.ndarray(), live: ti.i32, beads: ti.i32):
+        """Read the list in force: first entry of each bead; per entry element, touching, slip 3, roll 3, wall."""
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            for i in range(beads + 1):
+                first[i] = self.first[live, i]
+            for q in range(self.first[live, beads]):
+                entries[q, 0] = float(self.near[live, q])
+                entries[q, 1] = float(self.touching[live, q])
+                entries[q, 8] = self.elements[self.near[live, q], OF_WALL]
+                for c in ti.static(range(3)):
+                    entries[q, 2 + c] = self.slip[live, q][c]
+                    entries[q, 5 + c] = self.roll[live, q][c]
+
+    @ti.kernel
+    def put_list(self, first: ti.types.ndarray(), entries: ti.types.ndarray(), live: ti.i32, beads: ti.i32):
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            for i in range(beads + 1):
+                self.first[live, i] = first[i]
+            for q in range(first[beads]):
+                self.near[live, q] = int(entries[q, 0])
+                self.touching[live, q] = int(entries[q, 1])
+                for c in ti.static(range(3)):
+                    self.slip[live, q][c] = entries[q, 2 + c]
+                    self.roll[live, q][c] = entries[q, 5 + c]
+
+
+@ti.func
+def rotation(axis, angle):
+    """Matrix that turns by `angle` [rad] about a unit vector."""
+    s, c = ti.sin(angle), 1.0 - ti.cos(angle)
+    x, y, z = axis[0], axis[1], axis[2]
+    return ti.Matrix(
+        [
+            [1.0 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y],
+            [c * x * y + s * z, 1.0 - c * (x * x + z * z), c * y * z - s * x],
+            [c * x * z - s * y, c * y * z + s * x, 1.0 - c * (x * x + y * y)],
+        ]
+    )
