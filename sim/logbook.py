@@ -32,7 +32,7 @@ class History:
     kinetic: Array  # [J]
     potential: Array  # [J]
     elastic: Array  # [J]
-    supplied: Array  # [J], brought by the beads poured so far
+    supplied: Array  # [J], brought by the beads poured so far and by moving walls
     risen: Array  # [J], the most that was gained from nowhere so far: rounding and too large a step
     beads: Array  # [1], in the domain
     contacts: Array  # [1], between beads
@@ -87,6 +87,7 @@ class Logbook:
         self._history: list[dict[str, float]] = []
         self._supplied = self._risen = 0.0
         self._total = self._most_dissipated = 0.0  # [J], when the last look ended, and ever
+        self._work = 0.0  # [J], of moving walls that is in the books
         self.first_frame: float | None = None  # [s], when a trajectory began after the run did
 
     def resume(self) -> dict[str, Any] | None:
@@ -98,7 +99,7 @@ class Logbook:
             self._bulk.restore(state)
             self._added = self._bulk.added
             course, frames, self._history = books["course"], books["frames"], books["history"]
-            self._supplied, self._risen, self._total, self._most_dissipated = books["energy"]
+            self._supplied, self._risen, self._total, self._most_dissipated, self._work = books["energy"]
             self.first_frame = books["first_frame"]
         if self._film_path is not None:
             self._film = begin(self._film_path, self._bulk.kinds, self._bulk.domain, frames=frames)
@@ -191,6 +192,8 @@ class Logbook:
 
     def _enter(self, budget: Budget) -> None:
         self._total = budget.total
+        self._supplied += budget.work - self._work
+        self._work = budget.work
         # friction gives nothing back, and what falls out of the domain only takes energy away: it came from above
         dissipated = self._supplied - self._total
         self._most_dissipated = max(self._most_dissipated, dissipated)
@@ -205,6 +208,6 @@ class Logbook:
             "frames": self._film.frames if self._film else 0,
             "first_frame": self.first_frame if self._film else None,
             "history": self._history,
-            "energy": [self._supplied, self._risen, self._total, self._most_dissipated],
+            "energy": [self._supplied, self._risen, self._total, self._most_dissipated, self._work],
         }
         self._checkpoint.write(books, self._bulk.state(), self._bulk.time)

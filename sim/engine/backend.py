@@ -69,6 +69,8 @@ def start(threads: int | None = None, device: Device = "cpu") -> Backend:
             default_fp=ti.f64,
             fast_math=False,
             offline_cache=True,
+            # this pass takes longer than all others together and gains nothing that LLVM does not: measured
+            cfg_optimization=False,
             cpu_max_num_threads=workers,
             log_level=ti.ERROR,
             random_seed=0,

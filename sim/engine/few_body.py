@@ -39,6 +39,7 @@ LAUNCH_STEPS = 200_000  # first guess of what a launch can do in a quarter of a 
 
 RUNNING, DONE, BROKEN = range(3)
 
+UNTURNABLE = 1e30  # [kg m^2]
 RESTING_SPEED = 1e-8  # [m/s]
 RESTING_ACCELERATION = 1e-4  # [m/s^2]
 
@@ -52,6 +53,7 @@ class Body:
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m/s]
     spin: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [rad/s]
     pivot: tuple[float, float, float] | None = None  # [m], the thread's other end; None: free
+    turns: bool = True  # False: it keeps its spin, as a body too broad to roll does
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,7 @@ def run(
     walls: Sequence[Wall] = (),
     contacts: Mapping[tuple[int, int], Contact] | Contact | None = None,
     gravity: tuple[float, float, float] = (0.0, 0.0, -GRAVITY),
+    gravity_turns: float = 0.0,
     step: float | None = None,
     flight_step: float = FLIGHT_STEP,
     rolling: Rolling = "type C",
@@ -86,7 +89,8 @@ def run(
     """Move the bodies from t = 0 and sample them at `times` [s], rising.
 
     `contacts` is one Contact for all pairs of bodies, or one per pair (i, j) with i < j; None: bodies never touch.
-    `step` [s] is the step in contact (default `contact_step`).  `effects` act on all bodies and contacts.
+    `step` [s] is the step in contact (default `contact_step`).  Gravity turns about y by `gravity_turns` [rad/s],
+    from z towards x: what a plate feels whose far end (x > 0) sinks.  `effects` act on all bodies and contacts.
     """
     times = np.ascontiguousarray(times, dtype=np.float64)
     _check(bodies, times, walls, contacts)
@@ -95,7 +99,7 @@ def run(
         raise BadInput(f"step: {step:g} s does not lie between 0 and the flight step of {flight_step:g} s.")
     backend.start()
     bench = _bench(terms_of(effects, "few bodies"))
-    bench.load(bodies, walls, contacts, gravity=gravity, steps=(step, flight_step), rolling=rolling)
+    bench.load(bodies, walls, contacts, gravity=(*gravity, gravity_turns), steps=(step, flight_step), rolling=rolling)
     count = len(bodies)
     sampled: list[Array] = []
     budget = LAUNCH_STEPS
@@ -153,6 +157,9 @@ def _check(
         raise BadInput(
             f"walls: they are made of {count} parts; this path takes {ELEMENTS}, use the bulk engine for larger meshes."
         )
+    for body in bodies:
+        if body.particle.shape is not None:
+            raise BadInput(f"{body.particle.name} is a clump; this twin moves single spheres, name a sphere instead.")
     if len(times) == 0 or times[0] < 0 or not np.all(np.isfinite(times)) or not np.all(np.diff(times) > 0):
         raise BadInput("times: must be finite, rise, and start at or after 0 s.")
     state = np.array([[*b.position, *b.velocity, *b.spin, *(b.pivot or ())][:9] for b in bodies])
@@ -201,7 +208,8 @@ class _Bench:
         self.pair_meets = ti.field(ti.i32, (BODIES, BODIES))
         if terms.act_on_contacts:
             self.impact = ti.field(ti.f64, (BODIES, BODIES))  # DAMPING of this impact; negative: apart
-        self.gravity = ti.Vector.field(3, ti.f64, ())
+        self.gravity = ti.Vector.field(4, ti.f64, ())  # at the start, and how fast it turns about y
+        self.pull = ti.Vector.field(3, ti.f64, ())  # gravity now
         self.times = ti.field(ti.f64, SAMPLES)
         self.out = ti.field(ti.f64, (SAMPLES, BODIES, 9))
         self.clock = ti.field(ti.f64, 4)  # time, step in contact, longest step, time to a contact
@@ -214,7 +222,7 @@ class _Bench:
         walls: Sequence[Wall],
         contacts: Mapping[tuple[int, int], Contact] | Contact | None,
         *,
-        gravity: tuple[float, float, float],
+        gravity: tuple[float, float, float, float],
         steps: tuple[float, float],
         rolling: Rolling,
     ) -> None:
@@ -223,7 +231,7 @@ class _Bench:
             p = b.particle
             length = 0.0 if b.pivot is None else float(np.linalg.norm(np.subtract(b.position, b.pivot)))
             pivot = b.pivot or (0.0, 0.0, 0.0)
-            inertia = 0.4 * p.mass * p.radius**2
+            inertia = 0.4 * p.mass * p.radius**2 if b.turns else UNTURNABLE
             table[i, :16] = (*b.position, *b.velocity, *b.spin, p.radius, p.mass, inertia, *pivot, length)
         pair = np.zeros((BODIES, BODIES, LAW_SIZE + 1))
         for i in range(len(bodies)):
@@ -303,6 +311,8 @@ class _Bench:
             self.clock[c] = numbers[c]
             self.clock[3] = 0.0
             self.gravity[None][c] = numbers[3 + c]
+            self.pull[None][c] = numbers[3 + c]
+        self.gravity[None][3] = numbers[6]
         self.counts[0] = bodies
         self.counts[1] = walls
         self.counts[4] = DONE
@@ -324,7 +334,7 @@ class _Bench:
         """Accelerations here, from the velocities of mid-step; the smallest time to a contact, 0 in contact."""
         n = self.counts[0]
         clear = self.clock[2]
-        slack = self.gravity[None].norm() * self.clock[2]
+        slack = self.pull[None].norm() * self.clock[2]
         constant_torque = self.counts[5]
         self.walls.pose(self.counts[1], self.clock[0] + step, step, ENDLESS)
         for i in range(n):
@@ -381,7 +391,7 @@ class _Bench:
     @ti.func
     def push_on_body(self, i, step):
         """Gravity and what effects add to it."""
-        push = self.gravity[None]
+        push = self.pull[None]
         if ti.static(self.terms.act_on_bodies):
             push += self.push_of_terms(i, step)
         return push
@@ -390,7 +400,7 @@ class _Bench:
     def push_of_terms(self, i, step):
         """Acceleration by what acts on a body away from contacts; `push` still holds the last step's."""
         radius, mass = self.body[i][0], self.body[i][1]
-        gravity = self.gravity[None]
+        gravity = self.pull[None]
         velocity = self.half[i] + 0.5 * step * self.push[i]
         push = ti.Vector([0.0, 0.0, 0.0])
         if ti.static(self.terms.acts_in_flight):
@@ -435,6 +445,13 @@ class _Bench:
                 self.push[j] = self.push[j] - pull / mass_j * normal
             self.impact[i, j] = state
         return clear
+
+    @ti.func
+    def turn_gravity(self, time):
+        start = self.gravity[None]
+        cosine, sine = ti.cos(start[3] * time), ti.sin(start[3] * time)
+        x, z = start[0] * cosine + start[2] * sine, start[2] * cosine - start[0] * sine
+        self.pull[None] = ti.Vector([x, start[1], z])
 
     @ti.func
     def drift(self, i, h):
@@ -494,8 +511,11 @@ class _Bench:
                     h = 0.0
                 for i in range(n):
                     self.drift(i, h)
-                self.clock[3] = self.forces(h)
                 still = 1 - self.counts[7]
+                if self.gravity[None][3] != 0.0:
+                    still = 0
+                    self.turn_gravity(self.clock[0] + h)
+                self.clock[3] = self.forces(h)
                 for i in range(n):
                     self.velocity[i] = self.across_thread(i, self.half[i] + 0.5 * h * self.push[i])
                     self.spin[i] = self.half_spin[i] + 0.5 * h * self.twist[i]

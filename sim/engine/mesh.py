@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -148,12 +147,13 @@ def _close(corners: Array, pairs: Array, low: Array, size: float, reach: float) 
 
 def distances(corners: Array, points: Array) -> Array:
     """Distance [m] of each point from the triangle of the same row."""
-    if not len(points):
-        return np.zeros(0)
-    from trimesh.triangles import closest_point
-
-    nearest: Any = closest_point(corners, points)  # type: ignore[no-untyped-call]
-    return np.asarray(np.linalg.norm(nearest - points, axis=1))
+    sides, out = np.roll(corners, -1, axis=1) - corners, points[:, None] - corners
+    part = np.clip((out * sides).sum(2) / np.maximum((sides**2).sum(2), 1e-300), 0, 1)
+    to_edges = np.linalg.norm(out - part[..., None] * sides, axis=2).min(1)
+    normal = np.cross(sides[:, 0], sides[:, 1])
+    above = (np.cross(sides, out) * normal[:, None]).sum(2).min(1) >= 0  # of the face, not beyond an edge
+    to_plane = np.abs((out[:, 0] * normal).sum(1)) / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
+    return np.asarray(np.where(above, to_plane, to_edges))
 
 
 def least_distances(corners: Array, points: Array, reach: float) -> Array:

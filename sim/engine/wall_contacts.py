@@ -25,7 +25,7 @@ from rigtwin.sim.engine.contact import DAMPING, LAW_SIZE, STIFFNESS, contact_for
 from rigtwin.sim.engine.elements import ELEMENT_SIZE, OF_WALL, TRIANGLE, towards_element
 from rigtwin.sim.engine.mesh import ALONE, sort_into_cells
 from rigtwin.sim.engine.terms import Terms
-from rigtwin.sim.engine.walls import Motion, Wall, wandering
+from rigtwin.sim.engine.walls import Motion, Shape, Wall, wandering
 
 Array = npt.NDArray[np.float64]
 
@@ -40,7 +40,7 @@ VELOCITY, PIVOT, AXIS, SPIN, START, LASTS, UNTIL, IN_PLACE, WANDERS = 0, 3, 6, 9
 MOTION_SIZE = 15
 FAR_OFF = 1e300  # [s], stands for never
 GONE, STILL, MOVES = range(3)  # states of a wall
-APART, WAITS, HOLDS, BEHIND = range(4)  # marks of a contact; BEHIND + q: it is the same surface as contact q
+APART, HOLDS, BEHIND = range(3)  # marks of a contact; BEHIND + q: it is the same surface as contact q
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def wall_table(
             items.append(before + np.arange(len(own)))
         rows.append(own)
         before += len(own)
-        motion[w] = _motion_row(wall[0], domain)
+        motion[w] = motion_row(wall[0].shape, wall[0].motion, wall[0].until, domain)
         for a, particle in enumerate(particles):
             law[a, w] = pair_law(particle.material, wall[a].material, wall[a].contact).row
     return WallTable(
@@ -110,13 +110,21 @@ def wall_table(
     )
 
 
-def _motion_row(wall: Wall, domain: tuple[Array, Array]) -> tuple[float, ...]:
-    motion = wall.motion or Motion()
+def motion_row(moved: Shape, motion: Motion | None, until: float, domain: tuple[Array, Array]) -> tuple[float, ...]:
+    """The row of a table of motions."""
+    motion = motion or Motion()
     lasts = min(motion.stop - motion.start, FAR_OFF)
     return (
         *motion.velocity, *motion.point, *shape.unit(motion.axis), motion.spin, motion.start, lasts,
-        min(wall.until, FAR_OFF), float(motion.in_place), wandering(wall.shape, motion, domain),
+        min(until, FAR_OFF), float(motion.in_place), wandering(moved, motion, domain),
     )  # fmt: skip
+
+
+def motion_of(row: Array) -> Motion:
+    """The motion that a row stands for."""
+    x, y, z, a, b, c, u, v, w = map(float, row[VELOCITY:SPIN])
+    spin, start, lasts = map(float, row[SPIN:UNTIL])
+    return Motion((x, y, z), spin, (u, v, w), (a, b, c), start, start + lasts, bool(row[IN_PLACE]))
 
 
 @ti.data_oriented
@@ -327,31 +335,22 @@ class WallContacts:
             if distance < radius or self.touching[live, q] == 1:
                 meets += 1
         if meets > 1:
-            self.tell_apart(live, i, radius, meets)
+            self.tell_apart(live, i, radius)
         return meets
 
     @ti.func
-    def tell_apart(self, live, i, radius, meets):
+    def tell_apart(self, live, i, radius):
         """Leave out the contacts that do not stand out of the tangent plane of a nearer one."""
-        begin, end = self.first[live, i], self.first[live, i + 1]
-        for q in range(begin, end):
+        for q in range(self.first[live, i], self.first[live, i + 1]):
             if self.mark[q] == HOLDS or self.touching[live, q] == 1:
-                self.mark[q] = WAITS
-        for _ in range(meets):
-            nearest, least = begin, 1e30
-            for q in range(begin, end):
-                if self.mark[q] == WAITS and self.facing[q][3] < least:
-                    nearest, least = q, self.facing[q][3]
-            self.mark[nearest] = APART
-            if least < radius:
-                self.mark[nearest] = HOLDS
-            one = self.facing[nearest]
-            for r in range(begin, end):
-                if self.mark[r] == HOLDS and r != nearest:
+                one = self.facing[q]
+                for r in range(self.first[live, i], self.first[live, i + 1]):
                     other = self.facing[r]
-                    depth = one[3] * (one[0] * other[0] + one[1] * other[1] + one[2] * other[2]) - other[3]
-                    if depth > -SAME * radius:
-                        self.mark[nearest] = BEHIND + r
+                    nearer = other[3] < one[3] or (other[3] == one[3] and r < q)
+                    if other[3] < radius and nearer:
+                        along = one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
+                        if one[3] * along > other[3] - SAME * radius:
+                            self.mark[q] = BEHIND + r
 
     @ti.func
     def hand_over(self, live, i):
@@ -381,20 +380,16 @@ class WallContacts:
                     w = int(self.elements[self.near[live, q], OF_WALL])
                     normal = ti.Vector([self.facing[q][0], self.facing[q][1], self.facing[q][2]])
                     distance = self.facing[q][3]
-                    surface = ti.Vector([0.0, 0.0, 0.0])
-                    wall_spin = ti.Vector([0.0, 0.0, 0.0])
                     slip = ti.Vector([0.0, 0.0, 0.0])
                     roll = ti.Vector([0.0, 0.0, 0.0])
                     if self.touching[live, q] == 1:
                         slip, roll = self.slip[live, q], self.roll[live, q]
-                    if self.state[w] == MOVES:
-                        wall_spin = self.spin[w]
-                        arm = position + distance * normal - self.pivot[w]
-                        surface = self.velocity[w] + wall_spin.cross(arm)
-                        # the history turns with the wall about the normal; about other axes it follows the normal
-                        twist = step * wall_spin.dot(normal) * normal
-                        slip += twist.cross(slip)
-                        roll += twist.cross(roll)
+                    wall_spin = self.spin[w]
+                    surface = self.velocity[w] + wall_spin.cross(position + distance * normal - self.pivot[w])
+                    # the history turns with the wall about the normal; about other axes it follows the normal
+                    twist = step * wall_spin.dot(normal) * normal
+                    slip += twist.cross(slip)
+                    roll += twist.cross(roll)
                     law = self.law[kind, w]
                     if ti.static(self.terms.changes_restitution):
                         if self.touching[live, q] == 0:
@@ -414,8 +409,7 @@ class WallContacts:
                     force += drag
                     torque += distance * normal.cross(drag) + hold
                     deepest = ti.max(deepest, radius - distance)
-                    if self.state[w] == MOVES:
-                        self.work[i] = self.work[i] + step * (drag.dot(surface) + hold.dot(wall_spin))
+                    self.work[i] = self.work[i] + step * (drag.dot(surface) + hold.dot(wall_spin))
                 elif self.touching[live, q] == 1:
                     self.touching[live, q] = 0
                     if ti.static(self.terms.has_neck):

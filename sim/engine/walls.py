@@ -217,6 +217,10 @@ class Motion:
         """How long [s] the wall has been moving at `time` [s]."""
         return min(max(time - self.start, 0.0), self.stop - self.start)
 
+    def moved_by(self, time: float) -> bool:
+        """Whether the wall is in another place at `time` [s] than it was at first."""
+        return not self.in_place and self.lasted(time) > 0 and (self.spin != 0 or any(self.velocity))
+
     def undone(self, points: Array, time: float) -> Array:
         """Where points [m], shape (n, 3), would be had the wall and they not moved."""
         if self.in_place:

@@ -1,0 +1,358 @@
+"""The twin of the rotating drum: its bed's surface over time, and how beads mix (Hlosta et al. 2020, section 2.2.4)."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.records import Profile, Series
+from rigtwin.lab.rigs import Drum
+from rigtwin.sim.engine.clock import USUAL, positive, time_step
+from rigtwin.sim.filling import resting, scatter
+from rigtwin.sim.logbook import History, Logbook
+from rigtwin.sim.outline import bed, outline
+
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.bulk import Bulk
+    from rigtwin.sim.engine.contact import Rolling
+
+Array = npt.NDArray[np.float64]
+
+DEPTH = 0.5  # of the diameter, where the rig does not say
+FILL = 0.35  # of the volume, where the rig does not say
+PACKING = 0.6  # part of a bed's volume that is beads, by which a fill is counted out in beads
+LOOK = 0.02  # [s], how often the filling looks whether the bed rests
+SETTLED = {"energy": 1e-3, "speed": 0.05}  # a bed that is about to be turned need not be at rest for good
+REST_LOOKS = 3  # times in a row
+STEADY_AFTER = 0.25  # turns
+CELL = 3.0  # bead diameters, side of the cells in which mixing is counted
+FEWEST = 5  # beads in a cell that counts
+FRAME_INTERVAL = 0.02  # [s]
+CHECKPOINT_INTERVAL = 60.0  # [s] of computing
+OVERLAP_LIMIT = 0.05  # of a radius
+
+
+@dataclass(frozen=True)
+class Rotation:
+    """A bed in a turning drum.  x and z from the drum's axis, z up; it turns clockwise: the bed climbs towards -x."""
+
+    time: Array  # [s], since the drum began to turn, of each profile
+    profiles: tuple[Profile, ...]  # the bed's outline, height against the drum's axis
+    steady: Profile  # mean outline once the bed keeps its slope; NaN where it was not always seen
+    steady_from: float  # [s]
+    mixing: Series  # Lacey's index of the beads that lay low and those that lay high at the start
+    centres: Array  # [m], shape (n, 3), of the beads in the end; y along the axis
+    radius: float  # [m]
+    count: int
+    turns: float  # of the drum
+    statistics: dict[str, float] = field(default_factory=dict)
+    history: History | None = None  # energy, contacts and overlaps over time
+    assumptions: dict[str, str] = field(default_factory=dict)  # all that the rig's description leaves open
+    warnings: tuple[str, ...] = ()
+
+
+def run(
+    rig: Drum,
+    particle: Particle,
+    wall: Material,
+    contact: Contact,
+    wall_contact: Contact,
+    *,
+    count: int | None = None,
+    turns: float = 1.0,
+    interval: float = 0.1,
+    seed: int = 1,
+    stiffness_factor: float = 1e-3,
+    threads: int | None = None,
+    time_step_fraction: float = USUAL,
+    fill_limit: float = 2.0,
+    rolling: Rolling = "type C",
+    trajectory: Path | None = None,
+    trajectory_interval: float = FRAME_INTERVAL,
+    checkpoint: Path | None = None,
+    checkpoint_interval: float = CHECKPOINT_INTERVAL,
+    progress: Progress = silent,
+) -> Rotation:
+    """Fill the drum, let the bed rest (at most `fill_limit` [s]), turn it `turns` times, with a look every `interval`.
+
+    `count` beads; None: as many as fill the part `rig.fill` of its volume.  The end walls turn with the drum.
+    Young's moduli are multiplied by `stiffness_factor` (Hlosta et al. 2020, section 2.2.3).  `trajectory` and
+    `checkpoint` as in `rigtwin.sim.pile`.
+    """
+    depth, fill = _filled_in(rig)
+    _check(rig, particle, stiffness_factor)
+    positive(turns=turns, interval=interval, fill_limit=fill_limit)
+    if count is None:
+        volume = math.pi / 4 * rig.diameter**2 * depth
+        count = max(1, round(fill * PACKING * volume / (math.pi / 6 * particle.diameter**3)))
+    elif count < 1:
+        raise BadInput(f"count: {count} beads make no bed; give at least 1.")
+    soft = replace(particle, material=particle.material.softened(stiffness_factor))
+    step, warnings = time_step([soft], time_step_fraction)
+    bulk = _bench(rig, depth, soft, wall.softened(stiffness_factor), (contact, wall_contact), step, rolling, threads)
+    settings = {
+        **{name: asdict(thing) for name, thing in (("rig", rig), ("particle", particle), ("wall", wall))},
+        **{"contact": asdict(contact), "wall_contact": asdict(wall_contact), "count": count, "seed": seed},
+        **{"turns": turns, "interval": interval, "stiffness_factor": stiffness_factor, "rolling": rolling},
+        **{"time_step_fraction": time_step_fraction, "fill_limit": fill_limit},
+    }
+    course = _Course()
+    logbook = Logbook(
+        bulk,
+        settings,
+        trajectory=trajectory,
+        trajectory_interval=trajectory_interval,
+        checkpoint=checkpoint,
+        checkpoint_interval=checkpoint_interval,
+    )
+    with logbook:
+        if kept := logbook.resume():
+            course = _Course(**kept)
+        else:
+            bulk.add(*_scattered(rig, depth, particle, count, seed))
+        began, first_step = time.perf_counter(), bulk.steps
+        _settle(bulk, logbook, course, rig, particle, fill_limit, progress)
+        _turn(bulk, logbook, course, rig, particle, turns, interval, progress)
+        wall_time = time.perf_counter() - began
+    statistics = {
+        "largest_overlap": bulk.largest_overlap,
+        **logbook.statistics(),
+        "contacts_per_bead": 2 * bulk.contacts / count,
+        "wall_work_j": bulk.work,
+        "time_step_s": step,
+        "steps": float(bulk.steps),
+        "lists_built": float(bulk.lists_built),
+    }
+    if bulk.steps > first_step:
+        statistics["steps_per_second"] = (bulk.steps - first_step) / max(wall_time, 1e-9)
+    times = np.array(course.times)
+    half = rig.diameter / 2
+    profiles = tuple(
+        _profile(np.array(height), half, particle.radius, when)
+        for when, height in zip(course.times, course.heights, strict=True)
+    )
+    steady_from = min(STEADY_AFTER, 0.5 * turns) * 2 * math.pi / abs(rig.speed)
+    late = [profile.height for profile, when in zip(profiles, times, strict=True) if when >= steady_from]
+    return Rotation(
+        time=times,
+        profiles=profiles,
+        steady=_profile(np.mean(late, axis=0), half, particle.radius, None),
+        steady_from=steady_from,
+        mixing=Series(times, np.array(course.mixing), "lacey_index", "1"),
+        centres=bulk.beads().position,
+        radius=particle.radius,
+        count=count,
+        turns=turns,
+        statistics=statistics,
+        history=logbook.history,
+        assumptions={
+            "depth": f"{depth * 1e3:.3g} mm ({_given(rig.depth)})",
+            "fill": f"{count} beads, {_share(count, rig, depth, particle):.1%} of the volume at a packing of "
+            f"{PACKING:g} ({_given(rig.fill)})",
+            "end_walls": "of the drum's material, turning with it",
+            "filling": f"scattered and let fall, {course.began_at:.2f} s until the bed rested",
+            "start": "at full speed at once",
+            "stiffness_factor": f"{stiffness_factor:g} of the real Young's moduli of beads and drum",
+            "time_step": f"{time_step_fraction:.0%} of Rayleigh's",
+            "rolling_resistance": f"{rolling}, torque limit mu_r Fn R on each bead",
+        },
+        warnings=warnings + logbook.warnings + _warnings(course, turns, bulk.largest_overlap),
+    )
+
+
+def lacey(centres: Array, marked: npt.NDArray[np.bool_], cell: float) -> float:
+    """Lacey's mixing index of the marked beads in cells of side `cell` [m] across the drum: 0 apart, 1 at random.
+
+    M = (S0^2 - S^2) / (S0^2 - SR^2), with S0^2 = p (1 - p) apart, SR^2 = p (1 - p) / n at random, and S^2 the variance
+    of the marked part among the cells, each weighted by its number of beads (Lacey 1954, J. Appl. Chem. 4, 257).
+
+    >>> lacey(np.array([[0.5, 0, 0]] * 5 + [[1.5, 0, 0]] * 5), np.arange(10) < 5, 1.0)
+    0.0
+    """
+    place = np.floor(centres[:, [0, 2]] / cell).astype(int)
+    _cells, which = np.unique(place, axis=0, return_inverse=True)
+    beads = np.bincount(which)
+    share = np.bincount(which, weights=marked) / beads
+    counts = beads >= FEWEST
+    beads, share = beads[counts], share[counts]
+    p = float(np.average(share, weights=beads))
+    apart = p * (1 - p)
+    at_random = apart / float(np.average(beads, weights=beads))
+    spread = float(np.average((share - p) ** 2, weights=beads))
+    return (apart - spread) / (apart - at_random) if apart > at_random else 1.0
+
+
+# ---------------------------------------------------------------------- the rig
+
+
+def _filled_in(rig: Drum) -> tuple[float, float]:
+    depth = DEPTH * rig.diameter if rig.depth is None else rig.depth
+    fill = FILL if rig.fill is None else rig.fill
+    positive(diameter=rig.diameter, depth=depth)
+    if not 0 < fill < 0.9:
+        raise BadInput(f"fill: {fill:g} of the drum must be above 0 and below 0.9.")
+    return depth, fill
+
+
+def _given(value: float | None) -> str:
+    return "not stated: assumed" if value is None else "as given"
+
+
+def _share(count: int, rig: Drum, depth: float, particle: Particle) -> float:
+    volume = math.pi / 4 * rig.diameter**2 * depth
+    return count * math.pi / 6 * particle.diameter**3 / PACKING / volume
+
+
+def _scattered(rig: Drum, depth: float, particle: Particle, count: int, seed: int) -> tuple[Array, Array]:
+    half, deep = rig.diameter / 2, depth / 2
+
+    def inside(points: Array, clear: float) -> npt.NDArray[np.bool_]:
+        free = half - np.hypot(points[:, 0], points[:, 2]) > clear
+        return np.asarray(free & (deep - np.abs(points[:, 1]) > clear))
+
+    low = np.array([-half, -deep, -half])
+    return scatter(count, inside, (low, -low), particle, np.random.default_rng(seed))
+
+
+def _bench(
+    rig: Drum,
+    depth: float,
+    soft: Particle,
+    wall: Material,
+    contacts: tuple[Contact, Contact],
+    step: float,
+    rolling: Rolling,
+    threads: int | None,
+) -> Bulk:
+    from rigtwin.sim.engine.bulk import Bulk
+    from rigtwin.sim.engine.walls import Cylinder, Disc, Wall
+
+    axis, half, deep = (0.0, 1.0, 0.0), rig.diameter / 2, depth / 2
+    shapes = (
+        Cylinder((0.0, -deep, 0.0), axis, half, depth),
+        Disc((0.0, -deep, 0.0), axis, half),
+        Disc((0.0, deep, 0.0), axis, half),
+    )
+    margin = 2 * soft.diameter
+    return Bulk(
+        [soft],
+        contacts[0],
+        [Wall(shape, wall, contacts[1]) for shape in shapes],
+        low=(-half - margin, -deep - margin, -half - margin),
+        high=(half + margin, deep + margin, half + margin),
+        time_step=step,
+        rolling=rolling,
+        threads=threads,
+    )
+
+
+# ---------------------------------------------------------------------- the run
+
+
+@dataclass
+class _Course:
+    """How far filling and turning have come: with the beads, all that a run needs to go on."""
+
+    quiet: int = 0  # looks in a row at which the bed rested
+    in_time: bool = True  # whether it rested before the limit
+    began_at: float | None = None  # [s], when the drum began to turn
+    low_at_first: list[int] = field(default_factory=list)  # the beads that lay in the lower half of the bed then
+    times: list[float] = field(default_factory=list)  # [s], since then, of the looks
+    heights: list[list[float]] = field(default_factory=list)  # [m], of the bed's outline
+    mixing: list[float] = field(default_factory=list)
+
+    def kept(self) -> dict[str, Any]:
+        return dict(vars(self))
+
+
+def _settle(
+    bulk: Bulk, logbook: Logbook, course: _Course, rig: Drum, particle: Particle, limit: float, progress: Progress
+) -> None:
+    """Let the bed come to rest, then set the drum turning."""
+    from rigtwin.sim.engine.walls import Motion
+
+    steps = max(1, round(LOOK / bulk.time_step))
+    while course.began_at is None:
+        logbook.run(steps)
+        beads = bulk.beads()
+        course.quiet = course.quiet + 1 if resting(beads, particle, **SETTLED) else 0
+        if course.quiet >= REST_LOOKS or bulk.time >= limit:
+            course.in_time = course.quiet >= REST_LOOKS
+            course.began_at = bulk.time
+            lower = beads.position[:, 2] < np.median(beads.position[:, 2])
+            course.low_at_first = beads.ident[lower].tolist()
+            for wall in range(len(bulk.shapes)):
+                bulk.move_wall(wall, Motion(spin=rig.speed, axis=(0.0, 1.0, 0.0), start=bulk.time))
+        logbook.look(course.kept())
+        progress("filling", min(bulk.time, limit), limit)
+
+
+def _turn(
+    bulk: Bulk,
+    logbook: Logbook,
+    course: _Course,
+    rig: Drum,
+    particle: Particle,
+    turns: float,
+    interval: float,
+    progress: Progress,
+) -> None:
+    """Turn the drum and look at the bed now and then."""
+    assert course.began_at is not None
+    steps = max(1, round(interval / bulk.time_step))
+    lasts = turns * 2 * math.pi / abs(rig.speed)
+    while bulk.time - course.began_at < lasts:
+        logbook.run(steps)
+        beads = bulk.beads()
+        marked = np.zeros(len(beads.ident), dtype=bool)
+        marked[np.searchsorted(beads.ident, course.low_at_first)] = True
+        course.times.append(bulk.time - course.began_at)
+        course.mixing.append(lacey(beads.position, marked, CELL * particle.diameter))
+        half = rig.diameter / 2
+        heap = beads.position[bed(beads.position, particle.radius)]
+        course.heights.append(outline(heap, particle.radius, (-half, half), view="").height.tolist())
+        logbook.look(course.kept())
+        progress("turning", bulk.time - course.began_at, lasts)
+
+
+# ---------------------------------------------------------------------- the result
+
+
+def _profile(height: Array, half: float, radius: float, when: float | None) -> Profile:
+    nothing = outline(np.zeros((0, 3)), radius, (-half, half), view="mean" if when is None else f"t = {when:.3f} s")
+    return replace(nothing, height=height)
+
+
+def _check(rig: Drum, particle: Particle, stiffness_factor: float) -> None:
+    positive(stiffness_factor=stiffness_factor)
+    if not (math.isfinite(rig.speed) and rig.speed != 0):
+        raise BadInput(f"speed: the drum must turn; got {rig.speed:g} rad/s.")
+    if rig.diameter < 4 * particle.diameter:
+        raise BadInput(
+            f"diameter: a drum of {rig.diameter * 1e3:.3g} mm is too small for beads of "
+            f"{particle.diameter * 1e3:.3g} mm; give at least four bead diameters."
+        )
+    if stiffness_factor > 1:
+        raise BadInput(f"stiffness_factor: {stiffness_factor:g} would stiffen the beads; give at most 1.")
+
+
+def _warnings(course: _Course, turns: float, overlap: float) -> tuple[str, ...]:
+    warnings = []
+    if not course.in_time:
+        warnings.append("the bed was still moving when the drum began to turn; raise fill_limit")
+    if turns < 2 * STEADY_AFTER:
+        warnings.append(f"{turns:g} turns may be too few for a steady slope; give at least {2 * STEADY_AFTER:g}")
+    if overlap > OVERLAP_LIMIT:
+        warnings.append(
+            f"the largest overlap was {overlap:.1%} of a radius; above {OVERLAP_LIMIT:.0%} raise stiffness_factor"
+        )
+    return tuple(warnings)

@@ -1,0 +1,462 @@
+"""The twin of the discharge tests: a hopper is filled, its outlet opened, and what leaves it is counted.
+
+Two hoppers (Hlosta et al. 2020): the conical one of section 2.2.3, whose beads fall out of sight, and the slot hopper
+of section 2.2.5, whose beads run down a slide and heap up on the floor below.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.records import Profile, Series
+from rigtwin.lab.rigs import GRAVITY, Hopper
+from rigtwin.sim.engine.clock import USUAL, positive, time_step
+from rigtwin.sim.filling import resting, scatter
+from rigtwin.sim.logbook import History, Logbook
+from rigtwin.sim.outline import bed, outline
+
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.bulk import Beads, Bulk
+    from rigtwin.sim.engine.contact import Rolling
+    from rigtwin.sim.engine.walls import Shape
+
+Array = npt.NDArray[np.float64]
+
+LOOK = 0.01  # [s], how often the twin looks at the hopper, as the paper's simulations were saved
+SETTLED = {"energy": 1e-3, "speed": 0.05}  # a bed that is about to be let go need not be at rest for good
+AT_REST = {"energy": 1e-5, "speed": 0.01}  # the heap below the slide
+REST_LOOKS = 3  # times in a row
+STUCK = 0.5  # [s] without a bead leaving, after which the hopper counts as blocked or empty
+STEADY = (0.2, 0.8)  # part of the beads that have left, between which the flow counts as steady
+BELOW = 0.08  # [m], how far below a round outlet beads are followed
+FRAME_INTERVAL = 0.01  # [s]
+CHECKPOINT_INTERVAL = 60.0  # [s] of computing
+OVERLAP_LIMIT = 0.05  # of a radius
+# of the slot hopper, where the rig does not say; its length follows from the paper's discharge times
+WIDTH, SLOT_LENGTH, SLIDE_DROP = 0.15, 0.068, 0.06  # [m]
+SLIDE_ANGLE = math.radians(45)  # [rad]
+LID = 0  # number of the wall that closes the outlet
+
+
+@dataclass(frozen=True)
+class Discharge:
+    """What left a hopper and when; times count from the opening of the outlet.
+
+    x runs across the slot (slot hopper), z up from the outlet.
+    """
+
+    outlet_times: Array  # [s], rising, when each bead's centre passed the outlet
+    mass_left: Series  # [kg] in the hopper over time
+    discharge_time: float | None  # [s], opening to the last bead through the outlet; None while beads stay inside
+    mass_flow_rate: float | None  # [kg/s], steady part; None where too few beads left
+    asked: int
+    emptied: int
+    remaining: int
+    centres: Array  # [m], shape (n, 3), of the beads that are there in the end
+    radius: float  # [m]
+    pile: Profile | None  # outline of the heap on slide and floor, seen along the slot
+    at_rest: bool  # whether that heap rests
+    time: float  # [s], simulated, filling included
+    statistics: dict[str, float] = field(default_factory=dict)
+    history: History | None = None  # energy, contacts and overlaps over time
+    assumptions: dict[str, str] = field(default_factory=dict)  # all that the rig's description leaves open
+    warnings: tuple[str, ...] = ()
+
+
+def run(
+    rig: Hopper,
+    particle: Particle,
+    wall: Material,
+    contact: Contact,
+    wall_contact: Contact,
+    *,
+    count: int = 3000,
+    seed: int = 1,
+    stiffness_factor: float = 1e-3,
+    threads: int | None = None,
+    time_step_fraction: float = USUAL,
+    fill_limit: float = 3.0,
+    duration: float | None = None,
+    settle_limit: float = 4.0,
+    rolling: Rolling = "type C",
+    trajectory: Path | None = None,
+    trajectory_interval: float = FRAME_INTERVAL,
+    checkpoint: Path | None = None,
+    checkpoint_interval: float = CHECKPOINT_INTERVAL,
+    progress: Progress = silent,
+) -> Discharge:
+    """Fill the hopper with `count` beads, let them rest (at most `fill_limit` [s]), open it, and count.
+
+    The run ends when the hopper is empty, when no bead has left for half a second, or `duration` [s] after the
+    opening; below a slot hopper it goes on until the heap rests, at most `settle_limit` [s].  Young's moduli are
+    multiplied by `stiffness_factor` (Hlosta et al. 2020, section 2.2.3).  `trajectory` and `checkpoint` as in
+    `rigtwin.sim.pile`.
+    """
+    _check(rig, particle, count, stiffness_factor, duration)
+    plan = _plan(rig, particle, count)
+    positive(fill_limit=fill_limit, settle_limit=settle_limit)
+    soft = replace(particle, material=particle.material.softened(stiffness_factor))
+    step, warnings = time_step([soft], time_step_fraction)
+    bulk = _bench(plan, soft, wall.softened(stiffness_factor), (contact, wall_contact), step, rolling, threads)
+    settings = {
+        **{name: asdict(thing) for name, thing in (("rig", rig), ("particle", particle), ("wall", wall))},
+        **{"contact": asdict(contact), "wall_contact": asdict(wall_contact)},
+        **{"count": count, "seed": seed, "stiffness_factor": stiffness_factor, "rolling": rolling},
+        **{"time_step_fraction": time_step_fraction, "fill_limit": fill_limit, "settle_limit": settle_limit},
+        **{"duration": duration},
+    }
+    course = _Course(count)
+    logbook = Logbook(
+        bulk,
+        settings,
+        trajectory=trajectory,
+        trajectory_interval=trajectory_interval,
+        checkpoint=checkpoint,
+        checkpoint_interval=checkpoint_interval,
+    )
+    with logbook:
+        if kept := logbook.resume():
+            course = _Course(**kept)
+        else:
+            places, velocities = scatter(count, plan.inside, plan.filled, particle, np.random.default_rng(seed))
+            bulk.add(places, velocities)
+        began, first_step = time.perf_counter(), bulk.steps
+        _settle(bulk, logbook, course, particle, fill_limit, progress)
+        _discharge(bulk, logbook, course, duration, progress)
+        at_rest = not plan.floor or _come_to_rest(bulk, logbook, course, particle, settle_limit, progress)
+        wall_time = time.perf_counter() - began
+    beads = bulk.beads()
+    statistics = {
+        "largest_overlap": bulk.largest_overlap,
+        **logbook.statistics(),
+        "time_step_s": step,
+        "steps": float(bulk.steps),
+        "lists_built": float(bulk.lists_built),
+    }
+    if bulk.steps > first_step:
+        statistics["steps_per_second"] = (bulk.steps - first_step) / max(wall_time, 1e-9)
+    times = np.sort(np.array([when for when in course.left_at if when is not None], dtype=float))
+    emptied = len(times)
+    return Discharge(
+        outlet_times=times,
+        mass_left=_mass_left(course, particle, count),
+        discharge_time=float(times[-1]) if emptied == count else None,
+        mass_flow_rate=steady_flow(times, count, particle.mass),
+        asked=count,
+        emptied=emptied,
+        remaining=count - emptied,
+        centres=beads.position,
+        radius=particle.radius,
+        pile=_heap(beads, particle, plan) if plan.floor else None,
+        at_rest=at_rest,
+        time=bulk.time,
+        statistics=statistics,
+        history=logbook.history,
+        assumptions={
+            **plan.assumptions,
+            "opening": "the whole outlet is free at once",
+            "filling": f"scattered above the outlet and let fall, {course.filled_for:.2f} s until the bed rested",
+            "stiffness_factor": f"{stiffness_factor:g} of the real Young's moduli of beads and walls",
+            "time_step": f"{time_step_fraction:.0%} of Rayleigh's",
+            "rolling_resistance": f"{rolling}, torque limit mu_r Fn R on each bead",
+        },
+        warnings=warnings + logbook.warnings + _warnings(course, plan, emptied, count, at_rest, bulk.largest_overlap),
+    )
+
+
+def steady_flow(outlet_times: Array, count: int, mass: float) -> float | None:
+    """Mass flow [kg/s] while the middle of `count` beads of `mass` [kg] leaves: a straight line through their times.
+
+    >>> round(steady_flow(np.arange(100) * 0.01, 100, 1e-3) or 0, 9)
+    0.1
+    """
+    first, last = (round(part * count) for part in STEADY)
+    times = outlet_times[first : min(last, len(outlet_times))]
+    if len(times) < 10 or times[-1] <= times[0]:
+        return None
+    order = np.arange(len(times))
+    return float(np.polyfit(times, order, 1)[0] * mass)
+
+
+# ---------------------------------------------------------------------- the rig
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """The hopper's walls, the first of which is the lid of the outlet."""
+
+    shapes: tuple[Shape, ...]
+    filled: tuple[Array, Array]  # [m], corners of a box that holds all beads before they fall
+    domain: tuple[Array, Array]  # [m]
+    inside: Any  # of `rigtwin.sim.filling.Inside`
+    floor: float  # [m], height of the floor below the outlet, negative; 0: there is none
+    assumptions: dict[str, str]
+
+
+def _plan(rig: Hopper, particle: Particle, count: int) -> _Plan:
+    # beads scattered loosely take five times their volume
+    room = 5 * count * particle.diameter**3
+    return _slot(rig, particle, room) if rig.variant == "slot" else _conical(rig, particle, room)
+
+
+def _conical(rig: Hopper, particle: Particle, room: float) -> _Plan:
+    from rigtwin.sim.engine.walls import Cone, Cylinder, Disc
+
+    up = (0.0, 0.0, 1.0)
+    narrow, wide, cone = rig.outlet / 2, rig.diameter / 2, rig.cone_height
+    top = cone + room / (math.pi * wide**2)
+    slope = (wide - narrow) / cone
+
+    def inside(points: Array, clear: float) -> npt.NDArray[np.bool_]:
+        from_axis = np.hypot(points[:, 0], points[:, 1])
+        free = narrow + slope * points[:, 2] - from_axis > clear * math.hypot(1, slope)
+        return np.asarray(free & (wide - from_axis > clear) & (points[:, 2] > clear))
+
+    return _Plan(
+        shapes=(
+            Disc((0.0, 0.0, 0.0), up, narrow),
+            Cone((0.0, 0.0, 0.0), up, narrow, wide, cone),
+            Cylinder((0.0, 0.0, cone), up, wide, top - cone),
+        ),
+        filled=(np.array([-wide, -wide, 0.0]), np.array([wide, wide, top])),
+        domain=(np.array([-1.5 * wide, -1.5 * wide, -BELOW]), np.array([1.5 * wide, 1.5 * wide, top + wide])),
+        inside=inside,
+        floor=0.0,
+        assumptions={"cylinder_height": "as high as the filling needs"},
+    )
+
+
+def _slot(rig: Hopper, particle: Particle, room: float) -> _Plan:
+    from rigtwin.sim.engine.walls import Plate
+
+    width = WIDTH if rig.width is None else rig.width
+    length = SLOT_LENGTH if rig.slot_length is None else rig.slot_length
+    angle = SLIDE_ANGLE if rig.slide_angle is None else rig.slide_angle
+    drop = SLIDE_DROP if rig.slide_drop is None else rig.slide_drop
+    positive(width=width, slot_length=length, slide_angle=angle, slide_drop=drop)
+    narrow, wide, deep = rig.outlet / 2, width / 2, length / 2
+    rise = (wide - narrow) * math.tan(rig.inclination)
+    top = rise + room / (width * length)
+    # the slide is met in its upper third and ends on the floor, which is as long as the slide is wide
+    reach = 1.5 * width
+    begins = (-reach / 3, -drop + reach / 3 * math.tan(angle))
+    ends = (begins[0] + reach, begins[1] - reach * math.tan(angle))
+    if begins[1] > -particle.diameter:
+        begins = (-(drop - particle.diameter) / math.tan(angle), -particle.diameter)
+    floor, far = ends[1], ends[0] + width
+    along = (0.0, length, 0.0)
+    slope = (wide - narrow) / rise
+
+    def inside(points: Array, clear: float) -> npt.NDArray[np.bool_]:
+        across, z = np.abs(points[:, 0]), points[:, 2]
+        free = narrow + slope * z - across > clear * math.hypot(1, slope)
+        return np.asarray(free & (wide - across > clear) & (deep - np.abs(points[:, 1]) > clear) & (z > clear))
+
+    shapes = [Plate((-narrow, -deep, 0.0), (2 * narrow, 0.0, 0.0), along)]
+    for side in (-1, 1):
+        shapes.append(Plate((side * narrow, -deep, 0.0), (side * (wide - narrow), 0.0, rise), along))
+        shapes.append(Plate((side * wide, -deep, rise), (0.0, 0.0, top - rise), along))
+        front = (begins[0] - wide, side * deep, floor - particle.diameter)
+        shapes.append(Plate(front, (far + wide - front[0], 0.0, 0.0), (0.0, 0.0, top - front[2])))
+    shapes.append(Plate((begins[0], -deep, begins[1]), (ends[0] - begins[0], 0.0, ends[1] - begins[1]), along))
+    shapes.append(Plate((ends[0], -deep, floor), (width, 0.0, 0.0), along))
+    shapes.append(Plate((far, -deep, floor), (0.0, 0.0, -floor), along))
+    margin = 2 * particle.diameter
+    low = np.array([begins[0] - wide, -deep - margin, floor - margin])
+    assumed = {"slot_length": (rig.slot_length, length), "width": (rig.width, width)}
+    assumed["slide_drop"] = (rig.slide_drop, drop)
+    words = {name: f"{used * 1e3:.3g} mm ({_given(given)})" for name, (given, used) in assumed.items()}
+    return _Plan(
+        shapes=tuple(shapes),
+        filled=(np.array([-wide, -deep, 0.0]), np.array([wide, deep, top])),
+        domain=(low, np.array([far + margin, deep + margin, top + wide])),
+        inside=inside,
+        floor=floor,
+        assumptions={
+            **words,
+            "inclination": f"{math.degrees(rig.inclination):.3g} degrees",
+            "slide_angle": f"{math.degrees(angle):.3g} degrees ({_given(rig.slide_angle)})",
+            "floor": f"{-floor * 1e3:.3g} mm below the slot, at the slide's end, {width * 1e3:.3g} mm long",
+        },
+    )
+
+
+def _given(value: float | None) -> str:
+    return "not stated: assumed" if value is None else "as given"
+
+
+def _bench(
+    plan: _Plan,
+    soft: Particle,
+    wall: Material,
+    contacts: tuple[Contact, Contact],
+    step: float,
+    rolling: Rolling,
+    threads: int | None,
+) -> Bulk:
+    from rigtwin.sim.engine.bulk import Bulk
+    from rigtwin.sim.engine.walls import Wall
+
+    low, high = plan.domain
+    return Bulk(
+        [soft],
+        contacts[0],
+        [Wall(shape, wall, contacts[1]) for shape in plan.shapes],
+        low=(float(low[0]), float(low[1]), float(low[2])),
+        high=(float(high[0]), float(high[1]), float(high[2])),
+        open_domain=True,
+        time_step=step,
+        rolling=rolling,
+        threads=threads,
+    )
+
+
+# ---------------------------------------------------------------------- the run
+
+
+@dataclass
+class _Course:
+    """How far filling and emptying have come: with the beads, all that a run needs to go on."""
+
+    count: int
+    quiet: int = 0  # looks in a row at which the bed rested
+    opened: float | None = None  # [s], when the outlet was
+    filled_for: float = 0.0  # [s], until the bed rested
+    in_time: bool = True  # whether it did before the limit
+    emptied_at: float | None = None  # [s], when the last bead left, or no more came
+    left_at: list[float | None] = field(default_factory=list)  # [s], after the opening, of each bead
+    looks: list[tuple[float, int]] = field(default_factory=list)  # [s] after the opening, beads left inside
+
+    def __post_init__(self) -> None:
+        self.left_at = self.left_at or [None] * self.count
+
+    def kept(self) -> dict[str, Any]:
+        return dict(vars(self))
+
+
+def _settle(
+    bulk: Bulk, logbook: Logbook, course: _Course, particle: Particle, limit: float, progress: Progress
+) -> None:
+    """Let the bed come to rest on the lid, then take the lid away."""
+    steps = max(1, round(LOOK / bulk.time_step))
+    while course.opened is None:
+        logbook.run(steps)
+        course.quiet = course.quiet + 1 if resting(bulk.beads(), particle, **SETTLED) else 0
+        if course.quiet >= REST_LOOKS or bulk.time >= limit:
+            course.in_time = course.quiet >= REST_LOOKS
+            course.opened = course.filled_for = bulk.time
+            course.quiet = 0
+            course.looks.append((0.0, course.count))
+            bulk.remove_wall(LID)
+        logbook.look(course.kept())
+        progress("filling", min(bulk.time, limit), limit)
+
+
+def _discharge(bulk: Bulk, logbook: Logbook, course: _Course, duration: float | None, progress: Progress) -> None:
+    """Look who has left until nobody does any more."""
+    assert course.opened is not None
+    steps = max(1, round(LOOK / bulk.time_step))
+    while course.emptied_at is None:
+        logbook.run(steps)
+        now = bulk.time - course.opened
+        _note_who_left(bulk.beads(), course, now)
+        inside = sum(when is None for when in course.left_at)
+        course.looks.append((now, inside))
+        last = max((when for when in course.left_at if when is not None), default=0.0)
+        if inside == 0 or now - last > STUCK or (duration is not None and now >= duration):
+            course.emptied_at = bulk.time
+        logbook.look(course.kept())
+        progress("emptying", float(course.count - inside), float(course.count))
+
+
+def _note_who_left(beads: Beads, course: _Course, now: float) -> None:
+    """Beads below the outlet fall freely: their fall tells when they passed it."""
+    there = np.full(course.count, -1)
+    there[beads.ident] = np.arange(len(beads.ident))
+    for ident in (k for k, when in enumerate(course.left_at) if when is None):
+        row = there[ident]
+        if row < 0:  # already out of the domain
+            course.left_at[ident] = now
+        elif (below := -float(beads.position[row, 2])) > 0:
+            speed = max(-float(beads.velocity[row, 2]), 1e-9)
+            ago = (speed - math.sqrt(max(speed**2 - 2 * GRAVITY * below, 0.0))) / GRAVITY
+            course.left_at[ident] = now - min(ago, LOOK)
+
+
+def _come_to_rest(
+    bulk: Bulk, logbook: Logbook, course: _Course, particle: Particle, limit: float, progress: Progress
+) -> bool:
+    """Wait until the heap rests; False when it still moved at the limit."""
+    assert course.emptied_at is not None
+    steps = max(1, round(LOOK / bulk.time_step))
+    while bulk.time < course.emptied_at + limit and course.quiet < REST_LOOKS:
+        logbook.run(steps)
+        course.quiet = course.quiet + 1 if resting(bulk.beads(), particle, **AT_REST) else 0
+        logbook.look(course.kept())
+        progress("settling", bulk.time - course.emptied_at, limit)
+    return course.quiet >= REST_LOOKS
+
+
+# ---------------------------------------------------------------------- the result
+
+
+def _mass_left(course: _Course, particle: Particle, count: int) -> Series:
+    time_, inside = np.array(course.looks, dtype=float).reshape(-1, 2).T
+    return Series(time_, inside * particle.mass, "mass_left", "kg")
+
+
+def _heap(beads: Beads, particle: Particle, plan: _Plan) -> Profile:
+    below = beads.position[beads.position[:, 2] < 0]
+    heap = below[bed(below, particle.radius)]
+    span = float(plan.domain[0][0]), float(plan.domain[1][0])
+    return outline(heap, particle.radius, span, floor=plan.floor, view="along the slot")
+
+
+def _check(rig: Hopper, particle: Particle, count: int, stiffness_factor: float, duration: float | None) -> None:
+    positive(outlet=rig.outlet, stiffness_factor=stiffness_factor)
+    if rig.variant == "conical":
+        positive(diameter=rig.diameter, cone_height=rig.cone_height)
+    elif not 0 < rig.inclination < math.pi / 2:
+        raise BadInput(
+            f"inclination: {math.degrees(rig.inclination):g} degrees is no slope; give 0 to 90 from the level."
+        )
+    across = rig.diameter if rig.variant == "conical" else WIDTH if rig.width is None else rig.width
+    if rig.outlet >= across:
+        raise BadInput(
+            f"outlet: {rig.outlet * 1e3:.3g} mm is as wide as the hopper of {across * 1e3:.3g} mm; narrow it."
+        )
+    if rig.outlet < particle.diameter:
+        raise BadInput(
+            f"outlet: {rig.outlet * 1e3:.3g} mm lets no bead of {particle.diameter * 1e3:.3g} mm through; widen it."
+        )
+    if count < 1:
+        raise BadInput(f"count: {count} beads fill no hopper; give at least 1.")
+    if stiffness_factor > 1:
+        raise BadInput(f"stiffness_factor: {stiffness_factor:g} would stiffen the beads; give at most 1.")
+    if duration is not None:
+        positive(duration=duration)
+
+
+def _warnings(course: _Course, plan: _Plan, emptied: int, count: int, at_rest: bool, overlap: float) -> tuple[str, ...]:
+    warnings = []
+    if not course.in_time:
+        warnings.append("the bed was still moving when the outlet was opened; raise fill_limit")
+    if emptied < count:
+        warnings.append(f"only {emptied} of {count} beads had left the hopper when the run ended")
+    if not at_rest:
+        warnings.append("the heap was still moving when the time limit was reached")
+    if overlap > OVERLAP_LIMIT:
+        warnings.append(
+            f"the largest overlap was {overlap:.1%} of a radius; above {OVERLAP_LIMIT:.0%} raise stiffness_factor"
+        )
+    return tuple(warnings)

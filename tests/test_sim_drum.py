@@ -1,0 +1,143 @@
+"""The twin of the drum: beads are kept, the surface slopes as it must, and they mix."""
+
+import math
+
+import numpy as np
+import pytest
+
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.rigs import Drum
+from rigtwin.sim import drum
+
+ASH = Material("ash", 720, 11e9, 0.44)
+PMMA = Material("PMMA", 1180, 3.2e9, 0.35)
+D6 = Particle("D6", ASH, 6e-3, density=569)
+ROUGH, SMOOTH = Contact(0.6, 0.6, 0.1), Contact(0.6, 0.05, 0.0)
+RIG = Drum(0.07, 15 * math.pi / 30, depth=0.02, fill=0.4)
+
+
+def turned(rig=RIG, contact=ROUGH, wall=ROUGH, **more) -> drum.Rotation:
+    more = {"turns": 0.5, "seed": 3, "threads": 1, "stiffness_factor": 3e-4, "fill_limit": 0.4} | more
+    return drum.run(rig, D6, PMMA, contact, wall, **more)
+
+
+@pytest.fixture(scope="module")
+def rough() -> drum.Rotation:
+    return turned()
+
+
+@pytest.fixture(scope="module")
+def smooth() -> drum.Rotation:
+    return turned(wall=SMOOTH)
+
+
+def slope(made: drum.Rotation) -> float:
+    """Angle [deg] of a straight line through the middle half of the steady outline, rising to the left."""
+    profile = made.steady
+    middle = (np.abs(profile.x) < 0.5 * RIG.diameter / 2) & np.isfinite(profile.height)
+    return math.degrees(math.atan(-np.polyfit(profile.x[middle], profile.height[middle], 1)[0]))
+
+
+def test_no_bead_is_lost_or_pressed_through_a_wall(rough):
+    expected = 0.4 * 0.6 * math.pi / 4 * 0.07**2 * 0.02 / (math.pi / 6 * D6.diameter**3)
+    assert rough.count == round(expected)
+    assert len(rough.centres) == rough.count
+    assert np.hypot(rough.centres[:, 0], rough.centres[:, 2]).max() < 0.035 - D6.radius * 0.98
+    assert np.abs(rough.centres[:, 1]).max() < 0.01 - D6.radius * 0.98
+    assert rough.statistics["largest_overlap"] < 0.07  # beads a third as stiff as is usual
+
+
+def test_the_bed_climbs_with_the_wall_to_a_slope_of_its_friction(rough):
+    # above what rolling resistance alone holds, below what friction holds: mu in the bed, and mu times depth over
+    # width at the end walls, here 0.03 m over 0.02 m
+    assert 0.1 < math.tan(math.radians(slope(rough))) < 0.6 * (1 + 0.03 / 0.02)
+
+
+def test_the_other_way_round_the_slope_is_the_mirror_image(rough):
+    other = turned(Drum(RIG.diameter, -RIG.speed, RIG.depth, RIG.fill))
+    assert slope(other) == pytest.approx(-slope(rough), abs=6)
+
+
+def test_in_a_smooth_drum_the_bed_slides_and_lies_lower(rough, smooth):
+    # it slides as a whole at the angle of the wall's friction, or a little above: its ends are pressed on as well
+    assert slope(smooth) < slope(rough) - 8
+    assert slope(smooth) > -3
+
+
+def test_beads_mix_in_a_drum_that_tumbles_and_not_in_one_that_slides(rough, smooth):
+    assert rough.mixing.quantity == "lacey_index"
+    assert rough.mixing.value[0] < 0.45
+    assert rough.mixing.value[-1] > rough.mixing.value[0] + 0.2
+    assert smooth.mixing.value[-1] < rough.mixing.value[-1] - 0.1
+
+
+def test_the_index_of_beads_apart_is_zero_and_of_beads_at_random_one():
+    rng = np.random.default_rng(1)
+    centres = rng.uniform(0, 10, (20_000, 3))
+    assert drum.lacey(centres, centres[:, 0] < 5, 1.0) == pytest.approx(0.0, abs=1e-9)
+    assert drum.lacey(centres, rng.random(20_000) < 0.3, 1.0) == pytest.approx(1.0, abs=0.01)
+
+
+def test_profiles_stand_at_their_times_and_lie_in_the_drum(rough):
+    assert len(rough.profiles) == len(rough.time) == len(rough.mixing.time)
+    assert np.diff(rough.time) == pytest.approx(0.1, rel=0.01)
+    assert rough.time[-1] == pytest.approx(0.5 * 2 * math.pi / RIG.speed, abs=0.11)
+    for profile in rough.profiles:
+        inside = np.isfinite(profile.height)
+        assert inside.sum() > 0.5 * len(profile.x)
+        assert np.hypot(profile.x[inside], profile.height[inside]).max() < 0.035 * 1.001
+    assert rough.profiles[3].view == f"t = {rough.time[3]:.3f} s"
+
+
+def test_the_work_of_the_drum_is_in_the_books(rough):
+    assert rough.statistics["wall_work_j"] > 0
+    assert not any("budget" in warning for warning in rough.warnings)
+    assert np.diff(rough.history.dissipated).min() > -1e-3 * rough.history.supplied[-1]
+
+
+def test_a_broken_run_ends_with_the_bits_of_one_that_never_stopped(rough, tmp_path):
+    class PowerCut(Exception):
+        pass
+
+    def at(look):
+        looks = 0
+
+        def progress(stage, done, total):
+            nonlocal looks
+            looks += 1
+            if looks == look:
+                raise PowerCut
+
+        return progress
+
+    more = {"checkpoint": tmp_path / "drum.npz", "checkpoint_interval": 0}
+    for look in (6, 25):
+        with pytest.raises(PowerCut):
+            turned(progress=at(look), **more)
+    again = turned(**more)
+    assert np.array_equal(again.centres, rough.centres)
+    assert np.array_equal(again.mixing.value, rough.mixing.value)
+
+
+def test_what_the_rig_leaves_open_is_in_the_result():
+    made = turned(Drum(0.05, 10.0), count=40, turns=0.1)
+    assert made.assumptions["depth"] == "25 mm (not stated: assumed)"
+    assert made.assumptions["fill"].startswith("40 beads")
+    assert any("too few for a steady slope" in warning for warning in made.warnings)
+
+
+@pytest.mark.parametrize(
+    ("rig", "more", "message"),
+    [
+        (Drum(0.01, 1.0), {}, "too small"),
+        (Drum(-0.1, 1.0), {}, "diameter"),
+        (Drum(0.07, 0.0), {}, "must turn"),
+        (Drum(0.07, 1.0, fill=1.5), {}, "fill"),
+        (RIG, {"turns": 0.0}, "turns"),
+        (RIG, {"count": 5000}, "do not fit"),
+    ],
+)
+def test_a_drum_that_cannot_be_is_refused(rig, more, message):
+    with pytest.raises(BadInput, match=message):
+        turned(rig, **more)
