@@ -165,7 +165,7 @@ def show_reproduction(reproduction: Reproduction) -> None:
 
 
 def show_diagnosis(diagnosis: Diagnosis, files: Mapping[str, Path]) -> None:
-    """The four steps in words."""
+    """The verdict, where and what, and the gap before and after."""
     console = _console()
     console.print(f"[bold]{escape(diagnosis.verdict)}[/bold]: {escape(diagnosis.reason)}")
     document = diagnosis.to_json()

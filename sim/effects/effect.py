@@ -41,6 +41,8 @@ class Effect:
     - ``rolling(mu, speed, radius, *p)``: the rolling friction (tangent of the angle) at a speed.
     - ``sliding(mu, speed, waiting, *p)``: the sliding friction while it slides.
     - ``onset(mu, waiting, normal, *p)``: the friction at which sliding starts; `waiting` [s], `normal` [N].
+    - ``attraction(overlap, radius, modulus, *p)`` [N]: the pull of two bodies in contact, `radius` [m] and `modulus`
+      [Pa] the effective ones; with ``neck(radius, modulus, *p)`` [m] it lasts until they are so far apart.
     - ``exposure(time, x, y, *p)``: the true time [s] at which a row stamped `time` was taken.
     - ``view(x, y, *p) -> (x, y)`` [m]: where the camera sees what is at x, y.
     """
@@ -61,6 +63,8 @@ class Effect:
     rolling: Hook | None = None
     sliding: Hook | None = None
     onset: Hook | None = None
+    attraction: Hook | None = None
+    neck: Hook | None = None
     exposure: Hook | None = None
     view: Hook | None = None
     geometry: str = ""

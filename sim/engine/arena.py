@@ -19,7 +19,8 @@ from functools import cache
 
 from rigtwin.sim.engine.backend import ti
 from rigtwin.sim.engine.bodies import STATE_SIZE, RigidBodies
-from rigtwin.sim.engine.contact import LAW_SIZE, contact_forces
+from rigtwin.sim.engine.contact import DAMPING, LAW_SIZE, STIFFNESS, contact_forces
+from rigtwin.sim.engine.terms import Terms, upwards
 from rigtwin.sim.engine.wall_contacts import KINDS, ROOM, WallContacts
 
 CELLS_PER_BEAD = 16
@@ -39,9 +40,11 @@ OK, PAIRS_FULL, NEAR_FULL, LEFT_DOMAIN, EXPLODED = range(5)
 
 
 @cache
-def arena(capacity: int, pair_capacity: int, near_capacity: int, room: int = ROOM, rigid: bool = False) -> "Arena":
+def arena(
+    capacity: int, pair_capacity: int, near_capacity: int, terms: Terms, room: int = ROOM, rigid: bool = False
+) -> "Arena":
     """The arena of this size; fields are made once per process (Taichi dies after some 500 fields)."""
-    return Arena(capacity, pair_capacity, near_capacity, room, rigid)
+    return Arena(capacity, pair_capacity, near_capacity, terms, room, rigid)
 
 
 @ti.data_oriented
@@ -51,11 +54,14 @@ class Arena(RigidBodies):
     `rigid`: some beads are parts of bodies.
     """
 
-    def __init__(self, capacity: int, pair_capacity: int, near_capacity: int, room: int, rigid: bool) -> None:
+    def __init__(
+        self, capacity: int, pair_capacity: int, near_capacity: int, terms: Terms, room: int, rigid: bool
+    ) -> None:
+        self.terms = terms
         self.capacity = capacity
         self.pair_capacity = pair_capacity
         self.rigid = rigid
-        self.walls = WallContacts(capacity, near_capacity, room)
+        self.walls = WallContacts(capacity, near_capacity, room, terms)
         self.owner: object = None  # the simulation whose state this is
         self.cell_capacity = CELLS_PER_BEAD * capacity
         self.place = ti.Vector.field(4, ti.f64, capacity)  # position, radius
@@ -78,6 +84,8 @@ class Arena(RigidBodies):
         self.slip = ti.Vector.field(3, ti.f64, (2, pair_capacity))
         self.roll = ti.Vector.field(3, ti.f64, (2, pair_capacity))
         self.touching = ti.field(ti.i32, (2, pair_capacity))
+        if terms.changes_restitution:
+            self.impact = ti.field(ti.f64, (2, pair_capacity))  # DAMPING of this impact
         self.pair_force = ti.Vector.field(6, ti.f64, pair_capacity)  # force on the owner, torque on the other
         self.pointed_first = ti.field(ti.i32, capacity + 1)  # first of the pairs that point to a bead
         self.pointed = ti.field(ti.i32, pair_capacity)
@@ -299,6 +307,8 @@ class Arena(RigidBodies):
                 self.roll[following, p] = self.roll[following, front]
                 self.slip[following, front] = slip
                 self.roll[following, front] = roll
+                if ti.static(self.terms.changes_restitution):
+                    self.impact[following, front] = self.impact[following, p]
                 front += 1
 
     @ti.func
@@ -318,6 +328,8 @@ class Arena(RigidBodies):
                     self.touching[following, new] = 1
                     self.slip[following, new] = sign * self.slip[live, p]
                     self.roll[following, new] = sign * self.roll[live, p]
+                    if ti.static(self.terms.changes_restitution):
+                        self.impact[following, new] = self.impact[live, p]
 
     @ti.func
     def renumber(self, kept):
@@ -425,7 +437,33 @@ class Arena(RigidBodies):
             self.pair_force[p][c] = 0.0
 
     @ti.func
-    def meet(self, i):
+    def law_of_impact(self, live, p, kind, kind_j, closing, radius_eff, mass_eff):
+        """The law of a pair; where restitution depends on the speed of impact, the damping of this one."""
+        law = self.pair_law[kind, kind_j]
+        if ti.static(self.terms.changes_restitution):
+            if self.touching[live, p] == 0:
+                self.impact[live, p] = self.terms.damping_of_pair(law[DAMPING], closing, radius_eff, mass_eff)
+            law[DAMPING] = self.impact[live, p]
+        return law
+
+    @ti.func
+    def cling(self, live, p, i, j):
+        """Pull on the owner of a pair whose beads have parted but still hold together."""
+        place, place_j = self.place[i], self.place[j]
+        between = ti.Vector([place_j[0] - place[0], place_j[1] - place[1], place_j[2] - place[2]])
+        distance, both = between.norm(), place[3] + place_j[3]
+        radius_eff = place[3] * place_j[3] / both
+        modulus = self.pair_law[self.tag[i][1], self.tag[j][1]][STIFFNESS]
+        force = ti.Vector([0.0, 0.0, 0.0])
+        if distance - both < self.terms.neck(radius_eff, modulus):
+            self.touching[live, p] = 1
+            force = self.terms.attraction(both - distance, radius_eff, modulus) / distance * between
+            for c in ti.static(range(3)):
+                self.pair_force[p][c] = force[c]
+        return force
+
+    @ti.func
+    def meet(self, i):  # noqa: PLR0915  one idea: all that a pair does in a step
         """Forces of the pairs that bead `i` owns; its own share waits in `push` and `twist` for `move`."""
         live = self.counts[LIVE_LIST]
         step = self.numbers[STEP]
@@ -459,12 +497,16 @@ class Arena(RigidBodies):
                     slip = self.slip[live, p]
                     if constant_torque == 0:
                         roll = self.roll[live, p]
+                mass_eff = motion[3] * motion_j[3] / (motion[3] + motion_j[3])
+                law = self.law_of_impact(live, p, kind, self.tag[j][1], surface.dot(normal), radius_eff, mass_eff)
                 force, torque, torque_j, slip, roll = contact_forces(
                     both - distance, normal, surface, turning, turning_j, radius_eff,
-                    motion[3] * motion_j[3] / (motion[3] + motion_j[3]), place[3], place_j[3], spin[3], spin_j[3],
+                    mass_eff, place[3], place_j[3], spin[3], spin_j[3],
                     2.0 * radius_eff, spin[3] * spin_j[3] / (spin[3] + spin_j[3]),
-                    self.pair_law[kind, self.tag[j][1]], slip, roll, step, constant_torque,
+                    law, slip, roll, step, constant_torque,
                 )  # fmt: skip
+                if ti.static(self.terms.attracts):
+                    force += self.terms.attraction(both - distance, radius_eff, law[STIFFNESS]) * normal
                 self.slip[live, p] = slip
                 if constant_torque == 0:
                     self.roll[live, p] = roll
@@ -480,6 +522,8 @@ class Arena(RigidBodies):
             elif self.touching[live, p] == 1:
                 self.touching[live, p] = 0
                 self.clear_force(p)
+                if ti.static(self.terms.has_neck):
+                    sum_force += self.cling(live, p, i, j)
         self.push[i] = sum_force
         self.twist[i] = sum_torque
         self.worst[i] = worst
@@ -534,6 +578,11 @@ class Arena(RigidBodies):
         mass, inertia = motion[3], spin[3]
         gravity = ti.Vector([self.numbers[GRAVITY], self.numbers[GRAVITY + 1], self.numbers[GRAVITY + 2]])
         push = force / mass + gravity
+        if ti.static(self.terms.acts_in_flight):
+            # the velocity is that of half a step ago
+            now = velocity + 0.5 * step * push
+            gap = self.walls.gap(self.counts[LIVE_LIST], i, place[3])
+            push += self.terms.in_flight(now, gap, place[3], mass, upwards(gravity)) / mass
         twist = torque / inertia
         self.push[i] = push
         self.twist[i] = twist

@@ -26,6 +26,7 @@ from rigtwin.sim.engine import backend, bodies, budget, checkpoint
 from rigtwin.sim.engine.clock import positive
 from rigtwin.sim.engine.contact import LAW_SIZE, ROLLING, Rolling, pair_law
 from rigtwin.sim.engine.elements import Vector
+from rigtwin.sim.engine.terms import Active, Terms, terms_of
 from rigtwin.sim.engine.wall_contacts import KINDS, UNTIL, WallTable, motion_of, motion_row, wall_table
 from rigtwin.sim.engine.walls import Motion, Shape, Wall, gaps
 
@@ -100,6 +101,7 @@ class Bulk:
         time_step: float,
         gravity: Vector = (0.0, 0.0, -GRAVITY),
         rolling: Rolling = "type C",
+        effects: Sequence[Active] = (),
         skin: float = SKIN,
         open_domain: bool = False,
         threads: int | None = None,
@@ -111,7 +113,8 @@ class Bulk:
 
         A wall may be a sequence with one `Wall` per kind, alike but for material and contact.  `low` and `high` [m]
         bound the domain; in an open one beads that leave are taken out and counted, else they stop the run; a clump
-        leaves as a whole.  `skin` is in units of the largest sphere's diameter.
+        leaves as a whole.  `skin` is in units of the largest sphere's diameter.  `effects` act
+        on all single beads and contacts.
         """
         positive(time_step=time_step, skin=skin)
         self._particles = tuple(particles)
@@ -130,12 +133,15 @@ class Bulk:
         self._low, self._high = np.array(low, dtype=float), np.array(high, dtype=float)
         self._gravity = gravity
         self._rolling = rolling
+        self._effects = tuple(effects)
         self._laws = self._pair_table(contacts)
         self._table = self._wall_table()
         size = _arena_size(capacity)
         self._rate = 200.0 / LAUNCH_SECONDS  # steps per second, learnt from the launches
         near = near_capacity or NEAR_PER_BEAD * size
-        self._enter(at.arena(size, pair_capacity or PAIRS_PER_BEAD * size, near, self._table.room, self._rigid))
+        self._enter(
+            at.arena(size, pair_capacity or PAIRS_PER_BEAD * size, near, self._terms(), self._table.room, self._rigid)
+        )
 
     # ------------------------------------------------------------------ what a user does
 
@@ -279,7 +285,7 @@ class Bulk:
 
     def restore(self, state: checkpoint.State) -> None:
         """Go on from a `state` of a simulation that was made in the same way."""
-        self._enter(at.arena(*map(int, state["sizes"]), self._table.room, self._rigid))
+        self._enter(at.arena(*map(int, state["sizes"]), self._terms(), self._table.room, self._rigid))
         checkpoint.write_arena(self._arena, state)
         self._table.motion[:] = self._arena.walls.motion.to_numpy()
         self.steps, self._added = int(state["steps"]), int(state["added"])
@@ -381,6 +387,15 @@ class Bulk:
 
     def _wall_table(self) -> WallTable:
         return wall_table(self._walls, self._particles, skin=self._skin, domain=self.domain)
+
+    def _terms(self) -> Terms:
+        terms = terms_of(self._effects, "bulk")
+        if terms.acts_in_flight and self._rigid:
+            names = ", ".join(one.effect.name for one in self._effects)
+            raise BadInput(
+                f"effects: {names}: forces in flight are those of single spheres; leave them out for clumps."
+            )
+        return terms
 
     def _set_motion(self, wall: int, row: tuple[float, ...]) -> None:
         self._mine()
@@ -504,7 +519,7 @@ class Bulk:
         whole, members = self._body_rows(), self._members(beads) if self._rigid else None
         pair_capacity = max(pair_capacity, PAIRS_PER_BEAD * capacity)
         near_capacity = max(near_capacity, NEAR_PER_BEAD * capacity)
-        self._enter(at.arena(capacity, pair_capacity, near_capacity, self._table.room, self._rigid))
+        self._enter(at.arena(capacity, pair_capacity, near_capacity, self._terms(), self._table.room, self._rigid))
         for column, value in {**kept, at.BEADS: beads}.items():
             self._arena.set_count(column, value)
         self._arena.put(rows, 0, beads)

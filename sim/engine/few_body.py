@@ -21,8 +21,9 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.engine import backend
 from rigtwin.sim.engine.backend import ti
-from rigtwin.sim.engine.contact import LAW_SIZE, ROLLING, Rolling, contact_forces, pair_law
+from rigtwin.sim.engine.contact import DAMPING, LAW_SIZE, ROLLING, STIFFNESS, Rolling, contact_forces, pair_law
 from rigtwin.sim.engine.elements import OF_WALL
+from rigtwin.sim.engine.terms import Active, Terms, terms_of, upwards
 from rigtwin.sim.engine.wall_contacts import WANDERS, WallContacts, wall_table
 from rigtwin.sim.engine.walls import Wall, gaps
 
@@ -82,13 +83,14 @@ def run(
     step: float | None = None,
     flight_step: float = FLIGHT_STEP,
     rolling: Rolling = "type C",
+    effects: Sequence[Active] = (),
     progress: Progress = silent,
 ) -> Motion:
     """Move the bodies from t = 0 and sample them at `times` [s], rising.
 
     `contacts` is one Contact for all pairs of bodies, or one per pair (i, j) with i < j; None: bodies never touch.
     `step` [s] is the step in contact (default `contact_step`).  Gravity turns about y by `gravity_turns` [rad/s],
-    from z towards x: what a plate feels whose far end (x > 0) sinks.
+    from z towards x: what a plate feels whose far end (x > 0) sinks.  `effects` act on all bodies and contacts.
     """
     times = np.ascontiguousarray(times, dtype=np.float64)
     _check(bodies, times, walls, contacts)
@@ -96,7 +98,7 @@ def run(
     if not 0 < step <= flight_step:
         raise BadInput(f"step: {step:g} s does not lie between 0 and the flight step of {flight_step:g} s.")
     backend.start()
-    bench = _bench()
+    bench = _bench(terms_of(effects, "few bodies"))
     bench.load(bodies, walls, contacts, gravity=(*gravity, gravity_turns), steps=(step, flight_step), rolling=rolling)
     count = len(bodies)
     sampled: list[Array] = []
@@ -179,15 +181,16 @@ def _check(
 
 
 @cache
-def _bench() -> "_Bench":
-    return _Bench()
+def _bench(terms: Terms) -> "_Bench":
+    return _Bench(terms)
 
 
 @ti.data_oriented
 class _Bench:
     """Fields and kernel of the few-body path; made once per process, after the backend has started."""
 
-    def __init__(self) -> None:
+    def __init__(self, terms: Terms) -> None:
+        self.terms = terms
         self.position = ti.Vector.field(3, ti.f64, BODIES)
         self.velocity = ti.Vector.field(3, ti.f64, BODIES)
         self.spin = ti.Vector.field(3, ti.f64, BODIES)
@@ -199,10 +202,12 @@ class _Bench:
         self.thread = ti.Vector.field(4, ti.f64, BODIES)  # pivot, length (0: none)
         self.pair_slip = ti.Vector.field(3, ti.f64, (BODIES, BODIES))
         self.pair_roll = ti.Vector.field(3, ti.f64, (BODIES, BODIES))
-        self.walls = WallContacts(BODIES, BODIES * ELEMENTS, ELEMENTS)
+        self.walls = WallContacts(BODIES, BODIES * ELEMENTS, ELEMENTS, terms)
         self.kind = ti.field(ti.i32, BODIES)
         self.pair_law = ti.Vector.field(LAW_SIZE, ti.f64, (BODIES, BODIES))
         self.pair_meets = ti.field(ti.i32, (BODIES, BODIES))
+        if terms.act_on_contacts:
+            self.impact = ti.field(ti.f64, (BODIES, BODIES))  # DAMPING of this impact; negative: apart
         self.gravity = ti.Vector.field(4, ti.f64, ())  # at the start, and how fast it turns about y
         self.pull = ti.Vector.field(3, ti.f64, ())  # gravity now
         self.times = ti.field(ti.f64, SAMPLES)
@@ -243,6 +248,8 @@ class _Bench:
         numbers = np.array([0.0, *steps, *gravity])
         constant_torque = int(rolling == ROLLING[0])
         self._load(table, pair, numbers, len(bodies), len(walls), constant_torque, int(changing))
+        if self.terms.act_on_contacts:
+            self.impact.fill(-1.0)
 
     def _load_walls(self, walls: Sequence[Wall], kinds: Sequence[Particle], bodies: int) -> None:
         """Every part of every wall is near every body."""
@@ -331,7 +338,7 @@ class _Bench:
         constant_torque = self.counts[5]
         self.walls.pose(self.counts[1], self.clock[0] + step, step, ENDLESS)
         for i in range(n):
-            self.push[i] = self.pull[None]
+            self.push[i] = self.push_on_body(i, step)
             self.twist[i] = ti.Vector([0.0, 0.0, 0.0])
         for i in range(n):
             radius, mass, inertia = self.body[i][0], self.body[i][1], self.body[i][2]
@@ -354,6 +361,7 @@ class _Bench:
                     distance = between.norm()
                     overlap = radius + radius_j - distance
                     velocity = self.half[i] - self.half[j]
+                    clear = ti.min(clear, self.cling(i, j, overlap, between))
                     if overlap > 0.0:
                         clear = 0.0
                         normal = between / distance
@@ -364,7 +372,7 @@ class _Bench:
                         force, torque, torque_j, slip, roll = contact_forces(
                             overlap, normal, surface, self.half_spin[i], self.half_spin[j], radius_eff,
                             mass * mass_j / (mass + mass_j), radius, radius_j, inertia, inertia_j, 2.0 * radius_eff,
-                            inertia * inertia_j / (inertia + inertia_j), self.pair_law[i, j], self.pair_slip[i, j],
+                            inertia * inertia_j / (inertia + inertia_j), self.law_of_pair(i, j), self.pair_slip[i, j],
                             self.pair_roll[i, j], step, constant_torque,
                         )  # fmt: skip
                         self.pair_slip[i, j] = slip
@@ -378,6 +386,64 @@ class _Bench:
                         self.pair_slip[i, j] = ti.Vector([0.0, 0.0, 0.0])
                         self.pair_roll[i, j] = ti.Vector([0.0, 0.0, 0.0])
                         clear = ti.min(clear, -0.4 * overlap / (velocity.norm() + slack))
+        return clear
+
+    @ti.func
+    def push_on_body(self, i, step):
+        """Gravity and what effects add to it."""
+        push = self.pull[None]
+        if ti.static(self.terms.act_on_bodies):
+            push += self.push_of_terms(i, step)
+        return push
+
+    @ti.func
+    def push_of_terms(self, i, step):
+        """Acceleration by what acts on a body away from contacts; `push` still holds the last step's."""
+        radius, mass = self.body[i][0], self.body[i][1]
+        gravity = self.pull[None]
+        velocity = self.half[i] + 0.5 * step * self.push[i]
+        push = ti.Vector([0.0, 0.0, 0.0])
+        if ti.static(self.terms.acts_in_flight):
+            self.walls.face(0, i, self.position[i], radius)
+            push += self.terms.in_flight(velocity, self.walls.gap(0, i, radius), radius, mass, upwards(gravity)) / mass
+        if ti.static(self.terms.acts_on_threads):
+            length = self.thread[i][3]
+            if length > 0.0:
+                pivot = ti.Vector([self.thread[i][0], self.thread[i][1], self.thread[i][2]])
+                arm = (self.position[i] - pivot) / length
+                push += self.terms.on_thread(velocity, arm, length, mass, upwards(gravity)) / mass
+        return push
+
+    @ti.func
+    def law_of_pair(self, i, j):
+        law = self.pair_law[i, j]
+        if ti.static(self.terms.changes_restitution):
+            law[DAMPING] = self.impact[i, j]
+        return law
+
+    @ti.func
+    def cling(self, i, j, overlap, between):
+        """The longest step while effects act on this contact: none; they remember how it began, and may pull."""
+        clear = self.clock[2]
+        if ti.static(self.terms.act_on_contacts):
+            normal = between / between.norm()
+            radius, mass = self.body[i][0], self.body[i][1]
+            radius_j, mass_j = self.body[j][0], self.body[j][1]
+            radius_eff = radius * radius_j / (radius + radius_j)
+            law = self.pair_law[i, j]
+            state = self.impact[i, j]
+            if overlap > 0.0 and state < 0.0:
+                closing = (self.half[i] - self.half[j]).dot(normal)
+                mass_eff = mass * mass_j / (mass + mass_j)
+                state = self.terms.damping_of_pair(law[DAMPING], closing, radius_eff, mass_eff)
+            if overlap < -self.terms.neck(radius_eff, law[STIFFNESS]):
+                state = -1.0
+            if state >= 0.0:
+                clear = 0.0
+                pull = self.terms.attraction(overlap, radius_eff, law[STIFFNESS])
+                self.push[i] = self.push[i] + pull / mass * normal
+                self.push[j] = self.push[j] - pull / mass_j * normal
+            self.impact[i, j] = state
         return clear
 
     @ti.func

@@ -21,9 +21,10 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Particle
 from rigtwin.sim.engine import elements as shape
 from rigtwin.sim.engine.backend import ti
-from rigtwin.sim.engine.contact import LAW_SIZE, contact_forces, pair_law
+from rigtwin.sim.engine.contact import DAMPING, LAW_SIZE, STIFFNESS, contact_forces, pair_law
 from rigtwin.sim.engine.elements import ELEMENT_SIZE, OF_WALL, TRIANGLE, towards_element
 from rigtwin.sim.engine.mesh import ALONE, sort_into_cells
+from rigtwin.sim.engine.terms import Terms
 from rigtwin.sim.engine.walls import Motion, Shape, Wall, wandering
 
 Array = npt.NDArray[np.float64]
@@ -130,7 +131,8 @@ def motion_of(row: Array) -> Motion:
 class WallContacts:
     """The walls near each of up to `capacity` beads, `near_capacity` entries in all, in two lists by turns."""
 
-    def __init__(self, capacity: int, near_capacity: int, room: int) -> None:
+    def __init__(self, capacity: int, near_capacity: int, room: int, terms: Terms) -> None:
+        self.terms = terms
         self.near_capacity = near_capacity
         self.room = room
         self.elements = ti.field(ti.f64, (room, ELEMENT_SIZE))
@@ -154,6 +156,8 @@ class WallContacts:
         self.touching = ti.field(ti.i32, (2, near_capacity))
         self.slip = ti.Vector.field(3, ti.f64, (2, near_capacity))
         self.roll = ti.Vector.field(3, ti.f64, (2, near_capacity))
+        if terms.changes_restitution:
+            self.impact = ti.field(ti.f64, (2, near_capacity))  # DAMPING of this impact
         self.facing = ti.Vector.field(4, ti.f64, near_capacity)  # direction to the wall's nearest point, distance
         self.mark = ti.field(ti.i32, near_capacity)
         self.work = ti.field(ti.f64, capacity)  # [J], done by moving walls on the beads of this slot
@@ -305,6 +309,8 @@ class WallContacts:
                     self.touching[following, new] = 1
                     self.slip[following, new] = self.slip[live, q]
                     self.roll[following, new] = self.roll[live, q]
+                    if ti.static(self.terms.changes_restitution):
+                        self.impact[following, new] = self.impact[live, q]
 
     # ------------------------------------------------------------------ the step
 
@@ -356,6 +362,8 @@ class WallContacts:
                     self.touching[live, heir] = 1
                     self.slip[live, heir] = self.slip[live, q]
                     self.roll[live, heir] = self.roll[live, q]
+                    if ti.static(self.terms.changes_restitution):
+                        self.impact[live, heir] = self.impact[live, q]
 
     @ti.func
     def press(self, live, i, kind, position, velocity, turning, radius, mass, inertia, step, constant_torque):
@@ -382,11 +390,19 @@ class WallContacts:
                     twist = step * wall_spin.dot(normal) * normal
                     slip += twist.cross(slip)
                     roll += twist.cross(roll)
+                    law = self.law[kind, w]
+                    if ti.static(self.terms.changes_restitution):
+                        if self.touching[live, q] == 0:
+                            closing = (velocity - surface).dot(normal)
+                            self.impact[live, q] = self.terms.damping(law[DAMPING], closing, radius, mass)
+                        law[DAMPING] = self.impact[live, q]
                     drag, hold, _other, slip, roll = contact_forces(
                         radius - distance, normal, velocity + distance * turning.cross(normal) - surface, turning,
-                        wall_spin, radius, mass, radius, radius, inertia, inertia, radius, inertia, self.law[kind, w],
+                        wall_spin, radius, mass, radius, radius, inertia, inertia, radius, inertia, law,
                         slip, roll, step, constant_torque,
                     )  # fmt: skip
+                    if ti.static(self.terms.attracts):
+                        drag += self.terms.attraction(radius - distance, radius, law[STIFFNESS]) * normal
                     self.slip[live, q] = slip
                     self.roll[live, q] = roll
                     self.touching[live, q] = 1
@@ -396,7 +412,29 @@ class WallContacts:
                     self.work[i] = self.work[i] + step * (drag.dot(surface) + hold.dot(wall_spin))
                 elif self.touching[live, q] == 1:
                     self.touching[live, q] = 0
+                    if ti.static(self.terms.has_neck):
+                        force += self.hold_neck(live, q, kind, radius)
         return force, torque, deepest
+
+    @ti.func
+    def hold_neck(self, live, q, kind, radius):
+        """Pull of a contact whose bodies part but still hold together."""
+        modulus = self.law[kind, int(self.elements[self.near[live, q], OF_WALL])][STIFFNESS]
+        apart = self.facing[q][3] - radius
+        force = ti.Vector([0.0, 0.0, 0.0])
+        if self.mark[q] == APART and apart < self.terms.neck(radius, modulus):
+            self.touching[live, q] = 1
+            pull = self.terms.attraction(-apart, radius, modulus)
+            force = pull * ti.Vector([self.facing[q][0], self.facing[q][1], self.facing[q][2]])
+        return force
+
+    @ti.func
+    def gap(self, live, i, radius):
+        """Free way [m] of bead `i` to the nearest wall of its list, as last faced; far where there is none."""
+        least = 1e9
+        for q in range(self.first[live, i], self.first[live, i + 1]):
+            least = ti.min(least, self.facing[q][3] - radius)
+        return least
 
     # ------------------------------------------------------------------ data out and in
 

@@ -1,0 +1,340 @@
+"""How often the diagnosis names what is hidden: fresh labs by seed, `rigtwin diagnose` on each, the truth afterwards.
+
+    python benchmarks/diagnose.py [--seed 1] [--count 100] [--kind null] [--rig drop] [--effect air_drag] [--keep DIR]
+
+Also `SEED=` and `COUNT=` in the environment.  Labs come from `diagnose_labs.py`; each is diagnosed in a process of its
+own, two at a time, that is handed the lab alone.  Prints who was taken for whom and the figures wanted, and writes
+`out/bench-diagnose.json`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from diagnose_labs import EVERY_RIG, KINDS, chosen, write
+from diagnose_names import canonical, is_named, true_value
+from figures import Row, report
+from labs_effects import ALL, STRENGTHS
+
+LIMIT = 3600  # [s] of wall clock for one lab; a busy machine is no fault of the diagnosis
+CPU_LIMIT = 600  # [s]
+SINGLE_RUN_CPU = 120.0  # [s], wanted at most for a lab
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the diagnosis said of one lab."""
+
+    verdict: str
+    names: tuple[str, ...] = ()  # most certain first
+    together: tuple[tuple[str, ...], ...] = ()  # sets that it cannot tell apart
+    parameters: dict[str, dict[str, Any]] = field(default_factory=dict)  # by effect
+    form: str = ""
+    gap: dict[str, float] = field(default_factory=dict)
+    cpu: float = math.nan  # [s]
+    failure: str = ""
+
+    @property
+    def candidates(self) -> tuple[str, ...]:
+        """The first name and all that it is not told apart from."""
+        if not self.names:
+            return tuple(dict.fromkeys(name for group in self.together for name in group))
+        alike = [group for group in self.together if self.names[0] in group]
+        return tuple(dict.fromkeys([self.names[0], *(name for group in alike for name in group)]))
+
+
+@dataclass(frozen=True)
+class Result:
+    """Truth and answer side by side."""
+
+    truth: dict[str, Any]
+    answer: Answer
+
+    @property
+    def true_effects(self) -> list[str]:
+        return list(self.truth["effects"])
+
+    def right(self, name: str, effect: str | None = None) -> bool:
+        """Whether this name means one of the hidden effects (or the given one)."""
+        return any(is_named(name, self.truth, true) for true in ([effect] if effect else self.true_effects))
+
+    @property
+    def first_right(self) -> bool:
+        return self.answer.verdict in ("named", "indistinguishable") and any(map(self.right, self.answer.names[:1]))
+
+    @property
+    def in_set(self) -> bool:
+        named = self.answer.verdict in ("named", "indistinguishable")
+        return named and any(map(self.right, self.answer.candidates))
+
+    @property
+    def wrong_name(self) -> bool:
+        """It named one effect, alone and first, and that was not hidden."""
+        return self.answer.verdict == "named" and bool(self.answer.names) and not self.right(self.answer.names[0])
+
+
+def diagnose(lab: Path, out: Path) -> Answer:
+    """`rigtwin diagnose` on one lab, in its own process."""
+    command = [sys.executable, "-m", "rigtwin", "diagnose", str(lab), "--out", str(out), "--quiet"]
+    environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    out.mkdir(parents=True, exist_ok=True)
+    with (out / "log.txt").open("w") as log:
+        process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, env=environment)
+        resource.prlimit(process.pid, resource.RLIMIT_CPU, (CPU_LIMIT, CPU_LIMIT))
+        cpu, failed = _wait(process)
+    said = (out / "log.txt").read_text()[-2000:]
+    file = out / "diagnosis.json"
+    if failed or not file.exists():
+        return Answer("failed", cpu=cpu, failure=failed or said.strip().splitlines()[-1:] or "no diagnosis.json")
+    return read_answer(json.loads(file.read_text()), cpu)
+
+
+def _wait(process: subprocess.Popen[bytes]) -> tuple[float, str]:
+    """CPU seconds [s] that it took, and why it failed."""
+    deadline = time.monotonic() + LIMIT
+    while True:
+        pid, status, usage = os.wait4(process.pid, os.WNOHANG)
+        if pid:
+            code = os.waitstatus_to_exitcode(status)
+            process.returncode = code
+            return usage.ru_utime + usage.ru_stime, "" if code in (0, 1) else f"exit code {code}"
+        if time.monotonic() > deadline:
+            process.kill()
+            _pid, _status, usage = os.wait4(process.pid, 0)
+            process.returncode = -9
+            return usage.ru_utime + usage.ru_stime, f"more than {LIMIT} s"
+        time.sleep(0.1)
+
+
+def read_answer(document: dict[str, Any], cpu: float = math.nan) -> Answer:
+    """The parts of a diagnosis.json that are scored."""
+    effects = document.get("effects") or []
+    return Answer(
+        verdict=str(document.get("verdict")),
+        names=tuple(str(effect["effect"]) for effect in effects),
+        together=tuple(tuple(map(str, group)) for group in document.get("indistinguishable") or []),
+        parameters={str(effect["effect"]): effect.get("parameters") or {} for effect in effects},
+        form=str(document.get("form") or ""),
+        gap={key: float(v) for key, v in (document.get("gap") or {}).items() if isinstance(v, int | float)},
+        cpu=cpu,
+    )
+
+
+# ----------------------------------------------------------------------------------------------------------- figures
+
+
+def share(results: Sequence[Result], good: Iterable[bool]) -> float:
+    flags = list(good)
+    return sum(flags) / len(flags) if flags else math.nan
+
+
+def _row(name: str, flags: Sequence[bool], *, at_least: float | None = None, at_most: float | None = None) -> Row:
+    count, hits = len(flags), sum(flags)
+    value = hits / count if count else math.nan
+    low, high = _interval(hits, count)
+    note = f"{hits} of {count}, 95 %: {low:.0%} to {high:.0%}" if count else "none drawn"
+    if not count:
+        return Row(name, value, note=note)
+    if at_least is not None:
+        return Row(name, value, "1", None, f"at least {at_least:.0%}", value >= at_least, note)
+    if at_most is not None:
+        return Row(name, value, "1", None, f"at most {at_most:.0%}", value <= at_most, note)
+    return Row(name, value, note=note)
+
+
+def _interval(hits: int, count: int) -> tuple[float, float]:
+    """Clopper and Pearson's interval of a share."""
+    from scipy.stats import beta
+
+    if not count:
+        return 0.0, 1.0
+    low = 0.0 if hits == 0 else float(beta.ppf(0.025, hits, count - hits + 1))
+    high = 1.0 if hits == count else float(beta.ppf(0.975, hits + 1, count - hits))
+    return low, high
+
+
+def figures(results: Sequence[Result]) -> list[Row]:
+    """The figures wanted of the diagnosis."""
+    of = {kind: [r for r in results if r.truth["kind"] == kind] for kind in KINDS}
+    singles = [r for r in of["single"] if not r.truth["unseen"]]
+    clear = [r for r in singles if r.truth["strength"] != "weak"]
+    weak = [r for r in singles if r.truth["strength"] == "weak"]
+    nulls, pairs, unlisted = of["null"], of["pair"], of["unlisted"]
+    rows = [
+        _row("no answer", [r.answer.verdict == "failed" for r in results], at_most=0.0),
+        _row("nulls: false alarms", [r.answer.verdict not in ("none", "failed") for r in nulls], at_most=0.02),
+        _row("nulls: an effect named", [r.answer.verdict == "named" for r in nulls], at_most=0.02),
+        _row("clear singles: true name first", [r.first_right for r in clear], at_least=0.95),
+        _row("clear singles: true name in the set", [r.in_set for r in clear], at_least=0.99),
+        _set_size(clear),
+        _row("clear singles: wrong name", [r.wrong_name for r in clear], at_most=0.03),
+        _row("weak singles: true name first", [r.first_right for r in weak]),
+        _row("weak singles: wrong name", [r.wrong_name for r in weak], at_most=0.05),
+        _row("listed called unlisted", [r.answer.verdict == "unlisted" for r in singles + pairs], at_most=0.03),
+        _row("unlisted called unlisted", [r.answer.verdict == "unlisted" for r in unlisted], at_least=0.90),
+        _row("unlisted taken for a listed effect", [r.answer.verdict == "named" for r in unlisted]),
+        _row("pairs: both named", [_both(r) for r in pairs], at_least=0.85),
+        _row("pairs: one of them named", [any(map(r.right, r.answer.names)) for r in pairs], at_least=0.98),
+        *(
+            _row(
+                f"{strength} singles: true name first",
+                [r.first_right for r in singles if r.truth["strength"] == strength],
+            )
+            for strength in STRENGTHS
+            if strength != "weak"
+        ),
+        *_closure(singles + pairs),
+        _coverage(singles + pairs),
+        *_time(results),
+    ]
+    return rows
+
+
+def _set_size(results: Sequence[Result]) -> Row:
+    sizes = [len(r.answer.candidates) for r in results if r.answer.candidates]
+    size = float(np.mean(sizes)) if sizes else math.nan
+    return Row("clear singles: mean set size", size, "1", None, "at most 1.5", size <= 1.5 if sizes else None)
+
+
+def _both(result: Result) -> bool:
+    return all(any(result.right(name, effect) for name in result.answer.names) for effect in result.true_effects)
+
+
+def _closure(results: Sequence[Result]) -> list[Row]:
+    """Excess gap closed on held-out data, of the labs rightly named."""
+    closed = []
+    for r in results:
+        gap = r.answer.gap
+        before, after = gap.get("held_out_before"), gap.get("held_out_after")
+        if not r.first_right or before is None or after is None:
+            continue
+        floor = gap.get("held_out_noise_floor", gap.get("noise_floor", 1.0))
+        if before > 1.05 * floor:
+            closed.append(1 - max(after - floor, 0.0) / (before - floor))
+    if not closed:
+        return [Row("excess gap closed, held out (median)", math.nan, note="none to judge")]
+    middle, tenth = float(np.median(closed)), float(np.quantile(closed, 0.1))
+    return [
+        Row(
+            "excess gap closed, held out (median)",
+            middle,
+            "1",
+            None,
+            "at least 0.9",
+            middle >= 0.9,
+            f"{len(closed)} labs",
+        ),
+        Row("excess gap closed, held out (worst tenth)", tenth, "1", None, "", None),
+    ]
+
+
+def _coverage(results: Sequence[Result]) -> Row:
+    inside = []
+    for r in results:
+        for name in r.answer.names:
+            if not r.right(name):
+                continue
+            for parameter, found in r.answer.parameters.get(name, {}).items():
+                true = true_value(r.truth, name, parameter)
+                value, std = found.get("value"), found.get("std")
+                if true is not None and value is not None and std:
+                    inside.append(abs(value - true) <= 1.96 * std)
+    row = _row("parameters: 95 % interval holds the truth", inside)
+    if not inside:
+        return row
+    return Row(row.name, row.value, "1", None, "90 % to 98 %", 0.90 <= row.value <= 0.98, row.note)
+
+
+def _time(results: Sequence[Result]) -> list[Row]:
+    cpu = [r.answer.cpu for r in results if math.isfinite(r.answer.cpu)]
+    if not cpu:
+        return []
+    most = max(cpu)
+    return [
+        Row("CPU time of a lab (median)", float(np.median(cpu)), "s"),
+        Row("CPU time of a lab (most)", most, "s", None, f"below {SINGLE_RUN_CPU:.0f} s", most < SINGLE_RUN_CPU),
+    ]
+
+
+def confusion(results: Sequence[Result]) -> dict[str, dict[str, int]]:
+    """For each hidden thing, what it was taken for and how often."""
+    table: dict[str, Counter[str]] = {}
+    for r in results:
+        true = " + ".join(r.true_effects) or "nothing"
+        if r.answer.verdict in ("named", "indistinguishable"):
+            said = " + ".join(canonical(name) for name in r.answer.names[:2])
+            said = said if r.answer.verdict == "named" else f"{{{', '.join(map(canonical, r.answer.candidates))}}}"
+        else:
+            said = r.answer.verdict
+        table.setdefault(true, Counter())[said] += 1
+    return {true: dict(said.most_common()) for true, said in sorted(table.items())}
+
+
+# -------------------------------------------------------------------------------------------------------------- main
+
+
+def _one(job: tuple[int, int, Any, Path]) -> Result:
+    seed, number, case, folder = job
+    name = f"s{seed}c{number:03d}"
+    truth = write(case, name, (seed, number), folder)
+    answer = diagnose(folder / "labs" / name, folder / "answers" / name)
+    result = Result(truth, answer)
+    said = ", ".join(answer.names) or answer.form or answer.failure
+    sys.stdout.write(
+        f"{name} {truth['rig']:13} {truth['strength']:8} {' + '.join(truth['effects']) or 'nothing':40} -> "
+        f"{answer.verdict} {said}  ({answer.cpu:.0f} s)\n"
+    )
+    sys.stdout.flush()
+    return result
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser.add_argument("--seed", type=int, default=int(os.environ.get("SEED", "1")))
+    parser.add_argument("--count", type=int, default=int(os.environ.get("COUNT", "100")))
+    parser.add_argument("--kind", choices=KINDS)
+    parser.add_argument("--rig", choices=sorted(set(EVERY_RIG)))
+    parser.add_argument("--effect", choices=sorted(ALL))
+    parser.add_argument("--strength", choices=(*STRENGTHS, "null"))
+    parser.add_argument("--keep", type=Path, help="keep labs, truth and answers in this folder")
+    parser.add_argument("--processes", type=int, default=2)
+    given = parser.parse_args()
+    folder = given.keep or Path(tempfile.mkdtemp(prefix="rigtwin-labs-"))
+    filters = {"kind": given.kind, "rig": given.rig, "effect": given.effect, "strength": given.strength}
+    jobs = [(given.seed, number, case, folder) for number, case in chosen(given.seed, given.count, **filters)]
+    with ThreadPoolExecutor(given.processes) as pool:
+        results = list(pool.map(_one, jobs))
+    if given.keep is None:
+        shutil.rmtree(folder)
+    table = confusion(results)
+    for true, said in table.items():
+        sys.stdout.write(f"{true:45} -> {', '.join(f'{what} {n}' for what, n in said.items())}\n")
+    cases = [
+        {
+            "case": r.truth["case"], "rig": r.truth["rig"], "kind": r.truth["kind"], "strength": r.truth["strength"],
+            "hidden": r.true_effects, "verdict": r.answer.verdict, "named": r.answer.names, "set": r.answer.candidates,
+            "first_right": r.first_right, "cpu_s": r.answer.cpu, "failure": r.answer.failure,
+        }
+        for r in results
+    ]  # fmt: skip
+    return report("bench-diagnose", figures(results), seed=given.seed, confusion=table, cases=cases)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,264 @@
+"""What effects add to the equations of motion: their own arithmetic, compiled into the step.
+
+An effect's file says how it acts as plain functions of numbers; the very same functions are compiled here, so the
+engine and the reduced models cannot disagree.  Which effects are active is known when the step is compiled: without
+any, the compiled step is what it was.  Their parameters are data.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from types import FunctionType
+from typing import Any
+
+from rigtwin.lab.errors import BadInput
+from rigtwin.sim.effects import Effect, named
+from rigtwin.sim.engine.backend import ti
+
+MOST_PARAMETERS = 3
+HALF = 0.5
+DAMPING_FACTOR = 2 * math.sqrt(5 / 6)  # from a damping ratio to the law's column DAMPING
+HOOKS = ("force", "torque", "restitution", "attraction", "neck")  # those that act in the engine
+
+
+@dataclass(frozen=True)
+class Active:
+    """An effect with the values of its parameters, in SI and in their order."""
+
+    effect: Effect
+    values: tuple[float, ...]
+
+
+def active(effect: str | Effect, /, **parameters: float) -> Active:
+    """An effect switched on; parameters that are not given take what physics predicts, else their typical value.
+
+    >>> active("air_drag").values
+    (0.44,)
+    """
+    effect = named(effect) if isinstance(effect, str) else effect
+    known = {parameter.name: parameter for parameter in effect.parameters}
+    for name, value in parameters.items():
+        if name not in known:
+            raise BadInput(f"effect {effect.name}: there is no parameter {name!r}; it has {', '.join(known)}.")
+        if not known[name].low <= value <= known[name].high:
+            raise BadInput(
+                f"effect {effect.name}: {name} = {value:g} {known[name].unit} lies outside "
+                f"{known[name].low:g} to {known[name].high:g}."
+            )
+    values = []
+    for name, parameter in known.items():
+        usual = parameter.typical if parameter.predicted is None else parameter.predicted
+        values.append(float(parameters.get(name, usual)))
+    return Active(effect, tuple(values))
+
+
+def terms_of(effects: Sequence[Active], place: str) -> Terms:
+    """The compiled terms of these effects, their parameters set; each `place` that simulates has its own."""
+    for one in effects:
+        if not any(getattr(one.effect, hook, None) for hook in HOOKS):
+            raise BadInput(
+                f"effect {one.effect.name}: it has no force, torque, restitution or attraction that the engine could "
+                "add; leave it to the rig or the camera."
+            )
+        if len(one.values) > MOST_PARAMETERS:
+            raise BadInput(f"effect {one.effect.name}: the engine takes at most {MOST_PARAMETERS} parameters.")
+    terms = _terms(tuple(one.effect for one in effects), place)
+    terms.load(effects)
+    return terms
+
+
+@cache
+def _terms(effects: tuple[Effect, ...], place: str) -> Terms:
+    return Terms(effects)
+
+
+def _compiled(function: Callable[..., Any]) -> Any:
+    """The function as one that kernels can call; its annotations would mean something else to Taichi."""
+    if not isinstance(function, FunctionType):
+        raise BadInput(f"{function!r}: a hook of an effect must be a plain Python function.")
+    around = dict(function.__globals__)
+    for name in function.__code__.co_names:  # what it calls from its own file
+        if isinstance(around.get(name), FunctionType):
+            around[name] = _compiled(around[name])
+    bare = FunctionType(function.__code__, around, function.__name__, function.__defaults__, function.__closure__)
+    return ti.func(bare)
+
+
+@ti.data_oriented
+class Terms:
+    """Sums over the active effects, one function for each place where an effect can enter.
+
+    The lists are known at compile time: a place where nothing enters compiles to nothing.
+    """
+
+    def __init__(self, effects: tuple[Effect, ...]) -> None:
+        self.effects = effects
+        self.rows: Mapping[str, list[tuple[int, int, Any]]] = {
+            hook: [
+                (row, len(effect.parameters), _compiled(function))
+                for row, effect in enumerate(effects)
+                if (function := getattr(effect, hook, None)) is not None
+            ]
+            for hook in HOOKS
+        }
+        self.forces, self.torques = self.rows["force"], self.rows["torque"]
+        self.restitutions, self.attractions = self.rows["restitution"], self.rows["attraction"]
+        self.necks = self.rows["neck"]
+        self.acts_in_flight = bool(self.forces)
+        self.acts_on_threads = bool(self.torques)
+        self.changes_restitution = bool(self.restitutions)
+        self.attracts = bool(self.attractions)
+        self.has_neck = bool(self.necks)
+        self.act_on_bodies = self.acts_in_flight or self.acts_on_threads
+        self.act_on_contacts = self.changes_restitution or self.attracts
+        self.values: Any = ti.field(ti.f64, (len(effects), MOST_PARAMETERS)) if effects else None
+
+    def load(self, effects: Sequence[Active]) -> None:
+        for row, one in enumerate(effects):
+            for column, value in enumerate(one.values):
+                self.values[row, column] = value
+
+    @ti.func
+    def in_flight(self, velocity, gap, radius, mass, up):
+        """Force [N] on a sphere that moves at `velocity`, `gap` [m] above the nearest wall; `up` is a unit vector.
+
+        Effects are written for the plane of the motion, across and up: the plane here is that of `up` and the velocity.
+        """
+        rise = velocity.dot(up)
+        across = velocity - rise * up
+        speed = across.norm()
+        along = across / ti.max(speed, 1e-30)
+        total = ti.Vector([0.0, 0.0, 0.0])
+        for k in ti.static(range(len(self.forces))):
+            row, count, function = ti.static(self.forces[k])
+            sideways, upwards = 0.0, 0.0
+            if ti.static(count == 0):
+                sideways, upwards = function(speed, rise, gap, radius, mass)
+            if ti.static(count == 1):
+                sideways, upwards = function(speed, rise, gap, radius, mass, self.values[row, 0])
+            if ti.static(count == 2):
+                sideways, upwards = function(speed, rise, gap, radius, mass, self.values[row, 0], self.values[row, 1])
+            if ti.static(count == 3):
+                sideways, upwards = function(
+                    speed, rise, gap, radius, mass, self.values[row, 0], self.values[row, 1], self.values[row, 2]
+                )
+            total += sideways * along + upwards * up
+        return total
+
+    @ti.func
+    def on_thread(self, velocity, arm, length, mass, up):
+        """Force [N] on a sphere that hangs from a pivot at -`arm` (a unit vector), from torques about that pivot."""
+        rise = velocity.dot(up)
+        across = velocity - rise * up
+        speed = velocity.norm()
+        # the angle grows the way the bead moves; at the end of a swing there is no way, and no friction
+        angle = ti.atan2(arm.dot(across) / ti.max(across.norm(), 1e-30), -arm.dot(up))
+        rate = speed / length
+        total = 0.0
+        for k in ti.static(range(len(self.torques))):
+            row, count, function = ti.static(self.torques[k])
+            if ti.static(count == 1):
+                total += function(angle, rate, length, mass, self.values[row, 0])
+            if ti.static(count == 2):
+                total += function(angle, rate, length, mass, self.values[row, 0], self.values[row, 1])
+            if ti.static(count == 3):
+                total += function(
+                    angle, rate, length, mass, self.values[row, 0], self.values[row, 1], self.values[row, 2]
+                )
+        return total / length / ti.max(speed, 1e-30) * velocity
+
+    @ti.func
+    def damping_of_pair(self, damping, closing, radius_eff, mass_eff):
+        """As `damping`; equal beads count with their own radius and mass."""
+        return self.damping(damping, closing, 2.0 * radius_eff, 2.0 * mass_eff)
+
+    @ti.func
+    def damping(self, damping, closing, radius, mass):
+        """Column DAMPING of the law for an impact at the speed `closing`; the law's own is that at 1 m/s."""
+        e = restitution_of(damping / DAMPING_FACTOR)
+        speed = ti.max(closing, 1e-6)
+        for k in ti.static(range(len(self.restitutions))):
+            row, count, function = ti.static(self.restitutions[k])
+            if ti.static(count == 1):
+                e = function(e, speed, radius, mass, self.values[row, 0])
+            if ti.static(count == 2):
+                e = function(e, speed, radius, mass, self.values[row, 0], self.values[row, 1])
+            if ti.static(count == 3):
+                e = function(e, speed, radius, mass, self.values[row, 0], self.values[row, 1], self.values[row, 2])
+        return DAMPING_FACTOR * damping_ratio_in_step(ti.min(ti.max(e, 1e-3), 1.0))
+
+    @ti.func
+    def attraction(self, overlap, radius, modulus):
+        """Pull [N] between two bodies in contact; `radius` [m] and `modulus` [Pa] are the effective ones."""
+        total = 0.0
+        for k in ti.static(range(len(self.attractions))):
+            row, count, function = ti.static(self.attractions[k])
+            if ti.static(count == 1):
+                total += function(overlap, radius, modulus, self.values[row, 0])
+            if ti.static(count == 2):
+                total += function(overlap, radius, modulus, self.values[row, 0], self.values[row, 1])
+        return total
+
+    @ti.func
+    def neck(self, radius, modulus):
+        """How far [m] bodies that touched may part before the contact breaks."""
+        longest = 0.0
+        for k in ti.static(range(len(self.necks))):
+            row, count, function = ti.static(self.necks[k])
+            if ti.static(count == 1):
+                longest = ti.max(longest, function(radius, modulus, self.values[row, 0]))
+            if ti.static(count == 2):
+                longest = ti.max(longest, function(radius, modulus, self.values[row, 0], self.values[row, 1]))
+        return longest
+
+
+@ti.func
+def upwards(gravity):
+    """Unit vector against gravity; z where there is none."""
+    up = ti.Vector([0.0, 0.0, 1.0])
+    if gravity.norm_sqr() > 0.0:
+        up = -gravity / gravity.norm()
+    return up
+
+
+@ti.func
+def restitution_of(ratio):
+    """The restitution that a damping ratio returns: `contact.damping_ratio` the other way round."""
+    e = 1.0
+    if ratio < 1.0:
+        a = ti.asin(ratio)
+        e = ti.exp(-(math.pi - 2.0 * a) * ti.tan(a))
+    else:
+        b = ti.max(ti.log(ratio + ti.sqrt(ratio * ratio - 1.0)), 1e-9)
+        e = ti.exp(-2.0 * b / ti.tanh(b))
+    return e
+
+
+@ti.func
+def damping_ratio_in_step(e):
+    """`contact.damping_ratio` by bisection: wanted once per impact where restitution depends on its speed."""
+    loss = -ti.log(e)
+    ratio = 0.0
+    low, high = 0.0, HALF * math.pi
+    if loss < 2.0:
+        for _ in range(52):
+            a = HALF * (low + high)
+            if (math.pi - 2.0 * a) * ti.tan(a) < loss:
+                low = a
+            else:
+                high = a
+        ratio = ti.sin(HALF * (low + high))
+    else:
+        low, high = 1e-9, loss
+        for _ in range(60):
+            b = HALF * (low + high)
+            if 2.0 * b / ti.tanh(b) < loss:
+                low = b
+            else:
+                high = b
+        b = HALF * (low + high)
+        ratio = HALF * (ti.exp(b) + ti.exp(-b))
+    return ratio
