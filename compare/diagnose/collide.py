@@ -142,7 +142,7 @@ def angles_at(motion: Encounter, since: Array, owner: Any, body: Any) -> tuple[A
     s = np.minimum((inside - motion.begin.reshape(-1)[cell]) / length, 1.0)
 
     def of(pair: tuple[Array, Array]) -> Array:
-        return np.where(body[None] == 0, pair[0].reshape(-1)[cell], pair[1].reshape(-1)[cell])
+        return np.asarray(np.where(body[None] == 0, pair[0].reshape(-1)[cell], pair[1].reshape(-1)[cell]))
 
     value, slope = hermite(
         of(motion.angle), of(motion.angle_end), of(motion.rate) * length, of(motion.rate_end) * length, s

@@ -134,15 +134,15 @@ def diagnose(
 
 def bench_of(lab: TrackedLab) -> Regioned:
     """The reduced model of the lab's rig, bound to its data."""
-    if lab.rig == "pendulum":
-        return DoubleBench(lab) if lab.conditions[0].wall else PendulumBench(lab)
-    builders: dict[str, Callable[[TrackedLab], Regioned]] = {
+    builders: dict[str, Callable[[TrackedLab], Any]] = {
         "drop": DropBench,
+        "pendulum": DoubleBench if lab.conditions[0].wall else PendulumBench,
         "double": DoubleBench,
         "roll": RollBench,
         "slide": SlideBench,
     }
-    return builders[lab.rig](lab)
+    bench: Regioned = builders[lab.rig](lab)
+    return bench
 
 
 def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress) -> Diagnosis:

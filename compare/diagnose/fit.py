@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -378,7 +378,7 @@ def _expect_scatter(bench: Bench, state: _State, linear: _Linear) -> None:
             state.scatter[h] = max(math.sqrt(square), LEAST_SCATTER)
 
 
-def _jitter(bench: Bench, linear: _Linear, mask: Array) -> float:
+def _jitter(bench: Bench, linear: _Linear, mask: Any) -> float:
     """[s], the timestamp jitter that makes the residuals along the path most likely.
 
     Differences from row to row: jitter differs from frame to frame, a misfit of the model hardly does.

@@ -120,7 +120,7 @@ class SlideBench(Runs):
         onset = plain
         normal = self.clump * self.lab.gravity * np.cos(slip)
         for term in terms:
-            own = [values[f"{term.name}.{p.name}"][:, None] for p in term.parameters]
             if term.onset is not None:
+                own = [values[f"{term.name}.{p.name}"][:, None] for p in term.parameters]
                 onset = term.onset(onset, self.waiting + begin, normal, *own)
         return (static - onset)[..., None]
