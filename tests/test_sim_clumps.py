@@ -262,6 +262,31 @@ def test_clumps_that_overlap_at_the_start_are_refused_and_their_own_spheres_are_
         run.add([[0.03, 0, 0.05]], turn=[0, 0, 0, 0])
 
 
+@pytest.mark.parametrize("kind", [Particle("ball", SOFT, 6e-3), ODD])
+def test_a_shrunk_particle_weighs_its_cube_and_does_what_one_made_so_small_does(kind):
+    small = Particle("half", SOFT, 3e-3)
+    if kind.shape is not None:
+        half = [tuple(0.5 * x for x in place) for place in kind.shape.offsets]
+        gyration = tuple(0.25 * k for k in kind.shape.gyration)
+        radii = tuple(0.5 * r for r in kind.shape.radii)
+        small = clumped("half", SOFT, Clump(tuple(half), radii, kind.shape.volume / 8, gyration))
+    found = []
+    for particle, scale in ((kind, np.array([0.5, 0.5])), (small, None)):
+        run = bed([particle], time_step=0.3 * small.rayleigh_time_step)
+        run.add([[0, 0, 0.003], [0.0005, 0, 0.0085]], [[0.1, 0, -0.5]], [[0, 100, 0]], scale=scale)
+        run.run(2000)
+        found.append(run.grains())
+    assert found[0].mass == pytest.approx(small.mass)
+    assert found[0].position == pytest.approx(found[1].position, abs=1e-9)
+    assert found[0].spin == pytest.approx(found[1].spin, rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize("scale", [0.0, 1.5, 0.1])
+def test_a_size_that_cannot_be_is_refused(scale):
+    with pytest.raises(BadInput, match="scale"):
+        bed([CUBE]).add([[0, 0, 0.05]], scale=np.array([scale]))
+
+
 @pytest.mark.parametrize("suffix", [".gsd", ".vtkhdf"])
 def test_a_trajectory_says_which_spheres_are_one_clump(suffix, tmp_path):
     run = bed([DUMBBELL])

@@ -306,34 +306,38 @@ def momentum_of(turn: Array, moments: Array, spin: Array) -> Array:
     return np.asarray(np.einsum("nij,nj->ni", axes, along))
 
 
-def new_bodies(particle: Particle, position: Array, velocity: Array, spin: Array, turn: Array | None) -> Array:
-    """Clumps as the arena takes them, all at one time, without names and forces."""
+def new_bodies(
+    particle: Particle, position: Array, velocity: Array, spin: Array, turn: Array | None, sizes: Array
+) -> Array:
+    """Clumps as the arena takes them, all at one time, without names and forces; `sizes` in parts of the particle's."""
     rows = np.zeros((len(position), BODY_SIZE))
     turn = np.broadcast_to([1.0, 0.0, 0.0, 0.0] if turn is None else turn, (len(position), 4)).astype(float)
     length = np.linalg.norm(turn, axis=1, keepdims=True)
     if not (np.isfinite(length) & (length > 0)).all():
         raise BadInput("turn: a quaternion is zero or not finite; give four numbers, the real part first.")
     rows[:, CENTRE], rows[:, VELOCITY], rows[:, TURN] = position, velocity, turn / length
-    rows[:, MOMENTS], rows[:, MASS] = particle.moments, particle.mass
+    rows[:, MOMENTS], rows[:, MASS] = particle.moments * sizes[:, None] ** 5, particle.mass * sizes**3
     rows[:, MOMENTUM] = momentum_of(rows[:, TURN], rows[:, MOMENTS], spin)
     return rows
 
 
-def new_members(particle: Particle, bodies: Array, first: int) -> tuple[Array, Array]:
+def new_members(particle: Particle, bodies: Array, sizes: Array, first: int) -> tuple[Array, Array]:
     """The beads of new `bodies`, as the arena takes them, and which is whose; the bodies' numbers begin at `first`."""
     assert particle.shape is not None
-    arms, radii = np.array(particle.shape.offsets), np.array(particle.shape.radii)
-    count = len(radii)
+    count = len(particle.shape.radii)
+    arms = sizes[:, None, None] * np.array(particle.shape.offsets)
+    radii = sizes[:, None] * np.array(particle.shape.radii)
     rows = np.zeros((len(bodies) * count, STATE_SIZE))
-    lever = np.einsum("nij,kj->nki", matrices(bodies[:, TURN]), arms).reshape(-1, 3)
+    lever = np.einsum("nij,nkj->nki", matrices(bodies[:, TURN]), arms).reshape(-1, 3)
     spin = spin_of(bodies[:, TURN], bodies[:, MOMENTS], bodies[:, MOMENTUM])
     rows[:, 0:3] = np.repeat(bodies[:, CENTRE], count, axis=0) + lever
     rows[:, 6:9] = np.repeat(spin, count, axis=0)
     rows[:, 3:6] = np.repeat(bodies[:, VELOCITY], count, axis=0) + np.cross(rows[:, 6:9], lever)
-    rows[:, 9] = np.tile(radii, len(bodies))
+    rows[:, 9] = radii.reshape(-1)
     # a contact feels the mass of the whole clump; rolling resistance the smallest of its moments
-    rows[:, 10:12] = particle.mass, min(particle.moments)
+    rows[:, 10] = np.repeat(bodies[:, MASS], count)
+    rows[:, 11] = np.repeat(bodies[:, MOMENTS].min(axis=1), count)
     members = np.zeros((len(rows), MEMBER_SIZE))
-    members[:, :3] = np.tile(arms, (len(bodies), 1))
+    members[:, :3] = arms.reshape(-1, 3)
     members[:, 3] = np.repeat(np.arange(first, first + len(bodies)), count)
     return rows, members

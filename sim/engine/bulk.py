@@ -23,7 +23,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.engine import arena as at
 from rigtwin.sim.engine import backend, bodies, budget, checkpoint
-from rigtwin.sim.engine.clock import positive
+from rigtwin.sim.engine.clock import UNSTABLE, positive
 from rigtwin.sim.engine.contact import LAW_SIZE, ROLLING, Rolling, pair_law
 from rigtwin.sim.engine.elements import Vector
 from rigtwin.sim.engine.terms import Active, Terms, terms_of
@@ -153,12 +153,14 @@ class Bulk:
         *,
         kind: int = 0,
         turn: Array | None = None,
+        scale: Array | None = None,
         overlap: float = OVERLAP_AT_START,
     ) -> None:
         """Add particles of one kind at `position` [m], shape (k, 3).
 
         `turn` are quaternions (real part first), shape (k, 4), from a clump's own axes to space; without it the axes
-        are those of space.  Overlaps above `overlap` sphere radii are refused.
+        are those of space.  `scale`, shape (k,), shrinks each particle to a part of its kind's size (sizes drawn from a
+        distribution, over its largest).  Overlaps above `overlap` sphere radii are refused.
         """
         position = np.ascontiguousarray(position, dtype=np.float64).reshape(-1, 3)
         count = len(position)
@@ -169,15 +171,16 @@ class Bulk:
         if not finite.all():
             bad = self._added + int(np.argmin(finite))
             raise BadInput(f"bead {bad}: position, velocity or spin is not a finite number.")
+        sizes = self._sizes(particle, scale, count)
         bodies_before = self._count(at.BODIES)
         if particle.shape is None:
-            rows, members = self._single(particle, position, velocity, spin), None
+            rows, members = self._single(particle, position, velocity, spin, sizes), None
         else:
-            grains = bodies.new_bodies(particle, position, velocity, spin, turn)
+            grains = bodies.new_bodies(particle, position, velocity, spin, turn, sizes)
             grains[:, bodies.IDENT], grains[:, bodies.KIND] = np.arange(self._added, self._added + count), kind
             grains[:, bodies.VELOCITY] -= 0.5 * self.time_step * np.array(self._gravity)
             grains[:, bodies.PUSH] = self._gravity
-            rows, members = bodies.new_members(particle, grains, bodies_before)
+            rows, members = bodies.new_members(particle, grains, sizes, bodies_before)
         self._check_new(rows, particle, kind, overlap)
         before = self._count(at.BEADS)
         if before + len(rows) > self._arena.capacity:
@@ -430,10 +433,24 @@ class Bulk:
     def _largest(self) -> float:
         return max(max(particle.radii) for particle in self._particles)
 
-    def _single(self, particle: Particle, position: Array, velocity: Array, spin: Array) -> Array:
+    def _sizes(self, particle: Particle, scale: Array | None, count: int) -> Array:
+        if scale is None:
+            return np.ones(count)
+        sizes = np.broadcast_to(np.asarray(scale, dtype=np.float64), (count,))
+        if not ((sizes > 0) & (sizes <= 1 + 1e-12)).all():
+            raise BadInput("scale: every particle must be above 0 and at most 1 times the size of its kind.")
+        if count and self.time_step > UNSTABLE * particle.rayleigh_time_step * sizes.min():
+            raise BadInput(
+                f"scale: a particle of {sizes.min():.3g} times the size of its kind needs a step below "
+                f"{UNSTABLE:.0%} of its own Rayleigh step, {particle.rayleigh_time_step * sizes.min():.3g} s."
+            )
+        return sizes
+
+    def _single(self, particle: Particle, position: Array, velocity: Array, spin: Array, sizes: Array) -> Array:
         rows = np.zeros((len(position), bodies.STATE_SIZE))
         rows[:, 0:3], rows[:, 3:6], rows[:, 6:9] = position, velocity, spin
-        rows[:, 9:12] = particle.radius, particle.mass, particle.moments[0]
+        rows[:, 9], rows[:, 10] = particle.radius * sizes, particle.mass * sizes**3
+        rows[:, 11] = particle.moments[0] * sizes**5
         rows[:, 12:15] = self._gravity  # a bead that touches nothing falls
         rows[:, 3:6] -= 0.5 * self.time_step * rows[:, 12:15]
         return rows
