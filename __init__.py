@@ -6,10 +6,11 @@ The map of the project (the folders at the top level import as ``rigtwin.*``)::
     measure/   media -> records -> quantities            (never imports sim)
     sim/       model + rig -> records                    (never imports measure)
     compare/   twins, deviations, the report             (the only room that sees both)
-    cli.py     the door: parse, call one function, print
+    commands/  the commands: their options, and how results are shown
+    cli.py     the door: run a command, turn every error into one sentence
 
-Arrows run one way: ``cli -> compare -> {measure, sim} -> lab``.  The same rig has the same file name in every
-room: ``measure/drop.py`` and ``sim/drop.py`` together tell the whole drop test.
+Arrows run one way: ``cli -> commands -> compare -> {measure, sim} -> lab``.  The same rig has the same file name in
+every room: ``measure/drop.py`` and ``sim/drop.py`` together tell the whole drop test.
 """
 
 __version__ = "0.1.0"

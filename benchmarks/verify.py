@@ -20,8 +20,9 @@ import numpy as np
 import numpy.typing as npt
 from figures import Row, against, below, report
 
-from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.materials import Contact, Material, Particle, clumped
 from rigtwin.lab.rigs import GRAVITY
+from rigtwin.lab.shapes import clump
 from rigtwin.sim.engine.bulk import Beads, Bulk
 from rigtwin.sim.engine.clock import time_step
 from rigtwin.sim.engine.contact import ROLLING, Rolling
@@ -553,8 +554,34 @@ def _collapsed(contact: Contact, finer: int) -> tuple[Array, float, str]:
     return budget.sum(1), float(budget[0, 1] - budget[:, 1].min()), name
 
 
+SPIN = (20.0, 150.0, 20.0)  # [rad/s], nearly about the middle axis: the clump flips over and over
+
+
+def spin() -> list[Row]:
+    """An asymmetric clump that tumbles freely for 1e5 steps."""
+    shape = clump([(0, 0, 0), (3e-3, 0, 0), (0, 2e-3, 1e-3)], [2e-3, 1.5e-3, 1e-3])
+    odd = clumped("odd", SOFT, shape)
+    step = time_step([odd])[0]
+    space = Bulk([odd], Contact(0.5), low=(-0.1,) * 3, high=(0.1,) * 3, gravity=WEIGHTLESS, time_step=step, threads=1)
+    turn = np.random.default_rng(SEED).normal(0, 1, 4)
+    space.add(np.zeros((1, 3)), spin=np.array([SPIN]), turn=turn)
+    before = space.grains()
+    energies, momenta = [], []
+    for _ in range(100):
+        space.run(1000)
+        now = space.grains()
+        energies.append(now.kinetic_energy / before.kinetic_energy - 1)
+        momenta.append(np.linalg.norm(now.momentum - before.momentum) / np.linalg.norm(before.momentum))
+    moments = "{:.3g} : {:.3g} : {:.3g}".format(*np.array(shape.gyration) / min(shape.gyration))
+    note = f"moments {moments}, {space.time:.2f} s, {math.hypot(*SPIN) * step:.1e} rad a step"
+    return [
+        below("spinning clump, 1e5 steps: energy", float(np.abs(energies).max()), 1e-4, note=note),
+        below("spinning clump, 1e5 steps: angular momentum", float(np.max(momenta)), 1e-4, note=note),
+    ]
+
+
 CASES: tuple[Callable[[], list[Row]], ...] = (
-    test_1, test_2, test_3, test_4, test_5, test_6, test_7, test_8, slope, pair, restitution, rest, collapse,
+    test_1, test_2, test_3, test_4, test_5, test_6, test_7, test_8, slope, pair, restitution, rest, collapse, spin,
 )  # fmt: skip
 SEED = int(os.environ.get("SEED", "1"))
 

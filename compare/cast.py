@@ -23,9 +23,9 @@ def particle(name: str, model: Model) -> Particle:
     """A particle of the model, else of the published reference."""
     if name in model.particles:
         return model.particles[name]
-    if name in hlosta2020.PARTICLES:
+    if name in hlosta2020.NAMES:
         return hlosta2020.particle(name)
-    known = (*model.particles, *hlosta2020.PARTICLES)
+    known = (*model.particles, *hlosta2020.NAMES)
     raise BadInput(f"--particle: there is no particle {name!r}; {suggestion(name, known)}.")
 
 

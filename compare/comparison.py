@@ -52,7 +52,7 @@ class Outcome:
         """All warnings of this experiment, each with the file it speaks of."""
         return (
             *(f"{failure.source.name} was left out: {failure.message}" for failure in self.failures),
-            *(f"{item.source.name}: {warning}" for item in self.measurements for warning in item.warnings),
+            *(_with_source(item, warning) for item in self.measurements for warning in item.warnings),
             *_against_stated(self.experiment, self.measurements),
             *(f"twin: {warning}" for twin in self.twins for warning in (*twin.warnings, *twin.evaluation.warnings)),
         )
@@ -254,6 +254,14 @@ def _against_stated(experiment: Experiment, measurements: Sequence[Measurement])
                 f"{item.source.name}: measured a {found.quantity.replace('_', ' ')} of {was} where the lab file states "
                 f"{should}; an early part of the motion was missed, or clip, scale or setting are not those stated"
             )
+
+
+def _with_source(item: Measurement, warning: str) -> str:
+    """The warning with the file it speaks of; one about a view of several names that view already."""
+    views = {str(quantity.detail["view"]) for quantity in item.quantities if "view" in quantity.detail}
+    if any(warning.startswith(f"{view}: ") for view in views):
+        return warning
+    return f"{item.source.name}{' and its other views' if views else ''}: {warning}"
 
 
 def _relative(path: Path, folder: Path) -> str:

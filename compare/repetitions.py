@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 import re
-import signal
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
+from rigtwin.compare.processes import interrupts_held, spawned
 from rigtwin.lab.errors import RigtwinError
 from rigtwin.lab.notebook import Experiment
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement
-from rigtwin.lab.rigs import DropSettings, PendulumSettings
+from rigtwin.lab.rigs import (
+    DropSettings,
+    DrumSettings,
+    PackingSettings,
+    PendulumSettings,
+    PileSettings,
+    TiltSettings,
+)
 
 
 @dataclass(frozen=True)
@@ -46,34 +52,16 @@ def measure_repetition(experiment: Experiment, views: Sequence[Path], out: Path 
 
 @contextmanager
 def measuring(experiments: Sequence[Experiment], out: Path, workers: int | None = None) -> Iterator[Pending]:
-    """Start measuring all repetitions; the block may do other work before it asks for `Pending.results`.
-
-    Processes are spawned, never forked: a simulation may already run in this one.
-    """
+    """Start measuring all repetitions; the block may do other work before it asks for `Pending.results`."""
     jobs = [
         (experiment, views, folder)
         for experiment, place in zip(experiments, folders(experiments), strict=True)
         for views, folder in zip(experiment.repetitions, _places(experiment, out / place), strict=True)
     ]
-    workers = max(1, min(workers or os.cpu_count() or 1, len(jobs)))
-    others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_start_worker)
-    try:
-        with _interrupts_held():
+    with spawned(len(jobs), workers) as pool:
+        with interrupts_held():
             pending = [(item.id, pool.submit(measure_repetition, item, views, folder)) for item, views, folder in jobs]
         yield Pending(pending)
-    except BrokenProcessPool:
-        raise RigtwinError(
-            "a measuring process ended before its time, most likely for want of memory; "
-            "close other programs and run again, or measure the clips one by one."
-        ) from None
-    except BaseException:
-        # nobody will read what is still being measured: do not let the person wait for it
-        for process in set(multiprocessing.active_children()) - others:
-            process.terminate()
-        raise
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
 
 
 @dataclass(frozen=True)
@@ -119,58 +107,29 @@ def _places(experiment: Experiment, folder: Path) -> list[Path]:
     return [folder / f"r{number:02d}" for number in range(1, len(experiment.repetitions) + 1)]
 
 
-@contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Processes started inside begin with Ctrl-C held back, until they are ready to die of it without a traceback."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _start_worker() -> None:
-    """Ctrl-C ends a worker at once and without words; the main process does the talking."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    import cv2
-
-    cv2.setNumThreads(1)  # the pool already uses every core
-
-
 def _measure(experiment: Experiment, views: Sequence[Path], out: Path | None) -> Measurement:
-    rig, particle, camera = experiment.rig, experiment.particle, experiment.camera
-    if isinstance(rig, DropSettings):
-        from rigtwin.measure import drop
+    rig, camera = experiment.rig, experiment.camera
+    ruler = import_module(f"rigtwin.measure.{rig.name}")
+    media = list(views) if isinstance(rig, (PackingSettings, PileSettings)) else views[0]
+    measurement: Measurement = ruler.measure(media, camera, **known(experiment), out=out, progress=silent)
+    return measurement
 
-        density = particle.effective_density
-        return drop.measure(
-            views[0], camera, bead_diameter=particle.diameter, bead_density=density, out=out, progress=silent
-        )
-    if isinstance(rig, PendulumSettings):
-        from rigtwin.measure import pendulum
 
-        return pendulum.measure(
-            views[0],
-            camera,
-            variant=rig.variant,
-            length=rig.length,
-            bead_diameter=particle.diameter,
-            bead_mass=particle.mass,
-            out=out,
-            progress=silent,
-        )
-    from rigtwin.measure import pile
-
-    return pile.measure(
-        list(views),
-        camera,
-        base_diameter=rig.base_diameter,
-        bead_diameter=particle.diameter,
-        out=out,
-        progress=silent,
-    )
+def known(experiment: Experiment) -> dict[str, Any]:
+    """What the ruler of the experiment's rig is told beforehand, by keyword."""
+    rig, particle = experiment.rig, experiment.particle
+    told: dict[str, Any] = {"bead_diameter": particle.diameter}
+    match rig:
+        case DropSettings():
+            return told | {"bead_density": particle.effective_density}
+        case PendulumSettings():
+            return told | {"variant": rig.variant, "length": rig.length, "bead_mass": particle.mass}
+        case TiltSettings():
+            return told | {"variant": rig.variant, "arm_length": rig.arm_length}
+        case PackingSettings():
+            return told | {"cylinder_diameter": rig.cylinder_diameter, "total_mass": rig.total_mass}
+        case PileSettings():
+            return told | {"base_diameter": rig.base_diameter}
+        case DrumSettings():
+            return told | {"drum_diameter": rig.drum_diameter, "speed": rig.speed}
+    return told | {"bin_width": rig.bin_width, "total_mass": rig.total_mass}

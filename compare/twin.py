@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from statistics import fmean
@@ -86,7 +87,8 @@ def drop_twin(
 
     begun = time.perf_counter()
     track = drop.run(rig, particle, wall, contact, frame_rate=frame_rate, duration=duration, progress=progress)
-    evaluation = ruler.evaluate(track, bead_diameter=particle.diameter, bead_density=None)
+    with _as_a_twin("drop", "a higher frame rate, a longer duration, a greater drop height"):
+        evaluation = ruler.evaluate(track, bead_diameter=particle.diameter, bead_density=None)
     return Twin(
         "drop",
         evaluation,
@@ -113,9 +115,10 @@ def pendulum_twin(
 
     begun = time.perf_counter()
     tracks = pendulum.run(rig, particle, contact, frame_rate=frame_rate, duration=duration, progress=progress)
-    evaluation = ruler.evaluate(
-        tracks, variant=rig.variant, length=rig.length, bead_diameter=particle.diameter, bead_mass=None
-    )
+    with _as_a_twin("pendulum", "a higher frame rate, a longer duration, a greater release angle or length"):
+        evaluation = ruler.evaluate(
+            tracks, variant=rig.variant, length=rig.length, bead_diameter=particle.diameter, bead_mass=None
+        )
     return Twin(
         "pendulum",
         evaluation,
@@ -156,7 +159,8 @@ def pile_twin(
         progress=progress,
         stiffness_factor=stiffness_factor,
     )
-    evaluation = ruler.evaluate(heap.profiles, base_diameter=rig.base_diameter, bead_diameter=particle.diameter)
+    with _as_a_twin("pile", "more particles, a rim, a rougher base"):
+        evaluation = ruler.evaluate(heap.profiles, base_diameter=rig.base_diameter, bead_diameter=particle.diameter)
     contacts = {f"{particle.name}-{particle.name}": contact, f"{particle.name}-{wall.name}": wall_contact}
     counts = {"asked": heap.asked, "placed": heap.placed, "fallen": heap.fallen, "at_rest": heap.at_rest}
     return Twin(
@@ -231,6 +235,7 @@ def twin_of(
         assert experiment.wall is not None
         twin = drop_twin(rig.rig(start), particle, experiment.wall, contacts[0], frame_rate=rate, progress=progress)
     else:
+        assert isinstance(rig, PendulumSettings)
         pendulum = rig.rig(start)
         watched = _watched(pendulum, rate, measurements)
         twin = pendulum_twin(pendulum, particle, contacts[0], frame_rate=rate, duration=watched, progress=progress)
@@ -251,6 +256,16 @@ def write_twin(twin: Twin, out: Path) -> dict[str, Path]:
     written = results.write_together(out, {"quantities.json": results.document(twin.to_json())})
     files["quantities"] = written["quantities.json"]
     return files
+
+
+@contextmanager
+def _as_a_twin(rig: str, remedies: str) -> Iterator[None]:
+    """The ruler's words on a record that it cannot read, with advice on settings where a film's owner gets another."""
+    try:
+        yield
+    except BadInput as error:
+        finding = str(error).removeprefix("bead: ").rpartition("; ")[0] or str(error).rstrip(".")
+        raise BadInput(f"the twin of the {rig} gives nothing to measure: {finding}; try {remedies}.") from None
 
 
 def _start(experiment: Experiment, measurements: Sequence[Measurement]) -> tuple[float | None, dict[str, str]]:

@@ -17,13 +17,37 @@ TITLES = {
     "rebound_angle": "Rebound angle",
     "angle_of_repose_graphical": "Angle of repose, graphical",
     "angle_of_repose_geometric": "Angle of repose, geometric",
+    "static_friction": "Static friction",
+    "static_friction_angle": "Angle of static friction",
+    "rolling_friction": "Rolling friction",
+    "rolling_friction_angle": "Angle of rolling friction",
+    "bed_height": "Bed height",
+    "bulk_density": "Bulk density",
+    "discharge_time": "Discharge time",
+    "mass_flow_rate": "Mass flow rate",
     "energy_ratio_root": "√(h_B/h_A), which is (1+e)/2",
 }
 
-RIG_TITLES = {"drop": "Drop test", "pendulum": "Pendulum", "pile": "Pile"}
+RIG_TITLES = {
+    "drop": "Drop test",
+    "pendulum": "Pendulum",
+    "tilt": "Tilting plate",
+    "packing": "Packed cylinder",
+    "pile": "Pile",
+    "drum": "Rotating drum",
+    "hopper": "Hopper",
+}
 
 # how a unit is shown: the factor from SI and the sign behind the number
-_SHOWN = {"1": (1.0, ""), "m": (1e3, "mm"), "deg": (1.0, "°"), "kg": (1e3, "g"), "m/s^2": (1.0, "m/s²")}
+_SHOWN = {
+    "1": (1.0, ""),
+    "m": (1e3, "mm"),
+    "deg": (1.0, "°"),
+    "kg": (1e3, "g"),
+    "m/s^2": (1.0, "m/s²"),
+    "kg/m^3": (1.0, "kg/m³"),
+    "kg/s": (1e3, "g/s"),
+}
 
 
 def title(quantity: str) -> str:

@@ -22,8 +22,7 @@ from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.toml_lines import Key, dotted, key_lines
 from rigtwin.lab.units import LONGEST, si
 
-RIGS = ("drop", "pendulum", "pile")
-LATER_RIGS = ("tilt", "packing", "drum", "hopper")
+RIGS = ("drop", "pendulum", "tilt", "packing", "pile", "drum", "hopper")
 
 
 class Problem(NamedTuple):
@@ -48,8 +47,13 @@ class Document:
         return self.lines[key]
 
     def error(self, problems: Iterable[Problem]) -> BadLabFile:
-        """One sentence on the first problem by line, and how many more there are."""
-        first, *others = sorted(dict.fromkeys(problems), key=lambda problem: self.line(problem.key))
+        """One sentence on the first problem by line, and how many more there are.
+
+        A missing key comes last: it may be the misspelt one.
+        """
+        first, *others = sorted(
+            dict.fromkeys(problems), key=lambda problem: (problem.key not in self.lines, self.line(problem.key))
+        )
         where = f"{self.path}, line {self.line(first.key)}: "
         key = f"{dotted(first.key)}: " if first.key else ""
         more = f" (and {len(others)} more)" if others else ""
@@ -100,7 +104,7 @@ def _quantity(dimension: str, lowest: float = -math.inf, highest: float = math.i
     def parse(value: Any) -> float:
         number = si(value, dimension)
         if number < lowest or number > highest or (open_low and number == lowest):
-            raise BadInput(f"{value!r} cannot be; it must be {_limits(lowest, highest, open_low)}.")
+            raise BadInput(f"{value!r} is out of range; it must be {_limits(lowest, highest, open_low)}.")
         return number
 
     return _edge(parse)
@@ -159,6 +163,8 @@ Restitution = Annotated[float, _quantity("number", 0, 1), Field(examples=[0.42])
 Friction = Annotated[float, _quantity("number", 0, open_low=False), Field(examples=[0.36])]
 Rate = Annotated[float, _quantity("frequency", 0), Field(examples=["240 Hz"])]
 Scale = Annotated[float, _quantity("scale", 0), Field(examples=["0.2 mm/px"])]
+Turning = Annotated[float, _quantity("angular_speed", 0), Field(examples=["3 rpm"])]
+Fraction = Annotated[float, _quantity("number", 0, 1), Field(examples=[0.35])]
 Release = Annotated[float, _quantity("angle", 0, math.radians(179)), Field(examples=["45 deg"])]
 Count = Annotated[int, _edge(_whole), Field(examples=[1000])]
 Moment = Annotated[camera.Moment, _edge(_moment), Field(examples=["0.25 s"])]
@@ -241,12 +247,52 @@ class PileEntry(_ExperimentEntry):
     count: Count | None = None
 
 
+class TiltEntry(_ExperimentEntry):
+    rig: Literal["tilt"]
+    wall: Name = Field(examples=["steel"])
+    variant: Literal["slide", "roll"] = Field(examples=["slide"])
+    arm_length: Length | None = None
+    speed: Turning | None = None
+
+
+class PackingEntry(_ExperimentEntry):
+    rig: Literal["packing"]
+    wall: Name = Field(examples=["PMMA"])
+    cylinder_diameter: Length = Field(examples=["65 mm"])
+    total_mass: Mass | None = None
+    count: Count | None = None
+
+
+class DrumEntry(_ExperimentEntry):
+    rig: Literal["drum"]
+    wall: Name = Field(examples=["PMMA"])
+    drum_diameter: Length = Field(examples=["140 mm"])
+    speed: Turning = Field(examples=["3 rpm"])
+    depth: Length | None = None
+    fill: Fraction | None = None
+    count: Count | None = None
+
+
+class HopperEntry(_ExperimentEntry):
+    rig: Literal["hopper"]
+    wall: Name = Field(examples=["PMMA"])
+    variant: Literal["slot", "conical"] = Field(examples=["slot"])
+    bin_width: Length | None = None
+    depth: Length | None = None
+    outlet: Length | None = None
+    total_mass: Mass | None = None
+    count: Count | None = None
+
+
+ExperimentEntry = DropEntry | PendulumEntry | TiltEntry | PackingEntry | PileEntry | DrumEntry | HopperEntry
+
+
 class LabFile(_Entry):
     lab: LabEntry = LabEntry()
     materials: dict[str, MaterialEntry] = {}
     particles: dict[str, ParticleEntry] = {}
     contacts: dict[str, ContactEntry] = {}
-    experiments: list[Annotated[DropEntry | PendulumEntry | PileEntry, Field(discriminator="rig")]] = []
+    experiments: list[Annotated[ExperimentEntry, Field(discriminator="rig")]] = []
 
 
 class ModelFile(_Entry):
@@ -264,7 +310,11 @@ _SECTIONS: dict[str, type[_Entry]] = {
     "camera": CameraEntry,
     "drop": DropEntry,
     "pendulum": PendulumEntry,
+    "tilt": TiltEntry,
+    "packing": PackingEntry,
     "pile": PileEntry,
+    "drum": DrumEntry,
+    "hopper": HopperEntry,
 }
 
 File = TypeVar("File", LabFile, ModelFile)
@@ -361,6 +411,4 @@ def suggestion(name: str, known: Iterable[str]) -> str:
 
 def unknown_rig(name: str) -> str:
     """What to say of a rig that cannot be read."""
-    if name in LATER_RIGS:
-        return f"the rig {name!r} is not supported yet; use one of {', '.join(RIGS)}."
     return f"there is no rig {name!r}; {suggestion(name, RIGS)}."

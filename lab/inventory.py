@@ -47,8 +47,8 @@ class Inventory:
             return self.particles[name]
         if name in self.file.particles:
             return self._own_particle(name, self.file.particles[name])
-        if name not in hlosta2020.PARTICLES:
-            near = suggestion(name, (*self.file.particles, *hlosta2020.PARTICLES))
+        if name not in hlosta2020.NAMES:
+            near = suggestion(name, (*self.file.particles, *hlosta2020.NAMES))
             self.problems.append(Problem(key, f"there is no particle {name!r}; {near}, or add [particles.{name}]."))
             return None
         try:
@@ -96,7 +96,7 @@ class Inventory:
 
     def _read_contact(self, name: str) -> None:
         key: Key = ("contacts", name)
-        particles = {*self.file.particles, *hlosta2020.PARTICLES}
+        particles = {*self.file.particles, *hlosta2020.NAMES}
         materials = {*self.file.materials, *hlosta2020.MATERIALS}
         known = particles | materials
         halves = [(name[:k], name[k + 1 :]) for k, letter in enumerate(name) if letter == "-"]

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.shapes import Clump
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class Material:
 
 @dataclass(frozen=True)
 class Particle:
-    """A sphere of a material.
+    """A sphere of a material, or a rigid clump of overlapping spheres (`clumped` makes one).
 
     `density` is that of the particle itself, which may differ from the solid's (beads have holes); None takes the
     material's.
@@ -44,11 +45,14 @@ class Particle:
 
     name: str
     material: Material
-    diameter: float  # [m]
-    density: float | None = None  # [kg/m^3]
+    diameter: float  # [m], of the sphere; of a clump that of the sphere about its centre of mass that holds it
+    density: float | None = None  # [kg/m^3], over the volume of a clump's union
+    shape: Clump | None = None  # None: a sphere
 
     def __post_init__(self) -> None:
         _positive(self.name, diameter=self.diameter)
+        if self.shape is not None and not math.isclose(self.diameter, 2 * self.shape.reach, rel_tol=1e-9):
+            raise BadInput(f"{self.name}: the diameter of a clump follows from its shape; make it with clumped().")
         if self.density is not None:
             _positive(self.name, density=self.density)
 
@@ -58,6 +62,24 @@ class Particle:
         return self.diameter / 2
 
     @property
+    def radii(self) -> tuple[float, ...]:
+        """Of its spheres [m]."""
+        return (self.radius,) if self.shape is None else self.shape.radii
+
+    @property
+    def volume(self) -> float:
+        """[m^3]"""
+        return math.pi / 6 * self.diameter**3 if self.shape is None else self.shape.volume
+
+    @property
+    def moments(self) -> tuple[float, float, float]:
+        """Principal moments of inertia [kg m^2]."""
+        if self.shape is None:
+            return (0.4 * self.mass * self.radius**2,) * 3
+        x, y, z = self.shape.gyration
+        return self.mass * x, self.mass * y, self.mass * z
+
+    @property
     def effective_density(self) -> float:
         """[kg/m^3]"""
         return self.material.density if self.density is None else self.density
@@ -65,21 +87,39 @@ class Particle:
     @property
     def mass(self) -> float:
         """[kg]"""
-        return self.effective_density * math.pi / 6 * self.diameter**3
+        if self.shape is None:
+            return self.effective_density * math.pi / 6 * self.diameter**3
+        return self.effective_density * self.shape.volume
 
     @property
     def rayleigh_time_step(self) -> float:
         """Rayleigh time step [s] (Hlosta et al. 2020, eq. 7).
 
-        pi R / (0.163 nu + 0.8766) sqrt(rho / G)
+        pi R / (0.163 nu + 0.8766) sqrt(rho / G), R the radius of the smallest sphere
         """
         nu = self.material.poisson_ratio
         return (
             math.pi
-            * self.radius
+            * min(self.radii)
             / (0.163 * nu + 0.8766)
             * math.sqrt(self.effective_density / self.material.shear_modulus)
         )
+
+
+def clumped(
+    name: str, material: Material, shape: Clump, *, density: float | None = None, mass: float | None = None
+) -> Particle:
+    """A rigid clump of spheres.
+
+    With `mass` [kg] that of the real particle is kept, whatever the volume of the clump (Hlosta et al. 2020, section
+    2.2.2); with `density` [kg/m^3] that of the union is given; with neither it is the material's.
+    """
+    if mass is not None:
+        if density is not None:
+            raise BadInput(f"{name}: density and mass are both given; leave one of them out.")
+        _positive(name, mass=mass)
+        density = mass / shape.volume
+    return Particle(name, material, 2 * shape.reach, density, shape)
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rigtwin.lab.entries import ModelFile, read_document, validated
+from rigtwin.lab.errors import BadInput
 from rigtwin.lab.inventory import Inventory
 from rigtwin.lab.materials import PARAMETERS, Contact, KnownContact, Material, Pair, Particle, pair
+from rigtwin.lab.reference import hlosta2020
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,9 @@ def write_model(path: Path, model: Model) -> None:
     for name, material in model.materials.items():
         lines += _section("materials", name, ("density", "youngs_modulus", "poisson_ratio"), material)
     for name, particle in model.particles.items():
+        if particle.shape is not None:
+            _check_known(particle)  # found again by its name
+            continue
         lines += _section("particles", name, ("diameter", "density"), particle)
         lines.append(f"material = {_text(particle.material.name)}")
     for (a, b), contact in model.contacts.items():
@@ -71,6 +76,14 @@ def write_model(path: Path, model: Model) -> None:
     partial = path.with_name(path.name + ".part")
     partial.write_text("\n".join(lines) + "\n", encoding="utf-8")
     partial.replace(path)
+
+
+def _check_known(clump: Particle) -> None:
+    if clump.name not in hlosta2020.NAMES or hlosta2020.particle(clump.name) != clump:
+        raise BadInput(
+            f"{clump.name} is a clump that no file can describe; a model.toml holds spheres, and the clumps of "
+            f"{hlosta2020.CITATION} by name."
+        )
 
 
 def _section(kind: str, name: str, keys: Sequence[str], item: object) -> list[str]:

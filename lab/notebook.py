@@ -16,7 +16,11 @@ from rigtwin.lab.entries import (
     RIGS,
     Document,
     DropEntry,
+    DrumEntry,
+    ExperimentEntry,
+    HopperEntry,
     LabFile,
+    PackingEntry,
     PendulumEntry,
     PileEntry,
     Problem,
@@ -27,10 +31,20 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.inventory import Inventory
 from rigtwin.lab.materials import PARAMETERS, Contact, KnownContact, Material, Pair, Particle
 from rigtwin.lab.model import Model
-from rigtwin.lab.rigs import DropSettings, PendulumSettings, PileSettings, RigSettings
+from rigtwin.lab.rigs import (
+    DropSettings,
+    DrumSettings,
+    HopperSettings,
+    PackingSettings,
+    PendulumSettings,
+    PileSettings,
+    RigSettings,
+    TiltSettings,
+)
 from rigtwin.lab.toml_lines import Key, dotted
 
-ExperimentEntry = DropEntry | PendulumEntry | PileEntry
+SEEN_FROM_SIDES = (PackingEntry, PileEntry)
+"""Rigs at rest, of which one repetition may have several photos."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +56,13 @@ class Experiment:
     particle: Particle
     wall: Material | None  # None in the double pendulum
     camera: Camera
-    repetitions: tuple[tuple[Path, ...], ...]  # per repetition its media or tracked CSV; several views of one pile
+    repetitions: tuple[
+        tuple[Path, ...], ...
+    ]  # per repetition its media or tracked CSV; several views of one bed or pile
 
     @property
     def rig_name(self) -> str:
-        """``"drop"``, ``"pendulum"`` or ``"pile"``."""
+        """``"drop"``, ``"pendulum"``, ``"tilt"``, ``"packing"``, ``"pile"``, ``"drum"`` or ``"hopper"``."""
         return self.rig.name
 
     @property
@@ -54,7 +70,8 @@ class Experiment:
         """The pairs that touch in this experiment, for `Model.contact`: with the wall first, then with its like."""
         bead = self.particle.name
         wall = () if self.wall is None else ((bead, self.wall.name),)
-        like = () if self.rig_name == "drop" or (self.rig_name == "pendulum" and self.wall) else ((bead, bead),)
+        alone = self.rig_name in ("drop", "tilt") or (self.rig_name == "pendulum" and self.wall)
+        like = () if alone else ((bead, bead),)
         return (*wall, *like)
 
 
@@ -151,7 +168,16 @@ def _settings(entry: ExperimentEntry) -> RigSettings:
         return DropSettings(entry.drop_height, entry.bounces)
     if isinstance(entry, PendulumEntry):
         return PendulumSettings(entry.length, entry.release_angle, entry.variant)
-    return PileSettings(entry.base_diameter, entry.rim_height, entry.outlet_diameter, entry.count, entry.variant)
+    if isinstance(entry, PileEntry):
+        return PileSettings(entry.base_diameter, entry.rim_height, entry.outlet_diameter, entry.count, entry.variant)
+    if isinstance(entry, PackingEntry):
+        return PackingSettings(entry.cylinder_diameter, entry.total_mass, entry.count)
+    if isinstance(entry, DrumEntry):
+        return DrumSettings(entry.drum_diameter, entry.speed, entry.depth, entry.fill, entry.count)
+    if isinstance(entry, HopperEntry):
+        sizes = (entry.bin_width, entry.depth, entry.outlet)
+        return HopperSettings(entry.variant, *sizes, entry.total_mass, entry.count)
+    return TiltSettings(entry.variant, entry.arm_length, entry.speed)
 
 
 def _wall_problems(entry: ExperimentEntry, key: Key) -> list[Problem]:
@@ -169,7 +195,7 @@ def _media_problems(entry: ExperimentEntry, repetitions: tuple[tuple[Path, ...],
     seen: set[Path] = set()
     for number, views in enumerate(repetitions):
         place: Key = (*key, "repetitions", number)
-        if len(views) > 1 and not isinstance(entry, PileEntry):
+        if len(views) > 1 and not isinstance(entry, SEEN_FROM_SIDES):
             problems.append(Problem(place, f"a {entry.rig} has one file per repetition; take it out of its brackets."))
         for view in views:
             if not _is_file(view):

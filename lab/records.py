@@ -67,6 +67,12 @@ def write_profile(path: Path, profile: Profile) -> None:
     _write(path, ("x_m", "height_m", "sigma_m"), [(f"{x:.9g}", f"{h:.9g}", f"{sigma:.3g}") for x, h, sigma in points])
 
 
+def write_series(path: Path, series: Series) -> None:
+    """Write a series as ``time_s,value``; the quantity and its unit stand in the lab file."""
+    pairs = zip(series.time, series.value, strict=True)
+    _write(path, ("time_s", "value"), [(f"{time:.9g}", f"{value:.9g}") for time, value in pairs])
+
+
 def read_tracks(path: Path) -> tuple[Track, ...]:
     """Read ``time_s,x_m,y_m`` with optional columns ``sigma_m`` and ``particle`` (or ``body``).
 

@@ -45,6 +45,29 @@ class Pile:
 
 
 @dataclass(frozen=True)
+class Packing:
+    """Particles pour from a hopper, as its slide is drawn, into a measuring cylinder (fig. 4).
+
+    The paper gives the cylinder's volume, 1000 mL, not its diameter: 65 mm follow from its masses and bed heights.
+    """
+
+    cylinder_diameter: float = 0.065  # [m], inside
+    cylinder_height: float = 0.302  # [m], inside; with 65 mm it holds 1000 mL
+    outlet_diameter: float | None = None  # [m], of the hopper; None: 0.6 of the cylinder
+    fall_height: float = 0.02  # [m], from the outlet to the cylinder's rim
+
+
+@dataclass(frozen=True)
+class Tilt:
+    """A plate turns slowly about a hinge until the body on it slides or rolls (figs 3a and 3d)."""
+
+    variant: Literal["slide", "roll"]
+    speed: float = 0.0175  # [rad/s], of the plate; about one degree per second
+    start_angle: float = 0.0  # [rad], of the plate where the film begins
+    plate_length: float = 0.2  # [m], from the hinge; the body lies in its middle
+
+
+@dataclass(frozen=True)
 class Drum:
     """A drum turning about its level axis, partly filled (section 2.2.4); the paper states neither depth nor fill."""
 
@@ -73,7 +96,7 @@ class Hopper:
     slide_drop: float | None = None  # [m], from the slot to the slide below it; None: 60 mm
 
 
-Rig = Drop | Pendulum | Pile | Drum | Hopper
+Rig = Drop | Pendulum | Pile | Packing | Tilt | Drum | Hopper
 
 
 @dataclass(frozen=True)
@@ -124,7 +147,58 @@ class PileSettings:
         return Pile(self.base_diameter, self.rim_height, self.outlet_diameter, self.variant)
 
 
-RigSettings = DropSettings | PendulumSettings | PileSettings
+@dataclass(frozen=True)
+class TiltSettings:
+    """What the experimenter says of a tilting plate beforehand."""
+
+    variant: Literal["slide", "roll"]
+    arm_length: float | None = None  # [m], plate or arm, from hinge to tip
+    speed: float | None = None  # [rad/s], how fast the plate is tilted
+
+    name: ClassVar[str] = "tilt"
+
+
+@dataclass(frozen=True)
+class PackingSettings:
+    """What the experimenter says of a packed cylinder beforehand."""
+
+    cylinder_diameter: float  # [m], inner
+    total_mass: float | None = None  # [kg], of all particles
+    count: int | None = None  # how many particles there are
+
+    name: ClassVar[str] = "packing"
+
+
+@dataclass(frozen=True)
+class DrumSettings:
+    """What the experimenter says of a rotating drum beforehand."""
+
+    drum_diameter: float  # [m], inner
+    speed: float  # [rad/s]
+    depth: float | None = None  # [m], inner length along the axis
+    fill: float | None = None  # [1], share of the drum's volume that the bed takes
+    count: int | None = None  # how many particles there are
+
+    name: ClassVar[str] = "drum"
+
+
+@dataclass(frozen=True)
+class HopperSettings:
+    """What the experimenter says of a hopper beforehand."""
+
+    variant: Literal["slot", "conical"]
+    bin_width: float | None = None  # [m], inner width, or diameter, of the bin
+    depth: float | None = None  # [m], of a slot hopper, along the line of sight
+    outlet: float | None = None  # [m], width of the slot or diameter of the outlet
+    total_mass: float | None = None  # [kg], of all particles
+    count: int | None = None  # how many particles there are
+
+    name: ClassVar[str] = "hopper"
+
+
+RigSettings = (
+    DropSettings | PendulumSettings | TiltSettings | PackingSettings | PileSettings | DrumSettings | HopperSettings
+)
 
 
 def _stated(key: str, stated: float | None, measured: float | None) -> float:

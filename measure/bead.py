@@ -156,6 +156,7 @@ class _Fit:
     misfit: float  # [grey levels], mean absolute residual
 
 
+FLICKER = 0.01  # relative change of brightness above which a frame is levelled with an offset as well
 _SHAPES = 6
 _LIGHTS = 4
 _MOST_STEPS = 18  # of the exposure integral: a longer smear has its information at its ends and sides
@@ -285,12 +286,11 @@ def _fit_disc(pixels: _Pixels, prior: _Prior) -> _Fit | None:
     """Levenberg-Marquardt on all parameters together, weights and noise renewed at every turn."""
     parameters = prior.mean.copy()
     jacobian, residual = pixels.linearise(parameters)
-    noise = max(1.4826 * float(np.median(np.abs(pixels.values - np.median(pixels.values)))), 0.5)
     damping = 1e-3
     certain = 1 / prior.spread**2
+    steps = np.arange(len(certain))
     for turn in range(14):
-        if turn >= 1:
-            noise = max(1.4826 * float(np.median(np.abs(residual))), 0.4)
+        noise = _noise(residual, jacobian[:, _SHAPES])
         weights = _robust_weights(residual, noise) / noise**2
         weighted = jacobian * weights[:, None]
         information = weighted.T @ jacobian
@@ -299,7 +299,8 @@ def _fit_disc(pixels: _Pixels, prior: _Prior) -> _Fit | None:
         gained = 0.0
         for _ in range(6):
             normal = information + np.diag(certain)
-            damped = normal + np.diag(damping * np.diag(normal) + 1e-12)
+            damped = normal.copy()
+            damped[steps, steps] += damping * normal[steps, steps] + 1e-12
             tried = _bounded(parameters + np.linalg.solve(damped, pull), parameters, prior)
             tried_jacobian, tried_residual = pixels.linearise(tried)
             tried_cost = float(weights @ tried_residual**2 + certain @ (tried - prior.mean) ** 2)
@@ -309,7 +310,7 @@ def _fit_disc(pixels: _Pixels, prior: _Prior) -> _Fit | None:
                 damping = max(damping / 6, 1e-7)
                 break
             damping *= 8
-        if gained < 0.03 and turn >= 2:  # a gain of 1 would be one standard deviation
+        if gained < 0.1 and turn >= 2:  # a gain of 1 would be one standard deviation
             break
     if not np.all(np.isfinite(parameters)):
         return None
@@ -318,7 +319,7 @@ def _fit_disc(pixels: _Pixels, prior: _Prior) -> _Fit | None:
         parameters,
         information / excess + np.diag(certain),
         information / excess,
-        noise,
+        float(np.min(noise)),
         float(np.mean(np.abs(residual))),
     )
 
@@ -332,7 +333,25 @@ def _bounded(parameters: Array, before: Array, prior: _Prior) -> Array:
     return parameters
 
 
-def _robust_weights(residual: Array, noise: float) -> Array:
+def _noise(residual: Array, cover: Array) -> Array:
+    """[grey levels], of every pixel: a bead's grain and gloss are no noise of the camera, but no shading either.
+
+    `cover` is how much of each pixel the bead covers.
+    """
+    off = np.abs(residual)
+    around = max(1.4826 * _middle(off), 0.4)
+    inside = off[cover > 0.5]
+    within = max(1.4826 * _middle(inside), around) if len(inside) > 8 else around
+    return np.asarray(np.sqrt(around**2 + cover * (within**2 - around**2)))
+
+
+def _middle(values: Array) -> float:
+    """The median of many, without the care np.median takes of few."""
+    half = len(values) // 2
+    return float(np.partition(values, half)[half])
+
+
+def _robust_weights(residual: Array, noise: Array) -> Array:
     """Weights of Geman and McClure, flat up to a few times the noise: pixels of an unknown thing count little."""
     return np.asarray(1 / (1 + (residual / (4 * noise)) ** 2) ** 2)
 
@@ -409,27 +428,18 @@ class _Pixels:
         # d(cover * lit)/d(centre): the rim moves, and the shading moves with the bead
         by_x = toward * dx - cover * (light[1] - 2 * light[3] * u) / self._unit
         by_y = toward * dy - cover * (light[2] - 2 * light[3] * v) / self._unit
-        jacobian = np.zeros((len(self.x), _SHAPES + len(light)))
         ring = rim * over
-        columns = (
-            by_x,
-            by_y,
-            ring,
-            -ring * depth,
-            by_x * when,
-            by_y * when,
-            cover,
-            cover * u,
-            cover * v,
-            cover * bulge,
-        )
-        for k, column in enumerate(columns):
-            jacobian[near, k] = column.mean(axis=0)
+        columns = np.empty((_SHAPES + _LIGHTS, *dx.shape))
+        columns[0], columns[1], columns[2], columns[3] = by_x, by_y, ring, -ring * depth
+        columns[4], columns[5] = by_x * when, by_y * when
+        columns[6], columns[7], columns[8], columns[9] = cover, cover * u, cover * v, cover * bulge
+        jacobian = np.zeros((len(self.x), _SHAPES + len(light)))
+        jacobian[near, : _SHAPES + _LIGHTS] = np.add.reduce(columns, axis=1).T / count
         jacobian[:, _SHAPES + _LIGHTS :] = scene_columns
         if self.behind is None:
-            jacobian[near, _SHAPES + _LIGHTS :] *= 1 - cover.mean(axis=0)[:, None]
+            jacobian[near, _SHAPES + _LIGHTS :] *= 1 - jacobian[near, _SHAPES, None]
         model = scene
-        model[near] += (cover * over).mean(axis=0)
+        model[near] += np.add.reduce(cover * over, axis=0) / count
         return jacobian, self.values - model
 
     def near_path(self, shape: Array) -> npt.NDArray[np.intp]:
@@ -514,7 +524,27 @@ class Scene:
                 ),
                 dtype=np.float32,
             )
-        return View(steady / np.float32(gain), shift)
+        if abs(gain - 1) < FLICKER:
+            return View(steady / np.float32(gain), shift, gain)
+        gain, offset = self._light(steady, gain)
+        return View((steady - np.float32(offset)) / np.float32(gain), shift, gain)
+
+    def _light(self, steady: Picture, gain: float) -> tuple[float, float]:
+        """Gain and offset of a flickering frame: black is not 0 in most videos, so a gain alone would not level it."""
+        step = max(1, min(self.picture.shape) // 60)
+        wanted, seen = (each[::step, ::step].ravel().astype(np.float64) for each in (self.picture, steady))
+        offset = 0.0
+        for _ in range(5):
+            error = seen - gain * wanted - offset
+            spread = 1.4826 * float(np.median(np.abs(error - np.median(error)))) + 0.3
+            weights = 1 / (1 + (error / (2 * spread)) ** 2) ** 2
+            middle = float(np.average(wanted, weights=weights))
+            power = float(np.average((wanted - middle) ** 2, weights=weights))
+            if power < 20:  # [grey levels squared]: one even grey tells no gain from an offset
+                return gain, float(np.average(seen - gain * wanted, weights=weights))
+            gain = float(np.average((wanted - middle) * seen, weights=weights)) / power
+            offset = float(np.average(seen - gain * wanted, weights=weights))
+        return gain, offset
 
     @cached_property
     def _anchors(self) -> tuple[Array, Array, Array, Array]:
@@ -574,6 +604,7 @@ class View:
 
     grey: Picture  # [grey levels], shape (height, width), in the scene's pixels
     shake: tuple[float, float]  # [px], where the scene's origin lies in the frame
+    gain: float = 1.0  # how bright the frame is against the scene
 
 
 class Background:
@@ -601,12 +632,17 @@ class Background:
         """Frame numbers kept."""
         return tuple(sorted(self._frames))
 
+    def samples(self) -> dict[int, Grey]:
+        """The frames kept, by frame number."""
+        return dict(self._frames)
+
     def scene(self, bead: Mapping[int, tuple[float, float]] | None = None, reach: float = 0.0) -> Scene:
         """The still scene; `bead` maps frame numbers to bead centres [px], `reach` [px] is how far it may cover."""
         stack = np.stack([self._frames[index] for index in self.indices])
         scene = _median_scene(stack)
-        shakes = [scene.view(frame).shake for frame in stack]
-        if np.std(np.array(shakes), axis=0).max() > 0.15:
+        views = [scene.view(frame) for frame in stack]
+        shaken = np.std(np.array([view.shake for view in views]), axis=0).max() > 0.15
+        if shaken or np.std([view.gain for view in views]) > FLICKER:
             for _ in range(2):
                 steady = [scene.view(frame).grey for frame in stack]
                 scene = _median_scene(np.clip(np.round(np.stack(steady)), 0, 255).astype(np.uint8))

@@ -36,19 +36,20 @@ from rigtwin.measure.flights import (
 from rigtwin.measure.follow import (
     Chase,
     SpotPath,
-    best_channel,
-    chase,
+    chase_path,
     find_paths,
     learn_scene,
     look_again,
 )
 from rigtwin.measure.media import Video, open_video, sha256
+from rigtwin.measure.repeats import LEAST_SHARE, repeated
 
 Array = npt.NDArray[np.float64]
 
 # Capture rates that cameras offer [1/s]; a wrong rate is most often another one of these.
 USUAL_RATES = (24, 25, 30, 48, 50, 60, 90, 100, 120, 200, 240, 250, 300, 400, 480, 500, 600, 960, 1000, 1200, 2000)
 SCALE_DOUBT = 0.005  # relative, of a scale read off a rule in view
+MOST_SHAKE = 5.0  # [px], standard deviation, up to which a shaking camera only shifts its picture
 RIM_DOUBT = 0.12  # [px], where the rim of a bead's image is taken to be
 
 
@@ -61,17 +62,44 @@ def evaluate(track: Track, *, bead_diameter: float | None = None, bead_density: 
     `bead_diameter` [m] and `bead_density` [kg/m^3] fix the air drag; without them its strength is fitted.  A `sigma`
     of NaN means unknown: the noise is taken from the residuals.  Raises `NothingToMeasure` when there is no bounce.
     """
-    bounces = _bounces(track, AirDrag(bead_diameter, bead_density), str(track.body))
-    return _evaluation(track, bounces, scale_doubt=0.0, rate=1 / float(np.median(np.diff(track.time))))
+    rate = _rate(track)
+    track, repeats = _readable(track)
+    bounces = _bounces(track, AirDrag(bead_diameter, bead_density), str(track.body), in_metres=True)
+    return _evaluation(track, bounces, scale_doubt=0.0, rate=rate, repeats=repeats)
 
 
-def _bounces(track: Track, drag: AirDrag, name: str) -> Bounces:
+def _readable(track: Track) -> tuple[Track, int]:
+    """The track without points that are blank or repeat the one before, and how many of these there were."""
     finite = np.isfinite(track.time) & np.all(np.isfinite(track.position), axis=1)
-    record = Heights(track.time[finite], track.position[finite, 1], track.sigma[finite])
-    fitted = fit_bounces(record, drag) if len(record.time) > 12 else None
-    if fitted is not None:
-        return fitted
-    raise NothingToMeasure(f"{name}: {_why_no_bounce(record)}")
+    time, position = track.time[finite], track.position[finite]
+    again = np.zeros(len(time), dtype=bool)
+    if len(time) > 12:
+        steps = np.hypot(*np.diff(position, axis=0).T)
+        again[1:] = repeated(steps)
+    kept = Track(time[~again], position[~again], track.sigma[finite][~again], track.body)
+    return kept, int(np.sum(again))
+
+
+def _rate(track: Track) -> float:
+    """[1/s]"""
+    return 1 / float(np.nanmedian(np.diff(track.time))) if len(track.time) > 1 else math.nan
+
+
+def _bounces(track: Track, drag: AirDrag, name: str, *, in_metres: bool = False) -> Bounces:
+    record = Heights(track.time, track.position[:, 1], track.sigma)
+    fitted = _fit(record, drag) if len(record.time) > 12 else None
+    if fitted is None:
+        raise NothingToMeasure(f"{name}: {_why_no_bounce(record)}")
+    if in_metres and drag.known and abs(fitted.read(lambda at: at.size)[0] - 1) > 0.2:
+        # the air's drag on the bead is known in true metres and seconds only
+        return fit_bounces(record, AirDrag()) or fitted
+    return fitted
+
+
+def _fit(record: Heights, drag: AirDrag) -> Bounces | None:
+    """With the known drag, or, where that fits nothing because time runs at another rate, with a free one."""
+    fitted = fit_bounces(record, drag)
+    return fit_bounces(record, AirDrag()) if fitted is None and drag.known else fitted
 
 
 def _why_no_bounce(record: Heights) -> str:
@@ -89,12 +117,14 @@ def _why_no_bounce(record: Heights) -> str:
     )
 
 
-def _evaluation(track: Track, bounces: Bounces, *, scale_doubt: float, rate: float) -> Evaluation:
+def _evaluation(track: Track, bounces: Bounces, *, scale_doubt: float, rate: float, repeats: int = 0) -> Evaluation:
+    """`repeats` frames that showed the same as the one before have been left out of the track."""
+    share = repeats / max(repeats + len(track.time), 1)
     checks = (
-        _gravity_check(bounces, scale_doubt, rate),
+        _gravity_check(bounces, scale_doubt, rate, share),
         _residual_check(bounces),
         _plane_check(track, bounces),
-        _timing_check(track, bounces),
+        _timing_check(track, bounces, repeats),
     )
     failed = {check.check: check.message for check in checks if not check.passed}
     quantities = [*_restitutions(bounces, failed), *_heights(bounces, scale_doubt, failed)]
@@ -104,6 +134,10 @@ def _evaluation(track: Track, bounces: Bounces, *, scale_doubt: float, rate: flo
 def _restitutions(bounces: Bounces, failed: dict[str, str]) -> list[Quantity]:
     doubt = "; ".join(failed[name] for name in ("flight_residuals", "frame_timing") if name in failed)
     height_doubt = "; ".join(text for text in (doubt, failed.get("out_of_plane", "")) if text)
+    speed_doubt = doubt
+    if "gravity" in failed and abs(bounces.read(lambda at: at.size)[0] - 1) > 0.1:
+        drag = "how the air slows the bead is not known in this time base"
+        speed_doubt = "; ".join(text for text in (doubt, drag) if text)
     found = []
     for k in range(1, bounces.count + 1):
         speed, parts = bounces.read(_impact_speed(k))
@@ -115,7 +149,7 @@ def _restitutions(bounces: Bounces, failed: dict[str, str]) -> list[Quantity]:
         }
         by_height, by_speed = bounces.read(_height_ratio(k)), bounces.read(_speed_ratio(k))
         found.append(_quantity("restitution_wall", by_height, "1", "height", detail, height_doubt))
-        found.append(_quantity("restitution_wall", by_speed, "1", "velocity", detail, doubt))
+        found.append(_quantity("restitution_wall", by_speed, "1", "velocity", detail, speed_doubt))
         if k > 1:
             found.append(_quantity("restitution_wall", bounces.read(_time_ratio(k)), "1", "time", detail, doubt))
     return found
@@ -172,27 +206,37 @@ def _quantity(
     )
 
 
-def _gravity_check(bounces: Bounces, scale_doubt: float, rate: float) -> Check:
+def _gravity_check(bounces: Bounces, scale_doubt: float, rate: float, repeated_share: float) -> Check:
     gravity, parts = bounces.read(lambda at: at.size * GRAVITY)
     doubt = math.hypot(root_sum_of_squares(parts), gravity * scale_doubt)
     passed = abs(gravity - GRAVITY) < max(0.015 * GRAVITY, 3 * doubt)
-    found = f"free flight gives g = {gravity:.3f} +- {doubt:.3f} m/s^2"
+    found = f"free flight gives g = {gravity:.3f} ± {doubt:.3f} m/s²"
     if passed:
         return Check("gravity", True, gravity, GRAVITY, f"{found}: scale, frame rate and roll fit together.")
-    return Check("gravity", False, gravity, GRAVITY, f"{found} instead of {GRAVITY}: {_what_is_wrong(gravity, rate)}")
+    meaning = _what_is_wrong(gravity, rate, repeated_share)
+    return Check("gravity", False, gravity, GRAVITY, f"{found} instead of {GRAVITY}: {meaning}")
 
 
-def _what_is_wrong(gravity: float, rate: float) -> str:
+def _what_is_wrong(gravity: float, rate: float, repeated_share: float) -> str:
+    """Doubled frames show themselves; capture rates come in steps; what is left is the scale."""
     ratio = gravity / GRAVITY
-    true_rate = rate / math.sqrt(ratio)
-    usual = _other_rate(rate, gravity)
-    scale = f"lengths (the scale) are {abs(ratio - 1) * 100:.3g} % too {'large' if ratio > 1 else 'small'}"
-    if usual is not None:
+    stretched = (1 - repeated_share) ** 2
+    if repeated_share > LEAST_SHARE and abs(ratio / stretched - 1) < 0.15:
         return (
-            f"this is what a clip captured at {usual} Hz gives when {rate:.4g} Hz are assumed; "
+            f"doubled frames, {100 * repeated_share:.0f} % of them, stretch the time; "
+            f"give --frame-rate {rate / math.sqrt(ratio):.3g}Hz, or the camera's original file."
+        )
+    scale = f"lengths (the scale) are {abs(ratio - 1) * 100:.3g} % too {'large' if ratio > 1 else 'small'}"
+    usual = _other_rate(rate, gravity)
+    if usual is not None:
+        speed = f"slow motion by {usual / rate:.3g}" if usual > rate else f"a speed-up by {rate / usual:.3g}"
+        return (
+            f"this is what a clip captured at {usual} Hz gives when {rate:.4g} Hz are assumed ({speed}); "
             f"give --frame-rate {usual}Hz, or else {scale}."
         )
-    return f"either {scale}, or the clip was captured at {true_rate:.4g} Hz and not {rate:.4g} Hz."
+    if 0.7 < ratio < 1.4:
+        return f"{scale}; capture rates come in steps, and none explains this."
+    return f"either {scale}, or the clip was captured at {rate / math.sqrt(ratio):.4g} Hz and not {rate:.4g} Hz."
 
 
 def _other_rate(rate: float, gravity: float) -> int | None:
@@ -241,8 +285,8 @@ def _plane_check(track: Track, bounces: Bounces) -> Check:
     return Check("out_of_plane", passed, value, 0.0, message + ending)
 
 
-def _timing_check(track: Track, bounces: Bounces) -> Check:
-    """Frames missing or repeated while the bead flies."""
+def _timing_check(track: Track, bounces: Bounces, repeats: int) -> Check:
+    """Frames missing or repeated while the bead flies; `repeats` more have been left out beforehand."""
     time = track.time
     steps = np.diff(time)
     usual = float(np.median(steps))
@@ -252,12 +296,14 @@ def _timing_check(track: Track, bounces: Bounces) -> Check:
     fitted = np.abs(np.diff(bounces.curve(time)))
     near_contact = np.min(np.abs(time[1:, None] - usual / 2 - bounces.contact_times), axis=1) < 1.5 * usual
     still = ~near_contact & (moved < 0.05 * fitted) & (fitted > 12 * bounces.expected_noise)
-    repeated = int(np.sum(inside & still))
+    again = int(np.sum(inside & still))
     whole = max(float(np.sum(inside)), 1.0)
-    passed = repeated == 0 and missing < 0.3 * whole
-    message = f"{int(missing)} of {int(whole + missing)} frames of the flights are missing, {repeated} are repeated"
+    passed = again == 0 and repeats == 0 and missing < 0.3 * whole
+    message = f"{int(missing)} of {int(whole + missing)} frames of the flights are missing, {again} are repeated"
+    if repeats:
+        message = f"doubled frames: {repeats} of {repeats + len(time)} repeat the one before and were left out"
     ending = "." if passed else ": film with a fixed frame rate, or use the camera's original file."
-    return Check("frame_timing", passed, missing + repeated, 0.0, message + ending)
+    return Check("frame_timing", passed, missing + again + repeats, 0.0, message + ending)
 
 
 # ---------------------------------------------------------------------------------------------------- media -> record
@@ -293,13 +339,15 @@ def measure(
     if clip.suffix.lower() == ".csv":
         return _measure_record(clip, drag, out)
     video = open_video(clip, camera)
-    seen, pixels = _find_bead(video, camera, drag, bead_diameter, progress)
+    seen, pixels, repeats = _find_bead(video, camera, drag, bead_diameter, progress)
     fitted = _bounces(pixels, drag, str(clip))
     gauge = _gauge(pixels, fitted, seen, camera, bead_diameter)
     track = _to_metres(pixels, fitted, gauge)
-    bounces = _bounces(track, drag, str(clip))
-    evaluation = _evaluation(track, bounces, scale_doubt=gauge.doubt, rate=video.frame_rate)
-    checks = _with_gravity_told(evaluation.checks, gauge) + _view_checks(video, seen, fitted)
+    bounces = _bounces(track, drag, str(clip), in_metres=True)
+    evaluation = _evaluation(track, bounces, scale_doubt=gauge.doubt, rate=video.frame_rate, repeats=len(repeats))
+    checks = _with_gravity_told(evaluation.checks, gauge) + _view_checks(video, seen, fitted, repeats)
+    if bead_diameter is not None and gauge.source != "bead diameter":
+        checks = (*checks, _size_check(2 * seen.radius * gauge.scale, _radius_doubt(seen), bead_diameter))
     measurement = Measurement(
         rig="drop",
         source=clip,
@@ -330,9 +378,10 @@ def measure(
 
 def _measure_record(path: Path, drag: AirDrag, out: Path | None) -> Measurement:
     tracks = read_tracks(path)
-    track = max(tracks, key=lambda each: len(each.time))
-    bounces = _bounces(track, drag, str(path))
-    evaluation = _evaluation(track, bounces, scale_doubt=0.0, rate=1 / float(np.median(np.diff(track.time))))
+    longest = max(tracks, key=lambda each: len(each.time))
+    track, repeats = _readable(longest)
+    bounces = _bounces(track, drag, str(path), in_metres=True)
+    evaluation = _evaluation(track, bounces, scale_doubt=0.0, rate=_rate(longest), repeats=repeats)
     warnings = evaluation.warnings
     if len(tracks) > 1:
         warnings = (*warnings, f"{path.name} holds {len(tracks)} bodies; evaluated {track.body!r}, the longest.")
@@ -354,10 +403,11 @@ def _measure_record(path: Path, drag: AirDrag, out: Path | None) -> Measurement:
 
 def _find_bead(
     video: Video, camera: Camera, drag: AirDrag, bead_diameter: float | None, progress: Progress
-) -> tuple[Chase, Track]:
+) -> tuple[Chase, Track, frozenset[int]]:
     """The bead among all that moves: the thing that falls and bounces."""
     scene = learn_scene(video, video.first, video.last).scene()
-    paths, shakes = find_paths(video, scene, camera.region, progress)
+    moves = find_paths(video, scene, camera.region, progress)
+    paths = moves.paths
     size = None
     if bead_diameter is not None and camera.given_scale is not None:
         size = bead_diameter / 2 / camera.given_scale
@@ -372,20 +422,21 @@ def _find_bead(
         )
     best = None
     for path in likely:
-        seen = _chase_path(video, path, shakes, progress)
+        seen = chase_path(video, path, moves, progress)
         pixels = _pixel_track(seen)
         if len(pixels.time) > 8 and best is None:
             best = seen, pixels
-        fitted = fit_bounces(Heights(pixels.time, pixels.position[:, 1], pixels.sigma), drag)
+        fitted = _fit(Heights(pixels.time, pixels.position[:, 1], pixels.sigma), drag)
         if fitted is not None:
-            better = look_again(seen, _expected(seen, pixels, fitted, video))
-            return better, _pixel_track(better)
+            expected = _expected(seen, pixels, fitted, video)
+            better = look_again(seen, {index: at for index, at in expected.items() if index not in moves.repeated})
+            return better, _pixel_track(better), moves.repeated
     if best is None:
         raise NothingToMeasure(
             f"{video.path}: something moves, but no bead could be made out in it; use a larger or better lit picture "
             "of the bead, or narrow the search with --region."
         )
-    return best
+    return *best, moves.repeated
 
 
 @dataclass(frozen=True)
@@ -469,19 +520,6 @@ def _likeness(path: SpotPath, size: float | None) -> float:
     return way * float(np.mean(smooth)) ** 4 * math.sqrt(contrast) * fit
 
 
-def _chase_path(video: Video, path: SpotPath, shakes: Array, progress: Progress) -> Chase:
-    channel = best_channel(video, path)
-    background = learn_scene(video, path.frames[0], path.frames[-1], channel)
-    frames = np.array(path.frames)
-    centres = path.centres
-    bead = {
-        index: (float(np.interp(index, frames, centres[:, 0])), float(np.interp(index, frames, centres[:, 1])))
-        for index in background.indices
-    }
-    scene = background.scene(bead, reach=1.6 * path.radius + 6)
-    return chase(video, path, shakes, scene, channel, progress)
-
-
 def _pixel_track(seen: Chase) -> Track:
     """In pixels, y up."""
     frames = np.array([sighting.frame for sighting in seen.sightings])
@@ -526,7 +564,7 @@ def _gauge(pixels: Track, fitted: Bounces, seen: Chase, camera: Camera, bead_dia
     """The best scale at hand, with what the others say, and the direction of gravity."""
     roll, roll_doubt = _roll(pixels, fitted)
     told = (
-        f"gravity points {math.degrees(roll):+.2f} +- {math.degrees(roll_doubt):.2f} degrees off the picture's vertical"
+        f"gravity points {math.degrees(roll):+.2f} ± {math.degrees(roll_doubt):.2f} degrees off the picture's vertical"
     )
     if camera.roll is not None:
         told += f", {math.degrees(camera.roll):+.2f} were given"
@@ -541,7 +579,7 @@ def _gauge(pixels: Track, fitted: Bounces, seen: Chase, camera: Camera, bead_dia
     by_bead = bead_diameter / (2 * seen.radius)
     bead_doubt = _radius_doubt(seen)
     told += (
-        f"; the bead's diameter gives {by_bead * 1e3:.4g} mm/px (+- {100 * bead_doubt:.1f} %), "
+        f"; the bead's diameter gives {by_bead * 1e3:.4g} mm/px (± {100 * bead_doubt:.1f} %), "
         f"gravity {by_gravity * 1e3:.4g} mm/px"
     )
     agree = abs(by_bead / by_gravity - 1) < 3 * math.hypot(bead_doubt, gravity_doubt)
@@ -604,7 +642,7 @@ def _with_gravity_told(checks: tuple[Check, ...], gauge: _Gauge) -> tuple[Check,
     if gauge.gravity is not None:
         value, doubt = gauge.gravity
         message = (
-            f"with the scale of the bead's diameter free flight gives g = {value:.2f} +- {doubt:.2f} m/s^2: they agree"
+            f"with the scale of the bead's diameter free flight gives g = {value:.2f} ± {doubt:.2f} m/s²: they agree"
         )
         gravity = replace(gravity, value=value, message=message)
     elif gauge.source == "gravity":
@@ -613,9 +651,18 @@ def _with_gravity_told(checks: tuple[Check, ...], gauge: _Gauge) -> tuple[Check,
     return (replace(gravity, message=f"{gravity.message.rstrip('.')}; {gauge.cross_check}."), *checks[1:])
 
 
-def _view_checks(video: Video, seen: Chase, fitted: Bounces) -> tuple[Check, ...]:
+def _size_check(found: float, doubt: float, stated: float) -> Check:
+    """`found` and `stated` [m]; `doubt` relative."""
+    passed = abs(found / stated - 1) < max(0.15, 3 * doubt)
+    message = f"the bead's rim shows {found * 1e3:.2f} ± {found * doubt * 1e3:.2f} mm, {stated * 1e3:.2f} mm are stated"
+    ending = "." if passed else ": the scale or the stated diameter is wrong, or something else was followed."
+    return Check("bead_size", passed, found, stated, message + ending)
+
+
+def _view_checks(video: Video, seen: Chase, fitted: Bounces, repeats: frozenset[int]) -> tuple[Check, ...]:
     times = np.array([sighting.time for sighting in seen.sightings])[fitted.used]
     flights = (video.times >= times[0]) & (video.times <= times[-1])
+    flights[list(repeats)] = False
     share = len(times) / max(int(np.sum(flights)), 1)
     shake = float(np.max(np.std(seen.shakes, axis=0)))
     return (
@@ -629,10 +676,11 @@ def _view_checks(video: Video, seen: Chase, fitted: Bounces) -> tuple[Check, ...
         ),
         Check(
             "static_camera",
-            shake < 0.5,
+            shake < MOST_SHAKE,
             shake,
             0.0,
             f"the scene shakes by {shake:.2f} px (standard deviation)"
-            + ("." if shake < 0.1 else "; it was followed and taken out."),
+            + ("." if shake < 0.1 else "; it was followed and taken out.")
+            + (" Use a tripod: so large a shake turns and tilts the view as well." if shake >= MOST_SHAKE else ""),
         ),
     )

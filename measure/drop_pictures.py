@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.quantity import Measurement
 from rigtwin.lab.records import write_tracks
@@ -153,7 +154,10 @@ class _Strobe:
 
     def finish(self, measurement: Measurement) -> Image:
         """The picture with track, plate line, contacts and heights."""
-        assert self._picture is not None
+        if self._picture is None:
+            raise NothingToMeasure(
+                f"{measurement.source}: no frame could be read again to draw on; copy the clip anew."
+            )
         picture = self._picture.copy()
         for piece, disc, left, top in self._pieces:
             picture[top : top + piece.shape[0], left : left + piece.shape[1]][disc] = piece[disc]

@@ -296,7 +296,8 @@ class _Model:
         knots = [*contacts[: self.count], max(self.end, contacts[self.count - 1] + 1e-6)]
         swell = 1 + np.interp(time, knots, [0.0, *growth])
         relative = above / self.top
-        seen = above * (1 + p[-4] * relative + p[-3] * relative**2)
+        # so that `size` is that of the drop as a whole, which is what a rule beside it or a stated scale mean
+        seen = above * (1 + p[-4] * (relative - 1) + p[-3] * (relative**2 - 1))
         curve = np.interp(time, knots, levels) + math.exp(p[0]) * swell * seen
         curve[time > contacts[-1]] = np.nan
         curve[time < apexes[0]] = np.nan
@@ -376,17 +377,24 @@ def _fit(record: Heights, contacts: npt.NDArray[np.intp], drag: AirDrag, offset:
         covariance=covariance,
         used=used,
         residual=residual,
-        noise=float(np.std(residual[used])),
+        # a frame that says itself that it is poor is no sign of a misfit
+        noise=float(np.sqrt(np.average(residual[used] ** 2, weights=sigma[used] ** -2))),
         expected_noise=third_difference_noise(record),
         time_offset=offset,
     )
 
 
 def _repetition(ratio: Array) -> float:
-    """Factor on the variance because successive residuals repeat each other (a background's texture, pixel locking)."""
+    """Factor on the variance because residuals go together: a background's texture, pixel locking, a model's misfit.
+
+    1 + 2 sum of the autocorrelation up to its first zero: what is left over slowly is no noise that averages out.
+    """
     values = ratio - ratio.mean()
-    lag = float(np.sum(values[1:] * values[:-1]) / (np.sum(values**2) + 1e-300))
-    return float(np.clip((1 + lag) / (1 - lag), 1.0, 12.0))
+    power = float(values @ values) + 1e-300
+    rho = [float(values[lag:] @ values[:-lag]) / power for lag in range(1, max(len(values) // 4, 2))]
+    fades = next((lag for lag, each in enumerate(rho) if each < 1 / math.sqrt(len(values))), len(rho))
+    neighbours = (1 + rho[0]) / (1 - rho[0])
+    return float(np.clip(max(1 + 2 * sum(rho[:fades]), neighbours), 1.0, 25.0))
 
 
 def _first_guess(

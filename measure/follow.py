@@ -17,6 +17,7 @@ from scipy.optimize import linear_sum_assignment
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.measure.bead import Background, BeadFit, BeadImage, Look, Mask, Scene, View, common_look, fit_bead
 from rigtwin.measure.media import Frame, Video
+from rigtwin.measure.repeats import Repeats
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
@@ -255,31 +256,45 @@ class _Thread:
         return min(flying, 1.3 * bounced + 0.3 * size) / size + 0.7 * likeness
 
 
-def find_paths(
-    video: Video, scene: Scene, region: Region | None, progress: Progress = silent
-) -> tuple[list[SpotPath], Array]:
-    """Paths of everything that moves, and the camera's shake in every frame [px], shape (frames, 2)."""
-    linker = Linker()
+@dataclass(frozen=True)
+class Movement:
+    """What moves in a clip."""
+
+    paths: list[SpotPath]
+    shakes: Array  # [px], of the camera in every frame, shape (frames, 2)
+    repeated: frozenset[int]  # frames that only repeat the one before; nothing is looked for in them
+
+
+def find_paths(video: Video, scene: Scene, region: Region | None, progress: Progress = silent) -> Movement:
+    """Paths of everything that moves, and the camera's shake."""
+    found: dict[int, list[Spot]] = {}
     shakes = []
     shake = (0.0, 0.0)
+    repeats = Repeats()
     for frame in video.frames():
         view = scene.view(frame.grey, shake)
         shake = view.shake
         shakes.append(shake)
-        linker.add(frame.index, moving_spots(view, scene, region))
+        repeats.add(frame.index, frame.grey)
+        found[frame.index] = moving_spots(view, scene, region)
         progress("finding what moves", frame.index - video.first + 1, video.last - video.first + 1)
-    return linker.paths(), np.array(shakes)
+    linker, repeated = Linker(), repeats.frames()
+    for index, spots in found.items():
+        if index not in repeated:
+            linker.add(index, spots)
+    return Movement(linker.paths(), np.array(shakes), repeated)
 
 
 def chase(
-    video: Video, path: SpotPath, shakes: Array, scene: Scene, channel: Channel = LUMA, progress: Progress = silent
+    video: Video, path: SpotPath, moves: Movement, scene: Scene, channel: Channel = LUMA, progress: Progress = silent
 ) -> Chase:
     """Fit the bead of a path in every frame, also before and after the path where it rests.
 
     Two rounds on the pixels cut out around the bead: the first finds radius and exposure, and what stands in front of
     the bead's path; the second fits again knowing these.
     """
-    cuts = _cut_out(video, path, scene, channel, progress)
+    cuts = [cut for cut in _cut_out(video, path, scene, channel, progress) if cut.frame not in moves.repeated]
+    shakes = moves.shakes
     moving = [cut for cut in cuts if path.frames[0] <= cut.frame <= path.frames[-1]]
     few = moving[:: max(1, len(moving) // 40)]
     first = _fit_cuts(few, scene, path.radius, progress=progress)
@@ -301,6 +316,20 @@ def chase(
         shutter = shutter or _exposure(few, scene, look, hidden)
     sightings = _fit_cuts(cuts, scene, radius, shutter=shutter, hidden=hidden, look=look, progress=progress)
     return Chase(tuple(sightings), path, shakes, shutter, radius, scene, tuple(cuts), look, hidden)
+
+
+def chase_path(video: Video, path: SpotPath, moves: Movement, progress: Progress = silent) -> Chase:
+    """`chase` in the best channel, before the scene without the bead, wherever it rests."""
+    channel = best_channel(video, path)
+    background = learn_scene(video, path.frames[0], path.frames[-1], channel)
+    frames = np.array(path.frames)
+    centres = path.centres
+    bead = {
+        index: (float(np.interp(index, frames, centres[:, 0])), float(np.interp(index, frames, centres[:, 1])))
+        for index in background.indices
+    }
+    scene = background.scene(bead, reach=1.6 * path.radius + 6)
+    return chase(video, path, moves, scene, channel, progress)
 
 
 def look_again(chase: Chase, expected: Mapping[int, tuple[tuple[float, float], tuple[float, float]]]) -> Chase:

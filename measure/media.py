@@ -7,7 +7,7 @@ it is used; where the file's own time stamps cannot be trusted (B-frames in AVI)
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -19,9 +19,10 @@ import numpy.typing as npt
 
 from rigtwin.lab.camera import Camera, Moment
 from rigtwin.lab.errors import BadInput, UnreadableMedia
+from rigtwin.measure import sources
 
-Grey = npt.NDArray[np.uint8]
-Image = npt.NDArray[np.uint8]
+Grey = sources.Grey
+Image = sources.Image
 
 
 @dataclass(frozen=True)
@@ -31,12 +32,12 @@ class Frame:
     index: int  # 0 for the first picture in the file
     time: float  # [s], capture time of the start of the exposure, 0 for the first picture in the file
     grey: Grey  # the luma plane as stored, shape (height, width)
-    picture: av.VideoFrame = field(repr=False)
+    in_colour: Callable[[], Image] = field(repr=False)
 
     @cached_property
     def colour(self) -> Image:
         """BGR, shape (height, width, 3); converted only when asked for."""
-        return _upright(self.picture, np.asarray(self.picture.to_ndarray(format="bgr24"), dtype=np.uint8))
+        return self.in_colour()
 
 
 @dataclass(frozen=True)
@@ -52,17 +53,24 @@ class Video:
     times: npt.NDArray[np.float64]  # [s], capture time of every picture, shape (frame_count,)
     first: int  # first frame inside --start/--end
     last: int  # last frame inside --start/--end
+    source: sources.Source = field(repr=False)
     warnings: tuple[str, ...] = field(default=())
+    skipped: frozenset[int] = field(default=frozenset())  # pictures that `frames()` leaves out
 
     def frames(self) -> Iterator[Frame]:
         """The pictures from `first` to `last`, in order."""
-        for index, picture in enumerate(_decode(self.path)):
-            if index > self.last:
-                return
-            if index >= self.first:
-                yield Frame(index, float(self.times[index]), _upright(picture, _luma(picture)), picture)
-            if index == self.last:
-                return  # a damaged rest of the file is never touched
+        index = -1
+        try:
+            for index, (grey, in_colour) in enumerate(self.source.pictures()):
+                if index >= self.first and index not in self.skipped:
+                    yield Frame(index, float(self.times[index]), grey, in_colour)
+                if index == self.last:
+                    return  # a damaged rest of the file is never touched
+        except av.FFmpegError:
+            pass
+        raise UnreadableMedia(
+            f"{self.path}: is damaged after picture {index}; end the measurement before it with --end {index}f."
+        )
 
 
 def open_video(path: Path, camera: Camera) -> Video:
@@ -72,7 +80,8 @@ def open_video(path: Path, camera: Camera) -> Video:
     and none was given, or when the time window holds too few frames.
     """
     _must_exist(path, "video")
-    stamps, stated, base, (height, width), warnings = _scan(path)
+    film = sources.source(path)
+    stamps, stated, (height, width), warnings = film.stamps, film.rate, film.shape, list(film.notes)
     if len(stamps) < 3:
         raise UnreadableMedia(f"{path}: decodes to {len(stamps)} pictures; a measurement needs a clip.")
     rate = camera.frame_rate or stated
@@ -83,12 +92,12 @@ def open_video(path: Path, camera: Camera) -> Video:
             f"frame rate {rate:.6g} Hz read from the file; high-speed files often play slower than captured: "
             "check gravity, or give --frame-rate."
         )
-    times, oddities = _time_base(stamps, stated, base, camera.frame_rate)
+    times, oddities = _time_base(stamps, stated, film.tick, camera.frame_rate)
     first = _frame_of(camera.start, times, 0)
     last = _frame_of(camera.end, times, len(times) - 1)
     if last - first < 2:
         raise BadInput(f"{path}: --start and --end leave {max(last - first + 1, 0)} frames of {len(times)}.")
-    return Video(path, width, height, len(times), rate, stated, times, first, last, (*warnings, *oddities))
+    return Video(path, width, height, len(times), rate, stated, times, first, last, film, (*warnings, *oddities))
 
 
 def read_photo(path: Path) -> Image:
@@ -96,9 +105,22 @@ def read_photo(path: Path) -> Image:
     _must_exist(path, "photo")
     # decode from memory: imread reports a broken file on stderr by itself, and once more to us as None
     image = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_COLOR)
-    if image is None:
-        raise UnreadableMedia(f"{path}: cannot be decoded as a photo; give a JPEG, PNG or TIFF file.")
-    return np.asarray(image, dtype=np.uint8)
+    return _phone_photo(path) if image is None else np.asarray(image, dtype=np.uint8)
+
+
+def _phone_photo(path: Path) -> Image:
+    """What OpenCV does not read: HEIC, and the rest that Pillow knows."""
+    import pillow_heif
+    from PIL import Image as Pictures
+    from PIL import ImageOps, UnidentifiedImageError
+
+    pillow_heif.register_heif_opener()
+    try:
+        with Pictures.open(path) as photo:
+            upright = ImageOps.exif_transpose(photo).convert("RGB")
+    except (UnidentifiedImageError, OSError, ValueError, SyntaxError):
+        raise UnreadableMedia(f"{path}: cannot be decoded as a photo; give a JPEG, PNG, TIFF or HEIC file.") from None
+    return np.ascontiguousarray(np.asarray(upright)[..., ::-1])
 
 
 def sha256(path: Path) -> str:
@@ -110,64 +132,16 @@ def sha256(path: Path) -> str:
 def _must_exist(path: Path, kind: str) -> None:
     if not path.exists():
         raise UnreadableMedia(f"{path}: no such file; check the path of the {kind}.")
-    if not path.is_file():
+    if path.is_dir():
+        if kind == "video":
+            return  # of numbered pictures
         raise UnreadableMedia(f"{path}: is a folder, not a {kind}; give the file itself.")
     if path.stat().st_size == 0:
         raise UnreadableMedia(f"{path}: is empty (0 bytes); copy the {kind} again.")
 
 
-def _scan(path: Path) -> tuple[list[float | None], float, float, tuple[int, int], list[str]]:
-    """One pass over a file: time stamps [s], stated rate [1/s], tick of the stamps [s], size, what is odd."""
-    stamps: list[float | None] = []
-    size = (0, 0)
-    stated = base = 0.0
-    try:
-        with av.open(str(path)) as container:
-            if not container.streams.video:
-                raise UnreadableMedia(f"{path}: holds no video; give a clip that a video player shows.")
-            stream = container.streams.video[0]
-            stream.thread_type = "AUTO"
-            stated = float(stream.average_rate or 0)
-            base = float(stream.time_base or 0)
-            for picture in container.decode(stream):
-                stamps.append(None if picture.pts is None else picture.pts * base)
-                if not size[0]:
-                    size = _upright(picture, _luma(picture)).shape
-    except av.FFmpegError as error:
-        if len(stamps) < 3:
-            raise UnreadableMedia(
-                f"{path}: cannot be decoded as a video ({_reason(error)}); give a clip that a video player shows."
-            ) from None
-        return stamps, stated, base, size, [f"the file is damaged after picture {len(stamps) - 1}; used what decodes."]
-    return stamps, stated, base, size, []
-
-
-def _decode(path: Path) -> Iterator[av.VideoFrame]:
-    with av.open(str(path)) as container:
-        stream = container.streams.video[0]
-        stream.thread_type = "AUTO"
-        yield from container.decode(stream)
-
-
-def _luma(picture: av.VideoFrame) -> Grey:
-    """The luma plane itself where it is stored with 8 bits: no colour conversion, no rounding."""
-    if picture.format.name.startswith(("yuv4", "yuvj4", "nv12", "nv21", "gray")) and all(
-        component.bits == 8 for component in picture.format.components
-    ):
-        plane = picture.planes[0]
-        rows: Grey = np.frombuffer(memoryview(plane), dtype=np.uint8).reshape(-1, plane.line_size)
-        return np.array(rows[: picture.height, : picture.width])
-    return np.asarray(picture.to_ndarray(format="gray"), dtype=np.uint8)
-
-
-def _upright(picture: av.VideoFrame, image: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-    """Pixels with the display matrix applied, as a player shows them."""
-    turns = round(getattr(picture, "rotation", 0) / 90) % 4  # counter-clockwise
-    return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
-
-
 def _time_base(
-    stamps: list[float | None], stated: float, tick: float, given: float | None
+    stamps: Sequence[float | None], stated: float, tick: float, given: float | None
 ) -> tuple[npt.NDArray[np.float64], list[str]]:
     """Capture time of every picture, and what is odd about the file's own stamps.
 
@@ -175,6 +149,8 @@ def _time_base(
     """
     rate = given or stated
     index = np.arange(len(stamps), dtype=np.float64)
+    if all(stamp is None for stamp in stamps):  # stills know no time
+        return index / rate, []
     if any(stamp is None for stamp in stamps):
         return index / rate, ["time base: the file has pictures without a time stamp; used the frame index."]
     times = np.array(stamps, dtype=np.float64)
@@ -207,7 +183,3 @@ def _frame_of(moment: Moment | None, times: npt.NDArray[np.float64], default: in
         return default
     frame = moment.value if moment.unit == "frame" else float(np.searchsorted(times, moment.value - 1e-9))
     return int(min(max(frame, 0), len(times) - 1))
-
-
-def _reason(error: av.FFmpegError) -> str:
-    return str(error.strerror or "unknown data").lower()

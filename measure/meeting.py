@@ -210,13 +210,13 @@ def find_collision(paths: list[Path], video: Video, stated_length: float | None 
     if not moving:
         raise NothingToMeasure(f"{video.path}: nothing like a bead moves in this clip; show the release and the hit.")
     best, best_score = None, 0.0
-    for fall in [_with_beginning(path, paths) for path in moving]:
+    for fall in [with_beginning(path, paths) for path in moving]:
         for rise in moving:
             score = _meeting(fall, rise)
             if score > best_score:
                 best, best_score = (fall, rise), score
     if best is None:
-        lone = _lone_swing(moving, video, stated_length)
+        lone = lone_swing(moving, video, stated_length)
         raise NothingToMeasure(
             f"{video.path}: no bead is seen to hit a second one{lone}; the clip must show the released bead, "
             "the hanging bead and their collision."
@@ -226,7 +226,7 @@ def find_collision(paths: list[Path], video: Video, stated_length: float | None 
     return Collision(fall, rise, _rest_place(fall, rise, paths, radius), max(radius, 2.0))
 
 
-def _lone_swing(moving: list[Path], video: Video, stated_length: float | None) -> str:
+def lone_swing(moving: list[Path], video: Video, stated_length: float | None) -> str:
     """What a single pendulum's period says of its length; empty where nothing swings to and fro."""
     size = max(float(np.median(path.sizes)) for path in moving)
     main = [path for path in moving if float(np.median(path.sizes)) > 0.6 * size]
@@ -275,7 +275,7 @@ def _meeting(fall: Path, rise: Path) -> float:
     return (fall.extent + rise.extent) * math.sqrt(size)
 
 
-def _with_beginning(fall: Path, paths: list[Path]) -> Path:
+def with_beginning(fall: Path, paths: list[Path]) -> Path:
     """The fall with the pieces of path that lead up to it, back to the bead at rest."""
     while True:
         velocity = fall.velocity(at_end=False)

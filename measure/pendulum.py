@@ -20,7 +20,18 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, root_sum_of_squares
 from rigtwin.lab.records import Array, Track, read_tracks, write_tracks
 from rigtwin.lab.rigs import GRAVITY
+from rigtwin.measure.follow import LUMA, Chase, look_again
 from rigtwin.measure.media import Video, open_video, sha256
+from rigtwin.measure.pendulum_checks import (
+    contact_angle_check,
+    distance_check,
+    doubts_of,
+    gravity_check,
+    length_check,
+    momentum_check,
+    timing_check,
+)
+from rigtwin.measure.repeats import without_repeats
 from rigtwin.measure.swing import (
     Mask,
     Outcome,
@@ -29,13 +40,13 @@ from rigtwin.measure.swing import (
     angles,
     centres,
     fit_swings,
-    frame_interval,
     positions,
     states_at_collision,
     turning_points,
 )
 from rigtwin.measure.swing_pictures import picture_view, write_overlay, write_plot, write_still
 from rigtwin.measure.two_beads import Beads, find_beads, relocate
+from rigtwin.measure.wall_bead import find_wall_bead, images_by_frame
 
 Variant = Literal["double", "wall"]
 
@@ -67,14 +78,9 @@ def measure(
         return _measure_record(
             clip, variant=variant, length=length, bead_diameter=bead_diameter, bead_mass=bead_mass, out=out
         )
-    if variant == "wall":
-        raise BadInput(
-            f"{clip}: films of a pendulum against a wall are not supported yet; "
-            "track the bead elsewhere and give the record as CSV (time_s,x_m,y_m)."
-        )
-    video = open_video(clip, camera)
-    film = _watch(video, camera, length, progress)
-    scale, scale_from = _scale(film.fit, camera, length, bead_diameter)
+    video = without_repeats(open_video(clip, camera), progress)
+    film = (_watch_wall if variant == "wall" else _watch)(video, camera, length, progress)
+    scale, scale_from = _scale(film, camera, length, bead_diameter)
     roll = -float(film.fit.swings["tilt"]) if camera.roll is None else camera.roll
     tracks = _upright(film, scale, roll)
     fit = _fit_clip(clip, tracks)
@@ -85,7 +91,7 @@ def measure(
         bead_mass,
         shading=SHADING * scale * max(look.radius for look in film.beads.looks),
     )
-    checks = _without_circle(evaluation.checks, scale_from)
+    checks = (*_without_circle(evaluation.checks, scale_from), timing_check(video))
     seen = {
         "frame_rate_hz": video.frame_rate,
         "playback_rate_hz": video.playback_rate,
@@ -108,7 +114,7 @@ def measure(
 
 @dataclass(frozen=True)
 class _Film:
-    """Both beads followed through a clip, and their swings fitted in pixels (y up)."""
+    """The beads followed through a clip, and their swings fitted in pixels (y up)."""
 
     beads: Beads
     times: Array  # [s], of every frame
@@ -152,10 +158,37 @@ def _watch(video: Video, camera: Camera, length: float | None, progress: Progres
     return _Film(beads, times, fit)
 
 
+def _watch_wall(video: Video, camera: Camera, length: float | None, progress: Progress) -> _Film:
+    chase = find_wall_bead(video, camera.region, stated_length=length, progress=progress)
+    beads = _one_bead(chase, video)
+    times = video.times[beads.frames]
+    fit = _fit_clip(video.path, _picture_tracks(beads, times))
+    places, velocities, again = _second_look(fit, beads, times)
+    expected = {
+        int(beads.frames[k]): ((float(x), float(y)), (float(u), float(v)))
+        for k, ((x, y), (u, v)) in enumerate(zip(places[0], velocities[0], strict=True))
+        if again[0, k]
+    }
+    beads = _one_bead(look_again(chase, expected), video)
+    return _Film(beads, times, _fit_clip(video.path, _picture_tracks(beads, times)))
+
+
+def _one_bead(chase: Chase, video: Video) -> Beads:
+    frames = np.array([index for index in range(video.first, video.last + 1) if index not in video.skipped])
+    images = images_by_frame(chase, frames)
+    shakes = {cut.frame: cut.shake for cut in chase.cuts}
+    look = chase.look
+    if look is None:
+        raise NothingToMeasure(f"{video.path}: what moves in this clip does not look like a bead.")
+    looked = np.array([[image is not None for image in images]])
+    where = np.array([shakes.get(int(frame), (0.0, 0.0)) for frame in frames])
+    return Beads(frames, (images,), [look], chase.shutter, chase.scene, LUMA, where, looked, {})
+
+
 def _picture_tracks(beads: Beads, times: Array) -> tuple[Track, ...]:
     """Tracks in pixels, y up."""
     tracks = []
-    for body, images in zip("AB", (beads.a, beads.b), strict=True):
+    for body, images in zip("AB", beads.images, strict=False):
         seen = [(time, image) for time, image in zip(times, images, strict=True) if image is not None]
         position = np.array([(image.x, -image.y) for _, image in seen]).reshape(-1, 2)
         sigma = np.array([image.sigma for _, image in seen])
@@ -172,7 +205,7 @@ def _second_look(fit: SwingFit, beads: Beads, times: Array) -> tuple[Array, Arra
     after, before = (positions(fit.swings, angles(fit.swings, times + side * frame)[0]) for side in (0.5, -0.5))
     middle = ((after + before) / 2)[:, :, 0] * [1, -1]
     velocity = (after - before)[:, :, 0] * [1, -1]
-    again = np.zeros((2, len(times)), dtype=bool)
+    again = np.zeros((fit.swings.beads, len(times)), dtype=bool)
     for k in range(fit.swings.collisions):
         again |= np.abs(times - float(fit.swings[f"time_{k}"])) < 5 * frame
     for bead, track in enumerate(fit.tracks):
@@ -190,22 +223,25 @@ def _fit_clip(clip: Path, tracks: tuple[Track, ...]) -> SwingFit:
         raise NothingToMeasure(f"{clip}: {error}") from None
 
 
-def _scale(fit: SwingFit, camera: Camera, length: float | None, bead_diameter: float | None) -> tuple[float, str]:
+def _scale(film: _Film, camera: Camera, length: float | None, bead_diameter: float | None) -> tuple[float, str]:
     """[m/px] and where it is from."""
+    fit = film.fit
     if camera.given_scale is not None:
         return camera.given_scale, "given" if camera.scale is not None else "known length"
     found = fit.propagate(_outcomes)
     if length is not None:
         return length / found["length"].value, "pendulum length"
     if bead_diameter is not None:
-        return bead_diameter / found["distance"].value, "bead diameter"
+        # two beads touch at the collision; one alone shows its rim only
+        across = found["distance"].value if "distance" in found else 2 * film.beads.looks[0].radius
+        return bead_diameter / across, "bead diameter"
     return GRAVITY / found["gravity"].value, "gravity"
 
 
 def _upright(film: _Film, scale: float, roll: float) -> tuple[Track, ...]:
-    """Tracks in metres from where B hangs, x to the right, y against gravity."""
+    """Tracks in metres from where the last bead hangs, x to the right, y against gravity."""
     swings = film.fit.swings
-    rest = centres(swings, np.zeros((2, 1, 1)))[1, 0, 0]
+    rest = centres(swings, np.zeros((swings.beads, 1, 1)))[-1, 0, 0]
     back = np.array([[math.cos(roll), math.sin(roll)], [-math.sin(roll), math.cos(roll)]])
     return tuple(
         replace(track, position=(track.position - rest) @ back * scale, sigma=track.sigma * scale)
@@ -241,7 +277,7 @@ def _write(
     endings = {"overlay": "overlay.mp4", "still": "still.png", "plot": "plot.svg", "record": "track.csv"}
     files = {kind: out / f"{clip.stem}-{ending}" for kind, ending in endings.items()}
     view = picture_view(film.fit, film.times)
-    turning = float(turning_points(film.fit.swings, 0)[1][1, 0])
+    turning = float(turning_points(film.fit.swings, 0)[1][-1, 0])
     best = int(film.beads.frames[np.argmin(np.abs(film.times - turning))])
     still = write_overlay(files["overlay"], video, film.beads, view, still=best, progress=progress)
     write_still(files["still"], still, film.beads, view, film.fit, found=found)
@@ -269,7 +305,8 @@ def evaluate(
       angles a', b' of A and B, A's negative where it bounces back; losses of the swing between do count.
     - ``energy_ratio_root``, method "height": sqrt(h_B' / h_A), the paper's eq. 5 applied to the two beads.  For equal
       masses it is (1 + e) / 2, not e.
-    - ``restitution_wall`` for the wall: v'/v and sin(a'/2) / sin(a/2).
+    - ``restitution_wall`` for the wall: "velocity" v'/v; "angle" sin(a'/2) / sin(a/2), which supposes that the bead
+      hangs plumb where it touches the wall; "height" sqrt(h'/h) with the heights above the place of the hit.
 
     Raises `NothingToMeasure` when there is no release, no second bead or no collision in the record.
     """
@@ -289,14 +326,15 @@ def judge(
     `shading` [m] is how far a filmed bead's centre seems to shift from place to place with the light that falls on it.
     """
     outcomes = _with_shading(fit.propagate(_outcomes), shading)
-    checks = [_gravity_check(outcomes)]
-    if fit.swings.beads == 2:
-        checks.insert(0, _momentum_check(outcomes, bead_mass))
+    checks = [gravity_check(outcomes)]
+    checks.insert(0, momentum_check(outcomes, bead_mass) if fit.swings.beads == 2 else contact_angle_check(outcomes))
     if length is not None:
-        checks.append(_length_check(outcomes["length"], length))
+        checks.append(length_check(outcomes["length"], length))
     if bead_diameter is not None and fit.swings.beads == 2:
-        checks.append(_distance_check(outcomes["distance"], bead_diameter))
-    doubts = _doubts(fit, outcomes)
+        checks.append(distance_check(outcomes["distance"], bead_diameter))
+    doubts = doubts_of(fit, outcomes)
+    if fit.swings.beads == 1 and not checks[0].passed:
+        doubts["plumb"] = checks[0].message
     if fit.swings.beads == 2 and not checks[0].passed:
         doubts["collision"] = "; ".join(filter(None, [doubts["collision"], checks[0].message]))
     quantities = [*_restitutions(fit, outcomes, doubts), *_angles(outcomes, doubts)]
@@ -352,7 +390,9 @@ def _first_collision(swings: Swings, angle: Array, v: Array, v_after: Array, way
         "way": way,
     }
     if swings.beads == 1:
-        return outcomes | {"from_angles": -from_angles[0]}
+        hit, (start, turned) = way * angle[0], (np.cos(release), np.cos(turning[0]))
+        heights = np.maximum(np.cos(hit) - turned, 0) / (np.cos(hit) - start)
+        return outcomes | {"from_angles": -from_angles[0], "from_heights": np.sqrt(heights), "contact_angle": hit}
     place = centres(swings, angle[:, None])[:, 0]
     rise = swings["length_1"] * (1 - np.cos(turning[1])) / (swings["length_0"] * (1 - np.cos(release)))
     return outcomes | {
@@ -378,6 +418,7 @@ def _with_shading(outcomes: dict[str, Outcome], shading: float) -> dict[str, Out
     fall = step / (2 * math.tan(outcomes["release"].value / 2))
     steps = dict.fromkeys(("release", "turning_0", "turning_1"), step)
     steps["from_angles"] = math.hypot(*rise, fall * outcomes["from_angles"].value)
+    steps["from_heights"] = steps["from_angles"]
     if "energy_ratio_root" in outcomes:
         steps["energy_ratio_root"] = math.hypot(rise[1], fall * outcomes["energy_ratio_root"].value)
     return {
@@ -404,10 +445,16 @@ def _restitutions(fit: SwingFit, outcomes: dict[str, Outcome], doubts: dict[str,
     losses = {"swing_losses": abs(by_speed.value - by_angle.value)}
     detail = {"collision": 1}
     seen = "; ".join(filter(None, [doubts["collision"], doubts["release"], doubts["turning"]]))
+    plumb = "; ".join(filter(None, [seen, doubts.get("plumb", "")]))
     found.append(
-        _quantity(name, Outcome(by_angle.value, by_angle.budget | losses), "1", "angle", detail, doubtful=seen)
+        _quantity(name, Outcome(by_angle.value, by_angle.budget | losses), "1", "angle", detail, doubtful=plumb)
     )
-    if fit.swings.beads == 2:
+    if fit.swings.beads == 1:
+        by_height = outcomes["from_heights"]
+        losses = {"swing_losses": abs(by_speed.value - by_height.value)}
+        whole = Outcome(by_height.value, by_height.budget | losses)
+        found.append(_quantity(name, whole, "1", "height", detail, doubtful=seen))
+    else:
         ratio: dict[str, Detail] = {
             "collision": 1,
             "angle_ratio": round(outcomes["angle_ratio"].value, 5),
@@ -444,90 +491,9 @@ def _degrees(outcome: Outcome) -> Outcome:
 def _quantity(
     name: str, outcome: Outcome, unit: str, method: str, detail: dict[str, Detail], *, doubtful: str
 ) -> Quantity:
-    std = root_sum_of_squares(outcome.budget)
-    return Quantity(
-        name, outcome.value, std, unit, method, detail=detail, budget=dict(outcome.budget), doubtful=doubtful
-    )
-
-
-def _doubts(fit: SwingFit, outcomes: dict[str, Outcome]) -> dict[str, str]:
-    """Why the collision, the release angle or the turning angles should not be trusted; empty where nothing is."""
-    swings = fit.swings
-    collision, release, turning = [], [], []
-    if fit.noise > 0.006 * outcomes["length"].value:
-        collision.append(
-            f"the tracks scatter by {fit.noise / outcomes['length'].value:.1%} of the pendulum length about the fit"
-        )
-    if swings.beads == 2 and (sway := _sway(fit)) > 0.005 * outcomes["speed"].value:
-        share = sway / outcomes["speed"].value
-        collision.append(f"bead B was not at rest before the collision ({share:.1%} of A's speed)")
-    first = fit.tracks[0]
-    if float(swings["release_time"]) < first.time[0] - frame_interval(first):
-        release.append("the record begins after the release: the angle is extrapolated")
-    _, when = turning_points(swings, 0)
-    for bead, track in enumerate(fit.tracks):
-        if track.time[-1] < float(when[bead, 0]):
-            turning.append(f"the record ends before bead {track.body} turns: its angle is extrapolated")
-    return {"collision": "; ".join(collision), "release": "; ".join(release), "turning": "; ".join(turning)}
-
-
-def _sway(fit: SwingFit) -> float:
-    """Speed of bead B in the last moments before the collision [m/s]; 0 where it cannot be told from noise."""
-    track, hit = fit.tracks[1], float(fit.swings["time_0"])
-    before = (track.time < hit - frame_interval(track)) & (track.time > hit - 0.12)
-    if np.sum(before) < 8:
-        return 0.0
-    time, x = track.time[before], track.position[before, 0]
-    (slope, _), covariance = np.polyfit(time - hit, x, 1, cov=True)
-    return float(abs(slope)) if abs(slope) > 4 * math.sqrt(covariance[0, 0]) else 0.0
-
-
-def _momentum_check(outcomes: dict[str, Outcome], bead_mass: float | None) -> Check:
-    ratio = outcomes["momentum"]
-    passed = abs(ratio.value - 1) <= max(0.03, 3 * ratio.std)
-    mass, unit = (1.0, "m/s per unit of mass") if bead_mass is None else (bead_mass, "kg m/s")
-    before, after = mass * outcomes["speed"].value, mass * outcomes["speeds_after"].value
-    found = (
-        f"momentum after the collision is {ratio.value:.4f} of that before (equal masses; {before:.4g} {unit} before)"
-    )
-    meaning = "" if passed else ": the beads differ in mass, they hit off centre, or a track is wrong"
-    return Check("momentum", passed, after, before, found + meaning)
-
-
-def _gravity_check(outcomes: dict[str, Outcome]) -> Check:
-    g = outcomes["gravity"]
-    excess = g.value / GRAVITY - 1
-    passed = abs(excess) <= max(0.02, 2.5 * g.std / GRAVITY)
-    fits = GRAVITY / outcomes["pull"].value
-    found = (
-        f"gravity from the swing is {g.value:.3f} ± {g.std:.3f} m/s²; a pendulum that swings like this is "
-        f"{fits * 1e3:.1f} mm long, the record says {outcomes['length'].value * 1e3:.1f} mm"
-    )
-    if passed:
-        return Check("gravity", True, g.value, GRAVITY, found)
-    word = "large" if excess > 0 else "small"
-    fast = "high" if excess > 0 else "low"
-    return Check(
-        "gravity",
-        False,
-        g.value,
-        GRAVITY,
-        f"{found}: the scale or stated length is {abs(excess):.1%} too {word}, or the frame rate "
-        f"{abs(math.sqrt(1 + excess) - 1):.1%} too {fast} (restitution and angles do not depend on either)",
-    )
-
-
-def _length_check(found: Outcome, stated: float) -> Check:
-    passed = abs(found.value / stated - 1) <= max(0.02, 2.5 * found.std / stated)
-    meaning = "" if passed else ": the scale is off, or the stated length is not from hinge to bead centre"
-    message = f"the beads swing on circles of {found.value * 1e3:.1f} mm, {stated * 1e3:.1f} mm are stated{meaning}"
-    return Check("length", passed, found.value, stated, message)
-
-
-def _distance_check(found: Outcome, diameter: float) -> Check:
-    passed = abs(found.value / diameter - 1) <= max(0.06, 2.5 * found.std / diameter)
-    meaning = "" if passed else ": the scale or the stated diameter is off, or the beads hit off centre"
-    message = (
-        f"the centres are {found.value * 1e3:.2f} mm apart at the collision, beads of {diameter * 1e3:.2f} mm{meaning}"
-    )
-    return Check("contact_distance", passed, found.value, diameter, message)
+    budget = dict(outcome.budget)
+    if doubtful:
+        # what a failed check spoils is not in the fit's own covariance
+        budget["failed check"] = 2 * root_sum_of_squares(budget)
+    std = root_sum_of_squares(budget)
+    return Quantity(name, outcome.value, std, unit, method, detail=detail, budget=budget, doubtful=doubtful)

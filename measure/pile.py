@@ -65,6 +65,11 @@ def measure(
     """
     if not photos:
         raise BadInput("measure pile: no photo given; name one or more photos of the heap.")
+    if base_diameter is not None and bead_diameter is not None and bead_diameter >= base_diameter:
+        raise BadInput(
+            f"beads of {bead_diameter * 1e3:g} mm make no heap on a base of {base_diameter * 1e3:g} mm; "
+            "check the base's and the bead's diameter."
+        )
     observations, views, files = [], [], {}
     for number, (photo, name) in enumerate(zip(photos, _names(photos), strict=True)):
         progress("looking for the heap", number, len(photos))

@@ -124,12 +124,15 @@ def _draw(
 
 def _labels(evaluation: Evaluation) -> list[str]:
     def words(one: Quantity) -> str:
-        return f"{one.detail['side']} {one.value:.1f} +- {1.96 * one.std_uncertainty:.1f}"
+        return f"{one.detail['side']} {one.value:.1f} +- {one.std_uncertainty:.1f}"
 
     main = {"angle_of_repose_graphical": "line 15-85 %", "angle_of_repose_geometric": "apex"}
     texts = []
     for quantity, method in main.items():
         ones = [one for one in evaluation.quantities if (one.quantity, one.method) == (quantity, method)]
-        texts.append(f"{quantity.rsplit('_', 1)[1]} ({method}) [deg]: " + ", ".join(words(one) for one in ones))
+        texts.append(
+            f"{quantity.rsplit('_', 1)[1]} ({method}) [deg, +- standard uncertainty]: "
+            + ", ".join(words(one) for one in ones)
+        )
     doubts = sorted({one.doubtful for one in evaluation.quantities if one.doubtful})
     return texts + [f"doubtful: {doubt}" for doubt in doubts]

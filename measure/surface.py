@@ -29,6 +29,7 @@ Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
 
 FINEST = 1400  # [px], width of the picture that is measured
+TALLEST = 2.0  # height of a picture over its width above which its height sets the size instead
 COVERED = 0.8  # share of the area under the outline that circles must cover
 COARSE = 900  # [px], width of the picture that is searched for beads
 
@@ -102,7 +103,7 @@ def _moved(found: Silhouette, left: float, top: float) -> Silhouette:
 
 
 def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal_length: float) -> Silhouette | None:
-    zoom = min(1.0, FINEST / photo.shape[1])
+    zoom = min(1.0, FINEST / _breadth(photo))
     image = _shrunk(photo, zoom)
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
     beads = _beads(grey)
@@ -143,6 +144,11 @@ def undo_view(x: Array, height: Array, view: View, slopes: tuple[float, float]) 
     return np.sign(x) * rho, z
 
 
+def _breadth(picture: Image) -> float:
+    """[px], the width, or half the height of a picture so tall that it would take minutes by its width."""
+    return float(max(picture.shape[1], picture.shape[0] / TALLEST))
+
+
 def _shrunk(picture: Image, factor: float) -> Image:
     if factor >= 1:
         return picture
@@ -150,7 +156,7 @@ def _shrunk(picture: Image, factor: float) -> Image:
 
 
 def _beads(grey: Image) -> Beads | None:
-    shrink = min(1.0, COARSE / grey.shape[1])
+    shrink = min(1.0, COARSE / _breadth(grey))
     small = _shrunk(grey, shrink)
     beads = find_beads(small, (0.0045 * small.shape[1], 0.05 * small.shape[1]))
     return None if beads is None else Beads(beads.centre / shrink, beads.radius / shrink)
@@ -256,7 +262,7 @@ def _covered(
     circles = np.zeros(under.shape, np.uint8)
     for u, h in centre:
         cv2.circle(circles, (round(u - columns[0]), round(rows[0] - h)), round(radius), 1, -1)
-    return float(np.mean(circles[under]))
+    return float(np.mean(circles[under])) if under.any() else 0.0
 
 
 def _just_above(values: Array, border: Array, radius: float) -> Array:

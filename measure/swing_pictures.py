@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.quantity import Quantity
 from rigtwin.lab.records import Array
@@ -27,10 +28,10 @@ NAMES = "AB"
 class View:
     """How the fitted swings look in the picture."""
 
-    pivots: Array  # [px], shape (2, 2)
-    lengths: Array  # [px], shape (2,)
+    pivots: Array  # [px], shape (beads, 2)
+    lengths: Array  # [px], shape (beads,)
     down: float  # [rad], direction of gravity from the picture's vertical, counter-clockwise
-    angles: Array  # [rad], from gravity, per bead and frame, shape (2, n)
+    angles: Array  # [rad], from gravity, per bead and frame, shape (beads, n)
 
     def place(self, bead: int, angle: float, share: float = 1.0) -> tuple[float, float]:
         """The point on a bead's thread at an angle from gravity, `share` of the way down [px]."""
@@ -52,14 +53,14 @@ def picture_view(fit: SwingFit, times: Array) -> View:
 def write_overlay(path: Path, video: Video, beads: Beads, view: View, *, still: int, progress: Progress) -> Image:
     """The clip with both beads circled, their trails, pivots and angles; hands back the untouched frame `still`."""
     kept: Image | None = None
-    trails = [np.array([_place(image) for image in images]) for images in (beads.a, beads.b)]
+    trails = [np.array([_place(image) for image in images]) for images in beads.images]
     with overlay.OverlayVideo(path, frame_rate=min(video.playback_rate or 30.0, 30.0)) as film:
         for k, frame in enumerate(video.frames()):
             progress("drawing the overlay", k, len(beads.frames))
             picture = frame.colour.copy()
             kept = frame.colour if frame.index == still or kept is None else kept
             shake = beads.shakes[k]
-            for bead, images in enumerate((beads.a, beads.b)):
+            for bead, images in enumerate(beads.images):
                 _draw_swing(picture, view, bead, shake, float(view.angles[bead, k]))
                 overlay.draw_path(picture, _seen(trails[bead][max(0, k - 60) : k + 1]) + shake, COLOURS[bead])
                 image = images[k]
@@ -68,7 +69,8 @@ def write_overlay(path: Path, video: Video, beads: Beads, view: View, *, still: 
                     overlay.draw_circle(picture, place, beads.looks[bead].radius, COLOURS[bead])
             overlay.draw_text(picture, f"{frame.time:.4f} s", (6, picture.shape[0] - 6))
             film.write(picture)
-    assert kept is not None  # a clip has at least three frames
+    if kept is None:
+        raise NothingToMeasure(f"{path.stem}: no frame could be read again to draw on; copy the clip anew.")
     return kept
 
 
@@ -79,7 +81,7 @@ def write_still(
     picture = picture.copy()
     release = float(fit.swings["release_angle"])
     turning = turning_points(fit.swings, 0)[0][:, 0]
-    for bead, images in enumerate((beads.a, beads.b)):
+    for bead, images in enumerate(beads.images):
         trail = np.array([_place(image) for image in images])
         for x, y in trail[np.all(np.isfinite(trail), axis=1)]:
             overlay.draw_dot(picture, (float(x), float(y)), COLOURS[bead], radius=1.2)

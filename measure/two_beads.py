@@ -30,11 +30,10 @@ SAMPLES = 21  # frames from which the still scene is learnt
 
 @dataclass(frozen=True)
 class Beads:
-    """Both beads in every frame of the clip."""
+    """Both beads (the one bead, before a wall) in every frame of the clip."""
 
     frames: npt.NDArray[np.int64]  # frame numbers, shape (n,)
-    a: list[BeadImage | None]
-    b: list[BeadImage | None]
+    images: tuple[list[BeadImage | None], ...]  # of A and B, by frame
     looks: list[Look]  # of A and B
     exposure: float  # share of the frame interval
     scene: Scene
@@ -55,12 +54,12 @@ def find_beads(
 
     Raises `NothingToMeasure` when no two bodies collide in the clip.
     """
-    samples = _sample(video, progress)
-    scene = _scene({index: frame.grey for index, frame in samples.items()})
+    samples = sample_frames(video, progress)
+    scene = still_scene({index: frame.grey for index, frame in samples.items()})
     collision = find_collision(find_paths(video, scene, samples, region, progress), video, stated_length)
-    channel = best_channel(video, _as_spots(collision.fall))
+    channel = best_channel(video, as_spots(collision.fall))
     greys = {index: channel.grey(frame) for index, frame in samples.items()}
-    scene = _scene(greys)
+    scene = still_scene(greys)
     # right after the collision B has left its place and A has not come to it yet: the best view of what B hid
     hit = collision.rise.frames[0]
     greys |= {frame.index: channel.grey(frame) for frame in video.frames() if hit <= frame.index < hit + 12}
@@ -73,8 +72,7 @@ def find_beads(
         walk.step(frame.index, channel.grey(frame))
     return Beads(
         np.array(walk.frames),
-        walk.a,
-        walk.b,
+        (walk.a, walk.b),
         looks,
         exposure,
         scene,
@@ -85,14 +83,16 @@ def find_beads(
     )
 
 
-def _scene(greys: dict[int, Grey]) -> Scene:
+def still_scene(greys: dict[int, Grey]) -> Scene:
+    """What the frames, by number, show of the scene."""
     background = Background()
     for index, grey in greys.items():
         background.add(index, grey)
     return background.scene()
 
 
-def _as_spots(path: Path) -> SpotPath:
+def as_spots(path: Path) -> SpotPath:
+    """The path as `follow` takes it."""
     spots = [
         Spot(float(x), float(y), math.pi / 4 * size**2, size, size, 0.0)
         for (x, y), size in zip(path.places, path.sizes, strict=True)
@@ -100,9 +100,12 @@ def _as_spots(path: Path) -> SpotPath:
     return SpotPath(tuple(path.frames), tuple(spots))
 
 
-def _sample(video: Video, progress: Progress) -> dict[int, Frame]:
+def sample_frames(video: Video, progress: Progress) -> dict[int, Frame]:
+    """Frames spread evenly over the clip, by number."""
     count = video.last - video.first + 1
-    wanted = set(np.unique(np.linspace(video.first, video.last, min(SAMPLES, count)).round().astype(int)).tolist())
+    there = [index for index in range(video.first, video.last + 1) if index not in video.skipped]
+    chosen = np.unique(np.linspace(0, len(there) - 1, min(SAMPLES, len(there))).round().astype(int))
+    wanted = {there[k] for k in chosen}
     samples = {}
     for frame in video.frames():
         progress("learning the still scene", frame.index - video.first, count)
@@ -310,7 +313,7 @@ def relocate(video: Video, beads: Beads, places: Array, velocities: Array, again
     scene = _without_beads(beads.scene, beads.greys, rest, radius, {index: known[index] for index in beads.greys})
     again = (again | _in_front_of(np.abs(scene.picture - beads.scene.picture), places, beads.looks)) & beads.looked
     beads = replace(beads, scene=scene)
-    found = [list(beads.a), list(beads.b)]
+    found = [list(images) for images in beads.images]
     numbers = {int(frame): k for k, frame in enumerate(beads.frames)}
     for frame in video.frames():
         k = numbers[frame.index]
@@ -332,7 +335,7 @@ def relocate(video: Video, beads: Beads, places: Array, velocities: Array, again
             if image is not None and np.hypot(image.x - place[0], image.y - place[1]) > 2 + 0.3 * look.radius:
                 image = None
             found[bead][k] = image
-    return replace(beads, a=found[0], b=found[1])
+    return replace(beads, images=tuple(found))
 
 
 def _in_front_of(change: npt.NDArray[np.float32], places: Array, looks: list[Look]) -> npt.NDArray[np.bool_]:

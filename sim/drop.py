@@ -11,6 +11,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY, Drop
 from rigtwin.sim.engine.clock import positive
+from rigtwin.sim.film import frame_times
 
 FRAMES_AT_REST = 5  # shown before the bead is let go
 TRACK_SIGMA = 1e-6  # [m], the step is halved until samples move by less
@@ -39,7 +40,7 @@ def run(
     if duration is None:
         duration = FRAMES_AT_REST / frame_rate + _flight_time(rig, contact.restitution) - 0.5 / frame_rate
     positive(duration=duration)
-    time = np.arange(max(2, math.floor(duration * frame_rate + 1e-9) + 1)) / frame_rate
+    time = frame_times(duration, frame_rate)
     falling = time[FRAMES_AT_REST + 1 :] - FRAMES_AT_REST / frame_rate
 
     start = (0.0, 0.0, rig.drop_height + particle.radius)

@@ -12,6 +12,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY, Pendulum
 from rigtwin.sim.engine.clock import positive
+from rigtwin.sim.film import frame_times
 
 FRAMES_AT_REST = 5  # shown before bead A is let go
 TRACK_SIGMA = 1e-6  # [m], the step is halved until samples move by less
@@ -40,7 +41,7 @@ def run(
     if duration is None:
         duration = FRAMES_AT_REST / frame_rate + 2.2 * quarter
     positive(duration=duration)
-    time = np.arange(max(2, math.floor(duration * frame_rate + 1e-9) + 1)) / frame_rate
+    time = frame_times(duration, frame_rate)
     swinging = time[FRAMES_AT_REST + 1 :] - FRAMES_AT_REST / frame_rate
 
     # the camera's axes are x and y; in the engine z is up

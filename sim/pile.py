@@ -46,8 +46,9 @@ OVERLAP_LIMIT = 0.05  # of a radius; softer contacts than this bend the result
 class Heap:
     """What lies on the base in the end.  x and y from the disc's axis, z above the disc's top face."""
 
-    centres: Array  # [m], shape (n, 3), of the beads that stay on the base
-    radius: float  # [m]
+    centres: Array  # [m], shape (n, 3), of the spheres that stay on the base
+    radii: Array  # [m], shape (n,)
+    radius: float  # [m], of a particle; of a clump that of the sphere that holds it
     profiles: tuple[Profile, ...]  # silhouettes from four sides
     at_rest: bool
     time: float  # [s], simulated
@@ -125,13 +126,17 @@ def run(
         wall_time = time.perf_counter() - began
     placed = course.placed
 
-    beads = bulk.beads()
-    stays = (np.hypot(*beads.position[:, :2].T) < rig.base_diameter / 2 + particle.radius) & (beads.position[:, 2] > 0)
-    centres = beads.position[stays]
+    beads, grains = bulk.beads(), bulk.grains()
+    stays = (np.hypot(*grains.position[:, :2].T) < rig.base_diameter / 2 + particle.radius) & (
+        grains.position[:, 2] > 0
+    )
+    staying = int(stays.sum())
+    spheres = np.isin(beads.ident if beads.grain is None else beads.grain, grains.ident[stays])
+    centres, radii = beads.position[spheres], beads.radius[spheres]
     statistics = {
         "largest_overlap": bulk.largest_overlap,
         **logbook.statistics(),
-        "contacts_per_bead": 2 * bulk.contacts / max(len(beads.ident), 1),
+        "contacts_per_bead": 2 * bulk.contacts / max(len(grains.ident), 1),
         "time_step_s": step,
         "steps": float(bulk.steps),
         "lists_built": float(bulk.lists_built),
@@ -140,13 +145,14 @@ def run(
         statistics["steps_per_second"] = (bulk.steps - first_step) / max(wall_time, 1e-9)
     return Heap(
         centres=centres,
+        radii=radii,
         radius=particle.radius,
-        profiles=tuple(silhouette(centres, particle.radius, rig.base_diameter, view) for view in VIEWS),
+        profiles=tuple(silhouette(centres, radii, rig.base_diameter, view) for view in VIEWS),
         at_rest=at_rest,
         time=bulk.time,
         asked=count,
         placed=placed,
-        fallen=placed - len(centres),
+        fallen=placed - staying,
         statistics=statistics,
         history=logbook.history,
         assumptions=_assumptions(rig, outlet, stiffness_factor, time_step_fraction, rolling),
@@ -156,28 +162,33 @@ def run(
             rig,
             count=count,
             placed=placed,
-            staying=len(centres),
+            staying=staying,
             at_rest=at_rest,
             overlap=bulk.largest_overlap,
         ),
     )
 
 
-def silhouette(centres: Array, radius: float, base_diameter: float, view: float) -> Profile:
-    """Outline of equal spheres on a disc, seen from the side, orthographic.
+def silhouette(centres: Array, radii: Array | float, base_diameter: float, view: float) -> Profile:
+    """Outline of spheres on a disc, seen from the side, orthographic.
 
     `view` [deg] turns the heap about the disc's axis.  Height is that of the highest bead edge at each x, 0 where
     only the disc is seen; x runs over the disc, 0 on its axis.  A rim is not
     drawn: it would hide beads, not raise them.
     """
-    points = math.ceil(base_diameter / (2 * radius) * POINTS_PER_DIAMETER) + 1
+    radii = np.broadcast_to(radii, len(centres))
+    widest = 2 * float(radii.max()) if len(radii) else base_diameter
+    points = math.ceil(base_diameter / widest * POINTS_PER_DIAMETER) + 1
     x = np.linspace(-base_diameter / 2, base_diameter / 2, points)
     angle = math.radians(view)
     across = centres[:, 0] * math.cos(angle) + centres[:, 1] * math.sin(angle)
     height = np.zeros(points)
     for part in np.array_split(np.arange(len(centres)), max(1, len(centres) // 1000)):
-        inside = radius**2 - (x - across[part, None]) ** 2
-        edge = np.where(inside >= 0, centres[part, 2, None] + np.sqrt(np.maximum(inside, 0.0)), 0.0)
+        inside = radii[part, None] ** 2 - (x - across[part, None]) ** 2
+        # a point that only touches the outline would go in or out by rounding
+        edge = np.where(
+            inside > 1e-9 * radii[part, None] ** 2, centres[part, 2, None] + np.sqrt(np.maximum(inside, 0.0)), 0.0
+        )
         height = np.maximum(height, edge.max(axis=0, initial=0.0))
     return Profile(
         x=x,
@@ -195,9 +206,7 @@ def picture(rig: Pile, heap: Heap, *, turn: float = 30.0, tilt: float = 20.0) ->
 
     reach = np.full(3, rig.base_diameter + rig.rim_height)
     walls = [triangles(shape, (-reach, reach)) for shape in _shapes(rig)]
-    return draw(
-        heap.centres, np.full(len(heap.centres), heap.radius), walls=np.concatenate(walls), turn=turn, tilt=tilt
-    )
+    return draw(heap.centres, heap.radii, walls=np.concatenate(walls), turn=turn, tilt=tilt)
 
 
 @dataclass(frozen=True)
@@ -314,7 +323,8 @@ def _pour(
         due = min(count, math.ceil(outlet.rate * (bulk.time + LOOK))) - course.placed
         drops = _drops(beads.position, outlet, particle, height=course.height, slab=slab, due=due, rng=course.random)
         new = np.array(list(drops)).reshape(-1, 3)
-        bulk.add(new, np.array([0.0, 0.0, -outlet.speed]))
+        turn = None if particle.shape is None else course.random.normal(size=(len(new), 4))
+        bulk.add(new, np.array([0.0, 0.0, -outlet.speed]), turn=turn)
         course.patience = 0 if len(new) else course.patience + 1
         course.placed += len(new)
         logbook.run(steps)
@@ -357,7 +367,8 @@ def _settle(
     while bulk.time < course.settling_until and course.quiet < REST_LOOKS:
         logbook.run(steps)
         beads = bulk.beads()
-        energy = beads.kinetic_energy / max(len(beads.ident), 1)
+        grains = beads.ident if beads.grains is None else beads.grains.ident
+        energy = beads.kinetic_energy / max(len(grains), 1)
         fastest = np.sqrt((beads.velocity**2).sum(1).max(initial=0.0))
         resting = energy < REST_ENERGY * particle.mass * GRAVITY * particle.radius and fastest < REST_SPEED
         course.quiet = course.quiet + 1 if resting else 0

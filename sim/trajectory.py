@@ -76,7 +76,9 @@ def begin(path: Path, kinds: Sequence[str], domain: tuple[Array, Array], *, fram
 
 
 class Gsd(Trajectory):
-    """GSD in HOOMD's schema: position, velocity, diameter, mass, type; spin, name of each bead and time as logs.
+    """GSD in HOOMD's schema: position, velocity, diameter, mass, type, and as body the clump that a bead is part of.
+
+    Spin, name of each bead and time are logs.
 
     The schema's box is centred on the origin, so it is the smallest such box that holds the domain.
     """
@@ -116,6 +118,8 @@ class Gsd(Trajectory):
         frame.particles.velocity = beads.velocity
         frame.particles.diameter = 2 * beads.radius
         frame.particles.mass = beads.mass
+        if beads.grain is not None:
+            frame.particles.body = beads.grain
         frame.log["particles/spin"] = beads.spin.astype(np.float32)
         frame.log["particles/ident"] = beads.ident.astype(np.int32)
         frame.log["time_s"] = np.array([time])
@@ -128,13 +132,21 @@ class Gsd(Trajectory):
 
 
 class VtkHdf(Trajectory):
-    """Temporal VTKHDF, type PolyData: beads as points with radius, velocity, spin, ident and kind.
+    """Temporal VTKHDF, type PolyData: beads as points with radius, velocity, spin, ident, kind and grain (the
+    particle that a clump's bead is part of).
 
     Every frame has one vertex cell per bead.  Cells are numbered alike in all frames, so that all frames share one
     table of them, as long as the largest frame.
     """
 
-    DATA = (("radius", 1), ("velocity", 3), ("spin", 3), ("ident", 0), ("kind", 0))  # components; 0: a whole number
+    DATA = (
+        ("radius", 1),
+        ("velocity", 3),
+        ("spin", 3),
+        ("ident", 0),
+        ("kind", 0),
+        ("grain", 0),
+    )  # components; 0: a whole number
 
     def __init__(self, path: Path, kinds: Sequence[str], domain: tuple[Array, Array], frames: int) -> None:
         import h5py
@@ -211,7 +223,8 @@ class VtkHdf(Trajectory):
         _append(steps["CellOffsets"], [[0, 0, 0, 0]])
         _append(steps["ConnectivityIdOffsets"], [[0, 0, 0, 0]])
         for name, _components in self.DATA:
-            _append(root["PointData"][name], getattr(beads, name))
+            rows = beads.ident if name == "grain" and beads.grain is None else getattr(beads, name)
+            _append(root["PointData"][name], rows)
             _append(steps["PointDataOffsets"][name], [before])
         self.frames += 1
         steps.attrs["NSteps"] = np.int64(self.frames)

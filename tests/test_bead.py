@@ -141,3 +141,20 @@ def test_shake_of_the_camera_is_measured():
     moved = cv2.warpAffine(wide, turn, (240, 240), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
     view = background.scene().view(np.clip(moved, 0, 255).astype(np.uint8))
     assert view.shake == pytest.approx((1.37, -0.62), abs=0.03)
+
+
+def test_a_flickering_lamp_is_levelled_although_black_is_not_zero():
+    """Limited-range video stores black as 16: light changes by a factor about 16, not about 0."""
+    rng = np.random.default_rng(6)
+    wide = np.clip(cv2.GaussianBlur(rng.uniform(0, 255, (240, 240)).astype(np.float32), (0, 0), 3) * 3 - 255, 30, 220)
+    background, true = Background(), wide
+    for index in range(15):
+        lamp = 1 + 0.1 * np.sin(1.7 * index)
+        background.add(index, np.clip(16 + lamp * (true - 16) + rng.normal(0, 2, wide.shape), 0, 255).astype(np.uint8))
+    scene = background.scene()
+    dim = np.clip(16 + 0.85 * (scene.picture - 16) + rng.normal(0, 2, wide.shape), 0, 255).astype(np.uint8)
+    off = scene.view(dim).grey - scene.picture
+    dark, bright = scene.picture < 60, scene.picture > 190
+    assert abs(np.mean(off[dark])) < 0.7
+    assert abs(np.mean(off[bright])) < 0.7
+    assert np.median(scene.noise) < 3.5

@@ -164,6 +164,11 @@ def test_a_missing_key_in_the_lab_file_is_refused_with_its_name(tmp_path, capfd)
     refused(["compare", folder], capfd, "lab.toml", "particle", "missing")
 
 
+def test_a_misspelt_key_is_named_before_the_key_that_is_then_missing(tmp_path, capfd):
+    folder = lab_with(tmp_path, 'wall = "steel"', 'wal = "steel"')
+    refused(["compare", folder], capfd, ".wal:", "wall", "and 1 more")
+
+
 def test_a_lab_whose_only_repetition_shows_no_bounce_is_refused_by_name(tmp_path, capfd):
     assert run(["compare", str(lab_with(tmp_path)), "--json"]) == 2
     message = json.loads(capfd.readouterr().out)["error"]["message"]
@@ -195,6 +200,11 @@ def test_an_unknown_experiment_is_refused_with_the_known_ones(tmp_path, capfd):
         (["measure", "drop", "x.mp4", "--region", "nan,0,10,10"], "--region"),
         (["measure", "drop", "x.mp4", "--frame-rate", "1e300Hz"], "frame rate"),
         (["measure", "pile", "x.jpg", "./x.jpg"], "given twice"),
+        (["measure", "drop", "x.mp4", "--bead-diameter", "6"], "is 6 m; write a bead's diameter with its unit"),
+        (["measure", "drop", "x.mp4", "--bead-diameter", "1e-30mm"], "is 1e-33 m; write"),
+        (["measure", "drop", "x.mp4", "--bead-diameter", "0mm"], "is not above zero"),
+        (["measure", "drop", "x.mp4", "--bead-diameter", "6mm", "--bead-mass", "71g"], "more than any metal"),
+        (["measure", "drop", "x.mp4", "--bead-density", "568000kg/m^3"], "more than any metal"),
         (["simulate", "drop", "--drop-height", "300mm", "--wall", "wood_ash"], "D6-wood_ash"),
         (["measure", "drop", "x.mp4", "--bead-mass", "0.1g"], "--bead-diameter"),
         (["measure", "pendulum", "x.mp4", "--variant", "triple"], "--variant"),
@@ -209,6 +219,17 @@ def test_an_unknown_experiment_is_refused_with_the_known_ones(tmp_path, capfd):
 )
 def test_a_wrong_option_is_refused_with_its_name(arguments, word, capfd):
     refused(arguments, capfd, word)
+
+
+def test_a_group_of_commands_alone_shows_its_help_page_line_by_line(capfd):
+    assert run(["measure"]) == 2
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert "\n  pendulum " in err
+
+
+def test_a_misspelt_command_is_answered_in_one_sentence(capfd):
+    refused(["measur", "drop"], capfd, "'measur'; did you mean 'measure'; see")
 
 
 def test_a_fault_of_the_program_is_one_sentence_and_code_1(monkeypatch, capfd):
@@ -274,12 +295,29 @@ def test_a_results_folder_that_is_a_file_is_refused_by_name(tmp_path, capfd):
 
 
 @pytest.mark.usefixtures("started_engine")
-def test_a_twin_that_cannot_fit_into_memory_is_refused(capfd):
-    arguments = ["simulate", "drop", "--drop-height", "300mm", "--duration", "1e12s", "--out", "twin"]
-    refused(arguments, capfd, "memory")
+def test_a_twin_that_does_not_fit_into_memory_is_refused(monkeypatch, capfd):
+    def too_much(*arguments, **settings):
+        raise MemoryError
+
+    monkeypatch.setattr("rigtwin.compare.twin.drop_twin", too_much)
+    refused(["simulate", "drop", "--drop-height", "300mm"], capfd, "memory")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="closing a descriptor in the shell")
+def test_a_twin_too_short_to_measure_gets_advice_on_its_settings(capfd):
+    arguments = ["simulate", "drop", "--drop-height", "300mm", "--duration", "0.1s"]
+    refused(arguments, capfd, "the twin of the drop gives nothing to measure", "try a higher frame rate")
+    assert run(arguments) == 2
+    assert "film" not in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "rig", [["drop", "--drop-height", "300mm"], ["pendulum", "--length", "300mm", "--release-angle", "45deg"]]
+)
+def test_a_twin_of_a_million_seconds_is_refused_at_once(rig, capfd):
+    refused(["simulate", *rig, "--duration", "1e6s"], capfd, "2.4e+08 frames", "shorter duration")
+
+
 def test_results_are_written_even_when_nobody_listens(tmp_path):
     command = f"{sys.executable} -m rigtwin simulate drop --drop-height 100mm --frame-rate 1kHz --out twin >&-"
     done = subprocess.run(["sh", "-c", command], cwd=tmp_path, capture_output=True, text=True, check=False)
@@ -290,7 +328,7 @@ def test_results_are_written_even_when_nobody_listens(tmp_path):
 def test_a_comparison_shows_the_results_first_and_says_why_a_number_is_doubtful(capfd):
     from datetime import UTC, datetime
 
-    from rigtwin.cli import _show_comparison
+    from rigtwin.commands.show import show_comparison
     from rigtwin.compare.comparison import Comparison, Outcome
     from rigtwin.compare.deviation import deviations
     from rigtwin.compare.twin import Twin
@@ -304,7 +342,7 @@ def test_a_comparison_shows_the_results_first_and_says_why_a_number_is_doubtful(
     ]
     twin = Twin("drop", Evaluation(tuple(found)), {})
     rows = deviations(lab.experiments[0].id, "drop", found, found)
-    _show_comparison(Comparison(lab, (Outcome(lab.experiments[0], (), (), twin, rows),), 1, datetime.now(UTC)))
+    show_comparison(Comparison(lab, (Outcome(lab.experiments[0], (), (), twin, rows),), 1, datetime.now(UTC)))
     said = capfd.readouterr().out
     assert "bounce 1" in said
     assert "bounce 2" not in said

@@ -6,6 +6,7 @@ import json
 import multiprocessing
 import re
 import time
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -152,6 +153,19 @@ def test_a_repetition_that_shows_nothing_is_left_out_with_a_warning(compared, pa
     assert [failure.source.name for failure in outcome.failures] == ["nothing.csv"]
     assert any("nothing.csv was left out" in warning for warning in outcome.warnings)
     assert "nothing.csv was left out" in page
+
+
+def test_a_warning_about_one_view_of_several_is_not_laid_to_the_first_photo(compared):
+    def view(name: str) -> Quantity:
+        return Quantity("angle_of_repose_graphical", 28.0, 1.0, "deg", "line", 1, {"view": name}, {}, "")
+
+    (outcome,) = compared.outcomes
+    pile = Measurement(
+        "pile", Path("front.jpg"), "", (view("front"), view("side")), (), ("side: too dark.", "scale: not known.")
+    )
+    told = replace(outcome, measurements=(pile,), failures=()).warnings
+    assert "side: too dark." in told
+    assert "front.jpg and its other views: scale: not known." in told
 
 
 def test_provenance_names_every_input_by_its_content(lab, out):

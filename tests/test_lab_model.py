@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rigtwin.lab.errors import BadInput, BadLabFile
-from rigtwin.lab.materials import Contact, KnownContact, Material, Particle, pair
+from rigtwin.lab.materials import Contact, KnownContact, Material, Particle, clumped, pair
 from rigtwin.lab.model import Model, read_model, write_model
 from rigtwin.lab.reference import hlosta2020
 
@@ -47,7 +47,7 @@ def test_a_model_comes_back_from_its_file_as_it_was_written(model, tmp_path_fact
 def test_a_model_file_with_an_unknown_key_is_refused_with_its_line(tmp_path):
     path = tmp_path / "model.toml"
     path.write_text("effects = []\n[materials.ash]\ndensty = 1\n")
-    with pytest.raises(BadLabFile, match=r"model\.toml, line 2: materials\.ash\.density: this key is missing.*3 more"):
+    with pytest.raises(BadLabFile, match=r"model\.toml, line 3: materials\.ash\.densty.*mean 'density'.*3 more"):
         read_model(path)
 
 
@@ -82,6 +82,15 @@ def test_only_the_parameters_that_a_rig_needs_must_be_known():
 def test_a_thing_that_cannot_be_is_refused(wrong):
     with pytest.raises(BadInput, match="must"):
         wrong()
+
+
+def test_a_model_file_leaves_out_the_clumps_that_are_known_by_name_and_refuses_others(tmp_path):
+    cube = hlosta2020.particle("C6_9s")
+    write_model(tmp_path / "model.toml", Model(particles={"C6_9s": cube}))
+    assert "C6_9s" not in read_model(tmp_path / "model.toml").particles
+    own = clumped("own", cube.material, cube.shape)
+    with pytest.raises(BadInput, match="own is a clump that no file can describe"):
+        write_model(tmp_path / "model.toml", Model(particles={"own": own}))
 
 
 @pytest.mark.parametrize(("shear_modulus", "step"), [(1e6, 2.45e-4), (1e7, 7.77e-5), (1e8, 2.45e-5), (1e9, 7.74e-6)])

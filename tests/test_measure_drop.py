@@ -187,6 +187,64 @@ def test_slow_motion_taken_for_real_time_is_recognised():
     assert pick(result.quantities, "restitution_wall", method="time", bounce=2).value == pytest.approx(0.7, abs=0.003)
 
 
+def test_slow_motion_of_a_light_bead_of_known_drag_is_recognised_and_not_refused():
+    made = track(drag=0.2, noise=1e-4)
+    result = drop.evaluate(replace(made, time=made.time * 8), bead_diameter=0.006, bead_density=568.0)
+    assert "slow motion by 8" in check(result, "gravity").message
+    real = drop.evaluate(made, bead_diameter=0.006, bead_density=568.0)
+    slow_e, e = (pick(each.quantities, "restitution_wall", method="height", bounce=1).value for each in (result, real))
+    assert slow_e == pytest.approx(e, abs=0.003)
+    assert "the air" in pick(result.quantities, "restitution_wall", method="velocity", bounce=1).doubtful
+
+
+def test_doubled_frames_are_left_out_and_named():
+    """Every frame twice at the stated rate: the record lasts twice as long, and g comes out four times too small."""
+    made = track(duration=0.7)
+    twice = np.repeat(made.position, 2, axis=0) + np.random.default_rng(3).normal(0, 1e-5, (2 * len(made.time), 2))
+    times = np.arange(len(twice)) / FPS
+    result = drop.evaluate(Track(times, twice, np.full(len(times), 5e-5)))
+    assert "doubled frames" in check(result, "frame_timing").message
+    assert "doubled frames" in check(result, "gravity").message
+    assert "--frame-rate 480Hz" in check(result, "gravity").message
+    e = pick(result.quantities, "restitution_wall", method="height", bounce=1)
+    assert e.value == pytest.approx(0.7, abs=0.004)
+
+
+def test_the_gravity_check_tells_a_wrong_scale_from_slow_motion_and_leaves_clean_records_alone():
+    rng = np.random.default_rng(17)
+    told = {"the scale": 0, "slow motion": 0, "clean": 0}
+    for seed in range(4):
+        made = track(
+            restitution=rng.uniform(0.5, 0.8),
+            height=rng.uniform(0.15, 0.4),
+            release=rng.uniform(0.02, 0.04),
+            noise=1e-4,
+            seed=seed,
+            duration=0.8,
+        )
+        faults = {
+            "the scale": replace(made, position=made.position * (1 + 0.03 * rng.choice([-1, 1]))),
+            "slow motion": replace(made, time=made.time * rng.choice([4.0, 8.0])),
+            "clean": made,
+        }
+        for name, record in faults.items():
+            gravity = check(drop.evaluate(record), "gravity")
+            others = {"the scale", "slow motion", "doubled"} - {name}
+            first = min(gravity.message.find(word) % 10_000 for word in others)
+            told[name] += gravity.passed if name == "clean" else gravity.message.find(name) % 10_000 < first
+    assert told["clean"] == told["the scale"] == told["slow motion"] == 4, told
+
+
+def test_blank_points_of_a_record_are_left_out():
+    made = track()
+    holed = made.position.copy()
+    holed[40:43] = np.nan
+    result = drop.evaluate(replace(made, position=holed))
+    assert pick(result.quantities, "restitution_wall", method="velocity", bounce=1).value == pytest.approx(
+        0.7, abs=0.002
+    )
+
+
 def test_a_scale_off_by_a_twentieth_is_recognised():
     made = track()
     result = drop.evaluate(replace(made, position=made.position * 1.05))
@@ -231,8 +289,13 @@ def test_a_tracked_record_is_evaluated_and_plotted(tmp_path):
 # -------------------------------------------------------------------------------------------------------------- clips
 
 
-def film(path: Path, *, fps=FPS, mirrored=False, bead=True, frames=150, roll=0.0, noise=2.0, playback=30) -> Path:
-    """Draw a clip: textured wall, plate, holder, a lit bead of 6 px radius with a third of a frame of motion blur."""
+def film(
+    path: Path, *, fps=FPS, mirrored=False, bead=True, frames=150, roll=0.0, noise=2.0, playback=30, doubled=False
+) -> Path:
+    """Draw a clip: textured wall, plate, holder, a lit bead of 6 px radius with a third of a frame of motion blur.
+
+    With `doubled` every second frame repeats the one before, in the hand of someone whose camera sways by 1.5 px.
+    """
     width, height, radius = 176, 352, DIAMETER / 2 / SCALE
     rng = np.random.default_rng(7)
     wall = 130 + 3 * cv2.GaussianBlur(rng.normal(0, 30, (height, width)).astype(np.float32), (0, 0), 4)
@@ -241,6 +304,7 @@ def film(path: Path, *, fps=FPS, mirrored=False, bead=True, frames=150, roll=0.0
     y, x = np.mgrid[:height, :width].astype(np.float32)
     fine = np.arange(3 * frames) / (3 * fps)
     drops = fall(fine, height=0.14, release=0.02) / SCALE
+    last = wall
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=playback, options={"crf": "16", "preset": "ultrafast"})
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
@@ -257,6 +321,10 @@ def film(path: Path, *, fps=FPS, mirrored=False, bead=True, frames=150, roll=0.0
             picture = cv2.GaussianBlur(wall * (1 - cover) + light, (0, 0), 0.6) + rng.normal(0, noise, wall.shape)
             grey = np.clip(picture, 0, 255).astype(np.uint8)
             grey = np.ascontiguousarray(grey[:, ::-1]) if mirrored else grey
+            if doubled:
+                sway = np.array([[1, 0, 2 * math.sin(k / 9)], [0, 1, 1.5 * math.sin(k / 7 + 1)]])
+                grey = last if k % 2 else np.asarray(cv2.warpAffine(grey, sway, (width, height), borderMode=1))
+                last = grey
             frame = av.VideoFrame.from_ndarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), format="bgr24")
             for packet in stream.encode(frame):
                 container.mux(packet)
@@ -318,6 +386,16 @@ def test_a_mirrored_clip_gives_the_same_restitution(tmp_path, measured):
         a = pick(mirrored.quantities, "restitution_wall", method=method, bounce=1)
         b = pick(measured.quantities, "restitution_wall", method=method, bounce=1)
         assert a.value == pytest.approx(b.value, abs=3 * math.hypot(a.std_uncertainty, b.std_uncertainty))
+
+
+def test_a_swaying_camera_and_doubled_frames_are_taken_out_and_told(tmp_path):
+    result = drop.measure(film(tmp_path / "doubled.mp4", doubled=True), CAMERA, bead_diameter=DIAMETER)
+    assert "doubled frames" in check(result, "frame_timing").message
+    assert check(result, "static_camera").passed
+    assert check(result, "static_camera").value > 0.8
+    assert check(result, "bead_size").passed
+    e = pick(result.quantities, "restitution_wall", method="height", bounce=1)
+    assert e.value == pytest.approx(0.7, abs=max(0.006, 2 * e.std_uncertainty))
 
 
 def test_playback_rate_taken_for_the_capture_rate_is_flagged(clip):

@@ -502,3 +502,27 @@ def test_a_heap_cut_by_the_picture_edge_is_doubtful(tmp_path: Path) -> None:
         found = angle(result, name, "mean")
         assert found.doubtful
         assert found.std_uncertainty > 2
+
+
+def test_the_picture_shows_the_uncertainty_that_the_table_shows():
+    from rigtwin.measure.pile_pictures import _labels
+
+    angle = Quantity("angle_of_repose_graphical", 28.04, 1.21, "deg", "line 15-85 %", 1, {"side": "left"}, {}, "")
+    first, _ = _labels(Evaluation((angle,), (), ()))
+    assert "left 28.0 +- 1.2" in first
+    assert "standard uncertainty" in first
+
+
+def test_beads_wider_than_the_base_are_refused_before_any_photo_is_read():
+    with pytest.raises(BadInput, match="95 mm make no heap on a base of 90 mm"):
+        measure([Path("nowhere.jpg")], Camera(), base_diameter=0.09, bead_diameter=0.095)
+
+
+def test_a_strip_of_noise_is_searched_at_a_size_that_does_not_take_minutes(tmp_path, monkeypatch):
+    from rigtwin.measure import surface
+
+    sizes: list[tuple[int, ...]] = []
+    monkeypatch.setattr(surface, "find_beads", lambda grey, radii: sizes.append(grey.shape))
+    noise = np.random.default_rng(5).integers(0, 255, (9000, 500, 3), dtype=np.uint8)
+    assert surface.find_heap(noise) is None
+    assert sizes[0][0] <= surface.TALLEST * surface.COARSE

@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-ROOMS = ("lab", "measure", "sim", "compare")
+ROOMS = ("lab", "measure", "sim", "compare", "commands")
 BELOW = {"lab": set(), "measure": {"lab"}, "sim": {"lab"}, "compare": {"lab", "measure", "sim"}}
+BELOW["commands"] = BELOW["compare"] | {"compare"}
 SETUPTOOLS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
 
 

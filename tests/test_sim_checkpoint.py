@@ -115,7 +115,7 @@ def test_another_process_goes_on_with_the_same_bits(whole, tmp_path):
     )
     done = subprocess.run(
         [sys.executable, "-c", code, str(Path(__file__).parent), str(tmp_path / "heap.npz")],
-        capture_output=True, text=True, check=True, env=os.environ, timeout=120,
+        capture_output=True, text=True, check=True, env=os.environ, timeout=300,
     )  # fmt: skip
     assert done.stdout.strip() == whole.centres.tobytes().hex()
 

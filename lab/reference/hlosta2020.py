@@ -15,6 +15,8 @@ Slips of the paper, and what is done about them here:
 - The restitution of D6 beads is 0.73 measured (table 12) and 0.75 calibrated (table A3).  The unlike pairs of both
   tables are not measured: they follow from the like pairs of table 12 by eq. (8), `mixed_restitution`.
 - Table 3's volumes are those of the enlarged beads (4.2, 6.2 and 12.2 mm) that the calibrated model uses.
+- The layouts of the clumps are not printed.  Those here lie in a cube of 6 mm, or in a row of spheres of 6 mm, and are
+  chosen to match table 3's volumes; `shape` says how.
 - Table 10 gives the measured rolling friction on a wall, the tangent of an angle (eq. 4); table A7 the calibrated
   coefficient of the contact model, a torque mu_r Fn R on each body.
 """
@@ -27,7 +29,9 @@ from functools import cache
 from importlib import resources
 
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.materials import Contact, Material, Particle, clumped
+from rigtwin.lab.shapes import Clump, cubic
+from rigtwin.lab.shapes import row as spheres_in_a_row
 
 CITATION = "Hlosta et al. 2020"
 SOFTENING = 1e-3
@@ -35,6 +39,14 @@ SOFTENING = 1e-3
 
 PARTICLES = ("D4", "D6", "D12", "C6", "P6x15", "D6_ABS", "D5_steel")
 MATERIALS = ("steel", "aluminum", "glass", "PMMA", "ABS", "wood_ash")
+CLUMPS = {
+    **dict.fromkeys(("C6_1s", "C6_8s-a", "C6_8s-b", "C6_9s", "C6_16s", "C6_24s", "C6_28s"), "C6"),
+    **dict.fromkeys(("P6x15_3s", "P6x15_5s"), "P6x15"),
+}
+"""Virtual particles that stand for the cube and the pellet."""
+NAMES = (*PARTICLES, *CLUMPS)
+CALIBRATED = {"C6": "C6_24s", "P6x15": "P6x15_5s"}
+"""Which of them the calibrated model uses (the densities of table A2 are theirs)."""
 WALLS = ("steel", "PMMA", "aluminum", "glass")
 
 Row = dict[str, str | float]
@@ -66,33 +78,69 @@ def material(name: str) -> Material:
 
 
 def particle(name: str) -> Particle:
-    """A sphere with the calibrated model's diameter (table 3) and density (table A2).
+    """A particle of the calibrated model, or one of the virtual particles that stand for the cube and the pellet.
+
+    A sphere has the diameter of table 3 and the density of table A2; a clump has the `shape` of its name and the real
+    particle's mass (table 3).
 
     >>> bead = particle("D6")
     >>> bead.diameter, bead.effective_density
     (0.0062, 569.0)
-
-    Raises `BadInput` for the cubes and pellets, which are no spheres; `properties` lists what is known of them.
+    >>> round(particle("C6_24s").mass * 1e3, 3)
+    0.139
     """
-    if name in PARTICLES and name not in _DIAMETERS:
-        raise BadInput(
-            f"{name} of {CITATION} is a clump of spheres, which is not supported yet; use a sphere: "
-            f"{', '.join(_DIAMETERS)}."
-        )
-    row = _row("A2", "there is no such particle", particle=name)
     solid = material(_MATERIAL_OF.get(name, "wood_ash"))
+    if name in CALIBRATED or name in CLUMPS:
+        return clumped(name, solid, shape(CALIBRATED.get(name, name)), mass=_real_mass(CLUMPS.get(name, name)))
+    row = _row("A2", "there is no such particle", particle=name)
     return Particle(name, solid, _DIAMETERS[name], _of(row, "density_kg_m3"))
+
+
+@cache
+def shape(name: str) -> Clump:
+    """The clump of this name.  The paper prints its number of spheres and, for all but C6_28s, its volume.
+
+    Pellets are rows of spheres of 6 mm; the spacing follows from the volume, and is 4.70 mm for three and 2.35 mm
+    for five: both are 15.4 mm long.  Cubes lie in a cube of 6 mm, have its symmetries, and their spheres touch its
+    faces: one sphere of 6 mm (1s); eight of 3 mm that touch each other (8s-a), of 4 mm that overlap (8s-b), of 2 mm
+    around one of 6 mm (9s).  These match table 3 to 0.1 % with round numbers, so they are likely the paper's own.
+    The others are guesses: 16s is 8s-b with a smaller sphere in each corner, 24s has two equal spheres on each edge,
+    of the size that gives the volume and the place that comes nearest to the cube's surface; 28s is a big sphere and
+    a small one in each corner and one on each edge, of the sizes that come nearest to the cube's surface.
+    """
+    corner, edge = (1.0, 1.0, 1.0), (1.0, 1.0, 0.0)
+    match name:
+        case "P6x15_3s":
+            return spheres_in_a_row(3, 3e-3, 4.70e-3)
+        case "P6x15_5s":
+            return spheres_in_a_row(5, 3e-3, 2.35e-3)
+        case "C6_1s":
+            return cubic(6e-3, ((0.0, 0.0, 0.0), 3e-3))
+        case "C6_8s-a":
+            return cubic(6e-3, (corner, 1.5e-3))
+        case "C6_8s-b":
+            return cubic(6e-3, (corner, 2e-3))
+        case "C6_9s":
+            return cubic(6e-3, (corner, 1e-3), ((0.0, 0.0, 0.0), 3e-3))
+        case "C6_16s":
+            return cubic(6e-3, (corner, 2e-3), (corner, 0.81e-3))
+        case "C6_24s":
+            return cubic(6e-3, ((1.0, 1.0, 2 / 3), 1.3318e-3))
+        case "C6_28s":
+            return cubic(6e-3, (corner, 1.43e-3), (corner, 0.72e-3), (edge, 1.5e-3))
+    raise BadInput(f"{CITATION} has no clump {name!r}; known are {', '.join(CLUMPS)}.")
 
 
 def contact(a: str, b: str) -> Contact:
     """Calibrated contact of two particles (tables A3, A5, A7) or of a particle and a wall (A4, A6, A7), in any order.
 
-    Rolling friction of two particles is the arithmetic mean of theirs (note 1 of table A7).
+    A clump has the contacts of the particle that it stands for.  Rolling friction of two particles is the arithmetic
+    mean of theirs (note 1 of table A7).
 
     >>> contact("steel", "D6")
     Contact(restitution=0.42, static_friction=0.36, rolling_friction=0.06)
     """
-    first, second = (b, a) if a in WALLS else (a, b)
+    first, second = (CLUMPS.get(name, name) for name in ((b, a) if a in WALLS else (a, b)))
     if first in PARTICLES and second in WALLS:
         wall = {"particle": first, "wall": second}
         rolling = _of(_row("A7", "", particle=first), "mu_r_pw")
@@ -181,6 +229,11 @@ def mixed_restitution(modulus_a: float, restitution_a: float, modulus_b: float, 
     0.6
     """
     return (modulus_a * restitution_a + modulus_b * restitution_b) / (modulus_a + modulus_b)
+
+
+def _real_mass(name: str) -> float:
+    row = properties(name)[0]
+    return _of(row, "total_mass_g") * 1e-3 / _of(row, "pieces")
 
 
 @cache

@@ -4,7 +4,8 @@
 
 A step has two passes.  *Pairs*: every bead works out the pairs it owns, adds up what they do to it, and leaves what
 each does to the other bead beside the pair's history.  *Beads*: each bead adds what was left for it, in list order,
-adds its walls, and moves.  No two
+adds its walls, and moves.  A bead that is part of a rigid body leaves its
+sum to a third pass, *bodies* (see `bodies.py`); an arena without bodies is compiled without all that.  No two
 threads ever write the same number, so the bits do not depend on how many there are.
 
 Beads are renumbered in cell order whenever the list is built anew (memory order is space order); `ident` keeps their
@@ -17,6 +18,7 @@ Materials, walls, gravity and step are data, sizes come in a few classes: a new 
 from functools import cache
 
 from rigtwin.sim.engine.backend import ti
+from rigtwin.sim.engine.bodies import STATE_SIZE, RigidBodies
 from rigtwin.sim.engine.contact import LAW_SIZE, contact_forces
 from rigtwin.sim.engine.wall_contacts import KINDS, ROOM, WallContacts
 
@@ -30,27 +32,29 @@ NUMBERS = 10
 # columns of `counts`
 BEADS, LISTED, LIVE_LIST, PAIRS, WALL_COUNT, CONSTANT_TORQUE, STATUS, CULPRIT = range(8)
 NX, NY, NZ, OPEN, GONE, BUILDS, DONE = range(8, 15)
-COUNTS = 15
+BODIES = 15
+COUNTS = 16
 # values of STATUS
 OK, PAIRS_FULL, NEAR_FULL, LEFT_DOMAIN, EXPLODED = range(5)
-# an exported bead: position 3, velocity 3, spin 3, radius, mass, inertia, acceleration 3, angular 3, ident, kind,
-# largest overlap; velocity and spin half a step back
-STATE_SIZE = 21
 
 
 @cache
-def arena(capacity: int, pair_capacity: int, near_capacity: int, room: int = ROOM) -> "Arena":
+def arena(capacity: int, pair_capacity: int, near_capacity: int, room: int = ROOM, rigid: bool = False) -> "Arena":
     """The arena of this size; fields are made once per process (Taichi dies after some 500 fields)."""
-    return Arena(capacity, pair_capacity, near_capacity, room)
+    return Arena(capacity, pair_capacity, near_capacity, room, rigid)
 
 
 @ti.data_oriented
-class Arena:
-    """State of up to `capacity` beads, `pair_capacity` neighbouring pairs and `near_capacity` walls near beads."""
+class Arena(RigidBodies):
+    """State of up to `capacity` beads, `pair_capacity` neighbouring pairs and `near_capacity` walls near beads.
 
-    def __init__(self, capacity: int, pair_capacity: int, near_capacity: int, room: int) -> None:
+    `rigid`: some beads are parts of bodies.
+    """
+
+    def __init__(self, capacity: int, pair_capacity: int, near_capacity: int, room: int, rigid: bool) -> None:
         self.capacity = capacity
         self.pair_capacity = pair_capacity
+        self.rigid = rigid
         self.walls = WallContacts(capacity, near_capacity, room)
         self.owner: object = None  # the simulation whose state this is
         self.cell_capacity = CELLS_PER_BEAD * capacity
@@ -62,6 +66,9 @@ class Arena:
         self.listed_at = ti.Vector.field(3, ti.f64, capacity)  # position when the list was built
         self.tag = ti.Vector.field(2, ti.i32, capacity)  # ident, kind
         self.worst = ti.field(ti.f64, capacity)  # largest overlap/radius seen by this slot's pairs and walls
+
+        if rigid:
+            super().__init__(capacity)
 
         self.spare = ti.Vector.field(STATE_SIZE, ti.f64, capacity)
 
@@ -128,6 +135,8 @@ class Arena:
             self.tag[i][0] = int(beads[k, 18])
             self.tag[i][1] = int(beads[k, 19])
             self.worst[i] = beads[k, 20]
+            if ti.static(self.rigid):
+                self.body[i] = -1
 
     @ti.kernel
     def get(self, beads: ti.types.ndarray(), count: ti.i32):
@@ -179,7 +188,10 @@ class Arena:
 
     @ti.func
     def sort_into_cells(self):
-        """Cell of every bead and the new order; beads outside are left out of an open domain, else reported."""
+        """Cell of every bead and the new order; beads outside are left out of an open domain, else reported.
+
+        A body leaves as a whole, when its centre does.
+        """
         beads = self.counts[BEADS]
         nx, ny, nz = self.counts[NX], self.counts[NY], self.counts[NZ]
         cells = nx * ny * nz
@@ -192,7 +204,20 @@ class Arena:
             x = int(ti.floor((self.place[i][0] - self.numbers[LOW]) * scale))
             y = int(ti.floor((self.place[i][1] - self.numbers[LOW + 1]) * scale))
             z = int(ti.floor((self.place[i][2] - self.numbers[LOW + 2]) * scale))
-            if ti.min(x, y, z, nx - 1 - x, ny - 1 - y, nz - 1 - z) >= 0:
+            inside = ti.min(x, y, z, nx - 1 - x, ny - 1 - y, nz - 1 - z) >= 0
+            if ti.static(self.rigid):
+                b = self.body[i]
+                if b >= 0:
+                    centre = self.body_place[b]
+                    p = int(ti.floor((centre[0] - self.numbers[LOW]) * scale))
+                    q = int(ti.floor((centre[1] - self.numbers[LOW + 1]) * scale))
+                    r = int(ti.floor((centre[2] - self.numbers[LOW + 2]) * scale))
+                    inside = ti.min(p, q, r, nx - 1 - p, ny - 1 - q, nz - 1 - r) >= 0
+                    # beads that stick out count to the cells at the border: that only brings cells closer
+                    x = ti.min(ti.max(x, 0), nx - 1)
+                    y = ti.min(ti.max(y, 0), ny - 1)
+                    z = ti.min(ti.max(z, 0), nz - 1)
+            if inside:
                 cell = (z * ny + y) * nx + x
                 self.cell_of[i] = cell
                 self.cell_first[cell + 1] = self.cell_first[cell + 1] + 1
@@ -246,7 +271,10 @@ class Arena:
                         gap2 = 0.0
                         for c in ti.static(range(3)):
                             gap2 += (self.place[i][c] - self.place[j][c]) ** 2
-                        if gap2 < reach * reach:
+                        near = gap2 < reach * reach
+                        if ti.static(self.rigid):
+                            near = near and not self.of_one_body(i, j)
+                        if near:
                             if pairs < self.pair_capacity:
                                 self.partner[following, pairs] = b
                                 self.carry_history(i, j, following, pairs)
@@ -293,6 +321,8 @@ class Arena:
 
     @ti.func
     def renumber(self, kept):
+        if ti.static(self.rigid):
+            self.keep_members(self.counts[BEADS])
         for i in range(self.counts[BEADS]):
             for c in ti.static(range(4)):
                 self.spare[i][c] = self.place[i][c]
@@ -317,6 +347,8 @@ class Arena:
             self.tag[a][0] = int(self.spare[i][18])
             self.tag[a][1] = int(self.spare[i][19])
             self.worst[a] = self.spare[i][20]
+            if ti.static(self.rigid):
+                self.renumber_member(a, i)
 
     @ti.func
     def list_walls(self, kept):
@@ -365,10 +397,20 @@ class Arena:
             self.counts[STATUS] = NEAR_FULL
         if self.counts[STATUS] == OK:
             self.walls.note_listing(self.counts[WALL_COUNT], time, self.counts[BEADS])
+            gone = self.counts[BEADS] - kept
+            if ti.static(self.rigid):
+                gone = 0
+                for i in range(self.counts[BEADS]):
+                    if self.cell_of[i] < 0 and self.body[i] < 0:
+                        gone += 1
             self.renumber(kept)
+            if ti.static(self.rigid):
+                bodies = self.renumber_bodies(self.counts[BODIES], kept)
+                gone += self.counts[BODIES] - bodies
+                self.counts[BODIES] = bodies
             self.counts[LIVE_LIST] = 1 - self.counts[LIVE_LIST]
             self.counts[PAIRS] = pairs
-            self.counts[GONE] += self.counts[BEADS] - kept
+            self.counts[GONE] += gone
             self.counts[BEADS] = kept
             self.counts[LISTED] = kept
             self.counts[BUILDS] += 1
@@ -444,7 +486,10 @@ class Arena:
 
     @ti.func
     def move(self, i):
-        """Sum of all forces on bead `i`, its walls included, and its way to the next step; 1 when it left its skin."""
+        """Sum of all forces on bead `i`, its walls included, and its way to the next step; 1 when it left its skin.
+
+        A bead of a body leaves the sums in `push` and `twist`; its body moves it.
+        """
         step = self.numbers[STEP]
         force = self.push[i]
         torque = self.twist[i]
@@ -467,6 +512,26 @@ class Arena:
         torque += hold
         self.worst[i] = ti.max(self.worst[i], deepest / radius)
 
+        left_skin = 0
+        if ti.static(self.rigid):
+            if self.body[i] >= 0:
+                self.push[i] = force
+                self.twist[i] = torque
+            else:
+                left_skin = self.go(i, force, torque)
+        else:
+            left_skin = self.go(i, force, torque)
+        return left_skin
+
+    @ti.func
+    def go(self, i, force, torque):
+        """Move bead `i` by a step under its force and torque; 1 when it left its skin."""
+        step = self.numbers[STEP]
+        place, motion, spin = self.place[i], self.motion[i], self.spin[i]
+        position = ti.Vector([place[0], place[1], place[2]])
+        velocity = ti.Vector([motion[0], motion[1], motion[2]])
+        turning = ti.Vector([spin[0], spin[1], spin[2]])
+        mass, inertia = motion[3], spin[3]
         gravity = ti.Vector([self.numbers[GRAVITY], self.numbers[GRAVITY + 1], self.numbers[GRAVITY + 2]])
         push = force / mass + gravity
         twist = torque / inertia
@@ -495,6 +560,17 @@ class Arena:
         step, leeway = self.numbers[STEP], 0.5 * self.numbers[SKIN]
         return self.walls.pose(self.counts[WALL_COUNT], time, step, leeway)
 
+    @ti.func
+    def move_body(self, b):
+        """Body `b` to the next step; 1 when one of its beads left its skin."""
+        gravity = ti.Vector([self.numbers[GRAVITY], self.numbers[GRAVITY + 1], self.numbers[GRAVITY + 2]])
+        reach2, fastest2 = 0.25 * self.numbers[SKIN] ** 2, self.numbers[MOST_SPEED] ** 2
+        answer = self.carry(b, self.numbers[STEP], gravity, reach2, fastest2)
+        if answer >= 2:
+            self.counts[STATUS] = EXPLODED
+            self.counts[CULPRIT] = self.member[self.member_first[b]]
+        return answer & 1
+
     @ti.kernel
     def run_serial(self, steps: ti.i32, before: ti.f64):
         """Up to `steps` steps on one thread, after the `before` ones made so far.
@@ -513,6 +589,9 @@ class Arena:
                     left_skin = 0
                     for i in range(beads):
                         left_skin |= self.move(i)
+                    if ti.static(self.rigid):
+                        for b in range(self.counts[BODIES]):
+                            left_skin |= self.move_body(b)
                     self.stale[0] = left_skin
                     done += 1
             self.counts[DONE] = done
@@ -530,7 +609,7 @@ class Arena:
                 self.stale[s] = 0
 
     @ti.kernel
-    def run_step(self, s: ti.i32, beads: ti.i32, before: ti.f64):
+    def run_step(self, s: ti.i32, beads: ti.i32, bodies: ti.i32, before: ti.f64):
         """Step `s` of a burst on all threads; once the list is needed anew the rest of the burst does nothing."""
         ti.loop_config(serialize=True)
         for _ in range(1):
@@ -545,6 +624,13 @@ class Arena:
                 left_skin = self.move(i)
             if left_skin == 1:
                 self.stale[s + 1] = 1
+        if ti.static(self.rigid):
+            for b in range(bodies):
+                left_skin = 1
+                if self.stale[s] == 0:
+                    left_skin = self.move_body(b)
+                if left_skin == 1:
+                    self.stale[s + 1] = 1
 
     @ti.kernel
     def end_burst(self, length: ti.i32):

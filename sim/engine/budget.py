@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from rigtwin.sim.engine.contact import STIFFNESS
 from rigtwin.sim.engine.elements import Vector
+
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.bulk import Grains
 
 Array = npt.NDArray[np.float64]
 
@@ -43,18 +47,16 @@ def measure(
     at_walls: Array,
     laws: tuple[Array, Array],
     *,
+    grains: Grains,
     gravity: Vector,
-    time_step: float,
     work: float = 0.0,
 ) -> Budget:
-    """The budget of the beads in `rows` (as exported by the arena), of which the pairs `near` may touch.
+    """The budget of `grains`, whose spheres are `rows` (as exported by the arena); the pairs `near` may touch.
 
-    `at_walls` are the contacts with walls: bead, wall, overlap [m].
+    `at_walls` are the contacts with walls: sphere, wall, overlap [m].
     """
-    position, radius, mass, inertia = rows[:, 0:3], rows[:, 9], rows[:, 10], rows[:, 11]
+    position, radius = rows[:, 0:3], rows[:, 9]
     kind = rows[:, 19].astype(int)
-    velocity = rows[:, 3:6] + 0.5 * time_step * rows[:, 12:15]
-    spin = rows[:, 6:9] + 0.5 * time_step * rows[:, 15:18]
 
     one, other = near.T
     overlap = radius[one] + radius[other] - np.linalg.norm(position[one] - position[other], axis=1)
@@ -68,8 +70,8 @@ def measure(
     elastic += _hertz(laws[1][kind[bead], wall, STIFFNESS], radius[bead], at_walls[:, 2])
     depth = np.concatenate(depths)
     return Budget(
-        kinetic=float(0.5 * np.sum(mass * (velocity**2).sum(1) + inertia * (spin**2).sum(1))),
-        potential=float(-np.sum(mass * (position @ np.array(gravity)))),
+        kinetic=grains.kinetic_energy,
+        potential=float(-np.sum(grains.mass * (grains.position @ np.array(gravity)))),
         elastic=elastic,
         beads=len(rows),
         contacts=len(one),

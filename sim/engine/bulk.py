@@ -1,4 +1,4 @@
-"""The bulk engine: thousands of spheres, walls, gravity.
+"""The bulk engine: thousands of spheres, single or in rigid clumps, walls, gravity.
 
 ::
 
@@ -22,7 +22,7 @@ from rigtwin.lab.materials import Contact, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.engine import arena as at
-from rigtwin.sim.engine import backend, budget, checkpoint
+from rigtwin.sim.engine import backend, bodies, budget, checkpoint
 from rigtwin.sim.engine.clock import positive
 from rigtwin.sim.engine.contact import LAW_SIZE, ROLLING, Rolling, pair_law
 from rigtwin.sim.engine.elements import Vector
@@ -45,8 +45,27 @@ class SimulationFailed(RigtwinError):
 
 
 @dataclass(frozen=True)
+class Grains:
+    """State of all particles, a sphere or a clump each, in the order of their names."""
+
+    ident: npt.NDArray[np.int64]  # number in the order of adding
+    kind: npt.NDArray[np.int64]  # index of the particle
+    position: Array  # [m], shape (n, 3), of the centre of mass
+    velocity: Array  # [m/s], shape (n, 3)
+    spin: Array  # [rad/s], shape (n, 3)
+    turn: Array  # [1], shape (n, 4), quaternion from the clump's own axes to space; a sphere's is not followed
+    mass: Array  # [kg]
+    momentum: Array  # [kg m^2/s], shape (n, 3), angular, about the centre of mass
+
+    @property
+    def kinetic_energy(self) -> float:
+        """Of translation and rotation [J]."""
+        return float(0.5 * np.sum(self.mass * (self.velocity**2).sum(1) + (self.momentum * self.spin).sum(1)))
+
+
+@dataclass(frozen=True)
 class Beads:
-    """State of all beads, in the order of their names."""
+    """State of all spheres, in the order of their names."""
 
     ident: npt.NDArray[np.int64]  # number in the order of adding
     kind: npt.NDArray[np.int64]  # index of the particle
@@ -54,17 +73,21 @@ class Beads:
     velocity: Array  # [m/s], shape (n, 3)
     spin: Array  # [rad/s], shape (n, 3)
     radius: Array  # [m]
-    mass: Array  # [kg]
+    mass: Array  # [kg], of a clump's sphere its share by volume
+    grain: npt.NDArray[np.int64] | None = None  # name of the particle that a sphere is part of; None: each its own
+    grains: Grains | None = None  # None: the spheres themselves
 
     @property
     def kinetic_energy(self) -> float:
         """Of translation and rotation [J]."""
+        if self.grains is not None:
+            return self.grains.kinetic_energy
         inertia = 0.4 * self.mass * self.radius**2
         return float(0.5 * np.sum(self.mass * (self.velocity**2).sum(1) + inertia * (self.spin**2).sum(1)))
 
 
 class Bulk:
-    """Spheres of some kinds among walls, in a box that none may leave."""
+    """Particles of some kinds among walls, in a box that none may leave."""
 
     def __init__(
         self,
@@ -87,8 +110,8 @@ class Bulk:
         """`particles` are the kinds; `contacts` one for all, or one per pair of kinds (a, b), a <= b.
 
         A wall may be a sequence with one `Wall` per kind, alike but for material and contact.  `low` and `high` [m]
-        bound the domain; in an open one beads that leave are taken out and counted, else they stop the run.  `skin`
-        is in units of the largest diameter.
+        bound the domain; in an open one beads that leave are taken out and counted, else they stop the run; a clump
+        leaves as a whole.  `skin` is in units of the largest sphere's diameter.
         """
         positive(time_step=time_step, skin=skin)
         self._particles = tuple(particles)
@@ -96,12 +119,14 @@ class Bulk:
         self._check_sizes(low, high, rolling)
         self.time_step = time_step
         self.steps = 0
-        self._added = 0
+        self._added = self._spheres = 0
+        self._owners = np.zeros(0, dtype=np.int64)  # of every sphere ever added the particle that it is part of
+        self._rigid = any(particle.shape is not None for particle in self._particles)
         self._open = open_domain
         running = backend.start()
         self.threads = running.threads if threads is None else threads
         self._on_gpu = running.device == "cuda"
-        self._skin = skin * 2 * max(particle.radius for particle in particles)
+        self._skin = skin * 2 * self._largest
         self._low, self._high = np.array(low, dtype=float), np.array(high, dtype=float)
         self._gravity = gravity
         self._rolling = rolling
@@ -109,11 +134,8 @@ class Bulk:
         self._table = self._wall_table()
         size = _arena_size(capacity)
         self._rate = 200.0 / LAUNCH_SECONDS  # steps per second, learnt from the launches
-        self._enter(
-            at.arena(
-                size, pair_capacity or PAIRS_PER_BEAD * size, near_capacity or NEAR_PER_BEAD * size, self._table.room
-            )
-        )
+        near = near_capacity or NEAR_PER_BEAD * size
+        self._enter(at.arena(size, pair_capacity or PAIRS_PER_BEAD * size, near, self._table.room, self._rigid))
 
     # ------------------------------------------------------------------ what a user does
 
@@ -124,29 +146,50 @@ class Bulk:
         spin: Array | None = None,
         *,
         kind: int = 0,
+        turn: Array | None = None,
         overlap: float = OVERLAP_AT_START,
     ) -> None:
-        """Add beads of one kind at `position` [m], shape (k, 3); overlaps above `overlap` radii are refused."""
+        """Add particles of one kind at `position` [m], shape (k, 3).
+
+        `turn` are quaternions (real part first), shape (k, 4), from a clump's own axes to space; without it the axes
+        are those of space.  Overlaps above `overlap` sphere radii are refused.
+        """
         position = np.ascontiguousarray(position, dtype=np.float64).reshape(-1, 3)
         count = len(position)
         velocity = np.zeros((count, 3)) if velocity is None else np.broadcast_to(velocity, (count, 3))
         spin = np.zeros((count, 3)) if spin is None else np.broadcast_to(spin, (count, 3))
         particle = self._particles[kind]
-        self._check_new(np.hstack([position, velocity, spin]), particle, kind, overlap)
+        finite = np.isfinite(np.hstack([position, velocity, spin])).all(1)
+        if not finite.all():
+            bad = self._added + int(np.argmin(finite))
+            raise BadInput(f"bead {bad}: position, velocity or spin is not a finite number.")
+        bodies_before = self._count(at.BODIES)
+        if particle.shape is None:
+            rows, members = self._single(particle, position, velocity, spin), None
+        else:
+            grains = bodies.new_bodies(particle, position, velocity, spin, turn)
+            grains[:, bodies.IDENT], grains[:, bodies.KIND] = np.arange(self._added, self._added + count), kind
+            grains[:, bodies.VELOCITY] -= 0.5 * self.time_step * np.array(self._gravity)
+            grains[:, bodies.PUSH] = self._gravity
+            rows, members = bodies.new_members(particle, grains, bodies_before)
+        self._check_new(rows, particle, kind, overlap)
         before = self._count(at.BEADS)
-        if before + count > self._arena.capacity:
-            self._grow(_arena_size(before + count), self._arena.pair_capacity, self._arena.walls.near_capacity)
-        rows = np.zeros((count, at.STATE_SIZE))
-        rows[:, 0:3], rows[:, 3:6], rows[:, 6:9] = position, velocity, spin
-        rows[:, 9:12] = particle.radius, particle.mass, 0.4 * particle.mass * particle.radius**2
-        rows[:, 12:15] = self._gravity  # a bead that touches nothing falls
-        rows[:, 3:6] -= 0.5 * self.time_step * rows[:, 12:15]
-        rows[:, 18] = np.arange(self._added, self._added + count)
+        if before + len(rows) > self._arena.capacity:
+            self._grow(_arena_size(before + len(rows)), self._arena.pair_capacity, self._arena.walls.near_capacity)
+        rows[:, 18] = np.arange(self._spheres, self._spheres + len(rows))
         rows[:, 19] = kind
-        self._arena.put(rows, before, count)
-        self._arena.set_count(at.BEADS, before + count)
+        self._arena.put(rows, before, len(rows))
+        if members is not None:
+            self._arena.put_bodies(grains, bodies_before, count)
+            self._arena.put_members(members, before, len(rows))
+            self._arena.set_count(at.BODIES, bodies_before + count)
+        self._arena.set_count(at.BEADS, before + len(rows))
         self._arena.set_stale()
         self._added += count
+        self._spheres += len(rows)
+        self._owners = np.concatenate(
+            [self._owners, np.repeat(np.arange(self._added - count, self._added), len(particle.radii))]
+        )
 
     def run(self, steps: int, progress: Progress = silent) -> None:
         """Make `steps` steps.  Raises `SimulationFailed` when a bead leaves the domain or the energy explodes."""
@@ -163,18 +206,50 @@ class Bulk:
             progress("simulating", float(steps - left), float(steps))
 
     def beads(self) -> Beads:
-        """State of all beads now."""
+        """State of all spheres now."""
         rows = self._rows()
         rows = rows[np.argsort(rows[:, 18], kind="stable")]
         half = 0.5 * self.time_step
+        velocity, spin = rows[:, 3:6] + half * rows[:, 12:15], rows[:, 6:9] + half * rows[:, 15:18]
+        ident, mass, grain, grains = rows[:, 18].astype(np.int64), rows[:, 10].copy(), None, None
+        if self._rigid:
+            grains, grain = self.grains(), self._owners[ident]
+            part = np.searchsorted(grains.ident, grain)
+            spin = grains.spin[part]
+            velocity = grains.velocity[part] + np.cross(spin, rows[:, 0:3] - grains.position[part])
+            volume = rows[:, 9] ** 3
+            mass = mass * volume / np.bincount(part, volume, minlength=len(grains.ident))[part]
         return Beads(
-            ident=rows[:, 18].astype(np.int64),
+            ident=ident,
             kind=rows[:, 19].astype(np.int64),
             position=rows[:, 0:3].copy(),
-            velocity=rows[:, 3:6] + half * rows[:, 12:15],
-            spin=rows[:, 6:9] + half * rows[:, 15:18],
+            velocity=velocity,
+            spin=spin,
             radius=rows[:, 9].copy(),
-            mass=rows[:, 10].copy(),
+            mass=mass,
+            grain=grain,
+            grains=grains,
+        )
+
+    def grains(self) -> Grains:
+        """State of all particles now."""
+        half = 0.5 * self.time_step
+        rows = self._rows()
+        rows = rows[self._members(len(rows))[:, 3] < 0] if self._rigid else rows
+        turning = rows[:, 6:9] + half * rows[:, 15:18]
+        whole = self._body_rows()
+        velocity, spin, momentum = bodies.velocities_now(whole, self.time_step)
+        ident = np.concatenate([self._owners[rows[:, 18].astype(np.int64)], whole[:, bodies.IDENT].astype(np.int64)])
+        order = np.argsort(ident, kind="stable")
+        return Grains(
+            ident=ident[order],
+            kind=np.concatenate([rows[:, 19], whole[:, bodies.KIND]]).astype(np.int64)[order],
+            position=np.concatenate([rows[:, 0:3], whole[:, bodies.CENTRE]])[order],
+            velocity=np.concatenate([rows[:, 3:6] + half * rows[:, 12:15], velocity])[order],
+            spin=np.concatenate([turning, spin])[order],
+            turn=np.concatenate([np.tile([1.0, 0, 0, 0], (len(rows), 1)), whole[:, bodies.TURN]])[order],
+            mass=np.concatenate([rows[:, 10], whole[:, bodies.MASS]])[order],
+            momentum=np.concatenate([rows[:, 11, None] * turning, momentum])[order],
         )
 
     def budget(self) -> budget.Budget:
@@ -189,8 +264,8 @@ class Bulk:
             near,
             self._wall_overlaps(rows, beads),
             (self._laws, self._table.law),
+            grains=self.grains(),
             gravity=self._gravity,
-            time_step=self.time_step,
             work=self.work,
         )
 
@@ -199,14 +274,17 @@ class Bulk:
         self._mine()
         sizes = (self._arena.capacity, self._arena.pair_capacity, self._arena.walls.near_capacity)
         own = {"sizes": np.array(sizes), "steps": np.array(self.steps), "added": np.array(self._added)}
+        own["owners"] = self._owners
         return own | checkpoint.read_arena(self._arena)
 
     def restore(self, state: checkpoint.State) -> None:
         """Go on from a `state` of a simulation that was made in the same way."""
-        self._enter(at.arena(*map(int, state["sizes"]), self._table.room))
+        self._enter(at.arena(*map(int, state["sizes"]), self._table.room, self._rigid))
         checkpoint.write_arena(self._arena, state)
         self._table.motion[:] = self._arena.walls.motion.to_numpy()
         self.steps, self._added = int(state["steps"]), int(state["added"])
+        self._owners = np.asarray(state["owners"], dtype=np.int64)
+        self._spheres = len(self._owners)
 
     def remove_wall(self, wall: int) -> None:
         """From now on this wall (its number in the order given) is gone."""
@@ -246,12 +324,12 @@ class Bulk:
 
     @property
     def added(self) -> int:
-        """Beads that were ever added."""
+        """Particles that were ever added."""
         return self._added
 
     @property
     def gone(self) -> int:
-        """Beads that left an open domain and were taken out."""
+        """Particles that left an open domain and were taken out."""
         return self._count(at.GONE)
 
     @property
@@ -313,7 +391,7 @@ class Bulk:
     def _enter(self, arena: at.Arena) -> None:
         """Take an arena for this simulation; whoever had it before has lost it."""
         extent = self._high - self._low
-        cell = 2 * max(particle.radius for particle in self._particles) + self._skin
+        cell = 2 * self._largest + self._skin
         cells = np.maximum(1, np.ceil(extent / cell))
         while cells.prod() > arena.cell_capacity:
             cell *= 1.1
@@ -322,7 +400,7 @@ class Bulk:
         numbers[at.STEP], numbers[at.SKIN], numbers[at.CELL] = self.time_step, self._skin, cell
         numbers[at.GRAVITY : at.GRAVITY + 3], numbers[at.LOW : at.LOW + 3] = self._gravity, self._low
         # no bead may cross a fifth of its radius in a step: contacts would be missed, energy would explode
-        numbers[at.MOST_SPEED] = 0.2 * min(particle.radius for particle in self._particles) / self.time_step
+        numbers[at.MOST_SPEED] = 0.2 * min(min(particle.radii) for particle in self._particles) / self.time_step
         counts = np.zeros(at.COUNTS, dtype=np.int32)
         counts[at.WALL_COUNT] = len(self._walls)
         counts[at.OPEN] = int(self._open)
@@ -333,34 +411,43 @@ class Bulk:
         arena.owner = self
         self._arena = arena
 
-    def _check_new(self, state: Array, particle: Particle, kind: int, overlap: float) -> None:
-        first, position = self._added, state[:, :3]
-        finite = np.isfinite(state).all(1)
-        if not finite.all():
-            raise BadInput(f"bead {first + int(np.argmin(finite))}: position, velocity or spin is not a finite number.")
+    @property
+    def _largest(self) -> float:
+        return max(max(particle.radii) for particle in self._particles)
+
+    def _single(self, particle: Particle, position: Array, velocity: Array, spin: Array) -> Array:
+        rows = np.zeros((len(position), bodies.STATE_SIZE))
+        rows[:, 0:3], rows[:, 3:6], rows[:, 6:9] = position, velocity, spin
+        rows[:, 9:12] = particle.radius, particle.mass, particle.moments[0]
+        rows[:, 12:15] = self._gravity  # a bead that touches nothing falls
+        rows[:, 3:6] -= 0.5 * self.time_step * rows[:, 12:15]
+        return rows
+
+    def _check_new(self, rows: Array, particle: Particle, kind: int, overlap: float) -> None:
+        position, radii = rows[:, 0:3], rows[:, 9]
+        name = self._added + np.repeat(np.arange(len(rows) // len(particle.radii)), len(particle.radii))
         inside = ((position >= self._low) & (position <= self._high)).all(1)
         if not inside.all():
             bad = int(np.argmin(inside))
-            raise BadInput(f"bead {first + bad} starts outside the domain, at {np.round(position[bad], 6).tolist()} m.")
-        radii = np.full(len(position), particle.radius)
-        tolerance = overlap * particle.radius
+            raise BadInput(f"bead {name[bad]} starts outside the domain, at {np.round(position[bad], 6).tolist()} m.")
+        tolerance = overlap * min(particle.radii)
         for wall, row in zip(self._walls, self._table.motion, strict=False):
             if self.time >= row[UNTIL]:
                 continue
             gap = gaps(wall[kind].shape, motion_of(row).undone(position, self.time), radii)
             if len(gap) and gap.min() < -tolerance:
                 bad = int(np.argmin(gap))
-                raise BadInput(f"bead {first + bad} starts {-gap[bad] * 1e3:.3g} mm inside a wall; move it out.")
-        self._check_overlaps(position, radii, tolerance)
+                raise BadInput(f"bead {name[bad]} starts {-gap[bad] * 1e3:.3g} mm inside a wall; move it out.")
+        self._check_overlaps(position, radii, name, tolerance)
 
-    def _check_overlaps(self, position: Array, radii: Array, tolerance: float) -> None:
+    def _check_overlaps(self, position: Array, radii: Array, name: npt.NDArray[np.int64], tolerance: float) -> None:
         from scipy.spatial import cKDTree
 
         old = self._rows()
         centres, sizes = np.vstack([old[:, 0:3], position]), np.concatenate([old[:, 9], radii])
-        names = np.concatenate([old[:, 18].astype(int), np.arange(self._added, self._added + len(position))])
+        names = np.concatenate([self._owners[old[:, 18].astype(int)], name])
         near = cKDTree(centres).query_pairs(2 * sizes.max(), output_type="ndarray")
-        near = near[near[:, 1] >= len(old)]
+        near = near[(near[:, 1] >= len(old)) & (names[near[:, 0]] != names[near[:, 1]])]
         gap = np.linalg.norm(centres[near[:, 0]] - centres[near[:, 1]], axis=1) - sizes[near].sum(1)
         if len(gap) and gap.min() < -tolerance:
             a, b = names[near[np.argmin(gap)]]
@@ -377,13 +464,13 @@ class Bulk:
             arena.build_alone(before)
             if self._count(at.STATUS) != at.OK:
                 break
-            beads = self._count(at.BEADS)
+            beads, whole = self._count(at.BEADS), self._count(at.BODIES)
             if not self._on_gpu and (self.threads == 1 or beads < THREADED_FROM):
                 arena.run_serial(steps - done, before)
             else:
                 length = min(at.BURST, steps - done)
                 for s in range(length):
-                    arena.run_step(s, beads, before)
+                    arena.run_step(s, beads, whole, before)
                 arena.end_burst(length)
             done += self._count(at.DONE)
         return done
@@ -398,7 +485,8 @@ class Bulk:
             self._grow(self._arena.capacity, *sizes)
             return
         row = self._rows()[self._count(at.CULPRIT)]
-        where = f"bead {int(row[18])} at t = {self.time:.6g} s, position {np.round(row[0:3], 6).tolist()} m"
+        name, place = self._owners[int(row[18])], np.round(row[0:3], 6).tolist()
+        where = f"bead {name} at t = {self.time:.6g} s, position {place} m"
         raise SimulationFailed(
             {
                 at.LEFT_DOMAIN: f"A bead left the domain: {where}; make the domain larger or close the walls.",
@@ -412,13 +500,17 @@ class Bulk:
         old, beads, listed = self._arena, self._count(at.BEADS), self._count(at.LISTED)
         rows, (first, pairs), near, work = self._rows(), self._pairs(listed), self._near(listed), self.work
         listed_at = old.walls.listed_at.to_numpy()
-        kept = {column: self._count(column) for column in (at.GONE, at.BUILDS)}
+        kept = {column: self._count(column) for column in (at.GONE, at.BUILDS, at.BODIES)}
+        whole, members = self._body_rows(), self._members(beads) if self._rigid else None
         pair_capacity = max(pair_capacity, PAIRS_PER_BEAD * capacity)
         near_capacity = max(near_capacity, NEAR_PER_BEAD * capacity)
-        self._enter(at.arena(capacity, pair_capacity, near_capacity, self._table.room))
+        self._enter(at.arena(capacity, pair_capacity, near_capacity, self._table.room, self._rigid))
         for column, value in {**kept, at.BEADS: beads}.items():
             self._arena.set_count(column, value)
         self._arena.put(rows, 0, beads)
+        if members is not None:
+            self._arena.put_bodies(whole, 0, len(whole))
+            self._arena.put_members(members, 0, beads)
         self._arena.put_pairs(first, pairs, listed)
         self._arena.walls.put_list(*near, self._count(at.LIVE_LIST), listed)
         self._arena.walls.work_before[None] = work
@@ -432,7 +524,7 @@ class Bulk:
 
     def _rows(self) -> Array:
         beads = self._count(at.BEADS)
-        rows = np.zeros((max(beads, 1), at.STATE_SIZE))
+        rows = np.zeros((max(beads, 1), bodies.STATE_SIZE))
         self._arena.get(rows, beads)
         return rows[:beads]
 
@@ -453,6 +545,18 @@ class Bulk:
         owner = np.repeat(np.arange(beads), np.diff(first))
         found = np.stack([owner, near[: len(owner), 8], overlap[: len(owner)]], axis=1)
         return found[found[:, 2] > 0]
+
+    def _body_rows(self) -> Array:
+        count = self._count(at.BODIES) if self._rigid else 0
+        rows = np.zeros((max(count, 1), bodies.BODY_SIZE))
+        if count:
+            self._arena.get_bodies(rows, count)
+        return rows[:count]
+
+    def _members(self, beads: int) -> Array:
+        members = np.zeros((max(beads, 1), bodies.MEMBER_SIZE))
+        self._arena.get_members(members, beads)
+        return members[:beads]
 
     def _pairs(self, beads: int) -> tuple[npt.NDArray[np.int32], Array]:
         first = np.zeros(beads + 1, dtype=np.int32)

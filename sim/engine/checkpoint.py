@@ -26,7 +26,7 @@ State = dict[str, npt.NDArray[Any]]
 
 # written anew before they are read, or set up with the run; everything else in an arena is kept, whatever is added to
 # it one day
-SCRATCH = frozenset({"spare", "cell_first", "cell_of", "order", "fill", "pair_force"}) | {
+SCRATCH = frozenset({"spare", "cell_first", "cell_of", "order", "fill", "pair_force", "spare_member", "body_new"}) | {
     f"walls.{name}"
     for name in (
         *("elements", "cell_first", "items", "grid", "grid_shape", "law"),

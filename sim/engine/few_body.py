@@ -38,6 +38,7 @@ LAUNCH_STEPS = 200_000  # first guess of what a launch can do in a quarter of a 
 
 RUNNING, DONE, BROKEN = range(3)
 
+UNTURNABLE = 1e30  # [kg m^2]
 RESTING_SPEED = 1e-8  # [m/s]
 RESTING_ACCELERATION = 1e-4  # [m/s^2]
 
@@ -51,6 +52,7 @@ class Body:
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m/s]
     spin: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [rad/s]
     pivot: tuple[float, float, float] | None = None  # [m], the thread's other end; None: free
+    turns: bool = True  # False: it keeps its spin, as a body too broad to roll does
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,7 @@ def run(
     walls: Sequence[Wall] = (),
     contacts: Mapping[tuple[int, int], Contact] | Contact | None = None,
     gravity: tuple[float, float, float] = (0.0, 0.0, -GRAVITY),
+    gravity_turns: float = 0.0,
     step: float | None = None,
     flight_step: float = FLIGHT_STEP,
     rolling: Rolling = "type C",
@@ -84,7 +87,8 @@ def run(
     """Move the bodies from t = 0 and sample them at `times` [s], rising.
 
     `contacts` is one Contact for all pairs of bodies, or one per pair (i, j) with i < j; None: bodies never touch.
-    `step` [s] is the step in contact (default `contact_step`).
+    `step` [s] is the step in contact (default `contact_step`).  Gravity turns about y by `gravity_turns` [rad/s],
+    from z towards x: what a plate feels whose far end (x > 0) sinks.
     """
     times = np.ascontiguousarray(times, dtype=np.float64)
     _check(bodies, times, walls, contacts)
@@ -93,7 +97,7 @@ def run(
         raise BadInput(f"step: {step:g} s does not lie between 0 and the flight step of {flight_step:g} s.")
     backend.start()
     bench = _bench()
-    bench.load(bodies, walls, contacts, gravity=gravity, steps=(step, flight_step), rolling=rolling)
+    bench.load(bodies, walls, contacts, gravity=(*gravity, gravity_turns), steps=(step, flight_step), rolling=rolling)
     count = len(bodies)
     sampled: list[Array] = []
     budget = LAUNCH_STEPS
@@ -151,6 +155,9 @@ def _check(
         raise BadInput(
             f"walls: they are made of {count} parts; this path takes {ELEMENTS}, use the bulk engine for larger meshes."
         )
+    for body in bodies:
+        if body.particle.shape is not None:
+            raise BadInput(f"{body.particle.name} is a clump; this twin moves single spheres, name a sphere instead.")
     if len(times) == 0 or times[0] < 0 or not np.all(np.isfinite(times)) or not np.all(np.diff(times) > 0):
         raise BadInput("times: must be finite, rise, and start at or after 0 s.")
     state = np.array([[*b.position, *b.velocity, *b.spin, *(b.pivot or ())][:9] for b in bodies])
@@ -196,7 +203,8 @@ class _Bench:
         self.kind = ti.field(ti.i32, BODIES)
         self.pair_law = ti.Vector.field(LAW_SIZE, ti.f64, (BODIES, BODIES))
         self.pair_meets = ti.field(ti.i32, (BODIES, BODIES))
-        self.gravity = ti.Vector.field(3, ti.f64, ())
+        self.gravity = ti.Vector.field(4, ti.f64, ())  # at the start, and how fast it turns about y
+        self.pull = ti.Vector.field(3, ti.f64, ())  # gravity now
         self.times = ti.field(ti.f64, SAMPLES)
         self.out = ti.field(ti.f64, (SAMPLES, BODIES, 9))
         self.clock = ti.field(ti.f64, 4)  # time, step in contact, longest step, time to a contact
@@ -209,7 +217,7 @@ class _Bench:
         walls: Sequence[Wall],
         contacts: Mapping[tuple[int, int], Contact] | Contact | None,
         *,
-        gravity: tuple[float, float, float],
+        gravity: tuple[float, float, float, float],
         steps: tuple[float, float],
         rolling: Rolling,
     ) -> None:
@@ -218,7 +226,7 @@ class _Bench:
             p = b.particle
             length = 0.0 if b.pivot is None else float(np.linalg.norm(np.subtract(b.position, b.pivot)))
             pivot = b.pivot or (0.0, 0.0, 0.0)
-            inertia = 0.4 * p.mass * p.radius**2
+            inertia = 0.4 * p.mass * p.radius**2 if b.turns else UNTURNABLE
             table[i, :16] = (*b.position, *b.velocity, *b.spin, p.radius, p.mass, inertia, *pivot, length)
         pair = np.zeros((BODIES, BODIES, LAW_SIZE + 1))
         for i in range(len(bodies)):
@@ -296,6 +304,8 @@ class _Bench:
             self.clock[c] = numbers[c]
             self.clock[3] = 0.0
             self.gravity[None][c] = numbers[3 + c]
+            self.pull[None][c] = numbers[3 + c]
+        self.gravity[None][3] = numbers[6]
         self.counts[0] = bodies
         self.counts[1] = walls
         self.counts[4] = DONE
@@ -317,11 +327,11 @@ class _Bench:
         """Accelerations here, from the velocities of mid-step; the smallest time to a contact, 0 in contact."""
         n = self.counts[0]
         clear = self.clock[2]
-        slack = self.gravity[None].norm() * self.clock[2]
+        slack = self.pull[None].norm() * self.clock[2]
         constant_torque = self.counts[5]
         self.walls.pose(self.counts[1], self.clock[0] + step, step, ENDLESS)
         for i in range(n):
-            self.push[i] = self.gravity[None]
+            self.push[i] = self.pull[None]
             self.twist[i] = ti.Vector([0.0, 0.0, 0.0])
         for i in range(n):
             radius, mass, inertia = self.body[i][0], self.body[i][1], self.body[i][2]
@@ -369,6 +379,13 @@ class _Bench:
                         self.pair_roll[i, j] = ti.Vector([0.0, 0.0, 0.0])
                         clear = ti.min(clear, -0.4 * overlap / (velocity.norm() + slack))
         return clear
+
+    @ti.func
+    def turn_gravity(self, time):
+        start = self.gravity[None]
+        cosine, sine = ti.cos(start[3] * time), ti.sin(start[3] * time)
+        x, z = start[0] * cosine + start[2] * sine, start[2] * cosine - start[0] * sine
+        self.pull[None] = ti.Vector([x, start[1], z])
 
     @ti.func
     def drift(self, i, h):
@@ -428,8 +445,11 @@ class _Bench:
                     h = 0.0
                 for i in range(n):
                     self.drift(i, h)
-                self.clock[3] = self.forces(h)
                 still = 1 - self.counts[7]
+                if self.gravity[None][3] != 0.0:
+                    still = 0
+                    self.turn_gravity(self.clock[0] + h)
+                self.clock[3] = self.forces(h)
                 for i in range(n):
                     self.velocity[i] = self.across_thread(i, self.half[i] + 0.5 * h * self.push[i])
                     self.spin[i] = self.half_spin[i] + 0.5 * h * self.twist[i]

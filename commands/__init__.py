@@ -1,0 +1,1 @@
+"""The commands behind the door: their options, and how results are shown."""

@@ -1,0 +1,198 @@
+"""How results are shown: tables for a person, one JSON document for a program, progress on stderr."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+from rich.markup import escape
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from rigtwin.compare.comparison import Comparison
+    from rigtwin.compare.reproduce.reproduction import Reproduction
+    from rigtwin.compare.twin import Twin
+    from rigtwin.lab.progress import Progress
+    from rigtwin.lab.quantity import Check, Measurement, Quantity
+
+
+@contextmanager
+def progress_bars(hidden: bool) -> Iterator[Progress]:
+    """Progress bars on stderr while a person watches; nothing otherwise."""
+    if hidden or not sys.stderr.isatty():
+        from rigtwin.lab.progress import silent
+
+        yield silent
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+        tasks: dict[str, TaskID] = {}
+
+        def show(stage: str, done: float, total: float) -> None:
+            if stage not in tasks:
+                tasks[stage] = bars.add_task(stage, total=total or None)
+            bars.update(tasks[stage], completed=done, total=total or None)
+
+        yield show
+
+
+def print_json(document: dict[str, Any]) -> None:
+    """One JSON document on stdout."""
+    from rigtwin.compare.results import plain
+
+    sys.stdout.write(json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def _console() -> Console:
+    from rich.console import Console
+
+    # a pipe has no width of its own: keep one row of a table on one line
+    return Console(width=None if sys.stdout.isatty() else 160, highlight=False)
+
+
+def show_measurement(measurement: Measurement, as_json: bool, quiet: bool) -> None:
+    """What a measurement gave."""
+    if as_json:
+        print_json(measurement.to_json())
+        return
+    if quiet:
+        return
+    console = _console()
+    _show_quantities(console, f"{measurement.rig}: {measurement.source.name}", measurement.quantities)
+    _show_rest(console, measurement.checks, measurement.warnings, measurement.files)
+
+
+def show_twin(twin: Twin, out: Path, as_json: bool, quiet: bool) -> None:
+    """What a twin gave; its record and quantities go into `out`."""
+    from rigtwin.compare.twin import write_twin
+
+    files = write_twin(twin, out)
+    if as_json:
+        print_json({**twin.to_json(), "files": files})
+        return
+    if quiet:
+        return
+    console = _console()
+    _show_quantities(console, f"twin of the {twin.rig}", twin.evaluation.quantities)
+    for assumption in twin.assumptions:
+        console.print(f"[dim]assumed:[/dim] {escape(assumption)}")
+    _show_rest(console, twin.evaluation.checks, (*twin.warnings, *twin.evaluation.warnings), files)
+
+
+def show_comparison(comparison: Comparison) -> None:
+    """Measured beside simulated."""
+    from rich.table import Table
+
+    from rigtwin.compare.deviation import primary_first
+    from rigtwin.compare.wording import percent, reading, siblings, title, z_score
+
+    primary, rest = primary_first(comparison.deviations)
+    table = Table(title=escape(comparison.lab.title), title_justify="left")
+    for column in ("experiment", "quantity", "which", "measured", "simulated", "deviation", "z", "verdict"):
+        table.add_column(column, justify="right" if column in ("measured", "simulated", "deviation", "z") else "left")
+    for outcome in comparison.outcomes:
+        for row in primary:
+            if row.experiment != outcome.experiment.id:
+                continue
+            table.add_row(
+                escape(row.experiment),
+                f"{title(row.quantity)} [dim]({escape(row.method)})[/dim]",
+                escape(siblings(row.row())),
+                reading(row.measured, row.measured_std_uncertainty, row.unit),
+                reading(row.simulated, row.simulated_std_uncertainty, row.unit),
+                percent(row.percent_deviation, row.percent_deviation_std),
+                z_score(row.z),
+                escape(row.verdict),
+            )
+        table.add_section()
+    console = _console()
+    console.print(table)
+    if rest:
+        console.print(f"{len(rest)} more (later bounces, single sides, other methods) in the report and deviations.csv")
+    for reason in dict.fromkeys(f"{row.experiment}: {row.doubtful}" for row in primary if row.doubtful):
+        console.print(f"[yellow]doubtful:[/yellow] {escape(reason)}")
+    for outcome in comparison.outcomes:
+        for warning in outcome.warnings:
+            console.print(f"[yellow]warning:[/yellow] {escape(outcome.experiment.id)}: {escape(warning)}")
+    for path in comparison.files.values():
+        typer.echo(f"wrote {path}")
+
+
+def show_reproduction(reproduction: Reproduction) -> None:
+    """The paper's cells beside ours."""
+    from rich.table import Table
+
+    from rigtwin.compare.reproduce.reproduction import number
+    from rigtwin.compare.wording import percent
+
+    console = _console()
+    for score in reproduction.scores:
+        table = Table(title=f"Table {score['table']}", title_justify="left")
+        for column in ("cell", "quantity", "paper experiment", "paper DEM", "ours", "paper DEM off", "ours off"):
+            table.add_column(column, justify="left" if column in ("cell", "quantity") else "right")
+        for row in reproduction.rows:
+            if row["table"] == score["table"]:
+                table.add_row(
+                    row["row"],
+                    f"{row['quantity'].replace('_', ' ')} [dim]{escape(row['unit'])}[/dim]",
+                    number(row["paper_experiment"], row["paper_experiment_std"]),
+                    number(row["paper_dem"], row["paper_dem_std"]),
+                    number(row["ours"], row["ours_std"]),
+                    percent(row["paper_dem_percent_deviation"], None),
+                    percent(row["ours_percent_deviation"], None),
+                )
+        console.print(table)
+        if score["judged"]:
+            console.print(
+                f"{score['no_further']} of {score['judged']} cells no further from the experiment than the paper's DEM"
+            )
+    for words in reproduction.assumptions.values():
+        console.print(f"[dim]assumed:[/dim] {escape(words)}")
+    for name, words in reproduction.done.failures.items():
+        console.print(f"[red]failed[/red] {escape(name)}: {escape(words)}")
+    for path in reproduction.files.values():
+        typer.echo(f"wrote {path}")
+
+
+def _show_quantities(console: Console, heading: str, quantities: Sequence[Quantity]) -> None:
+    from rich.table import Table
+
+    from rigtwin.compare.wording import reading, siblings, title
+
+    table = Table(title=escape(heading), title_justify="left")
+    for column in ("quantity", "which", "value ± standard uncertainty", "method", ""):
+        table.add_column(column, justify="right" if column.startswith("value") else "left")
+    over_views = [quantity for quantity in quantities if quantity.detail.get("view") == "all"]
+    shown = over_views or quantities
+    for quantity in shown:
+        table.add_row(
+            title(quantity.quantity),
+            escape(siblings(quantity.detail)),
+            reading(quantity.value, quantity.std_uncertainty, quantity.unit),
+            escape(quantity.method),
+            "[yellow]doubtful[/yellow]" if quantity.doubtful else "",
+        )
+    console.print(table)
+    if len(shown) < len(quantities):
+        console.print(f"{len(quantities) - len(shown)} more (view by view, left and right): add --json")
+    for reason in dict.fromkeys(quantity.doubtful for quantity in shown if quantity.doubtful):
+        console.print(f"[yellow]doubtful:[/yellow] {escape(reason)}")
+
+
+def _show_rest(console: Console, checks: Sequence[Check], warnings: Sequence[str], files: Mapping[str, Path]) -> None:
+    for passed, name, message in dict.fromkeys((check.passed, check.check, check.message) for check in checks):
+        mark = "[green]passed[/green]" if passed else "[red]failed[/red]"
+        console.print(f"{mark} {escape(name.replace('_', ' '))}: {escape(message)}")
+    for warning in warnings:
+        console.print(f"[yellow]warning:[/yellow] {escape(warning)}")
+    for path in dict.fromkeys(files.values()):
+        typer.echo(f"wrote {path}")

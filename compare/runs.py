@@ -1,0 +1,88 @@
+"""Many runs and a folder that keeps what they gave: a queue over all cores that can be interrupted and taken up again.
+
+Every finished run is kept at once, under a name that holds a digest of its settings: asked for again with the same
+settings it is read, not run; with other settings it is another run.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from concurrent.futures import as_completed
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from rigtwin import __version__
+from rigtwin.compare import results
+from rigtwin.compare.processes import interrupts_held, spawned
+from rigtwin.lab.errors import RigtwinError
+from rigtwin.lab.progress import Progress, silent
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run: a function and what it is told."""
+
+    name: str  # of the run among its like, fit for a file name
+    function: str  # "module:function"; takes the settings as keywords, returns plain numbers and texts
+    settings: Mapping[str, Any]  # plain numbers and texts
+    cost: float = 1.0  # in any unit; dear ones start first
+
+    @property
+    def file_name(self) -> str:
+        """Where its result is kept."""
+        what = json.dumps([__version__, self.function, self.settings], sort_keys=True)
+        return f"{self.name}-{hashlib.sha256(what.encode()).hexdigest()[:10]}.json"
+
+
+@dataclass(frozen=True)
+class Done:
+    """Results of the runs by name, and why others have none."""
+
+    results: Mapping[str, dict[str, Any]]
+    failures: Mapping[str, str]
+
+
+def run_all(runs: Sequence[Run], folder: Path, *, workers: int | None = None, progress: Progress = silent) -> Done:
+    """Run what `folder` does not hold yet, one process per core, and return everything.
+
+    A run that fails with a sentence (`RigtwinError`) is listed with it and tried again the next time.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    kept = {run.name: found for run in runs if (found := _read(folder / run.file_name)) is not None}
+    missing = sorted((run for run in runs if run.name not in kept), key=lambda run: -run.cost)
+    failures: dict[str, str] = {}
+    progress("running", len(kept), len(runs))
+    if missing:
+        with spawned(len(missing), workers) as pool:
+            with interrupts_held():
+                pending = {pool.submit(_perform, run.function, dict(run.settings)): run for run in missing}
+            for job in as_completed(pending):
+                run = pending[job]
+                try:
+                    found = job.result()
+                except RigtwinError as error:
+                    failures[run.name] = str(error)
+                else:
+                    kept[run.name] = found
+                    record = {"function": run.function, "settings": dict(run.settings), "result": found}
+                    results.write_together(folder, {run.file_name: results.document(results.plain(record))})
+                progress("running", len(kept) + len(failures), len(runs))
+    return Done({run.name: kept[run.name] for run in runs if run.name in kept}, failures)
+
+
+def _perform(function: str, settings: dict[str, Any]) -> dict[str, Any]:
+    module, name = function.split(":")
+    found: dict[str, Any] = results.plain(getattr(import_module(module), name)(**settings))
+    return found
+
+
+def _read(path: Path) -> dict[str, Any] | None:
+    try:
+        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))["result"]
+    except (OSError, ValueError, KeyError):
+        return None  # not there, or cut short by a crash: run again
+    return found

@@ -1,0 +1,359 @@
+"""The surface of a moving bed of beads in a drum, frame by frame, told from the empty drum by colour and by motion.
+
+The bed moves and the empty drum does not: averaged over the clip that alone shows where the bed is.  What its pixels
+look like then tells bead from drum in every single frame.  A single picture has no motion; there the bed is the
+lower of the two colours in the drum.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.measure.bead import Scene
+from rigtwin.measure.grains import colour_cells, rare, shares
+from rigtwin.measure.media import Video
+from rigtwin.measure.rim import Rim, find_rim, rim_of_bed
+from rigtwin.measure.still import Cut, Steadied, apart, cut_for, steadied, still_scene
+from rigtwin.measure.upright import Upright, upright
+
+Array = npt.NDArray[np.float64]
+Image = npt.NDArray[np.uint8]
+Map = npt.NDArray[np.float32]
+Region = tuple[float, float, float, float]
+
+SAMPLES = 41  # frames from which the looks of bed and drum are learnt
+BEAD_SHARE = 0.04  # of the drum's diameter, a bead's size where nothing is known of it
+GRAIN_SHARE = 0.012  # likewise in a single picture, whose bed may be of powder
+STEPS = 32  # of a histogram of motion or texture
+STANDS_OUT = 1.6  # times the noise, motion that is no accident
+PIECE = 0.08  # of the bed's area, the least that still belongs to it when it is seen apart
+SHIFT = 0.8  # [1], change of the evidence that is one standard deviation of where bead ends and drum begins
+
+
+@dataclass(frozen=True)
+class Still:
+    """One frame laid over the still scene, at the zoom that is measured."""
+
+    index: int
+    time: float  # [s]
+    colour: Image  # BGR
+    change: Map  # [grey levels], mean absolute difference to the frames before and after
+    shake: tuple[float, float]  # [px]
+
+
+@dataclass(frozen=True)
+class Looks:
+    """What a pixel's colour, motion and texture say for beads against the empty drum."""
+
+    colour: Array  # log likelihood ratio by colour cell
+    change: Array  # by step of log motion
+    texture: Array  # by step of log texture
+    before: Map  # log odds by place, from the motion over the whole clip
+    noise: float  # [grey levels], motion of a still scene
+    bead: float  # [px], bead diameter
+
+
+@dataclass(frozen=True)
+class Outline:
+    """The bed's upper border in one frame; upright, in px, x from the drum's axis, heights above it, NaN: no bed."""
+
+    index: int
+    time: float  # [s]
+    x: Array
+    height: Array
+    looser: Array  # heights when more pixels are taken for beads
+    stricter: Array  # and when fewer are
+    area: float  # [px^2], of the bed
+    shake: tuple[float, float]  # [px]
+
+
+@dataclass(frozen=True)
+class Bed:
+    """A drum, how it stands in the picture, and its bed's surface over time."""
+
+    outlines: tuple[Outline, ...]
+    rim: Rim
+    rim_seen: bool
+    upright: Upright
+    bead: float  # [px]
+    lens: Cut
+    clearness: float  # [1], how much more the bed moves (or how much its colour differs) than noise explains
+    shake: float  # [px], standard deviation
+    shows_motion: bool
+
+
+def follow_bed(
+    video: Video,
+    *,
+    roll: float | None,
+    bead_share: float | None,
+    region: Region | None = None,
+    progress: Progress = silent,
+) -> Bed:
+    """The bed's surface in every frame; `bead_share` is the bead's over the drum's diameter, where both are known.
+
+    Raises `NothingToMeasure` when no turning drum with a bed in it is seen.
+    """
+    lens = cut_for(video.width, video.height, region)
+    scene = still_scene(video, lens)
+    wanted = set(np.unique(np.linspace(video.first, video.last, SAMPLES).round().astype(int)).tolist())
+    samples, shakes = [], []
+    count = video.last - video.first + 1
+    for still in _stills(video, scene, lens):
+        shakes.append(still.shake)
+        if still.index in wanted:
+            samples.append(still)
+        progress("learning what bed and drum look like", len(shakes), count)
+    motion = _motion(samples)
+    noise = float(np.median(motion))
+    moving = motion > max(STANDS_OUT * noise, _otsu(motion))
+    rim = find_rim(scene.picture, moving)
+    rim_seen = rim is not None
+    rim = rim if rim is not None else rim_of_bed(moving)
+    if rim is None:
+        raise NothingToMeasure(
+            f"{video.path}: shows no round drum with a moving bed in it; film the drum's end, the whole rim in view, "
+            "with the camera at rest, or point at it with --region x,y,width,height."
+        )
+    turned = _upright(scene.picture, rim, roll)
+    bead = (bead_share or BEAD_SHARE) * 2 * rim.radius
+    looks = _learn(samples, motion, rim, bead)
+    if looks is None:
+        raise NothingToMeasure(
+            f"{video.path}: nothing moves in the drum of radius {rim.radius / lens.zoom:.0f} px; "
+            "give a clip in which it turns."
+        )
+    outlines = []
+    for still in _stills(video, scene, lens):
+        outlines.append(_outline(still, looks, rim, turned.roll))
+        progress("following the bed's surface", len(outlines), count)
+    inside = motion[rim.inside(motion.shape, 0.95)]
+    clearness = float(np.percentile(inside, 95) / max(noise, 1e-6))
+    shake = float(np.max(np.std(np.array(shakes), axis=0)))
+    return Bed(tuple(outlines), rim, rim_seen, turned, bead, lens, clearness, shake, True)
+
+
+def bed_in_photo(
+    photo: Image, *, roll: float | None, bead_share: float | None, region: Region | None = None
+) -> Bed | None:
+    """The bed's surface in a single picture, None when it shows no drum with a bed."""
+    lens = cut_for(photo.shape[1], photo.shape[0], region)
+    image = lens.seen(photo)
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32)
+    rim = find_rim(np.asarray(grey, dtype=np.float32))
+    if rim is None:
+        return None
+    turned = _upright(np.asarray(grey, dtype=np.float32), rim, roll)
+    bead = (bead_share or GRAIN_SHARE) * 2 * rim.radius
+    still = Still(0, 0.0, image, np.zeros(grey.shape, dtype=np.float32), (0.0, 0.0))
+    bed, empty, clearness = _two_colours(image, rim, bead)
+    if bed is None or empty is None:
+        return None
+    looks = _looks([still], bed, empty, np.zeros(grey.shape, dtype=np.float32), 1.0, bead)
+    outline = _outline(still, looks, rim, turned.roll)
+    return Bed((outline,), rim, True, turned, bead, lens, clearness, 0.0, False)
+
+
+def _stills(video: Video, scene: Scene, lens: Cut) -> Iterator[Still]:
+    """Every frame with its change against its neighbours in time."""
+    waiting: list[Steadied] = []
+    for seen in steadied(video, scene, lens):
+        waiting.append(seen)
+        if len(waiting) == 2:
+            yield _still(waiting[0], waiting[1:])
+        elif len(waiting) == 3:
+            yield _still(waiting[1], [waiting[0], waiting[2]])
+            del waiting[0]
+    if len(waiting) == 2:
+        yield _still(waiting[1], waiting[:1])
+
+
+def _still(now: Steadied, others: list[Steadied]) -> Still:
+    change = np.mean(np.stack([apart(now.colour, other.colour) for other in others]), axis=0, dtype=np.float32)
+    return Still(now.index, now.time, now.colour, np.asarray(change, dtype=np.float32), now.shake)
+
+
+def _motion(samples: list[Still]) -> Map:
+    """How much every pixel changes: between neighbouring frames, and from one end of the clip to the other."""
+    quick = np.mean([still.change for still in samples], axis=0)
+    slow = np.mean(
+        [apart(one.colour, other.colour) for one, other in itertools.pairwise(samples)],
+        axis=0,
+    )
+    return np.asarray(cv2.GaussianBlur((quick + slow).astype(np.float32), (0, 0), 2.0), dtype=np.float32)
+
+
+def _otsu(values: Map) -> float:
+    """The value that parts the logarithms of these in two classes best."""
+    logs = np.log(values + 0.1)
+    low, high = float(logs.min()), float(logs.max())
+    if high - low < 1e-6:
+        return math.inf
+    levels = ((logs - low) / (high - low) * 255).astype(np.uint8)
+    level, _ = cv2.threshold(levels.reshape(-1, 1), 0, 255, cv2.THRESH_OTSU)
+    return math.exp(low + (level + 0.5) / 255 * (high - low)) - 0.1
+
+
+def _upright(picture: Map, rim: Rim, roll: float | None) -> Upright:
+    y = np.arange(picture.shape[0])[:, None] + np.zeros(picture.shape[1])
+    return upright(
+        picture, given=roll, stand=y > rim.centre[1] + 0.9 * rim.radius, apart_from=rim.inside(picture.shape, 1.15)
+    )
+
+
+def _learn(samples: list[Still], motion: Map, rim: Rim, bead: float) -> Looks | None:
+    """Looks of bed and empty drum from where there is motion over the clip and where there is none."""
+    inside = rim.inside(motion.shape, 0.97)
+    smooth = cv2.GaussianBlur(motion, (0, 0), max(0.3 * bead, 1.5))
+    noise = float(np.median(motion))
+    level = _otsu(np.asarray(smooth[inside], dtype=np.float32))
+    marked = (smooth > level) & inside
+    if not 0.02 < float(np.mean(marked[inside])) < 0.9 or level < 1.15 * float(np.percentile(smooth[inside], 5)):
+        return None
+    away = cv2.distanceTransform((~marked).astype(np.uint8), cv2.DIST_L2, 3)
+    within = cv2.distanceTransform(marked.astype(np.uint8), cv2.DIST_L2, 3)
+    bed, empty = within > 0.6 * bead, (away > 0.8 * bead) & rim.inside(motion.shape, 0.94)
+    if bed.sum() < 200 or empty.sum() < 200:
+        return None
+    # the motion was smoothed, and reaches that much further out than the beads
+    before = np.clip(3.0 * (within - away) / bead - 1.0, -3, 3).astype(np.float32)
+    return _looks(samples, bed, empty, before, noise, bead)
+
+
+def _looks(
+    samples: list[Still],
+    bed: npt.NDArray[np.bool_],
+    empty: npt.NDArray[np.bool_],
+    before: Map,
+    noise: float,
+    bead: float,
+) -> Looks:
+    cells = [colour_cells(still.colour, 0.5 * bead) for still in samples]
+    here = shares(np.concatenate([cell[bed] for cell in cells]))
+    there = shares(np.concatenate([cell[empty] for cell in cells]))
+    little = rare(here, np.concatenate([cell[bed] for cell in cells[:3]]))
+    ratios = []
+    for feature in (_change_steps, _texture_steps):
+        steps = [feature(still, noise, bead) for still in samples]
+        counts = [
+            np.bincount(np.concatenate([step[part] for step in steps]), minlength=STEPS)[:STEPS] + 1.0
+            for part in (bed, empty)
+        ]
+        smooth = [np.convolve(count / count.sum(), [0.25, 0.5, 0.25], mode="same") + 1e-3 for count in counts]
+        ratios.append(np.log(smooth[0] / smooth[1]))
+    colour = np.log((here + little) / (there + little))
+    return Looks(np.asarray(colour), ratios[0], ratios[1], before, noise, bead)
+
+
+def _change_steps(still: Still, noise: float, bead: float) -> npt.NDArray[np.int64]:
+    smooth = cv2.GaussianBlur(still.change, (0, 0), max(0.12 * bead, 1.0))
+    return _steps(np.asarray(smooth / noise, dtype=np.float32))
+
+
+def _texture_steps(still: Still, noise: float, bead: float) -> npt.NDArray[np.int64]:
+    grey = cv2.cvtColor(still.colour, cv2.COLOR_BGR2GRAY).astype(np.float32)
+    fine = grey - cv2.GaussianBlur(grey, (0, 0), max(0.25 * bead, 1.5))
+    rough = np.sqrt(cv2.GaussianBlur(fine * fine, (0, 0), max(0.2 * bead, 1.5)))
+    return _steps(np.asarray(rough / noise, dtype=np.float32))
+
+
+def _steps(values: Map) -> npt.NDArray[np.int64]:
+    return np.asarray(np.clip((np.log2(values + 0.06) + 4) * 3, 0, STEPS - 1), dtype=np.int64)
+
+
+def _evidence(still: Still, looks: Looks) -> Map:
+    """Log odds that a pixel belongs to a bead."""
+    colour = np.clip(looks.colour, -3, 3)[colour_cells(still.colour, 0.5 * looks.bead)]
+    change = np.clip(looks.change, -2, 2)[_change_steps(still, looks.noise, looks.bead)]
+    texture = np.clip(looks.texture, -1.5, 1.5)[_texture_steps(still, looks.noise, looks.bead)]
+    odds = (colour + 0.5 * change + 0.5 * texture + looks.before).astype(np.float32)
+    return np.asarray(cv2.GaussianBlur(odds, (0, 0), max(0.08 * looks.bead, 0.7)), dtype=np.float32)
+
+
+def _outline(still: Still, looks: Looks, rim: Rim, roll: float) -> Outline:
+    reach = math.ceil(rim.radius)
+    cos, sin = math.cos(roll), math.sin(roll)
+    # picture point of the upright point (x, h): centre + x (cos, sin) + h (sin, -cos)
+    turn = np.array(
+        [
+            [cos, -sin, rim.centre[0] - reach * cos + reach * sin],
+            [sin, cos, rim.centre[1] - reach * sin - reach * cos],
+        ]
+    )
+    seen = cv2.warpAffine(
+        _evidence(still, looks),
+        turn,
+        (2 * reach + 1, 2 * reach + 1),
+        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=-3.0,
+    )
+    odds = np.asarray(seen, dtype=np.float32)
+    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    odds[np.hypot(x, y) > rim.radius] = -3.0
+    usual, area = _top(odds, 0.0, looks.bead)
+    looser, stricter = (_top(odds, shift, looks.bead)[0] for shift in (SHIFT, -SHIFT))
+    return Outline(
+        still.index,
+        still.time,
+        np.arange(-reach, reach + 1, dtype=np.float64),
+        reach - usual,
+        reach - looser,
+        reach - stricter,
+        area,
+        still.shake,
+    )
+
+
+def _top(odds: Map, shift: float, bead: float) -> tuple[Array, float]:
+    """Row of the upper border of the large groups of bead pixels by column, NaN where there is none; and their area."""
+    size = max(3, round(0.35 * bead) | 1)
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    marked = cv2.morphologyEx((odds + shift > 0).astype(np.uint8), cv2.MORPH_OPEN, kernel)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(marked, connectivity=4)
+    if count < 2:
+        return np.full(odds.shape[1], np.nan), 0.0
+    areas = stats[:, cv2.CC_STAT_AREA]
+    # a bar in front of the drum parts the bed in two; what is much smaller is in flight
+    bed = np.isin(labels, 1 + np.flatnonzero(areas[1:] > PIECE * areas[1:].max()))
+    row = np.argmax(bed, axis=0)
+    columns = np.arange(odds.shape[1])
+    # the border lies between the last pixel above and the first below, where the odds are even
+    below, above = odds[row, columns] + shift, odds[np.maximum(row - 1, 0), columns] + shift
+    part = np.where((below > 0) & (above < 0), below / np.maximum(below - above, 1e-6), 0.5)
+    return np.where(bed.any(axis=0), row - part, np.nan), float(bed.sum())
+
+
+def _two_colours(
+    image: Image, rim: Rim, bead: float
+) -> tuple[npt.NDArray[np.bool_] | None, npt.NDArray[np.bool_] | None, float]:
+    """Cores of bed and empty drum in one picture: two classes of colour, the bed is the lower one."""
+    inside = rim.inside(image.shape[:2], 0.95)
+    lab = cv2.cvtColor(cv2.GaussianBlur(image, (0, 0), max(0.3 * bead, 1.0)), cv2.COLOR_BGR2LAB).astype(np.float32)
+    pixels = np.ascontiguousarray(lab[inside])
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 30, 0.2)
+    cv2.setRNGSeed(1)
+    _, labels, centres = cv2.kmeans(pixels, 2, np.empty(0, np.int32), criteria, 3, cv2.KMEANS_PP_CENTERS)
+    rows = np.nonzero(inside)[0]
+    of = labels.reshape(-1)
+    if min(np.sum(of == 0), np.sum(of == 1)) < 0.02 * len(of):
+        return None, None, 0.0
+    lower = int(rows[of == 1].mean() > rows[of == 0].mean())
+    spread = float(np.mean([pixels[of == k].std(axis=0).max() for k in (0, 1)]))
+    clearness = float(np.linalg.norm(centres[0] - centres[1])) / max(spread, 0.5)
+    bed = np.zeros(inside.shape, dtype=bool)
+    bed[inside] = of == lower
+    kernel = np.ones((max(3, round(0.5 * bead)),) * 2, np.uint8)
+    cores = [cv2.erode(part.astype(np.uint8), kernel, borderValue=0) > 0 for part in (bed & inside, ~bed & inside)]
+    if min(core.sum() for core in cores) < 50:
+        return None, None, 0.0
+    return cores[0], cores[1], clearness

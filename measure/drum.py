@@ -1,0 +1,519 @@
+"""A drum that turns slowly, part full of beads, seen from its end: dynamic angle of repose of the flowing surface.
+
+`measure` turns a clip into one profile per frame, `evaluate` profiles into angles; a simulated drum goes through the
+same `evaluate`.  A drum's profile has its origin on the drum's axis: x to the right, height up against gravity, so
+that the surface of a drum less than half full lies at negative heights; NaN where there is no bed.  Angles are the
+magnitude; ``turning`` tells which way the surface rises.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.errors import BadInput, NothingToMeasure
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, root_sum_of_squares
+from rigtwin.lab.records import Profile
+from rigtwin.measure.bed import Bed, Outline, bed_in_photo, follow_bed
+from rigtwin.measure.media import open_video, read_photo, sha256
+from rigtwin.measure.steady import Mean, find_avalanches, mean_over_time, steady_part
+
+Array = npt.NDArray[np.float64]
+
+GRAPHICAL, GEOMETRIC = "angle_of_repose_graphical", "angle_of_repose_geometric"
+UPPER, LOWER = "angle_of_repose_upper", "angle_of_repose_lower"
+MIDDLE = "line, middle half"
+WHOLE = "line, 10-90 %"
+TANGENT = "tangent at the axis"
+CHORD = "chord, wall to wall"
+CHORD_ENDS = 0.05  # of the surface's extent, averaged for each end of the chord: about one bead
+AT_WALL = 0.02  # of the radius: a border that near the wall is the wall's, not the surface's
+# shares of the surface's horizontal extent, from its lower to its upper end
+WINDOWS = {
+    (GRAPHICAL, MIDDLE): (0.25, 0.75),
+    (GRAPHICAL, WHOLE): (0.1, 0.9),
+    (LOWER, "line, 10-50 %"): (0.1, 0.5),
+    (UPPER, "line, 50-90 %"): (0.5, 0.9),
+}
+TANGENT_REACH = 0.2  # of the radius, to both sides of the axis
+PHOTOS = (".bmp", ".png", ".jpg", ".jpeg", ".tif", ".tiff")
+S_SHAPE = 2.0  # [deg], difference of upper and lower angle below which a surface counts as straight
+# [deg], perspective, lens, and beads in flight that hide the bed they have left, most of all at its upper end
+VIEW_DOUBT = {GRAPHICAL: 0.25, LOWER: 0.5, UPPER: 1.2, GEOMETRIC: 1.2}
+ONE_MOMENT = 1.0  # [deg], how far a flowing surface usually is from its mean at one moment
+LOST = 0.25  # share of the bed's area by which a frame may differ from the median one
+SMEARED = 0.25  # share of frames that may be left out before the result is doubtful
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What a clip shows: profiles over time, and the same under other readings of it, one standard deviation away."""
+
+    profiles: Sequence[Profile]
+    times: Array  # [s]
+    radius: float | None  # of the drum, in the unit of the profiles
+    variants: Mapping[str, tuple[Sequence[Profile], Sequence[Profile]]] = field(default_factory=dict)
+    roll_doubt: float = 0.0  # [deg]
+    filmed: bool = False
+    bead: float | None = None  # bead diameter, in the unit of the profiles
+
+
+def measure(
+    clip: Path,
+    camera: Camera,
+    *,
+    drum_diameter: float | None,
+    speed: float | None = None,
+    bead_diameter: float | None = None,
+    out: Path,
+    progress: Progress = silent,
+) -> Measurement:
+    """Dynamic angle of repose from a clip of a turning drum, or from a single picture of it.
+
+    `drum_diameter` [m] inside, `speed` [rad/s] of turning, `bead_diameter` [m].  Raises `NothingToMeasure` when no
+    drum with a bed is seen.
+    """
+    _must_be_positive(drum_diameter=drum_diameter, speed=speed, bead_diameter=bead_diameter)
+    share = bead_diameter / drum_diameter if bead_diameter and drum_diameter else None
+    if share is not None and share > 0.5:
+        raise BadInput(
+            "measure drum: the bead is larger than half of the drum; check --bead-diameter, --drum-diameter."
+        )
+    warnings: list[str] = []
+    rate = None
+    if clip.suffix.lower() in PHOTOS:
+        photo = read_photo(clip)
+        bed = bed_in_photo(photo, roll=camera.roll, bead_share=share, region=camera.region)
+        if bed is None:
+            raise NothingToMeasure(
+                f"{clip}: shows no round drum with a bed that differs in colour from what is above it; "
+                "give a picture of the drum's end with the whole rim in view."
+            )
+        warnings.append("a single picture shows one moment of the flow; film the drum for a mean over time.")
+    else:
+        video = open_video(clip, camera)
+        warnings += video.warnings
+        rate = video.frame_rate
+        bed = follow_bed(video, roll=camera.roll, bead_share=share, region=camera.region, progress=progress)
+    scale, scale_from = _scale(bed, camera, drum_diameter)
+    seen = _observation(bed, scale or 1.0, bead_diameter)
+    evaluation = _evaluate(seen, speed)
+    quantities = _judged(evaluation.quantities, bed)
+    checks = (*_checks_of_picture(bed), *evaluation.checks)
+    if scale is None:
+        warnings.append("scale: not known, so profiles are left out; give --drum-diameter or --scale.")
+    if bed.upright.edges.size == 0 and camera.roll is None:
+        warnings.append("camera roll: nothing level is seen, the picture was taken as upright; give --camera-roll.")
+    view: dict[str, Any] = {
+        "frame_rate_hz": rate,
+        "scale_m_per_px": None if scale is None else scale * bed.lens.zoom,
+        "scale_from": scale_from,
+        "camera_roll_deg": math.degrees(bed.upright.roll),
+        "camera_roll_from": bed.upright.source,
+        "drum_centre_px": [float(each) for each in bed.lens.in_clip(np.array([bed.rim.centre]))[0]],
+        "drum_radius_px": bed.rim.radius / bed.lens.zoom,
+        "frames": len(bed.outlines),
+    }
+    result = Measurement(
+        rig="drum",
+        source=clip,
+        source_sha256=sha256(clip),
+        quantities=quantities,
+        checks=checks,
+        warnings=(*warnings, *evaluation.warnings),
+        camera=view,
+        profiles=tuple(seen.profiles) if scale is not None else (),
+    )
+    from rigtwin.measure.drum_pictures import write_pictures
+
+    return replace(result, files=write_pictures(out, result, bed, camera, scale or 1.0, progress))
+
+
+def evaluate(
+    profiles: Sequence[Profile],
+    times: Array,
+    *,
+    drum_diameter: float | None,
+    speed: float | None = None,
+    bead_diameter: float | None = None,
+) -> Evaluation:
+    """Angles of a drum's surface from its profiles over time, filmed or simulated.
+
+    The origin of a profile is the drum's axis.  A simulated surface is the upper edge of its spheres.  Raises
+    `NothingToMeasure` when no profile holds a surface, `BadInput` when profiles and times do not fit together.
+    """
+    _must_be_positive(drum_diameter=drum_diameter, speed=speed, bead_diameter=bead_diameter)
+    if len(profiles) != len(times):
+        raise BadInput(f"drum: {len(profiles)} profiles but {len(times)} times; give one time for each profile.")
+    times = np.asarray(times, dtype=np.float64)
+    if len(times) > 1 and not np.all(np.diff(times) > 0):
+        raise BadInput("drum: times do not rise from profile to profile; sort the profiles by time.")
+    radius = drum_diameter / 2 if drum_diameter is not None else None
+    return _evaluate(Observation(profiles, times, radius, bead=bead_diameter), speed)
+
+
+def surface_line(profile: Profile, window: tuple[float, float]) -> tuple[float, float, float, float] | None:
+    """Slope, height at x = 0 and the ends of the least-squares line over a share of the surface's extent.
+
+    `window` counts from the left end to the right one; None where too little of the surface is seen there.
+    """
+    ends = surface_ends(profile)
+    if ends is None:
+        return None
+    low, high = (ends[0] + share * (ends[1] - ends[0]) for share in window)
+    slope, offset = _line(profile, low, high)
+    return (slope, offset, low, high) if math.isfinite(slope) else None
+
+
+def surface_ends(profile: Profile) -> tuple[float, float] | None:
+    """x where the surface begins and ends."""
+    seen = np.isfinite(profile.height)
+    if np.sum(seen) < 8:
+        return None
+    x = profile.x[seen]
+    return float(x[0]), float(x[-1])
+
+
+# ------------------------------------------------------------------------------------------------- record -> quantities
+
+
+def _evaluate(seen: Observation, speed: float | None) -> Evaluation:
+    if seen.radius is not None:
+        variants = {
+            name: (_without_wall(one, seen.radius), _without_wall(other, seen.radius))
+            for name, (one, other) in seen.variants.items()
+        }
+        seen = replace(seen, profiles=_without_wall(seen.profiles, seen.radius), variants=variants)
+    rises = _rises(seen.profiles)
+    angles = _angles(seen.profiles, rises, seen.radius)
+    main = angles[GRAPHICAL, MIDDLE]
+    if not np.isfinite(main).any():
+        raise NothingToMeasure(
+            "no profile holds the surface of a bed: heights must be finite over at least eight points of x."
+        )
+    first, last = steady_part(seen.times, main)
+    kept = slice(first, last + 1)
+    avalanches = find_avalanches(seen.times[kept], main[kept], None if speed is None else math.degrees(abs(speed)))
+    varied = {
+        name: [_angles(profiles, rises, seen.radius) for profiles in pair] for name, pair in seen.variants.items()
+    }
+    means = {
+        key: mean_over_time(seen.times[kept], series[kept])
+        for key, series in angles.items()
+        if np.isfinite(series[kept]).sum() > 0
+    }
+    s_shaped = _s_shaped(means)
+    quantities = []
+    for key, mean in means.items():
+        doubt = {
+            part: _spread([float(np.nanmean(other[key][kept])) for other in pair], float(np.nanmean(angles[key][kept])))
+            for part, pair in varied.items()
+        }
+        quantities.append(_quantity(key, mean, doubt, seen, int(np.isfinite(angles[key][kept]).sum()), rises, s_shaped))
+    if avalanches is not None:
+        quantities += _of_avalanches(avalanches, quantities[0].budget)
+    checks = _checks(seen, main, first, last, means.get((GRAPHICAL, MIDDLE)))
+    warnings = []
+    if last - first + 1 < len(seen.times):
+        warnings.append(
+            f"steady part: {seen.times[first]:.3f} s to {seen.times[last]:.3f} s; before and after it the surface lies "
+            "clearly elsewhere, and these frames are left out."
+        )
+    return Evaluation(tuple(quantities), tuple(checks), tuple(warnings))
+
+
+def _without_wall(profiles: Sequence[Profile], radius: float) -> list[Profile]:
+    """Without the ends of an outline that run along the wall, as they do where the bed reaches above the axis."""
+    cut = []
+    for profile in profiles:
+        free = np.flatnonzero(np.hypot(profile.x, profile.height) < (1 - AT_WALL) * radius)
+        inner = np.zeros(len(profile.x), dtype=bool)
+        if len(free):
+            inner[free[0] : free[-1] + 1] = True
+        cut.append(replace(profile, height=np.where(inner, profile.height, np.nan)))
+    return cut
+
+
+def _rises(profiles: Sequence[Profile]) -> float:
+    """+1 where the surface rises to the right, -1 where it rises to the left."""
+    slopes = [line[0] for line in (surface_line(profile, (0.1, 0.9)) for profile in profiles) if line is not None]
+    return -1.0 if slopes and float(np.median(slopes)) < 0 else 1.0
+
+
+def _angles(profiles: Sequence[Profile], rises: float, radius: float | None) -> dict[tuple[str, str], Array]:
+    """Every angle [deg] by (quantity, method), one number per profile, NaN where it is not seen."""
+    table: dict[tuple[str, str], list[float]] = {key: [] for key in WINDOWS}
+    table[GEOMETRIC, CHORD] = []
+    if radius is not None:
+        table[GRAPHICAL, TANGENT] = []
+    for profile in profiles:
+        for key, (low, high) in WINDOWS.items():
+            line = surface_line(profile, (low, high) if rises > 0 else (1 - high, 1 - low))
+            table[key].append(math.nan if line is None else rises * math.degrees(math.atan(line[0])))
+        table[GEOMETRIC, CHORD].append(rises * _chord(profile))
+        if radius is not None:
+            slope, _ = _line(profile, -TANGENT_REACH * radius, TANGENT_REACH * radius)
+            table[GRAPHICAL, TANGENT].append(rises * math.degrees(math.atan(slope)))
+    return {key: np.array(values) for key, values in table.items()}
+
+
+def _line(profile: Profile, low: float, high: float) -> tuple[float, float]:
+    """Slope and height at x = 0 of the least-squares line between two x."""
+    part = np.isfinite(profile.height) & (profile.x >= low) & (profile.x <= high)
+    x, height = profile.x[part], profile.height[part]
+    # a line needs most of its window: half of it hidden would be another window
+    if np.sum(part) < 4 or np.ptp(x) < 0.7 * (high - low):
+        return math.nan, math.nan
+    slope, offset = np.polyfit(x, height, 1)
+    return float(slope), float(offset)
+
+
+def _chord(profile: Profile) -> float:
+    """Angle [deg] of the straight line between the places where the surface meets the wall."""
+    ends = surface_ends(profile)
+    if ends is None:
+        return math.nan
+    seen = np.isfinite(profile.height)
+    x, height = profile.x[seen], profile.height[seen]
+    reach = CHORD_ENDS * (ends[1] - ends[0])
+    (ax, ay), (bx, by) = (
+        (float(np.mean(x[part])), float(np.mean(height[part]))) for part in (x <= ends[0] + reach, x >= ends[1] - reach)
+    )
+    return math.degrees(math.atan2(by - ay, bx - ax))
+
+
+def _s_shaped(means: Mapping[tuple[str, str], Mean]) -> bool:
+    upper, lower = (
+        next((mean for (name, _), mean in means.items() if name == wanted), None) for wanted in (UPPER, LOWER)
+    )
+    if upper is None or lower is None:
+        return False
+    apart = abs(upper.value - lower.value)
+    return apart > max(S_SHAPE, 2 * math.hypot(upper.std_error, lower.std_error))
+
+
+def _quantity(
+    key: tuple[str, str],
+    mean: Mean,
+    doubt: Mapping[str, float],
+    seen: Observation,
+    frames: int,
+    rises: float,
+    s_shaped: bool,
+) -> Quantity:
+    name, method = key
+    budget = {"flow over time": mean.std_error if frames > 1 else ONE_MOMENT}
+    budget |= {"camera roll": seen.roll_doubt, **doubt}
+    if seen.filmed:
+        budget["perspective, beads in flight"] = VIEW_DOUBT[name]
+    budget = {part: float(value) for part, value in budget.items() if math.isfinite(value) and value > 0}
+    this_clip = root_sum_of_squares({part: value for part, value in budget.items() if part != "flow over time"})
+    detail: dict[str, Detail] = {
+        "turning": "anticlockwise" if rises > 0 else "clockwise",
+        "standard_deviation": mean.deviation,
+        "frames": frames,
+        "independent_frames": round(mean.independent, 1),
+        "std_uncertainty_of_this_clip": this_clip,
+    }
+    if name in (UPPER, LOWER):
+        detail["s_shaped"] = s_shaped
+    return Quantity(name, mean.value, root_sum_of_squares(budget), "deg", method, 1, detail, budget)
+
+
+def _of_avalanches(found: Any, budget: Mapping[str, float]) -> list[Quantity]:
+    error = {"scatter of intervals": found.frequency_error}
+    angle = {part: value for part, value in budget.items() if part != "flow over time"}
+    angle["scatter of avalanches"] = budget.get("flow over time", 0.0)
+    detail: dict[str, Detail] = {"avalanches": found.count}
+    total = root_sum_of_squares(angle)
+    return [
+        Quantity("avalanche_frequency", found.frequency, found.frequency_error, "Hz", "maxima", 1, detail, error),
+        Quantity("avalanche_start_angle", found.start_angle, total, "deg", MIDDLE, 1, detail, angle),
+        Quantity("avalanche_stop_angle", found.stop_angle, total, "deg", MIDDLE, 1, detail, angle),
+    ]
+
+
+def _checks(seen: Observation, main: Array, first: int, last: int, mean: Mean | None) -> list[Check]:
+    count = last - first + 1
+    checks = []
+    if len(main) > 1:
+        share = count / len(main)
+        checks.append(
+            Check(
+                "steady_flow",
+                share > 0.5,
+                share,
+                1.0,
+                f"{100 * share:.0f} % of the clip is steady flow, worth "
+                f"{mean.independent if mean else 0:.0f} independent moments; film longer where these are few.",
+            )
+        )
+    measured = float(np.isfinite(main[first : last + 1]).mean())
+    checks.append(
+        Check(
+            "surface_in_view",
+            measured > 1 - SMEARED,
+            measured,
+            1.0,
+            f"the surface was measured in {100 * measured:.0f} % of {count} frames"
+            + ("." if measured > 1 - SMEARED else ": something hides it."),
+        )
+    )
+    if len(seen.times) > 2:
+        steps = np.diff(seen.times)
+        odd = float(np.mean(np.abs(steps / np.median(steps) - 1) > 0.25))
+        checks.append(
+            Check(
+                "frame_timing",
+                odd < 0.05,
+                odd,
+                0.0,
+                f"{100 * odd:.0f} % of the frame intervals differ by more than a quarter from the usual one; "
+                "means are taken over time, not over frames.",
+            )
+        )
+    return checks
+
+
+def _spread(values: Sequence[float], middle: float) -> float:
+    """Root mean square of the changes that the readings one standard deviation away bring."""
+    known = [value - middle for value in values if math.isfinite(value)]
+    return math.sqrt(sum(change * change for change in known) / len(known)) if known else 0.0
+
+
+def _must_be_positive(**given: float | None) -> None:
+    for name, value in given.items():
+        if value is not None and not (math.isfinite(value) and (value > 0 or (name == "speed" and value != 0))):
+            raise BadInput(f"drum: {name.replace('_', ' ')} must be positive, got {value:g}.")
+
+
+# ----------------------------------------------------------------------------------------------------- media -> record
+
+
+def _scale(bed: Bed, camera: Camera, drum_diameter: float | None) -> tuple[float | None, str]:
+    """[m/px] of the measured picture, and where it comes from."""
+    if camera.given_scale is not None:
+        return camera.given_scale / bed.lens.zoom, "known length" if camera.scale is None else "given"
+    if drum_diameter is not None:
+        return drum_diameter / (2 * bed.rim.radius), "drum diameter"
+    return None, "not known"
+
+
+def _observation(bed: Bed, unit: float, bead_diameter: float | None) -> Observation:
+    outlines = _credible(bed.outlines)
+    hidden = _hidden_columns(outlines)
+    half_bead = 0.25 * bed.bead
+
+    def profiles(which: str, shorter: float = 0.0) -> list[Profile]:
+        return [_profile(outline, which, hidden, unit, shorter) for outline in outlines]
+
+    variants = {"outline level": (profiles("looser"), profiles("stricter"))}
+    variants["ends of the surface"] = (profiles("height", half_bead), profiles("height", 2 * half_bead))
+    return Observation(
+        profiles("height"),
+        np.array([outline.time for outline in outlines]),
+        bed.rim.radius * unit,
+        variants,
+        math.degrees(bed.upright.sigma),
+        True,
+        bead_diameter or bed.bead * unit,
+    )
+
+
+def _credible(outlines: Sequence[Outline]) -> list[Outline]:
+    """The same with the heights of frames blanked in which the bed's area is far from its usual one."""
+    areas = np.array([outline.area for outline in outlines])
+    usual = float(np.median(areas))
+    blank = np.full_like(outlines[0].height, np.nan)
+    return [
+        outline
+        if abs(outline.area - usual) < LOST * usual
+        else replace(outline, height=blank, looser=blank, stricter=blank)
+        for outline in outlines
+    ]
+
+
+def _hidden_columns(outlines: Sequence[Outline]) -> npt.NDArray[np.bool_]:
+    """Columns in which the border never moves: it is that of a thing in front of the drum, not of flowing beads."""
+    heights = np.array([outline.height for outline in outlines])
+    seen = np.isfinite(heights).mean(axis=0) > 0.5
+    if len(outlines) < 8 or seen.sum() < 8:
+        return np.zeros(heights.shape[1], dtype=bool)
+    middle = np.full(heights.shape[1], np.nan)
+    middle[seen] = np.nanmedian(heights[:, seen], axis=0)
+    sway = np.full(heights.shape[1], np.nan)
+    sway[seen] = np.nanmedian(np.abs(heights[:, seen] - middle[seen]), axis=0)
+    usual = float(np.nanmedian(sway))
+    still = seen & (sway < 0.2 * usual)
+    from scipy.ndimage import binary_dilation, binary_opening
+
+    kept = binary_opening(still, np.ones(3, dtype=bool))
+    return np.asarray(binary_dilation(kept, np.ones(5, dtype=bool)))
+
+
+def _profile(outline: Outline, which: str, hidden: npt.NDArray[np.bool_], unit: float, shorter: float) -> Profile:
+    height = np.where(hidden, np.nan, getattr(outline, which))
+    seen = np.flatnonzero(np.isfinite(height))
+    if shorter > 0 and len(seen):
+        low, high = outline.x[seen[0]] + shorter, outline.x[seen[-1]] - shorter
+        height = np.where((outline.x < low) | (outline.x > high), np.nan, height)
+    return Profile(outline.x * unit, height * unit, np.full(len(height), 0.7 * unit), None, "end")
+
+
+def _judged(quantities: tuple[Quantity, ...], bed: Bed) -> tuple[Quantity, ...]:
+    doubts = [check.message for check in _checks_of_picture(bed) if not check.passed]
+    if not doubts:
+        return quantities
+    return tuple(replace(one, doubtful="; ".join(doubts)) for one in quantities)
+
+
+def _checks_of_picture(bed: Bed) -> list[Check]:
+    areas = np.array([outline.area for outline in bed.outlines])
+    swing = float(np.std(areas) / max(float(np.mean(areas)), 1.0))
+    fill = float(np.median(areas) / (math.pi * bed.rim.radius**2))
+    checks = [
+        Check(
+            "rim_found",
+            bed.rim_seen,
+            bed.rim.support,
+            1.0,
+            f"an edge was seen along {100 * bed.rim.support:.0f} % of the drum's circle."
+            if bed.rim_seen
+            else "the drum's rim shows no edge; its circle was laid through the lower border of the bed.",
+        ),
+        Check(
+            "fill",
+            0.03 < fill < 0.8,
+            fill,
+            0.35,
+            f"the bed fills {100 * fill:.0f} % of the drum's cross-section.",
+        ),
+        Check(
+            "static_camera",
+            bed.shake < 3.0,
+            bed.shake,
+            0.0,
+            f"the scene shakes by {bed.shake:.2f} px (standard deviation)"
+            + ("." if bed.shake < 0.1 else "; it was followed and taken out."),
+        ),
+    ]
+    if bed.shows_motion:
+        checks.append(
+            Check(
+                "same_bed",
+                swing < 0.12,
+                swing,
+                0.0,
+                f"the bed's area varies by {100 * swing:.1f} % from frame to frame"
+                + ("." if swing < 0.12 else ": something passes in front of it, or bead and drum look alike."),
+            )
+        )
+    return checks

@@ -1,0 +1,143 @@
+"""When a hopper's slot begins to open, and where its edges are, from what the rows of the slide show over time.
+
+The slide leaves a straight trace in this picture of position against time: its trailing edge.  Where the trace passes
+the slot's near edge, the slot begins to open; between frames that moment is found from the edge's places in them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Strips = npt.NDArray[np.uint8]
+
+STILL = 5  # frames before the first change, from which the noise is learnt
+ROWS = 0.4  # of the rows that show the slide, how many must have lost it
+LASTING = 3  # frames over which a change must last
+
+
+@dataclass(frozen=True)
+class Opening:
+    """The slot begins to open."""
+
+    frame: float  # counted from the first strip, with its fraction
+    sigma: float  # [frames], one standard deviation
+    method: str  # how it was told
+    direction: int  # +1: the slide goes to the right, -1: to the left, 0: not told
+    speed: float  # [px/frame], of the slide; NaN where it was not told
+
+
+def slot_edges(beads: npt.NDArray[np.bool_], left: float, right: float) -> tuple[float, float]:
+    """Left and right edge [px] of the columns that beads pass through; `beads` has shape (frames, width).
+
+    `left` and `right` are a first guess, used where too few beads are seen.
+    """
+    flowing = beads[:, round(left) : max(round(right), round(left) + 1)].mean(axis=1) > 0.25
+    if flowing.sum() < 5:
+        return left, right
+    share = beads[flowing].mean(axis=0)
+    middle = (left + right) / 2
+    reach = 0.75 * (right - left)
+    columns = np.flatnonzero(share > 0.15)
+    columns = columns[np.abs(columns - middle) < reach]
+    if len(columns) < 0.5 * (right - left):
+        return left, right
+    return float(columns[0]) - 0.5, float(columns[-1]) + 0.5
+
+
+def find_opening(strips: Strips, left: float, right: float, before: int) -> Opening | None:
+    """When the slide's trailing edge passes the slot's near edge; None when nothing changes in the slot.
+
+    `strips`, shape (frames, width, 3 x rows), runs to when the hopper is empty.  `left` and `right` are the slot's
+    edges [px], `before` a frame at which the slot is open for sure.
+    """
+    level = strips[: before + LASTING + 1].astype(np.float64)
+    changed = _first_changes(level, np.median(strips[-STILL:], axis=0).astype(np.float64))
+    width = right - left
+    slot = np.arange(max(math.ceil(left), 0), min(math.floor(right), level.shape[1] - 1) + 1)
+    seen = slot[np.isfinite(changed[slot]) & (changed[slot] <= before + 1)]
+    if len(seen) < 0.3 * len(slot):
+        return None
+    first, last = np.percentile(changed[seen], [10, 90])
+    if last - first < 1:
+        # gone between two frames
+        return Opening(float(np.median(changed[seen])) - 0.5, 0.3, "slide, between two frames", 0, math.nan)
+    direction = 1 if float(np.corrcoef(seen, changed[seen])[0, 1]) > 0 else -1
+    near = left if direction > 0 else right
+    # the slide lies under the wall beside the slot, too: its edge is seen there before it opens anything
+    around = np.arange(level.shape[1], dtype=np.float64)
+    along = direction * (around - near)
+    kept = (along > -0.7 * width) & (along < width) & np.isfinite(changed) & (changed <= before + 1)
+    frames, places = _edge_places(along[kept], changed[kept])
+    if len(frames) < 2:
+        return Opening(float(first) - 0.5, 0.5, "slide, first change in the slot", direction, math.nan)
+    speed, at, sigma = _line(frames, places)
+    if not speed > 0:
+        return Opening(float(first) - 0.5, 0.5, "slide, first change in the slot", direction, math.nan)
+    return Opening(at, sigma, "trailing edge of the slide", direction, speed)
+
+
+def _first_changes(level: Array, empty: Array) -> Array:
+    """The frame in which every column loses for good what it showed at first; infinite where that is not to be seen.
+
+    What comes next is what the empty hopper shows, and soon beads.  The change counts from where it is half done, for a
+    moving edge is blurred.
+    """
+    start = np.median(level[:STILL], axis=0)
+    away, step = _by_row(level - start), _by_row((empty - start)[None])[0]
+    noise = max(float(np.percentile(away[:STILL], 90)), 1.0)
+    shown = step > 4 * noise
+    gone = (away > np.maximum(0.5 * step, 2.5 * noise)) & shown
+    # beads that rest on the slide fill its uppermost rows and stay for a while: not all rows need to change
+    above = (gone.sum(axis=2) >= ROWS * shown.sum(axis=1)) & (shown.sum(axis=1) > 0)
+    count = len(above) - LASTING + 1
+    lasting = np.all([above[k : count + k] for k in range(LASTING)], axis=0)
+    return np.asarray(np.where(lasting.any(axis=0), np.argmax(lasting, axis=0), np.inf), dtype=np.float64)
+
+
+def _by_row(colours: Array) -> Array:
+    """Root mean square over the three colours of every row, shape (frames, width, rows)."""
+    frames, width = colours.shape[:2]
+    return np.asarray(np.sqrt(np.mean(colours.reshape(frames, width, -1, 3) ** 2, axis=3)))
+
+
+def _edge_places(along: Array, changed: Array) -> tuple[Array, Array]:
+    """Frames in which the edge is on its way, and where it is [px]: uncovered on this side of it, covered beyond."""
+    frames, places = [], []
+    order = np.argsort(along)
+    along, changed = along[order], changed[order]
+    for frame in range(int(changed.min()), int(changed.max())):
+        done = changed <= frame
+        # the border that leaves the fewest columns on the wrong side
+        wrong = np.concatenate([[0], np.cumsum(~done)]) + (done.sum() - np.concatenate([[0], np.cumsum(done)]))
+        k = int(np.argmin(wrong))
+        if 1 < k < len(along) - 1 and wrong[k] < 0.2 * len(along):
+            frames.append(frame)
+            places.append((along[k - 1] + along[k]) / 2)
+    return np.array(frames, dtype=np.float64), np.array(places)
+
+
+def _line(frames: Array, places: Array) -> tuple[float, float, float]:
+    """Speed [px/frame] of the edge, the frame at which it is at 0, and that one's standard deviation.
+
+    A slide that is still gathering speed, or a place misread, bends the trace: what is next to the slot counts most.
+    """
+    if len(frames) == 2:
+        speed = float((places[1] - places[0]) / (frames[1] - frames[0]))
+        at = frames[0] - places[0] / speed if speed > 0 else math.nan
+        outside = max(frames[0] - at, at - frames[1], 0.0) if math.isfinite(at) else 1.0
+        return speed, float(at), 0.15 + 0.3 * float(outside)
+    weight = 1 / (1 + (places / max(float(np.ptp(places)) / 3, 1.0)) ** 2)
+    for _ in range(4):
+        speed, start = np.polyfit(frames, places, 1, w=np.sqrt(weight))
+        off = np.abs(places - speed * frames - start)
+        weight = weight * np.minimum(1.0, 2.0 / np.maximum(off, 1e-9) * (np.median(off) + 0.5))
+        weight = weight / weight.max()
+    if not speed > 0:
+        return float(speed), math.nan, math.nan
+    spread = float(np.sqrt(np.average((places - speed * frames - start) ** 2, weights=weight)))
+    return float(speed), float(-start / speed), math.hypot(0.1, spread / float(speed))

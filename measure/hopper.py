@@ -1,0 +1,409 @@
+"""A hopper with a slot that a slide opens: discharge time, mass flow, and what stays behind.
+
+`measure` turns a clip into what is left in the hopper over time, `evaluate` that into quantities; a simulated hopper
+goes through the same `evaluate`.  The slot opens when the slide's trailing edge passes its near edge; the last particle
+is out when its centre is one radius below the slot, which is when its upper edge passes the slot.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.errors import BadInput, NothingToMeasure
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, root_sum_of_squares
+from rigtwin.lab.records import Series
+from rigtwin.measure.gate import Opening, find_opening, slot_edges
+from rigtwin.measure.media import open_video, sha256
+from rigtwin.measure.outflow import Outflow, follow_outflow
+
+Array = npt.NDArray[np.float64]
+
+STEADY = (0.2, 0.8)  # of what leaves, the part over which the flow is steady
+EXPOSURE = 0.15  # frames, standard deviation of where in its frame's interval an unknown exposure lies
+CROSSING = 0.15  # frames, of the last particle's passage read between two frames
+BINS = 6  # parts of the steady flow whose rates are compared
+RESIDUE = 0.02  # share of the bed that may stay behind before it is worth a warning
+AREA_DOUBT = 0.05  # relative, how far the bed's visible area follows its mass
+LENGTH_DOUBT = 0.05  # of a bead's diameter, in the slot's height
+
+
+@dataclass(frozen=True)
+class Instant:
+    """A moment found, with its doubt."""
+
+    time: float  # [s]
+    budget: dict[str, float]  # [s]
+    method: str
+    doubtful: str = ""
+
+
+def measure(
+    clip: Path,
+    camera: Camera,
+    *,
+    bead_diameter: float | None = None,
+    total_mass: float | None = None,
+    bin_width: float | None = None,
+    out: Path,
+    progress: Progress = silent,
+) -> Measurement:
+    """Opening, last particle, discharge time and flow rate from a clip of a hopper that empties.
+
+    `bead_diameter` [m], `total_mass` [kg] of the filling, `bin_width` [m] inside.  Raises `NothingToMeasure` when no
+    bed leaves.
+    """
+    for name, value in (("bead diameter", bead_diameter), ("total mass", total_mass), ("bin width", bin_width)):
+        if value is not None and not (math.isfinite(value) and value > 0):
+            raise BadInput(f"hopper: {name} must be positive, got {value:g}.")
+    video = open_video(clip, camera)
+    bead = bead_diameter / camera.given_scale if bead_diameter and camera.given_scale else None
+    seen = follow_outflow(video, roll=camera.roll, region=camera.region, bead=bead, progress=progress)
+    edges = _edges(seen)
+    gate = _gate(seen, edges)
+    opened = _opened(seen, gate)
+    last = _last_particle(seen)
+    left = _left(seen)
+    evaluation = _evaluate(left, total_mass, opened, last, seen.residue, AREA_DOUBT)
+    checks = (*_checks_of_picture(seen, gate), *evaluation.checks)
+    scale, scale_from = _scale(seen, camera, bead_diameter)
+    warnings = [*video.warnings, *evaluation.warnings]
+    warnings.append("mass left: taken from the bed's visible area, as of a slab of even depth.")
+    view: dict[str, Any] = {
+        "frame_rate_hz": video.frame_rate,
+        "scale_m_per_px": scale,
+        "scale_from": scale_from,
+        "camera_roll_deg": math.degrees(seen.upright.roll),
+        "camera_roll_from": seen.upright.source,
+        "slot_width_px": (edges[1] - edges[0]) / seen.lens.zoom,
+        "slide_goes": {1: "right", -1: "left", 0: "not told"}[gate.direction if gate is not None else 0],
+        "frames": len(seen.moments),
+    }
+    result = Measurement(
+        rig="hopper",
+        source=clip,
+        source_sha256=sha256(clip),
+        quantities=evaluation.quantities,
+        checks=checks,
+        warnings=tuple(warnings),
+        camera=view,
+    )
+    from rigtwin.measure.hopper_pictures import write_pictures
+
+    files = write_pictures(out, result, seen, left, edges, camera, scale, progress)
+    return replace(result, files=files)
+
+
+def evaluate(left: Series, *, total_mass: float | None = None, opened: float | None = None) -> Evaluation:
+    """Quantities of a discharge from what is left in the hopper over time, filmed or simulated.
+
+    `left` is a fraction, a mass [kg] or a number of particles, falling over time; a particle counts as left until its
+    centre is one radius below the outlet.  `total_mass` [kg] of the filling; `opened` [s], without it the first loss
+    counts as the opening.  Raises `NothingToMeasure` when nothing leaves.
+    """
+    if total_mass is not None and not (math.isfinite(total_mass) and total_mass > 0):
+        raise BadInput(f"hopper: total mass must be positive, got {total_mass:g}.")
+    start = None if opened is None else Instant(opened, {}, "given")
+    return _evaluate(left, total_mass, start, None, None, 0.0)
+
+
+# ------------------------------------------------------------------------------------------------- record -> quantities
+
+
+def _evaluate(
+    left: Series,
+    total_mass: float | None,
+    opened: Instant | None,
+    last: Instant | None,
+    residue: float | None,
+    area_doubt: float,
+) -> Evaluation:
+    time, share, full = _share_left(left)
+    warnings = []
+    if opened is None:
+        first = int(np.argmax(share < 1 - 1e-9 - 3 * _noise(share)))
+        opened = Instant(float(time[first]), {"time step": _step(time) / math.sqrt(12)}, "first loss")
+        warnings.append("opening: not known, the first particle's leaving was taken for it; give the time of opening.")
+    if last is None:
+        last = _last_loss(time, share)
+    if not last.time > opened.time:
+        raise NothingToMeasure(
+            f"{left.quantity}: the last particle leaves at {last.time:.4g} s, "
+            f"before the opening at {opened.time:.4g} s; check the time of opening."
+        )
+    stays = float(share[-1]) if residue is None else residue
+    quantities = [
+        _instant("opening_time", opened),
+        _instant("last_particle_time", last),
+        _discharge(opened, last),
+    ]
+    quantities += _rates(time, share, full, left.unit, total_mass, area_doubt)
+    quantities.append(
+        Quantity(
+            "residue_fraction", stays, max(area_doubt * stays, 0.003 if area_doubt else 0.0), "1", "end of the clip"
+        )
+    )
+    checks = [
+        Check(
+            "emptied",
+            stays < RESIDUE,
+            stays,
+            0.0,
+            f"{100 * stays:.1f} % of the filling stays in the hopper"
+            + ("." if stays < RESIDUE else "; the last particle is the last one that left."),
+        )
+    ]
+    doubt = "; ".join(text for text in (opened.doubtful, last.doubtful) if text)
+    if doubt:
+        quantities = [replace(one, doubtful=doubt) if one.unit == "s" else one for one in quantities]
+    return Evaluation(tuple(quantities), tuple(checks), tuple(warnings))
+
+
+def _share_left(left: Series) -> tuple[Array, Array, float]:
+    """Time, share that is left, and the full value."""
+    time, value = np.asarray(left.time, dtype=np.float64), np.asarray(left.value, dtype=np.float64)
+    if time.shape != value.shape or len(time) < 5:
+        raise BadInput(
+            f"{left.quantity}: needs at least five times, each with one value; got {len(time)}, {len(value)}."
+        )
+    if not np.all(np.isfinite(time)) or not np.all(np.diff(time) > 0):
+        raise BadInput(f"{left.quantity}: time does not rise from value to value; sort the series.")
+    seen = np.isfinite(value)
+    if seen.sum() < 5:
+        raise BadInput(f"{left.quantity}: holds fewer than five finite values.")
+    value = np.interp(time, time[seen], value[seen])
+    full = float(np.median(value[: max(3, len(value) // 50)]))
+    if not full > 0 or float(value[-1]) > 0.7 * full:
+        raise NothingToMeasure(
+            f"{left.quantity}: {100 * float(value[-1]) / full if full > 0 else 0:.0f} % is still left at the end; "
+            "give a record that goes on until the flow has stopped."
+        )
+    return time, value / full, full
+
+
+def _noise(share: Array) -> float:
+    """Standard deviation of single values, from their second differences; 0 for a counted record."""
+    bends = np.diff(share, 2)
+    quiet = bends[-max(len(bends) // 5, 3) :]
+    return float(np.median(np.abs(quiet))) * 1.4826 / math.sqrt(6)
+
+
+def _step(time: Array) -> float:
+    return float(np.median(np.diff(time)))
+
+
+def _last_loss(time: Array, share: Array) -> Instant:
+    end = float(np.median(share[-max(3, len(share) // 50) :]))
+    above = np.flatnonzero(share > end + max(3 * _noise(share), 1e-9))
+    if len(above) == 0:
+        raise NothingToMeasure("hopper: nothing leaves in this record.")
+    k = min(int(above[-1]), len(time) - 2)
+    # a counted record loses its last particle somewhere between these two values
+    middle, step = (time[k] + time[k + 1]) / 2, time[k + 1] - time[k]
+    return Instant(float(middle), {"time step": float(step) / math.sqrt(12)}, "last loss")
+
+
+def _instant(name: str, found: Instant) -> Quantity:
+    return Quantity(
+        name, found.time, root_sum_of_squares(found.budget), "s", found.method, 1, {}, found.budget, found.doubtful
+    )
+
+
+def _discharge(opened: Instant, last: Instant) -> Quantity:
+    # an exposure that lies late in its frame's interval moves both ends alike
+    shared = ("exposure",)
+    budget = {f"opening: {part}": value for part, value in opened.budget.items() if part not in shared}
+    budget |= {f"last particle: {part}": value for part, value in last.budget.items() if part not in shared}
+    return Quantity(
+        "discharge_time",
+        last.time - opened.time,
+        root_sum_of_squares(budget),
+        "s",
+        f"{opened.method} to {last.method}",
+        1,
+        {},
+        budget,
+    )
+
+
+def _rates(
+    time: Array, share: Array, full: float, unit: str, total_mass: float | None, area_doubt: float
+) -> list[Quantity]:
+    """Steady rate of flow, and the time from 5 to 95 %, which no straggler can stretch."""
+    gone = 1 - np.minimum.accumulate(share)
+    final = float(gone[-1])
+
+    def when(part: float) -> float:
+        k = int(np.argmax(gone >= part * final))
+        if k == 0:
+            return float(time[0])
+        return float(np.interp(part * final, gone[k - 1 : k + 1], time[k - 1 : k + 1]))
+
+    start, end = when(STEADY[0]), when(STEADY[1])
+    step = _step(time)
+    quantities = [
+        Quantity(
+            "discharge_time_5_95",
+            when(0.95) - when(0.05),
+            math.hypot(step / 4, area_doubt * 0.1 * (end - start)),
+            "s",
+            "5 to 95 % of what leaves",
+        )
+    ]
+    part = (time >= start) & (time <= end)
+    if part.sum() < 4:
+        return quantities
+    slope = -float(np.polyfit(time[part], share[part], 1)[0])
+    edges = np.linspace(start, end, BINS + 1)
+    pieces = -np.diff(np.interp(edges, time, share)) / np.diff(edges)
+    drift = float(pieces[BINS // 2 :].mean() - pieces[: BINS // 2].mean())
+    budget = {
+        "scatter of the flow": slope * float(np.std(pieces, ddof=1) / slope) / math.sqrt(BINS),
+        "area for mass": area_doubt * slope,
+    }
+    detail: dict[str, Detail] = {"from_s": round(start, 5), "to_s": round(end, 5), "drift": round(drift / slope, 4)}
+    method = f"line, {STEADY[0]:.0%} to {STEADY[1]:.0%}".replace("%", " %")
+    if total_mass is not None or unit == "kg":
+        name, factor, of = "mass_flow_rate", total_mass if total_mass is not None else full, "kg/s"
+    elif full <= 1.5:
+        name, factor, of = "discharged_fraction_rate", full, "1/s"
+    else:
+        name, factor, of = "particle_flow_rate", full, "1/s"
+    budget = {key: value * factor for key, value in budget.items() if value > 0}
+    quantities.append(Quantity(name, slope * factor, root_sum_of_squares(budget), of, method, 1, detail, budget))
+    return quantities
+
+
+# ----------------------------------------------------------------------------------------------------- media -> record
+
+
+def _left(seen: Outflow) -> Series:
+    area = np.array([moment.left for moment in seen.moments])
+    full = float(np.median(area[:5]))
+    time = np.array([moment.time for moment in seen.moments])
+    return Series(time, area / max(full, 1.0), "fraction left in the hopper", "1")
+
+
+def _edges(seen: Outflow) -> tuple[float, float]:
+    """Left and right edge of the slot [px], upright."""
+    slot = seen.scenery.slot
+    full = seen.strips[:5].astype(np.float64).mean(axis=0)
+    empty = seen.strips[-5:].astype(np.float64).mean(axis=0)
+    level = max(seen.scenery.level, 8.0)
+    strips = seen.strips.astype(np.float64)
+    beads = (np.abs(strips - empty).mean(axis=2) > 0.6 * level) & (np.abs(strips - full).mean(axis=2) > 0.6 * level)
+    return slot_edges(beads, slot.left, slot.right)
+
+
+def _gate(seen: Outflow, edges: tuple[float, float]) -> Opening | None:
+    area = np.array([moment.left for moment in seen.moments])
+    full = float(np.median(area[:5]))
+    gone = np.flatnonzero(area < 0.9 * full)
+    return find_opening(seen.strips, *edges, int(gone[0]) if len(gone) else len(area) - 1)
+
+
+def _opened(seen: Outflow, gate: Opening | None) -> Instant:
+    time = np.array([moment.time for moment in seen.moments])
+    frames = np.arange(len(time))
+    if gate is not None and math.isfinite(gate.frame) and 0 <= gate.frame < len(time):
+        step = seen.interval
+        budget = {"slide's edge": gate.sigma * step, "exposure": EXPOSURE * step}
+        if math.isfinite(gate.speed):
+            budget["slot's edge"] = 0.1 * seen.scenery.bead / gate.speed * step
+        return Instant(float(np.interp(gate.frame, frames, time)), budget, gate.method)
+    return _opened_by_flow(seen, time)
+
+
+def _opened_by_flow(seen: Outflow, time: Array) -> Instant:
+    """No slide was seen to move: the bed's first motion above the slot, which begins a little after the opening."""
+    change = np.array([moment.change for moment in seen.moments])
+    usual = change[1:6]
+    level = float(np.median(usual)) + 6 * float(np.std(usual)) + 1.0
+    moving = np.flatnonzero((change > level) & (np.roll(change, -1) > level))
+    if len(moving) == 0:
+        raise NothingToMeasure("hopper: the bed does not begin to move in this clip; begin it before the opening.")
+    first = int(moving[0])
+    # a twentieth of a bead of free fall is what can be seen
+    return Instant(
+        float(time[first]) - 0.5 * seen.interval,
+        {"first motion": 0.7 * seen.interval + 0.004, "exposure": EXPOSURE * seen.interval},
+        "first motion of the beads",
+        "the slide was not seen to free the slot, so the opening is taken from the beads' first motion",
+    )
+
+
+def _last_particle(seen: Outflow) -> Instant:
+    """When the upper edge of the uppermost bead passes the slot for good."""
+    slot = seen.scenery.slot.row
+    top = np.array([moment.top for moment in seen.moments])
+    time = np.array([moment.time for moment in seen.moments])
+    above = np.flatnonzero(top < slot)
+    if len(above) == 0 or above[-1] >= len(top) - 2:
+        return Instant(
+            float(time[-1]),
+            {"end of the clip": seen.interval * 5},
+            "end of the clip",
+            "beads still leave at the end of the clip; film longer",
+        )
+    k = int(above[-1])
+    below = top[k + 1]
+    if math.isfinite(below) and below - top[k] < 4 * seen.scenery.bead:
+        part = (slot - top[k]) / (below - top[k])
+        speed = below - top[k]
+        budget = {"passage": CROSSING * seen.interval}
+        budget["slot's height"] = 2 * LENGTH_DOUBT * seen.scenery.bead / max(speed, 1.0) * seen.interval
+    else:
+        part = 0.5
+        budget = {"passage": 0.3 * seen.interval}
+    budget["slot's height"] = min(budget.get("slot's height", 0.0), seen.interval)
+    budget["exposure"] = EXPOSURE * seen.interval
+    return Instant(float(time[k] + part * (time[k + 1] - time[k])), budget, "upper edge of the last bead at the slot")
+
+
+def _scale(seen: Outflow, camera: Camera, bead_diameter: float | None) -> tuple[float | None, str]:
+    """[m/px] of the clip, and where it comes from."""
+    if camera.given_scale is not None:
+        return camera.given_scale, "known length" if camera.scale is None else "given"
+    if bead_diameter is not None and seen.scenery.bead_seen:
+        return bead_diameter / seen.scenery.bead * seen.lens.zoom, "bead diameter"
+    return None, "not known"
+
+
+def _checks_of_picture(seen: Outflow, gate: Opening | None) -> list[Check]:
+    clear = seen.scenery.level / (3 * seen.scenery.noise)
+    speed = gate.speed if gate is not None else math.nan
+    return [
+        Check(
+            "slide_seen",
+            gate is not None,
+            speed,
+            math.nan,
+            "the slide was seen to free the slot"
+            + (f" at {speed:.1f} px per frame." if math.isfinite(speed) else " between two frames.")
+            if gate is not None
+            else "the slide was not seen to move; the opening is taken from the beads.",
+        ),
+        Check(
+            "bed_clear",
+            clear >= 1.5,
+            clear,
+            1.5,
+            f"bed and empty hopper differ by {4 * seen.scenery.level:.0f} grey levels at a noise of "
+            f"{seen.scenery.noise:.1f}" + ("." if clear >= 1.5 else ": too little to tell every bead."),
+        ),
+        Check(
+            "static_camera",
+            seen.shake < 3.0,
+            seen.shake,
+            0.0,
+            f"the scene shakes by {seen.shake:.2f} px (standard deviation)"
+            + ("." if seen.shake < 0.1 else "; it was followed and taken out."),
+        ),
+    ]

@@ -1,0 +1,106 @@
+"""What a measured discharge looks like: annotated video, still, plot of what is left over time, the record as CSV."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.progress import Progress
+from rigtwin.lab.quantity import Measurement, Quantity
+from rigtwin.lab.records import Series
+from rigtwin.measure import overlay
+from rigtwin.measure.media import open_video
+from rigtwin.measure.outflow import Outflow
+
+
+def write_pictures(
+    out: Path,
+    measurement: Measurement,
+    seen: Outflow,
+    left: Series,
+    edges: tuple[float, float],
+    camera: Camera,
+    scale: float | None,
+    progress: Progress,
+) -> dict[str, Path]:
+    """Write overlay, still, plot and the record into `out`; returns what was written."""
+    out.mkdir(parents=True, exist_ok=True)
+    stem = measurement.source.stem
+    files = {name: out / f"{stem}-{name}{ending}" for name, ending in (("overlay", ".mp4"), ("still", ".png"))}
+    _write_video(files["overlay"], files["still"], measurement, seen, edges, camera, progress)
+    files["plot"] = _write_plot(out / f"{stem}-plot.svg", measurement, left)
+    files["record"] = out / f"{stem}-left.csv"
+    partial = files["record"].with_name(files["record"].name + ".part")
+    with partial.open("w", newline="", encoding="utf-8") as file:
+        rows = [(f"{t:.9g}", f"{value:.6g}") for t, value in zip(left.time, left.value, strict=True)]
+        csv.writer(file, lineterminator="\n").writerows([("time_s", "fraction_left"), *rows])
+    partial.replace(files["record"])
+    return files
+
+
+def _quantity(measurement: Measurement, name: str) -> Quantity:
+    return next(one for one in measurement.quantities if one.quantity == name)
+
+
+def _write_video(
+    path: Path,
+    still: Path,
+    measurement: Measurement,
+    seen: Outflow,
+    edges: tuple[float, float],
+    camera: Camera,
+    progress: Progress,
+) -> None:
+    video = open_video(measurement.source, camera)
+    opened, last, duration = (
+        _quantity(measurement, name) for name in ("opening_time", "last_particle_time", "discharge_time")
+    )
+    moments = {moment.index: moment for moment in seen.moments}
+    row = seen.scenery.slot.row
+    # high-speed clips are shown slowly, as one wants to see them
+    with overlay.OverlayVideo(path, frame_rate=min(video.playback_rate or 30.0, 30.0)) as written:
+        for frame in video.frames():
+            picture = frame.colour.copy()
+            moment = moments.get(frame.index)
+            if moment is not None:
+                ends = np.array([[edges[0], row], [edges[1], row]])
+                turned = cv2.transform(ends.reshape(-1, 1, 2), seen.scenery.turn).reshape(-1, 2)
+                (ax, ay), (bx, by) = seen.lens.in_clip(np.asarray(turned + np.array(moment.shake), dtype=np.float64))
+                isopen = opened.value <= frame.time
+                colour = overlay.GREEN if isopen and frame.time <= last.value else overlay.RED
+                overlay.draw_line(picture, (float(ax), float(ay)), (float(bx), float(by)), colour)
+            overlay.draw_text(picture, f"frame {frame.index}   {frame.time:.4f} s", (8, 20))
+            if frame.time >= opened.value:
+                overlay.draw_text(picture, f"opened {opened.value:.4f} s", (8, 42))
+            if frame.time >= last.value:
+                text = f"last bead {last.value:.4f} s, {duration.value:.4f} +- {1.96 * duration.std_uncertainty:.4f} s"
+                overlay.draw_text(picture, text, (8, 64))
+            written.write(picture)
+            if frame.time <= (opened.value + last.value) / 2:
+                chosen = picture
+            progress("drawing the overlay", frame.index - video.first + 1, video.last - video.first + 1)
+    overlay.save_picture(still, chosen)
+
+
+def _write_plot(path: Path, measurement: Measurement, left: Series) -> Path:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.5, 3.8), layout="constrained")
+    axes = figure.add_subplot()
+    axes.plot(left.time, left.value, ".-", ms=3, lw=0.8, color="#0072b2", label="left in the hopper")
+    for name, colour in (("opening_time", "#009e73"), ("last_particle_time", "#d55e00")):
+        one = _quantity(measurement, name)
+        axes.axvline(one.value, color=colour, lw=1, label=f"{name.replace('_', ' ')} {one.value:.4f} s")
+        axes.axvspan(*one.interval95, color=colour, alpha=0.2, lw=0)
+    for one in measurement.quantities:
+        if "from_s" in one.detail:
+            axes.axvspan(float(one.detail["from_s"]), float(one.detail["to_s"]), color="0.9", lw=0, zorder=0)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel(left.quantity)
+    axes.legend(fontsize=8, frameon=False)
+    overlay.save_plot(path, figure)
+    return path

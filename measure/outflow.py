@@ -1,0 +1,282 @@
+"""Watch a hopper empty: the bed in it, the slot it leaves by, the slide that frees the slot, the last bead.
+
+What the hopper looks like before it is opened and after it is empty tells the bed from all else: a bead is what differs
+from the empty hopper and has the colour of the bed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.lab.progress import Progress
+from rigtwin.measure.bead import Scene
+from rigtwin.measure.grains import colour_cells, find_beads, rare, shares
+from rigtwin.measure.media import Video
+from rigtwin.measure.still import Cut, Region, Steadied, apart, cut_for, steadied, still_scene
+from rigtwin.measure.upright import Upright, upright
+
+Array = npt.NDArray[np.float64]
+Image = npt.NDArray[np.uint8]
+Mask = npt.NDArray[np.bool_]
+
+ENDS = 5  # frames at either end of the clip that show the full and the empty hopper
+BEAD_SHARE = 0.06  # of the bed's width, a bead's diameter where none is made out
+CLEAR = 6.0  # times the noise by which bed and empty hopper must differ
+LEAST_BEAD = 0.2  # of a bead's disc, the area below which a patch is no bead
+
+
+@dataclass(frozen=True)
+class Slot:
+    """The outlet in the upright picture, px."""
+
+    row: float  # lower edge of the bed that rests on the closed slide
+    left: float
+    right: float
+
+
+@dataclass(frozen=True)
+class Scenery:
+    """The hopper before and after, upright, and what tells beads from it."""
+
+    full: Image
+    empty: Image
+    bed: Mask  # where the bed was at first
+    slot: Slot
+    bead: float  # [px], bead diameter
+    odds: Array  # by colour cell, log likelihood ratio of beads against the empty hopper
+    noise: float  # [grey levels]
+    level: float  # [grey levels], by which a bead differs from the empty hopper
+    turn: Array  # 2 x 3, from the upright picture to the stilled frame
+    bead_seen: bool  # beads were made out one by one
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One frame's count."""
+
+    index: int
+    time: float  # [s]
+    left: float  # [px^2], area of beads above the slot
+    top: float  # [px], row of the uppermost bead in or below the hopper; infinite where there is none
+    front: float  # [px], row of the lowest bead below the slot that hangs together with the bed; NaN where none
+    change: float  # [grey levels], how much the bed's lower part changed since the frame before
+    shake: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Outflow:
+    """A hopper emptying."""
+
+    moments: tuple[Moment, ...]
+    strips: npt.NDArray[np.uint8]  # what the slide's level shows, shape (frames, width, colours of the rows)
+    scenery: Scenery
+    upright: Upright
+    lens: Cut
+    residue: float  # share of the bed's area that is still there at the end
+    shake: float  # [px], standard deviation
+    interval: float  # [s], between frames
+
+
+def follow_outflow(
+    video: Video, *, roll: float | None, region: Region | None, bead: float | None, progress: Progress
+) -> Outflow:
+    """Everything that is seen of a discharge; `bead` [px] is the bead's diameter where scale and bead are known.
+
+    Raises `NothingToMeasure` when no bed empties downwards between the first and the last frame.
+    """
+    lens = cut_for(video.width, video.height, region)
+    scene = still_scene(video, lens)
+    turned = upright(scene.picture, given=roll)
+    height, width = scene.picture.shape
+    about = (width / 2, height / 2)
+    turn = np.asarray(cv2.getRotationMatrix2D(about, -math.degrees(turned.roll), 1.0), dtype=np.float64)
+    scenery = _scenery(video, scene, lens, turn, None if bead is None else bead * lens.zoom)
+    moments, strips = [], []
+    before: Image | None = None
+    count = video.last - video.first + 1
+    for frame in _upright_frames(video, scene, lens, turn):
+        moments.append(_moment(frame, before, scenery))
+        strips.append(slide_strip(frame.colour, scenery))
+        before = frame.colour
+        progress("watching the hopper empty", len(moments), count)
+    shakes = np.array([moment.shake for moment in moments])
+    return Outflow(
+        tuple(moments),
+        np.stack(strips),
+        scenery,
+        turned,
+        lens,
+        _residue(scenery),
+        float(shakes.std(axis=0).max()),
+        float(np.median(np.diff([moment.time for moment in moments]))),
+    )
+
+
+def bead_mask(picture: Image, scenery: Scenery) -> Mask:
+    """Pixels of an upright picture that belong to beads which are not part of the empty hopper."""
+    differs = cv2.GaussianBlur(apart(picture, scenery.empty), (0, 0), max(0.1 * scenery.bead, 0.8))
+    odds = scenery.odds[colour_cells(picture, 0.5 * scenery.bead)]
+    found = ((differs > scenery.level) & (odds > -0.5)).astype(np.uint8)
+    size = max(2, round(0.25 * scenery.bead))
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    return np.asarray(cv2.morphologyEx(found, cv2.MORPH_OPEN, kernel) > 0)
+
+
+def slide_strip(picture: Image, scenery: Scenery) -> Image:
+    """The rows in which the slide lies, the colours of a column side by side, shape (width, 3 x rows)."""
+    top = round(scenery.slot.row + 1)
+    rows = picture[top : top + int(np.clip(round(0.6 * scenery.bead), 4, 12))]
+    return np.ascontiguousarray(rows.transpose(1, 0, 2).reshape(picture.shape[1], -1))
+
+
+def _upright_frames(video: Video, scene: Scene, lens: Cut, turn: Array) -> Iterator[Steadied]:
+    straight = np.allclose(turn, np.eye(2, 3), atol=1e-4)
+    for frame in steadied(video, scene, lens):
+        yield frame if straight else replace(frame, colour=_turned(frame.colour, turn))
+
+
+def _turned(picture: Image, turn: Array) -> Image:
+    size = (picture.shape[1], picture.shape[0])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return np.asarray(cv2.warpAffine(picture, turn, size, flags=flags, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+
+
+def _scenery(video: Video, scene: Scene, lens: Cut, turn: Array, bead: float | None) -> Scenery:
+    firsts: list[Image] = []
+    lasts: list[Image] = []
+    for frame in _upright_frames(video, scene, lens, turn):
+        if len(firsts) < ENDS:
+            firsts.append(frame.colour)
+        lasts = [*lasts, frame.colour][-ENDS:]
+    full, empty = (np.median(np.stack(pictures), axis=0).astype(np.uint8) for pictures in (firsts, lasts))
+    noise = max(float(np.median(apart(lasts[0], lasts[-1]))) / 1.4, 0.7)
+    differs = np.asarray(cv2.GaussianBlur(apart(full, empty), (0, 0), 1.5), dtype=np.uint8)
+    level = max(CLEAR / 2 * noise, 0.5 * _otsu(differs))
+    bed = _bed(np.asarray(differs > level))
+    if bed is None:
+        raise NothingToMeasure(
+            f"{video.path}: the picture shows no bed that has gone at the end; give a clip that begins before the slot "
+            "is opened and ends when the last bead has left, with the camera at rest."
+        )
+    beads = find_beads(*_searched(full, bed)) if bead is None else None
+    width = float(np.ptp(np.nonzero(bed)[1]))
+    seen = bead or (2 * beads.radius if beads is not None else BEAD_SHARE * width)
+    slot = _slot(bed, seen)
+    cells_full, cells_empty = colour_cells(full, 0.5 * seen), colour_cells(empty, 0.5 * seen)
+    core = cv2.erode(bed.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0) > 0
+    below = np.zeros_like(bed)
+    below[round(slot.row) : round(slot.row + 6 * seen), round(slot.left) : round(slot.right)] = True
+    here, there = shares(cells_full[core]), shares(cells_empty[bed | below])
+    little = rare(here, cells_full[core])
+    odds = np.clip(np.log((here + little) / (there + little)), -3, 3)
+    # the slide changed too: the bed's lower edge is that of what has the beads' colour
+    coloured = bed & (odds[cells_full] > 0.7)
+    if coloured.sum() > 0.5 * bed.sum():
+        slot = _slot(coloured, seen)
+    contrast = float(np.median(apart(full, empty)[core]))
+    return Scenery(
+        full,
+        empty,
+        bed,
+        slot,
+        seen,
+        np.asarray(odds),
+        noise,
+        max(CLEAR / 2 * noise, 0.25 * contrast),
+        turn,
+        bead is not None or beads is not None,
+    )
+
+
+def _searched(picture: Image, bed: Mask) -> tuple[Image, tuple[float, float]]:
+    """The picture of the bed alone, and between which radii [px] its beads can be."""
+    rows, columns = np.nonzero(bed)
+    crop = picture[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
+    width = float(np.ptp(columns))
+    return np.asarray(cv2.cvtColor(crop, cv2.COLOR_BGR2GRAY), np.uint8), (max(0.012 * width, 2.5), 0.09 * width)
+
+
+def _otsu(values: npt.NDArray[np.uint8]) -> float:
+    level, _ = cv2.threshold(values, 0, 255, cv2.THRESH_OTSU)
+    return float(level)
+
+
+def _bed(differs: Mask) -> Mask | None:
+    """The upper one of the two large regions that changed: the bed that left; the lower is where it went."""
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (7, 7))
+    marked = cv2.morphologyEx(differs.astype(np.uint8), cv2.MORPH_CLOSE, kernel)
+    marked = cv2.morphologyEx(marked, cv2.MORPH_OPEN, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (11, 11)))
+    count, labels, stats, centres = cv2.connectedComponentsWithStats(marked, connectivity=4)
+    if count < 2:
+        return None
+    areas = stats[1:, cv2.CC_STAT_AREA]
+    large = [k + 1 for k in range(count - 1) if areas[k] > 0.2 * areas.max() and areas[k] > 0.004 * differs.size]
+    if not large:
+        return None
+    upper = min(large, key=lambda k: centres[k][1])
+    return np.asarray(labels == upper)
+
+
+def _slot(bed: Mask, bead: float) -> Slot:
+    """Where the bed rests on the slide, and how wide it is there."""
+    rows = np.flatnonzero(bed.any(axis=1))
+    lowest = int(rows[-1])
+    columns = np.flatnonzero(bed[max(lowest - round(0.4 * bead), 0) : lowest + 1].any(axis=0))
+    inner = columns[len(columns) // 8 : len(columns) - len(columns) // 8]
+    bottoms = bed.shape[0] - 1 - np.argmax(bed[::-1, inner], axis=0)
+    # beads touch the slide with their lowest points only
+    return Slot(float(np.percentile(bottoms, 70)) + 0.5, float(columns[0]) - 0.5, float(columns[-1]) + 0.5)
+
+
+def _moment(frame: Steadied, before: Image | None, scenery: Scenery) -> Moment:
+    slot, bead = scenery.slot, scenery.bead
+    mask = bead_mask(frame.colour, scenery)
+    row = round(slot.row)
+    reach = cv2.dilate(scenery.bed.astype(np.uint8), np.ones((round(bead) | 1, round(bead) | 1), np.uint8)) > 0
+    reach[row:] = False
+    outlet = np.zeros_like(mask)
+    outlet[row : round(slot.row + 5 * bead), max(round(slot.left - bead), 0) : round(slot.right + bead)] = True
+    above = mask & reach
+    inside = (mask & (reach | outlet)).astype(np.uint8)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(inside, connectivity=8)
+    least = LEAST_BEAD * math.pi / 4 * bead * bead
+    tops = [
+        _top_row(labels == k, stats[k])
+        for k in range(1, count)
+        if stats[k, cv2.CC_STAT_AREA] > least and stats[k, cv2.CC_STAT_HEIGHT] > 0.3 * bead
+    ]
+    columns = slice(max(round(slot.left), 0), round(slot.right))
+    hanging = np.asarray(mask[row:, columns].any(axis=1))
+    length = int(np.argmin(hanging)) if not hanging.all() else len(hanging)
+    change = 0.0
+    if before is not None:
+        low = slice(max(row - round(3 * bead), 0), row)
+        change = float(np.mean(apart(frame.colour[low, columns], before[low, columns])))
+    return Moment(
+        frame.index,
+        frame.time,
+        float(above.sum()),
+        min(tops, default=math.inf),
+        slot.row + length if length > 0 else math.nan,
+        change,
+        frame.shake,
+    )
+
+
+def _top_row(part: Mask, stats: npt.NDArray[np.int32]) -> float:
+    return float(stats[cv2.CC_STAT_TOP]) - 0.5
+
+
+def _residue(scenery: Scenery) -> float:
+    """Share of the bed's place that still has the bed's colour and not another at the end."""
+    odds = scenery.odds[colour_cells(scenery.empty, 0.5 * scenery.bead)]
+    alike = cv2.erode(((odds > 1.0) & scenery.bed).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    unchanged = apart(scenery.full, scenery.empty) < scenery.level
+    return float(np.mean((alike & unchanged)[scenery.bed]))

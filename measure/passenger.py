@@ -1,0 +1,230 @@
+"""Find what rests on a turning arm and later runs down it, and follow it along the arm to a part of a pixel.
+
+Seen in the arm's own coordinates a resting body stands still while all behind it moves.  What stood still in the first
+part of the clip and is gone in the rest is the body; its picture at rest is then laid over every frame.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.measure.arm import Arm
+
+Array = npt.NDArray[np.float64]
+Picture = npt.NDArray[np.float32]
+
+LEAST_SEEN = 0.35  # share of the body's picture that must not be hidden
+ALIKE = 0.5  # correlation below which what is found is not the body
+
+
+@dataclass(frozen=True)
+class Passenger:
+    """A body at rest on the arm, in the arm's coordinates."""
+
+    left: int  # first column of its picture in `arm.along`
+    top: int  # first row in `arm.across`
+    picture: Picture = field(repr=False)  # [grey levels]
+    weight: Picture = field(repr=False)  # 1 / variance on the body, 0 elsewhere
+    centre: tuple[float, float]  # [px], along and across
+    size: tuple[float, float]  # [px], along and across
+    last_rest: int  # sample frame in which it is still at rest
+
+
+@dataclass(frozen=True)
+class Step:
+    """Where the body is in one frame, against its place at rest."""
+
+    along: float  # [px]
+    across: float  # [px]
+    sigma: float  # [px]
+    likeness: float  # correlation with its picture at rest
+
+
+def find_passenger(arm: Arm, frames: dict[int, Picture], uphill: int) -> Passenger | None:
+    """The body that rests in the first and is gone in the last of the sample frames; None when there is none.
+
+    `uphill` is +1 where the arm rises to the right.
+    """
+    numbers = sorted(arm.directions)
+    upper = min(edge.row for edge in arm.edges)
+    lower = max(edge.row for edge in arm.edges)
+    rows = np.flatnonzero(arm.across <= lower + 2)
+    columns = np.flatnonzero((arm.along >= arm.span[0] - 4) & (arm.along <= arm.span[1] + 4))
+    stack = np.stack(
+        [arm.cut(frames[n], arm.directions[n], arm.along[columns], arm.across[rows]) for n in numbers]
+    ).astype(np.float32)
+    stack = np.stack([cv2.GaussianBlur(cut, (0, 0), 1.0) for cut in stack])
+    noise = _grain(stack)
+    surface = float(upper - arm.across[rows[0]])
+    gone = [blob for split in range(3, len(numbers)) for blob in _gone(stack, split, noise, surface)]
+    if not gone:
+        return None
+    # the body leaves one place and arrives at another, lower one: the uppermost clear place is where it stood
+    clearest = max(blob.merit for blob in gone)
+    clear = [blob for blob in gone if blob.merit > 0.25 * clearest]
+    highest = max(clear, key=lambda blob: uphill * blob.along)
+    there = [blob for blob in clear if abs(blob.along - highest.along) < 0.6 * highest.length]
+    best = max(there, key=lambda blob: blob.merit)
+    return _portrait(arm, frames, numbers[: best.split], best.mask, (int(rows[0]), int(columns[0])))
+
+
+@dataclass(frozen=True)
+class _Gone:
+    """A place that something left between two sample frames."""
+
+    merit: float  # how clearly
+    along: float  # [px]
+    length: float  # [px]
+    split: int  # number of sample frames before it left
+    mask: npt.NDArray[np.bool_] = field(repr=False)
+
+
+def _grain(stack: npt.NDArray[np.float32]) -> float:
+    step = np.abs(np.diff(stack, axis=0))
+    return 1.4826 * float(np.median(step)) / math.sqrt(2) + 0.3
+
+
+def _gone(stack: npt.NDArray[np.float32], split: int, noise: float, surface: float) -> list[_Gone]:
+    """What stood still before `split` and is not there after it; `surface` is the row of the plate's upper edge."""
+    before, after = stack[:split], stack[split:]
+    rest, later = np.median(before, axis=0), np.median(after, axis=0)
+    flicker = 1.4826 * np.median(np.abs(before - rest), axis=0)
+    worst = np.abs(before - rest).max(axis=0)
+    score = np.abs(rest - later) - 3 * flicker - 0.5 * worst
+    mask = (score > 4 * noise).astype(np.uint8)
+    mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    joined = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((5, 9), np.uint8))
+    count, labels, stats, centres = cv2.connectedComponentsWithStats(joined, connectivity=8)
+    found = []
+    for k in range(1, count):
+        _, top, width, height, area = (int(value) for value in stats[k])
+        if area >= 20 and top + height > surface - 4 and top < surface - 2:
+            inside = labels == k
+            merit = float(np.sum(np.clip(score[inside], 0, 60)))
+            found.append(_Gone(merit, float(centres[k][0]), float(width), split, inside))
+    return found
+
+
+def _portrait(
+    arm: Arm,
+    frames: dict[int, Picture],
+    numbers: Sequence[int],
+    mask: npt.NDArray[np.bool_],
+    corner: tuple[int, int],
+) -> Passenger:
+    y, x = np.nonzero(mask)
+    margin = 5
+    height, width = mask.shape
+    left, right = max(int(x.min()) - margin, 0), min(int(x.max()) + margin + 1, width)
+    top, bottom = max(int(y.min()) - margin, 0), min(int(y.max()) + margin + 1, height)
+    rows = arm.across[corner[0] + top : corner[0] + bottom]
+    columns = arm.along[corner[1] + left : corner[1] + right]
+    cuts = np.stack([arm.cut(frames[n], arm.directions[n], columns, rows) for n in numbers])
+    picture = np.median(cuts, axis=0).astype(np.float32)
+    flicker = np.median(np.abs(cuts - picture), axis=0) * 1.4826
+    usual = float(np.median(flicker)) + 0.5
+    near = cv2.dilate(mask[top:bottom, left:right].astype(np.uint8), np.ones((5, 5), np.uint8))
+    weight = near / (usual**2 + cv2.blur(flicker.astype(np.float32), (3, 3)) ** 2)
+    return Passenger(
+        corner[1] + left,
+        corner[0] + top,
+        picture,
+        weight.astype(np.float32),
+        (float(arm.along[corner[1]] + x.mean()), float(arm.across[corner[0]] + y.mean())),
+        (float(x.max() - x.min() + 1), float(y.max() - y.min() + 1)),
+        numbers[-1],
+    )
+
+
+def follow(
+    arm: Arm, body: Passenger, frame: Picture, direction: float, near: Sequence[float], reach: float
+) -> Step | None:
+    """The body in one steady frame; `near` is where it is expected (along, across) and `reach` how far off [px].
+
+    None when what is found there is not like the body.
+    """
+    place = np.array(near, dtype=np.float64)
+    if reach > 1.5:
+        found = _searched(arm, body, frame, direction, place, reach)
+        if found is None:
+            return None
+        place = found
+    return _laid(arm, body, frame, direction, place)
+
+
+def _window(arm: Arm, body: Passenger, place: Array, margin: int = 0) -> tuple[Array, Array]:
+    height, width = body.picture.shape
+    first = arm.along[0] + body.left + place[0] - margin
+    upper = arm.across[0] + body.top + place[1] - margin
+    return first + np.arange(width + 2 * margin), upper + np.arange(height + 2 * margin)
+
+
+def _searched(arm: Arm, body: Passenger, frame: Picture, direction: float, place: Array, reach: float) -> Array | None:
+    """The place of the best likeness to the whole pixel."""
+    margin = math.ceil(reach) + 1
+    along, across = _window(arm, body, place, margin)
+    keep = slice(max(margin - 3, 0), len(across) - max(margin - 3, 0))  # it cannot leave the plate
+    region = arm.cut(frame, direction, along, across[keep])
+    mask = (body.weight > 0).astype(np.float32)
+    if np.ptp(region) < 1:
+        return None
+    scores: Picture = np.array(cv2.matchTemplate(region, body.picture, cv2.TM_CCOEFF_NORMED, mask=mask), np.float32)
+    scores[~np.isfinite(scores)] = -1.0
+    down, right = divmod(int(np.argmax(scores)), scores.shape[1])
+    if float(np.max(scores)) < 0.8 * ALIKE:
+        return None
+    return place + np.array([right - margin, down - min(margin, 3)], dtype=np.float64)
+
+
+def _laid(arm: Arm, body: Passenger, frame: Picture, direction: float, place: Array) -> Step | None:
+    """Gauss-Newton on the pixels of the body; what hides a part of it counts little."""
+    model = body.picture.astype(np.float64)
+    base = body.weight.astype(np.float64)
+    known = base > 0
+    slope_y = np.asarray(np.gradient(model, axis=0), dtype=np.float64)
+    slope_x = np.asarray(np.gradient(model, axis=1), dtype=np.float64)
+    sigma, likeness = math.inf, 0.0
+    start = place.copy()
+    for _ in range(6):
+        along, across = _window(arm, body, place)
+        seen = arm.cut(frame, direction, along, across).astype(np.float64)
+        columns = np.stack([slope_x[known], slope_y[known], model[known], np.ones(int(known.sum()))], axis=1)
+        usual = np.ones(len(columns))
+        values = seen[known]
+        answer = np.array([0.0, 0.0, 1.0, 0.0])
+        for _ in range(4):
+            w = base[known] * usual
+            normal = (columns * w[:, None]).T @ columns + 1e-9 * np.eye(4)
+            answer = np.linalg.solve(normal, columns.T @ (w * values))
+            miss = values - columns @ answer
+            spread = max(1.4826 * float(np.median(np.abs(miss))), 0.7)
+            usual = 1 / (1 + (miss / (3 * spread)) ** 2) ** 2
+        gain = answer[2] if abs(answer[2]) > 0.15 else 0.15
+        # the frame shows the model moved by m: values = gain * (model - slope * m)
+        change = np.clip(-answer[:2] / gain, -1.5, 1.5)
+        place = place + change
+        w = base[known] * usual
+        inverse = np.linalg.inv((columns * w[:, None]).T @ columns + 1e-9 * np.eye(4))
+        scatter = inverse @ ((columns * (w**2 * spread**2)[:, None]).T @ columns) @ inverse
+        # compression ties neighbouring pixels together
+        sigma = 2 * math.sqrt(max(float(scatter[0, 0]), 1e-8)) / abs(gain)
+        likeness = _likeness(values, model[known], w)
+        if float(usual.mean()) < LEAST_SEEN or answer[2] < 0.15:
+            return None
+        if float(np.max(np.abs(change))) < 0.004:
+            break
+    if likeness < ALIKE or float(np.hypot(*(place - start))) > 4:
+        return None
+    return Step(float(place[0]), float(place[1]), max(sigma, 0.01), likeness)
+
+
+def _likeness(one: Array, other: Array, weight: Array) -> float:
+    total = weight.sum()
+    a, b = one - weight @ one / total, other - weight @ other / total
+    return float(weight @ (a * b) / math.sqrt(float((weight @ (a * a)) * (weight @ (b * b))) + 1e-12))

@@ -1,0 +1,120 @@
+"""What speaks for and against a measured pendulum: momentum, gravity, lengths, where it hits, what was left out."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rigtwin.lab.quantity import Check
+from rigtwin.lab.rigs import GRAVITY
+from rigtwin.measure.media import Video
+from rigtwin.measure.swing import Outcome, SwingFit, frame_interval, turning_points
+
+
+def doubts_of(fit: SwingFit, outcomes: dict[str, Outcome]) -> dict[str, str]:
+    """Why the collision, the release angle or the turning angles should not be trusted; empty where nothing is."""
+    swings = fit.swings
+    collision, release, turning = [], [], []
+    if fit.noise > 0.006 * outcomes["length"].value:
+        collision.append(
+            f"the tracks scatter by {fit.noise / outcomes['length'].value:.1%} of the pendulum length about the fit"
+        )
+    if swings.beads == 2 and (sway := _sway(fit)) > 0.005 * outcomes["speed"].value:
+        share = sway / outcomes["speed"].value
+        collision.append(f"bead B was not at rest before the collision ({share:.1%} of A's speed)")
+    first = fit.tracks[0]
+    since = float(swings["release_time"]) - first.time[0]
+    if since < -frame_interval(first):
+        release.append("the record begins after the release: the angle is extrapolated")
+    elif since < 2 * frame_interval(first):
+        release.append("the record begins at the release: that the bead started from rest is not seen")
+    if since < 2 * frame_interval(first):
+        # the speed at the hit follows from a fall that is taken to start from rest
+        collision.append("the record does not show bead A at rest before its fall")
+    _, when = turning_points(swings, 0)
+    for bead, track in enumerate(fit.tracks):
+        if track.time[-1] < float(when[bead, 0]):
+            turning.append(f"the record ends before bead {track.body} turns: its angle is extrapolated")
+    return {"collision": "; ".join(collision), "release": "; ".join(release), "turning": "; ".join(turning)}
+
+
+def _sway(fit: SwingFit) -> float:
+    """Speed of bead B in the last moments before the collision [m/s]; 0 where it cannot be told from noise."""
+    track, hit = fit.tracks[1], float(fit.swings["time_0"])
+    before = (track.time < hit - frame_interval(track)) & (track.time > hit - 0.12)
+    if np.sum(before) < 8:
+        return 0.0
+    time, x = track.time[before], track.position[before, 0]
+    (slope, _), covariance = np.polyfit(time - hit, x, 1, cov=True)
+    return float(abs(slope)) if abs(slope) > 4 * math.sqrt(covariance[0, 0]) else 0.0
+
+
+def momentum_check(outcomes: dict[str, Outcome], bead_mass: float | None) -> Check:
+    ratio = outcomes["momentum"]
+    passed = abs(ratio.value - 1) <= max(0.03, 3 * ratio.std)
+    mass, unit = (1.0, "m/s per unit of mass") if bead_mass is None else (bead_mass, "kg m/s")
+    before, after = mass * outcomes["speed"].value, mass * outcomes["speeds_after"].value
+    found = (
+        f"momentum after the collision is {ratio.value:.4f} of that before (equal masses; {before:.4g} {unit} before)"
+    )
+    meaning = "" if passed else ": the beads differ in mass, they hit off centre, or a track is wrong"
+    return Check("momentum", passed, after, before, found + meaning)
+
+
+def contact_angle_check(outcomes: dict[str, Outcome]) -> Check:
+    """Whether the bead hangs plumb where it touches the wall, as the formula with the two angles supposes."""
+    hit = outcomes["contact_angle"]
+    angle, doubt = math.degrees(hit.value), math.degrees(hit.std)
+    passed = abs(angle) < max(1.0, 3 * doubt)
+    found = f"the bead hits the wall {angle:+.2f} ± {doubt:.2f} degrees past the vertical"
+    meaning = "" if passed else ": methods velocity and height allow for it, method angle does not"
+    return Check("contact_angle", passed, angle, 0.0, found + meaning)
+
+
+def gravity_check(outcomes: dict[str, Outcome]) -> Check:
+    g = outcomes["gravity"]
+    excess = g.value / GRAVITY - 1
+    passed = abs(excess) <= max(0.02, 2.5 * g.std / GRAVITY)
+    fits = GRAVITY / outcomes["pull"].value
+    found = (
+        f"gravity from the swing is {g.value:.3f} ± {g.std:.3f} m/s²; a pendulum that swings like this is "
+        f"{fits * 1e3:.1f} mm long, the record says {outcomes['length'].value * 1e3:.1f} mm"
+    )
+    if passed:
+        return Check("gravity", True, g.value, GRAVITY, found)
+    word = "large" if excess > 0 else "small"
+    fast = "high" if excess > 0 else "low"
+    return Check(
+        "gravity",
+        False,
+        g.value,
+        GRAVITY,
+        f"{found}: the scale or stated length is {abs(excess):.1%} too {word}, or the frame rate "
+        f"{abs(math.sqrt(1 + excess) - 1):.1%} too {fast} (restitution and angles do not depend on either)",
+    )
+
+
+def timing_check(video: Video) -> Check:
+    """Whether frames of the film repeat the one before them."""
+    frames, doubled = video.last - video.first + 1, len(video.skipped)
+    message = f"{doubled} of {frames} frames repeat the one before"
+    if doubled:
+        message = f"doubled frames: {message} and were left out: use the camera's original file"
+    return Check("frame_timing", not doubled, doubled, 0.0, message)
+
+
+def length_check(found: Outcome, stated: float) -> Check:
+    passed = abs(found.value / stated - 1) <= max(0.02, 2.5 * found.std / stated)
+    meaning = "" if passed else ": the scale is off, or the stated length is not from hinge to bead centre"
+    message = f"the beads swing on circles of {found.value * 1e3:.1f} mm, {stated * 1e3:.1f} mm are stated{meaning}"
+    return Check("length", passed, found.value, stated, message)
+
+
+def distance_check(found: Outcome, diameter: float) -> Check:
+    passed = abs(found.value / diameter - 1) <= max(0.06, 2.5 * found.std / diameter)
+    meaning = "" if passed else ": the scale or the stated diameter is off, or the beads hit off centre"
+    message = (
+        f"the centres are {found.value * 1e3:.2f} mm apart at the collision, beads of {diameter * 1e3:.2f} mm{meaning}"
+    )
+    return Check("contact_distance", passed, found.value, diameter, message)

@@ -1,0 +1,71 @@
+"""Frames that only repeat the one before them: a film of 120 pictures a second stored as one of 240, say.
+
+Where something moves, a repeated frame stands out: nothing has changed in it, although everything around it has.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.measure.media import Video
+
+Array = npt.NDArray[np.float64]
+Grey = npt.NDArray[np.uint8]
+
+LEAST_SHARE = 0.15  # of the moving frames: single ones may be a bead that passes the same place up and down
+
+
+class Repeats:
+    """Takes the frames of a clip one by one, then says which of them repeat the one before."""
+
+    def __init__(self) -> None:
+        self._last: Grey | None = None
+        self._indices: list[int] = []
+        self._changes: list[float] = []
+
+    def add(self, index: int, grey: Grey) -> None:
+        """See the next frame."""
+        # a moving bead changes some small area much; noise changes all of them a little
+        size = (max(grey.shape[1] // 4, 1), max(grey.shape[0] // 4, 1))
+        small = np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        if self._last is not None:
+            self._indices.append(index)
+            self._changes.append(float(np.max(cv2.absdiff(small, self._last))))
+        self._last = small
+
+    def frames(self) -> frozenset[int]:
+        """Numbers of the repeated frames; none where there are only a few."""
+        marked = repeated(np.array(self._changes), noise=2.0)
+        return frozenset(int(index) for index, mark in zip(self._indices, marked, strict=True) if mark)
+
+
+def without_repeats(video: Video, progress: Progress = silent) -> Video:
+    """The video that skips such frames."""
+    repeats = Repeats()
+    for frame in video.frames():
+        repeats.add(frame.index, frame.grey)
+        progress("looking for doubled frames", frame.index - video.first + 1, video.last - video.first + 1)
+    return replace(video, skipped=video.skipped | repeats.frames())
+
+
+def repeated(changes: Array, *, noise: float = 0.0) -> npt.NDArray[np.bool_]:
+    """Which of the steps from frame to frame are none, although there are some right before and after.
+
+    `changes` says how much changes in each step, shape (n,), `noise` how much may where nothing moves.
+    """
+    none = np.zeros(len(changes), dtype=bool)
+    if len(changes) < 8:
+        return none
+    before = np.array([np.max(changes[max(k - 2, 0) : k], initial=0.0) for k in range(len(changes))])
+    after = np.array([np.max(changes[k + 1 : k + 3], initial=0.0) for k in range(len(changes))])
+    around = np.minimum(before, after)
+    calm = max(1.5 * float(np.percentile(changes, 5)), noise)
+    moving = around > 4 * calm
+    # at the top of a flight steps shrink evenly: half a step beside two and a half is the nearest they come to this
+    marked = moving & (changes < np.maximum(0.15 * around, calm))
+    return marked if np.sum(marked) > max(LEAST_SHARE * np.sum(moving), 3) else none

@@ -1,0 +1,325 @@
+"""Where the pictures of a clip come from: a video file, numbered stills, a stack of stills, or a Photron recording.
+
+Every source says how large its pictures are, when they were taken as far as the file knows, and hands them out in
+order, one at a time.  FFmpeg (through PyAV) reads the video files, Phantom's ``.cine`` among them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any, Protocol
+from xml.etree import ElementTree as Xml
+
+import av
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.errors import UnreadableMedia
+
+Grey = npt.NDArray[np.uint8]
+Image = npt.NDArray[np.uint8]
+Picture = tuple[Grey, Callable[[], Image]]
+"""Brightness, shape (height, width), and a call that gives it as BGR, shape (height, width, 3)."""
+
+STILLS = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp")
+STACKS = (".tif", ".tiff")
+PHOTRON = (".cihx", ".cih", ".mraw")
+HEAD = 24  # pictures decoded to see whether packets and pictures have the same time stamps
+
+
+class Source(Protocol):
+    """Pictures in order."""
+
+    shape: tuple[int, int]  # height, width [px]
+    stamps: list[float | None]  # [s], of every picture, as the file has them
+    rate: float  # [1/s], as the file states it; 0 where it does not
+    tick: float  # [s], unit of the stamps
+    notes: tuple[str, ...]  # what is odd about the file
+
+    def pictures(self) -> Iterator[Picture]:
+        """All pictures from the first on; one pass over the file."""
+
+
+def source(path: Path) -> Source:
+    """The source that fits the path.  Raises `UnreadableMedia` in one sentence when nothing can be read there."""
+    if path.is_dir():
+        return Stills(path)
+    if path.suffix.lower() in PHOTRON:
+        return Photron(path)
+    if path.suffix.lower() in STACKS:
+        return Stack(path)
+    return Film(path)
+
+
+class Film:
+    """A video file that FFmpeg reads."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            with av.open(str(path)) as container:
+                if not container.streams.video:
+                    raise UnreadableMedia(f"{path}: holds no video; give a clip that a video player shows.")
+                stream = container.streams.video[0]
+                self.rate = float(stream.average_rate or 0)
+                self.tick = float(stream.time_base or 0)
+                self.stamps, self.notes = self._stamps(container, stream)
+            first, _colour = next(self.pictures())
+        except (av.FFmpegError, StopIteration) as error:
+            raise UnreadableMedia(
+                f"{path}: cannot be decoded as a video ({_reason(error)}); give a clip that a video player shows."
+            ) from None
+        self.shape = (first.shape[0], first.shape[1])
+
+    def pictures(self) -> Iterator[Picture]:
+        for picture in _decode(self.path):
+            yield _upright(picture, _luma(picture)), _colour_of(picture)
+
+    def _stamps(self, container: Any, stream: Any) -> tuple[list[float | None], tuple[str, ...]]:
+        """Stamps of all pictures: those of the packets, which costs no decoding, where the two are the same."""
+        packets, sound = [], True
+        try:
+            for packet in container.demux(stream):
+                if packet.size and not packet.is_discard:
+                    packets.append(packet.pts)
+                    sound = sound and not packet.is_corrupt
+        except av.FFmpegError:
+            sound = False
+        known = [stamp for stamp in packets if stamp is not None]
+        expected = stream.frames or len(packets)
+        if sound and len(known) == len(packets) == expected and len(set(known)) == len(known) > 0:
+            known.sort()
+            head = list(islice(_decode(self.path), HEAD))
+            if [picture.pts for picture in head] == known[: len(head)]:
+                notes = ("the film is interlaced: every picture mixes two moments; deinterlace it first.",)
+                return [stamp * self.tick for stamp in known], notes if _interlaced(head) else ()
+        return self._decoded_stamps()
+
+    def _decoded_stamps(self) -> tuple[list[float | None], tuple[str, ...]]:
+        stamps: list[float | None] = []
+        try:
+            for picture in _decode(self.path):
+                stamps.append(None if picture.pts is None else picture.pts * self.tick)
+        except av.FFmpegError:
+            if len(stamps) < 3:
+                raise
+            return stamps, (f"the file is damaged after picture {len(stamps) - 1}; used what decodes.",)
+        return stamps, ()
+
+
+class Stills:
+    """A folder of numbered pictures."""
+
+    rate = tick = 0.0
+
+    def __init__(self, path: Path) -> None:
+        self.files = sorted((file for file in path.iterdir() if file.suffix.lower() in STILLS), key=_in_order)
+        if len(self.files) < 3:
+            raise UnreadableMedia(
+                f"{path}: is a folder with {len(self.files)} pictures ({', '.join(STILLS)}); "
+                "give a video, or a folder of numbered pictures."
+            )
+        first = _still(self.files[0])
+        self.shape = (first.shape[0], first.shape[1])
+        self.stamps: list[float | None] = [None] * len(self.files)
+        self.shift, self.notes = _bit_shift(first)
+
+    def pictures(self) -> Iterator[Picture]:
+        for file in self.files:
+            image = _still(file)
+            if image.shape[:2] != self.shape:
+                raise UnreadableMedia(
+                    f"{file}: is {image.shape[1]} x {image.shape[0]} px where the first picture of the folder is "
+                    f"{self.shape[1]} x {self.shape[0]} px; keep pictures of one clip in a folder of their own."
+                )
+            yield _eight_bit(image, self.shift)
+
+
+class Stack:
+    """A TIFF file of many pictures."""
+
+    rate = tick = 0.0
+
+    def __init__(self, path: Path) -> None:
+        import tifffile
+
+        self.path = path
+        try:
+            with tifffile.TiffFile(path) as file:
+                count = len(file.pages)
+                first = np.asarray(file.pages[0].asarray())
+        except (tifffile.TiffFileError, ValueError, IndexError):
+            raise UnreadableMedia(f"{path}: cannot be decoded as a TIFF file; give a clip or a stack.") from None
+        if count < 3:
+            raise UnreadableMedia(f"{path}: holds {count} pictures; a measurement needs a clip.")
+        self.shape = (first.shape[0], first.shape[1])
+        self.stamps: list[float | None] = [None] * count
+        self.shift, self.notes = _bit_shift(first)
+
+    def pictures(self) -> Iterator[Picture]:
+        import tifffile
+
+        with tifffile.TiffFile(self.path) as file:
+            for page in file.pages:
+                image = np.asarray(page.asarray())
+                yield _eight_bit(image[..., 2::-1] if image.ndim == 3 else image, self.shift)
+
+
+@dataclass(frozen=True)
+class _PhotronHeader:
+    rate: float
+    width: int
+    height: int
+    count: int
+    bits: int  # of one stored pixel
+    used: int  # of these, filled by the sensor
+
+
+class Photron:
+    """A Photron recording: a header (.cihx or .cih) beside the raw pictures (.mraw); 8, 12 (packed) or 16 bits."""
+
+    tick = 0.0
+
+    def __init__(self, path: Path) -> None:
+        found = [file for end in (".cihx", ".cih") if (file := path.with_suffix(end)).is_file()]
+        if not found:
+            raise UnreadableMedia(f"{path}: its header is missing; put the .cihx or .cih file beside it.")
+        self.raw = path.with_suffix(".mraw")
+        if not self.raw.is_file():
+            raise UnreadableMedia(f"{path}: its pictures are missing; put {self.raw.name} beside it.")
+        self.header = header = _photron_header(found[0])
+        size = header.width * header.height * header.bits // 8
+        whole = self.raw.stat().st_size // size
+        self.notes: tuple[str, ...] = ()
+        if whole < header.count:
+            self.notes = (f"{self.raw.name} holds {whole} of {header.count} pictures; used those.",)
+        self.shape = (header.height, header.width)
+        self.rate = header.rate
+        self.stamps: list[float | None] = [k / header.rate for k in range(min(whole, header.count))]
+
+    def pictures(self) -> Iterator[Picture]:
+        header = self.header
+        pixels = header.width * header.height
+        with self.raw.open("rb") as file:
+            for _ in self.stamps:
+                data = np.frombuffer(file.read(pixels * header.bits // 8), dtype=np.uint8)
+                yield _eight_bit(_unpacked(data, header.bits).reshape(self.shape), header.used - 8)
+
+
+def _photron_header(path: Path) -> _PhotronHeader:
+    text = path.read_bytes().decode("utf-8", errors="replace")
+    try:
+        if path.suffix.lower() == ".cihx":
+            # the XML stands between blocks of settings that are no text
+            root = Xml.fromstring(text[text.index("<cih>") : text.index("</cih>") + len("</cih>")])
+            found = {
+                "Record Rate(fps)": root.findtext("recordInfo/recordRate"),
+                "Image Width": root.findtext("imageDataInfo/resolution/width"),
+                "Image Height": root.findtext("imageDataInfo/resolution/height"),
+                "Total Frame": root.findtext("frameInfo/totalFrame"),
+                "Color Bit": root.findtext("imageDataInfo/colorInfo/bit"),
+                "EffectiveBit Depth": root.findtext("imageDataInfo/effectiveBit/depth"),
+            }
+            words: dict[str, str] = {key: value for key, value in found.items() if value is not None}
+        else:
+            words = dict(re.findall(r"^([^:#\n]+?)\s*:\s*(.+?)\s*$", text, re.MULTILINE))
+        bits = int(words["Color Bit"])
+        header = _PhotronHeader(
+            rate=float(words["Record Rate(fps)"].split("/")[0]),
+            width=int(words["Image Width"]),
+            height=int(words["Image Height"]),
+            count=int(words["Total Frame"]),
+            bits=bits,
+            used=int(words.get("EffectiveBit Depth", bits)),
+        )
+    except (KeyError, ValueError, Xml.ParseError):
+        raise UnreadableMedia(
+            f"{path}: rate, size or bit depth cannot be read from it; save the recording as TIFF or AVI."
+        ) from None
+    if header.bits not in (8, 12, 16) or min(header.rate, header.width, header.height, header.used - 7) <= 0:
+        raise UnreadableMedia(f"{path}: {header.bits} bits a pixel cannot be read; save the recording as TIFF or AVI.")
+    return header
+
+
+def _unpacked(data: npt.NDArray[np.uint8], bits: int) -> npt.NDArray[Any]:
+    if bits == 8:
+        return data
+    if bits == 16:
+        return data.view("<u2")
+    three = data.reshape(-1, 3).astype(np.uint16)  # two pixels in three bytes
+    pair = np.stack([(three[:, 0] << 4) | (three[:, 1] >> 4), ((three[:, 1] & 15) << 8) | three[:, 2]], axis=1)
+    return pair.reshape(-1)
+
+
+def _in_order(file: Path) -> tuple[list[Any], str]:
+    """img2 before img10."""
+    parts = re.split(r"(\d+)", file.name.lower())
+    return [(int(part) if part.isdigit() else 0, part) for part in parts], file.name
+
+
+def _still(path: Path) -> npt.NDArray[Any]:
+    image = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)
+    if image is None:
+        raise UnreadableMedia(f"{path}: cannot be decoded as a picture; take it out of the folder or save it again.")
+    return np.asarray(image)
+
+
+def _bit_shift(first: npt.NDArray[Any]) -> tuple[int, tuple[str, ...]]:
+    """How many low bits to drop: a 12-bit sensor fills only a part of a 16-bit file."""
+    if first.dtype != np.uint16:
+        return 0, ()
+    used = max(8, int(first.max()).bit_length())
+    bits = next(width for width in (8, 10, 12, 14, 16) if width >= used)
+    return bits - 8, (
+        f"16-bit pictures that use {bits} bits (told from the first): read as such.",
+    ) if bits < 16 else ()
+
+
+def _eight_bit(image: npt.NDArray[Any], shift: int) -> Picture:
+    if image.dtype == np.uint16:
+        image = np.minimum(image >> shift, 255)
+    small = np.ascontiguousarray(image, dtype=np.uint8)
+    if small.ndim == 2:
+        return small, lambda: np.asarray(cv2.cvtColor(small, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    return np.asarray(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY), dtype=np.uint8), lambda: small
+
+
+def _decode(path: Path) -> Iterator[av.VideoFrame]:
+    with av.open(str(path)) as container:
+        stream = container.streams.video[0]
+        stream.thread_type = "AUTO"
+        yield from container.decode(stream)
+
+
+def _interlaced(pictures: Sequence[av.VideoFrame]) -> bool:
+    return sum(picture.interlaced_frame for picture in pictures) > len(pictures) / 2
+
+
+def _luma(picture: av.VideoFrame) -> Grey:
+    """The luma plane itself where it is stored with 8 bits: no colour conversion, no rounding."""
+    if picture.format.name.startswith(("yuv4", "yuvj4", "nv12", "nv21", "gray")) and all(
+        component.bits == 8 for component in picture.format.components
+    ):
+        plane = picture.planes[0]
+        rows: Grey = np.frombuffer(memoryview(plane), dtype=np.uint8).reshape(-1, plane.line_size)
+        return np.array(rows[: picture.height, : picture.width])
+    return np.asarray(picture.to_ndarray(format="gray"), dtype=np.uint8)
+
+
+def _colour_of(picture: av.VideoFrame) -> Callable[[], Image]:
+    return lambda: _upright(picture, np.asarray(picture.to_ndarray(format="bgr24"), dtype=np.uint8))
+
+
+def _upright(picture: av.VideoFrame, image: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """Pixels with the display matrix applied, as a player shows them."""
+    turns = round(getattr(picture, "rotation", 0) / 90) % 4  # counter-clockwise
+    return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
+
+
+def _reason(error: Exception) -> str:
+    return str(getattr(error, "strerror", None) or "no picture in it").lower()

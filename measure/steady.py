@@ -1,0 +1,149 @@
+"""Mean of a fluctuating record, with a doubt that knows that neighbouring frames are alike; avalanches.
+
+A film shows many frames of few independent moments: a standard deviation over the root of the number of frames would
+promise far too much.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+SHORTEST = 8  # frames below which nothing is said of a record's course in time
+JUMP = 3.0  # standard deviations of the steady flow by which a start or an end differs from it
+FEWEST_AVALANCHES = 3
+
+
+@dataclass(frozen=True)
+class Mean:
+    """Mean over time."""
+
+    value: float
+    std_error: float  # widened for the few independent moments behind it: 1.96 of it make 95 %
+    deviation: float  # standard deviation of one moment
+    independent: float  # how many independent moments the record is worth
+
+
+@dataclass(frozen=True)
+class Avalanches:
+    """Slow rises of the surface and sudden slides."""
+
+    frequency: float  # [1/s]
+    frequency_error: float  # [1/s], standard error
+    start_angle: float  # mean of the maxima, in the unit of the record
+    stop_angle: float  # mean of the minima after them
+    count: int
+
+
+def even(time: Array, value: Array) -> Array:
+    """The record at even steps of its median interval, gaps bridged by straight lines."""
+    seen = np.isfinite(value)
+    step = float(np.median(np.diff(time)))
+    moments = np.arange(round((time[-1] - time[0]) / step) + 1) * step + time[0]
+    return np.asarray(np.interp(moments, time[seen], value[seen]))
+
+
+def mean_over_time(time: Array, value: Array) -> Mean:
+    """Mean over time, each moment weighted alike even where frames were dropped.
+
+    The standard error goes by the integrated correlation time (Sokal 1997, self-consistent window), corrected for the
+    bias that a short record gives it, and is widened by Student's t for the independent moments that are left.
+    """
+    from scipy.stats import t as student
+
+    seen = np.isfinite(value)
+    if np.sum(seen) < SHORTEST:
+        known = value[seen]
+        deviation = float(np.std(known, ddof=1)) if len(known) > 1 else 0.0
+        return Mean(float(np.mean(known)), deviation, deviation, 1.0)
+    level = even(time[seen], value[seen])
+    count = len(level)
+    off = level - level.mean()
+    variance = float(np.mean(off**2))
+    if variance <= 1e-18:
+        return Mean(float(level.mean()), 0.0, 0.0, float(count))
+    correlation = np.correlate(off, off, "full")[count - 1 :] / (variance * count)
+    length = 1.0
+    for _ in range(20):
+        # the mean was taken from the record itself, which pulls every correlation down by what the mean is unsure of
+        raised = correlation + (1 - correlation) * min(length / count, 0.4)
+        sums = 2 * np.cumsum(raised) - 1
+        window = next((k for k in range(1, count) if k >= 3 * max(sums[k], 0.5)), count - 1)
+        before, length = length, float(np.clip(sums[window], 1.0, count / 3))
+        if abs(length - before) < 1e-3:
+            break
+    # a short record of a slow sway: its correlation from one frame to the next says more than its few swings
+    neighbours = min(float(correlation[1]) + (1 + 3 * float(correlation[1])) / count, 0.995)
+    length = max(length, min((1 + neighbours) / (1 - neighbours), count / 3))
+    independent = count / length
+    deviation = math.sqrt(variance / (1 - 1 / independent))
+    widened = float(student.ppf(0.975, max(independent - 1, 3.0))) / 1.959964
+    return Mean(float(level.mean()), deviation / math.sqrt(independent) * widened, deviation, independent)
+
+
+def steady_part(time: Array, value: Array) -> tuple[int, int]:
+    """First and last index of the flow that has settled.
+
+    A start or an end belongs to it unless it lies clearly outside the range of the middle of the record: a drum that
+    is set going raises its bed from rest by many standard deviations of its later flow.
+    """
+    from scipy.ndimage import median_filter
+
+    seen = np.flatnonzero(np.isfinite(value))
+    if len(seen) < 4 * SHORTEST:
+        return int(seen[0]) if len(seen) else 0, int(seen[-1]) if len(seen) else 0
+    level = median_filter(value[seen], size=5)
+    middle = level[len(level) // 3 : len(level) - len(level) // 5]
+    spread = max(float(np.std(middle)), 1e-9)
+    low, high = float(middle.min()) - JUMP * spread, float(middle.max()) + JUMP * spread
+    outside = (level < low) | (level > high)
+    first, last = 0, len(level) - 1
+    if outside[: len(level) // 3].any():
+        start = int(np.flatnonzero(outside[: len(level) // 3])[-1])
+        # from there on to where the flow first comes to its usual level
+        reached = np.flatnonzero(np.abs(level[start:] - float(np.median(middle))) < spread)
+        first = start + int(reached[0]) if len(reached) else start
+    tail = len(level) - len(level) // 5
+    if outside[tail:].any():
+        last = tail + int(np.flatnonzero(outside[tail:])[0]) - 1
+    return int(seen[first]), int(seen[last])
+
+
+def find_avalanches(time: Array, angle: Array, turning: float | None) -> Avalanches | None:
+    """Avalanches in the surface's angle [deg] over time; None where it flows steadily.
+
+    Between two avalanches the bed turns with the drum, by `turning` [deg/s] where it is known, and slides back much
+    faster than it rose.
+    """
+    from scipy.ndimage import gaussian_filter1d
+    from scipy.signal import find_peaks
+
+    seen = np.isfinite(angle)
+    if np.sum(seen) < 4 * SHORTEST:
+        return None
+    step = float(np.median(np.diff(time)))
+    level = even(time[seen], angle[seen])
+    noise = float(np.std(np.diff(level, 2))) / math.sqrt(6)
+    smooth = gaussian_filter1d(level, 1.5)
+    least = max(4 * noise / math.sqrt(5), 0.35 * float(np.ptp(smooth)))
+    tops, _ = find_peaks(smooth, prominence=least)
+    if len(tops) < FEWEST_AVALANCHES:
+        return None
+    bottoms = np.array([a + int(np.argmin(smooth[a:b])) for a, b in zip(tops, [*tops[1:], len(smooth)], strict=True)])
+    # the last slide may not be over yet
+    falls = (bottoms[:-1] - tops[:-1]) * step
+    rises = (tops[1:] - bottoms[:-1]) * step
+    gained = smooth[tops[1:]] - smooth[bottoms[:-1]]
+    if float(np.median(falls)) > 0.5 * float(np.median(rises)):
+        return None  # as quick up as down: the flow sways, it does not avalanche
+    if turning is not None and not 0.6 < float(np.median(gained / rises)) / turning < 1.4:
+        return None
+    intervals = np.diff(tops) * step
+    frequency = 1 / float(intervals.mean())
+    error = frequency * max(float(np.std(intervals, ddof=1)), step) / intervals.mean() / math.sqrt(len(intervals))
+    return Avalanches(frequency, float(error), float(level[tops].mean()), float(level[bottoms[:-1]].mean()), len(tops))

@@ -1,0 +1,90 @@
+"""Frames laid over the still scene: the part of the picture that is measured, at a sensible size, without the shake."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.measure.bead import Background, Scene
+from rigtwin.measure.media import Video
+
+Array = npt.NDArray[np.float64]
+Image = npt.NDArray[np.uint8]
+Region = tuple[float, float, float, float]
+
+FINEST = 960  # [px], longer side of the picture that is measured
+NO_SHAKE = 0.15  # [px], a shake that moving the picture back would blur more than it helps
+
+
+@dataclass(frozen=True)
+class Cut:
+    """The part of every frame that is measured, and at which size."""
+
+    zoom: float  # px measured per px of the clip
+    region: Region | None = None  # [px] of the clip: x, y, width, height
+
+    def seen(self, picture: Image) -> Image:
+        """The part, made smaller where the clip is larger than need be."""
+        if self.region is not None:
+            left, top, width, height = (max(round(side), 0) for side in self.region)
+            picture = picture[top : top + height, left : left + width]
+        if self.zoom >= 1:
+            return np.ascontiguousarray(picture)
+        return np.asarray(cv2.resize(picture, None, fx=self.zoom, fy=self.zoom, interpolation=cv2.INTER_AREA), np.uint8)
+
+    def in_clip(self, points: Array) -> Array:
+        """Points measured [px], shape (n, 2), as px of the clip."""
+        left, top = (max(round(side), 0) for side in self.region[:2]) if self.region is not None else (0, 0)
+        return np.asarray(points / self.zoom + np.array([left, top]))
+
+
+@dataclass(frozen=True)
+class Steadied:
+    """One frame moved back by the camera's shake."""
+
+    index: int
+    time: float  # [s]
+    colour: Image  # BGR
+    shake: tuple[float, float]  # [px], add it to a place in the still scene to draw on the frame
+
+
+def cut_for(width: int, height: int, region: Region | None = None) -> Cut:
+    """The whole picture, or a region of it, no larger than need be."""
+    return Cut(min(1.0, FINEST / max(width, height)), region)
+
+
+def still_scene(video: Video, lens: Cut) -> Scene:
+    """What does not move in the clip."""
+    background = Background()
+    wanted = set(np.unique(np.linspace(video.first, video.last, Background.capacity).round().astype(int)).tolist())
+    for frame in video.frames():
+        if frame.index in wanted:
+            background.add(frame.index, lens.seen(frame.grey))
+    return background.scene()
+
+
+def steadied(video: Video, scene: Scene, lens: Cut) -> Iterator[Steadied]:
+    """Every frame of the clip, in order."""
+    shake = (0.0, 0.0)
+    for frame in video.frames():
+        shake = scene.view(lens.seen(frame.grey), shake).shake
+        yield Steadied(frame.index, frame.time, _moved(lens.seen(frame.colour), shake), shake)
+
+
+def _moved(picture: Image, shake: tuple[float, float]) -> Image:
+    if max(abs(shake[0]), abs(shake[1])) < NO_SHAKE:
+        return picture
+    turn = np.array([[1, 0, shake[0]], [0, 1, shake[1]]], dtype=np.float32)
+    size = (picture.shape[1], picture.shape[0])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return np.asarray(cv2.warpAffine(picture, turn, size, flags=flags, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+
+
+def apart(one: Image, other: Image) -> Image:
+    """Largest difference of the three colours, pixel by pixel."""
+    blue, green, red = cv2.split(cv2.absdiff(one, other))
+    return np.asarray(cv2.max(cv2.max(blue, green), red), dtype=np.uint8)

@@ -1,0 +1,525 @@
+"""A plate is tilted until a body on it slides or rolls: friction from the angle at the onset.
+
+Hlosta et al. 2020, eqs. 3 and 4: mu = tan(alpha) where motion begins.
+
+`measure` turns a clip into the plate's angle and the body's track, `evaluate` does the rest for any such record, filmed
+or simulated.  The onset is found by running the body's motion back to rest (`measure.onset`), not by a threshold.
+
+A track is fixed in space, its origin on the axis about which the plate turns: x points to where the plate rises, y up.
+The angle is that of the plate against the horizontal, positive.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.errors import BadInput, NothingToMeasure
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, root_sum_of_squares
+from rigtwin.lab.records import Series, Track
+from rigtwin.measure.arm import Arm, find_arm, lay_over
+from rigtwin.measure.bead import Scene
+from rigtwin.measure.follow import learn_scene
+from rigtwin.measure.level import Level, find_level
+from rigtwin.measure.media import Video, open_video, sha256
+from rigtwin.measure.onset import Onset, Run, Way, find_onset, find_run, jitter, smooth_angle
+from rigtwin.measure.passenger import Passenger, Step, find_passenger, follow
+
+Array = npt.NDArray[np.float64]
+Picture = npt.NDArray[np.float32]
+Variant = Literal["slide", "roll"]
+
+FRICTION = {"slide": "static_friction", "roll": "rolling_friction"}
+FACTOR = {"slide": 1.0, "roll": 5 / 7}  # of gravity along the plate; a solid ball that rolls also has to be spun up
+PERSPECTIVE = math.radians(0.02)  # a plate that is not quite parallel to the picture
+GIVEN_ROLL = math.radians(0.1)  # standard uncertainty of a stated camera roll
+NO_LEVEL = math.radians(1.0)  # standard uncertainty of a camera roll that nothing tells
+USUAL_DRIFT = 0.006  # [m], how far the axis may lie off the origin of a track
+FASTEST_TILT = math.radians(10)  # [rad/s], beyond it one frame is too much of an angle
+NOMINAL = 3e-4  # [m/px], where no scale is known: only a unit
+
+
+# ------------------------------------------------------------------------------------------------- record -> quantities
+
+
+def evaluate(
+    angle: Series, tracks: Sequence[Track], *, variant: Variant, bead_diameter: float | None = None
+) -> Evaluation:
+    """Friction and its angle at the onset of motion, with the time of the onset.
+
+    `angle` is the plate's angle against the horizontal over time ("rad" or "deg"); `tracks` hold the body, or the
+    bodies of one rigid clump, fixed in space with the origin on the plate's axis.  Raises `NothingToMeasure` when
+    nothing starts to move.
+    """
+    _check_variant(variant)
+    way = _way(angle, tracks, variant, bead_diameter, scale_doubt=0.02)
+    run, onset = _onset(way, "the record")
+    return _evaluation(way, run, onset, variant, bead_diameter, {})
+
+
+def _check_variant(variant: str) -> None:
+    if variant not in FRICTION:
+        raise BadInput(f"measure tilt: variant {variant!r} is unknown; give 'slide' or 'roll'.")
+
+
+def _way(
+    angle: Series, tracks: Sequence[Track], variant: Variant, bead_diameter: float | None, scale_doubt: float
+) -> Way:
+    """How far the body came down the plate: its track turned back by the plate's angle."""
+    if not tracks:
+        raise BadInput("measure tilt: the record holds no track of the body; give one beside the angle.")
+    turned = np.radians(angle.value) if angle.unit == "deg" else np.asarray(angle.value)
+    known = np.isfinite(turned) & np.isfinite(angle.time)
+    if known.sum() < 8:
+        raise NothingToMeasure(
+            f"measure tilt: the plate's angle is known in only {int(known.sum())} frames; "
+            "film longer, or with more light."
+        )
+    time = tracks[0].time
+    ways, sigmas = [], []
+    alpha = np.interp(time, angle.time[known], turned[known], left=np.nan, right=np.nan)
+    for track in tracks:
+        x = np.interp(time, track.time, track.position[:, 0])
+        y = np.interp(time, track.time, track.position[:, 1])
+        up = x * np.cos(alpha) + y * np.sin(alpha)
+        ways.append(-(up - np.nanmedian(up[: max(3, len(up) // 20)])))
+        sigmas.append(np.interp(time, track.time, track.sigma))
+    seen = np.isfinite(alpha) & np.all(np.isfinite(ways), axis=0)
+    if seen.sum() < 8:
+        raise NothingToMeasure(
+            f"measure tilt: body and angle are known together in only {int(seen.sum())} frames; "
+            "give records that overlap in time."
+        )
+    return Way(
+        time[seen],
+        alpha[seen],
+        np.mean(ways, axis=0)[seen],
+        np.mean(sigmas, axis=0)[seen],
+        FACTOR[variant],
+        scale_doubt,
+        bead_diameter or USUAL_DRIFT,
+    )
+
+
+def _onset(way: Way, whose: str) -> tuple[Run, Onset]:
+    run = find_run(way)
+    if run is None:
+        raise NothingToMeasure(
+            f"{whose}: the body stays where it is while the plate rises from {math.degrees(way.angle[0]):.1f} to "
+            f"{math.degrees(way.angle[-1]):.1f} degrees; film on until it has run down the plate."
+        )
+    onset = find_onset(way, run)
+    if onset is None:
+        raise NothingToMeasure(
+            f"{whose}: the body is already moving, or hardly seen, when it starts down the plate at "
+            f"{way.time[run.start]:.3f} s; let the clip begin at least 0.2 s before and end after the run."
+        )
+    return run, onset
+
+
+def _evaluation(
+    way: Way,
+    run: Run,
+    onset: Onset,
+    variant: Variant,
+    bead_diameter: float | None,
+    geometry: dict[str, float],
+) -> Evaluation:
+    """`geometry` holds what the picture adds to the doubt of the angle [rad]."""
+    checks = (
+        _gravity_check(way, onset, variant),
+        _creep_check(onset, bead_diameter),
+        _rise_check(way, onset),
+        _residual_check(way, onset),
+        _certainty_check(onset, way),
+    )
+    failed = [check for check in checks if not check.passed and check.check != "gravity"]
+    doubt = "; ".join(check.message for check in failed)
+    name = FRICTION[variant]
+    budget = {"onset": onset.angle_sigma, **geometry}
+    if failed:
+        budget["failed check"] = 2 * root_sum_of_squares(budget)
+    slope = 1 + math.tan(onset.angle) ** 2
+    degrees = {part: math.degrees(value) for part, value in budget.items()}
+    tangent = {part: slope * value for part, value in budget.items()}
+    frame = float(np.median(np.diff(way.time)))
+    # an exposure lasts up to a frame, and a time stamp tells its start
+    timing = {"onset": onset.time_sigma, "exposure": 0.2 * frame}
+    quantities = [
+        _quantity(name, math.tan(onset.angle), "1", tangent, doubt),
+        _quantity(f"{name}_angle", math.degrees(onset.angle), "deg", degrees, doubt),
+        _quantity("onset_time", onset.time, "s", timing, doubt),
+    ]
+    if variant == "slide" and math.isfinite(way.scale_doubt):
+        moving = {"acceleration": onset.moving_sigma, **{part: slope * value for part, value in geometry.items()}}
+        quantities.append(
+            Quantity(
+                "kinetic_friction",
+                onset.moving_friction,
+                root_sum_of_squares(moving),
+                "1",
+                "acceleration",
+                budget=moving,
+                doubtful=doubt,
+            )
+        )
+    return Evaluation(tuple(quantities), checks)
+
+
+def _quantity(name: str, value: float, unit: str, budget: dict[str, float], doubt: str) -> Quantity:
+    return Quantity(name, value, root_sum_of_squares(budget), unit, "onset", budget=budget, doubtful=doubt)
+
+
+def _gravity_check(way: Way, onset: Onset, variant: Variant) -> Check:
+    """Whether the body runs as gravity makes it run at this angle."""
+    if not math.isfinite(way.scale_doubt):
+        message = "no scale is known, so the acceleration of the run checks nothing; give the bead's diameter."
+        return Check("gravity", True, 1.0, 1.0, message)
+    doubt = math.hypot(onset.gain_sigma, way.scale_doubt, 0.02)
+    passed = abs(onset.gain - 1) < 3 * doubt
+    how = "slides" if variant == "slide" else "rolls"
+    found = (
+        f"the body's acceleration grows with the angle as {onset.gain:.3f} +- {doubt:.3f} times that of one that {how}"
+    )
+    if passed:
+        return Check("gravity", True, onset.gain, 1.0, f"{found}: scale, frame rate and variant fit together.")
+    other = 5 / 7 if variant == "slide" else 7 / 5
+    if abs(onset.gain - other) < 3 * doubt:
+        instead = "roll" if variant == "slide" else "slide"
+        return Check("gravity", False, onset.gain, 1.0, f"{found}: it seems to {instead}; give --variant {instead}.")
+    return Check("gravity", False, onset.gain, 1.0, f"{found}: the scale or the frame rate is wrong; the angle is not.")
+
+
+def _creep_check(onset: Onset, bead_diameter: float | None) -> Check:
+    crept = onset.creep
+    sure = crept > 3 * onset.creep_sigma and crept > 3 * onset.noise
+    limit = 0.3 * (bead_diameter or USUAL_DRIFT)
+    passed = not sure or crept < limit
+    if not sure:
+        message = "the body rests until the onset."
+    else:
+        message = f"the body creeps by {crept * 1e3:.2f} mm before the onset; the creep is fitted and left out."
+    if not passed:
+        message += " That is much: is the plate knocked or wet? Read the onset from the plot."
+    return Check("creep", passed, crept if sure else 0.0, 0.0, message)
+
+
+def _rise_check(way: Way, onset: Onset) -> Check:
+    """A plate that rises slowly and without shaking."""
+    rough = float(np.std(way.angle - smooth_angle(way.time, way.angle)))
+    passed = rough < math.radians(0.15) and abs(onset.rate) < FASTEST_TILT
+    rate = math.degrees(onset.rate)
+    message = f"the plate rises by {rate:.2f} deg/s at the onset and shakes by {math.degrees(rough):.3f} deg"
+    ending = "." if passed else ": too fast or too unsteady for a sharp onset; turn the screw more slowly."
+    return Check("steady_rise", passed, math.degrees(onset.rate), 0.0, message + ending)
+
+
+def _residual_check(way: Way, onset: Onset) -> Check:
+    expected = max(jitter(way.down[onset.used]), 1.5e-5 * float(np.ptp(way.down)), 1e-7)
+    ratio = onset.noise / expected
+    passed = ratio < 6
+    meaning = "as its frame-to-frame noise tells" if ratio < 3 else "more than its frame-to-frame noise"
+    ending = "." if passed else ": it does not run freely; look at the plot before trusting the onset."
+    return Check(
+        "run_residuals",
+        passed,
+        ratio,
+        1.0,
+        f"the body leaves the fitted run by {ratio:.1f} times its noise, {meaning}{ending}",
+    )
+
+
+def _certainty_check(onset: Onset, way: Way) -> Check:
+    frame = float(np.median(np.diff(way.time)))
+    sigma = math.degrees(onset.angle_sigma)
+    passed = sigma < 0.5
+    message = f"the onset is known to {sigma:.3f} degrees and {onset.time_sigma / frame:.1f} frames"
+    ending = "." if passed else ": too little of the rest or of the run is seen; film both, at a higher rate."
+    return Check("onset_certainty", passed, sigma, 0.0, message + ending)
+
+
+# ---------------------------------------------------------------------------------------------------- media -> record
+
+
+@dataclass(frozen=True)
+class Film:
+    """Arm and body followed through a clip; directions and shifts as the picture shows them."""
+
+    arm: Arm
+    level: Level | None
+    body: Passenger
+    frames: npt.NDArray[np.int64]  # frame numbers, shape (n,)
+    times: Array  # [s], shape (n,)
+    directions: Array  # [rad], of the arm in the picture, NaN where it is not seen, shape (n,)
+    sigmas: Array  # [rad], of the directions
+    steps: tuple[Step | None, ...]  # the body against its place at rest
+    shakes: Array  # [px], of the camera, shape (n, 2)
+    uphill: int  # +1 where the arm rises to the right
+    picture: Picture = field(repr=False)  # the still scene
+
+
+@dataclass(frozen=True)
+class Gauge:
+    """Scale and horizontal."""
+
+    scale: float  # [m/px]
+    doubt: float  # relative standard uncertainty; infinite without a scale
+    source: str
+    roll: float  # [rad], of the horizontal at the arm's height
+    roll_sigma: float  # [rad]
+    roll_from: str
+
+
+def measure(
+    clip: Path,
+    camera: Camera,
+    *,
+    variant: Variant,
+    bead_diameter: float | None = None,
+    arm_length: float | None = None,
+    out: Path | None = None,
+    progress: Progress = silent,
+) -> Measurement:
+    """Measure a clip of a tilting plate with a body on it.
+
+    `bead_diameter` [m] or `arm_length` [m, hinge to tip] give the scale, which only the acceleration check and the
+    kinetic friction need; the angle needs none.  The base plate under the arm is taken to be level, unless the
+    camera's roll is given.  Raises `NothingToMeasure` when no straight arm turns or nothing moves on it.
+    """
+    _check_variant(variant)
+    video = open_video(clip, camera)
+    film = _watch(video, camera, progress)
+    gauge = _gauge(film, camera, bead_diameter, arm_length, variant)
+    angle, track = _record(film, gauge)
+    way = _way(angle, [track], variant, bead_diameter, gauge.doubt)
+    run, onset = _onset(way, str(clip))
+    if not math.isfinite(gauge.doubt):
+        gauge = replace(gauge, scale=gauge.scale / onset.gain, source="gravity")
+        angle, track = _record(film, gauge)
+        way = _way(angle, [track], variant, bead_diameter, math.inf)
+        run, onset = _onset(way, str(clip))
+    geometry = {
+        "level": gauge.roll_sigma,
+        "arm": max(film.arm.tilt_sigma, float(np.nanmedian(film.sigmas))),
+        "perspective": PERSPECTIVE,
+    }
+    evaluation = _evaluation(way, run, onset, variant, bead_diameter, geometry)
+    checks = (*evaluation.checks, *_view_checks(film, gauge, video))
+    quantities = evaluation.quantities
+    if film.level is None and camera.roll is None:
+        reason = checks[-1].message
+        quantities = tuple(replace(q, doubtful=q.doubtful or reason) if q.unit != "s" else q for q in quantities)
+    measurement = Measurement(
+        rig="tilt",
+        source=clip,
+        source_sha256=sha256(clip),
+        quantities=quantities,
+        checks=checks,
+        warnings=(*video.warnings, *evaluation.warnings),
+        camera={
+            "frame_rate_hz": video.frame_rate,
+            "playback_rate_hz": video.playback_rate,
+            "scale_m_per_px": gauge.scale,
+            "scale_from": gauge.source,
+            "camera_roll_deg": math.degrees(gauge.roll),
+            "camera_roll_std_deg": math.degrees(gauge.roll_sigma),
+            "camera_roll_from": gauge.roll_from,
+        },
+        tracks=(track,),
+    )
+    if out is None:
+        return measurement
+    from rigtwin.measure.tilt_pictures import write_pictures
+
+    return replace(measurement, files=write_pictures(out, measurement, video, film, way, onset, angle, progress))
+
+
+def _watch(video: Video, camera: Camera, progress: Progress) -> Film:
+    learnt = learn_scene(video, video.first, video.last)
+    scene = learnt.scene()
+    samples = {number: scene.view(frame).grey for number, frame in learnt.samples().items()}
+    progress("looking for the arm", 0, 1)
+    arm = find_arm(samples)
+    if arm is None or not arm.edges:
+        raise NothingToMeasure(
+            f"{video.path}: no straight arm turns by {math.degrees(0.4):.1f} degrees or more"
+            " in this clip; film the plate from the side with a still camera, from before the tilt to after the run."
+        )
+    stack = np.stack(list(samples.values()))
+    moved = np.percentile(stack, 90, axis=0) - np.percentile(stack, 10, axis=0)
+    still = moved < 6 * float(np.median(moved)) + 6
+    lowest = arm.pivot[1] + max(edge.row for edge in arm.edges) + 4
+    level = find_level(scene.picture, still, lowest, arm.converging)
+    horizontal = 0.0 if level is None else level.slope
+    usual = float(np.median(list(arm.directions.values()))) + arm.tilt
+    uphill = 1 if usual < horizontal else -1
+    body = find_passenger(arm, samples, uphill)
+    if body is None:
+        raise NothingToMeasure(
+            f"{video.path}: an arm turns, but nothing that rests on it at first has left its place at the end; "
+            "film on until the body has slid or rolled down."
+        )
+    return _follow(video, scene, arm, level, body, uphill, progress)
+
+
+def _follow(
+    video: Video, scene: Scene, arm: Arm, level: Level | None, body: Passenger, uphill: int, progress: Progress
+) -> Film:
+    """Arm and body in every frame, each predicted from the frames before."""
+    numbers, directions, sigmas, steps, shakes = [], [], [], [], []
+    shake = (0.0, 0.0)
+    known = sorted(arm.directions)
+    sampled = np.array([arm.directions[n] for n in known])
+    place, speed, lost = np.zeros(2), 0.0, 0
+    for frame in video.frames():
+        view = scene.view(frame.grey, shake)
+        shake = view.shake
+        guess = float(np.interp(frame.index, known, sampled))
+        turn = lay_over(arm, view.grey, guess, reach=6)
+        direction = guess if turn is None else turn.direction
+        step = None
+        if lost < 6:
+            # downhill it may speed up by a good part of its size from frame to frame
+            expected = place + np.array([speed, 0.0])
+            step = follow(arm, body, view.grey, direction, expected.tolist(), 1.0)
+            if step is None or abs(speed) > 1.0 or abs(step.along - place[0]) > 1.0:
+                wide = follow(arm, body, view.grey, direction, expected.tolist(), 6.0 + 0.6 * abs(speed) + 0.5 * lost)
+                if wide is None or step is None or wide.likeness > step.likeness + 0.01:
+                    step = wide if wide is not None else step
+            if step is not None:
+                moved = step.along - place[0]
+                speed = moved if abs(moved) > 0.5 else 0.0
+                place, lost = np.array([step.along, step.across]), 0
+            elif frame.index > body.last_rest:
+                lost += 1
+                place = place + np.array([speed, 0.0])
+        numbers.append(frame.index)
+        directions.append(math.nan if turn is None else turn.direction)
+        sigmas.append(math.nan if turn is None else turn.sigma)
+        steps.append(step)
+        shakes.append(shake)
+        progress("following arm and body", frame.index - video.first + 1, video.last - video.first + 1)
+    index = np.array(numbers)
+    return Film(
+        arm,
+        level,
+        body,
+        index,
+        video.times[index],
+        np.array(directions),
+        np.array(sigmas),
+        tuple(steps),
+        np.array(shakes),
+        uphill,
+        scene.picture,
+    )
+
+
+def _gauge(
+    film: Film, camera: Camera, bead_diameter: float | None, arm_length: float | None, variant: Variant
+) -> Gauge:
+    roll, roll_sigma, roll_from = _horizontal(film, camera)
+    if camera.given_scale is not None:
+        source = "given" if camera.scale is not None else "known length"
+        return Gauge(camera.given_scale, 0.02, source, roll, roll_sigma, roll_from)
+    if arm_length is not None:
+        tip = film.arm.span[1] if film.uphill > 0 else -film.arm.span[0]
+        # the arm's front is nearer to the camera than the body on its middle
+        return Gauge(arm_length / tip, 0.05, "arm length", roll, roll_sigma, roll_from)
+    if bead_diameter is not None:
+        across = _bead_pixels(film.body, variant)
+        doubt = 0.08 if variant == "roll" else 0.12
+        return Gauge(bead_diameter / across, doubt, "bead diameter", roll, roll_sigma, roll_from)
+    return Gauge(NOMINAL, math.inf, "not known", roll, roll_sigma, roll_from)
+
+
+def _horizontal(film: Film, camera: Camera) -> tuple[float, float, str]:
+    """Slope of the horizontal [rad] at the arm's height in the picture, its standard uncertainty, where it is from."""
+    usual = float(np.nanmedian(film.directions)) if np.any(np.isfinite(film.directions)) else 0.0
+    x, y = (film.picture.shape[1] - 1) / 2, (film.picture.shape[0] - 1) / 2
+    # an edge that runs through the picture's middle is seen at its own slope, wherever the camera looks
+    row = y + (film.arm.pivot[1] - y) * math.cos(usual) - (film.arm.pivot[0] - x) * math.sin(usual)
+    if camera.roll is not None:
+        return camera.roll, GIVEN_ROLL, "given"
+    if film.level is None:
+        return 0.0, NO_LEVEL, "not known"
+    slope, sigma = film.level.at(row)
+    return slope, sigma, "base plate"
+
+
+def _bead_pixels(body: Passenger, variant: Variant) -> float:
+    """Diameter of a bead [px]: of the ball itself, or the height of a clump, which is one bead high."""
+    if variant == "roll":
+        from rigtwin.measure.bead import fit_bead
+
+        height, width = body.picture.shape
+        fit = fit_bead(body.picture, None, ((width - 1) / 2, (height - 1) / 2), 0.5 * body.size[1])
+        if fit is not None and 0.6 < 2 * fit.image.radius / body.size[1] < 1.4:
+            return 2 * fit.image.radius
+    return body.size[1] - 1.5
+
+
+def _record(film: Film, gauge: Gauge) -> tuple[Series, Track]:
+    """The plate's angle, and the body's track in metres about the axis."""
+    sign = film.uphill
+    angle = -sign * (film.directions + film.arm.tilt - gauge.roll)
+    seen = np.array([step is not None for step in film.steps]) & np.isfinite(angle)
+    kept = [step for step in film.steps if step is not None]
+    both = np.array([step is not None for step in film.steps])
+    along = np.full(len(both), np.nan)
+    across = np.full(len(both), np.nan)
+    sigma = np.full(len(both), np.nan)
+    along[both] = [film.body.centre[0] + step.along for step in kept]
+    across[both] = [film.body.centre[1] + step.across for step in kept]
+    sigma[both] = [step.sigma for step in kept]
+    up, high = sign * along[seen] * gauge.scale, -across[seen] * gauge.scale
+    cos, sin = np.cos(angle[seen]), np.sin(angle[seen])
+    position = np.column_stack([up * cos - high * sin, up * sin + high * cos])
+    series = Series(film.times[np.isfinite(angle)], angle[np.isfinite(angle)], "plate_angle", "rad")
+    return series, Track(film.times[seen], position, sigma[seen] * gauge.scale, "body")
+
+
+def _view_checks(film: Film, gauge: Gauge, video: Video) -> tuple[Check, ...]:
+    seen = float(np.mean(np.isfinite(film.directions)))
+    arm = Check(
+        "arm_in_view",
+        seen > 0.8,
+        seen,
+        1.0,
+        f"the plate's edges are found in {100 * seen:.0f} % of the frames"
+        + ("." if seen > 0.8 else ": something hides them; keep hands and cables out of the view."),
+    )
+    steps = np.diff(video.times[video.first : video.last + 1])
+    odd = int(np.sum(np.abs(steps - np.median(steps)) > 0.5 * np.median(steps)))
+    timing = Check(
+        "frame_timing",
+        odd < 0.05 * len(steps),
+        float(odd),
+        0.0,
+        f"{odd} of {len(steps)} frame intervals are odd" + ("." if odd == 0 else "; the file's own times were used."),
+    )
+    shake = float(np.std(film.shakes, axis=0).max())
+    still = Check(
+        "still_camera",
+        shake < 3.0,
+        shake,
+        0.0,
+        f"the camera shakes by {shake:.2f} px; it is taken out" + ("." if shake < 3.0 else ", but use a tripod."),
+    )
+    degrees, doubt = math.degrees(gauge.roll), math.degrees(gauge.roll_sigma)
+    if gauge.roll_from == "not known":
+        message = "no level edge of a base plate is seen, so the camera is taken to be upright; give --camera-roll."
+        return arm, timing, still, Check("level", False, 0.0, 0.0, message)
+    where = (
+        "as given" if gauge.roll_from == "given" else f"from {len(film.level.lines) if film.level else 0} level edges"
+    )
+    message = f"the horizontal runs at {degrees:+.2f} +- {doubt:.2f} deg in the picture, {where}."
+    return arm, timing, still, Check("level", True, degrees, 0.0, message)

@@ -1,0 +1,115 @@
+"""Which way is up in a picture: the long straight edges of a stand or table that lies level.
+
+The camera's roll is the angle at which such edges run in the picture.  Edges of many things are seen; those that agree
+with each other, weighted by their length, are taken for level.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+STEEPEST = 7.0  # [deg], a camera on a stand is not turned by more
+SHORTEST = 0.06  # of the picture's width
+LIKE = 0.35  # [deg], edges that differ by less tell of one direction
+FEWEST = 0.25  # of the picture's width, total length of the edges that must agree
+ELSEWHERE = 0.3  # weight of an edge that is not the stand's
+WITHOUT = 1.0  # [deg], how far a camera may be turned where nothing level is seen
+GIVEN = 0.1  # [deg], doubt of a roll that the user states
+
+
+@dataclass(frozen=True)
+class Upright:
+    """How the camera was turned about its axis."""
+
+    roll: float  # [rad], positive when the scene looks turned clockwise in the picture
+    sigma: float  # [rad], one standard deviation
+    source: str  # what it was told from
+    edges: Array  # [px], shape (n, 4): x1, y1, x2, y2 of the level edges found
+
+
+def upright(
+    picture: npt.NDArray[np.float32],
+    *,
+    given: float | None = None,
+    stand: npt.NDArray[np.bool_] | None = None,
+    apart_from: npt.NDArray[np.bool_] | None = None,
+) -> Upright:
+    """The camera's roll from level edges in a grey picture of the still scene; `given` [rad] goes before.
+
+    `stand` marks where what is known to be level is; edges elsewhere count less.  Edges in `apart_from` do not count.
+    """
+    none = np.empty((0, 4))
+    if given is not None:
+        return Upright(given, math.radians(GIVEN), "given", none)
+    found = _edges(picture)
+    if apart_from is not None:
+        found = found[~_at_middle(found, apart_from)]
+    if len(found) == 0:
+        return Upright(0.0, math.radians(WITHOUT), "not seen: the picture is taken as upright", none)
+    angle = np.degrees(np.arctan2(found[:, 3] - found[:, 1], found[:, 2] - found[:, 0]))
+    length = np.hypot(found[:, 2] - found[:, 0], found[:, 3] - found[:, 1])
+    trust = np.where(_at_middle(found, stand), 1.0, ELSEWHERE) if stand is not None else np.ones(len(found))
+    weight = trust * length**2  # a long edge tells its direction more sharply
+    score = (weight[None, :] * np.exp(-0.5 * ((angle[:, None] - angle[None, :]) / LIKE) ** 2)).sum(axis=1)
+    middle = angle[int(np.argmax(score))]
+    for _ in range(5):
+        share = weight * np.exp(-0.5 * ((angle - middle) / LIKE) ** 2)
+        middle = float(np.sum(share * angle) / np.sum(share))
+    agree = np.abs(angle - middle) < 2 * LIKE
+    if float(length[agree].sum()) < FEWEST * picture.shape[1]:
+        return Upright(0.0, math.radians(WITHOUT), "not seen: the picture is taken as upright", none)
+    spread = math.sqrt(float(np.sum(weight[agree] * (angle[agree] - middle) ** 2) / np.sum(weight[agree])))
+    independent = min(float(np.sum(weight[agree])) ** 2 / float(np.sum(weight[agree] ** 2)), 6.0)
+    # nothing is level to better than this, and a camera that looks slightly aside turns level edges by as much
+    sigma = math.hypot(spread / math.sqrt(independent), 0.15)
+    return Upright(math.radians(middle), math.radians(sigma), "level edges in the picture", found[agree])
+
+
+def _at_middle(found: Array, marked: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    x = np.clip(np.rint((found[:, 0] + found[:, 2]) / 2).astype(int), 0, marked.shape[1] - 1)
+    y = np.clip(np.rint((found[:, 1] + found[:, 3]) / 2).astype(int), 0, marked.shape[0] - 1)
+    return np.asarray(marked[y, x])
+
+
+def _edges(picture: npt.NDArray[np.float32]) -> Array:
+    """Nearly level straight edges, shape (n, 4)."""
+    grey = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+    detector = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD)
+    lines: object = detector.detect(grey)[0]  # None where there is no line, whatever the stubs say
+    if lines is None:
+        return np.empty((0, 4))
+    segments = np.asarray(lines, dtype=np.float64).reshape(-1, 4)
+    swap = segments[:, 0] > segments[:, 2]
+    segments[swap] = segments[swap][:, [2, 3, 0, 1]]
+    across, up = segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1]
+    level = (np.hypot(across, up) > SHORTEST * picture.shape[1]) & (
+        np.abs(np.degrees(np.arctan2(up, np.maximum(across, 1e-9)))) < STEEPEST
+    )
+    return np.array([_sharpened(picture, segment) for segment in segments[level]]).reshape(-1, 4)
+
+
+def _sharpened(picture: npt.NDArray[np.float32], segment: Array) -> Array:
+    """The same edge, laid through the places of steepest brightness across it (the detector's ends are rough)."""
+    x = np.linspace(segment[0], segment[2], max(int(segment[2] - segment[0]), 8))
+    y = np.interp(x, segment[[0, 2]], segment[[1, 3]])
+    across = np.arange(-3.0, 3.5, 0.5)
+    smooth = cv2.GaussianBlur(picture, (0, 0), 1.0)
+    columns = np.broadcast_to(x, (len(across), len(x))).astype(np.float32)
+    rows = (y + across[:, None]).astype(np.float32)
+    slope = np.gradient(cv2.remap(smooth, columns, rows, cv2.INTER_LINEAR).astype(np.float64), axis=0)
+    strength = np.abs(slope) ** 2
+    off = np.sum(strength * across[:, None], axis=0) / np.maximum(strength.sum(axis=0), 1e-9)
+    kept = np.ones(len(x), dtype=bool)
+    line = np.zeros(2)
+    for _ in range(3):
+        line = np.polyfit(x[kept], (y + off)[kept], 1)
+        miss = np.abs(y + off - np.polyval(line, x))
+        kept = miss <= max(2.5 * 1.4826 * float(np.median(miss)), 0.1)
+    return np.array([x[0], np.polyval(line, x[0]), x[-1], np.polyval(line, x[-1])])

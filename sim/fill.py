@@ -1,0 +1,139 @@
+"""Filling a rig: particles rain from an outlet, without overlap, at a rate, seeded; then the wait until all rests."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import Particle
+from rigtwin.lab.progress import Progress
+from rigtwin.lab.rigs import GRAVITY
+from rigtwin.sim.engine.clock import positive
+
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.bulk import Bulk
+    from rigtwin.sim.logbook import Logbook
+
+Array = npt.NDArray[np.float64]
+
+LOOK = 0.02  # [s], how often the filling looks at what it did
+CLEAR = 1.02  # of a diameter between new particles
+TRIES = 20  # places tried for each particle that is due
+PATIENCE = 100  # looks in a row at which no particle found room
+REST_ENERGY = 1e-5  # mean kinetic energy of a resting particle, in m g R
+REST_SPEED = 0.01  # [m/s], of the fastest sphere
+REST_LOOKS = 3  # times in a row
+
+
+@dataclass(frozen=True)
+class Outlet:
+    """A round opening above the origin that particles leave downwards."""
+
+    diameter: float  # [m]
+    height: float  # [m], z
+    rate: float  # [1/s]
+    speed: float  # [m/s]
+    rate_from: str  # in words
+
+    @property
+    def slab(self) -> float:
+        """Thickness [m] of the layer above the opening into which the particles of one look are set."""
+        return 1.5 * self.speed * LOOK
+
+
+def outlet(particle: Particle, diameter: float, height: float, rate: float | None, least: float) -> Outlet:
+    """The outlet of a hopper; without a `rate` [1/s] that of Beverloo's law, but at least `least`."""
+    if diameter < 2 * particle.diameter:
+        raise BadInput(
+            f"outlet_diameter: {diameter * 1e3:.3g} mm lets no particles of {particle.diameter * 1e3:.3g} mm through; "
+            "give at least two diameters."
+        )
+    rate_from = "as given"
+    if rate is None:
+        grain = (6 * particle.volume / math.pi) ** (1 / 3)
+        # Beverloo's law, bulk density 0.6 of the particle's
+        flow = 0.58 * 0.6 * particle.effective_density * math.sqrt(GRAVITY) * (diameter - 1.4 * grain) ** 2.5
+        rate, rate_from = flow / particle.mass, "Beverloo's discharge of the outlet"
+        if rate < least:
+            rate, rate_from = least, f"{least:g} per second, above Beverloo's {rate:.0f}, to keep the run short"
+    positive(pour_rate=rate)
+    # as fast as a free discharge leaves, and fast enough that the particles keep clear of each other
+    thinnest = rate * particle.diameter**3 / (0.3 * diameter**2)
+    return Outlet(diameter, height, rate, max(math.sqrt(GRAVITY * diameter / 2), thinnest), rate_from)
+
+
+@dataclass
+class Course:
+    """How far filling and settling have come: with the beads, all that a run needs to go on."""
+
+    random: np.random.Generator
+    placed: int = 0
+    patience: int = 0  # looks in a row at which no particle found room
+    settling_until: float | None = None  # [s]; None while filling
+    quiet: int = 0  # looks in a row at which all rested
+
+    def kept(self) -> dict[str, Any]:
+        """The course in JSON's types."""
+        return {**vars(self), "random": self.random.bit_generator.state}
+
+    def go_on(self, kept: dict[str, Any]) -> None:
+        """Take up a course that was kept."""
+        self.random.bit_generator.state = kept["random"]
+        vars(self).update({name: value for name, value in kept.items() if name != "random"})
+
+
+def rain(
+    bulk: Bulk, logbook: Logbook, course: Course, source: Outlet, particle: Particle, count: int, progress: Progress
+) -> None:
+    """Let particles rain from the outlet until `count` are placed or no more find room; clumps turned at random."""
+    steps = max(1, round(LOOK / bulk.time_step))
+    while course.placed < count and course.patience < PATIENCE:
+        due = min(count, math.ceil(source.rate * (bulk.time + LOOK))) - course.placed
+        new = places(bulk.grains().position, source, particle.diameter, due, course.random)
+        turn = None if particle.shape is None else course.random.normal(size=(len(new), 4))
+        bulk.add(new, np.array([0.0, 0.0, -source.speed]), turn=turn)
+        course.patience = 0 if len(new) else course.patience + 1
+        course.placed += len(new)
+        logbook.run(steps)
+        logbook.look(course.kept())
+        progress("pouring", course.placed, count)
+
+
+def places(occupied: Array, source: Outlet, diameter: float, due: int, rng: np.random.Generator) -> Array:
+    """Up to `due` places in the layer above the outlet, clear of all particles and of each other."""
+    clear2 = (CLEAR * diameter) ** 2
+    taken = occupied[occupied[:, 2] > source.height - CLEAR * diameter]
+    reach = (source.diameter - diameter) / 2
+    found: list[Array] = []
+    for _ in range(TRIES * due):
+        if len(found) == due:
+            break
+        distance, angle = reach * math.sqrt(rng.random()), rng.uniform(0, 2 * math.pi)
+        height = source.height + (source.slab + diameter) * rng.random()
+        place = np.array([distance * math.cos(angle), distance * math.sin(angle), height])
+        if not len(taken) or ((taken - place) ** 2).sum(1).min() > clear2:
+            taken = np.vstack([taken, place])
+            found.append(place)
+    return np.array(found).reshape(-1, 3)
+
+
+def settle(bulk: Bulk, logbook: Logbook, course: Course, particle: Particle, limit: float, progress: Progress) -> bool:
+    """Run until all is at rest; False when something still moved `limit` [s] after the filling."""
+    steps = max(1, round(LOOK / bulk.time_step))
+    if course.settling_until is None:
+        course.settling_until = bulk.time + limit
+    while bulk.time < course.settling_until and course.quiet < REST_LOOKS:
+        logbook.run(steps)
+        beads, grains = bulk.beads(), bulk.grains()
+        energy = grains.kinetic_energy / max(len(grains.ident), 1)
+        fastest = math.sqrt((beads.velocity**2).sum(1).max(initial=0.0))
+        weight = particle.mass * GRAVITY * particle.radius
+        course.quiet = course.quiet + 1 if energy < REST_ENERGY * weight and fastest < REST_SPEED else 0
+        logbook.look(course.kept())
+        progress("settling", limit - (course.settling_until - bulk.time), limit)
+    return course.quiet >= REST_LOOKS

@@ -1,0 +1,27 @@
+"""When the twin's camera looks: the frames of a record taken at a steady rate."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.errors import BadInput
+
+MOST_FRAMES = 1_000_000  # an hour at 240 Hz; more was a slip of the unit, and would run for hours
+
+
+def frame_times(duration: float, frame_rate: float) -> npt.NDArray[np.float64]:
+    """Times [s] of the frames of `duration` [s] at `frame_rate` [1/s], two at least, from 0.
+
+    >>> frame_times(0.02, 100.0)
+    array([0.  , 0.01, 0.02])
+    """
+    frames = duration * frame_rate
+    if frames > MOST_FRAMES:
+        raise BadInput(
+            f"{duration:g} s at {frame_rate:g} Hz are {frames:.2g} frames, more than {MOST_FRAMES:.0e}; "
+            "give a shorter duration or a lower frame rate."
+        )
+    return np.asarray(np.arange(max(2, math.floor(frames + 1e-9) + 1)) / frame_rate)

@@ -1,0 +1,142 @@
+"""The twin of the tilting plate: it turns slowly until what lies on it slides or rolls (Hlosta et al. 2020, fig. 3)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.records import Series, Track
+from rigtwin.lab.rigs import GRAVITY, Tilt
+from rigtwin.sim.engine.clock import positive
+from rigtwin.sim.engine.contact import Rolling
+
+FRAMES_AT_REST = 5  # shown before the plate begins to turn
+TRACK_SIGMA = 1e-6  # [m]
+STEP = 0.1  # of Rayleigh's
+STEEPEST = math.radians(85)
+MARGIN = 1.3  # times the way's time; the record ends where the body leaves the plate
+
+
+def run(
+    rig: Tilt,
+    particle: Particle,
+    wall: Material,
+    contact: Contact,
+    *,
+    frame_rate: float,
+    duration: float | None = None,
+    stiffness_factor: float = 1e-3,
+    rolling: Rolling = "type C",
+    progress: Progress = silent,
+) -> tuple[Series, Track]:
+    """Angle of the plate and path of the body, sampled as a camera of `frame_rate` [1/s] would.
+
+    Axes fixed in space, x to the right, y up, the hinge in the origin; the plate lies along x and turns
+    anticlockwise, from `rig.start_angle` on, after five frames at rest.  The body starts in the plate's middle and
+    goes down towards the hinge; the record ends where it leaves the plate, or after `duration` [s].
+
+    "slide" is a block of glued particles that cannot roll, moved as one that does not turn; "roll" is a single
+    sphere.  The motion is worked out in the plate's axes under a gravity that turns.  What is left out there, the
+    centrifugal and the Coriolis acceleration, is speed^2 times the way to the hinge, and 2 speed times the body's
+    velocity: at one degree a second and 0.1 m a 300,000th of gravity before the onset, 0.4 % of it per m/s after.
+    Young's moduli are multiplied by `stiffness_factor`: the onset does not hang on them.
+    """
+    from rigtwin.sim.engine import few_body
+    from rigtwin.sim.engine.walls import Plane, Wall
+
+    _check(rig, particle, frame_rate, stiffness_factor)
+    if duration is None:
+        duration = FRAMES_AT_REST / frame_rate + _until_gone(rig, contact)
+    positive(duration=duration)
+    time = np.arange(max(2, math.floor(duration * frame_rate + 1e-9) + 1)) / frame_rate
+    turning = np.maximum(time - FRAMES_AT_REST / frame_rate, 0.0)
+    angle = np.minimum(rig.start_angle + rig.speed * turning, STEEPEST)
+    moving = turning[(turning > 0) & (angle < STEEPEST)]
+
+    body = _body(rig, particle, stiffness_factor)
+    plate = wall.softened(stiffness_factor)
+    if rig.variant == "slide":
+        contact = replace(contact, rolling_friction=0.0)
+    rest = _depth(body, plate, rig.start_angle)
+    start = (rig.plate_length / 2, 0.0, body.radius - rest)
+    place = np.tile(start, (len(time), 1))
+    if len(moving):
+        motion = few_body.run(
+            [few_body.Body(body, start, turns=rig.variant == "roll")],
+            moving,
+            walls=[Wall(Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), plate, contact)],
+            gravity=(-GRAVITY * math.sin(rig.start_angle), 0.0, -GRAVITY * math.cos(rig.start_angle)),
+            gravity_turns=rig.speed,
+            step=few_body.contact_step([body], STEP),
+            rolling=rolling,
+            progress=progress,
+        )
+        first = int(np.flatnonzero(turning > 0)[0])
+        place[first : first + len(moving)] = motion.position[:, 0]
+    on_plate = len(time) if not len(moving) else first + len(moving)
+    gone = np.flatnonzero(place[:, 0] < 0)
+    end = min(on_plate, int(gone[0]) if len(gone) else len(time))
+    along, above = place[:end, 0], place[:end, 2]
+    cosine, sine = np.cos(angle[:end]), np.sin(angle[:end])
+    path = np.stack([along * cosine - above * sine, along * sine + above * cosine], axis=1)
+    return (
+        Series(time[:end], angle[:end], quantity="plate_angle", unit="rad"),
+        Track(time=time[:end], position=path, sigma=np.full(end, TRACK_SIGMA)),
+    )
+
+
+def onset(rig: Tilt, contact: Contact) -> float:
+    """Angle [rad] at which the body must let go: tan(alpha) is the lesser of what holds it (eqs 3 and 4)."""
+    holds = contact.static_friction
+    if rig.variant == "roll":
+        holds = min(holds, contact.rolling_friction)
+    return math.atan(holds)
+
+
+def _until_gone(rig: Tilt, contact: Contact) -> float:
+    """[s] from the start of the turning until the body has left the plate."""
+    waiting = max(onset(rig, contact) - rig.start_angle, 0.0) / rig.speed
+    # past the onset the acceleration grows with the angle, at least by 5/7 g cos(alpha) speed a second
+    grows = 5 / 7 * GRAVITY * math.cos(onset(rig, contact)) * rig.speed
+    return waiting + MARGIN * math.cbrt(3 * rig.plate_length / grows)
+
+
+def _body(rig: Tilt, particle: Particle, stiffness_factor: float) -> Particle:
+    """A sphere: the particle itself, or what stands for the glued block, whose angle does not hang on its shape."""
+    soft = particle.material.softened(stiffness_factor)
+    if particle.shape is None:
+        return replace(particle, material=soft)
+    if rig.variant == "roll":
+        raise BadInput(f"{particle.name}: the twin of a rolling test moves single spheres, not clumps; use 'slide'.")
+    density = particle.mass / (math.pi / 6 * particle.diameter**3)
+    return Particle(particle.name, soft, particle.diameter, density)
+
+
+def _depth(body: Particle, plate: Material, angle: float) -> float:
+    """Overlap [m] that bears the body's weight, by Hertz's law, so that it lies still from the start."""
+    from rigtwin.sim.engine.contact import pair_law
+
+    modulus = pair_law(body.material, plate, Contact(1.0)).effective_modulus
+    weight = body.mass * GRAVITY * math.cos(angle)
+    return float((weight / (4 / 3 * modulus * math.sqrt(body.radius))) ** (2 / 3))
+
+
+def _check(rig: Tilt, particle: Particle, frame_rate: float, stiffness_factor: float) -> None:
+    positive(speed=rig.speed, plate_length=rig.plate_length, frame_rate=frame_rate, stiffness_factor=stiffness_factor)
+    if rig.variant not in ("slide", "roll"):
+        raise BadInput(f"tilt: there is no variant {rig.variant!r}; use 'slide' or 'roll'.")
+    if not 0 <= rig.start_angle < STEEPEST:
+        given = math.degrees(rig.start_angle)
+        raise BadInput(f"start_angle must lie between 0 and {math.degrees(STEEPEST):g} deg, got {given:g} deg.")
+    if rig.plate_length < 4 * particle.diameter:
+        raise BadInput(
+            f"plate_length: {rig.plate_length * 1e3:.3g} mm is too short for a body of "
+            f"{particle.diameter * 1e3:.3g} mm; give at least four diameters."
+        )
+    if stiffness_factor > 1:
+        raise BadInput(f"stiffness_factor: {stiffness_factor:g} would stiffen the body; give at most 1.")

@@ -1,0 +1,84 @@
+"""The published tables beside ours: which runs they need, what a cell says, what is kept."""
+
+import csv
+import json
+
+import pytest
+
+from rigtwin.cli import run
+from rigtwin.compare.reproduce import reproduction as module
+from rigtwin.compare.reproduce.reproduction import Reproduction, number, page
+from rigtwin.compare.reproduce.tables import TABLES, plan
+from rigtwin.compare.runs import Done
+from rigtwin.lab.reference import hlosta2020
+
+
+def test_graphical_and_geometric_angles_come_from_the_same_piles():
+    both = plan([14, 15], quick=True, repetitions=2, seed=5)
+    one = plan([14], quick=True, repetitions=2, seed=5)
+    assert {item.name for item in both.runs} == {item.name for item in one.runs}
+    assert len(both.cells) == 2 * len(one.cells)
+    assert len({item.name for item in one.runs}) == len(one.runs) == 2 * len(one.cells)
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_every_cell_holds_what_the_paper_prints(table):
+    whole = plan([table], quick=False, repetitions=None, seed=1)
+    printed = {value for row in hlosta2020.table(table) for value in row.values()}
+    for cell in whole.cells:
+        assert cell.experiment is None or cell.experiment in printed
+        assert cell.paper_dem is None or cell.paper_dem in printed
+        assert set(cell.runs) <= {item.name for item in whole.runs}
+
+
+def test_a_table_that_is_not_reproduced_is_named(capsys, tmp_path):
+    assert run(["reproduce", "hlosta2020", "--table", "3", "--out", str(tmp_path / "out")]) == 2
+    assert "table 3 is not reproduced" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.fixture
+def filled(monkeypatch):
+    """Runs that give the paper's own DEM values for the first cell and half of it for the others."""
+
+    def pretend(runs, folder, **_):
+        cells = plan([14], quick=True, repetitions=2, seed=1).cells
+        first, *others = cells
+        results = {name: {"graphical_deg": first.paper_dem + k - 0.5} for k, name in enumerate(first.runs)}
+        for cell in others[:-1]:
+            results.update({name: {"graphical_deg": cell.paper_dem / 2} for name in cell.runs})
+        return Done(results, {others[-1].runs[0]: "the heap fell over."})
+
+    monkeypatch.setattr(module, "run_all", pretend)
+
+
+def test_ours_stands_beside_the_paper(filled, tmp_path, capsys):
+    assert (
+        run(["reproduce", "hlosta2020", "--table", "14", "--quick", "--repetitions", "2", "--out", str(tmp_path)]) == 0
+    )
+    assert "the heap fell over" in capsys.readouterr().out
+    with (tmp_path / "cells.csv").open() as file:
+        first, *others = csv.DictReader(file)
+    assert float(first["ours"]) == pytest.approx(float(first["paper_dem"]))
+    assert float(first["ours_std"]) == pytest.approx(0.5**0.5)
+    assert first["ours_percent_deviation"] == first["paper_dem_percent_deviation"]
+    assert float(others[0]["ours_against_paper_dem_percent"]) == pytest.approx(-50)
+    assert others[-1]["ours"] == ""
+    (score,) = json.loads((tmp_path / "cells.json").read_text())["scores"]
+    assert score["done"] == score["cells"] - 1
+    assert score["no_further"] >= 1
+    html = (tmp_path / "report.html").read_text()
+    assert html.count("<tr>") == score["cells"] + 1
+    assert "without a rim no pile stands" in html
+
+
+def test_a_page_without_any_result_can_be_written(tmp_path):
+    cells = plan(None, quick=True, repetitions=None, seed=1).cells
+    empty = Reproduction(cells, Done({}, {}), tmp_path)
+    assert "0 of" in page(empty)
+    assert all(row["ours"] is None for row in empty.rows)
+
+
+def test_numbers_show_as_many_digits_as_their_scatter_allows():
+    assert number(184.0, 1.3) == "184.0 ± 1.3"
+    assert number(2.716) == "2.72"

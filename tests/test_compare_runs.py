@@ -1,0 +1,45 @@
+"""Many runs over all cores: what is finished is kept, what is missing is run, what fails says why."""
+
+import json
+
+from rigtwin.compare.runs import Run, run_all
+
+
+def table(number):
+    return Run(f"table-{number}", "rigtwin.lab.reference.hlosta2020:table", {"number": number})
+
+
+def test_finished_runs_are_kept_and_not_run_again(tmp_path):
+    first = run_all([table(13), table(16)], tmp_path)
+    assert list(first.results) == ["table-13", "table-16"]
+    for file in tmp_path.glob("table-13-*.json"):
+        record = json.loads(file.read_text())
+        record["result"] = "from the folder"
+        file.write_text(json.dumps(record))
+    again = run_all([table(13), table(16), table(7)], tmp_path)
+    assert again.results["table-13"] == "from the folder"
+    assert again.results["table-16"] == first.results["table-16"]
+    assert len(again.results["table-7"]) == 14
+
+
+def test_other_settings_are_another_run(tmp_path):
+    one = Run("table", "rigtwin.lab.reference.hlosta2020:table", {"number": 13})
+    other = Run("table", "rigtwin.lab.reference.hlosta2020:table", {"number": 13, "as_printed": True})
+    assert run_all([one], tmp_path).results != run_all([other], tmp_path).results
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_a_run_that_fails_says_why_and_the_others_go_on(tmp_path):
+    done = run_all([table(99), table(16)], tmp_path)
+    assert "no table '99'" in done.failures["table-99"]
+    assert list(done.results) == ["table-16"]
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_result_cut_short_by_a_crash_is_run_again(tmp_path):
+    run_all([table(16)], tmp_path)
+    (file,) = tmp_path.iterdir()
+    whole = file.read_text()
+    file.write_text(whole[: len(whole) // 2])
+    assert len(run_all([table(16)], tmp_path).results["table-16"]) == 7
+    assert file.read_text() == whole

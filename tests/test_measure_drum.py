@@ -1,0 +1,238 @@
+"""A drum's surface: closed-form records, and small films drawn with a known slope."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.errors import BadInput, NothingToMeasure
+from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
+from rigtwin.lab.records import Profile
+from rigtwin.measure import drum
+from rigtwin.measure.steady import mean_over_time
+
+Array = npt.NDArray[np.float64]
+
+RADIUS = 0.075  # [m]
+SIZE = (300, 280)  # [px], width and height of the drawn films
+CENTRE = (150.0, 130.0)  # [px]
+RADIUS_PX = 100.0
+
+
+def profile(angle: float, *, below: float = 0.2, bend: float = 0.0) -> Profile:
+    """Surface through (0, -below R), rising to the right by `angle` [deg], S-shaped by `bend` [1/m^2]."""
+    x = np.linspace(-RADIUS, RADIUS, 301)
+    height = -below * RADIUS + math.tan(math.radians(angle)) * x - bend * x**3
+    inside = np.hypot(x, height) < RADIUS
+    return Profile(x, np.where(inside, height, np.nan), np.full(len(x), 1e-4))
+
+
+def find(of: Evaluation | Measurement, quantity: str, method: str = "") -> Quantity:
+    return next(one for one in of.quantities if one.quantity == quantity and (not method or one.method == method))
+
+
+def correlated(random: np.random.Generator, count: int, likeness: float) -> Array:
+    noise = random.normal(size=count + 200)
+    value = np.zeros(count + 200)
+    for k in range(1, count + 200):
+        value[k] = likeness * value[k - 1] + math.sqrt(1 - likeness**2) * noise[k]
+    return value[200:]
+
+
+@pytest.mark.parametrize("angle", [-52.0, -26.0, 12.0, 37.5])
+def test_every_definition_gives_the_angle_of_a_straight_surface(angle: float) -> None:
+    found = drum.evaluate([profile(angle)] * 20, np.arange(20) / 30, drum_diameter=2 * RADIUS)
+    for one in found.quantities:
+        assert one.value == pytest.approx(abs(angle), abs=0.05), (one.quantity, one.method)
+        assert one.detail["turning"] == ("anticlockwise" if angle > 0 else "clockwise")
+
+
+def test_an_s_shaped_surface_is_steeper_at_the_axis_than_from_wall_to_wall() -> None:
+    bend = 40.0
+    found = drum.evaluate([profile(45.0, below=0.0, bend=bend)] * 20, np.arange(20) / 30, drum_diameter=2 * RADIUS)
+    # least squares of a x - b x^3 over |x| < c has the slope a - (3/5) b c^2
+    tangent = math.degrees(math.atan(1 - 0.6 * bend * (0.2 * RADIUS) ** 2))
+    assert find(found, drum.GRAPHICAL, drum.TANGENT).value == pytest.approx(tangent, abs=0.05)
+    by_method = {(one.quantity, one.method): one.value for one in found.quantities}
+    assert by_method[drum.GEOMETRIC, drum.CHORD] < by_method[drum.GRAPHICAL, drum.MIDDLE] < tangent
+
+
+def test_a_bed_that_hangs_back_at_its_toe_has_a_smaller_lower_angle() -> None:
+    x = np.linspace(-RADIUS, RADIUS, 301)
+    height = -0.02 + np.where(x < 0, 0.3 * x, 0.7 * x)
+    bent = Profile(x, np.where(np.hypot(x, height) < RADIUS, height, np.nan), np.full(len(x), 1e-4))
+    found = drum.evaluate([bent] * 20, np.arange(20) / 30, drum_diameter=2 * RADIUS)
+    assert find(found, drum.UPPER).value > find(found, drum.LOWER).value + 5
+    assert find(found, drum.UPPER).detail["s_shaped"] is True
+
+
+def test_the_interval_of_the_mean_holds_although_neighbouring_frames_are_alike() -> None:
+    random = np.random.default_rng(3)
+    held, runs = 0, 200
+    for _ in range(runs):
+        mean = mean_over_time(np.arange(240) / 60, 30 + 2 * correlated(random, 240, 0.9))
+        held += abs(mean.value - 30) < 1.96 * mean.std_error
+    # 90 to 99 %, and what 200 tries may scatter
+    assert 0.88 <= held / runs <= 0.995
+
+
+def test_frames_that_do_not_resemble_each_other_give_the_usual_standard_error() -> None:
+    random = np.random.default_rng(4)
+    errors = [mean_over_time(np.arange(400) / 60, random.normal(size=400)).std_error for _ in range(20)]
+    assert np.mean(errors) == pytest.approx(1 / math.sqrt(400), rel=0.15)
+
+
+def test_dropped_frames_do_not_pull_the_mean() -> None:
+    times = np.arange(400) / 100
+    angles = 30 + 5 * np.sin(2 * np.pi * times)
+    # the high half is filmed at a tenth of the rate
+    kept = (np.sin(2 * np.pi * times) < 0) | (np.arange(400) % 10 == 0)
+    found = drum.evaluate([profile(a) for a in angles[kept]], times[kept], drum_diameter=2 * RADIUS)
+    assert find(found, drum.GRAPHICAL, drum.MIDDLE).value == pytest.approx(30.0, abs=0.35)
+    assert not next(check for check in found.checks if check.check == "frame_timing").passed
+
+
+def test_the_start_of_the_drum_is_left_out() -> None:
+    random = np.random.default_rng(5)
+    angles = np.concatenate([np.linspace(0, 30, 25), 30 + 0.8 * correlated(random, 175, 0.5)])
+    found = drum.evaluate([profile(a) for a in angles], np.arange(200) / 30, drum_diameter=2 * RADIUS)
+    assert find(found, drum.GRAPHICAL, drum.MIDDLE).value == pytest.approx(30.0, abs=0.4)
+    assert any("steady part" in warning for warning in found.warnings)
+
+
+def test_avalanches_are_counted_where_the_bed_turns_with_the_drum_between_them() -> None:
+    random = np.random.default_rng(6)
+    times = np.arange(600) / 30
+    speed = math.radians(3.0)  # [rad/s]
+    angles = 27 + (3.0 * times) % 5.0 + random.normal(0, 0.1, 600)  # 5 degrees slide every 5/3 s
+    found = drum.evaluate([profile(a) for a in angles], times, drum_diameter=2 * RADIUS, speed=speed)
+    assert find(found, "avalanche_frequency").value == pytest.approx(0.6, rel=0.03)
+    assert find(found, "avalanche_start_angle").value == pytest.approx(32.0, abs=0.6)
+    assert find(found, "avalanche_stop_angle").value == pytest.approx(27.0, abs=0.6)
+
+
+def test_a_flow_that_only_sways_has_no_avalanches() -> None:
+    times = np.arange(600) / 30
+    angles = 30 + 2 * np.sin(2 * np.pi * 0.6 * times)
+    found = drum.evaluate([profile(a) for a in angles], times, drum_diameter=2 * RADIUS)
+    assert not any(one.quantity.startswith("avalanche") for one in found.quantities)
+
+
+def test_bad_records_are_told_in_a_sentence() -> None:
+    one = profile(30)
+    with pytest.raises(BadInput, match="2 profiles but 1 times"):
+        drum.evaluate([one, one], np.array([0.0]), drum_diameter=0.15)
+    with pytest.raises(BadInput, match="do not rise"):
+        drum.evaluate([one, one], np.array([1.0, 0.0]), drum_diameter=0.15)
+    with pytest.raises(BadInput, match="must be positive"):
+        drum.evaluate([one], np.array([0.0]), drum_diameter=-0.15)
+    empty = Profile(one.x, np.full(len(one.x), np.nan), one.sigma)
+    with pytest.raises(NothingToMeasure, match="surface"):
+        drum.evaluate([empty], np.array([0.0]), drum_diameter=0.15)
+
+
+# ------------------------------------------------------------------------------------------------------------- films
+
+
+def film(
+    path: Path, angle: float, *, roll: float = 0.0, frames: int = 18, drum_grey: int = 190, bead_grey: int = 110
+) -> None:
+    """A drum on a level stand; its beads turn with it and are taken away above a straight surface."""
+    random = np.random.default_rng(11)
+    bead = 4.0  # [px], radius
+    side = np.arange(-RADIUS_PX, RADIUS_PX, 2.05 * bead)
+    grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    grid = grid + random.uniform(-0.6, 0.6, grid.shape) * bead
+    grid = grid[np.hypot(*grid.T) < RADIUS_PX - bead]
+    shade = random.integers(-25, 25, len(grid))
+    slope = math.tan(math.radians(angle))
+    turn = cv2.getRotationMatrix2D(CENTRE, -roll, 1.0)  # OpenCV turns anticlockwise
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=30, options={"crf": "16"})
+        stream.width, stream.height = SIZE
+        stream.pix_fmt = "yuv420p"
+        for k in range(frames):
+            picture = np.full((SIZE[1], SIZE[0], 3), 225, np.uint8)
+            cv2.rectangle(picture, (0, 250), (SIZE[0], SIZE[1]), (120, 120, 120), -1)
+            cv2.circle(picture, (150, 130), 112, (90, 90, 95), -1, cv2.LINE_AA)
+            cv2.circle(picture, (150, 130), 100, (drum_grey,) * 3, -1, cv2.LINE_AA)
+            # anticlockwise where the surface rises to the right
+            a = math.copysign(0.05 * k, angle)
+            x = grid[:, 0] * math.cos(a) - grid[:, 1] * math.sin(a)
+            y = grid[:, 0] * math.sin(a) + grid[:, 1] * math.cos(a)
+            for px, py, tone in zip(x, y, shade, strict=True):
+                if py < slope * px - 0.3 * RADIUS_PX:
+                    grey = int(np.clip(bead_grey + tone, 0, 255))
+                    where = (round(16 * (CENTRE[0] + px)), round(16 * (CENTRE[1] - py)))
+                    cv2.circle(picture, where, round(16 * bead), (grey - 40, grey, grey + 30), -1, cv2.LINE_AA, 4)
+            picture = cv2.warpAffine(picture, turn, SIZE, borderMode=cv2.BORDER_REPLICATE)
+            noisy = np.clip(picture + random.normal(0, 3, picture.shape), 0, 255).astype(np.uint8)
+            for packet in stream.encode(av.VideoFrame.from_ndarray(noisy, format="bgr24")):
+                container.mux(packet)
+        for packet in stream.encode():
+            container.mux(packet)
+
+
+def measured(path: Path, **known: float) -> Measurement:
+    return drum.measure(
+        path, Camera(frame_rate=30.0), drum_diameter=0.15, bead_diameter=0.006, out=path.parent / "out", **known
+    )
+
+
+def test_a_filmed_drum_gives_the_slope_it_was_drawn_with(tmp_path: Path) -> None:
+    film(tmp_path / "drum.mp4", -30.0, roll=2.0)
+    found = measured(tmp_path / "drum.mp4")
+    angle = find(found, drum.GRAPHICAL, drum.MIDDLE)
+    assert angle.value == pytest.approx(30.0, abs=0.6)
+    assert angle.interval95[0] < 30.0 < angle.interval95[1]
+    assert angle.detail["turning"] == "clockwise"
+    assert found.camera["camera_roll_deg"] == pytest.approx(2.0, abs=0.2)
+    assert found.camera["drum_radius_px"] == pytest.approx(RADIUS_PX, abs=1.5)
+    assert found.camera["scale_m_per_px"] == pytest.approx(0.15 / (2 * RADIUS_PX), rel=0.015)
+    assert all(path.exists() for path in found.files.values())
+    assert not angle.doubtful
+
+
+def test_the_mirrored_drum_has_the_same_angle_and_turns_the_other_way(tmp_path: Path) -> None:
+    film(tmp_path / "right.mp4", 30.0)
+    angle = find(measured(tmp_path / "right.mp4"), drum.GRAPHICAL, drum.MIDDLE)
+    assert angle.value == pytest.approx(30.0, abs=0.6)
+    assert angle.detail["turning"] == "anticlockwise"
+
+
+def test_a_single_picture_is_measured_and_said_to_be_one_moment(tmp_path: Path) -> None:
+    picture = np.full((240, 240), 235, np.uint8)
+    y, x = np.mgrid[:240, :240] - 119.5
+    bed = -y < math.tan(math.radians(-38)) * x
+    picture[np.hypot(x, y) < 110] = 240
+    picture[(np.hypot(x, y) < 110) & bed] = 25
+    cv2.circle(picture, (119, 119), 110, 60, 1, cv2.LINE_AA)
+    cv2.imwrite(str(tmp_path / "drum.bmp"), cv2.GaussianBlur(picture, (0, 0), 1.0))
+    found = drum.measure(tmp_path / "drum.bmp", Camera(), drum_diameter=None, out=tmp_path / "out")
+    assert find(found, drum.GRAPHICAL, drum.TANGENT).value == pytest.approx(38.0, abs=0.4)
+    assert any("single picture" in warning for warning in found.warnings)
+    assert any("scale" in warning for warning in found.warnings)
+    assert found.profiles == ()
+
+
+def test_a_clip_without_a_drum_is_refused(tmp_path: Path) -> None:
+    random = np.random.default_rng(2)
+    with av.open(str(tmp_path / "none.mp4"), "w") as container:
+        stream = container.add_stream("libx264", rate=30)
+        stream.width, stream.height = SIZE
+        stream.pix_fmt = "yuv420p"
+        for _ in range(12):
+            grey = random.integers(0, 40, (SIZE[1], SIZE[0], 3)).astype(np.uint8)
+            for packet in stream.encode(av.VideoFrame.from_ndarray(grey, format="bgr24")):
+                container.mux(packet)
+        for packet in stream.encode():
+            container.mux(packet)
+    with pytest.raises(NothingToMeasure, match="drum"):
+        drum.measure(tmp_path / "none.mp4", Camera(frame_rate=30.0), drum_diameter=0.15, out=tmp_path / "out")

@@ -1,0 +1,207 @@
+"""A hopper that empties: counted records with known truth, and small films drawn with a known opening and last bead."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.errors import BadInput, NothingToMeasure
+from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
+from rigtwin.lab.records import Series
+from rigtwin.measure import hopper
+from rigtwin.measure.gate import find_opening
+
+Array = npt.NDArray[np.float64]
+
+
+def find(of: Evaluation | Measurement, quantity: str) -> Quantity:
+    return next(one for one in of.quantities if one.quantity == quantity)
+
+
+def counted(step: float = 0.001, *, opened: float = 0.2, rate: float = 500.0, count: int = 400) -> Series:
+    """`count` particles that leave at a steady rate [1/s] from `opened` on."""
+    time = np.arange(0, opened + count / rate + 0.2, step)
+    gone = np.clip(np.floor((time - opened) * rate + 1e-9), 0, count)
+    return Series(time, count - gone, "particles left", "particles")
+
+
+def test_a_counted_discharge_gives_its_times_and_rate() -> None:
+    found = hopper.evaluate(counted(), total_mass=0.8, opened=0.2)
+    assert find(found, "discharge_time").value == pytest.approx(0.8, abs=0.001)
+    assert find(found, "last_particle_time").value == pytest.approx(1.0, abs=0.001)
+    assert find(found, "mass_flow_rate").value == pytest.approx(0.8 / 0.8, rel=0.01)
+    assert find(found, "mass_flow_rate").unit == "kg/s"
+    assert find(found, "discharge_time_5_95").value == pytest.approx(0.72, abs=0.005)
+    assert find(found, "residue_fraction").value == 0
+
+
+def test_without_a_mass_the_rate_has_its_own_name() -> None:
+    record = counted()
+    share = Series(record.time, record.value / 400, "fraction left", "1")
+    found = hopper.evaluate(share, opened=0.2)
+    assert find(found, "discharged_fraction_rate").value == pytest.approx(1 / 0.8, rel=0.01)
+    assert not any(one.quantity == "mass_flow_rate" for one in found.quantities)
+
+
+def test_without_an_opening_the_first_loss_is_taken_and_said() -> None:
+    found = hopper.evaluate(counted())
+    assert find(found, "opening_time").value == pytest.approx(0.202, abs=0.002)
+    assert any("opening" in warning for warning in found.warnings)
+
+
+def test_a_straggler_moves_the_last_particle_but_not_the_bulk_of_the_flow() -> None:
+    record = counted()
+    late = record.value.copy()
+    late[(record.time > 0.99) & (record.time < 1.15)] = 1
+    plain, drawn_out = (
+        hopper.evaluate(record, opened=0.2),
+        hopper.evaluate(Series(record.time, late, "particles left", "particles"), opened=0.2),
+    )
+    assert find(drawn_out, "discharge_time").value == pytest.approx(0.95, abs=0.002)
+    bulk = [find(each, "discharge_time_5_95").value for each in (plain, drawn_out)]
+    assert bulk[0] == pytest.approx(bulk[1], abs=0.002)
+
+
+def test_what_stays_behind_is_reported() -> None:
+    record = counted()
+    found = hopper.evaluate(Series(record.time, record.value + 40, "particles left", "particles"), opened=0.2)
+    assert find(found, "residue_fraction").value == pytest.approx(40 / 440)
+    assert not next(check for check in found.checks if check.check == "emptied").passed
+
+
+def test_uneven_time_stamps_do_not_change_the_times() -> None:
+    random = np.random.default_rng(1)
+    record = counted()
+    kept = np.sort(random.choice(len(record.time), 600, replace=False))
+    found = hopper.evaluate(Series(record.time[kept], record.value[kept], "particles left", "particles"), opened=0.2)
+    last = find(found, "last_particle_time")
+    assert abs(last.value - 1.0) < 0.006
+    assert find(found, "particle_flow_rate").value == pytest.approx(500, rel=0.02)
+
+
+def test_bad_records_are_told_in_a_sentence() -> None:
+    record = counted()
+    with pytest.raises(NothingToMeasure, match="still left"):
+        hopper.evaluate(Series(record.time, np.full(len(record.time), 400.0), "particles left", "particles"))
+    with pytest.raises(BadInput, match="does not rise"):
+        hopper.evaluate(Series(record.time[::-1].copy(), record.value, "particles left", "particles"))
+    with pytest.raises(BadInput, match="five"):
+        hopper.evaluate(Series(record.time[:3], record.value[:3], "particles left", "particles"))
+    with pytest.raises(BadInput, match="positive"):
+        hopper.evaluate(record, total_mass=-1.0)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_slide_frees_the_slot_between_two_frames_at_the_moment_its_edge_says(direction: int) -> None:
+    random = np.random.default_rng(8)
+    opened, speed, left, right = 12.37, 17.0, 100.0, 170.0
+    strips = np.empty((40, 280, 12), np.uint8)
+    x = np.arange(280.0)
+    near = left if direction > 0 else right
+    for k in range(40):
+        edge = near + direction * speed * (k - opened)
+        ends = sorted((edge, edge + direction * 300))
+        slide = np.clip(np.minimum(x + 0.5 - ends[0], ends[1] - x + 0.5), 0, 1)
+        # once the slot is open beads fill it
+        beads = ((x > left) & (x < right) & (k > 19)).astype(float) * 60 * (k < 34)
+        grey = 90 * slide + 170 * (1 - slide) - beads
+        strips[k] = np.clip(grey[:, None] + random.normal(0, 2, (280, 12)), 0, 255).astype(np.uint8)
+    found = find_opening(strips, left - 0.5, right + 0.5, 22)
+    assert found is not None
+    assert found.direction == direction
+    assert found.frame == pytest.approx(opened, abs=0.12)
+    assert found.speed == pytest.approx(speed, rel=0.05)
+
+
+# ------------------------------------------------------------------------------------------------------------- films
+
+RATE = 120.0  # [1/s]
+SIZE = (220, 300)  # [px]
+SLOT_ROW, SLOT_LEFT, SLOT_RIGHT = 150, 85, 135  # [px]
+BEAD = 5.0  # [px], radius
+OPENED = 8.3  # [frames]
+
+
+def film(path: Path, *, stays: bool = False) -> float:
+    """A bed that leaves row by row through a slot; returns the frame at which the last bead's upper edge is at it."""
+    random = np.random.default_rng(5)
+    rows, columns = 9, 5
+    centres = np.array(
+        [(SLOT_LEFT + BEAD * (1 + 2 * c), SLOT_ROW - BEAD * (1 + 1.9 * r)) for r in range(rows) for c in range(columns)]
+    )
+    begins = OPENED + 2.5 + 3.0 * np.repeat(np.arange(rows), columns) + random.uniform(0, 1.5, rows * columns)
+    fall = 0.35  # [px/frame^2]
+    frames = 75
+    # the last bead's centre is one radius below the slot
+    drop = SLOT_ROW + BEAD - centres[:, 1]
+    last = float(np.max(begins + np.sqrt(2 * drop / fall)))
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=int(RATE), options={"crf": "14"})
+        stream.width, stream.height = SIZE
+        stream.pix_fmt = "yuv420p"
+        for k in range(frames):
+            picture = np.full((SIZE[1], SIZE[0], 3), (205, 205, 200), np.uint8)
+            cv2.rectangle(picture, (0, 286), (220, 300), (90, 120, 140), -1)
+            for side in (-1, 1):
+                x = SLOT_LEFT - 3 if side < 0 else SLOT_RIGHT + 3
+                cv2.line(picture, (x, SLOT_ROW), (x, 20), (120, 120, 125), 4)
+            edge = SLOT_LEFT + 14.0 * (k - OPENED) if k > OPENED - 2 else SLOT_LEFT - 28.0
+            start = (round(16 * edge), 16 * (SLOT_ROW + 2))
+            cv2.rectangle(picture, start, (16 * 400, 16 * (SLOT_ROW + 5)), (110, 105, 100), -1, cv2.LINE_AA, 4)
+            fallen = 0.5 * fall * np.maximum(k - begins, 0) ** 2
+            for n, (x, y) in enumerate(centres):
+                at = min(y + fallen[n], 280.0)
+                if stays and n == 0:
+                    at = y
+                cv2.circle(
+                    picture, (round(16 * x), round(16 * at)), round(16 * BEAD), (40, 90, 190), -1, cv2.LINE_AA, 4
+                )
+                spot = (round(16 * (x - 1.5)), round(16 * (at - 1.5)))
+                cv2.circle(picture, spot, 20, (120, 170, 240), -1, cv2.LINE_AA, 4)
+            noisy = np.clip(picture + random.normal(0, 2, picture.shape), 0, 255).astype(np.uint8)
+            for packet in stream.encode(av.VideoFrame.from_ndarray(noisy, format="bgr24")):
+                container.mux(packet)
+        for packet in stream.encode():
+            container.mux(packet)
+    return last
+
+
+def test_a_filmed_discharge_gives_both_ends_within_a_frame(tmp_path: Path) -> None:
+    last = film(tmp_path / "hopper.mp4")
+    found = hopper.measure(
+        tmp_path / "hopper.mp4", Camera(frame_rate=RATE), total_mass=0.1, bead_diameter=0.006, out=tmp_path / "out"
+    )
+    opening, end = find(found, "opening_time"), find(found, "last_particle_time")
+    assert opening.value * RATE == pytest.approx(OPENED, abs=0.5)
+    assert end.value * RATE == pytest.approx(last, abs=0.5)
+    assert find(found, "discharge_time").value * RATE == pytest.approx(last - OPENED, abs=0.7)
+    low, high = find(found, "discharge_time").interval95
+    assert low * RATE < last - OPENED < high * RATE
+    assert found.camera["slot_width_px"] == pytest.approx(SLOT_RIGHT - SLOT_LEFT, abs=3)
+    assert found.camera["slide_goes"] == "right"
+    assert all(path.exists() for path in found.files.values())
+    assert not any(one.doubtful for one in found.quantities)
+
+
+def test_a_clip_in_which_nothing_leaves_is_refused(tmp_path: Path) -> None:
+    random = np.random.default_rng(3)
+    with av.open(str(tmp_path / "still.mp4"), "w") as container:
+        stream = container.add_stream("libx264", rate=60)
+        stream.width, stream.height = SIZE
+        stream.pix_fmt = "yuv420p"
+        for _ in range(14):
+            picture = np.full((SIZE[1], SIZE[0], 3), 150, np.uint8)
+            cv2.circle(picture, (100, 100), 40, (40, 90, 190), -1)
+            noisy = np.clip(picture + random.normal(0, 3, picture.shape), 0, 255).astype(np.uint8)
+            for packet in stream.encode(av.VideoFrame.from_ndarray(noisy, format="bgr24")):
+                container.mux(packet)
+        for packet in stream.encode():
+            container.mux(packet)
+    with pytest.raises(NothingToMeasure):
+        hopper.measure(tmp_path / "still.mp4", Camera(frame_rate=60.0), out=tmp_path / "out")

@@ -1,0 +1,52 @@
+"""Doubled frames are found by what does not change in them, and nothing else is taken for one."""
+
+import cv2
+import numpy as np
+import pytest
+
+from rigtwin.measure.repeats import Repeats, repeated
+
+
+def frames_of_a_bouncing_bead(count, *, noise=2.0, seed=0):
+    """A bright disc that falls and rises again in front of a grey wall, with noise in every frame."""
+    rng = np.random.default_rng(seed)
+    for k in range(count):
+        picture = np.full((240, 80), 90, dtype=np.uint8)
+        phase = (k % 40) - 20  # apex in the middle of every flight of 40 frames
+        cv2.circle(picture, (40 * 16, round(16 * (20 + 0.45 * phase**2))), 7 * 16, 190, cv2.FILLED, cv2.LINE_AA, 4)
+        yield np.clip(picture + rng.normal(0, noise, picture.shape), 0, 255).astype(np.uint8)
+
+
+def found(frames):
+    repeats = Repeats()
+    for index, frame in enumerate(frames):
+        repeats.add(index, frame)
+    return repeats.frames()
+
+
+@pytest.mark.parametrize("noise", [0.0, 2.0])
+def test_no_frame_of_a_clean_clip_is_taken_for_a_repeated_one(noise):
+    assert not found(frames_of_a_bouncing_bead(160, noise=noise))
+
+
+@pytest.mark.parametrize("pattern", [(0, 0), (0, 1, 2, 3, 3), (0, 0, 1, 1, 1)])
+def test_doubled_frames_are_found_whatever_their_rhythm(pattern):
+    """Every frame twice; 24 frames a second stored as 30; film stored as 60."""
+    originals = list(frames_of_a_bouncing_bead(120))
+    rng = np.random.default_rng(1)
+    step = max(pattern) + 1
+    stored, again = [], set()
+    for start in range(0, len(originals) - step, step):
+        for k, which in enumerate(pattern):
+            if k and pattern[k - 1] == which:
+                again.add(len(stored))
+            # compressed anew, a repeated frame is not the same to the last bit
+            stored.append(np.clip(originals[start + which] + rng.normal(0, 0.3, (240, 80)), 0, 255).astype(np.uint8))
+    marked = found(stored)
+    assert len(marked & again) > 0.75 * len(again)
+    assert len(marked - again) <= 2
+
+
+def test_a_bead_that_rests_repeats_nothing():
+    rng = np.random.default_rng(4)
+    assert not np.any(repeated(rng.uniform(0.5, 2.5, 100), noise=2.0))

@@ -1,0 +1,219 @@
+"""Friction from tilted plates whose onset is known: made-up records with a closed form, and drawn clips."""
+
+import math
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.errors import BadInput, NothingToMeasure
+from rigtwin.lab.records import Series, Track
+from rigtwin.measure import tilt
+
+G = 9.81
+FACTOR = {"slide": 1.0, "roll": 5 / 7}
+
+
+def way_down(times, alpha, onset, variant, drop=0.85):
+    """Way [m] of a body that starts at `onset` on a plate at angle `alpha(t)`, friction falling to `drop` of itself."""
+    fine = np.arange(0.0, times[-1] + 0.01, 1e-4)
+    mu = math.tan(float(alpha(onset))) * (drop if variant == "slide" else 1.0)
+    push = FACTOR[variant] * G * (np.sin(alpha(fine)) - mu * np.cos(alpha(fine)))
+    speed = np.cumsum(np.where(fine > onset, push, 0.0)) * 1e-4
+    return np.interp(times, fine, np.cumsum(speed) * 1e-4)
+
+
+def record(variant, *, angle_deg, rate_deg=2.0, fps=100.0, noise=3e-5, seed=0, creep=0.0, size=1.0, stop=0.08):
+    """Angle and track, seen from the axis, of a body 0.12 m up the plate; its onset at 1.3 s."""
+    rng = np.random.default_rng(seed)
+    onset = 1.3
+    times = np.arange(0.0, 4.0, 1 / fps)
+
+    def alpha(t):
+        return np.radians(angle_deg + rate_deg * (t - onset))
+
+    down = way_down(times, alpha, onset, variant)
+    if creep:
+        down = down + creep * np.clip((times - 0.7) / (onset - 0.7), 0, None)
+    shown = times < times[np.argmax(down > stop)] if np.any(down > stop) else times < np.inf
+    times, down = times[shown], down[shown]
+    along = 0.12 - down + noise * rng.standard_normal(len(times))
+    turn = alpha(times)
+    position = np.column_stack(
+        [along * np.cos(turn) - 0.006 * np.sin(turn), along * np.sin(turn) + 0.006 * np.cos(turn)]
+    )
+    seen = turn + np.radians(0.008) * rng.standard_normal(len(times))
+    track = Track(times, position * size, np.full(len(times), noise * size))
+    return Series(times, seen, "plate_angle", "rad"), [track]
+
+
+def pick(result, name):
+    return next(quantity for quantity in result.quantities if quantity.quantity == name)
+
+
+# ------------------------------------------------------------------------------------------------------------ records
+
+
+@settings(max_examples=6)
+@given(st.floats(8, 35), st.floats(0.8, 5), st.integers(0, 10**6))
+def test_sliding_friction_is_the_tangent_of_the_angle_at_the_onset(angle, rate, seed):
+    result = tilt.evaluate(
+        *record("slide", angle_deg=angle, rate_deg=rate, seed=seed), variant="slide", bead_diameter=0.006
+    )
+    found = pick(result, "static_friction_angle")
+    assert found.value == pytest.approx(angle, abs=0.1)
+    assert pick(result, "static_friction").value == pytest.approx(math.tan(math.radians(angle)), abs=0.002)
+    assert pick(result, "onset_time").value == pytest.approx(1.3, abs=0.01)
+    assert pick(result, "kinetic_friction").value == pytest.approx(0.85 * math.tan(math.radians(angle)), rel=0.03)
+    assert not found.doubtful
+
+
+@settings(max_examples=5)
+@given(st.floats(1.5, 8), st.floats(0.8, 4), st.integers(0, 10**6))
+def test_rolling_friction_is_found_although_a_ball_starts_with_no_acceleration(angle, rate, seed):
+    result = tilt.evaluate(
+        *record("roll", angle_deg=angle, rate_deg=rate, seed=seed), variant="roll", bead_diameter=0.006
+    )
+    assert pick(result, "rolling_friction_angle").value == pytest.approx(angle, abs=0.12)
+    assert next(check for check in result.checks if check.check == "gravity").passed
+
+
+@pytest.mark.parametrize("variant", ["slide", "roll"])
+def test_intervals_cover_the_truth(variant):
+    inside, count = 0, 14
+    rng = np.random.default_rng(5)
+    for seed in range(count):
+        angle = float(rng.uniform(10, 25) if variant == "slide" else rng.uniform(2, 6))
+        angles, tracks = record(variant, angle_deg=angle, rate_deg=float(rng.uniform(1, 4)), seed=seed, fps=60)
+        found = pick(tilt.evaluate(angles, tracks, variant=variant, bead_diameter=0.006), tilt.FRICTION[variant])
+        low, high = found.interval95
+        inside += low < math.tan(math.radians(angle)) < high
+    assert inside >= 11  # binomial: of 14 cases at 95 %, fewer than 11 has a chance below 0.5 %
+
+
+def test_creep_before_the_onset_is_reported_and_left_out():
+    angles, tracks = record("slide", angle_deg=18.0, creep=6e-4)
+    result = tilt.evaluate(angles, tracks, variant="slide", bead_diameter=0.006)
+    check = next(check for check in result.checks if check.check == "creep")
+    assert 2e-4 < check.value < 9e-4  # how long it crept is not sharp
+    assert pick(result, "static_friction_angle").value == pytest.approx(18.0, abs=0.1)
+
+
+def test_the_angle_hangs_on_no_scale_but_the_check_of_gravity_does():
+    right = tilt.evaluate(*record("roll", angle_deg=4.0), variant="roll", bead_diameter=0.006)
+    wrong = tilt.evaluate(*record("roll", angle_deg=4.0, size=1.3), variant="roll", bead_diameter=0.006)
+    angles = [pick(result, "rolling_friction_angle").value for result in (right, wrong)]
+    assert angles[0] == pytest.approx(angles[1], abs=0.06)
+    checks = [next(c for c in result.checks if c.check == "gravity").passed for result in (right, wrong)]
+    assert checks == [True, False]
+
+
+def test_a_ball_that_rolls_where_sliding_was_said_is_noticed():
+    result = tilt.evaluate(*record("roll", angle_deg=4.0), variant="slide", bead_diameter=0.006)
+    check = next(check for check in result.checks if check.check == "gravity")
+    assert not check.passed
+    assert "roll" in check.message
+
+
+def test_a_noiseless_record_is_read_exactly():
+    angles, tracks = record("roll", angle_deg=4.0, noise=0.0, fps=300)
+    result = tilt.evaluate(angles, tracks, variant="roll", bead_diameter=0.006)
+    assert pick(result, "rolling_friction_angle").value == pytest.approx(4.0, abs=0.03)
+
+
+def test_a_body_that_stays_is_said_to_stay():
+    angles, tracks = record("slide", angle_deg=18.0)
+    rest = tracks[0].time < 1.2
+    still = Track(tracks[0].time[rest], tracks[0].position[rest], tracks[0].sigma[rest])
+    with pytest.raises(NothingToMeasure, match="stays where it is"):
+        tilt.evaluate(angles, [still], variant="slide")
+
+
+def test_an_unknown_variant_is_refused():
+    with pytest.raises(BadInput, match="'slide' or 'roll'"):
+        tilt.evaluate(*record("slide", angle_deg=18.0), variant="fall")
+
+
+# -------------------------------------------------------------------------------------------------------------- clips
+
+SCALE = 5e-4  # [m/px]
+WIDTH, HEIGHT = 400, 260
+HINGE = (60.0, 180.0)
+
+
+def draw(alpha, down, *, roll, ball, background):
+    """One picture of a plate at angle alpha [rad] with a body on it; drawn four times larger and averaged down."""
+    zoom = 4
+    picture = cv2.resize(background, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST).copy()
+
+    def pixel(x, y, turn):
+        """From rig coordinates about the hinge [px], y up."""
+        cos, sin = math.cos(turn - roll), math.sin(turn - roll)
+        place = np.array([HINGE[0] + x * cos - y * sin, HINGE[1] - x * sin - y * cos])
+        return np.round(((place + 0.5) * zoom - 0.5) * 16).astype(int)  # sixteenths of a pixel
+
+    def bar(left, right, low, high, turn, grey):
+        corners = [pixel(x, y, turn) for x, y in ((left, low), (right, low), (right, high), (left, high))]
+        cv2.fillPoly(picture, [np.array(corners)], grey, shift=4)
+
+    bar(-400, 700, -66, -48, 0.0, 205)
+    bar(-400, 700, -90, -66, 0.0, 90)
+    bar(-20, 300, -8, 8, alpha, 120)
+    bar(-20, 300, -8, -2, alpha, 40)
+    bar(0, 12, -50, -8, 0.0, 150)
+    for k in range(1 if ball else 3):
+        centre = pixel(240 - down / SCALE + 24 * k, 20, alpha)
+        cv2.circle(picture, tuple(int(c) for c in centre), 12 * zoom * 16, 215 - 25 * k, cv2.FILLED, shift=4)
+        spot = (int(centre[0] - 64 * zoom), int(centre[1] - 64 * zoom))
+        cv2.circle(picture, spot, 64 * zoom, 245, cv2.FILLED, shift=4)
+    return cv2.resize(picture, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
+
+
+def clip(path, *, variant, angle_deg, fps=50.0, rate_deg=3.0, roll_deg=0.0, noise=2.0, still=False):
+    rng = np.random.default_rng(3)
+    onset = 0.9
+    times = np.arange(0, 66) / fps
+    alpha = np.radians(angle_deg + rate_deg * (times - onset))
+    down = way_down(times, lambda t: np.radians(angle_deg + rate_deg * (t - onset)), onset, variant, 0.8)
+    down = np.zeros_like(down) if still else np.minimum(down, 0.1)
+    background = cv2.GaussianBlur(rng.uniform(120, 200, (HEIGHT, WIDTH)).astype(np.float32), (0, 0), 9)
+    background = np.clip(160 + 6 * (background - 160), 0, 255).astype(np.uint8)
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=round(fps), options={"crf": "16", "preset": "veryfast"})
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+        for turn, way in zip(alpha, down, strict=True):
+            picture = draw(turn, way, roll=math.radians(roll_deg), ball=variant == "roll", background=background)
+            grey = np.clip(picture + noise * rng.standard_normal(picture.shape), 0, 255).astype(np.uint8)
+            frame = av.VideoFrame.from_ndarray(np.repeat(grey[..., None], 3, axis=2), format="rgb24")
+            for packet in stream.encode(frame):
+                container.mux(packet)
+        for packet in stream.encode():
+            container.mux(packet)
+    return path
+
+
+@pytest.mark.parametrize(("variant", "angle", "roll"), [("slide", 14.0, 0.0), ("roll", 6.0, 1.5)])
+def test_a_drawn_clip_gives_the_drawn_onset(tmp_path, variant, angle, roll):
+    film = clip(tmp_path / "clip.mp4", variant=variant, angle_deg=angle, roll_deg=roll)
+    out = tmp_path / "out" if variant == "slide" else None
+    result = tilt.measure(film, Camera(frame_rate=50.0), variant=variant, bead_diameter=0.012, out=out)
+    found = pick(result, f"{tilt.FRICTION[variant]}_angle")
+    assert found.value == pytest.approx(angle, abs=0.15)
+    assert pick(result, "onset_time").value == pytest.approx(0.9, abs=0.03)
+    assert not found.doubtful
+    assert result.camera["camera_roll_deg"] == pytest.approx(roll, abs=0.1)
+    low, high = found.interval95
+    assert low < angle < high
+    for path in result.files.values():
+        assert Path(path).stat().st_size > 0
+
+
+def test_a_clip_in_which_nothing_slides_says_so(tmp_path):
+    film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=14.0, still=True)
+    with pytest.raises(NothingToMeasure, match=r"film on until|stays where it is"):
+        tilt.measure(film, Camera(frame_rate=50.0), variant="slide")

@@ -1,0 +1,172 @@
+"""Clips that are no ordinary video file: stills, stacks, Photron recordings, interlaced films; photos from phones."""
+
+import av
+import cv2
+import numpy as np
+import pytest
+import tifffile
+
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.errors import BadInput, UnreadableMedia
+from rigtwin.measure.media import open_video, read_photo
+
+RATE = Camera(frame_rate=500.0)
+CIHX = """binary\x00 before <cih><recordInfo><recordRate>1000</recordRate></recordInfo><frameInfo><totalFrame>{count}
+</totalFrame></frameInfo><imageDataInfo><resolution><width>16</width><height>6</height></resolution><colorInfo>
+<bit>{bits}</bit></colorInfo><effectiveBit><depth>{used}</depth></effectiveBit></imageDataInfo></cih> after"""
+CIH = """#Camera Information Header
+Record Rate(fps) : 1000
+Total Frame : {count}
+Image Width : 16
+Image Height : 6
+Color Bit : {bits}
+EffectiveBit Depth : {used}
+"""
+
+
+def greys(clip, camera=RATE):
+    return [frame.grey for frame in open_video(clip, camera).frames()]
+
+
+def ramp(k, top):
+    """A slope of brightness that moves with the frame, from 0 to below `top`."""
+    return ((np.arange(96).reshape(6, 16) + 7 * k) % 100) * (top / 100)
+
+
+def test_numbered_stills_come_in_the_order_of_their_numbers(tmp_path):
+    for k in range(12):
+        cv2.imwrite(str(tmp_path / f"img{k}.png"), np.full((6, 16), 10 * k, np.uint8))
+    video = open_video(tmp_path, RATE)
+    assert [int(frame.grey[0, 0]) for frame in video.frames()] == [10 * k for k in range(12)]
+    assert video.times == pytest.approx(np.arange(12) / 500)
+    assert video.warnings == ()
+    assert next(video.frames()).colour.shape == (6, 16, 3)
+
+
+def test_stills_without_a_rate_ask_for_it(tmp_path):
+    for k in range(4):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), np.zeros((6, 16), np.uint8))
+    with pytest.raises(BadInput, match="--frame-rate"):
+        open_video(tmp_path, Camera())
+
+
+def test_stills_of_two_sizes_are_no_clip(tmp_path):
+    for k in range(4):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), np.zeros((6, 16 + k // 3), np.uint8))
+    with pytest.raises(UnreadableMedia, match=r"3\.png.*17 x 6"):
+        greys(tmp_path)
+
+
+def test_twelve_bits_in_sixteen_are_not_read_as_black(tmp_path):
+    for k in range(4):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), ramp(k, 4095).astype(np.uint16))
+    video = open_video(tmp_path, RATE)
+    assert any("12 bits" in warning for warning in video.warnings)
+    for k, frame in enumerate(video.frames()):
+        assert np.abs(frame.grey - ramp(k, 255)).max() <= 1.5
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_a_stack_of_stills_is_a_clip(tmp_path, dtype):
+    top = np.iinfo(dtype).max
+    tifffile.imwrite(tmp_path / "clip.tif", np.stack([ramp(k, top) for k in range(5)]).astype(dtype))
+    for k, grey in enumerate(greys(tmp_path / "clip.tif")):
+        assert np.abs(grey - ramp(k, 255)).max() <= 2.0
+
+
+@pytest.mark.parametrize("bits", [8, 12, 16])
+@pytest.mark.parametrize("header", [CIHX, CIH])
+def test_a_photron_recording_gives_its_pictures_and_its_rate(tmp_path, bits, header):
+    used = min(bits, 12)
+    pictures = [ramp(k, 2**used - 1).astype(np.uint16) for k in range(5)]
+    data = b""
+    for picture in pictures:
+        if bits == 8:
+            data += picture.astype(np.uint8).tobytes()
+        elif bits == 16:
+            data += picture.astype("<u2").tobytes()
+        else:
+            first, second = picture.reshape(-1, 2).T
+            packed = np.stack([first >> 4, ((first & 15) << 4) | (second >> 8), second & 255], axis=1)
+            data += packed.astype(np.uint8).tobytes()
+    (tmp_path / "clip.mraw").write_bytes(data)
+    name = "clip.cihx" if header is CIHX else "clip.cih"
+    (tmp_path / name).write_text(header.format(count=5, bits=bits, used=used))
+    video = open_video(tmp_path / name, Camera())
+    assert video.frame_rate == 1000
+    assert [frame.index for frame in video.frames()] == list(range(5))
+    for picture, frame in zip(pictures, video.frames(), strict=True):
+        assert np.array_equal(frame.grey, picture >> (used - 8))
+
+
+def test_a_cut_photron_recording_says_how_much_is_left(tmp_path):
+    (tmp_path / "clip.mraw").write_bytes(bytes(16 * 6 * 4 + 11))
+    (tmp_path / "clip.cih").write_text(CIH.format(count=9, bits=8, used=8))
+    video = open_video(tmp_path / "clip.mraw", Camera())
+    assert video.frame_count == 4
+    assert any("4 of 9" in warning for warning in video.warnings)
+
+
+@pytest.mark.parametrize(
+    ("files", "words"),
+    [
+        ({"clip.mraw": b"x" * 960}, "header is missing"),
+        ({"clip.mraw": b"x" * 960, "clip.cih": b"nothing here"}, "cannot be read from it"),
+        ({"clip.mraw": b"x" * 960, "clip.cih": CIH.format(count=9, bits=10, used=10).encode()}, "10 bits"),
+    ],
+)
+def test_a_photron_recording_that_cannot_be_read_is_named(tmp_path, files, words):
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(UnreadableMedia, match=words):
+        open_video(tmp_path / "clip.mraw", Camera())
+
+
+def film(path, pictures, **options):
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=50, options=options)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for picture in pictures:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")))
+        container.mux(stream.encode())
+    return path
+
+
+def plain(count):
+    return [np.full((48, 64, 3), 5 * k, dtype=np.uint8) for k in range(count)]
+
+
+def test_an_interlaced_film_is_named(tmp_path):
+    clip = film(tmp_path / "clip.mp4", plain(12), **{"x264-params": "interlaced=1"})
+    assert any("interlaced" in warning for warning in open_video(clip, Camera(frame_rate=50.0)).warnings)
+
+
+def test_reordered_pictures_have_the_times_they_are_shown_at(tmp_path):
+    clip = film(tmp_path / "clip.mp4", plain(40), bf="3", b_strategy="0")
+    video = open_video(clip, Camera(frame_rate=50.0))
+    assert video.times == pytest.approx(np.arange(40) / 50)
+    assert np.all(np.diff([frame.grey.mean() for frame in video.frames()]) > 0)
+
+
+def test_a_film_cut_short_gives_what_decodes(tmp_path):
+    rng = np.random.default_rng(2)
+    noise = [rng.integers(0, 255, (48, 64, 3), dtype=np.uint8) for _ in range(30)]
+    whole = film(tmp_path / "clip.mkv", noise).read_bytes()
+    for share in (0.3, 0.6, 0.9):
+        cut = tmp_path / "cut.mkv"
+        cut.write_bytes(whole[: int(len(whole) * share)])
+        video = open_video(cut, RATE)
+        assert 2 < len(list(video.frames())) == video.frame_count < 30
+
+
+def test_a_photo_of_a_phone_is_read(tmp_path):
+    import pillow_heif
+    from PIL import Image
+
+    picture = np.zeros((64, 96, 3), dtype=np.uint8)
+    picture[:, 48:, 0] = 200  # red to the right
+    pillow_heif.from_pillow(Image.fromarray(picture)).save(tmp_path / "photo.heic", quality=95)
+    read = read_photo(tmp_path / "photo.heic")
+    assert read.shape == (64, 96, 3)
+    assert read[:, 60:, 2].mean() > 150
+    assert read[:, :40].mean() < 60

@@ -1,0 +1,106 @@
+"""A bed in a cylinder: what went in is in it, it packs as spheres do, and its height is that of its surface."""
+
+import math
+
+import numpy as np
+import pytest
+
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import Contact, Material, Particle, clumped
+from rigtwin.lab.rigs import Packing
+from rigtwin.lab.shapes import row
+from rigtwin.sim import packing
+
+ASH = Material("ash", 720, 11e9, 0.44)
+PMMA = Material("PMMA", 1250, 3e9, 0.4)
+BEAD = Particle("bead", ASH, 6e-3, density=569)
+BEADS, GLASS = Contact(0.6, 0.3, 0.02), Contact(0.47, 0.3, 0.02)
+RIG = Packing(0.04, cylinder_height=0.05, fall_height=0.01)
+
+
+def poured(particle=BEAD, count=180, **more) -> packing.Bed:
+    more = {"pour_rate": 1500.0, "threads": 1, "seed": 4} | more
+    return packing.run(RIG, particle, PMMA, BEADS, GLASS, count=count, **more)
+
+
+@pytest.fixture(scope="module")
+def bed() -> packing.Bed:
+    return poured()
+
+
+def solid_between(bed: packing.Bed, low: float, high: float) -> float:
+    """Part of the cylinder that spheres fill between two heights, by their caps."""
+    z, r = bed.centres[:, 2], bed.radii
+    a, b = np.clip(low - z, -r, r), np.clip(high - z, -r, r)
+    volume = math.pi * (r**2 * (b - a) - (b**3 - a**3) / 3)
+    return float(volume.sum() / (math.pi / 4 * bed.cylinder_diameter**2 * (high - low)))
+
+
+def test_what_was_poured_is_in_the_cylinder(bed):
+    assert (bed.asked, bed.placed, bed.missed) == (180, 180, 0)
+    assert bed.at_rest
+    assert bed.mass == pytest.approx(180 * BEAD.mass)
+    assert bed.solid == pytest.approx(180 * BEAD.volume)
+    assert np.hypot(*bed.centres[:, :2].T).max() < 0.02 - 0.003 * (1 - 0.05)
+    assert bed.centres[:, 2].min() > 0.003 * (1 - 0.05)
+
+
+def test_volume_is_conserved(bed):
+    whole = math.pi / 4 * bed.cylinder_diameter**2 * bed.height
+    assert bed.bulk_density * whole == pytest.approx(180 * BEAD.mass)
+    assert bed.packing_fraction == pytest.approx(bed.bulk_density / BEAD.effective_density)
+    # what the spheres fill from the bottom to the top is all of them
+    assert solid_between(bed, -0.001, 0.06) * math.pi / 4 * 0.04**2 * 0.061 == pytest.approx(bed.solid)
+
+
+def test_equal_spheres_pack_between_loose_and_dense_away_from_the_ends(bed):
+    # a wall loosens the layers along it, so that a narrow cylinder holds a little less than an endless bed
+    assert 0.52 < solid_between(bed, 0.006, bed.height - 0.006) < 0.64
+
+
+def test_the_height_is_that_of_the_surface(bed):
+    top = (bed.centres[:, 2] + bed.radii).max()
+    assert bed.surface.max() == pytest.approx(top, abs=1e-4)
+    assert top - 0.01 < bed.height < top
+    for profile in bed.profiles:
+        middle = np.abs(profile.x) < 0.015
+        # an outline sees the highest of all beads in a row
+        assert bed.height < profile.height[middle].mean() <= top + 1e-9
+        assert profile.base == (-0.02, 0.02)
+
+
+def test_the_surface_of_one_sphere_is_that_of_the_sphere():
+    heights = packing.surface(np.array([[0.002, -0.003, 0.01]]), np.array([0.004]), 0.04)
+    area = math.pi / 4 * 0.04**2
+    under = math.pi * 0.004**2 * 0.01 + 2 / 3 * math.pi * 0.004**3
+    assert heights.mean() * area == pytest.approx(under, rel=0.02)
+
+
+def test_the_seed_decides(bed):
+    assert np.array_equal(poured().centres, bed.centres)
+    assert not np.array_equal(poured(count=20, seed=5).centres, poured(count=20).centres)
+
+
+def test_pellets_pour_turned_at_random_and_keep_their_shape():
+    pellet = clumped("pellet", ASH, row(3, 2e-3, 2e-3), mass=60e-6)
+    bed = poured(pellet, count=30)
+    assert bed.missed == 0
+    assert bed.mass == pytest.approx(30 * 60e-6)
+    spheres = bed.centres.reshape(30, 3, 3)
+    assert np.linalg.norm(spheres[:, 2] - spheres[:, 0], axis=1) == pytest.approx(4e-3)
+
+
+@pytest.mark.parametrize(
+    ("rig", "more", "words"),
+    [
+        (Packing(0.01), {}, "cylinder_diameter"),
+        (Packing(0.04, outlet_diameter=0.05), {}, "wider than the cylinder"),
+        (Packing(0.04, outlet_diameter=0.01), {}, "lets no particles"),
+        (RIG, {"count": 0}, "count"),
+        (RIG, {"stiffness_factor": 2.0}, "stiffness_factor"),
+        (RIG, {"pour_rate": -1.0}, "pour_rate"),
+    ],
+)
+def test_impossible_beds_are_refused(rig, more, words):
+    with pytest.raises(BadInput, match=words):
+        packing.run(rig, BEAD, PMMA, BEADS, GLASS, **more)
