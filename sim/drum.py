@@ -50,8 +50,8 @@ class Rotation:
     steady: Profile  # mean outline once the bed keeps its slope; NaN where it was not always seen
     steady_from: float  # [s]
     mixing: Series  # Lacey's index of the beads that lay low and those that lay high at the start
-    centres: Array  # [m], shape (n, 3), of the beads in the end; y along the axis
-    radius: float  # [m]
+    centres: Array  # [m], shape (n, 3), of the spheres in the end; y along the axis
+    radii: Array  # [m], shape (n,)
     count: int
     turns: float  # of the drum
     statistics: dict[str, float] = field(default_factory=dict)
@@ -93,7 +93,7 @@ def run(
     positive(turns=turns, interval=interval, fill_limit=fill_limit)
     if count is None:
         volume = math.pi / 4 * rig.diameter**2 * depth
-        count = max(1, round(fill * PACKING * volume / (math.pi / 6 * particle.diameter**3)))
+        count = max(1, round(fill * PACKING * volume / particle.volume))
     elif count < 1:
         raise BadInput(f"count: {count} beads make no bed; give at least 1.")
     soft = replace(particle, material=particle.material.softened(stiffness_factor))
@@ -118,7 +118,7 @@ def run(
         if kept := logbook.resume():
             course = _Course(**kept)
         else:
-            bulk.add(*_scattered(rig, depth, particle, count, seed))
+            _scatter(bulk, rig, depth, particle, count, seed)
         began, first_step = time.perf_counter(), bulk.steps
         _settle(bulk, logbook, course, rig, particle, fill_limit, progress)
         _turn(bulk, logbook, course, rig, particle, turns, interval, progress)
@@ -134,10 +134,10 @@ def run(
     }
     if bulk.steps > first_step:
         statistics["steps_per_second"] = (bulk.steps - first_step) / max(wall_time, 1e-9)
-    times = np.array(course.times)
-    half = rig.diameter / 2
+    times, beads = np.array(course.times), bulk.beads()
+    empty = _outline(np.zeros((0, 3)), np.zeros(0), rig, particle)
     profiles = tuple(
-        _profile(np.array(height), half, particle.radius, when)
+        replace(empty, height=np.array(height), view=f"t = {when:.3f} s")
         for when, height in zip(course.times, course.heights, strict=True)
     )
     steady_from = min(STEADY_AFTER, 0.5 * turns) * 2 * math.pi / abs(rig.speed)
@@ -145,11 +145,11 @@ def run(
     return Rotation(
         time=times,
         profiles=profiles,
-        steady=_profile(np.mean(late, axis=0), half, particle.radius, None),
+        steady=replace(empty, height=np.mean(late, axis=0), view="mean"),
         steady_from=steady_from,
         mixing=Series(times, np.array(course.mixing), "lacey_index", "1"),
-        centres=bulk.beads().position,
-        radius=particle.radius,
+        centres=beads.position,
+        radii=beads.radius,
         count=count,
         turns=turns,
         statistics=statistics,
@@ -209,10 +209,10 @@ def _given(value: float | None) -> str:
 
 def _share(count: int, rig: Drum, depth: float, particle: Particle) -> float:
     volume = math.pi / 4 * rig.diameter**2 * depth
-    return count * math.pi / 6 * particle.diameter**3 / PACKING / volume
+    return count * particle.volume / PACKING / volume
 
 
-def _scattered(rig: Drum, depth: float, particle: Particle, count: int, seed: int) -> tuple[Array, Array]:
+def _scatter(bulk: Bulk, rig: Drum, depth: float, particle: Particle, count: int, seed: int) -> None:
     half, deep = rig.diameter / 2, depth / 2
 
     def inside(points: Array, clear: float) -> npt.NDArray[np.bool_]:
@@ -220,7 +220,7 @@ def _scattered(rig: Drum, depth: float, particle: Particle, count: int, seed: in
         return np.asarray(free & (deep - np.abs(points[:, 1]) > clear))
 
     low = np.array([-half, -deep, -half])
-    return scatter(count, inside, (low, -low), particle, np.random.default_rng(seed))
+    scatter(bulk, count, inside, (low, -low), particle, np.random.default_rng(seed))
 
 
 def _bench(
@@ -283,13 +283,13 @@ def _settle(
     steps = max(1, round(LOOK / bulk.time_step))
     while course.began_at is None:
         logbook.run(steps)
-        beads = bulk.beads()
-        course.quiet = course.quiet + 1 if resting(beads, particle, **SETTLED) else 0
+        grains = bulk.grains()
+        course.quiet = course.quiet + 1 if resting(grains, particle, **SETTLED) else 0
         if course.quiet >= REST_LOOKS or bulk.time >= limit:
             course.in_time = course.quiet >= REST_LOOKS
             course.began_at = bulk.time
-            lower = beads.position[:, 2] < np.median(beads.position[:, 2])
-            course.low_at_first = beads.ident[lower].tolist()
+            lower = grains.position[:, 2] < np.median(grains.position[:, 2])
+            course.low_at_first = grains.ident[lower].tolist()
             for wall in range(len(bulk.shapes)):
                 bulk.move_wall(wall, Motion(spin=rig.speed, axis=(0.0, 1.0, 0.0), start=bulk.time))
         logbook.look(course.kept())
@@ -312,14 +312,14 @@ def _turn(
     lasts = turns * 2 * math.pi / abs(rig.speed)
     while bulk.time - course.began_at < lasts:
         logbook.run(steps)
-        beads = bulk.beads()
-        marked = np.zeros(len(beads.ident), dtype=bool)
-        marked[np.searchsorted(beads.ident, course.low_at_first)] = True
+        grains, beads = bulk.grains(), bulk.beads()
+        marked = np.zeros(len(grains.ident), dtype=bool)
+        marked[np.searchsorted(grains.ident, course.low_at_first)] = True
         course.times.append(bulk.time - course.began_at)
-        course.mixing.append(lacey(beads.position, marked, CELL * particle.diameter))
-        half = rig.diameter / 2
-        heap = beads.position[bed(beads.position, particle.radius)]
-        course.heights.append(outline(heap, particle.radius, (-half, half), view="").height.tolist())
+        course.mixing.append(lacey(grains.position, marked, CELL * particle.diameter))
+        heap = bed(beads.position, beads.radius)
+        surface = _outline(beads.position[heap], beads.radius[heap], rig, particle)
+        course.heights.append(surface.height.tolist())
         logbook.look(course.kept())
         progress("turning", bulk.time - course.began_at, lasts)
 
@@ -327,9 +327,9 @@ def _turn(
 # ---------------------------------------------------------------------- the result
 
 
-def _profile(height: Array, half: float, radius: float, when: float | None) -> Profile:
-    nothing = outline(np.zeros((0, 3)), radius, (-half, half), view="mean" if when is None else f"t = {when:.3f} s")
-    return replace(nothing, height=height)
+def _outline(centres: Array, radii: Array, rig: Drum, particle: Particle) -> Profile:
+    half = rig.diameter / 2
+    return outline(centres, radii, (-half, half), grain=2 * min(particle.radii), view="front")
 
 
 def _check(rig: Drum, particle: Particle, stiffness_factor: float) -> None:

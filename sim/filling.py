@@ -13,7 +13,7 @@ from rigtwin.lab.materials import Particle
 from rigtwin.lab.rigs import GRAVITY
 
 if TYPE_CHECKING:
-    from rigtwin.sim.engine.bulk import Beads
+    from rigtwin.sim.engine.bulk import Bulk, Grains
 
 Array = npt.NDArray[np.float64]
 Inside = Callable[[Array, float], npt.NDArray[np.bool_]]
@@ -24,9 +24,9 @@ THROWN = 0.2  # [m/s], standard deviation of each component; so that no lattice 
 
 
 def scatter(
-    count: int, inside: Inside, box: tuple[Array, Array], particle: Particle, random: np.random.Generator
-) -> tuple[Array, Array]:
-    """Places [m] and velocities [m/s] of `count` beads in the container, which lies in the `box` [m].
+    bulk: Bulk, count: int, inside: Inside, box: tuple[Array, Array], particle: Particle, random: np.random.Generator
+) -> None:
+    """Add `count` particles to a simulation, in the container, which lies in the `box` [m].
 
     A lattice as loose as fits, every bead moved off its site at random, filled from below.
     """
@@ -38,14 +38,17 @@ def scatter(
         if len(sites) >= count:
             lowest = sites[np.argsort(sites[:, 2], kind="stable")[:count]]
             places = lowest + random.uniform(-shift, shift, (count, 3)) / np.sqrt(3)
-            return places, random.normal(0, THROWN, (count, 3))
+            velocities = random.normal(0, THROWN, (count, 3))
+            turn = None if particle.shape is None else random.normal(size=(count, 4))
+            bulk.add(places, velocities, turn=turn)
+            return
     raise BadInput(
         f"count: {count} beads of {particle.diameter * 1e3:.3g} mm do not fit in; at most {len(sites)} find room."
     )
 
 
-def resting(beads: Beads, particle: Particle, *, energy: float, speed: float) -> bool:
-    """Whether the beads rest: mean kinetic energy below `energy` m g R and none faster than `speed` [m/s]."""
-    mean = beads.kinetic_energy / max(len(beads.ident), 1)
-    fastest = np.sqrt((beads.velocity**2).sum(1).max(initial=0.0))
+def resting(grains: Grains, particle: Particle, *, energy: float, speed: float) -> bool:
+    """Whether the particles rest: mean kinetic energy below `energy` m g R and none faster than `speed` [m/s]."""
+    mean = grains.kinetic_energy / max(len(grains.ident), 1)
+    fastest = np.sqrt((grains.velocity**2).sum(1).max(initial=0.0))
     return bool(mean < energy * particle.mass * GRAVITY * particle.radius and fastest < speed)

@@ -26,7 +26,7 @@ from rigtwin.sim.logbook import History, Logbook
 from rigtwin.sim.outline import bed, outline
 
 if TYPE_CHECKING:
-    from rigtwin.sim.engine.bulk import Beads, Bulk
+    from rigtwin.sim.engine.bulk import Beads, Bulk, Grains
     from rigtwin.sim.engine.contact import Rolling
     from rigtwin.sim.engine.walls import Shape
 
@@ -55,15 +55,15 @@ class Discharge:
     x runs across the slot (slot hopper), z up from the outlet.
     """
 
-    outlet_times: Array  # [s], rising, when each bead's centre passed the outlet
+    outlet_times: Array  # [s], rising, when each particle's centre passed the outlet
     mass_left: Series  # [kg] in the hopper over time
     discharge_time: float | None  # [s], opening to the last bead through the outlet; None while beads stay inside
     mass_flow_rate: float | None  # [kg/s], steady part; None where too few beads left
     asked: int
     emptied: int
     remaining: int
-    centres: Array  # [m], shape (n, 3), of the beads that are there in the end
-    radius: float  # [m]
+    centres: Array  # [m], shape (n, 3), of the spheres that are there in the end
+    radii: Array  # [m], shape (n,)
     pile: Profile | None  # outline of the heap on slide and floor, seen along the slot
     at_rest: bool  # whether that heap rests
     time: float  # [s], simulated, filling included
@@ -128,8 +128,7 @@ def run(
         if kept := logbook.resume():
             course = _Course(**kept)
         else:
-            places, velocities = scatter(count, plan.inside, plan.filled, particle, np.random.default_rng(seed))
-            bulk.add(places, velocities)
+            scatter(bulk, count, plan.inside, plan.filled, particle, np.random.default_rng(seed))
         began, first_step = time.perf_counter(), bulk.steps
         _settle(bulk, logbook, course, particle, fill_limit, progress)
         _discharge(bulk, logbook, course, duration, progress)
@@ -156,7 +155,7 @@ def run(
         emptied=emptied,
         remaining=count - emptied,
         centres=beads.position,
-        radius=particle.radius,
+        radii=beads.radius,
         pile=_heap(beads, particle, plan) if plan.floor else None,
         at_rest=at_rest,
         time=bulk.time,
@@ -351,7 +350,7 @@ def _settle(
     steps = max(1, round(LOOK / bulk.time_step))
     while course.opened is None:
         logbook.run(steps)
-        course.quiet = course.quiet + 1 if resting(bulk.beads(), particle, **SETTLED) else 0
+        course.quiet = course.quiet + 1 if resting(bulk.grains(), particle, **SETTLED) else 0
         if course.quiet >= REST_LOOKS or bulk.time >= limit:
             course.in_time = course.quiet >= REST_LOOKS
             course.opened = course.filled_for = bulk.time
@@ -369,7 +368,7 @@ def _discharge(bulk: Bulk, logbook: Logbook, course: _Course, duration: float | 
     while course.emptied_at is None:
         logbook.run(steps)
         now = bulk.time - course.opened
-        _note_who_left(bulk.beads(), course, now)
+        _note_who_left(bulk.grains(), course, now)
         inside = sum(when is None for when in course.left_at)
         course.looks.append((now, inside))
         last = max((when for when in course.left_at if when is not None), default=0.0)
@@ -379,16 +378,16 @@ def _discharge(bulk: Bulk, logbook: Logbook, course: _Course, duration: float | 
         progress("emptying", float(course.count - inside), float(course.count))
 
 
-def _note_who_left(beads: Beads, course: _Course, now: float) -> None:
+def _note_who_left(grains: Grains, course: _Course, now: float) -> None:
     """Beads below the outlet fall freely: their fall tells when they passed it."""
     there = np.full(course.count, -1)
-    there[beads.ident] = np.arange(len(beads.ident))
+    there[grains.ident] = np.arange(len(grains.ident))
     for ident in (k for k, when in enumerate(course.left_at) if when is None):
         row = there[ident]
         if row < 0:  # already out of the domain
             course.left_at[ident] = now
-        elif (below := -float(beads.position[row, 2])) > 0:
-            speed = max(-float(beads.velocity[row, 2]), 1e-9)
+        elif (below := -float(grains.position[row, 2])) > 0:
+            speed = max(-float(grains.velocity[row, 2]), 1e-9)
             ago = (speed - math.sqrt(max(speed**2 - 2 * GRAVITY * below, 0.0))) / GRAVITY
             course.left_at[ident] = now - min(ago, LOOK)
 
@@ -401,7 +400,7 @@ def _come_to_rest(
     steps = max(1, round(LOOK / bulk.time_step))
     while bulk.time < course.emptied_at + limit and course.quiet < REST_LOOKS:
         logbook.run(steps)
-        course.quiet = course.quiet + 1 if resting(bulk.beads(), particle, **AT_REST) else 0
+        course.quiet = course.quiet + 1 if resting(bulk.grains(), particle, **AT_REST) else 0
         logbook.look(course.kept())
         progress("settling", bulk.time - course.emptied_at, limit)
     return course.quiet >= REST_LOOKS
@@ -416,10 +415,11 @@ def _mass_left(course: _Course, particle: Particle, count: int) -> Series:
 
 
 def _heap(beads: Beads, particle: Particle, plan: _Plan) -> Profile:
-    below = beads.position[beads.position[:, 2] < 0]
-    heap = below[bed(below, particle.radius)]
-    span = float(plan.domain[0][0]), float(plan.domain[1][0])
-    return outline(heap, particle.radius, span, floor=plan.floor, view="along the slot")
+    below = beads.position[:, 2] < 0
+    centres, radii = beads.position[below], beads.radius[below]
+    heap = bed(centres, radii)
+    span, grain = (float(plan.domain[0][0]), float(plan.domain[1][0])), 2 * min(particle.radii)
+    return outline(centres[heap], radii[heap], span, grain=grain, floor=plan.floor, view="along the slot")
 
 
 def _check(rig: Hopper, particle: Particle, count: int, stiffness_factor: float, duration: float | None) -> None:

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.materials import Contact, Material, Particle, clumped
 from rigtwin.lab.rigs import Hopper
+from rigtwin.lab.shapes import row
 from rigtwin.sim import hopper
 
 G = 9.81
@@ -89,6 +90,15 @@ def test_below_the_slot_lies_what_was_in_it(slot):
     assert np.ptp(slot.pile.x[seen]) > 4 * D6.diameter
     assert np.nanmax(slot.pile.height) > D6.diameter * 0.98
     assert np.abs(slot.centres[:, 1]).max() < 0.015
+
+
+def test_clumps_leave_a_hopper_as_whole_particles():
+    peanut = clumped("peanut", ASH, row(2, 2.5e-3, 3e-3), density=600)
+    more = {"count": 60, "seed": 2, "threads": 1, "stiffness_factor": 3e-4, "fill_limit": 0.3}
+    made = hopper.run(CONE, peanut, STEEL, BEADS, WALLS, **more)
+    assert made.emptied + made.remaining == 60
+    assert made.emptied == len(made.outlet_times) > 50
+    assert made.mass_left.value[0] == pytest.approx(60 * peanut.mass)
 
 
 def test_energy_closes_and_beads_hardly_overlap(cone, slot):
