@@ -206,7 +206,7 @@ def _otsu(values: Map) -> float:
 def _upright(picture: Map, rim: Rim, roll: float | None) -> Upright:
     y = np.arange(picture.shape[0])[:, None] + np.zeros(picture.shape[1])
     return upright(
-        picture, given=roll, stand=y > rim.centre[1] + 0.9 * rim.radius, apart_from=rim.inside(picture.shape, 1.15)
+        picture, given=roll, stand=y > rim.centre[1] + 0.8 * rim.radius, apart_from=rim.inside(picture.shape, 1.15)
     )
 
 

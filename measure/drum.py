@@ -413,7 +413,7 @@ def _observation(bed: Bed, unit: float, bead_diameter: float | None) -> Observat
     half_bead = 0.25 * bed.bead
 
     def profiles(which: str, shorter: float = 0.0) -> list[Profile]:
-        return [_profile(outline, which, hidden, unit, shorter) for outline in outlines]
+        return [_profile(outline, which, hidden, unit, shorter, bed.bead) for outline in outlines]
 
     variants = {"outline level": (profiles("looser"), profiles("stricter"))}
     variants["ends of the surface"] = (profiles("height", half_bead), profiles("height", 2 * half_bead))
@@ -459,8 +459,26 @@ def _hidden_columns(outlines: Sequence[Outline]) -> npt.NDArray[np.bool_]:
     return np.asarray(binary_dilation(kept, np.ones(5, dtype=bool)))
 
 
-def _profile(outline: Outline, which: str, hidden: npt.NDArray[np.bool_], unit: float, shorter: float) -> Profile:
-    height = np.where(hidden, np.nan, getattr(outline, which))
+def _apart_from_gaps(height: Array, bead: float) -> Array:
+    """Without what lies next to a gap in the surface: there the border bends down along the thing that hides it."""
+    from scipy.ndimage import binary_dilation
+
+    seen = np.flatnonzero(np.isfinite(height))
+    if len(seen) == 0:
+        return height
+    gap = ~np.isfinite(height)
+    gap[: seen[0]] = gap[seen[-1] + 1 :] = False
+    if not gap.any():
+        return height
+    near = binary_dilation(gap, np.ones(2 * max(1, round(0.5 * bead)) + 1, dtype=bool))
+    near[seen[0]] = near[seen[-1]] = False
+    return np.where(near, np.nan, height)
+
+
+def _profile(
+    outline: Outline, which: str, hidden: npt.NDArray[np.bool_], unit: float, shorter: float, bead: float
+) -> Profile:
+    height = _apart_from_gaps(np.where(hidden, np.nan, getattr(outline, which)), bead)
     seen = np.flatnonzero(np.isfinite(height))
     if shorter > 0 and len(seen):
         low, high = outline.x[seen[0]] + shorter, outline.x[seen[-1]] - shorter

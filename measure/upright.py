@@ -56,7 +56,8 @@ def upright(
     angle = np.degrees(np.arctan2(found[:, 3] - found[:, 1], found[:, 2] - found[:, 0]))
     length = np.hypot(found[:, 2] - found[:, 0], found[:, 3] - found[:, 1])
     trust = np.where(_at_middle(found, stand), 1.0, ELSEWHERE) if stand is not None else np.ones(len(found))
-    weight = trust * length**2  # a long edge tells its direction more sharply
+    # a long edge tells its direction more sharply; a faint one may be a shadow's
+    weight = trust * length**2 * _clearness(picture, found)
     score = (weight[None, :] * np.exp(-0.5 * ((angle[:, None] - angle[None, :]) / LIKE) ** 2)).sum(axis=1)
     middle = angle[int(np.argmax(score))]
     for _ in range(5):
@@ -66,9 +67,9 @@ def upright(
     if float(length[agree].sum()) < FEWEST * picture.shape[1]:
         return Upright(0.0, math.radians(WITHOUT), "not seen: the picture is taken as upright", none)
     spread = math.sqrt(float(np.sum(weight[agree] * (angle[agree] - middle) ** 2) / np.sum(weight[agree])))
-    independent = min(float(np.sum(weight[agree])) ** 2 / float(np.sum(weight[agree] ** 2)), 6.0)
+    independent = min(float(np.sum(weight[agree])) ** 2 / float(np.sum(weight[agree] ** 2)), 3.0)
     # nothing is level to better than this, and a camera that looks slightly aside turns level edges by as much
-    sigma = math.hypot(spread / math.sqrt(independent), 0.15)
+    sigma = math.hypot(spread / math.sqrt(independent), 0.2)
     return Upright(math.radians(middle), math.radians(sigma), "level edges in the picture", found[agree])
 
 
@@ -78,9 +79,23 @@ def _at_middle(found: Array, marked: npt.NDArray[np.bool_]) -> npt.NDArray[np.bo
     return np.asarray(marked[y, x])
 
 
+def _clearness(picture: npt.NDArray[np.float32], found: Array) -> Array:
+    """Brightness step across every edge, 1 for the clearest one, shape (n,)."""
+    slope = np.abs(cv2.Sobel(cv2.GaussianBlur(picture, (0, 0), 1.5), cv2.CV_32F, 0, 1, scale=1 / 8))
+    steps = []
+    for x1, y1, x2, y2 in found:
+        x = np.linspace(x1, x2, 24).astype(np.float32)
+        y = np.linspace(y1, y2, 24).astype(np.float32)
+        steps.append(float(np.median(cv2.remap(slope, x[None], y[None], cv2.INTER_LINEAR))))
+    clear = np.array(steps)
+    return np.asarray(clear / max(float(clear.max()), 1e-9))
+
+
 def _edges(picture: npt.NDArray[np.float32]) -> Array:
     """Nearly level straight edges, shape (n, 4)."""
-    grey = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+    # a dark film shows its edges as well as a bright one
+    low, high = (float(each) for each in np.percentile(picture, (1, 99)))
+    grey = np.clip(np.rint((picture - low) * 255 / max(high - low, 8.0)), 0, 255).astype(np.uint8)
     detector = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD)
     lines: object = detector.detect(grey)[0]  # None where there is no line, whatever the stubs say
     if lines is None:
