@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean, stdev
@@ -79,21 +80,27 @@ def plan(numbers: Sequence[int] | None, *, quick: bool, repetitions: int | None,
     return Plan(tuple(runs.values()), tuple(cells))
 
 
+_RIGS = "rigtwin.compare.reproduce.rigs"
+
 Rows = Iterator[tuple[Sequence[Run], Cell]]
 
-SPHERES = ("D4", "D6", "D12", "D6_ABS", "D5_steel")
 _BASES = {"piling_90mm": 90e-3, "piling_150mm": 150e-3}
-_QUICK_PILES = (("D6", "piling_90mm"), ("D6_ABS", "piling_90mm"), ("D5_steel", "piling_90mm"), ("D12", "piling_150mm"))
+_DRUM_SPEED = 3 * 2 * math.pi / 60  # [rad/s]
+_QUICK_ANGLES = (("D6", "piling_90mm"), ("D6_ABS", "piling_90mm"), ("D5_steel", "piling_90mm"))
+_QUICK_BEDS = ("D6", "D6_ABS", "D12")
+_QUICK_SLOTS = ("D6_ABS", "D12", "P6x15")
+_FLOW_MODULI = (1e6, 1e7, 1e8)  # [Pa]; beyond, a run takes days
 
 
 def _angles(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows:
     """Tables 14 (graphical) and 15 (geometric)."""
     for row in hlosta2020.table(number):
         particle, rig = str(row["particle"]), str(row["rig"])
-        if rig not in _BASES or particle not in SPHERES or (quick and (particle, rig) not in _QUICK_PILES):
+        if quick and (particle, rig) not in _QUICK_ANGLES:
             continue
         count = repetitions or (1 if quick else 3)
-        runs = [_pile_run(particle, rig, seed + k) for k in range(count)]
+        form = _pile_run if rig in _BASES else _drum_run
+        runs = [form(particle, rig, seed + k) for k in range(count)]
         method = "graphical" if number == 14 else "geometric"
         experiment, experiment_std, dem, dem_std = (
             float(row[name]) for name in ("aor_exp_deg", "aor_exp_std_deg", "aor_dem_deg", "aor_dem_std_deg")
@@ -111,9 +118,97 @@ def _angles(number: int, quick: bool, repetitions: int | None, seed: int) -> Row
                 dem_std,
                 tuple(run.name for run in runs),
                 f"{method}_deg",
-                ("rim", "piled"),
+                ("rim", "piled", "wall") if rig in _BASES else ("drum", "wall"),
             ),
         )
+
+
+def _beds(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows:
+    """Table 7: bed heights of all virtual particles."""
+    pieces = {str(row["particle"]): int(float(row["pieces"])) for row in hlosta2020.table(3)}
+    for row in hlosta2020.table(number):
+        particle = str(row["virtual_particle"])
+        if quick and particle not in _QUICK_BEDS:
+            continue
+        count = 390 if particle == "D12" else pieces[hlosta2020.CLUMPS.get(particle, particle)]
+        repeated = repetitions or (1 if quick else 3)
+        runs = [_run("packing", particle, seed + k, count * _spheres(particle), count=count) for k in range(repeated)]
+        yield (
+            runs,
+            Cell(
+                number,
+                particle,
+                "bed_height",
+                "mm",
+                float(row["bed_height_exp_mm"]),
+                float(row["bed_height_exp_std_mm"]),
+                float(row["bed_height_dem_mm"]),
+                float(row["bed_height_dem_std_mm"]),
+                tuple(run.name for run in runs),
+                "bed_height_mm",
+                ("cylinder", "wall", *(("d12",) if particle == "D12" else ())),
+            ),
+        )
+
+
+def _flows(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows:
+    """Table 13: flow from the conical hopper against the shear modulus; the paper has no experiment there."""
+    for row in hlosta2020.table(number):
+        modulus = float(row["shear_modulus_pa"])
+        if modulus not in _FLOW_MODULI[: 1 if quick else None]:
+            continue
+        name = f"conical-G{modulus:.0e}-seed{seed}"
+        settings = {"shear_modulus": modulus, "seed": seed}
+        run = Run(name, f"{_RIGS}:conical_hopper", settings, 15000 * math.sqrt(modulus / 1e6))
+        dem = (float(row["mass_flow_g_s"]), float(row["mass_flow_std_g_s"]))
+        step = float(row["timestep_s"])
+        where = f"D6, G = {modulus:.0e} Pa"
+        yield [run], Cell(number, where, "mass_flow", "g/s", None, None, *dem, (name,), "mass_flow_g_s", ("conical",))
+        yield [run], Cell(number, where, "rayleigh_time_step", "s", None, None, step, None, (name,), "rayleigh_step_s")
+
+
+def _discharges(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows:
+    """Table 16: discharge times of the slot hopper."""
+    for row in hlosta2020.table(number):
+        particle, count = str(row["particle"]), int(float(row["particles"]))
+        if quick and particle not in _QUICK_SLOTS:
+            continue
+        outlet = float(row["outlet_mm"]) * 1e-3
+        repeated = repetitions or (1 if quick else 3)
+        runs = [
+            _run("slot_hopper", particle, seed + k, count * _spheres(particle), count=count, outlet=outlet)
+            for k in range(repeated)
+        ]
+        yield (
+            runs,
+            Cell(
+                number,
+                particle,
+                "discharge_time",
+                "s",
+                float(row["discharge_time_exp_s"]),
+                None,
+                float(row["discharge_time_dem_s"]),
+                None,
+                tuple(run.name for run in runs),
+                "discharge_time_s",
+                ("slot", "wall"),
+            ),
+        )
+
+
+def _run(rig: str, particle: str, seed: int, cost: float, **settings: Any) -> Run:
+    return Run(f"{rig}-{particle}-seed{seed}", f"{_RIGS}:{rig}", {"particle": particle, "seed": seed, **settings}, cost)
+
+
+def _spheres(particle: str) -> int:
+    return len(hlosta2020.particle(particle).radii)
+
+
+def _drum_run(particle: str, _rig: str, seed: int) -> Run:
+    bead = hlosta2020.particle(particle)
+    volume = math.pi / 4 * rigs.DRUM**2 * rigs.DEPTH * rigs.FILL * bead.effective_density / bead.mass
+    return _run("drum", particle, seed, 6 * volume * _spheres(particle), speed=_DRUM_SPEED)
 
 
 def _pile_run(particle: str, rig: str, seed: int) -> Run:
@@ -121,10 +216,16 @@ def _pile_run(particle: str, rig: str, seed: int) -> Run:
     bead = hlosta2020.particle(particle)
     count = rigs.piled_count(base, rigs.RIM, bead.mass / bead.effective_density)
     settings = {"particle": particle, "base_diameter": base, "seed": seed}
-    return Run(f"{rig}-{particle}-seed{seed}", "rigtwin.compare.reproduce.rigs:piling", settings, count)
+    return Run(f"{rig}-{particle}-seed{seed}", f"{_RIGS}:piling", settings, count)
 
 
-TABLES: dict[int, Callable[[int, bool, int | None, int], Rows]] = {14: _angles, 15: _angles}
+TABLES: dict[int, Callable[[int, bool, int | None, int], Rows]] = {
+    7: _beds,
+    13: _flows,
+    14: _angles,
+    15: _angles,
+    16: _discharges,
+}
 
 
 def _deviation(value: float | None, reference: float | None) -> float | None:
