@@ -136,8 +136,10 @@ def _phase(wave: Array, rate: float, bend: float) -> tuple[float, float, float]:
     local = np.convolve(mixed, np.ones(window) / window, mode="same")
     whole = mixed.sum()
     agreeing = np.real(local * np.conj(whole)) / (abs(whole) + 1e-9)
-    seen = agreeing > 0.35 * float(np.percentile(agreeing, 80))
+    seen = agreeing > max(0.35 * float(np.percentile(agreeing, 90)), 0.0)
     runs = np.flatnonzero(seen)
+    if len(runs) == 0:
+        return 0.0, 0.0, 0.0
     pieces = np.split(runs, np.flatnonzero(np.diff(runs) > 40) + 1)
     best = max(pieces, key=len)
     inside = slice(int(best[0]), int(best[-1]) + 1)

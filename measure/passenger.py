@@ -19,6 +19,7 @@ from rigtwin.measure.arm import Arm
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.float32]
 
+RIM = 2.5  # [px], by which a body's picture is larger than what was seen to leave
 LEAST_SEEN = 0.35  # share of the body's picture that must not be hidden
 ALIKE = 0.5  # correlation below which what is found is not the body
 

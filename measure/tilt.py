@@ -17,6 +17,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -31,7 +32,7 @@ from rigtwin.measure.follow import learn_scene
 from rigtwin.measure.level import Level, find_level
 from rigtwin.measure.media import Video, open_video, sha256
 from rigtwin.measure.onset import Onset, Run, Way, find_onset, find_run, jitter, smooth_angle
-from rigtwin.measure.passenger import Passenger, Step, find_passenger, follow
+from rigtwin.measure.passenger import RIM, Passenger, Step, find_passenger, follow
 
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.float32]
@@ -44,6 +45,8 @@ GIVEN_ROLL = math.radians(0.1)  # standard uncertainty of a stated camera roll
 NO_LEVEL = math.radians(1.0)  # standard uncertainty of a camera roll that nothing tells
 USUAL_DRIFT = 0.006  # [m], how far the axis may lie off the origin of a track
 FASTEST_TILT = math.radians(10)  # [rad/s], beyond it one frame is too much of an angle
+BEAD_DOUBT = 0.12  # relative, of a scale from the outline of a body on the plate
+WRONG_SCALE = 0.3  # relative misfit of the acceleration from which on the scale is not believed
 NOMINAL = 3e-4  # [m/px], where no scale is known: only a unit
 
 
@@ -117,6 +120,9 @@ def _onset(way: Way, whose: str) -> tuple[Run, Onset]:
             f"{math.degrees(way.angle[-1]):.1f} degrees; film on until it has run down the plate."
         )
     onset = find_onset(way, run)
+    if onset is not None and math.isfinite(way.scale_doubt) and abs(onset.gain - 1) > WRONG_SCALE:
+        # a scale that far off must not pull the onset along: let the run tell its own
+        onset = find_onset(replace(way, scale_doubt=math.inf), run)
     if onset is None:
         raise NothingToMeasure(
             f"{whose}: the body is already moving, or hardly seen, when it starts down the plate at "
@@ -297,7 +303,7 @@ def measure(
     _check_variant(variant)
     video = open_video(clip, camera)
     film = _watch(video, camera, progress)
-    gauge = _gauge(film, camera, bead_diameter, arm_length, variant)
+    gauge = _gauge(film, camera, bead_diameter, arm_length)
     angle, track = _record(film, gauge)
     way = _way(angle, [track], variant, bead_diameter, gauge.doubt)
     run, onset = _onset(way, str(clip))
@@ -386,12 +392,12 @@ def _follow(
         turn = lay_over(arm, view.grey, guess, reach=6)
         direction = guess if turn is None else turn.direction
         step = None
-        if lost < 6:
+        if lost < 20:
             # downhill it may speed up by a good part of its size from frame to frame
             expected = place + np.array([speed, 0.0])
             step = follow(arm, body, view.grey, direction, expected.tolist(), 1.0)
             if step is None or abs(speed) > 1.0 or abs(step.along - place[0]) > 1.0:
-                wide = follow(arm, body, view.grey, direction, expected.tolist(), 6.0 + 0.6 * abs(speed) + 0.5 * lost)
+                wide = follow(arm, body, view.grey, direction, expected.tolist(), 6.0 + 0.6 * abs(speed) + 1.5 * lost)
                 if wide is None or step is None or wide.likeness > step.likeness + 0.01:
                     step = wide if wide is not None else step
             if step is not None:
@@ -423,9 +429,7 @@ def _follow(
     )
 
 
-def _gauge(
-    film: Film, camera: Camera, bead_diameter: float | None, arm_length: float | None, variant: Variant
-) -> Gauge:
+def _gauge(film: Film, camera: Camera, bead_diameter: float | None, arm_length: float | None) -> Gauge:
     roll, roll_sigma, roll_from = _horizontal(film, camera)
     if camera.given_scale is not None:
         source = "given" if camera.scale is not None else "known length"
@@ -435,9 +439,8 @@ def _gauge(
         # the arm's front is nearer to the camera than the body on its middle
         return Gauge(arm_length / tip, 0.05, "arm length", roll, roll_sigma, roll_from)
     if bead_diameter is not None:
-        across = _bead_pixels(film.body, variant)
-        doubt = 0.08 if variant == "roll" else 0.12
-        return Gauge(bead_diameter / across, doubt, "bead diameter", roll, roll_sigma, roll_from)
+        across = _bead_pixels(film.body)
+        return Gauge(bead_diameter / across, BEAD_DOUBT, "bead diameter", roll, roll_sigma, roll_from)
     return Gauge(NOMINAL, math.inf, "not known", roll, roll_sigma, roll_from)
 
 
@@ -455,16 +458,14 @@ def _horizontal(film: Film, camera: Camera) -> tuple[float, float, str]:
     return slope, sigma, "base plate"
 
 
-def _bead_pixels(body: Passenger, variant: Variant) -> float:
-    """Diameter of a bead [px]: of the ball itself, or the height of a clump, which is one bead high."""
-    if variant == "roll":
-        from rigtwin.measure.bead import fit_bead
+def _bead_pixels(body: Passenger) -> float:
+    """Diameter of a bead [px]: the largest circle that fits into the body's picture, a clump being one bead high."""
+    from scipy.ndimage import binary_fill_holes
 
-        height, width = body.picture.shape
-        fit = fit_bead(body.picture, None, ((width - 1) / 2, (height - 1) / 2), 0.5 * body.size[1])
-        if fit is not None and 0.6 < 2 * fit.image.radius / body.size[1] < 1.4:
-            return 2 * fit.image.radius
-    return body.size[1] - 1.5
+    filled = np.asarray(binary_fill_holes(body.weight > 0)).astype(np.uint8)
+    mask = cv2.copyMakeBorder(filled, 2, 2, 2, 2, cv2.BORDER_CONSTANT, value=0)
+    inscribed = float(np.max(cv2.distanceTransform(mask, cv2.DIST_L2, 5)))
+    return 2 * max(inscribed - RIM, 1.0)
 
 
 def _record(film: Film, gauge: Gauge) -> tuple[Series, Track]:
