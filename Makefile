@@ -1,6 +1,6 @@
 # Every target sets itself up in .venv from uv.lock; a second run installs nothing.
 .DELETE_ON_ERROR:
-.PHONY: demo test test-slow lint format verify bench clean
+.PHONY: demo test test-slow lint format verify bench bench-diagnose clean
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -31,6 +31,10 @@ verify: $(READY)
 
 bench: $(READY)
 	$(BIN)/python benchmarks/engine.py
+
+# SEED=7 COUNT=120 make bench-diagnose: other labs with a hidden effect, more or fewer of them
+bench-diagnose: $(READY)
+	$(BIN)/python benchmarks/diagnose.py
 
 clean:
 	rm -rf .venv .typing out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
