@@ -103,7 +103,7 @@ def noise_of(lab: TrackedLab, tracks: Sequence[Track]) -> float:
         even = np.abs(gap - np.median(gap)) < 0.2 * np.median(gap)
         third = np.abs(np.diff(track.position, 3, axis=0))
         # an impact is rough in itself
-        calm = (third < 5 * np.median(third, axis=0)).all(axis=1)
+        calm = (third <= 5 * np.median(third, axis=0)).all(axis=1)
         rough.append(third[even[:-2] & even[1:-1] & even[2:] & calm].ravel())
     found = float(np.median(np.concatenate(rough))) / 0.6745 / math.sqrt(20.0)
     if not math.isfinite(lab.camera.noise) or lab.camera.noise <= 0:

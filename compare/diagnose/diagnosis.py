@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from rigtwin.compare.diagnose.double import DoubleBench
 from rigtwin.compare.diagnose.drop import DropBench
 from rigtwin.compare.diagnose.fit import Fit, fit
 from rigtwin.compare.diagnose.forms import nameless
@@ -21,6 +22,8 @@ from rigtwin.compare.diagnose.labs import BULK, TrackedLab
 from rigtwin.compare.diagnose.locate import Disagreement, Location, Regioned, locate
 from rigtwin.compare.diagnose.naming import FORM, Candidate, Naming, name_effects
 from rigtwin.compare.diagnose.pendulum import PendulumBench
+from rigtwin.compare.diagnose.roll import RollBench
+from rigtwin.compare.diagnose.slide import SlideBench
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.sim.effects import Effect, library
@@ -96,8 +99,13 @@ class Diagnosis:
         }
 
 
-def diagnose(lab: TrackedLab, own: Sequence[Effect] = (), progress: Progress = silent) -> Diagnosis:
-    """Diagnose one lab with the library and the user's own effects."""
+def diagnose(
+    lab: TrackedLab,
+    own: Sequence[Effect] = (),
+    progress: Progress = silent,
+    listed: Sequence[Effect] | None = None,
+) -> Diagnosis:
+    """Diagnose one lab with the library, or the `listed` effects of it, and the user's own effects."""
     begun = time.process_time()
     if lab.rig in BULK:
         return Diagnosis(
@@ -115,7 +123,7 @@ def diagnose(lab: TrackedLab, own: Sequence[Effect] = (), progress: Progress = s
     bench = bench_of(lab)
     progress("baseline", 0, 1)
     base = fit(bench)
-    candidates = [effect for effect in (*library(), *own) if lab.rig in effect.rigs]
+    candidates = [effect for effect in (*(library() if listed is None else listed), *own) if lab.rig in effect.rigs]
     naming = name_effects(bench, candidates, base, progress)
     verdict = _judge(bench, lab, naming, progress)
     chosen = verdict.chosen
@@ -126,8 +134,15 @@ def diagnose(lab: TrackedLab, own: Sequence[Effect] = (), progress: Progress = s
 
 def bench_of(lab: TrackedLab) -> Regioned:
     """The reduced model of the lab's rig, bound to its data."""
-    builders: dict[str, Callable[[TrackedLab], Regioned]] = {"drop": DropBench, "pendulum": PendulumBench}
-    return builders[lab.rig](lab)
+    builders: dict[str, Callable[[TrackedLab], Any]] = {
+        "drop": DropBench,
+        "pendulum": DoubleBench if lab.conditions[0].wall else PendulumBench,
+        "double": DoubleBench,
+        "roll": RollBench,
+        "slide": SlideBench,
+    }
+    bench: Regioned = builders[lab.rig](lab)
+    return bench
 
 
 def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress) -> Diagnosis:

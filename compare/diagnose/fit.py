@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -50,6 +50,7 @@ class Seen:
 class Bench(Protocol):
     """A rig with its data, as the fit sees it."""
 
+    time: Array  # [s], (N,)
     rows: Array  # [m], (N, 2) observed positions, sorted by repetition
     spans: Sequence[slice]  # the rows of each repetition
     sigma: Array  # [m], (N,)
@@ -237,7 +238,9 @@ def _linearise(
         local[1 + k, :, k] += steps_local[k]
     for k in range(count):
         values[1 + size + k, k] += steps_global[k]
-    seen = bench.predict(local, {u.name: values[:, k] for k, u in enumerate(unknowns)}, terms)
+    # a step too far may leave the numbers; it is then refused as one that fits infinitely badly
+    with np.errstate(all="ignore"):
+        seen = bench.predict(local, {u.name: values[:, k] for k, u in enumerate(unknowns)}, terms)
     sigma = _sigma(bench, seen, state.jitter)
     weight = np.where(mask, 1.0, 0.0)[:, None] / sigma
     residual = (bench.rows - seen.position[0]) * weight
@@ -375,12 +378,18 @@ def _expect_scatter(bench: Bench, state: _State, linear: _Linear) -> None:
             state.scatter[h] = max(math.sqrt(square), LEAST_SCATTER)
 
 
-def _jitter(bench: Bench, linear: _Linear, mask: Array) -> float:
-    """[s], the timestamp jitter that makes the residuals along the path most likely."""
+def _jitter(bench: Bench, linear: _Linear, mask: Any) -> float:
+    """[s], the timestamp jitter that makes the residuals along the path most likely.
+
+    Differences from row to row: jitter differs from frame to frame, a misfit of the model hardly does.
+    """
     from scipy.optimize import minimize_scalar
 
-    off = (bench.rows - linear.seen.position[0])[mask] ** 2
-    speed, floor = linear.seen.speed[mask] ** 2, bench.sigma[mask, None] ** 2
+    residual = bench.rows - linear.seen.position[0]
+    follows = mask[1:] & mask[:-1] & (np.abs(np.diff(bench.time)) < 3 * np.median(np.abs(np.diff(bench.time))))
+    off = np.diff(residual, axis=0)[follows] ** 2 / 2
+    squared = linear.seen.speed**2
+    speed, floor = (squared[1:] + squared[:-1])[follows] / 2, bench.sigma[1:][follows, None] ** 2
 
     def badness(log_tau: float) -> float:
         variance = floor + math.exp(2 * log_tau) * speed

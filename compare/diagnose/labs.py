@@ -96,6 +96,7 @@ def read_tracked_lab(path: Path) -> TrackedLab:
     raw_conditions = document.get("conditions")
     if not isinstance(raw_conditions, list) or not raw_conditions:
         raise BadLabFile(f"{file}: conditions: is missing or empty; list one condition per setting of the rig.")
+    camera = _camera(document, file, rig)
     conditions = () if rig in BULK else tuple(_condition(document, raw, file, rig) for raw in raw_conditions)
     geometry = document.get("rig_geometry") or {}
     if not isinstance(geometry, dict):
@@ -104,7 +105,7 @@ def read_tracked_lab(path: Path) -> TrackedLab:
         title=str(document.get("case") or document.get("title") or file.parent.name),
         rig=rig,
         gravity=_number(document, "gravity_m_s2", file, default=9.81),
-        camera=_camera(document, file, rig),
+        camera=camera,
         geometry=geometry,
         conditions=conditions,
         folder=file.parent,

@@ -13,7 +13,11 @@ from rigtwin.sim.effects import Effect
 ALARM = 16.0
 """Least gain in deviance for a first effect: what the best of twenty false ones gains once in 1000 labs."""
 SECOND = 16.0
-"""Least further gain for one more effect."""
+"""Least further gain for one more effect ..."""
+SECOND_SHARE, SECOND_MOST = 0.02, 1500.0
+"""... and this share of what was gained before, up to a limit: a strong effect whose law is known to a few percent
+leaves something that is no second effect."""
+RIVAL = 0.3  # a single that gains less than this share of the best is no root for pairs
 ALIKE = 6.0
 """Candidates closer than this in deviance explain the data equally well."""
 FORM = 25.0
@@ -87,7 +91,10 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
     rounds = [tuple(singles)]
     if best is None or best.score < ALARM:
         return Naming(base, location, tuple(done.values()), None, (), location, tuple(rounds))
-    front = _front(singles, 3)
+    front = [best]
+    if best.fitted.per_row > 1.3 or locate(bench, best.fitted).p < 1e-3:
+        # one effect does not do: the first of the pair need not be the best single
+        front = [one for one in _front(singles, 3) if one.score > RIVAL * best.score]
     for count in range(2, MOST_TERMS + 1):
         if count > 2 and locate(bench, best.fitted).p > 1e-3:
             break
@@ -100,7 +107,7 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
         grown = _polished(bench, grown, base, spread, done)
         rounds.append(tuple(grown))
         more = _best(grown)
-        if more is None or more.score - best.score < SECOND or not _each_needed(more, done):
+        if more is None or more.score - best.score < _price(best.gain) or not _each_needed(more, done):
             break
         best, front = more, _front(grown, 3)
     same_size = [one for one in done.values() if len(one.terms) == len(best.terms) and not one.reason]
@@ -119,15 +126,17 @@ def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit, base: Fit) -> Fi
         first = glance(bench, terms, near)
         if near.deviance - first.deviance < GLANCE:
             return first
-    fits = [fit(bench, terms, near=near, most=12, rounds=2)]
     parameter = newest.parameters[0]
     far = near.per_row > ROUGH
+    rounds = 1 if far else 2
+    most = 8 if far else 12  # the leading ones are fitted to the end afterwards
+    fits = [fit(bench, terms, near=near, most=most, rounds=rounds)]
     starts = (*parameter.starts, *((parameter.typical,) if far and parameter.typical not in parameter.starts else ()))
     if far or _flat(newest):
         name = f"{newest.name}.{parameter.name}"
         if newest.geometry != "jitter":
             for value in starts:
-                fits.append(fit(bench, terms, start={**_values(near), name: value}, most=12, rounds=2))
+                fits.append(fit(bench, terms, start={**_values(near), name: value}, most=most, rounds=rounds))
     return min(fits, key=lambda one: one.deviance)
 
 
@@ -152,7 +161,7 @@ def _polished(
     result = []
     for one in singles:
         better = one
-        if one in leading and not one.fitted.converged:
+        if one in leading and (not one.fitted.converged or base.per_row > ROUGH):
             fitted = fit(bench, one.terms, near=one.fitted, most=60)
             gain = (base.deviance - fitted.deviance) / spread
             better = Candidate(one.terms, fitted, gain, _refused(fitted, one.terms))
@@ -179,11 +188,16 @@ def _apart(candidates: Sequence[Candidate]) -> list[Candidate]:
     return _front(candidates, len(candidates))
 
 
+def _price(gain: float) -> float:
+    """What one more effect must gain."""
+    return max(SECOND, min(SECOND_SHARE * gain, SECOND_MOST))
+
+
 def _each_needed(candidate: Candidate, done: dict[frozenset[str], Candidate]) -> bool:
     """Whether no term can be left out at less than the price of a term."""
     for term in candidate.terms:
         rest = done.get(frozenset(name for name in candidate.names if name != term.name))
-        if rest is not None and candidate.score - rest.score < SECOND:
+        if rest is not None and candidate.score - rest.score < _price(rest.gain):
             return False
     return True
 

@@ -60,7 +60,10 @@ class PendulumBench:
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
         """The lengths and the calibration with their priors, and the terms' coefficients."""
         doubt = self.lab.known("length_uncertainty_m", default=5e-4)
-        own = [Unknown(f"length.{length:g}", 0.0, 1e-3, sd=OWN_LENGTH * doubt) for length in self.lengths]
+        own = [
+            Unknown(f"length.{length:g}", 0.0, 1e-3, sd=OWN_LENGTH * doubt, low=-0.02, high=0.02)
+            for length in self.lengths
+        ]
         many = own if len(own) > 1 else []
         return [*many, *camera_unknowns(self.lab, terms, {"length_error": doubt})]
 

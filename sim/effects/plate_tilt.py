@@ -6,7 +6,7 @@ EFFECT = Effect(
     name="plate_tilt",
     title="non-level plate",
     kind="physical",
-    rigs=("drop",),
+    rigs=("drop", "roll", "slide"),
     parameters=(Parameter("angle", "rad", -0.3, 0.3, 0.01, meaning="right side up where positive"),),
     equation="rebound mirrored at the tilted normal: v_x = -(1 + e) v sin(beta) cos(beta)",
     source="geometry",

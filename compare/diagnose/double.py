@@ -1,0 +1,181 @@
+"""Pendulums that strike, as the diagnosis sees them: bead A against bead B, or a bead against an upright wall.
+
+World axes: x right, y up; origin midway between the two pivots, or at the pivot.  A hangs on the left and is released
+to the left; the wall stands to the left of a bead released to the right.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from rigtwin.compare.diagnose.camera import camera_unknowns, exposed, viewed
+from rigtwin.compare.diagnose.collide import Encounter, angles_at, swing_and_hit
+from rigtwin.compare.diagnose.fit import Seen, Unknown
+from rigtwin.compare.diagnose.labs import TrackedLab
+from rigtwin.compare.diagnose.pendulum import OWN_LENGTH, pushing
+from rigtwin.compare.diagnose.runs import Runs
+from rigtwin.lab.records import Array
+from rigtwin.sim.effects import Effect
+
+MOST_IMPACTS = 5
+HANGS = 5e-4  # [rad], how far off the vertical the waiting bead may hang
+FIRST_GUESS = 0.65  # of a restitution
+
+
+class DoubleBench(Runs):
+    """All repetitions of a lab of two pendulums, or of one against a wall."""
+
+    def __init__(self, lab: TrackedLab) -> None:
+        super().__init__(lab)
+        self.wall = lab.rig == "pendulum"
+        self.length = self.setting("length_m")
+        self.lengths = sorted(set(self.length.tolist()))
+        self.which = np.array([self.lengths.index(length) for length in self.length.tolist()])
+        others = [c.wall if self.wall else c.bead.name for c in self.conditions]
+        names = [f"{c.bead.name}-{other}" for c, other in zip(self.conditions, others, strict=True)]
+        self.pairs = list(dict.fromkeys(names))
+        self.pair = np.array([self.pairs.index(name) for name in names])
+        side = 1.0 if self.wall else -1.0
+        angle = side * np.abs(np.radians(self.setting("release_angle_deg")))
+        per_run = 1 if self.wall else 2
+        numbers = [k % per_run for k, (_, _, track) in enumerate(self.runs) for _ in track.time]
+        self.body: Any = np.array(numbers)
+        count = len(self.conditions)
+        doubt = math.radians(lab.known("release_angle_uncertainty_deg", default=0.3))
+        ends = np.array([float(self.time[span].max()) for span in self.spans])
+        # a contact each half period, the first after a quarter
+        half = math.pi * np.sqrt(self.length / lab.gravity)
+        seen = np.clip(((ends - 0.05 - half / 2) / half + 0.9).astype(int), 1, MOST_IMPACTS)
+        self.impacts = int(seen.max())
+        self.active = np.arange(self.impacts)[None] < seen[:, None]
+        self.local_prior = np.concatenate(
+            [np.zeros((count, 1)), angle[:, None], np.zeros((count, 1)), np.full((count, self.impacts), FIRST_GUESS)],
+            axis=1,
+        )
+        waits = np.full((count, 1), 1e-7 if self.wall else HANGS)
+        self.local_sd = np.concatenate(
+            [np.full((count, 1), 10.0), np.full((count, 1), doubt), waits, np.where(self.active, np.inf, 1e-3)], axis=1
+        )
+        self.local_step = np.array([1e-3, 1e-2, 1e-3, *([1e-2] * self.impacts)])
+        self.scatter = np.where(self.active, self.pair[:, None], -1)
+        self.scatter_start = np.full(len(self.pairs), 0.03)
+
+    def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
+        """Restitution of each pair, the threads' lengths and the calibration with their priors."""
+        own = [Unknown(f"restitution.{pair}", FIRST_GUESS, 0.05, low=0.01, high=1.2) for pair in self.pairs]
+        doubt = self.lab.known("length_uncertainty_m", default=5e-4)
+        bodies = "A" if self.wall else "AB"
+        threads = [
+            Unknown(f"length.{body}.{length:g}", 0.0, 1e-3, sd=OWN_LENGTH * doubt, low=-0.02, high=0.02)
+            for length in self.lengths
+            for body in bodies
+        ]
+        return [*own, *threads, *camera_unknowns(self.lab, terms, {"length_error": doubt})]
+
+    def first_guess(self, values: Mapping[str, float]) -> Array:
+        """Release time from the moment A's angle has fallen by a tenth."""
+        clock = 1.0 + values.get("frame_rate_error.relative", 0.0)
+        guess = self.local_prior.copy()
+        for r, span in enumerate(self.spans):
+            mine = self.body[span] == 0
+            time, place = self.time[span][mine] / clock, self.rows[span][mine]
+            shift = 0.0 if self.wall else self.radius[r]
+            angle = np.abs(np.arctan2(place[:, 0] + shift, -place[:, 1]))
+            part = int(np.argmax(angle < 0.9 * float(np.median(angle[:3]))))
+            omega = math.sqrt(self.lab.gravity / self.length[r])
+            guess[r, 0] = max(float(time[part]) - math.sqrt(0.2) / omega, 0.0)
+        return guess
+
+    def horizons(self) -> list[Any]:
+        """The first contact first, then the second."""
+        half = (math.pi * np.sqrt(self.length / self.lab.gravity))[self.owner]
+        return [self.time < 0.9 * half + 0.05, self.time < 1.9 * half + 0.05]
+
+    def predict(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect]) -> Seen:
+        """Swing, strike and film all repetitions for a stack of settings."""
+        reach = [self._lengths("A", values), self._lengths("A" if self.wall else "B", values)]
+        gravity = self.lab.gravity
+        first, omega = pushing(reach[0], self.mass, self.radius, gravity, values, terms)
+        second, _ = pushing(reach[1], self.mass, self.radius, gravity, values, terms)
+        true = exposed(self.time, self.rows, values, terms)
+        since = true - local[..., 0][:, self.owner]
+        until = np.array([np.maximum(since[:, span].max(axis=1), 1e-3) for span in self.spans]).T
+        laws = self._laws(values)
+        still: Any = (lambda a, w: 0 * a) if self.wall else second
+        contacts = _Contacts(self, local, reach, laws)
+        motion = swing_and_hit(
+            (local[..., 1], local[..., 2]),
+            (first, still),
+            2 * math.pi / omega,
+            until,
+            contacts.gap,
+            contacts.hit,
+            self.impacts,
+        )
+        angle, rate = angles_at(motion, since, self.owner, self.body)
+        thread = np.where(self.body == 0, reach[0][:, self.owner], reach[1][:, self.owner])
+        offset = 0.0 if self.wall else np.where(self.body == 0, -1.0, 1.0) * self.radius[self.owner]
+        x, y = offset + thread * np.sin(angle), -thread * np.cos(angle)
+        speed = thread[0] * rate[0]
+        velocity = np.stack([speed * np.cos(angle[0]), speed * np.sin(angle[0])], axis=-1)
+        seen = np.stack(viewed(x, y, values, terms), axis=-1)
+        return Seen(seen, self._soft(local, values, terms, motion, laws), velocity)
+
+    def _lengths(self, body: str, values: Mapping[str, Array]) -> Array:
+        own = np.stack([values[f"length.{body}.{length:g}"] for length in self.lengths], axis=-1)[:, self.which]
+        return self.length + own + values["length_error.offset"][:, None]
+
+    def _laws(self, values: Mapping[str, Array]) -> Array:
+        return np.stack([values[f"restitution.{pair}"] for pair in self.pairs], axis=-1)[:, self.pair]
+
+    def _soft(
+        self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect], motion: Encounter, laws: Array
+    ) -> Array:
+        """How far each impact's restitution is from the law at its speed."""
+        speed = np.moveaxis(motion.speeds, 0, -1)
+        e = laws[..., None] + 0 * speed
+        for term in terms:
+            if term.restitution is not None:
+                own = [values[f"{term.name}.{p.name}"][:, None, None] for p in term.parameters]
+                e = term.restitution(e, speed, self.radius[:, None], self.mass[:, None], *own)
+        return np.where(self.active, local[..., 3:] - e, 0.0)
+
+
+class _Contacts:
+    """Where the surfaces are and what an impact does, for one stack of settings."""
+
+    def __init__(self, bench: DoubleBench, local: Array, reach: list[Array], laws: Array) -> None:
+        self.bench, self.local, self.reach, self.laws = bench, local, reach, laws
+
+    def gap(self, a: Array, b: Array, u: Array, v: Array, _who: Any) -> tuple[Array, Array]:
+        if self.bench.wall:
+            return self.reach[0] * np.sin(a), self.reach[0] * u * np.cos(a)
+        x, y, distance = self._between(a, b)
+        left, right = self.reach[0] * u, self.reach[1] * v
+        closing = x * (right * np.cos(b) - left * np.cos(a)) + y * (right * np.sin(b) - left * np.sin(a))
+        # a bead that has passed through the other within a step is on its wrong side
+        way = np.where(x < 0, -1.0, 1.0)
+        return way * distance - 2 * self.bench.radius, way * closing / distance
+
+    def hit(self, a: Array, b: Array, u: Array, v: Array, count: Array, _who: Any) -> tuple[Array, Array, Array]:
+        impacts = self.bench.impacts
+        at = np.minimum(count, impacts - 1)
+        e = np.take_along_axis(self.local[..., 3:], at[..., None], axis=2)[..., 0]
+        e = np.where(count < impacts, e, self.laws)
+        if self.bench.wall:
+            return -e * u, v, np.abs(self.reach[0] * u)
+        x, y, distance = self._between(a, b)
+        along_a = (x * np.cos(a) + y * np.sin(a)) / distance
+        along_b = (x * np.cos(b) + y * np.sin(b)) / distance
+        closing = self.reach[1] * v * along_b - self.reach[0] * u * along_a
+        impulse = -(1 + e) * closing / (along_a**2 + along_b**2)
+        return u - impulse * along_a / self.reach[0], v + impulse * along_b / self.reach[1], np.abs(closing)
+
+    def _between(self, a: Array, b: Array) -> tuple[Array, Array, Array]:
+        x = 2 * self.bench.radius + self.reach[1] * np.sin(b) - self.reach[0] * np.sin(a)
+        y = self.reach[0] * np.cos(a) - self.reach[1] * np.cos(b)
+        return x, y, np.hypot(x, y)

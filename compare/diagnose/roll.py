@@ -1,0 +1,126 @@
+"""Rolling as the diagnosis sees it: a bead rolls down an incline from rest, or along a level surface from a push.
+
+World axes: x right along the level, y up, origin where the bead touches the surface at the start.  The bead rolls
+without slipping, to the right.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from rigtwin.compare.diagnose.along import place_at, ride
+from rigtwin.compare.diagnose.camera import camera_unknowns, exposed, viewed
+from rigtwin.compare.diagnose.fit import Seen, Unknown
+from rigtwin.compare.diagnose.labs import TrackedLab
+from rigtwin.compare.diagnose.runs import Runs
+from rigtwin.lab.records import Array
+from rigtwin.sim.effects import Effect
+
+ROLLS = 5 / 7  # of a force is left to a solid sphere that rolls
+
+
+class RollBench(Runs):
+    """All repetitions of a lab of rolling beads."""
+
+    def __init__(self, lab: TrackedLab) -> None:
+        super().__init__(lab)
+        self.slope = np.radians(self.setting("incline_angle_deg", 0.0))
+        self.push = self.setting("push_speed_m_s", 0.0)
+        self.pairs = list(dict.fromkeys(f"{c.bead.name}-{c.wall}" for c in self.conditions))
+        self.pair = np.array([self.pairs.index(f"{c.bead.name}-{c.wall}") for c in self.conditions])
+        count = len(self.conditions)
+        pushed = self.push > 0
+        # release time, starting place, speed at the start, rolling friction of this repetition
+        self.local_prior = np.stack([np.zeros(count), np.zeros(count), self.push, np.full(count, 0.03)], axis=1)
+        self.local_sd = np.stack(
+            [
+                np.full(count, 10.0), np.full(count, 2e-3), np.where(pushed, 0.1 * self.push + 1e-6, 1e-5),
+                np.full(count, np.inf),
+            ],
+            axis=1,
+        )  # fmt: skip
+        self.local_step = np.array([1e-3, 1e-3, 1e-2, 1e-3])
+        self.scatter = self.pair[:, None].copy()
+        self.scatter_start = np.full(len(self.pairs), 3e-3)
+
+    def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
+        """Rolling friction of each pair, each condition's angle, the level and the calibration with their priors."""
+        own = [Unknown(f"rolling_friction.{pair}", 0.03, 3e-3, low=0.0, high=1.0) for pair in self.pairs]
+        doubt = math.radians(self.lab.known("incline_angle_uncertainty_deg", default=0.05))
+        tips = [Unknown(f"angle.{name}", 0.0, 1e-3, sd=doubt) for name in self.condition_names]
+        level = math.radians(self.lab.known("plate_level_uncertainty_deg", default=0.1))
+        return [*own, *tips, *camera_unknowns(self.lab, terms, {"plate_tilt": level})]
+
+    def first_guess(self, values: Mapping[str, float]) -> Array:
+        """Start from the moment the bead has moved; friction from the distance it then took to go where it went."""
+        clock = 1.0 + values.get("frame_rate_error.relative", 0.0)
+        guess = self.local_prior.copy()
+        gravity = self.lab.gravity
+        for r, span in enumerate(self.spans):
+            time = self.time[span] / clock
+            place = self.rows[span][:, 0] / math.cos(self.slope[r])
+            place = place - float(np.median(place[:3]))
+            moved = int(np.argmax(place > max(0.06 * float(place.max()), 6 * self.noise)))
+            if self.push[r] > 0:
+                t0, bend, speed = self._pushed(time[moved:], place[moved:])
+                guess[r, 2] = min(max(speed, 0.7 * self.push[r]), 1.3 * self.push[r])
+                guess[r, 0] = max(t0, 0.0)
+                guess[r, 3] = np.clip(-bend / ROLLS / gravity, 1e-3, 0.5)
+            else:
+                quadratic = np.polyfit(time[moved:], place[moved:], 2)
+                bend = max(2 * float(quadratic[0]), 1e-3)
+                guess[r, 0] = max(float(-quadratic[1] / (2 * quadratic[0])), 0.0) if quadratic[0] > 0 else time[moved]
+                friction = math.tan(self.slope[r]) - bend / ROLLS / gravity / math.cos(self.slope[r])
+                guess[r, 3] = np.clip(friction, 1e-3, 0.5)
+        return guess
+
+    @staticmethod
+    def _pushed(time: Array, place: Array) -> tuple[float, float, float]:
+        """Start time [s], acceleration [m/s^2] and starting speed [m/s] from a parabola over the moving part."""
+        moving = place < 0.97 * place.max()
+        quadratic = np.polyfit(time[moving], place[moving], 2)
+        a, b, c = (float(value) for value in quadratic)
+        inside = b * b - 4 * a * c
+        if a >= 0 or inside <= 0:
+            return float(time[0]), -0.1, float(np.polyfit(time[moving], place[moving], 1)[0])
+        t0 = (-b + math.sqrt(inside)) / (2 * a)
+        return t0, 2 * a, 2 * a * t0 + b
+
+    def predict(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect]) -> Seen:
+        """Roll and film all repetitions for a stack of settings."""
+        tips = np.stack([values[f"angle.{name}"] for name in self.condition_names], axis=-1)[:, self.condition]
+        slope = self.slope + tips + values["plate_tilt.angle"][:, None]
+        t0, start, push, friction = (local[..., k] for k in range(4))
+        sine, cosine = np.sin(slope), np.cos(slope)
+        acting = [
+            (term, [values[f"{term.name}.{p.name}"][:, None] for p in term.parameters])
+            for term in terms
+            if term.force is not None or term.rolling is not None or term.torque is not None
+        ]
+
+        def pull(time: Array, place: Array, speed: Array) -> Array:
+            mu = friction
+            extra = np.zeros_like(speed)
+            for term, own in acting:
+                if term.rolling is not None:
+                    mu = term.rolling(mu, np.abs(speed), self.radius, *own)
+                if term.force is not None:
+                    # the track is straight: the force along it depends on the speed alone
+                    extra = extra + term.force(speed, 0 * speed, 0.0, self.radius, self.mass, *own)[0] / self.mass
+                if term.torque is not None:
+                    extra = extra + term.torque(place, speed, 1.0, 1.0, *own)
+            return ROLLS * (self.lab.gravity * (sine - mu * cosine) + extra)
+
+        true = exposed(self.time, self.rows, values, terms)
+        since = true - t0[:, self.owner]
+        until = np.array([np.maximum(since[:, span].max(axis=1), 1e-3) for span in self.spans]).T
+        motion = ride(start, np.maximum(push, 0.0), pull, until)
+        place, speed = place_at(motion, since, self.owner)
+        s, c, radius = sine[:, self.owner], cosine[:, self.owner], self.radius[self.owner]
+        x, y = place * c + radius * s, radius * c - place * s
+        seen = np.stack(viewed(x, y, values, terms), axis=-1)
+        plain = np.stack([values[f"rolling_friction.{pair}"] for pair in self.pairs], axis=-1)[:, self.pair]
+        return Seen(seen, (friction - plain)[..., None], np.stack([speed[0] * c[0], -speed[0] * s[0]], axis=-1))

@@ -1,0 +1,81 @@
+"""What every tracked rig shares: its repetitions as one long table of rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from rigtwin.compare.diagnose.camera import noise_of
+from rigtwin.compare.diagnose.labs import Condition, TrackedLab
+from rigtwin.lab.errors import BadLabFile
+from rigtwin.lab.records import Array, Track
+
+
+class Runs:
+    """The repetitions of a lab of one track each, in order, with their rows one below the other."""
+
+    def __init__(self, lab: TrackedLab) -> None:
+        self.lab = lab
+        self.runs: list[tuple[int, Condition, Track]] = [
+            (number, condition, track)
+            for number, condition in enumerate(lab.conditions)
+            for tracks in condition.repetitions
+            for track in tracks
+        ]
+        per_run = len(lab.conditions[0].repetitions[0])
+        firsts = self.runs[::per_run]
+        self.condition = np.array([number for number, _, _ in firsts])
+        self.condition_names = [condition.name for condition in lab.conditions]
+        self.conditions = [condition for _, condition, _ in firsts]
+        self.radius = np.array([condition.bead.radius for condition in self.conditions])
+        self.mass = np.array([condition.bead.mass for condition in self.conditions])
+        self.noise = noise_of(lab, [track for _, _, track in self.runs])
+        self.time = np.concatenate([track.time for _, _, track in self.runs])
+        self.rows = np.concatenate([track.position for _, _, track in self.runs])
+        counts = [
+            sum(len(track.time) for _, _, track in self.runs[k : k + per_run])
+            for k in range(0, len(self.runs), per_run)
+        ]
+        self.spans = [slice(int(a), int(b)) for a, b in pairwise(np.concatenate([[0], np.cumsum(counts)]))]
+        self.owner: Any = np.repeat(np.arange(len(counts)), counts)
+        self.sigma: Array = np.full(len(self.rows), self.noise)
+        self.scatter: Any = np.zeros((len(counts), 0), dtype=int)
+        self.scatter_start: Array = np.zeros(0)
+        self.region: Any
+        self.region_names: Sequence[str]
+        self.region, self.region_names = eighths(self.time, self.spans)
+
+    def setting(self, name: str, default: float | None = None) -> Array:
+        """A number that each condition states, one per repetition.  Raises `BadLabFile` where it is missing."""
+        values = []
+        for condition in self.conditions:
+            value = condition.settings.get(name, default)
+            if isinstance(value, bool) or not isinstance(value, (int, float)):
+                raise BadLabFile(
+                    f"{self.lab.folder / 'lab.json'}: condition {condition.name}: {name}: is missing or not a number."
+                )
+            values.append(float(value))
+        return np.array(values)
+
+
+def eighths(time: Array, spans: Sequence[slice]) -> tuple[Any, list[str]]:
+    """Eighths of the record by time."""
+    region = np.concatenate(
+        [np.minimum((8 * (time[s] - time[s].min()) / (np.ptp(time[s]) + 1e-9)).astype(int), 7) for s in spans]
+    )
+    return region, [f"eighth {k + 1} of the record" for k in range(8)]
+
+
+def on_grid(nodes: list[Array], index: Any) -> list[Array]:
+    """Entries of node arrays (nodes, settings, repetitions) at flat indices."""
+    return [series.reshape(-1)[index] for series in nodes]
+
+
+def hermite(a: Array, b: Array, da: Array, db: Array, s: Array) -> tuple[Array, Array]:
+    """Cubic from a to b with end slopes da, db per step, and its slope per step, at the fraction s."""
+    value = a + s * (da + s * (3 * (b - a) - 2 * da - db + s * (2 * (a - b) + da + db)))
+    slope = da + s * (2 * (3 * (b - a) - 2 * da - db) + 3 * s * (2 * (a - b) + da + db))
+    return value, slope

@@ -1,0 +1,126 @@
+"""Sliding as the diagnosis sees it: a clump lies on an arm that tilts at a steady rate until it slips, then slides.
+
+World axes: x right along the level, y up, origin on the hinge axis in the arm's surface; the arm rises to the right.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from rigtwin.compare.diagnose.along import place_at, ride
+from rigtwin.compare.diagnose.camera import camera_unknowns, exposed, viewed
+from rigtwin.compare.diagnose.fit import Seen, Unknown
+from rigtwin.compare.diagnose.labs import TrackedLab
+from rigtwin.compare.diagnose.runs import Runs
+from rigtwin.lab.records import Array
+from rigtwin.sim.effects import Effect
+
+
+class SlideBench(Runs):
+    """All repetitions of a lab of clumps on a tilting arm."""
+
+    def __init__(self, lab: TrackedLab) -> None:
+        super().__init__(lab)
+        self.start = np.radians(self.setting("start_angle_deg", 0.0))
+        self.rate = np.radians(self.setting("tilt_rate_deg_s"))
+        self.waiting = self.setting("waiting_time_s", 0.0)
+        self.distance = self.setting("start_distance_m")
+        self.clump = self.setting("clump_mass_g", math.nan) * 1e-3
+        self.clump = np.where(np.isfinite(self.clump), self.clump, self.mass)
+        self.pairs = list(dict.fromkeys(f"{c.bead.name}-{c.wall}" for c in self.conditions))
+        self.pair = np.array([self.pairs.index(f"{c.bead.name}-{c.wall}") for c in self.conditions])
+        stated = lab.geometry.get("sliding_friction_pw") or {}
+        self.stated = {f"{c.bead.name}-{c.wall}": stated.get(c.wall) for c in self.conditions}
+        count = len(self.conditions)
+        # where it lies on the arm, and the friction at which it slips this time
+        self.local_prior = np.stack([self.distance, np.full(count, 0.4)], axis=1)
+        self.local_sd = np.stack([np.full(count, 2e-3), np.full(count, np.inf)], axis=1)
+        self.local_step = np.array([1e-3, 1e-3])
+        self.scatter = self.pair[:, None].copy()
+        self.scatter_start = np.full(len(self.pairs), 0.01)
+
+    def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
+        """Friction of each pair, the arm's rate and level and the calibration with their priors."""
+        own = [Unknown(f"static_friction.{pair}", 0.4, 0.01, low=0.01, high=3.0) for pair in self.pairs]
+        rate = Unknown("tilt_rate", 0.0, 1e-3, sd=self.lab.known("tilt_rate_uncertainty_rel", default=0.002))
+        level = math.radians(self.lab.known("plate_level_uncertainty_deg", default=0.1))
+        return [*own, rate, *camera_unknowns(self.lab, terms, {"plate_tilt": level})]
+
+    def first_guess(self, values: Mapping[str, float]) -> Array:
+        """Slip from the moment the clump has moved, friction from the arm's angle then."""
+        clock = 1.0 + values.get("frame_rate_error.relative", 0.0)
+        guess = self.local_prior.copy()
+        for r, span in enumerate(self.spans):
+            time = self.time[span] / clock
+            reach = np.hypot(self.rows[span][:, 0], self.rows[span][:, 1])
+            still = float(np.median(reach[: max(len(reach) // 10, 3)]))
+            guess[r, 0] = still
+            gone = still - reach
+            fast = np.flatnonzero(gone > 0.3 * float(gone.max()))[0]
+            moved = np.flatnonzero(gone[: fast + 1] < max(6 * self.noise, 0.01 * float(gone.max())))[-1]
+            angle = self.start[r] + self.rate[r] * float(time[moved])
+            guess[r, 1] = math.tan(angle)
+        return guess
+
+    def predict(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect]) -> Seen:
+        """Tilt, slip, slide and film all repetitions for a stack of settings."""
+        gravity, high = self.lab.gravity, self.radius
+        rate = self.rate * (1 + values["tilt_rate"][:, None])
+        start = self.start + values["plate_tilt.angle"][:, None]
+        place, static = local[..., 0], local[..., 1]
+        slip = np.arctan(np.maximum(static, 1e-3))
+        for _ in range(2):  # the arm's turning loads the clump a little
+            pressing = gravity * np.cos(slip) - high * rate**2
+            slip = np.arcsin(np.clip((static * pressing + place * rate**2) / gravity, 0.0, 0.999))
+        begin = (slip - start) / rate
+        acting = [
+            (term, [values[f"{term.name}.{p.name}"][:, None] for p in term.parameters])
+            for term in terms
+            if term.torque is not None or term.sliding is not None
+        ]
+
+        def pull(time: Array, way: Array, speed: Array) -> Array:
+            """Down the arm."""
+            angle = slip + rate * time
+            pressing = gravity * np.cos(angle) - 2 * speed * rate - high * rate**2
+            extra = np.zeros_like(speed)
+            mu = static
+            for term, own in acting:
+                if term.torque is not None:
+                    extra = extra + term.torque(way, speed, 1.0, 1.0, *own)
+                if term.sliding is not None:
+                    mu = term.sliding(mu, np.abs(speed), self.waiting, *own)
+            return gravity * np.sin(angle) - (place - way) * rate**2 - mu * pressing + extra
+
+        true = exposed(self.time, self.rows, values, terms)
+        since = true - begin[:, self.owner]
+        until = np.array([np.maximum(since[:, span].max(axis=1), 1e-3) for span in self.spans]).T
+        motion = ride(np.zeros_like(place), np.full_like(place, 1e-6), pull, until, may_stop=False)
+        way, speed = place_at(motion, since, self.owner)
+        angle = start[:, self.owner] + rate[:, self.owner] * true
+        reach, lift = place[:, self.owner] - way, high[self.owner]
+        x, y = reach * np.cos(angle) - lift * np.sin(angle), reach * np.sin(angle) + lift * np.cos(angle)
+        seen = np.stack(viewed(x, y, values, terms), axis=-1)
+        velocity = np.stack([-speed[0] * np.cos(angle[0]), -speed[0] * np.sin(angle[0])], axis=-1)
+        return Seen(seen, self._soft(static, slip, begin, values, terms), velocity)
+
+    def _soft(
+        self,
+        static: Array,
+        slip: Array,
+        begin: Array,
+        values: Mapping[str, Array],
+        terms: Sequence[Effect],
+    ) -> Array:
+        """How far each repetition's friction is from the law at the slip."""
+        plain = np.stack([values[f"static_friction.{pair}"] for pair in self.pairs], axis=-1)[:, self.pair]
+        onset = plain
+        normal = self.clump * self.lab.gravity * np.cos(slip)
+        for term in terms:
+            if term.onset is not None:
+                own = [values[f"{term.name}.{p.name}"][:, None] for p in term.parameters]
+                onset = term.onset(onset, self.waiting + begin, normal, *own)
+        return (static - onset)[..., None]

@@ -1,0 +1,24 @@
+"""The clump sticks to the arm: friction has a force beside the weight."""
+
+from typing import Any
+
+from rigtwin.sim.effects.effect import Effect, Parameter
+
+
+def onset(mu: Any, waiting: Any, normal: Any, force: Any) -> Any:
+    """mu (1 + F_a / N)."""
+    return mu * (1.0 + force / normal)
+
+
+EFFECT = Effect(
+    name="contact_adhesion",
+    title="adhesion to the arm",
+    kind="physical",
+    rigs=("slide",),
+    parameters=(Parameter("force", "N", 0.0, 1.0, 1e-3, meaning="at rest"),),
+    equation="mu_s = mu (1 + F_a/N)",
+    source="Bowden & Tabor 1950",
+    synonyms=("adhesion", "cohesion", "stickiness", "electrostatic adhesion"),
+    onset=onset,
+    splits="ballast on the clump: adhesion loses its share, friction does not",
+)

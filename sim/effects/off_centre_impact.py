@@ -1,0 +1,24 @@
+"""The beads do not meet on their line of centres: part of the push goes out of the plane of motion."""
+
+from typing import Any
+
+from rigtwin.sim.effects.effect import Effect, Parameter
+
+
+def restitution(e: Any, speed: Any, radius: Any, mass: Any, offset: Any) -> Any:
+    """Seen in the plane: (1 + e') = (1 + e)(1 - b^2/d^2), from the normal turned by sin(gamma) = b/d."""
+    return (1.0 + e) * (1.0 - offset * offset) - 1.0
+
+
+EFFECT = Effect(
+    name="off_centre_impact",
+    title="off-centre impact",
+    kind="physical",
+    rigs=("double",),
+    parameters=(Parameter("offset", "1", 0.0, 0.9, 0.2, starts=(0.3,), meaning="b/d, of a diameter"),),
+    equation="1 + e' = (1 + e)(1 - (b/d)^2)",
+    source="geometry; Foerster et al. 1994",
+    synonyms=("oblique impact", "non-central impact", "eccentric impact", "misaligned pendulums", "non-spherical"),
+    restitution=restitution,
+    splits="film from above: the beads then part sideways",
+)

@@ -1,0 +1,24 @@
+"""Rolling resistance as a lever arm: one length of the material pair, so that small beads roll worse."""
+
+from typing import Any
+
+from rigtwin.sim.effects.effect import Effect, Parameter
+
+
+def rolling(mu: Any, speed: Any, radius: Any, lever: Any) -> Any:
+    """mu_r + b/R."""
+    return mu + lever / radius
+
+
+EFFECT = Effect(
+    name="rolling_lever",
+    title="rolling lever arm",
+    kind="physical",
+    rigs=("roll",),
+    parameters=(Parameter("lever", "m", 0.0, 5e-3, 1e-4, meaning="b, from the centre of pressure to the centre"),),
+    equation="mu_r = b/R",
+    source="Johnson 1985, section 9.1; Hlosta et al. 2020, table 10",
+    synonyms=("lever arm", "rolling resistance length", "size dependent rolling", "mu_r ~ 1/d"),
+    rolling=rolling,
+    splits="three bead sizes of one material: the lever arm is one length, the coefficient then goes with 1/d",
+)

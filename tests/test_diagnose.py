@@ -1,0 +1,412 @@
+"""Diagnosis: labs drawn here by SciPy's integrator with a hidden effect; the verdict is compared with the truth."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from rigtwin.compare.diagnose import along, flight, labs, swing
+from rigtwin.compare.diagnose.diagnosis import diagnose
+from rigtwin.compare.diagnose.drop import DropBench, impacts
+from rigtwin.compare.diagnose.fit import fit
+from rigtwin.compare.diagnose.labs import read_tracked_lab
+from rigtwin.compare.diagnose.locate import holm
+from rigtwin.compare.diagnose.page import page
+from rigtwin.compare.diagnose.pendulum import pushing
+from rigtwin.compare.diagnose.run import diagnose_folder, model_of
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.model import read_model, write_model
+from rigtwin.sim.effects import library, named, own_effect
+
+G = 9.81
+CAMERA = {
+    "frame_rate_hz": 240.0,
+    "frame_rate_uncertainty_rel": 1e-4,
+    "scale_m_per_px": 5e-4,
+    "scale_uncertainty_rel": 0.002,
+    "roll_uncertainty_deg": 0.15,
+    "tracking_noise_px": 0.3,
+}
+BEADS = {
+    "light": {"diameter_m": 0.012, "mass_g": 0.11, "density_kg_m3": 120},
+    "heavy": {"diameter_m": 0.006, "mass_g": 0.2, "density_kg_m3": 1768},
+}
+
+
+def draw_drop(rng, bead, height, *, drag=0.0, clock=0.0, exponent=0.0, e=0.65):
+    """One filmed drop: flights by SciPy, restitution scattered, noise on the centre."""
+    radius, mass = BEADS[bead]["diameter_m"] / 2, BEADS[bead]["mass_g"] * 1e-3
+    k = 0.5 * 1.2 * drag * math.pi * radius**2 / mass
+
+    def motion(_t, s):
+        speed = math.hypot(s[2], s[3])
+        return [s[2], s[3], -k * speed * s[2], -G - k * speed * s[3]]
+
+    def land(_t, s):
+        return s[1] - radius
+
+    land.terminal, land.direction = True, -1
+    begin, state = float(rng.uniform(0.01, 0.04)), [0.0, height + radius, float(rng.normal(0, 0.003)), 0.0]
+    frames = np.arange(0, 2.0, 1 / (240.0 * (1 + clock)))
+    x, y = np.full(len(frames), state[0]), np.full(len(frames), state[1])
+    for _ in range(4):
+        run = solve_ivp(motion, (begin, begin + 2), state, events=land, rtol=1e-10, atol=1e-12, dense_output=True)
+        end = float(run.t[-1])
+        inside = (frames >= begin) & (frames < end)
+        x[inside], y[inside] = run.sol(frames[inside])[:2]
+        s = run.y[:, -1]
+        speed = -s[3]
+        begin, state = end, [s[0], radius, s[2] + rng.normal(0, 0.01) * speed, 0.0]
+        state[3] = (e * speed**-exponent + rng.normal(0, 0.01)) * speed
+    keep = frames < begin
+    place = np.column_stack([x, y])[keep] + rng.normal(0, 0.3 * 5e-4, (int(keep.sum()), 2))
+    return np.arange(int(keep.sum())) / 240.0, place
+
+
+def write_drops(folder, seed, beads=("light", "heavy"), heights=(0.1, 0.6), repetitions=4, **hidden):
+    rng = np.random.default_rng(seed)
+    conditions = []
+    for bead in beads:
+        for height in heights:
+            name = f"{bead}_{round(height * 1000)}"
+            (folder / name).mkdir(parents=True)
+            for number in range(1, repetitions + 1):
+                write_track(folder / name / f"rep{number:02d}.csv", *draw_drop(rng, bead, height, **hidden))
+            conditions.append(
+                {"name": name, "bead": bead, "wall": "glass", "drop_height_m": height, "repetitions": repetitions}
+            )
+    return write_lab(
+        folder, "drop", conditions, {"drop_height_uncertainty_m": 5e-4, "plate_level_uncertainty_deg": 0.1}
+    )
+
+
+def write_pendulums(folder, seed, *, dry=0.0, repetitions=3):
+    rng = np.random.default_rng(seed)
+    conditions = []
+    length, mass = 0.25, BEADS["heavy"]["mass_g"] * 1e-3
+    for angle in (15, 40):
+        name = f"heavy_a{angle}"
+        (folder / name).mkdir(parents=True)
+        for number in range(1, repetitions + 1):
+            start = math.radians(angle + rng.normal(0, 0.05))
+
+            def motion(_t, s):
+                return [s[1], -G / length * math.sin(s[0]) - dry / (mass * length**2) * math.tanh(s[1] / 1e-3)]
+
+            run = solve_ivp(motion, (0, 4), [start, 0.0], rtol=1e-9, atol=1e-11, max_step=0.01, dense_output=True)
+            time = np.arange(0, 4, 1 / 120)
+            angles = run.sol(np.maximum(time - 0.03, 0.0))[0]
+            place = length * np.column_stack([np.sin(angles), -np.cos(angles)])
+            write_track(folder / name / f"rep{number:02d}.csv", time, place + rng.normal(0, 1e-4, place.shape))
+        conditions.append(
+            {
+                "name": name,
+                "bead": "heavy",
+                "length_m": length,
+                "release_angle_deg": angle,
+                "repetitions": repetitions,
+            }
+        )
+    return write_lab(folder, "pendulum", conditions, {"length_uncertainty_m": 5e-4})
+
+
+def write_rolls(folder, seed, *, slope=0.0):
+    """Level pushes and one incline; mu_r + slope v, closed by SciPy."""
+    rng = np.random.default_rng(seed)
+    conditions = []
+    radius = BEADS["heavy"]["diameter_m"] / 2
+    for angle, push in ((8.0, 0.0), (0.0, 0.3), (0.0, 0.6)):
+        name = f"heavy_{angle:g}_{push:g}"
+        (folder / name).mkdir(parents=True)
+        tilt = math.radians(angle)
+        for number in range(1, 5):
+            mu = 0.03 + rng.normal(0, 3e-4)
+
+            def motion(_t, s, mu=mu, tilt=tilt):
+                rolling = mu + slope * s[1]
+                return [s[1], 5 / 7 * G * (math.sin(tilt) - rolling * math.cos(tilt))] if s[1] >= 0 else [0.0, 0.0]
+
+            time = np.arange(0, 0.9, 1 / 240)
+            run = solve_ivp(
+                motion, (0, 1), [0.0, push * (1 + rng.normal(0, 0.02))], rtol=1e-9, atol=1e-11, dense_output=True
+            )
+            s = np.where(time < 0.02, 0.0, run.sol(np.maximum(time - 0.02, 0))[0])
+            place = np.column_stack(
+                [s * math.cos(tilt) + radius * math.sin(tilt), radius * math.cos(tilt) - s * math.sin(tilt)]
+            )
+            write_track(folder / name / f"rep{number:02d}.csv", time, place + rng.normal(0, 1.5e-4, place.shape))
+        conditions.append(
+            {
+                "name": name,
+                "bead": "heavy",
+                "wall": "glass",
+                "incline_angle_deg": angle,
+                **({"push_speed_m_s": push} if push else {}),
+                "repetitions": 4,
+            }
+        )
+    return write_lab(folder, "roll", conditions, {"incline_angle_uncertainty_deg": 0.05})
+
+
+def write_track(path, time, place):
+    rows = [f"{t:.5f},{x:.6f},{y:.6f}" for t, (x, y) in zip(time, place, strict=True)]
+    path.write_text("time_s,x_m,y_m\n" + "\n".join(rows) + "\n")
+
+
+def write_lab(folder, rig, conditions, geometry):
+    document = {
+        "case": folder.name, "rig": rig, "gravity_m_s2": G, "camera": CAMERA, "particles": BEADS,
+        "conditions": conditions, "rig_geometry": geometry,
+    }  # fmt: skip
+    (folder / "lab.json").write_text(json.dumps(document))
+    return folder
+
+
+# ------------------------------------------------------------------------------------------------ reduced models
+
+
+def test_a_flight_without_air_is_a_parabola():
+    one = np.ones((1, 1, 1))
+    path = flight.fly(0.2 * one, 3.0 * one, 0 * one, 0 * one, one, radius=one, mass=one, gravity=G, terms=(), values={})
+    assert path.duration.item() == pytest.approx(2 * 3.0 / G, rel=1e-9)
+    assert path.land_x.item() == pytest.approx(0.2 * 6.0 / G, rel=1e-9)
+    assert path.land_vy.item() == pytest.approx(-3.0, rel=1e-9)
+
+
+def test_a_long_fall_ends_at_the_terminal_speed_of_its_drag():
+    one = np.ones((1, 1, 1))
+    radius, mass = 0.006, 2.5e-5
+    drag = named("air_drag")
+    path = flight.fly(
+        0 * one, 0 * one, 12.0 * one, 0 * one, one,
+        radius=radius * one, mass=mass * one, gravity=G, terms=(drag,),
+        values={"air_drag.drag_coefficient": np.array([0.44])},
+    )  # fmt: skip
+    terminal = math.sqrt(mass * G / (0.5 * 1.2 * 0.44 * math.pi * radius**2))
+    assert -path.land_vy.item() == pytest.approx(terminal, rel=1e-3)
+
+
+def test_a_pendulum_swings_slower_at_large_angles_as_the_elliptic_integral_says():
+    from scipy.special import ellipk
+
+    angle = np.array([[1.0]])
+    push, omega = pushing(np.array([[0.25]]), np.array([1e-3]), np.array([3e-3]), G, {}, ())
+    swings = swing.half_swings(angle, push, omega, np.array([[2.0]]))
+    half = 2 * math.sqrt(0.25 / G) * ellipk(math.sin(0.5) ** 2)
+    assert np.diff(swings.begin[:, 0, 0]) == pytest.approx(half, rel=2e-5)
+
+
+def test_dry_friction_takes_the_same_angle_from_every_swing():
+    moment, length, mass = 2e-6, 0.25, 2e-4
+    values = {"pivot_friction.moment": np.array([moment])}
+    push, omega = pushing(
+        np.array([[length]]), np.array([mass]), np.array([3e-3]), G, values, (named("pivot_friction"),)
+    )
+    swings = swing.half_swings(np.array([[0.05]]), push, omega, np.array([[3.0]]))
+    loss = -np.diff(np.abs(swings.angle[:, 0, 0, 0]))
+    assert loss == pytest.approx(2 * moment / (mass * G * length), rel=2e-3)
+
+
+def test_a_sphere_that_rolls_to_rest_stops_where_its_friction_says():
+    deceleration = 5 / 7 * G * 0.05
+    one = np.ones((1, 1))
+    motion = along.ride(0 * one, 0.5 * one, lambda t, s, v: -deceleration * np.ones_like(v), 5 * one)
+    place, speed = along.place_at(motion, np.array([[0.1, 4.0]]), np.array([0, 0]))
+    assert place[0, 1] == pytest.approx(0.5**2 / (2 * deceleration), rel=1e-9)
+    assert place[0, 0] == pytest.approx(0.5 * 0.1 - deceleration * 0.005, rel=1e-9)
+    assert speed[0, 1] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_equal_pendulums_exchange_their_speeds_in_an_elastic_impact(tmp_path):
+    from rigtwin.compare.diagnose.double import DoubleBench
+
+    (tmp_path / "c").mkdir()
+    time = np.arange(0, 0.6, 1 / 240)
+    rows = [f"{t:.5f},{body},{x},{-0.25}" for t in time for body, x in (("A", -0.01), ("B", 0.003))]
+    for number in (1, 2):
+        (tmp_path / "c" / f"rep{number:02d}.csv").write_text("time_s,particle,x_m,y_m\n" + "\n".join(rows) + "\n")
+    conditions = [{"name": "c", "bead": "heavy", "length_m": 0.25, "release_angle_deg": 50, "repetitions": 2}]
+    bench = DoubleBench(read_tracked_lab(write_lab(tmp_path, "double", conditions, {})))
+    local = bench.local_prior.copy()
+    local[:, 3:] = 1.0
+    seen = bench.predict(local[None], {u.name: np.array([u.start]) for u in bench.unknowns(())}, ())
+    late = bench.time[bench.spans[0]] > 0.55
+    body = bench.body[bench.spans[0]]
+    place = seen.position[0][bench.spans[0]]
+    assert place[late & (body == 0), 0] == pytest.approx(-0.003, abs=1e-5)  # A hangs still where B hung
+    top = 2 * math.asin(math.sin(math.radians(25)))
+    assert place[body == 1, 0].max() == pytest.approx(0.003 + 0.25 * math.sin(top), abs=2e-4)
+
+
+def test_impacts_are_found_where_the_speed_jumps():
+    rng = np.random.default_rng(3)
+    time, place = draw_drop(rng, "heavy", 0.3)
+    found = impacts(time, place[:, 1], 1.5e-4)
+    assert len(found) == 3
+    # fall, then 2 e v/g in the air
+    assert found[1] - found[0] == pytest.approx(2 * 0.65 * math.sqrt(2 * G * 0.3) / G, rel=0.08)
+
+
+# ------------------------------------------------------------------------------------------------------- effects
+
+
+def test_every_effect_says_what_it_is_and_how_it_enters():
+    for effect in library():
+        assert effect.title
+        assert effect.equation
+        assert effect.source
+        assert effect.synonyms
+        assert effect.splits
+        assert set(effect.rigs) <= set(labs.TRACKED)
+        hooks = (effect.force, effect.torque, effect.restitution, effect.rolling, effect.sliding, effect.onset)
+        assert any((*hooks, effect.exposure, effect.view)) or effect.geometry
+        for parameter in effect.parameters:
+            assert parameter.low <= 0.0 <= parameter.high
+            assert parameter.low < parameter.typical < parameter.high
+
+
+def test_schiller_naumann_is_stokes_when_slow_and_newton_when_fast():
+    slow = named("air_drag_schiller_naumann").force(1e-6, 0.0, 1.0, 1e-3, 1.0, 1.0)[0]
+    assert slow == pytest.approx(-6 * math.pi * 1.8e-5 * 1e-3 * 1e-6, rel=1e-2)
+    fast = named("air_drag_schiller_naumann").force(1.2, 0.0, 1.0, 6e-3, 1.0, 1.0)[0]
+    assert fast == pytest.approx(named("air_drag").force(1.2, 0.0, 1.0, 6e-3, 1.0, 0.44)[0], rel=0.05)
+
+
+def test_a_users_own_effect_takes_part(tmp_path):
+    path = tmp_path / "wind.py"
+    path.write_text(
+        "from rigtwin.sim.effects import Effect, Parameter\n"
+        "def force(vx, vy, gap, radius, mass, a):\n    return mass * a + 0 * vx, 0 * vy\n"
+        "EFFECT = Effect(name='wind', title='wind', kind='physical', rigs=('drop',),\n"
+        "    parameters=(Parameter('acceleration', 'm/s^2', -5, 5, 0.1),), equation='a', source='own', force=force)\n"
+    )
+    assert own_effect(path).name == "wind"
+
+
+@pytest.mark.parametrize("text", [None, "EFFECT = 3\n", "1/0\n"])
+def test_an_own_effect_that_is_none_is_refused(tmp_path, text):
+    path = tmp_path / "bad.py"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(BadInput, match=r"bad\.py"):
+        own_effect(path)
+
+
+# ------------------------------------------------------------------------------------------------------ verdicts
+
+
+def verdict_on(lab, *names):
+    """The diagnosis among a few effects; the whole library is asked in benchmarks/diagnose.py."""
+    return diagnose(read_tracked_lab(lab), listed=[named(name) for name in names])
+
+
+@pytest.fixture(scope="module")
+def dragged(tmp_path_factory):
+    lab = write_drops(tmp_path_factory.mktemp("dragged") / "lab", 12, repetitions=3, drag=0.5)
+    return verdict_on(lab, "air_drag", "frame_rate_error", "rolling_shutter", "scale_error")
+
+
+def test_a_lab_with_nothing_hidden_gets_none(tmp_path):
+    lab = write_drops(tmp_path / "lab", 11, beads=("heavy",), repetitions=3)
+    diagnosis, files = diagnose_folder(lab, tmp_path / "out")
+    assert diagnosis.verdict == "none"
+    assert json.loads(files["diagnosis.json"].read_text())["effects"] == []
+    assert "smallest effects" in diagnosis.next_experiment
+    # six short tracks tell their own noise to about 5 %, twice that in its square
+    assert diagnosis.gap.before == pytest.approx(diagnosis.gap.noise_floor, abs=0.15)
+
+
+def test_air_drag_is_named_with_its_coefficient(dragged):
+    document = dragged.to_json()
+    assert document["verdict"] == "named"
+    assert document["effects"][0]["effect"] == "air_drag"
+    found = document["effects"][0]["parameters"]["drag_coefficient"]
+    assert abs(found["value"] - 0.5) < 4 * found["std"]
+
+
+def test_the_named_effect_closes_the_gap_on_repetitions_and_on_a_height_held_out(dragged):
+    gap = dragged.gap
+    assert gap.held_out_before > 2 * gap.held_out_after
+    assert gap.held_out_after == pytest.approx(gap.held_out_noise_floor, abs=0.15)
+    assert gap.condition_before > 2 * gap.condition_after
+
+
+def test_the_model_file_and_the_page_carry_the_named_effect(dragged, tmp_path):
+    write_model(tmp_path / "model.toml", model_of(dragged))
+    read = read_model(tmp_path / "model.toml")
+    assert read.effects["air_drag"]["drag_coefficient"] == pytest.approx(0.5, abs=0.05)
+    assert "air drag" in page(dragged)
+
+
+def test_a_wrong_frame_rate_is_the_cameras_fault(tmp_path):
+    lab = write_drops(tmp_path / "lab", 13, beads=("heavy",), repetitions=3, clock=0.01)
+    document = verdict_on(lab, "frame_rate_error", "scale_error", "air_drag").to_json()
+    assert [one["effect"] for one in document["effects"]] == ["frame_rate_error"]
+    assert document["effects"][0]["parameters"]["relative"]["value"] == pytest.approx(0.01, abs=1e-3)
+
+
+def test_restitution_that_falls_with_speed_is_named_though_every_flight_fits(tmp_path):
+    lab = write_drops(tmp_path / "lab", 14, beads=("heavy",), heights=(0.05, 0.2, 0.8), exponent=0.15)
+    document = verdict_on(lab, "restitution_plastic", "adhesion", "air_drag").to_json()
+    assert document["effects"][0]["effect"] == "restitution_plastic"
+
+
+def test_dry_pivot_friction_is_named(tmp_path):
+    lab = write_pendulums(tmp_path / "lab", 15, dry=2e-6)
+    document = verdict_on(lab, "pivot_friction", "pivot_viscous", "air_drag").to_json()
+    assert document["effects"][0]["effect"] == "pivot_friction"
+    assert document["effects"][0]["parameters"]["moment"]["value"] == pytest.approx(2e-6, rel=0.02)
+
+
+def test_rolling_friction_that_grows_with_speed_is_named(tmp_path):
+    lab = write_rolls(tmp_path / "lab", 16, slope=0.05)
+    document = verdict_on(lab, "rolling_speed", "scale_error", "plate_tilt").to_json()
+    assert document["effects"][0]["effect"] == "rolling_speed"
+
+
+def test_one_diagnosis_is_like_the_next(tmp_path):
+    lab = read_tracked_lab(write_drops(tmp_path / "lab", 17, beads=("heavy",), repetitions=3))
+    first, second = fit(DropBench(lab)), fit(DropBench(lab))
+    assert first.deviance == second.deviance
+
+
+def test_holm_never_lets_a_larger_p_pass_before_a_smaller():
+    adjusted = holm(np.array([0.01, 0.2, 0.02, 0.9]))
+    assert adjusted.tolist() == pytest.approx([0.04, 0.4, 0.06, 0.9])
+
+
+# ----------------------------------------------------------------------------------------------------- bad input
+
+
+def test_a_bulk_rig_is_left_undecided_with_the_reason(tmp_path):
+    write_lab(tmp_path, "pile", [{"name": "c", "repetitions": 3}], {})
+    diagnosis, _files = diagnose_folder(tmp_path, tmp_path / "out")
+    assert diagnosis.verdict == "undecided"
+    assert "pile" in diagnosis.reason
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"rig": "catapult"}, "there is no rig 'catapult'"),
+        ({"conditions": []}, "conditions: is missing or empty"),
+        ({"particles": {}}, "particles: is missing or empty"),
+        ({"camera": {"frame_rate_hz": "fast"}}, "frame_rate_hz: 'fast' is not a number"),
+        ({"camera": {}}, "frame_rate_hz: is missing"),
+        ({"conditions": [{"name": "c", "bead": "heavy", "repetitions": 2}]}, "no such file"),
+        ({"conditions": [{"name": "c", "bead": "gold", "repetitions": 2}]}, "bead 'gold' is not under particles"),
+    ],
+)
+def test_a_bad_folder_is_refused_in_a_sentence(tmp_path, change, says):
+    write_lab(tmp_path, "drop", [{"name": "c", "bead": "heavy", "repetitions": 1}], {})
+    document = json.loads((tmp_path / "lab.json").read_text()) | change
+    (tmp_path / "lab.json").write_text(json.dumps(document))
+    with pytest.raises(BadInput, match=says):
+        read_tracked_lab(tmp_path)
+
+
+def test_a_folder_without_a_lab_is_refused(tmp_path):
+    with pytest.raises(BadInput, match=r"lab\.json: no such file"):
+        read_tracked_lab(tmp_path)
