@@ -241,7 +241,8 @@ def _slide(world: World, rng: np.random.Generator, wanted: Sequence[str]) -> Ben
     place, stop = 0.25, 0.05
     for bead in beads:
         real = _real(bead, rng)
-        for rate in (0.5, 2.0):
+        # a weight on the clump tells a pull of the surface from friction
+        for rate, ballast in ((0.5, 0.0), (2.0, 3.0)):
             for dwell in (2.0, 20.0, 200.0):
                 # filmed from a few degrees before it can slide
                 start = math.floor(math.degrees(math.atan(friction)) - 4.0)
@@ -252,15 +253,17 @@ def _slide(world: World, rng: np.random.Generator, wanted: Sequence[str]) -> Ben
                     rate: float = rate,
                     dwell: float = dwell,
                     start: int = start,
+                    mass: float = 4 * real.mass * (1 + ballast),
                 ) -> Path:
                     return slide(
-                        4 * real.mass, wall, start_angle=math.radians(start), tilt_rate=math.radians(rate), place=place,
+                        mass, wall, start_angle=math.radians(start), tilt_rate=math.radians(rate), place=place,
                         height=real.radius, stop=stop, dwell=dwell, duration=30 / rate, world=world, rng=r,
                     )  # fmt: skip
 
+                weight = round(4 * bead.mass * (1 + ballast) * 1e3, 5)
                 stated = {
                     "name": f"{bead.name}x4_{wall}_r{round(rate * 10):02d}_w{round(dwell):03d}", "bead": bead.name,
-                    "clump": "four beads glued in a square", "clump_mass_g": round(4 * bead.mass * 1e3, 5),
+                    "clump": "four beads glued in a square", "clump_mass_g": weight,
                     "wall": wall, "start_angle_deg": start, "tilt_rate_deg_s": rate, "waiting_time_s": dwell,
                     "start_distance_m": place,
                 }  # fmt: skip

@@ -77,6 +77,8 @@ LISTED = (
             "e of v",
             "restitution&velocity",
             "restitution&speed",
+            "restitution&viscoelastic",
+            "restitution&plastic",
         ),
         "fvisc",
         _by_rig(drop=(0.25, 0.6, 1.0), pendulum=(0.4, 0.7, 1.0)),
@@ -95,6 +97,8 @@ LISTED = (
             "velocity dependent restitution",
             "velocity_dependent_restitution",
             "restitution&velocity",
+            "restitution&plastic",
+            "restitution&viscoelastic",
             "plastic",
         ),
         "yield_speed",  # [m/s], the lower the stronger

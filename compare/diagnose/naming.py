@@ -129,13 +129,14 @@ def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit, base: Fit) -> Fi
     parameter = newest.parameters[0]
     far = near.per_row > ROUGH
     rounds = 1 if far else 2
-    fits = [fit(bench, terms, near=near, most=12, rounds=rounds)]
+    most = 8 if far else 12  # the leading ones are fitted to the end afterwards
+    fits = [fit(bench, terms, near=near, most=most, rounds=rounds)]
     starts = (*parameter.starts, *((parameter.typical,) if far and parameter.typical not in parameter.starts else ()))
     if far or _flat(newest):
         name = f"{newest.name}.{parameter.name}"
         if newest.geometry != "jitter":
             for value in starts:
-                fits.append(fit(bench, terms, start={**_values(near), name: value}, most=12, rounds=rounds))
+                fits.append(fit(bench, terms, start={**_values(near), name: value}, most=most, rounds=rounds))
     return min(fits, key=lambda one: one.deviance)
 
 

@@ -12,7 +12,7 @@ def onset(mu: Any, waiting: Any, normal: Any, rate: Any) -> Any:
 
 
 EFFECT = Effect(
-    name="dwell_ageing",
+    name="ageing",
     title="dwell-time ageing",
     kind="physical",
     rigs=("slide",),

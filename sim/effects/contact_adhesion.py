@@ -11,7 +11,7 @@ def onset(mu: Any, waiting: Any, normal: Any, force: Any) -> Any:
 
 
 EFFECT = Effect(
-    name="slide_adhesion",
+    name="contact_adhesion",
     title="adhesion to the arm",
     kind="physical",
     rigs=("slide",),
