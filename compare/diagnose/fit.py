@@ -223,6 +223,7 @@ def glance(bench: Bench, terms: Sequence[Effect], near: Fit) -> Fit:
     return replace(glanced, values=values + step, deviance=near.deviance - gain)
 
 
+@np.errstate(all="ignore")  # a step too far may overflow; it is then refused as one that fits infinitely badly
 def _linearise(
     bench: Bench, terms: Sequence[Effect], unknowns: Sequence[Unknown], state: _State, mask: Array
 ) -> _Linear:
@@ -238,9 +239,7 @@ def _linearise(
         local[1 + k, :, k] += steps_local[k]
     for k in range(count):
         values[1 + size + k, k] += steps_global[k]
-    # a step too far may leave the numbers; it is then refused as one that fits infinitely badly
-    with np.errstate(all="ignore"):
-        seen = bench.predict(local, {u.name: values[:, k] for k, u in enumerate(unknowns)}, terms)
+    seen = bench.predict(local, {u.name: values[:, k] for k, u in enumerate(unknowns)}, terms)
     sigma = _sigma(bench, seen, state.jitter)
     weight = np.where(mask, 1.0, 0.0)[:, None] / sigma
     residual = (bench.rows - seen.position[0]) * weight
