@@ -113,6 +113,10 @@ def compare(
     ] = None,
     seed: Seed = 1,
     heaps: Heaps = 1,
+    model: Annotated[
+        Path | None,
+        typer.Option("--model", metavar="FILE", help="A model.toml: its contacts and effects go before lab.toml's."),
+    ] = None,
     threads: Threads = None,
     out: Out = None,
     as_json: Json = False,
@@ -126,6 +130,7 @@ def compare(
         count=count,
         seed=seed,
         heaps=heaps,
+        model=model,
         threads=threads,
         as_json=as_json,
         quiet=quiet,
@@ -266,11 +271,14 @@ def _compare(
     threads: int | None,
     as_json: bool,
     quiet: bool,
+    model: Path | None = None,
 ) -> None:
     from rigtwin.compare.comparison import compare as compare_lab
 
     with progress_bars(as_json or quiet) as progress:
-        comparison = compare_lab(lab, out, progress, only=only, count=count, seed=seed, heaps=heaps, threads=threads)
+        comparison = compare_lab(
+            lab, out, progress, only=only, count=count, seed=seed, heaps=heaps, threads=threads, model=model
+        )
     if as_json:
         print_json(comparison.to_json())
     elif not quiet:

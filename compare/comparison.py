@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -24,7 +24,8 @@ from rigtwin.compare.twin import NEEDS, Twin, measured_start, needs_measurement,
 from rigtwin.compare.wording import reading
 from rigtwin.lab.entries import suggestion
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.materials import PARAMETERS
+from rigtwin.lab.materials import PARAMETERS, KnownContact
+from rigtwin.lab.model import Model, read_model
 from rigtwin.lab.notebook import Experiment, Lab, read_lab
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement
@@ -97,16 +98,20 @@ def compare(
     heaps: int = 1,
     threads: int | None = None,
     workers: int | None = None,
+    model: Path | None = None,
 ) -> Comparison:
     """Compare a lab with its twins and write everything into `out`.
 
     `only` names the experiments to take (all by default), `count` the particles of a pile's twin where lab.toml gives
-    none, `heaps` how many heaps that twin pours, with seeds from `seed` upwards.  A repetition that cannot be measured
-    is left out with a warning.  Raises `BadInput` when an experiment has none left and `BadLabFile` when lab.toml is at
-    fault, and then leaves the files of an earlier run as they were.
+    none, `heaps` how many heaps that twin pours, with seeds from `seed` upwards.
+    `model` is a model.toml whose contacts and effects go before what lab.toml says.  A repetition that cannot be
+    measured is left out with a warning.  Raises `BadInput` when an experiment has none left and `BadLabFile` when
+    lab.toml is at fault, and then leaves the files of an earlier run as they were.
     """
     started, clock = datetime.now(UTC), time.perf_counter()
     lab = read_lab(lab_folder)
+    if model is not None:
+        lab = _under(lab, read_model(model))
     experiments = _chosen(lab, only)
     for experiment in experiments:
         _need_contacts(lab, experiment)
@@ -199,6 +204,14 @@ def _chosen(lab: Lab, only: Sequence[str] | None) -> tuple[Experiment, ...]:
         if name not in known:
             raise BadInput(f"{lab.path}: there is no experiment {name!r}; {suggestion(name, known)}.")
     return tuple(experiment for experiment in lab.experiments if experiment.id in only)
+
+
+def _under(lab: Lab, model: Model) -> Lab:
+    """The lab with the contacts that a model gives in place of its own, and the model's effects."""
+    contacts = dict(lab.model.contacts)
+    for names, known in model.contacts.items():
+        contacts[names] = known.filled(contacts.get(names, KnownContact()))
+    return replace(lab, contacts=contacts, model=replace(lab.model, contacts=contacts, effects=model.effects))
 
 
 def _need_contacts(lab: Lab, experiment: Experiment) -> None:

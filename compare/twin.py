@@ -21,7 +21,7 @@ import numpy as np
 from rigtwin.compare import results
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import PARAMETERS, Contact, Material, Particle
-from rigtwin.lab.model import Model
+from rigtwin.lab.model import NO_EFFECTS, Effects, Model
 from rigtwin.lab.notebook import Experiment
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
@@ -94,6 +94,7 @@ def drop_twin(
     *,
     frame_rate: float,
     duration: float | None = None,
+    effects: Effects = NO_EFFECTS,
     progress: Progress = silent,
 ) -> Twin:
     """A bead dropped on a plate, its record taken at `frame_rate` [1/s] for `duration` [s] or as long as
@@ -102,7 +103,9 @@ def drop_twin(
     from rigtwin.sim import drop
 
     begun = time.perf_counter()
-    track = drop.run(rig, particle, wall, contact, frame_rate=frame_rate, duration=duration, progress=progress)
+    track = drop.run(
+        rig, particle, wall, contact, frame_rate=frame_rate, duration=duration, effects=effects, progress=progress
+    )
     with _as_a_twin("drop", "a higher frame rate, a longer duration, a greater drop height"):
         evaluation = ruler.evaluate(track, bead_diameter=particle.diameter, bead_density=None)
     return Twin(
@@ -121,24 +124,43 @@ def pendulum_twin(
     contact: Contact,
     *,
     frame_rate: float,
+    wall: Material | None = None,
     duration: float | None = None,
+    effects: Effects = NO_EFFECTS,
     progress: Progress = silent,
 ) -> Twin:
-    """Bead A swinging against bead B, the record taken at `frame_rate` [1/s] for `duration` [s] or until both
-    beads have turned."""
+    """Bead A swinging against bead B, or against an upright `wall`.
+
+    The record is taken at `frame_rate` [1/s] for `duration` [s] or until the beads have turned.
+    """
     from rigtwin.measure import pendulum as ruler
     from rigtwin.sim import pendulum
 
     begun = time.perf_counter()
-    tracks = pendulum.run(rig, particle, contact, frame_rate=frame_rate, duration=duration, progress=progress)
+    tracks = pendulum.run(
+        rig,
+        particle,
+        contact,
+        wall=wall,
+        frame_rate=frame_rate,
+        duration=duration,
+        effects=effects,
+        progress=progress,
+    )
     with _as_a_twin("pendulum", "a higher frame rate, a longer duration, a greater release angle or length"):
         evaluation = ruler.evaluate(
             tracks, variant=rig.variant, length=rig.length, bead_diameter=particle.diameter, bead_mass=None
         )
+    other = particle.name if wall is None else wall.name
     return Twin(
         "pendulum",
         evaluation,
-        settings_of(rig, particle, {f"{particle.name}-{particle.name}": contact}, frame_rate_hz=frame_rate),
+        settings_of(
+            rig,
+            particle,
+            {f"{particle.name}-{other}": contact},
+            frame_rate_hz=frame_rate,
+        ),
         tracks=tuple(tracks),
         assumptions=(IDEAL, "Threads have no mass, hinges do not rub, the beads meet at the lowest point."),
         seconds=time.perf_counter() - begun,
@@ -153,6 +175,7 @@ def tilt_twin(
     *,
     frame_rate: float,
     duration: float | None = None,
+    effects: Effects = NO_EFFECTS,
     progress: Progress = silent,
 ) -> Twin:
     """A plate that rises until the body on it slides or rolls, the record taken at `frame_rate` [1/s]."""
@@ -160,7 +183,9 @@ def tilt_twin(
     from rigtwin.sim import tilt
 
     begun = time.perf_counter()
-    angle, track = tilt.run(rig, particle, wall, contact, frame_rate=frame_rate, duration=duration, progress=progress)
+    angle, track = tilt.run(
+        rig, particle, wall, contact, frame_rate=frame_rate, duration=duration, effects=effects, progress=progress
+    )
     evaluation = ruler.evaluate(angle, [track], variant=rig.variant, bead_diameter=particle.diameter)
     return Twin(
         "tilt",
@@ -220,19 +245,48 @@ def twin_of(
     contacts = [model.contact(*names, NEEDS.get(experiment.rig_name, PARAMETERS)) for names in experiment.contacts]
     start, set_from = _start(experiment, measurements)
     if isinstance(rig, BULK):
-        return _bulk_twin(experiment, contacts, count=count, seed=seed, threads=threads, progress=progress)
+        twin = _bulk_twin(experiment, contacts, count=count, seed=seed, threads=threads, progress=progress)
+        if model.effects:
+            left_out = "the model's effects act in the twins of drop, pendulum and tilt only; this one runs without."
+            twin = replace(twin, warnings=(*twin.warnings, left_out))
+        return twin
     rate = _frame_rate(experiment, measurements)
     if isinstance(rig, DropSettings):
         assert experiment.wall is not None
-        twin = drop_twin(rig.rig(start), particle, experiment.wall, contacts[0], frame_rate=rate, progress=progress)
+        twin = drop_twin(
+            rig.rig(start),
+            particle,
+            experiment.wall,
+            contacts[0],
+            frame_rate=rate,
+            effects=model.effects,
+            progress=progress,
+        )
     elif isinstance(rig, TiltSettings):
         assert experiment.wall is not None
-        twin = tilt_twin(rig.rig(), particle, experiment.wall, contacts[0], frame_rate=rate, progress=progress)
+        twin = tilt_twin(
+            rig.rig(),
+            particle,
+            experiment.wall,
+            contacts[0],
+            frame_rate=rate,
+            effects=model.effects,
+            progress=progress,
+        )
     else:
         assert isinstance(rig, PendulumSettings)
         pendulum = rig.rig(start)
         watched = _watched(pendulum, rate, measurements)
-        twin = pendulum_twin(pendulum, particle, contacts[0], frame_rate=rate, duration=watched, progress=progress)
+        twin = pendulum_twin(
+            pendulum,
+            particle,
+            contacts[0],
+            frame_rate=rate,
+            wall=experiment.wall,
+            duration=watched,
+            effects=model.effects,
+            progress=progress,
+        )
     return replace(twin, set_from=set_from)
 
 

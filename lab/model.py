@@ -6,12 +6,18 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 
 from rigtwin.lab.entries import ModelFile, read_document, validated
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.inventory import Inventory
 from rigtwin.lab.materials import PARAMETERS, Contact, KnownContact, Material, Pair, Particle, pair
 from rigtwin.lab.reference import hlosta2020
+
+Effects = Mapping[str, Mapping[str, float]]
+"""Effects by name, each with its parameters in SI."""
+
+NO_EFFECTS: Effects = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -21,7 +27,7 @@ class Model:
     materials: Mapping[str, Material] = field(default_factory=dict)
     particles: Mapping[str, Particle] = field(default_factory=dict)
     contacts: Mapping[Pair, KnownContact] = field(default_factory=dict)
-    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    effects: Effects = field(default_factory=dict)
     """Effects added to plain contact mechanics, by name, each with its parameters in SI."""
 
     def known_contact(self, a: str, b: str) -> KnownContact:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.model import NO_EFFECTS, Effects
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY, Drop
@@ -25,15 +26,18 @@ def run(
     *,
     frame_rate: float,
     duration: float | None = None,
+    effects: Effects = NO_EFFECTS,
     progress: Progress = silent,
 ) -> Track:
     """Path of the bead, sampled as a camera of `frame_rate` [1/s] would.
 
     y is the height of the bead's centre above the plate; it starts at rest at drop height + radius and is let go
     after five frames.  Without `duration` [s] the track ends as the bead comes down from the last of `rig.bounces`.
-    The stiffness is the real one; the step in contact is halved until the track no longer moves.
+    The stiffness is the real one; the step in contact is halved until the track no longer moves.  `effects` are those
+    of a model by name, with their parameters.
     """
     from rigtwin.sim.engine import few_body
+    from rigtwin.sim.engine.terms import acting
     from rigtwin.sim.engine.walls import Plane, Wall
 
     positive(drop_height=rig.drop_height, frame_rate=frame_rate, bounces=rig.bounces)
@@ -51,6 +55,7 @@ def run(
             [few_body.Body(particle, start)],
             falling,
             walls=[Wall(Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), wall, contact)],
+            effects=acting(effects),
             tolerance=TRACK_SIGMA,
             progress=progress,
         )

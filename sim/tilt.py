@@ -9,6 +9,7 @@ import numpy as np
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.model import NO_EFFECTS, Effects
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Series, Track
 from rigtwin.lab.rigs import GRAVITY, Tilt
@@ -32,6 +33,7 @@ def run(
     duration: float | None = None,
     stiffness_factor: float = 1e-3,
     rolling: Rolling = "type C",
+    effects: Effects = NO_EFFECTS,
     progress: Progress = silent,
 ) -> tuple[Series, Track]:
     """Angle of the plate and path of the body, sampled as a camera of `frame_rate` [1/s] would.
@@ -47,6 +49,7 @@ def run(
     Young's moduli are multiplied by `stiffness_factor`: the onset does not hang on them.
     """
     from rigtwin.sim.engine import few_body
+    from rigtwin.sim.engine.terms import acting
     from rigtwin.sim.engine.walls import Plane, Wall
 
     _check(rig, particle, frame_rate, stiffness_factor)
@@ -74,6 +77,7 @@ def run(
             gravity_turns=rig.speed,
             step=few_body.contact_step([body], STEP),
             rolling=rolling,
+            effects=acting(effects),
             progress=progress,
         )
         first = int(np.flatnonzero(turning > 0)[0])

@@ -7,7 +7,7 @@ import pytest
 
 from rigtwin.compare import cast
 from rigtwin.compare.bulk_twins import pile_twin
-from rigtwin.compare.twin import drop_twin, needs_measurement, pendulum_twin, twin_of
+from rigtwin.compare.twin import drop_twin, needs_measurement, pendulum_twin, tilt_twin, twin_of
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact
@@ -15,7 +15,7 @@ from rigtwin.lab.model import Model
 from rigtwin.lab.notebook import Experiment
 from rigtwin.lab.quantity import Measurement, Quantity
 from rigtwin.lab.reference import hlosta2020
-from rigtwin.lab.rigs import Drop, DropSettings, Pendulum, PendulumSettings, Pile, PileSettings
+from rigtwin.lab.rigs import Drop, DropSettings, Pendulum, PendulumSettings, Pile, PileSettings, Tilt
 
 BEAD, STEEL = hlosta2020.particle("D12"), hlosta2020.material("steel")
 
@@ -46,6 +46,36 @@ def test_a_pendulum_twin_gives_back_its_restitution():
     twin = pendulum_twin(Pendulum(0.2, math.radians(45)), BEAD, Contact(0.7), frame_rate=240)
     assert values(twin, "restitution_pair") == pytest.approx([0.7, 0.7], rel=0.005)
     assert all(check.passed for check in twin.evaluation.checks)
+
+
+def test_a_wall_pendulum_twin_gives_back_its_restitution():
+    rig = Pendulum(0.2, math.radians(45), "wall")
+    twin = pendulum_twin(rig, BEAD, Contact(0.6), frame_rate=480, wall=STEEL)
+    assert values(twin, "restitution_wall")
+    assert values(twin, "restitution_wall")[0] == pytest.approx(0.6, rel=0.01)
+
+
+@pytest.mark.parametrize(("variant", "friction"), [("slide", "static_friction"), ("roll", "rolling_friction")])
+def test_a_tilt_twin_gives_back_its_friction(variant, friction):
+    contact = Contact(0.5, 0.36, 0.06)
+    twin = tilt_twin(Tilt(variant), BEAD, STEEL, contact, frame_rate=120)
+    assert values(twin, friction)[0] == pytest.approx(getattr(contact, friction), rel=0.01)
+
+
+def test_an_effect_of_the_model_acts_in_the_twin():
+    light = hlosta2020.particle("D4")
+    drag = {"air_drag": {"drag_coefficient": 0.5}}
+    without, within = (
+        drop_twin(Drop(1.0, bounces=1), light, STEEL, Contact(0.7), frame_rate=240, effects=effects)
+        for effects in ({}, drag)
+    )
+    bounced = [max(twin.tracks[0].position[150:, 1]) for twin in (without, within)]
+    # the drag's own closed form: falling and rising through the air, heights shrink by the same length scale
+    scale = 2 * light.mass / (1.2 * 0.5 * math.pi * light.radius**2)
+    fall = scale / 2 * (1 - math.exp(-2 / scale))  # v^2 / (2 g) at the plate
+    rise = scale / 2 * math.log(1 + 2 * 0.49 * fall / scale)
+    assert bounced[0] - light.radius == pytest.approx(0.49, rel=2e-3)
+    assert bounced[1] - light.radius == pytest.approx(rise, rel=5e-3)
 
 
 def test_a_pile_twin_says_how_many_beads_stayed_and_what_it_assumed():

@@ -15,6 +15,7 @@ from types import FunctionType
 from typing import Any
 
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.model import Effects
 from rigtwin.sim.effects import Effect, named
 from rigtwin.sim.engine.backend import ti
 
@@ -53,6 +54,20 @@ def active(effect: str | Effect, /, **parameters: float) -> Active:
         usual = parameter.typical if parameter.predicted is None else parameter.predicted
         values.append(float(parameters.get(name, usual)))
     return Active(effect, tuple(values))
+
+
+def acting(effects: Effects, *, pivots: bool = False) -> tuple[Active, ...]:
+    """Those of a model's effects that move bodies, torques of pivots only where there are `pivots`.
+
+    What the camera does, or how the rig stands, is no part of the motion.
+    """
+    found = [active(name, **values) for name, values in effects.items()]
+    hooks = [hook for hook in HOOKS if pivots or hook != "torque"]
+    return tuple(
+        one
+        for one in found
+        if one.effect.kind == "physical" and any(getattr(one.effect, hook) is not None for hook in hooks)
+    )
 
 
 def terms_of(effects: Sequence[Active], place: str) -> Terms:
