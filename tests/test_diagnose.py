@@ -261,7 +261,8 @@ def test_every_effect_says_what_it_is_and_how_it_enters():
         assert effect.splits
         assert set(effect.rigs) <= set(labs.TRACKED)
         hooks = (effect.force, effect.torque, effect.restitution, effect.rolling, effect.sliding, effect.onset)
-        assert any((*hooks, effect.exposure, effect.view)) or effect.geometry
+        contact = (effect.attraction, effect.neck)
+        assert any((*hooks, *contact, effect.exposure, effect.view)) or effect.geometry
         for parameter in effect.parameters:
             assert parameter.low <= 0.0 <= parameter.high
             assert parameter.low < parameter.typical < parameter.high
