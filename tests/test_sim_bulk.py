@@ -97,6 +97,25 @@ def test_a_bead_spinning_like_a_top_comes_to_rest():
     assert np.abs(bed.beads().spin).max() < 1e-3
 
 
+@pytest.mark.parametrize("rolling", ["type A", "type C"])
+def test_beads_scaled_down_collide_as_a_kind_of_that_size_does(rolling):
+    small = Particle("D3", SOFT, 0.5 * D6.diameter, density=D6.density)
+    ends = []
+    for as_kind in (False, True):
+        bed = weightless(CONTACT, particles=(D6, small), rolling=rolling)
+        bed.add([[-0.004, 0.001, 0]], [[0.5, 0.1, 0.2]], [[30, -80, 50]])
+        scale = None if as_kind else np.array([0.5, 0.5])
+        bed.add([[0.001, 0, 0], [0.0043, 0, 0.0005]], [[-0.5, 0, 0]], [[0, 40, -20]], kind=int(as_kind), scale=scale)
+        # a larger arena must not forget it
+        bed.add([[0.01 * k - 0.09, 0.05, 0.01 * layer] for k in range(18) for layer in range(3)])
+        bed._grow(4096, 1, 1)
+        bed.run(200)
+        ends.append(bed.beads())
+    assert np.abs(ends[0].velocity[:3] - [[0.5, 0.1, 0.2], [-0.5, 0, 0], [-0.5, 0, 0]]).max() > 0.1
+    assert ends[1].velocity == pytest.approx(ends[0].velocity, rel=1e-9, abs=1e-12)
+    assert ends[1].spin == pytest.approx(ends[0].spin, rel=1e-9, abs=1e-9)
+
+
 def test_an_oblique_collision_of_unlike_beads_keeps_momentum_and_angular_momentum():
     stone = Particle("stone", Material("stone", 2600, 70e6, 0.22), 9e-3)
     contacts = {(0, 0): CONTACT, (0, 1): Contact(0.5, 0.4, 0.05), (1, 1): CONTACT}

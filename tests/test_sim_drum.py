@@ -65,7 +65,9 @@ def test_in_a_smooth_drum_the_bed_slides_and_lies_lower(rough, smooth):
     assert slope(smooth) > -3
 
 
-def test_beads_mix_in_a_drum_that_tumbles_and_not_in_one_that_slides(rough, smooth):
+def test_beads_mix_in_a_drum_that_tumbles_and_not_in_one_that_slides():
+    # few beads: after half a turn the index still scatters by as much as it has risen
+    rough, smooth = turned(turns=1.0), turned(turns=1.0, wall=SMOOTH)
     assert rough.mixing.quantity == "lacey_index"
     assert rough.mixing.value[0] < 0.45
     assert rough.mixing.value[-1] > rough.mixing.value[0] + 0.2

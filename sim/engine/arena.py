@@ -3,10 +3,10 @@
 (`a[i] = a[i] + x` stands where `a[i] += x` would: Taichi makes the latter atomic.)
 
 A step has two passes.  *Pairs*: every bead works out the pairs it owns, adds up what they do to it, and leaves what
-each does to the other bead beside the pair's history.  *Beads*: each bead adds what was left for it, in list order,
-adds its walls, and moves.  A bead that is part of a rigid body leaves its
-sum to a third pass, *bodies* (see `bodies.py`); an arena without bodies is compiled without all that.  No two
-threads ever write the same number, so the bits do not depend on how many there are.
+each does to the other bead where that one looks for it.  *Beads*: each bead adds what was left for it, in list order,
+adds its walls, and moves.  A bead that is part of a rigid body leaves its sum to a third pass, *bodies* (see
+`bodies.py`); an arena without bodies is compiled without all that.  No two threads ever write the same number, so the
+bits do not depend on how many there are.
 
 Beads are renumbered in cell order whenever the list is built anew (memory order is space order); `ident` keeps their
 names.  Between launches the state is: position at t, velocity and spin at t - step/2 (velocity Verlet in its leapfrog
@@ -19,7 +19,16 @@ from functools import cache
 
 from rigtwin.sim.engine.backend import ti
 from rigtwin.sim.engine.bodies import STATE_SIZE, RigidBodies
-from rigtwin.sim.engine.contact import DAMPING, LAW_SIZE, STIFFNESS, contact_forces
+from rigtwin.sim.engine.contact import (
+    CONSTANTS,
+    DAMPING,
+    LAW_SIZE,
+    ROLLING_RADIUS,
+    SHARE,
+    STIFFNESS,
+    constants_of_two,
+    contact_forces,
+)
 from rigtwin.sim.engine.terms import Terms, upwards
 from rigtwin.sim.engine.wall_contacts import KINDS, ROOM, WallContacts
 
@@ -34,7 +43,8 @@ NUMBERS = 10
 BEADS, LISTED, LIVE_LIST, PAIRS, WALL_COUNT, CONSTANT_TORQUE, STATUS, CULPRIT = range(8)
 NX, NY, NZ, OPEN, GONE, BUILDS, DONE = range(8, 15)
 BODIES = 15
-COUNTS = 16
+MIXED = 16  # 1: beads of one kind may differ in size or weight
+COUNTS = 17
 # values of STATUS
 OK, PAIRS_FULL, NEAR_FULL, LEFT_DOMAIN, EXPLODED = range(5)
 
@@ -83,12 +93,13 @@ class Arena(RigidBodies):
         self.partner = ti.field(ti.i32, (2, pair_capacity))
         self.slip = ti.Vector.field(3, ti.f64, (2, pair_capacity))
         self.roll = ti.Vector.field(3, ti.f64, (2, pair_capacity))
-        self.touching = ti.field(ti.i32, (2, pair_capacity))
+        self.touching = ti.field(ti.i32, (2, capacity))  # how many pairs of a bead touch: they come first
         if terms.changes_restitution:
-            self.impact = ti.field(ti.f64, (2, pair_capacity))  # DAMPING of this impact
-        self.pair_force = ti.Vector.field(6, ti.f64, pair_capacity)  # force on the owner, torque on the other
-        self.pointed_first = ti.field(ti.i32, capacity + 1)  # first of the pairs that point to a bead
-        self.pointed = ti.field(ti.i32, pair_capacity)
+            self.impact = ti.field(ti.f64, (2, pair_capacity))  # DAMPING of this impact, below zero: not known yet
+        # force on the owner, torque on the other; sorted by the other
+        self.pair_force = ti.Vector.field(6, ti.f64, pair_capacity)
+        self.pointed_first = ti.field(ti.i32, capacity + 1)  # first of the forces of pairs that point to a bead
+        self.place_of_force = ti.field(ti.i32, pair_capacity)  # of a pair of the list in force
 
         self.cell_first = ti.field(ti.i32, self.cell_capacity + 1)
         self.cell_of = ti.field(ti.i32, capacity)
@@ -99,6 +110,7 @@ class Arena(RigidBodies):
         self.counts = ti.field(ti.i32, COUNTS)
         self.stale = ti.field(ti.i32, FLAGS)
         self.pair_law = ti.Vector.field(LAW_SIZE, ti.f64, (KINDS, KINDS))
+        self.constants = ti.Vector.field(CONSTANTS, ti.f64, (KINDS, KINDS))  # of contacts of two kinds of spheres
 
     # ------------------------------------------------------------------ data in and out
 
@@ -108,8 +120,10 @@ class Arena(RigidBodies):
         numbers: ti.types.ndarray(),
         counts: ti.types.ndarray(),
         pair_law: ti.types.ndarray(),
+        kinds: ti.types.ndarray(),
+        kind_count: ti.i32,
     ):
-        """Empty the arena and set everything that a run does not change."""
+        """Empty the arena and set everything that a run does not change; a row of `kinds` is radius, mass, inertia."""
         ti.loop_config(serialize=True)
         for _ in range(1):
             for c in range(NUMBERS):
@@ -120,6 +134,12 @@ class Arena(RigidBodies):
                 for c in ti.static(range(LAW_SIZE)):
                     for b in range(KINDS):
                         self.pair_law[a, b][c] = pair_law[a, b, c]
+            for a in range(kind_count):
+                for b in range(kind_count):
+                    self.constants[a, b] = constants_of_two(
+                        self.pair_law[a, b], kinds[a, 0], kinds[b, 0], kinds[a, 1], kinds[b, 1], kinds[a, 2],
+                        kinds[b, 2], numbers[STEP],
+                    )  # fmt: skip
             self.first[0, 0] = 0
             self.first[1, 0] = 0
 
@@ -170,12 +190,13 @@ class Arena(RigidBodies):
             live = self.counts[LIVE_LIST]
             for i in range(beads + 1):
                 first[i] = self.first[live, i]
-            for p in range(self.first[live, beads]):
-                pairs[p, 0] = float(self.partner[live, p])
-                pairs[p, 1] = float(self.touching[live, p])
-                for c in ti.static(range(3)):
-                    pairs[p, 2 + c] = self.slip[live, p][c]
-                    pairs[p, 5 + c] = self.roll[live, p][c]
+            for i in range(beads):
+                for p in range(self.first[live, i], self.first[live, i + 1]):
+                    pairs[p, 0] = float(self.partner[live, p])
+                    pairs[p, 1] = float(p < self.first[live, i] + self.touching[live, i])
+                    for c in ti.static(range(3)):
+                        pairs[p, 2 + c] = self.slip[live, p][c]
+                        pairs[p, 5 + c] = self.roll[live, p][c]
 
     @ti.kernel
     def put_pairs(self, first: ti.types.ndarray(), pairs: ti.types.ndarray(), beads: ti.i32):
@@ -184,12 +205,16 @@ class Arena(RigidBodies):
             live = self.counts[LIVE_LIST]
             for i in range(beads + 1):
                 self.first[live, i] = first[i]
-            for p in range(first[beads]):
-                self.partner[live, p] = int(pairs[p, 0])
-                self.touching[live, p] = int(pairs[p, 1])
-                for c in ti.static(range(3)):
-                    self.slip[live, p][c] = pairs[p, 2 + c]
-                    self.roll[live, p][c] = pairs[p, 5 + c]
+            for i in range(beads):
+                self.touching[live, i] = 0
+                for p in range(first[i], first[i + 1]):
+                    self.partner[live, p] = int(pairs[p, 0])
+                    self.touching[live, i] = self.touching[live, i] + int(pairs[p, 1])
+                    for c in ti.static(range(3)):
+                        self.slip[live, p][c] = pairs[p, 2 + c]
+                        self.roll[live, p][c] = pairs[p, 5 + c]
+                    if ti.static(self.terms.changes_restitution):
+                        self.impact[live, p] = -1.0
             self.counts[LISTED] = beads
 
     # ------------------------------------------------------------------ the list
@@ -258,6 +283,7 @@ class Arena(RigidBodies):
         for a in range(kept):
             i = self.order[a]
             self.first[following, a] = pairs
+            self.touching[following, a] = 0
             cell = self.cell_of[i]
             x = cell % nx
             y = (cell // nx) % ny
@@ -285,51 +311,33 @@ class Arena(RigidBodies):
                         if near:
                             if pairs < self.pair_capacity:
                                 self.partner[following, pairs] = b
-                                self.carry_history(i, j, following, pairs)
+                                self.carry_history(i, j, following, a, pairs)
                             pairs += 1
-            self.touching_first(following, self.first[following, a], ti.min(pairs, self.pair_capacity))
         self.first[following, kept] = pairs
         return pairs
 
     @ti.func
-    def touching_first(self, following, begin, end):
-        """Order one bead's pairs so that those in contact come first: the step's branches are then easy to predict."""
-        front = begin
-        for p in range(begin, end):
-            if self.touching[following, p] == 1:
-                partner = self.partner[following, front]
-                self.partner[following, front] = self.partner[following, p]
-                self.partner[following, p] = partner
-                self.touching[following, p] = self.touching[following, front]
-                self.touching[following, front] = 1
-                slip, roll = self.slip[following, p], self.roll[following, p]
-                self.slip[following, p] = self.slip[following, front]
-                self.roll[following, p] = self.roll[following, front]
-                self.slip[following, front] = slip
-                self.roll[following, front] = roll
-                if ti.static(self.terms.changes_restitution):
-                    self.impact[following, front] = self.impact[following, p]
-                front += 1
-
-    @ti.func
-    def carry_history(self, i, j, following, new):
+    def carry_history(self, i, j, following, a, new):
+        """Where `i` and `j` were in touch, `new` joins the pairs of `a`, once `i`, that touch, with its history."""
         live = 1 - following
-        self.touching[following, new] = 0
-        self.slip[following, new] = ti.Vector([0.0, 0.0, 0.0])
-        self.roll[following, new] = ti.Vector([0.0, 0.0, 0.0])
         owner, other = ti.min(i, j), ti.max(i, j)
         if other < self.counts[LISTED]:
-            for p in range(self.first[live, owner], self.first[live, owner + 1]):
-                if self.partner[live, p] == other and self.touching[live, p] == 1:
+            begin = self.first[live, owner]
+            for p in range(begin, begin + self.touching[live, owner]):
+                if self.partner[live, p] == other:
+                    front = self.first[following, a] + self.touching[following, a]
+                    partner = self.partner[following, new]
+                    self.partner[following, new] = self.partner[following, front]
+                    self.partner[following, front] = partner
                     # seen from the other bead the history has the other sign
                     sign = 1.0
                     if owner != i:
                         sign = -1.0
-                    self.touching[following, new] = 1
-                    self.slip[following, new] = sign * self.slip[live, p]
-                    self.roll[following, new] = sign * self.roll[live, p]
+                    self.slip[following, front] = sign * self.slip[live, p]
+                    self.roll[following, front] = sign * self.roll[live, p]
                     if ti.static(self.terms.changes_restitution):
-                        self.impact[following, new] = self.impact[live, p]
+                        self.impact[following, front] = self.impact[live, p]
+                    self.touching[following, a] = self.touching[following, a] + 1
 
     @ti.func
     def renumber(self, kept):
@@ -379,7 +387,7 @@ class Arena(RigidBodies):
 
     @ti.func
     def list_pointed(self, kept):
-        """For every bead the pairs that other beads own with it, in list order."""
+        """For every bead room for the forces of the pairs that other beads own with it, in list order."""
         live = self.counts[LIVE_LIST]
         for i in range(kept + 1):
             self.pointed_first[i] = 0
@@ -391,8 +399,9 @@ class Arena(RigidBodies):
             self.fill[i] = self.pointed_first[i]
         for p in range(self.counts[PAIRS]):
             j = self.partner[live, p]
-            self.clear_force(p)
-            self.pointed[self.fill[j]] = p
+            self.place_of_force[p] = self.fill[j]
+            for c in ti.static(range(6)):
+                self.pair_force[p][c] = 0.0
             self.fill[j] = self.fill[j] + 1
 
     @ti.func
@@ -432,48 +441,107 @@ class Arena(RigidBodies):
     # ------------------------------------------------------------------ the step
 
     @ti.func
-    def clear_force(self, p):
-        for c in ti.static(range(6)):
-            self.pair_force[p][c] = 0.0
+    def put_force(self, p, force, torque):
+        """Leave what pair `p` does to its other bead where that bead looks for it."""
+        place = self.place_of_force[p]
+        for c in ti.static(range(3)):
+            self.pair_force[place][c] = force[c]
+            self.pair_force[place][3 + c] = torque[c]
 
     @ti.func
-    def law_of_impact(self, live, p, kind, kind_j, closing, radius_eff, mass_eff):
-        """The law of a pair; where restitution depends on the speed of impact, the damping of this one."""
-        law = self.pair_law[kind, kind_j]
-        if ti.static(self.terms.changes_restitution):
-            if self.touching[live, p] == 0:
-                self.impact[live, p] = self.terms.damping_of_pair(law[DAMPING], closing, radius_eff, mass_eff)
-            law[DAMPING] = self.impact[live, p]
-        return law
+    def constants_of(self, i, j, alike: ti.template()):
+        """Constants of a contact of beads `i` and `j`: those of their kinds where the beads of a kind are `alike`."""
+        kind, kind_j = self.tag[i][1], self.tag[j][1]
+        constants = self.constants[kind, kind_j]
+        if ti.static(not alike):
+            constants = self.work_out(i, j, self.pair_law[kind, kind_j])
+        return constants
 
     @ti.func
-    def cling(self, live, p, i, j):
-        """Pull on the owner of a pair whose beads have parted but still hold together."""
+    def work_out(self, i, j, law):
+        """Constants of a contact of two beads, from their own sizes, masses and inertias."""
+        radius, mass, inertia = self.place[i][3], self.motion[i][3], self.spin[i][3]
+        radius_j, mass_j, inertia_j = self.place[j][3], self.motion[j][3], self.spin[j][3]
+        return constants_of_two(law, radius, radius_j, mass, mass_j, inertia, inertia_j, self.numbers[STEP])
+
+    @ti.func
+    def constants_of_impact(self, live, p, i, j, closing):
+        """Where restitution depends on the speed of impact: the constants with the damping of this one."""
+        law = self.pair_law[self.tag[i][1], self.tag[j][1]]
+        if self.impact[live, p] < 0.0:
+            radius, mass, radius_j, mass_j = self.place[i][3], self.motion[i][3], self.place[j][3], self.motion[j][3]
+            radius_eff, mass_eff = radius * radius_j / (radius + radius_j), mass * mass_j / (mass + mass_j)
+            self.impact[live, p] = self.terms.damping_of_pair(law[DAMPING], closing, radius_eff, mass_eff)
+        law[DAMPING] = self.impact[live, p]
+        return self.work_out(i, j, law)
+
+    @ti.func
+    def cling(self, p, i, j):
+        """Pull on the owner of a pair whose beads have parted, and whether they still hold together."""
         place, place_j = self.place[i], self.place[j]
         between = ti.Vector([place_j[0] - place[0], place_j[1] - place[1], place_j[2] - place[2]])
         distance, both = between.norm(), place[3] + place_j[3]
         radius_eff = place[3] * place_j[3] / both
         modulus = self.pair_law[self.tag[i][1], self.tag[j][1]][STIFFNESS]
-        force = ti.Vector([0.0, 0.0, 0.0])
+        force, holds = ti.Vector([0.0, 0.0, 0.0]), 0
         if distance - both < self.terms.neck(radius_eff, modulus):
-            self.touching[live, p] = 1
+            holds = 1
             force = self.terms.attraction(both - distance, radius_eff, modulus) / distance * between
-            for c in ti.static(range(3)):
-                self.pair_force[p][c] = force[c]
-        return force
+            self.put_force(p, force, ti.Vector([0.0, 0.0, 0.0]))
+        return force, holds
 
     @ti.func
-    def meet(self, i):  # noqa: PLR0915  one idea: all that a pair does in a step
+    def begin_contacts(self, live, i, place):
+        """Bring the pairs of bead `i` that now touch to its first ones, which did before; the first of the others.
+
+        So the branches of both loops nearly always go the same way.
+        """
+        apart = self.first[live, i] + self.touching[live, i]
+        for p in range(apart, self.first[live, i + 1]):
+            place_j = self.place[self.partner[live, p]]
+            between = ti.Vector([place_j[0] - place[0], place_j[1] - place[1], place_j[2] - place[2]])
+            if between.norm_sqr() < (place[3] + place_j[3]) ** 2:
+                self.exchange(live, p, apart)
+                self.slip[live, apart] = ti.Vector([0.0, 0.0, 0.0])
+                self.roll[live, apart] = ti.Vector([0.0, 0.0, 0.0])
+                if ti.static(self.terms.changes_restitution):
+                    self.impact[live, apart] = -1.0
+                apart += 1
+        return apart
+
+    @ti.func
+    def end_contact(self, live, p, last):
+        """Pair `p` touches no more: `last`, the last one that may, takes its place and history."""
+        nothing = ti.Vector([0.0, 0.0, 0.0])
+        self.put_force(p, nothing, nothing)
+        self.exchange(live, p, last)
+        self.slip[live, p] = self.slip[live, last]
+        self.roll[live, p] = self.roll[live, last]
+        if ti.static(self.terms.changes_restitution):
+            self.impact[live, p] = self.impact[live, last]
+
+    @ti.func
+    def exchange(self, live, p, q):
+        """Two pairs of one bead change places, but for their histories."""
+        partner, place = self.partner[live, p], self.place_of_force[p]
+        self.partner[live, p] = self.partner[live, q]
+        self.place_of_force[p] = self.place_of_force[q]
+        self.partner[live, q] = partner
+        self.place_of_force[q] = place
+
+    @ti.func
+    def meet(self, i, alike: ti.template()):  # noqa: PLR0915  one idea: all that a pair does in a step
         """Forces of the pairs that bead `i` owns; its own share waits in `push` and `twist` for `move`."""
         live = self.counts[LIVE_LIST]
         step = self.numbers[STEP]
         constant_torque = self.counts[CONSTANT_TORQUE]
         place, motion, spin = self.place[i], self.motion[i], self.spin[i]
-        kind = self.tag[i][1]
         sum_force = ti.Vector([0.0, 0.0, 0.0])
         sum_torque = ti.Vector([0.0, 0.0, 0.0])
         worst = self.worst[i]
-        for p in range(self.first[live, i], self.first[live, i + 1]):
+        apart = self.begin_contacts(live, i, place)
+        p = self.first[live, i]
+        while p < apart:
             j = self.partner[live, p]
             place_j = self.place[j]
             between = ti.Vector([place_j[0] - place[0], place_j[1] - place[1], place_j[2] - place[2]])
@@ -482,48 +550,48 @@ class Arena(RigidBodies):
             if distance2 < both * both:
                 motion_j, spin_j = self.motion[j], self.spin[j]
                 distance = ti.sqrt(distance2)
-                normal = between * (1.0 / distance)
-                share = place[3] / both
-                radius_eff = share * place_j[3]
-                lever = share * distance
+                normal = between * (distance * (1.0 / distance2))  # the division need not wait for the root
+                constants = self.constants_of(i, j, alike)
+                lever = constants[SHARE] * distance
                 lever_j = distance - lever
                 turning = ti.Vector([spin[0], spin[1], spin[2]])
                 turning_j = ti.Vector([spin_j[0], spin_j[1], spin_j[2]])
                 surface = ti.Vector([motion[0] - motion_j[0], motion[1] - motion_j[1], motion[2] - motion_j[2]])
                 surface += (lever * turning + lever_j * turning_j).cross(normal)
-                slip = ti.Vector([0.0, 0.0, 0.0])
+                if ti.static(self.terms.changes_restitution):
+                    constants = self.constants_of_impact(live, p, i, j, surface.dot(normal))
                 roll = ti.Vector([0.0, 0.0, 0.0])
-                if self.touching[live, p] == 1:
-                    slip = self.slip[live, p]
-                    if constant_torque == 0:
-                        roll = self.roll[live, p]
-                mass_eff = motion[3] * motion_j[3] / (motion[3] + motion_j[3])
-                law = self.law_of_impact(live, p, kind, self.tag[j][1], surface.dot(normal), radius_eff, mass_eff)
+                if constant_torque == 0:
+                    roll = self.roll[live, p]
                 force, torque, torque_j, slip, roll = contact_forces(
-                    both - distance, normal, surface, turning, turning_j, radius_eff,
-                    mass_eff, place[3], place_j[3], spin[3], spin_j[3],
-                    2.0 * radius_eff, spin[3] * spin_j[3] / (spin[3] + spin_j[3]),
-                    law, slip, roll, step, constant_torque,
+                    both - distance, normal, surface, turning, turning_j, place[3], place_j[3], spin[3], spin_j[3],
+                    constants, self.slip[live, p], roll, step, constant_torque,
                 )  # fmt: skip
                 if ti.static(self.terms.attracts):
-                    force += self.terms.attraction(both - distance, radius_eff, law[STIFFNESS]) * normal
+                    modulus = self.pair_law[self.tag[i][1], self.tag[j][1]][STIFFNESS]
+                    force += self.terms.attraction(both - distance, 0.5 * constants[ROLLING_RADIUS], modulus) * normal
                 self.slip[live, p] = slip
                 if constant_torque == 0:
                     self.roll[live, p] = roll
-                self.touching[live, p] = 1
                 turn = normal.cross(force)
                 sum_force += force
                 sum_torque += lever * turn + torque
-                for c in ti.static(range(3)):
-                    self.pair_force[p][c] = force[c]
-                    self.pair_force[p][3 + c] = lever_j * turn[c] + torque_j[c]
-                if both - distance > worst * 2.0 * radius_eff:
-                    worst = (both - distance) / (2.0 * radius_eff)
-            elif self.touching[live, p] == 1:
-                self.touching[live, p] = 0
-                self.clear_force(p)
+                self.put_force(p, force, lever_j * turn + torque_j)
+                if both - distance > worst * constants[ROLLING_RADIUS]:
+                    worst = (both - distance) / constants[ROLLING_RADIUS]
+                p += 1
+            else:
+                holds = 0
                 if ti.static(self.terms.has_neck):
-                    sum_force += self.cling(live, p, i, j)
+                    pull, holds_on = self.cling(p, i, j)
+                    sum_force += pull
+                    holds = holds_on
+                if holds == 1:
+                    p += 1
+                else:
+                    apart -= 1
+                    self.end_contact(live, p, apart)
+        self.touching[live, i] = apart - self.first[live, i]
         self.push[i] = sum_force
         self.twist[i] = sum_torque
         self.worst[i] = worst
@@ -538,10 +606,9 @@ class Arena(RigidBodies):
         force = self.push[i]
         torque = self.twist[i]
         for q in range(self.pointed_first[i], self.pointed_first[i + 1]):
-            p = self.pointed[q]
             for c in ti.static(range(3)):
-                force[c] -= self.pair_force[p][c]
-                torque[c] += self.pair_force[p][3 + c]
+                force[c] -= self.pair_force[q][c]
+                torque[c] += self.pair_force[q][3 + c]
 
         place, motion, spin = self.place[i], self.motion[i], self.spin[i]
         position = ti.Vector([place[0], place[1], place[2]])
@@ -621,10 +688,11 @@ class Arena(RigidBodies):
         return answer & 1
 
     @ti.kernel
-    def run_serial(self, steps: ti.i32, before: ti.f64):
+    def run_serial(self, steps: ti.i32, before: ti.f64, alike: ti.template()):
         """Up to `steps` steps on one thread, after the `before` ones made so far.
 
-        Stops early when the list is needed anew or STATUS is no longer OK.
+        Stops early when the list is needed anew or STATUS is no longer OK.  `alike`: single spheres, those of one kind
+        of one size; what only depends on the kinds is then looked up.
         """
         ti.loop_config(serialize=True)
         for _ in range(1):
@@ -634,7 +702,7 @@ class Arena(RigidBodies):
                 if self.stale[0] == 0:
                     beads = self.counts[BEADS]
                     for i in range(beads):
-                        self.meet(i)
+                        self.meet(i, alike)
                     left_skin = 0
                     for i in range(beads):
                         left_skin |= self.move(i)
@@ -658,7 +726,7 @@ class Arena(RigidBodies):
                 self.stale[s] = 0
 
     @ti.kernel
-    def run_step(self, s: ti.i32, beads: ti.i32, bodies: ti.i32, before: ti.f64):
+    def run_step(self, s: ti.i32, beads: ti.i32, bodies: ti.i32, before: ti.f64, alike: ti.template()):
         """Step `s` of a burst on all threads; once the list is needed anew the rest of the burst does nothing."""
         ti.loop_config(serialize=True)
         for _ in range(1):
@@ -666,7 +734,7 @@ class Arena(RigidBodies):
                 self.stale[s] = self.pose_walls((before + s) * self.numbers[STEP])
         for i in range(beads):
             if self.stale[s] == 0:
-                self.meet(i)
+                self.meet(i, alike)
         for i in range(beads):
             left_skin = 1
             if self.stale[s] == 0:

@@ -192,6 +192,8 @@ class Bulk:
             self._arena.put_bodies(grains, bodies_before, count)
             self._arena.put_members(members, before, len(rows))
             self._arena.set_count(at.BODIES, bodies_before + count)
+        if (sizes != 1).any():
+            self._arena.set_count(at.MIXED, 1)
         self._arena.set_count(at.BEADS, before + len(rows))
         self._arena.set_stale()
         self._added += count
@@ -421,10 +423,11 @@ class Bulk:
         numbers[at.MOST_SPEED] = 0.2 * min(min(particle.radii) for particle in self._particles) / self.time_step
         counts = np.zeros(at.COUNTS, dtype=np.int32)
         counts[at.WALL_COUNT] = len(self._walls)
-        counts[at.OPEN] = int(self._open)
+        counts[at.OPEN], counts[at.MIXED] = int(self._open), int(self._rigid)
         counts[at.CONSTANT_TORQUE] = int(self._rolling == ROLLING[0])
         counts[at.NX], counts[at.NY], counts[at.NZ] = cells
-        arena.configure(numbers, counts, self._laws)
+        kinds = np.array([(particle.radius, particle.mass, particle.moments[0]) for particle in self._particles])
+        arena.configure(numbers, counts, self._laws, kinds, len(kinds))
         arena.walls.load(self._table)
         arena.owner = self
         self._arena = arena
@@ -490,7 +493,7 @@ class Bulk:
     def _launch(self, steps: int) -> int:
         """Make up to `steps` steps and say how many were made."""
         arena = self._arena
-        done = 0
+        done, alike = 0, self._count(at.MIXED) == 0
         while done < steps:
             before = float(self.steps + done)
             arena.build_alone(before)
@@ -498,11 +501,11 @@ class Bulk:
                 break
             beads, whole = self._count(at.BEADS), self._count(at.BODIES)
             if not self._on_gpu and (self.threads == 1 or beads < THREADED_FROM):
-                arena.run_serial(steps - done, before)
+                arena.run_serial(steps - done, before, alike)
             else:
                 length = min(at.BURST, steps - done)
                 for s in range(length):
-                    arena.run_step(s, beads, whole, before)
+                    arena.run_step(s, beads, whole, before, alike)
                 arena.end_burst(length)
             done += self._count(at.DONE)
         return done
@@ -532,7 +535,7 @@ class Bulk:
         old, beads, listed = self._arena, self._count(at.BEADS), self._count(at.LISTED)
         rows, (first, pairs), near, work = self._rows(), self._pairs(listed), self._near(listed), self.work
         listed_at = old.walls.listed_at.to_numpy()
-        kept = {column: self._count(column) for column in (at.GONE, at.BUILDS, at.BODIES)}
+        kept = {column: self._count(column) for column in (at.GONE, at.BUILDS, at.BODIES, at.MIXED)}
         whole, members = self._body_rows(), self._members(beads) if self._rigid else None
         pair_capacity = max(pair_capacity, PAIRS_PER_BEAD * capacity)
         near_capacity = max(near_capacity, NEAR_PER_BEAD * capacity)

@@ -19,6 +19,11 @@ ROLLING: tuple[Rolling, ...] = ("type A", "type C")
 STIFFNESS, SHEAR, DAMPING, FRICTION, ROLLING_FRICTION, SHEAR_ROOT = range(6)
 LAW_SIZE = 6
 
+# columns of the constants of a contact: all that does not change while it lasts, see `contact_constants`
+NORMAL, TANGENTIAL, DASHPOT, DASHPOT_T, DASHPOT_R, LAGS, LAGS_T, LAGS_R = range(8)
+SLIDES, ROLLS, ROLLING_RADIUS, SHARE = range(8, 12)
+CONSTANTS = 12
+
 LAG = 0.25  # how far a dashpot's own force is counted against it, in steps; see contact_forces
 ROLLING_DAMPING = 0.05  # of critical; more than a tenth rings where many contacts meet
 
@@ -94,16 +99,59 @@ def turned(vector, normal):
     along = vector.dot(normal)
     flat = vector - normal * along
     length2 = flat.norm_sqr()
-    # a turn too small to change the length in float64 needs no root
-    if along * along > 1e-17 * length2 and length2 > 0.0:
+    # a turn by less than 1e-5 loses less than 1e-10 of the length: not worth a division and a root
+    if along * along > 1e-10 * length2 and length2 > 0.0:
         flat *= ti.sqrt(vector.norm_sqr() / length2)
     return flat
 
 
 @ti.func
+def contact_constants(law, radius_eff, mass_eff, rolling_radius, rolling_inertia, share, step):
+    """All that does not change while a contact lasts; `share` is the part of the distance that is on i's side.
+
+    Stiffnesses go with the root of the overlap and dashpots with the root of that: here are their factors.
+    """
+    normal = 2.0 * law[STIFFNESS] * ti.sqrt(radius_eff)
+    tangential = 8.0 * law[SHEAR] * ti.sqrt(radius_eff)
+    dashpot = law[DAMPING] * ti.sqrt(normal * mass_eff)
+    dashpot_t = dashpot * law[SHEAR_ROOT]
+    # the spring against rolling is the tangential one at the end of the rolling radius
+    dashpot_r = 2.0 * ROLLING_DAMPING * rolling_radius * ti.sqrt(tangential * rolling_inertia)
+    lag = LAG * step
+    # a tangential force also turns the spheres: the contact moves as if its mass were 2/7
+    return ti.Vector(
+        [
+            normal,
+            tangential,
+            dashpot,
+            dashpot_t,
+            dashpot_r,
+            lag * dashpot / mass_eff,
+            3.5 * lag * dashpot_t / mass_eff,
+            lag * dashpot_r / rolling_inertia,
+            law[FRICTION],
+            law[ROLLING_FRICTION],
+            rolling_radius,
+            share,
+        ]
+    )
+
+
+@ti.func
+def constants_of_two(law, radius, radius_j, mass, mass_j, inertia, inertia_j, step):
+    """The constants of a contact of two spheres."""
+    both = radius + radius_j
+    radius_eff = radius * radius_j / both
+    return contact_constants(
+        law, radius_eff, mass * mass_j / (mass + mass_j), 2.0 * radius_eff, inertia * inertia_j / (inertia + inertia_j),
+        radius / both, step,
+    )  # fmt: skip
+
+
+@ti.func
 def contact_forces(
-    overlap, normal, velocity, spin_i, spin_j, radius_eff, mass_eff, radius_i, radius_j, inertia_i, inertia_j,
-    rolling_radius, rolling_inertia, law, slip, roll, step, constant_torque,
+    overlap, normal, velocity, spin_i, spin_j, radius_i, radius_j, inertia_i, inertia_j, constants, slip, roll, step,
+    constant_torque,
 ):  # fmt: skip
     """Hertz-Mindlin force on body i and the torques that rolling resistance adds on i and j.
 
@@ -121,22 +169,21 @@ def contact_forces(
     S_t R^2.  Returns force on i, torque on i, torque on j, new slip, new roll.
     """
     # roots and divisions are most of the cost of a contact: there are as few as can be
-    root = ti.sqrt(radius_eff * overlap)
-    stiff_n = 2.0 * law[STIFFNESS] * root
-    stiff_t = 8.0 * law[SHEAR] * root
+    root = ti.sqrt(overlap)
+    fourth_root = ti.sqrt(root)
+    stiff_n = constants[NORMAL] * root
+    stiff_t = constants[TANGENTIAL] * root
+    late_n = 1.0 + constants[LAGS] * fourth_root
+    late_t = 1.0 + constants[LAGS_T] * fourth_root
+    late_r = 1.0 + constants[LAGS_R] * fourth_root
+    part = fourth_root / (late_n * late_t * late_r)
     closing = velocity.dot(normal)
-    dashpot_n = law[DAMPING] * ti.sqrt(stiff_n * mass_eff)
-    dashpot_t = dashpot_n * law[SHEAR_ROOT]
-    lagged_n = mass_eff + LAG * step * dashpot_n
-    # a tangential force also turns the spheres: the contact moves as if its mass were 2/7
-    lagged_t = mass_eff + 3.5 * LAG * step * dashpot_t
-    part = mass_eff / (lagged_n * lagged_t)
-    push = ti.max(0.0, stiff_n * overlap * (2.0 / 3.0) + closing * dashpot_n * lagged_t * part)
+    push = ti.max(0.0, stiff_n * overlap * (2.0 / 3.0) + closing * (constants[DASHPOT] * (late_t * late_r) * part))
 
     sliding = velocity - closing * normal
     new_slip = turned(slip, normal) + sliding * step
-    drag = -stiff_t * new_slip - dashpot_t * lagged_n * part * sliding
-    limit = law[FRICTION] * push
+    drag = -stiff_t * new_slip - constants[DASHPOT_T] * (late_n * late_r) * part * sliding
+    limit = constants[SLIDES] * push
     drag2 = drag.norm_sqr()
     if drag2 > limit * limit:
         drag *= limit / ti.sqrt(drag2)
@@ -145,8 +192,8 @@ def contact_forces(
     torque_i = ti.Vector([0.0, 0.0, 0.0])
     torque_j = ti.Vector([0.0, 0.0, 0.0])
     new_roll = ti.Vector([0.0, 0.0, 0.0])
-    if law[ROLLING_FRICTION] > 0.0:
-        grip = law[ROLLING_FRICTION] * push
+    if constants[ROLLS] > 0.0:
+        grip = constants[ROLLS] * push
         if constant_torque == 1:
             # never more than stops the spin within the step
             rate = 1.0 / step
@@ -155,11 +202,10 @@ def contact_forces(
         else:
             # the spring resists rolling; the dashpot twisting too, else beads in a resting pile spin on like tops
             rate = spin_i - spin_j
+            rolling_radius = constants[ROLLING_RADIUS]
             stiff_r = stiff_t * rolling_radius * rolling_radius
             new_roll = turned(roll, normal) + (rate - rate.dot(normal) * normal) * step
-            dashpot = 2.0 * ROLLING_DAMPING * rolling_radius * ti.sqrt(stiff_t * rolling_inertia)
-            damping = dashpot * rolling_inertia / (rolling_inertia + LAG * step * dashpot)
-            torque_i = -stiff_r * new_roll - damping * rate
+            torque_i = -stiff_r * new_roll - constants[DASHPOT_R] * (late_n * late_t) * part * rate
             most = grip * rolling_radius
             torque2 = torque_i.norm_sqr()
             if torque2 > most * most:

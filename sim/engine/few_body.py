@@ -21,7 +21,16 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.engine import backend
 from rigtwin.sim.engine.backend import ti
-from rigtwin.sim.engine.contact import DAMPING, LAW_SIZE, ROLLING, STIFFNESS, Rolling, contact_forces, pair_law
+from rigtwin.sim.engine.contact import (
+    DAMPING,
+    LAW_SIZE,
+    ROLLING,
+    STIFFNESS,
+    Rolling,
+    constants_of_two,
+    contact_forces,
+    pair_law,
+)
 from rigtwin.sim.engine.elements import OF_WALL
 from rigtwin.sim.engine.terms import Active, Terms, terms_of, upwards
 from rigtwin.sim.engine.wall_contacts import WANDERS, WallContacts, wall_table
@@ -368,12 +377,12 @@ class _Bench:
                         lever = distance * radius / (radius + radius_j)
                         lever_j = distance - lever
                         surface = velocity + (lever * self.half_spin[i] + lever_j * self.half_spin[j]).cross(normal)
-                        radius_eff = radius * radius_j / (radius + radius_j)
+                        constants = constants_of_two(
+                            self.law_of_pair(i, j), radius, radius_j, mass, mass_j, inertia, inertia_j, step
+                        )
                         force, torque, torque_j, slip, roll = contact_forces(
-                            overlap, normal, surface, self.half_spin[i], self.half_spin[j], radius_eff,
-                            mass * mass_j / (mass + mass_j), radius, radius_j, inertia, inertia_j, 2.0 * radius_eff,
-                            inertia * inertia_j / (inertia + inertia_j), self.law_of_pair(i, j), self.pair_slip[i, j],
-                            self.pair_roll[i, j], step, constant_torque,
+                            overlap, normal, surface, self.half_spin[i], self.half_spin[j], radius, radius_j, inertia,
+                            inertia_j, constants, self.pair_slip[i, j], self.pair_roll[i, j], step, constant_torque,
                         )  # fmt: skip
                         self.pair_slip[i, j] = slip
                         self.pair_roll[i, j] = roll

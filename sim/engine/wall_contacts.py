@@ -21,7 +21,7 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Particle
 from rigtwin.sim.engine import elements as shape
 from rigtwin.sim.engine.backend import ti
-from rigtwin.sim.engine.contact import DAMPING, LAW_SIZE, STIFFNESS, contact_forces, pair_law
+from rigtwin.sim.engine.contact import DAMPING, LAW_SIZE, STIFFNESS, contact_constants, contact_forces, pair_law
 from rigtwin.sim.engine.elements import ELEMENT_SIZE, OF_WALL, TRIANGLE, towards_element
 from rigtwin.sim.engine.mesh import ALONE, sort_into_cells
 from rigtwin.sim.engine.terms import Terms
@@ -398,7 +398,8 @@ class WallContacts:
                         law[DAMPING] = self.impact[live, q]
                     drag, hold, _other, slip, roll = contact_forces(
                         radius - distance, normal, velocity + distance * turning.cross(normal) - surface, turning,
-                        wall_spin, radius, mass, radius, radius, inertia, inertia, radius, inertia, law,
+                        wall_spin, radius, radius, inertia, inertia,
+                        contact_constants(law, radius, mass, radius, inertia, 1.0, step),
                         slip, roll, step, constant_torque,
                     )  # fmt: skip
                     if ti.static(self.terms.attracts):
