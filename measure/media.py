@@ -21,6 +21,8 @@ from rigtwin.lab.camera import Camera, Moment
 from rigtwin.lab.errors import BadInput, UnreadableMedia
 from rigtwin.measure import sources
 
+SMALLEST = 5  # [px], no rig fits into less
+
 Grey = sources.Grey
 Image = sources.Image
 
@@ -84,6 +86,8 @@ def open_video(path: Path, camera: Camera) -> Video:
     stamps, stated, (height, width), warnings = film.stamps, film.rate, film.shape, list(film.notes)
     if len(stamps) < 3:
         raise UnreadableMedia(f"{path}: decodes to {len(stamps)} pictures; a measurement needs a clip.")
+    if min(height, width) < SMALLEST:
+        raise UnreadableMedia(f"{path}: is only {width} x {height} px, too small to show a rig; give the clip itself.")
     rate = camera.frame_rate or stated
     if not rate > 0:
         raise BadInput(f"{path}: the file states no frame rate; give the capture rate with --frame-rate 240Hz.")

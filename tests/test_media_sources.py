@@ -170,3 +170,11 @@ def test_a_photo_of_a_phone_is_read(tmp_path):
     assert read.shape == (64, 96, 3)
     assert read[:, 60:, 2].mean() > 150
     assert read[:, :40].mean() < 60
+
+
+@pytest.mark.parametrize("size", [1, 2])
+def test_a_clip_of_a_few_pixels_is_named(tmp_path, size):
+    for k in range(4):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), np.full((size, size), 40 * k, np.uint8))
+    with pytest.raises(UnreadableMedia, match=f"only {size} x {size} px"):
+        open_video(tmp_path, RATE)
