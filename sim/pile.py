@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +16,7 @@ from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Profile
 from rigtwin.lab.rigs import GRAVITY, Pile
+from rigtwin.sim import fill
 from rigtwin.sim.engine.clock import USUAL, positive, time_step
 from rigtwin.sim.logbook import History, Logbook
 
@@ -30,11 +30,7 @@ Array = npt.NDArray[np.float64]
 VIEWS = (0.0, 45.0, 90.0, 135.0)  # [deg], about the disc's axis
 POINTS_PER_DIAMETER = 24
 PROFILE_SIGMA = 1e-5  # [m], a silhouette of exact spheres is as good as the beads' overlap
-LOOK = 0.02  # [s], how often the pouring looks at the heap
 SLOW = 0.1  # [m/s], a bead below this speed belongs to the heap, above it is still falling
-REST_ENERGY = 1e-5  # mean kinetic energy of a resting bead, in m g R
-REST_SPEED = 0.01  # [m/s], of the fastest bead
-REST_LOOKS = 3  # times in a row
 LEAST_RATE = 400.0  # [1/s]
 SKIN = 0.2  # of a diameter; the rain makes a list short-lived
 FRAME_INTERVAL = 0.01  # [s]
@@ -122,7 +118,7 @@ def run(
             course.go_on(kept)
         began, first_step = time.perf_counter(), bulk.steps
         _pour(bulk, logbook, course, outlet, particle, count, progress)
-        at_rest = _settle(bulk, logbook, course, particle, settle_limit, progress)
+        at_rest = fill.settle(bulk, logbook, course, particle, settle_limit, progress)
         wall_time = time.perf_counter() - began
     placed = course.placed
 
@@ -259,7 +255,7 @@ def _bench(
 
     side = rig.base_diameter / 2 + 4 * soft.diameter
     # a heap steeper than 45 degrees is not expected; the outlet stops rising there
-    top = rig.rim_height + rig.base_diameter / 2 + outlet.fall_height + 4 * LOOK * outlet.speed + 4 * soft.diameter
+    top = rig.rim_height + rig.base_diameter / 2 + outlet.fall_height + 4 * fill.LOOK * outlet.speed + 4 * soft.diameter
     return Bulk(
         [soft],
         contacts[0],
@@ -285,22 +281,10 @@ def _shapes(rig: Pile) -> list[Shape]:
 
 
 @dataclass
-class _Course:
-    """How far pouring and settling have come: with the beads, all that a run needs to go on."""
+class _Course(fill.Course):
+    """How far pouring and settling have come, the outlet that rises with the heap included."""
 
-    random: np.random.Generator
-    height: float  # [m], of the outlet
-    placed: int = 0
-    patience: int = 0  # looks in a row at which no bead found room
-    settling_until: float | None = None  # [s]; None while pouring
-    quiet: int = 0  # looks in a row at which the heap rested
-
-    def kept(self) -> dict[str, Any]:
-        return {**vars(self), "random": self.random.bit_generator.state}
-
-    def go_on(self, kept: dict[str, Any]) -> None:
-        self.random.bit_generator.state = kept["random"]
-        vars(self).update({name: value for name, value in kept.items() if name != "random"})
+    height: float = 0.0  # [m], of the outlet
 
 
 def _pour(
@@ -313,16 +297,16 @@ def _pour(
     progress: Progress,
 ) -> None:
     """Rain the beads."""
-    steps = max(1, round(LOOK / bulk.time_step))
-    slab = 1.5 * outlet.speed * LOOK + particle.diameter
-    while course.placed < count and course.patience < 100:
+    steps = max(1, round(fill.LOOK / bulk.time_step))
+    slab = 1.5 * outlet.speed * fill.LOOK + particle.diameter
+    while course.placed < count and course.patience < fill.PATIENCE:
         beads = bulk.beads()
         resting = beads.position[(beads.velocity**2).sum(1) < SLOW**2, 2]
         height = max(course.height, resting.max(initial=0.0) + particle.radius + outlet.fall_height)
         course.height = float(min(height, bulk.top - slab - particle.diameter))
-        due = min(count, math.ceil(outlet.rate * (bulk.time + LOOK))) - course.placed
-        drops = _drops(beads.position, outlet, particle, height=course.height, slab=slab, due=due, rng=course.random)
-        new = np.array(list(drops)).reshape(-1, 3)
+        due = min(count, math.ceil(outlet.rate * (bulk.time + fill.LOOK))) - course.placed
+        source = fill.Outlet(outlet.diameter, course.height, outlet.rate, outlet.speed, outlet.rate_from)
+        new = fill.places(beads.position, source, particle.diameter, due, course.random)
         turn = None if particle.shape is None else course.random.normal(size=(len(new), 4))
         bulk.add(new, np.array([0.0, 0.0, -outlet.speed]), turn=turn)
         course.patience = 0 if len(new) else course.patience + 1
@@ -330,51 +314,6 @@ def _pour(
         logbook.run(steps)
         logbook.look(course.kept())
         progress("pouring", course.placed, count)
-
-
-def _drops(
-    occupied: Array,
-    outlet: _Outlet,
-    particle: Particle,
-    *,
-    height: float,
-    slab: float,
-    due: int,
-    rng: np.random.Generator,
-) -> Iterator[Array]:
-    """Up to `due` places in the outlet's cylinder that are clear of all beads and of each other."""
-    clear = 1.02 * particle.diameter
-    near = occupied[occupied[:, 2] > height - clear]
-    reach = outlet.diameter / 2 - particle.radius
-    for _ in range(20 * due):
-        if due <= 0:
-            return
-        distance, angle = reach * math.sqrt(rng.random()), rng.uniform(0, 2 * math.pi)
-        place = np.array([distance * math.cos(angle), distance * math.sin(angle), height + slab * rng.random()])
-        if not len(near) or ((near - place) ** 2).sum(1).min() > clear**2:
-            near = np.vstack([near, place])
-            due -= 1
-            yield place
-
-
-def _settle(
-    bulk: Bulk, logbook: Logbook, course: _Course, particle: Particle, limit: float, progress: Progress
-) -> bool:
-    """Run until the beads rest; False when they still moved at the limit."""
-    steps = max(1, round(LOOK / bulk.time_step))
-    if course.settling_until is None:
-        course.settling_until = bulk.time + limit
-    while bulk.time < course.settling_until and course.quiet < REST_LOOKS:
-        logbook.run(steps)
-        beads = bulk.beads()
-        grains = beads.ident if beads.grains is None else beads.grains.ident
-        energy = beads.kinetic_energy / max(len(grains), 1)
-        fastest = np.sqrt((beads.velocity**2).sum(1).max(initial=0.0))
-        resting = energy < REST_ENERGY * particle.mass * GRAVITY * particle.radius and fastest < REST_SPEED
-        course.quiet = course.quiet + 1 if resting else 0
-        logbook.look(course.kept())
-        progress("settling", limit - (course.settling_until - bulk.time), limit)
-    return course.quiet >= REST_LOOKS
 
 
 def _check(rig: Pile, particle: Particle, count: int, stiffness_factor: float, settle_limit: float) -> None:
