@@ -223,7 +223,7 @@ def measure(
             views.append({"scale_m_per_px": None, "scale_from": "profile table", "camera_roll_deg": None})
             beds.append(None)
             continue
-        image = read_photo(photo)
+        image = read_photo(photo, camera.lens)
         bed, observation, view, found = _observe(photo, image, camera, cylinder_diameter, bead_diameter)
         seen.append(observation)
         views.append(view)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any, Protocol
@@ -19,7 +20,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.camera import Lens
 from rigtwin.lab.errors import UnreadableMedia
+from rigtwin.measure.lens import straight
 
 Grey = npt.NDArray[np.uint8]
 Image = npt.NDArray[np.uint8]
@@ -168,6 +171,23 @@ class Stack:
             for page in file.pages:
                 image = np.asarray(page.asarray())
                 yield _eight_bit(image[..., 2::-1] if image.ndim == 3 else image, self.shift)
+
+
+class Straight:
+    """Another source, its pictures straightened by what a board told of lens and perspective."""
+
+    def __init__(self, taken: Source, lens: Lens) -> None:
+        self.taken, self.lens = taken, lens
+        self.shape, self.stamps, self.rate, self.tick = taken.shape, taken.stamps, taken.rate, taken.tick
+        self.notes = taken.notes
+
+    def pictures(self) -> Iterator[Picture]:
+        for grey, in_colour in self.taken.pictures():
+            yield straight(grey, self.lens), partial(_straight_colour, in_colour, self.lens)
+
+
+def _straight_colour(in_colour: Callable[[], Image], lens: Lens) -> Image:
+    return straight(in_colour(), lens)
 
 
 @dataclass(frozen=True)
