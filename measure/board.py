@@ -31,6 +31,7 @@ DICTIONARIES = (
     cv2.aruco.DICT_ARUCO_ORIGINAL,
     cv2.aruco.DICT_APRILTAG_36h11,
 )
+FEWEST = 6  # corners of a board that is partly hidden
 FEWEST_FOR_LENS = 12  # corners; fewer do not tell distortion from perspective
 FEWEST_FOR_EDGE = 30  # corners; the fourth power of the radius lives near the rim
 WORST = 1.5  # [px], rms of corners against the fit: a bent board, or one that was misread
@@ -61,8 +62,9 @@ def read_board(board: Board) -> Lens:
 
 def _checkerboard(grey: Image, board: Board) -> tuple[Array, Array]:
     inner = (board.columns - 1, board.rows - 1)
-    flags = cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE
-    found, corners = cv2.findChessboardCornersSB(grey, inner, flags=flags)
+    found, corners = cv2.findChessboardCornersSB(grey, inner, flags=cv2.CALIB_CB_ACCURACY)
+    if not found:
+        found, corners = cv2.findChessboardCornersSB(grey, inner, flags=cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE)
     if not found:
         raise BadInput(
             f"{board.photo}: no checkerboard of {board.columns} x {board.rows} squares is seen whole; count squares, "
@@ -73,34 +75,41 @@ def _checkerboard(grey: Image, board: Board) -> tuple[Array, Array]:
 
 
 def _charuco(grey: Image, board: Board) -> tuple[Array, Array]:
-    best: tuple[Array, Array] | None = None
-    for name in DICTIONARIES:
-        book = cv2.aruco.getPredefinedDictionary(name)
-        for legacy in (False, True):  # boards printed before OpenCV 4.6 begin with the other colour
-            drawn = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square, board.marker or 0.0, book)
-            drawn.setLegacyPattern(legacy)
-            corners, ids, _, _ = cv2.aruco.CharucoDetector(drawn).detectBoard(grey)
-            if ids is not None and len(ids) > (0 if best is None else len(best[0])):
-                best = np.asarray(drawn.getChessboardCorners())[ids.ravel(), :2].astype(float), _points(corners)
-    if best is None or len(best[0]) < 6:
+    book, _ = _markers(grey, board)
+    best: tuple[Array, Array] = np.empty((0, 2)), np.empty((0, 2))
+    for legacy in (False, True):  # boards printed before OpenCV 4.6 begin with the other colour
+        drawn = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square, board.marker or 0.0, book)
+        drawn.setLegacyPattern(legacy)
+        corners, ids, _, _ = cv2.aruco.CharucoDetector(drawn).detectBoard(grey)
+        if ids is not None and len(ids) > len(best[0]):
+            best = np.asarray(drawn.getChessboardCorners())[ids.ravel(), :2].astype(float), _points(corners)
+    if len(best[0]) < FEWEST:
         raise BadInput(
-            f"{board.photo}: no ChArUco board of {board.columns} x {board.rows} squares is seen; check its numbers of "
-            "squares, and that the board is sharp and evenly lit."
+            f"{board.photo}: {len(best[0])} corners of a ChArUco board of {board.columns} x {board.rows} squares are "
+            "seen; check its numbers of squares, and that the board is sharp and evenly lit."
         )
     return best
 
 
 def _aruco(grey: Image, board: Board) -> tuple[Array, Array]:
-    settings = cv2.aruco.DetectorParameters()
-    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    found: list[Array] = []
-    for name in DICTIONARIES:
-        corners, _, _ = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(name), settings).detectMarkers(grey)
-        found += [_points(marker) for marker in corners]
-    if not found:
-        raise BadInput(f"{board.photo}: no ArUco marker is seen; show one whole, with its white margin.")
+    _, found = _markers(grey, board)
     largest = max(found, key=lambda marker: cv2.contourArea(marker.astype(np.float32)))
     return np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * board.square, largest
+
+
+def _markers(grey: Image, board: Board) -> tuple[Any, list[Array]]:
+    """The dictionary that most of the markers in view are from, and their corners [px]."""
+    settings = cv2.aruco.DetectorParameters()
+    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    best: tuple[Any, list[Array]] = None, []
+    for name in DICTIONARIES:
+        book = cv2.aruco.getPredefinedDictionary(name)
+        corners, _, _ = cv2.aruco.ArucoDetector(book, settings).detectMarkers(grey)
+        if len(corners) > len(best[1]):
+            best = book, [_points(marker) for marker in corners]
+    if not best[1]:
+        raise BadInput(f"{board.photo}: no ArUco marker is seen; show the board sharp, with its white margin.")
+    return best
 
 
 _FINDERS = {"checkerboard": _checkerboard, "charuco": _charuco, "aruco": _aruco}

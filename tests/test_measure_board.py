@@ -32,12 +32,12 @@ class Bench:
         self.bend = bend
 
     def in_plane(self):
-        """[m] Where each of the picture's pixels looks, three by three rays a pixel, shape (3h, 3w, 2)."""
-        down, across = (np.mgrid[: 3 * SIZE[1], : 3 * SIZE[0]] - 1) / 3
+        """[m] Where each of the picture's pixels looks, two by two rays a pixel, shape (2h, 2w, 2)."""
+        down, across = (np.mgrid[: 2 * SIZE[1], : 2 * SIZE[0]] - 0.5) / 2
         middle = (np.array(SIZE) - 1) / 2
         bent = (np.stack([across, down], axis=-1) - middle) / (math.hypot(*SIZE) / 2)
         flat = bent.copy()
-        for _ in range(12):  # the lens maps the other way
+        for _ in range(6):  # the lens maps the other way
             flat = bent / (1 + self.bend * np.sum(flat * flat, axis=-1, keepdims=True))
         pixels = flat * (math.hypot(*SIZE) / 2) + middle
         points = np.concatenate([pixels, np.ones((*pixels.shape[:2], 1))], axis=-1) @ np.linalg.inv(self.plane).T
@@ -53,7 +53,7 @@ def checkers(columns, rows):
     def brightness(points):
         place = points / SQUARE + np.array([columns, rows]) / 2
         inside = np.all((place > 0) & (place < [columns, rows]), axis=-1)
-        edges = np.clip(20 * np.sin(np.pi * place), -1, 1)  # a little soft, so that nine rays a pixel are enough
+        edges = np.clip(20 * np.sin(np.pi * place), -1, 1)  # a little soft, so that four rays a pixel are enough
         return np.where(inside, 125 - 95 * edges[..., 0] * edges[..., 1], 220.0)
 
     return brightness
