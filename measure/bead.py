@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -223,28 +224,25 @@ def _start_from_moments(patch: _Patch, blur_guess: tuple[float, float]) -> Array
     """x, y, blur x, blur y and contrast, from the moments of the spot nearest to the guess."""
     values = patch.grey - _surroundings(patch)
     level = cv2.GaussianBlur(np.abs(values) * patch.usable, (0, 0), 0.8)
-    y, x = np.mgrid[: values.shape[0], : values.shape[1]].astype(np.float64)
-    distance = np.hypot(x - patch.near[0], y - patch.near[1])
-    inner = level[distance < max(patch.radius, 2.0)]
-    if inner.size == 0:
+    away_x = np.arange(values.shape[1])[None, :] - patch.near[0]
+    away_y = np.arange(values.shape[0])[:, None] - patch.near[1]
+    square = away_x * away_x + away_y * away_y
+    if float(square.min()) >= max(patch.radius, 2.0) ** 2:
         return None
-    noise = 1.4826 * float(np.median(np.abs(values - np.median(values))))
-    threshold = max(0.4 * float(np.percentile(level, 97)), 1.5 * noise, 1.0)
+    noise = 1.4826 * _middle(np.abs(values - _middle(values.ravel())).ravel())
+    threshold = max(0.4 * _part(level.ravel(), 0.97), 1.5 * noise, 1.0)
     count, labels, stats, _ = cv2.connectedComponentsWithStats((level > threshold).astype(np.uint8), connectivity=4)
-    best, score = 0, 0.0
-    for spot in range(1, count):
-        inside = labels == spot
-        nearness = float(np.sum(level[inside] / (1 + (distance[inside] / patch.radius) ** 2)))
-        if stats[spot, cv2.CC_STAT_AREA] >= 3 and nearness > score:
-            best, score = spot, nearness
-    if best == 0:
+    nearness = level / (1 + square / patch.radius**2)
+    score = np.bincount(labels.ravel(), nearness.ravel(), minlength=count)
+    score[(stats[:, cv2.CC_STAT_AREA] < 3) | (np.arange(count) == 0)] = 0.0
+    best = int(np.argmax(score))
+    if score[best] == 0.0:
         return None
-    inside = labels == best
-    centre = np.array([x[inside].mean(), y[inside].mean()])
+    y, x = np.nonzero(labels == best)
     blur = np.array(blur_guess) / patch.step
     if not np.any(blur):
-        blur = _blur_from_moments(x[inside], y[inside])
-    return np.array([*centre, *blur, float(np.percentile(level[inside], 80))])
+        blur = _blur_from_moments(x.astype(np.float64), y.astype(np.float64))
+    return np.array([x.mean(), y.mean(), *blur, _part(level[y, x], 0.8)])
 
 
 def _surroundings(patch: _Patch) -> float:
@@ -365,6 +363,12 @@ def _middle(values: Array) -> float:
     return float(np.partition(values, half)[half])
 
 
+def _part(values: npt.NDArray[Any], share: float) -> float:
+    """The value that a share of all lies below, of many."""
+    place = min(round(share * (len(values) - 1)), len(values) - 1)
+    return float(np.partition(values, place)[place])
+
+
 def _robust_weights(residual: Array, noise: Array) -> Array:
     """Weights of Geman and McClure, flat up to a few times the noise: pixels of an unknown thing count little."""
     return np.asarray(1 / (1 + (residual / (4 * noise)) ** 2) ** 2)
@@ -412,9 +416,7 @@ class _Pixels:
             return False
         far = self._from_path(shape) > (shape[2] + 4 * shape[3] + _ROOM) ** 2
         order = np.argsort(far, kind="stable")
-        self.x, self.y, self.values, self._index = (
-            each[order] for each in (self.x, self.y, self.values, self._index)
-        )
+        self.x, self.y, self.values, self._index = (each[order] for each in (self.x, self.y, self.values, self._index))
         self.behind = None if self.behind is None else self.behind[order]
         self._near = len(order) - int(np.count_nonzero(far))
         self._shape = shape.copy()
@@ -637,6 +639,7 @@ class Scene:
         if len(x) < 60:
             return (0.0, 0.0), 1.0
         wanted = self.picture[y.astype(int), x.astype(int)].astype(np.float64)
+        rows = np.stack([slope_x, slope_y, -wanted])
         shift = np.array(start)
         gain = 1.0
         for _ in range(5):
@@ -648,11 +651,11 @@ class Scene:
                 borderMode=cv2.BORDER_REPLICATE,
             ).ravel()
             error = seen.astype(np.float64) - gain * wanted
-            spread = 1.4826 * float(np.median(np.abs(error))) + 0.3
+            spread = 1.4826 * _middle(np.abs(error)) + 0.3
             weights = 1 / (1 + (error / (2 * spread)) ** 2) ** 2  # a moving bead or hand must not pull the scene along
-            columns = np.stack([slope_x, slope_y, -wanted], axis=1)
-            normal = (columns * weights[:, None]).T @ columns
-            change = np.linalg.lstsq(normal, -(columns * weights[:, None]).T @ error, rcond=None)[0]
+            weighted = rows * weights
+            normal = weighted @ rows.T
+            change = np.linalg.lstsq(normal, -weighted @ error, rcond=None)[0]
             shift = shift + np.clip(change[:2], -3, 3)
             gain += float(change[2])
             if np.max(np.abs(change[:2])) < 0.003:
@@ -718,7 +721,7 @@ class Background:
 def _median_scene(stack: Grey) -> Scene:
     ordered = _sorted(stack)
     count = len(stack)
-    middle = (ordered[(count - 1) // 2].astype(np.float32) + ordered[count // 2]) / 2
+    middle: Picture = (ordered[(count - 1) // 2].astype(np.float32) + ordered[count // 2]) / np.float32(2)
     low, high = ordered[round(0.16 * (count - 1))], ordered[round(0.84 * (count - 1))]
     # 8-bit steps make the spread of one pixel coarse: share it with its neighbours
     noise = cv2.blur((high.astype(np.float32) - low) / 2, (5, 5)) + np.float32(0.3)
