@@ -15,7 +15,7 @@ from typing import Any
 
 from rigtwin.compare.diagnose.double import DoubleBench
 from rigtwin.compare.diagnose.drop import DropBench
-from rigtwin.compare.diagnose.fit import Fit, fit
+from rigtwin.compare.diagnose.fit import Fit, fit, glance
 from rigtwin.compare.diagnose.forms import nameless
 from rigtwin.compare.diagnose.gap import Gap, gap, names
 from rigtwin.compare.diagnose.labs import BULK, TrackedLab
@@ -127,7 +127,7 @@ def diagnose(
     naming = name_effects(bench, candidates, base, progress)
     verdict = _judge(bench, lab, naming, progress)
     chosen = verdict.chosen
-    sizes = gap(bench_of, bench, lab, base, chosen.fitted if chosen else None)
+    sizes = gap(bench, lab, base, chosen.fitted if chosen else None)
     done = replace(verdict, gap=sizes, next_experiment=_next(verdict), seconds=time.process_time() - begun)
     return done
 
@@ -152,7 +152,7 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
     loud = location.p < SURE or max((one.gain for one in naming.tried), default=0.0) > FORM
     if best is None and not loud:
         return replace(plain, reason="the data lie inside noise, scatter and stated calibration")
-    forms = _forms(bench, naming, progress)
+    forms = _forms(bench, naming, progress) if best is None or _more_to_say(bench, best) else []
     alone = max(forms, key=lambda one: one.gain, default=None)
     if best is None:
         if alone is not None and alone.gain > FORM and not alone.reason:
@@ -197,6 +197,16 @@ def _forms(bench: Regioned, naming: Naming, progress: Progress) -> list[Candidat
         fitted = fit(bench, (term,), near=naming.base, most=15, rounds=2)
         found.append(_candidate(naming, (term,), fitted))
     return found
+
+
+def _more_to_say(bench: Regioned, best: Candidate) -> bool:
+    """Whether any nameless term on top of the best would gain enough to be worth a closer look."""
+    if best.fitted.per_row > 1.5:
+        return True
+    terms = nameless(bench.lab.rig)  # type: ignore[attr-defined]
+    return any(
+        best.fitted.deviance - glance(bench, (*best.terms, term), best.fitted).deviance > 0.8 * FORM for term in terms
+    )
 
 
 def _candidate(naming: Naming, terms: tuple[Effect, ...], fitted: Fit) -> Candidate:

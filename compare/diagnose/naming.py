@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from rigtwin.compare.diagnose.fit import Fit, fit, glance
 from rigtwin.compare.diagnose.locate import Location, Regioned, locate
+from rigtwin.compare.diagnose.subset import coarse, cut
 from rigtwin.sim.effects import Effect
 
 ALARM = 16.0
@@ -23,6 +24,7 @@ ALIKE = 6.0
 FORM = 25.0
 """A nameless term must beat the listed effects by this much to call a disagreement unlisted."""
 MOST_TERMS = 3
+LEADING = 4  # candidates of each size that are fitted to the end on all data
 GLANCE = 6.0  # a candidate whose first step promises less than this is not fitted to the end
 ROUGH = 2.0  # chi2 per coordinate above which a fit from the baseline may not find its way
 
@@ -39,6 +41,8 @@ class Candidate:
     """Deviance of the baseline less its own, over the spread of the residuals; higher is better."""
     reason: str = ""
     """Why it is refused, empty where it is plausible."""
+    rough: Fit | None = None
+    """Its fit to a part of the data, where that was looked at first."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -69,28 +73,76 @@ class Naming:
     rounds: tuple[tuple[Candidate, ...], ...] = ()
 
 
+@dataclass
+class _Search:
+    """One lab's candidates as they are tried: roughly on a part of the data where the disagreement is large."""
+
+    bench: Regioned
+    base: Fit
+    spread: float
+    done: dict[frozenset[str], Candidate] = field(default_factory=dict)
+    rough: tuple[Regioned, Fit] | None = None
+    """A part of the data and the baseline's fit to it, where the baseline is far off."""
+
+    def begin(self) -> None:
+        """Take a part of the data where the whole is not needed to tell the candidates apart."""
+        if self.base.per_row > ROUGH:
+            part, chosen = coarse(self.bench)
+            self.rough = part, fit(part, near=cut(self.base, chosen), most=20, rounds=1)
+
+    def consider(self, terms: tuple[Effect, ...], root: Candidate | None) -> Candidate:
+        """A candidate fitted from the `root` that it grows from, the baseline where there is none."""
+        key = frozenset(term.name for term in terms)
+        if key in self.done:
+            return self.done[key]
+        near = self.base if root is None else root.fitted
+        if self.rough is None or near.per_row < ROUGH:
+            fitted = _fit(self.bench, terms, near)
+            gain = self.base.deviance - fitted.deviance
+        else:
+            part, plain = self.rough
+            start = plain if root is None else root.rough or fit(part, root.terms, start=_values(near), most=20)
+            fitted = _fit(part, terms, start)
+            gain = (plain.deviance - fitted.deviance) * self.base.residual.size / plain.residual.size
+        whole = len(fitted.residual) == len(self.base.residual)
+        self.done[key] = Candidate(
+            terms, fitted, gain / self.spread, _refused(fitted, terms), None if whole else fitted
+        )
+        return self.done[key]
+
+    def polish(self, candidates: Sequence[Candidate]) -> list[Candidate]:
+        """The leading candidates fitted to the end, on all data."""
+        leading = sorted(candidates, key=lambda one: -one.gain)[:LEADING]
+        leading += [one for one in _front(candidates, 2) if one not in leading]
+        result = []
+        for one in candidates:
+            better = one
+            if one in leading and (one.rough is not None or not one.fitted.converged):
+                if one.rough is not None:
+                    fitted = fit(self.bench, one.terms, start=_values(one.fitted), most=25, rounds=2)
+                else:
+                    fitted = fit(self.bench, one.terms, near=one.fitted, most=40)
+                gain = (self.base.deviance - fitted.deviance) / self.spread
+                better = Candidate(one.terms, fitted, gain, _refused(fitted, one.terms), one.rough)
+                self.done[frozenset(one.names)] = better
+            result.append(better)
+        return result
+
+
 def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell: Tell) -> Naming:
     """Forward selection over the library, from the fewest terms up, with pairs grown from the three best singles."""
     location = locate(bench, base)
-    spread = _spread(base, location)
-    done: dict[frozenset[str], Candidate] = {}
-
-    def consider(terms: tuple[Effect, ...], near: Fit) -> Candidate:
-        key = frozenset(term.name for term in terms)
-        if key not in done:
-            fitted = _fit(bench, terms, near, base)
-            done[key] = Candidate(terms, fitted, (base.deviance - fitted.deviance) / spread, _refused(fitted, terms))
-        return done[key]
-
+    search = _Search(bench, base, _spread(base, location))
+    search.begin()
     singles = []
     for number, effect in enumerate(candidates):
         tell("candidates", number, len(candidates))
-        singles.append(consider((effect,), base))
-    singles = _polished(bench, singles, base, spread, done)
+        singles.append(search.consider((effect,), None))
+    singles = search.polish(singles)
     best = _best(singles)
     rounds = [tuple(singles)]
     if best is None or best.score < ALARM:
-        return Naming(base, location, tuple(done.values()), None, (), location, tuple(rounds))
+        return Naming(base, location, tuple(search.done.values()), None, (), location, tuple(rounds))
     front = [best]
     if best.fitted.per_row > 1.3 or locate(bench, best.fitted).p < 1e-3:
         # one effect does not do: the first of the pair need not be the best single
@@ -103,13 +155,14 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
             tell("pairs", number, len(front))
             for effect in candidates:
                 if effect.group not in root.groups:
-                    grown.append(consider((*root.terms, effect), root.fitted))
-        grown = _polished(bench, grown, base, spread, done)
+                    grown.append(search.consider((*root.terms, effect), root))
+        grown = search.polish(grown)
         rounds.append(tuple(grown))
         more = _best(grown)
-        if more is None or more.score - best.score < _price(best.gain) or not _each_needed(more, done):
+        if more is None or more.score - best.score < _price(best.gain) or not _each_needed(more, search.done):
             break
         best, front = more, _front(grown, 3)
+    done = search.done
     same_size = [one for one in done.values() if len(one.terms) == len(best.terms) and not one.reason]
     alike = _apart([one for one in same_size if best.score - one.score < ALIKE and one.groups != best.groups])
     return Naming(base, location, tuple(done.values()), best, tuple(alike), locate(bench, best.fitted), tuple(rounds))
@@ -120,9 +173,9 @@ def _spread(base: Fit, location: Location) -> float:
     return location.spread if base.per_row < 1.5 else 1.0
 
 
-def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit, base: Fit) -> Fit:
+def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit) -> Fit:
     newest = terms[-1]
-    if near.per_row < 1.5 and not _flat(newest):
+    if near.per_row < 1.5:
         first = glance(bench, terms, near)
         if near.deviance - first.deviance < GLANCE:
             return first
@@ -130,9 +183,9 @@ def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit, base: Fit) -> Fi
     far = near.per_row > ROUGH
     rounds = 1 if far else 2
     most = 8 if far else 12  # the leading ones are fitted to the end afterwards
-    fits = [fit(bench, terms, near=near, most=most, rounds=rounds)]
+    fits = [] if newest.flat else [fit(bench, terms, near=near, most=most, rounds=rounds)]
     starts = (*parameter.starts, *((parameter.typical,) if far and parameter.typical not in parameter.starts else ()))
-    if far or _flat(newest):
+    if far or newest.flat:
         name = f"{newest.name}.{parameter.name}"
         if newest.geometry != "jitter":
             for value in starts:
@@ -140,34 +193,8 @@ def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit, base: Fit) -> Fi
     return min(fits, key=lambda one: one.deviance)
 
 
-def _flat(effect: Effect) -> bool:
-    """Whether the effect has no slope at zero, so that a fit from there stays there."""
-    return effect.name == "electrostatic"
-
-
 def _values(near: Fit) -> dict[str, float]:
     return {u.name: float(v) for u, v in zip(near.unknowns, near.values, strict=True) if u.effect}
-
-
-def _polished(
-    bench: Regioned,
-    singles: list[Candidate],
-    base: Fit,
-    spread: float,
-    done: dict[frozenset[str], Candidate],
-) -> list[Candidate]:
-    """The leading candidates fitted to the end."""
-    leading = sorted(singles, key=lambda one: -one.gain)[:4]
-    result = []
-    for one in singles:
-        better = one
-        if one in leading and (not one.fitted.converged or base.per_row > ROUGH):
-            fitted = fit(bench, one.terms, near=one.fitted, most=60)
-            gain = (base.deviance - fitted.deviance) / spread
-            better = Candidate(one.terms, fitted, gain, _refused(fitted, one.terms))
-            done[frozenset(one.names)] = better
-        result.append(better)
-    return result
 
 
 def _best(candidates: Sequence[Candidate]) -> Candidate | None:

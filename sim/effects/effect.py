@@ -73,6 +73,9 @@ class Effect:
     splits: str = ""
     """The experiment that tells this effect from those that look alike."""
 
+    flat: bool = False
+    """Whether the effect has no slope at zero, so that a fit from there would stay there."""
+
     @property
     def group(self) -> str:
         """The family, or the name where there is none."""
