@@ -301,7 +301,7 @@ def pendulum(
         e = restitution_at(bead, world.restitution[f"{bead.name}/{wall}"], closing, hidden, 0.01)
         e = min(max(e + rng.normal(0, world.restitution_scatter), 0.0), 0.99)
         if e * closing < REST_SPEED:
-            path.add(end, duration, lambda t, a=contact: _on_circle(np.full(len(t), a), length))
+            duration = end  # what is left of the motion is too small to be followed: the record stops here
             break
         state, begin = np.array([contact + 1e-9, e * closing / length]), end
     path.end = duration

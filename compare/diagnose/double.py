@@ -22,7 +22,7 @@ from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array
 from rigtwin.sim.effects import Effect
 
-MOST_IMPACTS = 5
+MOST_IMPACTS = 7
 HANGS = 5e-4  # [rad], how far off the vertical the waiting bead may hang
 FIRST_GUESS = 0.65  # of a restitution
 
@@ -78,6 +78,9 @@ class DoubleBench(Runs):
             for length in self.lengths
             for body in bodies
         ]
+        if self.wall:
+            level = math.radians(self.lab.known("plate_level_uncertainty_deg", default=0.1))
+            own.append(Unknown("wall.angle", 0.0, 1e-3, sd=level, low=-0.1, high=0.1))
         return [*own, *threads, *camera_unknowns(self.lab, terms, {"length_error": doubt})]
 
     def first_guess(self, values: Mapping[str, float]) -> Array:
@@ -109,7 +112,8 @@ class DoubleBench(Runs):
         until = np.array([np.maximum(since[:, span].max(axis=1), 1e-3) for span in self.spans]).T
         laws = self._laws(values)
         still: Any = (lambda a, w: 0 * a) if self.wall else second
-        contacts = _Contacts(self, local, reach, laws)
+        stands = values["wall.angle"][:, None] if self.wall else 0.0
+        contacts = _Contacts(self, local, reach, laws, stands)
         motion = swing_and_hit(
             (local[..., 1], local[..., 2]),
             (first, still),
@@ -164,12 +168,14 @@ class DoubleBench(Runs):
 class _Contacts:
     """Where the surfaces are and what an impact does, for one stack of settings."""
 
-    def __init__(self, bench: DoubleBench, local: Array, reach: list[Array], laws: Array) -> None:
-        self.bench, self.local, self.reach, self.laws = bench, local, reach, laws
+    def __init__(
+        self, bench: DoubleBench, local: Array, reach: list[Array], laws: Array, stands: Array | float
+    ) -> None:
+        self.bench, self.local, self.reach, self.laws, self.stands = bench, local, reach, laws, stands
 
     def gap(self, a: Array, b: Array, u: Array, v: Array, _who: Any) -> tuple[Array, Array]:
         if self.bench.wall:
-            return self.reach[0] * np.sin(a), self.reach[0] * u * np.cos(a)
+            return self.reach[0] * np.sin(a - self.stands), self.reach[0] * u * np.cos(a - self.stands)
         x, y, distance = self._between(a, b)
         left, right = self.reach[0] * u, self.reach[1] * v
         closing = x * (right * np.cos(b) - left * np.cos(a)) + y * (right * np.sin(b) - left * np.sin(a))
@@ -181,7 +187,8 @@ class _Contacts:
         impacts = self.bench.impacts
         at = np.minimum(count, impacts - 1)
         e = np.take_along_axis(self.local[..., 3:], at[..., None], axis=2)[..., 0]
-        e = np.where(count < impacts, e, self.laws)
+        filmed = np.take_along_axis(np.broadcast_to(self.bench.active, (*count.shape, impacts)), at[..., None], axis=2)
+        e = np.where((count < impacts) & filmed[..., 0], e, self.laws)
         if self.bench.wall:
             return -e * u, v, np.abs(self.reach[0] * u)
         x, y, distance = self._between(a, b)

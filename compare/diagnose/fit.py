@@ -162,18 +162,73 @@ def fit(
         _expect_scatter(bench, state, linear)
         if jittered:
             state.jitter = _jitter(bench, linear, mask)
-        same = np.allclose(state.scatter, before[0], rtol=0.02) and math.isclose(state.jitter, before[1], rel_tol=0.01)
+        same = np.allclose(state.scatter, before[0], rtol=0.01) and math.isclose(state.jitter, before[1], rel_tol=0.01)
         linear = _linearise(bench, terms, unknowns, state, mask)
         if same:
             break
     return _finished(bench, terms, unknowns, state, mask, free, linear, converged)
 
 
-def glance(bench: Bench, terms: Sequence[Effect], near: Fit) -> Fit:
-    """What a fit from `near` would come to, by one Newton step: exact where the gain is small.
+def linear_at(
+    bench: Bench, terms: Sequence[Effect], unknowns: Sequence[Unknown], local: Array, values: Array, scatter: Array
+) -> _Linear:
+    """The objective and its normal equations at given unknowns, on all rows."""
+    state = _State(local, values, scatter, 0.0)
+    return _linearise(bench, terms, unknowns, state, np.ones(len(bench.rows), dtype=bool))
 
-    The gain leaves the scatter between impacts as it was, so it is never promised too much.
+
+def screen(bench: Bench, near: Fit, candidates: Sequence[Effect]) -> list[Fit]:
+    """What the fit `near` would come to with each of the candidates added, by one Newton step for all of them.
+
+    Exact where the gain is small.  The gain leaves the scatter between impacts as it was, so it is never promised too
+    much.
     """
+    smooth = [term for term in candidates if not term.flat and term.geometry != "jitter"]
+    every = tuple(bench.unknowns((*near.terms, *smooth)))
+    known = {unknown.name: float(value) for unknown, value in zip(near.unknowns, near.values, strict=True)}
+    state = _State(
+        near.local.copy(), np.array([known.get(u.name, u.start) for u in every]), near.scatter.copy(), near.jitter
+    )
+    linear = _linearise(bench, (*near.terms, *smooth), every, state, np.ones(len(bench.rows), dtype=bool))
+    ab = np.linalg.solve(linear.a, linear.b)
+    information = linear.c.sum(0) - np.einsum("rlg,rlh->gh", linear.b, ab)
+    scores = linear.g_global - np.einsum("rlg,rl->rg", ab, linear.g_local)
+    place = {u.name: k for k, u in enumerate(every)}
+    found = []
+    for term in candidates:
+        if term not in smooth:
+            found.append(_glance(bench, (*near.terms, term), near))
+            continue
+        terms = (*near.terms, term)
+        unknowns = tuple(bench.unknowns(terms))
+        at = [place[u.name] for u in unknowns]
+        values = state.values[at]
+        tie = np.array([1 / u.sd**2 for u in unknowns])
+        block = information[np.ix_(at, at)] + np.diag(tie)
+        pull = scores[:, at].sum(0) + tie * (np.array([u.prior for u in unknowns]) - values)
+        scale = np.sqrt(np.maximum(np.diag(block), 1e-300))
+        inverse = np.linalg.inv(block / np.outer(scale, scale) + 1e-12 * np.eye(len(at))) / np.outer(scale, scale)
+        # a calibration quantity that is set free no longer pays for being far from what was stated
+        lifted = sum(near.pulls.get(u.name, 0.0) ** 2 for u in unknowns if math.isinf(u.sd))
+        found.append(
+            replace(
+                near, terms=terms, unknowns=unknowns, values=values + inverse @ pull, covariance=inverse,
+                robust=_robust(scores[:, at], inverse), deviance=near.deviance - lifted - float(pull @ inverse @ pull),
+            )
+        )  # fmt: skip
+    return found
+
+
+def _robust(scores: Array, inverse: Array) -> Array:
+    """Standard deviations from the scatter of the scores between repetitions."""
+    repetitions = len(scores)
+    centred = scores - scores.mean(0)
+    meat = centred.T @ centred * repetitions / max(repetitions - 1, 1)
+    return np.asarray(np.sqrt(np.maximum(np.diag(inverse @ meat @ inverse), 0.0)))
+
+
+def _glance(bench: Bench, terms: Sequence[Effect], near: Fit) -> Fit:
+    """As `screen`, for one effect that has no slope at zero or that only widens the noise."""
     unknowns = tuple(bench.unknowns(terms))
     known = {unknown.name: value for unknown, value in zip(near.unknowns, near.values, strict=True)}
     flat = {f"{term.name}.{term.parameters[0].name}" for term in terms if term.flat}
@@ -377,10 +432,7 @@ def _finished(
         block = information[np.ix_(at, at)] / np.outer(scale, scale) + 1e-12 * np.eye(len(at))
         inverse = np.linalg.inv(block) / np.outer(scale, scale)
         covariance[np.ix_(at, at)] = inverse
-        repetitions = len(bench.spans)
-        centred = scores[:, at] - scores[:, at].mean(0)
-        meat = centred.T @ centred * repetitions / max(repetitions - 1, 1)
-        robust[at] = np.sqrt(np.maximum(np.diag(inverse @ meat @ inverse), 0.0))
+        robust[at] = _robust(scores[:, at], inverse)
     tied = np.zeros_like(linear.a)
     diagonal = np.arange(tied.shape[1])
     tied[:, diagonal, diagonal] = 1.0 / bench.local_sd**2

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from rigtwin.compare.diagnose.fit import Fit, fit, glance
+from rigtwin.compare.diagnose.fit import Fit, fit, screen
 from rigtwin.compare.diagnose.locate import Location, Regioned, locate
 from rigtwin.compare.diagnose.subset import coarse, cut
 from rigtwin.sim.effects import Effect
@@ -16,17 +16,21 @@ ALARM = 16.0
 SECOND = 16.0
 """Least further gain for one more effect ..."""
 SECOND_SHARE, SECOND_MOST = 0.02, 1500.0
-"""... and this share of what was gained before, up to a limit: a strong effect whose law is known to a few percent
-leaves something that is no second effect."""
+"""... and this share of what was gained before, up to a limit, where it could be what is left of the first: a strong
+effect whose law is known to a few percent leaves something that is no second effect."""
+OTHER_SHARE = 5e-4
+"""As `SECOND_SHARE`, for one more effect that acts elsewhere: in the picture, where the first acts on the motion."""
 RIVAL = 0.3  # a single that gains less than this share of the best is no root for pairs
 ALIKE = 6.0
 """Candidates closer than this in deviance explain the data equally well."""
 FORM = 25.0
 """A nameless term must beat the listed effects by this much to call a disagreement unlisted."""
 MOST_TERMS = 3
+KEEN = 5  # candidates beside a root that are fitted where the disagreement is large
 LEADING = 4  # candidates of each size that are fitted to the end on all data
 GLANCE = 6.0  # a candidate whose first step promises less than this is not fitted to the end
-ROUGH = 2.0  # chi2 per coordinate above which a fit from the baseline may not find its way
+ROUGH = 2.0  # chi2 per coordinate above which part of the data tells the candidates apart
+LOST = 20.0  # ... and above which a fit from the baseline may not find its way
 
 Tell = Callable[[str, float, float], None]
 
@@ -90,25 +94,53 @@ class _Search:
             part, chosen = coarse(self.bench)
             self.rough = part, fit(part, near=cut(self.base, chosen), most=20, rounds=1)
 
-    def consider(self, terms: tuple[Effect, ...], root: Candidate | None) -> Candidate:
-        """A candidate fitted from the `root` that it grows from, the baseline where there is none."""
-        key = frozenset(term.name for term in terms)
-        if key in self.done:
-            return self.done[key]
+    def consider(self, root: Candidate | None, candidates: Sequence[Effect]) -> list[Candidate]:
+        """Each candidate added to the `root`, to the baseline where there is none."""
         near = self.base if root is None else root.fitted
-        if self.rough is None or near.per_row < ROUGH:
-            fitted = _fit(self.bench, terms, near)
-            gain = self.base.deviance - fitted.deviance
-        else:
+        terms = near.terms
+        keys = [frozenset((*near_names(near), effect.name)) for effect in candidates]
+        fresh = [e for key, e in zip(keys, candidates, strict=True) if key not in self.done]
+        if near.per_row < ROUGH:
+            for first in screen(self.bench, near, fresh):
+                self._add(first if near.deviance - first.deviance < GLANCE else _fit(self.bench, first.terms, near))
+        elif fresh:
+            assert self.rough is not None
             part, plain = self.rough
-            start = plain if root is None else root.rough or fit(part, root.terms, start=_values(near), most=20)
-            fitted = _fit(part, terms, start)
-            gain = (plain.deviance - fitted.deviance) * self.base.residual.size / plain.residual.size
-        whole = len(fitted.residual) == len(self.base.residual)
-        self.done[key] = Candidate(
-            terms, fitted, gain / self.spread, _refused(fitted, terms), None if whole else fitted
+            start = plain
+            if root is not None:
+                start = root.rough or fit(part, terms, start=_values(near), most=20)
+            promise: list[Fit] = screen(part, start, fresh) if root is not None else []
+            keen = sorted(promise, key=lambda one: one.deviance)[:KEEN]
+            for number, effect in enumerate(fresh):
+                hopeless = bool(promise) and all(promise[number] is not one for one in keen)
+                self._add(promise[number] if hopeless else _fit(part, (*terms, effect), start))
+        return [self.done[key] for key in keys]
+
+    def settle(self, singles: list[Candidate]) -> list[Candidate]:
+        """Fit the baseline again from where the best candidate went: no effect may gain by a better way found."""
+        if self.base.per_row > ROUGH or not singles:
+            return singles
+        ahead = max(singles, key=lambda one: one.gain)
+        if ahead.gain < GLANCE:
+            return singles
+        again = fit(self.bench, (), near=ahead.fitted, rounds=6)
+        better = self.base.deviance - again.deviance
+        if better <= 0:
+            return singles
+        self.base = again
+        settled = [replace(one, gain=one.gain - better / self.spread) for one in singles]
+        self.done.update({frozenset(one.names): one for one in settled})
+        return settled
+
+    def _add(self, fitted: Fit) -> None:
+        plain = self.base
+        if part := self.rough and len(fitted.residual) != len(plain.residual):
+            assert self.rough is not None
+            plain = self.rough[1]
+        gain = (plain.deviance - fitted.deviance) * len(self.base.residual) / len(plain.residual)
+        self.done[frozenset(near_names(fitted))] = Candidate(
+            fitted.terms, fitted, gain / self.spread, _refused(fitted, fitted.terms), fitted if part else None
         )
-        return self.done[key]
 
     def polish(self, candidates: Sequence[Candidate]) -> list[Candidate]:
         """The leading candidates fitted to the end, on all data."""
@@ -118,8 +150,11 @@ class _Search:
         for one in candidates:
             better = one
             if one in leading and (one.rough is not None or not one.fitted.converged):
-                if one.rough is not None:
+                if one.rough is not None and self.base.per_row > LOST:
                     fitted = fit(self.bench, one.terms, start=_values(one.fitted), most=25, rounds=2)
+                elif one.rough is not None:
+                    near = replace(one.rough, local=self.base.local, scatter=self.base.scatter)
+                    fitted = fit(self.bench, one.terms, near=near, most=25, rounds=2)
                 else:
                     fitted = fit(self.bench, one.terms, near=one.fitted, most=40)
                 gain = (self.base.deviance - fitted.deviance) / self.spread
@@ -134,11 +169,10 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
     location = locate(bench, base)
     search = _Search(bench, base, _spread(base, location))
     search.begin()
-    singles = []
-    for number, effect in enumerate(candidates):
-        tell("candidates", number, len(candidates))
-        singles.append(search.consider((effect,), None))
-    singles = search.polish(singles)
+    tell("candidates", 0, len(candidates))
+    singles = search.polish(search.consider(None, candidates))
+    singles = search.settle(singles)
+    base = search.base
     best = _best(singles)
     rounds = [tuple(singles)]
     if best is None or best.score < ALARM:
@@ -153,13 +187,11 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
         grown = []
         for number, root in enumerate(front if count == 2 else front[:1]):
             tell("pairs", number, len(front))
-            for effect in candidates:
-                if effect.group not in root.groups:
-                    grown.append(search.consider((*root.terms, effect), root))
+            grown += search.consider(root, [effect for effect in candidates if effect.group not in root.groups])
         grown = search.polish(grown)
         rounds.append(tuple(grown))
         more = _best(grown)
-        if more is None or more.score - best.score < _price(best.gain) or not _each_needed(more, search.done):
+        if more is None or more.score - best.score < _price(best, more) or not _each_needed(more, search.done):
             break
         best, front = more, _front(grown, 3)
     done = search.done
@@ -173,23 +205,24 @@ def _spread(base: Fit, location: Location) -> float:
     return location.spread if base.per_row < 1.5 else 1.0
 
 
+def near_names(fitted: Fit) -> tuple[str, ...]:
+    """The names of a fit's effects."""
+    return tuple(term.name for term in fitted.terms)
+
+
 def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit) -> Fit:
     newest = terms[-1]
-    if near.per_row < 1.5:
-        first = glance(bench, terms, near)
-        if near.deviance - first.deviance < GLANCE:
-            return first
     parameter = newest.parameters[0]
     far = near.per_row > ROUGH
     rounds = 1 if far else 2
     most = 8 if far else 12  # the leading ones are fitted to the end afterwards
     fits = [] if newest.flat else [fit(bench, terms, near=near, most=most, rounds=rounds)]
-    starts = (*parameter.starts, *((parameter.typical,) if far and parameter.typical not in parameter.starts else ()))
-    if far or newest.flat:
+    lost = near.per_row > LOST
+    starts = (*parameter.starts, *((parameter.typical,) if lost and parameter.typical not in parameter.starts else ()))
+    if (lost or newest.flat) and newest.geometry != "jitter":
         name = f"{newest.name}.{parameter.name}"
-        if newest.geometry != "jitter":
-            for value in starts:
-                fits.append(fit(bench, terms, start={**_values(near), name: value}, most=most, rounds=rounds))
+        for value in starts:
+            fits.append(fit(bench, terms, start={**_values(near), name: value}, most=most, rounds=rounds))
     return min(fits, key=lambda one: one.deviance)
 
 
@@ -215,16 +248,33 @@ def _apart(candidates: Sequence[Candidate]) -> list[Candidate]:
     return _front(candidates, len(candidates))
 
 
-def _price(gain: float) -> float:
+def _price(fewer: Candidate, more: Candidate) -> float:
     """What one more effect must gain."""
-    return max(SECOND, min(SECOND_SHARE * gain, SECOND_MOST))
+    old = {place for term in fewer.terms for place in _places(term)}
+    new = [term for term in more.terms if term.name not in fewer.names]
+    alike = any(old & _places(term) for term in new)
+    return max(SECOND, min((SECOND_SHARE if alike else OTHER_SHARE) * fewer.gain, SECOND_MOST))
+
+
+def _places(term: Effect) -> set[str]:
+    """Where an effect acts: in motion, at impacts, in friction, in the picture, in the time of the frames."""
+    hooks = {
+        "motion": (term.force, term.torque),
+        "impact": (term.restitution, term.attraction),
+        "friction": (term.rolling, term.sliding, term.onset),
+        "picture": (term.view,),
+        # what is late by its height looks like a drag
+        "time": (term.exposure,),
+    }
+    found = {place for place, own in hooks.items() if any(hook is not None for hook in own)} or {term.geometry}
+    return found | {"motion"} if "time" in found else found
 
 
 def _each_needed(candidate: Candidate, done: dict[frozenset[str], Candidate]) -> bool:
     """Whether no term can be left out at less than the price of a term."""
     for term in candidate.terms:
         rest = done.get(frozenset(name for name in candidate.names if name != term.name))
-        if rest is not None and candidate.score - rest.score < _price(rest.gain):
+        if rest is not None and candidate.score - rest.score < _price(rest, candidate):
             return False
     return True
 

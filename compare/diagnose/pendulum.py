@@ -98,7 +98,8 @@ class PendulumBench:
         t0 = local[..., 0]
         since = true - t0[:, self.owner]
         until = np.array([since[:, span].max(axis=1) for span in self.spans]).T
-        swings = half_swings(local[..., 1], push, omega, until)
+        dry = any(term.torque is not None for term in terms)
+        swings = half_swings(local[..., 1], push, omega, until, dry=dry)
         angle, rate = angle_at(swings, since, self.owner)
         reach = length[:, self.owner]
         x, y = reach * np.sin(angle), -reach * np.cos(angle)
@@ -142,17 +143,24 @@ def pushing(
         if term.force is not None or term.torque is not None
     ]
 
+    pull = weight / inertia
+
+    def fall(angle: Array, _rate: Array) -> Array:
+        return np.asarray(-pull * np.sin(angle))
+
+    if not acting:
+        return fall, np.sqrt(pull)
+
     def push(angle: Array, rate: Array) -> Array:
         sine = np.sin(angle)
         moment = -weight * sine
-        if acting:
-            cosine = np.cos(angle)
-            for term, own in acting:
-                if term.force is not None:
-                    fx, fy = term.force(length * rate * cosine, length * rate * sine, 1e3, radius, mass, *own)
-                    moment = moment + length * (fx * cosine + fy * sine)
-                if term.torque is not None:
-                    moment = moment + term.torque(angle, rate, length, mass, *own)
+        cosine = np.cos(angle)
+        for term, own in acting:
+            if term.force is not None:
+                fx, fy = term.force(length * rate * cosine, length * rate * sine, 1e3, radius, mass, *own)
+                moment = moment + length * (fx * cosine + fy * sine)
+            if term.torque is not None:
+                moment = moment + term.torque(angle, rate, length, mass, *own)
         return np.asarray(moment / inertia)
 
-    return push, np.sqrt(weight / inertia)
+    return push, np.sqrt(pull)

@@ -14,7 +14,7 @@ from rigtwin.compare.diagnose.fit import Fit
 from rigtwin.compare.diagnose.locate import Regioned
 from rigtwin.lab.records import Array
 
-ENOUGH_ROWS, ENOUGH_RUNS = 100, 2  # per repetition, per condition, to see a strong effect
+ENOUGH_ROWS, ENOUGH_RUNS = 100, 12  # per repetition, in all, to see a strong effect
 
 PER_RUN = ("condition", "radius", "mass", "local_prior", "local_sd", "scatter")
 PER_ROW = ("time", "rows", "sigma", "region")
@@ -34,7 +34,7 @@ def subset(bench: Regioned, chosen: Sequence[int], every: int = 1) -> Regioned:
     edges = np.concatenate([[0], np.cumsum(counts)])
     part.spans = [slice(int(a), int(b)) for a, b in pairwise(edges)]
     part.owner = np.repeat(np.arange(len(chosen)), counts)
-    for name in (*PER_ROW, *(("body",) if bodies > 1 else ())):
+    for name in (*PER_ROW, *(("body",) if hasattr(whole, "body") else ())):
         setattr(part, name, getattr(whole, name)[kept])
     picked = np.asarray(chosen, dtype=int)
     for name in (*PER_RUN, *whole.per_run):
@@ -45,9 +45,10 @@ def subset(bench: Regioned, chosen: Sequence[int], every: int = 1) -> Regioned:
 
 def coarse(bench: Regioned) -> tuple[Regioned, list[int]]:
     """Few repetitions of each condition and few rows of each: where the disagreement is large, that is plenty."""
-    chosen = []
-    for c in range(len(bench.condition_names)):
-        chosen += np.flatnonzero(bench.condition == c)[:ENOUGH_RUNS].tolist()
+    conditions = len(bench.condition_names)
+    chosen: list[int] = []
+    for c in range(conditions):
+        chosen += np.flatnonzero(bench.condition == c)[: -(-ENOUGH_RUNS // conditions)].tolist()
     bodies = bench.bodies  # type: ignore[attr-defined]
     every = max(1, round(len(bench.rows) / len(bench.spans) / bodies / ENOUGH_ROWS))
     return subset(bench, chosen, every), chosen
