@@ -168,7 +168,11 @@ def reproduce(
     table: Annotated[
         list[int] | None, typer.Option("--table", metavar="N", help="Only this table; may be given again.")
     ] = None,
+    study: Annotated[
+        list[str] | None, typer.Option("--study", metavar="NAME", help="An influence study: number, base, evaluation.")
+    ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="A representative part, in minutes.")] = False,
+    kept: Annotated[bool, typer.Option("--kept", help="Run nothing; show what earlier runs gave.")] = False,
     repetitions: Annotated[
         int | None, typer.Option("--repetitions", min=1, help="Runs with different seeds per cell.")
     ] = None,
@@ -185,7 +189,9 @@ def reproduce(
         found = fill(
             out or Path("out/reproduce") / reference,
             tables=table,
+            study=study,
             quick=quick,
+            only_kept=kept,
             repetitions=repetitions,
             seed=seed,
             workers=workers,

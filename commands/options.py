@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import inspect
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -68,21 +68,31 @@ Threads = Annotated[int | None, typer.Option("--threads", min=1, help="CPU threa
 
 def filmed(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command the camera's options (all, or those named); it gets them as one keyword, `camera`."""
-    wanted = {name: CAMERA[name] for name in names or CAMERA}
+    wanted = {name: (CAMERA[name], None) for name in names or CAMERA}
+    return gathered("camera", wanted, camera_of)
+
+
+def gathered(
+    keyword: str, wanted: Mapping[str, tuple[Any, Any]], gather: Callable[..., Any], before: str = "out"
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command options (annotation and default by name); it gets what `gather` makes of them as one `keyword`.
+
+    They stand before its option `before`.
+    """
 
     def wrap(command: Callable[..., None]) -> Callable[..., None]:
         own = inspect.signature(command, eval_str=True)
         added = [
-            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
-            for name, annotation in wanted.items()
+            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+            for name, (annotation, default) in wanted.items()
         ]
-        kept = [parameter for name, parameter in own.parameters.items() if name != "camera"]
-        last = next((k for k, parameter in enumerate(kept) if parameter.name == "out"), len(kept))
+        kept = [parameter for name, parameter in own.parameters.items() if name != keyword]
+        last = next((k for k, parameter in enumerate(kept) if parameter.name == before), len(kept))
 
         @functools.wraps(command)
         def wrapped(*args: Any, **given: Any) -> None:
             said = {name: given.pop(name) for name in wanted}
-            command(*args, **given, camera=camera_of(**said))
+            command(*args, **given, **{keyword: gather(**said)})
 
         signature = own.replace(parameters=[*kept[:last], *added, *kept[last:]])
         wrapped.__signature__ = signature  # type: ignore[attr-defined]

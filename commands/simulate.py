@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
 
-from rigtwin.commands.options import Json, Out, Quiet, Seed, Threads, needed, option, parsed, positive
+from rigtwin.commands.options import (
+    Json,
+    Out,
+    Quiet,
+    Seed,
+    Threads,
+    gathered,
+    needed,
+    option,
+    parsed,
+    positive,
+)
 from rigtwin.commands.show import progress_bars, show_twin
 
 app = typer.Typer(help="Run the twin of one rig.", no_args_is_help=True, rich_markup_mode=None)
@@ -28,6 +40,67 @@ Stiffness = Annotated[
 TwinRate = Annotated[str, typer.Option("--frame-rate", metavar="240Hz", help="How often the twin's record is taken.")]
 Duration = Annotated[str | None, typer.Option("--duration", metavar="1.5s", help="How long the twin is watched.")]
 Count = Annotated[int, typer.Option("--count", min=1, help="Number of particles.")]
+Kept = Annotated[
+    Path | None, option("--checkpoint", "FILE.npz", "Keep the run here, and go on from it where it was stopped.")
+]
+Filmed = Annotated[
+    Path | None, option("--trajectory", "FILE.gsd", "Write the beads' motion for OVITO (.gsd) or ParaView (.vtkhdf).")
+]
+
+Run = Any  # what `bulk` makes of the options of a rig of many particles
+
+
+def bulk(*, wall: str, count: int | None = None) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command the options that the rigs of many particles share; without a `count` it asks for its own.
+
+    It gets them as one keyword, `run`: a function that gives the cast, and the other settings by keyword.
+    """
+    options: dict[str, tuple[Any, Any]] = {
+        "particle": (ParticleName, "D6"),
+        "wall": (WallName, wall),
+        "lab": (LabFolder, None),
+        "restitution": (Restitution, None),
+        "static_friction": (StaticFriction, None),
+        "rolling_friction": (RollingFriction, None),
+        **({} if count is None else {"count": (Count, count)}),
+        "seed": (Seed, 1),
+        "stiffness_factor": (Stiffness, 1e-3),
+        "threads": (Threads, None),
+        "checkpoint": (Kept, None),
+        "trajectory": (Filmed, None),
+    }
+    casting = ("particle", "wall", "lab", "restitution", "static_friction", "rolling_friction")
+
+    def gather(**said: Any) -> Callable[[], tuple[Any, dict[str, Any]]]:
+        asked = {name: value for name, value in said.items() if name not in casting}
+        return lambda: (_cast(**{name: said[name] for name in casting}), asked)
+
+    return gathered("run", options, gather)
+
+
+def _cast(
+    particle: str,
+    wall: str,
+    lab: Path | None,
+    restitution: float | None,
+    static_friction: float | None,
+    rolling_friction: float | None,
+) -> Any:
+    """Particle, wall, their contacts among themselves and with the wall; the options go before lab and reference."""
+    from rigtwin.compare import cast
+    from rigtwin.compare.bulk_twins import Cast
+
+    model = cast.model_of(lab)
+    bead, base = cast.particle(particle, model), cast.wall(wall, model)
+    contact = cast.contact(
+        bead.name,
+        bead.name,
+        model,
+        restitution=restitution,
+        static_friction=static_friction,
+        rolling_friction=rolling_friction,
+    )
+    return Cast(bead, base, contact, cast.contact(bead.name, base.name, model))
 
 
 @app.command("drop", epilog="Example: rigtwin simulate drop --drop-height 300mm --particle D6 --wall steel")
@@ -98,44 +171,49 @@ def simulate_pendulum(
 
 
 @app.command("pile", epilog="Example: rigtwin simulate pile --base-diameter 90mm --rim-height 10mm --count 2000")
+@bulk(wall="steel", count=1000)
 def simulate_pile(
     *,
     base_diameter: Annotated[str, typer.Option("--base-diameter", metavar="90mm", help="Diameter of the base.")],
+    method: Annotated[
+        Literal["piling", "pouring", "emptying"],
+        typer.Option(help="Beads rain on the base; a filled tube is lifted; a filled container drains."),
+    ] = "piling",
     rim_height: Annotated[
         str, typer.Option("--rim-height", metavar="10mm", help="Rim of the base; nothing stays on a plate without one.")
     ] = "0 mm",
-    outlet_diameter: Annotated[
-        str | None, typer.Option("--outlet-diameter", metavar="20mm", help="Outlet that the beads are poured from.")
+    outlet_diameter: Annotated[str | None, option("--outlet-diameter", "20mm", "piling: of the funnel.")] = None,
+    outlet_height: Annotated[
+        str | None, option("--outlet-height", "80mm", "piling: of the funnel above the base; else it rises.")
     ] = None,
-    particle: ParticleName = "D6",
-    wall: WallName = "steel",
-    lab: LabFolder = None,
-    restitution: Restitution = None,
-    static_friction: StaticFriction = None,
-    rolling_friction: RollingFriction = None,
-    count: Count = 1000,
-    seed: Seed = 1,
-    stiffness_factor: Stiffness = 1e-3,
-    threads: Threads = None,
+    tube_diameter: Annotated[str | None, option("--tube-diameter", "45mm", "pouring: inner; half the base.")] = None,
+    lift_speed: Annotated[str | None, option("--lift-speed", "20mm/s", "pouring: of the tube; 20 mm/s.")] = None,
+    drain_diameter: Annotated[
+        str | None, option("--drain-diameter", "50mm", "emptying: of the hole; a third of the base.")
+    ] = None,
+    run: Run,
     out: Out = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Beads poured on a round base until a heap stands."""
+    """A heap on a round base, its slope seen from four sides."""
     from rigtwin.lab.rigs import Pile
 
-    rim = parsed(rim_height, "length", "--rim-height")
     rig = Pile(
         needed(base_diameter, "length", "--base-diameter"),
-        rim,
+        parsed(rim_height, "length", "--rim-height"),
         positive(outlet_diameter, "length", "--outlet-diameter"),
+        method,
+        positive(outlet_height, "length", "--outlet-height"),
+        positive(tube_diameter, "length", "--tube-diameter"),
+        positive(lift_speed, "speed", "--lift-speed"),
+        positive(drain_diameter, "length", "--drain-diameter"),
     )
-    who = _cast(particle, wall, lab, restitution, static_friction, rolling_friction)
+    cast, asked = run()
     from rigtwin.compare.bulk_twins import pile_twin
 
-    numerics: dict[str, Any] = {"count": count, "seed": seed, "stiffness_factor": stiffness_factor, "threads": threads}
     with progress_bars(as_json or quiet) as progress:
-        twin = pile_twin(rig, *who, **numerics, progress=progress)
+        twin = pile_twin(rig, cast, **asked, progress=progress)
     show_twin(twin, out or Path("out/simulate-pile"), as_json, quiet)
 
 
@@ -176,40 +254,44 @@ def simulate_tilt(
 
 
 @app.command("packing", epilog="Example: rigtwin simulate packing --cylinder-diameter 65mm --particle D6 --count 1000")
+@bulk(wall="PMMA", count=1000)
 def simulate_packing(
     *,
     cylinder_diameter: Annotated[str, option("--cylinder-diameter", "65mm", "Inner diameter of the cylinder.")] = (
         "65 mm"
     ),
-    particle: ParticleName = "D6",
-    wall: WallName = "PMMA",
-    lab: LabFolder = None,
-    restitution: Restitution = None,
-    static_friction: StaticFriction = None,
-    rolling_friction: RollingFriction = None,
-    count: Count = 1000,
-    seed: Seed = 1,
-    stiffness_factor: Stiffness = 1e-3,
-    threads: Threads = None,
+    outlet_diameter: Annotated[
+        str | None, option("--outlet-diameter", "39mm", "What the particles leave by; 0.6 of the cylinder.")
+    ] = None,
+    hopper_diameter: Annotated[
+        str | None, option("--hopper-diameter", "100mm", "A hopper with a slide above the cylinder; else a rain.")
+    ] = None,
+    run: Run,
     out: Out = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Particles poured into a cylinder: bed height and bulk density."""
-    diameter = needed(cylinder_diameter, "length", "--cylinder-diameter")
-    cast = _cast(particle, wall, lab, restitution, static_friction, rolling_friction)
+    from rigtwin.lab.rigs import Packing
+
+    rig = Packing(
+        needed(cylinder_diameter, "length", "--cylinder-diameter"),
+        outlet_diameter=positive(outlet_diameter, "length", "--outlet-diameter"),
+        hopper_diameter=positive(hopper_diameter, "length", "--hopper-diameter"),
+    )
+    cast, asked = run()
     from rigtwin.compare import bulk_twins
 
-    rig = bulk_twins.cylinder_for(diameter, cast[0], count)
-    numerics: dict[str, Any] = {"count": count, "seed": seed, "stiffness_factor": stiffness_factor, "threads": threads}
+    rig = bulk_twins.cylinder_for(rig, cast.particle, asked["count"])
     with progress_bars(as_json or quiet) as progress:
-        twin = bulk_twins.packing_twin(rig, *cast, **numerics, progress=progress)
+        twin = bulk_twins.packing_twin(rig, cast, **asked, progress=progress)
     show_twin(twin, out or Path("out/simulate-packing"), as_json, quiet)
 
 
 @app.command(
     "drum", epilog="Example: rigtwin simulate drum --drum-diameter 140mm --speed 3rpm --depth 50mm --fill 0.35"
 )
+@bulk(wall="PMMA")
 def simulate_drum(
     *,
     drum_diameter: Annotated[str, option("--drum-diameter", "140mm", "Inner diameter of the drum.")],
@@ -217,16 +299,8 @@ def simulate_drum(
     depth: Annotated[str | None, option("--depth", "50mm", "Inner length of the drum; half its diameter.")] = None,
     fill: Annotated[float | None, option("--fill", "0..1", "Share of the drum that the bed takes; 0.35.")] = None,
     turns: Annotated[float, option("--turns", "N", "How often the drum turns.")] = 1.0,
-    particle: ParticleName = "D6",
-    wall: WallName = "PMMA",
-    lab: LabFolder = None,
-    restitution: Restitution = None,
-    static_friction: StaticFriction = None,
-    rolling_friction: RollingFriction = None,
     count: Annotated[int | None, typer.Option("--count", min=1, help="Particles, in place of --fill.")] = None,
-    seed: Seed = 1,
-    stiffness_factor: Stiffness = 1e-3,
-    threads: Threads = None,
+    run: Run,
     out: Out = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -240,18 +314,18 @@ def simulate_drum(
         positive(depth, "length", "--depth"),
         fill,
     )
-    cast = _cast(particle, wall, lab, restitution, static_friction, rolling_friction)
+    cast, asked = run()
     from rigtwin.compare.bulk_twins import drum_twin
 
-    numerics: dict[str, Any] = {"seed": seed, "stiffness_factor": stiffness_factor, "threads": threads}
     with progress_bars(as_json or quiet) as progress:
-        twin = drum_twin(rig, *cast, count=count, turns=turns, **numerics, progress=progress)
+        twin = drum_twin(rig, cast, count=count, turns=turns, **asked, progress=progress)
     show_twin(twin, out or Path("out/simulate-drum"), as_json, quiet)
 
 
 @app.command(
     "hopper", epilog="Example: rigtwin simulate hopper --variant slot --outlet 20mm --particle D6 --count 2000"
 )
+@bulk(wall="PMMA", count=2000)
 def simulate_hopper(
     *,
     variant: Annotated[
@@ -262,17 +336,8 @@ def simulate_hopper(
         str | None, option("--bin-width", "150mm", "Width above the walls; diameter of the conical hopper's cylinder.")
     ] = None,
     depth: Annotated[str | None, option("--depth", "68mm", "Length of the slot.")] = None,
-    particle: ParticleName = "D6",
-    wall: WallName = "PMMA",
-    lab: LabFolder = None,
-    restitution: Restitution = None,
-    static_friction: StaticFriction = None,
-    rolling_friction: RollingFriction = None,
-    count: Count = 2000,
     duration: Duration = None,
-    seed: Seed = 1,
-    stiffness_factor: Stiffness = 1e-3,
-    threads: Threads = None,
+    run: Run,
     out: Out = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -283,34 +348,9 @@ def simulate_hopper(
     width, length = positive(bin_width, "length", "--bin-width"), positive(depth, "length", "--depth")
     rig = HopperSettings(variant, width, length, needed(outlet, "length", "--outlet")).rig()
     span = positive(duration, "time", "--duration")
-    cast = _cast(particle, wall, lab, restitution, static_friction, rolling_friction)
+    cast, asked = run()
     from rigtwin.compare.bulk_twins import hopper_twin
 
-    numerics: dict[str, Any] = {"count": count, "seed": seed, "stiffness_factor": stiffness_factor, "threads": threads}
     with progress_bars(as_json or quiet) as progress:
-        twin = hopper_twin(rig, *cast, **numerics, duration=span, progress=progress)
+        twin = hopper_twin(rig, cast, **asked, duration=span, progress=progress)
     show_twin(twin, out or Path("out/simulate-hopper"), as_json, quiet)
-
-
-def _cast(
-    particle: str,
-    wall: str,
-    lab: Path | None,
-    restitution: float | None,
-    static_friction: float | None,
-    rolling_friction: float | None,
-) -> tuple[Any, Any, Any, Any]:
-    """Particle, wall, their contacts among themselves and with the wall; the options go before lab and reference."""
-    from rigtwin.compare import cast
-
-    model = cast.model_of(lab)
-    bead, base = cast.particle(particle, model), cast.wall(wall, model)
-    contact = cast.contact(
-        bead.name,
-        bead.name,
-        model,
-        restitution=restitution,
-        static_friction=static_friction,
-        rolling_friction=rolling_friction,
-    )
-    return bead, base, contact, cast.contact(bead.name, base.name, model)

@@ -4,94 +4,65 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
+
+import numpy as np
+import numpy.typing as npt
 
 from rigtwin.compare.twin import Twin, settings_of
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.reference.hlosta2020 import SOFTENING
+from rigtwin.lab.quantity import Evaluation
+from rigtwin.lab.records import Profile, Series
 from rigtwin.lab.rigs import Drum, Hopper, Packing, Pile
+
+if TYPE_CHECKING:
+    from rigtwin.sim.bench import Numerics
+
+
+class Cast(NamedTuple):
+    """Who takes part in a rig of many particles."""
+
+    particle: Particle
+    wall: Material
+    contact: Contact  # among the particles
+    wall_contact: Contact
 
 
 def pile_twin(
-    rig: Pile,
-    particle: Particle,
-    wall: Material,
-    contact: Contact,
-    wall_contact: Contact,
-    *,
-    count: int,
-    seed: int,
-    stiffness_factor: float = SOFTENING,
-    threads: int | None = None,
-    progress: Progress = silent,
+    rig: Pile, cast: Cast, *, count: int, seed: int, progress: Progress = silent, **numerics: Unpack[Numerics]
 ) -> Twin:
-    """A heap of `count` particles poured on a round base, its profile seen from the sides."""
+    """A heap of `count` particles on a round base, its profile seen from the sides."""
     from rigtwin.measure import pile as ruler
     from rigtwin.sim import pile
 
     begun = time.perf_counter()
-    heap = pile.run(
-        rig,
-        particle,
-        wall,
-        contact,
-        wall_contact,
-        count=count,
-        seed=seed,
-        threads=threads,
-        progress=progress,
-        stiffness_factor=stiffness_factor,
+    heap = pile.run(rig, *cast, count=count, seed=seed, progress=progress, **numerics)
+    evaluation = ruler.evaluate(heap.profiles, base_diameter=heap.base_diameter, bead_diameter=cast.particle.diameter)
+    course = {"asked": heap.asked, "placed": heap.placed, "fallen": heap.fallen, "at_rest": heap.at_rest}
+    return _twin(
+        "pile", rig, cast, heap, evaluation, begun, seed, course, heap.profiles, draw=lambda: pile.picture(rig, heap)
     )
-    evaluation = ruler.evaluate(heap.profiles, base_diameter=rig.base_diameter, bead_diameter=particle.diameter)
-    counts = {"asked": heap.asked, "placed": heap.placed, "fallen": heap.fallen, "at_rest": heap.at_rest}
-    return Twin(
-        "pile",
-        evaluation,
-        settings_of(rig, particle, _contacts(particle, wall, contact, wall_contact), seed=seed, **counts,
-                    statistics=heap.statistics),
-        profiles=tuple(heap.profiles),
-        assumptions=_words(heap.assumptions),
-        warnings=tuple(heap.warnings),
-        seconds=time.perf_counter() - begun,
-    )  # fmt: skip
 
 
 def packing_twin(
-    rig: Packing,
-    particle: Particle,
-    wall: Material,
-    contact: Contact,
-    wall_contact: Contact,
-    *,
-    count: int,
-    seed: int,
-    stiffness_factor: float = SOFTENING,
-    threads: int | None = None,
-    progress: Progress = silent,
+    rig: Packing, cast: Cast, *, count: int, seed: int, progress: Progress = silent, **numerics: Unpack[Numerics]
 ) -> Twin:
     """A bed of `count` particles poured into a cylinder, its surface seen from the sides."""
     from rigtwin.measure import packing as ruler
     from rigtwin.sim import packing
 
     begun = time.perf_counter()
-    bed = packing.run(
-        rig,
-        particle,
-        wall,
-        contact,
-        wall_contact,
-        count=count,
-        seed=seed,
-        stiffness_factor=stiffness_factor,
-        threads=threads,
-        progress=progress,
-    )
+    bed = packing.run(rig, *cast, count=count, seed=seed, progress=progress, **numerics)
     evaluation = ruler.evaluate(
-        bed.profiles, cylinder_diameter=rig.cylinder_diameter, total_mass=bed.mass, bead_diameter=particle.diameter
+        bed.profiles,
+        cylinder_diameter=rig.cylinder_diameter,
+        total_mass=bed.mass,
+        bead_diameter=cast.particle.diameter,
     )
-    course: dict[str, Any] = {
+    course = {
         "asked": bed.asked,
         "placed": bed.placed,
         "missed": bed.missed,
@@ -100,139 +71,103 @@ def packing_twin(
         "packing_fraction": bed.packing_fraction,
         "seconds_per_particle": bed.seconds_per_particle,
     }
-    return Twin(
-        "packing",
-        evaluation,
-        settings_of(rig, particle, _contacts(particle, wall, contact, wall_contact), seed=seed, **course,
-                    statistics=bed.statistics),
-        profiles=tuple(bed.profiles),
-        assumptions=_words(bed.assumptions),
-        warnings=tuple(bed.warnings),
-        seconds=time.perf_counter() - begun,
-    )  # fmt: skip
+    return _twin(
+        "packing", rig, cast, bed, evaluation, begun, seed, course, bed.profiles, draw=lambda: packing.picture(rig, bed)
+    )
 
 
 def drum_twin(
     rig: Drum,
-    particle: Particle,
-    wall: Material,
-    contact: Contact,
-    wall_contact: Contact,
+    cast: Cast,
     *,
     seed: int,
     count: int | None = None,
     turns: float = 1.0,
-    stiffness_factor: float = SOFTENING,
-    threads: int | None = None,
     progress: Progress = silent,
+    **numerics: Unpack[Numerics],
 ) -> Twin:
     """A bed in a drum that turns `turns` times, its surface seen along the axis."""
     from rigtwin.measure import drum as ruler
     from rigtwin.sim import drum
 
     begun = time.perf_counter()
-    rotation = drum.run(
-        rig,
-        particle,
-        wall,
-        contact,
-        wall_contact,
-        count=count,
-        turns=turns,
-        seed=seed,
-        stiffness_factor=stiffness_factor,
-        threads=threads,
-        progress=progress,
-    )
+    rotation = drum.run(rig, *cast, count=count, turns=turns, seed=seed, progress=progress, **numerics)
     evaluation = ruler.evaluate(
         rotation.profiles,
         rotation.time,
         drum_diameter=rig.diameter,
         speed=abs(rig.speed),
-        bead_diameter=particle.diameter,
+        bead_diameter=cast.particle.diameter,
     )
-    course: dict[str, Any] = {
+    course = {
         "count": rotation.count,
         "turns": rotation.turns,
         "steady_from_s": rotation.steady_from,
         "mixing_index": float(rotation.mixing.value[-1]),
     }
-    return Twin(
-        "drum",
-        evaluation,
-        settings_of(rig, particle, _contacts(particle, wall, contact, wall_contact), seed=seed, **course,
-                    statistics=rotation.statistics),
-        profiles=(rotation.steady,),
-        series=(rotation.mixing,),
-        assumptions=_words(rotation.assumptions),
-        warnings=tuple(rotation.warnings),
-        seconds=time.perf_counter() - begun,
-    )  # fmt: skip
+    shown = (rotation.steady,), (rotation.mixing,), lambda: drum.picture(rig, rotation)
+    return _twin("drum", rig, cast, rotation, evaluation, begun, seed, course, *shown)
 
 
 def hopper_twin(
     rig: Hopper,
-    particle: Particle,
-    wall: Material,
-    contact: Contact,
-    wall_contact: Contact,
+    cast: Cast,
     *,
     count: int,
     seed: int,
     duration: float | None = None,
-    stiffness_factor: float = SOFTENING,
-    threads: int | None = None,
     progress: Progress = silent,
+    **numerics: Unpack[Numerics],
 ) -> Twin:
     """A hopper of `count` particles that empties, watched for `duration` [s] or until nothing leaves any more."""
     from rigtwin.measure import hopper as ruler
     from rigtwin.sim import hopper
 
     begun = time.perf_counter()
-    discharge = hopper.run(
-        rig,
-        particle,
-        wall,
-        contact,
-        wall_contact,
-        count=count,
-        seed=seed,
-        duration=duration,
-        stiffness_factor=stiffness_factor,
-        threads=threads,
-        progress=progress,
-    )
-    evaluation = ruler.evaluate(discharge.mass_left, total_mass=count * particle.mass, opened=0.0)
-    course: dict[str, Any] = {
+    discharge = hopper.run(rig, *cast, count=count, seed=seed, duration=duration, progress=progress, **numerics)
+    evaluation = ruler.evaluate(discharge.mass_left, total_mass=count * cast.particle.mass, opened=0.0)
+    course = {
         "asked": discharge.asked,
         "emptied": discharge.emptied,
         "remaining": discharge.remaining,
         "last_bead_s": discharge.discharge_time,
         "mass_flow_rate_kg_s": discharge.mass_flow_rate,
     }
+    heap = () if discharge.pile is None else (discharge.pile,)
+    shown = heap, (discharge.mass_left,), lambda: hopper.picture(rig, cast.particle, discharge)
+    return _twin("hopper", rig, cast, discharge, evaluation, begun, seed, course, *shown)
+
+
+def cylinder_for(rig: Packing, particle: Particle, count: int) -> Packing:
+    """The rig with a measuring cylinder that holds `count` particles with room to spare."""
+    loose = 2.2 * count * particle.mass / particle.effective_density / (math.pi / 4 * rig.cylinder_diameter**2)
+    return replace(rig, cylinder_height=max(rig.cylinder_height, loose))
+
+
+def _twin(
+    name: str,
+    rig: Pile | Packing | Drum | Hopper,
+    cast: Cast,
+    run: Any,
+    evaluation: Evaluation,
+    begun: float,
+    seed: int,
+    course: Mapping[str, Any],
+    profiles: tuple[Profile, ...] = (),
+    series: tuple[Series, ...] = (),
+    draw: Callable[[], npt.NDArray[np.uint8]] | None = None,
+) -> Twin:
+    """The twin of a `run` that began at `begun` [s] and went as `course` says."""
+    particle, wall = cast.particle, cast.wall
+    contacts = {f"{particle.name}-{particle.name}": cast.contact, f"{particle.name}-{wall.name}": cast.wall_contact}
     return Twin(
-        "hopper",
+        name,
         evaluation,
-        settings_of(rig, particle, _contacts(particle, wall, contact, wall_contact), seed=seed, **course,
-                    statistics=discharge.statistics),
-        profiles=() if discharge.pile is None else (discharge.pile,),
-        series=(discharge.mass_left,),
-        assumptions=_words(discharge.assumptions),
-        warnings=tuple(discharge.warnings),
+        settings_of(rig, particle, contacts, seed=seed, **course, statistics=run.statistics),
+        profiles=profiles,
+        series=series,
+        assumptions=tuple(f"{about.replace('_', ' ')}: {what}" for about, what in run.assumptions.items()),
+        warnings=tuple(run.warnings),
         seconds=time.perf_counter() - begun,
-    )  # fmt: skip
-
-
-def cylinder_for(diameter: float, particle: Particle, count: int) -> Packing:
-    """A measuring cylinder that holds `count` particles with room to spare."""
-    usual = Packing(cylinder_diameter=diameter)
-    loose = 2.2 * count * particle.mass / particle.effective_density / (math.pi / 4 * diameter**2)
-    return replace(usual, cylinder_height=max(usual.cylinder_height, loose))
-
-
-def _contacts(particle: Particle, wall: Material, contact: Contact, wall_contact: Contact) -> dict[str, Contact]:
-    return {f"{particle.name}-{particle.name}": contact, f"{particle.name}-{wall.name}": wall_contact}
-
-
-def _words(assumptions: dict[str, str]) -> tuple[str, ...]:
-    return tuple(f"{name.replace('_', ' ')}: {what}" for name, what in assumptions.items())
+        draw=draw,
+    )

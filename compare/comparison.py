@@ -20,6 +20,7 @@ from typing import Any
 from rigtwin.compare import results
 from rigtwin.compare.deviation import Deviation, deviations, over_views
 from rigtwin.compare.repetitions import Failure, Measured, measuring
+from rigtwin.compare.shapes import Overlay, overlays
 from rigtwin.compare.twin import NEEDS, Twin, measured_start, needs_measurement, stated_start, twin_of
 from rigtwin.compare.wording import reading
 from rigtwin.lab.entries import suggestion
@@ -43,6 +44,7 @@ class Outcome:
     deviations: tuple[Deviation, ...]
     more_heaps: tuple[Twin, ...] = ()
     """Twins of a pile from further seeds."""
+    shapes: tuple[Overlay, ...] = ()
 
     @property
     def twins(self) -> tuple[Twin, ...]:
@@ -81,6 +83,7 @@ class Comparison:
             "title": self.lab.title,
             "lab": str(self.lab.path),
             "deviations": [{**row.row(), "budget": row.budget} for row in self.deviations],
+            "shapes": [shape.row(outcome.experiment.id) for outcome in self.outcomes for shape in outcome.shapes],
             "experiments": [_experiment_json(outcome) for outcome in self.outcomes],
             "borrowed": list(self.lab.borrowed),
             "files": {name: str(path) for name, path in self.files.items()},
@@ -240,7 +243,8 @@ def _outcome(experiment: Experiment, measured: Measured, twins: Sequence[Twin]) 
         [quantity for twin in twins for quantity in over_views(twin.evaluation.quantities)],
         set_from=twins[0].set_from,
     )
-    return Outcome(experiment, measured.measurements, measured.failures, twins[0], rows, tuple(twins[1:]))
+    shapes = overlays(experiment.rig, experiment.particle.diameter, measured.measurements, twins)
+    return Outcome(experiment, measured.measurements, measured.failures, twins[0], rows, tuple(twins[1:]), shapes)
 
 
 def _experiment_json(outcome: Outcome) -> dict[str, Any]:

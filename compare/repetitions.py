@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from rigtwin.compare.processes import interrupts_held, spawned
-from rigtwin.lab.errors import RigtwinError
+from rigtwin.lab.errors import BadInput, RigtwinError
 from rigtwin.lab.notebook import Experiment
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement
@@ -111,10 +111,22 @@ def _measure(experiment: Experiment, views: Sequence[Path], out: Path | None) ->
     from rigtwin.measure.board import straightened  # loads OpenCV, which only the process that measures needs
 
     rig, camera = experiment.rig, straightened(experiment.camera)
+    if isinstance(rig, PileSettings) and rig.variant == "emptying":
+        _need_sections(views)
     ruler = import_module(f"rigtwin.measure.{rig.name}")
     media = list(views) if isinstance(rig, (PackingSettings, PileSettings)) else views[0]
     measurement: Measurement = ruler.measure(media, camera, **known(experiment), out=out, progress=silent)
     return measurement
+
+
+def _need_sections(views: Sequence[Path]) -> None:
+    for view in views:
+        if view.suffix.lower() != ".csv":
+            raise BadInput(
+                f"{view}: a photo from outside does not show the crater of an emptied container; give its surface in a "
+                "section through the axis as x_m,height_m, both halves set back to back: x from the wall (0) to the "
+                "hole's edges."
+            )
 
 
 def known(experiment: Experiment) -> dict[str, Any]:
@@ -131,7 +143,8 @@ def known(experiment: Experiment) -> dict[str, Any]:
         case PackingSettings():
             return told | {"cylinder_diameter": rig.cylinder_diameter, "total_mass": rig.total_mass}
         case PileSettings():
-            return told | {"base_diameter": rig.base_diameter}
+            drained = 0.0 if rig.variant != "emptying" else rig.drain_diameter or 0.0
+            return told | {"base_diameter": rig.base_diameter - drained}
         case DrumSettings():
             return told | {"drum_diameter": rig.drum_diameter, "speed": rig.speed}
     return told | {"bin_width": rig.bin_width, "total_mass": rig.total_mass}

@@ -21,6 +21,7 @@ from rigtwin.lab.rigs import DropSettings, PendulumSettings, PileSettings
 
 if TYPE_CHECKING:
     from rigtwin.compare.comparison import Comparison, Outcome
+    from rigtwin.compare.shapes import Overlay
 
 MOST_STILLS = 4  # pictures shown per experiment; all of them lie beside the report
 STILL_WIDTH = 1200  # [px], wide enough to judge a bead's outline when the picture is enlarged
@@ -120,7 +121,7 @@ def _section(outcome: Outcome, out: Path) -> dict[str, Any]:
         "rig": RIG_TITLES[experiment.rig_name],
         "what": f"{experiment.particle.name}{wall}",
         "settings": _settings(outcome),
-        "figure": _figure(outcome),
+        "shapes": [_shape(overlay) for overlay in outcome.shapes],
         "stills": stills,
         "more_stills": more,
         "table": _table(primary),
@@ -229,22 +230,17 @@ def _settings(outcome: Outcome) -> list[tuple[str, str]]:
     return lines
 
 
-def _figure(outcome: Outcome) -> str:
-    experiment, twin = outcome.experiment, outcome.twin
-    particle, measurements = experiment.particle, outcome.measurements
-    if isinstance(experiment.rig, DropSettings):
-        return figures.drop_figure([item.tracks[0] for item in measurements if item.tracks], twin.tracks[0])
-    if isinstance(experiment.rig, PendulumSettings):
-        return figures.pendulum_figure(
-            [item.tracks for item in measurements if item.tracks],
-            twin.tracks,
-            length=experiment.rig.length,
-            diameter=particle.diameter,
-        )
-    return figures.pile_figure(
-        [profile for item in measurements for profile in item.profiles],
-        [profile for heap in outcome.twins for profile in heap.profiles],
-    )
+def _shape(overlay: Overlay) -> dict[str, str]:
+    """The drawing of a shape and the sentence below it."""
+    unit = {"deg": "°", "%": " %"}.get(overlay.unit, f" {overlay.unit}")
+    beads = "" if overlay.bead is None else f" ({overlay.distance / overlay.bead:.2g} bead diameters)"
+    scatter = overlay.scatter(overlay.measured)
+    own = "" if scatter is None else f"; single measured curves lie {scatter:.2g}{unit} about their mean"
+    return {
+        "figure": figures.overlay_figure(overlay),
+        "caption": f"{overlay.what[:1].upper()}{overlay.what[1:]}: measured and simulated means lie "
+        f"{overlay.distance:.2g}{unit} apart{beads}, root mean square, {overlay.offset:+.2g}{unit} on average{own}.",
+    }
 
 
 def _stills(measurements: Sequence[Measurement]) -> tuple[list[dict[str, Any]], int]:

@@ -46,17 +46,25 @@ class Done:
     failures: Mapping[str, str]
 
 
-def run_all(runs: Sequence[Run], folder: Path, *, workers: int | None = None, progress: Progress = silent) -> Done:
+def run_all(
+    runs: Sequence[Run],
+    folder: Path,
+    *,
+    workers: int | None = None,
+    only_kept: bool = False,
+    progress: Progress = silent,
+) -> Done:
     """Run what `folder` does not hold yet, one process per core, and return everything.
 
-    A run that fails with a sentence (`RigtwinError`) is listed with it and tried again the next time.
+    A run that fails with a sentence (`RigtwinError`) is listed with it and tried again the next time.  With `only_kept`
+    nothing is run.
     """
     folder.mkdir(parents=True, exist_ok=True)
     kept = {run.name: found for run in runs if (found := _read(folder / run.file_name)) is not None}
     missing = sorted((run for run in runs if run.name not in kept), key=lambda run: -run.cost)
     failures: dict[str, str] = {}
     progress("running", len(kept), len(runs))
-    if missing:
+    if missing and not only_kept:
         with spawned(len(missing), workers) as pool:
             with interrupts_held():
                 pending = {pool.submit(_perform, run.function, dict(run.settings)): run for run in missing}

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -17,6 +17,7 @@ from statistics import fmean
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from rigtwin.compare import results
 from rigtwin.lab.errors import BadInput
@@ -70,6 +71,8 @@ class Twin:
     set_from: dict[str, str] = field(default_factory=dict)
     """Quantities that were handed to the twin: name -> ``"measured"`` or ``"stated"``."""
     seconds: float = 0.0  # [s], time the run took
+    draw: Callable[[], npt.NDArray[np.uint8]] | None = None
+    """A picture of the run, RGB."""
 
     def to_json(self) -> dict[str, Any]:
         """The document of `rigtwin simulate --json`."""
@@ -114,6 +117,7 @@ def drop_twin(
         settings_of(rig, particle, {f"{particle.name}-{wall.name}": contact}, frame_rate_hz=frame_rate),
         tracks=(track,),
         assumptions=(IDEAL, "The plate is flat, level and does not move."),
+        draw=lambda: _strobe((track,), particle),
         seconds=time.perf_counter() - begun,
     )
 
@@ -163,6 +167,7 @@ def pendulum_twin(
         ),
         tracks=tuple(tracks),
         assumptions=(IDEAL, "Threads have no mass, hinges do not rub, the beads meet at the lowest point."),
+        draw=lambda: _strobe(tracks, particle),
         seconds=time.perf_counter() - begun,
     )
 
@@ -197,8 +202,15 @@ def tilt_twin(
             f"The plate rises by {math.degrees(rig.speed):.3g} degrees per second, steadily and without shaking.",
             "A body that slides does not turn; a bead that rolls is a sphere.",
         ),
+        draw=lambda: _strobe((track,), particle),
         seconds=time.perf_counter() - begun,
     )
+
+
+def _strobe(tracks: Sequence[Track], particle: Particle) -> npt.NDArray[np.uint8]:
+    from rigtwin.sim.picture import strobe
+
+    return strobe(tracks, particle.radius)
 
 
 def needs_measurement(experiment: Experiment) -> bool:
@@ -245,11 +257,9 @@ def twin_of(
     contacts = [model.contact(*names, NEEDS.get(experiment.rig_name, PARAMETERS)) for names in experiment.contacts]
     start, set_from = _start(experiment, measurements)
     if isinstance(rig, BULK):
-        twin = _bulk_twin(experiment, contacts, count=count, seed=seed, threads=threads, progress=progress)
-        if model.effects:
-            left_out = "the model's effects act in the twins of drop, pendulum and tilt only; this one runs without."
-            twin = replace(twin, warnings=(*twin.warnings, left_out))
-        return twin
+        return _bulk_twin(
+            experiment, contacts, count=count, seed=seed, threads=threads, effects=model.effects, progress=progress
+        )
     rate = _frame_rate(experiment, measurements)
     if isinstance(rig, DropSettings):
         assert experiment.wall is not None
@@ -290,28 +300,17 @@ def twin_of(
     return replace(twin, set_from=set_from)
 
 
-def _bulk_twin(
-    experiment: Experiment,
-    contacts: Sequence[Contact],
-    *,
-    count: int | None,
-    seed: int,
-    threads: int | None,
-    progress: Progress,
-) -> Twin:
+def _bulk_twin(experiment: Experiment, contacts: Sequence[Contact], *, count: int | None, **run: Any) -> Twin:
     """The twin of a rig of many particles; `contacts` with the wall first."""
     from rigtwin.compare import bulk_twins
 
     rig, particle, wall = experiment.rig, experiment.particle, experiment.wall
     assert wall is not None  # the lab file demands a wall for these rigs
-    cast = (particle, wall, contacts[1], contacts[0])
+    cast = bulk_twins.Cast(particle, wall, contacts[1], contacts[0])
     if isinstance(rig, DrumSettings):
-        return bulk_twins.drum_twin(
-            rig.rig(), *cast, count=rig.count or count, seed=seed, threads=threads, progress=progress
-        )
+        return bulk_twins.drum_twin(rig.rig(), cast, count=rig.count or count, **run)
     if isinstance(rig, PileSettings):
-        poured = rig.count or count or PILE_COUNT
-        return bulk_twins.pile_twin(rig.rig(), *cast, count=poured, seed=seed, threads=threads, progress=progress)
+        return bulk_twins.pile_twin(rig.rig(), cast, count=rig.count or count or PILE_COUNT, **run)
     assert isinstance(rig, (PackingSettings, HopperSettings))
     weighed = None if rig.total_mass is None else round(rig.total_mass / particle.mass)
     filled = rig.count or weighed or count
@@ -320,9 +319,8 @@ def _bulk_twin(
             f"{experiment.id}: how many particles there are is not known; add total_mass or count to the experiment."
         )
     if isinstance(rig, HopperSettings):
-        return bulk_twins.hopper_twin(rig.rig(), *cast, count=filled, seed=seed, threads=threads, progress=progress)
-    cylinder = bulk_twins.cylinder_for(rig.cylinder_diameter, particle, filled)
-    return bulk_twins.packing_twin(cylinder, *cast, count=filled, seed=seed, threads=threads, progress=progress)
+        return bulk_twins.hopper_twin(rig.rig(), cast, count=filled, **run)
+    return bulk_twins.packing_twin(bulk_twins.cylinder_for(rig.rig(), particle, filled), cast, count=filled, **run)
 
 
 def write_twin(twin: Twin, out: Path) -> dict[str, Path]:
@@ -340,9 +338,20 @@ def write_twin(twin: Twin, out: Path) -> dict[str, Path]:
         name = f"{twin.rig}-twin-profile-{number}.csv"
         files[f"record_{number}"] = out / name
         write_profile(out / name, profile)
+    if twin.draw is not None:
+        files["picture"] = out / f"{twin.rig}-twin.png"
+        _write_picture(files["picture"], twin.draw())
     written = results.write_together(out, {"quantities.json": results.document(twin.to_json())})
     files["quantities"] = written["quantities.json"]
     return files
+
+
+def _write_picture(path: Path, picture: npt.NDArray[np.uint8]) -> None:
+    from PIL import Image
+
+    partial = path.with_name(path.name + ".part")
+    Image.fromarray(picture).save(partial, format="PNG", optimize=True)
+    partial.replace(path)
 
 
 @contextmanager

@@ -172,6 +172,7 @@ Restitution = Annotated[float, _quantity("number", 0, 1), Field(examples=[0.42])
 Friction = Annotated[float, _quantity("number", 0, open_low=False), Field(examples=[0.36])]
 Rate = Annotated[float, _quantity("frequency", 0), Field(examples=["240 Hz"])]
 Scale = Annotated[float, _quantity("scale", 0), Field(examples=["0.2 mm/px"])]
+Speed = Annotated[float, _quantity("speed", 0), Field(examples=["20 mm/s"])]
 Turning = Annotated[float, _quantity("angular_speed", 0), Field(examples=["3 rpm"])]
 Fraction = Annotated[float, _quantity("number", 0, 1), Field(examples=[0.35])]
 Release = Annotated[float, _quantity("angle", 0, math.radians(179)), Field(examples=["45 deg"])]
@@ -269,10 +270,14 @@ class PendulumEntry(_ExperimentEntry):
 class PileEntry(_ExperimentEntry):
     rig: Literal["pile"]
     wall: Name = Field(examples=["steel"])
-    variant: Literal["piling"] = Field(examples=["piling"])
+    variant: Literal["piling", "pouring", "emptying"] = Field(examples=["piling"])
     base_diameter: Length = Field(examples=["90 mm"])
     rim_height: Height = 0.0
     outlet_diameter: Length | None = None
+    outlet_height: Length | None = None
+    tube_diameter: Length | None = None
+    lift_speed: Speed | None = None
+    drain_diameter: Length | None = None
     count: Count | None = None
 
 
@@ -288,6 +293,8 @@ class PackingEntry(_ExperimentEntry):
     rig: Literal["packing"]
     wall: Name = Field(examples=["PMMA"])
     cylinder_diameter: Length = Field(examples=["65 mm"])
+    hopper_diameter: Length | None = None
+    outlet_diameter: Length | None = None
     total_mass: Mass | None = None
     count: Count | None = None
 

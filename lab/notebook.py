@@ -7,7 +7,7 @@ define are looked up in the published reference, and `Lab.borrowed` says so.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from importlib import resources
 from pathlib import Path
 
@@ -173,9 +173,9 @@ def _settings(entry: ExperimentEntry) -> RigSettings:
     if isinstance(entry, PendulumEntry):
         return PendulumSettings(entry.length, entry.release_angle, entry.variant)
     if isinstance(entry, PileEntry):
-        return PileSettings(entry.base_diameter, entry.rim_height, entry.outlet_diameter, entry.count, entry.variant)
+        return PileSettings(**{field.name: getattr(entry, field.name) for field in fields(PileSettings)})
     if isinstance(entry, PackingEntry):
-        return PackingSettings(entry.cylinder_diameter, entry.total_mass, entry.count)
+        return PackingSettings(**{field.name: getattr(entry, field.name) for field in fields(PackingSettings)})
     if isinstance(entry, DrumEntry):
         return DrumSettings(entry.drum_diameter, entry.speed, entry.depth, entry.fill, entry.count)
     if isinstance(entry, HopperEntry):

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from rigtwin.lab.records import Profile, Track
+from rigtwin.lab.records import Profile, Series, Track
 
 Detail = str | int | float | bool
 
@@ -124,6 +124,7 @@ class Measurement:
     """``frame_rate_hz``, ``scale_m_per_px``, ``scale_from``, ``camera_roll_deg`` ...: what was used, found or given."""
     tracks: tuple[Track, ...] = ()
     profiles: tuple[Profile, ...] = ()
+    series: tuple[Series, ...] = ()
     files: dict[str, Path] = field(default_factory=dict)
     """Files written: ``overlay`` (annotated video or picture), ``still`` (one picture), ``plot``, ``record``."""
 

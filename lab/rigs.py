@@ -31,17 +31,31 @@ class Pendulum:
     variant: Literal["double", "wall"] = "double"
 
 
+PileMethod = Literal["piling", "pouring", "emptying"]
+
+
 @dataclass(frozen=True)
 class Pile:
-    """A heap on a round base, formed by piling: beads rain on its middle and the surplus falls over the rim (fig. 5a).
+    """A heap on a round base (fig. 5a); `variant` says how it forms.
 
-    The paper does not state the rim; without one no heap stays on a smooth plate.
+    piling: beads rain on the base's middle and the surplus falls over the rim.  The paper does not state the rim;
+    without one no heap stays on a smooth plate.
+    pouring: a filled tube stands on the base and is lifted.
+    emptying: a filled round container, as wide as the base, drains through a hole in the middle of its floor; the heap
+    is what stays: "only the particles above the drain hole were dropped, creating a slope angle of almost 90 degrees"
+    (section 3.4) can be said of that alone.
     """
 
-    base_diameter: float  # [m]
-    rim_height: float = 0.0  # [m], height of the bowl's rim above the base plate
-    outlet_diameter: float | None = None  # [m], of the pouring funnel; None: a quarter of the base
-    variant: Literal["piling"] = "piling"
+    base_diameter: float  # [m]; emptying: of the container, inside
+    rim_height: float = 0.0  # [m], height of the bowl's rim above the base plate; emptying: none
+    outlet_diameter: float | None = None  # [m], piling: of the funnel; None: a quarter of the base, or 3 beads
+    variant: PileMethod = "piling"
+    outlet_height: float | None = (
+        None  # [m], piling: of a funnel that stands above the base; None: it rises as the heap
+    )
+    tube_diameter: float | None = None  # [m], pouring: inside; None: half the base
+    lift_speed: float | None = None  # [m/s], pouring: of the tube; None: 20 mm/s
+    drain_diameter: float | None = None  # [m], emptying; None: a third of the base
 
 
 @dataclass(frozen=True)
@@ -49,12 +63,15 @@ class Packing:
     """Particles pour from a hopper, as its slide is drawn, into a measuring cylinder (fig. 4).
 
     The paper gives the cylinder's volume, 1000 mL, not its diameter: 65 mm follow from its masses and bed heights.
+    Without a `hopper_diameter` the particles rain from the outlet at the rate that Beverloo's law gives for it; with
+    one they stand on the slide of a conical hopper above the cylinder, and the slide is drawn away at once.
     """
 
     cylinder_diameter: float = 0.065  # [m], inside
     cylinder_height: float = 0.302  # [m], inside; with 65 mm it holds 1000 mL
     outlet_diameter: float | None = None  # [m], of the hopper; None: 0.6 of the cylinder
     fall_height: float = 0.02  # [m], from the outlet to the cylinder's rim
+    hopper_diameter: float | None = None  # [m], inside, above its cone of 60 degrees; None: no hopper, a rain
 
 
 @dataclass(frozen=True)
@@ -138,13 +155,17 @@ class PileSettings:
     rim_height: float = 0.0  # [m], height of the bowl's rim above the base plate
     outlet_diameter: float | None = None  # [m], of the pouring funnel
     count: int | None = None  # how many particles were poured
-    variant: Literal["piling"] = "piling"
+    variant: PileMethod = "piling"
+    outlet_height: float | None = None  # [m], of the funnel above the base
+    tube_diameter: float | None = None  # [m], of the tube that is lifted
+    lift_speed: float | None = None  # [m/s]
+    drain_diameter: float | None = None  # [m], of the hole in the container's floor
 
     name: ClassVar[str] = "pile"
 
     def rig(self) -> Pile:
         """The rig of the twin."""
-        return Pile(self.base_diameter, self.rim_height, self.outlet_diameter, self.variant)
+        return Pile(**{name: value for name, value in vars(self).items() if name != "count"})
 
 
 @dataclass(frozen=True)
@@ -169,8 +190,16 @@ class PackingSettings:
     cylinder_diameter: float  # [m], inner
     total_mass: float | None = None  # [kg], of all particles
     count: int | None = None  # how many particles there are
+    hopper_diameter: float | None = None  # [m], of the hopper above the cylinder
+    outlet_diameter: float | None = None  # [m], of that hopper's slide, or of the funnel
 
     name: ClassVar[str] = "packing"
+
+    def rig(self) -> Packing:
+        """The rig of the twin."""
+        return Packing(
+            self.cylinder_diameter, outlet_diameter=self.outlet_diameter, hopper_diameter=self.hopper_diameter
+        )
 
 
 @dataclass(frozen=True)

@@ -100,6 +100,7 @@ def measure(
         checks=checks,
         warnings=tuple(warnings),
         camera=view,
+        series=(left,),
     )
     from rigtwin.measure.hopper_pictures import write_pictures
 

@@ -340,6 +340,7 @@ def measure(
             "camera_roll_from": gauge.roll_from,
         },
         tracks=(track,),
+        series=(angle,),
     )
     if out is None:
         return measurement

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-import time
-from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -16,14 +14,16 @@ from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Profile, Series
 from rigtwin.lab.rigs import Drum
-from rigtwin.sim.engine.clock import USUAL, positive, time_step
-from rigtwin.sim.filling import resting, scatter
-from rigtwin.sim.logbook import History, Logbook
+from rigtwin.sim.bench import Bench, Numerics
+from rigtwin.sim.engine.clock import positive
+from rigtwin.sim.fill import REST_LOOKS, SETTLED, resting, scatter
+from rigtwin.sim.logbook import History
 from rigtwin.sim.outline import bed, outline
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.bulk import Bulk
-    from rigtwin.sim.engine.contact import Rolling
+    from rigtwin.sim.engine.walls import Shape
+    from rigtwin.sim.logbook import Logbook
 
 Array = npt.NDArray[np.float64]
 
@@ -31,14 +31,9 @@ DEPTH = 0.5  # of the diameter, where the rig does not say
 FILL = 0.35  # of the volume, where the rig does not say
 PACKING = 0.6  # part of a bed's volume that is beads, by which a fill is counted out in beads
 LOOK = 0.02  # [s], how often the filling looks whether the bed rests
-SETTLED = {"energy": 1e-3, "speed": 0.05}  # a bed that is about to be turned need not be at rest for good
-REST_LOOKS = 3  # times in a row
 STEADY_AFTER = 0.25  # turns
 CELL = 3.0  # bead diameters, side of the cells in which mixing is counted
 FEWEST = 5  # beads in a cell that counts
-FRAME_INTERVAL = 0.02  # [s]
-CHECKPOINT_INTERVAL = 60.0  # [s] of computing
-OVERLAP_LIMIT = 0.05  # of a radius
 
 
 @dataclass(frozen=True)
@@ -71,69 +66,33 @@ def run(
     turns: float = 1.0,
     interval: float = 0.1,
     seed: int = 1,
-    stiffness_factor: float = 1e-3,
-    threads: int | None = None,
-    time_step_fraction: float = USUAL,
     fill_limit: float = 2.0,
-    rolling: Rolling = "type C",
-    trajectory: Path | None = None,
-    trajectory_interval: float = FRAME_INTERVAL,
-    checkpoint: Path | None = None,
-    checkpoint_interval: float = CHECKPOINT_INTERVAL,
     progress: Progress = silent,
+    **numerics: Unpack[Numerics],
 ) -> Rotation:
     """Fill the drum, let the bed rest (at most `fill_limit` [s]), turn it `turns` times, with a look every `interval`.
 
     `count` beads; None: as many as fill the part `rig.fill` of its volume.  The end walls turn with the drum.
-    Young's moduli are multiplied by `stiffness_factor` (Hlosta et al. 2020, section 2.2.3).  `trajectory` and
-    `checkpoint` as in `rigtwin.sim.pile`.
     """
     depth, fill = _filled_in(rig)
-    _check(rig, particle, stiffness_factor)
+    _check(rig, particle)
     positive(turns=turns, interval=interval, fill_limit=fill_limit)
     if count is None:
         volume = math.pi / 4 * rig.diameter**2 * depth
         count = max(1, round(fill * PACKING * volume / particle.volume))
     elif count < 1:
         raise BadInput(f"count: {count} beads make no bed; give at least 1.")
-    soft = replace(particle, material=particle.material.softened(stiffness_factor))
-    step, warnings = time_step([soft], time_step_fraction)
-    bulk = _bench(rig, depth, soft, wall.softened(stiffness_factor), (contact, wall_contact), step, rolling, threads)
-    settings = {
-        **{name: asdict(thing) for name, thing in (("rig", rig), ("particle", particle), ("wall", wall))},
-        **{"contact": asdict(contact), "wall_contact": asdict(wall_contact), "count": count, "seed": seed},
-        **{"turns": turns, "interval": interval, "stiffness_factor": stiffness_factor, "rolling": rolling},
-        **{"time_step_fraction": time_step_fraction, "fill_limit": fill_limit},
-    }
+    bench = Bench(rig, particle, wall, contact, wall_contact, numerics)
+    bulk = bench.bulk(_shapes(rig, depth), _domain(rig, depth, particle), open_domain=False)
     course = _Course()
-    logbook = Logbook(
-        bulk,
-        settings,
-        trajectory=trajectory,
-        trajectory_interval=trajectory_interval,
-        checkpoint=checkpoint,
-        checkpoint_interval=checkpoint_interval,
-    )
-    with logbook:
+    asked = {"count": count, "turns": turns, "interval": interval, "fill_limit": fill_limit}
+    with bench.logbook(bulk, seed=seed, **asked) as logbook:
         if kept := logbook.resume():
             course = _Course(**kept)
         else:
             _scatter(bulk, rig, depth, particle, count, seed)
-        began, first_step = time.perf_counter(), bulk.steps
         _settle(bulk, logbook, course, rig, particle, fill_limit, progress)
         _turn(bulk, logbook, course, rig, particle, turns, interval, progress)
-        wall_time = time.perf_counter() - began
-    statistics = {
-        "largest_overlap": bulk.largest_overlap,
-        **logbook.statistics(),
-        "contacts_per_bead": 2 * bulk.contacts / count,
-        "wall_work_j": bulk.work,
-        "time_step_s": step,
-        "steps": float(bulk.steps),
-        "lists_built": float(bulk.lists_built),
-    }
-    if bulk.steps > first_step:
-        statistics["steps_per_second"] = (bulk.steps - first_step) / max(wall_time, 1e-9)
     times, beads = np.array(course.times), bulk.beads()
     empty = _outline(np.zeros((0, 3)), np.zeros(0), rig, particle)
     profiles = tuple(
@@ -152,7 +111,11 @@ def run(
         radii=beads.radius,
         count=count,
         turns=turns,
-        statistics=statistics,
+        statistics={
+            **logbook.statistics(),
+            "contacts_per_bead": 2 * bulk.contacts / count,
+            "wall_work_j": bulk.work,
+        },
         history=logbook.history,
         assumptions={
             "depth": f"{depth * 1e3:.3g} mm ({_given(rig.depth)})",
@@ -161,12 +124,22 @@ def run(
             "end_walls": "of the drum's material, turning with it",
             "filling": f"scattered and let fall, {course.began_at:.2f} s until the bed rested",
             "start": "at full speed at once",
-            "stiffness_factor": f"{stiffness_factor:g} of the real Young's moduli of beads and drum",
-            "time_step": f"{time_step_fraction:.0%} of Rayleigh's",
-            "rolling_resistance": f"{rolling}, torque limit mu_r Fn R on each bead",
+            **bench.assumptions(),
         },
-        warnings=warnings + logbook.warnings + _warnings(course, turns, bulk.largest_overlap),
+        warnings=bench.warnings(bulk, logbook) + _warnings(course, turns),
     )
+
+
+def picture(rig: Drum, rotation: Rotation) -> npt.NDArray[np.uint8]:
+    """The bed in the end, seen along the axis, an RGB image; its front wall is left out."""
+    from rigtwin.sim.picture import draw
+    from rigtwin.sim.trajectory import triangles
+
+    depth, _ = _filled_in(rig)
+    reach = np.full(3, rig.diameter + depth)
+    shell, _front, back = _shapes(rig, depth)
+    walls = np.concatenate([triangles(shape, (-reach, reach)) for shape in (shell, back)])
+    return draw(rotation.centres, rotation.radii, walls=walls, turn=12.0, tilt=8.0)
 
 
 def lacey(centres: Array, marked: npt.NDArray[np.bool_], cell: float) -> float:
@@ -223,36 +196,20 @@ def _scatter(bulk: Bulk, rig: Drum, depth: float, particle: Particle, count: int
     scatter(bulk, count, inside, (low, -low), particle, np.random.default_rng(seed))
 
 
-def _bench(
-    rig: Drum,
-    depth: float,
-    soft: Particle,
-    wall: Material,
-    contacts: tuple[Contact, Contact],
-    step: float,
-    rolling: Rolling,
-    threads: int | None,
-) -> Bulk:
-    from rigtwin.sim.engine.bulk import Bulk
-    from rigtwin.sim.engine.walls import Cylinder, Disc, Wall
+def _shapes(rig: Drum, depth: float) -> tuple[Shape, ...]:
+    from rigtwin.sim.engine.walls import Cylinder, Disc
 
     axis, half, deep = (0.0, 1.0, 0.0), rig.diameter / 2, depth / 2
-    shapes = (
+    return (
         Cylinder((0.0, -deep, 0.0), axis, half, depth),
         Disc((0.0, -deep, 0.0), axis, half),
         Disc((0.0, deep, 0.0), axis, half),
     )
-    margin = 2 * soft.diameter
-    return Bulk(
-        [soft],
-        contacts[0],
-        [Wall(shape, wall, contacts[1]) for shape in shapes],
-        low=(-half - margin, -deep - margin, -half - margin),
-        high=(half + margin, deep + margin, half + margin),
-        time_step=step,
-        rolling=rolling,
-        threads=threads,
-    )
+
+
+def _domain(rig: Drum, depth: float, particle: Particle) -> tuple[list[float], list[float]]:
+    half, deep = (size / 2 + 2 * particle.diameter for size in (rig.diameter, depth))
+    return [-half, -deep, -half], [half, deep, half]
 
 
 # ---------------------------------------------------------------------- the run
@@ -284,7 +241,7 @@ def _settle(
     while course.began_at is None:
         logbook.run(steps)
         grains = bulk.grains()
-        course.quiet = course.quiet + 1 if resting(grains, particle, **SETTLED) else 0
+        course.quiet = course.quiet + 1 if resting(grains, particle, SETTLED) else 0
         if course.quiet >= REST_LOOKS or bulk.time >= limit:
             course.in_time = course.quiet >= REST_LOOKS
             course.began_at = bulk.time
@@ -332,8 +289,7 @@ def _outline(centres: Array, radii: Array, rig: Drum, particle: Particle) -> Pro
     return outline(centres, radii, (-half, half), grain=2 * min(particle.radii), view="front")
 
 
-def _check(rig: Drum, particle: Particle, stiffness_factor: float) -> None:
-    positive(stiffness_factor=stiffness_factor)
+def _check(rig: Drum, particle: Particle) -> None:
     if not (math.isfinite(rig.speed) and rig.speed != 0):
         raise BadInput(f"speed: the drum must turn; got {rig.speed:g} rad/s.")
     if rig.diameter < 4 * particle.diameter:
@@ -341,18 +297,12 @@ def _check(rig: Drum, particle: Particle, stiffness_factor: float) -> None:
             f"diameter: a drum of {rig.diameter * 1e3:.3g} mm is too small for beads of "
             f"{particle.diameter * 1e3:.3g} mm; give at least four bead diameters."
         )
-    if stiffness_factor > 1:
-        raise BadInput(f"stiffness_factor: {stiffness_factor:g} would stiffen the beads; give at most 1.")
 
 
-def _warnings(course: _Course, turns: float, overlap: float) -> tuple[str, ...]:
+def _warnings(course: _Course, turns: float) -> tuple[str, ...]:
     warnings = []
     if not course.in_time:
         warnings.append("the bed was still moving when the drum began to turn; raise fill_limit")
     if turns < 2 * STEADY_AFTER:
         warnings.append(f"{turns:g} turns may be too few for a steady slope; give at least {2 * STEADY_AFTER:g}")
-    if overlap > OVERLAP_LIMIT:
-        warnings.append(
-            f"the largest overlap was {overlap:.1%} of a radius; above {OVERLAP_LIMIT:.0%} raise stiffness_factor"
-        )
     return tuple(warnings)

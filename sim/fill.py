@@ -1,8 +1,11 @@
-"""Filling a rig: particles rain from an outlet, without overlap, at a rate, seeded; then the wait until all rests."""
+"""Filling a rig: particles rain from an outlet or lie scattered in a container, without overlap, seeded; then the wait
+until all rests.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -16,18 +19,32 @@ from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.engine.clock import positive
 
 if TYPE_CHECKING:
-    from rigtwin.sim.engine.bulk import Bulk
+    from rigtwin.sim.engine.bulk import Bulk, Grains
     from rigtwin.sim.logbook import Logbook
 
 Array = npt.NDArray[np.float64]
+Inside = Callable[[Array, float], npt.NDArray[np.bool_]]
+"""Which of the points, shape (n, 3), lie in a container and farther than so many metres from its walls."""
 
 LOOK = 0.02  # [s], how often the filling looks at what it did
 CLEAR = 1.02  # of a diameter between new particles
 TRIES = 20  # places tried for each particle that is due
 PATIENCE = 100  # looks in a row at which no particle found room
-REST_ENERGY = 1e-5  # mean kinetic energy of a resting particle, in m g R
-REST_SPEED = 0.01  # [m/s], of the fastest sphere
 REST_LOOKS = 3  # times in a row
+LOOSEST, TIGHTEST = 1.35, 1.02  # pitch of the lattice, in diameters
+THROWN = 0.2  # [m/s], standard deviation of each component; so that no lattice survives the fall
+
+
+@dataclass(frozen=True)
+class Stillness:
+    """When particles count as resting."""
+
+    energy: float  # their mean kinetic energy, in m g R
+    speed: float  # [m/s], of the fastest
+
+
+AT_REST = Stillness(1e-5, 0.01)
+SETTLED = Stillness(1e-3, 0.05)  # a bed that is about to be let go need not be at rest for good
 
 
 @dataclass(frozen=True)
@@ -122,18 +139,60 @@ def places(occupied: Array, source: Outlet, diameter: float, due: int, rng: np.r
     return np.array(found).reshape(-1, 3)
 
 
-def settle(bulk: Bulk, logbook: Logbook, course: Course, particle: Particle, limit: float, progress: Progress) -> bool:
-    """Run until all is at rest; False when something still moved `limit` [s] after the filling."""
+def scatter(
+    bulk: Bulk, count: int, inside: Inside, box: tuple[Array, Array], particle: Particle, random: np.random.Generator
+) -> None:
+    """Add `count` particles to a simulation, in the container, which lies in the `box` [m].
+
+    A lattice as loose as fits, every bead moved off its site at random, filled from below.
+    """
+    for pitch in np.linspace(LOOSEST, TIGHTEST, 12) * particle.diameter:
+        shift = 0.45 * (pitch - particle.diameter)
+        steps = [np.arange(low + pitch / 2, high, pitch) for low, high in zip(*box, strict=True)]
+        sites = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
+        sites = sites[inside(sites, particle.radius + shift)]
+        if len(sites) >= count:
+            lowest = sites[np.argsort(sites[:, 2], kind="stable")[:count]]
+            places = lowest + random.uniform(-shift, shift, (count, 3)) / np.sqrt(3)
+            velocities = random.normal(0, THROWN, (count, 3))
+            turn = None if particle.shape is None else random.normal(size=(count, 4))
+            bulk.add(places, velocities, turn=turn)
+            return
+    raise BadInput(
+        f"count: {count} beads of {particle.diameter * 1e3:.3g} mm do not fit in; at most {len(sites)} find room."
+    )
+
+
+def loose_height(particle: Particle, count: int, diameter: float) -> float:
+    """Height [m] in a round container within which `count` particles find room when they are scattered."""
+    # scattered loosely they take five times their volume; a narrow container wastes its edge
+    free = math.pi / 4 * (diameter - 0.5 * particle.diameter) ** 2
+    return 5 * count * particle.diameter**3 / free + 2 * particle.diameter
+
+
+def resting(grains: Grains, particle: Particle, still: Stillness = AT_REST) -> bool:
+    """Whether the particles rest."""
+    mean = grains.kinetic_energy / max(len(grains.ident), 1)
+    fastest = math.sqrt((grains.velocity**2).sum(1).max(initial=0.0))
+    return mean < still.energy * particle.mass * GRAVITY * particle.radius and fastest < still.speed
+
+
+def settle(
+    bulk: Bulk,
+    logbook: Logbook,
+    course: Course,
+    particle: Particle,
+    limit: float,
+    progress: Progress,
+    still: Stillness = AT_REST,
+) -> bool:
+    """Run until all is at rest; False when something still moved `limit` [s] later."""
     steps = max(1, round(LOOK / bulk.time_step))
     if course.settling_until is None:
         course.settling_until = bulk.time + limit
     while bulk.time < course.settling_until and course.quiet < REST_LOOKS:
         logbook.run(steps)
-        beads, grains = bulk.beads(), bulk.grains()
-        energy = grains.kinetic_energy / max(len(grains.ident), 1)
-        fastest = math.sqrt((beads.velocity**2).sum(1).max(initial=0.0))
-        weight = particle.mass * GRAVITY * particle.radius
-        course.quiet = course.quiet + 1 if energy < REST_ENERGY * weight and fastest < REST_SPEED else 0
+        course.quiet = course.quiet + 1 if resting(bulk.grains(), particle, still) else 0
         logbook.look(course.kept())
         progress("settling", limit - (course.settling_until - bulk.time), limit)
     return course.quiet >= REST_LOOKS

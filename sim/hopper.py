@@ -7,10 +7,8 @@ of section 2.2.5, whose beads run down a slide and heap up on the floor below.
 from __future__ import annotations
 
 import math
-import time
-from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -20,28 +18,23 @@ from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Profile, Series
 from rigtwin.lab.rigs import GRAVITY, Hopper
-from rigtwin.sim.engine.clock import USUAL, positive, time_step
-from rigtwin.sim.filling import resting, scatter
-from rigtwin.sim.logbook import History, Logbook
+from rigtwin.sim.bench import Bench, Numerics
+from rigtwin.sim.engine.clock import positive
+from rigtwin.sim.fill import REST_LOOKS, SETTLED, Inside, resting, scatter
+from rigtwin.sim.logbook import History
 from rigtwin.sim.outline import bed, outline
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.bulk import Beads, Bulk, Grains
-    from rigtwin.sim.engine.contact import Rolling
     from rigtwin.sim.engine.walls import Shape
+    from rigtwin.sim.logbook import Logbook
 
 Array = npt.NDArray[np.float64]
 
 LOOK = 0.01  # [s], how often the twin looks at the hopper, as the paper's simulations were saved
-SETTLED = {"energy": 1e-3, "speed": 0.05}  # a bed that is about to be let go need not be at rest for good
-AT_REST = {"energy": 1e-5, "speed": 0.01}  # the heap below the slide
-REST_LOOKS = 3  # times in a row
 STUCK = 0.5  # [s] without a bead leaving, after which the hopper counts as blocked or empty
 STEADY = (0.2, 0.8)  # part of the beads that have left, between which the flow counts as steady
 BELOW = 0.08  # [m], how far below a round outlet beads are followed
-FRAME_INTERVAL = 0.01  # [s]
-CHECKPOINT_INTERVAL = 60.0  # [s] of computing
-OVERLAP_LIMIT = 0.05  # of a radius
 # of the slot hopper, where the rig does not say; its length follows from the paper's discharge times
 WIDTH, SLOT_LENGTH, SLIDE_DROP = 0.15, 0.068, 0.06  # [m]
 SLIDE_ANGLE = math.radians(45)  # [rad]
@@ -82,68 +75,33 @@ def run(
     *,
     count: int = 3000,
     seed: int = 1,
-    stiffness_factor: float = 1e-3,
-    threads: int | None = None,
-    time_step_fraction: float = USUAL,
     fill_limit: float = 3.0,
     duration: float | None = None,
     settle_limit: float = 4.0,
-    rolling: Rolling = "type C",
-    trajectory: Path | None = None,
-    trajectory_interval: float = FRAME_INTERVAL,
-    checkpoint: Path | None = None,
-    checkpoint_interval: float = CHECKPOINT_INTERVAL,
     progress: Progress = silent,
+    **numerics: Unpack[Numerics],
 ) -> Discharge:
     """Fill the hopper with `count` beads, let them rest (at most `fill_limit` [s]), open it, and count.
 
     The run ends when the hopper is empty, when no bead has left for half a second, or `duration` [s] after the
-    opening; below a slot hopper it goes on until the heap rests, at most `settle_limit` [s].  Young's moduli are
-    multiplied by `stiffness_factor` (Hlosta et al. 2020, section 2.2.3).  `trajectory` and `checkpoint` as in
-    `rigtwin.sim.pile`.
+    opening; below a slot hopper it goes on until the heap rests, at most `settle_limit` [s].
     """
-    _check(rig, particle, count, stiffness_factor, duration)
+    _check(rig, particle, count, duration)
     plan = _plan(rig, particle, count)
     positive(fill_limit=fill_limit, settle_limit=settle_limit)
-    soft = replace(particle, material=particle.material.softened(stiffness_factor))
-    step, warnings = time_step([soft], time_step_fraction)
-    bulk = _bench(plan, soft, wall.softened(stiffness_factor), (contact, wall_contact), step, rolling, threads)
-    settings = {
-        **{name: asdict(thing) for name, thing in (("rig", rig), ("particle", particle), ("wall", wall))},
-        **{"contact": asdict(contact), "wall_contact": asdict(wall_contact)},
-        **{"count": count, "seed": seed, "stiffness_factor": stiffness_factor, "rolling": rolling},
-        **{"time_step_fraction": time_step_fraction, "fill_limit": fill_limit, "settle_limit": settle_limit},
-        **{"duration": duration},
-    }
+    bench = Bench(rig, particle, wall, contact, wall_contact, numerics)
+    bulk = bench.bulk(plan.shapes, plan.domain)
     course = _Course(count)
-    logbook = Logbook(
-        bulk,
-        settings,
-        trajectory=trajectory,
-        trajectory_interval=trajectory_interval,
-        checkpoint=checkpoint,
-        checkpoint_interval=checkpoint_interval,
-    )
-    with logbook:
+    limits = {"fill_limit": fill_limit, "settle_limit": settle_limit, "duration": duration}
+    with bench.logbook(bulk, count=count, seed=seed, **limits) as logbook:
         if kept := logbook.resume():
             course = _Course(**kept)
         else:
             scatter(bulk, count, plan.inside, plan.filled, particle, np.random.default_rng(seed))
-        began, first_step = time.perf_counter(), bulk.steps
         _settle(bulk, logbook, course, particle, fill_limit, progress)
         _discharge(bulk, logbook, course, duration, progress)
         at_rest = not plan.floor or _come_to_rest(bulk, logbook, course, particle, settle_limit, progress)
-        wall_time = time.perf_counter() - began
     beads = bulk.beads()
-    statistics = {
-        "largest_overlap": bulk.largest_overlap,
-        **logbook.statistics(),
-        "time_step_s": step,
-        "steps": float(bulk.steps),
-        "lists_built": float(bulk.lists_built),
-    }
-    if bulk.steps > first_step:
-        statistics["steps_per_second"] = (bulk.steps - first_step) / max(wall_time, 1e-9)
     times = np.sort(np.array([when for when in course.left_at if when is not None], dtype=float))
     emptied = len(times)
     return Discharge(
@@ -159,18 +117,31 @@ def run(
         pile=_heap(beads, particle, plan) if plan.floor else None,
         at_rest=at_rest,
         time=bulk.time,
-        statistics=statistics,
+        statistics=logbook.statistics(),
         history=logbook.history,
         assumptions={
             **plan.assumptions,
             "opening": "the whole outlet is free at once",
             "filling": f"scattered above the outlet and let fall, {course.filled_for:.2f} s until the bed rested",
-            "stiffness_factor": f"{stiffness_factor:g} of the real Young's moduli of beads and walls",
-            "time_step": f"{time_step_fraction:.0%} of Rayleigh's",
-            "rolling_resistance": f"{rolling}, torque limit mu_r Fn R on each bead",
+            **bench.assumptions(),
         },
-        warnings=warnings + logbook.warnings + _warnings(course, plan, emptied, count, at_rest, bulk.largest_overlap),
+        warnings=bench.warnings(bulk, logbook) + _warnings(course, emptied, count, at_rest),
     )
+
+
+def picture(rig: Hopper, particle: Particle, discharge: Discharge) -> npt.NDArray[np.uint8]:
+    """The hopper and what lies in and below it in the end, an RGB image; a slot hopper without its upright plates."""
+    from rigtwin.sim.picture import draw
+    from rigtwin.sim.trajectory import triangles
+
+    plan = _plan(rig, particle, discharge.asked)
+    triangles_of = [triangles(shape, plan.domain) for shape in plan.shapes[LID + 1 :]]
+    walls = np.concatenate(triangles_of)
+    if rig.variant == "slot":  # plates that face the eye would veil all
+        walls = walls[np.ptp(walls[:, :, 1], axis=1) > 0]
+        low = walls.reshape(-1, 3).min(axis=0)
+        walls = walls[walls[:, :, 2].min(axis=1) < low[2] + 3 * plan.domain[1][0]]
+    return draw(discharge.centres, discharge.radii, walls=walls, turn=20.0, tilt=15.0)
 
 
 def steady_flow(outlet_times: Array, count: int, mass: float) -> float | None:
@@ -197,7 +168,7 @@ class _Plan:
     shapes: tuple[Shape, ...]
     filled: tuple[Array, Array]  # [m], corners of a box that holds all beads before they fall
     domain: tuple[Array, Array]  # [m]
-    inside: Any  # of `rigtwin.sim.filling.Inside`
+    inside: Inside
     floor: float  # [m], height of the floor below the outlet, negative; 0: there is none
     assumptions: dict[str, str]
 
@@ -294,32 +265,6 @@ def _given(value: float | None) -> str:
     return "not stated: assumed" if value is None else "as given"
 
 
-def _bench(
-    plan: _Plan,
-    soft: Particle,
-    wall: Material,
-    contacts: tuple[Contact, Contact],
-    step: float,
-    rolling: Rolling,
-    threads: int | None,
-) -> Bulk:
-    from rigtwin.sim.engine.bulk import Bulk
-    from rigtwin.sim.engine.walls import Wall
-
-    low, high = plan.domain
-    return Bulk(
-        [soft],
-        contacts[0],
-        [Wall(shape, wall, contacts[1]) for shape in plan.shapes],
-        low=(float(low[0]), float(low[1]), float(low[2])),
-        high=(float(high[0]), float(high[1]), float(high[2])),
-        open_domain=True,
-        time_step=step,
-        rolling=rolling,
-        threads=threads,
-    )
-
-
 # ---------------------------------------------------------------------- the run
 
 
@@ -350,7 +295,7 @@ def _settle(
     steps = max(1, round(LOOK / bulk.time_step))
     while course.opened is None:
         logbook.run(steps)
-        course.quiet = course.quiet + 1 if resting(bulk.grains(), particle, **SETTLED) else 0
+        course.quiet = course.quiet + 1 if resting(bulk.grains(), particle, SETTLED) else 0
         if course.quiet >= REST_LOOKS or bulk.time >= limit:
             course.in_time = course.quiet >= REST_LOOKS
             course.opened = course.filled_for = bulk.time
@@ -400,7 +345,7 @@ def _come_to_rest(
     steps = max(1, round(LOOK / bulk.time_step))
     while bulk.time < course.emptied_at + limit and course.quiet < REST_LOOKS:
         logbook.run(steps)
-        course.quiet = course.quiet + 1 if resting(bulk.grains(), particle, **AT_REST) else 0
+        course.quiet = course.quiet + 1 if resting(bulk.grains(), particle) else 0
         logbook.look(course.kept())
         progress("settling", bulk.time - course.emptied_at, limit)
     return course.quiet >= REST_LOOKS
@@ -422,8 +367,8 @@ def _heap(beads: Beads, particle: Particle, plan: _Plan) -> Profile:
     return outline(centres[heap], radii[heap], span, grain=grain, floor=plan.floor, view="along the slot")
 
 
-def _check(rig: Hopper, particle: Particle, count: int, stiffness_factor: float, duration: float | None) -> None:
-    positive(outlet=rig.outlet, stiffness_factor=stiffness_factor)
+def _check(rig: Hopper, particle: Particle, count: int, duration: float | None) -> None:
+    positive(outlet=rig.outlet)
     if rig.variant == "conical":
         positive(diameter=rig.diameter, cone_height=rig.cone_height)
     elif not 0 < rig.inclination < math.pi / 2:
@@ -441,13 +386,11 @@ def _check(rig: Hopper, particle: Particle, count: int, stiffness_factor: float,
         )
     if count < 1:
         raise BadInput(f"count: {count} beads fill no hopper; give at least 1.")
-    if stiffness_factor > 1:
-        raise BadInput(f"stiffness_factor: {stiffness_factor:g} would stiffen the beads; give at most 1.")
     if duration is not None:
         positive(duration=duration)
 
 
-def _warnings(course: _Course, plan: _Plan, emptied: int, count: int, at_rest: bool, overlap: float) -> tuple[str, ...]:
+def _warnings(course: _Course, emptied: int, count: int, at_rest: bool) -> tuple[str, ...]:
     warnings = []
     if not course.in_time:
         warnings.append("the bed was still moving when the outlet was opened; raise fill_limit")
@@ -455,8 +398,4 @@ def _warnings(course: _Course, plan: _Plan, emptied: int, count: int, at_rest: b
         warnings.append(f"only {emptied} of {count} beads had left the hopper when the run ended")
     if not at_rest:
         warnings.append("the heap was still moving when the time limit was reached")
-    if overlap > OVERLAP_LIMIT:
-        warnings.append(
-            f"the largest overlap was {overlap:.1%} of a radius; above {OVERLAP_LIMIT:.0%} raise stiffness_factor"
-        )
     return tuple(warnings)

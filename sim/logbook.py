@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -88,6 +89,7 @@ class Logbook:
         self._supplied = self._risen = 0.0
         self._total = self._most_dissipated = 0.0  # [J], when the last look ended, and ever
         self._work = 0.0  # [J], of moving walls that is in the books
+        self._steps_here, self._seconds_here = 0, 0.0  # made by this process, and its time [s] for them
         self.first_frame: float | None = None  # [s], when a trajectory began after the run did
 
     def resume(self) -> dict[str, Any] | None:
@@ -116,7 +118,7 @@ class Logbook:
         if self._bulk.added != self._added:
             self._added = self._bulk.added
             self._supplied += self._bulk.budget().total - self._total
-        end = self._bulk.steps + steps
+        end, began = self._bulk.steps + steps, time.perf_counter()
         self._moved = True
         try:
             while self._bulk.steps < end:
@@ -131,6 +133,8 @@ class Logbook:
                 f"{trouble} The last good state, of t = {self._checkpoint.kept_at:.6g} s, "
                 f"is kept in {self._checkpoint.path}."
             ) from None
+        self._steps_here += steps
+        self._seconds_here += time.perf_counter() - began
         self._enter(self._bulk.budget())
 
     def look(self, course: Mapping[str, Any]) -> None:
@@ -148,12 +152,21 @@ class Logbook:
         )
 
     def statistics(self) -> dict[str, float]:
-        """The books' last line and extremes, for the record of a run."""
-        books = self.history
+        """How the run went: its steps, and the books' last line and extremes."""
+        bulk, books = self._bulk, self.history
+        course = {
+            "time_step_s": bulk.time_step,
+            "steps": float(bulk.steps),
+            "lists_built": float(bulk.lists_built),
+            "largest_overlap": bulk.largest_overlap,
+        }
+        if self._steps_here:
+            course["steps_per_second"] = self._steps_here / max(self._seconds_here, 1e-9)
         if not len(books.time):
-            return {}
+            return course
         last = {f"{name}_energy_j": float(getattr(books, name)[-1]) for name in ("kinetic", "potential", "elastic")}
         return {
+            **course,
             **last,
             "energy_supplied_j": float(books.supplied[-1]),
             "energy_dissipated_j": float(books.dissipated[-1]),

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
-from typing import TYPE_CHECKING
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -17,14 +16,15 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Profile
 from rigtwin.lab.rigs import Packing
 from rigtwin.sim import fill
-from rigtwin.sim.engine.clock import USUAL, positive, time_step
-from rigtwin.sim.logbook import History, Logbook
+from rigtwin.sim.bench import Bench, Numerics
+from rigtwin.sim.engine.clock import positive
+from rigtwin.sim.logbook import History
 from rigtwin.sim.pile import silhouette
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.bulk import Bulk
-    from rigtwin.sim.engine.contact import Rolling
     from rigtwin.sim.engine.walls import Shape
+    from rigtwin.sim.logbook import Logbook
 
 Array = npt.NDArray[np.float64]
 
@@ -32,9 +32,9 @@ VIEWS = (0.0, 45.0, 90.0, 135.0)  # [deg], about the cylinder's axis
 OUTLET = 0.6  # of the cylinder's diameter
 LEAST_RATE = 200.0  # [1/s]
 SKIN = 0.2  # of a diameter; the rain makes a list short-lived
-FRAME_INTERVAL = 0.01  # [s]
-CHECKPOINT_INTERVAL = 60.0  # [s] of computing
-OVERLAP_LIMIT = 0.05  # of a radius
+CONE = math.radians(60)  # [rad], of the hopper's walls from the level
+SLIDE = 2  # number of the wall that closes the hopper
+FLOWING = 0.5  # [s] without a particle leaving, after which the hopper counts as blocked or empty
 SURFACE_POINTS = 100  # across the cylinder
 
 
@@ -94,51 +94,35 @@ def run(
     *,
     count: int = 3000,
     seed: int = 1,
-    stiffness_factor: float = 1e-3,
-    threads: int | None = None,
-    time_step_fraction: float = USUAL,
     pour_rate: float | None = None,
+    fill_limit: float = 3.0,
     settle_limit: float = 4.0,
-    rolling: Rolling = "type C",
-    trajectory: Path | None = None,
-    trajectory_interval: float = FRAME_INTERVAL,
-    checkpoint: Path | None = None,
-    checkpoint_interval: float = CHECKPOINT_INTERVAL,
     progress: Progress = silent,
+    **numerics: Unpack[Numerics],
 ) -> Bed:
     """Pour `count` particles into the cylinder and wait until they rest.
 
-    They rain through the hopper's outlet, without overlap, clumps turned at random, at `pour_rate` [1/s] (default:
-    Beverloo's discharge of the outlet).  The run ends when they rest, or `settle_limit` [s] after the last one, and
-    says which.  Young's moduli are multiplied by `stiffness_factor` (Hlosta et al. 2020, section 2.2.3).  Trajectory
-    and checkpoint as in the twin of the pile.
+    Without a hopper they rain through its outlet, without overlap, clumps turned at random, at `pour_rate` [1/s]
+    (default: Beverloo's discharge of the outlet).  With one they rest on its slide (at most `fill_limit` [s]) until the
+    slide is drawn.  The run ends when they rest, or `settle_limit` [s] after the last one, and says which.
     """
-    _check(rig, particle, count, stiffness_factor, settle_limit)
-    soft = replace(particle, material=particle.material.softened(stiffness_factor))
-    step, warnings = time_step([soft], time_step_fraction)
+    _check(rig, particle, count, settle_limit)
+    bench = Bench(rig, particle, wall, contact, wall_contact, numerics)
     opening = OUTLET * rig.cylinder_diameter if rig.outlet_diameter is None else rig.outlet_diameter
     source = fill.outlet(particle, opening, rig.cylinder_height + rig.fall_height, pour_rate, LEAST_RATE)
-    bulk = _bench(rig, soft, wall.softened(stiffness_factor), (contact, wall_contact), source, step, rolling, threads)
-    settings = {
-        **{name: asdict(thing) for name, thing in (("rig", rig), ("particle", particle), ("wall", wall))},
-        **{"contact": asdict(contact), "wall_contact": asdict(wall_contact), "outlet": asdict(source)},
-        **{"count": count, "seed": seed, "stiffness_factor": stiffness_factor, "rolling": rolling},
-        **{"time_step_fraction": time_step_fraction, "settle_limit": settle_limit},
-    }
-    course = fill.Course(np.random.default_rng(seed))
-    logbook = Logbook(
-        bulk,
-        settings,
-        trajectory=trajectory,
-        trajectory_interval=trajectory_interval,
-        checkpoint=checkpoint,
-        checkpoint_interval=checkpoint_interval,
-    )
+    hopper = None if rig.hopper_diameter is None else Hopper(rig.hopper_diameter, source, particle, count)
+    shapes = _shapes(rig) if hopper is None else [*_shapes(rig), *hopper.shapes]
+    bulk = bench.bulk(shapes, _domain(rig, particle, source, hopper), skin=SKIN)
+    course = _Course(np.random.default_rng(seed))
+    asked = {"count": count, "seed": seed, "settle_limit": settle_limit, "fill_limit": fill_limit}
     began = time.process_time()
-    with logbook:
+    with bench.logbook(bulk, outlet=asdict(source), **asked) as logbook:
         if kept := logbook.resume():
             course.go_on(kept)
-        fill.rain(bulk, logbook, course, source, particle, count, progress)
+        if hopper is None:
+            fill.rain(bulk, logbook, course, source, particle, count, progress)
+        elif course.settling_until is None or course.opened is None:
+            hopper.pour(bulk, logbook, course, fill_limit, progress)
         at_rest = fill.settle(bulk, logbook, course, particle, settle_limit, progress)
     return _bed(
         rig,
@@ -147,11 +131,81 @@ def run(
         logbook,
         at_rest=at_rest,
         asked=count,
-        placed=course.placed,
+        course=course,
         computing=time.process_time() - began,
-        assumptions=_assumptions(rig, source, stiffness_factor, time_step_fraction, rolling),
-        warnings=warnings,
+        assumptions={**_assumptions(rig, source), **bench.assumptions()},
+        warnings=bench.warnings(bulk, logbook),
     )
+
+
+@dataclass
+class _Course(fill.Course):
+    """How far filling, pouring and settling have come."""
+
+    opened: float | None = None  # [s], when the slide was drawn
+    in_time: bool = True  # whether the filling of the hopper rested before
+
+
+@dataclass(frozen=True)
+class Hopper:
+    """A round hopper above the cylinder, closed by a slide."""
+
+    diameter: float  # [m], inside, above the cone
+    outlet: fill.Outlet
+    particle: Particle
+    count: int
+
+    @property
+    def cone_height(self) -> float:
+        """[m]"""
+        return (self.diameter - self.outlet.diameter) / 2 * math.tan(CONE)
+
+    @property
+    def top(self) -> float:
+        """z [m] of its upper edge, as high as the filling needs when it is scattered."""
+        loose = fill.loose_height(self.particle, self.count, self.diameter)
+        return self.outlet.height + self.cone_height + loose
+
+    @property
+    def shapes(self) -> list[Shape]:
+        """The slide first."""
+        from rigtwin.sim.engine.walls import Cone, Cylinder, Disc
+
+        up, narrow, wide = (0.0, 0.0, 1.0), self.outlet.diameter / 2, self.diameter / 2
+        at, shoulder = self.outlet.height, self.outlet.height + self.cone_height
+        return [
+            Disc((0.0, 0.0, at), up, narrow),
+            Cone((0.0, 0.0, at), up, narrow, wide, self.cone_height),
+            Cylinder((0.0, 0.0, shoulder), up, wide, self.top - shoulder),
+        ]
+
+    def pour(self, bulk: Bulk, logbook: Logbook, course: _Course, limit: float, progress: Progress) -> None:
+        """Fill the hopper, draw its slide, and wait until nothing leaves it any more."""
+        wide, narrow, low = self.diameter / 2, self.outlet.diameter / 2, self.outlet.height
+        slope = (wide - narrow) / self.cone_height
+
+        def inside(points: Array, clear: float) -> npt.NDArray[np.bool_]:
+            from_axis, above = np.hypot(points[:, 0], points[:, 1]), points[:, 2] - low
+            free = narrow + slope * above - from_axis > clear * math.hypot(1, slope)
+            return np.asarray(free & (wide - from_axis > clear) & (above > clear))
+
+        if not course.placed:
+            box = np.array([-wide, -wide, low]), np.array([wide, wide, self.top])
+            fill.scatter(bulk, self.count, inside, box, self.particle, course.random)
+            course.placed = self.count
+        if course.opened is None:
+            course.in_time = fill.settle(bulk, logbook, course, self.particle, limit, progress, fill.SETTLED)
+            course.opened, course.settling_until, course.quiet = bulk.time, None, 0
+            bulk.remove_wall(SLIDE)
+        steps = max(1, round(fill.LOOK / bulk.time_step))
+        while (above := self._above(bulk)) and course.patience * fill.LOOK < FLOWING:
+            logbook.run(steps)
+            course.patience = 0 if self._above(bulk) < above else course.patience + 1
+            logbook.look(course.kept())
+            progress("pouring", self.count - above, self.count)
+
+    def _above(self, bulk: Bulk) -> int:
+        return int((bulk.grains().position[:, 2] > self.outlet.height).sum())
 
 
 def surface(centres: Array, radii: Array, diameter: float) -> Array:
@@ -182,33 +236,13 @@ def picture(rig: Packing, bed: Bed, *, turn: float = 30.0, tilt: float = 15.0) -
     return draw(bed.centres, bed.radii, walls=walls, turn=turn, tilt=tilt)
 
 
-def _bench(
-    rig: Packing,
-    soft: Particle,
-    wall: Material,
-    contacts: tuple[Contact, Contact],
-    source: fill.Outlet,
-    step: float,
-    rolling: Rolling,
-    threads: int | None,
-) -> Bulk:
-    from rigtwin.sim.engine.bulk import Bulk
-    from rigtwin.sim.engine.walls import Wall
-
-    side = max(rig.cylinder_diameter, source.diameter) / 2 + 2 * soft.diameter
-    top = source.height + source.slab + 3 * soft.diameter
-    return Bulk(
-        [soft],
-        contacts[0],
-        [Wall(shape, wall, contacts[1]) for shape in _shapes(rig)],
-        low=(-side, -side, -2 * soft.diameter),
-        high=(side, side, top),
-        open_domain=True,
-        time_step=step,
-        rolling=rolling,
-        threads=threads,
-        skin=SKIN,
-    )
+def _domain(
+    rig: Packing, particle: Particle, source: fill.Outlet, hopper: Hopper | None
+) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    wide = max(rig.cylinder_diameter, source.diameter, hopper.diameter if hopper else 0.0)
+    side = wide / 2 + 2 * particle.diameter
+    top = source.height + source.slab if hopper is None else hopper.top
+    return (-side, -side, -2 * particle.diameter), (side, side, top + 3 * particle.diameter)
 
 
 def _shapes(rig: Packing) -> list[Shape]:
@@ -227,18 +261,23 @@ def _bed(
     *,
     at_rest: bool,
     asked: int,
-    placed: int,
+    course: _Course,
     computing: float,
     assumptions: dict[str, str],
     warnings: tuple[str, ...],
 ) -> Bed:
     beads, grains = bulk.beads(), bulk.grains()
-    within = (np.hypot(*grains.position[:, :2].T) < rig.cylinder_diameter / 2) & (grains.position[:, 2] > 0)
+    z = grains.position[:, 2]
+    within = (np.hypot(*grains.position[:, :2].T) < rig.cylinder_diameter / 2) & (z > 0)
+    if rig.hopper_diameter is not None:  # some may be stuck in it
+        within &= z < rig.cylinder_height + rig.fall_height
     spheres = np.isin(beads.ident if beads.grain is None else beads.grain, grains.ident[within])
     centres, radii = beads.position[spheres], beads.radius[spheres]
     heights = surface(centres, radii, rig.cylinder_diameter)
-    overlap = bulk.largest_overlap
-    said = [*warnings, *logbook.warnings]
+    placed = course.placed
+    said = list(warnings)
+    if not course.in_time:
+        said.append("the filling of the hopper was still moving when its slide was drawn; raise fill_limit")
     if placed < asked:
         said.append(f"only {placed} of {asked} particles found room below the outlet")
     if missed := placed - int(within.sum()):
@@ -247,8 +286,6 @@ def _bed(
         said.append("the bed reaches above the cylinder; give a higher one or fewer particles")
     if not at_rest:
         said.append("the bed was still moving when the time limit was reached")
-    if overlap > OVERLAP_LIMIT:
-        said.append(f"the largest overlap was {overlap:.1%} of a radius; above {OVERLAP_LIMIT:.0%} raise the stiffness")
     return Bed(
         centres=centres,
         radii=radii,
@@ -263,25 +300,18 @@ def _bed(
         placed=placed,
         missed=missed,
         computing=computing,
-        statistics={
-            "largest_overlap": overlap,
-            **logbook.statistics(),
-            "time_step_s": bulk.time_step,
-            "steps": float(bulk.steps),
-            "lists_built": float(bulk.lists_built),
-        },
+        statistics=logbook.statistics(),
         history=logbook.history,
         assumptions=assumptions,
         warnings=tuple(said),
     )
 
 
-def _check(rig: Packing, particle: Particle, count: int, stiffness_factor: float, settle_limit: float) -> None:
+def _check(rig: Packing, particle: Particle, count: int, settle_limit: float) -> None:
     positive(
         cylinder_diameter=rig.cylinder_diameter,
         cylinder_height=rig.cylinder_height,
         fall_height=rig.fall_height,
-        stiffness_factor=stiffness_factor,
         settle_limit=settle_limit,
     )
     if rig.cylinder_diameter < 2 * particle.diameter:
@@ -296,21 +326,25 @@ def _check(rig: Packing, particle: Particle, count: int, stiffness_factor: float
         )
     if count < 1:
         raise BadInput(f"count: {count} particles make no bed; give at least 1.")
-    if stiffness_factor > 1:
-        raise BadInput(f"stiffness_factor: {stiffness_factor:g} would stiffen the particles; give at most 1.")
+    if rig.hopper_diameter is not None and rig.hopper_diameter <= (
+        rig.outlet_diameter or OUTLET * rig.cylinder_diameter
+    ):
+        raise BadInput(
+            f"hopper_diameter: {rig.hopper_diameter * 1e3:.3g} mm is no wider than its outlet; give a wider hopper."
+        )
 
 
-def _assumptions(
-    rig: Packing, source: fill.Outlet, stiffness_factor: float, fraction: float, rolling: Rolling
-) -> dict[str, str]:
+def _assumptions(rig: Packing, source: fill.Outlet) -> dict[str, str]:
     given = f"{OUTLET:g} of the cylinder" if rig.outlet_diameter is None else "as given"
-    return {
+    words = {
         "cylinder": f"{rig.cylinder_diameter * 1e3:.3g} mm wide, {rig.cylinder_height * 1e3:.3g} mm high",
         "outlet_diameter": f"{source.diameter * 1e3:.3g} mm ({given})",
+        "fall_height": f"{rig.fall_height * 1e3:.3g} mm from the outlet to the rim, and on to the bed",
+    }
+    if rig.hopper_diameter is not None:
+        wide, steep = rig.hopper_diameter * 1e3, math.degrees(CONE)
+        return words | {"hopper": f"{wide:.3g} mm wide over a cone of {steep:.0f} degrees; its slide is gone at once"}
+    return words | {
         "pour_rate": f"{source.rate:.0f} particles per second ({source.rate_from})",
         "outlet_speed": f"{source.speed:.2f} m/s",
-        "fall_height": f"{rig.fall_height * 1e3:.3g} mm from the outlet to the rim, and on to the bed",
-        "stiffness_factor": f"{stiffness_factor:g} of the real Young's moduli of particles and cylinder",
-        "time_step": f"{fraction:.0%} of Rayleigh's",
-        "rolling_resistance": f"{rolling}, torque limit mu_r Fn R on each sphere",
     }

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.records import Track
 from rigtwin.sim.engine.clock import positive
 
 Array = npt.NDArray[np.float64]
@@ -56,6 +58,26 @@ def draw(
     for triangle in corners * scale + shift:
         _veil(image, depth, triangle)
     return np.asarray(np.clip(np.rint(image), 0, 255), dtype=np.uint8)
+
+
+def strobe(
+    tracks: Sequence[Track], radius: float, *, walls: Array | None = None, flashes: int = 40, every: float | None = None
+) -> Image:
+    """Bodies of one `radius` [m] on their way, as an open shutter sees them by flashes; tracks lie in x and y.
+
+    A flash every `every` [s]; without it `flashes` over the longest track.  Later bodies are darker.
+    """
+    lasts = max(float(np.ptp(track.time)) for track in tracks)
+    step = lasts / flashes if every is None else every
+    centres, shades = [], []
+    for track in tracks:
+        at = np.arange(track.time[0], track.time[-1], step)
+        place = np.stack([np.interp(at, track.time, track.position[:, axis]) for axis in (0, 1)], axis=1)
+        centres.append(np.stack([place[:, 0], np.zeros(len(at)), place[:, 1]], axis=1))
+        shades.append(1.0 - 0.5 * (at - at[0])[:, None] / max(lasts, 1e-9) * np.ones(3))
+    tint = np.concatenate(shades) * np.array(BEAD_COLOUR)
+    place = np.concatenate(centres)
+    return draw(place, np.full(len(place), radius), walls=walls, turn=0.0, tilt=0.0, colours=tint)
 
 
 def _axes(turn: float, tilt: float) -> Array:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from rigtwin.compare import cast
-from rigtwin.compare.bulk_twins import pile_twin
+from rigtwin.compare.bulk_twins import Cast, pile_twin
 from rigtwin.compare.twin import drop_twin, needs_measurement, pendulum_twin, tilt_twin, twin_of
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput
@@ -81,7 +81,7 @@ def test_an_effect_of_the_model_acts_in_the_twin():
 def test_a_pile_twin_says_how_many_beads_stayed_and_what_it_assumed():
     contact = Contact(0.5, 0.6, 0.2)
     bead = hlosta2020.particle("D6")
-    twin = pile_twin(Pile(0.05, 0.006), bead, STEEL, contact, contact, count=250, seed=3, threads=1)
+    twin = pile_twin(Pile(0.05, 0.006), Cast(bead, STEEL, contact, contact), count=250, seed=3, threads=1)
     settings = twin.settings
     assert settings["asked"] == 250
     assert 0 <= settings["fallen"] <= settings["placed"] <= 250

@@ -1,6 +1,7 @@
 """A bed in a cylinder: what went in is in it, it packs as spheres do, and its height is that of its surface."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -90,12 +91,24 @@ def test_pellets_pour_turned_at_random_and_keep_their_shape():
     assert np.linalg.norm(spheres[:, 2] - spheres[:, 0], axis=1) == pytest.approx(4e-3)
 
 
+def test_a_hopper_with_a_slide_fills_the_cylinder_as_a_rain_does(bed):
+    rig = replace(RIG, hopper_diameter=0.06)
+    from_hopper = packing.run(rig, BEAD, PMMA, BEADS, GLASS, count=180, seed=4, threads=1)
+    assert (from_hopper.placed, from_hopper.missed) == (180, 0)
+    assert from_hopper.at_rest
+    assert from_hopper.centres[:, 2].max() < rig.cylinder_height
+    # the same beads in the same cylinder: the beds differ by less than half a layer
+    assert from_hopper.height == pytest.approx(bed.height, abs=BEAD.radius)
+    assert "60 mm" in from_hopper.assumptions["hopper"]
+
+
 @pytest.mark.parametrize(
     ("rig", "more", "words"),
     [
         (Packing(0.01), {}, "cylinder_diameter"),
         (Packing(0.04, outlet_diameter=0.05), {}, "wider than the cylinder"),
         (Packing(0.04, outlet_diameter=0.01), {}, "lets no particles"),
+        (Packing(0.04, hopper_diameter=0.02), {}, "hopper_diameter"),
         (RIG, {"count": 0}, "count"),
         (RIG, {"stiffness_factor": 2.0}, "stiffness_factor"),
         (RIG, {"pour_rate": -1.0}, "pour_rate"),

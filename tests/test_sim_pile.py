@@ -1,6 +1,7 @@
 """The twin of the piling test: a heap that rests, is round, and says what was assumed."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,9 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.materials import Contact, Material, Particle, clumped
 from rigtwin.lab.rigs import Pile
+from rigtwin.lab.shapes import row
 from rigtwin.sim import pile
+from rigtwin.sim.bench import Bench
 
 ASH = Material("ash", 720, 11e9, 0.44)
 STEEL = Material("steel", 7850, 210e9, 0.3)
@@ -131,3 +134,136 @@ def test_the_picture_shows_the_heap_on_its_base(heap):
     assert np.ptp(rows) / np.ptp(columns) == pytest.approx(heap.profiles[0].height.max() / (right - left), rel=0.01)
     brown = image[..., 0].astype(int) - image[..., 2] > 30
     assert brown.sum() > 0.5 * np.ptp(rows) * np.ptp(columns) / 2
+
+
+# ---------------------------------------------------------------------- pouring and emptying
+
+
+ROUGH, SMOOTH = Contact(0.5, 0.6, 0.1), Contact(0.5, 0.1, 0.0)
+TUBE = Pile(0.06, rim_height=0.004, variant="pouring", tube_diameter=0.03, lift_speed=0.1)
+DRAIN = Pile(0.09, variant="emptying", drain_diameter=0.042)
+
+
+def lifted(contact=ROUGH, rig=TUBE, count=150, **more) -> pile.Heap:
+    return pile.run(rig, D6, STEEL, contact, contact, **({"count": count, "seed": 2, "threads": 1} | more))
+
+
+def drained(contact=ROUGH, **more) -> pile.Heap:
+    return pile.run(DRAIN, D6, STEEL, contact, contact, **({"count": 450, "seed": 2, "threads": 1} | more))
+
+
+@pytest.fixture(scope="module")
+def poured() -> pile.Heap:
+    return lifted()
+
+
+@pytest.fixture(scope="module")
+def crater() -> pile.Heap:
+    return drained()
+
+
+def highest(heap: pile.Heap) -> float:
+    """Mean height [m] of the heap's middle; a steeper heap is higher."""
+    return float(np.mean([profile.height[np.abs(profile.x) < 0.01].mean() for profile in heap.profiles]))
+
+
+def test_a_lifted_tube_leaves_a_heap_in_the_middle_and_no_bead_unaccounted(poured):
+    assert poured.at_rest
+    assert poured.placed == 150 == len(poured.centres) + poured.fallen
+    assert np.abs(poured.centres[:, :2].mean(axis=0)) == pytest.approx([0, 0], abs=D6.radius)
+    # the tube is gone: beads lie where its wall stood
+    radius = np.hypot(*poured.centres[:, :2].T)
+    assert (np.abs(radius - 0.015) < D6.radius).any()
+    for profile in poured.profiles:
+        middle, outside = np.abs(profile.x) < 0.01, np.abs(profile.x) > 0.02
+        assert profile.height[middle].mean() > profile.height[outside].mean() + D6.radius
+
+
+def test_smooth_beads_spread_farther_from_under_a_tube_than_rough_ones(poured):
+    assert highest(lifted(SMOOTH)) < highest(poured) - D6.radius / 3
+
+
+def test_what_stays_in_an_emptied_container_slopes_down_to_the_drain(crater):
+    assert crater.at_rest
+    assert crater.warnings == ()
+    assert crater.placed == 450 == len(crater.centres) + crater.fallen
+    assert 0.1 * 450 < crater.fallen < 450
+    radius = np.hypot(*crater.centres[:, :2].T)
+    at_wall, at_drain = crater.centres[radius > 0.036, 2], crater.centres[radius < 0.026, 2]
+    assert at_wall.max() > at_drain.max() + D6.radius
+    assert crater.base_diameter == pytest.approx(0.09 - 0.042)
+
+
+def test_sections_of_a_crater_are_heaps_with_the_wall_in_the_middle(crater):
+    mean = np.mean([profile.height for profile in crater.profiles], axis=0)
+    away = np.abs(crater.profiles[0].x)  # from the wall
+    assert mean[away < 0.008].mean() > mean[away > 0.016].mean() + D6.radius / 2
+    # a section turned by half a turn shows the same two slopes, left and right exchanged
+    from rigtwin.sim.emptying import section
+
+    one, other = (section(crater.centres, crater.radii, DRAIN, 0.042, 6e-3, view) for view in (0.0, 180.0))
+    assert other.height == pytest.approx(one.height[::-1], abs=1e-9)
+
+
+def test_rough_beads_stay_in_an_emptied_container_where_smooth_ones_run_out(crater):
+    assert drained(SMOOTH).fallen > 1.2 * crater.fallen
+
+
+def test_a_bridged_drain_is_told():
+    narrow = replace(DRAIN, drain_diameter=0.014)
+    heap = pile.run(narrow, D6, STEEL, ROUGH, ROUGH, count=300, seed=2, threads=1)
+    assert any("bridged" in warning for warning in heap.warnings)
+
+
+@pytest.mark.parametrize("rig", [TUBE, DRAIN])
+def test_a_run_that_was_stopped_ends_with_the_same_bits(rig, tmp_path):
+    count = 60 if rig is TUBE else 200
+    settings_ = {"count": count, "seed": 3, "threads": 1, "settle_limit": 0.3}
+    whole = pile.run(rig, D6, STEEL, ROUGH, ROUGH, **settings_)
+    stop_after = [0]
+
+    class Stopped(Exception):
+        pass
+
+    def progress(what: str, _done: float, _of: float) -> None:
+        stop_after[0] += 1
+        if stop_after[0] == 25:
+            raise Stopped
+
+    kept = {"checkpoint": tmp_path / "heap.npz", "checkpoint_interval": 0}
+    with pytest.raises(Stopped):
+        pile.run(rig, D6, STEEL, ROUGH, ROUGH, **settings_, **kept, progress=progress)
+    again = pile.run(rig, D6, STEEL, ROUGH, ROUGH, **settings_, **kept)
+    assert np.array_equal(again.centres, whole.centres)
+    assert again.time == whole.time
+
+
+@pytest.mark.parametrize(
+    ("rig", "message"),
+    [
+        (replace(TUBE, tube_diameter=0.01), "tube_diameter"),
+        (replace(TUBE, tube_diameter=0.07), "tube_diameter"),
+        (replace(TUBE, lift_speed=-1.0), "lift_speed"),
+        (replace(DRAIN, drain_diameter=0.01), "drain_diameter"),
+        (replace(DRAIN, drain_diameter=0.085), "drain_diameter"),
+        (replace(DRAIN, rim_height=0.01), "rim_height"),
+    ],
+)
+def test_tubes_and_drains_that_cannot_be_are_refused(rig, message):
+    with pytest.raises(BadInput, match=message):
+        pile.run(rig, D6, STEEL, BEADS, BASE, count=50)
+
+
+def test_effects_of_a_model_act_on_the_heap_or_are_named_as_left_out():
+    named = {"effects": {"adhesion_jkr": {}, "camera_roll": {}, "air_drag": {}}}
+    run = SimpleNamespace(largest_overlap=0.0), SimpleNamespace(warnings=())
+    beads = Bench(BOWL, D6, STEEL, BEADS, BASE, named)
+    assert "adhesion jkr, air drag" in beads.assumptions()["effects"]
+    (said,) = beads.warnings(*run)
+    assert "camera_roll had no part" in said
+    # the engine knows forces in flight on spheres only
+    clump = clumped("pellet", ASH, row(3, 2e-3, 2e-3), mass=60e-6)
+    pellets = Bench(BOWL, clump, STEEL, BEADS, BASE, named)
+    assert pellets.assumptions()["effects"] == "adhesion jkr"
+    (said,) = pellets.warnings(*run)
+    assert "camera_roll, air_drag had no part" in said

@@ -9,7 +9,8 @@ from typing import Any
 
 from rigtwin.compare import results
 from rigtwin.compare.reproduce import rigs
-from rigtwin.compare.reproduce.tables import Cell, plan
+from rigtwin.compare.reproduce.studies import Study, studies
+from rigtwin.compare.reproduce.tables import Cell, Plan, plan
 from rigtwin.compare.runs import Done, run_all
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.reference import hlosta2020
@@ -28,6 +29,7 @@ class Reproduction:
     cells: tuple[Cell, ...]
     done: Done
     out: Path
+    studies: tuple[Study, ...] = ()
     files: dict[str, Path] = field(default_factory=dict)
 
     @property
@@ -51,6 +53,7 @@ class Reproduction:
                     "no_further": sum(
                         abs(row["ours_percent_deviation"]) <= abs(row["paper_dem_percent_deviation"]) for row in judged
                     ),
+                    **_pattern([row for row in mine if row["quantity"] == "bed_height_deviation"]),
                 }
             )
         return found
@@ -67,17 +70,34 @@ class Reproduction:
             "reference": hlosta2020.CITATION,
             "cells": self.rows,
             "scores": self.scores,
+            "studies": {study.name: study.points(self.done.results) for study in self.studies},
             "assumptions": dict(self.assumptions),
             "failures": dict(self.done.failures),
             "files": {name: str(path) for name, path in self.files.items()},
         }
 
 
+def _pattern(rows: Sequence[dict[str, Any]]) -> dict[str, float | None]:
+    """How alike a table of deviations is to the paper's: rank correlation, and mean distance in percentage points."""
+    both = [(row["ours"], row["paper_dem"]) for row in rows if row["ours"] is not None]
+    if len(both) < 3:
+        return {"rank_correlation": None, "mean_difference": None}
+    from scipy.stats import spearmanr
+
+    correlation = float(spearmanr([mine for mine, _ in both], [theirs for _, theirs in both]).statistic)
+    return {
+        "rank_correlation": correlation,
+        "mean_difference": sum(abs(mine - theirs) for mine, theirs in both) / len(both),
+    }
+
+
 def reproduce(
     out: Path,
     *,
     tables: Sequence[int] | None = None,
+    study: Sequence[str] | None = None,
     quick: bool = False,
+    only_kept: bool = False,
     repetitions: int | None = None,
     seed: int = 1,
     workers: int | None = None,
@@ -85,32 +105,49 @@ def reproduce(
 ) -> Reproduction:
     """Fill the paper's tables (all that are reproduced, or those named) and write them into `out`.
 
-    `repetitions` runs with different seeds fill a cell; finished runs are kept in ``out/runs`` and not run again.
-    Raises `BadInput` for a table that is not reproduced.
+    `study` names influence studies; without tables or studies named, and not `quick`, all of both are run.
+    `repetitions` runs with different seeds fill a cell; finished runs are kept in ``out/runs`` and not run again, and
+    with `only_kept` nothing else is shown.  Raises `BadInput` for a table or study that there is not.
     """
-    wanted = plan(tables, quick=quick, repetitions=repetitions, seed=seed)
-    done = run_all(wanted.runs, out / "runs", workers=workers, progress=progress)
-    reproduction = Reproduction(wanted.cells, done, out)
-    names = ("cells.csv", "cells.json", "report.html")
+    wanted = Plan((), ()) if study and not tables else plan(tables, quick=quick, repetitions=repetitions, seed=seed)
+    runs, shown = studies((study or ()) if study or tables or quick else None, seed=seed)
+    every = {run.name: run for run in (*wanted.runs, *runs)}
+    done = run_all(tuple(every.values()), out / "runs", workers=workers, only_kept=only_kept, progress=progress)
+    reproduction = Reproduction(wanted.cells, done, out, tuple(shown))
+    names = ("cells.csv", "cells.json", "report.html", "reproduction.md")
     reproduction.files.update({name: out / name for name in names})
     contents = {
         "cells.csv": results.table(reproduction.rows, COLUMNS),
         "cells.json": results.document(reproduction.to_json()),
-        "report.html": page(reproduction),
+        "report.html": page(reproduction, "reproduction.html"),
+        "reproduction.md": page(reproduction, "reproduction.md"),
     }
     results.write_together(out, contents)
     return reproduction
 
 
-def page(reproduction: Reproduction) -> str:
-    """The report as one HTML page."""
+def page(reproduction: Reproduction, template: str = "reproduction.html") -> str:
+    """The report as one HTML page, or as Markdown."""
     import jinja2
 
+    from rigtwin.compare.figures import study_figure
+
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("rigtwin.compare", "templates"), autoescape=True, undefined=jinja2.StrictUndefined
+        loader=jinja2.PackageLoader("rigtwin.compare", "templates"),
+        autoescape=template.endswith(".html"),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
     environment.filters["number"] = number
-    return environment.get_template("reproduction.html").render(
+    found = [(study, study.points(reproduction.done.results)) for study in reproduction.studies]
+    drawn = [
+        (study, points, study_figure(study, points) if template.endswith(".html") else "")
+        for study, points in found
+        if points
+    ]
+    return environment.get_template(template).render(
+        studies=drawn,
         citation=hlosta2020.CITATION,
         tables={
             score["table"]: (score, [row for row in reproduction.rows if row["table"] == score["table"]])

@@ -6,14 +6,17 @@ leaves unsaid is an argument with the inferred value as its default, and `ASSUME
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
-from statistics import fmean
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare.deviation import over_views
 from rigtwin.lab.quantity import Evaluation
 from rigtwin.lab.reference import hlosta2020
-from rigtwin.lab.rigs import Drum, Hopper, Pile
+from rigtwin.lab.rigs import Drum, Hopper, Packing, Pile
+
+if TYPE_CHECKING:
+    from rigtwin.compare.bulk_twins import Cast
 
 RIM = 10e-3  # [m]
 CYLINDER = 65e-3  # [m]
@@ -21,13 +24,19 @@ DRUM = 140e-3  # [m]
 DEPTH = 50e-3  # [m]
 FILL = 0.35
 SLOT = 68e-3  # [m]
+OUTLET = 50e-3  # [m], of the conical hopper
+PRINTED_EMPTIED = 12223  # particles, table 13 at 1e6 Pa
 PILED = 1.6  # beads poured over those that a heap of 30 degrees and a full bowl would hold
 
 ASSUMED = {
     "rim": "the bowls have a rim of 10 mm, and what stands above it is read, as a camera beside the bowl sees it (the "
     "paper gives neither; without a rim no pile stands)",
     "cylinder": "the 1000 mL cylinder of PMMA is 65 mm wide inside (from the paper's masses and bed heights)",
+    "surface": "a bed's height is that of its mean surface, pits included, as bulk density needs it; the tops of the "
+    "surface's beads stand half a bead higher, and the paper does not say where its gauge was read",
     "d12": "390 D12 beads, not 800, stand in the cylinder (800 do not fit under the printed height)",
+    "swept": "tables 4 to 6 print how far the simulated bed is from the measured one without its sign; particles are "
+    "those of tables A2 to A7 (the enlarged beads), but for their friction among each other",
     "drum": "the PMMA drum is 50 mm deep and 35 % full, and its end walls turn with it (the paper gives none of these)",
     "wall": "bowls are of steel; drum, cylinder and hoppers of PMMA",
     "slot": "the hopper of section 2.2.5 is a slot 68 mm long, whose width is the printed outlet (a round outlet of "
@@ -38,29 +47,40 @@ ASSUMED = {
 }
 
 
-def piling(particle: str, *, base_diameter: float, seed: int, wall: str = "steel", rim: float = RIM) -> dict[str, Any]:
-    """Angles of repose [deg] of one pile, means over four views and both sides (tables 14 and 15)."""
+def piling(
+    particle: str,
+    *,
+    base_diameter: float,
+    seed: int,
+    wall: str = "steel",
+    rim: float = RIM,
+    count: int | None = None,
+    outlet_height: float | None = None,
+) -> dict[str, Any]:
+    """Angles of repose [deg] of one pile, means over four views and both sides (tables 14 and 15).
+
+    Read above the rim and, with the suffix ``_from_plate``, above the base plate.  `count` beads are poured (None: the
+    surplus falls over the rim) through an outlet at `outlet_height` [m] above the base (None: it rises with the heap).
+    """
     import numpy as np
 
     from rigtwin.compare.bulk_twins import pile_twin
     from rigtwin.measure import pile
 
-    bead = hlosta2020.particle(particle)
-    rig = Pile(base_diameter, rim)
+    cast = _cast(particle, wall)
+    bead = cast.particle
     twin = pile_twin(
-        rig,
-        bead,
-        hlosta2020.material(wall),
-        hlosta2020.contact(particle, particle),
-        hlosta2020.contact(particle, wall),
-        count=piled_count(base_diameter, rim, bead.mass / bead.effective_density),
+        Pile(base_diameter, rim, outlet_height=outlet_height),
+        cast,
+        count=count or piled_count(base_diameter, rim, bead.mass / bead.effective_density),
         seed=seed,
         threads=1,
     )
     above = [replace(profile, height=np.maximum(profile.height - rim, 0.0)) for profile in twin.profiles]
     seen = pile.evaluate(above, base_diameter=base_diameter, bead_diameter=bead.diameter)
     from_plate = {f"{name}_from_plate": angle for name, angle in _angles(twin.evaluation).items()}
-    return {**_angles(seen), **from_plate, **_course(twin)}
+    highest = max(float(profile.height.max()) for profile in twin.profiles)
+    return {**_angles(seen), **from_plate, "height_mm": 1e3 * highest, **_course(twin)}
 
 
 def packing(
@@ -75,41 +95,25 @@ def packing(
     """Height [m] of the bed that `count` particles make in the cylinder (tables 4 to 7)."""
     from rigtwin.compare.bulk_twins import cylinder_for, packing_twin
 
-    bead = hlosta2020.particle(particle)
-    contact = hlosta2020.contact(particle, particle)
-    if static_friction is not None:
-        contact = replace(contact, static_friction=static_friction)
-    if rolling_friction is not None:
-        contact = replace(contact, rolling_friction=rolling_friction)
-    twin = packing_twin(
-        cylinder_for(cylinder, bead, count),
-        bead,
-        hlosta2020.material("PMMA"),
-        contact,
-        hlosta2020.contact(particle, "PMMA"),
-        count=count,
-        seed=seed,
-        threads=1,
-    )
-    height = next(item.value for item in twin.evaluation.quantities if item.quantity == "bed_height")
-    kept = ("surface_height_m", "packing_fraction", "seconds_per_particle", "missed")
-    return {"bed_height_mm": 1e3 * height, **{name: twin.settings[name] for name in kept}, **_course(twin)}
+    cast = _cast(particle, "PMMA", static_friction, rolling_friction)
+    twin = packing_twin(cylinder_for(Packing(cylinder), cast.particle, count), cast, count=count, seed=seed, threads=1)
+    heights = {item.method: item.value for item in twin.evaluation.quantities if item.quantity == "bed_height"}
+    kept = ("packing_fraction", "seconds_per_particle", "missed")
+    return {
+        "surface_height_mm": 1e3 * twin.settings["surface_height_m"],
+        "bead_tops_height_mm": 1e3 * heights["surface bead tops"],
+        "outline_height_mm": 1e3 * heights["outline"],
+        **{name: twin.settings[name] for name in kept},
+        **_course(twin),
+    }
 
 
 def drum(particle: str, *, speed: float, seed: int, turns: float = 0.75) -> dict[str, Any]:
     """Dynamic angles of repose [deg] in the drum that turns at `speed` [rad/s] (tables 14 and 15)."""
     from rigtwin.compare.bulk_twins import drum_twin
 
-    twin = drum_twin(
-        Drum(DRUM, speed, DEPTH, FILL),
-        hlosta2020.particle(particle),
-        hlosta2020.material("PMMA"),
-        hlosta2020.contact(particle, particle),
-        hlosta2020.contact(particle, "PMMA"),
-        seed=seed,
-        turns=turns,
-        threads=1,
-    )
+    rig = Drum(DRUM, speed, DEPTH, FILL)
+    twin = drum_twin(rig, _cast(particle, "PMMA"), seed=seed, turns=turns, threads=1)
     return {**_angles(twin.evaluation), "mixing_index": twin.settings["mixing_index"], **_course(twin)}
 
 
@@ -117,44 +121,35 @@ def slot_hopper(particle: str, *, outlet: float, count: int, seed: int) -> dict[
     """Discharge time [s] of the slot hopper (table 16)."""
     from rigtwin.compare.bulk_twins import hopper_twin
 
-    twin = hopper_twin(
-        Hopper(outlet, "slot", slot_length=SLOT),
-        hlosta2020.particle(particle),
-        hlosta2020.material("PMMA"),
-        hlosta2020.contact(particle, particle),
-        hlosta2020.contact(particle, "PMMA"),
-        count=count,
-        seed=seed,
-        threads=1,
-    )
+    rig = Hopper(outlet, "slot", slot_length=SLOT)
+    twin = hopper_twin(rig, _cast(particle, "PMMA"), count=count, seed=seed, threads=1)
     last = twin.settings["last_bead_s"]
     return {**({} if last is None else {"discharge_time_s": last}), **_course(twin)}
 
 
-def conical_hopper(*, shear_modulus: float, count: int = 15000, seed: int = 1, seconds: float = 5.0) -> dict[str, Any]:
+def conical_hopper(
+    *, shear_modulus: float, outlet: float = OUTLET, count: int = 15000, seed: int = 1, seconds: float = 5.0
+) -> dict[str, Any]:
     """Emptied D6 beads and mass flow [g/s] of the conical hopper at a shear modulus [Pa] (table 13)."""
+    import numpy as np
+
     from rigtwin.compare.bulk_twins import hopper_twin
 
-    bead = hlosta2020.particle("D6")
+    cast = _cast("D6", "PMMA")
+    bead = cast.particle
     factor = shear_modulus / bead.material.shear_modulus
     twin = hopper_twin(
-        Hopper(50e-3),
-        bead,
-        hlosta2020.material("PMMA"),
-        hlosta2020.contact("D6", "D6"),
-        hlosta2020.contact("D6", "PMMA"),
-        count=count,
-        seed=seed,
-        duration=seconds,
-        stiffness_factor=factor,
-        threads=1,
+        Hopper(outlet), cast, count=count, seed=seed, duration=seconds, stiffness_factor=factor, threads=1
     )
-    emptied = twin.settings["emptied"]
-    steady = twin.settings["mass_flow_rate_kg_s"]
+    emptied, steady = twin.settings["emptied"], twin.settings["mass_flow_rate_kg_s"]
+    (left,) = twin.series
+    gone = np.asarray(left.value[0] - left.value) / bead.mass
+    reached = np.flatnonzero(gone >= PRINTED_EMPTIED)
     return {
         "emptied": emptied,
         "mass_flow_g_s": 1e3 * emptied * bead.mass / seconds,
         "steady_mass_flow_g_s": None if steady is None else 1e3 * steady,
+        "printed_count_left_after_s": float(left.time[reached[0]]) if len(reached) else None,
         "rayleigh_step_s": replace(bead, material=bead.material.softened(factor)).rayleigh_time_step,
         **_course(twin),
     }
@@ -171,17 +166,27 @@ def piled_count(base_diameter: float, rim: float, volume: float) -> int:
     return round(PILED * 0.58 * space / volume)
 
 
+def _cast(
+    particle: str, wall: str, static_friction: float | None = None, rolling_friction: float | None = None
+) -> Cast:
+    """Particle, wall and contacts as the paper calibrated them, with other frictions among the particles if given."""
+    from rigtwin.compare.bulk_twins import Cast
+
+    contact = hlosta2020.contact(particle, particle)
+    other = {"static_friction": static_friction, "rolling_friction": rolling_friction}
+    contact = replace(contact, **{name: value for name, value in other.items() if value is not None})
+    return Cast(hlosta2020.particle(particle), hlosta2020.material(wall), contact, hlosta2020.contact(particle, wall))
+
+
 def _angles(evaluation: Evaluation) -> dict[str, float]:
-    """Mean over all views and sides."""
-    found = {}
-    for method in ("graphical", "geometric"):
-        mine = [
-            quantity.value
-            for quantity in over_views(evaluation.quantities)
-            if quantity.quantity == f"angle_of_repose_{method}" and quantity.detail.get("side") in (None, "mean")
-        ]
-        if mine:
-            found[f"{method}_deg"] = fmean(mine)
+    """Mean over all views and both sides, of the first method and of the others under their own names."""
+    found: dict[str, float] = {}
+    for quantity in over_views(evaluation.quantities):
+        if quantity.unit != "deg" or quantity.detail.get("side") not in (None, "mean"):
+            continue
+        method = quantity.quantity.removeprefix("angle_of_repose_")
+        found.setdefault(f"{method}_deg", quantity.value)
+        found[f"{method}_{re.sub('[^a-z0-9]+', '_', quantity.method).strip('_')}_deg"] = quantity.value
     return found
 
 

@@ -31,10 +31,13 @@ class Cell:
     runs: tuple[str, ...]  # names of the runs that give ours
     key: str  # of the number in their results
     assumed: tuple[str, ...] = ()
+    off: float | None = None  # the cell is how far that number is from this one, in percent and without its sign
 
     def ours(self, results: Results) -> list[float]:
         """What the finished runs gave."""
-        return [float(results[name][self.key]) for name in self.runs if name in results and self.key in results[name]]
+        found = (results[name].get(self.key) for name in self.runs if name in results)
+        values = [float(value) for value in found if value is not None]
+        return values if self.off is None else [100 * abs(value - self.off) / self.off for value in values]
 
     def row_of(self, results: Results) -> dict[str, Any]:
         """A row of ``cells.csv``: ours beside the paper's experiment and the paper's DEM, deviations in percent."""
@@ -84,6 +87,8 @@ _RIGS = "rigtwin.compare.reproduce.rigs"
 
 Rows = Iterator[tuple[Sequence[Run], Cell]]
 
+_SWEPT = {4: ("D6", 184.0), 5: ("C6_24s", 202.0), 6: ("P6x15_5s", 190.0)}  # particle, measured height [mm]
+_QUICK_FRICTIONS = ((0.05, 0.5, 1.5), (0.01, 1.0))
 _BASES = {"piling_90mm": 90e-3, "piling_150mm": 150e-3}
 _DRUM_SPEED = 3 * 2 * math.pi / 60  # [rad/s]
 _QUICK_ANGLES = (("D6", "piling_90mm"), ("D6_ABS", "piling_90mm"), ("D5_steel", "piling_90mm"))
@@ -145,8 +150,46 @@ def _beds(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows:
                 float(row["bed_height_dem_mm"]),
                 float(row["bed_height_dem_std_mm"]),
                 tuple(run.name for run in runs),
-                "bed_height_mm",
-                ("cylinder", "wall", *(("d12",) if particle == "D12" else ())),
+                "surface_height_mm",
+                ("cylinder", "surface", "wall", *(("d12",) if particle == "D12" else ())),
+            ),
+        )
+
+
+def _frictions(number: int, quick: bool, _repetitions: int | None, seed: int) -> Rows:
+    """Tables 4 to 6: how far the bed is from the measured height, over static and rolling friction."""
+    particle, height = _SWEPT[number]
+    printed = str(hlosta2020.CLUMPS.get(particle, particle))
+    count = next(int(float(row["pieces"])) for row in hlosta2020.table(3) if str(row["particle"]) == printed)
+    for row in hlosta2020.table(number):
+        sliding, rolling = float(row["mu_s_pp"]), float(row["mu_r_pp"])
+        if quick and not (number == 4 and sliding in _QUICK_FRICTIONS[0] and rolling in _QUICK_FRICTIONS[1]):
+            continue
+        settings = {"count": count, "static_friction": sliding, "rolling_friction": rolling}
+        name = f"{particle}-mus{sliding:g}-mur{rolling:g}"
+        run = Run(
+            f"packing-{name}-seed{seed}",
+            f"{_RIGS}:packing",
+            {"particle": particle, "seed": seed, **settings},
+            count * _spheres(particle),
+        )
+        where = f"{particle}, static friction {sliding:g}, rolling friction {rolling:g}"
+        deviation = float(row["height_deviation_percent"])
+        yield (
+            [run],
+            Cell(
+                number,
+                where,
+                "bed_height_deviation",
+                "%",
+                None,
+                None,
+                deviation,
+                None,
+                (run.name,),
+                "surface_height_mm",
+                ("cylinder", "surface", "wall", "swept"),
+                off=height,
             ),
         )
 
@@ -220,6 +263,9 @@ def _pile_run(particle: str, rig: str, seed: int) -> Run:
 
 
 TABLES: dict[int, Callable[[int, bool, int | None, int], Rows]] = {
+    4: _frictions,
+    5: _frictions,
+    6: _frictions,
     7: _beds,
     13: _flows,
     14: _angles,

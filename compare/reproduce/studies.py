@@ -1,0 +1,109 @@
+"""What an angle of repose hangs on: how many particles, how wide a base, which evaluation (Hlosta et al. 2020, 3.4).
+
+The paper's advice is "the base to particle size ratio should be greater than 25, and the calibration experiment should
+contain approximately 4000 particles" and that evaluations differ.  Each study pours piles of D6 and shows why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from statistics import fmean, stdev
+from typing import Any
+
+from rigtwin.compare.runs import Run
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.reference import hlosta2020
+
+Results = Mapping[str, dict[str, Any]]
+
+PARTICLE = "D6"
+COUNTS = (250, 500, 1000, 2000, 4000)
+COUNT_BASE = 0.15  # [m]
+RATIOS = (6, 10, 15, 20, 25)  # base over bead diameter
+SEEDS = 3
+READINGS = {
+    "graphical, 15-85 %": "graphical_line_15_85_deg",
+    "graphical, 20-80 %": "graphical_line_20_80_deg",
+    "geometric, apex": "geometric_apex_deg",
+    "geometric, equal area": "geometric_equal_area_deg",
+}
+SHOWN = ("graphical, 15-85 %", "geometric, apex", "geometric, equal area")
+
+
+@dataclass(frozen=True)
+class Study:
+    """Angles of piles against what was varied."""
+
+    name: str
+    title: str
+    x_label: str
+    places: Mapping[float | str, tuple[str, ...]]  # the varied value, or the base in words -> names of its runs
+    readings: Mapping[str, str]  # what is read -> key in the results
+
+    def points(self, results: Results) -> dict[str, list[tuple[float | str, float, float | None, int]]]:
+        """By reading: varied value, mean angle [deg], standard deviation over piles, and how many there are."""
+        found: dict[str, list[tuple[float | str, float, float | None, int]]] = {}
+        for reading, key in self.readings.items():
+            for place, names in self.places.items():
+                values = [float(results[name][key]) for name in names if key in results.get(name, {})]
+                if values:
+                    spread = stdev(values) if len(values) > 1 else None
+                    found.setdefault(reading, []).append((place, fmean(values), spread, len(values)))
+        return found
+
+
+def studies(names: Sequence[str] | None, *, seed: int) -> tuple[list[Run], list[Study]]:
+    """The runs of the studies `names` (all by default) and how to read them."""
+    runs: dict[str, Run] = {}
+    found = []
+    for name in STUDIES if names is None else names:
+        if name not in STUDIES:
+            raise BadInput(f"--study: there is no study {name!r}; there are {', '.join(STUDIES)}.")
+        study, needed = STUDIES[name](seed)
+        found.append(study)
+        runs.update({run.name: run for run in needed})
+    return list(runs.values()), found
+
+
+def _number(seed: int) -> tuple[Study, list[Run]]:
+    runs = {count: [_pile(COUNT_BASE, seed + k, count) for k in range(SEEDS)] for count in COUNTS}
+    title = f"Number of particles: {PARTICLE} poured on a base of {COUNT_BASE * 1e3:.0f} mm"
+    readings = {reading: READINGS[reading] for reading in SHOWN}
+    return Study("number", title, "particles poured", _names(runs), readings), _flat(runs)
+
+
+def _base(seed: int) -> tuple[Study, list[Run]]:
+    bead = hlosta2020.particle(PARTICLE).diameter
+    runs = {ratio: [_pile(ratio * bead, seed + k, None) for k in range(SEEDS)] for ratio in RATIOS}
+    title = f"Base over particle size: {PARTICLE}, the surplus falls over the rim"
+    readings = {reading: READINGS[reading] for reading in SHOWN}
+    return Study("base", title, "base diameter / bead diameter", _names(runs), readings), _flat(runs)
+
+
+def _evaluation(seed: int) -> tuple[Study, list[Run]]:
+    runs = {f"{base * 1e3:.0f} mm": [_pile(base, seed + k, None) for k in range(SEEDS)] for base in (0.09, 0.15)}
+    above = {f"{reading}, above the rim": key for reading, key in READINGS.items()}
+    plate = {f"{reading}, above the plate": f"{key}_from_plate" for reading, key in READINGS.items()}
+    title = f"Evaluation: the same piles of {PARTICLE}, read in eight ways"
+    return Study("evaluation", title, "base", _names(runs), above | plate), _flat(runs)
+
+
+def _pile(base: float, seed: int, count: int | None) -> Run:
+    settings: dict[str, Any] = {"particle": PARTICLE, "base_diameter": base, "seed": seed}
+    if count is not None:
+        settings["count"] = count
+    poured = "" if count is None else f"-{count}"
+    name = f"piling_{base * 1e3:.4g}mm-{PARTICLE}{poured}-seed{seed}"
+    return Run(name, "rigtwin.compare.reproduce.rigs:piling", settings, count or 2e7 * base**3)
+
+
+def _names(runs: Mapping[Any, Sequence[Run]]) -> dict[float | str, tuple[str, ...]]:
+    return {place: tuple(run.name for run in mine) for place, mine in runs.items()}
+
+
+def _flat(runs: Mapping[Any, Sequence[Run]]) -> list[Run]:
+    return [run for mine in runs.values() for run in mine]
+
+
+STUDIES = {"number": _number, "base": _base, "evaluation": _evaluation}

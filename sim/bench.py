@@ -1,0 +1,166 @@
+"""What every twin of many particles begins with: who takes part, by which numerics, and what is kept of the run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypedDict
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.model import NO_EFFECTS, Effects
+from rigtwin.lab.rigs import Rig
+from rigtwin.sim.engine.clock import USUAL, positive, time_step
+
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.bulk import Bulk
+    from rigtwin.sim.engine.contact import Rolling
+    from rigtwin.sim.engine.terms import Active
+    from rigtwin.sim.engine.walls import Shape
+    from rigtwin.sim.logbook import Logbook
+
+Array = npt.NDArray[np.float64]
+
+FRAME_INTERVAL = 0.01  # [s]
+CHECKPOINT_INTERVAL = 60.0  # [s] of computing; what a power cut may cost
+OVERLAP_LIMIT = 0.05  # of a radius; softer contacts than this bend the result
+
+
+class Numerics(TypedDict, total=False):
+    """How a twin of many particles is worked out; none of it is the experimenter's."""
+
+    stiffness_factor: float  # Young's moduli are multiplied by it; a thousandth (Hlosta et al. 2020, section 2.2.3)
+    time_step_fraction: float  # of Rayleigh's step; 30 %
+    rolling: Rolling  # "type C"
+    effects: Effects  # those of a model, by name
+    threads: int | None  # None: all
+    trajectory: Path | None  # .gsd or .vtkhdf, with the walls beside it in <stem>-walls.vtk
+    trajectory_interval: float  # [s] simulated
+    checkpoint: Path | None  # a run whose file is there goes on from it, and ends with the same bits
+    checkpoint_interval: float  # [s] of computing
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A rig, what is filled into it, and the numerics."""
+
+    rig: Rig
+    particle: Particle
+    wall: Material
+    contact: Contact
+    wall_contact: Contact
+    numerics: Numerics
+
+    def __post_init__(self) -> None:
+        positive(stiffness_factor=self.stiffness_factor)
+        if self.stiffness_factor > 1:
+            raise BadInput(f"stiffness_factor: {self.stiffness_factor:g} would stiffen the beads; give at most 1.")
+        self.time_step()
+
+    @property
+    def stiffness_factor(self) -> float:
+        return self.numerics.get("stiffness_factor", 1e-3)
+
+    @property
+    def rolling(self) -> Rolling:
+        return self.numerics.get("rolling", "type C")
+
+    @property
+    def soft(self) -> Particle:
+        """The particle as it is simulated."""
+        return replace(self.particle, material=self.particle.material.softened(self.stiffness_factor))
+
+    def time_step(self) -> tuple[float, tuple[str, ...]]:
+        """[s], with what speaks against it."""
+        return time_step([self.soft], self.numerics.get("time_step_fraction", USUAL))
+
+    def bulk(
+        self,
+        shapes: Sequence[Shape],
+        domain: tuple[Sequence[float] | Array, Sequence[float] | Array],
+        *,
+        skin: float | None = None,
+        open_domain: bool = True,
+    ) -> Bulk:
+        """The simulation, still without beads, in a `domain` [m] from its low to its high corner."""
+        from rigtwin.sim.engine.bulk import SKIN, Bulk
+        from rigtwin.sim.engine.walls import Wall
+
+        (x, y, z), (to_x, to_y, to_z) = ([float(c) for c in corner] for corner in domain)
+        wall = self.wall.softened(self.stiffness_factor)
+        return Bulk(
+            [self.soft],
+            self.contact,
+            [Wall(shape, wall, self.wall_contact) for shape in shapes],
+            low=(x, y, z),
+            high=(to_x, to_y, to_z),
+            open_domain=open_domain,
+            time_step=self.time_step()[0],
+            rolling=self.rolling,
+            effects=self._effects()[0],
+            threads=self.numerics.get("threads"),
+            skin=SKIN if skin is None else skin,
+        )
+
+    def logbook(self, bulk: Bulk, **settings: Any) -> Logbook:
+        """What runs `bulk` and writes it down; `settings` are those of the rig's own that decide the outcome."""
+        from rigtwin.sim.logbook import Logbook
+
+        parts = ("rig", "particle", "wall", "contact", "wall_contact")
+        numerics = {
+            "stiffness_factor": self.stiffness_factor,
+            "time_step_fraction": self.numerics.get("time_step_fraction", USUAL),
+            "rolling": self.rolling,
+            "effects": {name: dict(values) for name, values in self.numerics.get("effects", NO_EFFECTS).items()},
+        }
+        return Logbook(
+            bulk,
+            {**{name: asdict(getattr(self, name)) for name in parts}, **numerics, **settings},
+            trajectory=self.numerics.get("trajectory"),
+            trajectory_interval=self.numerics.get("trajectory_interval", FRAME_INTERVAL),
+            checkpoint=self.numerics.get("checkpoint"),
+            checkpoint_interval=self.numerics.get("checkpoint_interval", CHECKPOINT_INTERVAL),
+        )
+
+    def assumptions(self) -> dict[str, str]:
+        """The numerics in words, for the result."""
+        acting, _ = self._effects()
+        effects = {"effects": ", ".join(one.effect.name.replace("_", " ") for one in acting)} if acting else {}
+        return {
+            "stiffness_factor": f"{self.stiffness_factor:g} of the real Young's moduli of beads and walls",
+            "time_step": f"{self.numerics.get('time_step_fraction', USUAL):.0%} of Rayleigh's",
+            "rolling_resistance": f"{self.rolling}, torque limit mu_r Fn R on each bead",
+            **effects,
+        }
+
+    def warnings(self, bulk: Bulk, logbook: Logbook) -> tuple[str, ...]:
+        """What speaks against the numerics of a run that ended."""
+        said = [*self.time_step()[1], *logbook.warnings]
+        if left_out := self._effects()[1]:
+            said.append(f"the model's {', '.join(left_out)} had no part in this run: {_why_not(self.particle)}")
+        if bulk.largest_overlap > OVERLAP_LIMIT:
+            said.append(
+                f"the largest overlap was {bulk.largest_overlap:.1%} of a radius; "
+                f"above {OVERLAP_LIMIT:.0%} raise stiffness_factor"
+            )
+        return tuple(said)
+
+    def _effects(self) -> tuple[tuple[Active, ...], list[str]]:
+        """Effects of the model that act here, and the names of those that do not."""
+        from rigtwin.sim.engine.terms import acting
+
+        named = self.numerics.get("effects", NO_EFFECTS)
+        if not named:
+            return (), []
+        clumps = self.particle.shape is not None
+        active = tuple(one for one in acting(named) if not (clumps and one.effect.force is not None))
+        return active, [name for name in named if name not in {one.effect.name for one in active}]
+
+
+def _why_not(particle: Particle) -> str:
+    forces = "" if particle.shape is None else ", and forces in flight on single spheres only"
+    return f"only forces on beads and contacts act among many particles{forces}"

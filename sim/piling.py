@@ -1,0 +1,165 @@
+"""A heap by piling: beads rain on the middle of a bowl and the surplus falls over its rim."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import Particle
+from rigtwin.lab.progress import Progress
+from rigtwin.lab.rigs import GRAVITY, Pile
+from rigtwin.sim import fill
+from rigtwin.sim.engine.clock import positive
+
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.bulk import Bulk
+    from rigtwin.sim.engine.walls import Shape
+    from rigtwin.sim.logbook import Logbook
+
+Array = npt.NDArray[np.float64]
+
+SLOW = 0.1  # [m/s], a bead below this speed belongs to the heap, above it is still falling
+QUICK_RATE = 400.0  # [1/s], poured at least, to keep a run short, where a free stream carries it
+STREAM = 0.2  # part of a free stream that is beads, at most
+NARROWEST = 3  # bead diameters
+
+
+@dataclass
+class Course(fill.Course):
+    """How far a heap has come."""
+
+    height: float = 0.0  # [m], of the outlet that rises with the heap
+    opened: float | None = None  # [s], when the tube began to rise, or the drain was opened
+    in_time: bool = True  # whether the filling rested before
+
+
+@dataclass(frozen=True)
+class Outlet:
+    diameter: float  # [m]
+    speed: float  # [m/s], of the beads leaving it
+    rate: float  # [1/s]
+    rate_from: str
+    fall_height: float  # [m], above the top of the heap
+    stands: float | None  # [m], above the base, where the outlet does not rise
+
+
+@dataclass(frozen=True)
+class Piling:
+    """Bowl and funnel."""
+
+    rig: Pile
+    particle: Particle
+    count: int
+    outlet: Outlet
+
+    @property
+    def shapes(self) -> list[Shape]:
+        return bowl(self.rig)
+
+    @property
+    def domain(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        outlet, diameter = self.outlet, self.particle.diameter
+        side = self.rig.base_diameter / 2 + 4 * diameter
+        # a heap steeper than 45 degrees is not expected; the outlet stops rising there
+        highest = self.rig.rim_height + self.rig.base_diameter / 2 + outlet.fall_height
+        top = max(highest, outlet.stands or 0.0) + 4 * fill.LOOK * outlet.speed + 4 * diameter
+        return (-side, -side, -2 * diameter), (side, side, top)
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        return {"outlet": asdict(self.outlet)}
+
+    @property
+    def assumptions(self) -> dict[str, str]:
+        rig, outlet = self.rig, self.outlet
+        given = (
+            f"a quarter of the base, at least {NARROWEST} bead diameters" if rig.outlet_diameter is None else "as given"
+        )
+        falls = f"{outlet.fall_height * 1e3:.3g} mm above the top of the heap, with which the outlet rises"
+        return {
+            "outlet_diameter": f"{outlet.diameter * 1e3:.3g} mm ({given})",
+            "pour_rate": f"{outlet.rate:.0f} beads per second ({outlet.rate_from})",
+            "outlet_speed": f"{outlet.speed:.2f} m/s",
+            "fall_height": falls if outlet.stands is None else f"{outlet.stands * 1e3:.3g} mm above the base, fixed",
+            "rim_height": f"{rig.rim_height * 1e3:.3g} mm" if rig.rim_height else "none: a flat disc",
+        }
+
+    def form(self, bulk: Bulk, logbook: Logbook, course: Course, progress: Progress) -> None:
+        """Rain the beads."""
+        outlet, particle = self.outlet, self.particle
+        steps = max(1, round(fill.LOOK / bulk.time_step))
+        slab = 1.5 * outlet.speed * fill.LOOK + particle.diameter
+        while course.placed < self.count and course.patience < fill.PATIENCE:
+            beads = bulk.beads()
+            resting = beads.position[(beads.velocity**2).sum(1) < SLOW**2, 2]
+            height = max(course.height, resting.max(initial=0.0) + particle.radius + outlet.fall_height)
+            height = height if outlet.stands is None else outlet.stands
+            course.height = float(min(height, bulk.top - slab - particle.diameter))
+            due = min(self.count, math.ceil(outlet.rate * (bulk.time + fill.LOOK))) - course.placed
+            source = fill.Outlet(outlet.diameter, course.height, outlet.rate, outlet.speed, outlet.rate_from)
+            new = fill.places(beads.position, source, particle.diameter, due, course.random)
+            turn = None if particle.shape is None else course.random.normal(size=(len(new), 4))
+            bulk.add(new, np.array([0.0, 0.0, -outlet.speed]), turn=turn)
+            course.patience = 0 if len(new) else course.patience + 1
+            course.placed += len(new)
+            logbook.run(steps)
+            logbook.look(course.kept())
+            progress("pouring", course.placed, self.count)
+
+    def warnings(self, course: Course, staying: Array) -> list[str]:
+        found = []
+        if course.placed < self.count:
+            found.append(f"only {course.placed} of {self.count} beads found room below the outlet")
+        if self.rig.rim_height == 0:
+            found.append(
+                f"the base has no rim: {len(staying)} of {course.placed} beads stayed on it; "
+                "give rim_height if it has one"
+            )
+        return found
+
+
+def piling(rig: Pile, particle: Particle, count: int, rate: float | None, fall_height: float | None) -> Piling:
+    """The funnel over the bowl; `rate` [1/s] and `fall_height` [m] as in `rigtwin.sim.pile.run`."""
+    bead = particle.diameter
+    usual = max(rig.base_diameter / 4, NARROWEST * bead)
+    diameter = usual if rig.outlet_diameter is None else rig.outlet_diameter
+    if diameter < 2 * bead:
+        raise BadInput(
+            f"outlet_diameter: {diameter * 1e3:.3g} mm lets no beads of {bead * 1e3:.3g} mm through; "
+            "give at least two bead diameters."
+        )
+    free = math.sqrt(GRAVITY * diameter / 2)  # [m/s], as fast as a free discharge leaves
+    solid = particle.mass / particle.effective_density
+    rate_from = "as given"
+    if rate is None:
+        # Beverloo's law, bulk density 0.6 of the bead's
+        flow = 0.58 * 0.6 * particle.effective_density * math.sqrt(GRAVITY) * (diameter - 1.4 * bead) ** 2.5
+        rate, rate_from = flow / particle.mass, "Beverloo's discharge of the outlet"
+        # beads thrown faster than they fall freely would dig into the heap
+        quick = min(QUICK_RATE, STREAM * math.pi / 4 * diameter**2 * free / solid)
+        if rate < quick:
+            rate, rate_from = quick, f"above Beverloo's {rate:.0f}, to keep the run short"
+    height = 3 * bead if fall_height is None else fall_height
+    positive(pour_rate=rate, fall_height=height)
+    if rig.outlet_height is not None:
+        positive(outlet_height=rig.outlet_height)
+    # fast enough that the beads keep clear of each other
+    thinnest = rate * solid / (STREAM * math.pi / 4 * diameter**2)
+    outlet = Outlet(diameter, max(free, thinnest), rate, rate_from, height, rig.outlet_height)
+    return Piling(rig, particle, count, outlet)
+
+
+def bowl(rig: Pile) -> list[Shape]:
+    """The base, and its rim where it has one."""
+    from rigtwin.sim.engine.walls import Cylinder, Disc
+
+    up = (0.0, 0.0, 1.0)
+    shapes: list[Shape] = [Disc((0.0, 0.0, 0.0), up, rig.base_diameter / 2)]
+    if rig.rim_height > 0:
+        shapes.append(Cylinder((0.0, 0.0, 0.0), up, rig.base_diameter / 2, rig.rim_height))
+    return shapes
