@@ -147,13 +147,15 @@ def parsed(text: str, dimension: str, name: str) -> float:
 
 
 def needed(text: str, dimension: str, name: str) -> float:
-    """A quantity in SI that must be above zero, and no longer than a bench where it is a length."""
+    """A quantity in SI that must be above zero, no longer than a bench, no more than half a turn."""
     from rigtwin.lab.errors import BadQuantity
     from rigtwin.lab.units import LONGEST
 
     value = parsed(text, dimension, name)
     if value <= 0:
         raise BadQuantity(f"{name}: {text!r} is not above zero; give a positive value.")
+    if dimension == "angle" and value > math.pi:
+        raise BadQuantity(f"{name}: {text!r} is {value:g} rad; write an angle with its unit, like '45deg'.")
     bead = name == "--bead-diameter"
     if dimension == "length" and not SHORTEST <= value <= (LARGEST_BEAD if bead else LONGEST):
         what, example = ("a bead's diameter", "6mm") if bead else ("a length", "300mm")

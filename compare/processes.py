@@ -12,6 +12,8 @@ from contextlib import contextmanager
 
 from rigtwin.lab.errors import RigtwinError
 
+THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+
 
 @contextmanager
 def spawned(jobs: int, workers: int | None = None) -> Iterator[ProcessPoolExecutor]:
@@ -40,15 +42,32 @@ def spawned(jobs: int, workers: int | None = None) -> Iterator[ProcessPoolExecut
 
 @contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Processes started inside begin with Ctrl-C held back, until they are ready to die of it without a traceback."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    """Processes started inside begin with Ctrl-C held back, until they are ready to die of it without a traceback.
+
+    They do linear algebra in one thread, as the pool already uses every core.
+    """
+    with _one_thread_each():
+        if not hasattr(signal, "pthread_sigmask"):  # Windows
+            yield
+            return
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """What a process is born with; NumPy's linear algebra reads it once, at its import."""
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update({name: value or "1" for name, value in before.items()})
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
 
 
 def _start_worker() -> None:

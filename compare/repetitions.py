@@ -60,8 +60,10 @@ def measuring(experiments: Sequence[Experiment], out: Path, workers: int | None 
     ]
     with spawned(len(jobs), workers) as pool:
         with interrupts_held():
-            pending = [(item.id, pool.submit(measure_repetition, item, views, folder)) for item, views, folder in jobs]
-        yield Pending(pending)
+            # a heap's views are one long job: the others then fill up beside it
+            longest_first = sorted(range(len(jobs)), key=lambda k: -len(jobs[k][1]))
+            started = {k: pool.submit(measure_repetition, *jobs[k]) for k in longest_first}
+        yield Pending([(jobs[k][0].id, started[k]) for k in range(len(jobs))])
 
 
 @dataclass(frozen=True)

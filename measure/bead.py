@@ -160,6 +160,7 @@ class _Fit:
     misfit: float  # [grey levels], mean absolute residual
 
 
+STEADY = 0.03  # [px], a shake that moving the picture back would blur more than it helps
 FLICKER = 0.01  # relative change of brightness above which a frame is levelled with an offset as well
 _SHAPES = 6
 _LIGHTS = 4
@@ -577,9 +578,9 @@ class Scene:
 
         `start` is a guess of the shake, e.g. that of the frame before.
         """
-        shift, gain = self._shake(grey, start)
+        shift, gain = self.placed(grey, start)
         steady = grey.astype(np.float32)
-        if max(abs(shift[0]), abs(shift[1])) > 0.03:
+        if max(abs(shift[0]), abs(shift[1])) > STEADY:
             turn = np.array([[1, 0, shift[0]], [0, 1, shift[1]]], dtype=np.float32)
             steady = np.asarray(
                 cv2.warpAffine(
@@ -633,7 +634,7 @@ class Scene:
         x, y = np.concatenate(chosen, axis=1)
         return x.astype(np.float64), y.astype(np.float64), slope_x[y, x].astype(float), slope_y[y, x].astype(float)
 
-    def _shake(self, grey: Grey, start: tuple[float, float]) -> tuple[tuple[float, float], float]:
+    def placed(self, grey: Grey, start: tuple[float, float]) -> tuple[tuple[float, float], float]:
         """Shift of a frame against the scene [px] and its gain, by Gauss-Newton on the strongest edges."""
         x, y, slope_x, slope_y = self._anchors
         if len(x) < 60:

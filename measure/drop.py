@@ -408,7 +408,7 @@ def _find_bead(
     video: Video, camera: Camera, drag: AirDrag, bead_diameter: float | None, progress: Progress
 ) -> tuple[Chase, Track, frozenset[int]]:
     """The bead among all that moves: the thing that falls and bounces."""
-    scene = learn_scene(video, video.first, video.last).scene()
+    scene = learn_scene(video).scene()
     moves = find_paths(video, scene, camera.region, progress)
     paths = moves.paths
     size = None
@@ -418,6 +418,12 @@ def _find_bead(
     joined = _join_flights(ranked, size)
     ranked = ranked if joined is None else [joined, *ranked]
     likely = [path for path in ranked[:3] if _likeness(path, size) > 0.02 * _likeness(ranked[0], size) > 0]
+    if not likely and camera.region is not None:
+        region = ",".join(f"{side:g}" for side in camera.region)
+        raise NothingToMeasure(
+            f"{video.path}: nothing falls inside --region {region} (frames {video.first} to {video.last}); "
+            "move it to where the bead falls, or leave it out."
+        )
     if not likely:
         raise NothingToMeasure(
             f"{video.path}: nothing falls in this clip (frames {video.first} to {video.last}); film the bead with a "

@@ -208,9 +208,10 @@ def _write_video(
     by_frame = {sighting.frame: sighting for sighting in seen.sightings}
     zoom = min(1.0, _LONGEST_SIDE / max(video.width, video.height))
     trail: list[tuple[float, float]] = []
+    first, last = seen.cuts[0].frame, seen.cuts[-1].frame
     # high-speed clips are shown slowly, as one wants to see them
     with OverlayVideo(path, frame_rate=min(video.playback_rate or 30.0, 30.0)) as overlay:
-        for frame in video.frames():
+        for frame in video.frames(first, last):
             sighting = by_frame.get(frame.index)
             strobe.add(frame, sighting)
             picture = frame.colour.copy() if zoom == 1 else _shrunk(frame.colour, zoom)
@@ -223,7 +224,7 @@ def _write_video(
             draw_path(picture, (np.array(trail[-40:]).reshape(-1, 2) + shake) * zoom, SKY)
             _mark_past(picture, frame, bounces, measurement, seen, zoom)
             overlay.write(picture)
-            progress("drawing the overlay", frame.index - video.first + 1, video.last - video.first + 1)
+            progress("drawing the overlay", frame.index - first + 1, last - first + 1)
 
 
 def _shrunk(picture: Image, zoom: float) -> Image:

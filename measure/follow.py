@@ -15,13 +15,29 @@ import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.measure.bead import Background, BeadFit, BeadImage, Look, Mask, Scene, View, common_look, fit_bead
+from rigtwin.measure.bead import (
+    FLICKER,
+    STEADY,
+    Background,
+    BeadFit,
+    BeadImage,
+    Look,
+    Mask,
+    Picture,
+    Scene,
+    View,
+    common_look,
+    fit_bead,
+)
 from rigtwin.measure.media import Frame, Video
-from rigtwin.measure.repeats import Repeats
+from rigtwin.measure.repeats import COARSE, Repeats, coarse
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 Region = tuple[float, float, float, float]
+
+LARGE = 1_000_000  # [px], of a picture, above which moving things are looked for in a coarser one first
+REST = 60  # frames of a bead at rest that are worth a look before and after it moves
 
 
 @dataclass(frozen=True)
@@ -98,9 +114,9 @@ class Channel:
 LUMA = Channel()
 
 
-def learn_scene(video: Video, first: int, last: int) -> Background:
-    """Background from frames spread evenly over `first` to `last`."""
-    return _background(frames_of(video, _spread(first, last, Background.capacity)))
+def learn_scene(video: Video) -> Background:
+    """Background from frames spread evenly over the clip."""
+    return _background(video.single(video.spread(Background.capacity)))
 
 
 def _background(frames: Sequence[Frame], channel: Channel = LUMA) -> Background:
@@ -111,14 +127,8 @@ def _background(frames: Sequence[Frame], channel: Channel = LUMA) -> Background:
 
 
 def frames_of(video: Video, indices: Collection[int]) -> list[Frame]:
-    """Some frames of a video; it is read no further than the last of them."""
-    found = []
-    for frame in video.frames():
-        if frame.index in indices:
-            found.append(frame)
-        if frame.index >= max(indices):
-            break
-    return found
+    """Some frames of a video; what lies before the first and behind the last of them is not read."""
+    return [frame for frame in video.frames(min(indices), max(indices)) if frame.index in indices]
 
 
 def _spread(first: int, last: int, count: int) -> set[int]:
@@ -185,25 +195,100 @@ def moving_spots(view: View, scene: Scene, region: Region | None, *, most: int =
     difference = np.abs(cv2.blur(view.grey - scene.picture, (3, 3)))
     # compression and demosaicing tie neighbouring pixels together: learn from the frame what averaging leaves of noise
     left = float(np.median((difference / scene.noise)[::3, ::3])) / 0.6745
-    mask = (difference > np.float32(6 * left) * scene.noise + np.float32(1.5)).astype(np.uint8)
+    mask = _outstanding(difference, scene.noise, left)
     if region is not None:
-        x, y, width, height = (round(side) for side in region)
-        inside = np.zeros_like(mask)
-        inside[max(y, 0) : y + height, max(x, 0) : x + width] = 1
-        mask &= inside
+        mask &= _inside(region, mask.shape)
+    return _strongest(_spots(difference, mask, (0, 0), 4 * most), most)
+
+
+def _outstanding(difference: Picture, noise: Picture, left: float) -> Grey:
+    return np.asarray(difference > np.float32(6 * left) * noise + np.float32(1.5), dtype=np.uint8)
+
+
+def _inside(region: Region, shape: tuple[int, ...]) -> Grey:
+    x, y, width, height = (round(side) for side in region)
+    inside = np.zeros(shape, dtype=np.uint8)
+    inside[max(y, 0) : y + height, max(x, 0) : x + width] = 1
+    return inside
+
+
+def _spots(difference: Picture, mask: Grey, corner: tuple[int, int], most: int) -> list[Spot]:
+    """The largest spots of a mask whose top-left pixel is `corner` of the picture."""
     count, labels, stats, centres = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    if count < 2:
-        return []
-    order = 1 + np.argsort(-stats[1:, cv2.CC_STAT_AREA])[: 4 * most]
     spots = []
-    for k in order:
+    for k in 1 + np.argsort(-stats[1:count, cv2.CC_STAT_AREA])[:most]:
         left, top, width, height, area = (int(value) for value in stats[k])
         if area < 6:
             continue
         box = np.s_[top : top + height, left : left + width]
         contrast = float(np.mean(difference[box][labels[box] == k]))
-        spots.append(Spot(float(centres[k][0]), float(centres[k][1]), area, width, height, contrast))
+        x, y = float(centres[k][0]) + corner[0], float(centres[k][1]) + corner[1]
+        spots.append(Spot(x, y, area, width, height, contrast))
+    return spots
+
+
+def _strongest(spots: list[Spot], most: int) -> list[Spot]:
     return sorted(spots, key=lambda spot: -spot.area * spot.contrast)[:most]
+
+
+class _Search:
+    """Finds what moves in frame after frame; in large ones only where a coarse picture of them has changed."""
+
+    def __init__(self, scene: Scene, region: Region | None) -> None:
+        self.scene, self.region, self.repeats = scene, region, Repeats()
+        self.shakes: list[tuple[float, float]] = []
+        height, width = scene.picture.shape
+        self._large = height * width > LARGE
+        if self._large:
+            size = (width // COARSE, height // COARSE)
+            self._coarse = coarse(np.clip(np.round(scene.picture), 0, 255).astype(np.uint8))
+            noise = cv2.resize(scene.noise, size, interpolation=cv2.INTER_AREA)
+            # a bead covers whole cells, in which noise averages out
+            self._least = np.clip(np.ceil(noise + 2), 3, 255).astype(np.uint8)
+            self._inside = coarse(255 * _inside(region, (height, width))) > 0 if region is not None else None
+            self._strips = np.linspace(0, height - 3, 12).astype(int)[:, None] + np.arange(3)
+
+    def spots(self, frame: Frame, most: int = 12) -> list[Spot]:
+        """The spots of the next frame, the strongest first."""
+        small = coarse(frame.grey)
+        self.repeats.add(frame.index, small)
+        start = self.shakes[-1] if self.shakes else (0.0, 0.0)
+        if self._large:
+            shake, gain = self.scene.placed(frame.grey, start)
+            windows = self._windows(small) if max(map(abs, shake)) < STEADY and abs(gain - 1) < FLICKER else None
+            if windows is not None:
+                self.shakes.append(shake)
+                return self._in_windows(frame.grey, gain, windows, most)
+        view = self.scene.view(frame.grey, start)
+        self.shakes.append(view.shake)
+        return moving_spots(view, self.scene, self.region, most=most)
+
+    def _windows(self, small: Grey) -> list[tuple[int, int, int, int]] | None:
+        """Left, top, right, bottom of the parts that have changed; None where that is much of the picture."""
+        changed = cv2.absdiff(small, self._coarse) > self._least
+        if self._inside is not None:
+            changed &= self._inside
+        around = cv2.dilate(changed.astype(np.uint8), np.ones((5, 5), np.uint8))
+        count, _, stats, _ = cv2.connectedComponentsWithStats(around, connectivity=8)
+        boxes = stats[1:count, :4] * COARSE
+        if float(np.sum(boxes[:, 2] * boxes[:, 3])) > 0.2 * self.scene.picture.size or count > 200:
+            return None
+        return [(int(x), int(y), int(x + width), int(y + height)) for x, y, width, height in boxes]
+
+    def _in_windows(self, grey: Grey, gain: float, windows: list[tuple[int, int, int, int]], most: int) -> list[Spot]:
+        if not windows:
+            return []
+        scene, level = self.scene, np.float32(1 / gain)
+        strips = (grey[self._strips] * level - scene.picture[self._strips]).mean(axis=1)
+        averaged = np.abs(cv2.blur(strips, (3, 1)))[:, ::3] / scene.noise[self._strips[:, 1], ::3]
+        left = float(np.median(averaged)) / 0.6745
+        spots = []
+        for x, y, right, bottom in windows:
+            window = np.s_[y:bottom, x:right]
+            difference = np.abs(cv2.blur(grey[window] * level - scene.picture[window], (3, 3)))
+            mask = _outstanding(difference, scene.noise[window], left)
+            spots += _spots(difference, mask, (x, y), 4 * most)
+        return _strongest(spots, most)
 
 
 class Linker:
@@ -276,22 +361,16 @@ class Movement:
 
 def find_paths(video: Video, scene: Scene, region: Region | None, progress: Progress = silent) -> Movement:
     """Paths of everything that moves, and the camera's shake."""
+    search = _Search(scene, region)
     found: dict[int, list[Spot]] = {}
-    shakes = []
-    shake = (0.0, 0.0)
-    repeats = Repeats()
     for frame in video.frames():
-        view = scene.view(frame.grey, shake)
-        shake = view.shake
-        shakes.append(shake)
-        repeats.add(frame.index, frame.grey)
-        found[frame.index] = moving_spots(view, scene, region)
+        found[frame.index] = search.spots(frame)
         progress("finding what moves", frame.index - video.first + 1, video.last - video.first + 1)
-    linker, repeated = Linker(), repeats.frames()
+    linker, repeated = Linker(), search.repeats.frames()
     for index, spots in found.items():
         if index not in repeated:
             linker.add(index, spots)
-    return Movement(linker.paths(), np.array(shakes), repeated)
+    return Movement(linker.paths(), np.array(search.shakes), repeated)
 
 
 def chase(
@@ -329,7 +408,9 @@ def chase(
 
 def chase_path(video: Video, path: SpotPath, moves: Movement, progress: Progress = silent) -> Chase:
     """`chase` in the best channel, before the scene without the bead, wherever it rests."""
-    seen = frames_of(video, _spread(path.frames[0], path.frames[-1], Background.capacity))
+    begin, end = _busy(path)
+    first, last = max(path.frames[0], begin), min(path.frames[-1], end)
+    seen = frames_of(video, _spread(first, last, Background.capacity))
     channel = best_channel(seen[::2], path)
     background = _background(seen, channel)
     frames = np.array(path.frames)
@@ -395,7 +476,8 @@ def _cut_out(video: Video, path: SpotPath, scene: Scene, channel: Channel, progr
     where = _place(path)
     cuts = []
     shake = (0.0, 0.0)
-    for frame in video.frames():
+    first, last = _busy(path)
+    for frame in video.frames(first, last):
         view = scene.view(channel.grey(frame), shake)
         shake = view.shake
         near, step = where(frame.index)
@@ -407,6 +489,17 @@ def _cut_out(video: Video, path: SpotPath, scene: Scene, channel: Channel, progr
             cuts.append(_Cut(frame.index, frame.time, grey, left, top, near, step, shake))
         progress("cutting out the bead", frame.index - video.first + 1, video.last - video.first + 1)
     return cuts
+
+
+def _busy(path: SpotPath) -> tuple[int, int]:
+    """First and last frame of interest: while the bead moves, and a while before and after."""
+    frames, centres = path.frames, path.centres
+    moved = 0.3 * path.radius + 1
+    begun = np.flatnonzero(np.hypot(*(centres - np.median(centres[:5], axis=0)).T) > moved)
+    going = np.flatnonzero(np.hypot(*(centres - np.median(centres[-5:], axis=0)).T) > moved)
+    first = frames[begun[0]] if len(begun) else frames[0]
+    last = frames[going[-1]] if len(going) else frames[-1]
+    return first - REST, last + REST
 
 
 def _place(path: SpotPath) -> Callable[[int], tuple[tuple[float, float], tuple[float, float]]]:

@@ -7,7 +7,7 @@ it is used; where the file's own time stamps cannot be trusted (B-frames in AVI)
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -23,6 +23,7 @@ from rigtwin.measure import sources
 from rigtwin.measure.lens import straight
 
 SMALLEST = 5  # [px], no rig fits into less
+FEWEST_KEYS = 9  # pictures that a median over time needs
 
 Grey = sources.Grey
 Image = sources.Image
@@ -60,20 +61,37 @@ class Video:
     warnings: tuple[str, ...] = field(default=())
     skipped: frozenset[int] = field(default=frozenset())  # pictures that `frames()` leaves out
 
-    def frames(self) -> Iterator[Frame]:
-        """The pictures from `first` to `last`, in order."""
-        index = -1
+    def frames(self, first: int | None = None, last: int | None = None) -> Iterator[Frame]:
+        """The pictures from `first` to `last`, the video's own where not given, in order."""
+        first = self.first if first is None else max(first, self.first)
+        last = self.last if last is None else min(last, self.last)
+        index = first - 1
         try:
-            for index, (grey, in_colour) in enumerate(self.source.pictures()):
-                if index >= self.first and index not in self.skipped:
+            for index, (grey, in_colour) in enumerate(self.source.pictures(first), start=first):
+                if index not in self.skipped:
                     yield Frame(index, float(self.times[index]), grey, in_colour)
-                if index == self.last:
+                if index == last:
                     return  # a damaged rest of the file is never touched
         except av.FFmpegError:
             pass
         raise UnreadableMedia(
             f"{self.path}: is damaged after picture {index}; end the measurement before it with --end {index}f."
         )
+
+    def spread(self, count: int) -> set[int]:
+        """About `count` frames spread evenly from `first` to `last`; of a long film such as are quickly read."""
+        there = [index for index in range(self.first, self.last + 1) if index not in self.skipped]
+        keys = [index for index in self.source.cheap(self.first, self.last) if index not in self.skipped]
+        chosen = keys if len(keys) >= FEWEST_KEYS else there
+        places = np.linspace(0, len(chosen) - 1, min(count, len(chosen))).round().astype(int)
+        return {chosen[k] for k in places}
+
+    def single(self, indices: Collection[int]) -> list[Frame]:
+        """Some frames, in order; read one by one where that is quicker than reading on from one to the next."""
+        wanted = sorted(indices)
+        if not set(wanted) <= set(self.source.cheap(self.first, self.last)):
+            return [frame for frame in self.frames(wanted[0], wanted[-1]) if frame.index in indices]
+        return [frame for index in wanted for frame in self.frames(index, index)]
 
 
 def open_video(path: Path, camera: Camera) -> Video:
@@ -103,7 +121,11 @@ def open_video(path: Path, camera: Camera) -> Video:
     first = _frame_of(camera.start, times, 0)
     last = _frame_of(camera.end, times, len(times) - 1)
     if last - first < 2:
-        raise BadInput(f"{path}: --start and --end leave {max(last - first + 1, 0)} frames of {len(times)}.")
+        left = max(last - first + 1, 0)
+        raise BadInput(
+            f"{path}: --start and --end leave {left} {'frame' if left == 1 else 'frames'} of {len(times)}; "
+            "a measurement needs at least three."
+        )
     return Video(path, width, height, len(times), rate, stated, times, first, last, film, (*warnings, *oddities))
 
 

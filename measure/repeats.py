@@ -17,7 +17,14 @@ from rigtwin.measure.media import Video
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
+COARSE = 4  # pixels of a frame in one of the coarser picture, across
 LEAST_SHARE = 0.15  # of the moving frames: single ones may be a bead that passes the same place up and down
+
+
+def coarse(grey: Grey) -> Grey:
+    """The picture a quarter as large: a moving bead changes some cell of it much, noise changes all a little."""
+    size = (max(grey.shape[1] // COARSE, 1), max(grey.shape[0] // COARSE, 1))
+    return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 class Repeats:
@@ -28,11 +35,8 @@ class Repeats:
         self._indices: list[int] = []
         self._changes: list[float] = []
 
-    def add(self, index: int, grey: Grey) -> None:
-        """See the next frame."""
-        # a moving bead changes some small area much; noise changes all of them a little
-        size = (max(grey.shape[1] // 4, 1), max(grey.shape[0] // 4, 1))
-        small = np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    def add(self, index: int, small: Grey) -> None:
+        """See the next frame, made `coarse`."""
         if self._last is not None:
             self._indices.append(index)
             self._changes.append(float(np.max(cv2.absdiff(small, self._last))))
@@ -48,7 +52,7 @@ def without_repeats(video: Video, progress: Progress = silent) -> Video:
     """The video that skips such frames."""
     repeats = Repeats()
     for frame in video.frames():
-        repeats.add(frame.index, frame.grey)
+        repeats.add(frame.index, coarse(frame.grey))
         progress("looking for doubled frames", frame.index - video.first + 1, video.last - video.first + 1)
     return replace(video, skipped=video.skipped | repeats.frames())
 

@@ -33,7 +33,7 @@ STILLS = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp")
 STACKS = (".tif", ".tiff")
 PHOTRON = (".cihx", ".cih", ".mraw")
 HEAD = 24  # pictures decoded to see whether packets and pictures have the same time stamps
-KEPT = 144 * 2**20  # [bytes], of decoded pictures that a film keeps, so that a short one is decoded once only
+KEPT = 128 * 2**20  # [bytes], of decoded pictures that a film keeps, so that a short one is decoded once only
 
 
 class Source(Protocol):
@@ -45,8 +45,11 @@ class Source(Protocol):
     tick: float  # [s], unit of the stamps
     notes: tuple[str, ...]  # what is odd about the file
 
-    def pictures(self) -> Iterator[Picture]:
-        """All pictures from the first on; one pass over the file."""
+    def pictures(self, start: int = 0) -> Iterator[Picture]:
+        """All pictures from number `start` on; one pass over the file."""
+
+    def cheap(self, first: int, last: int) -> list[int]:
+        """Numbers of the pictures from `first` to `last` that are read without reading others, where that matters."""
 
 
 def source(path: Path) -> Source:
@@ -81,17 +84,21 @@ class Film:
             ) from None
         self.shape = (first.shape[0], first.shape[1])
 
-    def pictures(self) -> Iterator[Picture]:
-        for picture in self._reel.pictures():
+    def pictures(self, start: int = 0) -> Iterator[Picture]:
+        for picture in self._reel.pictures(start):
             yield _upright(picture, _luma(picture)), _colour_of(picture)
+
+    def cheap(self, first: int, last: int) -> list[int]:
+        return [key for key in self._reel.keys if first <= key <= last] if self._reel.too_long else []
 
     def _stamps(self, container: Any, stream: Any) -> tuple[list[float | None], tuple[str, ...]]:
         """Stamps of all pictures: those of the packets, which costs no decoding, where the two are the same."""
-        packets, sound = [], True
+        packets, keys, sound = [], [], True
         try:
             for packet in container.demux(stream):
                 if packet.size and not packet.is_discard:
                     packets.append(packet.pts)
+                    keys += [packet.pts] if packet.is_keyframe else []
                     sound = sound and not packet.is_corrupt
         except av.FFmpegError:
             sound = False
@@ -99,8 +106,12 @@ class Film:
         expected = stream.frames or len(packets)
         if sound and len(known) == len(packets) == expected and len(set(known)) == len(known) > 0:
             known.sort()
+            bytes_each = 1.5 * stream.width * stream.height  # at least
+            self._reel.too_long = bytes_each * len(known) > KEPT
             head = list(islice(self._reel.pictures(), HEAD))
             if [picture.pts for picture in head] == known[: len(head)]:
+                place = {pts: index for index, pts in enumerate(known)}
+                self._reel.points, self._reel.keys = known, sorted(place[pts] for pts in keys)
                 notes = ("the film is interlaced: every picture mixes two moments; deinterlace it first.",)
                 return [stamp * self.tick for stamp in known], notes if _interlaced(head) else ()
         return self._decoded_stamps()
@@ -121,38 +132,68 @@ class _Reel:
     """Decoded pictures of a film, kept for later passes as long as all of them fit into `KEPT`."""
 
     def __init__(self, path: Path) -> None:
+        self.points: list[int] = []  # time stamp of every picture, in the film's ticks, where all are known
+        self.keys: list[int] = []  # pictures at which decoding can begin
+        self.too_long = False
         self._path = path
         self._kept: list[av.VideoFrame] = []
         self._room = KEPT
         self._decoder: Iterator[av.VideoFrame] | None = None  # stands right behind the kept ones
-        self._end: av.FFmpegError | StopIteration | None = None  # what came behind the kept ones
+        self._ended = False  # the film holds no more than the kept ones
+        self._fault: av.FFmpegError | None = None  # on which it ended
 
-    def pictures(self) -> Iterator[av.VideoFrame]:
-        """All pictures in order; several may read at once."""
+    def pictures(self, start: int = 0) -> Iterator[av.VideoFrame]:
+        """The pictures from number `start` on; several may read at once."""
         index = 0
-        while index < len(self._kept) or self._keep_next():
-            yield self._kept[index]
+        while not self.too_long and (index < len(self._kept) or self._keep_next()):
+            if index >= start:
+                yield self._kept[index]
             index += 1
-        if isinstance(self._end, av.FFmpegError):
-            raise self._end
-        if self._end is None:
-            # too long a film: what was kept would only save the first of several passes
+        if self._fault is not None:
+            raise self._fault
+        if not self._ended:
+            # what was kept of too long a film would only save the first of several passes
             decoder, self._decoder, self._kept = self._decoder, None, []
-            yield from decoder if decoder is not None else islice(_decode(self._path), index, None)
+            start = max(start, index)
+            yield from decoder if decoder is not None and index == start else self._decoded(start)
 
     def _keep_next(self) -> bool:
         """Decode and keep one picture more; False where the film ends or is too long to be kept."""
-        if self._end is not None or self._room <= 0:
+        if self._ended:
+            return False
+        if self._room <= 0:
+            self.too_long = True
             return False
         self._decoder = self._decoder or _decode(self._path)
         try:
             picture = next(self._decoder)
         except (av.FFmpegError, StopIteration) as end:
-            self._end, self._decoder = end, None
+            # a traceback would hold on to this reel, and the reel to it
+            self._fault = end.with_traceback(None) if isinstance(end, av.FFmpegError) else None
+            self._ended, self._decoder = True, None
             return False
         self._kept.append(picture)
         self._room -= sum(plane.buffer_size for plane in picture.planes)
         return True
+
+    def _decoded(self, start: int) -> Iterator[av.VideoFrame]:
+        """From number `start` on, begun at the key picture before it where there is one."""
+        before = [key for key in self.keys if key <= start]
+        if not before or start == 0:
+            yield from islice(_decode(self._path), start, None)
+            return
+        wanted = self.points[start]
+        pictures = (
+            picture
+            for picture in _decode(self._path, self.points[before[-1]])
+            if picture.pts is not None and picture.pts >= wanted
+        )
+        first = next(pictures, None)
+        if first is None or first.pts != wanted:  # the file seeks elsewhere
+            yield from islice(_decode(self._path), start, None)
+            return
+        yield first
+        yield from pictures
 
 
 class Stills:
@@ -172,8 +213,11 @@ class Stills:
         self.stamps: list[float | None] = [None] * len(self.files)
         self.shift, self.notes = _bit_shift(first)
 
-    def pictures(self) -> Iterator[Picture]:
-        for file in self.files:
+    def cheap(self, first: int, last: int) -> list[int]:
+        return list(range(first, last + 1))
+
+    def pictures(self, start: int = 0) -> Iterator[Picture]:
+        for file in self.files[start:]:
             image = _still(file)
             if image.shape[:2] != self.shape:
                 raise UnreadableMedia(
@@ -204,11 +248,15 @@ class Stack:
         self.stamps: list[float | None] = [None] * count
         self.shift, self.notes = _bit_shift(first)
 
-    def pictures(self) -> Iterator[Picture]:
+    def cheap(self, first: int, last: int) -> list[int]:
+        return list(range(first, last + 1))
+
+    def pictures(self, start: int = 0) -> Iterator[Picture]:
         import tifffile
 
         with tifffile.TiffFile(self.path) as file:
-            for page in file.pages:
+            for number in range(start, len(self.stamps)):
+                page = file.pages[number]
                 image = np.asarray(page.asarray())
                 yield _eight_bit(image[..., 2::-1] if image.ndim == 3 else image, self.shift)
 
@@ -262,12 +310,17 @@ class Photron:
         self.rate = header.rate
         self.stamps: list[float | None] = [k / header.rate for k in range(min(whole, header.count))]
 
-    def pictures(self) -> Iterator[Picture]:
+    def cheap(self, first: int, last: int) -> list[int]:
+        return list(range(first, last + 1))
+
+    def pictures(self, start: int = 0) -> Iterator[Picture]:
         header = self.header
         pixels = header.width * header.height
+        size = pixels * header.bits // 8
         with self.raw.open("rb") as file:
-            for _ in self.stamps:
-                data = np.frombuffer(file.read(pixels * header.bits // 8), dtype=np.uint8)
+            file.seek(start * size)
+            for _ in self.stamps[start:]:
+                data = np.frombuffer(file.read(size), dtype=np.uint8)
                 yield _eight_bit(_unpacked(data, header.bits).reshape(self.shape), header.used - 8)
 
 
@@ -349,10 +402,13 @@ def _eight_bit(image: npt.NDArray[Any], shift: int) -> Picture:
     return np.asarray(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY), dtype=np.uint8), lambda: small
 
 
-def _decode(path: Path) -> Iterator[av.VideoFrame]:
+def _decode(path: Path, start: int | None = None) -> Iterator[av.VideoFrame]:
+    """All pictures, or those from the key picture with time stamp `start` on."""
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
         stream.thread_type = "AUTO"
+        if start is not None:
+            container.seek(start, stream=stream, backward=True)
         yield from container.decode(stream)
 
 

@@ -77,23 +77,29 @@ def write_overlay(path: Path, video: Video, beads: Beads, view: View, *, still: 
 def write_still(
     path: Path, picture: Image, beads: Beads, view: View, fit: SwingFit, *, found: Sequence[Quantity]
 ) -> None:
-    """One picture: both trails, release and turning angles as lines with their numbers, restitution in the corner."""
+    """One picture: both trails, release and turning angles as lines with their numbers, restitution in the corner.
+
+    `found` are the quantities of the measurement: the picture says what the tables say.
+    """
     picture = picture.copy()
     release = float(fit.swings["release_angle"])
     turning = turning_points(fit.swings, 0)[0][:, 0]
+    told = {(q.quantity, str(q.detail.get("body", ""))): q.value for q in found if q.unit == "deg"}
     for bead, images in enumerate(beads.images):
         trail = np.array([_place(image) for image in images])
         for x, y in trail[np.all(np.isfinite(trail), axis=1)]:
             overlay.draw_dot(picture, (float(x), float(y)), COLOURS[bead], radius=1.2)
         overlay.draw_cross(picture, view.place(bead, 0, 0), 5, COLOURS[bead])
         overlay.draw_line(picture, view.place(bead, 0, 0), view.place(bead, 0, 1.03), overlay.WHITE)
-        marks = [(release, "A"), (float(turning[0]), "A'")] if bead == 0 else [(float(turning[1]), "B'")]
-        for place, (angle, name) in enumerate(marks):
+        marks = [(float(turning[bead]), f"{NAMES[bead]}'", "rebound_angle")]
+        marks = [(release, "A", "release_angle"), *marks] if bead == 0 else marks
+        for place, (angle, name, quantity) in enumerate(marks):
             overlay.draw_line(picture, view.place(bead, 0, 0), view.place(bead, angle), COLOURS[bead])
             share = 0.55 + 0.12 * (bead + place)
             arc = [view.place(bead, part, share) for part in np.linspace(0, angle, 40)]
             overlay.draw_path(picture, arc, COLOURS[bead])
-            label = f"{name} {abs(math.degrees(angle)):.2f} deg"
+            value = told.get((quantity, NAMES[bead]), abs(math.degrees(angle)))
+            label = f"{name} {value:.2f} deg"
             overlay.draw_text(picture, label, view.place(bead, 0.55 * angle, share + 0.04), COLOURS[bead])
     lines = [
         f"{q.quantity} ({q.method}) {q.value:.4f} +- {q.std_uncertainty:.4f}" + (" doubtful" if q.doubtful else "")

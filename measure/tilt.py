@@ -350,7 +350,7 @@ def measure(
 
 
 def _watch(video: Video, camera: Camera, progress: Progress) -> Film:
-    learnt = learn_scene(video, video.first, video.last)
+    learnt = learn_scene(video)
     scene = learnt.scene()
     samples = {number: scene.view(frame).grey for number, frame in learnt.samples().items()}
     progress("looking for the arm", 0, 1)

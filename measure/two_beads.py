@@ -63,7 +63,7 @@ def find_beads(
     scene = still_scene(greys)
     # right after the collision B has left its place and A has not come to it yet: the best view of what B hid
     hit = collision.rise.frames[0]
-    greys |= {frame.index: channel.grey(frame) for frame in video.frames() if hit <= frame.index < hit + 12}
+    greys |= {frame.index: channel.grey(frame) for frame in video.frames(hit, hit + 11)}
     collision = replace(collision, rest=hanging_place(greys, collision))
     scene = _without_beads(scene, greys, collision.rest, collision.radius, _rough_places(collision, greys))
     looks, exposure = _learn_looks(video, channel, scene, collision)
@@ -103,15 +103,9 @@ def as_spots(path: Path) -> SpotPath:
 
 def sample_frames(video: Video, progress: Progress) -> dict[int, Frame]:
     """Frames spread evenly over the clip, by number."""
-    count = video.last - video.first + 1
-    there = [index for index in range(video.first, video.last + 1) if index not in video.skipped]
-    chosen = np.unique(np.linspace(0, len(there) - 1, min(SAMPLES, len(there))).round().astype(int))
-    wanted = {there[k] for k in chosen}
-    samples = {}
-    for frame in video.frames():
-        progress("learning the still scene", frame.index - video.first, count)
-        if frame.index in wanted:
-            samples[frame.index] = frame
+    progress("learning the still scene", 0, 1)
+    samples = {frame.index: frame for frame in video.single(video.spread(SAMPLES))}
+    progress("learning the still scene", 1, 1)
     return samples
 
 
@@ -176,7 +170,7 @@ def _learn_looks(video: Video, channel: Channel, scene: Scene, collision: Collis
     ]
     fits: list[list[BeadFit]] = [[], []]
     smears: list[float] = []
-    for frame in video.frames():
+    for frame in video.frames(min(wanted[0] | wanted[1]), max(wanted[0] | wanted[1])):
         for bead, path in enumerate((fall, rise)):
             if frame.index in wanted[bead]:
                 (x, y), speed = path.along(frame.index)

@@ -158,3 +158,13 @@ def test_a_flickering_lamp_is_levelled_although_black_is_not_zero():
     assert abs(np.mean(off[dark])) < 0.7
     assert abs(np.mean(off[bright])) < 0.7
     assert np.median(scene.noise) < 3.5
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 13, 20, 21])
+def test_the_still_scene_is_the_median_over_time(count):
+    rng = np.random.default_rng(count)
+    background = Background()
+    frames = rng.integers(0, 256, (count, 24, 32), dtype=np.uint8)
+    for index, frame in enumerate(frames):
+        background.add(index, frame)
+    assert np.array_equal(background.scene().picture, np.median(frames, axis=0).astype(np.float32))

@@ -288,6 +288,10 @@ def test_simulate_prints_one_json_document_with_the_restitution_that_was_put_in(
     assert Path(document["files"]["record"]).read_text().startswith("time_s,x_m,y_m")
 
 
+def test_an_angle_without_its_unit_is_refused(capfd):
+    refused(["simulate", "pendulum", "--length", "200mm", "--release-angle", "45"], capfd, "--release-angle", "45deg")
+
+
 @pytest.mark.usefixtures("started_engine")
 def test_a_results_folder_that_is_a_file_is_refused_by_name(tmp_path, capfd):
     (tmp_path / "taken").touch()

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import NothingToMeasure, UnreadableMedia
 from rigtwin.lab.records import Track, write_tracks
-from rigtwin.measure import drop
+from rigtwin.measure import drop, follow, sources
 
 G = 9.81
 FPS = 240.0
@@ -396,6 +396,19 @@ def test_a_swaying_camera_and_doubled_frames_are_taken_out_and_told(tmp_path):
     assert check(result, "bead_size").passed
     e = pick(result.quantities, "restitution_wall", method="height", bounce=1)
     assert e.value == pytest.approx(0.7, abs=max(0.006, 2 * e.std_uncertainty))
+
+
+def test_a_film_too_long_to_keep_and_large_pictures_are_measured_alike(clip, measured, monkeypatch):
+    monkeypatch.setattr(sources, "KEPT", 10**5)
+    monkeypatch.setattr(follow, "LARGE", 10**4)
+    result = drop.measure(clip, CAMERA, bead_diameter=DIAMETER, bead_density=7800.0)
+    for one, other in zip(result.quantities[:4], measured.quantities, strict=False):
+        assert abs(one.value - other.value) < 0.3 * other.std_uncertainty
+
+
+def test_a_region_away_from_the_bead_is_named(clip):
+    with pytest.raises(NothingToMeasure, match=r"nothing falls inside --region 0,0,40,40"):
+        drop.measure(clip, Camera(frame_rate=FPS, region=(0, 0, 40, 40)))
 
 
 def test_playback_rate_taken_for_the_capture_rate_is_flagged(clip):

@@ -7,7 +7,7 @@ import pytest
 
 from rigtwin.lab.camera import Camera
 from rigtwin.measure.media import open_video
-from rigtwin.measure.repeats import Repeats, repeated, without_repeats
+from rigtwin.measure.repeats import Repeats, coarse, repeated, without_repeats
 
 
 def frames_of_a_bouncing_bead(count, *, noise=2.0, seed=0):
@@ -23,7 +23,7 @@ def frames_of_a_bouncing_bead(count, *, noise=2.0, seed=0):
 def found(frames):
     repeats = Repeats()
     for index, frame in enumerate(frames):
-        repeats.add(index, frame)
+        repeats.add(index, coarse(frame))
     return repeats.frames()
 
 

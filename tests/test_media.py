@@ -10,15 +10,19 @@ import pytest
 
 from rigtwin.lab.camera import Camera, Moment
 from rigtwin.lab.errors import BadInput, UnreadableMedia
+from rigtwin.measure import sources
 from rigtwin.measure.media import open_video, read_photo, sha256
 
 
-def write_clip(path: Path, stamps: list[int], *, rate: int = 30, tick: int = 1000, codec: str = "libx264") -> Path:
-    """Frame k is a grey of 10 + 5 k shown from `stamps[k]` / `tick` seconds."""
+def write_clip(
+    path: Path, stamps: list[int], *, rate: int = 30, tick: int = 1000, codec: str = "libx264", group: int = 250
+) -> Path:
+    """Frame k is a grey of 10 + 5 k shown from `stamps[k]` / `tick` seconds; every `group` frames a new group."""
     with av.open(str(path), "w") as container:
         stream = container.add_stream(codec, rate=rate)
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
         stream.codec_context.time_base = Fraction(1, tick)
+        stream.codec_context.gop_size = group
         for k, stamp in enumerate(stamps):
             frame = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 10 + 5 * k, dtype=np.uint8), format="bgr24")
             frame.pts, frame.time_base = stamp, Fraction(1, tick)
@@ -41,6 +45,29 @@ def test_frames_come_in_order_with_their_own_picture_and_time(tmp_path):
     assert [frame.time for frame in frames] == pytest.approx([k / 25 for k in range(12)])
     assert frames[3].colour.shape == (48, 64, 3)
     assert frames[3].colour.mean() == pytest.approx(25, abs=4)  # the codec rounds dark greys
+
+
+@pytest.mark.parametrize("kept", [10**9, 1, 20000])  # all, none, the first few
+def test_any_part_of_a_film_is_read_alike_kept_in_memory_or_not(tmp_path, monkeypatch, kept):
+    monkeypatch.setattr(sources, "KEPT", kept)
+    stamps = [round(k * 1000 / 25) for k in range(40)]
+    video = open_video(write_clip(tmp_path / "clip.mp4", stamps, rate=25, group=4), Camera(frame_rate=25.0))
+    for first, last in ((0, 39), (13, 22), (13, 22), (38, 39), (6, 6)):
+        frames = list(video.frames(first, last))
+        assert [frame.index for frame in frames] == list(range(first, last + 1))
+        assert [float(frame.grey.mean()) for frame in frames] == pytest.approx(
+            [16 + (10 + 5 * frame.index) * 219 / 255 for frame in frames], abs=2.5
+        )
+    chosen = video.spread(6)
+    assert len(chosen) == 6
+    assert {frame.index for frame in video.single(chosen)} == chosen
+    assert all(index % 4 == 0 for index in chosen) == (kept < 10**9)
+
+
+def test_two_readers_of_one_film_do_not_disturb_each_other(tmp_path):
+    video = open_video(regular(tmp_path), Camera())
+    both = zip(video.frames(), video.frames(), strict=True)
+    assert all(np.array_equal(one.grey, other.grey) for one, other in both)
 
 
 def test_a_given_capture_rate_replaces_the_playback_rate(tmp_path):
