@@ -1,6 +1,7 @@
 """Speed of the bulk engine: particle-steps per second of a settled bed of D6 beads, beside LIGGGHTS where it is there.
 
     python benchmarks/engine.py [--beads 4000 15000 100000] [--threads 1 2] [--pairs 5] [--quick] [--pile]
+                                [--hopper 15000] [--clumps 500] [--memory 1000000]
 
 d 6 mm, density 569 kg/m^3, E 11 MPa, Hertz-Mindlin with history, rolling resistance type A and type C, five plane
 walls, 30 % of Rayleigh's step, skin a tenth of a diameter.  The machine's own speed moves by a factor of two within
@@ -13,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -24,6 +24,7 @@ import liggghts
 import numpy as np
 import numpy.typing as npt
 from figures import Row, machine, report
+from flows import clump_rows, hopper_rows, memory_rows, timed
 
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.rigs import GRAVITY, Pile
@@ -111,16 +112,6 @@ def _at_rest(bed: Bulk, looks: int = 40) -> Array:
     return bed.beads().position
 
 
-def speed(bed: Bulk, threads: int, steps: int) -> float:
-    """Particle-steps per second; on one thread of computing time, which other work on the machine leaves alone."""
-    bed.threads = threads
-    beads = len(bed.beads().ident)
-    clock = time.process_time if threads == 1 else time.perf_counter
-    began = clock()
-    bed.run(steps)
-    return steps * beads / (clock() - began)
-
-
 def compare(beads: int, options: argparse.Namespace) -> list[Row]:
     """Rows of one bed: ours, LIGGGHTS, and the ratio, for each rolling model and number of threads."""
     began = time.perf_counter()
@@ -135,12 +126,12 @@ def compare(beads: int, options: argparse.Namespace) -> list[Row]:
         bed = bulk(size, beads, rolling)
         bed.add(position, overlap=0.2)
         for threads in options.threads:  # both sides start with contacts made and code compiled
-            speed(bed, threads, 100)
+            timed(bed, threads, 100)
         rows.append(Row(f"{beads} beads, {rolling}: contacts per bead", 2 * bed.contacts / beads))
         for threads in options.threads:
             ours, theirs, shares = [], [], []
             for _ in range(pairs):
-                ours.append(speed(bed, threads, steps))
+                ours.append(timed(bed, threads, steps))
                 if liggghts.installed(threads):
                     found, share = liggghts.speed(peer, rolling, threads=threads, steps=steps, warm_up=100)
                     theirs.append(found / share if threads == 1 else found)
@@ -153,23 +144,9 @@ def compare(beads: int, options: argparse.Namespace) -> list[Row]:
 
 def _rows(name: str, ours: list[float], theirs: list[float], shares: list[float]) -> list[Row]:
     """Speeds and their ratio; the ratio counts only where LIGGGHTS had its cores to itself in every pair."""
-    unit = "M particle-steps/s"
-    rows = [Row(f"{name}: rigtwin", statistics.median(ours) / 1e6, unit, note=_spread(ours, 1e6))]
-    if theirs:
-        ratios = [a / b for a, b in zip(ours, theirs, strict=True)]
-        ratio = statistics.median(ratios)
-        rows.append(Row(f"{name}: LIGGGHTS", statistics.median(theirs) / 1e6, unit, note=_spread(theirs, 1e6)))
-        alone = min(shares) >= ALONE
-        note = f"{_spread(ratios, 1)}; load average {machine()['load_average']}"
-        if not alone:
-            note += f"; LIGGGHTS got only {min(shares):.0%} of its cores: the machine is too busy to tell"
-        wanted = f"at least {WANTED:g}, median of {len(ratios)} pairs"
-        rows.append(Row(f"{name}: ratio", ratio, "1", None, wanted, alone and ratio >= WANTED, note))
-    return rows
-
-
-def _spread(values: list[float], scale: float) -> str:
-    return f"{min(values) / scale:.2f} to {max(values) / scale:.2f}"
+    alone = min(shares, default=1.0) >= ALONE
+    more = "" if alone else f"; LIGGGHTS got only {min(shares):.0%} of its cores: the machine is too busy to tell"
+    return liggghts.beside(name, ours, theirs, WANTED, alone, more)
 
 
 FIRST_STEP = """
@@ -236,6 +213,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--pairs-large", type=int, default=5, help="and above")
     parser.add_argument("--seconds", type=float, default=1.0, help="rough length of one timing")
     parser.add_argument("--quick", action="store_true", help="three pairs, two for the large beds")
+    parser.add_argument("--hopper", type=int, default=15_000, help="beads in the running hopper; 0: none")
+    parser.add_argument("--clumps", type=int, default=500, help="clumps of 24 spheres; 0: none")
+    parser.add_argument("--memory", type=int, default=1_000_000, help="beads whose memory is told; 0: none")
     parser.add_argument("--pile", action="store_true", help="also time the twin of a pile of 1000 beads")
     parser.add_argument("--seed", type=int, default=int(os.environ.get("SEED", "1")))
     options = parser.parse_args(arguments)
@@ -243,6 +223,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options.pairs, options.pairs_large = 3, 2
     before = machine()["load_average"]
     rows = [row for beads in options.beads for row in compare(beads, options)]
+    for threads in options.threads if options.hopper else ():
+        rows += hopper_rows(options.hopper, threads, options.pairs_large, options.seconds, options.seed, WANTED)
+    if options.clumps:
+        rows += clump_rows(options.clumps, 200, options.seed)
+    if options.memory:
+        rows += memory_rows(options.memory)
     rows += start_rows() + drop_rows()
     if options.pile:
         rows += pile_rows()

@@ -1,4 +1,4 @@
-"""LIGGGHTS, where it is installed, on a bed that our engine settled: same positions, materials, step and skin.
+"""LIGGGHTS, where it is installed, on beads that our engine brought there: same places, materials, step and skin.
 
 Hertz with tangential history; rolling friction cdt beside our type A, epsd2 beside our type C.  LIGGGHTS multiplies
 mu_r by the effective radius, which between equal spheres is half of ours: its pair coefficient is doubled, that of
@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import statistics
 import subprocess
 import tempfile
 import time
@@ -18,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from figures import Row, machine
 
 from rigtwin.lab.errors import RigtwinError
 from rigtwin.lab.materials import Contact, Particle
@@ -40,6 +42,49 @@ class Bed:
     skin: float  # [m]
     gravity: float  # [m/s^2]
 
+    def files(self, rolling: str, steps: int, warm_up: int) -> dict[str, str]:
+        """What the program reads, by name; `in.run` is the deck."""
+        x, y, z = self.size
+        r = self.particle.radius
+        planes = {"x0": ("xplane", 0.0), "x1": ("xplane", x), "y0": ("yplane", 0.0), "y1": ("yplane", y)}
+        planes["z0"] = ("zplane", 0.0)
+        model = _model(rolling)
+        walls = "".join(
+            f"fix {name} all wall/gran {model} primitive type 2 {plane} {at}\n" for name, (plane, at) in planes.items()
+        )
+        data = _positions(self.particle, self.position, (-r, -r, -r), (x + r, y + r, z))
+        return {"beads.data": data, "in.run": _deck(self, rolling, walls, steps=steps, warm_up=warm_up)}
+
+
+@dataclass(frozen=True)
+class Hopper:
+    """Flowing beads in a mesh that turns about z."""
+
+    particle: Particle
+    between: Contact
+    walls: Contact  # of the mesh, made of the beads' material
+    position: npt.NDArray[np.float64]  # [m], shape (n, 3)
+    velocity: npt.NDArray[np.float64]  # [m/s], shape (n, 3)
+    corners: npt.NDArray[np.float64]  # [m], shape (triangles, 3, 3)
+    period: float  # [s], of a turn
+    reach: tuple[float, float, float]  # [m], of the domain: across, and its lower and upper end
+    time_step: float  # [s]
+    skin: float  # [m]
+    gravity: float  # [m/s^2]
+
+    def files(self, rolling: str, steps: int, warm_up: int) -> dict[str, str]:
+        """What the program reads, by name; `in.run` is the deck."""
+        across, low, high = self.reach
+        edge = across + self.particle.diameter
+        data = _positions(self.particle, self.position, (-edge, -edge, low), (edge, edge, high), self.velocity)
+        walls = (
+            "fix shape all mesh/surface file walls.stl type 2\n"
+            f"fix walls all wall/gran {_model(rolling)} mesh n_meshes 1 meshes shape\n"
+            f"fix turning all move/mesh mesh shape rotate origin 0. 0. 0. axis 0. 0. 1. period {self.period}\n"
+        )
+        deck = _deck(self, rolling, walls, steps=steps, warm_up=warm_up)
+        return {"beads.data": data, "walls.stl": _stl(self.corners), "in.run": deck}
+
 
 def installed(threads: int) -> bool:
     """Whether LIGGGHTS, and for several threads mpirun, can be started here."""
@@ -56,15 +101,15 @@ def version() -> str:
     return found.group(1).rstrip(",") if found else "unknown"
 
 
-def speed(bed: Bed, rolling: Rolling, *, threads: int, steps: int, warm_up: int) -> tuple[float, float]:
+def speed(bed: Bed | Hopper, rolling: Rolling, *, threads: int, steps: int, warm_up: int) -> tuple[float, float]:
     """Particle-steps per second of its own loop time, start-up left out, and the part of its cores that it got.
 
     Ranks wait for each other in busy loops: on a machine that others use as well its figure falls far more than ours.
     """
     with tempfile.TemporaryDirectory() as folder:
-        (Path(folder) / "bed.data").write_text(_positions(bed))
-        (Path(folder) / "in.bed").write_text(_deck(bed, ROLLING[rolling], steps=steps, warm_up=warm_up))
-        command = ["liggghts", "-in", "in.bed"]
+        for name, text in bed.files(ROLLING[rolling], steps, warm_up).items():
+            (Path(folder) / name).write_text(text)
+        command = ["liggghts", "-in", "in.run"]
         if threads > 1:
             command = ["mpirun", "-np", str(threads), "--oversubscribe", *command]
         # mpirun refuses a container's only user without these
@@ -87,30 +132,56 @@ def _child_seconds() -> float:
     return used.children_user + used.children_system
 
 
-def _positions(bed: Bed) -> str:
-    x, y, z = bed.size
-    r = bed.particle.radius
-    head = [
-        "settled bed",
-        "",
-        f"{len(bed.position)} atoms",
-        "2 atom types",
-        f"{-r} {x + r} xlo xhi",
-        f"{-r} {y + r} ylo yhi",
-        f"{-r} {z} zlo zhi",
-        "",
-        "Atoms",
-        "",
-    ]
-    bead = f"1 {bed.particle.diameter} {bed.particle.effective_density}"
-    rows = [f"{i} {bead} {a!r} {b!r} {c!r}" for i, (a, b, c) in enumerate(bed.position.tolist(), 1)]
+def beside(
+    name: str, ours: list[float], theirs: list[float], wanted: float, alone: bool = True, more: str = ""
+) -> list[Row]:
+    """Rows of speeds, ours and LIGGGHTS', and of their ratio pair by pair; `alone`: whether the ratio may be judged."""
+    unit = "M particle-steps/s"
+    rows = [Row(f"{name}: rigtwin", statistics.median(ours) / 1e6, unit, note=_spread(ours, 1e6))]
+    if theirs:
+        ratios = [a / b for a, b in zip(ours, theirs, strict=True)]
+        rows.append(Row(f"{name}: LIGGGHTS", statistics.median(theirs) / 1e6, unit, note=_spread(theirs, 1e6)))
+        ratio, limit = statistics.median(ratios), f"at least {wanted:g}, median of {len(ratios)} pairs"
+        note = f"{_spread(ratios, 1)}; load average {machine()['load_average']}{more}"
+        rows.append(Row(f"{name}: ratio", ratio, "1", None, limit, alone and ratio >= wanted, note))
+    return rows
+
+
+def _spread(values: list[float], scale: float) -> str:
+    return f"{min(values) / scale:.2f} to {max(values) / scale:.2f}"
+
+
+def _model(rolling: str) -> str:
+    return f"model hertz tangential history rolling_friction {rolling}"
+
+
+def _positions(
+    particle: Particle,
+    position: npt.NDArray[np.float64],
+    low: tuple[float, float, float],
+    high: tuple[float, float, float],
+    velocity: npt.NDArray[np.float64] | None = None,
+) -> str:
+    bounds = [f"{a} {b} {axis}lo {axis}hi" for a, b, axis in zip(low, high, "xyz", strict=True)]
+    head = ["beads", "", f"{len(position)} atoms", "2 atom types", *bounds, "", "Atoms", ""]
+    bead = f"1 {particle.diameter} {particle.effective_density}"
+    rows = [f"{i} {bead} {a!r} {b!r} {c!r}" for i, (a, b, c) in enumerate(position.tolist(), 1)]
+    if velocity is not None:
+        rows += ["", "Velocities", ""]
+        rows += [f"{i} {a!r} {b!r} {c!r} 0 0 0" for i, (a, b, c) in enumerate(velocity.tolist(), 1)]
     return "\n".join(head + rows) + "\n"
 
 
-def _deck(bed: Bed, rolling: str, *, steps: int, warm_up: int) -> str:
-    material = bed.particle.material
-    model = f"model hertz tangential history rolling_friction {rolling}"
-    x, y, _ = bed.size
+def _stl(corners: npt.NDArray[np.float64]) -> str:
+    rows = ["solid walls"]
+    for triangle in corners.tolist():
+        rows += ["facet normal 0 0 0", "outer loop", *(f"vertex {a} {b} {c}" for a, b, c in triangle)]
+        rows += ["endloop", "endfacet"]
+    return "\n".join([*rows, "endsolid walls"]) + "\n"
+
+
+def _deck(run: Bed | Hopper, rolling: str, walls: str, *, steps: int, warm_up: int) -> str:
+    material = run.particle.material
 
     def pairs(name: str, between: float, wall: float) -> str:
         return f"fix {name} all property/global {name} peratomtypepair 2 {between} {wall} {wall} {wall}\n"
@@ -118,24 +189,20 @@ def _deck(bed: Bed, rolling: str, *, steps: int, warm_up: int) -> str:
     def each(name: str, value: float) -> str:
         return f"fix {name} all property/global {name} peratomtype {value} {value}\n"
 
-    planes = {"x0": ("xplane", 0.0), "x1": ("xplane", x), "y0": ("yplane", 0.0), "y1": ("yplane", y)}
-    planes["z0"] = ("zplane", 0.0)
     soft = "" if material.youngs_modulus >= 5e6 else "soft_particles yes\n"
     return (
         f"{soft}atom_style granular\natom_modify map array\nboundary f f f\nnewton off\n"
         # ranks side by side: one above the other they would share the beads badly
-        "communicate single vel yes\nunits si\nprocessors * * 1\nread_data bed.data\n"
-        f"neighbor {bed.skin} bin\nneigh_modify delay 0\n"
+        "communicate single vel yes\nunits si\nprocessors * * 1\nread_data beads.data\n"
+        f"neighbor {run.skin} bin\nneigh_modify delay 0\n"
         + each("youngsModulus", material.youngs_modulus)
         + each("poissonsRatio", material.poisson_ratio)
-        + pairs("coefficientRestitution", bed.between.restitution, bed.walls.restitution)
-        + pairs("coefficientFriction", bed.between.static_friction, bed.walls.static_friction)
-        + pairs("coefficientRollingFriction", 2 * bed.between.rolling_friction, bed.walls.rolling_friction)
-        + f"pair_style gran {model}\npair_coeff * *\ntimestep {bed.time_step}\n"
-        + f"fix weight all gravity {bed.gravity} vector 0 0 -1\n"
-        + "".join(
-            f"fix {name} all wall/gran {model} primitive type 2 {plane} {at}\n" for name, (plane, at) in planes.items()
-        )
+        + pairs("coefficientRestitution", run.between.restitution, run.walls.restitution)
+        + pairs("coefficientFriction", run.between.static_friction, run.walls.static_friction)
+        + pairs("coefficientRollingFriction", 2 * run.between.rolling_friction, run.walls.rolling_friction)
+        + f"pair_style gran {_model(rolling)}\npair_coeff * *\ntimestep {run.time_step}\n"
+        + f"fix weight all gravity {run.gravity} vector 0 0 -1\n"
+        + walls
         + "fix move all nve/sphere\nthermo_style custom step atoms ke\nthermo 100000\nthermo_modify lost error\n"
         + f"run {warm_up}\nrun {steps}\n"
     )

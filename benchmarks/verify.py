@@ -19,6 +19,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 from figures import Row, against, below, report
+from linear import linear
 
 from rigtwin.lab.materials import Contact, Material, Particle, clumped
 from rigtwin.lab.rigs import GRAVITY
@@ -581,7 +582,8 @@ def spin() -> list[Row]:
 
 
 CASES: tuple[Callable[[], list[Row]], ...] = (
-    test_1, test_2, test_3, test_4, test_5, test_6, test_7, test_8, slope, pair, restitution, rest, collapse, spin,
+    test_1, test_2, test_3, test_4, test_5, test_6, test_7, test_8, slope, pair, restitution, linear, rest, collapse,
+    spin,
 )  # fmt: skip
 SEED = int(os.environ.get("SEED", "1"))
 

@@ -102,6 +102,7 @@ class Arena(Neighbours):
         counts: ti.types.ndarray(),
         pair_law: ti.types.ndarray(),
         sizes: ti.types.ndarray(),
+        linear: ti.template(),
     ):
         """Empty the arena and set everything that a run does not change.
 
@@ -120,7 +121,7 @@ class Arena(Neighbours):
             for c in ti.static(range(SIZES_OF_KIND)):
                 self.kind_sizes[None][c] = sizes[c]
             self.constants[None] = constants_of_two(
-                self.pair_law[0, 0], sizes[0], sizes[0], sizes[1], sizes[1], sizes[2], sizes[2], numbers[STEP]
+                self.pair_law[0, 0], sizes[0], sizes[0], sizes[1], sizes[1], sizes[2], sizes[2], numbers[STEP], linear
             )
             self.first[0, 0] = 0
             self.first[1, 0] = 0
@@ -203,7 +204,7 @@ class Arena(Neighbours):
     # ------------------------------------------------------------------ the step
 
     @ti.func
-    def move(self, i, last, alike: ti.template(), constant_torque: ti.template(), alone: ti.template()):
+    def move(self, i, last, alike: ti.template(), mechanics: ti.template(), alone: ti.template()):
         """Sum of all forces on bead `i`, its walls included, and its way to the next step; 1 when it left its skin.
 
         A bead of a body leaves the sums in `push` and `twist`; its body moves it.
@@ -225,7 +226,7 @@ class Arena(Neighbours):
         radius, mass, inertia = place[3], motion[3], spin[3]
         drag, hold, deepest = self.walls.press(
             self.counts[LIVE_LIST], i, self.tag[i][1], position, velocity, turning, radius, mass, inertia, step,
-            alike, constant_torque,
+            alike, mechanics,
         )  # fmt: skip
         force += drag
         torque += hold
@@ -304,7 +305,7 @@ class Arena(Neighbours):
         return answer & 1
 
     @ti.kernel
-    def run_serial(self, steps: ti.i32, before: ti.f64, alike: ti.template(), constant_torque: ti.template()):
+    def run_serial(self, steps: ti.i32, before: ti.f64, alike: ti.template(), mechanics: ti.template()):
         """Up to `steps` steps on one thread, after the `before` ones made so far.
 
         Stops early when the list is needed anew or STATUS is no longer OK.  `alike`: all are single spheres of one
@@ -316,12 +317,12 @@ class Arena(Neighbours):
             while done < steps and self.stale[0] == 0 and self.counts[STATUS] == OK:
                 self.stale[0] = self.pose_walls((before + done) * self.numbers[STEP])
                 if self.stale[0] == 0:
-                    self.stale[0] = self.make_step(done == steps - 1, alike, constant_torque)
+                    self.stale[0] = self.make_step(done == steps - 1, alike, mechanics)
                     done += 1
             self.counts[DONE] = done
 
     @ti.func
-    def make_step(self, last, alike: ti.template(), constant_torque: ti.template()):
+    def make_step(self, last, alike: ti.template(), mechanics: ti.template()):
         """One step on one thread, the `last` one of a launch or not; 1 when a bead left its skin."""
         live, beads, pairs = self.counts[LIVE_LIST], self.counts[BEADS], self.counts[PAIRS]
         left_skin = 0
@@ -329,12 +330,12 @@ class Arena(Neighbours):
         for part in range(pairs // PACKET + 1):
             begin = part * PACKET
             end = ti.min(begin + PACKET, pairs)
-            self.meet(live, begin, end, 0, alike, constant_torque, True)
+            self.meet(live, begin, end, 0, alike, mechanics, True)
             complete = beads
             if end < pairs:
                 complete = self.owner_of[end]
             for i in range(moved, complete):
-                left_skin |= self.move(i, last, alike, constant_torque, True)
+                left_skin |= self.move(i, last, alike, mechanics, True)
             moved = complete
         if ti.static(self.rigid):
             for b in range(self.counts[BODIES]):
@@ -363,7 +364,7 @@ class Arena(Neighbours):
         chunks: ti.i32,
         before: ti.f64,
         alike: ti.template(),
-        constant_torque: ti.template(),
+        mechanics: ti.template(),
     ):
         """Step `s` of a burst on all threads; once the list is needed anew the rest of the burst does nothing."""
         ti.loop_config(serialize=True)
@@ -372,11 +373,11 @@ class Arena(Neighbours):
                 self.stale[s] = self.pose_walls((before + s) * self.numbers[STEP])
         for turn in range(chunks * GRAIN):
             if turn % GRAIN == 0 and self.stale[s] == 0:
-                self.meet_chunk(turn // GRAIN, chunks, alike, constant_torque)
+                self.meet_chunk(turn // GRAIN, chunks, alike, mechanics)
         for i in range(beads):
             left_skin = 1
             if self.stale[s] == 0:
-                left_skin = self.move(i, last, alike, constant_torque, False)
+                left_skin = self.move(i, last, alike, mechanics, False)
             if left_skin == 1:
                 self.stale[s + 1] = 1
         if ti.static(self.rigid):
@@ -388,7 +389,7 @@ class Arena(Neighbours):
                     self.stale[s + 1] = 1
 
     @ti.func
-    def meet_chunk(self, chunk, chunks, alike: ti.template(), constant_torque: ti.template()):
+    def meet_chunk(self, chunk, chunks, alike: ti.template(), mechanics: ti.template()):
         """The pairs of the beads of one part of the list."""
         live = self.counts[LIVE_LIST]
         pairs = self.counts[PAIRS]
@@ -396,7 +397,7 @@ class Arena(Neighbours):
         begin = self.start_of_bead(live, int(float(pairs) * chunk / chunks))
         end = self.start_of_bead(live, int(float(pairs) * (chunk + 1) / chunks))
         while begin < end:
-            self.meet(live, begin, ti.min(begin + PACKET, end), chunk, alike, constant_torque, False)
+            self.meet(live, begin, ti.min(begin + PACKET, end), chunk, alike, mechanics, False)
             begin += PACKET
 
     @ti.func

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import inspect
+import linecache
 import os
 import sys
 import textwrap
@@ -22,7 +24,27 @@ from rigtwin.lab.errors import BadInput, RigtwinError
 Device = Literal["cpu", "cuda"]
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
-with warnings.catch_warnings():
+
+
+@contextlib.contextmanager
+def _quick_frames() -> Iterator[None]:
+    """Meanwhile the source line of a frame is found without a search through all modules, which Taichi's decorators
+    make some hundred times while it is imported.
+    """
+
+    def quick(frame: Any, context: int = 1) -> Any:
+        code, line = frame.f_code, frame.f_lineno
+        return inspect.Traceback(code.co_filename, line, code.co_name, [linecache.getline(code.co_filename, line)], 0)
+
+    thorough = inspect.getframeinfo
+    inspect.getframeinfo = quick
+    try:
+        yield
+    finally:
+        inspect.getframeinfo = thorough
+
+
+with warnings.catch_warnings(), _quick_frames():
     warnings.simplefilter("ignore")  # Taichi 1.7 asks for a deprecated locale call while it loads
     import taichi
 

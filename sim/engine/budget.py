@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.sim.engine.contact import STIFFNESS
+from rigtwin.sim.engine.contact import SPEED, STIFFNESS, linear_stiffness
 from rigtwin.sim.engine.elements import Vector
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ Array = npt.NDArray[np.float64]
 class Budget:
     """Energies and overlaps at one moment.
 
-    The elastic energy is that of the Hertz springs; those of sliding and rolling are smaller and left out.  Overlaps
+    The elastic energy is that of the normal springs; those of sliding and rolling are smaller and left out.  Overlaps
     are in twice the effective radius, which is the radius between equal beads (at a wall: in the bead's radius).
     """
 
@@ -50,10 +50,11 @@ def measure(
     grains: Grains,
     gravity: Vector,
     work: float = 0.0,
+    linear: bool = False,
 ) -> Budget:
     """The budget of `grains`, whose spheres are `rows` (as exported by the arena); the pairs `near` may touch.
 
-    `at_walls` are the contacts with walls: sphere, wall, overlap [m].
+    `at_walls` are the contacts with walls: sphere, wall, overlap [m].  `linear`: so are the springs.
     """
     position, radius = rows[:, 0:3], rows[:, 9]
     kind = rows[:, 19].astype(int)
@@ -64,10 +65,12 @@ def measure(
     one, other, overlap = one[touch], other[touch], overlap[touch]
     effective = radius[one] * radius[other] / (radius[one] + radius[other])
     depths = [overlap / (2 * effective)]
-    elastic = _hertz(laws[0][kind[one], kind[other], STIFFNESS], effective, overlap)
+    energy, mass = _linear if linear else _hertz, rows[:, 10]
+    mass_eff = mass[one] * mass[other] / (mass[one] + mass[other])
+    elastic = energy(laws[0][kind[one], kind[other]], effective, mass_eff, overlap)
     bead, wall = at_walls[:, :2].astype(int).T
     depths.append(at_walls[:, 2] / radius[bead])
-    elastic += _hertz(laws[1][kind[bead], wall, STIFFNESS], radius[bead], at_walls[:, 2])
+    elastic += energy(laws[1][kind[bead], wall], radius[bead], mass[bead], at_walls[:, 2])
     depth = np.concatenate(depths)
     return Budget(
         kinetic=grains.kinetic_energy,
@@ -82,6 +85,12 @@ def measure(
     )
 
 
-def _hertz(modulus: Array, radius: Array, overlap: Array) -> float:
+def _hertz(law: Array, radius: Array, _mass: Array, overlap: Array) -> float:
     """Energy [J] of contacts with force 4/3 E* sqrt(R*) d^(3/2)."""
-    return float(np.sum(8 / 15 * modulus * np.sqrt(radius) * overlap**2.5))
+    return float(np.sum(8 / 15 * law[..., STIFFNESS] * np.sqrt(radius) * overlap**2.5))
+
+
+def _linear(law: Array, radius: Array, mass: Array, overlap: Array) -> float:
+    """Energy [J] of contacts with linear springs."""
+    stiffness = linear_stiffness(law[..., STIFFNESS], radius, mass, law[..., SPEED])
+    return float(np.sum(0.5 * stiffness * overlap**2))

@@ -25,7 +25,7 @@ from rigtwin.sim.engine import arena as areas
 from rigtwin.sim.engine import backend, bodies, budget, checkpoint
 from rigtwin.sim.engine import columns as at
 from rigtwin.sim.engine.clock import UNSTABLE, positive
-from rigtwin.sim.engine.contact import LAW_SIZE, ROLLING, Rolling, pair_law
+from rigtwin.sim.engine.contact import IMPACT_SPEED, LAW_SIZE, ContactLaw, Mechanics, Rolling, pair_law
 from rigtwin.sim.engine.elements import Vector
 from rigtwin.sim.engine.terms import Active, Terms, terms_of
 from rigtwin.sim.engine.wall_contacts import KINDS, UNTIL, WallTable, motion_of, motion_row, wall_table
@@ -102,6 +102,8 @@ class Bulk:
         time_step: float,
         gravity: Vector = (0.0, 0.0, -GRAVITY),
         rolling: Rolling = "type C",
+        contact_law: ContactLaw = "Hertz-Mindlin",
+        impact_speed: float = IMPACT_SPEED,
         effects: Sequence[Active] = (),
         skin: float = SKIN,
         open_domain: bool = False,
@@ -115,12 +117,13 @@ class Bulk:
         A wall may be a sequence with one `Wall` per kind, alike but for material and contact.  `low` and `high` [m]
         bound the domain; in an open one beads that leave are taken out and counted, else they stop the run; a clump
         leaves as a whole.  `skin` is in units of the largest sphere's diameter.  `effects` act
-        on all single beads and contacts.
+        on all single beads and contacts.  The springs of the "linear" law are as stiff as Hertz's contacts at
+        `impact_speed` [m/s].
         """
         positive(time_step=time_step, skin=skin)
         self._particles = tuple(particles)
         self._walls = [tuple(wall) if isinstance(wall, Sequence) else (wall,) * len(particles) for wall in walls]
-        self._check_sizes(low, high, rolling)
+        self._check_sizes(low, high)
         self.time_step = time_step
         self.steps = 0
         self._added = self._spheres = 0
@@ -133,7 +136,7 @@ class Bulk:
         self._skin = skin * 2 * self._largest
         self._low, self._high = np.array(low, dtype=float), np.array(high, dtype=float)
         self._gravity = gravity
-        self._rolling = rolling
+        self._mechanics, self._impact_speed = Mechanics(contact_law, rolling), impact_speed
         self._effects = tuple(effects)
         self._laws = self._pair_table(contacts)
         self._table = self._wall_table()
@@ -280,6 +283,7 @@ class Bulk:
             grains=self.grains(),
             gravity=self._gravity,
             work=self.work,
+            linear=self._mechanics.linear,
         )
 
     def state(self) -> checkpoint.State:
@@ -372,13 +376,11 @@ class Bulk:
 
     # ------------------------------------------------------------------ set-up
 
-    def _check_sizes(self, low: Vector, high: Vector, rolling: Rolling) -> None:
+    def _check_sizes(self, low: Vector, high: Vector) -> None:
         if not 1 <= len(self._particles) <= KINDS:
             raise BadInput(f"particles: {len(self._particles)} kinds were given; possible are 1 to {KINDS}.")
         if any(len(wall) != len(self._particles) for wall in self._walls):
             raise BadInput("walls: a wall given per kind needs one entry for every kind of particle.")
-        if rolling not in ROLLING:
-            raise BadInput(f"rolling: {rolling!r} is unknown; use one of {', '.join(map(repr, ROLLING))}.")
         if not (np.all(np.isfinite([low, high])) and np.all(np.less(low, high))):
             raise BadInput(f"domain: low {low} must lie below high {high} on every axis, and both must be finite.")
 
@@ -389,11 +391,13 @@ class Bulk:
                 contact = contacts if isinstance(contacts, Contact) else contacts.get((min(a, b), max(a, b)))
                 if contact is None:
                     raise BadInput(f"contacts: the pair {one.name}-{other.name} has none; give its Contact.")
-                table[a, b] = pair_law(one.material, other.material, contact).row
+                table[a, b] = pair_law(one.material, other.material, contact, self._impact_speed).row
         return table
 
     def _wall_table(self) -> WallTable:
-        return wall_table(self._walls, self._particles, skin=self._skin, domain=self.domain)
+        return wall_table(
+            self._walls, self._particles, skin=self._skin, domain=self.domain, impact_speed=self._impact_speed
+        )
 
     def _terms(self) -> Terms:
         terms = terms_of(self._effects, "bulk")
@@ -430,8 +434,8 @@ class Bulk:
         first = self._particles[0]
         mass, inertia = first.mass, float(first.moments[0])
         sizes = np.array([first.radius, mass, inertia, 1 / mass, 1 / inertia])
-        arena.configure(numbers, counts, self._laws, sizes)
-        arena.walls.load(self._table, sizes, self.time_step)
+        arena.configure(numbers, counts, self._laws, sizes, self._mechanics.linear)
+        arena.walls.load(self._table, sizes, self.time_step, self._mechanics.linear)
         arena.owner = self
         self._arena = arena
 
@@ -496,7 +500,7 @@ class Bulk:
     def _launch(self, steps: int) -> int:
         """Make up to `steps` steps and say how many were made."""
         arena = self._arena
-        done, kinds = 0, (self._alike, self._rolling == ROLLING[0])
+        done, kinds = 0, (self._alike, self._mechanics)
         while done < steps:
             before = float(self.steps + done)
             arena.build_alone(before)

@@ -9,15 +9,23 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material
 from rigtwin.sim.engine.backend import ti
 
+Array = npt.NDArray[np.float64]
 Rolling = Literal["type A", "type C"]
 ROLLING: tuple[Rolling, ...] = ("type A", "type C")
+ContactLaw = Literal["Hertz-Mindlin", "linear"]
+CONTACT_LAWS: tuple[ContactLaw, ...] = ("Hertz-Mindlin", "linear")
+IMPACT_SPEED = 1.0  # [m/s], at which a linear spring is as stiff as Hertz's contact, where none is given
 
 # columns of a table of pair laws
-STIFFNESS, SHEAR, DAMPING, FRICTION, ROLLING_FRICTION, SHEAR_ROOT = range(6)
-LAW_SIZE = 6
+STIFFNESS, SHEAR, DAMPING, FRICTION, ROLLING_FRICTION, SHEAR_ROOT, SPEED = range(7)
+LAW_SIZE = 7
 
 # columns of the constants of a contact: all that does not change while it lasts, see `contact_constants`
 NORMAL, TANGENTIAL, DASHPOT, DASHPOT_T, DASHPOT_R, LAGS, LAGS_T, LAGS_R = range(8)
@@ -29,7 +37,34 @@ RADIUS, MASS, INERTIA, LIGHTNESS, NIMBLENESS = range(5)
 SIZES_OF_KIND = 5
 
 LAG = 0.25  # how far a dashpot's own force is counted against it, in steps; see contact_forces
+ROOT_6_5 = math.sqrt(6 / 5)
 ROLLING_DAMPING = 0.05  # of critical; more than a tenth rings where many contacts meet
+
+
+@dataclass(frozen=True)
+class Mechanics:
+    """Which laws a simulation's contacts go by; kernels are compiled for one choice."""
+
+    contact: ContactLaw = CONTACT_LAWS[0]
+    rolling: Rolling = "type C"
+
+    def __post_init__(self) -> None:
+        if self.contact not in CONTACT_LAWS:
+            raise BadInput(
+                f"contact_law: {self.contact!r} is unknown; use one of {', '.join(map(repr, CONTACT_LAWS))}."
+            )
+        if self.rolling not in ROLLING:
+            raise BadInput(f"rolling: {self.rolling!r} is unknown; use one of {', '.join(map(repr, ROLLING))}.")
+
+    @property
+    def linear(self) -> bool:
+        """Whether springs are linear."""
+        return self.contact == "linear"
+
+    @property
+    def constant_torque(self) -> bool:
+        """Whether rolling is resisted by a constant torque."""
+        return self.rolling == "type A"
 
 
 @dataclass(frozen=True)
@@ -41,18 +76,22 @@ class PairLaw:
     damping: float  # 2 sqrt(5/6) psi [1]
     friction: float  # [1]
     rolling_friction: float  # [1]
+    impact_speed: float = IMPACT_SPEED  # [m/s], of the linear law
 
     @property
     def row(self) -> tuple[float, ...]:
         # a dashpot goes with the root of its stiffness: the tangential one is the normal one times the last column
         shear_root = math.sqrt(4 * self.effective_shear / self.effective_modulus)
         return (
-            self.effective_modulus, self.effective_shear, self.damping, self.friction, self.rolling_friction, shear_root
+            self.effective_modulus, self.effective_shear, self.damping, self.friction, self.rolling_friction,
+            shear_root, self.impact_speed,
         )  # fmt: skip
 
 
-def pair_law(one: Material, other: Material, contact: Contact) -> PairLaw:
+def pair_law(one: Material, other: Material, contact: Contact, impact_speed: float = IMPACT_SPEED) -> PairLaw:
     """Effective moduli of two materials (Hlosta et al. 2020, section 2.1) and the damping of their contact."""
+    if not 0 < impact_speed < math.inf:
+        raise BadInput(f"impact_speed: {impact_speed:g} m/s must be a positive speed.")
     e_star = 1 / ((1 - one.poisson_ratio**2) / one.youngs_modulus + (1 - other.poisson_ratio**2) / other.youngs_modulus)
     g_star = 1 / ((2 - one.poisson_ratio) / one.shear_modulus + (2 - other.poisson_ratio) / other.shear_modulus)
     return PairLaw(
@@ -61,11 +100,21 @@ def pair_law(one: Material, other: Material, contact: Contact) -> PairLaw:
         damping=2 * math.sqrt(5 / 6) * damping_ratio(contact.restitution),
         friction=contact.static_friction,
         rolling_friction=contact.rolling_friction,
+        impact_speed=impact_speed,
     )
 
 
+def linear_stiffness(modulus: Array, radius: Array, mass: Array, impact_speed: Array) -> Array:
+    """The linear springs [N/m] that are pressed as deep as Hertz contacts by impacts at these speeds, undamped.
+
+    All of them effective: modulus [Pa], radius [m], mass [kg].
+    """
+    hertz = 16 / 15 * modulus * radius**0.5
+    return np.asarray(hertz**0.8 * (mass * impact_speed**2) ** 0.2)
+
+
 def damping_ratio(restitution: float) -> float:
-    """Damping ratio psi of a Hertz contact without tension that returns this restitution, at any speed.
+    """Damping ratio psi of a contact without tension that returns this restitution, at any speed, linear or Hertz.
 
     With y = x^(5/4) and d(tau) = x^(1/4) dt the damped Hertz oscillator becomes the linear one (Antypov and Elliott
     2011, EPL 94, 50004).  The contact lets go when its force reaches zero, not its overlap (Schwager and Poeschel
@@ -113,14 +162,24 @@ def turned(vector, normal):
 
 
 @ti.func
-def contact_constants(law, radius_eff, mass_eff, rolling_radius, rolling_inertia, share, step):
+def contact_constants(
+    law, radius_eff, mass_eff, rolling_radius, rolling_inertia, share, step, linear: ti.template()
+):  # fmt: skip
     """All that does not change while a contact lasts; `share` is the part of the distance that is on i's side.
 
-    Stiffnesses go with the root of the overlap and dashpots with the root of that: here are their factors.
+    Hertz's stiffnesses go with the root of the overlap and dashpots with the root of that: here are their factors.
+    Those of a linear contact are constant, the tangential one in the same proportion to the normal one.
     """
     normal = 2.0 * law[STIFFNESS] * ti.sqrt(radius_eff)
     tangential = 8.0 * law[SHEAR] * ti.sqrt(radius_eff)
     dashpot = law[DAMPING] * ti.sqrt(normal * mass_eff)
+    if ti.static(linear):
+        # see `linear_stiffness`
+        energy = mass_eff * law[SPEED] * law[SPEED]
+        normal = (16.0 / 15.0 * law[STIFFNESS] * ti.sqrt(radius_eff)) ** 0.8 * energy**0.2
+        tangential = normal * law[SHEAR_ROOT] * law[SHEAR_ROOT]
+        # 2 psi of the law's 2 sqrt(5/6) psi
+        dashpot = ROOT_6_5 * law[DAMPING] * ti.sqrt(normal * mass_eff)
     dashpot_t = dashpot * law[SHEAR_ROOT]
     # the spring against rolling is the tangential one at the end of the rolling radius
     dashpot_r = 2.0 * ROLLING_DAMPING * rolling_radius * ti.sqrt(tangential * rolling_inertia)
@@ -145,27 +204,28 @@ def contact_constants(law, radius_eff, mass_eff, rolling_radius, rolling_inertia
 
 
 @ti.func
-def constants_of_two(law, radius, radius_j, mass, mass_j, inertia, inertia_j, step):
+def constants_of_two(law, radius, radius_j, mass, mass_j, inertia, inertia_j, step, linear: ti.template()):
     """The constants of a contact of two spheres."""
     both = radius + radius_j
     radius_eff = radius * radius_j / both
     return contact_constants(
         law, radius_eff, mass * mass_j / (mass + mass_j), 2.0 * radius_eff, inertia * inertia_j / (inertia + inertia_j),
-        radius / both, step,
+        radius / both, step, linear,
     )  # fmt: skip
 
 
 @ti.func
 def contact_forces(
     overlap, normal, velocity, spin_i, spin_j, radius_i, radius_j, inertia_i, inertia_j, constants, slip, roll, step,
-    constant_torque: ti.template(),
+    mechanics: ti.template(),
 ):  # fmt: skip
-    """Hertz-Mindlin force on body i and the torques that rolling resistance adds on i and j.
+    """Force on body i, Hertz-Mindlin or linear, and the torques that rolling resistance adds on i and j.
 
     `normal` points from i to j, `velocity` [m/s] is that of i's surface relative to j's at the contact in the middle
     of the step that led here, `slip` [m] and `roll` [rad] are the stored histories.  Stiffnesses S_n = 2 E* sqrt(R* d)
     and S_t = 8 G* sqrt(R* d); spring 2/3 S_n d; dashpots 2 sqrt(5/6) psi sqrt(S m*) v; no tension; |F_t| <= mu F_n
-    (Hlosta et al. 2020, eqs 1 and 2 with the velocity outside the root).
+    (Hlosta et al. 2020, eqs 1 and 2 with the velocity outside the root).  The linear law has constant stiffnesses and
+    dashpots 2 psi sqrt(S m*) instead; all else is the same.
 
     A dashpot fed with the velocity of mid-step takes too much energy, one that solves for the velocity at the end of
     the step too little; half of that correction (LAG) returns the restitution put in to 0.5 % on average even where a
@@ -176,8 +236,11 @@ def contact_forces(
     S_t R^2.  Returns force on i, torque on i, torque on j, new slip, new roll.
     """
     # roots and divisions are most of the cost of a contact: there are as few as can be
-    root = ti.sqrt(overlap)
-    fourth_root = ti.sqrt(root)
+    root, fourth_root, secant = 1.0, 1.0, 1.0
+    if ti.static(not mechanics.linear):
+        root = ti.sqrt(overlap)
+        fourth_root = ti.sqrt(root)
+        secant = 2.0 / 3.0
     stiff_n = constants[NORMAL] * root
     stiff_t = constants[TANGENTIAL] * root
     late_n = 1.0 + constants[LAGS] * fourth_root
@@ -185,7 +248,7 @@ def contact_forces(
     late_r = 1.0 + constants[LAGS_R] * fourth_root
     part = fourth_root / (late_n * late_t * late_r)
     closing = velocity.dot(normal)
-    push = ti.max(0.0, stiff_n * overlap * (2.0 / 3.0) + closing * (constants[DASHPOT] * (late_t * late_r) * part))
+    push = ti.max(0.0, stiff_n * overlap * secant + closing * (constants[DASHPOT] * (late_t * late_r) * part))
 
     sliding = velocity - closing * normal
     new_slip = turned(slip, normal) + sliding * step
@@ -202,7 +265,7 @@ def contact_forces(
     new_roll = ti.Vector([0.0, 0.0, 0.0])
     if constants[ROLLS] > 0.0:
         grip = constants[ROLLS] * push
-        if ti.static(constant_torque):
+        if ti.static(mechanics.constant_torque):
             # never more than stops the spin within the step
             rate = 1.0 / step
             torque_i = -ti.min(grip * (radius_i / (spin_i.norm() + 1e-30)), inertia_i * rate) * spin_i

@@ -23,10 +23,12 @@ from rigtwin.sim.engine import backend
 from rigtwin.sim.engine.backend import ti
 from rigtwin.sim.engine.contact import (
     DAMPING,
+    IMPACT_SPEED,
     LAW_SIZE,
-    ROLLING,
     SIZES_OF_KIND,
     STIFFNESS,
+    ContactLaw,
+    Mechanics,
     Rolling,
     constants_of_two,
     contact_forces,
@@ -93,6 +95,8 @@ def run(
     step: float | None = None,
     flight_step: float = FLIGHT_STEP,
     rolling: Rolling = "type C",
+    contact_law: ContactLaw = "Hertz-Mindlin",
+    impact_speed: float = IMPACT_SPEED,
     effects: Sequence[Active] = (),
     progress: Progress = silent,
 ) -> Motion:
@@ -101,15 +105,19 @@ def run(
     `contacts` is one Contact for all pairs of bodies, or one per pair (i, j) with i < j; None: bodies never touch.
     `step` [s] is the step in contact (default `contact_step`).  Gravity turns about y by `gravity_turns` [rad/s],
     from z towards x: what a plate feels whose far end (x > 0) sinks.  `effects` act on all bodies and contacts.
+    The springs of the "linear" law are as stiff as Hertz's contacts at `impact_speed` [m/s].
     """
     times = np.ascontiguousarray(times, dtype=np.float64)
     _check(bodies, times, walls, contacts)
     step = contact_step([body.particle for body in bodies]) if step is None else step
     if not 0 < step <= flight_step:
         raise BadInput(f"step: {step:g} s does not lie between 0 and the flight step of {flight_step:g} s.")
+    mechanics = Mechanics(contact_law, rolling)
     backend.start()
     bench = _bench(terms_of(effects, "few bodies"))
-    bench.load(bodies, walls, contacts, gravity=(*gravity, gravity_turns), steps=(step, flight_step))
+    bench.load(
+        bodies, walls, contacts, gravity=(*gravity, gravity_turns), steps=(step, flight_step), impact_speed=impact_speed
+    )
     count = len(bodies)
     sampled: list[Array] = []
     budget = LAUNCH_STEPS
@@ -118,7 +126,7 @@ def run(
         bench.expect(block)
         while bench.status() == RUNNING:
             began = time.perf_counter()
-            bench.advance(budget, rolling == ROLLING[0])
+            bench.advance(budget, mechanics)
             # kernels come back at least twice a second, so that progress and Ctrl-C work
             budget = int(np.clip(0.25 / max(time.perf_counter() - began, 1e-6) * budget, 1000, 50_000_000))
             progress("simulating", bench.now(), float(times[-1]))
@@ -234,6 +242,7 @@ class _Bench:
         *,
         gravity: tuple[float, float, float, float],
         steps: tuple[float, float],
+        impact_speed: float,
     ) -> None:
         table = np.zeros((BODIES, 20))
         for i, b in enumerate(bodies):
@@ -247,23 +256,25 @@ class _Bench:
             for j in range(i + 1, len(bodies)):
                 contact = contacts if isinstance(contacts, Contact) or contacts is None else contacts.get((i, j))
                 if contact is not None:
-                    law = pair_law(bodies[i].particle.material, bodies[j].particle.material, contact)
+                    law = pair_law(bodies[i].particle.material, bodies[j].particle.material, contact, impact_speed)
                     pair[i, j] = (*law.row, 1.0)
         kinds = list(dict.fromkeys(b.particle for b in bodies))
         for i, b in enumerate(bodies):
             table[i, 16] = kinds.index(b.particle)
-        self._load_walls(walls, kinds, len(bodies))
+        self._load_walls(walls, kinds, len(bodies), impact_speed)
         changing = any(w.motion is not None or math.isfinite(w.until) for w in walls)
         numbers = np.array([0.0, *steps, *gravity])
         self._load(table, pair, numbers, len(bodies), len(walls), int(changing))
         if self.terms.act_on_contacts:
             self.impact.fill(-1.0)
 
-    def _load_walls(self, walls: Sequence[Wall], kinds: Sequence[Particle], bodies: int) -> None:
+    def _load_walls(self, walls: Sequence[Wall], kinds: Sequence[Particle], bodies: int, impact_speed: float) -> None:
         """Every part of every wall is near every body."""
         everywhere = np.full(3, -ENDLESS), np.full(3, ENDLESS)
-        laws = wall_table([(wall,) * len(kinds) for wall in walls], kinds, skin=0.0, domain=everywhere)
-        self.walls.load(laws, np.ones(SIZES_OF_KIND), 1.0)  # bodies differ: constants are made for each contact
+        laws = wall_table(
+            [(wall,) * len(kinds) for wall in walls], kinds, skin=0.0, domain=everywhere, impact_speed=impact_speed
+        )
+        self.walls.load(laws, np.ones(SIZES_OF_KIND), 1.0, False)  # bodies differ: constants are made for each contact
         parts = len(laws.elements) if walls else 0
         first = (np.arange(BODIES + 1) * parts).astype(np.int32)
         near = np.zeros((max(1, BODIES * parts), 9))
@@ -336,7 +347,7 @@ class _Bench:
         self.counts[4] = RUNNING
 
     @ti.func
-    def forces(self, step, constant_torque: ti.template()):
+    def forces(self, step, mechanics: ti.template()):
         """Accelerations here, from the velocities of mid-step; the smallest time to a contact, 0 in contact."""
         n = self.counts[0]
         clear = self.clock[2]
@@ -349,7 +360,7 @@ class _Bench:
             radius, mass, inertia = self.body[i][0], self.body[i][1], self.body[i][2]
             force, torque, deepest = self.walls.press(
                 0, i, self.kind[i], self.position[i], self.half[i], self.half_spin[i], radius, mass, inertia, step,
-                False, constant_torque,
+                False, mechanics,
             )  # fmt: skip
             self.push[i] = self.push[i] + force / mass
             self.twist[i] = self.twist[i] + torque / inertia
@@ -374,11 +385,12 @@ class _Bench:
                         lever_j = distance - lever
                         surface = velocity + (lever * self.half_spin[i] + lever_j * self.half_spin[j]).cross(normal)
                         constants = constants_of_two(
-                            self.law_of_pair(i, j), radius, radius_j, mass, mass_j, inertia, inertia_j, step
-                        )
+                            self.law_of_pair(i, j), radius, radius_j, mass, mass_j, inertia, inertia_j, step,
+                            mechanics.linear,
+                        )  # fmt: skip
                         force, torque, torque_j, slip, roll = contact_forces(
                             overlap, normal, surface, self.half_spin[i], self.half_spin[j], radius, radius_j, inertia,
-                            inertia_j, constants, self.pair_slip[i, j], self.pair_roll[i, j], step, constant_torque,
+                            inertia_j, constants, self.pair_slip[i, j], self.pair_roll[i, j], step, mechanics,
                         )  # fmt: skip
                         self.pair_slip[i, j] = slip
                         self.pair_roll[i, j] = roll
@@ -501,7 +513,7 @@ class _Bench:
             self.counts[4] = DONE
 
     @ti.kernel
-    def advance(self, budget: ti.i32, constant_torque: ti.template()):
+    def advance(self, budget: ti.i32, mechanics: ti.template()):
         """Up to `budget` steps, or until all samples are taken."""
         ti.loop_config(serialize=True)
         for _ in range(1):
@@ -520,7 +532,7 @@ class _Bench:
                 if self.gravity[None][3] != 0.0:
                     still = 0
                     self.turn_gravity(self.clock[0] + h)
-                self.clock[3] = self.forces(h, constant_torque)
+                self.clock[3] = self.forces(h, mechanics)
                 for i in range(n):
                     self.velocity[i] = self.across_thread(i, self.half[i] + 0.5 * h * self.push[i])
                     self.spin[i] = self.half_spin[i] + 0.5 * h * self.twist[i]

@@ -159,7 +159,7 @@ class Pairs:
                     self.packet[k][SIZES + 4 + c] = (spin[3], spin_j[3])[c]
 
     @ti.func
-    def work_out(self, chunk, count, alike: ti.template(), constant_torque: ti.template()):
+    def work_out(self, chunk, count, alike: ti.template(), mechanics: ti.template()):
         """Forces of the chosen pairs.  One loop without calls, gathers or early ends: it is to become vector code."""
         room = chunk * STRIDE
         step = self.numbers[STEP]
@@ -176,7 +176,9 @@ class Pairs:
                 inertia, inertia_j = self.packet[k][SIZES + 4], self.packet[k][SIZES + 5]
                 for c in ti.static(range(LAW_SIZE)):
                     law[c] = self.packet[k][LAW + c]
-                constants = constants_of_two(law, radius, radius_j, mass, mass_j, inertia, inertia_j, step)
+                constants = constants_of_two(
+                    law, radius, radius_j, mass, mass_j, inertia, inertia_j, step, mechanics.linear
+                )
             between = self.three(BETWEEN, k)
             turning = self.three(SPIN, k)
             turning_j = self.three(SPIN_OTHER, k)
@@ -195,7 +197,7 @@ class Pairs:
                 held = ti.max(overlap, 0.0)
             force, torque, torque_j, slip, roll = contact_forces(
                 held, normal, surface, turning, turning_j, radius, radius_j, inertia, inertia_j, constants, slip, roll,
-                step, constant_torque,
+                step, mechanics,
             )  # fmt: skip
             if ti.static(self.terms.attracts):
                 force += self.terms.attraction(overlap, 0.5 * constants[ROLLING_RADIUS], law[STIFFNESS]) * normal
@@ -239,11 +241,11 @@ class Pairs:
             self.worst[i] = ti.max(self.worst[i], self.packet[k][DEPTH])
 
     @ti.func
-    def meet(self, live, begin, end, chunk, alike: ti.template(), constant_torque: ti.template(), alone: ti.template()):
+    def meet(self, live, begin, end, chunk, alike: ti.template(), mechanics: ti.template(), alone: ti.template()):
         """Forces of the pairs from `begin` to `end`, at most PACKET; `chunk` says which packet is free for that."""
         count = self.choose(live, begin, end, chunk)
         self.gather(live, chunk, count, alike)
-        self.work_out(chunk, (count + LANES - 1) // LANES * LANES, alike, constant_torque)
+        self.work_out(chunk, (count + LANES - 1) // LANES * LANES, alike, mechanics)
         self.deliver(live, chunk, count, alone)
 
     @ti.func

@@ -24,6 +24,7 @@ from rigtwin.sim.engine.backend import ti
 from rigtwin.sim.engine.contact import (
     CONSTANTS,
     DAMPING,
+    IMPACT_SPEED,
     INERTIA,
     LAW_SIZE,
     MASS,
@@ -77,7 +78,12 @@ class WallTable:
 
 
 def wall_table(
-    walls: Sequence[Sequence[Wall]], particles: Sequence[Particle], *, skin: float, domain: tuple[Array, Array]
+    walls: Sequence[Sequence[Wall]],
+    particles: Sequence[Particle],
+    *,
+    skin: float,
+    domain: tuple[Array, Array],
+    impact_speed: float = IMPACT_SPEED,
 ) -> WallTable:
     """The table of walls that are each given per kind of particle; lists are good for half a `skin` [m] of moving."""
     if len(walls) > WALLS:
@@ -109,7 +115,7 @@ def wall_table(
         before += len(own)
         motion[w] = motion_row(wall[0].shape, wall[0].motion, wall[0].until, domain)
         for a, particle in enumerate(particles):
-            law[a, w] = pair_law(particle.material, wall[a].material, wall[a].contact).row
+            law[a, w] = pair_law(particle.material, wall[a].material, wall[a].contact, impact_speed).row
     return WallTable(
         np.concatenate(rows) if rows else np.zeros((1, ELEMENT_SIZE)),
         np.concatenate(cells).astype(np.int32),
@@ -175,14 +181,14 @@ class WallContacts:
         self.work = ti.field(ti.f64, capacity)  # [J], done by moving walls on the beads of this slot
         self.work_before = ti.field(ti.f64, ())  # [J], until the list was made
 
-    def load(self, table: WallTable, sizes: Array, step: float) -> None:
+    def load(self, table: WallTable, sizes: Array, step: float, linear: bool) -> None:
         """Take the walls of a simulation; nothing is near them yet.
 
         `sizes` are those of the first kind of spheres (columns as in SIZES_OF_KIND), `step` [s] is the time step.
         """
         self._load(
             table.elements, table.cell_first, table.items, table.grid, table.grid_shape, table.motion, table.law,
-            len(table.elements), len(table.cell_first), len(table.items), sizes, step,
+            len(table.elements), len(table.cell_first), len(table.items), sizes, step, linear,
         )  # fmt: skip
 
     @ti.kernel
@@ -200,6 +206,7 @@ class WallContacts:
         item_count: ti.i32,
         sizes: ti.types.ndarray(),
         step: ti.f64,
+        linear: ti.template(),
     ):
         ti.loop_config(serialize=True)
         for _ in range(1):
@@ -222,7 +229,7 @@ class WallContacts:
                         self.law[a, w][c] = law[a, w, c]
                 self.listed_at[w] = 0.0
                 self.constants[w] = contact_constants(
-                    self.law[0, w], sizes[RADIUS], sizes[MASS], sizes[RADIUS], sizes[INERTIA], 1.0, step
+                    self.law[0, w], sizes[RADIUS], sizes[MASS], sizes[RADIUS], sizes[INERTIA], 1.0, step, linear
                 )
             self.first[0, 0] = 0
             self.first[1, 0] = 0
@@ -389,7 +396,7 @@ class WallContacts:
     @ti.func
     def press(
         self, live, i, kind, position, velocity, turning, radius, mass, inertia, step, alike: ti.template(),
-        constant_torque: ti.template(),
+        mechanics: ti.template(),
     ):  # fmt: skip
         """Force of the walls on bead `i`, torque about its centre, and the deepest overlap."""
         force = ti.Vector([0.0, 0.0, 0.0])
@@ -422,10 +429,10 @@ class WallContacts:
                         law[DAMPING] = self.impact[live, q]
                     constants = self.constants[w]
                     if ti.static(not alike):
-                        constants = contact_constants(law, radius, mass, radius, inertia, 1.0, step)
+                        constants = contact_constants(law, radius, mass, radius, inertia, 1.0, step, mechanics.linear)
                     drag, hold, _other, slip, roll = contact_forces(
                         radius - distance, normal, velocity + distance * turning.cross(normal) - surface, turning,
-                        wall_spin, radius, radius, inertia, inertia, constants, slip, roll, step, constant_torque,
+                        wall_spin, radius, radius, inertia, inertia, constants, slip, roll, step, mechanics,
                     )  # fmt: skip
                     if ti.static(self.terms.attracts):
                         drag += self.terms.attraction(radius - distance, radius, law[STIFFNESS]) * normal
