@@ -18,7 +18,7 @@ from rigtwin.compare.diagnose.double import DoubleBench
 from rigtwin.compare.diagnose.drop import DropBench
 from rigtwin.compare.diagnose.fit import Fit, fit, screen
 from rigtwin.compare.diagnose.forms import nameless
-from rigtwin.compare.diagnose.gap import Gap, gap, names
+from rigtwin.compare.diagnose.gap import Beside, Gap, beside, gap, names
 from rigtwin.compare.diagnose.labs import BULK, TrackedLab
 from rigtwin.compare.diagnose.locate import Disagreement, Location, Regioned, locate
 from rigtwin.compare.diagnose.naming import FORM, Candidate, Naming, name_effects
@@ -51,6 +51,8 @@ class Diagnosis:
     next_experiment: str = ""
     designs: tuple[Design, ...] = ()
     """Settings that would tell the rivals apart, the most telling first."""
+    beside: tuple[Beside, ...] = ()
+    """The runner-up and a placebo, fitted in the winner's place."""
     seconds: float = 0.0  # [s], CPU
     bench: Any = field(default=None, repr=False)
 
@@ -83,6 +85,7 @@ class Diagnosis:
             "form": self.form,
             "gap": self.gap.to_json() if self.gap else {},
             "next_experiment": self.next_experiment,
+            "beside": [one.to_json() for one in self.beside],
             "designs": [one.to_json() for one in self.designs],
             "calibration": _calibration(chosen.fitted if chosen else naming.base) if naming else [],
             "tried": [
@@ -134,7 +137,7 @@ def diagnose(
     verdict = _judge(bench, lab, naming, progress)
     chosen = verdict.chosen
     sizes = gap(bench, lab, base, chosen.fitted if chosen else None)
-    told = replace(verdict, gap=sizes, designs=_designs(verdict))
+    told = replace(verdict, gap=sizes, designs=_designs(verdict), beside=_beside(verdict, sizes))
     return replace(told, next_experiment=_next(told), seconds=time.process_time() - begun)
 
 
@@ -321,6 +324,14 @@ def _sensitivity(naming: Naming) -> str:
     if blind:
         text += "; taken up by the baseline's own unknowns, whatever their size: " + "; ".join(blind)
     return text
+
+
+def _beside(diagnosis: Diagnosis, sizes: Gap) -> tuple[Beside, ...]:
+    naming, chosen = diagnosis.naming, diagnosis.chosen
+    if naming is None or chosen is None or diagnosis.verdict not in ("named", "indistinguishable"):
+        return ()
+    tried = [(one.fitted, one.gain) for one in naming.tried]
+    return beside(diagnosis.bench, naming.base, sizes, chosen.terms, tried, diagnosis.lab.title)
 
 
 def _designs(diagnosis: Diagnosis) -> tuple[Design, ...]:
