@@ -312,6 +312,14 @@ def _one(job: tuple[int, int, Any, Path, tuple[str, str]]) -> Result:
     return Result(truth, answer)
 
 
+def _answered(folder: Path, name: str) -> Result | None:
+    try:
+        truth = json.loads((folder / "truth" / f"{name}.json").read_text())
+        return Result(truth, read_answer(json.loads((folder / "answers" / f"{name}.json").read_text())))
+    except (OSError, ValueError):
+        return None
+
+
 def _kept(file: Path, key: str, value: str) -> dict[str, Any] | None:
     """A document written before, unless the code has changed since."""
     try:
@@ -331,11 +339,14 @@ def main() -> int:
     parser.add_argument("--strength", choices=(*STRENGTHS, "null"))
     parser.add_argument("--keep", type=Path, default=Path("out/bench-diagnose"), help="labs, truth and answers go here")
     parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--kept", action="store_true", help="only labs answered before, whatever code answered them")
     given = parser.parse_args()
     filters = {"kind": given.kind, "rig": given.rig, "effect": given.effect, "strength": given.strength}
     code = fingerprint(*DRAWS), fingerprint(*ASKED)
     jobs = [(given.seed, number, case, given.keep, code) for number, case in chosen(given.seed, given.count, **filters)]
-    if given.processes == 1:
+    if given.kept:
+        results = [found for job in jobs if (found := _answered(job[3], f"s{job[0]}c{job[1]:03d}")) is not None]
+    elif given.processes == 1:
         results = [_one(job) for job in jobs]
     else:
         with multiprocessing.get_context("fork").Pool(given.processes) as pool:

@@ -18,7 +18,7 @@ from rigtwin.compare.diagnose.double import DoubleBench
 from rigtwin.compare.diagnose.drop import DropBench
 from rigtwin.compare.diagnose.fit import Fit, fit, screen
 from rigtwin.compare.diagnose.forms import nameless
-from rigtwin.compare.diagnose.gap import Gap, gap, names
+from rigtwin.compare.diagnose.gap import Beside, Gap, beside, gap, names
 from rigtwin.compare.diagnose.labs import BULK, TrackedLab
 from rigtwin.compare.diagnose.locate import Disagreement, Location, Regioned, locate
 from rigtwin.compare.diagnose.naming import FORM, Candidate, Naming, name_effects
@@ -32,6 +32,7 @@ from rigtwin.sim.effects import Effect, library
 MOST_RIVALS = 3  # of a set, that the next experiment is computed for
 FEWEST = 5  # repetitions in a lab, below which nothing is named
 SURE = 1e-4  # of the residual statistic, below which something is left over
+CERTAIN = 1e-8  # ... below which it is sure that something disagrees, whatever it is
 LEFT = 0.9  # share of the excess gap that a name must close where something is left over
 
 
@@ -50,6 +51,8 @@ class Diagnosis:
     next_experiment: str = ""
     designs: tuple[Design, ...] = ()
     """Settings that would tell the rivals apart, the most telling first."""
+    beside: tuple[Beside, ...] = ()
+    """The runner-up and a placebo, fitted in the winner's place."""
     seconds: float = 0.0  # [s], CPU
     bench: Any = field(default=None, repr=False)
 
@@ -82,6 +85,7 @@ class Diagnosis:
             "form": self.form,
             "gap": self.gap.to_json() if self.gap else {},
             "next_experiment": self.next_experiment,
+            "beside": [one.to_json() for one in self.beside],
             "designs": [one.to_json() for one in self.designs],
             "calibration": _calibration(chosen.fitted if chosen else naming.base) if naming else [],
             "tried": [
@@ -133,7 +137,7 @@ def diagnose(
     verdict = _judge(bench, lab, naming, progress)
     chosen = verdict.chosen
     sizes = gap(bench, lab, base, chosen.fitted if chosen else None)
-    told = replace(verdict, gap=sizes, designs=_designs(verdict))
+    told = replace(verdict, gap=sizes, designs=_designs(verdict), beside=_beside(verdict, sizes))
     return replace(told, next_experiment=_next(told), seconds=time.process_time() - begun)
 
 
@@ -168,6 +172,12 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
     if best is None:
         if alone is not None and alone.gain > FORM and not alone.reason:
             return _unlisted(plain, bench, naming, alone, "no listed effect explains it with plausible coefficients")
+        if location.p < CERTAIN:
+            return replace(
+                plain,
+                verdict="unlisted",
+                reason="data and twin disagree, and neither a listed effect nor a simple formula describes how",
+            )
         refused = [one for one in naming.tried if one.gain > FORM]
         if location.p < SURE or refused:
             return replace(
@@ -294,14 +304,34 @@ def _next(diagnosis: Diagnosis) -> str:
         splits = [term.splits for term in diagnosis.chosen.terms if term.splits]
         return f"to confirm it: {splits[0]}" if splits else ""
     if diagnosis.verdict == "none" and naming is not None:
-        seen = []
-        for one in naming.tried:
-            if len(one.terms) == 1 and one.terms[0].geometry != "jitter":
-                parameter = one.terms[0].parameters[0]
-                std = one.fitted.std(f"{one.terms[0].name}.{parameter.name}")
-                seen.append(f"{one.terms[0].title} {4 * std:.2g} {parameter.unit}")
-        return "smallest effects that these data would have shown: " + ", ".join(seen) if seen else ""
+        return _sensitivity(naming)
     return "repeat the condition with the largest disagreement with one setting changed at a time"
+
+
+def _sensitivity(naming: Naming) -> str:
+    """What these data would have shown, and what they could not show whatever its size."""
+    seen, blind = [], []
+    for one in naming.tried:
+        if len(one.terms) == 1 and one.terms[0].geometry != "jitter":
+            term = one.terms[0]
+            parameter = term.parameters[0]
+            std = one.fitted.std(f"{term.name}.{parameter.name}")
+            if math.isfinite(std) and 0 < 4 * std < parameter.high:
+                seen.append(f"{term.title} {4 * std:.2g} {parameter.unit}")
+            else:
+                blind.append(f"{term.title} ({term.splits})")
+    text = "smallest effects that these data would have shown: " + ", ".join(seen) if seen else ""
+    if blind:
+        text += "; taken up by the baseline's own unknowns, whatever their size: " + "; ".join(blind)
+    return text
+
+
+def _beside(diagnosis: Diagnosis, sizes: Gap) -> tuple[Beside, ...]:
+    naming, chosen = diagnosis.naming, diagnosis.chosen
+    if naming is None or chosen is None or diagnosis.verdict not in ("named", "indistinguishable"):
+        return ()
+    tried = [(one.fitted, one.gain) for one in naming.tried]
+    return beside(diagnosis.bench, naming.base, sizes, chosen.terms, tried, diagnosis.lab.title)
 
 
 def _designs(diagnosis: Diagnosis) -> tuple[Design, ...]:

@@ -19,7 +19,7 @@ from rigtwin.compare.diagnose.camera import camera_unknowns, noise_of
 from rigtwin.compare.diagnose.labs import TrackedLab
 from rigtwin.compare.diagnose.slopes import Mechanics
 from rigtwin.compare.diagnose.unknowns import Unknown
-from rigtwin.lab.records import Array
+from rigtwin.lab.records import Array, Track
 from rigtwin.sim.effects import Effect
 
 FRICTION = 0.35  # sliding friction where the lab states none; acts only on fast spin
@@ -47,7 +47,12 @@ class DropBench:
         self.friction = np.array([float(stated.get(c.wall, FRICTION)) for _, c, _ in runs])
         self.noise = noise_of(lab, [track for _, _, track in runs])
         events = [impacts(track.time, track.position[:, 1], self.noise) for _, _, track in runs]
-        ends = [_last_moment(track.time, found, lab.gravity) for (_, _, track), found in zip(runs, events, strict=True)]
+        runs_events = list(zip(runs, events, strict=True))
+        events = [_in_flight_after(track, found, self.noise) for (_, _, track), found in runs_events]
+        ends = [
+            _last_moment(track, found, cut, self.noise)
+            for (_, _, track), found, (_, cut) in zip(runs, events, runs_events, strict=True)
+        ]
         kept = [track.time <= end for (_, _, track), end in zip(runs, ends, strict=True)]
         self.time = np.concatenate([track.time[keep] for (_, _, track), keep in zip(runs, kept, strict=True)])
         self.rows = np.concatenate([track.position[keep] for (_, _, track), keep in zip(runs, kept, strict=True)])
@@ -375,11 +380,33 @@ def _slopes(time: Array, value: Array, width: int) -> Array:
     return np.asarray(np.sum(s * np.lib.stride_tricks.sliding_window_view(value, width), axis=1) / np.sum(s * s, 1))
 
 
-def _last_moment(time: Array, found: Sequence[float], gravity: float) -> float:
+def _in_flight_after(track: Track, found: Sequence[float], noise: float) -> list[float]:
+    """The impacts, without a last one after which nothing is seen to rise: the bead lies there."""
+    kept = list(found)
+    while len(kept) > 1:
+        height = track.position[track.time > kept[-1], 1]
+        if len(height) > 2 and float(np.ptp(height)) > 8 * noise:
+            break
+        kept.pop()
+    return kept
+
+
+def _last_moment(track: Track, found: Sequence[float], every: Sequence[float], noise: float) -> float:
     """[s] the end of what is used: before the bead can have touched again unseen."""
+    time = track.time
+    end = float(time[-1])
+    if len(every) > len(found):
+        return every[len(found)]
+    after = time > found[-1] if found else np.zeros(len(time), dtype=bool)
+    if after.sum() > 2:
+        rise = track.position[after, 1] - float(track.position[:, 1].min())
+        top = int(np.argmax(rise))
+        down = np.flatnonzero(rise[top:] < max(5 * noise, 0.1 * float(rise.max())))
+        if len(down):
+            end = float(time[after][top + down[0]])
     if len(found) < 2:
-        return float(time[-1])
+        return end
     pause = found[-1] - found[-2]
     # the flight after the last impact seen is shorter than the one before; stop before its end
     ratio = min(pause / max(found[-2] - found[-3], 1e-6), 0.95) if len(found) > 2 else 0.3
-    return float(min(time[-1], found[-1] + 0.9 * ratio * pause))
+    return min(end, found[-1] + 0.9 * ratio * pause)

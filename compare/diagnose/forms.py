@@ -76,7 +76,7 @@ def nameless(rig: str) -> list[Effect]:
         for name, (formula, unit, size, impact) in IMPACT.items():
             text = f"restitution {formula}"
             terms.append(_effect(name, text, unit, size, rig, restitution=_restitution(impact)))
-    if rig == "roll":
+    if rig in ("roll", "slide"):
         for name, (formula, unit, size, rolling) in ROLL.items():
             text = f"acceleration along the track {formula}"
             terms.append(_effect(name, text, unit, size, rig, torque=_torque(rolling)))

@@ -6,6 +6,7 @@ included; 1 and less is noise.  Before and after use the same noise and the same
 
 from __future__ import annotations
 
+import random
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
@@ -70,6 +71,44 @@ def gap(bench: Regioned, lab: TrackedLab, base: Fit, best: Fit | None) -> Gap:
             condition=lab.conditions[one].name,
         )
     return inside
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Another set of effects in the winner's place, fitted to all data: how much of the gap a wrong name closes."""
+
+    role: str  # "runner-up" or "placebo"
+    effects: tuple[str, ...]
+    gain: float
+    gap_after: float
+    closed: float | None
+
+    def to_json(self) -> dict[str, object]:
+        return asdict(self)
+
+
+def beside(
+    bench: Regioned, base: Fit, sizes: Gap, chosen: Sequence[Effect], tried: Sequence[tuple[Fit, float]], seed: str
+) -> tuple[Beside, ...]:
+    """The best other set of as many effects, and a single effect drawn by lot, both fitted like the winner."""
+    groups = {term.group for term in chosen}
+    others = [one for one in tried if one[0].terms and not groups & {term.group for term in one[0].terms}]
+    same = [one for one in others if len(one[0].terms) == len(chosen)] or others
+    if not same:
+        return ()
+    second = max(same, key=lambda one: one[1])
+    lots = [one for one in others if len(one[0].terms) == 1 and one is not second]
+    drawn = [("runner-up", second)]
+    if lots:
+        drawn.append(("placebo", random.Random(seed).choice(lots)))
+    found = []
+    for role, (near, _gain) in drawn:
+        fitted = fit(bench, near.terms, near=replace(near, local=base.local, scatter=base.scatter), most=12, rounds=1)
+        size = _size(bench, fitted, base.scatter)
+        share = closed(sizes.before, size, sizes.noise_floor)
+        names_ = tuple(term.name for term in near.terms)
+        found.append(Beside(role, names_, base.deviance - fitted.deviance, size, share))
+    return tuple(found)
 
 
 def _held_out(bench: Regioned, runs: Sequence[int], base: Fit, best: Fit) -> tuple[float, float, float]:

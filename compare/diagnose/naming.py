@@ -18,7 +18,7 @@ SECOND = 16.0
 SECOND_SHARE, SECOND_MOST = 0.02, 1500.0
 """... and this share of what was gained before, up to a limit, where it could be what is left of the first: a strong
 effect whose law is known to a few percent leaves something that is no second effect."""
-OTHER_SHARE = 5e-4
+OTHER_SHARE = 1e-4
 """As `SECOND_SHARE`, for one more effect that acts elsewhere: in the picture, where the first acts on the motion."""
 RIVAL = 0.3  # a single that gains less than this share of the best is no root for pairs
 ALIKE = 6.0
@@ -134,7 +134,7 @@ class _Search:
 
     def _add(self, fitted: Fit) -> None:
         plain = self.base
-        if part := self.rough and len(fitted.residual) != len(plain.residual):
+        if part := self._is_part(fitted):
             assert self.rough is not None
             plain = self.rough[1]
         gain = (plain.deviance - fitted.deviance) * len(self.base.residual) / len(plain.residual)
@@ -146,22 +146,30 @@ class _Search:
         """The leading candidates fitted to the end, on all data."""
         leading = sorted(candidates, key=lambda one: -one.gain)[:LEADING]
         leading += [one for one in _front(candidates, 2) if one not in leading]
-        result = []
-        for one in candidates:
-            better = one
-            if one in leading and (one.rough is not None or not one.fitted.converged):
-                if one.rough is not None and self.base.per_row > LOST:
-                    fitted = fit(self.bench, one.terms, start=_values(one.fitted), most=25, rounds=2)
-                elif one.rough is not None:
-                    near = replace(one.rough, local=self.base.local, scatter=self.base.scatter)
-                    fitted = fit(self.bench, one.terms, near=near, most=25, rounds=2)
-                else:
-                    fitted = fit(self.bench, one.terms, near=one.fitted, most=40)
-                gain = (self.base.deviance - fitted.deviance) / self.spread
-                better = Candidate(one.terms, fitted, gain, _refused(fitted, one.terms), one.rough)
-                self.done[frozenset(one.names)] = better
-            result.append(better)
-        return result
+        result = {frozenset(one.names): one for one in candidates}
+        while leading:
+            for one in leading:
+                if one.rough is not None or not one.fitted.converged:
+                    result[frozenset(one.names)] = self._to_the_end(one)
+            best = _best(list(result.values()))
+            leading = [best] if best is not None and self._is_part(best.fitted) else []
+        self.done.update(result)
+        return list(result.values())
+
+    def _to_the_end(self, one: Candidate) -> Candidate:
+        if one.rough is not None and self.base.per_row > LOST:
+            fitted = fit(self.bench, one.terms, start=_values(one.fitted), most=25, rounds=2)
+        elif one.rough is not None:
+            near = replace(one.rough, local=self.base.local, scatter=self.base.scatter)
+            fitted = fit(self.bench, one.terms, near=near, most=25, rounds=2)
+        else:
+            fitted = fit(self.bench, one.terms, near=one.fitted, most=40)
+        gain = (self.base.deviance - fitted.deviance) / self.spread
+        return Candidate(one.terms, fitted, gain, _refused(fitted, one.terms), one.rough)
+
+    def _is_part(self, fitted: Fit) -> bool:
+        """Whether a fit is to a part of the data alone."""
+        return len(fitted.residual) != len(self.base.residual)
 
 
 def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell: Tell) -> Naming:

@@ -41,6 +41,8 @@ def page(diagnosis: Diagnosis) -> str:
         reason=diagnosis.reason,
         form=diagnosis.form,
         next_experiment=diagnosis.next_experiment,
+        designs=diagnosis.designs[:8],
+        beside=[_beside_row(one) for one in diagnosis.beside],
         where=in_words(diagnosis.location),
         regions=diagnosis.where[:12],
         candidates=[_candidate_row(one) for one in _leading(diagnosis)],
@@ -117,6 +119,15 @@ def _gaps(diagnosis: Diagnosis) -> list[dict[str, str]]:
         for what, before, after, floor in rows
         if before is not None and after is not None and floor is not None
     ]
+
+
+def _beside_row(one: Any) -> dict[str, str]:
+    return {
+        "what": f"{one.role}: {' + '.join(one.effects)}",
+        "gain": f"{one.gain:.1f}",
+        "after": f"{one.gap_after:.4g}",
+        "closed": "–" if one.closed is None else f"{100 * one.closed:.1f} %",
+    }
 
 
 def _figure(diagnosis: Diagnosis) -> str:

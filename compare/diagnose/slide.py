@@ -87,8 +87,10 @@ class SlideBench(Runs):
         acting = [
             (term, [values[f"{term.name}.{p.name}"][:seen, None] for p in term.parameters])
             for term in terms
-            if term.torque is not None or term.sliding is not None
+            if term.torque is not None or term.sliding is not None or term.onset is not None
         ]
+        plain = self._plain(values)[:seen]
+        at_slip = self.clump * gravity * np.cos(slip)
 
         def pull(time: Array, way: Array, speed: Array) -> Array:
             """Down the arm."""
@@ -99,6 +101,10 @@ class SlideBench(Runs):
             for term, own in acting:
                 if term.torque is not None:
                     extra = extra + term.torque(way, speed, 1.0, 1.0, *own)
+                if term.onset is not None:
+                    # what holds beside the weight holds while it slides too, and the weight's share changes
+                    now = term.onset(plain, self.waiting, self.clump * pressing, *own)
+                    mu = mu + now - term.onset(plain, self.waiting, at_slip, *own)
                 if term.sliding is not None:
                     mu = term.sliding(mu, np.abs(speed), self.waiting, *own)
             return gravity * np.sin(angle) - (place - way) * rate**2 - mu * pressing + extra
@@ -116,16 +122,16 @@ class SlideBench(Runs):
 
     def quiet(self, name: str, terms: Sequence[Effect]) -> bool:
         """The friction of each repetition is an unknown of its own: the law for it changes no motion."""
-        return name.startswith("static_friction.") or any(
-            term.onset is not None and term.sliding is None and term.torque is None
-            for term in terms
-            if name.split(".", maxsplit=1)[0] == term.name
-        )
+        return name.startswith("static_friction.") and not any(term.onset is not None for term in terms)
 
     def touches(self, name: str) -> tuple[str, Array] | None:
         """Frictions belong to a pair."""
         kind, _, rest = name.partition(".")
         return (kind, self.pair == self.pairs.index(rest)) if kind == "static_friction" else None
+
+    def _plain(self, values: Mapping[str, Array]) -> Array:
+        """The friction of each repetition's pair."""
+        return np.stack([values[f"static_friction.{pair}"] for pair in self.pairs], axis=-1)[:, self.pair]
 
     def _soft(
         self,
@@ -136,7 +142,7 @@ class SlideBench(Runs):
         terms: Sequence[Effect],
     ) -> Array:
         """How far each repetition's friction is from the law at the slip."""
-        plain = np.stack([values[f"static_friction.{pair}"] for pair in self.pairs], axis=-1)[:, self.pair]
+        plain = self._plain(values)
         onset = plain
         normal = self.clump * self.lab.gravity * np.cos(slip)
         for term in terms:
