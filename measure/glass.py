@@ -165,7 +165,8 @@ def well_exposed(image: Image) -> Image:
     if high - low > FULL_RANGE / 1.3:
         return image
     gain = FULL_RANGE / max(high - low, DIMMEST)
-    return np.clip((image.astype(np.float32) - low) * gain + (255 - FULL_RANGE) / 2, 0, 255).astype(np.uint8)
+    bright = (image.astype(np.float32) - low) * gain + (255 - FULL_RANGE) / 2
+    return np.asarray(np.clip(bright, 0, 255), dtype=np.uint8)
 
 
 def _glare(image: Image) -> npt.NDArray[np.bool_]:
