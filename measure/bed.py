@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -19,6 +19,7 @@ import numpy.typing as npt
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.measure.bead import Scene
+from rigtwin.measure.exposure import Exposure, exposure_of
 from rigtwin.measure.grains import colour_cells, rare, shares
 from rigtwin.measure.media import Video
 from rigtwin.measure.rim import Rim, find_rim, rim_of_bed
@@ -36,6 +37,10 @@ GRAIN_SHARE = 0.012  # likewise in a single picture, whose bed may be of powder
 STEPS = 32  # of a histogram of motion or texture
 STANDS_OUT = 1.6  # times the noise, motion that is no accident
 PIECE = 0.08  # of the bed's area, the least that still belongs to it when it is seen apart
+LEAST_NOISE = 0.5  # [grey levels], compression may leave a still scene without any
+UNDECIDED = 0.5  # of a bead's diameter, to both sides of the mean border, where only the single frame tells
+BESIDE = 1.15  # of the drum's radius, from which on nothing should move
+PASSES = 0.03  # share of the picture beside the drum that something in front of it must hide
 SHIFT = 0.8  # [1], change of the evidence that is one standard deviation of where bead ends and drum begins
 
 
@@ -48,6 +53,7 @@ class Still:
     colour: Image  # BGR
     change: Map  # [grey levels], mean absolute difference to the frames before and after
     shake: tuple[float, float]  # [px]
+    hidden: bool = False  # something passes in front of the scene
 
 
 @dataclass(frozen=True)
@@ -74,6 +80,7 @@ class Outline:
     stricter: Array  # and when fewer are
     area: float  # [px^2], of the bed
     shake: tuple[float, float]  # [px]
+    hidden: bool = False  # something passes in front of the drum
 
 
 @dataclass(frozen=True)
@@ -108,17 +115,21 @@ def follow_bed(
     wanted = set(np.unique(np.linspace(video.first, video.last, SAMPLES).round().astype(int)).tolist())
     samples, shakes = [], []
     count = video.last - video.first + 1
-    for still in _stills(video, scene, lens):
+    exposure = exposure_of(scene.picture)
+    for still in _stills(video, scene, lens, exposure):
         shakes.append(still.shake)
         if still.index in wanted:
             samples.append(still)
         progress("learning what bed and drum look like", len(shakes), count)
-    motion = _motion(samples)
-    noise = float(np.median(motion))
-    moving = motion > max(STANDS_OUT * noise, _otsu(motion))
-    rim = find_rim(scene.picture, moving)
-    rim_seen = rim is not None
-    rim = rim if rim is not None else rim_of_bed(moving)
+    picture = exposure.applied(np.clip(scene.picture, 0, 255).astype(np.uint8)).astype(np.float32)
+    motion, noise, rim, rim_seen = _drum_in(samples, scene.picture)
+    if rim is not None:
+        # what passes in front of the drum is neither bed nor drum; what stays for half of the clip belongs to the scene
+        beside = ~rim.inside(picture.shape, BESIDE)
+        free = [still for still in samples if not _hides(still, picture, beside)]
+        if len(samples) > len(free) >= len(samples) / 2:
+            samples = free
+            motion, noise, rim, rim_seen = _drum_in(samples, scene.picture)
     if rim is None:
         raise NothingToMeasure(
             f"{video.path}: shows no round drum with a moving bed in it; film the drum's end, the whole rim in view, "
@@ -133,8 +144,10 @@ def follow_bed(
             "give a clip in which it turns."
         )
     outlines = []
-    for still in _stills(video, scene, lens):
-        outlines.append(_outline(still, looks, rim, turned.roll))
+    beside = ~rim.inside(picture.shape, BESIDE)
+    for still in _stills(video, scene, lens, exposure):
+        hides = _hides(still, picture, beside)
+        outlines.append(replace(_outline(still, looks, rim, turned.roll), hidden=hides))
         progress("following the bed's surface", len(outlines), count)
     inside = motion[rim.inside(motion.shape, 0.95)]
     clearness = float(np.percentile(inside, 95) / max(noise, 1e-6))
@@ -148,6 +161,7 @@ def bed_in_photo(
     """The bed's surface in a single picture, None when it shows no drum with a bed."""
     lens = cut_for(photo.shape[1], photo.shape[0], region)
     image = lens.seen(photo)
+    image = exposure_of(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)).applied(image)
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32)
     rim = find_rim(np.asarray(grey, dtype=np.float32))
     if rim is None:
@@ -163,11 +177,11 @@ def bed_in_photo(
     return Bed((outline,), rim, True, turned, bead, lens, clearness, 0.0, False)
 
 
-def _stills(video: Video, scene: Scene, lens: Cut) -> Iterator[Still]:
+def _stills(video: Video, scene: Scene, lens: Cut, exposure: Exposure) -> Iterator[Still]:
     """Every frame with its change against its neighbours in time."""
     waiting: list[Steadied] = []
     for seen in steadied(video, scene, lens):
-        waiting.append(seen)
+        waiting.append(replace(seen, colour=exposure.applied(seen.colour)))
         if len(waiting) == 2:
             yield _still(waiting[0], waiting[1:])
         elif len(waiting) == 3:
@@ -180,6 +194,25 @@ def _stills(video: Video, scene: Scene, lens: Cut) -> Iterator[Still]:
 def _still(now: Steadied, others: list[Steadied]) -> Still:
     change = np.mean(np.stack([apart(now.colour, other.colour) for other in others]), axis=0, dtype=np.float32)
     return Still(now.index, now.time, now.colour, np.asarray(change, dtype=np.float32), now.shake)
+
+
+def _drum_in(samples: list[Still], picture: Map) -> tuple[Map, float, Rim | None, bool]:
+    """Motion over the clip, its noise, the drum, and whether its rim was seen."""
+    motion = _motion(samples)
+    noise = max(float(np.median(motion)), LEAST_NOISE)
+    moving = motion > max(STANDS_OUT * noise, _otsu(motion))
+    rim = find_rim(picture, moving)
+    return motion, noise, rim if rim is not None else rim_of_bed(moving), rim is not None
+
+
+def _hides(still: Still, picture: Map, beside: npt.NDArray[np.bool_]) -> bool:
+    """Whether a part of what should stand still looks otherwise in this frame, but for a lamp that flickers."""
+    grey = cv2.cvtColor(still.colour, cv2.COLOR_BGR2GRAY).astype(np.float32)
+    off = cv2.GaussianBlur(grey - picture, (0, 0), 2.0)[beside]
+    if off.size < 500:
+        return False
+    off = np.abs(off - np.median(off))
+    return bool(np.mean(off > 15 + 4 * np.median(off)) > PASSES)
 
 
 def _motion(samples: list[Still]) -> Map:
@@ -214,7 +247,7 @@ def _learn(samples: list[Still], motion: Map, rim: Rim, bead: float) -> Looks | 
     """Looks of bed and empty drum from where there is motion over the clip and where there is none."""
     inside = rim.inside(motion.shape, 0.97)
     smooth = cv2.GaussianBlur(motion, (0, 0), max(0.3 * bead, 1.5))
-    noise = float(np.median(motion))
+    noise = max(float(np.median(motion)), LEAST_NOISE)
     level = _otsu(np.asarray(smooth[inside], dtype=np.float32))
     marked = (smooth > level) & inside
     if not 0.02 < float(np.mean(marked[inside])) < 0.9 or level < 1.15 * float(np.percentile(smooth[inside], 5)):
@@ -225,7 +258,8 @@ def _learn(samples: list[Still], motion: Map, rim: Rim, bead: float) -> Looks | 
     if bed.sum() < 200 or empty.sum() < 200:
         return None
     # the motion was smoothed, and reaches that much further out than the beads
-    before = np.clip(3.0 * (within - away) / bead - 1.0, -3, 3).astype(np.float32)
+    depth = (within - away) / bead - 1 / 3
+    before = (3 * np.sign(depth) * np.clip(np.abs(depth) - UNDECIDED, 0, 1)).astype(np.float32)
     return _looks(samples, bed, empty, before, noise, bead)
 
 

@@ -429,15 +429,18 @@ def _observation(bed: Bed, unit: float, bead_diameter: float | None) -> Observat
 
 
 def _credible(outlines: Sequence[Outline]) -> list[Outline]:
-    """The same with the heights of frames blanked in which the bed's area is far from its usual one."""
+    """The same with the heights of frames blanked in which the drum is hidden or the bed's area is far from usual."""
+    hidden = np.array([outline.hidden for outline in outlines])
+    if hidden.mean() > 0.5:  # what is there that long belongs to the scene
+        hidden[:] = False
     areas = np.array([outline.area for outline in outlines])
-    usual = float(np.median(areas))
+    usual = float(np.median(areas[~hidden]))
     blank = np.full_like(outlines[0].height, np.nan)
     return [
         outline
-        if abs(outline.area - usual) < LOST * usual
+        if abs(outline.area - usual) < LOST * usual and not behind
         else replace(outline, height=blank, looser=blank, stricter=blank)
-        for outline in outlines
+        for outline, behind in zip(outlines, hidden, strict=True)
     ]
 
 
@@ -494,7 +497,8 @@ def _judged(quantities: tuple[Quantity, ...], bed: Bed) -> tuple[Quantity, ...]:
 
 
 def _checks_of_picture(bed: Bed) -> list[Check]:
-    areas = np.array([outline.area for outline in bed.outlines])
+    seen = [outline.area for outline in bed.outlines if not outline.hidden]
+    areas = np.array(seen if 2 * len(seen) >= len(bed.outlines) else [outline.area for outline in bed.outlines])
     swing = float(np.std(areas) / max(float(np.mean(areas)), 1.0))
     fill = float(np.median(areas) / (math.pi * bed.rim.radius**2))
     checks = [

@@ -98,7 +98,7 @@ def _wave(grey: Grey, column: float, lean: float, half_width: int = 2) -> Array:
     line = values.astype(np.float64).mean(axis=1)
     slow = cv2.GaussianBlur(line.reshape(-1, 1), (1, 37), sigmaX=0.1, sigmaY=6.0).ravel()
     fast = line - slow
-    size = np.sqrt(cv2.blur((fast**2).reshape(-1, 1), (1, 61)).ravel()) + 0.7
+    size = np.sqrt(cv2.blur(np.square(fast).reshape(-1, 1), (1, 61)).ravel().clip(0)) + 0.7
     return np.asarray(fast / size)
 
 

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.measure.exposure import exposure_of
 from rigtwin.measure.gauge import Gauge, find_gauge
 from rigtwin.measure.grains import Beads, find_beads, likeness, more_beads
 from rigtwin.measure.level import Level, level_of
@@ -26,8 +27,6 @@ FOCAL_SIDES = 2.0  # usual focal length in longer sides of the picture
 USUAL_STEEPNESS = 0.5  # in bead diameters, as `Bed.steepness`
 FOCAL_DOUBT = 0.4  # standard deviation of its logarithm
 INSIDE = 0.97  # share of the inner radius in which the outline is looked for
-FULL_RANGE = 200.0  # [grey levels], between dark and bright in a well exposed photo
-DIMMEST = 8.0  # [grey levels], a smaller range is noise
 WALL_TOLERANCE = 0.2  # relative, of the size of beads that are half in the shade
 EDGE_DOUBT = 0.6  # [px], a bead's rim is blurred, and all the outline's edges alike
 TEXTURE = 2.0  # most that texture may say, as log odds
@@ -98,7 +97,7 @@ def find_bed(
 ) -> Bed | None:
     """The bed in a photo (BGR), None when there is none; `cylinder` inner and `bead` diameter [m] where known."""
     glare = _glare(image)
-    image = well_exposed(image)
+    image = exposure_of(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)).applied(image)
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
     beads = _beads(image, grey, region)
     if beads is None or len(beads.centre) < FEWEST:
@@ -156,17 +155,6 @@ def find_bed(
         found,
     )
     return _judged(bed)
-
-
-def well_exposed(image: Image) -> Image:
-    """A dark or dull photo brought to the range of a well exposed one; its colours grow with its contrast."""
-    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-    low, high = (float(each) for each in np.percentile(grey, (0.5, 99.5)))
-    if high - low > FULL_RANGE / 1.3:
-        return image
-    gain = FULL_RANGE / max(high - low, DIMMEST)
-    stretched = np.clip((image.astype(np.float32) - low) * gain + (255 - FULL_RANGE) / 2, 0, 255)
-    return np.asarray(stretched, dtype=np.uint8)
 
 
 def _glare(image: Image) -> npt.NDArray[np.bool_]:
@@ -365,7 +353,10 @@ def _judged(bed: Bed) -> Bed | None:
     apart = np.abs(found.looser[known] - found.stricter[known])
     doubt = 0.15 * float(np.nanmean(np.minimum(apart, 4 * bed.bead_radius))) + EDGE_DOUBT
     flaw = ""
-    if np.sum(known) < 0.9 * np.sum(seen):
+    middle = float(np.mean(bed.gauge_rows(*bed.outline))) if bed.gauge is not None else 0.0
+    if bed.gauge is not None and not bed.gauge.first - bed.bead_radius < middle < bed.gauge.last + bed.bead_radius:
+        flaw = "the gauge's graduations are hidden at the height of the surface: something may be in front of both"
+    elif np.sum(known) < 0.9 * np.sum(seen):
         flaw = "the surface is hidden in more than a tenth of the cylinder's width"
     elif found.contrast < 0.25:
         flaw = "the outline is hardly to be told from what is behind it"
