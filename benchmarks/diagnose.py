@@ -2,26 +2,25 @@
 
     python benchmarks/diagnose.py [--seed 1] [--count 100] [--kind null] [--rig drop] [--effect air_drag] [--keep DIR]
 
-Also `SEED=` and `COUNT=` in the environment.  Labs come from `diagnose_labs.py`; each is diagnosed in a process of its
-own, two at a time, that is handed the lab alone.  Prints who was taken for whom and the figures wanted, and writes
-`out/bench-diagnose.json`.
+Also `SEED=` and `COUNT=` in the environment.  Labs come from `diagnose_labs.py`; the diagnosis is handed the lab's
+folder alone.  Labs, truth and answers stay under `out/bench-diagnose`: a bench that was interrupted goes on where it
+stopped, and only what changed code would change is done again.  Prints who was taken for whom and the figures wanted,
+and writes `out/bench-diagnose.json`.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import math
+import multiprocessing
 import os
-import resource
-import shutil
-import subprocess
+import signal
 import sys
-import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -32,8 +31,10 @@ from diagnose_names import canonical, is_named, true_value
 from figures import Row, report
 from labs_effects import ALL, STRENGTHS
 
-LIMIT = 3600  # [s] of wall clock for one lab; a busy machine is no fault of the diagnosis
 CPU_LIMIT = 600  # [s]
+HERE = Path(__file__).resolve().parent
+DRAWS = (*sorted(HERE.glob("labs_*.py")), HERE / "diagnose_labs.py")
+ASKED = (HERE.parent / "compare" / "diagnose", HERE.parent / "sim" / "effects")
 SINGLE_RUN_CPU = 120.0  # [s], wanted at most for a lab
 
 
@@ -89,40 +90,35 @@ class Result:
         return self.answer.verdict == "named" and bool(self.answer.names) and not self.right(self.answer.names[0])
 
 
-def diagnose(lab: Path, out: Path) -> Answer:
-    """`rigtwin diagnose` on one lab, in its own process."""
-    command = [sys.executable, "-m", "rigtwin", "diagnose", str(lab), "--out", str(out), "--quiet"]
-    environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    out.mkdir(parents=True, exist_ok=True)
-    with (out / "log.txt").open("w") as log:
-        process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, env=environment)
-        resource.prlimit(process.pid, resource.RLIMIT_CPU, (CPU_LIMIT, CPU_LIMIT))
-        cpu, failed = _wait(process)
-    said = (out / "log.txt").read_text()[-2000:]
-    file = out / "diagnosis.json"
-    if failed or not file.exists():
-        return Answer("failed", cpu=cpu, failure=failed or said.strip().splitlines()[-1:] or "no diagnosis.json")
-    return read_answer(json.loads(file.read_text()), cpu)
+def diagnose(lab: Path) -> dict[str, Any]:
+    """The document of a diagnosis of one lab, or why there is none; handed the lab's folder alone."""
+    from rigtwin.compare.diagnose.diagnosis import diagnose as ask
+    from rigtwin.compare.diagnose.labs import read_tracked_lab
+
+    def give_up(_signal: int, _frame: Any) -> None:
+        raise TimeoutError(f"more than {CPU_LIMIT} s of CPU time")
+
+    signal.signal(signal.SIGPROF, give_up)
+    signal.setitimer(signal.ITIMER_PROF, CPU_LIMIT)
+    begun = time.process_time()
+    try:
+        document = ask(read_tracked_lab(lab)).to_json()
+    except Exception as error:
+        document = {"verdict": "failed", "failure": f"{type(error).__name__}: {error}"}
+    signal.setitimer(signal.ITIMER_PROF, 0)
+    return {**document, "cpu_s": time.process_time() - begun}
 
 
-def _wait(process: subprocess.Popen[bytes]) -> tuple[float, str]:
-    """CPU seconds [s] that it took, and why it failed."""
-    deadline = time.monotonic() + LIMIT
-    while True:
-        pid, status, usage = os.wait4(process.pid, os.WNOHANG)
-        if pid:
-            code = os.waitstatus_to_exitcode(status)
-            process.returncode = code
-            return usage.ru_utime + usage.ru_stime, "" if code in (0, 1) else f"exit code {code}"
-        if time.monotonic() > deadline:
-            process.kill()
-            _pid, _status, usage = os.wait4(process.pid, 0)
-            process.returncode = -9
-            return usage.ru_utime + usage.ru_stime, f"more than {LIMIT} s"
-        time.sleep(0.1)
+def fingerprint(*folders: Path) -> str:
+    """What the answer depends on: the code in these folders or files."""
+    digest = hashlib.sha256()
+    for folder in folders:
+        for file in sorted(folder.rglob("*.py")) if folder.is_dir() else [folder]:
+            digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
 
 
-def read_answer(document: dict[str, Any], cpu: float = math.nan) -> Answer:
+def read_answer(document: dict[str, Any]) -> Answer:
     """The parts of a diagnosis.json that are scored."""
     effects = document.get("effects") or []
     return Answer(
@@ -132,7 +128,8 @@ def read_answer(document: dict[str, Any], cpu: float = math.nan) -> Answer:
         parameters={str(effect["effect"]): effect.get("parameters") or {} for effect in effects},
         form=str(document.get("form") or ""),
         gap={key: float(v) for key, v in (document.get("gap") or {}).items() if isinstance(v, int | float)},
-        cpu=cpu,
+        cpu=float(document.get("cpu_s", math.nan)),
+        failure=str(document.get("failure") or ""),
     )
 
 
@@ -289,19 +286,39 @@ def confusion(results: Sequence[Result]) -> dict[str, dict[str, int]]:
 # -------------------------------------------------------------------------------------------------------------- main
 
 
-def _one(job: tuple[int, int, Any, Path]) -> Result:
-    seed, number, case, folder = job
+def _one(job: tuple[int, int, Any, Path, tuple[str, str]]) -> Result:
+    """Draw one lab, or take the one that is there, and diagnose it, or take the answer that is there."""
+    seed, number, case, folder, (drawn, asked) = job
     name = f"s{seed}c{number:03d}"
-    truth = write(case, name, (seed, number), folder)
-    answer = diagnose(folder / "labs" / name, folder / "answers" / name)
-    result = Result(truth, answer)
+    truth = _kept(folder / "truth" / f"{name}.json", "drawn", drawn)
+    if truth is None:
+        truth = write(case, name, (seed, number), folder) | {"drawn": drawn}
+        (folder / "truth" / f"{name}.json").write_text(json.dumps(truth, indent=1) + "\n")
+    file = folder / "answers" / f"{name}.json"
+    document = _kept(file, "asked", f"{drawn} {asked}")
+    if document is None:
+        document = diagnose(folder / "labs" / name) | {"asked": f"{drawn} {asked}"}
+        file.parent.mkdir(exist_ok=True)
+        file.write_text(json.dumps(document, indent=1, default=str) + "\n")
+    answer = read_answer(document)
     said = ", ".join(answer.names) or answer.form or answer.failure
+    if answer.together:
+        said += f" {{{'; '.join(', '.join(group) for group in answer.together)}}}"
     sys.stdout.write(
         f"{name} {truth['rig']:13} {truth['strength']:8} {' + '.join(truth['effects']) or 'nothing':40} -> "
         f"{answer.verdict} {said}  ({answer.cpu:.0f} s)\n"
     )
     sys.stdout.flush()
-    return result
+    return Result(truth, answer)
+
+
+def _kept(file: Path, key: str, value: str) -> dict[str, Any] | None:
+    """A document written before, unless the code has changed since."""
+    try:
+        document: dict[str, Any] = json.loads(file.read_text())
+    except (OSError, ValueError):
+        return None
+    return document if document.get(key) == value else None
 
 
 def main() -> int:
@@ -312,16 +329,17 @@ def main() -> int:
     parser.add_argument("--rig", choices=sorted(set(EVERY_RIG)))
     parser.add_argument("--effect", choices=sorted(ALL))
     parser.add_argument("--strength", choices=(*STRENGTHS, "null"))
-    parser.add_argument("--keep", type=Path, help="keep labs, truth and answers in this folder")
+    parser.add_argument("--keep", type=Path, default=Path("out/bench-diagnose"), help="labs, truth and answers go here")
     parser.add_argument("--processes", type=int, default=2)
     given = parser.parse_args()
-    folder = given.keep or Path(tempfile.mkdtemp(prefix="rigtwin-labs-"))
     filters = {"kind": given.kind, "rig": given.rig, "effect": given.effect, "strength": given.strength}
-    jobs = [(given.seed, number, case, folder) for number, case in chosen(given.seed, given.count, **filters)]
-    with ThreadPoolExecutor(given.processes) as pool:
-        results = list(pool.map(_one, jobs))
-    if given.keep is None:
-        shutil.rmtree(folder)
+    code = fingerprint(*DRAWS), fingerprint(*ASKED)
+    jobs = [(given.seed, number, case, given.keep, code) for number, case in chosen(given.seed, given.count, **filters)]
+    if given.processes == 1:
+        results = [_one(job) for job in jobs]
+    else:
+        with multiprocessing.get_context("fork").Pool(given.processes) as pool:
+            results = list(pool.imap(_one, jobs, chunksize=1))
     table = confusion(results)
     for true, said in table.items():
         sys.stdout.write(f"{true:45} -> {', '.join(f'{what} {n}' for what, n in said.items())}\n")

@@ -301,7 +301,7 @@ def pendulum(
         e = restitution_at(bead, world.restitution[f"{bead.name}/{wall}"], closing, hidden, 0.01)
         e = min(max(e + rng.normal(0, world.restitution_scatter), 0.0), 0.99)
         if e * closing < REST_SPEED:
-            path.add(end, duration, lambda t, a=contact: _on_circle(np.full(len(t), a), length))
+            duration = end  # what is left of the motion is too small to be followed: the record stops here
             break
         state, begin = np.array([contact + 1e-9, e * closing / length]), end
     path.end = duration
@@ -333,7 +333,9 @@ def double(
 
     def distance(_t: float, s: Array) -> float:
         apart = places(s[0], s[2])
-        return float(np.linalg.norm(apart[1] - apart[0]) - bead.diameter)
+        between = apart[1] - apart[0]
+        # a fast bead may be past the other within one step: it is then on its wrong side, not apart again
+        return math.copysign(float(np.linalg.norm(between)), float(between[0])) - bead.diameter
 
     distance.terminal, distance.direction = True, -1  # type: ignore[attr-defined]
     path.add(0.0, begin, lambda t, s=tuple(state): places(np.full(len(t), s[0]), np.full(len(t), s[2])))

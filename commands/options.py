@@ -42,13 +42,24 @@ CAMERA: dict[str, Any] = {
     "camera_roll": Annotated[
         str | None, option("--camera-roll", "1.5deg", "Camera roll; positive: the scene looks turned clockwise.")
     ],
+    "plumb_line": Annotated[
+        str | None, option("--plumb-line", "x1,y1,x2,y2", "Two points of a plumb line, instead of --camera-roll.")
+    ],
+    "board": Annotated[
+        str | None,
+        option(
+            "--board",
+            "'checkerboard 9x6 10mm board.jpg'",
+            "Photo of a board in the plane of the motion (also charuco, aruco): gives the scale, removes perspective.",
+        ),
+    ],
 }
 """What the person says of the camera; the same words are keys of ``[experiments.camera]`` in lab.toml."""
 
 SHORTEST, LARGEST_BEAD = 1e-6, 0.5  # [m], what a camera resolves, and a unit that was forgotten
 HEAVIEST = 25_000.0  # [kg/m^3], osmium has 22 600
 
-PHOTO = ("scale", "known_length", "region", "camera_roll")
+PHOTO = ("scale", "known_length", "region", "camera_roll", "plumb_line", "board")
 
 Seed = Annotated[int, typer.Option("--seed", help="Seed of everything random in the twin.")]
 Heaps = Annotated[int, typer.Option("--heaps", min=1, help="Heaps that a pile's twin pours, from --seed upwards.")]
@@ -100,19 +111,32 @@ def camera_of(
     start: str | None = None,
     end: str | None = None,
     camera_roll: str | None = None,
+    plumb_line: str | None = None,
+    board: str | None = None,
 ) -> Any:
     """The `Camera` that the options describe."""
     from rigtwin.lab import camera
+    from rigtwin.lab.errors import BadInput
 
-    return camera.Camera(
+    if camera_roll is not None and plumb_line is not None:
+        raise BadInput("--camera-roll and --plumb-line are both given; leave one of them out.")
+    roll = None if camera_roll is None else camera.roll(camera_roll, name="--camera-roll")
+
+    said = camera.Camera(
         frame_rate=positive(frame_rate, "frequency", "--frame-rate"),
         scale=positive(scale, "scale", "--scale"),
         known_length=None if known_length is None else camera.known_length(known_length, name="--known-length"),
         region=None if region is None else camera.region(region, name="--region"),
         start=None if start is None else camera.moment(start, name="--start"),
         end=None if end is None else camera.moment(end, name="--end"),
-        roll=None if camera_roll is None else camera.roll(camera_roll, name="--camera-roll"),
+        roll=roll if plumb_line is None else camera.plumb_line(plumb_line, name="--plumb-line"),
+        board=None if board is None else camera.board(board, name="--board"),
     )
+    if said.board is None:
+        return said
+    from rigtwin.measure.board import straightened
+
+    return straightened(said)
 
 
 def parsed(text: str, dimension: str, name: str) -> float:

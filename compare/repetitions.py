@@ -108,7 +108,9 @@ def _places(experiment: Experiment, folder: Path) -> list[Path]:
 
 
 def _measure(experiment: Experiment, views: Sequence[Path], out: Path | None) -> Measurement:
-    rig, camera = experiment.rig, experiment.camera
+    from rigtwin.measure.board import straightened  # loads OpenCV, which only the process that measures needs
+
+    rig, camera = experiment.rig, straightened(experiment.camera)
     if isinstance(rig, PileSettings) and rig.variant == "emptying":
         _need_sections(views)
     ruler = import_module(f"rigtwin.measure.{rig.name}")

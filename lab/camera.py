@@ -6,12 +6,22 @@ The same words are options of ``rigtwin measure`` and keys of ``[experiments.cam
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, cast
 
 from rigtwin.lab.errors import BadInput, BadQuantity
 from rigtwin.lab.units import si
 
+_BOARD = re.compile(
+    r"(checkerboard|charuco|aruco)\s+(?:(\d{1,3})x(\d{1,3})\s+)?([\d.]+\s*[a-zµ]*)(?:/([\d.]+\s*[a-zµ]*))?\s+(\S.*)"
+)
+SHORTEST_LINE = 10.0  # [px], below it a plumb line says nothing of the vertical
 FASTEST = 1e8  # [1/s], no camera films faster; a larger rate is a slip of the pen
+
+
+Kind = Literal["checkerboard", "charuco", "aruco"]
 
 
 @dataclass(frozen=True)
@@ -38,6 +48,30 @@ class Moment:
 
 
 @dataclass(frozen=True)
+class Board:
+    """A flat board of known pattern, photographed where the motion is."""
+
+    kind: Kind
+    columns: int  # squares; 1 for a single ArUco marker
+    rows: int  # squares
+    square: float  # [m], side of a square, or of the single marker
+    marker: float | None  # [m], side of a ChArUco board's markers
+    photo: Path
+
+
+@dataclass(frozen=True)
+class Lens:
+    """How pixels of a straight picture map to pixels of the picture as taken; made from a `Board`."""
+
+    size: tuple[int, int]  # [px], width and height of the picture
+    plane: tuple[tuple[float, ...], ...]  # homography, straight to taken without distortion, shape (3, 3)
+    bend: tuple[float, float]  # radial distortion, of the square and fourth power of radius / half the diagonal
+    scale: float  # [m/px] of the straight picture
+    doubt: float  # relative standard uncertainty of the scale
+    residual: float  # [px], rms of the board's corners
+
+
+@dataclass(frozen=True)
 class Camera:
     """All that is known of the camera beforehand; None is "not given", never a default."""
 
@@ -48,6 +82,8 @@ class Camera:
     start: Moment | None = None
     end: Moment | None = None
     roll: float | None = None  # [rad], positive when the scene looks turned clockwise in the picture
+    board: Board | None = None
+    lens: Lens | None = None  # what the board says; region, roll and known length are of straight pictures then
 
     def __post_init__(self) -> None:
         for name in ("frame_rate", "scale"):
@@ -56,6 +92,8 @@ class Camera:
                 raise BadInput(f"the camera's {name.replace('_', ' ')} must be positive, got {value:g}.")
         if self.frame_rate is not None and self.frame_rate > FASTEST:
             raise BadInput(f"the camera's frame rate cannot be {self.frame_rate:g} Hz; write it like '240 Hz'.")
+        if self.board is not None and self.lens is None and self.given_scale is not None:
+            raise BadInput("a board and a scale are both given; leave one of them out.")
         start, end = self.start, self.end
         if start and end and start.unit == end.unit and start.value >= end.value:
             raise BadInput(f"end ({end.value:g} {end.unit}) is not after start ({start.value:g} {start.unit}).")
@@ -81,6 +119,56 @@ def known_length(text: str, *, name: str = "known_length") -> KnownLength:
     if length <= 0 or line.start == line.end:
         raise BadQuantity(f"{name}: {text!r} spans no length; give two different points and a positive length.")
     return line
+
+
+def board(text: str, *, name: str = "board", folder: Path | None = None) -> Board:
+    """Parse ``"checkerboard 9x6 10mm board.jpg"``; the photo's path is relative to `folder`.
+
+    >>> board("charuco 8x5 20mm/15mm board.png").marker
+    0.015
+    """
+    found = _BOARD.fullmatch(text.strip())
+    if found is None:
+        raise BadQuantity(
+            f"{name}: {text!r} is no board; write it like 'checkerboard 9x6 10mm board.jpg', "
+            "'charuco 8x5 20mm/15mm board.jpg' or 'aruco 40mm board.jpg'."
+        )
+    kind, columns, rows, square, marker, photo = found.groups()
+    if (kind == "aruco") != (columns is None) or (kind == "charuco") != (marker is not None):
+        raise BadQuantity(
+            f"{name}: {text!r}: a checkerboard has squares (9x6) and their size, a ChArUco board the markers' size too "
+            "(20mm/15mm), an ArUco marker its size alone."
+        )
+    sides = [si(side, "length", name=name) for side in (square, marker) if side is not None]
+    if min(sides) <= 0 or (len(sides) == 2 and sides[1] >= sides[0]):
+        raise BadQuantity(f"{name}: {text!r}: sizes must be positive, and markers smaller than their squares.")
+    if kind != "aruco" and min(int(columns), int(rows)) < 3:
+        raise BadQuantity(f"{name}: {text!r}: a board of fewer than 3 x 3 squares shows too few corners.")
+    return Board(
+        cast(Kind, kind),
+        int(columns or 1),
+        int(rows or 1),
+        sides[0],
+        sides[1] if len(sides) == 2 else None,
+        (folder or Path()) / photo,
+    )
+
+
+def plumb_line(text: str, *, name: str = "plumb_line") -> float:
+    """Roll [rad] from ``"x1,y1,x2,y2"``, two points of a plumb line in the picture.
+
+    >>> round(math.degrees(plumb_line("100,0,90,500")), 3)
+    1.146
+    """
+    x1, y1, x2, y2 = _floats(text, 4, name, "x1,y1,x2,y2")
+    if y1 > y2:
+        x1, y1, x2, y2 = x2, y2, x1, y1
+    if math.hypot(x2 - x1, y2 - y1) < SHORTEST_LINE:
+        raise BadQuantity(f"{name}: {text!r} is too short to tell a direction; give points far apart.")
+    angle = math.atan2(x1 - x2, y2 - y1)
+    if abs(angle) > math.pi / 4:
+        raise BadQuantity(f"{name}: {text!r} is nearer to the picture's horizontal; give two points of a plumb line.")
+    return angle
 
 
 def region(text: str, *, name: str = "region") -> tuple[float, float, float, float]:

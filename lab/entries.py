@@ -10,7 +10,7 @@ import math
 import re
 import tomllib
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
@@ -22,6 +22,7 @@ from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.toml_lines import Key, dotted, key_lines
 from rigtwin.lab.units import LONGEST, si
 
+HERE = Path()
 RIGS = ("drop", "pendulum", "tilt", "packing", "pile", "drum", "hopper")
 
 
@@ -130,6 +131,14 @@ def _known_length(value: Any) -> camera.KnownLength:
     return camera.known_length(_text(value, "100mm:10,20,510,20"), name="value")
 
 
+def _plumb_line(value: Any) -> float:
+    return camera.plumb_line(_text(value, "100,0,90,500"), name="value")
+
+
+def _board(value: Any) -> camera.Board:
+    return camera.board(_text(value, "checkerboard 9x6 10mm board.jpg"), name="value")
+
+
 def _text(value: Any, example: str) -> str:
     if not isinstance(value, str):
         raise BadInput(f"{value!r} is not a text; write it like {example!r}.")
@@ -170,6 +179,8 @@ Release = Annotated[float, _quantity("angle", 0, math.radians(179)), Field(examp
 Count = Annotated[int, _edge(_whole), Field(examples=[1000])]
 Moment = Annotated[camera.Moment, _edge(_moment), Field(examples=["0.25 s"])]
 KnownLength = Annotated[camera.KnownLength, _edge(_known_length)]
+PlumbLine = Annotated[float, _edge(_plumb_line)]
+Board = Annotated[camera.Board, _edge(_board)]
 Views = Annotated[list[str], _edge(_views)]
 Name = Annotated[str, Field(min_length=1)]
 
@@ -209,11 +220,29 @@ class CameraEntry(_Entry):
     start: Moment | None = None
     end: Moment | None = None
     camera_roll: Annotated[float, _edge(_roll)] | None = None
+    plumb_line: PlumbLine | None = None
+    board: Board | None = None
 
-    def camera(self) -> camera.Camera:
+    def camera(self, folder: Path = HERE) -> camera.Camera:
+        """What the keys say; a board's photo is named relative to the lab's `folder`."""
+        roll = self.camera_roll if self.plumb_line is None else self.plumb_line
+        board = None if self.board is None else replace(self.board, photo=folder / self.board.photo)
         return camera.Camera(
-            self.frame_rate, self.scale, self.known_length, self.region, self.start, self.end, self.camera_roll
+            self.frame_rate, self.scale, self.known_length, self.region, self.start, self.end, roll, board
         )
+
+    def faults(self, folder: Path) -> Iterable[tuple[str, str]]:
+        """Keys that do not go together, or with what lies in the lab's folder, and why."""
+        if self.camera_roll is not None and self.plumb_line is not None:
+            yield "plumb_line", "camera_roll is given too; leave one of them out."
+        if self.board is not None:
+            if self.scale is not None or self.known_length is not None:
+                yield "board", "the board gives the scale; leave scale and known_length out."
+            if not (folder / self.board.photo).is_file():
+                yield "board", f"there is no file {folder / self.board.photo}; put it there or correct the name."
+        start, end = self.start, self.end
+        if start and end and start.unit == end.unit and start.value >= end.value:
+            yield "end", f"end ({end.value:g} {end.unit}) is not after start ({start.value:g} {start.unit})."
 
 
 class _ExperimentEntry(_Entry):

@@ -156,11 +156,15 @@ def _experiment(folder: Path, inventory: Inventory, entry: ExperimentEntry, key:
     particle = inventory.particle(entry.particle, (*key, "particle"))
     wall = None if entry.wall is None else inventory.material(entry.wall, (*key, "wall"))
     repetitions = tuple(tuple(folder / view for view in views) for views in entry.repetitions)
-    found = [*_wall_problems(entry, key), *_media_problems(entry, repetitions, key), *_camera_problems(entry, key)]
+    found = [
+        *_wall_problems(entry, key),
+        *_media_problems(entry, repetitions, key),
+        *_camera_problems(entry, folder, key),
+    ]
     inventory.problems += found
     if particle is None or found or (entry.wall is not None and wall is None):
         return None
-    return Experiment(entry.id, _settings(entry), particle, wall, entry.camera.camera(), repetitions)
+    return Experiment(entry.id, _settings(entry), particle, wall, entry.camera.camera(folder), repetitions)
 
 
 def _settings(entry: ExperimentEntry) -> RigSettings:
@@ -215,12 +219,8 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-def _camera_problems(entry: ExperimentEntry, key: Key) -> list[Problem]:
-    try:
-        entry.camera.camera()
-    except BadInput as error:  # single values were checked before; what is left is the time window
-        return [Problem((*key, "camera", "end"), str(error))]
-    return []
+def _camera_problems(entry: ExperimentEntry, folder: Path, key: Key) -> list[Problem]:
+    return [Problem((*key, "camera", name), why) for name, why in entry.camera.faults(folder)]
 
 
 def _repeated_ids(document: Document, file: LabFile) -> list[Problem]:

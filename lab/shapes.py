@@ -188,6 +188,7 @@ def filled(body: Trimesh | Path, count: int, *, seed: int = 1) -> Clump:
     its density.  Primitives are `trimesh.creation.box` and the like.
     """
     import numpy as np
+    from scipy.sparse import csr_array
     from scipy.spatial import cKDTree
     from trimesh.remesh import subdivide_to_size
 
@@ -200,19 +201,25 @@ def filled(body: Trimesh | Path, count: int, *, seed: int = 1) -> Clump:
     surface = cKDTree(samples)
     places = inside[rng.permutation(len(inside))[:CANDIDATES]]
     radii = surface.query(places)[0]
+    reached = cKDTree(inside).query_ball_point(places, radii)
+    ends = np.cumsum([0, *map(len, reached)])
+    covers = csr_array((np.ones(ends[-1], np.float32), np.concatenate(reached), ends), (len(places), len(inside)))
+    free = np.ones(len(inside), np.float32)
     chosen: list[Array] = []
-    free = inside
     for _ in range(count):
-        if not len(free):
+        gains = np.asarray(covers @ free)
+        best = int(np.argmax(gains))
+        if gains[best] < 1:
             raise BadInput(f"clump: {len(chosen)} spheres already fill the body; give no more than {len(chosen)}.")
-        covered = np.asarray(cKDTree(free).query_ball_point(places, radii, return_length=True))
-        place = places[int(np.argmax(covered))]
+        place = places[best]
         for narrower in range(CLIMB):
             near = place + rng.uniform(-pitch, pitch, (100, 3)) / 2**narrower
             place = np.vstack([place, near])[int(np.argmax(surface.query(np.vstack([place, near]))[0]))]
-        radius = float(surface.query(place)[0])
+        covered = ((inside - place) ** 2).sum(axis=1) <= surface.query(place)[0] ** 2
+        if covered @ free < gains[best]:  # deeper, and so larger, but over what others cover already
+            place, covered = places[best], covers[[best]].toarray()[0] > 0
         chosen.append(place)
-        free = free[((free - place) ** 2).sum(axis=1) > radius**2]
+        free[covered] = 0.0
     depths = [_depth(mesh, place) for place in chosen]
     return clump([_vector(place.tolist()) for place in chosen], depths)
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -26,6 +25,8 @@ DOUBTFUL_SUPPORT = 0.8  # share of the outline on edges below which the find may
 POPULATION = 240  # candidates searched together
 ISLANDS = 4  # parts of the height in which the front rim may lie
 ISLAND_GENERATIONS, GENERATIONS = 25, 50
+CROSSED = 0.7  # share of a candidate's numbers that a mutant gives it
+ALIKE = 1e-3  # relative spread of the costs at which a search ends
 USUAL_WALL = 0.6  # share of a wall on edges
 RUNNING_ON = 0.5  # weight of edges that run on where a wall should end
 HEAP = 3.0  # weight of bead colour right above the rim
@@ -78,7 +79,12 @@ class _Template:
     def pixel(self, along: Array, down: Array) -> tuple[Array, Array]:
         """Picture point of a template point, given in half widths from the middle of the lower rim."""
         cos, sin = np.cos(self.roll), np.sin(self.roll)
-        return self.x + self.half * (along * cos - down * sin), self.y + self.half * (along * sin + down * cos)
+        x, y = along * cos - down * sin, along * sin + down * cos
+        x *= self.half
+        x += self.x
+        y *= self.half
+        y += self.y
+        return x, y
 
     def bulge(self, focal_length: float) -> Array:
         """One looks down on the upper rim less steeply, by the disc's thickness over the distance."""
@@ -131,7 +137,7 @@ def _search(costs: Sequence[_Cost], bounds: Array) -> Array:
     for seed, (top, bottom) in enumerate(itertools.pairwise(sills)):
         part = bounds.copy()
         part[2] = top - 0.2 * (bottom - top), bottom
-        found.append(_evolved(costs[0], part, "sobol", ISLAND_GENERATIONS, seed))
+        found.append(_evolved(costs[0], part, None, ISLAND_GENERATIONS, seed))
     share = POPULATION // ISLANDS
     best = np.concatenate([population[np.argsort(energies)[:share]] for population, energies in found])
     population, energies = _evolved(costs[1], bounds, best, GENERATIONS, ISLANDS)
@@ -139,24 +145,35 @@ def _search(costs: Sequence[_Cost], bounds: Array) -> Array:
 
 
 def _evolved(
-    cost: Callable[[Array], Any], bounds: Array, start: Any, generations: int, seed: int
+    cost: Callable[[Array], Array], bounds: Array, start: Array | None, generations: int, seed: int
 ) -> tuple[Array, Array]:
-    """Population and its costs after differential evolution (Storn and Price 1997)."""
-    from scipy.optimize import Bounds, differential_evolution
+    """Population and its costs after differential evolution, best/1/bin (Storn and Price 1997).
 
-    search = differential_evolution(
-        cost,
-        Bounds(bounds[:, 0], bounds[:, 1]),
-        vectorized=True,
-        updating="deferred",
-        init=np.clip(start, bounds[:, 0], bounds[:, 1]) if isinstance(start, np.ndarray) else start,
-        popsize=POPULATION // len(bounds),
-        maxiter=generations,
-        rng=seed,
-        tol=1e-3,
-        polish=False,
-    )
-    return np.asarray(search.population), np.asarray(search.population_energies)
+    `start` is the first population, spread evenly over the bounds where it is None.  As
+    scipy.optimize.differential_evolution does it, which takes as long again as the costs themselves.
+    """
+    random = np.random.default_rng(seed)
+    low, span = bounds[:, 0], np.maximum(bounds[:, 1] - bounds[:, 0], 1e-12)
+    if start is None:  # a Latin hypercube
+        rows = np.argsort(random.random((POPULATION, len(bounds))), axis=0)
+        population = (rows + random.random(rows.shape)) / POPULATION
+    else:
+        population = np.clip((start - low) / span, 0, 1)
+    energies = cost((low + span * population).T)
+    count, size = population.shape
+    for _ in range(generations):
+        one, other = random.integers(0, count, (2, count))
+        mutant = population[np.argmin(energies)] + random.uniform(0.5, 1) * (population[one] - population[other])
+        crossed = random.random((count, size)) < CROSSED
+        crossed[np.arange(count), random.integers(0, size, count)] = True
+        trial = np.where(crossed, mutant, population)
+        trial = np.where((trial < 0) | (trial > 1), random.random((count, size)), trial)
+        found = cost((low + span * trial).T)
+        better = found <= energies
+        population[better], energies[better] = trial[better], found[better]
+        if np.std(energies) <= ALIKE * abs(np.mean(energies)):
+            break
+    return low + span * population, energies
 
 
 def _candidate(place: Array) -> Array:
@@ -336,15 +353,25 @@ def _support(
     bulge = template.bulge(focal_length)
     upper_y, lower_y = bulge * arc - template.thickness, template.low * arc
 
-    def lookup(u: Array, v: Array) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    cos, sin = np.cos(template.roll), np.sin(template.roll)
+    slope_x, slope_y, colours = picture.x.ravel(), picture.y.ravel(), alike.ravel()
+
+    def lookup(u: Array, v: Array) -> npt.NDArray[np.int64]:
         x, y = template.pixel(u, v)
-        return np.clip(np.rint(y), 0, height - 1).astype(np.int64), np.clip(np.rint(x), 0, width - 1).astype(np.int64)
+        row, column = np.rint(y, out=y), np.rint(x, out=x)
+        np.clip(row, 0, height - 1, out=row)
+        row *= width
+        row += np.clip(column, 0, width - 1, out=column)
+        return row.astype(np.int64)
 
     def on_edge(u: Array, v: Array, normal_u: Array, normal_v: Array) -> Array:
         at = lookup(u, v)
-        cos, sin = np.cos(template.roll), np.sin(template.roll)
-        across = picture.x[at] * (normal_u * cos - normal_v * sin) + picture.y[at] * (normal_u * sin + normal_v * cos)
-        return np.asarray(np.clip(np.abs(across) / np.hypot(normal_u, normal_v) / picture.strong, 0, 1).mean(axis=1))
+        across = slope_x.take(at) * (normal_u * cos - normal_v * sin)
+        across += slope_y.take(at) * (normal_u * sin + normal_v * cos)
+        clear = np.abs(across, out=across)
+        clear /= np.hypot(normal_u, normal_v)
+        clear /= picture.strong
+        return np.asarray(np.minimum(clear, 1, out=clear).mean(axis=1))
 
     def wall(side: int) -> Array:
         one, zero = np.ones(16), np.zeros(16)
@@ -353,7 +380,7 @@ def _support(
         return on_edge(side * one, template.thickness * on, one, zero) - RUNNING_ON * runs_on
 
     def bead_colour(u: Array, rows: list[Array]) -> Array:
-        return np.asarray(np.mean([alike[lookup(u, row)] for row in rows], axis=(0, 2)))
+        return np.asarray(np.mean([colours.take(lookup(u, row)) for row in rows], axis=(0, 2)))
 
     def on_face(share: float) -> Array:
         return upper_y + share * (lower_y - upper_y)

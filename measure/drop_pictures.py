@@ -75,6 +75,7 @@ def write_plot(out: Path, measurement: Measurement, bounces: Bounces) -> Path:
     track = max(measurement.tracks, key=lambda each: len(each.time))
     figure = Figure(figsize=(8, 5.5))
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
+    figure.subplots_adjust(left=0.11, right=0.99, bottom=0.09, top=0.985, hspace=0.08)
     height = track.position[:, 1] * 1e3
     upper.plot(track.time, height, ".", ms=3, color="0.6", label="bead, every frame")
     upper.plot(track.time[bounces.used], height[bounces.used], ".", ms=3, color="#0072B2", label="used in the fit")
@@ -92,7 +93,7 @@ def write_plot(out: Path, measurement: Measurement, bounces: Bounces) -> Path:
     lower.plot(track.time[bounces.used], bounces.residual[bounces.used] * 1e3, ".", ms=3, color="#0072B2")
     lower.set_ylabel("residual / mm")
     lower.set_xlabel("time / s")
-    save_plot(path, figure)
+    save_plot(path, figure, trimmed=False)
     return path
 
 

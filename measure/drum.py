@@ -90,7 +90,7 @@ def measure(
     warnings: list[str] = []
     rate = None
     if clip.suffix.lower() in PHOTOS:
-        photo = read_photo(clip)
+        photo = read_photo(clip, camera.lens)
         bed = bed_in_photo(photo, roll=camera.roll, bead_share=share, region=camera.region)
         if bed is None:
             raise NothingToMeasure(

@@ -21,7 +21,6 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq, least_squares
-from scipy.signal import find_peaks
 
 from rigtwin.lab.rigs import GRAVITY
 
@@ -100,18 +99,19 @@ class _Table:
         # by speed, not by time: both integrals are smooth there, also near the terminal speed
         self.time = _integral(speed, 1 / acceleration)
         self.distance = _integral(speed, speed / acceleration)
+        # between table points the motion is uniformly accelerated: there squares and distances are linear to each other
+        self._time_square, self._speed_square = self.time**2, speed**2
 
     def distance_at(self, time: Array) -> Array:
-        # between table points the motion is uniformly accelerated: interpolate distance over time squared
-        return np.interp(time**2, self.time**2, self.distance)
+        return np.interp(time**2, self._time_square, self.distance)
 
     def time_to(self, distance: float) -> float:
         """[s]"""
-        return math.sqrt(float(np.interp(distance, self.distance, self.time**2)))
+        return math.sqrt(float(np.interp(distance, self.distance, self._time_square)))
 
     def speed_after(self, distance: float) -> float:
         """[m/s]"""
-        return math.sqrt(float(np.interp(distance, self.distance, self.speed**2)))
+        return math.sqrt(float(np.interp(distance, self.distance, self._speed_square)))
 
 
 @lru_cache(maxsize=64)
@@ -203,9 +203,25 @@ def find_contacts(record: Heights) -> npt.NDArray[np.intp]:
     span = float(np.ptp(y))
     if span <= 8 * noise:
         return np.zeros(0, dtype=np.intp)
-    lows, found = find_peaks(-y, prominence=max(8 * noise, 0.004 * span))
-    # a toss has no low between two flights; a minimum at rest on the plate has no flight after it
-    return lows[found["prominences"] > 0]
+    return _lows(y, max(8 * noise, 0.004 * span))
+
+
+def _lows(y: Array, prominence: float) -> npt.NDArray[np.intp]:
+    """Minima from which one climbs at least so far, to both sides, before one finds a lower place.
+
+    scipy.signal.find_peaks does the same, but its import takes longer than a whole measurement.
+    """
+    steps = np.flatnonzero(np.diff(y)) + 1
+    starts, ends = np.concatenate([[0], steps]), np.concatenate([steps, [len(y)]])
+    levels = y[starts]
+    found = []
+    for k in 1 + np.flatnonzero((levels[1:-1] < levels[:-2]) & (levels[1:-1] < levels[2:])):
+        before, after = (np.flatnonzero(side < levels[k]) for side in (levels[:k][::-1], levels[k + 1 :]))
+        left = levels[k - int(before[0]) if len(before) else 0 : k]
+        right = levels[k + 1 : k + 1 + int(after[0]) if len(after) else len(levels)]
+        if min(float(np.max(left)), float(np.max(right))) - levels[k] >= prominence:
+            found.append((starts[k] + ends[k] - 1) // 2)
+    return np.array(found, dtype=np.intp)
 
 
 def third_difference_noise(record: Heights) -> float:

@@ -26,6 +26,12 @@ FOCAL_SIDES = 2.0  # usual focal length in longer sides of the picture
 USUAL_STEEPNESS = 0.5  # in bead diameters, as `Bed.steepness`
 FOCAL_DOUBT = 0.4  # standard deviation of its logarithm
 INSIDE = 0.97  # share of the inner radius in which the outline is looked for
+FULL_RANGE = 200.0  # [grey levels], between dark and bright in a well exposed photo
+DIMMEST = 8.0  # [grey levels], a smaller range is noise
+WALL_TOLERANCE = 0.2  # relative, of the size of beads that are half in the shade
+EDGE_DOUBT = 0.6  # [px], a bead's rim is blurred, and all the outline's edges alike
+TEXTURE = 2.0  # most that texture may say, as log odds
+SATURATED = 252  # [grey levels], from which on glare hides what is behind it
 
 
 @dataclass(frozen=True)
@@ -91,6 +97,8 @@ def find_bed(
     region: tuple[float, float, float, float] | None = None,
 ) -> Bed | None:
     """The bed in a photo (BGR), None when there is none; `cylinder` inner and `bead` diameter [m] where known."""
+    glare = _glare(image)
+    image = well_exposed(image)
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
     beads = _beads(image, grey, region)
     if beads is None or len(beads.centre) < FEWEST:
@@ -118,9 +126,11 @@ def find_bed(
     horizontal = -upright.at((image.shape[1] - 1) / 2)[0]
     view = View(axis, -lean, width / 2, 0.0, math.inf)
     kept = Beads(beads.centre[inside], radius if 0.7 < radius / beads.radius < 1.4 else beads.radius)
-    found = outline_of(image, likeness(image, kept), kept, view, solid=True)
+    alike = _with_texture(likeness(image, kept), grey, kept, view)
+    found = outline_of(image, alike, _bead_like(kept, alike), view, solid=True)
     if found is None:
         return None
+    found = _without_glare(found, glare)
     gauge = None
     if cylinder is not None or bead is not None:
         pixel = width / (cylinder * 1e3) if cylinder else 2 * beads.radius / (bead or 1.0) / 1e3
@@ -146,6 +156,70 @@ def find_bed(
         found,
     )
     return _judged(bed)
+
+
+def well_exposed(image: Image) -> Image:
+    """A dark or dull photo brought to the range of a well exposed one; its colours grow with its contrast."""
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    low, high = (float(each) for each in np.percentile(grey, (0.5, 99.5)))
+    if high - low > FULL_RANGE / 1.3:
+        return image
+    gain = FULL_RANGE / max(high - low, DIMMEST)
+    return np.clip((image.astype(np.float32) - low) * gain + (255 - FULL_RANGE) / 2, 0, 255).astype(np.uint8)
+
+
+def _glare(image: Image) -> npt.NDArray[np.bool_]:
+    """Where the photo is saturated."""
+    return np.asarray(image.min(axis=2) >= SATURATED)
+
+
+def _with_texture(alike: npt.NDArray[np.float32], grey: Image, beads: Beads, view: View) -> npt.NDArray[np.float32]:
+    """Likeness in colour joined by that in texture: a bed is all edges, what stands behind the glass is out of focus.
+
+    Histograms of local roughness, between the walls: among the circles, and more than a bead above all of them.
+    """
+    away = beads.centre - np.array(view.origin)
+    turn = np.array([[math.cos(view.roll), math.sin(view.roll)], [math.sin(view.roll), -math.cos(view.roll)]])
+    x, y = np.meshgrid(np.arange(grey.shape[1]) - view.origin[0], np.arange(grey.shape[0]) - view.origin[1])
+    across, height = turn[0, 0] * x + turn[0, 1] * y, turn[1, 0] * x + turn[1, 1] * y
+    level = away @ turn[1]
+    top, usual = float(level.max()), float(np.percentile(level, 90))
+    inside = np.abs(across) < INSIDE * view.radius
+    bed = inside & (height > beads.radius) & (height < usual - beads.radius)
+    sky = inside & (height > top + 3 * beads.radius) & (height < top + 20 * beads.radius)
+    if np.sum(sky) < np.sum(bed) / 20:
+        return alike
+    fine = grey.astype(np.float32)
+    fine -= cv2.GaussianBlur(fine, (0, 0), 0.5 * beads.radius)
+    rough = np.sqrt(cv2.GaussianBlur(fine * fine, (0, 0), 0.35 * beads.radius)) + 0.5
+    steps = np.clip(4 * np.log2(rough), 0, 39).astype(np.int64)
+    shares = [
+        np.convolve(np.bincount(steps[part], minlength=40) / np.sum(part), (0.25, 0.5, 0.25), mode="same") + 2e-3
+        for part in (bed, sky)
+    ]
+    odds = np.clip(np.log(shares[0] / shares[1]), -TEXTURE, TEXTURE)[steps] + np.log((alike + 0.02) / (1.02 - alike))
+    return np.asarray(1 / (1 + np.exp(-odds)), dtype=np.float32)
+
+
+def _bead_like(beads: Beads, alike: npt.NDArray[np.float32]) -> Beads:
+    """Only the circles that are filled with what looks like beads: marks on the glass draw circles too."""
+    filled = cv2.GaussianBlur(alike, (0, 0), 0.5 * beads.radius)
+    x, y = (np.clip(np.rint(beads.centre[:, k]).astype(int), 0, alike.shape[1 - k] - 1) for k in (0, 1))
+    share = filled[y, x]
+    return Beads(beads.centre[share > 0.7 * np.median(share)], beads.radius)
+
+
+def _without_glare(found: Silhouette, glare: npt.NDArray[np.bool_]) -> Silhouette:
+    """The outline without the places where glare covers it; a highlight on a bead is smaller than that."""
+    size = max(3, round(0.8 * found.bead_radius) | 1)
+    patch = cv2.morphologyEx(glare.astype(np.uint8), cv2.MORPH_OPEN, np.ones((size, size), np.uint8))
+    if not patch.any():
+        return found
+    reach = 2 * math.ceil(1.5 * found.bead_radius) + 1
+    patch = cv2.dilate(patch, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach)))
+    points = np.rint(found.view.to_picture(found.x, np.nan_to_num(found.height))).astype(np.int64)
+    x, y = (np.clip(points[:, k], 0, patch.shape[1 - k] - 1) for k in (0, 1))
+    return replace(found, height=np.where(patch[y, x] > 0, np.nan, found.height))
 
 
 def _beads(image: Image, grey: Image, region: tuple[float, float, float, float] | None) -> Beads | None:
@@ -187,7 +261,8 @@ def _walls(
             return int(np.searchsorted(starts, right) - np.searchsorted(starts, left))
 
         # two upright edges as far apart as the cylinder's walls, with the beads between them; the inner ones
-        pairs = [(one, two) for one in places for two in places if 0.92 * width < two - one < 1.09 * width]
+        least, most_wide = (1 - WALL_TOLERANCE) * width, (1 + WALL_TOLERANCE) * width
+        pairs = [(one, two) for one in places for two in places if least < two - one < most_wide]
         most = max((held(*pair) for pair in pairs), default=0)
         if most > 0.8 * max(held(start - radius, start + width) for start in starts.tolist()):
             return min((pair for pair in pairs if held(*pair) > 0.96 * most), key=lambda pair: pair[1] - pair[0])
@@ -287,7 +362,7 @@ def _judged(bed: Bed) -> Bed | None:
     if np.sum(known) < 0.5 * np.sum(seen):
         return None
     apart = np.abs(found.looser[known] - found.stricter[known])
-    doubt = 0.15 * float(np.nanmean(np.minimum(apart, 4 * bed.bead_radius))) + 0.3
+    doubt = 0.15 * float(np.nanmean(np.minimum(apart, 4 * bed.bead_radius))) + EDGE_DOUBT
     flaw = ""
     if np.sum(known) < 0.9 * np.sum(seen):
         flaw = "the surface is hidden in more than a tenth of the cylinder's width"

@@ -8,6 +8,7 @@ the heap.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -39,6 +40,14 @@ class Edges:
     strength: npt.NDArray[np.float32]  # [grey/px], shape (height, width)
     noise: float  # [grey/px], above this an edge is no accident
     strong: float  # [grey/px], an edge as clear as any in this picture
+
+    @cached_property
+    def points(self) -> tuple[Array, Array, Array, Array]:
+        """Pixels on edges: column, row, and the direction across the edge there."""
+        row, column = np.nonzero(self.strength > self.noise)
+        strength = self.strength[row, column].astype(np.float64)
+        across = (self.x[row, column] / strength, self.y[row, column] / strength)
+        return column.astype(np.float64), row.astype(np.float64), *across
 
 
 def edges(grey: npt.NDArray[np.uint8], blur: float) -> Edges:
@@ -126,12 +135,11 @@ def shares(index: npt.NDArray[np.int64]) -> Array:
 def _circles(picture: Edges, radius: float, sign: int, surrounded: float = SURROUNDED) -> Array:
     """Centres [px], shape (n, 2), of circles of this radius."""
     height, width = picture.strength.shape
-    row, column = np.nonzero(picture.strength > picture.noise)
-    step = sign * radius / picture.strength[row, column]
-    x = np.rint(column + step * picture.x[row, column]).astype(np.int64)
-    y = np.rint(row + step * picture.y[row, column]).astype(np.int64)
+    column, row, across_x, across_y = picture.points
+    x, y = np.rint(column + sign * radius * across_x), np.rint(row + sign * radius * across_y)
     inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-    votes = np.bincount(y[inside] * width + x[inside], minlength=height * width).reshape(height, width)
+    place = (y * width + x)[inside].astype(np.int64)
+    votes = np.bincount(place, minlength=height * width).reshape(height, width)
     spread = max(0.12 * radius, 0.8)
     density = cv2.GaussianBlur(votes.astype(np.float32), (0, 0), spread) * (spread * spread / radius)
     size = 2 * int(0.8 * radius) + 1

@@ -17,9 +17,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.lab.camera import Camera, Moment
+from rigtwin.lab.camera import Camera, Lens, Moment
 from rigtwin.lab.errors import BadInput, UnreadableMedia
 from rigtwin.measure import sources
+from rigtwin.measure.lens import straight
 
 SMALLEST = 5  # [px], no rig fits into less
 
@@ -83,6 +84,8 @@ def open_video(path: Path, camera: Camera) -> Video:
     """
     _must_exist(path, "video")
     film = sources.source(path)
+    if camera.lens is not None:
+        film = sources.Straight(film, camera.lens)
     stamps, stated, (height, width), warnings = film.stamps, film.rate, film.shape, list(film.notes)
     if len(stamps) < 3:
         raise UnreadableMedia(f"{path}: decodes to {len(stamps)} pictures; a measurement needs a clip.")
@@ -104,12 +107,16 @@ def open_video(path: Path, camera: Camera) -> Video:
     return Video(path, width, height, len(times), rate, stated, times, first, last, film, (*warnings, *oddities))
 
 
-def read_photo(path: Path) -> Image:
-    """A photo as BGR, shape (height, width, 3), 8 bit, with its EXIF orientation applied.  Raises `UnreadableMedia`."""
+def read_photo(path: Path, lens: Lens | None = None) -> Image:
+    """A photo as BGR, shape (height, width, 3), 8 bit, with its EXIF orientation applied, straightened by `lens`.
+
+    Raises `UnreadableMedia`.
+    """
     _must_exist(path, "photo")
     # decode from memory: imread reports a broken file on stderr by itself, and once more to us as None
     image = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_COLOR)
-    return _phone_photo(path) if image is None else np.asarray(image, dtype=np.uint8)
+    photo = _phone_photo(path) if image is None else np.asarray(image, dtype=np.uint8)
+    return photo if lens is None else straight(photo, lens)
 
 
 def _phone_photo(path: Path) -> Image:

@@ -120,7 +120,8 @@ def _spots(difference: npt.NDArray[np.uint8], least: npt.NDArray[np.float32]) ->
     smooth = cv2.medianBlur(difference, 5)  # drops what is thinner than half its window, keeps edges
     mask = (smooth > least).astype(np.uint8)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    weights = np.bincount(labels.ravel(), smooth.ravel(), minlength=count)
+    marked = np.flatnonzero(mask)
+    weights = np.bincount(labels.ravel()[marked], smooth.ravel()[marked], minlength=count)
     spots = []
     for k in np.argsort(weights[1:])[::-1][:12] + 1:
         x, y, width, height, area = (int(number) for number in stats[k])

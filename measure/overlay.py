@@ -66,9 +66,7 @@ class OverlayVideo:
             self._container.mux(packet)
 
     def _open_stream(self, picture: Image) -> av.VideoStream:
-        stream = self._container.add_stream(
-            "libx264", rate=self._rate, options={"preset": "superfast", "crf": "23", "tune": "fastdecode"}
-        )
+        stream = self._container.add_stream("libx264", rate=self._rate, options={"preset": "ultrafast", "crf": "22"})
         stream.height, stream.width = picture.shape[0] // 2 * 2, picture.shape[1] // 2 * 2
         stream.pix_fmt = "yuv420p"
         return stream
@@ -100,11 +98,14 @@ def save_picture(path: Path, picture: Image) -> None:
     partial.replace(path)
 
 
-def save_plot(path: Path, figure: Figure) -> None:
-    """Write a matplotlib figure in the format of its file name."""
+def save_plot(path: Path, figure: Figure, *, trimmed: bool = True) -> None:
+    """Write a matplotlib figure in the format of its file name.
+
+    Trimming the white border off takes as long as the drawing itself: a figure with set margins needs none.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(path.name + ".part")
-    figure.savefig(partial, format=path.suffix.lstrip("."), bbox_inches="tight")
+    figure.savefig(partial, format=path.suffix.lstrip("."), bbox_inches="tight" if trimmed else None)
     partial.replace(path)
 
 

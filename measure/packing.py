@@ -38,6 +38,8 @@ INSIDE = 0.95  # share of the inner radius that is read: at the wall the outline
 WALL_DOUBT = 0.006  # relative, of a scale read off the cylinder's inner walls
 GAUGE_DOUBT = 0.002  # relative, of a scale read off a gauge in the plane of the axis
 SAME_PLANE = 0.02  # how far the two may differ when the gauge stands in the plane of the axis
+ROUGHEST = 0.6  # bead diameters; outlines of settled beds of a DEM are rough by 0.15 to 0.35
+SPOILING = ("level_bed", "smooth_surface")  # checks without which a height is doubtful
 ADVISED_RATIO = 5.0  # cylinder over bead diameter
 
 
@@ -95,13 +97,17 @@ def _evaluate(
         raise NothingToMeasure(
             f"the outline lies at {outline * 1e3:.1f} mm, not above the floor by a bead; check height_m and its zero."
         )
+    checks = _checks(seen, heights, cylinder, bead, grain)
+    failed = "; ".join(check.message for check in checks if not check.passed and check.check in SPOILING)
+    if failed and not flaw:
+        found = [_height(each.value, each.method, each.budget, each.n, failed) for each in found]
     warnings = []
     if mass is not None and cylinder is not None:
         found.append(_density(found[0], mass, cylinder))
     else:
         missing = "total_mass" if mass is None else "cylinder_diameter"
         warnings.append(f"bulk density is left out; give --{missing.replace('_', '-')}.")
-    return Evaluation(tuple(found), tuple(_checks(seen, heights, cylinder, bead)), tuple(warnings))
+    return Evaluation(tuple(found), tuple(checks), tuple(warnings))
 
 
 def _mean_outline(profile: Profile, cylinder: float | None) -> tuple[float, float]:
@@ -158,7 +164,11 @@ def _density(height: Quantity, mass: float, cylinder: float) -> Quantity:
 
 
 def _checks(
-    seen: Sequence[Observation], heights: Sequence[tuple[float, float]], cylinder: float | None, bead: float | None
+    seen: Sequence[Observation],
+    heights: Sequence[tuple[float, float]],
+    cylinder: float | None,
+    bead: float | None,
+    grain: float,
 ) -> list[Check]:
     checks = []
     if cylinder is not None and bead is not None:
@@ -187,6 +197,17 @@ def _checks(
                 0.0,
                 f"the outline ({each.profile.view}) leans by {degrees:+.1f} deg and is {rough * 1e3:.2f} mm rough "
                 f"about its mean of {mean * 1e3:.1f} mm{ending}",
+            )
+        )
+        passed = bead is None or rough < ROUGHEST * grain
+        ending = "." if passed else ": no settled bed is so rough; is something in front of it?"
+        checks.append(
+            Check(
+                "smooth_surface",
+                passed,
+                rough / grain,
+                0.25,
+                f"the outline ({each.profile.view}) is rough by {rough / grain:.2f} bead diameters{ending}",
             )
         )
     return checks
@@ -223,7 +244,7 @@ def measure(
             views.append({"scale_m_per_px": None, "scale_from": "profile table", "camera_roll_deg": None})
             beds.append(None)
             continue
-        image = read_photo(photo)
+        image = read_photo(photo, camera.lens)
         bed, observation, view, found = _observe(photo, image, camera, cylinder_diameter, bead_diameter)
         seen.append(observation)
         views.append(view)

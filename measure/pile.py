@@ -377,7 +377,7 @@ def _observe_table(
 def _observe_photo(
     photo: Path, name: str, camera: Camera, base_diameter: float | None, bead_diameter: float | None, out: Path | None
 ) -> tuple[Observation, dict[str, Any], dict[str, Path]]:
-    image = read_photo(photo)
+    image = read_photo(photo, camera.lens)
     ratio = base_diameter / bead_diameter if base_diameter and bead_diameter else None
     focal_length = _focal_length(photo, image)
     found = find_heap(image, roll=camera.roll, region=camera.region, beads_across=ratio, focal_length=focal_length)

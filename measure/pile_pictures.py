@@ -50,8 +50,8 @@ def write_plot(path: Path, profile: Profile, base_diameter: float | None, grain:
     from matplotlib.figure import Figure
 
     factor, label = (1e3, "mm") if unit == "m" else (1.0, "px")
-    figure = Figure(figsize=(7.5, 3.6), layout="constrained")
-    axes = figure.add_subplot()
+    figure = Figure(figsize=(7.5, 3.6))
+    axes = figure.add_axes((0.08, 0.14, 0.91, 0.84))
     axes.fill_between(profile.x * factor, profile.height * factor, color="#e6d9b8", linewidth=0)
     axes.plot(profile.x * factor, profile.height * factor, color="#555555", linewidth=1, label="outline")
     heap = slope.find_parts(profile, base_diameter, grain)
@@ -74,7 +74,7 @@ def write_plot(path: Path, profile: Profile, base_diameter: float | None, grain:
     axes.set_ylabel(f"height [{label}]")
     axes.set_aspect("equal", adjustable="datalim")
     axes.legend(loc="upper right", fontsize=8, frameon=False)
-    overlay.save_plot(path, figure)
+    overlay.save_plot(path, figure, trimmed=False)
     return path
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any, Protocol
@@ -19,7 +20,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.camera import Lens
 from rigtwin.lab.errors import UnreadableMedia
+from rigtwin.measure.lens import straight
 
 Grey = npt.NDArray[np.uint8]
 Image = npt.NDArray[np.uint8]
@@ -30,6 +33,7 @@ STILLS = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp")
 STACKS = (".tif", ".tiff")
 PHOTRON = (".cihx", ".cih", ".mraw")
 HEAD = 24  # pictures decoded to see whether packets and pictures have the same time stamps
+KEPT = 144 * 2**20  # [bytes], of decoded pictures that a film keeps, so that a short one is decoded once only
 
 
 class Source(Protocol):
@@ -57,10 +61,11 @@ def source(path: Path) -> Source:
 
 
 class Film:
-    """A video file that FFmpeg reads."""
+    """A video file that FFmpeg reads; a short one stays in memory as decoded."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self._reel = _Reel(path)
         try:
             with av.open(str(path)) as container:
                 if not container.streams.video:
@@ -77,7 +82,7 @@ class Film:
         self.shape = (first.shape[0], first.shape[1])
 
     def pictures(self) -> Iterator[Picture]:
-        for picture in _decode(self.path):
+        for picture in self._reel.pictures():
             yield _upright(picture, _luma(picture)), _colour_of(picture)
 
     def _stamps(self, container: Any, stream: Any) -> tuple[list[float | None], tuple[str, ...]]:
@@ -94,7 +99,7 @@ class Film:
         expected = stream.frames or len(packets)
         if sound and len(known) == len(packets) == expected and len(set(known)) == len(known) > 0:
             known.sort()
-            head = list(islice(_decode(self.path), HEAD))
+            head = list(islice(self._reel.pictures(), HEAD))
             if [picture.pts for picture in head] == known[: len(head)]:
                 notes = ("the film is interlaced: every picture mixes two moments; deinterlace it first.",)
                 return [stamp * self.tick for stamp in known], notes if _interlaced(head) else ()
@@ -103,13 +108,51 @@ class Film:
     def _decoded_stamps(self) -> tuple[list[float | None], tuple[str, ...]]:
         stamps: list[float | None] = []
         try:
-            for picture in _decode(self.path):
+            for picture in self._reel.pictures():
                 stamps.append(None if picture.pts is None else picture.pts * self.tick)
         except av.FFmpegError:
             if len(stamps) < 3:
                 raise
             return stamps, (f"the file is damaged after picture {len(stamps) - 1}; used what decodes.",)
         return stamps, ()
+
+
+class _Reel:
+    """Decoded pictures of a film, kept for later passes as long as all of them fit into `KEPT`."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._kept: list[av.VideoFrame] = []
+        self._room = KEPT
+        self._decoder: Iterator[av.VideoFrame] | None = None  # stands right behind the kept ones
+        self._end: av.FFmpegError | StopIteration | None = None  # what came behind the kept ones
+
+    def pictures(self) -> Iterator[av.VideoFrame]:
+        """All pictures in order; several may read at once."""
+        index = 0
+        while index < len(self._kept) or self._keep_next():
+            yield self._kept[index]
+            index += 1
+        if isinstance(self._end, av.FFmpegError):
+            raise self._end
+        if self._end is None:
+            # too long a film: what was kept would only save the first of several passes
+            decoder, self._decoder, self._kept = self._decoder, None, []
+            yield from decoder if decoder is not None else islice(_decode(self._path), index, None)
+
+    def _keep_next(self) -> bool:
+        """Decode and keep one picture more; False where the film ends or is too long to be kept."""
+        if self._end is not None or self._room <= 0:
+            return False
+        self._decoder = self._decoder or _decode(self._path)
+        try:
+            picture = next(self._decoder)
+        except (av.FFmpegError, StopIteration) as end:
+            self._end, self._decoder = end, None
+            return False
+        self._kept.append(picture)
+        self._room -= sum(plane.buffer_size for plane in picture.planes)
+        return True
 
 
 class Stills:
@@ -168,6 +211,23 @@ class Stack:
             for page in file.pages:
                 image = np.asarray(page.asarray())
                 yield _eight_bit(image[..., 2::-1] if image.ndim == 3 else image, self.shift)
+
+
+class Straight:
+    """Another source, its pictures straightened by what a board told of lens and perspective."""
+
+    def __init__(self, taken: Source, lens: Lens) -> None:
+        self.taken, self.lens = taken, lens
+        self.shape, self.stamps, self.rate, self.tick = taken.shape, taken.stamps, taken.rate, taken.tick
+        self.notes = taken.notes
+
+    def pictures(self) -> Iterator[Picture]:
+        for grey, in_colour in self.taken.pictures():
+            yield straight(grey, self.lens), partial(_straight_colour, in_colour, self.lens)
+
+
+def _straight_colour(in_colour: Callable[[], Image], lens: Lens) -> Image:
+    return straight(in_colour(), lens)
 
 
 @dataclass(frozen=True)

@@ -110,8 +110,9 @@ def write_plot(path: Path, fit: SwingFit) -> None:
     from matplotlib.figure import Figure
 
     swings = fit.swings
-    figure = Figure(figsize=(8, 5.5), layout="constrained")
+    figure = Figure(figsize=(8, 5.5))
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
+    figure.subplots_adjust(left=0.11, right=0.99, bottom=0.09, top=0.985, hspace=0.08)
     start, end = (float(side(track.time[index] for track in fit.tracks)) for side, index in ((min, 0), (max, -1)))
     time = np.linspace(start, end, 600)
     fitted = np.degrees(angles(swings, time)[0][..., 0])
@@ -132,7 +133,7 @@ def write_plot(path: Path, fit: SwingFit) -> None:
     above.legend(fontsize="small", ncols=2)
     below.set_ylabel("seen - fitted [mm]")
     below.set_xlabel("time [s]")
-    overlay.save_plot(path, figure)
+    overlay.save_plot(path, figure, trimmed=False)
 
 
 def _draw_swing(picture: Image, view: View, bead: int, shake: Array, angle: float) -> None:

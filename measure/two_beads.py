@@ -361,17 +361,23 @@ def _locate_beside(
     other_radius: float,
 ) -> BeadImage | None:
     """One bead where the other may be close by: the other's pixels are not looked at."""
+    # all that the fit may look at
+    reach = 1.5 * look.radius + 6 + np.abs(blur) / 2
+    left, top = (max(int(place - far), 0) for place, far in zip(expected, reach, strict=True))
+    right, bottom = (max(int(place + far) + 2, 0) for place, far in zip(expected, reach, strict=True))
+    window = np.s_[top:bottom, left:right]
+    part = grey[window]
     hidden = None
     if other is not None and np.hypot(*(expected - other)) < 2.5 * (look.radius + other_radius) + 10:
-        y, x = np.mgrid[: grey.shape[0], : grey.shape[1]]
+        x, y = np.arange(part.shape[1])[None, :] + left, np.arange(part.shape[0])[:, None] + top
         to_other = np.hypot(x - other[0], y - other[1])
         nearer = to_other - other_radius < np.hypot(x - expected[0], y - expected[1]) - look.radius
         hidden = nearer & (to_other < other_radius + 3)
-    place = (float(expected[0]), float(expected[1]))
+    place = (float(expected[0]) - left, float(expected[1]) - top)
     # no blur at all would mean "unknown"
     smear = (float(blur[0]) + 0.01, float(blur[1]))
-    fit = fit_bead(grey, scene.picture, place, look.radius, blur_guess=smear, hidden=hidden, look=look)
-    return None if fit is None else fit.image
+    fit = fit_bead(part, scene.picture[window], place, look.radius, blur_guess=smear, hidden=hidden, look=look)
+    return None if fit is None else replace(fit.image, x=fit.image.x + left, y=fit.image.y + top)
 
 
 def _hit_frame(fall: Path, arriving: Array, rest: Array, reach: float) -> float:

@@ -342,6 +342,25 @@ def test_every_commented_line_of_the_new_lab_is_valid_when_uncommented(tmp_path)
     assert pile.rig.count == 1000
 
 
+CAMERA_SAID_TWICE = {
+    'plumb_line = "412,20,405,700"\ncamera_roll = "1 deg"': "camera_roll is given too",
+    'scale = "0.2 mm/px"\nboard = "checkerboard 9x6 10mm board.png"': "leave scale and known_length out",
+    'board = "checkerboard 9x6 10mm missing.png"': "missing.png",
+    'board = "chess 9x6 10mm board.png"': "is no board",
+}
+
+
+@pytest.mark.parametrize(("lines", "told"), CAMERA_SAID_TWICE.items())
+def test_what_is_said_twice_of_the_camera_is_refused(tmp_path, lines, told):
+    new_lab(tmp_path)
+    path = tmp_path / "lab.toml"
+    path.write_text(path.read_text().replace("[experiments.camera] ", f"[experiments.camera]\n{lines}\n#", 1))
+    for name in ("drop/r01.mp4", "board.png"):
+        (tmp_path / name).touch()
+    with pytest.raises(BadLabFile, match=told):
+        read_lab(tmp_path)
+
+
 def test_a_new_lab_overwrites_nothing(folder):
     with pytest.raises(BadInput, match="not overwritten"):
         new_lab(folder)

@@ -190,3 +190,8 @@ def test_a_body_that_is_open_or_cannot_be_read_is_refused(tmp_path):
         filled(tmp_path / "none.stl", 3)
     with pytest.raises(BadInput, match="fill nothing"):
         filled(cube, 0)
+
+
+def test_more_spheres_than_a_body_has_room_for_are_refused():
+    with pytest.raises(BadInput, match="already fill"):
+        filled(trimesh.creation.icosphere(subdivisions=2, radius=3e-3), 500)

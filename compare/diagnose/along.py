@@ -12,6 +12,7 @@ from rigtwin.compare.diagnose.runs import hermite
 from rigtwin.lab.records import Array
 
 STEPS = 24
+SLOW = 1e-3  # [m/s], a speed that counts as rest at the start
 
 Pull = Callable[[Array, Array, Array], Array]
 """Acceleration along the track [m/s^2] from the time since the start, the place and the speed."""
@@ -31,7 +32,9 @@ def ride(place: Array, speed: Array, pull: Pull, until: Array, *, may_stop: bool
     """Ride from `place` at `speed` until `until` [s], or until it stops."""
     zero = np.zeros_like(place)
     slowing = np.maximum(-pull(zero, place, np.maximum(speed, 1e-4)), 1e-9)
-    stops = np.where(may_stop & (speed > 0) & (speed / slowing < until), speed / slowing, np.inf)
+    # what is let go from rest where it speeds up does not stop
+    slows = may_stop & (speed > SLOW) & (slowing > 1e-6)
+    stops = np.where(slows & (speed / slowing < until), speed / slowing, np.inf)
     stopping = np.isfinite(stops)
     h = np.maximum(np.where(stopping, stops, until), 1e-4) / STEPS
     places, speeds = [place], [speed]
@@ -72,7 +75,7 @@ def place_at(motion: Ride, since: Array, owner: Any) -> tuple[Array, Array]:
     h, end = motion.step.reshape(-1)[base], motion.end.reshape(-1)[base]
     held = since < 0
     inside = np.clip(since, 0.0, None)
-    k = np.minimum((inside / h).astype(np.int64), nodes - 2)
+    k = np.clip((inside / h).astype(np.int64), 0, nodes - 2)
     length = np.where(k == nodes - 2, end - k * h, h)
     over = np.maximum(inside - end, 0.0)
     s = np.minimum((inside - k * h) / length, 1.0)

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from rigtwin.compare.diagnose.fit import Unknown
 from rigtwin.compare.diagnose.labs import TrackedLab
+from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array, Track
 from rigtwin.sim.effects import Effect, named
 
@@ -66,9 +66,17 @@ def _wide(low: float, high: float) -> float:
     return low - (high - low)
 
 
+def is_camera(name: str, terms: Sequence[Effect]) -> bool:
+    """Whether an unknown acts between the motion and the picture alone."""
+    effect = name.split(".", maxsplit=1)[0]
+    return effect in CALIBRATED or any(
+        term.name == effect and (term.view is not None or term.exposure is not None) for term in terms
+    )
+
+
 def exposed(time: Array, rows: Array, values: Mapping[str, Array], terms: Sequence[Effect]) -> Array:
     """[s], (settings, rows): the true time of each row.  The observed place serves for a shutter's delay."""
-    true = np.asarray(time)[None] + 0 * next(iter(values.values()))[:, None]
+    true = np.asarray(time)[None]
     for effect in _once("exposure", terms):
         own = [values[f"{effect.name}.{p.name}"][:, None] for p in effect.parameters]
         assert effect.exposure is not None

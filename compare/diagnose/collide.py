@@ -55,7 +55,8 @@ def swing_and_hit(
     step = np.broadcast_to(period / PER_PERIOD, a.shape)
     saved: list[tuple[Array, ...]] = []
     everyone = np.arange(a.shape[1])
-    limit = int(float((until / step).max())) + MOST_EXTRA
+    # a step of the fit that went too far has no end; it is refused for what it predicts
+    limit = int(np.nan_to_num(until / step, nan=0.0, posinf=0.0).max()) + MOST_EXTRA
     for _ in range(limit):
         hit_once = np.where(count > 0, 1.0, 0.0)  # until then the second bob hangs still
 

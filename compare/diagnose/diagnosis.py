@@ -13,9 +13,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from rigtwin.compare.diagnose.design import CLEAR, REPETITIONS, Design, designs
 from rigtwin.compare.diagnose.double import DoubleBench
 from rigtwin.compare.diagnose.drop import DropBench
-from rigtwin.compare.diagnose.fit import Fit, fit
+from rigtwin.compare.diagnose.fit import Fit, fit, screen
 from rigtwin.compare.diagnose.forms import nameless
 from rigtwin.compare.diagnose.gap import Gap, gap, names
 from rigtwin.compare.diagnose.labs import BULK, TrackedLab
@@ -28,6 +29,7 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.sim.effects import Effect, library
 
+MOST_RIVALS = 3  # of a set, that the next experiment is computed for
 FEWEST = 5  # repetitions in a lab, below which nothing is named
 SURE = 1e-4  # of the residual statistic, below which something is left over
 LEFT = 0.9  # share of the excess gap that a name must close where something is left over
@@ -46,6 +48,8 @@ class Diagnosis:
     gap: Gap | None = None
     form: str = ""
     next_experiment: str = ""
+    designs: tuple[Design, ...] = ()
+    """Settings that would tell the rivals apart, the most telling first."""
     seconds: float = 0.0  # [s], CPU
     bench: Any = field(default=None, repr=False)
 
@@ -78,6 +82,7 @@ class Diagnosis:
             "form": self.form,
             "gap": self.gap.to_json() if self.gap else {},
             "next_experiment": self.next_experiment,
+            "designs": [one.to_json() for one in self.designs],
             "calibration": _calibration(chosen.fitted if chosen else naming.base) if naming else [],
             "tried": [
                 {
@@ -122,14 +127,20 @@ def diagnose(
         )
     bench = bench_of(lab)
     progress("baseline", 0, 1)
-    base = fit(bench)
-    candidates = [effect for effect in (*(library() if listed is None else listed), *own) if lab.rig in effect.rigs]
+    base = fit(bench, rounds=12)
+    candidates = [effect for effect in (*(library() if listed is None else listed), *own) if acts(effect, lab)]
     naming = name_effects(bench, candidates, base, progress)
     verdict = _judge(bench, lab, naming, progress)
     chosen = verdict.chosen
-    sizes = gap(bench_of, bench, lab, base, chosen.fitted if chosen else None)
-    done = replace(verdict, gap=sizes, next_experiment=_next(verdict), seconds=time.process_time() - begun)
-    return done
+    sizes = gap(bench, lab, base, chosen.fitted if chosen else None)
+    told = replace(verdict, gap=sizes, designs=_designs(verdict))
+    return replace(told, next_experiment=_next(told), seconds=time.process_time() - begun)
+
+
+def acts(effect: Effect, lab: TrackedLab) -> bool:
+    """Whether an effect acts in the lab's rig; a pendulum that strikes a wall has the losses of a drop."""
+    strikes = lab.rig == "pendulum" and bool(lab.conditions[0].wall)
+    return lab.rig in effect.rigs or (strikes and effect.restitution is not None and "drop" in effect.rigs)
 
 
 def bench_of(lab: TrackedLab) -> Regioned:
@@ -152,7 +163,7 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
     loud = location.p < SURE or max((one.gain for one in naming.tried), default=0.0) > FORM
     if best is None and not loud:
         return replace(plain, reason="the data lie inside noise, scatter and stated calibration")
-    forms = _forms(bench, naming, progress)
+    forms = _forms(bench, naming, progress) if best is None or _more_to_say(bench, best) else []
     alone = max(forms, key=lambda one: one.gain, default=None)
     if best is None:
         if alone is not None and alone.gain > FORM and not alone.reason:
@@ -197,6 +208,14 @@ def _forms(bench: Regioned, naming: Naming, progress: Progress) -> list[Candidat
         fitted = fit(bench, (term,), near=naming.base, most=15, rounds=2)
         found.append(_candidate(naming, (term,), fitted))
     return found
+
+
+def _more_to_say(bench: Regioned, best: Candidate) -> bool:
+    """Whether any nameless term on top of the best would gain enough to be worth a closer look."""
+    if best.fitted.per_row > 1.5:
+        return True
+    terms = nameless(bench.lab.rig)  # type: ignore[attr-defined]
+    return any(best.fitted.deviance - one.deviance > 0.8 * FORM for one in screen(bench, best.fitted, terms))
 
 
 def _candidate(naming: Naming, terms: tuple[Effect, ...], fitted: Fit) -> Candidate:
@@ -262,7 +281,15 @@ def _next(diagnosis: Diagnosis) -> str:
     naming = diagnosis.naming
     if diagnosis.verdict == "indistinguishable" and diagnosis.chosen is not None:
         asked = [*diagnosis.chosen.terms, *(term for other in _alike(diagnosis) for term in other.terms)]
-        return "; or ".join(dict.fromkeys(term.splits for term in asked if term.splits))
+        hints = "; or ".join(dict.fromkeys(term.splits for term in asked if term.splits))
+        best = next(iter(diagnosis.designs), None)
+        if best is None:
+            return hints
+        verb = "would tell them apart" if best.separation >= CLEAR else "would do most to tell them apart"
+        return (
+            f"{best.words}, {REPETITIONS} repetitions, {verb}: {' and '.join(best.between)} then differ by "
+            f"{best.separation:.1f} standard deviations; also: {hints}"
+        )
     if diagnosis.verdict == "named" and diagnosis.chosen is not None:
         splits = [term.splits for term in diagnosis.chosen.terms if term.splits]
         return f"to confirm it: {splits[0]}" if splits else ""
@@ -275,6 +302,14 @@ def _next(diagnosis: Diagnosis) -> str:
                 seen.append(f"{one.terms[0].title} {4 * std:.2g} {parameter.unit}")
         return "smallest effects that these data would have shown: " + ", ".join(seen) if seen else ""
     return "repeat the condition with the largest disagreement with one setting changed at a time"
+
+
+def _designs(diagnosis: Diagnosis) -> tuple[Design, ...]:
+    """Settings that split the set; computed where there is one."""
+    if diagnosis.verdict != "indistinguishable" or diagnosis.chosen is None:
+        return ()
+    rivals = [diagnosis.chosen.fitted, *(other.fitted for other in _alike(diagnosis)[:MOST_RIVALS])]
+    return tuple(designs(diagnosis.bench, rivals))
 
 
 def _alike(diagnosis: Diagnosis) -> tuple[Candidate, ...]:

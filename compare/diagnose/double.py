@@ -12,22 +12,26 @@ from typing import Any
 
 import numpy as np
 
-from rigtwin.compare.diagnose.camera import camera_unknowns, exposed, viewed
+from rigtwin.compare.diagnose.camera import camera_unknowns
 from rigtwin.compare.diagnose.collide import Encounter, angles_at, swing_and_hit
-from rigtwin.compare.diagnose.fit import Seen, Unknown
 from rigtwin.compare.diagnose.labs import TrackedLab
 from rigtwin.compare.diagnose.pendulum import OWN_LENGTH, pushing
 from rigtwin.compare.diagnose.runs import Runs
+from rigtwin.compare.diagnose.slopes import Moved
+from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array
 from rigtwin.sim.effects import Effect
 
-MOST_IMPACTS = 5
+MOST_IMPACTS = 7
 HANGS = 5e-4  # [rad], how far off the vertical the waiting bead may hang
 FIRST_GUESS = 0.65  # of a restitution
 
 
 class DoubleBench(Runs):
     """All repetitions of a lab of two pendulums, or of one against a wall."""
+
+    onset = 0
+    per_run = ("conditions", "length", "which", "pair", "active")
 
     def __init__(self, lab: TrackedLab) -> None:
         super().__init__(lab)
@@ -41,8 +45,8 @@ class DoubleBench(Runs):
         self.pair = np.array([self.pairs.index(name) for name in names])
         side = 1.0 if self.wall else -1.0
         angle = side * np.abs(np.radians(self.setting("release_angle_deg")))
-        per_run = 1 if self.wall else 2
-        numbers = [k % per_run for k, (_, _, track) in enumerate(self.runs) for _ in track.time]
+        self.bodies = 1 if self.wall else 2
+        numbers = [k % self.bodies for k, (_, _, track) in enumerate(self.runs) for _ in track.time]
         self.body: Any = np.array(numbers)
         count = len(self.conditions)
         doubt = math.radians(lab.known("release_angle_uncertainty_deg", default=0.3))
@@ -74,6 +78,9 @@ class DoubleBench(Runs):
             for length in self.lengths
             for body in bodies
         ]
+        if self.wall:
+            level = math.radians(self.lab.known("plate_level_uncertainty_deg", default=0.1))
+            own.append(Unknown("wall.angle", 0.0, 1e-3, sd=level, low=-0.1, high=0.1))
         return [*own, *threads, *camera_unknowns(self.lab, terms, {"length_error": doubt})]
 
     def first_guess(self, values: Mapping[str, float]) -> Array:
@@ -95,18 +102,18 @@ class DoubleBench(Runs):
         half = (math.pi * np.sqrt(self.length / self.lab.gravity))[self.owner]
         return [self.time < 0.9 * half + 0.05, self.time < 1.9 * half + 0.05]
 
-    def predict(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect]) -> Seen:
-        """Swing, strike and film all repetitions for a stack of settings."""
+    def move(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect], true: Array, seen: int) -> Moved:
+        """Swing and strike all repetitions for a stack of settings."""
         reach = [self._lengths("A", values), self._lengths("A" if self.wall else "B", values)]
         gravity = self.lab.gravity
         first, omega = pushing(reach[0], self.mass, self.radius, gravity, values, terms)
         second, _ = pushing(reach[1], self.mass, self.radius, gravity, values, terms)
-        true = exposed(self.time, self.rows, values, terms)
         since = true - local[..., 0][:, self.owner]
         until = np.array([np.maximum(since[:, span].max(axis=1), 1e-3) for span in self.spans]).T
         laws = self._laws(values)
         still: Any = (lambda a, w: 0 * a) if self.wall else second
-        contacts = _Contacts(self, local, reach, laws)
+        stands = values["wall.angle"][:, None] if self.wall else 0.0
+        contacts = _Contacts(self, local, reach, laws, stands)
         motion = swing_and_hit(
             (local[..., 1], local[..., 2]),
             (first, still),
@@ -121,9 +128,22 @@ class DoubleBench(Runs):
         offset = 0.0 if self.wall else np.where(self.body == 0, -1.0, 1.0) * self.radius[self.owner]
         x, y = offset + thread * np.sin(angle), -thread * np.cos(angle)
         speed = thread[0] * rate[0]
-        velocity = np.stack([speed * np.cos(angle[0]), speed * np.sin(angle[0])], axis=-1)
-        seen = np.stack(viewed(x, y, values, terms), axis=-1)
-        return Seen(seen, self._soft(local, values, terms, motion, laws), velocity)
+        soft = self._soft(local, values, terms, motion, laws)
+        return Moved(x, y, speed * np.cos(angle[0]), speed * np.sin(angle[0]), soft)
+
+    def quiet(self, name: str, terms: Sequence[Effect]) -> bool:
+        """The law moves the beads after the impacts that are followed one by one."""
+        return False
+
+    def touches(self, name: str) -> tuple[str, Array] | None:
+        """Restitutions belong to a pair, lengths of either thread to their conditions."""
+        kind, _, rest = name.partition(".")
+        if kind == "restitution":
+            return kind, self.pair == self.pairs.index(rest)
+        if kind == "length":
+            body, _, length = rest.partition(".")
+            return f"length.{body}", self.which == [f"{one:g}" for one in self.lengths].index(length)
+        return None
 
     def _lengths(self, body: str, values: Mapping[str, Array]) -> Array:
         own = np.stack([values[f"length.{body}.{length:g}"] for length in self.lengths], axis=-1)[:, self.which]
@@ -148,12 +168,14 @@ class DoubleBench(Runs):
 class _Contacts:
     """Where the surfaces are and what an impact does, for one stack of settings."""
 
-    def __init__(self, bench: DoubleBench, local: Array, reach: list[Array], laws: Array) -> None:
-        self.bench, self.local, self.reach, self.laws = bench, local, reach, laws
+    def __init__(
+        self, bench: DoubleBench, local: Array, reach: list[Array], laws: Array, stands: Array | float
+    ) -> None:
+        self.bench, self.local, self.reach, self.laws, self.stands = bench, local, reach, laws, stands
 
     def gap(self, a: Array, b: Array, u: Array, v: Array, _who: Any) -> tuple[Array, Array]:
         if self.bench.wall:
-            return self.reach[0] * np.sin(a), self.reach[0] * u * np.cos(a)
+            return self.reach[0] * np.sin(a - self.stands), self.reach[0] * u * np.cos(a - self.stands)
         x, y, distance = self._between(a, b)
         left, right = self.reach[0] * u, self.reach[1] * v
         closing = x * (right * np.cos(b) - left * np.cos(a)) + y * (right * np.sin(b) - left * np.sin(a))
@@ -165,7 +187,8 @@ class _Contacts:
         impacts = self.bench.impacts
         at = np.minimum(count, impacts - 1)
         e = np.take_along_axis(self.local[..., 3:], at[..., None], axis=2)[..., 0]
-        e = np.where(count < impacts, e, self.laws)
+        filmed = np.take_along_axis(np.broadcast_to(self.bench.active, (*count.shape, impacts)), at[..., None], axis=2)
+        e = np.where((count < impacts) & filmed[..., 0], e, self.laws)
         if self.bench.wall:
             return -e * u, v, np.abs(self.reach[0] * u)
         x, y, distance = self._between(a, b)

@@ -9,14 +9,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from rigtwin.compare.diagnose import flight
-from rigtwin.compare.diagnose.camera import camera_unknowns, exposed, noise_of, viewed
-from rigtwin.compare.diagnose.fit import Seen, Unknown
+from rigtwin.compare.diagnose.camera import camera_unknowns, noise_of
 from rigtwin.compare.diagnose.labs import TrackedLab
+from rigtwin.compare.diagnose.slopes import Mechanics
+from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array
 from rigtwin.sim.effects import Effect
 
@@ -25,6 +27,10 @@ FRICTION = 0.35  # sliding friction where the lab states none; acts only on fast
 
 class DropBench:
     """All repetitions of a lab of drops."""
+
+    bodies = 1
+    onset = 0
+    per_run = ("pair", "friction", "events", "active")
 
     def __init__(self, lab: TrackedLab) -> None:
         self.lab = lab
@@ -56,7 +62,6 @@ class DropBench:
         self.impacts = max(1, *(len(found) for found in events))
         self.active = np.array([[j < len(found) for j in range(self.impacts)] for found in events])
         repetitions = len(runs)
-        self.names = ["t0", "x0", "y0", "vx0"]
         lost = self.impacts
         self.local_prior = np.concatenate(
             [
@@ -115,55 +120,162 @@ class DropBench:
                     guess[r, 4 + n + j] = float(np.polyfit(time[inside], x[inside], 1)[0])
         return guess
 
-    def predict(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect]) -> Seen:
-        """Fly, bounce and film all repetitions for a stack of settings."""
+    def mechanics(
+        self, unknowns: Sequence[Unknown], terms: Sequence[Effect], local: Array, values: Array, true: Array
+    ) -> Mechanics:
+        """The motion and its derivatives.
+
+        A flight depends on its own start alone; what came before shifts its beginning.  So every flight is flown again
+        only for its two start speeds, the height of the fall, and each unknown that acts in flight.
+        """
+        n, size = self.impacts, local.shape[1]
+        flown = [k for k, u in enumerate(unknowns) if self._in_flight(u.name, terms)]
+        settings = 1 + len(flown)
+        stack = np.repeat(values[None], settings, axis=0)
+        for row, k in enumerate(flown, start=1):
+            stack[row, k] += 1e-3 * unknowns[k].step
+        by_name = {u.name: stack[:, k] for k, u in enumerate(unknowns)}
+        vx, vy, gap, sine, cosine = self._starts(np.repeat(local[None], settings, axis=0), by_name)
+        step_v, step_h = 1e-5, 1e-6  # [m/s], [m]
+        own = _Own(
+            np.concatenate([vx, vx[:1] + step_v, vx[:1], vx[:1]]),
+            np.concatenate([vy, vy[:1], vy[:1] + step_v, vy[:1]]),
+            np.concatenate([gap, gap[:1], gap[:1], gap[:1] + step_h]),
+            np.concatenate([sine, *([sine[:1]] * 3)]),
+            np.concatenate([cosine, *([cosine[:1]] * 3)]),
+        )
+        repeated = {name: np.concatenate([one, np.repeat(one[:1], 3)]) for name, one in by_name.items()}
+        paths = flight.fly(
+            own.vx, own.vy, own.gap, own.sine, own.cosine,
+            radius=self.radius[:, None], mass=self.mass[:, None], gravity=self.lab.gravity, terms=terms,
+            values=repeated,
+        )  # fmt: skip
+        begin, x_start, y_start = self._laid_out(local, paths, settings)
+        same = [np.concatenate([one, *([one[:1]] * 3)]) for one in (begin, x_start, y_start)]
+        x, y, u, v = flight.where(paths, same[0], same[1], same[2], true, self.owner)
+        number = (true[None] >= np.moveaxis(begin[0][self.owner], 1, 0)[1:]).sum(0)
+        by_row = np.zeros((size + len(unknowns), len(true), 2))
+        by_soft = np.zeros((size + len(unknowns), len(self.spans), 2 * n))
+        for row, k in enumerate(flown, start=1):
+            step = 1e-3 * unknowns[k].step
+            by_row[size + k, :, 0], by_row[size + k, :, 1] = (x[row] - x[0]) / step, (y[row] - y[0]) / step
+        velocity = np.stack([u[0], v[0]], axis=-1)
+        within = [
+            np.stack([x[row] - x[0], y[row] - y[0]], axis=-1) / step
+            for row, step in ((-3, step_v), (-2, step_v), (-1, step_h))
+        ]
+        onward = [_Onward(paths, row, step) for row, step in ((-3, step_v), (-2, step_v), (-1, step_h))]
+        s0, c0 = float(sine[0, 0, 0]), float(cosine[0, 0, 0])
+
+        def column(k: int, leg: int, weights: tuple[float, float, float], shift: tuple[float, float]) -> None:
+            """A local unknown that changes the start of one flight: that flight, and where and when the next begin."""
+            here, later = number == leg, number > leg
+            move = sum(w * one for w, one in zip(weights, within, strict=True)) + np.array(shift)
+            land = sum(w * one.place[:, leg] for w, one in zip(weights, onward, strict=True)) + np.array(shift)
+            late = np.asarray(sum(w * one.late[:, leg] for w, one in zip(weights, onward, strict=True)))
+            by_row[k] = np.where(here[:, None], move, 0.0)
+            after = land[self.owner] - velocity * late[self.owner][:, None]
+            by_row[k] += np.where(later[:, None], after, 0.0)
+
+        by_row[0] = -velocity
+        column(1, 0, (0.0, 0.0, -s0), (1.0, 0.0))
+        column(2, 0, (0.0, 0.0, c0), (0.0, 1.0))
+        column(3, 0, (1.0, 0.0, 0.0), (0.0, 0.0))
+        for j in range(n):
+            column(4 + j, j + 1, (-s0, c0, 0.0), (0.0, 0.0))
+            column(4 + n + j, j + 1, (c0, s0, 0.0), (0.0, 0.0))
+        soft = self._soft_slopes(unknowns, terms, local, values, paths, onward, flown, by_soft)
+        return Mechanics(x[0], y[0], u[0], v[0], soft, by_row, by_soft)
+
+    def touches(self, name: str) -> tuple[str, Array] | None:
+        """Restitutions belong to a pair."""
+        kind, _, rest = name.partition(".")
+        return (kind, self.pair == self.pairs.index(rest)) if kind == "restitution" else None
+
+    def _in_flight(self, name: str, terms: Sequence[Effect]) -> bool:
+        """Whether a global unknown changes how a bead flies, rather than the law of an impact or the picture."""
+        effect = name.split(".", maxsplit=1)[0]
+        if effect in ("plate_tilt", "release_speed"):
+            return True
+        return any(term.name == effect and term.force is not None for term in terms)
+
+    def _starts(self, local: Array, values: Mapping[str, Array]) -> tuple[Array, Array, Array, Array, Array]:
+        """Speeds at the start of each flight, the height to fall through, and the plate's sine and cosine."""
         n = self.impacts
         tilt = values["plate_tilt.angle"][:, None, None]
         sine, cosine = np.sin(tilt), np.cos(tilt)
-        t0, x0, y0, vx0 = (local[..., k] for k in range(4))
+        x0, y0, vx0 = (local[..., k] for k in (1, 2, 3))
         up = np.where(self.active, np.maximum(local[..., 4 : 4 + n], 1e-3), 1.0)
         along = local[..., 4 + n : 4 + 2 * n]
         # flight 0 starts at the holder, flight j at the plate
-        start_vx = np.concatenate([vx0[..., None], along * cosine - up * sine], axis=2)
+        vx = np.concatenate([vx0[..., None], along * cosine - up * sine], axis=2)
         release = values.get("release_speed.speed", np.zeros(len(local)))[:, None, None]
-        start_vy = np.concatenate([0 * vx0[..., None] + release, along * sine + up * cosine], axis=2)
-        drop = (y0 * cosine[..., 0] - x0 * sine[..., 0] - self.radius)[..., None]
-        gap = np.concatenate([np.maximum(drop, 1e-5), np.zeros_like(up)], axis=2)
-        paths = flight.fly(
-            start_vx,
-            start_vy,
-            gap,
-            sine,
-            cosine,
-            radius=self.radius[:, None],
-            mass=self.mass[:, None],
-            gravity=self.lab.gravity,
-            terms=terms,
-            values=values,
-        )
-        begin = np.concatenate([t0[..., None], t0[..., None] + np.cumsum(paths.duration[..., :n], axis=2)], axis=2)
-        begin[..., 1:] = np.where(self.active, begin[..., 1:], np.inf)
-        x_start = np.concatenate([x0[..., None], x0[..., None] + np.cumsum(paths.land_x[..., :n], axis=2)], axis=2)
-        y_start = np.concatenate([y0[..., None], y0[..., None] + np.cumsum(paths.land_y[..., :n], axis=2)], axis=2)
-        time = exposed(self.time, self.rows, values, terms)
-        x, y, vx, vy = flight.where(paths, begin, x_start, y_start, time, self.owner)
-        speed = np.stack([vx[0], vy[0]], axis=-1)
-        position = np.stack(viewed(x, y, values, terms), axis=-1)
-        return Seen(position, self._soft(local, values, terms, paths, sine, cosine), speed)
+        vy = np.concatenate([0 * vx0[..., None] + release, along * sine + up * cosine], axis=2)
+        fall = (y0 * cosine[..., 0] - x0 * sine[..., 0] - self.radius)[..., None]
+        return vx, vy, np.concatenate([np.maximum(fall, 1e-5), np.zeros_like(up)], axis=2), sine, cosine
+
+    def _laid_out(self, local: Array, paths: flight.Paths, settings: int) -> tuple[Array, Array, Array]:
+        """When [s] and where [m] each flight begins."""
+        n = self.impacts
+        found = []
+        for first, legs in ((local[:, 0], paths.duration), (local[:, 1], paths.land_x), (local[:, 2], paths.land_y)):
+            start = np.repeat(first[None, :, None], settings, axis=0)
+            found.append(np.concatenate([start, start + np.cumsum(legs[:settings, :, :n], axis=2)], axis=2))
+        found[0][..., 1:] = np.where(self.active, found[0][..., 1:], np.inf)
+        return found[0], found[1], found[2]
+
+    def _soft_slopes(
+        self, unknowns: Sequence[Unknown], terms: Sequence[Effect], local: Array, values: Array, paths: flight.Paths,
+        onward: Sequence[_Onward], flown: Sequence[int], by_soft: Array,
+    ) -> Array:  # fmt: skip
+        """Deviations of the impacts from the contact law; their derivatives are put into `by_soft`."""
+        n, size = self.impacts, local.shape[1]
+        count = size + len(unknowns)
+        locals_ = np.repeat(local[None], 1 + count, axis=0)
+        stack = np.repeat(values[None], 1 + count, axis=0)
+        steps = np.concatenate([1e-3 * self.local_step, [1e-3 * u.step for u in unknowns]])
+        for k in range(size):
+            locals_[1 + k, :, k] += steps[k]
+        for k in range(len(unknowns)):
+            stack[1 + size + k, k] += steps[size + k]
+        land_vx = np.repeat(paths.land_vx[:1], 1 + count, axis=0)
+        land_vy = np.repeat(paths.land_vy[:1], 1 + count, axis=0)
+        tilt = stack[:, [u.name for u in unknowns].index("plate_tilt.angle")][:, None, None]
+        sine, cosine = np.sin(tilt), np.cos(tilt)
+        s0, c0 = float(sine[0, 0, 0]), float(cosine[0, 0, 0])
+
+        def change(k: int, leg: int, weights: tuple[float, float, float]) -> None:
+            for weight, one in zip(weights, onward, strict=True):
+                land_vx[1 + k, :, leg] += weight * steps[k] * one.vx[:, leg]
+                land_vy[1 + k, :, leg] += weight * steps[k] * one.vy[:, leg]
+
+        change(1, 0, (0.0, 0.0, -s0))
+        change(2, 0, (0.0, 0.0, c0))
+        change(3, 0, (1.0, 0.0, 0.0))
+        for j in range(n):
+            change(4 + j, j + 1, (-s0, c0, 0.0))
+            change(4 + n + j, j + 1, (c0, s0, 0.0))
+        for row, k in enumerate(flown, start=1):
+            land_vx[1 + size + k], land_vy[1 + size + k] = paths.land_vx[row], paths.land_vy[row]
+        by_name = {u.name: stack[:, k] for k, u in enumerate(unknowns)}
+        soft = self._soft(locals_, by_name, terms, (land_vx, land_vy), sine, cosine)
+        by_soft[:] = (soft[1:] - soft[0]) / steps[:, None, None]
+        return np.asarray(soft[0])
 
     def _soft(
         self,
         local: Array,
         values: Mapping[str, Array],
         terms: Sequence[Effect],
-        paths: flight.Paths,
+        landing: tuple[Array, Array],
         sine: Array,
         cosine: Array,
     ) -> Array:
         """How far each impact is from the contact law: in restitution, and sideways per impact speed."""
         n = self.impacts
-        speed_in = np.maximum(paths.land_vx * sine - paths.land_vy * cosine, 1e-3)[..., :n]
-        along_in = (paths.land_vx * cosine + paths.land_vy * sine)[..., :n]
+        land_vx, land_vy = landing
+        speed_in = np.maximum(land_vx * sine - land_vy * cosine, 1e-3)[..., :n]
+        along_in = (land_vx * cosine + land_vy * sine)[..., :n]
         up, along = local[..., 4 : 4 + n], local[..., 4 + n : 4 + 2 * n]
         plain = np.stack([values[f"restitution.{pair}"] for pair in self.pairs], axis=-1)[:, self.pair][..., None]
         e = plain + 0 * speed_in
@@ -181,6 +293,29 @@ class DropBench:
             spin = spin + 2.5 * change
         bounce = np.where(self.active, up / speed_in - e, 0.0)
         return np.concatenate([bounce, np.where(self.active, sideways / speed_in, 0.0)], axis=2)
+
+
+@dataclass(frozen=True)
+class _Own:
+    """Starts of flights for a stack of settings."""
+
+    vx: Array
+    vy: Array
+    gap: Array
+    sine: Array
+    cosine: Array
+
+
+class _Onward:
+    """How a flight's landing changes with one number of its own start: (R, flights)."""
+
+    def __init__(self, paths: flight.Paths, row: int, step: float) -> None:
+        def slope(series: Array) -> Array:
+            return np.asarray((series[row] - series[0]) / step)
+
+        self.late = slope(paths.duration)
+        self.place = np.stack([slope(paths.land_x), slope(paths.land_y)], axis=-1)
+        self.vx, self.vy = slope(paths.land_vx), slope(paths.land_vy)
 
 
 PARTS = ("first", "middle", "last")
@@ -214,12 +349,11 @@ def impacts(time: Array, height: Array, noise: float) -> list[float]:
 
     A jump counts where it stands out of the noise of such slopes; smaller bounces are not told from rest.
     """
-    n, width = len(time), 4
+    width = 4
+    n = len(time)
+    slope = _slopes(time, height, width)  # of the rows i .. i + width - 1
     jump = np.full(n, -np.inf)
-    for i in range(width, n - width + 1):
-        a, b = slice(i - width, i), slice(i, i + width)
-        before, after = _slope(time[a], height[a]), _slope(time[b], height[b])
-        jump[i] = after - before
+    jump[width : n - width + 1] = slope[width:] - slope[: n - 2 * width + 1]
     step = float(np.median(np.diff(time)))
     least = max(6 * noise / (step * math.sqrt(2.5)), 0.06)
     found: list[float] = []
@@ -234,9 +368,11 @@ def impacts(time: Array, height: Array, noise: float) -> list[float]:
     return sorted(found)
 
 
-def _slope(time: Array, value: Array) -> float:
-    s = time - time.mean()
-    return float(np.sum(s * value) / np.sum(s * s))
+def _slopes(time: Array, value: Array, width: int) -> Array:
+    """Slope of each run of `width` rows."""
+    t = np.lib.stride_tricks.sliding_window_view(time, width)
+    s = t - t.mean(axis=1, keepdims=True)
+    return np.asarray(np.sum(s * np.lib.stride_tricks.sliding_window_view(value, width), axis=1) / np.sum(s * s, 1))
 
 
 def _last_moment(time: Array, found: Sequence[float], gravity: float) -> float:

@@ -15,48 +15,21 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from rigtwin.compare.diagnose.slopes import Moving, Slopes, slopes
+from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array
 from rigtwin.sim.effects import Effect
 
+FAR = 3.0  # squared deviation per coordinate beyond which a model is no description
 LEAST_SCATTER = 1e-3  # of a restitution or a rebound direction: smaller is not believed
 
 
-@dataclass(frozen=True)
-class Unknown:
-    """A global unknown: a calibration quantity, a contact parameter, or a coefficient of an effect."""
-
-    name: str
-    start: float
-    step: float
-    """Size of a visible change; sets the finite-difference step."""
-    prior: float = 0.0
-    sd: float = math.inf
-    """Standard deviation of the prior; infinite where nothing is stated."""
-    low: float = -math.inf
-    high: float = math.inf
-    effect: str = ""
-    """The effect that it belongs to, empty for the rig's own."""
-
-
-@dataclass(frozen=True)
-class Seen:
-    """What a rig predicts for a stack of B settings of its unknowns."""
-
-    position: Array  # [m], (B, N, 2), where the camera sees the body at each row
-    soft: Array  # (B, R, S), deviations that scatter around zero from impact to impact
-    speed: Array  # [m/s], (N, 2), velocity of the first setting at each row
-
-
-class Bench(Protocol):
+class Bench(Moving, Protocol):
     """A rig with its data, as the fit sees it."""
 
-    time: Array  # [s], (N,)
-    rows: Array  # [m], (N, 2) observed positions, sorted by repetition
-    spans: Sequence[slice]  # the rows of each repetition
     sigma: Array  # [m], (N,)
     local_prior: Array  # (R, L)
     local_sd: Array  # (R, L)
-    local_step: Array  # (L,)
     scatter: Array  # (R, S) index of the scatter that a soft row belongs to, -1 where there is none
     scatter_start: Array  # (H,)
     condition: Array  # (R,) number of the condition of each repetition
@@ -64,8 +37,6 @@ class Bench(Protocol):
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]: ...
 
     def first_guess(self, values: Mapping[str, float]) -> Array: ...
-
-    def predict(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect]) -> Seen: ...
 
 
 @dataclass(frozen=True)
@@ -84,6 +55,8 @@ class Fit:
     """-2 log of the likelihood with all random effects integrated out, priors included."""
     chi2: float
     """Sum of squared data residuals over the stated noise."""
+    objective: float
+    """The deviance before anything is integrated out: residuals, deviations of the impacts and priors, squared."""
     pulls: Mapping[str, float]
     residual: Array  # (N, 2), in units of the noise
     speed: Array  # (N, 2) [m/s]
@@ -128,7 +101,7 @@ class _Linear:
 
     objective: float
     chi2: float
-    seen: Seen
+    seen: Slopes
     residual: Array
     a: Array  # (R, L, L)
     b: Array  # (R, L, G)
@@ -189,21 +162,78 @@ def fit(
         _expect_scatter(bench, state, linear)
         if jittered:
             state.jitter = _jitter(bench, linear, mask)
-        same = np.allclose(state.scatter, before[0], rtol=0.02) and math.isclose(state.jitter, before[1], rel_tol=0.01)
+        same = np.allclose(state.scatter, before[0], rtol=0.01) and math.isclose(state.jitter, before[1], rel_tol=0.01)
         linear = _linearise(bench, terms, unknowns, state, mask)
         if same:
             break
     return _finished(bench, terms, unknowns, state, mask, free, linear, converged)
 
 
-def glance(bench: Bench, terms: Sequence[Effect], near: Fit) -> Fit:
-    """What a fit from `near` would come to, by one Newton step: exact where the gain is small.
+def linear_at(
+    bench: Bench, terms: Sequence[Effect], unknowns: Sequence[Unknown], local: Array, values: Array, scatter: Array
+) -> _Linear:
+    """The objective and its normal equations at given unknowns, on all rows."""
+    state = _State(local, values, scatter, 0.0)
+    return _linearise(bench, terms, unknowns, state, np.ones(len(bench.rows), dtype=bool))
 
-    The gain leaves the scatter between impacts as it was, so it is never promised too much.
+
+def screen(bench: Bench, near: Fit, candidates: Sequence[Effect]) -> list[Fit]:
+    """What the fit `near` would come to with each of the candidates added, by one Newton step for all of them.
+
+    Exact where the gain is small.  The gain leaves the scatter between impacts as it was, so it is never promised too
+    much.
     """
+    smooth = [term for term in candidates if not term.flat and term.geometry != "jitter"]
+    every = tuple(bench.unknowns((*near.terms, *smooth)))
+    known = {unknown.name: float(value) for unknown, value in zip(near.unknowns, near.values, strict=True)}
+    state = _State(
+        near.local.copy(), np.array([known.get(u.name, u.start) for u in every]), near.scatter.copy(), near.jitter
+    )
+    linear = _linearise(bench, (*near.terms, *smooth), every, state, np.ones(len(bench.rows), dtype=bool))
+    ab = np.linalg.solve(linear.a, linear.b)
+    information = linear.c.sum(0) - np.einsum("rlg,rlh->gh", linear.b, ab)
+    scores = linear.g_global - np.einsum("rlg,rl->rg", ab, linear.g_local)
+    place = {u.name: k for k, u in enumerate(every)}
+    found = []
+    for term in candidates:
+        if term not in smooth:
+            found.append(_glance(bench, (*near.terms, term), near))
+            continue
+        terms = (*near.terms, term)
+        unknowns = tuple(bench.unknowns(terms))
+        at = [place[u.name] for u in unknowns]
+        values = state.values[at]
+        tie = np.array([1 / u.sd**2 for u in unknowns])
+        block = information[np.ix_(at, at)] + np.diag(tie)
+        pull = scores[:, at].sum(0) + tie * (np.array([u.prior for u in unknowns]) - values)
+        scale = np.sqrt(np.maximum(np.diag(block), 1e-300))
+        inverse = np.linalg.inv(block / np.outer(scale, scale) + 1e-12 * np.eye(len(at))) / np.outer(scale, scale)
+        # a calibration quantity that is set free no longer pays for being far from what was stated
+        lifted = sum(near.pulls.get(u.name, 0.0) ** 2 for u in unknowns if math.isinf(u.sd))
+        found.append(
+            replace(
+                near, terms=terms, unknowns=unknowns, values=values + inverse @ pull, covariance=inverse,
+                robust=_robust(scores[:, at], inverse), deviance=near.deviance - lifted - float(pull @ inverse @ pull),
+            )
+        )  # fmt: skip
+    return found
+
+
+def _robust(scores: Array, inverse: Array) -> Array:
+    """Standard deviations from the scatter of the scores between repetitions."""
+    repetitions = len(scores)
+    centred = scores - scores.mean(0)
+    meat = centred.T @ centred * repetitions / max(repetitions - 1, 1)
+    return np.asarray(np.sqrt(np.maximum(np.diag(inverse @ meat @ inverse), 0.0)))
+
+
+def _glance(bench: Bench, terms: Sequence[Effect], near: Fit) -> Fit:
+    """As `screen`, for one effect that has no slope at zero or that only widens the noise."""
     unknowns = tuple(bench.unknowns(terms))
     known = {unknown.name: value for unknown, value in zip(near.unknowns, near.values, strict=True)}
-    values = np.array([known.get(u.name, u.start) for u in unknowns])
+    flat = {f"{term.name}.{term.parameters[0].name}" for term in terms if term.flat}
+    # an effect that has no slope at zero is looked at from a little beside it
+    values = np.array([known.get(u.name, 0.5 * u.step if u.name in flat else u.start) for u in unknowns])
     state = _State(near.local.copy(), values, near.scatter.copy(), near.jitter)
     mask, free = np.ones(len(bench.rows), dtype=bool), np.ones(len(unknowns), dtype=bool)
     linear = _linearise(bench, terms, unknowns, state, mask)
@@ -211,14 +241,15 @@ def glance(bench: Bench, terms: Sequence[Effect], near: Fit) -> Fit:
     if any(term.geometry == "jitter" for term in terms) and near.jitter == 0.0:
         state.jitter = _jitter(bench, linear, mask)
         sigma = _sigma(bench, linear.seen, state.jitter)
-        off = (bench.rows - linear.seen.position[0]) ** 2
+        off = (bench.rows - linear.seen.position) ** 2
         plain = bench.sigma[:, None] ** 2 + 0 * off
         gain = float(np.sum(off / plain + np.log(plain)) - np.sum(off / sigma**2 + np.log(sigma**2)))
         step = np.zeros(len(unknowns))
     else:
         step_local, step = _step(unknowns, state, free, linear, 0.0)
         pull = np.array([(u.prior - v) / u.sd**2 for u, v in zip(unknowns, values, strict=True)])
-        gain = float(np.sum(linear.g_local * step_local) + np.sum((linear.g_global.sum(0) + pull) * step))
+        beside = linear.objective - near.objective
+        gain = -beside + float(np.sum(linear.g_local * step_local) + np.sum((linear.g_global.sum(0) + pull) * step))
     glanced = _finished(bench, terms, unknowns, state, mask, free, linear, True)
     return replace(glanced, values=values + step, deviance=near.deviance - gain)
 
@@ -227,47 +258,25 @@ def glance(bench: Bench, terms: Sequence[Effect], near: Fit) -> Fit:
 def _linearise(
     bench: Bench, terms: Sequence[Effect], unknowns: Sequence[Unknown], state: _State, mask: Array
 ) -> _Linear:
-    """Residuals and normal equations at a state, by forward differences of one stacked prediction."""
+    """Residuals and normal equations at a state."""
     repetitions, size = state.local.shape
     count = len(unknowns)
-    stack = 1 + size + count
-    local = np.repeat(state.local[None], stack, axis=0)
-    values = np.repeat(state.values[None], stack, axis=0)
-    steps_local = 1e-3 * bench.local_step
-    steps_global = np.array([1e-3 * u.step for u in unknowns])
-    for k in range(size):
-        local[1 + k, :, k] += steps_local[k]
-    for k in range(count):
-        values[1 + size + k, k] += steps_global[k]
-    seen = bench.predict(local, {u.name: values[:, k] for k, u in enumerate(unknowns)}, terms)
+    seen = slopes(bench, unknowns, terms, state.local, state.values)
     sigma = _sigma(bench, seen, state.jitter)
     weight = np.where(mask, 1.0, 0.0)[:, None] / sigma
-    residual = (bench.rows - seen.position[0]) * weight
-    slopes = np.concatenate(
-        [
-            (seen.position[1 : 1 + size] - seen.position[0]) / steps_local[:, None, None],
-            (seen.position[1 + size :] - seen.position[0]) / steps_global[:, None, None],
-        ]
-    )
-    slopes = np.moveaxis(slopes * weight, 0, -1)  # (N, 2, L + G)
+    residual = (bench.rows - seen.position) * weight
+    by_row = seen.by_row * weight
     spread = np.where(bench.scatter >= 0, state.scatter[np.maximum(bench.scatter, 0)], np.inf)
-    soft = seen.soft[0]
-    soft_slope = np.concatenate(
-        [
-            (seen.soft[1 : 1 + size] - soft) / steps_local[:, None, None],
-            (seen.soft[1 + size :] - soft) / steps_global[:, None, None],
-        ]
-    )
-    soft_slope = np.moveaxis(soft_slope, 0, -1)  # (R, S, L + G)
-    whole = np.zeros((repetitions, size + count, size + count))
-    gradient = np.zeros((repetitions, size + count))
+    soft = seen.soft
+    whole = np.empty((repetitions, size + count, size + count))
+    gradient = np.empty((repetitions, size + count))
     for r, span in enumerate(bench.spans):
-        j = slopes[span].reshape(-1, size + count)
-        whole[r] = j.T @ j
-        gradient[r] = j.T @ residual[span].reshape(-1)
-    scaled = soft_slope / spread[..., None]
-    whole += np.einsum("rsi,rsj->rij", scaled, scaled)
-    gradient -= np.einsum("rsi,rs->ri", scaled, soft / spread)
+        j = by_row[:, span].reshape(size + count, -1)
+        whole[r] = j @ j.T
+        gradient[r] = j @ residual[span].reshape(-1)
+    scaled = np.moveaxis(seen.by_soft, 0, 1) / spread[:, None]  # (R, L + G, S)
+    whole += scaled @ np.moveaxis(scaled, 1, 2)
+    gradient -= (scaled @ (soft / spread)[..., None])[..., 0]
     tie = 1.0 / bench.local_sd**2
     index = np.arange(size)
     whole[:, index, index] += tie
@@ -281,7 +290,7 @@ def _linearise(
             2 * float(np.sum(np.log(sigma[mask] / bench.sigma[mask, None]))) * (1 if sigma.shape[1] == 2 else 2)
         )
     return _Linear(
-        objective if math.isfinite(objective) else math.inf,
+        objective if math.isfinite(objective) and np.isfinite(whole).all() else math.inf,
         chi2,
         seen,
         residual,
@@ -291,11 +300,11 @@ def _linearise(
         gradient[:, :size],
         gradient[:, size:],
         soft,
-        soft_slope[..., :size],
+        np.moveaxis(seen.by_soft[:size], 0, -1),
     )
 
 
-def _sigma(bench: Bench, seen: Seen, jitter: float) -> Array:
+def _sigma(bench: Bench, seen: Slopes, jitter: float) -> Array:
     """[m], (N, 1) or (N, 2): the noise of each coordinate."""
     if jitter == 0.0:
         return bench.sigma[:, None]
@@ -329,7 +338,9 @@ def _descend(
             gain = linear.objective - tried.objective
             state.local, state.values, linear = trial.local, trial.values, tried
             damping = max(damping / 10, 1e-9)
-            small = small + 1 if gain < 1e-2 + 1e-7 * abs(tried.objective) else 0
+            # where nothing fits, the last digits of how badly are of no use
+            worth = 3e-5 if tried.objective > FAR * bench.rows.size else 1e-7
+            small = small + 1 if gain < 1e-2 + worth * abs(tried.objective) else 0
             if small >= 1 and damping < 1e-2:
                 return linear, True
         else:
@@ -384,7 +395,7 @@ def _jitter(bench: Bench, linear: _Linear, mask: Any) -> float:
     """
     from scipy.optimize import minimize_scalar
 
-    residual = bench.rows - linear.seen.position[0]
+    residual = bench.rows - linear.seen.position
     follows = mask[1:] & mask[:-1] & (np.abs(np.diff(bench.time)) < 3 * np.median(np.abs(np.diff(bench.time))))
     off = np.diff(residual, axis=0)[follows] ** 2 / 2
     squared = linear.seen.speed**2
@@ -421,10 +432,7 @@ def _finished(
         block = information[np.ix_(at, at)] / np.outer(scale, scale) + 1e-12 * np.eye(len(at))
         inverse = np.linalg.inv(block) / np.outer(scale, scale)
         covariance[np.ix_(at, at)] = inverse
-        repetitions = len(bench.spans)
-        centred = scores[:, at] - scores[:, at].mean(0)
-        meat = centred.T @ centred * repetitions / max(repetitions - 1, 1)
-        robust[at] = np.sqrt(np.maximum(np.diag(inverse @ meat @ inverse), 0.0))
+        robust[at] = _robust(scores[:, at], inverse)
     tied = np.zeros_like(linear.a)
     diagonal = np.arange(tied.shape[1])
     tied[:, diagonal, diagonal] = 1.0 / bench.local_sd**2
@@ -448,10 +456,11 @@ def _finished(
         robust,
         deviance,
         linear.chi2,
+        linear.objective,
         pulls,
         linear.residual,
         linear.seen.speed,
-        linear.seen.position[0],
+        linear.seen.position,
         converged,
         linear.soft,
         leverage,

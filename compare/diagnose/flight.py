@@ -123,7 +123,7 @@ def where(
     h = paths.step.reshape(-1)[cell]
     nodes = paths.x.shape[0]
     s = since / h
-    k = np.minimum(s.astype(np.int64), nodes - 2)
+    k = np.clip(s.astype(np.int64), 0, nodes - 2)
     s = s - k
     size = settings * repetitions * flights
     first, second = k * size + cell, (k + 1) * size + cell

@@ -6,16 +6,16 @@ included; 1 and less is noise.  Before and after use the same noise and the same
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 from rigtwin.compare.diagnose.fit import Bench, Fit, fit
 from rigtwin.compare.diagnose.labs import TrackedLab
+from rigtwin.compare.diagnose.locate import Regioned
+from rigtwin.compare.diagnose.subset import cut, subset
 from rigtwin.sim.effects import Effect
-
-Build = Callable[[TrackedLab], Bench]
 
 
 @dataclass(frozen=True)
@@ -48,47 +48,49 @@ def closed(before: float | None, after: float | None, floor: float | None) -> fl
     return 1 - max(after - floor, 0.0) / (before - floor)
 
 
-def gap(build: Build, bench: Bench, lab: TrackedLab, base: Fit, best: Fit | None) -> Gap:
+def gap(bench: Regioned, lab: TrackedLab, base: Fit, best: Fit | None) -> Gap:
     """The gap of the baseline and of the best model, in sample and held out."""
     final = best or base
     inside = Gap(_size(bench, base, final.scatter), _size(bench, final, final.scatter), _floor(bench, final))
     if best is None:
         return inside
-    train, test = _last_repetitions(lab)
-    if train is not None and test is not None:
-        before, after, floor = _held_out(build, train, test, base, best)
+    last = _last_repetitions(lab)
+    if last:
+        before, after, floor = _held_out(bench, last, base, best)
         inside = replace(inside, held_out_before=before, held_out_after=after, held_out_noise_floor=floor)
-    rest, one = _extreme_condition(lab)
-    if rest is not None and one is not None:
-        before, after, floor = _held_out(build, rest, one, base, best)
+    one = _extreme_condition(lab)
+    if one is not None:
+        runs = np.flatnonzero(bench.condition == one).tolist()
+        before, after, floor = _held_out(bench, runs, base, best)
         inside = replace(
             inside,
             condition_before=before,
             condition_after=after,
             condition_noise_floor=floor,
-            condition=one.conditions[0].name,
+            condition=lab.conditions[one].name,
         )
     return inside
 
 
-def _held_out(build: Build, train: TrackedLab, test: TrackedLab, base: Fit, best: Fit) -> tuple[float, float, float]:
-    """Fitted on one part, judged on the other, whose own release and impacts are all that is fitted there."""
-    seen, unseen = build(train), build(test)
+def _held_out(bench: Regioned, runs: Sequence[int], base: Fit, best: Fit) -> tuple[float, float, float]:
+    """Fitted on the other repetitions, judged on these, whose own release and impacts are all that is fitted there."""
+    others = [r for r in range(len(bench.spans)) if r not in runs]
+    seen, unseen = subset(bench, others), subset(bench, runs)
     sizes = []
     scatter = None
     for whole in (best, base):
-        trained = fit(seen, whole.terms, start=_by_name(whole), most=25, rounds=2)
-        values = _by_name(trained)
-        known = {u.name for u in unseen.unknowns(whole.terms)}
-        judged = fit(unseen, whole.terms, held={k: v for k, v in values.items() if k in known}, most=25, rounds=1)
+        trained = fit(seen, whole.terms, near=cut(whole, others), most=15, rounds=1)
+        held = {
+            u.name: float(v)
+            for u, v in zip(trained.unknowns, trained.values, strict=True)
+            # a doubt of the held-out condition alone, such as its angle, is no part of the model
+            if (part := bench.touches(u.name)) is None or part[1][others].any()
+        }
+        judged = fit(unseen, whole.terms, near=cut(whole, runs, trained.values), held=held, most=15, rounds=1)
         if scatter is None:
             scatter, floor = judged.scatter, _floor(unseen, judged)
         sizes.append(_size(unseen, judged, scatter))
     return sizes[1], sizes[0], floor
-
-
-def _by_name(fitted: Fit) -> dict[str, float]:
-    return {unknown.name: float(value) for unknown, value in zip(fitted.unknowns, fitted.values, strict=True)}
 
 
 def _size(bench: Bench, fitted: Fit, scatter: np.ndarray) -> float:
@@ -105,22 +107,20 @@ def _floor(bench: Bench, fitted: Fit) -> float:
     return max(rows - fitted.leverage, 1.0) / rows
 
 
-def _last_repetitions(lab: TrackedLab) -> tuple[TrackedLab | None, TrackedLab | None]:
-    """All but the last repetition of each condition, and those."""
-    if any(len(condition.repetitions) < 2 for condition in lab.conditions):
-        return None, None
-    train = [replace(c, repetitions=c.repetitions[:-1], files=c.files[:-1]) for c in lab.conditions]
-    test = [replace(c, repetitions=c.repetitions[-1:], files=c.files[-1:]) for c in lab.conditions]
-    return replace(lab, conditions=tuple(train)), replace(lab, conditions=tuple(test))
+def _last_repetitions(lab: TrackedLab) -> list[int]:
+    """Numbers of the last repetition of each condition; none where a condition has only one."""
+    counts = [len(condition.repetitions) for condition in lab.conditions]
+    return [] if min(counts) < 2 else (np.cumsum(counts) - 1).tolist()
 
 
-def _extreme_condition(lab: TrackedLab) -> tuple[TrackedLab | None, TrackedLab | None]:
+def _extreme_condition(lab: TrackedLab) -> int | None:
     """One condition held out whole: the last in the list whose bead and wall are seen in others too."""
-    for condition in reversed(lab.conditions):
-        rest = [c for c in lab.conditions if c is not condition]
-        if any(c.bead.name == condition.bead.name and c.wall == condition.wall for c in rest) and len(rest) > 1:
-            return replace(lab, conditions=tuple(rest)), replace(lab, conditions=(condition,))
-    return None, None
+    for number in reversed(range(len(lab.conditions))):
+        one = lab.conditions[number]
+        rest = [c for c in lab.conditions if c is not one]
+        if any(c.bead.name == one.bead.name and c.wall == one.wall for c in rest) and len(rest) > 1:
+            return number
+    return None
 
 
 def names(terms: Sequence[Effect]) -> str:

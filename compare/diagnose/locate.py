@@ -71,10 +71,10 @@ def locate(bench: Regioned, fitted: Fit, level: float = 0.02) -> Location:
                 rows.append((name, AXES[k], region, z, mean * float(np.median(bench.sigma))))
     if not rows:
         return Location((), 0, 0.0, 1.0, spread)
-    from scipy import stats
+    from scipy import special
 
     scores = np.array([row[3] for row in rows])
-    adjusted = holm(np.asarray(2 * stats.norm.sf(np.abs(scores))))
+    adjusted = holm(np.asarray(2 * special.ndtr(-np.abs(scores))))
     found = [
         Disagreement(name, axis, region, float(value), float(q), mean)
         for (name, axis, region, value, mean), q in zip(rows, adjusted, strict=True)
@@ -82,7 +82,7 @@ def locate(bench: Regioned, fitted: Fit, level: float = 0.02) -> Location:
     ]
     found.sort(key=lambda one: -abs(one.z))
     total = float(np.sum(scores**2))
-    return Location(tuple(found), len(rows), total / len(rows), float(stats.chi2.sf(total, len(rows))), spread)
+    return Location(tuple(found), len(rows), total / len(rows), float(special.chdtrc(len(rows), total)), spread)
 
 
 def holm(p: Array) -> Array:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
-from rigtwin.compare.diagnose.fit import Fit, fit, glance
+from rigtwin.compare.diagnose.fit import Fit, fit, screen
 from rigtwin.compare.diagnose.locate import Location, Regioned, locate
+from rigtwin.compare.diagnose.subset import coarse, cut
 from rigtwin.sim.effects import Effect
 
 ALARM = 16.0
@@ -15,16 +16,21 @@ ALARM = 16.0
 SECOND = 16.0
 """Least further gain for one more effect ..."""
 SECOND_SHARE, SECOND_MOST = 0.02, 1500.0
-"""... and this share of what was gained before, up to a limit: a strong effect whose law is known to a few percent
-leaves something that is no second effect."""
+"""... and this share of what was gained before, up to a limit, where it could be what is left of the first: a strong
+effect whose law is known to a few percent leaves something that is no second effect."""
+OTHER_SHARE = 5e-4
+"""As `SECOND_SHARE`, for one more effect that acts elsewhere: in the picture, where the first acts on the motion."""
 RIVAL = 0.3  # a single that gains less than this share of the best is no root for pairs
 ALIKE = 6.0
 """Candidates closer than this in deviance explain the data equally well."""
 FORM = 25.0
 """A nameless term must beat the listed effects by this much to call a disagreement unlisted."""
 MOST_TERMS = 3
+KEEN = 5  # candidates beside a root that are fitted where the disagreement is large
+LEADING = 4  # candidates of each size that are fitted to the end on all data
 GLANCE = 6.0  # a candidate whose first step promises less than this is not fitted to the end
-ROUGH = 2.0  # chi2 per coordinate above which a fit from the baseline may not find its way
+ROUGH = 2.0  # chi2 per coordinate above which part of the data tells the candidates apart
+LOST = 20.0  # ... and above which a fit from the baseline may not find its way
 
 Tell = Callable[[str, float, float], None]
 
@@ -39,6 +45,8 @@ class Candidate:
     """Deviance of the baseline less its own, over the spread of the residuals; higher is better."""
     reason: str = ""
     """Why it is refused, empty where it is plausible."""
+    rough: Fit | None = None
+    """Its fit to a part of the data, where that was looked at first."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -69,28 +77,106 @@ class Naming:
     rounds: tuple[tuple[Candidate, ...], ...] = ()
 
 
+@dataclass
+class _Search:
+    """One lab's candidates as they are tried: roughly on a part of the data where the disagreement is large."""
+
+    bench: Regioned
+    base: Fit
+    spread: float
+    done: dict[frozenset[str], Candidate] = field(default_factory=dict)
+    rough: tuple[Regioned, Fit] | None = None
+    """A part of the data and the baseline's fit to it, where the baseline is far off."""
+
+    def begin(self) -> None:
+        """Take a part of the data where the whole is not needed to tell the candidates apart."""
+        if self.base.per_row > ROUGH:
+            part, chosen = coarse(self.bench)
+            self.rough = part, fit(part, near=cut(self.base, chosen), most=20, rounds=1)
+
+    def consider(self, root: Candidate | None, candidates: Sequence[Effect]) -> list[Candidate]:
+        """Each candidate added to the `root`, to the baseline where there is none."""
+        near = self.base if root is None else root.fitted
+        terms = near.terms
+        keys = [frozenset((*near_names(near), effect.name)) for effect in candidates]
+        fresh = [e for key, e in zip(keys, candidates, strict=True) if key not in self.done]
+        if near.per_row < ROUGH:
+            for first in screen(self.bench, near, fresh):
+                self._add(first if near.deviance - first.deviance < GLANCE else _fit(self.bench, first.terms, near))
+        elif fresh:
+            assert self.rough is not None
+            part, plain = self.rough
+            start = plain
+            if root is not None:
+                start = root.rough or fit(part, terms, start=_values(near), most=20)
+            promise: list[Fit] = screen(part, start, fresh) if root is not None else []
+            keen = sorted(promise, key=lambda one: one.deviance)[:KEEN]
+            for number, effect in enumerate(fresh):
+                hopeless = bool(promise) and all(promise[number] is not one for one in keen)
+                self._add(promise[number] if hopeless else _fit(part, (*terms, effect), start))
+        return [self.done[key] for key in keys]
+
+    def settle(self, singles: list[Candidate]) -> list[Candidate]:
+        """Fit the baseline again from where the best candidate went: no effect may gain by a better way found."""
+        if self.base.per_row > ROUGH or not singles:
+            return singles
+        ahead = max(singles, key=lambda one: one.gain)
+        if ahead.gain < GLANCE:
+            return singles
+        again = fit(self.bench, (), near=ahead.fitted, rounds=6)
+        better = self.base.deviance - again.deviance
+        if better <= 0:
+            return singles
+        self.base = again
+        settled = [replace(one, gain=one.gain - better / self.spread) for one in singles]
+        self.done.update({frozenset(one.names): one for one in settled})
+        return settled
+
+    def _add(self, fitted: Fit) -> None:
+        plain = self.base
+        if part := self.rough and len(fitted.residual) != len(plain.residual):
+            assert self.rough is not None
+            plain = self.rough[1]
+        gain = (plain.deviance - fitted.deviance) * len(self.base.residual) / len(plain.residual)
+        self.done[frozenset(near_names(fitted))] = Candidate(
+            fitted.terms, fitted, gain / self.spread, _refused(fitted, fitted.terms), fitted if part else None
+        )
+
+    def polish(self, candidates: Sequence[Candidate]) -> list[Candidate]:
+        """The leading candidates fitted to the end, on all data."""
+        leading = sorted(candidates, key=lambda one: -one.gain)[:LEADING]
+        leading += [one for one in _front(candidates, 2) if one not in leading]
+        result = []
+        for one in candidates:
+            better = one
+            if one in leading and (one.rough is not None or not one.fitted.converged):
+                if one.rough is not None and self.base.per_row > LOST:
+                    fitted = fit(self.bench, one.terms, start=_values(one.fitted), most=25, rounds=2)
+                elif one.rough is not None:
+                    near = replace(one.rough, local=self.base.local, scatter=self.base.scatter)
+                    fitted = fit(self.bench, one.terms, near=near, most=25, rounds=2)
+                else:
+                    fitted = fit(self.bench, one.terms, near=one.fitted, most=40)
+                gain = (self.base.deviance - fitted.deviance) / self.spread
+                better = Candidate(one.terms, fitted, gain, _refused(fitted, one.terms), one.rough)
+                self.done[frozenset(one.names)] = better
+            result.append(better)
+        return result
+
+
 def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell: Tell) -> Naming:
     """Forward selection over the library, from the fewest terms up, with pairs grown from the three best singles."""
     location = locate(bench, base)
-    spread = _spread(base, location)
-    done: dict[frozenset[str], Candidate] = {}
-
-    def consider(terms: tuple[Effect, ...], near: Fit) -> Candidate:
-        key = frozenset(term.name for term in terms)
-        if key not in done:
-            fitted = _fit(bench, terms, near, base)
-            done[key] = Candidate(terms, fitted, (base.deviance - fitted.deviance) / spread, _refused(fitted, terms))
-        return done[key]
-
-    singles = []
-    for number, effect in enumerate(candidates):
-        tell("candidates", number, len(candidates))
-        singles.append(consider((effect,), base))
-    singles = _polished(bench, singles, base, spread, done)
+    search = _Search(bench, base, _spread(base, location))
+    search.begin()
+    tell("candidates", 0, len(candidates))
+    singles = search.polish(search.consider(None, candidates))
+    singles = search.settle(singles)
+    base = search.base
     best = _best(singles)
     rounds = [tuple(singles)]
     if best is None or best.score < ALARM:
-        return Naming(base, location, tuple(done.values()), None, (), location, tuple(rounds))
+        return Naming(base, location, tuple(search.done.values()), None, (), location, tuple(rounds))
     front = [best]
     if best.fitted.per_row > 1.3 or locate(bench, best.fitted).p < 1e-3:
         # one effect does not do: the first of the pair need not be the best single
@@ -101,15 +187,14 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
         grown = []
         for number, root in enumerate(front if count == 2 else front[:1]):
             tell("pairs", number, len(front))
-            for effect in candidates:
-                if effect.group not in root.groups:
-                    grown.append(consider((*root.terms, effect), root.fitted))
-        grown = _polished(bench, grown, base, spread, done)
+            grown += search.consider(root, [effect for effect in candidates if effect.group not in root.groups])
+        grown = search.polish(grown)
         rounds.append(tuple(grown))
         more = _best(grown)
-        if more is None or more.score - best.score < _price(best.gain) or not _each_needed(more, done):
+        if more is None or more.score - best.score < _price(best, more) or not _each_needed(more, search.done):
             break
         best, front = more, _front(grown, 3)
+    done = search.done
     same_size = [one for one in done.values() if len(one.terms) == len(best.terms) and not one.reason]
     alike = _apart([one for one in same_size if best.score - one.score < ALIKE and one.groups != best.groups])
     return Naming(base, location, tuple(done.values()), best, tuple(alike), locate(bench, best.fitted), tuple(rounds))
@@ -120,54 +205,29 @@ def _spread(base: Fit, location: Location) -> float:
     return location.spread if base.per_row < 1.5 else 1.0
 
 
-def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit, base: Fit) -> Fit:
+def near_names(fitted: Fit) -> tuple[str, ...]:
+    """The names of a fit's effects."""
+    return tuple(term.name for term in fitted.terms)
+
+
+def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit) -> Fit:
     newest = terms[-1]
-    if near.per_row < 1.5 and not _flat(newest):
-        first = glance(bench, terms, near)
-        if near.deviance - first.deviance < GLANCE:
-            return first
     parameter = newest.parameters[0]
     far = near.per_row > ROUGH
     rounds = 1 if far else 2
     most = 8 if far else 12  # the leading ones are fitted to the end afterwards
-    fits = [fit(bench, terms, near=near, most=most, rounds=rounds)]
-    starts = (*parameter.starts, *((parameter.typical,) if far and parameter.typical not in parameter.starts else ()))
-    if far or _flat(newest):
+    fits = [] if newest.flat else [fit(bench, terms, near=near, most=most, rounds=rounds)]
+    lost = near.per_row > LOST
+    starts = (*parameter.starts, *((parameter.typical,) if lost and parameter.typical not in parameter.starts else ()))
+    if (lost or newest.flat) and newest.geometry != "jitter":
         name = f"{newest.name}.{parameter.name}"
-        if newest.geometry != "jitter":
-            for value in starts:
-                fits.append(fit(bench, terms, start={**_values(near), name: value}, most=most, rounds=rounds))
+        for value in starts:
+            fits.append(fit(bench, terms, start={**_values(near), name: value}, most=most, rounds=rounds))
     return min(fits, key=lambda one: one.deviance)
-
-
-def _flat(effect: Effect) -> bool:
-    """Whether the effect has no slope at zero, so that a fit from there stays there."""
-    return effect.name == "electrostatic"
 
 
 def _values(near: Fit) -> dict[str, float]:
     return {u.name: float(v) for u, v in zip(near.unknowns, near.values, strict=True) if u.effect}
-
-
-def _polished(
-    bench: Regioned,
-    singles: list[Candidate],
-    base: Fit,
-    spread: float,
-    done: dict[frozenset[str], Candidate],
-) -> list[Candidate]:
-    """The leading candidates fitted to the end."""
-    leading = sorted(singles, key=lambda one: -one.gain)[:4]
-    result = []
-    for one in singles:
-        better = one
-        if one in leading and (not one.fitted.converged or base.per_row > ROUGH):
-            fitted = fit(bench, one.terms, near=one.fitted, most=60)
-            gain = (base.deviance - fitted.deviance) / spread
-            better = Candidate(one.terms, fitted, gain, _refused(fitted, one.terms))
-            done[frozenset(one.names)] = better
-        result.append(better)
-    return result
 
 
 def _best(candidates: Sequence[Candidate]) -> Candidate | None:
@@ -188,16 +248,33 @@ def _apart(candidates: Sequence[Candidate]) -> list[Candidate]:
     return _front(candidates, len(candidates))
 
 
-def _price(gain: float) -> float:
+def _price(fewer: Candidate, more: Candidate) -> float:
     """What one more effect must gain."""
-    return max(SECOND, min(SECOND_SHARE * gain, SECOND_MOST))
+    old = {place for term in fewer.terms for place in _places(term)}
+    new = [term for term in more.terms if term.name not in fewer.names]
+    alike = any(old & _places(term) for term in new)
+    return max(SECOND, min((SECOND_SHARE if alike else OTHER_SHARE) * fewer.gain, SECOND_MOST))
+
+
+def _places(term: Effect) -> set[str]:
+    """Where an effect acts: in motion, at impacts, in friction, in the picture, in the time of the frames."""
+    hooks = {
+        "motion": (term.force, term.torque),
+        "impact": (term.restitution, term.attraction),
+        "friction": (term.rolling, term.sliding, term.onset),
+        "picture": (term.view,),
+        # what is late by its height looks like a drag
+        "time": (term.exposure,),
+    }
+    found = {place for place, own in hooks.items() if any(hook is not None for hook in own)} or {term.geometry}
+    return found | {"motion"} if "time" in found else found
 
 
 def _each_needed(candidate: Candidate, done: dict[frozenset[str], Candidate]) -> bool:
     """Whether no term can be left out at less than the price of a term."""
     for term in candidate.terms:
         rest = done.get(frozenset(name for name in candidate.names if name != term.name))
-        if rest is not None and candidate.score - rest.score < _price(rest.gain):
+        if rest is not None and candidate.score - rest.score < _price(rest, candidate):
             return False
     return True
 

@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from rigtwin.compare.diagnose.camera import camera_unknowns, exposed, noise_of, viewed
-from rigtwin.compare.diagnose.fit import Seen, Unknown
+from rigtwin.compare.diagnose.camera import camera_unknowns, noise_of
 from rigtwin.compare.diagnose.labs import TrackedLab
+from rigtwin.compare.diagnose.slopes import Moved
 from rigtwin.compare.diagnose.swing import Push, angle_at, half_swings
+from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array
 from rigtwin.sim.effects import Effect
 
@@ -24,6 +25,10 @@ OWN_LENGTH = 0.5  # share of the stated length uncertainty that each length has 
 
 class PendulumBench:
     """All repetitions of a lab of single pendulums."""
+
+    bodies = 1
+    onset = 0
+    per_run = ("length", "which")
 
     def __init__(self, lab: TrackedLab) -> None:
         self.lab = lab
@@ -83,23 +88,33 @@ class PendulumBench:
         """Masks over rows, the first swings first: phases are then never lost."""
         return [self.time < limit for limit in (1.0, 2.5) if float(self.time.max()) > 1.3 * limit]
 
-    def predict(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect]) -> Seen:
-        """Swing and film all repetitions for a stack of settings."""
+    def move(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect], true: Array, seen: int) -> Moved:
+        """Swing all repetitions for a stack of settings."""
         length = self.length + values["length_error.offset"][:, None]
         if len(self.lengths) > 1:
             own = np.stack([values[f"length.{one:g}"] for one in self.lengths], axis=-1)
             length = length + own[:, self.which]
         push, omega = pushing(length, self.mass, self.radius, self.lab.gravity, values, terms)
-        true = exposed(self.time, self.rows, values, terms)
         t0 = local[..., 0]
         since = true - t0[:, self.owner]
         until = np.array([since[:, span].max(axis=1) for span in self.spans]).T
-        swings = half_swings(local[..., 1], push, omega, until)
+        dry = any(term.torque is not None for term in terms)
+        swings = half_swings(local[..., 1], push, omega, until, dry=dry)
         angle, rate = angle_at(swings, since, self.owner)
         reach = length[:, self.owner]
         x, y = reach * np.sin(angle), -reach * np.cos(angle)
-        speed = np.stack([reach[0] * rate[0] * np.cos(angle[0]), reach[0] * rate[0] * np.sin(angle[0])], axis=-1)
-        return Seen(np.stack(viewed(x, y, values, terms), axis=-1), np.zeros((len(local), len(self.spans), 0)), speed)
+        speed = reach[0] * rate[0]
+        soft = np.zeros((len(local), len(self.spans), 0))
+        return Moved(x, y, speed * np.cos(angle[0]), speed * np.sin(angle[0]), soft)
+
+    def quiet(self, name: str, terms: Sequence[Effect]) -> bool:
+        """Nothing is struck: every unknown moves the bob."""
+        return False
+
+    def touches(self, name: str) -> tuple[str, Array] | None:
+        """Lengths belong to their conditions."""
+        kind, _, rest = name.partition(".")
+        return (kind, self.which == [f"{one:g}" for one in self.lengths].index(rest)) if kind == "length" else None
 
 
 def eighths(time: Array, spans: Sequence[slice]) -> tuple[Array, list[str]]:
@@ -128,17 +143,24 @@ def pushing(
         if term.force is not None or term.torque is not None
     ]
 
+    pull = weight / inertia
+
+    def fall(angle: Array, _rate: Array) -> Array:
+        return np.asarray(-pull * np.sin(angle))
+
+    if not acting:
+        return fall, np.sqrt(pull)
+
     def push(angle: Array, rate: Array) -> Array:
         sine = np.sin(angle)
         moment = -weight * sine
-        if acting:
-            cosine = np.cos(angle)
-            for term, own in acting:
-                if term.force is not None:
-                    fx, fy = term.force(length * rate * cosine, length * rate * sine, 1e3, radius, mass, *own)
-                    moment = moment + length * (fx * cosine + fy * sine)
-                if term.torque is not None:
-                    moment = moment + term.torque(angle, rate, length, mass, *own)
+        cosine = np.cos(angle)
+        for term, own in acting:
+            if term.force is not None:
+                fx, fy = term.force(length * rate * cosine, length * rate * sine, 1e3, radius, mass, *own)
+                moment = moment + length * (fx * cosine + fy * sine)
+            if term.torque is not None:
+                moment = moment + term.torque(angle, rate, length, mass, *own)
         return np.asarray(moment / inertia)
 
-    return push, np.sqrt(weight / inertia)
+    return push, np.sqrt(pull)

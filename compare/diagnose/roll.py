@@ -12,10 +12,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from rigtwin.compare.diagnose.along import place_at, ride
-from rigtwin.compare.diagnose.camera import camera_unknowns, exposed, viewed
-from rigtwin.compare.diagnose.fit import Seen, Unknown
+from rigtwin.compare.diagnose.camera import camera_unknowns
 from rigtwin.compare.diagnose.labs import TrackedLab
 from rigtwin.compare.diagnose.runs import Runs
+from rigtwin.compare.diagnose.slopes import Moved
+from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array
 from rigtwin.sim.effects import Effect
 
@@ -24,6 +25,10 @@ ROLLS = 5 / 7  # of a force is left to a solid sphere that rolls
 
 class RollBench(Runs):
     """All repetitions of a lab of rolling beads."""
+
+    bodies = 1
+    onset = 0
+    per_run = ("conditions", "slope", "push", "pair")
 
     def __init__(self, lab: TrackedLab) -> None:
         super().__init__(lab)
@@ -89,14 +94,14 @@ class RollBench(Runs):
         t0 = (-b + math.sqrt(inside)) / (2 * a)
         return t0, 2 * a, 2 * a * t0 + b
 
-    def predict(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect]) -> Seen:
-        """Roll and film all repetitions for a stack of settings."""
+    def move(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect], true: Array, seen: int) -> Moved:
+        """Roll all repetitions for a stack of settings."""
         tips = np.stack([values[f"angle.{name}"] for name in self.condition_names], axis=-1)[:, self.condition]
-        slope = self.slope + tips + values["plate_tilt.angle"][:, None]
-        t0, start, push, friction = (local[..., k] for k in range(4))
+        slope = (self.slope + tips + values["plate_tilt.angle"][:, None])[:seen]
+        t0, start, push, friction = (local[:seen, :, k] for k in range(4))
         sine, cosine = np.sin(slope), np.cos(slope)
         acting = [
-            (term, [values[f"{term.name}.{p.name}"][:, None] for p in term.parameters])
+            (term, [values[f"{term.name}.{p.name}"][:seen, None] for p in term.parameters])
             for term in terms
             if term.force is not None or term.rolling is not None or term.torque is not None
         ]
@@ -114,13 +119,24 @@ class RollBench(Runs):
                     extra = extra + term.torque(place, speed, 1.0, 1.0, *own)
             return ROLLS * (self.lab.gravity * (sine - mu * cosine) + extra)
 
-        true = exposed(self.time, self.rows, values, terms)
         since = true - t0[:, self.owner]
         until = np.array([np.maximum(since[:, span].max(axis=1), 1e-3) for span in self.spans]).T
         motion = ride(start, np.maximum(push, 0.0), pull, until)
         place, speed = place_at(motion, since, self.owner)
         s, c, radius = sine[:, self.owner], cosine[:, self.owner], self.radius[self.owner]
         x, y = place * c + radius * s, radius * c - place * s
-        seen = np.stack(viewed(x, y, values, terms), axis=-1)
         plain = np.stack([values[f"rolling_friction.{pair}"] for pair in self.pairs], axis=-1)[:, self.pair]
-        return Seen(seen, (friction - plain)[..., None], np.stack([speed[0] * c[0], -speed[0] * s[0]], axis=-1))
+        return Moved(x, y, speed[0] * c[0], -speed[0] * s[0], (local[..., 3] - plain)[..., None])
+
+    def quiet(self, name: str, terms: Sequence[Effect]) -> bool:
+        """The friction of each repetition is an unknown of its own: that of the pair changes no motion."""
+        return name.startswith("rolling_friction.")
+
+    def touches(self, name: str) -> tuple[str, Array] | None:
+        """Frictions belong to a pair, angles to a condition."""
+        kind, _, rest = name.partition(".")
+        if kind == "rolling_friction":
+            return kind, self.pair == self.pairs.index(rest)
+        if kind == "angle":
+            return kind, self.condition == self.condition_names.index(rest)
+        return None

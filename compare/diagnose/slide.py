@@ -11,16 +11,21 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from rigtwin.compare.diagnose.along import place_at, ride
-from rigtwin.compare.diagnose.camera import camera_unknowns, exposed, viewed
-from rigtwin.compare.diagnose.fit import Seen, Unknown
+from rigtwin.compare.diagnose.camera import camera_unknowns
 from rigtwin.compare.diagnose.labs import TrackedLab
 from rigtwin.compare.diagnose.runs import Runs
+from rigtwin.compare.diagnose.slopes import Moved
+from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array
 from rigtwin.sim.effects import Effect
 
 
 class SlideBench(Runs):
     """All repetitions of a lab of clumps on a tilting arm."""
+
+    bodies = 1
+    onset = -1
+    per_run = ("conditions", "start", "rate", "waiting", "distance", "clump", "pair")
 
     def __init__(self, lab: TrackedLab) -> None:
         super().__init__(lab)
@@ -65,8 +70,8 @@ class SlideBench(Runs):
             guess[r, 1] = math.tan(angle)
         return guess
 
-    def predict(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect]) -> Seen:
-        """Tilt, slip, slide and film all repetitions for a stack of settings."""
+    def move(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect], true: Array, seen: int) -> Moved:
+        """Tilt, slip and slide all repetitions for a stack of settings."""
         gravity, high = self.lab.gravity, self.radius
         rate = self.rate * (1 + values["tilt_rate"][:, None])
         start = self.start + values["plate_tilt.angle"][:, None]
@@ -76,8 +81,11 @@ class SlideBench(Runs):
             pressing = gravity * np.cos(slip) - high * rate**2
             slip = np.arcsin(np.clip((static * pressing + place * rate**2) / gravity, 0.0, 0.999))
         begin = (slip - start) / rate
+        soft = self._soft(static, slip, begin, values, terms)
+        place, static, slip, begin = place[:seen], static[:seen], slip[:seen], begin[:seen]
+        rate, start = rate[:seen], start[:seen]
         acting = [
-            (term, [values[f"{term.name}.{p.name}"][:, None] for p in term.parameters])
+            (term, [values[f"{term.name}.{p.name}"][:seen, None] for p in term.parameters])
             for term in terms
             if term.torque is not None or term.sliding is not None
         ]
@@ -95,7 +103,6 @@ class SlideBench(Runs):
                     mu = term.sliding(mu, np.abs(speed), self.waiting, *own)
             return gravity * np.sin(angle) - (place - way) * rate**2 - mu * pressing + extra
 
-        true = exposed(self.time, self.rows, values, terms)
         since = true - begin[:, self.owner]
         until = np.array([np.maximum(since[:, span].max(axis=1), 1e-3) for span in self.spans]).T
         motion = ride(np.zeros_like(place), np.full_like(place, 1e-6), pull, until, may_stop=False)
@@ -103,9 +110,22 @@ class SlideBench(Runs):
         angle = start[:, self.owner] + rate[:, self.owner] * true
         reach, lift = place[:, self.owner] - way, high[self.owner]
         x, y = reach * np.cos(angle) - lift * np.sin(angle), reach * np.sin(angle) + lift * np.cos(angle)
-        seen = np.stack(viewed(x, y, values, terms), axis=-1)
-        velocity = np.stack([-speed[0] * np.cos(angle[0]), -speed[0] * np.sin(angle[0])], axis=-1)
-        return Seen(seen, self._soft(static, slip, begin, values, terms), velocity)
+        turning = rate[0][self.owner]
+        vx, vy = -speed[0] * np.cos(angle[0]) - turning * y[0], -speed[0] * np.sin(angle[0]) + turning * x[0]
+        return Moved(x, y, vx, vy, soft)
+
+    def quiet(self, name: str, terms: Sequence[Effect]) -> bool:
+        """The friction of each repetition is an unknown of its own: the law for it changes no motion."""
+        return name.startswith("static_friction.") or any(
+            term.onset is not None and term.sliding is None and term.torque is None
+            for term in terms
+            if name.split(".", maxsplit=1)[0] == term.name
+        )
+
+    def touches(self, name: str) -> tuple[str, Array] | None:
+        """Frictions belong to a pair."""
+        kind, _, rest = name.partition(".")
+        return (kind, self.pair == self.pairs.index(rest)) if kind == "static_friction" else None
 
     def _soft(
         self,

@@ -32,8 +32,13 @@ class HalfSwings:
     rate: Array  # [rad/s]
 
 
-def half_swings(angle: Array, push: Push, omega: Array, until: Array, rate: Array | None = None) -> HalfSwings:
-    """Swing from `angle` at rest (or with `rate`) for at least `until` [s]; `omega` [1/s] is sqrt(g/L)."""
+def half_swings(
+    angle: Array, push: Push, omega: Array, until: Array, rate: Array | None = None, *, dry: bool = True
+) -> HalfSwings:
+    """Swing from `angle` at rest (or with `rate`) for at least `until` [s]; `omega` [1/s] is sqrt(g/L).
+
+    Without `dry` friction the bob never sticks.
+    """
     begin = [np.zeros_like(angle)]
     steps, angles, rates = [], [], []
     theta = angle
@@ -43,13 +48,14 @@ def half_swings(angle: Array, push: Push, omega: Array, until: Array, rate: Arra
         resting = np.abs(omega_now) < 1e-9
         side = np.where(resting, -np.sign(theta), np.sign(omega_now))
         side = np.where(side == 0, 1.0, side)
-        first = push(theta, side * LEAST_RATE)
-        stuck |= resting & (first * side <= 0)
+        if dry:
+            stuck |= resting & (push(theta, side * LEAST_RATE) * side <= 0)
         live = np.where(stuck, 0.0, 1.0)
 
-        def change(a: Array, w: Array, side: Array = side, live: Array = live) -> Array:
+        def held_back(a: Array, w: Array, side: Array = side, live: Array = live) -> Array:
             return live * push(a, side * np.maximum(side * w, LEAST_RATE))
 
+        change = held_back if dry else push
         h = _duration(theta, omega_now, omega, side) / STEPS
         node_angle, node_rate = [theta], [omega_now]
         a, w = theta, omega_now
@@ -113,7 +119,7 @@ def angle_at(swings: HalfSwings, since: Array, owner: Any) -> tuple[Array, Array
     end = flat_begin[(number + 1) * size + base]
     h = swings.step.reshape(-1)[number * size + base]
     s = since - start
-    k = np.minimum((s / h).astype(np.int64), nodes - 2)
+    k = np.clip((s / h).astype(np.int64), 0, nodes - 2)
     length = np.where(k == nodes - 2, end - start - k * h, h)
     s = np.minimum((s - k * h) / length, 1.0)
     first = (number * nodes + k) * size + base

@@ -6,8 +6,12 @@ Taichi talks on stdout (a banner at import, a line at start); stdout belongs to 
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
+import sys
+import textwrap
 import threading
+import types
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -23,6 +27,38 @@ with warnings.catch_warnings():
     import taichi
 
 ti: Any = taichi
+LEAN = (1, 7, 4)  # the Taichi whose start is made leaner
+
+
+def _make_start_lean() -> None:
+    """Spare what Taichi does for every line of every kernel at each start, whether the kernel is cached or not.
+
+    It lays out each expression's source for messages that are hardly ever printed, looks through all modules to find
+    out whether a function is part of a class, and reads and folds a function's source anew wherever it is called:
+    together more than half of the Python side of a start.  The answers stay the same, but for the look of a message.
+    """
+    from taichi.lang import kernel_impl
+    from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
+
+    def position(context: Any, node: Any) -> str:
+        line = f'File "{context.file}", line {node.lineno + context.lineno_offset}, in {context.func.func.__name__}:'
+        return f"{line}\n{context.src[node.lineno - 1]}\n"
+
+    def inside_class(level_of_class_stackframe: int) -> bool:
+        return "__qualname__" in sys._getframe(level_of_class_stackframe - 1).f_locals
+
+    def unfolded(line: str, **_settings: int) -> str:
+        return line.rstrip("\n").expandtabs(4)
+
+    ASTTransformerContext.get_pos_info = position
+    kernel_impl._inside_class = inside_class
+    kernel_impl.getsourcelines = functools.cache(kernel_impl.getsourcelines)
+    kernel_impl.getsourcefile = functools.cache(kernel_impl.getsourcefile)
+    kernel_impl.textwrap = types.SimpleNamespace(fill=unfolded, dedent=textwrap.dedent)
+
+
+if taichi.__version__ == LEAN:
+    _make_start_lean()
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,9 @@ from rigtwin.lab.errors import BadInput, RigtwinError
 from rigtwin.lab.materials import Contact, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.rigs import GRAVITY
-from rigtwin.sim.engine import arena as at
+from rigtwin.sim.engine import arena as areas
 from rigtwin.sim.engine import backend, bodies, budget, checkpoint
+from rigtwin.sim.engine import columns as at
 from rigtwin.sim.engine.clock import UNSTABLE, positive
 from rigtwin.sim.engine.contact import LAW_SIZE, ROLLING, Rolling, pair_law
 from rigtwin.sim.engine.elements import Vector
@@ -140,7 +141,9 @@ class Bulk:
         self._rate = 200.0 / LAUNCH_SECONDS  # steps per second, learnt from the launches
         near = near_capacity or NEAR_PER_BEAD * size
         self._enter(
-            at.arena(size, pair_capacity or PAIRS_PER_BEAD * size, near, self._terms(), self._table.room, self._rigid)
+            areas.arena(
+                size, pair_capacity or PAIRS_PER_BEAD * size, near, self._terms(), self._table.room, self._rigid
+            )
         )
 
     # ------------------------------------------------------------------ what a user does
@@ -195,7 +198,6 @@ class Bulk:
         if (sizes != 1).any():
             self._arena.set_count(at.MIXED, 1)
         self._arena.set_count(at.BEADS, before + len(rows))
-        self._arena.set_stale()
         self._added += count
         self._spheres += len(rows)
         self._owners = np.concatenate(
@@ -290,7 +292,7 @@ class Bulk:
 
     def restore(self, state: checkpoint.State) -> None:
         """Go on from a `state` of a simulation that was made in the same way."""
-        self._enter(at.arena(*map(int, state["sizes"]), self._terms(), self._table.room, self._rigid))
+        self._enter(areas.arena(*map(int, state["sizes"]), self._terms(), self._table.room, self._rigid))
         checkpoint.write_arena(self._arena, state)
         self._table.motion[:] = self._arena.walls.motion.to_numpy()
         self.steps, self._added = int(state["steps"]), int(state["added"])
@@ -406,9 +408,9 @@ class Bulk:
         self._mine()
         self._table.motion[wall] = row
         self._arena.walls.motion.from_numpy(self._table.motion)
-        self._arena.set_stale()  # walls that move are listed from farther off
+        self._arena.set_count(at.WALL_COUNT, len(self._walls))  # lists anew: walls that move count from farther off
 
-    def _enter(self, arena: at.Arena) -> None:
+    def _enter(self, arena: areas.Arena) -> None:
         """Take an arena for this simulation; whoever had it before has lost it."""
         extent = self._high - self._low
         cell = 2 * self._largest + self._skin
@@ -423,12 +425,13 @@ class Bulk:
         numbers[at.MOST_SPEED] = 0.2 * min(min(particle.radii) for particle in self._particles) / self.time_step
         counts = np.zeros(at.COUNTS, dtype=np.int32)
         counts[at.WALL_COUNT] = len(self._walls)
-        counts[at.OPEN], counts[at.MIXED] = int(self._open), int(self._rigid)
-        counts[at.CONSTANT_TORQUE] = int(self._rolling == ROLLING[0])
+        counts[at.OPEN], counts[at.MIXED] = int(self._open), int(self._rigid or len(self._particles) > 1)
         counts[at.NX], counts[at.NY], counts[at.NZ] = cells
-        kinds = np.array([(particle.radius, particle.mass, particle.moments[0]) for particle in self._particles])
-        arena.configure(numbers, counts, self._laws, kinds, len(kinds))
-        arena.walls.load(self._table)
+        first = self._particles[0]
+        mass, inertia = first.mass, float(first.moments[0])
+        sizes = np.array([first.radius, mass, inertia, 1 / mass, 1 / inertia])
+        arena.configure(numbers, counts, self._laws, sizes)
+        arena.walls.load(self._table, sizes, self.time_step)
         arena.owner = self
         self._arena = arena
 
@@ -493,7 +496,7 @@ class Bulk:
     def _launch(self, steps: int) -> int:
         """Make up to `steps` steps and say how many were made."""
         arena = self._arena
-        done, alike = 0, self._count(at.MIXED) == 0
+        done, kinds = 0, (self._alike, self._rolling == ROLLING[0])
         while done < steps:
             before = float(self.steps + done)
             arena.build_alone(before)
@@ -501,14 +504,19 @@ class Bulk:
                 break
             beads, whole = self._count(at.BEADS), self._count(at.BODIES)
             if not self._on_gpu and (self.threads == 1 or beads < THREADED_FROM):
-                arena.run_serial(steps - done, before, alike)
+                arena.run_serial(steps - done, before, *kinds)
             else:
-                length = min(at.BURST, steps - done)
+                length, chunks = min(areas.BURST, steps - done), min(self.threads, areas.CHUNKS)
                 for s in range(length):
-                    arena.run_step(s, beads, whole, before, alike)
+                    arena.run_step(s, int(s == length - 1), beads, whole, chunks, before, *kinds)
                 arena.end_burst(length)
             done += self._count(at.DONE)
         return done
+
+    @property
+    def _alike(self) -> bool:
+        """Whether all beads are single spheres of one kind and size, whose contacts go by one law."""
+        return self._count(at.MIXED) == 0 and not self._arena.terms.changes_restitution
 
     def _answer_trouble(self) -> None:
         status = self._count(at.STATUS)
@@ -539,7 +547,7 @@ class Bulk:
         whole, members = self._body_rows(), self._members(beads) if self._rigid else None
         pair_capacity = max(pair_capacity, PAIRS_PER_BEAD * capacity)
         near_capacity = max(near_capacity, NEAR_PER_BEAD * capacity)
-        self._enter(at.arena(capacity, pair_capacity, near_capacity, self._terms(), self._table.room, self._rigid))
+        self._enter(areas.arena(capacity, pair_capacity, near_capacity, self._terms(), self._table.room, self._rigid))
         for column, value in {**kept, at.BEADS: beads}.items():
             self._arena.set_count(column, value)
         self._arena.put(rows, 0, beads)
@@ -550,7 +558,6 @@ class Bulk:
         self._arena.walls.put_list(*near, self._count(at.LIVE_LIST), listed)
         self._arena.walls.work_before[None] = work
         self._arena.walls.listed_at.from_numpy(listed_at)
-        self._arena.set_stale()
         old.owner = None
 
     def _count(self, column: int) -> int:
@@ -559,9 +566,10 @@ class Bulk:
 
     def _rows(self) -> Array:
         beads = self._count(at.BEADS)
-        rows = np.zeros((max(beads, 1), bodies.STATE_SIZE))
-        self._arena.get(rows, beads)
-        return rows[:beads]
+        rows = np.zeros((beads, bodies.STATE_SIZE))
+        if beads:
+            self._arena.get(rows, beads)
+        return rows
 
     def _near(self, beads: int) -> tuple[npt.NDArray[np.int32], Array]:
         live, walls = self._count(at.LIVE_LIST), self._arena.walls
@@ -595,7 +603,7 @@ class Bulk:
 
     def _pairs(self, beads: int) -> tuple[npt.NDArray[np.int32], Array]:
         first = np.zeros(beads + 1, dtype=np.int32)
-        pairs = np.zeros((self._arena.pair_capacity, 8))
+        pairs = np.zeros((self._arena.pair_capacity, 9))
         self._arena.get_pairs(first, pairs, beads)
         return first, pairs[: max(1, int(first[beads]))]
 

@@ -18,7 +18,8 @@ import numpy.typing as npt
 
 from rigtwin import __version__
 from rigtwin.lab.errors import BadInput
-from rigtwin.sim.engine import arena as at
+from rigtwin.sim.engine import columns as at
+from rigtwin.sim.engine.arena import Arena
 from rigtwin.sim.engine.backend import ti
 
 State = dict[str, npt.NDArray[Any]]
@@ -26,16 +27,18 @@ State = dict[str, npt.NDArray[Any]]
 
 # written anew before they are read, or set up with the run; everything else in an arena is kept, whatever is added to
 # it one day
-SCRATCH = frozenset({"spare", "cell_first", "cell_of", "order", "fill", "pair_force", "spare_member", "body_new"}) | {
+SCRATCH = frozenset(
+    {"spare", "cell_first", "cell_of", "order", "fill", "pair_force", "spare_member", "body_new", "chosen", "packet"}
+) | {
     f"walls.{name}"
     for name in (
-        *("elements", "cell_first", "items", "grid", "grid_shape", "law"),
+        *("elements", "cell_first", "items", "grid", "grid_shape", "law", "constants"),
         *("state", "turned", "pivot", "velocity", "spin", "facing", "mark"),
     )
 }
 
 
-def read_arena(arena: at.Arena) -> State:
+def read_arena(arena: Arena) -> State:
     """Every field of `arena` that a step reads, cut to the beads and pairs in use."""
     counts = arena.counts.to_numpy()
     beads, listed = int(counts[at.BEADS]), int(counts[at.LISTED])
@@ -55,7 +58,7 @@ def read_arena(arena: at.Arena) -> State:
     return state
 
 
-def write_arena(arena: at.Arena, state: State) -> None:
+def write_arena(arena: Arena, state: State) -> None:
     """Fill `arena`, of the sizes that `state` was read from."""
     for name, field in _fields(arena):
         whole = np.zeros_like(field.to_numpy())
@@ -66,7 +69,7 @@ def write_arena(arena: at.Arena, state: State) -> None:
     arena.pair_force.fill(0.0)
 
 
-def _fields(arena: at.Arena) -> Iterator[tuple[str, Any]]:
+def _fields(arena: Arena) -> Iterator[tuple[str, Any]]:
     own = {**vars(arena), **{f"walls.{name}": value for name, value in vars(arena.walls).items()}}
     for name, value in own.items():
         if isinstance(value, ti.Field) and name not in SCRATCH:

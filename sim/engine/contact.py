@@ -24,6 +24,10 @@ NORMAL, TANGENTIAL, DASHPOT, DASHPOT_T, DASHPOT_R, LAGS, LAGS_T, LAGS_R = range(
 SLIDES, ROLLS, ROLLING_RADIUS, SHARE = range(8, 12)
 CONSTANTS = 12
 
+# columns of the sizes of a kind of spheres; the last two are the reciprocals of mass and inertia
+RADIUS, MASS, INERTIA, LIGHTNESS, NIMBLENESS = range(5)
+SIZES_OF_KIND = 5
+
 LAG = 0.25  # how far a dashpot's own force is counted against it, in steps; see contact_forces
 ROLLING_DAMPING = 0.05  # of critical; more than a tenth rings where many contacts meet
 
@@ -88,21 +92,24 @@ def damping_ratio(restitution: float) -> float:
 
 
 def _root(function: Callable[[float], float], low: float, high: float) -> float:
-    from scipy.optimize import brentq
-
-    return float(brentq(function, low, high, xtol=1e-15, rtol=1e-14))
+    """Where a rising function is zero.  By halving: SciPy takes longer to import than a short run to simulate."""
+    for _ in range(100):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if function(middle) < 0 else (low, middle)
+    return 0.5 * (low + high)
 
 
 @ti.func
 def turned(vector, normal):
-    """A tangential history vector carried into the tangent plane of the turned contact, its length kept."""
+    """A tangential history vector carried into the tangent plane of the turned contact, its length kept.
+
+    Within a step a contact turns by little: the root that keeps the length is taken by its Pade approximant, which
+    errs by 1e-10 of the length where the contact turned by three degrees.
+    """
     along = vector.dot(normal)
     flat = vector - normal * along
-    length2 = flat.norm_sqr()
-    # a turn by less than 1e-5 loses less than 1e-10 of the length: not worth a division and a root
-    if along * along > 1e-10 * length2 and length2 > 0.0:
-        flat *= ti.sqrt(vector.norm_sqr() / length2)
-    return flat
+    lost2, length2 = along * along, flat.norm_sqr()
+    return flat * ((length2 + 0.75 * lost2) / (length2 + 0.25 * lost2 + 1e-300))
 
 
 @ti.func
@@ -151,7 +158,7 @@ def constants_of_two(law, radius, radius_j, mass, mass_j, inertia, inertia_j, st
 @ti.func
 def contact_forces(
     overlap, normal, velocity, spin_i, spin_j, radius_i, radius_j, inertia_i, inertia_j, constants, slip, roll, step,
-    constant_torque,
+    constant_torque: ti.template(),
 ):  # fmt: skip
     """Hertz-Mindlin force on body i and the torques that rolling resistance adds on i and j.
 
@@ -185,16 +192,17 @@ def contact_forces(
     drag = -stiff_t * new_slip - constants[DASHPOT_T] * (late_n * late_r) * part * sliding
     limit = constants[SLIDES] * push
     drag2 = drag.norm_sqr()
+    soft_t = 1.0 / stiff_t
     if drag2 > limit * limit:
         drag *= limit / ti.sqrt(drag2)
-        new_slip = drag * (-1.0 / stiff_t)
+        new_slip = drag * -soft_t
 
     torque_i = ti.Vector([0.0, 0.0, 0.0])
     torque_j = ti.Vector([0.0, 0.0, 0.0])
     new_roll = ti.Vector([0.0, 0.0, 0.0])
     if constants[ROLLS] > 0.0:
         grip = constants[ROLLS] * push
-        if constant_torque == 1:
+        if ti.static(constant_torque):
             # never more than stops the spin within the step
             rate = 1.0 / step
             torque_i = -ti.min(grip * (radius_i / (spin_i.norm() + 1e-30)), inertia_i * rate) * spin_i
@@ -210,6 +218,8 @@ def contact_forces(
             torque2 = torque_i.norm_sqr()
             if torque2 > most * most:
                 torque_i *= most / ti.sqrt(torque2)
-                new_roll = (torque_i.dot(normal) * normal - torque_i) * (1.0 / stiff_r)
+                # 1 over the spring's stiffness; the division by a constant is made once
+                soft_r = soft_t * (1.0 / (rolling_radius * rolling_radius))
+                new_roll = (torque_i.dot(normal) * normal - torque_i) * soft_r
             torque_j = -torque_i
     return drag - push * normal, torque_i, torque_j, new_slip, new_roll

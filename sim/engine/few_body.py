@@ -25,6 +25,7 @@ from rigtwin.sim.engine.contact import (
     DAMPING,
     LAW_SIZE,
     ROLLING,
+    SIZES_OF_KIND,
     STIFFNESS,
     Rolling,
     constants_of_two,
@@ -108,7 +109,7 @@ def run(
         raise BadInput(f"step: {step:g} s does not lie between 0 and the flight step of {flight_step:g} s.")
     backend.start()
     bench = _bench(terms_of(effects, "few bodies"))
-    bench.load(bodies, walls, contacts, gravity=(*gravity, gravity_turns), steps=(step, flight_step), rolling=rolling)
+    bench.load(bodies, walls, contacts, gravity=(*gravity, gravity_turns), steps=(step, flight_step))
     count = len(bodies)
     sampled: list[Array] = []
     budget = LAUNCH_STEPS
@@ -117,7 +118,7 @@ def run(
         bench.expect(block)
         while bench.status() == RUNNING:
             began = time.perf_counter()
-            bench.advance(budget)
+            bench.advance(budget, rolling == ROLLING[0])
             # kernels come back at least twice a second, so that progress and Ctrl-C work
             budget = int(np.clip(0.25 / max(time.perf_counter() - began, 1e-6) * budget, 1000, 50_000_000))
             progress("simulating", bench.now(), float(times[-1]))
@@ -233,7 +234,6 @@ class _Bench:
         *,
         gravity: tuple[float, float, float, float],
         steps: tuple[float, float],
-        rolling: Rolling,
     ) -> None:
         table = np.zeros((BODIES, 20))
         for i, b in enumerate(bodies):
@@ -255,8 +255,7 @@ class _Bench:
         self._load_walls(walls, kinds, len(bodies))
         changing = any(w.motion is not None or math.isfinite(w.until) for w in walls)
         numbers = np.array([0.0, *steps, *gravity])
-        constant_torque = int(rolling == ROLLING[0])
-        self._load(table, pair, numbers, len(bodies), len(walls), constant_torque, int(changing))
+        self._load(table, pair, numbers, len(bodies), len(walls), int(changing))
         if self.terms.act_on_contacts:
             self.impact.fill(-1.0)
 
@@ -264,7 +263,7 @@ class _Bench:
         """Every part of every wall is near every body."""
         everywhere = np.full(3, -ENDLESS), np.full(3, ENDLESS)
         laws = wall_table([(wall,) * len(kinds) for wall in walls], kinds, skin=0.0, domain=everywhere)
-        self.walls.load(laws)
+        self.walls.load(laws, np.ones(SIZES_OF_KIND), 1.0)  # bodies differ: constants are made for each contact
         parts = len(laws.elements) if walls else 0
         first = (np.arange(BODIES + 1) * parts).astype(np.int32)
         near = np.zeros((max(1, BODIES * parts), 9))
@@ -299,7 +298,6 @@ class _Bench:
         numbers: ti.types.ndarray(),
         bodies: ti.i32,
         walls: ti.i32,
-        constant_torque: ti.i32,
         changing: ti.i32,
     ):
         ti.loop_config(serialize=True)
@@ -325,7 +323,6 @@ class _Bench:
         self.counts[0] = bodies
         self.counts[1] = walls
         self.counts[4] = DONE
-        self.counts[5] = constant_torque
         self.counts[6] = -1
         self.counts[7] = changing
         self.total_steps[None] = -1  # forces not yet known
@@ -339,12 +336,11 @@ class _Bench:
         self.counts[4] = RUNNING
 
     @ti.func
-    def forces(self, step):
+    def forces(self, step, constant_torque: ti.template()):
         """Accelerations here, from the velocities of mid-step; the smallest time to a contact, 0 in contact."""
         n = self.counts[0]
         clear = self.clock[2]
         slack = self.pull[None].norm() * self.clock[2]
-        constant_torque = self.counts[5]
         self.walls.pose(self.counts[1], self.clock[0] + step, step, ENDLESS)
         for i in range(n):
             self.push[i] = self.push_on_body(i, step)
@@ -353,7 +349,7 @@ class _Bench:
             radius, mass, inertia = self.body[i][0], self.body[i][1], self.body[i][2]
             force, torque, deepest = self.walls.press(
                 0, i, self.kind[i], self.position[i], self.half[i], self.half_spin[i], radius, mass, inertia, step,
-                constant_torque,
+                False, constant_torque,
             )  # fmt: skip
             self.push[i] = self.push[i] + force / mass
             self.twist[i] = self.twist[i] + torque / inertia
@@ -505,7 +501,7 @@ class _Bench:
             self.counts[4] = DONE
 
     @ti.kernel
-    def advance(self, budget: ti.i32):
+    def advance(self, budget: ti.i32, constant_torque: ti.template()):
         """Up to `budget` steps, or until all samples are taken."""
         ti.loop_config(serialize=True)
         for _ in range(1):
@@ -524,7 +520,7 @@ class _Bench:
                 if self.gravity[None][3] != 0.0:
                     still = 0
                     self.turn_gravity(self.clock[0] + h)
-                self.clock[3] = self.forces(h)
+                self.clock[3] = self.forces(h, constant_torque)
                 for i in range(n):
                     self.velocity[i] = self.across_thread(i, self.half[i] + 0.5 * h * self.push[i])
                     self.spin[i] = self.half_spin[i] + 0.5 * h * self.twist[i]

@@ -21,7 +21,18 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Particle
 from rigtwin.sim.engine import elements as shape
 from rigtwin.sim.engine.backend import ti
-from rigtwin.sim.engine.contact import DAMPING, LAW_SIZE, STIFFNESS, contact_constants, contact_forces, pair_law
+from rigtwin.sim.engine.contact import (
+    CONSTANTS,
+    DAMPING,
+    INERTIA,
+    LAW_SIZE,
+    MASS,
+    RADIUS,
+    STIFFNESS,
+    contact_constants,
+    contact_forces,
+    pair_law,
+)
 from rigtwin.sim.engine.elements import ELEMENT_SIZE, OF_WALL, TRIANGLE, towards_element
 from rigtwin.sim.engine.mesh import ALONE, sort_into_cells
 from rigtwin.sim.engine.terms import Terms
@@ -142,6 +153,7 @@ class WallContacts:
         self.grid_shape = ti.field(ti.i32, (WALLS, 4))
         self.motion = ti.field(ti.f64, (WALLS, MOTION_SIZE))
         self.law = ti.Vector.field(LAW_SIZE, ti.f64, (KINDS, WALLS))
+        self.constants = ti.Vector.field(CONSTANTS, ti.f64, WALLS)  # of a contact of the first kind of spheres
 
         # where the walls are in this step
         self.state = ti.field(ti.i32, WALLS)
@@ -163,13 +175,15 @@ class WallContacts:
         self.work = ti.field(ti.f64, capacity)  # [J], done by moving walls on the beads of this slot
         self.work_before = ti.field(ti.f64, ())  # [J], until the list was made
 
-    def load(self, table: WallTable) -> None:
-        """Take the walls of a simulation; nothing is near them yet."""
+    def load(self, table: WallTable, sizes: Array, step: float) -> None:
+        """Take the walls of a simulation; nothing is near them yet.
+
+        `sizes` are those of the first kind of spheres (columns as in SIZES_OF_KIND), `step` [s] is the time step.
+        """
         self._load(
             table.elements, table.cell_first, table.items, table.grid, table.grid_shape, table.motion, table.law,
-            len(table.elements), len(table.cell_first), len(table.items),
+            len(table.elements), len(table.cell_first), len(table.items), sizes, step,
         )  # fmt: skip
-        self.work.fill(0.0)
 
     @ti.kernel
     def _load(
@@ -184,9 +198,13 @@ class WallContacts:
         element_count: ti.i32,
         cell_count: ti.i32,
         item_count: ti.i32,
+        sizes: ti.types.ndarray(),
+        step: ti.f64,
     ):
         ti.loop_config(serialize=True)
         for _ in range(1):
+            for i in range(self.work.shape[0]):
+                self.work[i] = 0.0
             for e, c in ti.ndrange(element_count, ELEMENT_SIZE):
                 self.elements[e, c] = elements[e, c]
             for c in range(cell_count):
@@ -203,6 +221,9 @@ class WallContacts:
                     for c in ti.static(range(LAW_SIZE)):
                         self.law[a, w][c] = law[a, w, c]
                 self.listed_at[w] = 0.0
+                self.constants[w] = contact_constants(
+                    self.law[0, w], sizes[RADIUS], sizes[MASS], sizes[RADIUS], sizes[INERTIA], 1.0, step
+                )
             self.first[0, 0] = 0
             self.first[1, 0] = 0
             self.work_before[None] = 0.0
@@ -366,7 +387,10 @@ class WallContacts:
                         self.impact[live, heir] = self.impact[live, q]
 
     @ti.func
-    def press(self, live, i, kind, position, velocity, turning, radius, mass, inertia, step, constant_torque):
+    def press(
+        self, live, i, kind, position, velocity, turning, radius, mass, inertia, step, alike: ti.template(),
+        constant_torque: ti.template(),
+    ):  # fmt: skip
         """Force of the walls on bead `i`, torque about its centre, and the deepest overlap."""
         force = ti.Vector([0.0, 0.0, 0.0])
         torque = ti.Vector([0.0, 0.0, 0.0])
@@ -396,11 +420,12 @@ class WallContacts:
                             closing = (velocity - surface).dot(normal)
                             self.impact[live, q] = self.terms.damping(law[DAMPING], closing, radius, mass)
                         law[DAMPING] = self.impact[live, q]
+                    constants = self.constants[w]
+                    if ti.static(not alike):
+                        constants = contact_constants(law, radius, mass, radius, inertia, 1.0, step)
                     drag, hold, _other, slip, roll = contact_forces(
                         radius - distance, normal, velocity + distance * turning.cross(normal) - surface, turning,
-                        wall_spin, radius, radius, inertia, inertia,
-                        contact_constants(law, radius, mass, radius, inertia, 1.0, step),
-                        slip, roll, step, constant_torque,
+                        wall_spin, radius, radius, inertia, inertia, constants, slip, roll, step, constant_torque,
                     )  # fmt: skip
                     if ti.static(self.terms.attracts):
                         drag += self.terms.attraction(radius - distance, radius, law[STIFFNESS]) * normal

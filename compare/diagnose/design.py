@@ -1,0 +1,227 @@
+"""The experiment that would tell rival names apart: each setting is simulated with both fitted models.
+
+What one model would show there is fitted with the other, whose unknowns keep the doubt that the present data leave
+them (their whole covariance) and whose releases and impacts are free.  What cannot be fitted away is the expected
+separation; Box & Hill 1967, linearised.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from rigtwin.compare.diagnose.fit import Fit, linear_at
+from rigtwin.compare.diagnose.locate import Regioned
+from rigtwin.compare.diagnose.slopes import slopes
+from rigtwin.compare.diagnose.subset import subset
+from rigtwin.lab.records import Array
+
+REPETITIONS = 5
+START = 0.03  # [s], of the motion in the simulated record
+LONGEST = 20.0  # [s]
+CLEAR = 4.0
+"""Separation in standard deviations that tells two names apart."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One thing to do differently at the bench."""
+
+    words: str
+    density: float = 1.0  # times that of the bead used
+    size: float = 1.0
+    state: Mapping[str, float] = field(default_factory=dict)
+    """The rig's own quantities by the name of the bench's attribute, SI."""
+    release: float | None = None
+    """The height [m] or the angle [rad] of the release."""
+    longer: float = 1.0
+    turned: bool = False
+    """The camera stands on its head."""
+
+
+@dataclass(frozen=True)
+class Design:
+    """A setting and how far apart it would show the rivals."""
+
+    words: str
+    separation: float  # [standard deviations], of the pair that is hardest to tell apart
+    between: tuple[str, str] = ("", "")
+
+    def to_json(self) -> dict[str, Any]:
+        return {"setting": self.words, "separation_sigma": self.separation, "hardest_pair": list(self.between)}
+
+
+def designs(bench: Regioned, rivals: Sequence[Fit]) -> list[Design]:
+    """All settings of the rig, the most telling first.  Rivals that widen the noise alone cannot be compared so."""
+    rivals = [one for one in rivals if not any(term.geometry == "jitter" for term in one.terms)]
+    if len(rivals) < 2:
+        return []
+    found = []
+    for setting in settings(bench):
+        pairs = []
+        for a, one in enumerate(rivals):
+            for other in rivals[a + 1 :]:
+                apart = min(separation(bench, setting, one, other), separation(bench, setting, other, one))
+                pairs.append((apart, _names(one), _names(other)))
+        least = min(pairs)
+        if math.isfinite(least[0]):
+            found.append(Design(setting.words, least[0], (least[1], least[2])))
+    return sorted(found, key=lambda one: -one.separation)
+
+
+def _names(fitted: Fit) -> str:
+    return " + ".join(term.name for term in fitted.terms)
+
+
+def settings(bench: Regioned) -> list[Setting]:
+    """What can be changed in a rig of this kind."""
+    whole: Any = bench
+    common = [
+        Setting("the same with the camera turned by 180 degrees about its axis", turned=True),
+        Setting("a steel ball of the same size", density=7850.0 * whole.radius[0] ** 3 * 4.18879 / whole.mass[0]),
+        Setting(
+            "a foam ball of the same size (30 kg/m^3)", density=30.0 * whole.radius[0] ** 3 * 4.18879 / whole.mass[0]
+        ),
+        Setting("a ball of the same material, twice the size", size=2.0),
+        Setting("a ball of the same material, half the size", size=0.5),
+    ]
+    rig = whole.lab.rig
+    if rig == "drop":
+        heights = (0.02, 0.05, 0.15, 0.5, 1.0, 2.0)
+        return [*(Setting(f"drops from {1000 * h:.0f} mm", release=h) for h in heights), *common]
+    if rig in ("pendulum", "double"):
+        angles = [Setting(f"release from {a} degrees", release=math.radians(a)) for a in (5, 10, 20, 45, 75)]
+        long = [Setting("a record four times as long", longer=4.0)] if not hasattr(bench, "impacts") else []
+        threads = [
+            Setting(f"a thread of {1000 * length:.0f} mm", state={"length": length})
+            for length in (0.5 * float(whole.length.min()), 2.0 * float(whole.length.max()))
+        ]
+        return [*angles, *long, *threads, *common]
+    if rig == "roll":
+        slopes_ = [
+            Setting(f"an incline of {a} degrees", state={"slope": math.radians(a), "push": 0.0}) for a in (3, 8, 15, 25)
+        ]
+        pushes = [
+            Setting(f"a push of {v} m/s on the level", state={"slope": 0.0, "push": v}) for v in (0.2, 0.5, 1.0, 2.0)
+        ]
+        return [*slopes_, *pushes, *common]
+    waits = [Setting(f"a wait of {w:g} s on the level arm", state={"waiting": w}) for w in (1.0, 60.0, 1800.0)]
+    rates = [Setting(f"tilting at {r} degrees per second", state={"rate": math.radians(r)}) for r in (0.2, 5.0)]
+    weights = [
+        Setting(f"a clump of {k} times the weight", state={"clump": k * float(whole.clump.min())}) for k in (5, 25)
+    ]
+    return [*waits, *rates, *weights, common[0]]
+
+
+def separation(bench: Regioned, setting: Setting, one: Fit, other: Fit) -> float:
+    """How many standard deviations the data of `one` would be from the best that `other` can do."""
+    try:
+        place, values = laid_out(bench, setting, one)
+        truth = lawful(place, one, values)
+        place.rows = slopes(place, one.unknowns, one.terms, truth, values).position
+        return _left_over(place, setting, other, truth)
+    except (np.linalg.LinAlgError, ValueError, FloatingPointError):
+        return math.nan
+
+
+def laid_out(bench: Regioned, setting: Setting, fitted: Fit) -> tuple[Any, Array]:
+    """A bench of one repetition at this setting, and the model's unknowns there."""
+    whole: Any = bench
+    active = getattr(whole, "active", None)
+    run = 0 if active is None else int(np.argmax(active.sum(axis=1)))
+    place: Any = copy.copy(subset(bench, [run]))
+    place.radius = place.radius * setting.size
+    place.mass = place.mass * setting.density * setting.size**3
+    for name, value in setting.state.items():
+        setattr(place, name, np.full(1, value))
+    place.local_prior = place.local_prior.copy()
+    place.local_sd = place.local_sd.copy()
+    rig = whole.lab.rig
+    if setting.release is not None and rig == "drop":
+        place.local_prior[0, 2] = setting.release + float(place.radius[0])
+    elif rig == "drop":
+        place.local_prior[0, 2] += float(place.radius[0]) * (1 - 1 / setting.size)
+    elif setting.release is not None:
+        place.local_prior[0, 1] = math.copysign(setting.release, place.local_prior[0, 1])
+    if rig == "roll":
+        place.local_prior[0, 2] = float(place.push[0])
+        place.local_sd[0, 2] = 0.1 * float(place.push[0]) + 1e-5
+    step = float(np.median(np.diff(np.unique(place.time))))
+    length = _duration(place, setting, rig)
+    grid = np.arange(0.0, length, step)
+    bodies = place.bodies
+    place.time = np.repeat(grid, bodies)
+    place.rows = np.zeros((len(place.time), 2))
+    place.sigma = np.full(len(place.time), float(place.sigma[0]))
+    place.owner = np.zeros(len(place.time), dtype=int)
+    place.spans = [slice(0, len(place.time))]
+    if hasattr(whole, "body"):
+        place.body = np.tile(np.arange(bodies), len(grid))
+    return place, _turned(fitted, setting) * fitted.values
+
+
+def _turned(fitted: Fit, setting: Setting) -> Array:
+    """-1 for unknowns whose sign a camera on its head turns."""
+    turning = {term.name for term in fitted.terms if term.turns}
+    return np.array([-1.0 if setting.turned and u.effect in turning else 1.0 for u in fitted.unknowns])
+
+
+def _duration(place: Any, setting: Setting, rig: str) -> float:
+    """[s]"""
+    if rig == "drop":
+        fall = math.sqrt(2 * max(float(place.local_prior[0, 2] - place.radius[0]), 1e-3) / place.lab.gravity)
+        return START + 3.0 * fall
+    if rig == "roll" and float(place.push[0]) == 0.0:
+        return START + math.sqrt(2 * 0.4 / max(0.7 * 9.81 * (math.sin(float(place.slope[0])) - 0.02), 0.02))
+    if rig == "slide":
+        return min(setting.longer * float(np.ptp(place.time)), LONGEST)
+    return min(setting.longer * float(np.ptp(place.time)), LONGEST)
+
+
+def lawful(place: Any, fitted: Fit, values: Array) -> Array:
+    """Release as set, every impact or friction as the law has it."""
+    local = place.local_prior.copy()
+    if place.onset >= 0:
+        local[:, place.onset] = START
+    free = np.flatnonzero(~np.isfinite(place.local_sd[0]))
+    for _ in range(3 + 2 * len(free)):
+        seen = slopes(place, fitted.unknowns, fitted.terms, local, values)
+        place.rows = seen.position  # a shutter's delay goes with the place
+        if not len(free) or not seen.soft.size:
+            continue
+        jacobian = seen.by_soft[free, 0].T  # (S, free)
+        change = np.linalg.lstsq(jacobian, -seen.soft[0], rcond=None)[0]
+        local[0, free] += np.clip(change, -1.0, 1.0)
+    return np.asarray(local)
+
+
+def _left_over(place: Any, setting: Setting, other: Fit, start: Array) -> float:
+    """The other model fitted to the data in `place`, from what the present data say of it."""
+    sign = _turned(other, setting)
+    known = sign * other.values
+    scale = np.sqrt(np.maximum(np.diag(other.covariance), 1e-300))
+    inner = other.covariance * np.outer(sign, sign) / np.outer(scale, scale)
+    tie = np.linalg.inv(inner + 1e-9 * np.eye(len(scale))) / np.outer(scale, scale)
+    free = tuple(replace(u, sd=math.inf) for u in other.unknowns)
+    local, values, least = start.copy(), known.copy(), math.inf
+    damping = 1.0
+    for _ in range(6):
+        linear = linear_at(place, other.terms, free, local, values, other.scatter)
+        off = values - known
+        cost = REPETITIONS * linear.objective + float(off @ tie @ off)
+        if cost > least:
+            damping *= 0.3
+        least = min(least, cost)
+        ab = np.linalg.solve(linear.a, linear.b)[0]
+        ag = np.linalg.solve(linear.a, linear.g_local[..., None])[0, :, 0]
+        block = REPETITIONS * (linear.c[0] - linear.b[0].T @ ab) + tie
+        pull = REPETITIONS * (linear.g_global[0] - ab.T @ linear.g_local[0]) - tie @ off
+        step = damping * np.linalg.solve(block, pull)
+        values = values + step
+        local = local + damping * (ag - ab @ step)[None]
+    return math.sqrt(max(least, 0.0))

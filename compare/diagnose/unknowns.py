@@ -1,0 +1,23 @@
+"""A global unknown of a fit, with what is known of it beforehand."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A global unknown: a calibration quantity, a contact parameter, or a coefficient of an effect."""
+
+    name: str
+    start: float
+    step: float
+    """Size of a visible change; sets the finite-difference step."""
+    prior: float = 0.0
+    sd: float = math.inf
+    """Standard deviation of the prior; infinite where nothing is stated."""
+    low: float = -math.inf
+    high: float = math.inf
+    effect: str = ""
+    """The effect that it belongs to, empty for the rig's own."""

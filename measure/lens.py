@@ -1,0 +1,50 @@
+"""Pictures as a camera without lens errors would take them that looks squarely at the plane of the motion."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.camera import Lens
+from rigtwin.lab.errors import BadInput
+
+Array = npt.NDArray[np.float64]
+Image = npt.NDArray[np.uint8]
+
+
+def straight(picture: Image, lens: Lens) -> Image:
+    """A picture, grey or colour, as seen squarely; what lies beyond its border is the border's brightness."""
+    height, width = picture.shape[:2]
+    if (width, height) != lens.size:
+        raise BadInput(
+            f"the board was photographed with {lens.size[0]} x {lens.size[1]} px, this picture has {width} x {height}; "
+            "photograph the board with the same camera, lens and resolution."
+        )
+    across, down = _maps(lens)
+    return np.asarray(
+        cv2.remap(picture, across, down, interpolation=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE), np.uint8
+    )
+
+
+def project(points: Array, plane: Array, bend: tuple[float, float], size: tuple[int, int]) -> Array:
+    """Pixels of points in the plane, with the lens's radial distortion about the picture's middle."""
+    flat = points @ plane[:, :2].T + plane[:, 2]
+    pixels = flat[:, :2] / flat[:, 2:]
+    middle = (np.array(size, dtype=float) - 1) / 2
+    out = (pixels - middle) / (math.hypot(*size) / 2)
+    square = np.sum(out * out, axis=1, keepdims=True)
+    return np.asarray(middle + (pixels - middle) * (1 + square * (bend[0] + square * bend[1])))
+
+
+@lru_cache(maxsize=4)
+def _maps(lens: Lens) -> tuple[Any, Any]:
+    width, height = lens.size
+    down, across = np.mgrid[:height, :width]
+    grid = np.column_stack([across.ravel(), down.ravel()]).astype(float)
+    source = project(grid, np.array(lens.plane), lens.bend, lens.size).astype(np.float32)
+    return cv2.convertMaps(source[:, 0].reshape(height, width), source[:, 1].reshape(height, width), cv2.CV_16SC2)

@@ -1,0 +1,264 @@
+"""The list of beads that are near each other: cells, the half list and its histories, renumbering.
+
+Beads are renumbered in cell order whenever the list is built anew (memory order is space order); a pair belongs to the
+one of its beads with the lower number.  When anything does not fit, the list in force stays as it is.
+"""
+
+from rigtwin.sim.engine.backend import ti
+from rigtwin.sim.engine.bodies import RigidBodies
+from rigtwin.sim.engine.columns import (
+    BEADS,
+    BODIES,
+    BUILDS,
+    CELL,
+    CULPRIT,
+    GONE,
+    LEFT_DOMAIN,
+    LISTED,
+    LIVE_LIST,
+    LOW,
+    NEAR_FULL,
+    NX,
+    NY,
+    NZ,
+    OK,
+    OPEN,
+    PAIRS,
+    PAIRS_FULL,
+    SKIN,
+    STATUS,
+    WALL_COUNT,
+)
+from rigtwin.sim.engine.pairs import Pairs
+from rigtwin.sim.engine.wall_contacts import WallContacts
+
+CELLS_PER_BEAD = 16
+SPARE = 4  # columns of a bead that are renumbered at a time
+
+
+class Neighbours(Pairs, RigidBodies):
+    """The part of an arena that lists what is near."""
+
+    capacity: int
+    pair_capacity: int
+    rigid: bool
+    walls: WallContacts
+    counts: ti.Field
+    stale: ti.Field
+
+    def make_cells(self, capacity: int) -> None:
+        self.cell_capacity = CELLS_PER_BEAD * capacity
+        self.spare = ti.Vector.field(SPARE, ti.f64, capacity)
+        self.cell_first = ti.field(ti.i32, self.cell_capacity + 1)
+        self.cell_of = ti.field(ti.i32, capacity)
+        self.order = ti.field(ti.i32, capacity)  # new number -> old number
+        self.fill = ti.field(ti.i32, capacity + 1)
+
+    @ti.func
+    def sort_into_cells(self):
+        """Cell of every bead and the new order; beads outside are left out of an open domain, else reported.
+
+        A body leaves as a whole, when its centre does.
+        """
+        beads = self.counts[BEADS]
+        nx, ny, nz = self.counts[NX], self.counts[NY], self.counts[NZ]
+        cells = nx * ny * nz
+        for c in range(cells + 1):
+            self.cell_first[c] = 0
+        kept = 0
+        for i in range(beads):
+            self.cell_of[i] = -1
+            scale = 1.0 / self.numbers[CELL]
+            x = int(ti.floor((self.place[i][0] - self.numbers[LOW]) * scale))
+            y = int(ti.floor((self.place[i][1] - self.numbers[LOW + 1]) * scale))
+            z = int(ti.floor((self.place[i][2] - self.numbers[LOW + 2]) * scale))
+            inside = ti.min(x, y, z, nx - 1 - x, ny - 1 - y, nz - 1 - z) >= 0
+            if ti.static(self.rigid):
+                b = self.body[i]
+                if b >= 0:
+                    centre = self.body_place[b]
+                    p = int(ti.floor((centre[0] - self.numbers[LOW]) * scale))
+                    q = int(ti.floor((centre[1] - self.numbers[LOW + 1]) * scale))
+                    r = int(ti.floor((centre[2] - self.numbers[LOW + 2]) * scale))
+                    inside = ti.min(p, q, r, nx - 1 - p, ny - 1 - q, nz - 1 - r) >= 0
+                    # beads that stick out count to the cells at the border: that only brings cells closer
+                    x = ti.min(ti.max(x, 0), nx - 1)
+                    y = ti.min(ti.max(y, 0), ny - 1)
+                    z = ti.min(ti.max(z, 0), nz - 1)
+            if inside:
+                cell = (z * ny + y) * nx + x
+                self.cell_of[i] = cell
+                self.cell_first[cell + 1] = self.cell_first[cell + 1] + 1
+                kept += 1
+            elif self.counts[OPEN] == 0:
+                self.counts[STATUS] = LEFT_DOMAIN
+                self.counts[CULPRIT] = i
+        for c in range(cells):
+            self.cell_first[c + 1] = self.cell_first[c + 1] + self.cell_first[c]
+        for i in range(beads):
+            cell = self.cell_of[i]
+            if cell >= 0:
+                slot = self.cell_first[cell]
+                self.order[slot] = i
+                self.cell_first[cell] = slot + 1
+        # filling moved every start to the next cell's start
+        for k in range(cells):
+            c = cells - k
+            self.cell_first[c] = self.cell_first[c - 1]
+        self.cell_first[0] = 0
+        return kept
+
+    @ti.func
+    def list_pairs(self, kept):
+        """Write the next list in new numbers, history carried over; the list in force stays as it is."""
+        nx, ny, nz = self.counts[NX], self.counts[NY], self.counts[NZ]
+        following = 1 - self.counts[LIVE_LIST]
+        skin = self.numbers[SKIN]
+        pairs = 0
+        for a in range(kept):
+            i = self.order[a]
+            self.first[following, a] = pairs
+            cell = self.cell_of[i]
+            x = cell % nx
+            y = (cell // nx) % ny
+            z = cell // (nx * ny)
+            # own row from the next bead on, then the four rows that come later in cell order
+            for row in range(5):
+                dy, dz = row, 0
+                if row >= 2:
+                    dy, dz = row - 3, 1
+                if ti.min(y + dy, ny - 1 - y - dy, nz - 1 - z - dz) >= 0:
+                    line = ((z + dz) * ny + y + dy) * nx
+                    begin = self.cell_first[line + ti.max(x - 1, 0)]
+                    end = self.cell_first[line + ti.min(x + 1, nx - 1) + 1]
+                    if row == 0:
+                        begin = a + 1
+                    for b in range(begin, end):
+                        j = self.order[b]
+                        reach = self.place[i][3] + self.place[j][3] + skin
+                        gap2 = 0.0
+                        for c in ti.static(range(3)):
+                            gap2 += (self.place[i][c] - self.place[j][c]) ** 2
+                        near = gap2 < reach * reach
+                        if ti.static(self.rigid):
+                            near = near and not self.of_one_body(i, j)
+                        if near:
+                            if pairs < self.pair_capacity:
+                                self.partner[following, pairs] = b
+                                self.carry_history(i, j, following, pairs)
+                            pairs += 1
+        self.first[following, kept] = pairs
+        return pairs
+
+    @ti.func
+    def carry_history(self, i, j, following, new):
+        """Pair `new` takes over what is known of the contact of beads `i` and `j`."""
+        live = 1 - following
+        owner, other = ti.min(i, j), ti.max(i, j)
+        self.touching[following, new] = ti.cast(0, ti.i8)
+        self.history[following, new] = ti.Vector([0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+        if other < self.counts[LISTED]:
+            for p in range(self.first[live, owner], self.first[live, owner + 1]):
+                if self.partner[live, p] == other and self.touching[live, p] == 1:
+                    # seen from the other bead the history has the other sign
+                    sign = 1.0
+                    if owner != i:
+                        sign = -1.0
+                    self.touching[following, new] = ti.cast(1, ti.i8)
+                    self.history[following, new] = sign * self.history[live, p]
+                    if ti.static(self.terms.changes_restitution):
+                        self.impact[following, new] = self.impact[live, p]
+
+    @ti.func
+    def renumber(self, kept):
+        """Bring all that beads have into the new order, a few columns at a time."""
+        beads = self.counts[BEADS]
+        if ti.static(self.rigid):
+            self.keep_members(beads)
+        for field, columns in ti.static(
+            ((self.place, 4), (self.motion, 4), (self.spin, 4), (self.push, 3), (self.twist, 3), (self.tag, 2))
+        ):
+            for i in range(beads):
+                for c in ti.static(range(columns)):
+                    self.spare[i][c] = float(field[i][c])
+            for a in range(kept):
+                for c in ti.static(range(columns)):
+                    field[a][c] = ti.cast(self.spare[self.order[a]][c], field.dtype)
+        for i in range(beads):
+            self.spare[i][0] = self.worst[i]
+        for a in range(kept):
+            self.worst[a] = self.spare[self.order[a]][0]
+            for c in ti.static(range(3)):
+                self.listed_at[a][c] = self.place[a][c]
+            if ti.static(self.rigid):
+                self.renumber_member(a, self.order[a])
+
+    @ti.func
+    def list_walls(self, kept):
+        """Write the next list of walls near beads, as `list_pairs` does that of pairs."""
+        leeway = 0.5 * self.numbers[SKIN]
+        found = 0
+        for a in range(kept):
+            i = self.order[a]
+            position = ti.Vector([self.place[i][0], self.place[i][1], self.place[i][2]])
+            found = self.walls.list_bead(
+                self.counts[LIVE_LIST], a, i, self.counts[LISTED], found, position, self.place[i][3] + leeway, leeway,
+                self.counts[WALL_COUNT],
+            )  # fmt: skip
+        self.walls.first[1 - self.counts[LIVE_LIST], kept] = found
+        return found
+
+    @ti.func
+    def list_pointed(self, kept):
+        """Owners of pairs; for every bead room for the forces of the pairs that others own with it, in list order."""
+        live = self.counts[LIVE_LIST]
+        for i in range(kept + 1):
+            self.pointed_first[i] = 0
+        for i in range(kept):
+            for p in range(self.first[live, i], self.first[live, i + 1]):
+                self.owner_of[p] = i
+                j = self.partner[live, p]
+                self.pointed_first[j + 1] = self.pointed_first[j + 1] + 1
+        for i in range(kept):
+            self.pointed_first[i + 1] = self.pointed_first[i + 1] + self.pointed_first[i]
+            self.fill[i] = self.pointed_first[i]
+        for p in range(self.counts[PAIRS]):
+            j = self.partner[live, p]
+            self.place_of_force[p] = self.fill[j]
+            for c in ti.static(range(6)):
+                self.pair_force[p][c] = 0.0
+            self.fill[j] = self.fill[j] + 1
+
+    @ti.func
+    def build(self, time):
+        """Build the list anew and renumber; when anything does not fit, say so and leave all as it was."""
+        kept = self.sort_into_cells()
+        pairs = 0
+        if self.counts[STATUS] == OK:
+            pairs = self.list_pairs(kept)
+            if pairs > self.pair_capacity:
+                self.counts[STATUS] = PAIRS_FULL
+                self.counts[PAIRS] = pairs
+        if self.counts[STATUS] == OK and self.list_walls(kept) > self.walls.near_capacity:
+            self.counts[STATUS] = NEAR_FULL
+        if self.counts[STATUS] == OK:
+            self.walls.note_listing(self.counts[WALL_COUNT], time, self.counts[BEADS])
+            gone = self.counts[BEADS] - kept
+            if ti.static(self.rigid):
+                gone = 0
+                for i in range(self.counts[BEADS]):
+                    if self.cell_of[i] < 0 and self.body[i] < 0:
+                        gone += 1
+            self.renumber(kept)
+            if ti.static(self.rigid):
+                bodies = self.renumber_bodies(self.counts[BODIES], kept)
+                gone += self.counts[BODIES] - bodies
+                self.counts[BODIES] = bodies
+            self.counts[LIVE_LIST] = 1 - self.counts[LIVE_LIST]
+            self.counts[PAIRS] = pairs
+            self.counts[GONE] += gone
+            self.counts[BEADS] = kept
+            self.counts[LISTED] = kept
+            self.counts[BUILDS] += 1
+            self.list_pointed(kept)
+            self.stale[0] = 0
