@@ -145,7 +145,11 @@ def simulate_pendulum(
     release_angle: Annotated[
         str, typer.Option("--release-angle", metavar="45deg", help="Of bead A, from the vertical.")
     ],
+    variant: Annotated[
+        Literal["double", "wall"], typer.Option(help="Two beads, or one bead against an upright wall.")
+    ] = "double",
     particle: ParticleName = "D12",
+    wall: WallName = "steel",
     lab: LabFolder = None,
     restitution: Restitution = None,
     frame_rate: TwinRate = "240Hz",
@@ -154,19 +158,20 @@ def simulate_pendulum(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Bead A swings from an angle and hits bead B at rest."""
+    """Bead A swings from an angle and hits bead B at rest, or a wall."""
     from rigtwin.compare import cast
     from rigtwin.lab.rigs import Pendulum
 
-    rig = Pendulum(needed(length, "length", "--length"), needed(release_angle, "angle", "--release-angle"))
+    rig = Pendulum(needed(length, "length", "--length"), needed(release_angle, "angle", "--release-angle"), variant)
     rate, span = needed(frame_rate, "frequency", "--frame-rate"), positive(duration, "time", "--duration")
     model = cast.model_of(lab)
-    bead = cast.particle(particle, model)
-    contact = cast.contact(bead.name, bead.name, model, ("restitution",), restitution=restitution)
+    bead, upright = cast.particle(particle, model), cast.wall(wall, model) if variant == "wall" else None
+    other = bead.name if upright is None else upright.name
+    contact = cast.contact(bead.name, other, model, ("restitution",), restitution=restitution)
     from rigtwin.compare.twin import pendulum_twin
 
     with progress_bars(as_json or quiet) as progress:
-        twin = pendulum_twin(rig, bead, contact, frame_rate=rate, duration=span, progress=progress)
+        twin = pendulum_twin(rig, bead, contact, frame_rate=rate, wall=upright, duration=span, progress=progress)
     show_twin(twin, out or Path("out/simulate-pendulum"), as_json, quiet)
 
 

@@ -9,7 +9,7 @@ scatter known from two or three repetitions is itself uncertain: 95 % then span 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from statistics import fmean, stdev
 from typing import Any
@@ -38,8 +38,17 @@ RESULTS = {
     "restitution_pair": 2,
     "angle_of_repose_graphical": 1,
     "angle_of_repose_geometric": 1,
+    "static_friction": 1,
+    "rolling_friction": 1,
+    "bed_height": 1,
+    "bulk_density": 1,
+    "discharge_time": 1,
+    "mass_flow_rate": 1,
 }
 MORE_SHOWN = {"drop_height": 1, "rebound_height": 1, "release_angle": 1, "rebound_angle": 1}
+
+# When something happened in a film tells when the camera was started; the twin has none.
+MOMENTS = frozenset({"onset_time", "opening_time", "last_particle_time"})
 
 Key = tuple[str, str, str, tuple[tuple[str, Detail], ...]]
 
@@ -199,12 +208,22 @@ def deviations(
     about the model, and the row's note says so.
     """
     twins = {key: combine(group_) for key, group_ in group(simulated).items()}
+    rows = {key: combine(repetitions) for key, repetitions in group(measured).items() if key[0] not in MOMENTS}
     return tuple(
-        _deviation(
-            experiment, rig, key, combine(repetitions), twins.get(key), set_from=(set_from or {}).get(key[0], "")
-        )
-        for key, repetitions in group(measured).items()
+        _deviation(experiment, rig, key, row, _counterpart(key, rows, twins), set_from=(set_from or {}).get(key[0], ""))
+        for key, row in rows.items()
     )
+
+
+def _counterpart(key: Key, rows: Iterable[Key], twins: Mapping[Key, Combined]) -> Combined | None:
+    """The twin's quantity of the same method; where both sides know only one method, that one, under any name.
+
+    What a film finds by the edge of a slide, a twin simply knows.
+    """
+    if key in twins:
+        return twins[key]
+    mine, theirs = ([other for other in keys if (other[0], *other[2:]) == (key[0], *key[2:])] for keys in (rows, twins))
+    return twins[theirs[0]] if len(mine) == len(theirs) == 1 else None
 
 
 def headlines(rows: Iterable[Deviation]) -> list[Deviation]:

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
@@ -16,10 +17,14 @@ from rigtwin.lab.rigs import GRAVITY, Tilt
 from rigtwin.sim.engine.clock import positive
 from rigtwin.sim.engine.contact import Rolling
 
+Array = npt.NDArray[np.float64]
+
 FRAMES_AT_REST = 5  # shown before the plate begins to turn
 TRACK_SIGMA = 1e-6  # [m]
 STEP = 0.1  # of Rayleigh's
 STEEPEST = math.radians(85)
+HALF = math.sqrt(0.5)
+ACROSS = {0: (HALF, 0.0, 0.0, HALF), 1: (1.0, 0.0, 0.0, 0.0), 2: (HALF, HALF, 0.0, 0.0)}  # turns an axis onto y
 MARGIN = 1.3  # times the way's time; the record ends where the body leaves the plate
 
 
@@ -42,10 +47,11 @@ def run(
     anticlockwise, from `rig.start_angle` on, after five frames at rest.  The body starts in the plate's middle and
     goes down towards the hinge; the record ends where it leaves the plate, or after `duration` [s].
 
-    "slide" is a block of glued particles that cannot roll, moved as one that does not turn; "roll" is a single
-    sphere.  The motion is worked out in the plate's axes under a gravity that turns.  What is left out there, the
-    centrifugal and the Coriolis acceleration, is speed^2 times the way to the hinge, and 2 speed times the body's
-    velocity: at one degree a second and 0.1 m a 300,000th of gravity before the onset, 0.4 % of it per m/s after.
+    "slide" is a block of glued particles that cannot roll, moved as one that does not turn; "roll" is a single sphere,
+    or a clump that lies across the plate: a pellet rolls, a cube slides or tips.  The motion of a sphere or a block is
+    worked out in the plate's axes under a gravity that turns.  What is left out there, the centrifugal and the Coriolis
+    acceleration, is speed^2 times the way to the hinge, and 2 speed times the body's velocity: at one degree a second
+    and 0.1 m a 300,000th of gravity before the onset, 0.4 % of it per m/s after.
     Young's moduli are multiplied by `stiffness_factor`: the onset does not hang on them.
     """
     from rigtwin.sim.engine import few_body
@@ -54,13 +60,20 @@ def run(
 
     _check(rig, particle, frame_rate, stiffness_factor)
     if duration is None:
-        duration = FRAMES_AT_REST / frame_rate + _until_gone(rig, contact)
+        # a clump may have edges that keep it from rolling, never from sliding
+        edged = rig.variant == "roll" and particle.shape is not None
+        holds = replace(contact, rolling_friction=contact.static_friction) if edged else contact
+        duration = FRAMES_AT_REST / frame_rate + _until_gone(rig, holds)
     positive(duration=duration)
     time = np.arange(max(2, math.floor(duration * frame_rate + 1e-9) + 1)) / frame_rate
     turning = np.maximum(time - FRAMES_AT_REST / frame_rate, 0.0)
     angle = np.minimum(rig.start_angle + rig.speed * turning, STEEPEST)
     moving = turning[(turning > 0) & (angle < STEEPEST)]
 
+    if rig.variant == "roll" and particle.shape is not None:
+        soft = replace(particle, material=particle.material.softened(stiffness_factor))
+        path = _rolled_clump(rig, soft, wall.softened(stiffness_factor), contact, time, rolling, effects, progress)
+        return _record(time[: len(path)], angle[: len(path)], path)
     body = _body(rig, particle, stiffness_factor)
     plate = wall.softened(stiffness_factor)
     if rig.variant == "slide":
@@ -88,9 +101,13 @@ def run(
     along, above = place[:end, 0], place[:end, 2]
     cosine, sine = np.cos(angle[:end]), np.sin(angle[:end])
     path = np.stack([along * cosine - above * sine, along * sine + above * cosine], axis=1)
+    return _record(time[:end], angle[:end], path)
+
+
+def _record(time: Array, angle: Array, path: Array) -> tuple[Series, Track]:
     return (
-        Series(time[:end], angle[:end], quantity="plate_angle", unit="rad"),
-        Track(time=time[:end], position=path, sigma=np.full(end, TRACK_SIGMA)),
+        Series(time, angle, quantity="plate_angle", unit="rad"),
+        Track(time=time, position=path, sigma=np.full(len(time), TRACK_SIGMA)),
     )
 
 
@@ -100,6 +117,69 @@ def onset(rig: Tilt, contact: Contact) -> float:
     if rig.variant == "roll":
         holds = min(holds, contact.rolling_friction)
     return math.atan(holds)
+
+
+def _rolled_clump(
+    rig: Tilt,
+    clump: Particle,
+    plate: Material,
+    contact: Contact,
+    time: Array,
+    rolling: Rolling,
+    effects: Effects,
+    progress: Progress,
+) -> Array:
+    """Path [m] of a clump that lies across a plate which turns: a pellet rolls, a cube slides or tips over its edge.
+
+    A row of spheres lies with its axis across the plate, anything else as its own axes say.
+    """
+    from rigtwin.sim.engine.bulk import Bulk
+    from rigtwin.sim.engine.terms import acting
+    from rigtwin.sim.engine.walls import Motion, Plane, Wall
+
+    assert clump.shape is not None
+    offsets, radii = np.array(clump.shape.offsets), np.array(clump.shape.radii)
+    axis = int(np.argmax(np.ptp(offsets, axis=0)))
+    in_a_row = bool(np.allclose(np.delete(offsets, axis, axis=1), 0.0))
+    lie = np.array(ACROSS[axis] if in_a_row else ACROSS[1])
+    inclined = np.array([math.cos(rig.start_angle / 2), 0.0, -math.sin(rig.start_angle / 2), 0.0])
+    lowest = float(radii.max() if in_a_row else (radii - offsets[:, 2]).max())
+    cosine, sine = math.cos(rig.start_angle), math.sin(rig.start_angle)
+    along = rig.plate_length / 2
+    start = np.array([[along * cosine - lowest * sine, 0.0, along * sine + lowest * cosine]])
+    interval = float(time[1] - time[0])
+    steps = math.ceil(interval / (STEP * clump.rayleigh_time_step))
+    lifting = Motion(spin=rig.speed, axis=(0.0, -1.0, 0.0), start=FRAMES_AT_REST * interval)
+    room = 1.5 * rig.plate_length
+    bulk = Bulk(
+        [clump],
+        contact,
+        [Wall(Plane((0.0, 0.0, 0.0), (-sine, 0.0, cosine)), plate, contact, lifting)],
+        low=(-room, -room, -room),
+        high=(room, room, room),
+        time_step=interval / steps,
+        rolling=rolling,
+        effects=acting(effects),
+        threads=1,
+        skin=1.0,
+    )
+    bulk.add(start, turn=_after(inclined, lie)[None])
+    path = [start[0, [0, 2]]]
+    for number in range(1, len(time)):
+        bulk.run(steps)
+        place = bulk.grains().position[0, [0, 2]]
+        if place[0] < 0:  # it left the plate
+            break
+        path.append(place)
+        progress("tilting", number, len(time))
+    return np.array(path)
+
+
+def _after(second: Array, first: Array) -> Array:
+    """The rotation `first` and then `second`, as quaternions with the real part first."""
+    (a, *u), (b, *v) = second, first
+    one, other = np.array(u), np.array(v)
+    return np.array([a * b - one @ other, *(a * other + b * one + np.cross(one, other))])
 
 
 def _until_gone(rig: Tilt, contact: Contact) -> float:
@@ -115,8 +195,6 @@ def _body(rig: Tilt, particle: Particle, stiffness_factor: float) -> Particle:
     soft = particle.material.softened(stiffness_factor)
     if particle.shape is None:
         return replace(particle, material=soft)
-    if rig.variant == "roll":
-        raise BadInput(f"{particle.name}: the twin of a rolling test moves single spheres, not clumps; use 'slide'.")
     density = particle.mass / (math.pi / 6 * particle.diameter**3)
     return Particle(particle.name, soft, particle.diameter, density)
 

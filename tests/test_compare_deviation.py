@@ -254,3 +254,18 @@ def test_the_csv_has_the_agreed_columns_and_empty_cells_for_what_cannot_be_told(
     assert set(agreed.split()) <= set(row)
     assert (row["percent_deviation"], row["z"], row["simulated_std"], row["bounce"]) == ("", "", "", "")
     assert (row["measured"], row["simulated"], row["measured_n"]) == ("0", "0.5", "1")
+
+
+def test_what_a_film_finds_one_way_and_a_twin_another_is_compared_where_each_knows_one():
+    film = Quantity("discharge_time", 0.80, 0.01, "s", "edge of the slide to the last bead")
+    twin = Quantity("discharge_time", 0.76, 0.001, "s", "given to last passage")
+    (row,) = deviations("it", "hopper", [film], [twin])
+    assert row.percent_deviation == pytest.approx(-5.0)
+    other = Quantity("discharge_time", 0.70, 0.01, "s", "5 to 95 %")
+    rows = deviations("it", "hopper", [film, other], [twin])
+    assert [one.simulated for one in rows] == [None, None]
+
+
+def test_when_a_camera_was_started_is_no_deviation():
+    onset = Quantity("onset_time", 0.9, 0.01, "s", "onset")
+    assert deviations("it", "tilt", [onset], [Quantity("onset_time", 9.9, 0.01, "s", "onset")]) == ()

@@ -8,8 +8,10 @@ import pytest
 from rigtwin.cli import run
 from rigtwin.compare.reproduce import reproduction as module
 from rigtwin.compare.reproduce.reproduction import Reproduction, number, page
+from rigtwin.compare.reproduce.studies import studies
 from rigtwin.compare.reproduce.tables import TABLES, plan
 from rigtwin.compare.runs import Done
+from rigtwin.lab.errors import BadInput
 from rigtwin.lab.reference import hlosta2020
 
 
@@ -82,3 +84,54 @@ def test_a_page_without_any_result_can_be_written(tmp_path):
 def test_numbers_show_as_many_digits_as_their_scatter_allows():
     assert number(184.0, 1.3) == "184.0 ± 1.3"
     assert number(2.716) == "2.72"
+
+
+def test_a_swept_bed_is_judged_by_how_far_it_is_from_the_measured_one_without_sign(tmp_path):
+    cells = plan([4], quick=False, repetitions=None, seed=1).cells
+    assert len(cells) == 56
+    # beds that are as far off as the paper's, some too low
+    results = {
+        cell.runs[0]: {"surface_height_mm": 184.0 * (1 + (-1) ** k * cell.paper_dem / 100)}
+        for k, cell in enumerate(cells[:20])
+    }
+    swept = Reproduction(cells, Done(results, {}), tmp_path)
+    (score,) = swept.scores
+    assert (score["done"], score["judged"]) == (20, 0)
+    assert score["rank_correlation"] == pytest.approx(1.0, abs=0.01)  # ties are split by rounding
+    assert score["mean_difference"] == pytest.approx(0.0, abs=1e-9)
+    assert swept.rows[0]["ours"] == pytest.approx(swept.rows[0]["paper_dem"])
+    text = page(swept, "reproduction.md")
+    assert "20 of 56 cells run; rank correlation with the paper's simulation 1.00" in text
+    assert text.count("| D6, static friction") == 20
+
+
+def test_studies_share_their_piles_with_the_tables():
+    runs, found = studies(["evaluation"], seed=1)
+    assert len(found) == 1
+    tabled = {run.file_name for run in plan([14], quick=False, repetitions=3, seed=1).runs}
+    assert {run.file_name for run in runs} <= tabled
+    with pytest.raises(BadInput, match="no study 'colour'"):
+        studies(["colour"], seed=1)
+
+
+def test_a_study_shows_mean_and_scatter_of_the_piles_that_are_there(tmp_path):
+    runs, found = studies(["number"], seed=1)
+    (study,) = found
+    first, *others = study.places
+    angles = iter((20.0, 24.0, 31.0))
+    some = [*study.places[first], study.places[others[0]][0]]
+    results = {name: {"graphical_line_15_85_deg": angle} for name, angle in zip(some[:3], angles, strict=True)}
+    points = study.points(results)
+    assert points == {"graphical, 15-85 %": [(first, 25.0, pytest.approx(5.568, abs=1e-3), 3)]}
+    shown = Reproduction((), Done(results, {}), tmp_path, tuple(found))
+    assert "25.0 ± 5.6 (3)" in page(shown, "reproduction.md")
+    assert "<svg" in page(shown)
+    assert len(runs) == len({run.file_name for run in runs}) == 15
+
+
+def test_kept_results_are_shown_without_running_anything(tmp_path, monkeypatch):
+    from rigtwin.compare import runs as queue
+
+    monkeypatch.setattr(queue, "spawned", lambda *_: pytest.fail("something was run"))
+    assert run(["reproduce", "hlosta2020", "--table", "16", "--kept", "--quiet", "--out", str(tmp_path)]) == 0
+    assert "Table 16" in (tmp_path / "report.html").read_text()

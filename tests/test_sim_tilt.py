@@ -79,8 +79,21 @@ def test_a_glued_clump_slides_at_the_same_angle_and_does_not_roll():
     series, track = tilt.run(Tilt("slide", speed=FAST), hlosta2020.particle("C6"), STEEL, contact, frame_rate=240)
     way, _height = in_the_plate(series, track)
     assert math.tan(onset_of(series, way)) == pytest.approx(contact.static_friction, abs=0.02)
-    with pytest.raises(BadInput, match="single spheres"):
-        tilt.run(Tilt("roll"), hlosta2020.particle("C6"), STEEL, contact, frame_rate=240)
+
+
+def test_a_pellet_across_the_plate_rolls_at_its_rolling_friction_and_a_cube_does_not_roll():
+    mu_r, rig = 0.08, Tilt("roll", speed=FAST, start_angle=math.radians(2))
+    series, track = tilt.run(rig, hlosta2020.particle("P6x15"), STEEL, Contact(0.3, 0.5, mu_r), frame_rate=120)
+    way, height = in_the_plate(series, track)
+    assert height == pytest.approx(3e-3, abs=5e-5)
+    # a cylinder is a little slower to get going than a ball: 2/3 of gravity along the plate
+    late = FAST * (6 * 1e-4 / (2 / 3 * GRAVITY * FAST)) ** (1 / 3)
+    assert math.atan(mu_r) < onset_of(series, way) < math.atan(mu_r) + 2.5 * late
+    # rolls without slipping from there to the hinge
+    assert way[-1] < 0.02
+    rig = Tilt("roll", speed=FAST, start_angle=math.radians(8))
+    cube = tilt.run(rig, hlosta2020.particle("C6_8s-b"), STEEL, Contact(0.3, 0.25, mu_r), frame_rate=120)
+    assert onset_of(cube[0], in_the_plate(*cube)[0]) == pytest.approx(math.atan(0.25), abs=2.5 * late)
 
 
 def test_a_plate_that_starts_inclined_and_one_that_turns_slowly_agree():
