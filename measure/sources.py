@@ -269,8 +269,11 @@ class Straight:
         self.shape, self.stamps, self.rate, self.tick = taken.shape, taken.stamps, taken.rate, taken.tick
         self.notes = taken.notes
 
-    def pictures(self) -> Iterator[Picture]:
-        for grey, in_colour in self.taken.pictures():
+    def cheap(self, first: int, last: int) -> list[int]:
+        return self.taken.cheap(first, last)
+
+    def pictures(self, start: int = 0) -> Iterator[Picture]:
+        for grey, in_colour in self.taken.pictures(start):
             yield straight(grey, self.lens), partial(_straight_colour, in_colour, self.lens)
 
 
