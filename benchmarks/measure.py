@@ -1,4 +1,4 @@
-"""The measuring against truth: bead centres beside other methods and the Cramer-Rao bound, intervals that hold.
+"""The measuring against truth: bead centres beside other methods and the Cramer-Rao bound, intervals that hold, cost.
 
     python benchmarks/measure.py [--only CASE ...] [--count N]
 
@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 from figures import Row, against, below, report
+from measure_speed import speed
 
 from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY
@@ -277,7 +278,7 @@ def pendulums(count: int) -> list[Row]:
     return [_coverage("pendulum, restitution by velocity", hits)]
 
 
-CASES: tuple[Callable[[int], list[Row]], ...] = (centres, drops, gravity, pendulums)
+CASES: tuple[Callable[[int], list[Row]], ...] = (centres, drops, gravity, pendulums, speed)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

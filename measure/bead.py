@@ -713,10 +713,14 @@ class Background:
         shaken = np.std(np.array([view.shake for view in views]), axis=0).max() > 0.15
         if shaken or np.std([view.gain for view in views]) > FLICKER:
             for _ in range(2):
-                steady = [scene.view(frame).grey for frame in stack]
-                scene = _median_scene(np.clip(np.round(np.stack(steady)), 0, 255).astype(np.uint8))
-            stack = np.clip(np.round(np.stack([scene.view(frame).grey for frame in stack])), 0, 255).astype(np.uint8)
+                scene = _median_scene(_laid_over(scene, stack))
+            stack = _laid_over(scene, stack)
         return scene if not bead else _without_bead(scene, stack, self.indices, bead, reach)
+
+
+def _laid_over(scene: Scene, stack: Grey) -> Grey:
+    """The frames moved and levelled as the scene is, each rounded at once: as floats they would fill the memory."""
+    return np.stack([np.clip(np.round(scene.view(frame).grey), 0, 255).astype(np.uint8) for frame in stack])
 
 
 def _median_scene(stack: Grey) -> Scene:

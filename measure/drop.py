@@ -408,7 +408,7 @@ def _find_bead(
     video: Video, camera: Camera, drag: AirDrag, bead_diameter: float | None, progress: Progress
 ) -> tuple[Chase, Track, frozenset[int]]:
     """The bead among all that moves: the thing that falls and bounces."""
-    scene = learn_scene(video).scene()
+    scene = learn_scene(video, quickly=True).scene()
     moves = find_paths(video, scene, camera.region, progress)
     paths = moves.paths
     size = None

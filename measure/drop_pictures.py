@@ -209,6 +209,7 @@ def _write_video(
     zoom = min(1.0, _LONGEST_SIDE / max(video.width, video.height))
     trail: list[tuple[float, float]] = []
     first, last = seen.cuts[0].frame, seen.cuts[-1].frame
+    marks = _contact_marks(bounces, measurement, seen, zoom)
     # high-speed clips are shown slowly, as one wants to see them
     with OverlayVideo(path, frame_rate=min(video.playback_rate or 30.0, 30.0)) as overlay:
         for frame in video.frames(first, last):
@@ -222,7 +223,7 @@ def _write_video(
                 draw_circle(picture, at, seen.radius * zoom, ORANGE)
                 draw_dot(picture, at, ORANGE, radius=1)
             draw_path(picture, (np.array(trail[-40:]).reshape(-1, 2) + shake) * zoom, SKY)
-            _mark_past(picture, frame, bounces, measurement, seen, zoom)
+            _mark_past(picture, frame, marks)
             overlay.write(picture)
             progress("drawing the overlay", frame.index - first + 1, last - first + 1)
 
@@ -231,15 +232,23 @@ def _shrunk(picture: Image, zoom: float) -> Image:
     return np.asarray(cv2.resize(picture, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
-def _mark_past(
-    picture: Image, frame: Frame, bounces: Bounces, measurement: Measurement, seen: Chase, zoom: float
-) -> None:
-    """Contacts that have happened, with their restitution, and a clock."""
+def _contact_marks(
+    bounces: Bounces, measurement: Measurement, seen: Chase, zoom: float
+) -> list[tuple[float, tuple[float, float], str]]:
+    """Time [s], place in the overlay and restitution of every contact."""
     time, places = _places(seen)
+    marks = []
     for k, contact in enumerate(bounces.contact_times, start=1):
+        x = float(np.interp(contact, time, places[:, 0])) * zoom
+        y = float(-bounces.level(np.array([contact]))[0] + seen.radius) * zoom
+        marks.append((float(contact), (x, y), f"{k}:{_restitution_text(measurement, k)}".replace("±", "+-")))
+    return marks
+
+
+def _mark_past(picture: Image, frame: Frame, marks: list[tuple[float, tuple[float, float], str]]) -> None:
+    """Contacts that have happened, with their restitution, and a clock."""
+    for k, (contact, place, text) in enumerate(marks, start=1):
         if contact <= frame.time:
-            x = float(np.interp(contact, time, places[:, 0])) * zoom
-            y = float(-bounces.level(np.array([contact]))[0] + seen.radius) * zoom
-            draw_cross(picture, (x, y), 5, RED)
-            draw_text(picture, f"{k}:{_restitution_text(measurement, k)}".replace("±", "+-"), (8, 22.0 * k + 18), RED)
+            draw_cross(picture, place, 5, RED)
+            draw_text(picture, text, (8, 22.0 * k + 18), RED)
     draw_text(picture, f"frame {frame.index}   {frame.time:.4f} s", (8, 18))

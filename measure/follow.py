@@ -1,6 +1,7 @@
 """Follow one bead through a clip of a still scene: find what moves, link it into paths, fit the bead in every frame.
 
-Three passes over the video, none of which holds it in memory: learn the scene, find the moving spots, fit the bead.
+Three passes over the video, none of which holds it in memory: learn the scene, find the moving spots, cut out the bead;
+then the bead is fitted in the cut-outs.
 """
 
 from __future__ import annotations
@@ -30,13 +31,12 @@ from rigtwin.measure.bead import (
     fit_bead,
 )
 from rigtwin.measure.media import Frame, Video
-from rigtwin.measure.repeats import COARSE, Repeats, coarse
+from rigtwin.measure.repeats import COARSE, LARGE, Repeats, coarse
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 Region = tuple[float, float, float, float]
 
-LARGE = 1_000_000  # [px], of a picture, above which moving things are looked for in a coarser one first
 REST = 60  # frames of a bead at rest that are worth a look before and after it moves
 
 
@@ -114,9 +114,9 @@ class Channel:
 LUMA = Channel()
 
 
-def learn_scene(video: Video) -> Background:
-    """Background from frames spread evenly over the clip."""
-    return _background(video.single(video.spread(Background.capacity)))
+def learn_scene(video: Video, *, quickly: bool = False) -> Background:
+    """Background from frames spread evenly over the clip, of a long film such as are soon read where wanted."""
+    return _background(video.single(video.spread(Background.capacity, quickly=quickly)))
 
 
 def _background(frames: Sequence[Frame], channel: Channel = LUMA) -> Background:
@@ -237,6 +237,7 @@ class _Search:
     def __init__(self, scene: Scene, region: Region | None) -> None:
         self.scene, self.region, self.repeats = scene, region, Repeats()
         self.shakes: list[tuple[float, float]] = []
+        self.gains: dict[int, float] = {}
         height, width = scene.picture.shape
         self._large = height * width > LARGE
         if self._large:
@@ -245,7 +246,8 @@ class _Search:
             noise = cv2.resize(scene.noise, size, interpolation=cv2.INTER_AREA)
             # a bead covers whole cells, in which noise averages out
             self._least = np.clip(np.ceil(noise + 2), 3, 255).astype(np.uint8)
-            self._inside = coarse(255 * _inside(region, (height, width))) > 0 if region is not None else None
+            self._inside = None if region is None else coarse(255 * _inside(region, (height, width)))
+            self._left = 1.0  # of the noise, after averaging over 3 x 3 pixels
             self._strips = np.linspace(0, height - 3, 12).astype(int)[:, None] + np.arange(3)
 
     def spots(self, frame: Frame, most: int = 12) -> list[Spot]:
@@ -258,6 +260,7 @@ class _Search:
             windows = self._windows(small) if max(map(abs, shake)) < STEADY and abs(gain - 1) < FLICKER else None
             if windows is not None:
                 self.shakes.append(shake)
+                self.gains[frame.index] = gain
                 return self._in_windows(frame.grey, gain, windows, most)
         view = self.scene.view(frame.grey, start)
         self.shakes.append(view.shake)
@@ -265,28 +268,31 @@ class _Search:
 
     def _windows(self, small: Grey) -> list[tuple[int, int, int, int]] | None:
         """Left, top, right, bottom of the parts that have changed; None where that is much of the picture."""
-        changed = cv2.absdiff(small, self._coarse) > self._least
+        changed = cv2.compare(cv2.absdiff(small, self._coarse), self._least, cv2.CMP_GT)
         if self._inside is not None:
-            changed &= self._inside
-        around = cv2.dilate(changed.astype(np.uint8), np.ones((5, 5), np.uint8))
+            changed = cv2.bitwise_and(changed, self._inside)
+        x, y, width, height = cv2.boundingRect(changed)
+        if width == 0:
+            return []
+        left, top = max(x - 2, 0), max(y - 2, 0)
+        around = cv2.dilate(changed[top : y + height + 2, left : x + width + 2], np.ones((5, 5), np.uint8))
         count, _, stats, _ = cv2.connectedComponentsWithStats(around, connectivity=8)
-        boxes = stats[1:count, :4] * COARSE
-        if float(np.sum(boxes[:, 2] * boxes[:, 3])) > 0.2 * self.scene.picture.size or count > 200:
+        boxes = (stats[1:count, :4] + np.array([left, top, 0, 0])) * COARSE
+        if count > 200 or float(np.sum(boxes[:, 2] * boxes[:, 3])) > 0.2 * self.scene.picture.size:
             return None
         return [(int(x), int(y), int(x + width), int(y + height)) for x, y, width, height in boxes]
 
     def _in_windows(self, grey: Grey, gain: float, windows: list[tuple[int, int, int, int]], most: int) -> list[Spot]:
-        if not windows:
-            return []
         scene, level = self.scene, np.float32(1 / gain)
-        strips = (grey[self._strips] * level - scene.picture[self._strips]).mean(axis=1)
-        averaged = np.abs(cv2.blur(strips, (3, 1)))[:, ::3] / scene.noise[self._strips[:, 1], ::3]
-        left = float(np.median(averaged)) / 0.6745
+        if len(self.shakes) % 8 == 1:
+            strips = (grey[self._strips] * level - scene.picture[self._strips]).mean(axis=1)
+            averaged = np.abs(cv2.blur(strips, (3, 1)))[:, ::3] / scene.noise[self._strips[:, 1], ::3]
+            self._left = float(np.median(averaged)) / 0.6745
         spots = []
         for x, y, right, bottom in windows:
             window = np.s_[y:bottom, x:right]
             difference = np.abs(cv2.blur(grey[window] * level - scene.picture[window], (3, 3)))
-            mask = _outstanding(difference, scene.noise[window], left)
+            mask = _outstanding(difference, scene.noise[window], self._left)
             spots += _spots(difference, mask, (x, y), 4 * most)
         return _strongest(spots, most)
 
@@ -357,6 +363,7 @@ class Movement:
     paths: list[SpotPath]
     shakes: Array  # [px], of the camera in every frame, shape (frames, 2)
     repeated: frozenset[int]  # frames that only repeat the one before; nothing is looked for in them
+    gains: Mapping[int, float] = field(default_factory=dict)  # how bright, of large frames that need no moving back
 
 
 def find_paths(video: Video, scene: Scene, region: Region | None, progress: Progress = silent) -> Movement:
@@ -370,18 +377,16 @@ def find_paths(video: Video, scene: Scene, region: Region | None, progress: Prog
     for index, spots in found.items():
         if index not in repeated:
             linker.add(index, spots)
-    return Movement(linker.paths(), np.array(search.shakes), repeated)
+    return Movement(linker.paths(), np.array(search.shakes), repeated, search.gains)
 
 
-def chase(
-    video: Video, path: SpotPath, moves: Movement, scene: Scene, channel: Channel = LUMA, progress: Progress = silent
-) -> Chase:
+def chase(path: SpotPath, moves: Movement, scene: Scene, cuts: Sequence[_Cut], progress: Progress = silent) -> Chase:
     """Fit the bead of a path in every frame, also before and after the path where it rests.
 
     Two rounds on the pixels cut out around the bead: the first finds radius and exposure, and what stands in front of
     the bead's path; the second fits again knowing these.
     """
-    cuts = [cut for cut in _cut_out(video, path, scene, channel, progress) if cut.frame not in moves.repeated]
+    cuts = [cut for cut in cuts if cut.frame not in moves.repeated]
     shakes = moves.shakes
     moving = [cut for cut in cuts if path.frames[0] <= cut.frame <= path.frames[-1]]
     few = moving[:: max(1, len(moving) // 40)]
@@ -401,16 +406,29 @@ def chase(
             break
         look = common_look([sighting.fit for sighting in calm])
         radius = look.radius
+        cuts, few, slow = (_moved_by(_off(calm, slow), some) for some in (cuts, few, slow))
         shutter = shutter or _exposure(few, scene, look, hidden)
     sightings = _fit_cuts(cuts, scene, radius, shutter=shutter, hidden=hidden, look=look, progress=progress)
     return Chase(tuple(sightings), path, shakes, shutter, radius, scene, tuple(cuts), look, hidden)
 
 
+def _off(sightings: Sequence[Sighting], cuts: Sequence[_Cut]) -> tuple[float, float]:
+    """How far beads lie off where their cut-outs have them [px]: the middle of a shaded bead is not its brightest."""
+    near = {cut.frame: cut.near for cut in cuts}
+    off = [(each.image.x - near[each.frame][0], each.image.y - near[each.frame][1]) for each in sightings]
+    x, y = np.median(np.array(off), axis=0).tolist()
+    return x, y
+
+
+def _moved_by(off: tuple[float, float], cuts: Sequence[_Cut]) -> list[_Cut]:
+    return [replace(cut, near=(cut.near[0] + off[0], cut.near[1] + off[1])) for cut in cuts]
+
+
 def chase_path(video: Video, path: SpotPath, moves: Movement, progress: Progress = silent) -> Chase:
     """`chase` in the best channel, before the scene without the bead, wherever it rests."""
     begin, end = _busy(path)
-    first, last = max(path.frames[0], begin), min(path.frames[-1], end)
-    seen = frames_of(video, _spread(first, last, Background.capacity))
+    chosen = _spread(max(path.frames[0], begin), min(path.frames[-1], end), Background.capacity)
+    seen, cuts = _seen_and_cut(video, path, moves, chosen, progress)
     channel = best_channel(seen[::2], path)
     background = _background(seen, channel)
     frames = np.array(path.frames)
@@ -420,7 +438,31 @@ def chase_path(video: Video, path: SpotPath, moves: Movement, progress: Progress
         for index in background.indices
     }
     scene = background.scene(bead, reach=1.6 * path.radius + 6)
-    return chase(video, path, moves, scene, channel, progress)
+    if not cuts or channel != LUMA:
+        cuts = _cut_out(video, path, scene, channel, progress)
+    return chase(path, moves, scene, cuts, progress)
+
+
+def _seen_and_cut(
+    video: Video, path: SpotPath, moves: Movement, chosen: set[int], progress: Progress
+) -> tuple[list[Frame], list[_Cut]]:
+    """The chosen frames, and in the same pass the cut-outs of luma, none where frames must be moved back first."""
+    begin, end = _busy(path)
+    if any(index not in moves.gains for index in range(max(begin, video.first), min(end, video.last) + 1)):
+        return frames_of(video, chosen), []
+    where = _place(path)
+    seen, cuts = [], []
+    for frame in video.frames(begin, end):
+        if frame.index in chosen:
+            seen.append(frame)
+        near, step = where(frame.index)
+        left, top, right, bottom = _around(path, near, step)
+        grey = np.asarray(frame.grey[top:bottom, left:right] / moves.gains[frame.index], dtype=np.float32)
+        if min(grey.shape) > 4:
+            shake = moves.shakes[frame.index - video.first]
+            cuts.append(_Cut(frame.index, frame.time, grey, left, top, near, step, (float(shake[0]), float(shake[1]))))
+        progress("cutting out the bead", frame.index - video.first + 1, video.last - video.first + 1)
+    return seen, cuts
 
 
 def look_again(chase: Chase, expected: Mapping[int, tuple[tuple[float, float], tuple[float, float]]]) -> Chase:
@@ -481,14 +523,19 @@ def _cut_out(video: Video, path: SpotPath, scene: Scene, channel: Channel, progr
         view = scene.view(channel.grey(frame), shake)
         shake = view.shake
         near, step = where(frame.index)
-        reach = 2.2 * path.radius + 8 + abs(step[0]) + abs(step[1])
-        left, top = max(int(near[0] - reach), 0), max(int(near[1] - reach), 0)
-        right, bottom = max(int(near[0] + reach) + 2, 0), max(int(near[1] + reach) + 2, 0)
+        left, top, right, bottom = _around(path, near, step)
         grey = view.grey[top:bottom, left:right].copy()
         if min(grey.shape) > 4:
             cuts.append(_Cut(frame.index, frame.time, grey, left, top, near, step, shake))
         progress("cutting out the bead", frame.index - video.first + 1, video.last - video.first + 1)
     return cuts
+
+
+def _around(path: SpotPath, near: tuple[float, float], step: tuple[float, float]) -> tuple[int, int, int, int]:
+    """Left, top, right and bottom of a cut-out."""
+    reach = 2.2 * path.radius + 8 + abs(step[0]) + abs(step[1])
+    left, top = max(int(near[0] - reach), 0), max(int(near[1] - reach), 0)
+    return left, top, max(int(near[0] + reach) + 2, 0), max(int(near[1] + reach) + 2, 0)
 
 
 def _busy(path: SpotPath) -> tuple[int, int]:

@@ -23,7 +23,8 @@ from rigtwin.measure import sources
 from rigtwin.measure.lens import straight
 
 SMALLEST = 5  # [px], no rig fits into less
-FEWEST_KEYS = 9  # pictures that a median over time needs
+FEWEST_KEYS = 9  # pictures at which decoding can begin, below which a film is read as a whole
+BEHIND_KEY = 12  # frames
 
 Grey = sources.Grey
 Image = sources.Image
@@ -78,20 +79,26 @@ class Video:
             f"{self.path}: is damaged after picture {index}; end the measurement before it with --end {index}f."
         )
 
-    def spread(self, count: int) -> set[int]:
-        """About `count` frames spread evenly from `first` to `last`; of a long film such as are quickly read."""
+    def spread(self, count: int, *, quickly: bool = False) -> set[int]:
+        """`count` frames spread evenly from `first` to `last`; `quickly`: about as many that are soon read."""
         there = [index for index in range(self.first, self.last + 1) if index not in self.skipped]
         keys = [index for index in self.source.cheap(self.first, self.last) if index not in self.skipped]
-        chosen = keys if len(keys) >= FEWEST_KEYS else there
+        if FEWEST_KEYS <= len(keys) < count:
+            # a scene is learnt from many pictures: add those that come a while after the key pictures
+            keys = sorted({*keys, *(key + BEHIND_KEY for key in keys)} & set(there))
+        chosen = keys if quickly and len(keys) >= 2 * FEWEST_KEYS else there
         places = np.linspace(0, len(chosen) - 1, min(count, len(chosen))).round().astype(int)
         return {chosen[k] for k in places}
 
     def single(self, indices: Collection[int]) -> list[Frame]:
-        """Some frames, in order; read one by one where that is quicker than reading on from one to the next."""
-        wanted = sorted(indices)
-        if not set(wanted) <= set(self.source.cheap(self.first, self.last)):
-            return [frame for frame in self.frames(wanted[0], wanted[-1]) if frame.index in indices]
-        return [frame for index in wanted for frame in self.frames(index, index)]
+        """Some frames, in order; what lies between them is read only where that is quicker than to skip it."""
+        keys = np.array([self.first, *self.source.cheap(self.first, self.last)])
+        groups: dict[int, list[int]] = {}
+        for index in sorted(indices):
+            groups.setdefault(int(np.searchsorted(keys, index, side="right")), []).append(index)
+        return [
+            frame for group in groups.values() for frame in self.frames(group[0], group[-1]) if frame.index in indices
+        ]
 
 
 def open_video(path: Path, camera: Camera) -> Video:
