@@ -506,13 +506,14 @@ class Bulk:
             arena.build_alone(before)
             if self._count(at.STATUS) != at.OK:
                 break
-            beads, whole = self._count(at.BEADS), self._count(at.BODIES)
-            if not self._on_gpu and (self.threads == 1 or beads < THREADED_FROM):
+            if not self._on_gpu and (self.threads == 1 or self._count(at.BEADS) < THREADED_FROM):
                 arena.run_serial(steps - done, before, *kinds)
             else:
-                length, chunks = min(areas.BURST, steps - done), min(self.threads, areas.CHUNKS)
-                for s in range(length):
-                    arena.run_step(s, int(s == length - 1), beads, whole, chunks, before, *kinds)
+                length = min(areas.BURST, steps - done)
+                arena.begin_burst(length, min(self.threads, areas.MOST_CHUNKS), before)
+                make_step = backend.prepared(arena.run_step, *kinds)
+                for _ in range(length):
+                    make_step()
                 arena.end_burst(length)
             done += self._count(at.DONE)
         return done
