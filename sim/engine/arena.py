@@ -216,7 +216,7 @@ class Arena(Neighbours):
         step = self.numbers[STEP]
         given, taken = self.given[i], self.taken[i]
         if ti.static(not alone):
-            taken = self.sum_taken(i)
+            taken = self.sum_taken(self.counts[LIVE_LIST], i)
         force = ti.Vector([taken[0] + given[0], taken[1] + given[1], taken[2] + given[2]])
         torque = ti.Vector([taken[3] + given[3], taken[4] + given[4], taken[5] + given[5]])
         for c in ti.static(range(6)):
