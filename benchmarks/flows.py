@@ -103,8 +103,7 @@ def hopper_rows(beads: int, threads: int, pairs: int, seconds: float, seed: int,
     ours, theirs = [], []
     for _ in range(pairs):
         bulk = hopper(position, velocity, lid=False)
-        bulk.threads = threads
-        bulk.run(100)
+        timed(bulk, threads, 100)
         ours.append(timed(bulk, threads, steps))
         if liggghts.installed(threads):
             found, share = liggghts.speed(state, "type C", threads=threads, steps=steps, warm_up=100)
@@ -194,6 +193,7 @@ def memory_rows(beads: int) -> list[Row]:
 
 def timed(bulk: Bulk, threads: int, steps: int) -> float:
     """Particle-steps per second; on one thread of computing time, which other work on the machine leaves alone."""
+    bulk.threads = threads
     clock = time.process_time if threads == 1 else time.perf_counter
     beads = len(bulk.beads().ident)
     began = clock()

@@ -20,7 +20,10 @@ from rigtwin.sim.engine.backend import ti
 from rigtwin.sim.engine.bodies import RigidBodies
 from rigtwin.sim.engine.columns import (
     BEADS,
+    BEFORE,
     BODIES,
+    BURST_LENGTH,
+    CHUNKS,
     COUNTS,
     CULPRIT,
     DONE,
@@ -33,6 +36,7 @@ from rigtwin.sim.engine.columns import (
     OK,
     PAIRS,
     SKIN,
+    STAGE,
     STATUS,
     STEP,
     WALL_COUNT,
@@ -46,7 +50,7 @@ from rigtwin.sim.engine.wall_contacts import KINDS, ROOM, WallContacts
 FLAGS = 17  # steps of one multi-threaded burst, and one
 BURST = FLAGS - 1
 GRAIN = 512  # Taichi gives a thread at least so many rounds of a parallel loop
-CHUNKS = 64  # parts of the list that threads may work on side by side
+MOST_CHUNKS = 64  # parts of the list that threads may work on side by side
 
 
 @cache
@@ -83,7 +87,7 @@ class Arena(Neighbours):
         self.worst = ti.field(ti.f64, capacity)  # largest overlap/radius seen by this slot's pairs and walls
         if rigid:
             RigidBodies.__init__(self, capacity)
-        Pairs.__init__(self, capacity, pair_capacity, CHUNKS, terms)
+        Pairs.__init__(self, capacity, pair_capacity, MOST_CHUNKS, terms)
         self.make_cells(capacity)
 
         self.numbers = ti.field(ti.f64, NUMBERS)
@@ -212,7 +216,7 @@ class Arena(Neighbours):
         step = self.numbers[STEP]
         given, taken = self.given[i], self.taken[i]
         if ti.static(not alone):
-            taken = self.sum_taken(i)
+            taken = self.sum_taken(self.counts[LIVE_LIST], i)
         force = ti.Vector([taken[0] + given[0], taken[1] + given[1], taken[2] + given[2]])
         torque = ti.Vector([taken[3] + given[3], taken[4] + given[4], taken[5] + given[5]])
         for c in ti.static(range(6)):
@@ -355,33 +359,41 @@ class Arena(Neighbours):
                 self.stale[s] = 0
 
     @ti.kernel
-    def run_step(
-        self,
-        s: ti.i32,
-        last: ti.i32,
-        beads: ti.i32,
-        bodies: ti.i32,
-        chunks: ti.i32,
-        before: ti.f64,
-        alike: ti.template(),
-        mechanics: ti.template(),
-    ):
-        """Step `s` of a burst on all threads; once the list is needed anew the rest of the burst does nothing."""
+    def begin_burst(self, length: ti.i32, chunks: ti.i32, before: ti.f64):
+        """Say what the following calls of `run_step`, `length` of them, are to do."""
         ti.loop_config(serialize=True)
         for _ in range(1):
+            self.counts[BURST_LENGTH] = length
+            self.counts[CHUNKS] = chunks
+            self.counts[STAGE] = -1
+            self.numbers[BEFORE] = before
+
+    @ti.kernel
+    def run_step(self, alike: ti.template(), mechanics: ti.template()):
+        """The next step of a burst on all threads; once the list is needed anew the rest of the burst does nothing.
+
+        It takes no numbers, so that nothing need be handed over at each of its many calls.
+        """
+        beads, bodies, rounds = self.counts[BEADS], self.counts[BODIES], self.counts[CHUNKS] * GRAIN
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            s = self.counts[STAGE] + 1
+            self.counts[STAGE] = s
             if self.stale[s] == 0:
-                self.stale[s] = self.pose_walls((before + s) * self.numbers[STEP])
-        for turn in range(chunks * GRAIN):
-            if turn % GRAIN == 0 and self.stale[s] == 0:
-                self.meet_chunk(turn // GRAIN, chunks, alike, mechanics)
+                self.stale[s] = self.pose_walls((self.numbers[BEFORE] + s) * self.numbers[STEP])
+        for turn in range(rounds):
+            if turn % GRAIN == 0 and self.stale[self.counts[STAGE]] == 0:
+                self.meet_chunk(turn // GRAIN, self.counts[CHUNKS], alike, mechanics)
         for i in range(beads):
+            s = self.counts[STAGE]
             left_skin = 1
             if self.stale[s] == 0:
-                left_skin = self.move(i, last, alike, mechanics, False)
+                left_skin = self.move(i, s == self.counts[BURST_LENGTH] - 1, alike, mechanics, False)
             if left_skin == 1:
                 self.stale[s + 1] = 1
         if ti.static(self.rigid):
             for b in range(bodies):
+                s = self.counts[STAGE]
                 left_skin = 1
                 if self.stale[s] == 0:
                     left_skin = self.move_body(b)

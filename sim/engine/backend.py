@@ -15,7 +15,7 @@ import textwrap
 import threading
 import types
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -135,6 +135,21 @@ def start(threads: int | None = None, device: Device = "cpu") -> Backend:
         )
     _running = Backend(device, workers, note)
     return _running
+
+
+def prepared(kernel: Any, *templates: Any) -> Callable[[], Any]:
+    """A kernel that takes nothing but templates, ready to be launched many times.
+
+    Taichi looks its arguments and its code up anew at each call, which may take longer than a step of few beads.
+    """
+    if taichi.__version__ != LEAN:
+        return lambda: kernel(*templates)
+    inner = kernel._primal
+    compiled = inner.compiled_kernels[inner.ensure_compiled(kernel._kernel_owner, *templates)]
+    program = inner.runtime.prog
+    code = program.compile_kernel(program.config(), program.get_device_caps(), compiled)
+    context = compiled.make_launch_context()
+    return lambda: program.launch_kernel(code, context)
 
 
 def _cuda_present() -> bool:

@@ -34,8 +34,9 @@ from rigtwin.sim.engine.walls import Motion, Shape, Wall, gaps
 Array = npt.NDArray[np.float64]
 
 SMALLEST_ARENA = 1024  # beads; arenas come in steps of four, so that few kernels are ever compiled
-PAIRS_PER_BEAD = 8  # half the neighbours of a bead, with room
+PAIRS_PER_BEAD, PAIRS_PER_PART = 5, 8  # half the neighbours of a bead, and of one in a clump, with room
 NEAR_PER_BEAD = 2  # walls, or parts of them, near a bead on average, with room
+NEAR_IN_LARGE = 1 / 8  # the same among very many beads, few of which are at a wall
 SKIN = 0.1  # of the largest diameter
 THREADED_FROM = 2000  # beads; below, one thread is faster than the launches cost
 LAUNCH_SECONDS = 0.25  # kernels come back at least twice a second, so that progress and Ctrl-C work
@@ -142,10 +143,10 @@ class Bulk:
         self._table = self._wall_table()
         size = _arena_size(capacity)
         self._rate = 200.0 / LAUNCH_SECONDS  # steps per second, learnt from the launches
-        near = near_capacity or NEAR_PER_BEAD * size
+        near = near_capacity or _near_size(size)
         self._enter(
             areas.arena(
-                size, pair_capacity or PAIRS_PER_BEAD * size, near, self._terms(), self._table.room, self._rigid
+                size, pair_capacity or self._pair_size(size), near, self._terms(), self._table.room, self._rigid
             )
         )
 
@@ -506,16 +507,20 @@ class Bulk:
             arena.build_alone(before)
             if self._count(at.STATUS) != at.OK:
                 break
-            beads, whole = self._count(at.BEADS), self._count(at.BODIES)
-            if not self._on_gpu and (self.threads == 1 or beads < THREADED_FROM):
+            if not self._on_gpu and (self.threads == 1 or self._count(at.BEADS) < THREADED_FROM):
                 arena.run_serial(steps - done, before, *kinds)
             else:
-                length, chunks = min(areas.BURST, steps - done), min(self.threads, areas.CHUNKS)
-                for s in range(length):
-                    arena.run_step(s, int(s == length - 1), beads, whole, chunks, before, *kinds)
+                length = min(areas.BURST, steps - done)
+                arena.begin_burst(length, min(self.threads, areas.MOST_CHUNKS), before)
+                make_step = backend.prepared(arena.run_step, *kinds)
+                for _ in range(length):
+                    make_step()
                 arena.end_burst(length)
             done += self._count(at.DONE)
         return done
+
+    def _pair_size(self, capacity: int) -> int:
+        return (PAIRS_PER_PART if self._rigid else PAIRS_PER_BEAD) * capacity
 
     @property
     def _alike(self) -> bool:
@@ -549,8 +554,8 @@ class Bulk:
         listed_at = old.walls.listed_at.to_numpy()
         kept = {column: self._count(column) for column in (at.GONE, at.BUILDS, at.BODIES, at.MIXED)}
         whole, members = self._body_rows(), self._members(beads) if self._rigid else None
-        pair_capacity = max(pair_capacity, PAIRS_PER_BEAD * capacity)
-        near_capacity = max(near_capacity, NEAR_PER_BEAD * capacity)
+        pair_capacity = max(pair_capacity, self._pair_size(capacity))
+        near_capacity = max(near_capacity, _near_size(capacity))
         self._enter(areas.arena(capacity, pair_capacity, near_capacity, self._terms(), self._table.room, self._rigid))
         for column, value in {**kept, at.BEADS: beads}.items():
             self._arena.set_count(column, value)
@@ -621,3 +626,7 @@ def _arena_size(beads: int) -> int:
     while size < beads:
         size *= 4
     return size
+
+
+def _near_size(capacity: int) -> int:
+    return int(max(min(NEAR_PER_BEAD * capacity, 32_768), NEAR_IN_LARGE * capacity))

@@ -28,7 +28,7 @@ State = dict[str, npt.NDArray[Any]]
 # written anew before they are read, or set up with the run; everything else in an arena is kept, whatever is added to
 # it one day
 SCRATCH = frozenset(
-    {"spare", "cell_first", "cell_of", "order", "fill", "pair_force", "spare_member", "body_new", "chosen", "packet"}
+    {"spare", "cell_first", "cell_of", "order", "fill", "spare_member", "body_new", "chosen", "packet"}
 ) | {
     f"walls.{name}"
     for name in (
@@ -65,8 +65,6 @@ def write_arena(arena: Arena, state: State) -> None:
         part = state[name]
         whole[tuple(slice(length) for length in part.shape)] = part
         field.from_numpy(whole)
-    # of pairs apart nobody writes the force again: it must be zero
-    arena.pair_force.fill(0.0)
 
 
 def _fields(arena: Arena) -> Iterator[tuple[str, Any]]:

@@ -2,12 +2,14 @@
 
 # columns of `numbers`
 STEP, SKIN, GRAVITY, LOW, CELL, MOST_SPEED = 0, 1, 2, 5, 8, 9
-NUMBERS = 10
+BEFORE = 10  # steps made before a burst
+NUMBERS = 11
 # columns of `counts`
 BEADS, LISTED, LIVE_LIST, PAIRS, WALL_COUNT, STATUS, CULPRIT = range(7)
 NX, NY, NZ, OPEN, GONE, BUILDS, DONE = range(7, 14)
 BODIES = 14
 MIXED = 15  # 1: beads may differ in size, weight or law
-COUNTS = 16
+BURST_LENGTH, CHUNKS, STAGE = 16, 17, 18  # steps of a burst, parts of the list, and the step it is at
+COUNTS = 19
 # values of STATUS
 OK, PAIRS_FULL, NEAR_FULL, LEFT_DOMAIN, EXPLODED = range(5)

@@ -226,7 +226,7 @@ class Neighbours(Pairs, RigidBodies):
             j = self.partner[live, p]
             self.place_of_force[p] = self.fill[j]
             for c in ti.static(range(6)):
-                self.pair_force[p][c] = 0.0
+                self.history[1 - live, p][c] = 0.0
             self.fill[j] = self.fill[j] + 1
 
     @ti.func

@@ -59,12 +59,12 @@ class Pairs:
         self.first = ti.field(ti.i32, (2, capacity + 1))  # first pair of a bead
         self.partner = ti.field(ti.i32, (2, pair_capacity))
         self.touching = ti.field(ti.i8, (2, pair_capacity))
-        self.history = ti.Vector.field(6, ti.f64, (2, pair_capacity))  # slip, roll; zero where apart
+        # slip, roll; zero where apart.  Between two builds the list that is not in force needs none: there lie the
+        # forces of the pairs, force on the owner, torque on the other, sorted by the other
+        self.history = ti.Vector.field(6, ti.f64, (2, pair_capacity))
         if terms.changes_restitution:
             self.impact: Any = ti.field(ti.f64, (2, pair_capacity))  # DAMPING of this impact
         self.owner_of = ti.field(ti.i32, pair_capacity)  # of a pair of the list in force
-        # force on the owner, torque on the other; sorted by the other
-        self.pair_force = ti.Vector.field(6, ti.f64, pair_capacity)
         self.pointed_first = ti.field(ti.i32, capacity + 1)  # first of the forces of pairs that point to a bead
         self.place_of_force = ti.field(ti.i32, pair_capacity)  # of a pair of the list in force
         # force and torque on a bead, zero between steps
@@ -112,7 +112,7 @@ class Pairs:
         place = self.place_of_force[p]
         for c in ti.static(range(6)):
             self.history[live, p][c] = 0.0
-            self.pair_force[place][c] = 0.0
+            self.history[1 - live, place][c] = 0.0
         if ti.static(self.terms.changes_restitution):
             # of one that ends nobody asks any more
             self.impact[live, p] = self.damping_of_impact(self.owner_of[p], self.partner[live, p])
@@ -236,8 +236,8 @@ class Pairs:
             else:
                 place = self.place_of_force[p]
                 for c in ti.static(range(3)):
-                    self.pair_force[place][c] = self.packet[k][FORCE + c]
-                    self.pair_force[place][3 + c] = self.packet[k][TORQUE_OTHER + c]
+                    self.history[1 - live, place][c] = self.packet[k][FORCE + c]
+                    self.history[1 - live, place][3 + c] = self.packet[k][TORQUE_OTHER + c]
             self.worst[i] = ti.max(self.worst[i], self.packet[k][DEPTH])
 
     @ti.func
@@ -249,11 +249,11 @@ class Pairs:
         self.deliver(live, chunk, count, alone)
 
     @ti.func
-    def sum_taken(self, i):
+    def sum_taken(self, live, i):
         """What the pairs that others own with bead `i` do to it, where they left it."""
         total = ti.Vector([0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
         for q in range(self.pointed_first[i], self.pointed_first[i + 1]):
             for c in ti.static(range(3)):
-                total[c] -= self.pair_force[q][c]
-                total[3 + c] += self.pair_force[q][3 + c]
+                total[c] -= self.history[1 - live, q][c]
+                total[3 + c] += self.history[1 - live, q][3 + c]
         return total
