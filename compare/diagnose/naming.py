@@ -26,6 +26,7 @@ ALIKE = 6.0
 FORM = 25.0
 """A nameless term must beat the listed effects by this much to call a disagreement unlisted."""
 MOST_TERMS = 3
+JITTER = 24.0  # deviance
 KEEN = 5  # candidates beside a root that are fitted where the disagreement is large
 LEADING = 4  # candidates of each size that are fitted to the end on all data
 GLANCE = 6.0  # a candidate whose first step promises less than this is not fitted to the end
@@ -307,8 +308,11 @@ def _refused(fitted: Fit, terms: Sequence[Effect]) -> str:
 
 
 def _surprise(fitted: Fit, term: Effect) -> float:
-    """Twice the log of how much less likely a coefficient is than the predicted one; a factor of two costs one."""
-    total = 0.0
+    """Twice the log of how much less likely a coefficient is than the predicted one; a factor of two costs one.
+
+    Noise that is not quite white looks like a little jitter: that has to gain more.
+    """
+    total = JITTER if term.geometry == "jitter" else 0.0
     for parameter in term.parameters:
         if parameter.predicted and term.geometry != "jitter":
             value = abs(fitted.value(f"{term.name}.{parameter.name}"))
