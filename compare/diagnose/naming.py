@@ -27,6 +27,7 @@ FORM = 25.0
 """A nameless term must beat the listed effects by this much to call a disagreement unlisted."""
 MOST_TERMS = 3
 JITTER = 24.0  # deviance
+WHITE = 0.6  # of the squared differences of white noise
 KEEN = 5  # candidates beside a root that are fitted where the disagreement is large
 LEADING = 4  # candidates of each size that are fitted to the end on all data
 GLANCE = 6.0  # a candidate whose first step promises less than this is not fitted to the end
@@ -231,7 +232,10 @@ def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit) -> Fit:
     if (lost or newest.flat) and newest.geometry != "jitter":
         name = f"{newest.name}.{parameter.name}"
         for value in starts:
-            fits.append(fit(bench, terms, start={**_values(near), name: value}, most=most, rounds=rounds))
+            if lost:
+                fits.append(fit(bench, terms, start={**_values(near), name: value}, most=most, rounds=rounds))
+            else:
+                fits.append(fit(bench, terms, near=near, beside={name: value}, most=most, rounds=rounds))
     return min(fits, key=lambda one: one.deviance)
 
 
@@ -294,6 +298,8 @@ def _refused(fitted: Fit, terms: Sequence[Effect]) -> str:
         if term.geometry == "jitter":
             if fitted.jitter < 2e-6:
                 return "no jitter found"
+            if fitted.white < WHITE:
+                return "what is left goes on from frame to frame, which jitter does not"
             continue
         for parameter in term.parameters:
             name = f"{term.name}.{parameter.name}"
