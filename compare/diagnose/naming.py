@@ -104,7 +104,9 @@ class _Search:
         fresh = [e for key, e in zip(keys, candidates, strict=True) if key not in self.done]
         if near.per_row < ROUGH:
             for first in screen(self.bench, near, fresh):
-                self._add(first if near.deviance - first.deviance < GLANCE else _fit(self.bench, first.terms, near))
+                # one step says nothing of an effect that has no slope at zero
+                dull = near.deviance - first.deviance < GLANCE and not first.terms[-1].flat
+                self._add(first if dull else _fit(self.bench, first.terms, near))
         elif fresh:
             assert self.rough is not None
             part, plain = self.rough

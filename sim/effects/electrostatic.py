@@ -17,7 +17,7 @@ EFFECT = Effect(
     title="electrostatic attraction",
     kind="physical",
     rigs=("drop",),
-    parameters=(Parameter("charge", "C", 0.0, 2e-8, 5e-10, starts=(3e-10, 1e-9), meaning="charge of the bead"),),
+    parameters=(Parameter("charge", "C", 0.0, 2e-8, 5e-10, starts=(1e-9,), meaning="charge of the bead"),),
     equation="F = q^2 / (16 pi eps0 z^2)",
     source="image charge; Jackson 1999, section 2.1",
     synonyms=("electrostatic force", "static charge", "image charge", "charging", "electrostatics"),
