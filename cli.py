@@ -139,8 +139,14 @@ def compare(
 
 @app.command()
 def diagnose(
-    lab: Annotated[Path, typer.Argument(metavar="LAB", help="Folder with a lab.json of tracked repetitions.")],
+    lab: Annotated[
+        Path, typer.Argument(metavar="LAB", help="Folder with a lab.json of tracked repetitions, or a lab.toml.")
+    ],
     *,
+    only: Annotated[
+        list[str] | None,
+        typer.Option("--only", metavar="ID", help="This experiment of a lab.toml; may be given again."),
+    ] = None,
     effect: Annotated[
         list[Path] | None,
         typer.Option("--effect", metavar="FILE", help="Your own effect, one Python file; may be given again."),
@@ -154,7 +160,7 @@ def diagnose(
 
     target = out or (lab if lab.is_dir() else lab.parent) / "out"
     with progress_bars(as_json or quiet) as progress:
-        diagnosis, files = diagnose_folder(lab, target, own=effect or (), progress=progress)
+        diagnosis, files = diagnose_folder(lab, target, own=effect or (), only=only or (), progress=progress)
     if as_json:
         print_json({**diagnosis.to_json(), "files": files})
     elif not quiet:

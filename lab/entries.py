@@ -176,6 +176,7 @@ Speed = Annotated[float, _quantity("speed", 0), Field(examples=["20 mm/s"])]
 Turning = Annotated[float, _quantity("angular_speed", 0), Field(examples=["3 rpm"])]
 Fraction = Annotated[float, _quantity("number", 0, 1), Field(examples=[0.35])]
 Release = Annotated[float, _quantity("angle", 0, math.radians(179)), Field(examples=["45 deg"])]
+Tilted = Annotated[float, _quantity("angle", 0, math.radians(45)), Field(examples=["0.1 deg"])]
 Count = Annotated[int, _edge(_whole), Field(examples=[1000])]
 Moment = Annotated[camera.Moment, _edge(_moment), Field(examples=["0.25 s"])]
 KnownLength = Annotated[camera.KnownLength, _edge(_known_length)]
@@ -250,6 +251,19 @@ class _ExperimentEntry(_Entry):
     particle: Name = Field(examples=["D6"])
     repetitions: list[Views] = Field(min_length=1, examples=[["r01.mp4", "r02.mp4"]])
     camera: CameraEntry = CameraEntry()
+
+
+class UncertaintyEntry(_Entry):
+    """Standard uncertainties of what is stated, for the diagnosis; relative ones as numbers."""
+
+    scale: Fraction | None = None
+    frame_rate: Fraction | None = None
+    camera_roll: Tilted | None = None
+    tracking_noise: Length | None = None
+    drop_height: Length | None = None
+    plate_level: Tilted | None = None
+    length: Length | None = None
+    release_angle: Tilted | None = None
 
 
 class DropEntry(_ExperimentEntry):
@@ -328,6 +342,7 @@ class LabFile(_Entry):
     materials: dict[str, MaterialEntry] = {}
     particles: dict[str, ParticleEntry] = {}
     contacts: dict[str, ContactEntry] = {}
+    uncertainty: UncertaintyEntry = UncertaintyEntry()
     experiments: list[Annotated[ExperimentEntry, Field(discriminator="rig")]] = []
 
 
@@ -344,6 +359,7 @@ _SECTIONS: dict[str, type[_Entry]] = {
     "particles": ParticleEntry,
     "contacts": ContactEntry,
     "camera": CameraEntry,
+    "uncertainty": UncertaintyEntry,
     "drop": DropEntry,
     "pendulum": PendulumEntry,
     "tilt": TiltEntry,

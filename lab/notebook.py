@@ -7,7 +7,7 @@ define are looked up in the published reference, and `Lab.borrowed` says so.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from importlib import resources
 from pathlib import Path
 
@@ -88,6 +88,8 @@ class Lab:
     model: Model  # the materials, particles and contacts above, without effects
     borrowed: tuple[str, ...]  # one sentence for each thing taken from the published reference
     path: Path  # the lab.toml
+    uncertainty: Mapping[str, float] = field(default_factory=dict)
+    """Standard uncertainties that are stated, by key: SI, or relative."""
 
     def contact(self, a: str, b: str, needs: Sequence[str] = PARAMETERS) -> Contact:
         """The contact of two names in any order.  Raises `BadInput` when a parameter in `needs` is not known."""
@@ -131,6 +133,7 @@ def read_lab(folder: Path) -> Lab:
         model=model,
         borrowed=tuple(dict.fromkeys(inventory.borrowed)),
         path=path,
+        uncertainty=file.uncertainty.model_dump(exclude_none=True),
     )
 
 

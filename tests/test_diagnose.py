@@ -8,11 +8,13 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from rigtwin.compare.diagnose import along, flight, labs, swing
+from rigtwin.compare.diagnose.design import Setting, designs, separation
 from rigtwin.compare.diagnose.diagnosis import diagnose
 from rigtwin.compare.diagnose.drop import DropBench, impacts
 from rigtwin.compare.diagnose.fit import fit
 from rigtwin.compare.diagnose.labs import read_tracked_lab
 from rigtwin.compare.diagnose.locate import holm
+from rigtwin.compare.diagnose.notebook import tracked_lab
 from rigtwin.compare.diagnose.page import page
 from rigtwin.compare.diagnose.pendulum import pushing
 from rigtwin.compare.diagnose.run import diagnose_folder, model_of
@@ -412,3 +414,66 @@ def test_a_bad_folder_is_refused_in_a_sentence(tmp_path, change, says):
 def test_a_folder_without_a_lab_is_refused(tmp_path):
     with pytest.raises(BadInput, match=r"lab\.json: no such file"):
         read_tracked_lab(tmp_path)
+
+
+@pytest.mark.parametrize("effect", [None, "air_drag", "rolling_shutter", "plate_tilt", "restitution_viscoelastic"])
+def test_derivatives_are_those_of_differences(tmp_path, effect):
+    bench = DropBench(read_tracked_lab(write_drops(tmp_path, 5, beads=("light",), heights=(0.2, 0.4), repetitions=3)))
+    terms = () if effect is None else (named(effect),)
+    unknowns = bench.unknowns(terms)
+    values = np.array([u.start + 0.3 * u.step * bool(u.effect) for u in unknowns])
+    local = bench.first_guess({u.name: float(v) for u, v in zip(unknowns, values, strict=True)})
+    here = slopes(bench, unknowns, terms, local, values)
+    for k in range(local.shape[1] + len(unknowns)):
+        beside, other = local.copy(), values.copy()
+        if k < local.shape[1]:
+            step = 1e-3 * bench.local_step[k]
+            beside[:, k] += step
+        else:
+            step = 1e-3 * unknowns[k - local.shape[1]].step
+            other[k - local.shape[1]] += step
+        there = slopes(bench, unknowns, terms, beside, other)
+        change = (there.position - here.position) / step
+        # a row within a step of an impact may change its flight
+        assert np.quantile(np.abs(change - here.by_row[k]), 0.97) < 5e-3 * (np.abs(change).max() + 1e-6)
+        assert (there.soft - here.soft) / step == pytest.approx(
+            here.by_soft[k], abs=5e-3 * (np.abs(here.by_soft[k]).max() + 1e-6)
+        )
+
+
+def test_a_lab_toml_of_tracked_drops_is_diagnosed_as_its_lab_json_is(tmp_path):
+    write_drops(tmp_path, 6, repetitions=3, clock=0.01)
+    beads = "\n".join(
+        f'[materials.of_{name}]\ndensity = "{bead["density_kg_m3"]} kg/m^3"\n'
+        'youngs_modulus = "3 GPa"\npoisson_ratio = 0.3\n'
+        f'[particles.{name}]\nmaterial = "of_{name}"\ndiameter = "{bead["diameter_m"]} m"\n'
+        f'mass = "{bead["mass_g"]} g"\n'
+        for name, bead in BEADS.items()
+    )
+    drops = "\n".join(
+        f'[[experiments]]\nid = "{bead}_{height}"\nrig = "drop"\nparticle = "{bead}"\nwall = "plate"\n'
+        f'drop_height = "{height} mm"\nrepetitions = {[f"{bead}_{height}/rep{k:02d}.csv" for k in (1, 2, 3)]}\n'
+        '[experiments.camera]\nframe_rate = "240 Hz"\n'
+        for bead in BEADS
+        for height in (100, 600)
+    )
+    plate = '[materials.plate]\ndensity = "2600 kg/m^3"\nyoungs_modulus = "70 GPa"\npoisson_ratio = 0.22\n'
+    stated = '[uncertainty]\nscale = 0.002\nframe_rate = 1e-4\ncamera_roll = "0.15 deg"\ntracking_noise = "0.15 mm"\n'
+    (tmp_path / "lab.toml").write_text(f"{plate}{beads}{stated}{drops}")
+    lab = tracked_lab(tmp_path)
+    assert (lab.rig, lab.repetitions, lab.camera.clock_rel) == ("drop", 12, 1e-4)
+    assert lab.camera.noise == pytest.approx(1.5e-4)
+    assert diagnose(lab).chosen.names == ("frame_rate_error",)
+    with pytest.raises(BadInput, match="no experiment 'drop-9'"):
+        tracked_lab(tmp_path, ["drop-9"])
+
+
+def test_a_setting_that_changes_nothing_tells_no_rivals_apart_and_a_dense_ball_tells_drag(dragged):
+    tried = {one.names: one.fitted for one in dragged.naming.tried}
+    drag, shutter = tried[("air_drag",)], tried[("rolling_shutter",)]
+    table = {one.words: one.separation for one in designs(dragged.bench, [drag, shutter])}
+    assert designs(dragged.bench, [drag]) == []
+    assert separation(dragged.bench, Setting("the same again"), drag, drag) == pytest.approx(0.0, abs=0.3)
+    assert max(table.values()) > 4.0
+    assert {one.role for one in dragged.beside} == {"runner-up", "placebo"}
+    assert all(one.closed is None or one.closed <= 1.0 for one in dragged.beside)

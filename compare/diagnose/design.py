@@ -192,8 +192,8 @@ def lawful(place: Any, fitted: Fit, values: Array) -> Array:
     for _ in range(3 + 2 * len(free)):
         seen = slopes(place, fitted.unknowns, fitted.terms, local, values)
         place.rows = seen.position  # a shutter's delay goes with the place
-        if not len(free) or not seen.soft.size:
-            continue
+        if not len(free) or not seen.soft.size or float(np.abs(seen.soft).max()) < 1e-10:
+            break
         jacobian = seen.by_soft[free, 0].T  # (S, free)
         change = np.linalg.lstsq(jacobian, -seen.soft[0], rcond=None)[0]
         local[0, free] += np.clip(change, -1.0, 1.0)

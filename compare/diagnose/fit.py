@@ -64,6 +64,8 @@ class Fit:
     converged: bool
     soft: Array = field(default_factory=lambda: np.zeros((0, 0)))
     """(R, S), deviations of the impacts from the contact law."""
+    white: float = 1.0
+    """Squared differences of the residuals from row to row over twice their squares: 1 for noise that is white."""
     leverage: float = 0.0
     """How many of the deviations the unknowns take up."""
 
@@ -122,12 +124,14 @@ def fit(
     use: Array | None = None,
     most: int = 40,
     held: Mapping[str, float] | None = None,
+    beside: Mapping[str, float] | None = None,
     rounds: int = 3,
 ) -> Fit:
     """Fit the baseline with `terms` added.
 
-    `near` starts from another fit's values; `start` sets single unknowns; `use` is a mask over rows; `held` keeps the
-    named unknowns at these values.
+    `near` starts from another fit's values; `start` sets single unknowns and lets releases and impacts be guessed anew,
+    `beside` sets them and keeps those of `near`; `use` is a mask over rows; `held` keeps the named unknowns at these
+    values.
     """
     unknowns = tuple(bench.unknowns(terms))
     fixed = dict(held or {})
@@ -138,16 +142,18 @@ def fit(
     for number, unknown in enumerate(unknowns):
         if start and unknown.name in start:
             values[number] = start[unknown.name]
+        if beside and unknown.name in beside:
+            values[number] = beside[unknown.name]
         if unknown.name in fixed:
             values[number] = fixed[unknown.name]
     if local is None:
         named = {u.name: float(v) for u, v in zip(unknowns, values, strict=True)}
         local = near.local if near is not None and not start else bench.first_guess(named)
     scatter = near.scatter if near is not None else bench.scatter_start
-    state = _State(local.copy(), values, scatter.copy(), near.jitter if near is not None else 0.0)
+    jittered = any(term.geometry == "jitter" for term in terms)
+    state = _State(local.copy(), values, scatter.copy(), near.jitter if near is not None and jittered else 0.0)
     free = np.array([u.name not in fixed for u in unknowns], dtype=bool)
     mask = np.ones(len(bench.rows), dtype=bool) if use is None else use
-    jittered = any(term.geometry == "jitter" for term in terms)
     if jittered and state.jitter == 0.0:
         state.jitter = next(term.parameters[0].typical for term in terms if term.geometry == "jitter")
     converged = False
@@ -463,5 +469,11 @@ def _finished(
         linear.seen.position,
         converged,
         linear.soft,
+        _whiteness(linear.residual, getattr(bench, "bodies", 1)),
         leverage,
     )
+
+
+def _whiteness(residual: Array, bodies: int) -> float:
+    change = residual[bodies:] - residual[:-bodies]
+    return float(np.sum(change**2) / max(2 * np.sum(residual**2), 1e-300))

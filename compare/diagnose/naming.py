@@ -26,6 +26,8 @@ ALIKE = 6.0
 FORM = 25.0
 """A nameless term must beat the listed effects by this much to call a disagreement unlisted."""
 MOST_TERMS = 3
+JITTER = 24.0  # deviance
+WHITE = 0.6  # of the squared differences of white noise
 KEEN = 5  # candidates beside a root that are fitted where the disagreement is large
 LEADING = 4  # candidates of each size that are fitted to the end on all data
 GLANCE = 6.0  # a candidate whose first step promises less than this is not fitted to the end
@@ -102,7 +104,9 @@ class _Search:
         fresh = [e for key, e in zip(keys, candidates, strict=True) if key not in self.done]
         if near.per_row < ROUGH:
             for first in screen(self.bench, near, fresh):
-                self._add(first if near.deviance - first.deviance < GLANCE else _fit(self.bench, first.terms, near))
+                # one step says nothing of an effect that has no slope at zero
+                dull = near.deviance - first.deviance < GLANCE and not first.terms[-1].flat
+                self._add(first if dull else _fit(self.bench, first.terms, near))
         elif fresh:
             assert self.rough is not None
             part, plain = self.rough
@@ -230,7 +234,10 @@ def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit) -> Fit:
     if (lost or newest.flat) and newest.geometry != "jitter":
         name = f"{newest.name}.{parameter.name}"
         for value in starts:
-            fits.append(fit(bench, terms, start={**_values(near), name: value}, most=most, rounds=rounds))
+            if lost:
+                fits.append(fit(bench, terms, start={**_values(near), name: value}, most=most, rounds=rounds))
+            else:
+                fits.append(fit(bench, terms, near=near, beside={name: value}, most=most, rounds=rounds))
     return min(fits, key=lambda one: one.deviance)
 
 
@@ -293,6 +300,8 @@ def _refused(fitted: Fit, terms: Sequence[Effect]) -> str:
         if term.geometry == "jitter":
             if fitted.jitter < 2e-6:
                 return "no jitter found"
+            if fitted.white < WHITE:
+                return "what is left goes on from frame to frame, which jitter does not"
             continue
         for parameter in term.parameters:
             name = f"{term.name}.{parameter.name}"
@@ -307,8 +316,11 @@ def _refused(fitted: Fit, terms: Sequence[Effect]) -> str:
 
 
 def _surprise(fitted: Fit, term: Effect) -> float:
-    """Twice the log of how much less likely a coefficient is than the predicted one; a factor of two costs one."""
-    total = 0.0
+    """Twice the log of how much less likely a coefficient is than the predicted one; a factor of two costs one.
+
+    Noise that is not quite white looks like a little jitter: that has to gain more.
+    """
+    total = JITTER if term.geometry == "jitter" else 0.0
     for parameter in term.parameters:
         if parameter.predicted and term.geometry != "jitter":
             value = abs(fitted.value(f"{term.name}.{parameter.name}"))

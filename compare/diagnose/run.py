@@ -8,7 +8,9 @@ from pathlib import Path
 from rigtwin.compare import results
 from rigtwin.compare.diagnose.diagnosis import Diagnosis, diagnose, parameters
 from rigtwin.compare.diagnose.labs import read_tracked_lab
+from rigtwin.compare.diagnose.notebook import tracked_lab
 from rigtwin.compare.diagnose.page import page
+from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import KnownContact, Material, Pair, Particle, pair
 from rigtwin.lab.model import Model, model_text
 from rigtwin.lab.progress import Progress, silent
@@ -16,11 +18,18 @@ from rigtwin.sim.effects import own_effect
 
 
 def diagnose_folder(
-    folder: Path, out: Path, *, own: Sequence[Path] = (), progress: Progress = silent
+    folder: Path, out: Path, *, own: Sequence[Path] = (), only: Sequence[str] = (), progress: Progress = silent
 ) -> tuple[Diagnosis, dict[str, Path]]:
-    """Diagnose the lab in `folder` and write what was found into `out`.  Returns the diagnosis and the files."""
+    """Diagnose the lab in `folder` and write what was found into `out`.  Returns the diagnosis and the files.
+
+    A folder with a lab.json is taken as it is; of a lab.toml the experiments named in `only`, or all of them.
+    """
     effects = [own_effect(path) for path in own]
-    diagnosis = diagnose(read_tracked_lab(folder), effects, progress)
+    notebook = folder.suffix == ".toml" or ((folder / "lab.toml").is_file() and not (folder / "lab.json").is_file())
+    if only and not notebook:
+        raise BadInput(f"{folder}: --only names experiments of a lab.toml; a lab.json is diagnosed whole.")
+    lab = tracked_lab(folder, only, progress) if notebook else read_tracked_lab(folder)
+    diagnosis = diagnose(lab, effects, progress)
     contents = {
         "diagnosis.json": results.document(diagnosis.to_json()),
         "diagnosis.html": page(diagnosis),
