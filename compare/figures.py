@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from rigtwin.compare.reproduce.studies import Study
+    from rigtwin.compare.reproduce.studies import Points, Study
     from rigtwin.compare.shapes import Curve, Overlay
 
 # told apart by colour-blind readers and in grey print (Okabe and Ito 2008)
@@ -75,7 +75,7 @@ def _drawn(overlay: Overlay) -> tuple[Curve, ...]:
     return (*overlay.measured, *overlay.simulated)
 
 
-def study_figure(study: Study, points: Mapping[str, Sequence[tuple[float | str, float, float | None, int]]]) -> str:
+def study_figure(study: Study, points: Points) -> str:
     """Angles against what was varied, with the standard deviation over piles."""
     colours = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000", "#8a94a0")
     with _canvas() as (figure, axes):

@@ -72,8 +72,8 @@ def run(
     """Let `count` beads make a heap in the way of `rig.variant` and wait until it rests.
 
     piling: the beads rain through a round outlet above the base's centre, without overlap, at `pour_rate` [1/s]
-    (default: Beverloo's discharge of the outlet, or more while that is a free stream, up to 400 per second).  The
-    outlet rises with the heap and stays `fall_height` [m] above its top (default: three bead diameters), unless
+    (default: Beverloo's discharge of the outlet, or up to 400 per second while the throw adds no more than the fall).
+    The outlet rises with the heap and stays `fall_height` [m] above its top (default: three bead diameters), unless
     `rig.outlet_height` fixes it.
     pouring, emptying: tube or container are filled and rest (at most `fill_limit` [s]) before they are let go.
 

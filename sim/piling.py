@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 SLOW = 0.1  # [m/s], a bead below this speed belongs to the heap, above it is still falling
-QUICK_RATE = 400.0  # [1/s], poured at least, to keep a run short, where a free stream carries it
+QUICK_RATE = 400.0  # [1/s], poured at least, to keep a run short, while the throw adds no more than the fall
 STREAM = 0.2  # part of a free stream that is beads, at most
 NARROWEST = 3  # bead diameters
 
@@ -133,6 +133,8 @@ def piling(rig: Pile, particle: Particle, count: int, rate: float | None, fall_h
             f"outlet_diameter: {diameter * 1e3:.3g} mm lets no beads of {bead * 1e3:.3g} mm through; "
             "give at least two bead diameters."
         )
+    height = 3 * bead if fall_height is None else fall_height
+    positive(fall_height=height)
     free = math.sqrt(GRAVITY * diameter / 2)  # [m/s], as fast as a free discharge leaves
     solid = particle.mass / particle.effective_density
     rate_from = "as given"
@@ -140,12 +142,12 @@ def piling(rig: Pile, particle: Particle, count: int, rate: float | None, fall_h
         # Beverloo's law, bulk density 0.6 of the bead's
         flow = 0.58 * 0.6 * particle.effective_density * math.sqrt(GRAVITY) * (diameter - 1.4 * bead) ** 2.5
         rate, rate_from = flow / particle.mass, "Beverloo's discharge of the outlet"
-        # beads thrown faster than they fall freely would dig into the heap
-        quick = min(QUICK_RATE, STREAM * math.pi / 4 * diameter**2 * free / solid)
+        # beads thrown faster than the fall itself makes them would dig into the heap
+        fastest = max(free, math.sqrt(2 * GRAVITY * height))
+        quick = min(QUICK_RATE, STREAM * math.pi / 4 * diameter**2 * fastest / solid)
         if rate < quick:
             rate, rate_from = quick, f"above Beverloo's {rate:.0f}, to keep the run short"
-    height = 3 * bead if fall_height is None else fall_height
-    positive(pour_rate=rate, fall_height=height)
+    positive(pour_rate=rate)
     if rig.outlet_height is not None:
         positive(outlet_height=rig.outlet_height)
     # fast enough that the beads keep clear of each other

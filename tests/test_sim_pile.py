@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rigtwin.cli import run
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle, clumped
 from rigtwin.lab.rigs import Pile
@@ -267,3 +268,17 @@ def test_effects_of_a_model_act_on_the_heap_or_are_named_as_left_out():
     assert pellets.assumptions()["effects"] == "adhesion jkr"
     (said,) = pellets.warnings(*run)
     assert "camera_roll, air_drag had no part" in said
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--method", "pouring", "--tube-diameter", "100mm"], "tube_diameter"),
+        (["--method", "emptying", "--rim-height", "5mm"], "rim_height"),
+        (["--method", "pouring", "--lift-speed", "20mm"], "--lift-speed"),
+    ],
+)
+def test_a_setting_that_cannot_be_is_one_sentence_on_the_command_line(options, words, capsys, tmp_path):
+    command = ["simulate", "pile", "--base-diameter", "90mm", "--out", str(tmp_path), *options]
+    assert run(command) == 2
+    assert words in capsys.readouterr().err

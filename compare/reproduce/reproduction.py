@@ -9,7 +9,7 @@ from typing import Any
 
 from rigtwin.compare import results
 from rigtwin.compare.reproduce import rigs
-from rigtwin.compare.reproduce.studies import Study, studies
+from rigtwin.compare.reproduce.studies import Points, Study, studies
 from rigtwin.compare.reproduce.tables import Cell, Plan, plan
 from rigtwin.compare.runs import Done, run_all
 from rigtwin.lab.progress import Progress, silent
@@ -142,7 +142,7 @@ def page(reproduction: Reproduction, template: str = "reproduction.html") -> str
     environment.filters["number"] = number
     found = [(study, study.points(reproduction.done.results)) for study in reproduction.studies]
     drawn = [
-        (study, points, study_figure(study, points) if template.endswith(".html") else "")
+        (study, _run_places(study, points), points, study_figure(study, points) if template.endswith(".html") else "")
         for study, points in found
         if points
     ]
@@ -156,6 +156,11 @@ def page(reproduction: Reproduction, template: str = "reproduction.html") -> str
         assumptions=reproduction.assumptions,
         failures=reproduction.done.failures,
     )
+
+
+def _run_places(study: Study, points: Points) -> list[float | str]:
+    done = {at for found in points.values() for at, *_ in found}
+    return [place for place in study.places if place in done]
 
 
 def number(value: float | None, std: float | None = None) -> str:

@@ -16,6 +16,8 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.reference import hlosta2020
 
 Results = Mapping[str, dict[str, Any]]
+Points = Mapping[str, Sequence[tuple[float | str, float, float | None, int]]]
+"""By reading: varied value, mean angle [deg], standard deviation over piles, and how many there are."""
 
 PARTICLE = "D6"
 COUNTS = (250, 500, 1000, 2000, 4000)
@@ -41,8 +43,8 @@ class Study:
     places: Mapping[float | str, tuple[str, ...]]  # the varied value, or the base in words -> names of its runs
     readings: Mapping[str, str]  # what is read -> key in the results
 
-    def points(self, results: Results) -> dict[str, list[tuple[float | str, float, float | None, int]]]:
-        """By reading: varied value, mean angle [deg], standard deviation over piles, and how many there are."""
+    def points(self, results: Results) -> Points:
+        """What the finished runs gave."""
         found: dict[str, list[tuple[float | str, float, float | None, int]]] = {}
         for reading, key in self.readings.items():
             for place, names in self.places.items():
