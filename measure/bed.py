@@ -39,6 +39,7 @@ STANDS_OUT = 1.6  # times the noise, motion that is no accident
 PIECE = 0.08  # of the bed's area, the least that still belongs to it when it is seen apart
 LEAST_NOISE = 0.5  # [grey levels], compression may leave a still scene without any
 UNDECIDED = 0.5  # of a bead's diameter, to both sides of the mean border, where only the single frame tells
+MISFIT = 0.15  # of the radius, by which the border of a bed may be off the drum's circle
 BESIDE = 1.15  # of the drum's radius, from which on nothing should move
 PASSES = 0.03  # share of the picture beside the drum that something in front of it must hide
 SHIFT = 0.8  # [1], change of the evidence that is one standard deviation of where bead ends and drum begins
@@ -202,7 +203,11 @@ def _drum_in(samples: list[Still], picture: Map) -> tuple[Map, float, Rim | None
     noise = max(float(np.median(motion)), LEAST_NOISE)
     moving = motion > max(STANDS_OUT * noise, _otsu(motion))
     rim = find_rim(picture, moving)
-    return motion, noise, rim if rim is not None else rim_of_bed(moving), rim is not None
+    if rim is not None:
+        return motion, noise, rim, True
+    rim = rim_of_bed(moving)
+    # the lower border of a bed is an arc; that of anything else fits no circle
+    return motion, noise, rim if rim is not None and rim.sigma < MISFIT * rim.radius else None, False
 
 
 def _hides(still: Still, picture: Map, beside: npt.NDArray[np.bool_]) -> bool:
