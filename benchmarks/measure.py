@@ -8,6 +8,7 @@ Everything is drawn or integrated here from `SEED`; `--count` is how many of eac
 from __future__ import annotations
 
 import argparse
+import functools
 import math
 import os
 import sys
@@ -17,6 +18,7 @@ from collections.abc import Callable, Sequence
 import cv2
 import numpy as np
 import numpy.typing as npt
+from bulk_coverage import CASES as BULK
 from figures import Row, against, below, report
 from measure_speed import speed
 
@@ -278,7 +280,12 @@ def pendulums(count: int) -> list[Row]:
     return [_coverage("pendulum, restitution by velocity", hits)]
 
 
-CASES: tuple[Callable[[int], list[Row]], ...] = (centres, drops, gravity, pendulums, speed)
+def _seeded(case: Callable[[int, int], list[Row]]) -> Callable[[int], list[Row]]:
+    seeded = functools.partial(case, seed=SEED)
+    return functools.update_wrapper(seeded, case)
+
+
+CASES: tuple[Callable[[int], list[Row]], ...] = (centres, drops, gravity, pendulums, *map(_seeded, BULK), speed)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

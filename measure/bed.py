@@ -39,6 +39,8 @@ STANDS_OUT = 1.6  # times the noise, motion that is no accident
 PIECE = 0.08  # of the bed's area, the least that still belongs to it when it is seen apart
 LEAST_NOISE = 0.5  # [grey levels], compression may leave a still scene without any
 UNDECIDED = 0.5  # of a bead's diameter, to both sides of the mean border, where only the single frame tells
+MISFIT = 0.15  # of the radius, by which the border of a bed may be off the drum's circle
+GAP = 3.0  # bead diameters, of empty drum between the bed and what else looks like it
 BESIDE = 1.15  # of the drum's radius, from which on nothing should move
 PASSES = 0.03  # share of the picture beside the drum that something in front of it must hide
 SHIFT = 0.8  # [1], change of the evidence that is one standard deviation of where bead ends and drum begins
@@ -202,7 +204,11 @@ def _drum_in(samples: list[Still], picture: Map) -> tuple[Map, float, Rim | None
     noise = max(float(np.median(motion)), LEAST_NOISE)
     moving = motion > max(STANDS_OUT * noise, _otsu(motion))
     rim = find_rim(picture, moving)
-    return motion, noise, rim if rim is not None else rim_of_bed(moving), rim is not None
+    if rim is not None:
+        return motion, noise, rim, True
+    rim = rim_of_bed(moving)
+    # the lower border of a bed is an arc; that of anything else fits no circle
+    return motion, noise, rim if rim is not None and rim.sigma < MISFIT * rim.radius else None, False
 
 
 def _hides(still: Still, picture: Map, beside: npt.NDArray[np.bool_]) -> bool:
@@ -323,19 +329,25 @@ def _outline(still: Still, looks: Looks, rim: Rim, roll: float) -> Outline:
             [sin, cos, rim.centre[1] - reach * sin - reach * cos],
         ]
     )
-    seen = cv2.warpAffine(
-        _evidence(still, looks),
-        turn,
-        (2 * reach + 1, 2 * reach + 1),
-        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-        borderMode=cv2.BORDER_CONSTANT,
-        borderValue=-3.0,
-    )
-    odds = np.asarray(seen, dtype=np.float32)
+
+    def upright_map(picture: Map) -> Map:
+        seen = cv2.warpAffine(
+            picture,
+            turn,
+            (2 * reach + 1, 2 * reach + 1),
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_CONSTANT,
+            borderValue=-3.0,
+        )
+        return np.asarray(seen, dtype=np.float32)
+
+    odds = upright_map(_evidence(still, looks))
+    # the level is in question near the mean border, not whether there is a bed at all
+    open_to_doubt = np.where(np.abs(upright_map(looks.before)) < 2.9, np.float32(SHIFT), np.float32(0))
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     odds[np.hypot(x, y) > rim.radius] = -3.0
-    usual, area = _top(odds, 0.0, looks.bead)
-    looser, stricter = (_top(odds, shift, looks.bead)[0] for shift in (SHIFT, -SHIFT))
+    usual, area = _top(odds, looks.bead)
+    looser, stricter = (_top(odds + sign * open_to_doubt, looks.bead)[0] for sign in (1, -1))
     return Outline(
         still.index,
         still.time,
@@ -348,23 +360,35 @@ def _outline(still: Still, looks: Looks, rim: Rim, roll: float) -> Outline:
     )
 
 
-def _top(odds: Map, shift: float, bead: float) -> tuple[Array, float]:
+def _top(odds: Map, bead: float) -> tuple[Array, float]:
     """Row of the upper border of the large groups of bead pixels by column, NaN where there is none; and their area."""
     size = max(3, round(0.35 * bead) | 1)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-    marked = cv2.morphologyEx((odds + shift > 0).astype(np.uint8), cv2.MORPH_OPEN, kernel)
+    marked = cv2.morphologyEx((odds > 0).astype(np.uint8), cv2.MORPH_OPEN, kernel)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(marked, connectivity=4)
     if count < 2:
         return np.full(odds.shape[1], np.nan), 0.0
     areas = stats[:, cv2.CC_STAT_AREA]
     # a bar in front of the drum parts the bed in two; what is much smaller is in flight
     bed = np.isin(labels, 1 + np.flatnonzero(areas[1:] > PIECE * areas[1:].max()))
-    row = np.argmax(bed, axis=0)
+    row = _top_of_lowest(bed, GAP * bead)
     columns = np.arange(odds.shape[1])
     # the border lies between the last pixel above and the first below, where the odds are even
-    below, above = odds[row, columns] + shift, odds[np.maximum(row - 1, 0), columns] + shift
+    below, above = odds[row, columns], odds[np.maximum(row - 1, 0), columns]
     part = np.where((below > 0) & (above < 0), below / np.maximum(below - above, 1e-6), 0.5)
     return np.where(bed.any(axis=0), row - part, np.nan), float(bed.sum())
+
+
+def _top_of_lowest(bed: npt.NDArray[np.bool_], gap: float) -> npt.NDArray[np.int64]:
+    """By column, the first row of the lowest stretch that has no gap as large as `gap` [px]; the last row if none.
+
+    What hangs together with the bed along the wall, a rim that is turning, is not its surface.
+    """
+    joined = cv2.morphologyEx(bed.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((round(gap) | 1, 1), np.uint8))[::-1] > 0
+    lowest = np.argmax(joined, axis=0)
+    ended = ~joined & (np.arange(len(joined))[:, None] > lowest)
+    length = np.where(ended.any(axis=0), np.argmax(ended, axis=0), len(joined))
+    return np.asarray(np.minimum(len(joined) - length, len(joined) - 1))
 
 
 def _two_colours(

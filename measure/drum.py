@@ -214,13 +214,15 @@ def _evaluate(seen: Observation, speed: float | None) -> Evaluation:
     quantities = []
     for key, mean in means.items():
         doubt = {
-            part: _spread([float(np.nanmean(other[key][kept])) for other in pair], float(np.nanmean(angles[key][kept])))
+            part: _spread([_shift(other[key][kept], angles[key][kept]) for other in pair])
             for part, pair in varied.items()
         }
         quantities.append(_quantity(key, mean, doubt, seen, int(np.isfinite(angles[key][kept]).sum()), rises, s_shaped))
     if avalanches is not None:
         quantities += _of_avalanches(avalanches, quantities[0].budget)
     checks = _checks(seen, main, first, last, means.get((GRAPHICAL, MIDDLE)))
+    if failed := "; ".join(each.message for each in checks if not each.passed and each.check == "surface_in_view"):
+        quantities = [replace(one, doubtful=failed) for one in quantities]
     warnings = []
     if last - first + 1 < len(seen.times):
         warnings.append(
@@ -383,9 +385,15 @@ def _checks(seen: Observation, main: Array, first: int, last: int, mean: Mean | 
     return checks
 
 
-def _spread(values: Sequence[float], middle: float) -> float:
+def _shift(other: Array, usual: Array) -> float:
+    """How another reading moves the angle: frame by frame, so that the few frames in which it fails do not count."""
+    both = np.isfinite(other) & np.isfinite(usual)
+    return float(np.median(other[both] - usual[both])) if both.any() else math.nan
+
+
+def _spread(changes: Sequence[float]) -> float:
     """Root mean square of the changes that the readings one standard deviation away bring."""
-    known = [value - middle for value in values if math.isfinite(value)]
+    known = [change for change in changes if math.isfinite(change)]
     return math.sqrt(sum(change * change for change in known) / len(known)) if known else 0.0
 
 
@@ -493,7 +501,7 @@ def _judged(quantities: tuple[Quantity, ...], bed: Bed) -> tuple[Quantity, ...]:
     doubts = [check.message for check in _checks_of_picture(bed) if not check.passed]
     if not doubts:
         return quantities
-    return tuple(replace(one, doubtful="; ".join(doubts)) for one in quantities)
+    return tuple(replace(one, doubtful="; ".join(filter(None, (one.doubtful, *doubts)))) for one in quantities)
 
 
 def _checks_of_picture(bed: Bed) -> list[Check]:

@@ -34,6 +34,7 @@ BEAD_DOUBT = 0.15  # likewise from beads in a crowded bed, whose rims hide each 
 BINS = 6  # parts of the steady flow whose rates are compared
 HIDDEN = 0.08  # share of the slot's width that may show no bead before something hides it
 RESIDUE = 0.02  # share of the bed that may stay behind before it is worth a warning
+NEARBY = 4  # frames about an instant in which something in front of the hopper makes it doubtful
 AREA_DOUBT = 0.05  # relative, how far the bed's visible area follows its mass
 
 
@@ -72,9 +73,10 @@ def measure(
     gate = _gate(seen, edges)
     opened = _opened(seen, gate)
     hidden = _hidden(seen, edges)
-    last = _last_particle(seen)
+    last = _last_particle(seen, edges)
     if hidden > HIDDEN:
         last = replace(last, budget=last.budget | {"hidden part of the slot": seen.interval})
+    opened, last = (_unhidden(seen, moment) for moment in (opened, last))
     left = _left(seen)
     evaluation = _evaluate(left, total_mass, opened, last, seen.residue, AREA_DOUBT)
     checks = (*_checks_of_picture(seen, gate, hidden), *evaluation.checks)
@@ -340,6 +342,16 @@ def _opened(seen: Outflow, gate: Opening | None) -> Instant:
     return _opened_by_flow(seen, time)
 
 
+def _unhidden(seen: Outflow, found: Instant) -> Instant:
+    """The same, doubtful where something passes in front of the hopper about that time."""
+    near = [each.hidden for each in seen.moments if abs(each.time - found.time) < (NEARBY + 0.5) * seen.interval]
+    if found.doubtful or not any(near) or all(each.hidden for each in seen.moments):
+        return found
+    budget = found.budget | {"hidden": NEARBY * seen.interval}
+    reason = f"something passes in front of the hopper at {found.time:.3f} s; keep hands out of the view"
+    return replace(found, budget=budget, doubtful=reason)
+
+
 def _opened_by_flow(seen: Outflow, time: Array) -> Instant:
     """No slide was seen to move: the bed's first motion above the slot, which begins a little after the opening."""
     change = np.array([moment.change for moment in seen.moments])
@@ -358,9 +370,12 @@ def _opened_by_flow(seen: Outflow, time: Array) -> Instant:
     )
 
 
-def _last_particle(seen: Outflow) -> Instant:
+def _last_particle(seen: Outflow, edges: tuple[float, float]) -> Instant:
     """When the upper edge of the uppermost bead passes the slot for good."""
     slot = seen.scenery.slot.row
+    # a bed that ends wider than the slot that beads pass through was seen to end elsewhere: walls of a hopper slope
+    wider = seen.scenery.slot.right - seen.scenery.slot.left - (edges[1] - edges[0]) - 0.5 * seen.scenery.bead
+    slot_sigma = math.hypot(seen.scenery.slot.sigma, 0.5 * max(wider, 0.0))
     top = np.array([moment.top for moment in seen.moments])
     time = np.array([moment.time for moment in seen.moments])
     above = np.flatnonzero(top < slot)
@@ -377,7 +392,7 @@ def _last_particle(seen: Outflow) -> Instant:
         part = (slot - top[k]) / (below - top[k])
         speed = below - top[k]
         budget = {"passage": CROSSING * seen.interval}
-        budget["slot's height"] = seen.scenery.slot.sigma / max(speed, 1.0) * seen.interval
+        budget["slot's height"] = slot_sigma / max(speed, 1.0) * seen.interval
     else:
         part = 0.5
         budget = {"passage": 0.3 * seen.interval}

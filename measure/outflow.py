@@ -32,6 +32,8 @@ BEAD_SHARE = 0.06  # of the bed's width, a bead's diameter where none is made ou
 CLEAR = 6.0  # times the noise by which bed and empty hopper must differ
 FLOWING = (0.2, 0.8)  # of the bed that is left, while the flow is steady
 SLOT_DOUBT = 0.12  # of a bead's diameter, where on the lowest beads the slot lies
+LEAST_BESIDE = 500  # [px^2], below which nothing is said of what is beside the bed
+PASSES = 0.03  # share of it that something in front must hide
 LEAST_BEAD = 0.2  # of a bead's disc, the area below which a patch is no bead
 
 
@@ -72,6 +74,7 @@ class Moment:
     front: float  # [px], row of the lowest bead below the slot that hangs together with the bed; NaN where none
     change: float  # [grey levels], how much the bed's lower part changed since the frame before
     shake: tuple[float, float]
+    hidden: bool = False  # something passes in front of the scene
 
 
 @dataclass(frozen=True)
@@ -106,9 +109,11 @@ def follow_outflow(
     moments, strips = [], []
     before: Image | None = None
     outlet = _windows(scenery)
+    beside = _beside(scenery)
     count = video.last - video.first + 1
     for frame in _upright_frames(video, scene, lens, turn):
-        moments.append(_moment(frame, before, scenery))
+        moment = _moment(frame, before, scenery)
+        moments.append(replace(moment, hidden=_hides(frame.colour, scenery, beside)))
         strips.append(slide_strip(frame.colour, scenery))
         share = moments[-1].left / max(float(np.median([moment.left for moment in moments[:ENDS]])), 1.0)
         if before is not None and FLOWING[0] < share < FLOWING[1]:
@@ -339,6 +344,24 @@ def _moment(frame: Steadied, before: Image | None, scenery: Scenery) -> Moment:
         change,
         frame.shake,
     )
+
+
+def _beside(scenery: Scenery) -> Mask:
+    """Where nothing should change: to both sides of the bed, well above the slide and who pulls it."""
+    columns = np.flatnonzero(scenery.bed.any(axis=0))
+    beside = np.ones_like(scenery.bed)
+    beside[:, max(round(columns[0] - 2 * scenery.bead), 0) : round(columns[-1] + 2 * scenery.bead)] = False
+    beside[max(round(scenery.slot.row - 2 * scenery.bead), 0) :] = False
+    return beside
+
+
+def _hides(picture: Image, scenery: Scenery, beside: Mask) -> bool:
+    """Whether something is in front of a part of what should stand still."""
+    if beside.sum() < LEAST_BESIDE:
+        return False
+    off = cv2.GaussianBlur(apart(picture, scenery.full), (0, 0), 2.0)[beside]
+    # a lamp that flickers moves all pixels alike
+    return bool(np.mean(off > 15 + CLEAR * scenery.noise + np.median(off)) > PASSES)
 
 
 def _top_row(part: Mask, stats: npt.NDArray[np.int32]) -> float:

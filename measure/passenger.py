@@ -20,6 +20,8 @@ Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.float32]
 
 RIM = 2.5  # [px], by which a body's picture is larger than what was seen to leave
+SATURATED = 225.0  # [grey levels], least of what may be
+GLARE_SIZE = 0.012  # of the picture's longer side, of a saturated patch that is a lamp's
 LEAST_SEEN = 0.35  # share of the body's picture that must not be hidden
 ALIKE = 0.5  # correlation below which what is found is not the body
 
@@ -47,10 +49,22 @@ class Step:
     likeness: float  # correlation with its picture at rest
 
 
-def find_passenger(arm: Arm, frames: dict[int, Picture], uphill: int) -> Passenger | None:
+def glare(picture: Picture) -> npt.NDArray[np.bool_]:
+    """Where lamps are mirrored for all of the clip; highlights on beads are smaller."""
+    size = max(5, round(GLARE_SIZE * max(picture.shape)) | 1)
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    # a film's brightness often ends at 235
+    white = max(float(picture.max()) - 3, SATURATED)
+    patch = cv2.morphologyEx((picture >= white).astype(np.uint8), cv2.MORPH_OPEN, kernel)
+    return np.asarray(cv2.dilate(patch, np.ones((3 * size, 3 * size), np.uint8)) > 0)
+
+
+def find_passenger(
+    arm: Arm, frames: dict[int, Picture], uphill: int, hidden: npt.NDArray[np.bool_] | None = None
+) -> Passenger | None:
     """The body that rests in the first and is gone in the last of the sample frames; None when there is none.
 
-    `uphill` is +1 where the arm rises to the right.
+    `uphill` is +1 where the arm rises to the right; `hidden` marks pixels of the still scene that show nothing of it.
     """
     numbers = sorted(arm.directions)
     upper = min(edge.row for edge in arm.edges)
@@ -61,6 +75,15 @@ def find_passenger(arm: Arm, frames: dict[int, Picture], uphill: int) -> Passeng
         [arm.cut(frames[n], arm.directions[n], arm.along[columns], arm.across[rows]) for n in numbers]
     ).astype(np.float32)
     stack = np.stack([cv2.GaussianBlur(cut, (0, 0), 1.0) for cut in stack])
+    if hidden is not None and hidden.any():
+        # in the arm's own picture a patch fixed in the scene wanders like a body
+        covered = np.stack(
+            [
+                arm.cut(hidden.astype(np.float32), arm.directions[n], arm.along[columns], arm.across[rows])
+                for n in numbers
+            ]
+        )
+        stack = _uncovered(stack, covered > 0.01)
     noise = _grain(stack)
     surface = float(upper - arm.across[rows[0]])
     gone = [blob for split in range(3, len(numbers)) for blob in _gone(stack, split, noise, surface)]
@@ -84,6 +107,20 @@ class _Gone:
     length: float  # [px]
     split: int  # number of sample frames before it left
     mask: npt.NDArray[np.bool_] = field(repr=False)
+
+
+def _uncovered(stack: npt.NDArray[np.float32], covered: npt.NDArray[np.bool_]) -> npt.NDArray[np.float32]:
+    """What is covered in a frame as it is in the nearest frame in which it is not."""
+    filled = stack.copy()
+    for k in range(len(stack)):
+        missing = covered[k].copy()
+        for other in sorted(range(len(stack)), key=lambda one: abs(one - k)):
+            take = missing & ~covered[other]
+            filled[k][take] = stack[other][take]
+            missing &= ~take
+            if not missing.any():
+                break
+    return filled
 
 
 def _grain(stack: npt.NDArray[np.float32]) -> float:

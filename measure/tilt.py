@@ -31,8 +31,8 @@ from rigtwin.measure.bead import Scene
 from rigtwin.measure.follow import learn_scene
 from rigtwin.measure.level import Level, find_level
 from rigtwin.measure.media import Video, open_video, sha256
-from rigtwin.measure.onset import Onset, Run, Way, find_onset, find_run, jitter, smooth_angle
-from rigtwin.measure.passenger import RIM, Passenger, Step, find_passenger, follow
+from rigtwin.measure.onset import LEAST_DOUBT, Onset, Run, Way, find_onset, find_run, jitter, smooth_angle
+from rigtwin.measure.passenger import RIM, Passenger, Step, find_passenger, follow, glare
 
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.float32]
@@ -165,7 +165,10 @@ def _evaluation(
         _quantity("onset_time", onset.time, "s", timing, doubt),
     ]
     if variant == "slide" and math.isfinite(way.scale_doubt):
-        moving = {"acceleration": onset.moving_sigma, **{part: slope * value for part, value in geometry.items()}}
+        # the acceleration, which the friction of the moving body falls short of the slope by, goes with the scale
+        scale = min(way.scale_doubt, LEAST_DOUBT) * abs(math.tan(onset.angle) - onset.moving_friction)
+        turned = {part: slope * value for part, value in geometry.items()}
+        moving = {"acceleration": onset.moving_sigma, "scale": scale, **turned}
         quantities.append(
             Quantity(
                 "kinetic_friction",
@@ -368,7 +371,7 @@ def _watch(video: Video, camera: Camera, progress: Progress) -> Film:
     horizontal = 0.0 if level is None else level.slope
     usual = float(np.median(list(arm.directions.values()))) + arm.tilt
     uphill = 1 if usual < horizontal else -1
-    body = find_passenger(arm, samples, uphill)
+    body = find_passenger(arm, samples, uphill, glare(scene.picture))
     if body is None:
         raise NothingToMeasure(
             f"{video.path}: an arm turns, but nothing that rests on it at first has left its place at the end; "

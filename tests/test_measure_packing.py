@@ -189,6 +189,27 @@ def test_a_drawn_bed_is_read_off_the_gauge_or_the_cylinder(tmp_path, gauge, roll
         assert path.stat().st_size > 0
 
 
+def test_a_dark_photo_gives_the_same_height(tmp_path):
+    photo, dark = tmp_path / "bed.png", tmp_path / "dark.png"
+    truth = draw(photo)
+    picture = 0.25 * cv2.imread(str(photo)).astype(float)
+    picture += 1.5 * np.random.default_rng(0).standard_normal(picture.shape)
+    cv2.imwrite(str(dark), np.clip(picture, 0, 255).astype(np.uint8))
+    result = packing.measure([dark], Camera(), cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    found = pick(result, "bed_height", "outline")
+    assert found.value == pytest.approx(truth, abs=0.0012)
+    assert not found.doubtful
+
+
+def test_a_leaning_outline_makes_the_height_doubtful():
+    x = np.linspace(-CYLINDER / 2, CYLINDER / 2, 301)
+    leaning = Profile(x, 0.07 + 0.2 * x, np.full(len(x), 1e-5))
+    result = packing.evaluate([leaning], cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    assert "askew" in pick(result, "bed_height").doubtful
+    level = packing.evaluate([flat(0.07)], cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    assert pick(result, "bed_height").std_uncertainty > 2 * pick(level, "bed_height").std_uncertainty
+
+
 def test_a_gauge_is_read_to_a_twentieth_of_a_millimetre():
     rows = np.arange(700)
     zero, pitch = 630.3, 4.37
