@@ -100,11 +100,10 @@ class _Search:
         terms = near.terms
         keys = [frozenset((*near_names(near), effect.name)) for effect in candidates]
         fresh = [e for key, e in zip(keys, candidates, strict=True) if key not in self.done]
-        if near.per_row < ROUGH:
+        if self.rough is None or near.per_row < ROUGH:
             for first in screen(self.bench, near, fresh):
                 self._add(first if near.deviance - first.deviance < GLANCE else _fit(self.bench, first.terms, near))
         elif fresh:
-            assert self.rough is not None
             part, plain = self.rough
             start = plain
             if root is not None:
