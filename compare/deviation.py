@@ -9,7 +9,7 @@ scatter known from two or three repetitions is itself uncertain: 95 % then span 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from statistics import fmean, stdev
 from typing import Any
@@ -209,21 +209,26 @@ def deviations(
     """
     twins = {key: combine(group_) for key, group_ in group(simulated).items()}
     rows = {key: combine(repetitions) for key, repetitions in group(measured).items() if key[0] not in MOMENTS}
-    return tuple(
-        _deviation(experiment, rig, key, row, _counterpart(key, rows, twins), set_from=(set_from or {}).get(key[0], ""))
-        for key, row in rows.items()
-    )
+    found = []
+    for key, row in rows.items():
+        other = _counterpart(key, rows, twins)
+        handed = (set_from or {}).get(key[0], "")
+        one = _deviation(experiment, rig, key, row, None if other is None else twins[other], set_from=handed)
+        if other is not None and other != key:
+            one = replace(one, note="; ".join(filter(None, (one.note, f"the twin's method: {other[1]}"))))
+        found.append(one)
+    return tuple(found)
 
 
-def _counterpart(key: Key, rows: Iterable[Key], twins: Mapping[Key, Combined]) -> Combined | None:
-    """The twin's quantity of the same method; where both sides know only one method, that one, under any name.
+def _counterpart(key: Key, rows: Iterable[Key], twins: Iterable[Key]) -> Key | None:
+    """The key of the twin's quantity of the same method; where both sides know only one, that one, under any name.
 
     What a film finds by the edge of a slide, a twin simply knows.
     """
     if key in twins:
-        return twins[key]
+        return key
     mine, theirs = ([other for other in keys if (other[0], *other[2:]) == (key[0], *key[2:])] for keys in (rows, twins))
-    return twins[theirs[0]] if len(mine) == len(theirs) == 1 else None
+    return theirs[0] if len(mine) == len(theirs) == 1 else None
 
 
 def headlines(rows: Iterable[Deviation]) -> list[Deviation]:

@@ -145,7 +145,7 @@ def known(experiment: Experiment) -> dict[str, Any]:
         case PackingSettings():
             return told | {"cylinder_diameter": rig.cylinder_diameter, "total_mass": rig.total_mass}
         case PileSettings():
-            drained = 0.0 if rig.variant != "emptying" else rig.drain_diameter or 0.0
+            drained = rig.drain_diameter or 0.0 if rig.variant == "emptying" else 0.0
             return told | {"base_diameter": rig.base_diameter - drained}
         case DrumSettings():
             return told | {"drum_diameter": rig.drum_diameter, "speed": rig.speed}

@@ -18,6 +18,7 @@ _BOARD = re.compile(
     r"(checkerboard|charuco|aruco)\s+(?:(\d{1,3})x(\d{1,3})\s+)?([\d.]+\s*[a-zµ]*)(?:/([\d.]+\s*[a-zµ]*))?\s+(\S.*)"
 )
 SHORTEST_LINE = 10.0  # [px], below it a plumb line says nothing of the vertical
+WIDEST_SQUARE = 1.0  # [m], of a board; "10" was meant to be millimetres
 FASTEST = 1e8  # [1/s], no camera films faster; a larger rate is a slip of the pen
 
 
@@ -67,7 +68,7 @@ class Lens:
     plane: tuple[tuple[float, ...], ...]  # homography, straight to taken without distortion, shape (3, 3)
     bend: tuple[float, float]  # radial distortion, of the square and fourth power of radius / half the diagonal
     scale: float  # [m/px] of the straight picture
-    doubt: float  # relative standard uncertainty of the scale
+    doubt: float  # relative standard uncertainty of the scale, from the corners alone: not of where the board stood
     residual: float  # [px], rms of the board's corners
 
 
@@ -105,6 +106,17 @@ class Camera:
             return self.scale
         return self.known_length.scale if self.known_length is not None else None
 
+    @property
+    def scale_from(self) -> str:
+        """Where `given_scale` comes from: "board", "given" as a number, or "known length"."""
+        if self.lens is not None:
+            return "board"
+        return "given" if self.scale is not None else "known length"
+
+    def scale_doubt(self, by_hand: float) -> float:
+        """Relative standard uncertainty of `given_scale`: the board's own, else `by_hand`, of a scale read off."""
+        return by_hand if self.lens is None else self.lens.doubt
+
 
 def known_length(text: str, *, name: str = "known_length") -> KnownLength:
     """Parse ``"100mm:x1,y1,x2,y2"`` (pixels).
@@ -121,8 +133,8 @@ def known_length(text: str, *, name: str = "known_length") -> KnownLength:
     return line
 
 
-def board(text: str, *, name: str = "board", folder: Path | None = None) -> Board:
-    """Parse ``"checkerboard 9x6 10mm board.jpg"``; the photo's path is relative to `folder`.
+def board(text: str, *, name: str = "board") -> Board:
+    """Parse ``"checkerboard 9x6 10mm board.jpg"``.
 
     >>> board("charuco 8x5 20mm/15mm board.png").marker
     0.015
@@ -142,6 +154,10 @@ def board(text: str, *, name: str = "board", folder: Path | None = None) -> Boar
     sides = [si(side, "length", name=name) for side in (square, marker) if side is not None]
     if min(sides) <= 0 or (len(sides) == 2 and sides[1] >= sides[0]):
         raise BadQuantity(f"{name}: {text!r}: sizes must be positive, and markers smaller than their squares.")
+    if max(sides) > WIDEST_SQUARE:
+        raise BadQuantity(
+            f"{name}: {text!r} has squares of {max(sides):g} m; write sizes with their unit, like '10mm'."
+        )
     if kind != "aruco" and min(int(columns), int(rows)) < 3:
         raise BadQuantity(f"{name}: {text!r}: a board of fewer than 3 x 3 squares shows too few corners.")
     return Board(
@@ -150,7 +166,7 @@ def board(text: str, *, name: str = "board", folder: Path | None = None) -> Boar
         int(rows or 1),
         sides[0],
         sides[1] if len(sides) == 2 else None,
-        (folder or Path()) / photo,
+        Path(photo),
     )
 
 

@@ -161,6 +161,7 @@ def _experiment(folder: Path, inventory: Inventory, entry: ExperimentEntry, key:
     repetitions = tuple(tuple(folder / view for view in views) for views in entry.repetitions)
     found = [
         *_wall_problems(entry, key),
+        *_drain_problems(entry, key),
         *_media_problems(entry, repetitions, key),
         *_camera_problems(entry, folder, key),
     ]
@@ -194,6 +195,17 @@ def _wall_problems(entry: ExperimentEntry, key: Key) -> list[Problem]:
         return [Problem((*key, "wall"), 'this key is missing; a pendulum with variant = "wall" needs wall = "steel".')]
     if entry.variant == "double" and entry.wall is not None:
         return [Problem((*key, "wall"), 'a double pendulum has no wall; leave it out, or set variant = "wall".')]
+    return []
+
+
+def _drain_problems(entry: ExperimentEntry, key: Key) -> list[Problem]:
+    if not isinstance(entry, PileEntry) or entry.variant != "emptying":
+        return []
+    if entry.drain_diameter is None:
+        why = 'this key is missing; what stays in an emptied container lies between its wall and drain: "30 mm".'
+        return [Problem((*key, "drain_diameter"), why)]
+    if entry.drain_diameter >= entry.base_diameter:
+        return [Problem((*key, "drain_diameter"), "the drain is as wide as the container; give its own diameter.")]
     return []
 
 

@@ -36,6 +36,7 @@ FEWEST_FOR_LENS = 12  # corners; fewer do not tell distortion from perspective
 FEWEST_FOR_EDGE = 30  # corners; the fourth power of the radius lives near the rim
 WORST = 1.5  # [px], rms of corners against the fit: a bent board, or one that was misread
 CORNER = 0.1  # [px], what a corner is at best read to
+USUAL_BEND = (0.1, 0.03)  # standard deviations of `Lens.bend`: a board in the middle says little of the picture's rim
 
 
 def straightened(camera: Camera) -> Camera:
@@ -137,11 +138,12 @@ def _fitted(board: Board, on_board: Array, seen: Array, size: tuple[int, int]) -
 
     def residuals(unknown: Array) -> Array:
         plane, bend = _model(unknown, unit)
-        return np.asarray((project(across, plane, bend, size) - seen).ravel())
+        off = project(across, plane, bend, size) - seen
+        return np.append(off.ravel(), CORNER * unknown[8:] / USUAL_BEND[:terms])
 
     found = least_squares(residuals, start, x_scale="jac", method="lm" if len(seen) * 2 > len(start) else "trf")
     freedom = max(2 * len(seen) - len(start), 1)
-    rms = math.sqrt(float(np.sum(found.fun**2)) / freedom)
+    rms = math.sqrt(float(np.sum(found.fun[: 2 * len(seen)] ** 2)) / freedom)
     if rms > WORST:
         raise BadInput(
             f"{board.photo}: the corners miss a flat board by {rms:.1f} px; take a flat board, and check its squares."

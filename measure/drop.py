@@ -582,7 +582,8 @@ def _gauge(pixels: Track, fitted: Bounces, seen: Chase, camera: Camera, bead_dia
     by_gravity = math.cos(roll) ** 2 / size
     gravity_doubt = math.hypot(root_sum_of_squares(parts) / size, 4e-4)
     if camera.given_scale is not None:
-        return _Gauge(camera.given_scale, SCALE_DOUBT, "given", roll, roll_doubt, told, None)
+        doubt = camera.scale_doubt(SCALE_DOUBT)
+        return _Gauge(camera.given_scale, doubt, camera.scale_from, roll, roll_doubt, told, None)
     if bead_diameter is None:
         return _Gauge(by_gravity, gravity_doubt, "gravity", roll, roll_doubt, told, None)
     by_bead = bead_diameter / (2 * seen.radius)

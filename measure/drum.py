@@ -112,6 +112,11 @@ def measure(
         warnings.append("scale: not known, so profiles are left out; give --drum-diameter or --scale.")
     if bed.upright.edges.size == 0 and camera.roll is None:
         warnings.append("camera roll: nothing level is seen, the picture was taken as upright; give --camera-roll.")
+    hidden = sum(outline.hidden for outline in bed.outlines)
+    if 0 < hidden <= len(bed.outlines) / 2:
+        warnings.append(
+            f"in {hidden} of {len(bed.outlines)} frames something passes in front of the drum; they are left out."
+        )
     view: dict[str, Any] = {
         "frame_rate_hz": rate,
         "scale_m_per_px": None if scale is None else scale * bed.lens.zoom,
@@ -409,7 +414,7 @@ def _must_be_positive(**given: float | None) -> None:
 def _scale(bed: Bed, camera: Camera, drum_diameter: float | None) -> tuple[float | None, str]:
     """[m/px] of the measured picture, and where it comes from."""
     if camera.given_scale is not None:
-        return camera.given_scale / bed.lens.zoom, "known length" if camera.scale is None else "given"
+        return camera.given_scale / bed.lens.zoom, camera.scale_from
     if drum_diameter is not None:
         return drum_diameter / (2 * bed.rim.radius), "drum diameter"
     return None, "not known"

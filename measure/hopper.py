@@ -29,6 +29,7 @@ Array = npt.NDArray[np.float64]
 STEADY = (0.2, 0.8)  # of what leaves, the part over which the flow is steady
 EXPOSURE = 0.15  # frames, standard deviation of where in its frame's interval an unknown exposure lies
 CROSSING = 0.2  # frames, of the last particle's passage read between two frames
+GIVEN_DOUBT = 0.01  # relative, of a scale read off a length in view
 BIN_DOUBT = 0.04  # relative, of a scale from the bin's walls, whose depth in view is not known
 BEAD_DOUBT = 0.15  # likewise from beads in a crowded bed, whose rims hide each other
 BINS = 6  # parts of the steady flow whose rates are compared
@@ -431,7 +432,7 @@ def _scale(
 ) -> tuple[float | None, str, float]:
     """[m/px] of the clip, where it comes from, and its relative doubt."""
     if camera.given_scale is not None:
-        return float(camera.given_scale), "known length" if camera.scale is None else "given", 0.01
+        return camera.given_scale, camera.scale_from, camera.scale_doubt(GIVEN_DOUBT)
     walls = bin_walls(seen.scenery) if bin_width is not None else None
     if walls is not None and bin_width is not None:
         return bin_width / (walls[1] - walls[0]) * seen.lens.zoom, "bin width", BIN_DOUBT

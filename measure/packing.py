@@ -36,6 +36,7 @@ Image = npt.NDArray[np.uint8]
 OUTLINE_ABOVE, OUTLINE_SPREAD = 0.30, 0.08
 PITS_BELOW, PITS_SPREAD = 0.50, 0.05
 INSIDE = 0.95  # share of the inner radius that is read: at the wall the outline falls with the last bead's side
+GIVEN_DOUBT = 0.003  # relative, of a scale read off a length in the plane of the axis
 WALL_DOUBT = 0.006  # relative, of a scale read off the cylinder's inner walls
 GAUGE_DOUBT = 0.002  # relative, of a scale read off a gauge in the plane of the axis
 SAME_PLANE = 0.02  # how far the two may differ when the gauge stands in the plane of the axis
@@ -98,7 +99,7 @@ def _evaluate(
         raise NothingToMeasure(
             f"the outline lies at {outline * 1e3:.1f} mm, not above the floor by a bead; check height_m and its zero."
         )
-    checks = _checks(seen, heights, cylinder, bead, grain)
+    checks = _checks(seen, heights, cylinder, bead)
     failed = "; ".join(check.message for check in checks if not check.passed and check.check in SPOILING)
     if failed and not flaw:
         found = [_height(each.value, each.method, each.budget, each.n, failed) for each in found]
@@ -169,7 +170,6 @@ def _checks(
     heights: Sequence[tuple[float, float]],
     cylinder: float | None,
     bead: float | None,
-    grain: float,
 ) -> list[Check]:
     checks = []
     if cylinder is not None and bead is not None:
@@ -200,15 +200,17 @@ def _checks(
                 f"about its mean of {mean * 1e3:.1f} mm{ending}",
             )
         )
-        passed = bead is None or rough < ROUGHEST * grain
+        if bead is None:  # the outline's roughness is then all that tells the bead's size
+            continue
+        passed = rough < ROUGHEST * bead
         ending = "." if passed else ": no settled bed is so rough; is something in front of it?"
         checks.append(
             Check(
                 "smooth_surface",
                 passed,
-                rough / grain,
+                rough / bead,
                 0.25,
-                f"the outline ({each.profile.view}) is rough by {rough / grain:.2f} bead diameters{ending}",
+                f"the outline ({each.profile.view}) is rough by {rough / bead:.2f} bead diameters{ending}",
             )
         )
     return checks
@@ -319,7 +321,7 @@ def _scale(
 ) -> tuple[float, float, str]:
     """[m/px] in the plane of the axis at the bed's middle, its relative doubt, and where it is from."""
     if camera.given_scale is not None:
-        return camera.given_scale, 0.003, "given" if camera.scale is not None else "known length"
+        return camera.given_scale, camera.scale_doubt(GIVEN_DOUBT), camera.scale_from
     wall = None if cylinder is None else cylinder / bed.width
     if bed.gauge is not None:
         middle = bed.floor - float(np.mean(bed.outline[1])) / 2

@@ -227,7 +227,7 @@ def _scale(film: _Film, camera: Camera, length: float | None, bead_diameter: flo
     """[m/px] and where it is from."""
     fit = film.fit
     if camera.given_scale is not None:
-        return camera.given_scale, "given" if camera.scale is not None else "known length"
+        return camera.given_scale, camera.scale_from
     found = fit.propagate(_outcomes)
     if length is not None:
         return length / found["length"].value, "pendulum length"

@@ -428,7 +428,7 @@ def _scale(
 ) -> tuple[float | None, str]:
     """[m/px] of the measured picture in the plane through the base's axis, and where it comes from."""
     if camera.given_scale is not None:
-        return camera.given_scale / found.zoom, "known length" if camera.scale is None else "given"
+        return camera.given_scale / found.zoom, camera.scale_from
     if base_diameter is not None and found.disc is not None:
         return base_diameter / (2 * found.view.radius), "base diameter"
     if bead_diameter is not None:

@@ -45,6 +45,7 @@ GIVEN_ROLL = math.radians(0.1)  # standard uncertainty of a stated camera roll
 NO_LEVEL = math.radians(1.0)  # standard uncertainty of a camera roll that nothing tells
 USUAL_DRIFT = 0.006  # [m], how far the axis may lie off the origin of a track
 FASTEST_TILT = math.radians(10)  # [rad/s], beyond it one frame is too much of an angle
+GIVEN_DOUBT = 0.02  # relative, of a scale read off a length in view, or of a record that somebody tracked
 BEAD_DOUBT = 0.12  # relative, of a scale from the outline of a body on the plate
 WRONG_SCALE = 0.3  # relative misfit of the acceleration from which on the scale is not believed
 NOMINAL = 3e-4  # [m/px], where no scale is known: only a unit
@@ -63,7 +64,7 @@ def evaluate(
     nothing starts to move.
     """
     _check_variant(variant)
-    way = _way(angle, tracks, variant, bead_diameter, scale_doubt=0.02)
+    way = _way(angle, tracks, variant, bead_diameter, scale_doubt=GIVEN_DOUBT)
     run, onset = _onset(way, "the record")
     return _evaluation(way, run, onset, variant, bead_diameter, {})
 
@@ -436,8 +437,8 @@ def _follow(
 def _gauge(film: Film, camera: Camera, bead_diameter: float | None, arm_length: float | None) -> Gauge:
     roll, roll_sigma, roll_from = _horizontal(film, camera)
     if camera.given_scale is not None:
-        source = "given" if camera.scale is not None else "known length"
-        return Gauge(camera.given_scale, 0.02, source, roll, roll_sigma, roll_from)
+        doubt = camera.scale_doubt(GIVEN_DOUBT)
+        return Gauge(camera.given_scale, doubt, camera.scale_from, roll, roll_sigma, roll_from)
     if arm_length is not None:
         tip = film.arm.span[1] if film.uphill > 0 else -film.arm.span[0]
         # the arm's front is nearer to the camera than the body on its middle

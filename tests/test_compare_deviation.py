@@ -261,6 +261,7 @@ def test_what_a_film_finds_one_way_and_a_twin_another_is_compared_where_each_kno
     twin = Quantity("discharge_time", 0.76, 0.001, "s", "given to last passage")
     (row,) = deviations("it", "hopper", [film], [twin])
     assert row.percent_deviation == pytest.approx(-5.0)
+    assert row.note == "the twin's method: given to last passage"
     other = Quantity("discharge_time", 0.70, 0.01, "s", "5 to 95 %")
     rows = deviations("it", "hopper", [film, other], [twin])
     assert [one.simulated for one in rows] == [None, None]

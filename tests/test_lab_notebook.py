@@ -196,6 +196,7 @@ def test_each_experiment_names_the_pairs_that_touch_in_it(folder):
         ("count = 1000", 'count = "many"', "experiments[2].count", "count", "'many' is not a whole number"),
         ('"40 deg"', '"200 deg"', "experiments[1].release_angle", "200 deg", "at most"),
         ('"piling"', '"heaping"', "experiments[2].variant", "heaping", "'piling'"),
+        ('"piling"', '"emptying"', "experiments[2].drain_diameter", '[[experiments]]\nid = "pile-1"', "missing"),
         ('"Ash beads on steel"', "3", "lab.title", "title", "put it in quotes"),
         # missing and unknown keys, wrong shapes
         ('diameter = "6 mm"\n', "", "particles.oak-bead.diameter", "[particles.oak-bead]", 'diameter = "6.2 mm"'),

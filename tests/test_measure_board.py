@@ -12,7 +12,7 @@ from rigtwin.cli import run
 from rigtwin.lab.camera import Board, Camera, board, plumb_line
 from rigtwin.lab.errors import BadInput, BadQuantity
 from rigtwin.measure.board import read_board, straightened
-from rigtwin.measure.lens import straight
+from rigtwin.measure.lens import project, straight
 from rigtwin.measure.media import open_video
 
 SIZE = (640, 480)  # [px]
@@ -97,6 +97,18 @@ def test_squares_of_a_straightened_board_are_all_of_one_size(tmp_path_factory, t
     assert lens.residual < 0.3
 
 
+def test_a_small_board_in_the_middle_does_not_bend_the_rim(tmp_path):
+    bench = Bench(tilt=5, pan=-5, bend=-0.03)
+    cv2.imwrite(str(tmp_path / "board.png"), bench.photo(checkers(9, 6)))
+    lens = read_board(board(f"checkerboard 9x6 10mm {tmp_path / 'board.png'}"))
+    looks_at = bench.in_plane().astype(np.float32)
+    for x, y in ((50, 50), (590, 50), (590, 430)):
+        ends = project(np.array([[x, y], [x + 20.0, y]]), np.array(lens.plane), lens.bend, SIZE)
+        at = (2 * ends + 0.5).astype(np.float32)[None]
+        start, end = cv2.remap(looks_at, at[..., 0], at[..., 1], cv2.INTER_LINEAR)[0]
+        assert np.hypot(*(end - start)) == pytest.approx(20 * lens.scale, rel=0.005)
+
+
 @pytest.mark.parametrize("legacy", [False, True])
 def test_a_charuco_board_may_be_partly_hidden(tmp_path, legacy):
     book = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
@@ -169,6 +181,7 @@ def test_a_photo_without_the_board_is_one_sentence(tmp_path, capsys, kind):
         "checkerboard 2x6 10mm board.jpg",
         "checkerboard 9x6 -10mm board.jpg",
         "checkerboard 9x6 10kg board.jpg",
+        "checkerboard 9x6 10 board.jpg",
     ],
 )
 def test_a_board_that_makes_no_sense_is_refused(text):

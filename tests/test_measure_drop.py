@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from rigtwin.lab.camera import Camera
+from rigtwin.lab.camera import Camera, Lens
 from rigtwin.lab.errors import NothingToMeasure, UnreadableMedia
 from rigtwin.lab.records import Track, write_tracks
 from rigtwin.measure import drop, follow, sources
@@ -378,6 +378,14 @@ def test_scales_from_rule_bead_and_gravity_agree(clip, measured):
     assert gravity.camera["scale_m_per_px"] == pytest.approx(SCALE, rel=0.006)
     assert measured.camera["scale_m_per_px"] == pytest.approx(SCALE, rel=0.006)
     assert 2 * measured.camera["bead_radius_px"] * SCALE == pytest.approx(DIAMETER, rel=0.03)
+
+
+def test_a_scale_from_a_board_is_as_doubtful_as_the_board(clip):
+    board = Lens((176, 352), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), (0.0, 0.0), SCALE, 0.02, 0.1)
+    result = drop.measure(clip, Camera(frame_rate=FPS, scale=SCALE, lens=board))
+    height = pick(result.quantities, "drop_height")
+    assert result.camera["scale_from"] == "board"
+    assert height.budget["scale"] == pytest.approx(0.02 * height.value)
 
 
 def test_a_mirrored_clip_gives_the_same_restitution(tmp_path, measured):

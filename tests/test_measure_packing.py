@@ -73,6 +73,20 @@ def layer(seed, count=105):
     return np.array(places)
 
 
+def test_an_outline_with_a_finger_in_front_of_it_makes_the_height_doubtful():
+    smooth = outline(layer(3))
+    finger = np.where(np.abs(smooth.x - 0.01) < 0.005, smooth.height + 4 * BEAD, smooth.height)
+    for profile, passed in ((smooth, True), (Profile(smooth.x, finger, smooth.sigma), False)):
+        result = packing.evaluate([profile], cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+        assert next(check for check in result.checks if check.check == "smooth_surface").passed == passed
+        assert bool(pick(result, "bed_height").doubtful) != passed
+
+
+def test_without_a_bead_nothing_tells_how_rough_an_outline_may_be():
+    result = packing.evaluate([outline(layer(3))], cylinder_diameter=CYLINDER)
+    assert "smooth_surface" not in {check.check for check in result.checks}
+
+
 def test_intervals_cover_the_mean_top_of_the_surface_beads():
     inside = 0
     for seed in range(20):

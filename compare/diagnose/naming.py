@@ -102,13 +102,12 @@ class _Search:
         terms = near.terms
         keys = [frozenset((*near_names(near), effect.name)) for effect in candidates]
         fresh = [e for key, e in zip(keys, candidates, strict=True) if key not in self.done]
-        if near.per_row < ROUGH:
+        if self.rough is None or near.per_row < ROUGH:
             for first in screen(self.bench, near, fresh):
                 # one step says nothing of an effect that has no slope at zero
                 dull = near.deviance - first.deviance < GLANCE and not first.terms[-1].flat
                 self._add(first if dull else _fit(self.bench, first.terms, near))
         elif fresh:
-            assert self.rough is not None
             part, plain = self.rough
             start = plain
             if root is not None:
