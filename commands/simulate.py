@@ -202,8 +202,19 @@ def simulate_pile(
     quiet: Quiet = False,
 ) -> None:
     """A heap on a round base, its slope seen from four sides."""
+    from rigtwin.lab.errors import BadInput
     from rigtwin.lab.rigs import Pile
 
+    others = {
+        "--outlet-diameter": (outlet_diameter, "piling"),
+        "--outlet-height": (outlet_height, "piling"),
+        "--tube-diameter": (tube_diameter, "pouring"),
+        "--lift-speed": (lift_speed, "pouring"),
+        "--drain-diameter": (drain_diameter, "emptying"),
+    }
+    for name, (given, needs) in others.items():
+        if given is not None and needs != method:
+            raise BadInput(f"{name} belongs to --method {needs}, this heap is made by {method}; leave one of them out.")
     rig = Pile(
         needed(base_diameter, "length", "--base-diameter"),
         parsed(rim_height, "length", "--rim-height"),

@@ -20,7 +20,7 @@ from pydantic_core import ErrorDetails
 from rigtwin.lab import camera
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.toml_lines import Key, dotted, key_lines
-from rigtwin.lab.units import LONGEST, si
+from rigtwin.lab.units import DIMENSIONS, LONGEST, si
 
 HERE = Path()
 RIGS = ("drop", "pendulum", "tilt", "packing", "pile", "drum", "hopper")
@@ -105,7 +105,10 @@ def _quantity(dimension: str, lowest: float = -math.inf, highest: float = math.i
     def parse(value: Any) -> float:
         number = si(value, dimension)
         if number < lowest or number > highest or (open_low and number == lowest):
-            raise BadInput(f"{value!r} is out of range; it must be {_limits(lowest, highest, open_low)}.")
+            bare = dimension != "number" and not isinstance(value, str)
+            unit, example = DIMENSIONS[dimension]
+            hint = f"; a bare number is in {unit}, write it with its unit, like {example!r}" if bare else ""
+            raise BadInput(f"{value!r} is out of range; it must be {_limits(lowest, highest, open_low)}{hint}.")
         return number
 
     return _edge(parse)

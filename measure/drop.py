@@ -48,6 +48,7 @@ Array = npt.NDArray[np.float64]
 
 # Capture rates that cameras offer [1/s]; a wrong rate is most often another one of these.
 USUAL_RATES = (24, 25, 30, 48, 50, 60, 90, 100, 120, 200, 240, 250, 300, 400, 480, 500, 600, 960, 1000, 1200, 2000)
+ROLL_STATED_TO = math.radians(0.5)  # nobody reads a camera's lean better
 SCALE_DOUBT = 0.005  # relative, of a scale read off a rule in view
 MOST_SHAKE = 5.0  # [px], standard deviation, up to which a shaking camera only shifts its picture
 RIM_DOUBT = 0.12  # [px], where the rim of a bead's image is taken to be
@@ -323,6 +324,7 @@ class _Gauge:
     roll_doubt: float  # [rad]
     cross_check: str  # what the other scales say
     gravity: tuple[float, float] | None  # [m/s^2] and its doubt, by a scale that does not come from gravity itself
+    fall: tuple[float, float]  # [rad], the roll that the bead's fall shows, and its doubt
 
 
 def measure(
@@ -349,6 +351,8 @@ def measure(
     bounces = _bounces(track, drag, str(clip), in_metres=True)
     evaluation = _evaluation(track, bounces, scale_doubt=gauge.doubt, rate=video.frame_rate, repeats=len(repeats))
     checks = _with_gravity_told(evaluation.checks, gauge) + _view_checks(video, seen, fitted, repeats)
+    if camera.roll is not None:
+        checks = (*checks, _roll_check(camera.roll, *gauge.fall))
     if bead_diameter is not None and gauge.source != "bead diameter":
         checks = (*checks, _size_check(2 * seen.radius * gauge.scale, _radius_doubt(seen), bead_diameter))
     measurement = Measurement(
@@ -571,7 +575,7 @@ def _expected(
 
 def _gauge(pixels: Track, fitted: Bounces, seen: Chase, camera: Camera, bead_diameter: float | None) -> _Gauge:
     """The best scale at hand, with what the others say, and the direction of gravity."""
-    roll, roll_doubt = _roll(pixels, fitted)
+    roll, roll_doubt = fall = _roll(pixels, fitted)
     told = (
         f"gravity points {math.degrees(roll):+.2f} ± {math.degrees(roll_doubt):.2f} degrees off the picture's vertical"
     )
@@ -583,9 +587,9 @@ def _gauge(pixels: Track, fitted: Bounces, seen: Chase, camera: Camera, bead_dia
     gravity_doubt = math.hypot(root_sum_of_squares(parts) / size, 4e-4)
     if camera.given_scale is not None:
         doubt = camera.scale_doubt(SCALE_DOUBT)
-        return _Gauge(camera.given_scale, doubt, camera.scale_from, roll, roll_doubt, told, None)
+        return _Gauge(camera.given_scale, doubt, camera.scale_from, roll, roll_doubt, told, None, fall)
     if bead_diameter is None:
-        return _Gauge(by_gravity, gravity_doubt, "gravity", roll, roll_doubt, told, None)
+        return _Gauge(by_gravity, gravity_doubt, "gravity", roll, roll_doubt, told, None, fall)
     by_bead = bead_diameter / (2 * seen.radius)
     bead_doubt = _radius_doubt(seen)
     told += (
@@ -597,11 +601,11 @@ def _gauge(pixels: Track, fitted: Bounces, seen: Chase, camera: Camera, bead_dia
     if camera.frame_rate is not None and not agree and _other_rate(camera.frame_rate, judged[0]) is None:
         # the rate was given and no usual mix-up of rates explains the difference: the bead's rim was misjudged
         doubt = math.hypot(gravity_doubt, 0.3 * abs(by_bead / by_gravity - 1))
-        return _Gauge(by_gravity, doubt, "gravity, against the bead's diameter", roll, roll_doubt, told, judged)
+        return _Gauge(by_gravity, doubt, "gravity, against the bead's diameter", roll, roll_doubt, told, judged, fall)
     if camera.frame_rate is not None and agree and gravity_doubt < bead_doubt:
         source = "gravity, agreeing with the bead's diameter"
-        return _Gauge(by_gravity, gravity_doubt, source, roll, roll_doubt, told, judged)
-    return _Gauge(by_bead, bead_doubt, "bead diameter", roll, roll_doubt, told, None)
+        return _Gauge(by_gravity, gravity_doubt, source, roll, roll_doubt, told, judged, fall)
+    return _Gauge(by_bead, bead_doubt, "bead diameter", roll, roll_doubt, told, None, fall)
 
 
 def _radius_doubt(seen: Chase) -> float:
@@ -659,6 +663,19 @@ def _with_gravity_told(checks: tuple[Check, ...], gauge: _Gauge) -> tuple[Check,
         message = "the scale was taken from gravity, so this check cannot judge scale or frame rate"
         gravity = replace(gravity, message=message)
     return (replace(gravity, message=f"{gravity.message.rstrip('.')}; {gauge.cross_check}."), *checks[1:])
+
+
+def _roll_check(given: float, fall: float, doubt: float) -> Check:
+    """A stated roll against the one that the fall shows [rad]."""
+    passed = abs(given - fall) < max(3 * doubt, ROLL_STATED_TO)
+    message = (
+        f"a camera roll of {math.degrees(given):+.2f} degrees was given, the bead's fall shows "
+        f"{math.degrees(fall):+.2f} ± {math.degrees(doubt):.2f}"
+    )
+    ending = (
+        "." if passed else ": its sign may be wrong (positive when the scene looks turned clockwise); or leave it out."
+    )
+    return Check("camera_roll", passed, math.degrees(given), math.degrees(fall), message + ending)
 
 
 def _size_check(found: float, doubt: float, stated: float) -> Check:

@@ -113,16 +113,23 @@ def open_video(path: Path, camera: Camera) -> Video:
         film = sources.Straight(film, camera.lens)
     stamps, stated, (height, width), warnings = film.stamps, film.rate, film.shape, list(film.notes)
     if len(stamps) < 3:
-        raise UnreadableMedia(f"{path}: decodes to {len(stamps)} pictures; a measurement needs a clip.")
+        raise UnreadableMedia(
+            f"{path}: decodes to {len(stamps)} picture{'s' * (len(stamps) != 1)}; a measurement needs a clip."
+        )
     if min(height, width) < SMALLEST:
         raise UnreadableMedia(f"{path}: is only {width} x {height} px, too small to show a rig; give the clip itself.")
+    if camera.region is not None and (camera.region[0] >= width or camera.region[1] >= height):
+        raise BadInput(
+            f"{path}: --region begins at {camera.region[0]:g},{camera.region[1]:g}, "
+            f"outside the picture of {width} x {height} px."
+        )
     rate = camera.frame_rate or stated
     if not rate > 0:
         raise BadInput(f"{path}: the file states no frame rate; give the capture rate with --frame-rate 240Hz.")
     if camera.frame_rate is None:
         warnings.append(
             f"frame rate {rate:.6g} Hz read from the file; high-speed files often play slower than captured: "
-            "check gravity, or give --frame-rate."
+            "give the capture rate with --frame-rate."
         )
     times, oddities = _time_base(stamps, stated, film.tick, camera.frame_rate)
     first = _frame_of(camera.start, times, 0)

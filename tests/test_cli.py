@@ -192,6 +192,7 @@ def test_an_unknown_experiment_is_refused_with_the_known_ones(tmp_path, capfd):
         (["measure", "drop", "x.mp4", "--frame-rate", "240 mm"], "--frame-rate"),
         (["measure", "drop", "x.mp4", "--scale", "0.2 mm"], "--scale"),
         (["measure", "drop", "x.mp4", "--region", "1,2,3"], "--region"),
+        (["simulate", "pile", "--base-diameter", "90mm", "--lift-speed", "20mm/s"], "--lift-speed"),
         (["measure", "drop", "x.mp4", "--known-length", "100mm"], "--known-length"),
         (["measure", "drop", "x.mp4", "--start", "soon"], "--start"),
         (["measure", "drop", "x.mp4", "--camera-roll", "1 mm"], "--camera-roll"),

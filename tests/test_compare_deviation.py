@@ -244,6 +244,16 @@ def test_a_single_heap_on_either_side_is_said_to_hide_how_much_heaps_differ():
     assert row.note == ""
 
 
+def test_one_heap_convicts_no_twin_where_more_that_agree_do():
+    def verdict(measured, simulated):
+        slope = [quantity(value, 0.5, "angle_of_repose_graphical", "deg", "line") for value in (30.0, 33.0)]
+        (row,) = deviations("pile-1", "pile", [slope[0]] * measured, [slope[1]] * simulated)
+        return row.verdict
+
+    assert verdict(1, 1) == verdict(6, 1) == verdict(1, 6) == "too few repetitions to tell"
+    assert verdict(6, 6) == "twin too high"
+
+
 def test_the_csv_has_the_agreed_columns_and_empty_cells_for_what_cannot_be_told():
     text = deviations_csv(compared([quantity(0.0, 0.1)], [quantity(0.5, math.nan)]))
     row = next(csv.DictReader(io.StringIO(text)))

@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from rigtwin.lab.camera import Camera, Lens
-from rigtwin.lab.errors import NothingToMeasure, UnreadableMedia
+from rigtwin.lab.errors import BadInput, NothingToMeasure, UnreadableMedia
 from rigtwin.lab.records import Track, write_tracks
 from rigtwin.measure import drop, follow, sources
 
@@ -417,6 +417,17 @@ def test_a_film_too_long_to_keep_and_large_pictures_are_measured_alike(clip, mea
 def test_a_region_away_from_the_bead_is_named(clip):
     with pytest.raises(NothingToMeasure, match=r"nothing falls inside --region 0,0,40,40"):
         drop.measure(clip, Camera(frame_rate=FPS, region=(0, 0, 40, 40)))
+
+
+def test_a_region_outside_the_picture_is_named_before_anything_is_read(clip):
+    with pytest.raises(BadInput, match="outside the picture"):
+        drop.measure(clip, Camera(frame_rate=FPS, region=(5000, 0, 40, 40)))
+
+
+@pytest.mark.parametrize(("degrees", "passed"), [(0.0, True), (4.0, False)])
+def test_a_camera_roll_that_the_fall_contradicts_is_flagged(clip, degrees, passed):
+    result = drop.measure(clip, Camera(frame_rate=FPS, roll=math.radians(degrees)), bead_diameter=DIAMETER)
+    assert check(result, "camera_roll").passed is passed
 
 
 def test_playback_rate_taken_for_the_capture_rate_is_flagged(clip):
