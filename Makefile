@@ -44,12 +44,12 @@ clean:
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # uv is fetched into .venv itself, so nothing but Python need be on the machine; the link lets type checkers see the
-# repository root under its package name
+# repository root under its package name; byte code is made once here, where else every start might make it anew
 $(READY): uv.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' \
 		|| { echo "rigtwin needs Python 3.11 to 3.13; name one with: make PYTHON=python3.11" >&2; exit 1; }
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	test -x $(BIN)/uv || $(BIN)/python -m pip install --quiet --disable-pip-version-check 'uv==0.13.8'
-	UV_PROJECT_ENVIRONMENT=.venv $(BIN)/uv sync --frozen --inexact --quiet
+	UV_PROJECT_ENVIRONMENT=.venv UV_COMPILE_BYTECODE=1 $(BIN)/uv sync --frozen --inexact --quiet
 	mkdir -p .typing && ln -sfn .. .typing/rigtwin
 	touch $@

@@ -24,6 +24,7 @@ from rigtwin.lab.records import Array
 REPETITIONS = 5
 START = 0.03  # [s], of the motion in the simulated record
 LONGEST = 20.0  # [s]
+SPHERE = 4 / 3 * math.pi  # its volume over the cube of its radius
 CLEAR = 4.0
 """Separation in standard deviations that tells two names apart."""
 
@@ -66,10 +67,12 @@ def designs(bench: Regioned, rivals: Sequence[Fit]) -> list[Design]:
         pairs = []
         for a, one in enumerate(rivals):
             for other in rivals[a + 1 :]:
-                apart = min(separation(bench, setting, one, other), separation(bench, setting, other, one))
-                pairs.append((apart, _names(one), _names(other)))
-        least = min(pairs)
-        if math.isfinite(least[0]):
+                for left, right in ((one, other), (other, one)):
+                    pairs.append((separation(bench, setting, left, right), _names(one), _names(other)))
+        if all(
+            math.isfinite(apart) for apart, *_ in pairs
+        ):  # a setting of which one pair cannot be told promises nothing
+            least = min(pairs)
             found.append(Design(setting.words, least[0], (least[1], least[2])))
     return sorted(found, key=lambda one: -one.separation)
 
@@ -83,9 +86,9 @@ def settings(bench: Regioned) -> list[Setting]:
     whole: Any = bench
     common = [
         Setting("the same with the camera turned by 180 degrees about its axis", turned=True),
-        Setting("a steel ball of the same size", density=7850.0 * whole.radius[0] ** 3 * 4.18879 / whole.mass[0]),
+        Setting("a steel ball of the same size", density=7850.0 * whole.radius[0] ** 3 * SPHERE / whole.mass[0]),
         Setting(
-            "a foam ball of the same size (30 kg/m^3)", density=30.0 * whole.radius[0] ** 3 * 4.18879 / whole.mass[0]
+            "a foam ball of the same size (30 kg/m^3)", density=30.0 * whole.radius[0] ** 3 * SPHERE / whole.mass[0]
         ),
         Setting("a ball of the same material, twice the size", size=2.0),
         Setting("a ball of the same material, half the size", size=0.5),
