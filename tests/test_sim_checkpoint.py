@@ -98,7 +98,7 @@ def test_the_run_may_break_long_after_its_last_checkpoint(whole, tmp_path, monke
 
 @pytest.mark.parametrize(("before", "after"), [(1, 2), (2, 1)])
 def test_the_number_of_threads_may_change_at_the_break(before, after, whole, tmp_path, monkeypatch):
-    monkeypatch.setattr(engine, "THREADED_FROM", 1)
+    monkeypatch.setattr(engine, "BEADS_PER_THREAD", 1)
     broken_off(6, tmp_path / "heap.npz", checkpoint_interval=0, threads=before)
     assert same_end(heap(checkpoint=tmp_path / "heap.npz", threads=after), whole)
 
