@@ -171,7 +171,7 @@ def reproduce(
     quick: Annotated[bool, typer.Option("--quick", help="A representative part, in minutes.")] = False,
     kept: Annotated[bool, typer.Option("--kept", help="Run nothing; show what earlier runs gave.")] = False,
     repetitions: Annotated[
-        int | None, typer.Option("--repetitions", min=1, help="Runs with different seeds per cell.")
+        int | None, typer.Option("--repetitions", min=1, help="Runs with different seeds per cell or point of a study.")
     ] = None,
     workers: Annotated[int | None, typer.Option("--workers", min=1, help="Runs at a time; one per core.")] = None,
     seed: Seed = 1,

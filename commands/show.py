@@ -112,7 +112,7 @@ def _tell_comparison(console: Console, comparison: Comparison) -> None:
     from rich.table import Table
 
     from rigtwin.compare.deviation import primary_first
-    from rigtwin.compare.wording import percent, reading, siblings, title, z_score
+    from rigtwin.lab.wording import percent, reading, siblings, title, z_score
 
     primary, rest = primary_first(comparison.deviations)
     table = Table(title=escape(comparison.lab.title), title_justify="left")
@@ -157,7 +157,7 @@ def _tell_reproduction(console: Console, reproduction: Reproduction) -> None:
     from rich.table import Table
 
     from rigtwin.compare.reproduce.reproduction import number
-    from rigtwin.compare.wording import percent
+    from rigtwin.lab.wording import percent, title
 
     for score in reproduction.scores:
         table = Table(title=f"Table {score['table']}", title_justify="left")
@@ -167,7 +167,7 @@ def _tell_reproduction(console: Console, reproduction: Reproduction) -> None:
             if row["table"] == score["table"]:
                 table.add_row(
                     row["row"],
-                    f"{row['quantity'].replace('_', ' ')} [dim]{escape(row['unit'])}[/dim]",
+                    f"{title(row['quantity'])} [dim]{escape(row['unit'])}[/dim]",
                     number(row["paper_experiment"], row["paper_experiment_std"]),
                     number(row["paper_dem"], row["paper_dem_std"]),
                     number(row["ours"], row["ours_std"]),
@@ -219,7 +219,7 @@ def _tell_diagnosis(console: Console, diagnosis: Diagnosis, files: Mapping[str, 
 def _show_quantities(console: Console, heading: str, quantities: Sequence[Quantity]) -> None:
     from rich.table import Table
 
-    from rigtwin.compare.wording import reading, siblings, title
+    from rigtwin.lab.wording import reading, siblings, title
 
     table = Table(title=escape(heading), title_justify="left")
     for column in ("quantity", "which", "value ± standard uncertainty", "method", ""):
