@@ -22,7 +22,6 @@ from rigtwin.compare.deviation import Deviation, deviations, over_views
 from rigtwin.compare.repetitions import Failure, Measured, measuring
 from rigtwin.compare.shapes import Overlay, overlays
 from rigtwin.compare.twin import NEEDS, Twin, measured_start, needs_measurement, stated_start, twin_of
-from rigtwin.compare.wording import reading
 from rigtwin.lab.entries import suggestion
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import PARAMETERS, KnownContact
@@ -31,6 +30,7 @@ from rigtwin.lab.notebook import Experiment, Lab, read_lab
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement
 from rigtwin.lab.rigs import PileSettings
+from rigtwin.lab.wording import reading
 
 
 @dataclass(frozen=True)

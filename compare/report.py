@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare import figures
 from rigtwin.compare.deviation import Deviation, headlines, primary_first
+from rigtwin.compare.filled import filled
 from rigtwin.compare.twin import NEEDS
-from rigtwin.compare.wording import RIG_TITLES, percent, reading, siblings, title, uncertainty, z_score
 from rigtwin.lab.materials import PARAMETERS
 from rigtwin.lab.quantity import Check, Measurement
 from rigtwin.lab.rigs import DropSettings, PendulumSettings, PileSettings
+from rigtwin.lab.wording import RIG_TITLES, percent, reading, siblings, title, uncertainty, z_score
 
 if TYPE_CHECKING:
     from rigtwin.compare.comparison import Comparison, Outcome
@@ -73,16 +74,8 @@ class CheckLine:
 
 def report(comparison: Comparison, provenance: Mapping[str, Any], out: Path) -> str:
     """The whole page; `provenance` is what provenance.json says, `out` the folder the page will lie in."""
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("rigtwin.compare", "templates"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    return environment.get_template("report.html").render(
+    return filled(
+        "report.html",
         title=comparison.lab.title,
         made=comparison.started.strftime("%d %B %Y, %H:%M UTC"),
         summary=_summary(comparison),

@@ -1,0 +1,61 @@
+"""Where a measurement's results go, so that nothing of another clip is overwritten.
+
+Beside pictures and records stands ``NAME-measurement.json``, the document of ``--json``; it tells whose results these
+are: the same rig measured from the same content may write there again, anything else may not.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.quantity import Measurement
+
+
+def results_folder(rig: str, media: Path | Sequence[Path], out: Path | None) -> Path:
+    """The folder asked for, or the first free one of ``out/drop/r01``, ``out/drop/r01~2``, ...
+
+    Raises `BadInput` where the folder asked for holds results of the same name from another rig or input.
+    """
+    source = media if isinstance(media, Path) else media[0]
+    if out is None:
+        place = Path("out") / rig / source.stem
+        places = itertools.chain([place], (place.with_name(f"{place.name}~{k}") for k in itertools.count(2)))
+        return next(place for place in places if _free(place, rig, source))
+    if not _free(out, rig, source):
+        raise BadInput(
+            f"--out: {_document(out, source)} is the result of another input named {source.stem}, and would be "
+            "overwritten; give --out another folder."
+        )
+    return out
+
+
+def keep(measurement: Measurement, folder: Path) -> Measurement:
+    """Write the document that tells whose results stand in `folder`."""
+    from rigtwin.compare.results import document, write_together
+
+    path = _document(folder, measurement.source)
+    kept = replace(measurement, files={**measurement.files, "measurement": path})
+    write_together(folder, {path.name: document(kept.to_json())})
+    return kept
+
+
+def _document(folder: Path, source: Path) -> Path:
+    return folder / f"{source.stem}-measurement.json"
+
+
+def _free(folder: Path, rig: str, source: Path) -> bool:
+    try:
+        known = json.loads(_document(folder, source).read_text(encoding="utf-8"))
+        told = (known["rig"], known["source"]["sha256"])
+    except FileNotFoundError:
+        return True
+    except (ValueError, KeyError, TypeError):  # not of ours
+        return False
+    from rigtwin.compare.results import file_sha256
+
+    return not source.is_file() or told == (rig, file_sha256(source))
