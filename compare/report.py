@@ -269,11 +269,9 @@ def _shape(overlay: Overlay) -> dict[str, str]:
 
 def _stills(measurements: Sequence[Measurement]) -> tuple[list[dict[str, Any]], int]:
     """Overlay pictures as data addresses, and how many more there are."""
+    paths = dict.fromkeys(path for item in measurements for path in item.files.values() if path.is_file())
     pictures = [
-        (re.sub(r"-(still|overlay)\.\w+$", "", path.name), path)
-        for item in measurements
-        for name, path in item.files.items()
-        if name.startswith("still") and path.is_file()
+        (re.sub(r"-(still|overlay)$", "", path.stem), path) for path in paths if path.suffix in (".png", ".jpg")
     ]
     shown = [{"name": name, **_embedded(path)} for name, path in pictures[:MOST_STILLS]]
     return shown, len(pictures) - len(shown)
@@ -329,12 +327,11 @@ def _budgets(rows: Sequence[Deviation]) -> Iterable[dict[str, Any]]:
 
 
 def _repetition(measurement: Measurement, out: Path) -> dict[str, Any]:
-    files = []
-    for kind, path in measurement.files.items():
-        try:
-            files.append((kind, path.resolve().relative_to(out.resolve()).as_posix()))
-        except ValueError:  # written elsewhere: a report that is moved could not reach it
-            continue
+    kinds: dict[Path, str] = {}
+    for kind, path in measurement.files.items():  # of a photo, overlay and still are one file
+        kinds.setdefault(path.resolve(), kind.replace("_", " "))
+    here = out.resolve()  # what was written elsewhere could not be reached by a report that is moved
+    files = [(kind, path.relative_to(here).as_posix()) for path, kind in kinds.items() if path.is_relative_to(here)]
     return {
         "name": measurement.source.name,
         "quantities": [
@@ -352,9 +349,10 @@ def _repetition(measurement: Measurement, out: Path) -> dict[str, Any]:
 
 
 def _flat(settings: Mapping[str, Any], prefix: str = "") -> Iterable[tuple[str, str]]:
-    """Nested settings as lines: ``particle.diameter``, ``0.0062``."""
+    """Nested settings as lines: ``particle, diameter``, ``0.0062``."""
     for name, value in settings.items():
+        words = f"{prefix}{name.replace('_', ' ')}"
         if isinstance(value, Mapping):
-            yield from _flat(value, f"{prefix}{name}.")
+            yield from _flat(value, f"{words}, ")
         elif value is not None:
-            yield f"{prefix}{name}", f"{value:.6g}" if isinstance(value, float) else str(value)
+            yield words, f"{value:.6g}" if isinstance(value, float) else str(value)
