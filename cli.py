@@ -17,7 +17,7 @@ import typer
 from rigtwin import __version__
 from rigtwin.commands import measure, simulate
 from rigtwin.commands.ending import Work, finished
-from rigtwin.commands.options import Heaps, Json, Out, Quiet, Seed, Threads, out_option
+from rigtwin.commands.options import Heaps, Json, Out, Quiet, Seed, Stiffness, Threads, out_option
 from rigtwin.commands.show import print_json, show_comparison, show_diagnosis, show_reproduction
 
 app = typer.Typer(
@@ -109,6 +109,7 @@ def compare(
         typer.Option("--model", metavar="FILE", help="A model.toml: its contacts and effects go before lab.toml's."),
     ] = None,
     threads: Threads = None,
+    stiffness_factor: Stiffness = None,
     out: Out = None,
 ) -> Work:
     """Measure a whole lab, run its twins, write percent deviations.
@@ -128,6 +129,7 @@ def compare(
         heaps=heaps,
         model=model,
         threads=threads,
+        stiffness_factor=stiffness_factor,
     )
 
 

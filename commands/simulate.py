@@ -14,6 +14,7 @@ from rigtwin.commands.ending import Work, simulated
 from rigtwin.commands.options import (
     Command,
     Seed,
+    Stiffness,
     Threads,
     gathered,
     option,
@@ -27,13 +28,20 @@ LabFolder = Annotated[
 ]
 ParticleName = Annotated[str, option("--particle", "NAME", "D4, D6, D12, ... or a particle of --lab.")]
 WallName = Annotated[str, option("--wall", "NAME", "steel, ... or a material of --lab.")]
-Restitution = Annotated[float | None, option("--restitution", "0..1", "Restitution of the contact.")]
-StaticFriction = Annotated[float | None, option("--static-friction", "MU", "Static friction between particles.")]
-RollingFriction = Annotated[float | None, option("--rolling-friction", "MU", "Rolling friction between particles.")]
-WallFriction = Annotated[float | None, option("--static-friction", "MU", "Static friction on the plate.")]
-WallRolling = Annotated[float | None, option("--rolling-friction", "MU", "Rolling friction on the plate.")]
-Stiffness = Annotated[
-    float, typer.Option("--stiffness-factor", help="Young's moduli are multiplied by this, to save time.")
+Restitution = Annotated[
+    float | None, quantity("--restitution", "number", "0..1", "Restitution of the contact.", highest=1.0)
+]
+StaticFriction = Annotated[
+    float | None, quantity("--static-friction", "number", "MU", "Static friction between particles.", zero=True)
+]
+RollingFriction = Annotated[
+    float | None, quantity("--rolling-friction", "number", "MU", "Rolling friction between particles.", zero=True)
+]
+WallFriction = Annotated[
+    float | None, quantity("--static-friction", "number", "MU", "Static friction on the plate.", zero=True)
+]
+WallRolling = Annotated[
+    float | None, quantity("--rolling-friction", "number", "MU", "Rolling friction on the plate.", zero=True)
 ]
 TwinRate = Annotated[
     float, quantity("--frame-rate", "frequency", "240Hz", "How often the twin's record is taken; 240 Hz.")
@@ -318,8 +326,10 @@ def simulate_drum(
     depth: Annotated[
         float | None, quantity("--depth", "length", "50mm", "Inner length of the drum; half its diameter.")
     ] = None,
-    fill: Annotated[float | None, option("--fill", "0..1", "Share of the drum that the bed takes; 0.35.")] = None,
-    turns: Annotated[float, option("--turns", "N", "How often the drum turns.")] = 1.0,
+    fill: Annotated[
+        float | None, quantity("--fill", "number", "0..1", "Share of the drum that the bed takes; 0.35.", highest=1.0)
+    ] = None,
+    turns: Annotated[float, quantity("--turns", "number", "N", "How often the drum turns; 1.")] = 1.0,
     count: Annotated[int | None, typer.Option("--count", min=1, help="Particles, in place of --fill.")] = None,
     run: Run,
 ) -> Work:

@@ -102,11 +102,13 @@ def compare(
     threads: int | None = None,
     workers: int | None = None,
     model: Path | None = None,
+    stiffness_factor: float | None = None,
 ) -> Comparison:
     """Compare a lab with its twins and write everything into `out`.
 
     `only` names the experiments to take (all by default), `count` the particles of a pile's twin where lab.toml gives
-    none, `heaps` how many heaps that twin pours, with seeds from `seed` upwards.
+    none, `heaps` how many heaps that twin pours, with seeds from `seed` upwards, `stiffness_factor` what the moduli of
+    twins of many particles are multiplied by.
     `model` is a model.toml whose contacts and effects go before what lab.toml says.  A repetition that cannot be
     measured is left out with a warning.  Raises `BadInput` when an experiment has none left and `BadLabFile` when
     lab.toml is at fault, and then leaves the files of an earlier run as they were.
@@ -119,7 +121,9 @@ def compare(
     for experiment in experiments:
         _need_contacts(lab, experiment)
     twins: dict[str, list[Twin]] = {}
-    run = partial(twin_of, model=lab.model, count=count, threads=threads, progress=progress)
+    run = partial(
+        twin_of, model=lab.model, count=count, threads=threads, stiffness_factor=stiffness_factor, progress=progress
+    )
     with measuring(experiments, out, workers) as pending:
         for experiment in experiments:
             if not needs_measurement(experiment):

@@ -163,7 +163,7 @@ class Bench:
         if bulk.largest_overlap > OVERLAP_LIMIT:
             said.append(
                 f"the largest overlap was {bulk.largest_overlap:.1%} of a radius; "
-                f"above {OVERLAP_LIMIT:.0%} raise stiffness_factor"
+                f"above {OVERLAP_LIMIT:.0%} give a larger --stiffness-factor"
             )
         return tuple(said)
 
