@@ -40,6 +40,7 @@ SCRATCH = frozenset(
         "packet",
         "desk",
         "gathering",
+        "shares",
     }
 ) | {
     f"walls.{name}"
