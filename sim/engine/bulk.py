@@ -27,6 +27,7 @@ from rigtwin.sim.engine import columns as at
 from rigtwin.sim.engine.clock import UNSTABLE, positive
 from rigtwin.sim.engine.contact import IMPACT_SPEED, LAW_SIZE, ContactLaw, Mechanics, Rolling, pair_law
 from rigtwin.sim.engine.elements import Vector
+from rigtwin.sim.engine.neighbours import LARGE
 from rigtwin.sim.engine.team import Crew
 from rigtwin.sim.engine.terms import Active, Terms, terms_of
 from rigtwin.sim.engine.wall_contacts import KINDS, THREADS, UNTIL, WallTable, motion_of, motion_row, wall_table
@@ -36,6 +37,7 @@ Array = npt.NDArray[np.float64]
 
 SMALLEST_ARENA = 1024  # beads; arenas come in steps of four, so that few kernels are ever compiled
 PAIRS_PER_BEAD, PAIRS_PER_PART = 5, 8  # half the neighbours of a bead, and of one in a clump, with room
+PAIRS_IN_LARGE = 4  # among very many single beads: a settled bed has 3.3 at the usual skin
 NEAR_PER_BEAD = 2  # walls, or parts of them, near a bead on average, with room
 NEAR_IN_LARGE = 1 / 8  # the same among very many beads, few of which are at a wall
 SKIN = 0.1  # of the largest diameter
@@ -534,7 +536,8 @@ class Bulk:
         self._arena.end_burst(length)
 
     def _pair_size(self, capacity: int) -> int:
-        return (PAIRS_PER_PART if self._rigid else PAIRS_PER_BEAD) * capacity
+        single = PAIRS_IN_LARGE if capacity > LARGE else PAIRS_PER_BEAD
+        return (PAIRS_PER_PART if self._rigid else single) * capacity
 
     @property
     def _alike(self) -> bool:
@@ -546,7 +549,8 @@ class Bulk:
         if status == at.OK:
             return
         if status in (at.PAIRS_FULL, at.NEAR_FULL):
-            more_pairs, more_near = (4, 1) if status == at.PAIRS_FULL else (1, 4)
+            more = 4 if self._arena.capacity < LARGE else 2
+            more_pairs, more_near = (more, 1) if status == at.PAIRS_FULL else (1, more)
             sizes = more_pairs * self._arena.pair_capacity, more_near * self._arena.walls.near_capacity
             self._grow(self._arena.capacity, *sizes)
             return
