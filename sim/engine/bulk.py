@@ -44,6 +44,7 @@ SKIN = 0.1  # of the largest diameter
 BEADS_PER_THREAD = 500  # fewer gain nothing from another thread
 LAUNCH_SECONDS = 0.25  # kernels come back at least twice a second, so that progress and Ctrl-C work
 OVERLAP_AT_START = 1e-3  # of a radius; more is a blunder
+FEW = 300  # spheres, among which all pairs are looked at sooner than SciPy is imported
 
 
 class SimulationFailed(RigtwinError):
@@ -488,12 +489,10 @@ class Bulk:
         self._check_overlaps(position, radii, name, tolerance)
 
     def _check_overlaps(self, position: Array, radii: Array, name: npt.NDArray[np.int64], tolerance: float) -> None:
-        from scipy.spatial import cKDTree
-
         old = self._rows()
         centres, sizes = np.vstack([old[:, 0:3], position]), np.concatenate([old[:, 9], radii])
         names = np.concatenate([self._owners[old[:, 18].astype(int)], name])
-        near = cKDTree(centres).query_pairs(2 * sizes.max(), output_type="ndarray")
+        near = _pairs_within(centres, 2 * sizes.max())
         near = near[(near[:, 1] >= len(old)) & (names[near[:, 0]] != names[near[:, 1]])]
         gap = np.linalg.norm(centres[near[:, 0]] - centres[near[:, 1]], axis=1) - sizes[near].sum(1)
         if len(gap) and gap.min() < -tolerance:
@@ -648,3 +647,13 @@ def _arena_size(beads: int) -> int:
 
 def _near_size(capacity: int) -> int:
     return int(max(min(NEAR_PER_BEAD * capacity, 32_768), NEAR_IN_LARGE * capacity))
+
+
+def _pairs_within(centres: Array, distance: float) -> npt.NDArray[np.int64]:
+    """Numbers of all pairs that are no farther apart than `distance` [m], the lower first, shape (n, 2)."""
+    if len(centres) <= FEW:
+        pairs = np.stack(np.triu_indices(len(centres), 1), axis=1)
+        return pairs[np.linalg.norm(centres[pairs[:, 0]] - centres[pairs[:, 1]], axis=1) <= distance]
+    from scipy.spatial import cKDTree
+
+    return np.asarray(cKDTree(centres).query_pairs(distance, output_type="ndarray"))
