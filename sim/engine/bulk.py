@@ -653,7 +653,7 @@ def _pairs_within(centres: Array, distance: float) -> npt.NDArray[np.int64]:
     """Numbers of all pairs that are no farther apart than `distance` [m], the lower first, shape (n, 2)."""
     if len(centres) <= FEW:
         pairs = np.stack(np.triu_indices(len(centres), 1), axis=1)
-        return pairs[np.linalg.norm(centres[pairs[:, 0]] - centres[pairs[:, 1]], axis=1) <= distance]
+        return np.asarray(pairs[np.linalg.norm(centres[pairs[:, 0]] - centres[pairs[:, 1]], axis=1) <= distance])
     from scipy.spatial import cKDTree
 
     return np.asarray(cKDTree(centres).query_pairs(distance, output_type="ndarray"))
