@@ -22,10 +22,10 @@ LINE = 32  # numbers of a thread's row: two threads never share a line of the ca
 # the one after which it had waited enough
 WAITED, PARTS, LEFT_AT, LATE_AT = range(4)
 GATHERED, DISBANDED = 1, 2
-UNTIL_GATHERED = 500_000  # looks at another thread
-PATIENCE = 3_000_000  # looks in one launch, then it ends
+UNTIL_GATHERED = 200_000  # looks at another thread
+PATIENCE = 1_500_000  # looks in one launch, then it ends
 LOOK = 2e-8  # [s], roughly
-ALONE = 0.2, 10.0  # [s] on one thread after another had no core to itself: the first time, and the longest
+ALONE = 0.05, 10.0  # [s] on one thread after another had no core to itself: the first time, and the longest
 LEAST_SHARE, WATCHED = 0.6, 0.05  # part of its cores that a team must get, and how long it is looked at [s]
 
 
