@@ -179,6 +179,8 @@ def show_diagnosis(diagnosis: Diagnosis, files: Mapping[str, Path]) -> None:
     """The verdict, where and what, and the gap before and after."""
     console = _console()
     console.print(f"[bold]{escape(diagnosis.verdict)}[/bold]: {escape(diagnosis.reason)}")
+    for one in diagnosis.left_out:
+        console.print(f"[yellow]{escape(one)}[/yellow]")
     document = diagnosis.to_json()
     console.print(f"where: {escape(document['where_in_words'])}")
     for effect in document["effects"]:
