@@ -379,7 +379,7 @@ def _verdict(simulated: Combined | None, z: float | None, freedom: float, *, dou
 
 
 def _note(rig: str, measured: Combined, simulated: Combined | None, set_from: str) -> str:
-    notes = []
+    notes = [] if simulated is not None else ["the twin gives no such number"]
     both = {"measured": measured, "simulated": simulated}
     single = [name for name, one in both.items() if one is not None and one.n == 1]
     if rig == "pile" and single:

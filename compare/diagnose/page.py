@@ -12,6 +12,7 @@ import numpy as np
 from rigtwin.compare.diagnose.diagnosis import Diagnosis, in_words, parameters
 from rigtwin.compare.diagnose.fit import Fit
 from rigtwin.compare.diagnose.gap import closed
+from rigtwin.compare.filled import filled
 from rigtwin.lab.records import Array
 
 if TYPE_CHECKING:
@@ -24,21 +25,14 @@ SLICES = 40  # of a record, for the curves
 
 def page(diagnosis: Diagnosis) -> str:
     """The whole page."""
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("rigtwin.compare", "templates"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
     naming = diagnosis.naming
-    return environment.get_template("diagnosis.html").render(
+    return filled(
+        "diagnosis.html",
         title=diagnosis.lab.title,
         rig=diagnosis.lab.rig,
         verdict=diagnosis.verdict,
         reason=diagnosis.reason,
+        left_out=diagnosis.left_out,
         form=diagnosis.form,
         next_experiment=diagnosis.next_experiment,
         designs=diagnosis.designs[:8],
