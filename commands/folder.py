@@ -1,7 +1,7 @@
 """Where a measurement's results go, so that nothing of another clip is overwritten.
 
 Beside pictures and records stands ``NAME-measurement.json``, the document of ``--json``; it tells whose results these
-are: the same rig measured from the same content may write there again, anything else may not.
+are: where none is asked for, only the same rig measured from the same content comes to the same folder again.
 """
 
 from __future__ import annotations
@@ -13,26 +13,17 @@ from dataclasses import replace
 from pathlib import Path
 
 from rigtwin.lab.content import sha256
-from rigtwin.lab.errors import BadInput
 from rigtwin.lab.quantity import Measurement
 
 
 def results_folder(rig: str, media: Path | Sequence[Path], out: Path | None) -> Path:
-    """The folder asked for, or the first free one of ``out/drop/r01``, ``out/drop/r01~2``, ...
-
-    Raises `BadInput` where the folder asked for holds results of the same name from another rig or input.
-    """
+    """The folder asked for, or the first of ``out/drop/r01``, ``r01~2`` ... without another input's results."""
+    if out is not None:
+        return out
     source = media if isinstance(media, Path) else media[0]
-    if out is None:
-        place = Path("out") / rig / source.stem
-        places = itertools.chain([place], (place.with_name(f"{place.name}~{k}") for k in itertools.count(2)))
-        return next(place for place in places if _free(place, rig, source))
-    if not _free(out, rig, source):
-        raise BadInput(
-            f"--out: {_document(out, source)} is the result of another input named {source.stem}, and would be "
-            "overwritten; give --out another folder."
-        )
-    return out
+    place = Path("out") / rig / source.stem
+    places = itertools.chain([place], (place.with_name(f"{place.name}~{k}") for k in itertools.count(2)))
+    return next(place for place in places if _free(place, rig, source))
 
 
 def keep(measurement: Measurement, folder: Path) -> Measurement:

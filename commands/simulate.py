@@ -48,6 +48,17 @@ TwinRate = Annotated[
 ]
 Duration = Annotated[float | None, quantity("--duration", "time", "1.5s", "How long the twin is watched.")]
 Count = Annotated[int, typer.Option("--count", min=1, help="Number of particles.")]
+RollingModel = Annotated[
+    Literal["A", "C"],
+    typer.Option("--rolling-model", help="Rolling resistance: constant torque (A) or elastic-plastic spring (C)."),
+]
+ContactLaw = Annotated[
+    Literal["Hertz-Mindlin", "linear"], typer.Option("--contact-law", help="Springs and dashpots of the contacts.")
+]
+ImpactSpeed = Annotated[
+    float,
+    quantity("--impact-speed", "speed", "1m/s", "Where linear springs are as stiff as Hertz's contacts; 1 m/s."),
+]
 Kept = Annotated[
     Path | None, option("--checkpoint", "FILE.npz", "Keep the run here, and go on from it where it was stopped.")
 ]
@@ -73,6 +84,9 @@ def bulk(*, wall: str, count: int | None = None) -> Callable[[Command], Command]
         **({} if count is None else {"count": (Count, count)}),
         "seed": (Seed, 1),
         "stiffness_factor": (Stiffness, 1e-3),
+        "rolling": (RollingModel, "C"),
+        "contact_law": (ContactLaw, "Hertz-Mindlin"),
+        "impact_speed": (ImpactSpeed, 1.0),
         "threads": (Threads, None),
         "checkpoint": (Kept, None),
         "trajectory": (Filmed, None),
@@ -81,6 +95,7 @@ def bulk(*, wall: str, count: int | None = None) -> Callable[[Command], Command]
 
     def gather(**said: Any) -> Callable[[], tuple[Any, dict[str, Any]]]:
         asked = {name: value for name, value in said.items() if name not in casting}
+        asked["rolling"] = f"type {asked['rolling']}"
         return lambda: (_cast(**{name: said[name] for name in casting}), asked)
 
     return gathered("run", options, gather)

@@ -25,7 +25,7 @@ from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantit
 from rigtwin.lab.records import Profile
 from rigtwin.measure.bed import Bed, Outline, bed_in_photo, follow_bed
 from rigtwin.measure.media import open_video, read_photo
-from rigtwin.measure.steady import Mean, find_avalanches, mean_over_time, steady_part
+from rigtwin.measure.steady import Avalanches, Mean, find_avalanches, mean_over_time, steady_part
 
 Array = npt.NDArray[np.float64]
 
@@ -224,12 +224,14 @@ def _evaluate(seen: Observation, speed: float | None) -> Evaluation:
             for part, pair in varied.items()
         }
         quantities.append(_quantity(key, mean, doubt, seen, int(np.isfinite(angles[key][kept]).sum()), rises, s_shaped))
-    if avalanches is not None:
+    warnings = []
+    if isinstance(avalanches, str):
+        warnings.append(f"avalanche frequency and angles: none given, for {avalanches}.")
+    else:
         quantities += _of_avalanches(avalanches, quantities[0].budget)
     checks = _checks(seen, main, first, last, means.get((GRAPHICAL, MIDDLE)))
     if failed := "; ".join(each.message for each in checks if not each.passed and each.check == "surface_in_view"):
         quantities = [replace(one, doubtful=failed) for one in quantities]
-    warnings = []
     if last - first + 1 < len(seen.times):
         warnings.append(
             f"steady part: {seen.times[first]:.3f} s to {seen.times[last]:.3f} s; before and after it the surface lies "
@@ -336,7 +338,7 @@ def _quantity(
     return Quantity(name, mean.value, root_sum_of_squares(budget), "deg", method, 1, detail, budget)
 
 
-def _of_avalanches(found: Any, budget: Mapping[str, float]) -> list[Quantity]:
+def _of_avalanches(found: Avalanches, budget: Mapping[str, float]) -> list[Quantity]:
     error = {"scatter of intervals": found.frequency_error}
     angle = {part: value for part, value in budget.items() if part != "flow over time"}
     angle["scatter of avalanches"] = budget.get("flow over time", 0.0)

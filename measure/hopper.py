@@ -95,7 +95,12 @@ def measure(
         "slide_goes": {1: "right", -1: "left", 0: "not told"}[gate.direction if gate is not None else 0],
         "frames": len(seen.moments),
     }
-    quantities = (*evaluation.quantities, *_outlet_velocity(seen, scale, scale_doubt))
+    velocity = _outlet_velocity(seen, scale, scale_doubt)
+    if isinstance(velocity, str):
+        warnings.append(f"outlet velocity: none given, for {velocity}.")
+        quantities = evaluation.quantities
+    else:
+        quantities = (*evaluation.quantities, velocity)
     result = Measurement(
         rig="hopper",
         source=clip,
@@ -155,7 +160,12 @@ def _evaluate(
         _instant("last_particle_time", last),
         _discharge(opened, last),
     ]
-    quantities += _rates(time, share, full, left.unit, total_mass, area_doubt)
+    rates = _rates(time, share, full, left.unit, total_mass, area_doubt)
+    quantities += rates
+    if len(rates) == 1:
+        warnings.append("flow rate: none given, for too few frames show the steady flow; film at a higher rate.")
+    elif rates[1].quantity != "mass_flow_rate":
+        warnings.append(f"mass flow rate: none given, but a {rates[1].quantity.replace('_', ' ')}; give --total-mass.")
     quantities.append(
         Quantity(
             "residue_fraction", stays, max(area_doubt * stays, 0.003 if area_doubt else 0.0), "1", "end of the clip"
@@ -410,13 +420,14 @@ def outlet_profile(seen: Outflow, scale: float) -> tuple[Array, Array]:
     return (place - (seen.scenery.slot.left + seen.scenery.slot.right) / 2) * size, shift * size / seen.interval
 
 
-def _outlet_velocity(seen: Outflow, scale: float | None, scale_doubt: float) -> list[Quantity]:
+def _outlet_velocity(seen: Outflow, scale: float | None, scale_doubt: float) -> Quantity | str:
+    """Mean downward velocity of the beads in the slot, or in words why it is not known."""
     if scale is None:
-        return []
+        return "no scale is known; give --bin-width, --bead-diameter or --scale"
     _, velocity = outlet_profile(seen, scale)
     known = velocity[np.isfinite(velocity)]
     if len(known) < 3:
-        return []
+        return f"frames match in only {len(known)} places of the slot; film at a higher rate, with a shorter exposure"
     value = float(known.mean())
     budget = {
         # neighbouring windows overlap by half
@@ -425,7 +436,7 @@ def _outlet_velocity(seen: Outflow, scale: float | None, scale_doubt: float) -> 
     }
     detail: dict[str, Detail] = {"windows": len(known), "fastest_m_s": round(float(known.max()), 5)}
     method = "cross-correlation at the slot, mean over the steady flow"
-    return [Quantity("outlet_velocity", value, root_sum_of_squares(budget), "m/s", method, 1, detail, budget)]
+    return Quantity("outlet_velocity", value, root_sum_of_squares(budget), "m/s", method, 1, detail, budget)
 
 
 def _scale(

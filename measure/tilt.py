@@ -198,7 +198,7 @@ def _gravity_check(way: Way, onset: Onset, variant: Variant) -> Check:
     passed = abs(onset.gain - 1) < 3 * doubt
     how = "slides" if variant == "slide" else "rolls"
     found = (
-        f"the body's acceleration grows with the angle as {onset.gain:.3f} +- {doubt:.3f} times that of one that {how}"
+        f"the body's acceleration grows with the angle as {onset.gain:.3f} ± {doubt:.3f} times that of one that {how}"
     )
     if passed:
         return Check("gravity", True, onset.gain, 1.0, f"{found}: scale, frame rate and variant fit together.")
@@ -528,5 +528,5 @@ def _view_checks(film: Film, gauge: Gauge, video: Video) -> tuple[Check, ...]:
     where = (
         "as given" if gauge.roll_from == "given" else f"from {len(film.level.lines) if film.level else 0} level edges"
     )
-    message = f"the horizontal runs at {degrees:+.2f} +- {doubt:.2f} deg in the picture, {where}."
+    message = f"the horizontal runs at {degrees:+.2f} ± {doubt:.2f} deg in the picture, {where}."
     return arm, timing, still, Check("level", True, degrees, 0.0, message)

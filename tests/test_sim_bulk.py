@@ -204,7 +204,7 @@ def same_bits(one: engine.Beads, other: engine.Beads) -> bool:
 
 def test_one_thread_and_two_give_the_same_bits(monkeypatch):
     serial = poured(1)
-    monkeypatch.setattr(engine, "THREADED_FROM", 1)
+    monkeypatch.setattr(engine, "BEADS_PER_THREAD", 1)
     assert same_bits(poured(2), serial)
     assert serial.spin.any()
 

@@ -80,7 +80,7 @@ def test_the_run_may_break_long_after_its_last_checkpoint(broken_off, whole, tmp
 
 @pytest.mark.parametrize(("before", "after"), [(1, 2), (2, 1)])
 def test_the_number_of_threads_may_change_at_the_break(broken_off, before, after, whole, tmp_path, monkeypatch):
-    monkeypatch.setattr(engine, "THREADED_FROM", 1)
+    monkeypatch.setattr(engine, "BEADS_PER_THREAD", 1)
     broken_off(heap, 6, checkpoint=tmp_path / "heap.npz", checkpoint_interval=0, threads=before)
     assert same_end(heap(checkpoint=tmp_path / "heap.npz", threads=after), whole)
 

@@ -16,6 +16,7 @@ from rigtwin.lab.rigs import Pile
 from rigtwin.lab.shapes import row
 from rigtwin.sim import pile
 from rigtwin.sim.bench import Bench
+from rigtwin.sim.outline import silhouette
 
 ASH = Material("ash", 720, 11e9, 0.44)
 STEEL = Material("steel", 7850, 210e9, 0.3)
@@ -98,12 +99,12 @@ def test_a_heap_that_is_not_given_time_says_that_it_moves():
     view=st.floats(0, 180),
 )
 def test_one_bead_casts_a_round_silhouette(x, y, z, view):
-    profile = pile.silhouette(np.array([[x, y, z]]), 0.003, 0.04, view)
+    profile = silhouette(np.array([[x, y, z]]), 0.003, 0.04, view)
     shadow = profile.height > 0
     assert profile.height.max() == pytest.approx(z + 0.003, rel=1e-2)
     assert profile.height[shadow].min() >= z
     assert np.ptp(profile.x[shadow]) == pytest.approx(0.006, abs=1e-3)
-    turned = pile.silhouette(np.array([[-x, -y, z]]), 0.003, 0.04, view)
+    turned = silhouette(np.array([[-x, -y, z]]), 0.003, 0.04, view)
     assert turned.height == pytest.approx(profile.height[::-1], abs=1e-9)
 
 

@@ -24,6 +24,7 @@ from rigtwin.compare.diagnose.locate import Disagreement, Location, Regioned, lo
 from rigtwin.compare.diagnose.naming import FORM, Candidate, Naming, name_effects
 from rigtwin.compare.diagnose.pendulum import PendulumBench
 from rigtwin.compare.diagnose.roll import RollBench
+from rigtwin.compare.diagnose.sift import sifted
 from rigtwin.compare.diagnose.slide import SlideBench
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.progress import Progress, silent
@@ -53,6 +54,8 @@ class Diagnosis:
     """Settings that would tell the rivals apart, the most telling first."""
     beside: tuple[Beside, ...] = ()
     """The runner-up and a placebo, fitted in the winner's place."""
+    left_out: tuple[str, ...] = ()
+    """Rows and repetitions that were not used, each with the reason."""
     seconds: float = 0.0  # [s], CPU
     bench: Any = field(default=None, repr=False)
 
@@ -68,6 +71,7 @@ class Diagnosis:
             "reason": self.reason,
             "lab": self.lab.title,
             "rig": self.lab.rig,
+            "left_out": list(self.left_out),
             "where": [
                 {
                     "experiment": one.experiment,
@@ -129,6 +133,7 @@ def diagnose(
             f"{lab.folder}: {lab.repetitions} repetitions in all; at least {FEWEST} are needed to tell an effect "
             "from scatter."
         )
+    lab, left_out = sifted(lab)
     bench = bench_of(lab)
     progress("baseline", 0, 1)
     base = fit(bench, rounds=12)
@@ -137,7 +142,7 @@ def diagnose(
     verdict = _judge(bench, lab, naming, progress)
     chosen = verdict.chosen
     sizes = gap(bench, lab, base, chosen.fitted if chosen else None)
-    told = replace(verdict, gap=sizes, designs=_designs(verdict), beside=_beside(verdict, sizes))
+    told = replace(verdict, left_out=left_out, gap=sizes, designs=_designs(verdict), beside=_beside(verdict, sizes))
     return replace(told, next_experiment=_next(told), seconds=time.process_time() - begun)
 
 
@@ -164,7 +169,7 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
     """Verdict from what was tried; nameless terms are asked whether the listed ones suffice."""
     best, location = naming.best, naming.location
     plain = Diagnosis(lab, "none", "", location, naming, bench=bench)
-    loud = location.p < SURE or max((one.gain for one in naming.tried), default=0.0) > FORM
+    loud = location.p < SURE or max((one.score for one in naming.tried), default=0.0) > FORM
     if best is None and not loud:
         return replace(plain, reason="the data lie inside noise, scatter and stated calibration")
     forms = _forms(bench, naming, progress) if best is None or _more_to_say(bench, best) else []
@@ -178,7 +183,7 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
                 verdict="unlisted",
                 reason="data and twin disagree, and neither a listed effect nor a simple formula describes how",
             )
-        refused = [one for one in naming.tried if one.gain > FORM]
+        refused = [one for one in naming.tried if one.score > FORM]
         if location.p < SURE or refused:
             return replace(
                 plain,

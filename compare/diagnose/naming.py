@@ -20,6 +20,8 @@ SECOND_SHARE, SECOND_MOST = 0.02, 1500.0
 effect whose law is known to a few percent leaves something that is no second effect."""
 OTHER_SHARE = 1e-4
 """As `SECOND_SHARE`, for one more effect that acts elsewhere: in the picture, where the first acts on the motion."""
+ACROSS_MOST = 100.0
+"""As `SECOND_MOST`, for one that acts across a drop where the first acts along it: no law of the one shows there."""
 RIVAL = 0.3  # a single that gains less than this share of the best is no root for pairs
 ALIKE = 6.0
 """Candidates closer than this in deviance explain the data equally well."""
@@ -178,6 +180,7 @@ class _Search:
 def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell: Tell) -> Naming:
     """Forward selection over the library, from the fewest terms up, with pairs grown from the three best singles."""
     location = locate(bench, base)
+    rig = bench.lab.rig  # type: ignore[attr-defined]
     search = _Search(bench, base, _spread(base, location))
     search.begin()
     tell("candidates", 0, len(candidates))
@@ -202,7 +205,11 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
         grown = search.polish(grown)
         rounds.append(tuple(grown))
         more = _best(grown)
-        if more is None or more.score - best.score < _price(best, more) or not _each_needed(more, search.done):
+        if (
+            more is None
+            or more.score - best.score < _price(best, more, rig)
+            or not _each_needed(more, search.done, rig)
+        ):
             break
         best, front = more, _front(grown, 3)
     done = search.done
@@ -262,12 +269,20 @@ def _apart(candidates: Sequence[Candidate]) -> list[Candidate]:
     return _front(candidates, len(candidates))
 
 
-def _price(fewer: Candidate, more: Candidate) -> float:
+def _price(fewer: Candidate, more: Candidate, rig: str) -> float:
     """What one more effect must gain."""
     old = {place for term in fewer.terms for place in _places(term)}
     new = [term for term in more.terms if term.name not in fewer.names]
     alike = any(old & _places(term) for term in new)
-    return max(SECOND, min((SECOND_SHARE if alike else OTHER_SHARE) * fewer.gain, SECOND_MOST))
+    across = rig == "drop" and all(_across(one) for one in new) and not any(_across(one) for one in fewer.terms)
+    return max(
+        SECOND, min((SECOND_SHARE if alike else OTHER_SHARE) * fewer.gain, ACROSS_MOST if across else SECOND_MOST)
+    )
+
+
+def _across(term: Effect) -> bool:
+    """Whether an effect shows across the fall alone, to first order."""
+    return term.geometry in ("level", "release_spin") or term.name == "camera_roll"
 
 
 def _places(term: Effect) -> set[str]:
@@ -284,11 +299,11 @@ def _places(term: Effect) -> set[str]:
     return found | {"motion"} if "time" in found else found
 
 
-def _each_needed(candidate: Candidate, done: dict[frozenset[str], Candidate]) -> bool:
+def _each_needed(candidate: Candidate, done: dict[frozenset[str], Candidate], rig: str) -> bool:
     """Whether no term can be left out at less than the price of a term."""
     for term in candidate.terms:
         rest = done.get(frozenset(name for name in candidate.names if name != term.name))
-        if rest is not None and candidate.score - rest.score < _price(rest, candidate):
+        if rest is not None and candidate.score - rest.score < _price(rest, candidate, rig):
             return False
     return True
 
@@ -297,8 +312,9 @@ def _refused(fitted: Fit, terms: Sequence[Effect]) -> str:
     """Why a fit's coefficients cannot be: out of their physical range, or not larger than their own doubt."""
     for term in terms:
         if term.geometry == "jitter":
-            if fitted.jitter < 2e-6:
-                return "no jitter found"
+            least = term.parameters[0].least
+            if fitted.jitter < least:
+                return f"a jitter below {least:g} s is in any record"
             if fitted.white < WHITE:
                 return "what is left goes on from frame to frame, which jitter does not"
             continue
@@ -309,6 +325,8 @@ def _refused(fitted: Fit, terms: Sequence[Effect]) -> str:
                 return (
                     f"{parameter.name} = {value:.3g} {parameter.unit} is not in {parameter.low:g} to {parameter.high:g}"
                 )
+            if abs(value) < parameter.least:
+                return f"{parameter.name} = {value:.3g} {parameter.unit} is no more than any lab has"
             if abs(value) < 3.0 * std:
                 return f"{parameter.name} = {value:.3g} is within three of its standard deviations ({std:.2g}) of zero"
     return ""

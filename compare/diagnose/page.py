@@ -32,6 +32,7 @@ def page(diagnosis: Diagnosis) -> str:
         rig=diagnosis.lab.rig,
         verdict=diagnosis.verdict,
         reason=diagnosis.reason,
+        left_out=diagnosis.left_out,
         form=diagnosis.form,
         next_experiment=diagnosis.next_experiment,
         designs=diagnosis.designs[:8],

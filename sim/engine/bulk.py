@@ -28,7 +28,7 @@ from rigtwin.sim.engine.clock import UNSTABLE, positive
 from rigtwin.sim.engine.contact import IMPACT_SPEED, LAW_SIZE, ContactLaw, Mechanics, Rolling, pair_law
 from rigtwin.sim.engine.elements import Vector
 from rigtwin.sim.engine.terms import Active, Terms, terms_of
-from rigtwin.sim.engine.wall_contacts import KINDS, UNTIL, WallTable, motion_of, motion_row, wall_table
+from rigtwin.sim.engine.wall_contacts import KINDS, THREADS, UNTIL, WallTable, motion_of, motion_row, wall_table
 from rigtwin.sim.engine.walls import Motion, Shape, Wall, gaps
 
 Array = npt.NDArray[np.float64]
@@ -38,7 +38,9 @@ PAIRS_PER_BEAD, PAIRS_PER_PART = 5, 8  # half the neighbours of a bead, and of o
 NEAR_PER_BEAD = 2  # walls, or parts of them, near a bead on average, with room
 NEAR_IN_LARGE = 1 / 8  # the same among very many beads, few of which are at a wall
 SKIN = 0.1  # of the largest diameter
-THREADED_FROM = 20_000  # beads; below, one thread is as fast: measured on two cores at 4,000 and 15,000
+BEADS_PER_THREAD = 500  # fewer gain nothing from another thread
+ALONE_SECONDS = 0.2, 10.0  # on one thread after another had no core to itself: the first time, and the longest
+LEAST_SHARE, WATCHED_SECONDS = 0.6, 0.05  # part of its cores that a team must get, and how long it is looked at
 LAUNCH_SECONDS = 0.25  # kernels come back at least twice a second, so that progress and Ctrl-C work
 OVERLAP_AT_START = 1e-3  # of a radius; more is a blunder
 
@@ -133,6 +135,10 @@ class Bulk:
         self._open = open_domain
         running = backend.start()
         self.threads = running.threads if threads is None else threads
+        self._workers = min(running.threads, THREADS)
+        self._alone_until, self._alone_for = 0.0, ALONE_SECONDS[0]  # [s], on the clock of the machine
+        self._watched = np.zeros(2)  # [s], how long a team ran and how long it had its cores
+        self._compiled = False  # the first launch does that, on one core
         self._on_gpu = running.device == "cuda"
         self._skin = skin * 2 * self._largest
         self._low, self._high = np.array(low, dtype=float), np.array(high, dtype=float)
@@ -501,23 +507,49 @@ class Bulk:
     def _launch(self, steps: int) -> int:
         """Make up to `steps` steps and say how many were made."""
         arena = self._arena
-        done, kinds = 0, (self._alike, self._mechanics)
+        done = 0
         while done < steps:
             before = float(self.steps + done)
             arena.build_alone(before)
             if self._count(at.STATUS) != at.OK:
                 break
-            if not self._on_gpu and (self.threads == 1 or self._count(at.BEADS) < THREADED_FROM):
-                arena.run_serial(steps - done, before, *kinds)
+            if self._on_gpu:
+                self._burst(min(areas.BURST, steps - done), before)
             else:
-                length = min(areas.BURST, steps - done)
-                arena.begin_burst(length, min(self.threads, areas.MOST_CHUNKS), before)
-                make_step = backend.prepared(arena.run_step, *kinds)
-                for _ in range(length):
-                    make_step()
-                arena.end_burst(length)
+                self._run_team(steps - done, before)
             done += self._count(at.DONE)
         return done
+
+    def _run_team(self, steps: int, before: float) -> None:
+        """Up to `steps` steps on as many threads as have cores to themselves."""
+        alone = time.perf_counter() < self._alone_until
+        most = 1 if alone else min(self.threads, self._workers, self._count(at.BEADS) // BEADS_PER_THREAD)
+        began, used = time.perf_counter(), time.process_time()
+        self._arena.run_team(max(1, most), steps, before, self._alike, self._mechanics)
+        if most > 1 and self._compiled:
+            self._watched += time.perf_counter() - began, (time.process_time() - used) / most
+            self._judge_team()
+        self._compiled = True
+
+    def _judge_team(self) -> None:
+        """Should threads not have had their cores, go on with one, each time for longer."""
+        watched, used = self._watched
+        first, longest = ALONE_SECONDS
+        if self._count(at.LATE) or (watched > WATCHED_SECONDS and used < LEAST_SHARE * watched):
+            self._alone_until = time.perf_counter() + self._alone_for
+            self._alone_for = min(2 * self._alone_for, longest)
+            self._watched[:] = 0
+        elif watched > WATCHED_SECONDS:
+            self._alone_for = first
+            self._watched[:] = 0
+
+    def _burst(self, length: int, before: float) -> None:
+        """Some steps with a launch each, as a GPU needs it."""
+        self._arena.begin_burst(length, THREADS, before)
+        make_step = backend.prepared(self._arena.run_step, self._alike, self._mechanics)
+        for _ in range(length):
+            make_step()
+        self._arena.end_burst(length)
 
     def _pair_size(self, capacity: int) -> int:
         return (PAIRS_PER_PART if self._rigid else PAIRS_PER_BEAD) * capacity

@@ -28,7 +28,19 @@ State = dict[str, npt.NDArray[Any]]
 # written anew before they are read, or set up with the run; everything else in an arena is kept, whatever is added to
 # it one day
 SCRATCH = frozenset(
-    {"spare", "cell_first", "cell_of", "order", "fill", "spare_member", "body_new", "chosen", "packet"}
+    {
+        "spare",
+        "cell_first",
+        "cell_of",
+        "order",
+        "fill",
+        "spare_member",
+        "body_new",
+        "chosen",
+        "packet",
+        "desk",
+        "gathering",
+    }
 ) | {
     f"walls.{name}"
     for name in (
