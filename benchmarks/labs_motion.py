@@ -131,7 +131,9 @@ def restitution_at(bead: Bead, base: float, speed: float, hidden: Mapping[str, f
         e *= (speed / threshold) ** -0.25
     if strength := hidden.get("plate_loss", 0.0):
         # Zener's inelasticity grows with (R / thickness)^2 v^(1/5); the base is that at 1 m/s
-        e *= math.exp(-strength * (bead.radius / thickness) ** 2 * bead.density / 1000 * (speed**0.2 - 1))
+        # and is a part of the base's whole loss
+        share = min(strength * (bead.radius / thickness) ** 2 * bead.density / 1000, -math.log(e))
+        e *= math.exp(-share * (speed**0.2 - 1))
     if sticking := sticking_speed(bead, hidden):
         e = math.sqrt(max(e**2 - (sticking / speed) ** 2, 0.0))
     return min(max(e, 0.0), 0.99)

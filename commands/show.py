@@ -198,6 +198,8 @@ def show_diagnosis(found: tuple[Diagnosis, Mapping[str, Path]], as_json: bool, q
 
 def _tell_diagnosis(console: Console, diagnosis: Diagnosis, files: Mapping[str, Path]) -> None:
     console.print(f"[bold]{escape(diagnosis.verdict)}[/bold]: {escape(diagnosis.reason)}")
+    for one in diagnosis.left_out:
+        console.print(f"[yellow]{escape(one)}[/yellow]")
     document = diagnosis.to_json()
     console.print(f"where: {escape(document['where_in_words'])}")
     for effect in document["effects"]:

@@ -18,6 +18,7 @@ from rigtwin.compare.diagnose.notebook import tracked_lab
 from rigtwin.compare.diagnose.page import page
 from rigtwin.compare.diagnose.pendulum import pushing
 from rigtwin.compare.diagnose.run import diagnose_folder, model_of
+from rigtwin.compare.diagnose.sift import sifted
 from rigtwin.compare.diagnose.slopes import slopes
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.model import read_model, write_model
@@ -477,3 +478,60 @@ def test_a_setting_that_changes_nothing_tells_no_rivals_apart_and_a_dense_ball_t
     assert max(table.values()) > 4.0
     assert {one.role for one in dragged.beside} == {"runner-up", "placebo"}
     assert all(one.closed is None or one.closed <= 1.0 for one in dragged.beside)
+
+
+def change_rows(file, change):
+    lines = file.read_text().splitlines()
+    rows = change(np.array([[float(value) for value in line.split(",")] for line in lines[1:]]))
+    file.write_text("\n".join([lines[0], *(f"{t:.5f},{x:.6f},{y:.6f}" for t, x, y in rows)]) + "\n")
+
+
+def test_a_row_off_the_path_and_a_frame_lost_without_a_trace_are_left_out_by_name(tmp_path):
+    folder = write_drops(tmp_path, 5, beads=("heavy",), heights=(0.6,), repetitions=3)
+
+    def off_the_path(rows):
+        rows[60, 1] += 0.02
+        return rows
+
+    def frames_lost(rows):  # in the first rebound, and the later rows keep on counting as if none had been
+        return np.column_stack([rows[: len(rows) - 6, 0], np.delete(rows, np.s_[110:116], axis=0)[:, 1:]])
+
+    change_rows(folder / "heavy_600" / "rep01.csv", off_the_path)
+    change_rows(folder / "heavy_600" / "rep02.csv", frames_lost)
+    lab, said = sifted(read_tracked_lab(folder))
+    first, second, third = (tracks[0] for tracks in lab.conditions[0].repetitions)
+    whole = read_tracked_lab(folder).conditions[0].repetitions
+    assert len(first.time) == len(whole[0][0].time) - 1
+    assert 60 / 240 not in first.time.round(5)
+    assert abs(second.time[-1] - 109 / 240) < 1.5 / 240
+    assert len(third.time) == len(whole[2][0].time)
+    assert len(said) == 2
+    assert "repetition 1: 1 rows" in said[0]
+    assert "repetition 2: left out after" in said[1]
+
+
+def test_a_bead_that_never_rolled_says_nothing_and_a_lab_of_such_is_refused(tmp_path):
+    folder = write_rolls(tmp_path / "a", 3)
+    conditions = read_tracked_lab(folder).conditions
+    still = next(one for one in conditions if not one.settings.get("push_speed_m_s"))
+    change = np.random.default_rng(1)
+    for number in range(len(still.repetitions)):
+        at_rest = np.column_stack([np.arange(40) / 240, 1e-4 * change.normal(size=(40, 2))])
+        change_rows(folder / still.name / f"rep{number + 1:02d}.csv", lambda rows, rest=at_rest: rest)
+    lab, said = sifted(read_tracked_lab(folder))
+    assert len(lab.conditions) == len(conditions) - 1
+    assert len(said) == len(still.repetitions)
+    assert "nothing moved" in said[0]
+
+
+def test_a_jump_of_the_track_high_above_the_plate_is_no_impact(tmp_path):
+    folder = write_drops(tmp_path, 6, beads=("heavy",), heights=(0.6,), repetitions=2)
+    plain = DropBench(read_tracked_lab(folder)).events
+
+    def kicked(rows):
+        rows[136:144, 2] += np.linspace(0.0, 0.05, 8)
+        return rows
+
+    change_rows(folder / "heavy_600" / "rep01.csv", kicked)
+    after = DropBench(read_tracked_lab(folder)).events
+    assert [len(one) for one in after] == [len(one) for one in plain]

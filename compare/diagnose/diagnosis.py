@@ -15,6 +15,7 @@ from typing import Any
 
 from rigtwin.compare.diagnose.design import CLEAR, REPETITIONS, Design, designs
 from rigtwin.compare.diagnose.double import DoubleBench
+from rigtwin.compare.diagnose.doubt import parameters
 from rigtwin.compare.diagnose.drop import DropBench
 from rigtwin.compare.diagnose.fit import Fit, fit, screen
 from rigtwin.compare.diagnose.forms import nameless
@@ -24,6 +25,7 @@ from rigtwin.compare.diagnose.locate import Disagreement, Location, Regioned, lo
 from rigtwin.compare.diagnose.naming import FORM, Candidate, Naming, name_effects
 from rigtwin.compare.diagnose.pendulum import PendulumBench
 from rigtwin.compare.diagnose.roll import RollBench
+from rigtwin.compare.diagnose.sift import sifted
 from rigtwin.compare.diagnose.slide import SlideBench
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.progress import Progress, silent
@@ -53,6 +55,8 @@ class Diagnosis:
     """Settings that would tell the rivals apart, the most telling first."""
     beside: tuple[Beside, ...] = ()
     """The runner-up and a placebo, fitted in the winner's place."""
+    left_out: tuple[str, ...] = ()
+    """Rows and repetitions that were not used, each with the reason."""
     seconds: float = 0.0  # [s], CPU
     bench: Any = field(default=None, repr=False)
 
@@ -68,6 +72,7 @@ class Diagnosis:
             "reason": self.reason,
             "lab": self.lab.title,
             "rig": self.lab.rig,
+            "left_out": list(self.left_out),
             "where": [
                 {
                     "experiment": one.experiment,
@@ -93,7 +98,7 @@ class Diagnosis:
                     "effects": list(one.names),
                     "gain": one.gain,
                     "refused": one.reason,
-                    "parameters": parameters(one.fitted, one.terms),
+                    "parameters": parameters(self.lab, one.fitted, one.terms),
                     "converged": one.fitted.converged,
                 }
                 for one in sorted(naming.tried, key=lambda one: -one.gain)
@@ -129,6 +134,7 @@ def diagnose(
             f"{lab.folder}: {lab.repetitions} repetitions in all; at least {FEWEST} are needed to tell an effect "
             "from scatter."
         )
+    lab, left_out = sifted(lab)
     bench = bench_of(lab)
     progress("baseline", 0, 1)
     base = fit(bench, rounds=12)
@@ -137,7 +143,7 @@ def diagnose(
     verdict = _judge(bench, lab, naming, progress)
     chosen = verdict.chosen
     sizes = gap(bench, lab, base, chosen.fitted if chosen else None)
-    told = replace(verdict, gap=sizes, designs=_designs(verdict), beside=_beside(verdict, sizes))
+    told = replace(verdict, left_out=left_out, gap=sizes, designs=_designs(verdict), beside=_beside(verdict, sizes))
     return replace(told, next_experiment=_next(told), seconds=time.process_time() - begun)
 
 
@@ -164,7 +170,7 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
     """Verdict from what was tried; nameless terms are asked whether the listed ones suffice."""
     best, location = naming.best, naming.location
     plain = Diagnosis(lab, "none", "", location, naming, bench=bench)
-    loud = location.p < SURE or max((one.gain for one in naming.tried), default=0.0) > FORM
+    loud = location.p < SURE or max((one.score for one in naming.tried), default=0.0) > FORM
     if best is None and not loud:
         return replace(plain, reason="the data lie inside noise, scatter and stated calibration")
     forms = _forms(bench, naming, progress) if best is None or _more_to_say(bench, best) else []
@@ -178,7 +184,7 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
                 verdict="unlisted",
                 reason="data and twin disagree, and neither a listed effect nor a simple formula describes how",
             )
-        refused = [one for one in naming.tried if one.gain > FORM]
+        refused = [one for one in naming.tried if one.score > FORM]
         if location.p < SURE or refused:
             return replace(
                 plain,
@@ -370,7 +376,7 @@ def _effects(diagnosis: Diagnosis) -> list[dict[str, Any]]:
             "effect": term.name,
             "title": term.title,
             "kind": term.kind,
-            "parameters": parameters(chosen.fitted, (term,)),
+            "parameters": parameters(diagnosis.lab, chosen.fitted, (term,)),
             "probability": probability,
         }
         for term in order
@@ -384,20 +390,6 @@ def _gain_of(diagnosis: Diagnosis, term: Effect) -> float:
     rest = {name for name in diagnosis.chosen.names if name != term.name}
     without = next((one.gain for one in diagnosis.naming.tried if set(one.names) == rest), 0.0)
     return diagnosis.chosen.gain - without
-
-
-def parameters(fitted: Fit, terms: Sequence[Effect]) -> dict[str, dict[str, Any]]:
-    """Value, standard deviation and unit of each coefficient."""
-    found: dict[str, dict[str, Any]] = {}
-    for term in terms:
-        for parameter in term.parameters:
-            if term.geometry == "jitter":
-                rows = max(fitted.residual.size, 1)
-                found[parameter.name] = {"value": fitted.jitter, "std": fitted.jitter / math.sqrt(rows), "unit": "s"}
-                continue
-            name = f"{term.name}.{parameter.name}"
-            found[parameter.name] = {"value": fitted.value(name), "std": fitted.std(name), "unit": parameter.unit}
-    return found
 
 
 def _calibration(fitted: Fit) -> list[dict[str, Any]]:

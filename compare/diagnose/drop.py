@@ -22,6 +22,7 @@ from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array, Track
 from rigtwin.sim.effects import Effect
 
+LONGER = 1.3  # times the flight before: no bounce is that lively, whatever the plate's slope does
 FRICTION = 0.35  # sliding friction where the lab states none; acts only on fast spin
 
 
@@ -46,7 +47,10 @@ class DropBench:
         stated = lab.geometry.get("sliding_friction_pw") or {}
         self.friction = np.array([float(stated.get(c.wall, FRICTION)) for _, c, _ in runs])
         self.noise = noise_of(lab, [track for _, _, track in runs])
-        events = [impacts(track.time, track.position[:, 1], self.noise) for _, _, track in runs]
+        events = [
+            _on_the_plate(track, impacts(track.time, track.position[:, 1], self.noise), condition.bead.radius)
+            for _, condition, track in runs
+        ]
         runs_events = list(zip(runs, events, strict=True))
         events = [_in_flight_after(track, found, self.noise) for (_, _, track), found in runs_events]
         ends = [
@@ -371,6 +375,22 @@ def impacts(time: Array, height: Array, noise: float) -> list[float]:
             found.append(float((time[i - 1] + time[i]) / 2))
             taken[i] = True
     return sorted(found)
+
+
+def _on_the_plate(track: Track, found: Sequence[float], radius: float) -> list[float]:
+    """The impacts that are near the plate; a jump of the track higher up is none."""
+    height = track.position[:, 1]
+    step = float(np.median(np.diff(track.time)))
+    fastest = float(np.abs(np.diff(height)).max()) / step
+    # the origin may be a radius off, the scale a few percent, and the impact lies anywhere between two rows
+    highest = 2 * radius + fastest * step + 0.05 * float(height[:5].mean())
+    level = {event: float(np.interp(event, track.time, height)) for event in found}
+    kept = [event for event in found if level[event] < highest]
+    # no flight lasts longer than the one before: of two jumps that say so the higher one is none
+    for k in range(len(kept) - 3, -1, -1):
+        if kept[k + 2] - kept[k + 1] > LONGER * (kept[k + 1] - kept[k]):
+            kept.remove(max(kept[k], kept[k + 1], key=level.__getitem__))
+    return kept
 
 
 def _slopes(time: Array, value: Array, width: int) -> Array:

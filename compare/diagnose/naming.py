@@ -13,13 +13,15 @@ from rigtwin.sim.effects import Effect
 
 ALARM = 16.0
 """Least gain in deviance for a first effect: what the best of twenty false ones gains once in 1000 labs."""
-SECOND = 16.0
+SECOND = 20.0
 """Least further gain for one more effect ..."""
 SECOND_SHARE, SECOND_MOST = 0.02, 1500.0
 """... and this share of what was gained before, up to a limit, where it could be what is left of the first: a strong
 effect whose law is known to a few percent leaves something that is no second effect."""
 OTHER_SHARE = 1e-4
 """As `SECOND_SHARE`, for one more effect that acts elsewhere: in the picture, where the first acts on the motion."""
+ACROSS_MOST = 100.0
+"""As `SECOND_MOST`, for one that acts across a drop where the first acts along it: no law of the one shows there."""
 RIVAL = 0.3  # a single that gains less than this share of the best is no root for pairs
 ALIKE = 6.0
 """Candidates closer than this in deviance explain the data equally well."""
@@ -159,6 +161,24 @@ class _Search:
         self.done.update(result)
         return list(result.values())
 
+    def reduced(self, more: Candidate, best: Candidate) -> Candidate:
+        """The best of what is left of a set when one of its effects is taken out, fitted from where the set went.
+
+        A single effect whose fit had lost its way is found so.
+        """
+        rests = [best]
+        for term in more.terms:
+            left = tuple(one for one in more.terms if one is not term)
+            key = frozenset(one.name for one in left)
+            if key != frozenset(best.names):
+                fitted = fit(self.bench, left, near=more.fitted, most=25, rounds=2)
+                gain = (self.base.deviance - fitted.deviance) / self.spread
+                known = self.done.get(key)
+                if known is None or known.gain < gain or self._is_part(known.fitted):
+                    self.done[key] = Candidate(left, fitted, gain, _refused(fitted, left))
+                rests.append(self.done[key])
+        return _best(rests) or best
+
     def _to_the_end(self, one: Candidate) -> Candidate:
         if one.rough is not None and self.base.per_row > LOST:
             fitted = fit(self.bench, one.terms, start=_values(one.fitted), most=25, rounds=2)
@@ -178,6 +198,7 @@ class _Search:
 def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell: Tell) -> Naming:
     """Forward selection over the library, from the fewest terms up, with pairs grown from the three best singles."""
     location = locate(bench, base)
+    rig = bench.lab.rig  # type: ignore[attr-defined]
     search = _Search(bench, base, _spread(base, location))
     search.begin()
     tell("candidates", 0, len(candidates))
@@ -192,7 +213,8 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
     if best.fitted.per_row > 1.3 or locate(bench, best.fitted).p < 1e-3:
         # one effect does not do: the first of the pair need not be the best single
         front = [one for one in _front(singles, 3) if one.score > RIVAL * best.score]
-    for count in range(2, MOST_TERMS + 1):
+    count = 2
+    while count <= MOST_TERMS:
         if count > 2 and locate(bench, best.fitted).p > 1e-3:
             break
         grown = []
@@ -202,9 +224,15 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
         grown = search.polish(grown)
         rounds.append(tuple(grown))
         more = _best(grown)
-        if more is None or more.score - best.score < _price(best, more) or not _each_needed(more, search.done):
+        if more is None or more.score - best.score < _price(best, more, rig):
             break
-        best, front = more, _front(grown, 3)
+        fewer = search.reduced(more, best)
+        if fewer is not best and more.score - fewer.score < _price(fewer, more, rig):
+            best, front = fewer, [fewer]  # as good with one effect less: the set is grown from there again
+        elif _each_needed(more, search.done, rig):
+            best, front, count = more, _front(grown, 3), count + 1
+        else:
+            break
     done = search.done
     same_size = [one for one in done.values() if len(one.terms) == len(best.terms) and not one.reason]
     alike = _apart([one for one in same_size if best.score - one.score < ALIKE and one.groups != best.groups])
@@ -262,12 +290,20 @@ def _apart(candidates: Sequence[Candidate]) -> list[Candidate]:
     return _front(candidates, len(candidates))
 
 
-def _price(fewer: Candidate, more: Candidate) -> float:
+def _price(fewer: Candidate, more: Candidate, rig: str) -> float:
     """What one more effect must gain."""
     old = {place for term in fewer.terms for place in _places(term)}
     new = [term for term in more.terms if term.name not in fewer.names]
     alike = any(old & _places(term) for term in new)
-    return max(SECOND, min((SECOND_SHARE if alike else OTHER_SHARE) * fewer.gain, SECOND_MOST))
+    across = rig == "drop" and all(_across(one) for one in new) and not any(_across(one) for one in fewer.terms)
+    return max(
+        SECOND, min((SECOND_SHARE if alike else OTHER_SHARE) * fewer.gain, ACROSS_MOST if across else SECOND_MOST)
+    )
+
+
+def _across(term: Effect) -> bool:
+    """Whether an effect shows across the fall alone, to first order."""
+    return term.geometry in ("level", "release_spin") or term.name == "camera_roll"
 
 
 def _places(term: Effect) -> set[str]:
@@ -284,11 +320,11 @@ def _places(term: Effect) -> set[str]:
     return found | {"motion"} if "time" in found else found
 
 
-def _each_needed(candidate: Candidate, done: dict[frozenset[str], Candidate]) -> bool:
+def _each_needed(candidate: Candidate, done: dict[frozenset[str], Candidate], rig: str) -> bool:
     """Whether no term can be left out at less than the price of a term."""
     for term in candidate.terms:
         rest = done.get(frozenset(name for name in candidate.names if name != term.name))
-        if rest is not None and candidate.score - rest.score < _price(rest, candidate):
+        if rest is not None and candidate.score - rest.score < _price(rest, candidate, rig):
             return False
     return True
 
@@ -297,8 +333,9 @@ def _refused(fitted: Fit, terms: Sequence[Effect]) -> str:
     """Why a fit's coefficients cannot be: out of their physical range, or not larger than their own doubt."""
     for term in terms:
         if term.geometry == "jitter":
-            if fitted.jitter < 2e-6:
-                return "no jitter found"
+            least = term.parameters[0].least
+            if fitted.jitter < least:
+                return f"a jitter below {least:g} s is in any record"
             if fitted.white < WHITE:
                 return "what is left goes on from frame to frame, which jitter does not"
             continue
@@ -309,6 +346,8 @@ def _refused(fitted: Fit, terms: Sequence[Effect]) -> str:
                 return (
                     f"{parameter.name} = {value:.3g} {parameter.unit} is not in {parameter.low:g} to {parameter.high:g}"
                 )
+            if abs(value) < parameter.least:
+                return f"{parameter.name} = {value:.3g} {parameter.unit} is no more than any lab has"
             if abs(value) < 3.0 * std:
                 return f"{parameter.name} = {value:.3g} is within three of its standard deviations ({std:.2g}) of zero"
     return ""

@@ -23,6 +23,8 @@ class Parameter:
     """A clearly visible size; sets the step of the fit."""
     predicted: float | None = None
     """The value that physics predicts without a fit, where it does."""
+    least: float = 0.0
+    """What is smaller than this is in every lab, and is not named."""
     starts: tuple[float, ...] = ()
     """Further values from which a fit is started, where the way to the best one is not straight."""
     meaning: str = ""

@@ -16,7 +16,7 @@ EFFECT = Effect(
     title="lens distortion",
     kind="measurement",
     rigs=("drop", "pendulum", "double", "roll", "slide"),
-    parameters=(Parameter("radial", "1/m^2", -2.0, 2.0, 0.05, meaning="k1 of the plane of motion"),),
+    parameters=(Parameter("radial", "1/m^2", -2.0, 2.0, 0.05, least=2e-3, meaning="k1 of the plane of motion"),),
     equation="r' = r (1 + k1 r^2)",
     source="Brown 1966",
     synonyms=("barrel distortion", "pincushion", "radial distortion", "fisheye"),

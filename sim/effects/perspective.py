@@ -16,7 +16,11 @@ EFFECT = Effect(
     title="perspective",
     kind="measurement",
     rigs=("drop", "pendulum", "double", "roll", "slide"),
-    parameters=(Parameter("gradient", "1/m", -1.0, 1.0, 0.05, meaning="relative change of scale per metre of height"),),
+    parameters=(
+        Parameter(
+            "gradient", "1/m", -1.0, 1.0, 0.05, least=1e-3, meaning="relative change of scale per metre of height"
+        ),
+    ),
     equation="(x', y') = (1 + p y) (x, y)",
     source="pinhole camera; Hartley & Zisserman 2004",
     synonyms=("camera pitch", "tilted camera", "out of plane", "parallax", "keystone", "foreshortening"),

@@ -15,7 +15,9 @@ EFFECT = Effect(
     title="rolling shutter",
     kind="measurement",
     rigs=("drop", "pendulum", "double", "slide", "roll"),
-    parameters=(Parameter("delay", "s/m", -0.2, 0.2, 0.003, starts=(-0.02, 0.02), meaning="row delay per height"),),
+    parameters=(
+        Parameter("delay", "s/m", -0.2, 0.2, 0.003, least=2e-5, starts=(-0.02, 0.02), meaning="row delay per height"),
+    ),
     equation="t_true = t + r y",
     source="CMOS read-out; Meingast, Geyer & Sastry 2005",
     synonyms=("row delay", "shutter readout", "read-out delay", "cmos skew", "rolling readout"),

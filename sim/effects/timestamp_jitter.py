@@ -7,7 +7,7 @@ EFFECT = Effect(
     title="timestamp jitter",
     kind="measurement",
     rigs=("drop", "pendulum", "double", "slide", "roll"),
-    parameters=(Parameter("std", "s", 0.0, 0.05, 2e-4, meaning="standard deviation of a frame's time"),),
+    parameters=(Parameter("std", "s", 0.0, 0.05, 2e-4, least=1e-5, meaning="standard deviation of a frame's time"),),
     equation="sigma^2 = sigma_0^2 + (v tau)^2 along the path",
     source="camera clock",
     synonyms=("jitter", "frame timing", "irregular frames", "time stamp noise", "timing noise"),
