@@ -20,7 +20,7 @@ from pydantic_core import ErrorDetails
 from rigtwin.lab import camera
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.toml_lines import Key, dotted, key_lines
-from rigtwin.lab.units import DIMENSIONS, LONGEST, si
+from rigtwin.lab.units import DIMENSIONS, LONGEST, MOST_PARTICLES, si
 
 HERE = Path()
 RIGS = ("drop", "pendulum", "tilt", "packing", "pile", "drum", "hopper")
@@ -158,6 +158,8 @@ def _views(value: Any) -> list[str]:
 def _whole(value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or value < 1:
         raise BadInput(f"{value!r} is not a whole number of at least 1.")
+    if value > MOST_PARTICLES:
+        raise BadInput(f"{value!r} is more than the {MOST_PARTICLES} particles that a twin can have.")
     return value
 
 
