@@ -126,7 +126,7 @@ HEAVIEST = 25_000.0  # [kg/m^3], osmium has 22 600
 
 PHOTO = ("scale", "known_length", "region", "camera_roll", "plumb_line", "board")
 
-Seed = Annotated[int, typer.Option("--seed", help="Seed of everything random in the twin.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random in the twin.")]
 Heaps = Annotated[int, typer.Option("--heaps", min=1, help="Heaps that a pile's twin pours, from --seed upwards.")]
 Stiffness = Annotated[
     float | None,

@@ -238,6 +238,7 @@ def test_an_unknown_experiment_is_refused_with_the_known_ones(tmp_path, capfd):
         (["simulate", "pile"], "--base-diameter"),
         (["simulate", "pile", "--base-diameter", "90mm", "--count", "1000000000"], "--count"),
         (["simulate", "pile", "--base-diameter", "90mm", "--static-friction", "nan"], "--static-friction"),
+        (["simulate", "pile", "--base-diameter", "90mm", "--seed", "-1"], "--seed"),
         (["simulate", "pile", "--base-diameter", "90mm", "--rim-height", "-5mm"], "--rim-height"),
         (["simulate", "drop", "--drop-height", "300mm", "--bounces", "1000000000"], "--bounces"),
         (["simulate", "drop", "--drop-height", "300mm", "--restitution", "1.2"], "at most 1"),
