@@ -84,6 +84,7 @@ def _syntax_error(path: Path, text: str, error: Exception) -> str:
     place = re.search(r"\(at line (\d+), column (\d+)\)", said)
     line = int(place[1]) if place else text.rstrip().count("\n") + 1
     reason = re.sub(r"\s*\(at .*\)$", "", said)
+    reason = reason.replace("Cannot overwrite a value", "the key or table stands there twice")
     written = text.split("\n")[line - 1].strip()[:60]
     return (
         f"{path}, line {line}: not valid TOML ({reason[:1].lower()}{reason[1:]}) in {written!r}; "
@@ -108,7 +109,8 @@ def _quantity(dimension: str, lowest: float = -math.inf, highest: float = math.i
             bare = dimension != "number" and not isinstance(value, str)
             unit, example = DIMENSIONS[dimension]
             hint = f"; a bare number is in {unit}, write it with its unit, like {example!r}" if bare else ""
-            raise BadInput(f"{value!r} is out of range; it must be {_limits(lowest, highest, open_low)}{hint}.")
+            limits = _limits(lowest, highest, open_low) + ("" if unit == "1" else f" {unit}")
+            raise BadInput(f"{value!r} is out of range; it must be {limits}{hint}.")
         return number
 
     return _edge(parse)
