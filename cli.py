@@ -19,6 +19,7 @@ from rigtwin.commands import measure, simulate
 from rigtwin.commands.ending import Work, finished
 from rigtwin.commands.options import Heaps, Json, Out, Quiet, Seed, Stiffness, Threads, out_option
 from rigtwin.commands.show import print_json, show_comparison, show_diagnosis, show_reproduction
+from rigtwin.lab.units import MOST_PARTICLES
 
 app = typer.Typer(
     name="rigtwin",
@@ -31,7 +32,9 @@ app = typer.Typer(
 app.add_typer(measure.app, name="measure")
 app.add_typer(simulate.app, name="simulate")
 
-Count = Annotated[int, typer.Option("--count", min=1, help="Number of particles poured on the base.")]
+Count = Annotated[
+    int, typer.Option("--count", min=1, max=MOST_PARTICLES, help="Number of particles poured on the base.")
+]
 DemoOut = Annotated[Path | None, out_option("Folder for results; out/demo by default.")]
 ReproductionOut = Annotated[Path | None, out_option("Folder for results; out/reproduce/hlosta2020 by default.")]
 
@@ -100,7 +103,10 @@ def compare(
         list[str] | None, typer.Option("--only", metavar="ID", help="Only this experiment; may be given again.")
     ] = None,
     count: Annotated[
-        int | None, typer.Option("--count", min=1, help="Particles in the pile's twin, where lab.toml gives none.")
+        int | None,
+        typer.Option(
+            "--count", min=1, max=MOST_PARTICLES, help="Particles in the pile's twin, where lab.toml gives none."
+        ),
     ] = None,
     seed: Seed = 1,
     heaps: Heaps = 1,

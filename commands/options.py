@@ -126,7 +126,7 @@ HEAVIEST = 25_000.0  # [kg/m^3], osmium has 22 600
 
 PHOTO = ("scale", "known_length", "region", "camera_roll", "plumb_line", "board")
 
-Seed = Annotated[int, typer.Option("--seed", help="Seed of everything random in the twin.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random in the twin.")]
 Heaps = Annotated[int, typer.Option("--heaps", min=1, help="Heaps that a pile's twin pours, from --seed upwards.")]
 Stiffness = Annotated[
     float | None,
@@ -203,17 +203,20 @@ def camera_of(*, camera_roll: float | None = None, plumb_line: float | None = No
 
 
 def _size(text: str, dimension: str, name: str, zero: bool, highest: float) -> float:
-    """A quantity in SI that must be above zero, no longer than a bench, no more than half a turn."""
+    """A quantity in SI that must be above zero, no longer than a bench."""
     from rigtwin.lab.errors import BadQuantity
     from rigtwin.lab.units import LONGEST, si
 
     value = si(text, dimension, name=name)
     if value < 0 or (value == 0 and not zero):
         raise BadQuantity(f"{name}: {text!r} is {'below' if zero else 'not above'} zero; give a positive value.")
+    if dimension == "angle" and value > highest:
+        raise BadQuantity(
+            f"{name}: {text!r} is {math.degrees(value):.4g} degrees, more than {math.degrees(highest):.4g}; "
+            "write an angle with its unit, like '45deg'."
+        )
     if value > highest:
         raise BadQuantity(f"{name}: {text!r} is too large; give at most {highest:g}.")
-    if dimension == "angle" and value > math.pi:
-        raise BadQuantity(f"{name}: {text!r} is {value:g} rad; write an angle with its unit, like '45deg'.")
     bead = name == "--bead-diameter"
     if dimension == "length" and value and not SHORTEST <= value <= (LARGEST_BEAD if bead else LONGEST):
         what, example = ("a bead's diameter", "6mm") if bead else ("a length", "300mm")

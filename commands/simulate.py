@@ -20,6 +20,7 @@ from rigtwin.commands.options import (
     option,
     quantity,
 )
+from rigtwin.lab.units import MOST_PARTICLES
 
 app = typer.Typer(help="Run the twin of one rig.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -47,7 +48,7 @@ TwinRate = Annotated[
     float, quantity("--frame-rate", "frequency", "240Hz", "How often the twin's record is taken; 240 Hz.")
 ]
 Duration = Annotated[float | None, quantity("--duration", "time", "1.5s", "How long the twin is watched.")]
-Count = Annotated[int, typer.Option("--count", min=1, help="Number of particles.")]
+Count = Annotated[int, typer.Option("--count", min=1, max=MOST_PARTICLES, help="Number of particles.")]
 RollingModel = Annotated[
     Literal["A", "C"],
     typer.Option("--rolling-model", help="Rolling resistance: constant torque (A) or elastic-plastic spring (C)."),
@@ -65,6 +66,8 @@ Kept = Annotated[
 Filmed = Annotated[
     Path | None, option("--trajectory", "FILE.gsd", "Write the beads' motion for OVITO (.gsd) or ParaView (.vtkhdf).")
 ]
+
+UPSIDE_DOWN = math.radians(179)  # [rad], nearly; from the very top a pendulum never falls
 
 Run = Any  # what `bulk` makes of the options of a rig of many particles
 
@@ -136,7 +139,7 @@ def simulate_drop(
     particle: ParticleName = "D6",
     wall: WallName = "steel",
     lab: LabFolder = None,
-    bounces: Annotated[int, typer.Option("--bounces", min=1, help="How many bounces to show.")] = 4,
+    bounces: Annotated[int, typer.Option("--bounces", min=1, max=50, help="How many bounces to show.")] = 4,
     restitution: Restitution = None,
     frame_rate: TwinRate = 240.0,
     duration: Duration = None,
@@ -161,7 +164,9 @@ def simulate_drop(
 def simulate_pendulum(
     *,
     length: Annotated[float, quantity("--length", "length", "300mm", "Hinge to bead centre.")],
-    release_angle: Annotated[float, quantity("--release-angle", "angle", "45deg", "Of bead A, from the vertical.")],
+    release_angle: Annotated[
+        float, quantity("--release-angle", "angle", "45deg", "Of bead A, from the vertical.", highest=UPSIDE_DOWN)
+    ],
     variant: Annotated[
         Literal["double", "wall"], typer.Option(help="Two beads, or one bead against an upright wall.")
     ] = "double",
@@ -330,7 +335,9 @@ def simulate_drum(
         float | None, quantity("--fill", "number", "0..1", "Share of the drum that the bed takes; 0.35.", highest=1.0)
     ] = None,
     turns: Annotated[float, quantity("--turns", "number", "N", "How often the drum turns; 1.")] = 1.0,
-    count: Annotated[int | None, typer.Option("--count", min=1, help="Particles, in place of --fill.")] = None,
+    count: Annotated[
+        int | None, typer.Option("--count", min=1, max=MOST_PARTICLES, help="Particles, in place of --fill.")
+    ] = None,
     run: Run,
 ) -> Work:
     """A bed in a turning drum: dynamic angle of repose and mixing."""

@@ -20,7 +20,7 @@ from pydantic_core import ErrorDetails
 from rigtwin.lab import camera
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.toml_lines import Key, dotted, key_lines
-from rigtwin.lab.units import DIMENSIONS, LONGEST, si
+from rigtwin.lab.units import DIMENSIONS, LONGEST, MOST_PARTICLES, si
 
 HERE = Path()
 RIGS = ("drop", "pendulum", "tilt", "packing", "pile", "drum", "hopper")
@@ -84,6 +84,7 @@ def _syntax_error(path: Path, text: str, error: Exception) -> str:
     place = re.search(r"\(at line (\d+), column (\d+)\)", said)
     line = int(place[1]) if place else text.rstrip().count("\n") + 1
     reason = re.sub(r"\s*\(at .*\)$", "", said)
+    reason = reason.replace("Cannot overwrite a value", "the key or table stands there twice")
     written = text.split("\n")[line - 1].strip()[:60]
     return (
         f"{path}, line {line}: not valid TOML ({reason[:1].lower()}{reason[1:]}) in {written!r}; "
@@ -108,7 +109,8 @@ def _quantity(dimension: str, lowest: float = -math.inf, highest: float = math.i
             bare = dimension != "number" and not isinstance(value, str)
             unit, example = DIMENSIONS[dimension]
             hint = f"; a bare number is in {unit}, write it with its unit, like {example!r}" if bare else ""
-            raise BadInput(f"{value!r} is out of range; it must be {_limits(lowest, highest, open_low)}{hint}.")
+            limits = _limits(lowest, highest, open_low) + ("" if unit == "1" else f" {unit}")
+            raise BadInput(f"{value!r} is out of range; it must be {limits}{hint}.")
         return number
 
     return _edge(parse)
@@ -158,6 +160,8 @@ def _views(value: Any) -> list[str]:
 def _whole(value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or value < 1:
         raise BadInput(f"{value!r} is not a whole number of at least 1.")
+    if value > MOST_PARTICLES:
+        raise BadInput(f"{value!r} is more than the {MOST_PARTICLES} particles that a twin can have.")
     return value
 
 

@@ -217,7 +217,7 @@ def _media_problems(entry: ExperimentEntry, repetitions: tuple[tuple[Path, ...],
         if len(views) > 1 and not isinstance(entry, SEEN_FROM_SIDES):
             problems.append(Problem(place, f"a {entry.rig} has one file per repetition; take it out of its brackets."))
         for view in views:
-            if not _is_file(view):
+            if not _stands_there(view, folder_too=not isinstance(entry, SEEN_FROM_SIDES)):
                 problems.append(Problem(place, f"there is no file {view}; put it there or correct the name."))
             elif (file := view.resolve()) in seen:
                 # counted twice it would halve the variance of a mean without a second measurement
@@ -227,9 +227,10 @@ def _media_problems(entry: ExperimentEntry, repetitions: tuple[tuple[Path, ...],
     return problems
 
 
-def _is_file(path: Path) -> bool:
+def _stands_there(path: Path, *, folder_too: bool) -> bool:
+    """Whether there is such a file, or a folder of numbered pictures, which is a clip too."""
     try:
-        return path.is_file()
+        return path.is_file() or (folder_too and path.is_dir())
     except OSError:  # a name too long, a folder that may not be read
         return False
 

@@ -35,6 +35,8 @@ DIMENSIONS = {
 
 LONGEST = 10.0  # [m], no rig on a bench is larger: "300" was meant to be millimetres
 
+MOST_PARTICLES = 10_000_000  # more of them fit into no memory; a count that was meant to be smaller
+
 _ANGULAR = re.compile("radian|degree|turn|revolution|arcminute|arcsecond|grade")
 
 

@@ -265,10 +265,10 @@ def _face_height(grey: npt.NDArray[np.uint8], template: _Template, focal_length:
     half = float(template.half[0, 0])
     low = template.low * arc
     guess = half * float((template.thickness + np.mean(low - template.bulge(focal_length) * arc))[0, 0])
-    rows = np.arange(2.0, max(1.8 * guess, guess + 10), 0.5)  # [px] above the lower rim
+    rows = np.arange(2.0, max(1.8 * guess, guess + 10, 12), 0.5)  # [px] above the lower rim
     x, y = template.pixel(along[None, :], low - rows[:, None] / half)
     values = cv2.remap(smooth, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR).astype(np.float64)
-    plain = rows < 0.5 * guess
+    plain = rows < max(0.5 * guess, 2.5)  # of the thinnest face its first row at least
     change = np.median(np.abs(values - np.median(values[plain], axis=0)), axis=1)
     usual, above = float(np.median(change[plain])), change[~plain]
     # the beads' shadow on the rim is the first thing above the face, and fainter than the beads

@@ -119,7 +119,7 @@ def likeness(image: npt.NDArray[np.uint8], beads: Beads) -> npt.NDArray[np.float
 
 def rare(share: Array, index: npt.NDArray[np.int64]) -> float:
     """A share so small that it is no evidence: a false circle or two among the beads makes as much."""
-    return 0.1 * float(np.median(share[index]))
+    return 0.1 * float(np.median(share[index])) if index.size else 0.1  # without beads nothing is evidence
 
 
 def colour_cells(image: npt.NDArray[np.uint8], radius: float) -> npt.NDArray[np.int64]:

@@ -12,6 +12,7 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.quantity import Measurement, Quantity
 from rigtwin.lab.records import Series
+from rigtwin.lab.wording import title
 from rigtwin.measure import overlay
 from rigtwin.measure.hopper import outlet_profile
 from rigtwin.measure.media import open_video
@@ -96,13 +97,13 @@ def _write_plot(path: Path, measurement: Measurement, seen: Outflow, left: Serie
     axes.plot(left.time, left.value, ".-", ms=3, lw=0.8, color="#0072b2", label="left in the hopper")
     for name, colour in (("opening_time", "#009e73"), ("last_particle_time", "#d55e00")):
         one = _quantity(measurement, name)
-        axes.axvline(one.value, color=colour, lw=1, label=f"{name.replace('_', ' ')} {one.value:.4f} s")
+        axes.axvline(one.value, color=colour, lw=1, label=f"{title(name)} {one.value:.4f} s")
         axes.axvspan(*one.interval95, color=colour, alpha=0.2, lw=0)
     for one in measurement.quantities:
         if "from_s" in one.detail:
             axes.axvspan(float(one.detail["from_s"]), float(one.detail["to_s"]), color="0.9", lw=0, zorder=0)
     axes.set_xlabel("time [s]")
-    axes.set_ylabel(left.quantity)
+    axes.set_ylabel(title(left.quantity))
     axes.legend(fontsize=8, frameon=False)
     place, velocity = outlet_profile(seen, scale or 1.0)
     factor, units = (1e3, ("mm", "m/s")) if scale is not None else (1.0, ("px", "px/s"))

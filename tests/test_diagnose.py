@@ -412,6 +412,16 @@ def test_a_bad_folder_is_refused_in_a_sentence(tmp_path, change, says):
         read_tracked_lab(tmp_path)
 
 
+def test_a_condition_that_does_not_state_its_setting_is_refused_by_name(tmp_path):
+    write_lab(tmp_path, "drop", [{"name": "c", "bead": "heavy", "repetitions": 1}], {})
+    (tmp_path / "c").mkdir(exist_ok=True)
+    time = np.arange(60) / 240
+    rows = [f"{t:.6f},0,{0.3 - 4.905 * t * t:.6f}" for t in time]
+    (tmp_path / "c" / "rep01.csv").write_text("\n".join(["time_s,x_m,y_m", *rows]))
+    with pytest.raises(BadInput, match="condition c: drop_height_m: is missing"):
+        read_tracked_lab(tmp_path).setting("drop_height_m")
+
+
 def test_a_folder_without_a_lab_is_refused(tmp_path):
     with pytest.raises(BadInput, match=r"lab\.json: no such file"):
         read_tracked_lab(tmp_path)

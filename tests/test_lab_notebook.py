@@ -383,3 +383,18 @@ def test_a_twin_takes_the_stated_height_first_then_the_measured_one():
 
 def test_a_name_like_nothing_known_gets_the_list_of_what_is():
     assert suggestion("xyz", ["drop", "pile"]) == "known are drop, pile"
+
+
+def test_a_folder_of_pictures_is_a_clip_and_no_photo(tmp_path):
+    folder = tmp_path / "lab"
+    new_lab(folder)
+    text = (folder / "lab.toml").read_text()
+    for name in re.findall(r'"([\w/]+\.(?:mp4|jpg))"', text):
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).mkdir() if name.endswith("mp4") else (folder / name).touch()
+    assert read_lab(folder).experiments[0].repetitions[0][0].is_dir()
+    photo = next(folder.rglob("*.jpg"))
+    photo.unlink()
+    photo.mkdir()
+    with pytest.raises(BadLabFile, match=rf"there is no file .*{photo.name}"):
+        read_lab(folder)

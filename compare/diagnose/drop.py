@@ -41,7 +41,7 @@ class DropBench:
         self.condition = np.array([c for c, _, _ in runs])
         self.radius = np.array([condition.bead.radius for _, condition, _ in runs])
         self.mass = np.array([condition.bead.mass for _, condition, _ in runs])
-        height = np.array([float(condition.settings["drop_height_m"]) for _, condition, _ in runs])
+        height = np.array(lab.setting("drop_height_m"))
         self.pairs = list(dict.fromkeys(f"{c.bead.name}-{c.wall}" for _, c, _ in runs))
         self.pair = np.array([self.pairs.index(f"{c.bead.name}-{c.wall}") for _, c, _ in runs])
         stated = lab.geometry.get("sliding_friction_pw") or {}

@@ -77,6 +77,18 @@ class TrackedLab:
     def repetitions(self) -> int:
         return sum(len(condition.repetitions) for condition in self.conditions)
 
+    def setting(self, name: str, default: float | None = None) -> list[float]:
+        """A number that each condition states, one per repetition.  Raises `BadLabFile` where it is missing."""
+        values = []
+        for condition in self.conditions:
+            value = condition.settings.get(name, default)
+            if isinstance(value, bool) or not isinstance(value, (int, float)):
+                raise BadLabFile(
+                    f"{self.folder / 'lab.json'}: condition {condition.name}: {name}: is missing or not a number."
+                )
+            values += [float(value)] * len(condition.repetitions)
+        return values
+
     def known(self, *names: str, default: float) -> float:
         """The first of the geometry's numbers of these names, else the default."""
         for name in names:
@@ -125,7 +137,7 @@ def _document(file: Path) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise BadLabFile(f"{file}: is not valid JSON ({error}); correct it there.") from None
     if not isinstance(document, dict):
-        raise BadLabFile(f"{file}: holds no table of names and values; see the documentation of lab.json.")
+        raise BadLabFile(f"{file}: holds no table of names and values; write it as docs/tracked_lab.md shows.")
     return document
 
 

@@ -38,10 +38,10 @@ class PendulumBench:
         self.condition = np.array([c for c, _, _ in runs])
         self.radius = np.array([condition.bead.radius for _, condition, _ in runs])
         self.mass = np.array([condition.bead.mass for _, condition, _ in runs])
-        self.length = np.array([float(condition.settings["length_m"]) for _, condition, _ in runs])
+        self.length = np.array(lab.setting("length_m"))
         self.lengths = sorted(set(self.length.tolist()))
         self.which = np.array([self.lengths.index(length) for length in self.length.tolist()])
-        angle = np.radians([float(condition.settings["release_angle_deg"]) for _, condition, _ in runs])
+        angle = np.radians(lab.setting("release_angle_deg"))
         side = np.array([1.0 if float(np.median(track.position[:5, 0])) >= 0 else -1.0 for _, _, track in runs])
         angle = np.abs(angle) * side
         self.noise = noise_of(lab, [track for _, _, track in runs])

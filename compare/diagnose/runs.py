@@ -10,7 +10,6 @@ import numpy as np
 
 from rigtwin.compare.diagnose.camera import noise_of
 from rigtwin.compare.diagnose.labs import Condition, TrackedLab
-from rigtwin.lab.errors import BadLabFile
 from rigtwin.lab.records import Array, Track
 
 
@@ -49,16 +48,8 @@ class Runs:
         self.region, self.region_names = eighths(self.time, self.spans)
 
     def setting(self, name: str, default: float | None = None) -> Array:
-        """A number that each condition states, one per repetition.  Raises `BadLabFile` where it is missing."""
-        values = []
-        for condition in self.conditions:
-            value = condition.settings.get(name, default)
-            if isinstance(value, bool) or not isinstance(value, (int, float)):
-                raise BadLabFile(
-                    f"{self.lab.folder / 'lab.json'}: condition {condition.name}: {name}: is missing or not a number."
-                )
-            values.append(float(value))
-        return np.array(values)
+        """A number that each condition states, one per repetition."""
+        return np.array(self.lab.setting(name, default))
 
 
 def eighths(time: Array, spans: Sequence[slice]) -> tuple[Any, list[str]]:
