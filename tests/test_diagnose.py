@@ -535,3 +535,24 @@ def test_a_jump_of_the_track_high_above_the_plate_is_no_impact(tmp_path):
     change_rows(folder / "heavy_600" / "rep01.csv", kicked)
     after = DropBench(read_tracked_lab(folder)).events
     assert [len(one) for one in after] == [len(one) for one in plain]
+
+
+def test_rebounds_that_scatter_more_than_a_spheres_are_an_odd_shape_and_those_of_a_sphere_are_not(tmp_path):
+    wild, calm = (write_drops(tmp_path / name, 8, beads=("heavy",), repetitions=4) for name in ("wild", "calm"))
+    bench = DropBench(read_tracked_lab(calm))
+    shape = named("odd_shape")
+    base, freed = fit(bench), fit(bench, (shape,))
+    assert freed.deviance == pytest.approx(base.deviance, abs=0.5)
+    rng = np.random.default_rng(9)
+    for file in sorted(wild.glob("*/rep*.csv")):
+        rows = read_tracked_lab(wild).conditions[0].repetitions[0][0]
+        events = impacts(rows.time, rows.position[:, 1], 1e-4)
+
+        def thrown(rows, events=events):
+            for event in events:  # sideways from there on, by a tenth of the speed of such an impact
+                rows[:, 1] += rng.normal(0, 0.1) * 1.4 * np.maximum(rows[:, 0] - event, 0.0)
+            return rows
+
+        change_rows(file, thrown)
+    bench = DropBench(read_tracked_lab(wild))
+    assert fit(bench, (shape,)).deviance < fit(bench).deviance - 30

@@ -30,6 +30,7 @@ from rigtwin.compare.diagnose.slide import SlideBench
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.sim.effects import Effect, library
+from rigtwin.sim.effects.effect import WIDENING
 
 MOST_RIVALS = 3  # of a set, that the next experiment is computed for
 FEWEST = 5  # repetitions in a lab, below which nothing is named
@@ -318,7 +319,7 @@ def _sensitivity(naming: Naming) -> str:
     """What these data would have shown, and what they could not show whatever its size."""
     seen, blind = [], []
     for one in naming.tried:
-        if len(one.terms) == 1 and one.terms[0].geometry != "jitter":
+        if len(one.terms) == 1 and one.terms[0].geometry not in WIDENING:
             term = one.terms[0]
             parameter = term.parameters[0]
             std = one.fitted.std(f"{term.name}.{parameter.name}")

@@ -10,6 +10,7 @@ from rigtwin.compare.diagnose.fit import Fit, fit, screen
 from rigtwin.compare.diagnose.locate import Location, Regioned, locate
 from rigtwin.compare.diagnose.subset import coarse, cut
 from rigtwin.sim.effects import Effect
+from rigtwin.sim.effects.effect import WIDENING
 
 ALARM = 16.0
 """Least gain in deviance for a first effect: what the best of twenty false ones gains once in 1000 labs."""
@@ -255,10 +256,11 @@ def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit) -> Fit:
     far = near.per_row > ROUGH
     rounds = 1 if far else 2
     most = 8 if far else 12  # the leading ones are fitted to the end afterwards
-    fits = [] if newest.flat else [fit(bench, terms, near=near, most=most, rounds=rounds)]
+    widens = newest.geometry in WIDENING
+    fits = [] if newest.flat and not widens else [fit(bench, terms, near=near, most=most, rounds=rounds)]
     lost = near.per_row > LOST
     starts = (*parameter.starts, *((parameter.typical,) if lost and parameter.typical not in parameter.starts else ()))
-    if (lost or newest.flat) and newest.geometry != "jitter":
+    if (lost or newest.flat) and not widens:
         name = f"{newest.name}.{parameter.name}"
         for value in starts:
             if lost:
@@ -332,6 +334,10 @@ def _each_needed(candidate: Candidate, done: dict[frozenset[str], Candidate], ri
 def _refused(fitted: Fit, terms: Sequence[Effect]) -> str:
     """Why a fit's coefficients cannot be: out of their physical range, or not larger than their own doubt."""
     for term in terms:
+        if term.geometry == "scatter":
+            if float(fitted.scatter[-1]) <= 1.02 * term.parameters[0].least:
+                return "rebounds scatter no more than those of a sphere"
+            continue
         if term.geometry == "jitter":
             least = term.parameters[0].least
             if fitted.jitter < least:
@@ -360,7 +366,7 @@ def _surprise(fitted: Fit, term: Effect) -> float:
     """
     total = JITTER if term.geometry == "jitter" else 0.0
     for parameter in term.parameters:
-        if parameter.predicted and term.geometry != "jitter":
+        if parameter.predicted and term.geometry not in WIDENING:
             value = abs(fitted.value(f"{term.name}.{parameter.name}"))
             ratio = math.log(max(value, 1e-9) / parameter.predicted) / math.log(2)
             total += min(ratio * ratio, 5.0)

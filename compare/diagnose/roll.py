@@ -50,6 +50,7 @@ class RollBench(Runs):
         self.local_step = np.array([1e-3, 1e-3, 1e-2, 1e-3])
         self.scatter = self.pair[:, None].copy()
         self.scatter_start = np.full(len(self.pairs), 3e-3)
+        self.scatter_most = np.full(len(self.pairs), np.inf)
 
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
         """Rolling friction of each pair, each condition's angle, the level and the calibration with their priors."""
