@@ -21,8 +21,9 @@ from rigtwin.compare.diagnose.run import diagnose_folder, model_of
 from rigtwin.compare.diagnose.sift import sifted
 from rigtwin.compare.diagnose.slopes import slopes
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.model import read_model, write_model
+from rigtwin.lab.model import Model, read_model, write_model
 from rigtwin.sim.effects import library, named, own_effect
+from rigtwin.sim.effects.forms import nameless
 
 G = 9.81
 CAMERA = {
@@ -556,3 +557,12 @@ def test_rebounds_that_scatter_more_than_a_spheres_are_an_odd_shape_and_those_of
         change_rows(file, thrown)
     bench = DropBench(read_tracked_lab(wild))
     assert fit(bench, (shape,)).deviance < fit(bench).deviance - 30
+
+
+def test_the_formulas_of_a_model_file_are_read_back_and_found_by_their_names(tmp_path):
+    for rig in ("drop", "double"):
+        for term in nameless(rig):
+            assert named(term.name).equation == term.equation
+    effects = {"form:v|v|": {"c": -0.3}, "form:e~1/v": {"c": 0.01}}
+    write_model(tmp_path / "model.toml", Model({}, {}, {}, effects))
+    assert read_model(tmp_path / "model.toml").effects == effects

@@ -18,7 +18,6 @@ from rigtwin.compare.diagnose.double import DoubleBench
 from rigtwin.compare.diagnose.doubt import parameters
 from rigtwin.compare.diagnose.drop import DropBench
 from rigtwin.compare.diagnose.fit import Fit, fit, screen
-from rigtwin.compare.diagnose.forms import nameless
 from rigtwin.compare.diagnose.gap import Beside, Gap, beside, gap, names
 from rigtwin.compare.diagnose.labs import BULK, TrackedLab
 from rigtwin.compare.diagnose.locate import Disagreement, Location, Regioned, locate
@@ -31,6 +30,7 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.sim.effects import Effect, library
 from rigtwin.sim.effects.effect import WIDENING
+from rigtwin.sim.effects.forms import nameless
 
 MOST_RIVALS = 3  # of a set, that the next experiment is computed for
 FEWEST = 5  # repetitions in a lab, below which nothing is named
