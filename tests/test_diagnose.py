@@ -117,17 +117,25 @@ def write_pendulums(folder, seed, *, dry=0.0, repetitions=3):
     return write_lab(folder, "pendulum", conditions, {"length_uncertainty_m": 5e-4})
 
 
-def write_rolls(folder, seed, *, slope=0.0):
-    """Level pushes and one incline; mu_r + slope v, closed by SciPy."""
+def write_rolls(folder, seed, *, slope=0.0, lever=0.0, sizes=(1.0,)):
+    """Level pushes and one incline; mu_r + slope v, or lever / R, closed by SciPy."""
     rng = np.random.default_rng(seed)
     conditions = []
-    radius = BEADS["heavy"]["diameter_m"] / 2
-    for angle, push in ((8.0, 0.0), (0.0, 0.3), (0.0, 0.6)):
-        name = f"heavy_{angle:g}_{push:g}"
+    heavy = BEADS["heavy"]
+    beads = {
+        "heavy" if size == 1 else f"heavy{size:g}": {
+            "material": "glass", "diameter_m": size * heavy["diameter_m"], "mass_g": size**3 * heavy["mass_g"]
+        }
+        for size in sizes
+    }  # fmt: skip
+    settings = [(bead, angle, push) for bead in beads for angle, push in ((8.0, 0.0), (0.0, 0.3), (0.0, 0.6))]
+    for bead, angle, push in settings:
+        radius = beads[bead]["diameter_m"] / 2
+        name = f"{bead}_{angle:g}_{push:g}"
         (folder / name).mkdir(parents=True)
         tilt = math.radians(angle)
         for number in range(1, 5):
-            mu = 0.03 + rng.normal(0, 3e-4)
+            mu = (lever / radius if lever else 0.03) * (1 + rng.normal(0, 0.01))
 
             def motion(_t, s, mu=mu, tilt=tilt):
                 rolling = mu + slope * s[1]
@@ -145,14 +153,14 @@ def write_rolls(folder, seed, *, slope=0.0):
         conditions.append(
             {
                 "name": name,
-                "bead": "heavy",
+                "bead": bead,
                 "wall": "glass",
                 "incline_angle_deg": angle,
                 **({"push_speed_m_s": push} if push else {}),
                 "repetitions": 4,
             }
         )
-    return write_lab(folder, "roll", conditions, {"incline_angle_uncertainty_deg": 0.05})
+    return write_lab(folder, "roll", conditions, {"incline_angle_uncertainty_deg": 0.05}, beads)
 
 
 def write_track(path, time, place):
@@ -160,9 +168,9 @@ def write_track(path, time, place):
     path.write_text("time_s,x_m,y_m\n" + "\n".join(rows) + "\n")
 
 
-def write_lab(folder, rig, conditions, geometry):
+def write_lab(folder, rig, conditions, geometry, beads=None):
     document = {
-        "case": folder.name, "rig": rig, "gravity_m_s2": G, "camera": CAMERA, "particles": BEADS,
+        "case": folder.name, "rig": rig, "gravity_m_s2": G, "camera": CAMERA, "particles": beads or BEADS,
         "conditions": conditions, "rig_geometry": geometry,
     }  # fmt: skip
     (folder / "lab.json").write_text(json.dumps(document))
@@ -370,6 +378,16 @@ def test_rolling_friction_that_grows_with_speed_is_named(tmp_path):
     lab = write_rolls(tmp_path / "lab", 16, slope=0.05)
     document = verdict_on(lab, "rolling_speed", "scale_error", "plate_tilt").to_json()
     assert document["effects"][0]["effect"] == "rolling_speed"
+
+
+def test_rolling_friction_of_three_sizes_that_goes_with_one_over_d_is_a_lever_arm(tmp_path):
+    lab = read_tracked_lab(write_rolls(tmp_path, 5, lever=1e-4, sizes=(0.7, 1.0, 2.0)))
+    found = diagnose(lab, listed=[named(name) for name in ("rolling_lever", "rolling_speed", "air_drag")])
+    effect = found.to_json()["effects"][0]
+    assert effect["effect"] == "rolling_lever"
+    lever = effect["parameters"]["lever"]
+    assert lever["value"] == pytest.approx(1e-4, abs=3 * lever["std"])
+    assert lever["std"] < 3e-6
 
 
 def test_one_diagnosis_is_like_the_next(tmp_path):

@@ -33,6 +33,7 @@ JITTER = 24.0  # deviance
 WHITE = 0.6  # of the squared differences of white noise
 KEEN = 5  # candidates beside a root that are fitted where the disagreement is large
 LEADING = 4  # candidates of each size that are fitted to the end on all data
+SPARED = 10.0  # deviance: 2 ln(1/0.007), a coefficient that falls to within a percent where it was foretold
 GLANCE = 6.0  # a candidate whose first step promises less than this is not fitted to the end
 ROUGH = 2.0  # chi2 per coordinate above which part of the data tells the candidates apart
 LOST = 20.0  # ... and above which a fit from the baseline may not find its way
@@ -80,6 +81,8 @@ class Naming:
     after: Location
     """Of the residuals of the best, or of the baseline where there is none."""
     rounds: tuple[tuple[Candidate, ...], ...] = ()
+    unseen: tuple[Effect, ...] = ()
+    """Effects of the rig that no data of such a lab could show."""
 
 
 @dataclass
@@ -145,7 +148,11 @@ class _Search:
             plain = self.rough[1]
         gain = (plain.deviance - fitted.deviance) * len(self.base.residual) / len(plain.residual)
         self.done[frozenset(near_names(fitted))] = Candidate(
-            fitted.terms, fitted, gain / self.spread, _refused(fitted, fitted.terms), fitted if part else None
+            fitted.terms,
+            fitted,
+            gain / self.spread + self._spared(fitted),
+            _refused(fitted, fitted.terms),
+            fitted if part else None,
         )
 
     def polish(self, candidates: Sequence[Candidate]) -> list[Candidate]:
@@ -173,7 +180,7 @@ class _Search:
             key = frozenset(one.name for one in left)
             if key != frozenset(best.names):
                 fitted = fit(self.bench, left, near=more.fitted, most=25, rounds=2)
-                gain = (self.base.deviance - fitted.deviance) / self.spread
+                gain = (self.base.deviance - fitted.deviance) / self.spread + self._spared(fitted)
                 known = self.done.get(key)
                 if known is None or known.gain < gain or self._is_part(known.fitted):
                     self.done[key] = Candidate(left, fitted, gain, _refused(fitted, left))
@@ -188,8 +195,13 @@ class _Search:
             fitted = fit(self.bench, one.terms, near=near, most=25, rounds=2)
         else:
             fitted = fit(self.bench, one.terms, near=one.fitted, most=40)
-        gain = (self.base.deviance - fitted.deviance) / self.spread
+        gain = (self.base.deviance - fitted.deviance) / self.spread + self._spared(fitted)
         return Candidate(one.terms, fitted, gain, _refused(fitted, one.terms), one.rough)
+
+    def _spared(self, fitted: Fit) -> float:
+        """What it is worth to make do without unknowns of the baseline."""
+        tied = getattr(self.bench, "tied", None)
+        return SPARED * tied(fitted.terms) if tied is not None else 0.0
 
     def _is_part(self, fitted: Fit) -> bool:
         """Whether a fit is to a part of the data alone."""
