@@ -34,6 +34,7 @@ WHITE = 0.6  # of the squared differences of white noise
 KEEN = 5  # candidates beside a root that are fitted where the disagreement is large
 LEADING = 4  # candidates of each size that are fitted to the end on all data
 SPARED = 10.0  # deviance: 2 ln(1/0.007), a coefficient that falls to within a percent where it was foretold
+BEYOND = 0.1  # of a coefficient's range above it, that its doubt excuses at most
 GLANCE = 6.0  # a candidate whose first step promises less than this is not fitted to the end
 ROUGH = 2.0  # chi2 per coordinate above which part of the data tells the candidates apart
 LOST = 20.0  # ... and above which a fit from the baseline may not find its way
@@ -360,7 +361,8 @@ def _refused(fitted: Fit, terms: Sequence[Effect]) -> str:
         for parameter in term.parameters:
             name = f"{term.name}.{parameter.name}"
             value, std = fitted.value(name), fitted.std(name)
-            if value < parameter.low - 2 * std or value > parameter.high + 2 * std:
+            beyond = parameter.high + min(2 * std, BEYOND * (parameter.high - parameter.low))
+            if value < parameter.low - 2 * std or value > beyond:
                 return (
                     f"{parameter.name} = {value:.3g} {parameter.unit} is not in {parameter.low:g} to {parameter.high:g}"
                 )
