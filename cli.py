@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -15,8 +16,9 @@ import typer
 
 from rigtwin import __version__
 from rigtwin.commands import measure, simulate
-from rigtwin.commands.options import Heaps, Json, Out, Quiet, Seed, Threads
-from rigtwin.commands.show import print_json, progress_bars, show_comparison, show_diagnosis, show_reproduction
+from rigtwin.commands.ending import Work, finished
+from rigtwin.commands.options import Heaps, Json, Out, Quiet, Seed, Stiffness, Threads, out_option
+from rigtwin.commands.show import print_json, show_comparison, show_diagnosis, show_reproduction
 
 app = typer.Typer(
     name="rigtwin",
@@ -30,6 +32,8 @@ app.add_typer(measure.app, name="measure")
 app.add_typer(simulate.app, name="simulate")
 
 Count = Annotated[int, typer.Option("--count", min=1, help="Number of particles poured on the base.")]
+DemoOut = Annotated[Path | None, out_option("Folder for results; out/demo by default.")]
+ReproductionOut = Annotated[Path | None, out_option("Folder for results; out/reproduce/hlosta2020 by default.")]
 
 
 def _print_version(wanted: bool) -> None:
@@ -48,18 +52,12 @@ def _rigtwin(
     """Options that stand before the command."""
 
 
-@app.command()
+@app.command(epilog="Example: rigtwin demo --out out/demo")
+@finished(show_comparison)
 def demo(
-    *,
-    out: Out = None,
-    count: Count = 1000,
-    seed: Seed = 1,
-    heaps: Heaps = 1,
-    threads: Threads = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """The main job on the sample media: measure three rigs, run their twins, write a report."""
+    *, out: DemoOut = None, count: Count = 1000, seed: Seed = 1, heaps: Heaps = 1, threads: Threads = None
+) -> Work:
+    """Measure the sample media, run their twins, write a report."""
     from rigtwin.lab.errors import BadInput
 
     lab = Path(__file__).parent / "sample_media"
@@ -68,20 +66,12 @@ def demo(
             f"{lab}: the sample media are not here; they come with the source repository, not with the installed "
             "package: run the demo from a clone, or `rigtwin compare LAB` on a lab folder of your own."
         )
-    _compare(
-        lab,
-        out or Path("out/demo"),
-        only=None,
-        count=count,
-        seed=seed,
-        heaps=heaps,
-        threads=threads,
-        as_json=as_json,
-        quiet=quiet,
-    )
+    from rigtwin.compare.comparison import compare as compare_lab
+
+    return partial(compare_lab, lab, out or Path("out/demo"), count=count, seed=seed, heaps=heaps, threads=threads)
 
 
-@app.command()
+@app.command(epilog="Example: rigtwin init my-lab")
 def init(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The new lab folder.")],
     *,
@@ -101,7 +91,8 @@ def init(
         )
 
 
-@app.command()
+@app.command(epilog="Example: rigtwin compare my-lab --only drop-D6-steel --out results")
+@finished(show_comparison)
 def compare(
     lab: Annotated[Path, typer.Argument(metavar="LAB", help="Lab folder with a lab.toml.")],
     *,
@@ -118,26 +109,32 @@ def compare(
         typer.Option("--model", metavar="FILE", help="A model.toml: its contacts and effects go before lab.toml's."),
     ] = None,
     threads: Threads = None,
+    stiffness_factor: Stiffness = None,
     out: Out = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """Measure every experiment of a lab, run the matched twins, write percent deviations and a report."""
-    _compare(
+) -> Work:
+    """Measure a whole lab, run its twins, write percent deviations.
+
+    Every experiment of lab.toml is measured and its matched twin run; a table, CSV and JSON files and a report tell
+    measured, simulated and the difference.
+    """
+    from rigtwin.compare.comparison import compare as compare_lab
+
+    return partial(
+        compare_lab,
         lab,
-        out or (lab if lab.is_dir() else lab.parent) / "out",
+        _beside(lab, out),
         only=only,
         count=count,
         seed=seed,
         heaps=heaps,
         model=model,
         threads=threads,
-        as_json=as_json,
-        quiet=quiet,
+        stiffness_factor=stiffness_factor,
     )
 
 
-@app.command()
+@app.command(epilog="Example: rigtwin diagnose tracked-lab --out diagnosis")
+@finished(show_diagnosis)
 def diagnose(
     lab: Annotated[
         Path, typer.Argument(metavar="LAB", help="Folder with a lab.json of tracked repetitions, or a lab.toml.")
@@ -152,22 +149,18 @@ def diagnose(
         typer.Option("--effect", metavar="FILE", help="Your own effect, one Python file; may be given again."),
     ] = None,
     out: Out = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """Find where twin and measurement disagree, name the missing effect, add it, show the gap shrink."""
+) -> Work:
+    """Find where twin and measurement disagree, and what is missing.
+
+    The missing effect is named, added to the model, and the gap before and after is shown.
+    """
     from rigtwin.compare.diagnose.run import diagnose_folder
 
-    target = out or (lab if lab.is_dir() else lab.parent) / "out"
-    with progress_bars(as_json or quiet) as progress:
-        diagnosis, files = diagnose_folder(lab, target, own=effect or (), only=only or (), progress=progress)
-    if as_json:
-        print_json({**diagnosis.to_json(), "files": files})
-    elif not quiet:
-        show_diagnosis(diagnosis, files)
+    return partial(diagnose_folder, lab, _beside(lab, out), own=effect or (), only=only or ())
 
 
-@app.command()
+@app.command(epilog="Example: rigtwin reproduce hlosta2020 --table 14 --repetitions 3")
+@finished(show_reproduction)
 def reproduce(
     reference: Annotated[Literal["hlosta2020"], typer.Argument(help="The published tables: hlosta2020.")],
     *,
@@ -180,33 +173,33 @@ def reproduce(
     quick: Annotated[bool, typer.Option("--quick", help="A representative part, in minutes.")] = False,
     kept: Annotated[bool, typer.Option("--kept", help="Run nothing; show what earlier runs gave.")] = False,
     repetitions: Annotated[
-        int | None, typer.Option("--repetitions", min=1, help="Runs with different seeds per cell.")
+        int | None, typer.Option("--repetitions", min=1, help="Runs with different seeds per cell or point of a study.")
     ] = None,
     workers: Annotated[int | None, typer.Option("--workers", min=1, help="Runs at a time; one per core.")] = None,
     seed: Seed = 1,
-    out: Out = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """The published tables beside what our twins give with the published parameters; resumes where it was stopped."""
+    out: ReproductionOut = None,
+) -> Work:
+    """Published tables beside what the twins give.
+
+    The twins run with the published parameters; a run that was stopped goes on where it was.
+    """
     from rigtwin.compare.reproduce.reproduction import reproduce as fill
 
-    with progress_bars(as_json or quiet) as progress:
-        found = fill(
-            out or Path("out/reproduce") / reference,
-            tables=table,
-            study=study,
-            quick=quick,
-            only_kept=kept,
-            repetitions=repetitions,
-            seed=seed,
-            workers=workers,
-            progress=progress,
-        )
-    if as_json:
-        print_json(found.to_json())
-    elif not quiet:
-        show_reproduction(found)
+    return partial(
+        fill,
+        out or Path("out/reproduce") / reference,
+        tables=table,
+        study=study,
+        quick=quick,
+        only_kept=kept,
+        repetitions=repetitions,
+        seed=seed,
+        workers=workers,
+    )
+
+
+def _beside(lab: Path, out: Path | None) -> Path:
+    return out or (lab if lab.is_dir() else lab.parent) / "out"
 
 
 def main() -> None:
@@ -270,31 +263,6 @@ def _usage(error: typer.TyperException) -> str:
     command = context.command_path if context is not None else "rigtwin"
     words = error.format_message().replace("Value error, ", "").replace("'. Did you mean", "'; did you mean")
     return f"{words.rstrip('.?')}; see `{command} --help`."
-
-
-def _compare(
-    lab: Path,
-    out: Path,
-    *,
-    only: list[str] | None,
-    count: int | None,
-    seed: int,
-    heaps: int,
-    threads: int | None,
-    as_json: bool,
-    quiet: bool,
-    model: Path | None = None,
-) -> None:
-    from rigtwin.compare.comparison import compare as compare_lab
-
-    with progress_bars(as_json or quiet) as progress:
-        comparison = compare_lab(
-            lab, out, progress, only=only, count=count, seed=seed, heaps=heaps, threads=threads, model=model
-        )
-    if as_json:
-        print_json(comparison.to_json())
-    elif not quiet:
-        show_comparison(comparison)
 
 
 if __name__ == "__main__":

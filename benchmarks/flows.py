@@ -39,11 +39,16 @@ FILLING, RUNNING = 0.45, 0.1  # [s] until the bed rests, and from the opening to
 
 
 def hopper_corners() -> Array:
-    """Triangles of a cylinder above a cone, shape (n, 3, 3), the outlet at z = 0."""
+    """Triangles of the hopper, shape (n, 3, 3)."""
+    return funnel_corners(OUTLET, BIN, CONE, HEIGHT)
+
+
+def funnel_corners(outlet: float, wide: float, cone: float, top: float) -> Array:
+    """Triangles of a cylinder above a cone, shape (n, 3, 3), radii and heights [m], the outlet at z = 0."""
     angle = np.linspace(0, 2 * math.pi, SECTORS + 1)
     rings = [
         np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full_like(angle, z)], axis=1)
-        for radius, z in ((OUTLET, 0.0), (BIN, CONE), (BIN, HEIGHT))
+        for radius, z in ((outlet, 0.0), (wide, cone), (wide, top))
     ]
     corners = []
     for low, high in itertools.pairwise(rings):
@@ -165,6 +170,7 @@ def many_beads(beads: int, steps: int = 3) -> None:
     high = (side + 1.5) * pitch
     bulk = Bulk([D6], BEAD_BEAD, low=(0, 0, 0), high=(high,) * 3, time_step=STEP, capacity=beads, threads=1)
     bulk.add(places, overlap=0.01)
+    del k, places
     bulk.run(steps)
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     sys.stdout.write(f"{before} {most} {memory_now()} {2 * bulk.contacts / beads:.2f}\n")

@@ -14,6 +14,7 @@ import statistics
 import subprocess
 import tempfile
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +24,7 @@ from figures import Row, machine
 
 from rigtwin.lab.errors import RigtwinError
 from rigtwin.lab.materials import Contact, Particle
+from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.engine.contact import Rolling
 
 ROLLING: dict[Rolling, str] = {"type A": "cdt", "type C": "epsd2"}
@@ -83,7 +85,97 @@ class Hopper:
             f"fix turning all move/mesh mesh shape rotate origin 0. 0. 0. axis 0. 0. 1. period {self.period}\n"
         )
         deck = _deck(self, rolling, walls, steps=steps, warm_up=warm_up)
-        return {"beads.data": data, "walls.stl": _stl(self.corners), "in.run": deck}
+        return {"beads.data": data, "walls.stl": stl(self.corners), "in.run": deck}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Spheres of several kinds, without rolling friction, among walls of the last kind's material."""
+
+    kinds: Sequence[Particle]
+    contacts: Mapping[tuple[int, int], Contact]  # of kinds (a, b), a <= b
+    kind: npt.NDArray[np.int64]  # shape (n,)
+    position: npt.NDArray[np.float64]  # [m], shape (n, 3)
+    velocity: npt.NDArray[np.float64]  # [m/s], shape (n, 3)
+    walls: str  # commands
+    files: Mapping[str, str]  # that the walls need, by name
+    low: tuple[float, float, float]  # [m]
+    high: tuple[float, float, float]  # [m]
+    time_step: float  # [s]
+    skin: float  # [m]
+
+    def deck(self, steps: int, every: int) -> dict[str, str]:
+        """What the program reads, by name; it writes places each `every` steps."""
+        count = len(self.kinds)
+        pairs = [(min(a, b), max(a, b)) for a in range(count) for b in range(count)]
+        restitution, friction = (
+            " ".join(str(getattr(self.contacts[pair], name)) for pair in pairs)
+            for name in ("restitution", "static_friction")
+        )
+        moduli = " ".join(str(kind.material.youngs_modulus) for kind in self.kinds)
+        ratios = " ".join(str(kind.material.poisson_ratio) for kind in self.kinds)
+        bounds = [f"{a} {b} {axis}lo {axis}hi" for a, b, axis in zip(self.low, self.high, "xyz", strict=True)]
+        head = ["spheres", "", f"{len(self.position)} atoms", f"{count} atom types", *bounds, "", "Atoms", ""]
+        spheres = [self.kinds[k] for k in self.kind]
+        rows = [
+            f"{i} {k + 1} {sphere.diameter} {sphere.effective_density} {x!r} {y!r} {z!r}"
+            for i, (k, sphere, (x, y, z)) in enumerate(zip(self.kind, spheres, self.position.tolist(), strict=True), 1)
+        ]
+        speeds = [f"{i} {x!r} {y!r} {z!r} 0 0 0" for i, (x, y, z) in enumerate(self.velocity.tolist(), 1)]
+        run = (
+            # it refuses moduli above 1e9 Pa without the first line
+            "hard_particles yes\natom_style granular\natom_modify map array\nboundary f f f\nnewton off\n"
+            "communicate single vel yes\nunits si\nread_data spheres.data\n"
+            f"neighbor {self.skin} bin\nneigh_modify delay 0\n"
+            f"fix m1 all property/global youngsModulus peratomtype {moduli}\n"
+            f"fix m2 all property/global poissonsRatio peratomtype {ratios}\n"
+            f"fix m3 all property/global coefficientRestitution peratomtypepair {count} {restitution}\n"
+            f"fix m4 all property/global coefficientFriction peratomtypepair {count} {friction}\n"
+            f"pair_style gran {HERTZ}\npair_coeff * *\ntimestep {self.time_step!r}\n"
+            f"fix weight all gravity {GRAVITY} vector 0 0 -1\n{self.walls.format(type=count)}"
+            "fix move all nve/sphere\nthermo 100000\nthermo_modify lost ignore\n"
+            f"dump look all custom {every} look.txt id x y z\n"
+            # its default writes six digits
+            'dump_modify look format "%d %20.15g %20.15g %20.15g"\n'
+            f"run {steps}\n"
+        )
+        return {"spheres.data": "\n".join([*head, *rows, "", "Velocities", "", *speeds]) + "\n", "in.run": run}
+
+
+HERTZ = "model hertz tangential history"
+
+
+def mesh_wall() -> str:
+    """Commands for walls of the triangles in walls.stl."""
+    return (
+        "fix shape all mesh/surface file walls.stl type {type}\n"
+        f"fix walls all wall/gran {HERTZ} mesh n_meshes 1 meshes shape\n"
+    )
+
+
+def plane_walls(planes: Mapping[str, tuple[str, float]]) -> str:
+    """Commands for planes across an axis, by name."""
+    return "".join(
+        f"fix {name} all wall/gran {HERTZ} primitive type {{type}} {plane} {at}\n"
+        for name, (plane, at) in planes.items()
+    )
+
+
+def positions(scene: Scene, *, steps: int, every: int) -> list[npt.NDArray[np.float64]]:
+    """Number (from 1) and place [m] of the spheres that are there, shape (n, 4): at first and each `every` steps."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name, text in {**scene.deck(steps, every), **scene.files}.items():
+            (Path(folder) / name).write_text(text)
+        done = subprocess.run(["liggghts", "-in", "in.run"], capture_output=True, text=True, check=False, cwd=folder)
+        if done.returncode or "Loop time" not in done.stdout:
+            last = (done.stdout + done.stderr).strip().splitlines()[-1:]
+            raise RigtwinError(f"LIGGGHTS stopped with code {done.returncode}: {' '.join(last)}")
+        frames = (Path(folder) / "look.txt").read_text().split("ITEM: TIMESTEP\n")[1:]
+    found = []
+    for frame in frames:
+        rows = frame.split("ITEM: ATOMS id x y z")[1].split()
+        found.append(np.array(rows, dtype=float).reshape(-1, 4))
+    return found
 
 
 def installed(threads: int) -> bool:
@@ -172,7 +264,7 @@ def _positions(
     return "\n".join(head + rows) + "\n"
 
 
-def _stl(corners: npt.NDArray[np.float64]) -> str:
+def stl(corners: npt.NDArray[np.float64]) -> str:
     rows = ["solid walls"]
     for triangle in corners.tolist():
         rows += ["facet normal 0 0 0", "outer loop", *(f"vertex {a} {b} {c}" for a, b, c in triangle)]

@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from figures import Row, against, below, report
 from linear import linear
+from published import penetration, silo
 
 from rigtwin.lab.materials import Contact, Material, Particle, clumped
 from rigtwin.lab.rigs import GRAVITY
@@ -583,7 +584,7 @@ def spin() -> list[Row]:
 
 CASES: tuple[Callable[[], list[Row]], ...] = (
     test_1, test_2, test_3, test_4, test_5, test_6, test_7, test_8, slope, pair, restitution, linear, rest, collapse,
-    spin,
+    spin, silo, penetration,
 )  # fmt: skip
 SEED = int(os.environ.get("SEED", "1"))
 

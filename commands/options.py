@@ -8,46 +8,111 @@ from __future__ import annotations
 import functools
 import inspect
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for results.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress, no tables.")]
 
 
-def option(flag: str, metavar: str, help_text: str) -> Any:
+def option(flag: str, metavar: str, help_text: str, parser: Callable[[str], Any] | None = None) -> Any:
     """An option with a value."""
-    return typer.Option(flag, metavar=metavar, help=help_text)
+    return typer.Option(flag, metavar=metavar, help=help_text, parser=parser)
 
 
-BeadDiameter = Annotated[str | None, option("--bead-diameter", "6mm", "Diameter of the bead.")]
-BeadMass = Annotated[str | None, option("--bead-mass", "0.69g", "Mass of one bead.")]
-TotalMass = Annotated[str | None, option("--total-mass", "212.7g", "Mass of all beads together.")]
+def quantity(
+    flag: str, dimension: str, example: str, help_text: str, *, zero: bool = False, highest: float = math.inf
+) -> Any:
+    """An option written with its unit, like ``6mm``; the command gets it in SI.
+
+    It must be above zero, or `zero` itself, and at most `highest`.
+    """
+
+    def read(text: str | float) -> float:
+        # a default is in SI already, and typer has it read too
+        return text if isinstance(text, float) else _size(text, dimension, flag, zero, highest)
+
+    return typer.Option(flag, metavar=example, help=help_text, parser=read, show_default=False)
+
+
+def _folder(text: str) -> Path:
+    """A folder for results, refused before an hour of work and not after it."""
+    from rigtwin.lab.errors import BadInput
+
+    folder = Path(text)
+    standing = next((place for place in (folder, *folder.absolute().parents) if place.exists()), folder)
+    if not standing.is_dir():
+        raise BadInput(f"--out: {standing} is a file, and results go into a folder; give --out another name.")
+    if not os.access(standing, os.W_OK | os.X_OK):
+        raise BadInput(f"--out: nothing may be written into {standing}; give --out a folder of your own.")
+    return folder
+
+
+def out_option(help_text: str) -> Any:
+    """The option ``--out``."""
+    return option("--out", "DIR", help_text, _folder)
+
+
+Out = Annotated[Path | None, out_option("Folder for results; LAB/out by default.")]
+
+BeadDiameter = Annotated[float | None, quantity("--bead-diameter", "length", "6mm", "Diameter of the bead.")]
+BeadMass = Annotated[float | None, quantity("--bead-mass", "mass", "0.69g", "Mass of one bead.")]
+TotalMass = Annotated[float | None, quantity("--total-mass", "mass", "212.7g", "Mass of all beads together.")]
+
+
+def _read_by(reader: str, flag: str, metavar: str, help_text: str) -> Any:
+    """An option of the camera; `reader` is the function of `rigtwin.lab.camera` that reads its text."""
+
+    def read(text: str) -> Any:
+        from rigtwin.lab import camera
+
+        return getattr(camera, reader)(text, name=flag)
+
+    return option(flag, metavar, help_text, read)
+
+
+_STRAIGHT = "; with --board those of the straightened picture"
 
 CAMERA: dict[str, Any] = {
     "frame_rate": Annotated[
-        str | None, option("--frame-rate", "240Hz", "Capture rate; without it the file's own rate is used.")
+        float | None,
+        quantity(
+            "--frame-rate",
+            "frequency",
+            "240Hz",
+            "Capture rate (a bare number is in Hz); without it the file's own rate is used.",
+        ),
     ],
-    "scale": Annotated[str | None, option("--scale", "0.2mm/px", "Length of one pixel at the bead.")],
+    "scale": Annotated[float | None, quantity("--scale", "scale", "0.2mm/px", "Length of one pixel at the bead.")],
     "known_length": Annotated[
-        str | None, option("--known-length", "100mm:x1,y1,x2,y2", "A length in view and the two pixels it spans.")
+        Any,
+        _read_by(
+            "known_length", "--known-length", "100mm:x1,y1,x2,y2", "A length in view and the two pixels it spans."
+        ),
     ],
-    "region": Annotated[str | None, option("--region", "x,y,w,h", "Look only here (pixels).")],
-    "start": Annotated[str | None, option("--start", "0.25s|60f", "Where to begin, in seconds or frames.")],
-    "end": Annotated[str | None, option("--end", "1.5s|360f", "Where to stop, in seconds or frames.")],
+    "region": Annotated[Any, _read_by("region", "--region", "x,y,w,h", f"Look only here (pixels{_STRAIGHT}).")],
+    "start": Annotated[Any, _read_by("moment", "--start", "0.25s|60f", "Where to begin, in seconds or frames.")],
+    "end": Annotated[Any, _read_by("moment", "--end", "1.5s|360f", "Where to stop, in seconds or frames.")],
     "camera_roll": Annotated[
-        str | None, option("--camera-roll", "1.5deg", "Camera roll; positive: the scene looks turned clockwise.")
+        Any, _read_by("roll", "--camera-roll", "1.5deg", "Camera roll; positive: the scene looks turned clockwise.")
     ],
     "plumb_line": Annotated[
-        str | None, option("--plumb-line", "x1,y1,x2,y2", "Two points of a plumb line, instead of --camera-roll.")
+        Any,
+        _read_by(
+            "plumb_line",
+            "--plumb-line",
+            "x1,y1,x2,y2",
+            f"Two points of a plumb line, instead of --camera-roll (pixels{_STRAIGHT}).",
+        ),
     ],
     "board": Annotated[
-        str | None,
-        option(
+        Any,
+        _read_by(
+            "board",
             "--board",
             "'checkerboard 9x6 10mm board.jpg'",
             "Photo of a board in the plane of the motion (also charuco, aruco): gives the scale, removes perspective.",
@@ -63,122 +128,110 @@ PHOTO = ("scale", "known_length", "region", "camera_roll", "plumb_line", "board"
 
 Seed = Annotated[int, typer.Option("--seed", help="Seed of everything random in the twin.")]
 Heaps = Annotated[int, typer.Option("--heaps", min=1, help="Heaps that a pile's twin pours, from --seed upwards.")]
+Stiffness = Annotated[
+    float | None,
+    quantity(
+        "--stiffness-factor",
+        "number",
+        "0..1",
+        "Young's moduli in a twin of many particles are multiplied by this, to save time; 0.001.",
+        highest=1.0,
+    ),
+]
 Threads = Annotated[int | None, typer.Option("--threads", min=1, help="CPU threads of the twin; all by default.")]
 
 
-def filmed(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+Command = Callable[..., Any]
+
+
+def with_options(
+    command: Command, added: Mapping[str, tuple[Any, Any]], around: Callable[..., Any], hidden: str = ""
+) -> Command:
+    """`command` with options added behind its own (annotation and default by name).
+
+    ``around(own, **said)`` is called in its place: `own` is the command with its own options filled in, `said` what
+    was given of the added ones.  The parameter `hidden` is no option: `around` gives it.
+    """
+    own = inspect.signature(command, eval_str=True)
+    kept = [parameter for name, parameter in own.parameters.items() if name != hidden]
+    options = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+        for name, (annotation, default) in added.items()
+    ]
+
+    @functools.wraps(command)
+    def wrapped(**given: Any) -> Any:
+        said = {name: given.pop(name) for name in added}
+        return around(functools.partial(command, **given), **said)
+
+    signature = own.replace(parameters=[*kept, *options])
+    wrapped.__signature__ = signature  # type: ignore[attr-defined]
+    wrapped.__annotations__ = {name: item.annotation for name, item in signature.parameters.items()}
+    return wrapped
+
+
+def filmed(*names: str) -> Callable[[Command], Command]:
     """Give a command the camera's options (all, or those named); it gets them as one keyword, `camera`."""
     wanted = {name: (CAMERA[name], None) for name in names or CAMERA}
     return gathered("camera", wanted, camera_of)
 
 
 def gathered(
-    keyword: str, wanted: Mapping[str, tuple[Any, Any]], gather: Callable[..., Any], before: str = "out"
-) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command options (annotation and default by name); it gets what `gather` makes of them as one `keyword`.
+    keyword: str, wanted: Mapping[str, tuple[Any, Any]], gather: Callable[..., Any]
+) -> Callable[[Command], Command]:
+    """Give a command options (annotation and default by name); it gets what `gather` makes of them as one `keyword`."""
 
-    They stand before its option `before`.
-    """
+    def around(own: Command, **said: Any) -> Any:
+        return own(**{keyword: gather(**said)})
 
-    def wrap(command: Callable[..., None]) -> Callable[..., None]:
-        own = inspect.signature(command, eval_str=True)
-        added = [
-            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
-            for name, (annotation, default) in wanted.items()
-        ]
-        kept = [parameter for name, parameter in own.parameters.items() if name != keyword]
-        last = next((k for k, parameter in enumerate(kept) if parameter.name == before), len(kept))
-
-        @functools.wraps(command)
-        def wrapped(*args: Any, **given: Any) -> None:
-            said = {name: given.pop(name) for name in wanted}
-            command(*args, **given, **{keyword: gather(**said)})
-
-        signature = own.replace(parameters=[*kept[:last], *added, *kept[last:]])
-        wrapped.__signature__ = signature  # type: ignore[attr-defined]
-        wrapped.__annotations__ = {name: item.annotation for name, item in signature.parameters.items()}
-        return wrapped
-
-    return wrap
+    return lambda command: with_options(command, wanted, around, hidden=keyword)
 
 
-def camera_of(
-    *,
-    frame_rate: str | None = None,
-    scale: str | None = None,
-    known_length: str | None = None,
-    region: str | None = None,
-    start: str | None = None,
-    end: str | None = None,
-    camera_roll: str | None = None,
-    plumb_line: str | None = None,
-    board: str | None = None,
-) -> Any:
+def camera_of(*, camera_roll: float | None = None, plumb_line: float | None = None, **said: Any) -> Any:
     """The `Camera` that the options describe."""
     from rigtwin.lab import camera
     from rigtwin.lab.errors import BadInput
 
     if camera_roll is not None and plumb_line is not None:
         raise BadInput("--camera-roll and --plumb-line are both given; leave one of them out.")
-    roll = None if camera_roll is None else camera.roll(camera_roll, name="--camera-roll")
-
-    said = camera.Camera(
-        frame_rate=positive(frame_rate, "frequency", "--frame-rate"),
-        scale=positive(scale, "scale", "--scale"),
-        known_length=None if known_length is None else camera.known_length(known_length, name="--known-length"),
-        region=None if region is None else camera.region(region, name="--region"),
-        start=None if start is None else camera.moment(start, name="--start"),
-        end=None if end is None else camera.moment(end, name="--end"),
-        roll=roll if plumb_line is None else camera.plumb_line(plumb_line, name="--plumb-line"),
-        board=None if board is None else camera.board(board, name="--board"),
-    )
-    if said.board is None:
-        return said
+    described = camera.Camera(**said, roll=camera_roll if plumb_line is None else plumb_line)
+    if described.board is None:
+        return described
     from rigtwin.measure.board import straightened
 
-    return straightened(said)
+    return straightened(described)
 
 
-def parsed(text: str, dimension: str, name: str) -> float:
-    """A quantity in SI."""
-    from rigtwin.lab.units import si
-
-    return si(text, dimension, name=name)
-
-
-def needed(text: str, dimension: str, name: str) -> float:
+def _size(text: str, dimension: str, name: str, zero: bool, highest: float) -> float:
     """A quantity in SI that must be above zero, no longer than a bench, no more than half a turn."""
     from rigtwin.lab.errors import BadQuantity
-    from rigtwin.lab.units import LONGEST
+    from rigtwin.lab.units import LONGEST, si
 
-    value = parsed(text, dimension, name)
-    if value <= 0:
-        raise BadQuantity(f"{name}: {text!r} is not above zero; give a positive value.")
+    value = si(text, dimension, name=name)
+    if value < 0 or (value == 0 and not zero):
+        raise BadQuantity(f"{name}: {text!r} is {'below' if zero else 'not above'} zero; give a positive value.")
+    if value > highest:
+        raise BadQuantity(f"{name}: {text!r} is too large; give at most {highest:g}.")
     if dimension == "angle" and value > math.pi:
         raise BadQuantity(f"{name}: {text!r} is {value:g} rad; write an angle with its unit, like '45deg'.")
     bead = name == "--bead-diameter"
-    if dimension == "length" and not SHORTEST <= value <= (LARGEST_BEAD if bead else LONGEST):
+    if dimension == "length" and value and not SHORTEST <= value <= (LARGEST_BEAD if bead else LONGEST):
         what, example = ("a bead's diameter", "6mm") if bead else ("a length", "300mm")
         raise BadQuantity(f"{name}: {text!r} is {value:g} m; write {what} with its unit, like {example!r}.")
     return value
 
 
-def positive(text: str | None, dimension: str, name: str) -> float | None:
-    """`needed`, or None where the option was not given."""
-    return None if text is None else needed(text, dimension, name)
-
-
-def density(given: str | None, mass: str | None, diameter: float | None) -> float | None:
-    """[kg/m^3] as given, or from the bead's mass and diameter."""
+def density(given: float | None, mass: float | None, diameter: float | None) -> float | None:
+    """[kg/m^3] as given, or from the bead's mass [kg] and diameter [m]."""
     from rigtwin.lab.errors import BadInput
 
     if mass is None:
-        return _possible(positive(given, "density", "--bead-density"), "--bead-density")
+        return _possible(given, "--bead-density")
     if given is not None:
         raise BadInput("--bead-mass and --bead-density are both given; leave one of them out.")
     if diameter is None:
         raise BadInput("--bead-mass alone says nothing of the density; give --bead-diameter too.")
-    return _possible(needed(mass, "mass", "--bead-mass") / (math.pi / 6 * diameter**3), "--bead-mass")
+    return _possible(mass / (math.pi / 6 * diameter**3), "--bead-mass")
 
 
 def _possible(value: float | None, name: str) -> float | None:

@@ -100,12 +100,19 @@ def show_twin(twin: Twin, out: Path, as_json: bool, quiet: bool) -> None:
     _show_rest(console, twin.evaluation.checks, (*twin.warnings, *twin.evaluation.warnings), files)
 
 
-def show_comparison(comparison: Comparison) -> None:
+def show_comparison(comparison: Comparison, as_json: bool = False, quiet: bool = False) -> None:
     """Measured beside simulated."""
+    if as_json:
+        print_json(comparison.to_json())
+    elif not quiet:
+        _tell_comparison(_console(), comparison)
+
+
+def _tell_comparison(console: Console, comparison: Comparison) -> None:
     from rich.table import Table
 
     from rigtwin.compare.deviation import primary_first
-    from rigtwin.compare.wording import percent, reading, siblings, title, z_score
+    from rigtwin.lab.wording import percent, reading, siblings, title, z_score
 
     primary, rest = primary_first(comparison.deviations)
     table = Table(title=escape(comparison.lab.title), title_justify="left")
@@ -126,7 +133,6 @@ def show_comparison(comparison: Comparison) -> None:
                 escape(row.verdict),
             )
         table.add_section()
-    console = _console()
     console.print(table)
     if rest:
         console.print(f"{len(rest)} more (later bounces, single sides, other methods) in the report and deviations.csv")
@@ -139,14 +145,20 @@ def show_comparison(comparison: Comparison) -> None:
         typer.echo(f"wrote {path}")
 
 
-def show_reproduction(reproduction: Reproduction) -> None:
+def show_reproduction(reproduction: Reproduction, as_json: bool, quiet: bool) -> None:
     """The paper's cells beside ours."""
+    if as_json:
+        print_json(reproduction.to_json())
+    elif not quiet:
+        _tell_reproduction(_console(), reproduction)
+
+
+def _tell_reproduction(console: Console, reproduction: Reproduction) -> None:
     from rich.table import Table
 
     from rigtwin.compare.reproduce.reproduction import number
-    from rigtwin.compare.wording import percent
+    from rigtwin.lab.wording import percent, title
 
-    console = _console()
     for score in reproduction.scores:
         table = Table(title=f"Table {score['table']}", title_justify="left")
         for column in ("cell", "quantity", "paper experiment", "paper DEM", "ours", "paper DEM off", "ours off"):
@@ -155,7 +167,7 @@ def show_reproduction(reproduction: Reproduction) -> None:
             if row["table"] == score["table"]:
                 table.add_row(
                     row["row"],
-                    f"{row['quantity'].replace('_', ' ')} [dim]{escape(row['unit'])}[/dim]",
+                    f"{title(row['quantity'])} [dim]{escape(row['unit'])}[/dim]",
                     number(row["paper_experiment"], row["paper_experiment_std"]),
                     number(row["paper_dem"], row["paper_dem_std"]),
                     number(row["ours"], row["ours_std"]),
@@ -175,9 +187,16 @@ def show_reproduction(reproduction: Reproduction) -> None:
         typer.echo(f"wrote {path}")
 
 
-def show_diagnosis(diagnosis: Diagnosis, files: Mapping[str, Path]) -> None:
+def show_diagnosis(found: tuple[Diagnosis, Mapping[str, Path]], as_json: bool, quiet: bool) -> None:
     """The verdict, where and what, and the gap before and after."""
-    console = _console()
+    diagnosis, files = found
+    if as_json:
+        print_json({**diagnosis.to_json(), "files": files})
+    elif not quiet:
+        _tell_diagnosis(_console(), diagnosis, files)
+
+
+def _tell_diagnosis(console: Console, diagnosis: Diagnosis, files: Mapping[str, Path]) -> None:
     console.print(f"[bold]{escape(diagnosis.verdict)}[/bold]: {escape(diagnosis.reason)}")
     for one in diagnosis.left_out:
         console.print(f"[yellow]{escape(one)}[/yellow]")
@@ -202,7 +221,7 @@ def show_diagnosis(diagnosis: Diagnosis, files: Mapping[str, Path]) -> None:
 def _show_quantities(console: Console, heading: str, quantities: Sequence[Quantity]) -> None:
     from rich.table import Table
 
-    from rigtwin.compare.wording import reading, siblings, title
+    from rigtwin.lab.wording import reading, siblings, title
 
     table = Table(title=escape(heading), title_justify="left")
     for column in ("quantity", "which", "value ± standard uncertainty", "method", ""):

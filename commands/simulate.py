@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
 
+from rigtwin.commands.ending import Work, simulated
 from rigtwin.commands.options import (
-    Json,
-    Out,
-    Quiet,
+    Command,
     Seed,
+    Stiffness,
     Threads,
     gathered,
-    needed,
     option,
-    parsed,
-    positive,
+    quantity,
 )
-from rigtwin.commands.show import progress_bars, show_twin
 
 app = typer.Typer(help="Run the twin of one rig.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -29,17 +28,37 @@ LabFolder = Annotated[
 ]
 ParticleName = Annotated[str, option("--particle", "NAME", "D4, D6, D12, ... or a particle of --lab.")]
 WallName = Annotated[str, option("--wall", "NAME", "steel, ... or a material of --lab.")]
-Restitution = Annotated[float | None, option("--restitution", "0..1", "Restitution of the contact.")]
-StaticFriction = Annotated[float | None, option("--static-friction", "MU", "Static friction between particles.")]
-RollingFriction = Annotated[float | None, option("--rolling-friction", "MU", "Rolling friction between particles.")]
-WallFriction = Annotated[float | None, option("--static-friction", "MU", "Static friction on the plate.")]
-WallRolling = Annotated[float | None, option("--rolling-friction", "MU", "Rolling friction on the plate.")]
-Stiffness = Annotated[
-    float, typer.Option("--stiffness-factor", help="Young's moduli are multiplied by this, to save time.")
+Restitution = Annotated[
+    float | None, quantity("--restitution", "number", "0..1", "Restitution of the contact.", highest=1.0)
 ]
-TwinRate = Annotated[str, typer.Option("--frame-rate", metavar="240Hz", help="How often the twin's record is taken.")]
-Duration = Annotated[str | None, typer.Option("--duration", metavar="1.5s", help="How long the twin is watched.")]
+StaticFriction = Annotated[
+    float | None, quantity("--static-friction", "number", "MU", "Static friction between particles.", zero=True)
+]
+RollingFriction = Annotated[
+    float | None, quantity("--rolling-friction", "number", "MU", "Rolling friction between particles.", zero=True)
+]
+WallFriction = Annotated[
+    float | None, quantity("--static-friction", "number", "MU", "Static friction on the plate.", zero=True)
+]
+WallRolling = Annotated[
+    float | None, quantity("--rolling-friction", "number", "MU", "Rolling friction on the plate.", zero=True)
+]
+TwinRate = Annotated[
+    float, quantity("--frame-rate", "frequency", "240Hz", "How often the twin's record is taken; 240 Hz.")
+]
+Duration = Annotated[float | None, quantity("--duration", "time", "1.5s", "How long the twin is watched.")]
 Count = Annotated[int, typer.Option("--count", min=1, help="Number of particles.")]
+RollingModel = Annotated[
+    Literal["A", "C"],
+    typer.Option("--rolling-model", help="Rolling resistance: constant torque (A) or elastic-plastic spring (C)."),
+]
+ContactLaw = Annotated[
+    Literal["Hertz-Mindlin", "linear"], typer.Option("--contact-law", help="Springs and dashpots of the contacts.")
+]
+ImpactSpeed = Annotated[
+    float,
+    quantity("--impact-speed", "speed", "1m/s", "Where linear springs are as stiff as Hertz's contacts; 1 m/s."),
+]
 Kept = Annotated[
     Path | None, option("--checkpoint", "FILE.npz", "Keep the run here, and go on from it where it was stopped.")
 ]
@@ -50,7 +69,7 @@ Filmed = Annotated[
 Run = Any  # what `bulk` makes of the options of a rig of many particles
 
 
-def bulk(*, wall: str, count: int | None = None) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def bulk(*, wall: str, count: int | None = None) -> Callable[[Command], Command]:
     """Give a command the options that the rigs of many particles share; without a `count` it asks for its own.
 
     It gets them as one keyword, `run`: a function that gives the cast, and the other settings by keyword.
@@ -65,6 +84,9 @@ def bulk(*, wall: str, count: int | None = None) -> Callable[[Callable[..., None
         **({} if count is None else {"count": (Count, count)}),
         "seed": (Seed, 1),
         "stiffness_factor": (Stiffness, 1e-3),
+        "rolling": (RollingModel, "C"),
+        "contact_law": (ContactLaw, "Hertz-Mindlin"),
+        "impact_speed": (ImpactSpeed, 1.0),
         "threads": (Threads, None),
         "checkpoint": (Kept, None),
         "trajectory": (Filmed, None),
@@ -73,6 +95,7 @@ def bulk(*, wall: str, count: int | None = None) -> Callable[[Callable[..., None
 
     def gather(**said: Any) -> Callable[[], tuple[Any, dict[str, Any]]]:
         asked = {name: value for name, value in said.items() if name not in casting}
+        asked["rolling"] = f"type {asked['rolling']}"
         return lambda: (_cast(**{name: said[name] for name in casting}), asked)
 
     return gathered("run", options, gather)
@@ -104,47 +127,41 @@ def _cast(
 
 
 @app.command("drop", epilog="Example: rigtwin simulate drop --drop-height 300mm --particle D6 --wall steel")
+@simulated("drop")
 def simulate_drop(
     *,
     drop_height: Annotated[
-        str, typer.Option("--drop-height", metavar="300mm", help="From the bead's lowest point to the plate.")
+        float, quantity("--drop-height", "length", "300mm", "From the bead's lowest point to the plate.")
     ],
     particle: ParticleName = "D6",
     wall: WallName = "steel",
     lab: LabFolder = None,
     bounces: Annotated[int, typer.Option("--bounces", min=1, help="How many bounces to show.")] = 4,
     restitution: Restitution = None,
-    frame_rate: TwinRate = "240Hz",
+    frame_rate: TwinRate = 240.0,
     duration: Duration = None,
-    out: Out = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
+) -> Work:
     """A bead dropped on a plate."""
     from rigtwin.compare import cast
     from rigtwin.lab.rigs import Drop
 
-    rig = Drop(needed(drop_height, "length", "--drop-height"), bounces)
-    rate, span = needed(frame_rate, "frequency", "--frame-rate"), positive(duration, "time", "--duration")
+    rig = Drop(drop_height, bounces)
     model = cast.model_of(lab)
     bead, plate = cast.particle(particle, model), cast.wall(wall, model)
     contact = cast.contact(bead.name, plate.name, model, ("restitution",), restitution=restitution)
     from rigtwin.compare.twin import drop_twin
 
-    with progress_bars(as_json or quiet) as progress:
-        twin = drop_twin(rig, bead, plate, contact, frame_rate=rate, duration=span, progress=progress)
-    show_twin(twin, out or Path("out/simulate-drop"), as_json, quiet)
+    return partial(drop_twin, rig, bead, plate, contact, frame_rate=frame_rate, duration=duration)
 
 
 @app.command(
     "pendulum", epilog="Example: rigtwin simulate pendulum --length 300mm --release-angle 45deg --particle D12"
 )
+@simulated("pendulum")
 def simulate_pendulum(
     *,
-    length: Annotated[str, typer.Option("--length", metavar="300mm", help="Hinge to bead centre.")],
-    release_angle: Annotated[
-        str, typer.Option("--release-angle", metavar="45deg", help="Of bead A, from the vertical.")
-    ],
+    length: Annotated[float, quantity("--length", "length", "300mm", "Hinge to bead centre.")],
+    release_angle: Annotated[float, quantity("--release-angle", "angle", "45deg", "Of bead A, from the vertical.")],
     variant: Annotated[
         Literal["double", "wall"], typer.Option(help="Two beads, or one bead against an upright wall.")
     ] = "double",
@@ -152,55 +169,55 @@ def simulate_pendulum(
     wall: WallName = "steel",
     lab: LabFolder = None,
     restitution: Restitution = None,
-    frame_rate: TwinRate = "240Hz",
+    frame_rate: TwinRate = 240.0,
     duration: Duration = None,
-    out: Out = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
+) -> Work:
     """Bead A swings from an angle and hits bead B at rest, or a wall."""
     from rigtwin.compare import cast
     from rigtwin.lab.rigs import Pendulum
 
-    rig = Pendulum(needed(length, "length", "--length"), needed(release_angle, "angle", "--release-angle"), variant)
-    rate, span = needed(frame_rate, "frequency", "--frame-rate"), positive(duration, "time", "--duration")
+    rig = Pendulum(length, release_angle, variant)
     model = cast.model_of(lab)
     bead, upright = cast.particle(particle, model), cast.wall(wall, model) if variant == "wall" else None
     other = bead.name if upright is None else upright.name
     contact = cast.contact(bead.name, other, model, ("restitution",), restitution=restitution)
     from rigtwin.compare.twin import pendulum_twin
 
-    with progress_bars(as_json or quiet) as progress:
-        twin = pendulum_twin(rig, bead, contact, frame_rate=rate, wall=upright, duration=span, progress=progress)
-    show_twin(twin, out or Path("out/simulate-pendulum"), as_json, quiet)
+    return partial(pendulum_twin, rig, bead, contact, frame_rate=frame_rate, wall=upright, duration=duration)
 
 
 @app.command("pile", epilog="Example: rigtwin simulate pile --base-diameter 90mm --rim-height 10mm --count 2000")
+@simulated("pile")
 @bulk(wall="steel", count=1000)
 def simulate_pile(
     *,
-    base_diameter: Annotated[str, typer.Option("--base-diameter", metavar="90mm", help="Diameter of the base.")],
+    base_diameter: Annotated[float, quantity("--base-diameter", "length", "90mm", "Diameter of the base.")],
     method: Annotated[
         Literal["piling", "pouring", "emptying"],
         typer.Option(help="Beads rain on the base; a filled tube is lifted; a filled container drains."),
     ] = "piling",
     rim_height: Annotated[
-        str, typer.Option("--rim-height", metavar="10mm", help="Rim of the base; nothing stays on a plate without one.")
-    ] = "0 mm",
-    outlet_diameter: Annotated[str | None, option("--outlet-diameter", "20mm", "piling: of the funnel.")] = None,
-    outlet_height: Annotated[
-        str | None, option("--outlet-height", "80mm", "piling: of the funnel above the base; else it rises.")
+        float,
+        quantity("--rim-height", "length", "10mm", "Rim of the base; nothing stays on a plate without one.", zero=True),
+    ] = 0.0,
+    outlet_diameter: Annotated[
+        float | None, quantity("--outlet-diameter", "length", "20mm", "piling: of the funnel.")
     ] = None,
-    tube_diameter: Annotated[str | None, option("--tube-diameter", "45mm", "pouring: inner; half the base.")] = None,
-    lift_speed: Annotated[str | None, option("--lift-speed", "20mm/s", "pouring: of the tube; 20 mm/s.")] = None,
+    outlet_height: Annotated[
+        float | None,
+        quantity("--outlet-height", "length", "80mm", "piling: of the funnel above the base; else it rises."),
+    ] = None,
+    tube_diameter: Annotated[
+        float | None, quantity("--tube-diameter", "length", "45mm", "pouring: inner; half the base.")
+    ] = None,
+    lift_speed: Annotated[
+        float | None, quantity("--lift-speed", "speed", "20mm/s", "pouring: of the tube; 20 mm/s.")
+    ] = None,
     drain_diameter: Annotated[
-        str | None, option("--drain-diameter", "50mm", "emptying: of the hole; a third of the base.")
+        float | None, quantity("--drain-diameter", "length", "50mm", "emptying: of the hole; a third of the base.")
     ] = None,
     run: Run,
-    out: Out = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
+) -> Work:
     """A heap on a round base, its slope seen from four sides."""
     from rigtwin.lab.errors import BadInput
     from rigtwin.lab.rigs import Pile
@@ -216,47 +233,44 @@ def simulate_pile(
         if given is not None and needs != method:
             raise BadInput(f"{name} belongs to --method {needs}, this heap is made by {method}; leave one of them out.")
     rig = Pile(
-        needed(base_diameter, "length", "--base-diameter"),
-        parsed(rim_height, "length", "--rim-height"),
-        positive(outlet_diameter, "length", "--outlet-diameter"),
+        base_diameter,
+        rim_height,
+        outlet_diameter,
         method,
-        positive(outlet_height, "length", "--outlet-height"),
-        positive(tube_diameter, "length", "--tube-diameter"),
-        positive(lift_speed, "speed", "--lift-speed"),
-        positive(drain_diameter, "length", "--drain-diameter"),
+        outlet_height,
+        tube_diameter,
+        lift_speed,
+        drain_diameter,
     )
     cast, asked = run()
     from rigtwin.compare.bulk_twins import pile_twin
 
-    with progress_bars(as_json or quiet) as progress:
-        twin = pile_twin(rig, cast, **asked, progress=progress)
-    show_twin(twin, out or Path("out/simulate-pile"), as_json, quiet)
+    return partial(pile_twin, rig, cast, **asked)
 
 
 @app.command("tilt", epilog="Example: rigtwin simulate tilt --variant slide --particle D6 --wall steel")
+@simulated("tilt")
 def simulate_tilt(
     *,
     variant: Annotated[
         Literal["slide", "roll"], typer.Option(help="A body that slides (glued beads), or a bead that rolls.")
     ],
-    speed: Annotated[str, option("--speed", "1deg/s", "How fast the plate is tilted.")] = "1 deg/s",
+    speed: Annotated[
+        float, quantity("--speed", "angular_speed", "1deg/s", "How fast the plate is tilted; 1 deg/s.")
+    ] = math.radians(1),
     particle: ParticleName = "D6",
     wall: WallName = "steel",
     lab: LabFolder = None,
     static_friction: WallFriction = None,
     rolling_friction: WallRolling = None,
-    frame_rate: TwinRate = "240Hz",
+    frame_rate: TwinRate = 240.0,
     duration: Duration = None,
-    out: Out = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
+) -> Work:
     """A plate tilted until the body on it moves."""
     from rigtwin.compare import cast
     from rigtwin.lab.rigs import Tilt
 
-    rig = Tilt(variant, needed(speed, "angular_speed", "--speed"))
-    rate, span = needed(frame_rate, "frequency", "--frame-rate"), positive(duration, "time", "--duration")
+    rig = Tilt(variant, speed)
     model = cast.model_of(lab)
     bead, plate = cast.particle(particle, model), cast.wall(wall, model)
     needs = ("static_friction", "rolling_friction")
@@ -264,109 +278,100 @@ def simulate_tilt(
     contact = cast.contact(bead.name, plate.name, model, needs, **friction)
     from rigtwin.compare.twin import tilt_twin
 
-    with progress_bars(as_json or quiet) as progress:
-        twin = tilt_twin(rig, bead, plate, contact, frame_rate=rate, duration=span, progress=progress)
-    show_twin(twin, out or Path("out/simulate-tilt"), as_json, quiet)
+    return partial(tilt_twin, rig, bead, plate, contact, frame_rate=frame_rate, duration=duration)
 
 
 @app.command("packing", epilog="Example: rigtwin simulate packing --cylinder-diameter 65mm --particle D6 --count 1000")
+@simulated("packing")
 @bulk(wall="PMMA", count=1000)
 def simulate_packing(
     *,
-    cylinder_diameter: Annotated[str, option("--cylinder-diameter", "65mm", "Inner diameter of the cylinder.")] = (
-        "65 mm"
-    ),
+    cylinder_diameter: Annotated[
+        float, quantity("--cylinder-diameter", "length", "65mm", "Inner diameter of the cylinder; 65 mm.")
+    ] = 0.065,
     outlet_diameter: Annotated[
-        str | None, option("--outlet-diameter", "39mm", "What the particles leave by; 0.6 of the cylinder.")
+        float | None,
+        quantity("--outlet-diameter", "length", "39mm", "What the particles leave by; 0.6 of the cylinder."),
     ] = None,
     hopper_diameter: Annotated[
-        str | None, option("--hopper-diameter", "100mm", "A hopper with a slide above the cylinder; else a rain.")
+        float | None,
+        quantity("--hopper-diameter", "length", "100mm", "A hopper with a slide above the cylinder; else a rain."),
     ] = None,
     run: Run,
-    out: Out = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
+) -> Work:
     """Particles poured into a cylinder: bed height and bulk density."""
     from rigtwin.lab.rigs import Packing
 
     rig = Packing(
-        needed(cylinder_diameter, "length", "--cylinder-diameter"),
-        outlet_diameter=positive(outlet_diameter, "length", "--outlet-diameter"),
-        hopper_diameter=positive(hopper_diameter, "length", "--hopper-diameter"),
+        cylinder_diameter,
+        outlet_diameter=outlet_diameter,
+        hopper_diameter=hopper_diameter,
     )
     cast, asked = run()
     from rigtwin.compare import bulk_twins
 
     rig = bulk_twins.cylinder_for(rig, cast.particle, asked["count"])
-    with progress_bars(as_json or quiet) as progress:
-        twin = bulk_twins.packing_twin(rig, cast, **asked, progress=progress)
-    show_twin(twin, out or Path("out/simulate-packing"), as_json, quiet)
+    return partial(bulk_twins.packing_twin, rig, cast, **asked)
 
 
 @app.command(
     "drum", epilog="Example: rigtwin simulate drum --drum-diameter 140mm --speed 3rpm --depth 50mm --fill 0.35"
 )
+@simulated("drum")
 @bulk(wall="PMMA")
 def simulate_drum(
     *,
-    drum_diameter: Annotated[str, option("--drum-diameter", "140mm", "Inner diameter of the drum.")],
-    speed: Annotated[str, option("--speed", "3rpm", "How fast the drum turns.")],
-    depth: Annotated[str | None, option("--depth", "50mm", "Inner length of the drum; half its diameter.")] = None,
-    fill: Annotated[float | None, option("--fill", "0..1", "Share of the drum that the bed takes; 0.35.")] = None,
-    turns: Annotated[float, option("--turns", "N", "How often the drum turns.")] = 1.0,
+    drum_diameter: Annotated[float, quantity("--drum-diameter", "length", "140mm", "Inner diameter of the drum.")],
+    speed: Annotated[float, quantity("--speed", "angular_speed", "3rpm", "How fast the drum turns.")],
+    depth: Annotated[
+        float | None, quantity("--depth", "length", "50mm", "Inner length of the drum; half its diameter.")
+    ] = None,
+    fill: Annotated[
+        float | None, quantity("--fill", "number", "0..1", "Share of the drum that the bed takes; 0.35.", highest=1.0)
+    ] = None,
+    turns: Annotated[float, quantity("--turns", "number", "N", "How often the drum turns; 1.")] = 1.0,
     count: Annotated[int | None, typer.Option("--count", min=1, help="Particles, in place of --fill.")] = None,
     run: Run,
-    out: Out = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """A bed in a turning drum: its dynamic angle of repose and how it mixes."""
+) -> Work:
+    """A bed in a turning drum: dynamic angle of repose and mixing."""
     from rigtwin.lab.rigs import Drum
 
     rig = Drum(
-        needed(drum_diameter, "length", "--drum-diameter"),
-        needed(speed, "angular_speed", "--speed"),
-        positive(depth, "length", "--depth"),
+        drum_diameter,
+        speed,
+        depth,
         fill,
     )
     cast, asked = run()
     from rigtwin.compare.bulk_twins import drum_twin
 
-    with progress_bars(as_json or quiet) as progress:
-        twin = drum_twin(rig, cast, count=count, turns=turns, **asked, progress=progress)
-    show_twin(twin, out or Path("out/simulate-drum"), as_json, quiet)
+    return partial(drum_twin, rig, cast, count=count, turns=turns, **asked)
 
 
 @app.command(
     "hopper", epilog="Example: rigtwin simulate hopper --variant slot --outlet 20mm --particle D6 --count 2000"
 )
+@simulated("hopper")
 @bulk(wall="PMMA", count=2000)
 def simulate_hopper(
     *,
     variant: Annotated[
         Literal["conical", "slot"], typer.Option(help="A cone with a round outlet, or two walls with a slot.")
     ] = "conical",
-    outlet: Annotated[str, option("--outlet", "50mm", "Diameter of the outlet, or width of the slot.")],
+    outlet: Annotated[float, quantity("--outlet", "length", "50mm", "Diameter of the outlet, or width of the slot.")],
     bin_width: Annotated[
-        str | None, option("--bin-width", "150mm", "Width above the walls; diameter of the conical hopper's cylinder.")
+        float | None,
+        quantity("--bin-width", "length", "150mm", "Width above the walls; diameter of the conical hopper's cylinder."),
     ] = None,
-    depth: Annotated[str | None, option("--depth", "68mm", "Length of the slot.")] = None,
+    depth: Annotated[float | None, quantity("--depth", "length", "68mm", "Length of the slot.")] = None,
     duration: Duration = None,
     run: Run,
-    out: Out = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """A hopper that empties through its outlet: discharge time and mass flow."""
+) -> Work:
+    """A hopper that empties: discharge time and mass flow."""
     from rigtwin.lab.rigs import HopperSettings
 
-    width, length = positive(bin_width, "length", "--bin-width"), positive(depth, "length", "--depth")
-    rig = HopperSettings(variant, width, length, needed(outlet, "length", "--outlet")).rig()
-    span = positive(duration, "time", "--duration")
+    rig = HopperSettings(variant, bin_width, depth, outlet).rig()
     cast, asked = run()
     from rigtwin.compare.bulk_twins import hopper_twin
 
-    with progress_bars(as_json or quiet) as progress:
-        twin = hopper_twin(rig, cast, **asked, duration=span, progress=progress)
-    show_twin(twin, out or Path("out/simulate-hopper"), as_json, quiet)
+    return partial(hopper_twin, rig, cast, **asked, duration=duration)

@@ -22,7 +22,7 @@ from rigtwin.compare.deviation import Deviation, deviations, over_views
 from rigtwin.compare.repetitions import Failure, Measured, measuring
 from rigtwin.compare.shapes import Overlay, overlays
 from rigtwin.compare.twin import NEEDS, Twin, measured_start, needs_measurement, stated_start, twin_of
-from rigtwin.compare.wording import reading
+from rigtwin.lab.content import sha256
 from rigtwin.lab.entries import suggestion
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import PARAMETERS, KnownContact
@@ -31,6 +31,7 @@ from rigtwin.lab.notebook import Experiment, Lab, read_lab
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement
 from rigtwin.lab.rigs import PileSettings
+from rigtwin.lab.wording import reading
 
 
 @dataclass(frozen=True)
@@ -102,11 +103,13 @@ def compare(
     threads: int | None = None,
     workers: int | None = None,
     model: Path | None = None,
+    stiffness_factor: float | None = None,
 ) -> Comparison:
     """Compare a lab with its twins and write everything into `out`.
 
     `only` names the experiments to take (all by default), `count` the particles of a pile's twin where lab.toml gives
-    none, `heaps` how many heaps that twin pours, with seeds from `seed` upwards.
+    none, `heaps` how many heaps that twin pours, with seeds from `seed` upwards, `stiffness_factor` what the moduli of
+    twins of many particles are multiplied by.
     `model` is a model.toml whose contacts and effects go before what lab.toml says.  A repetition that cannot be
     measured is left out with a warning.  Raises `BadInput` when an experiment has none left and `BadLabFile` when
     lab.toml is at fault, and then leaves the files of an earlier run as they were.
@@ -119,7 +122,9 @@ def compare(
     for experiment in experiments:
         _need_contacts(lab, experiment)
     twins: dict[str, list[Twin]] = {}
-    run = partial(twin_of, model=lab.model, count=count, threads=threads, progress=progress)
+    run = partial(
+        twin_of, model=lab.model, count=count, threads=threads, stiffness_factor=stiffness_factor, progress=progress
+    )
     with measuring(experiments, out, workers) as pending:
         for experiment in experiments:
             if not needs_measurement(experiment):
@@ -162,8 +167,7 @@ def provenance(comparison: Comparison) -> dict[str, Any]:
         "seconds": {name: round(value, 3) for name, value in comparison.seconds.items()},
         "seed": comparison.seed,
         "inputs": [
-            {"file": _relative(path, lab.folder), "sha256": results.file_sha256(path)}
-            for path in dict.fromkeys([lab.path, *media])
+            {"file": _relative(path, lab.folder), "sha256": sha256(path)} for path in dict.fromkeys([lab.path, *media])
         ],
         "model": {
             "materials": {name: asdict(material) for name, material in lab.model.materials.items()},

@@ -27,7 +27,6 @@ AVERAGES_OUT = frozenset(
         "repetition",
         "grain roughness",
         "grain at apex and foot",
-        "half left-right difference",
         "scatter of views and sides",
     }
 )
@@ -380,7 +379,7 @@ def _verdict(simulated: Combined | None, z: float | None, freedom: float, *, dou
 
 
 def _note(rig: str, measured: Combined, simulated: Combined | None, set_from: str) -> str:
-    notes = []
+    notes = [] if simulated is not None else ["the twin gives no such number"]
     both = {"measured": measured, "simulated": simulated}
     single = [name for name, one in both.items() if one is not None and one.n == 1]
     if rig == "pile" and single:

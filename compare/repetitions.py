@@ -19,6 +19,7 @@ from rigtwin.lab.quantity import Measurement
 from rigtwin.lab.rigs import (
     DropSettings,
     DrumSettings,
+    HopperSettings,
     PackingSettings,
     PendulumSettings,
     PileSettings,
@@ -143,10 +144,20 @@ def known(experiment: Experiment) -> dict[str, Any]:
         case TiltSettings():
             return told | {"variant": rig.variant, "arm_length": rig.arm_length}
         case PackingSettings():
-            return told | {"cylinder_diameter": rig.cylinder_diameter, "total_mass": rig.total_mass}
+            return told | {"cylinder_diameter": rig.cylinder_diameter, "total_mass": filling(experiment)}
         case PileSettings():
             drained = rig.drain_diameter or 0.0 if rig.variant == "emptying" else 0.0
             return told | {"base_diameter": rig.base_diameter - drained}
         case DrumSettings():
             return told | {"drum_diameter": rig.drum_diameter, "speed": rig.speed}
-    return told | {"bin_width": rig.bin_width, "total_mass": rig.total_mass}
+    return told | {"bin_width": rig.bin_width, "total_mass": filling(experiment)}
+
+
+def filling(experiment: Experiment) -> float | None:
+    """[kg] What a cylinder or hopper is filled with: as weighed, else as counted times the mass of one."""
+    rig = experiment.rig
+    if not isinstance(rig, (PackingSettings, HopperSettings)):
+        return None
+    if rig.total_mass is None and rig.count is not None:
+        return rig.count * experiment.particle.mass
+    return rig.total_mass

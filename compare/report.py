@@ -13,15 +13,26 @@ from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare import figures
 from rigtwin.compare.deviation import Deviation, headlines, primary_first
+from rigtwin.compare.filled import filled
+from rigtwin.compare.repetitions import filling
 from rigtwin.compare.twin import NEEDS
-from rigtwin.compare.wording import RIG_TITLES, percent, reading, siblings, title, uncertainty, z_score
 from rigtwin.lab.materials import PARAMETERS
 from rigtwin.lab.quantity import Check, Measurement
-from rigtwin.lab.rigs import DropSettings, PendulumSettings, PileSettings
+from rigtwin.lab.rigs import (
+    DropSettings,
+    DrumSettings,
+    HopperSettings,
+    PackingSettings,
+    PendulumSettings,
+    PileSettings,
+    TiltSettings,
+)
+from rigtwin.lab.wording import RIG_TITLES, percent, reading, siblings, title, uncertainty, z_score
 
 if TYPE_CHECKING:
     from rigtwin.compare.comparison import Comparison, Outcome
     from rigtwin.compare.shapes import Overlay
+    from rigtwin.lab.notebook import Experiment
 
 MOST_STILLS = 4  # pictures shown per experiment; all of them lie beside the report
 STILL_WIDTH = 1200  # [px], wide enough to judge a bead's outline when the picture is enlarged
@@ -73,16 +84,8 @@ class CheckLine:
 
 def report(comparison: Comparison, provenance: Mapping[str, Any], out: Path) -> str:
     """The whole page; `provenance` is what provenance.json says, `out` the folder the page will lie in."""
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("rigtwin.compare", "templates"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    return environment.get_template("report.html").render(
+    return filled(
+        "report.html",
         title=comparison.lab.title,
         made=comparison.started.strftime("%d %B %Y, %H:%M UTC"),
         summary=_summary(comparison),
@@ -195,20 +198,13 @@ def _widest(rows: Iterable[Deviation]) -> float:
 
 
 def _settings(outcome: Outcome) -> list[tuple[str, str]]:
-    experiment, rig = outcome.experiment, outcome.experiment.rig
+    experiment = outcome.experiment
     n = len(outcome.measurements)
     lines = [
         ("repetitions", f"{n} measured" + (f", {len(outcome.failures)} left out" if outcome.failures else "")),
         ("bead", f"{experiment.particle.diameter * 1e3:.2f} mm, {experiment.particle.mass * 1e3:.3g} g"),
     ]
-    if isinstance(rig, DropSettings) and rig.drop_height is not None:
-        lines.append(("drop height", f"{rig.drop_height * 1e3:.4g} mm (stated)"))
-    if isinstance(rig, PendulumSettings):
-        lines.append(("length", f"{rig.length * 1e3:.4g} mm"))
-        if rig.release_angle is not None:
-            lines.append(("release", f"{math.degrees(rig.release_angle):.3g}° (stated)"))
-    if isinstance(rig, PileSettings):
-        lines.append(("base", f"{rig.base_diameter * 1e3:.4g} mm, rim {rig.rim_height * 1e3:.3g} mm"))
+    lines += _stated(experiment)
     rates = {
         round(float(item.camera["frame_rate_hz"]), 2)
         for item in outcome.measurements
@@ -230,6 +226,34 @@ def _settings(outcome: Outcome) -> list[tuple[str, str]]:
     return lines
 
 
+def _stated(experiment: Experiment) -> list[tuple[str, str]]:
+    """What the experimenter said of the rig, as far as it is said."""
+    rig, filled = experiment.rig, filling(experiment)
+    said: list[tuple[str, float | None, float, str]] = []  # name, value in SI, factor and unit as it is shown
+    if isinstance(rig, DropSettings):
+        said = [("drop height, stated", rig.drop_height, 1e3, " mm")]
+    elif isinstance(rig, PendulumSettings):
+        said = [("length", rig.length, 1e3, " mm"), ("release, stated", rig.release_angle, math.degrees(1), "°")]
+    elif isinstance(rig, TiltSettings):
+        said = [("plate", rig.arm_length, 1e3, " mm"), ("tilted by", rig.speed, math.degrees(1), "°/s")]
+    elif isinstance(rig, PileSettings):
+        said = [("base", rig.base_diameter, 1e3, " mm"), ("rim", rig.rim_height, 1e3, " mm")]
+    elif isinstance(rig, DrumSettings):
+        turning = ("turning at", rig.speed, 30 / math.pi, " rpm")
+        said = [("drum", rig.drum_diameter, 1e3, " mm"), turning, ("depth", rig.depth, 1e3, " mm")]
+    elif isinstance(rig, PackingSettings):
+        said = [("cylinder", rig.cylinder_diameter, 1e3, " mm")]
+    else:
+        said = [
+            ("outlet", rig.outlet, 1e3, " mm"),
+            ("bin", rig.bin_width, 1e3, " mm"),
+            ("depth", rig.depth, 1e3, " mm"),
+        ]
+    counted = isinstance(rig, (PackingSettings, HopperSettings)) and rig.total_mass is None
+    said.append((f"filling, {'counted' if counted else 'weighed'}", filled, 1e3, " g"))
+    return [(name, f"{value * factor:.4g}{unit}") for name, value, factor, unit in said if value is not None]
+
+
 def _shape(overlay: Overlay) -> dict[str, str]:
     """The drawing of a shape and the sentence below it."""
     unit = {"deg": "°", "%": " %"}.get(overlay.unit, f" {overlay.unit}")
@@ -245,11 +269,9 @@ def _shape(overlay: Overlay) -> dict[str, str]:
 
 def _stills(measurements: Sequence[Measurement]) -> tuple[list[dict[str, Any]], int]:
     """Overlay pictures as data addresses, and how many more there are."""
+    paths = dict.fromkeys(path for item in measurements for path in item.files.values() if path.is_file())
     pictures = [
-        (re.sub(r"-(still|overlay)\.\w+$", "", path.name), path)
-        for item in measurements
-        for name, path in item.files.items()
-        if name.startswith("still") and path.is_file()
+        (re.sub(r"-(still|overlay)$", "", path.stem), path) for path in paths if path.suffix in (".png", ".jpg")
     ]
     shown = [{"name": name, **_embedded(path)} for name, path in pictures[:MOST_STILLS]]
     return shown, len(pictures) - len(shown)
@@ -305,12 +327,11 @@ def _budgets(rows: Sequence[Deviation]) -> Iterable[dict[str, Any]]:
 
 
 def _repetition(measurement: Measurement, out: Path) -> dict[str, Any]:
-    files = []
-    for kind, path in measurement.files.items():
-        try:
-            files.append((kind, path.resolve().relative_to(out.resolve()).as_posix()))
-        except ValueError:  # written elsewhere: a report that is moved could not reach it
-            continue
+    kinds: dict[Path, str] = {}
+    for kind, path in measurement.files.items():  # of a photo, overlay and still are one file
+        kinds.setdefault(path.resolve(), kind.replace("_", " "))
+    here = out.resolve()  # what was written elsewhere could not be reached by a report that is moved
+    files = [(kind, path.relative_to(here).as_posix()) for path, kind in kinds.items() if path.is_relative_to(here)]
     return {
         "name": measurement.source.name,
         "quantities": [
@@ -328,9 +349,10 @@ def _repetition(measurement: Measurement, out: Path) -> dict[str, Any]:
 
 
 def _flat(settings: Mapping[str, Any], prefix: str = "") -> Iterable[tuple[str, str]]:
-    """Nested settings as lines: ``particle.diameter``, ``0.0062``."""
+    """Nested settings as lines: ``particle, diameter``, ``0.0062``."""
     for name, value in settings.items():
+        words = f"{prefix}{name.replace('_', ' ')}"
         if isinstance(value, Mapping):
-            yield from _flat(value, f"{prefix}{name}.")
+            yield from _flat(value, f"{words}, ")
         elif value is not None:
-            yield f"{prefix}{name}", f"{value:.6g}" if isinstance(value, float) else str(value)
+            yield words, f"{value:.6g}" if isinstance(value, float) else str(value)

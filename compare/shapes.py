@@ -67,6 +67,12 @@ class Overlay:
         high = min(max(_known(curve)[1] for curve in side) for side in (self.measured, self.simulated))
         return low, high
 
+    @property
+    def meet(self) -> bool:
+        """Whether there is a stretch on which both sides are known."""
+        low, high = self.span
+        return high > low and math.isfinite(self.distance)
+
     def mean(self, curves: Sequence[Curve]) -> Curve:
         """Mean over `curves` on the common axis."""
         x = np.linspace(*self.span, GRID)
@@ -84,7 +90,7 @@ class Overlay:
     @property
     def offset(self) -> float:
         """Mean of simulated minus measured mean [`unit`]: the part of the distance that is a shift."""
-        return float(np.nanmean(self.mean(self.simulated).y - self.mean(self.measured).y))
+        return float(np.mean(_finite(self.mean(self.simulated).y - self.mean(self.measured).y)))
 
     def scatter(self, curves: Sequence[Curve]) -> float | None:
         """Root mean square of single curves about their mean [`unit`]; None for a single one."""
@@ -128,7 +134,7 @@ def overlays(
             found = _surface("outline of the bed", measured, twins, bead_diameter, rig.cylinder_diameter)
         case PileSettings():
             found = _surface("outline of the heap", measured, twins, bead_diameter, None)
-    return tuple(shape for shape in found if shape.measured and shape.simulated and np.diff(shape.span)[0] > 0)
+    return tuple(shape for shape in found if shape.measured and shape.simulated and shape.meet)
 
 
 # ---------------------------------------------------------------------- the rigs
@@ -330,5 +336,11 @@ def _at(curve: Curve, x: Array) -> Array:
     return np.where(at[after] - at[after - 1] > wide, np.nan, found)
 
 
+def _finite(values: Array) -> Array:
+    return values[np.isfinite(values)]
+
+
 def _rms(values: Array) -> float:
-    return float(np.sqrt(np.nanmean(values**2)))
+    """NaN where nothing is known."""
+    known = _finite(values)
+    return float(np.sqrt(np.mean(known**2))) if len(known) else math.nan

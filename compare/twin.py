@@ -246,6 +246,7 @@ def twin_of(
     count: int | None = None,
     seed: int = 1,
     threads: int | None = None,
+    stiffness_factor: float | None = None,
     progress: Progress = silent,
 ) -> Twin:
     """The matched twin of an experiment under a model.
@@ -257,9 +258,9 @@ def twin_of(
     contacts = [model.contact(*names, NEEDS.get(experiment.rig_name, PARAMETERS)) for names in experiment.contacts]
     start, set_from = _start(experiment, measurements)
     if isinstance(rig, BULK):
-        return _bulk_twin(
-            experiment, contacts, count=count, seed=seed, threads=threads, effects=model.effects, progress=progress
-        )
+        softened = {} if stiffness_factor is None else {"stiffness_factor": stiffness_factor}
+        numerics = {"seed": seed, "threads": threads, "effects": model.effects, **softened}
+        return _bulk_twin(experiment, contacts, count=count, **numerics, progress=progress)
     rate = _frame_rate(experiment, measurements)
     if isinstance(rig, DropSettings):
         assert experiment.wall is not None

@@ -567,6 +567,72 @@ def _certainty(fit: _Fit, patch: _Patch) -> Array:
 
 
 @dataclass(frozen=True)
+class Pose:
+    """How a frame lies over the scene, and how bright it is against it."""
+
+    shake: tuple[float, float] = (0.0, 0.0)  # [px], where the scene's origin lies in the frame
+    gain: float = 1.0
+    offset: float = 0.0  # [grey levels]
+    doubt: tuple[float, float] = (0.0, 0.0)  # [px], half of what two halves of the scene disagree by on the shake
+
+    def seen(self, grey: Grey, box: tuple[int, int, int, int] | None = None) -> Picture:
+        """A part of the frame (left, top, right, bottom; all where None), moved back and levelled to the scene's."""
+        left, top, right, bottom = box or (0, 0, grey.shape[1], grey.shape[0])
+        if max(map(abs, self.shake)) > STEADY:
+            x, y = (first + (end - 1 - first) / 2 for first, end in ((left, right), (top, bottom)))
+            # exact, where cv2.warpAffine goes in steps of a thirty-second of a pixel
+            middle = (x + self.shake[0], y + self.shake[1])
+            moved = cv2.getRectSubPix(grey, (right - left, bottom - top), middle, patchType=cv2.CV_32F)
+            part: Picture = np.asarray(moved, dtype=np.float32)
+        else:
+            part = grey[top:bottom, left:right].astype(np.float32)
+        if self.offset != 0:
+            np.subtract(part, np.float32(self.offset), out=part)
+        if self.gain != 1:
+            np.multiply(part, np.float32(1 / self.gain), out=part)
+        return part
+
+    def standing(self) -> Pose:
+        """Of a camera that is known to stand still."""
+        return replace(self, shake=(0.0, 0.0), doubt=(0.0, 0.0))
+
+
+def shakes_of(poses: Sequence[Pose]) -> Array:
+    """[px], shape (n, 2)"""
+    return np.array([pose.shake for pose in poses]).reshape(-1, 2)
+
+
+def stands_still(poses: Sequence[Pose]) -> bool:
+    """Whether the shake is no more than its own error: taking it out would only add that error to every place."""
+    shakes, doubts = shakes_of(poses), np.array([pose.doubt for pose in poses]).reshape(-1, 2)
+    found = np.mean((shakes - np.median(shakes, axis=0)) ** 2, axis=0)
+    return bool(np.all(found < np.maximum(2 * np.mean(doubts**2, axis=0), STEADY**2)))
+
+
+@dataclass(frozen=True)
+class _Anchors:
+    """Pixels at strong edges, spread over a picture, by which a frame is laid over it."""
+
+    x: npt.NDArray[np.intp]
+    y: npt.NDArray[np.intp]
+    rows: Array  # slope in x, slope in y, minus the grey level; shape (3, n)
+    half: Mask  # which of two halves of the picture, in checks, each lies in
+
+    def some(self, every: int) -> _Anchors:
+        chosen = np.s_[::every]
+        return _Anchors(self.x[chosen], self.y[chosen], self.rows[:, chosen], self.half[chosen])
+
+    def seen(self, grey: Grey, shift: Array) -> Array:
+        """Grey levels of a frame at the anchors moved by `shift` [px]."""
+        whole = np.floor(shift).astype(int)
+        u, v = shift - whole
+        height, width = grey.shape
+        left, top = np.clip(self.x + whole[0], 0, width - 2), np.clip(self.y + whole[1], 0, height - 2)
+        upper, lower = (grey[top + row, left] * (1 - u) + grey[top + row, left + 1] * u for row in (0, 1))
+        return np.asarray(upper * (1 - v) + lower * v)
+
+
+@dataclass(frozen=True)
 class Scene:
     """What a clip shows without the bead."""
 
@@ -578,30 +644,20 @@ class Scene:
 
         `start` is a guess of the shake, e.g. that of the frame before.
         """
-        shift, gain = self.placed(grey, start)
-        steady = grey.astype(np.float32)
-        if max(abs(shift[0]), abs(shift[1])) > STEADY:
-            turn = np.array([[1, 0, shift[0]], [0, 1, shift[1]]], dtype=np.float32)
-            steady = np.asarray(
-                cv2.warpAffine(
-                    steady,
-                    turn,
-                    (grey.shape[1], grey.shape[0]),
-                    flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-                    borderMode=cv2.BORDER_REPLICATE,
-                ),
-                dtype=np.float32,
-            )
-        if abs(gain - 1) < FLICKER:
-            return View(steady / np.float32(gain), shift, gain)
-        gain, offset = self._light(steady, gain)
-        return View((steady - np.float32(offset)) / np.float32(gain), shift, gain)
+        pose = self.pose(grey, start)
+        return View(pose.seen(grey), pose.shake, pose.gain)
 
-    def _light(self, steady: Picture, gain: float) -> tuple[float, float]:
+    def pose(self, grey: Grey, start: tuple[float, float] = (0.0, 0.0), *, quickly: bool = False) -> Pose:
+        """Where a frame lies; `quickly` by a quarter of the edges, which doubles the error of the shake."""
+        pose = self._placed(grey, np.array(start), self._few_anchors if quickly else self._anchors)
+        return pose if abs(pose.gain - 1) < FLICKER else self._lit(grey, pose)
+
+    def _lit(self, grey: Grey, pose: Pose) -> Pose:
         """Gain and offset of a flickering frame: black is not 0 in most videos, so a gain alone would not level it."""
         step = max(1, min(self.picture.shape) // 60)
-        wanted, seen = (each[::step, ::step].ravel().astype(np.float64) for each in (self.picture, steady))
-        offset = 0.0
+        moved = replace(pose, gain=1.0).seen(grey) if max(map(abs, pose.shake)) > 1 else grey
+        wanted, seen = (each[::step, ::step].ravel().astype(np.float64) for each in (self.picture, moved))
+        gain, offset = pose.gain, 0.0
         for _ in range(5):
             error = seen - gain * wanted - offset
             spread = 1.4826 * float(np.median(np.abs(error - np.median(error)))) + 0.3
@@ -609,14 +665,14 @@ class Scene:
             middle = float(np.average(wanted, weights=weights))
             power = float(np.average((wanted - middle) ** 2, weights=weights))
             if power < 20:  # [grey levels squared]: one even grey tells no gain from an offset
-                return gain, float(np.average(seen - gain * wanted, weights=weights))
+                offset = float(np.average(seen - gain * wanted, weights=weights))
+                break
             gain = float(np.average((wanted - middle) * seen, weights=weights)) / power
             offset = float(np.average(seen - gain * wanted, weights=weights))
-        return gain, offset
+        return replace(pose, gain=gain, offset=offset)
 
     @cached_property
-    def _anchors(self) -> tuple[Array, Array, Array, Array]:
-        """x, y, and horizontal and vertical slope of the picture at its strongest edges, spread over the picture."""
+    def _anchors(self) -> _Anchors:
         smooth = cv2.GaussianBlur(self.picture, (0, 0), 1.0)
         slope_x = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)
         slope_y = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)
@@ -624,34 +680,30 @@ class Scene:
         border = 8
         strength[:border] = strength[-border:] = 0
         strength[:, :border] = strength[:, -border:] = 0
-        chosen = []
-        for rows in np.array_split(np.arange(strength.shape[0]), 6):
-            for columns in np.array_split(np.arange(strength.shape[1]), 6):
+        chosen, half = [], []
+        for i, rows in enumerate(np.array_split(np.arange(strength.shape[0]), 6)):
+            for j, columns in enumerate(np.array_split(np.arange(strength.shape[1]), 6)):
                 block = strength[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
                 best = np.argsort(block, axis=None)[-100:]
                 y, x = np.unravel_index(best[block.ravel()[best] > 0.5], block.shape)
                 chosen.append(np.stack([x + columns[0], y + rows[0]]))
+                half.append(np.full(len(x), (i + j) % 2 == 0))
         x, y = np.concatenate(chosen, axis=1)
-        return x.astype(np.float64), y.astype(np.float64), slope_x[y, x].astype(float), slope_y[y, x].astype(float)
+        slopes = np.stack([slope_x[y, x], slope_y[y, x], -self.picture[y, x]]).astype(np.float64)
+        return _Anchors(x, y, slopes, np.concatenate(half))
 
-    def placed(self, grey: Grey, start: tuple[float, float]) -> tuple[tuple[float, float], float]:
+    @cached_property
+    def _few_anchors(self) -> _Anchors:
+        return self._anchors.some(4)
+
+    def _placed(self, grey: Grey, start: Array, anchors: _Anchors) -> Pose:
         """Shift of a frame against the scene [px] and its gain, by Gauss-Newton on the strongest edges."""
-        x, y, slope_x, slope_y = self._anchors
-        if len(x) < 60:
-            return (0.0, 0.0), 1.0
-        wanted = self.picture[y.astype(int), x.astype(int)].astype(np.float64)
-        rows = np.stack([slope_x, slope_y, -wanted])
-        shift = np.array(start)
-        gain = 1.0
+        if len(anchors.x) < 60:
+            return Pose()
+        rows = anchors.rows
+        shift, gain = start, 1.0
         for _ in range(5):
-            seen = cv2.remap(
-                grey,
-                (x + shift[0]).astype(np.float32).reshape(-1, 1),
-                (y + shift[1]).astype(np.float32).reshape(-1, 1),
-                cv2.INTER_LINEAR,
-                borderMode=cv2.BORDER_REPLICATE,
-            ).ravel()
-            error = seen.astype(np.float64) - gain * wanted
+            error = anchors.seen(grey, shift) + gain * rows[2]
             spread = 1.4826 * _middle(np.abs(error)) + 0.3
             weights = 1 / (1 + (error / (2 * spread)) ** 2) ** 2  # a moving bead or hand must not pull the scene along
             weighted = rows * weights
@@ -663,8 +715,15 @@ class Scene:
                 break
         covariance = np.linalg.pinv(normal) * spread**2
         if max(covariance[0, 0], covariance[1, 1]) > 0.05**2 or np.max(np.abs(shift)) > 40 or not 0.5 < gain < 2:
-            return (0.0, 0.0), 1.0  # too little texture to tell
-        return (float(shift[0]), float(shift[1])), gain
+            return Pose()  # too little texture to tell
+        one, other = (_change(rows[:, half], weighted[:, half], error[half]) for half in (anchors.half, ~anchors.half))
+        doubt = np.abs(one - other) / 2
+        return Pose((float(shift[0]), float(shift[1])), gain, 0.0, (float(doubt[0]), float(doubt[1])))
+
+
+def _change(rows: Array, weighted: Array, error: Array) -> Array:
+    """Shift [px] that these rows alone would still ask for."""
+    return np.asarray(np.linalg.lstsq(weighted @ rows.T, -weighted @ error, rcond=None)[0][:2])
 
 
 @dataclass(frozen=True)
@@ -707,25 +766,29 @@ class Background:
 
     def scene(self, bead: Mapping[int, tuple[float, float]] | None = None, reach: float = 0.0) -> Scene:
         """The still scene; `bead` maps frame numbers to bead centres [px], `reach` [px] is how far it may cover."""
-        stack = np.stack([self._frames[index] for index in self.indices])
-        scene = _median_scene(stack)
-        views = [scene.view(frame) for frame in stack]
-        shaken = np.std(np.array([view.shake for view in views]), axis=0).max() > 0.15
-        if shaken or np.std([view.gain for view in views]) > FLICKER:
+        layers = [self._frames[index] for index in self.indices]
+        scene = _median_scene(layers)
+        poses = [scene.pose(layer) for layer in layers]
+        if not stands_still(poses) or np.std([pose.gain for pose in poses]) > FLICKER:
             for _ in range(2):
-                scene = _median_scene(_laid_over(scene, stack))
-            stack = _laid_over(scene, stack)
-        return scene if not bead else _without_bead(scene, stack, self.indices, bead, reach)
+                scene = _median_scene(_laid_over(scene, layers))
+            layers = _laid_over(scene, layers)
+        return scene if not bead else _without_bead(scene, layers, self.indices, bead, reach)
 
 
-def _laid_over(scene: Scene, stack: Grey) -> Grey:
+def _laid_over(scene: Scene, layers: Sequence[Grey]) -> list[Grey]:
     """The frames moved and levelled as the scene is, each rounded at once: as floats they would fill the memory."""
-    return np.stack([np.clip(np.round(scene.view(frame).grey), 0, 255).astype(np.uint8) for frame in stack])
+    return [rounded(scene.pose(layer).seen(layer)) for layer in layers]
 
 
-def _median_scene(stack: Grey) -> Scene:
-    ordered = _sorted(stack)
-    count = len(stack)
+def rounded(picture: Picture) -> Grey:
+    """In whole grey levels."""
+    return np.asarray(cv2.convertScaleAbs(np.maximum(picture, 0)), dtype=np.uint8)
+
+
+def _median_scene(layers: Sequence[Grey]) -> Scene:
+    ordered = _sorted(layers)
+    count = len(layers)
     middle: Picture = (ordered[(count - 1) // 2].astype(np.float32) + ordered[count // 2]) / np.float32(2)
     low, high = ordered[round(0.16 * (count - 1))], ordered[round(0.84 * (count - 1))]
     # 8-bit steps make the spread of one pixel coarse: share it with its neighbours
@@ -734,9 +797,9 @@ def _median_scene(stack: Grey) -> Scene:
     return Scene(middle, np.asarray(np.clip(noise, 0.5 * usual, 4 * usual), dtype=np.float32))
 
 
-def _sorted(stack: Grey) -> list[Grey]:
-    """The stack sorted along its first axis: Batcher's odd-even merging, a few times faster than sorting by pixel."""
-    rows = [np.asarray(layer) for layer in stack]
+def _sorted(layers: Sequence[Grey]) -> list[Grey]:
+    """The layers sorted pixel by pixel: Batcher's odd-even merging, a few times faster than sorting each pixel."""
+    rows = [np.asarray(layer) for layer in layers]
     for low, high in _exchanges(len(rows)):
         smaller = np.minimum(rows[low], rows[high])
         rows[high] = np.maximum(rows[low], rows[high])
@@ -762,22 +825,29 @@ def _exchanges(count: int) -> tuple[tuple[int, int], ...]:
 
 
 def _without_bead(
-    scene: Scene, stack: Grey, indices: tuple[int, ...], bead: Mapping[int, tuple[float, float]], reach: float
+    scene: Scene,
+    layers: Sequence[Grey],
+    indices: tuple[int, ...],
+    bead: Mapping[int, tuple[float, float]],
+    reach: float,
 ) -> Scene:
     """Median over those frames only in which the bead is away from the pixel, where there are any."""
     picture = scene.picture.copy()
-    discs = [bead[index] for index in indices if index in bead]
     touched = np.zeros(picture.shape, dtype=np.uint8)
-    covered = np.zeros(stack.shape, dtype=np.uint8)
-    for x, y in discs:
-        cv2.circle(touched, (round(x), round(y)), math.ceil(reach), 1, cv2.FILLED)
+    for index in indices:
+        if index in bead:
+            _cover(touched, bead[index], reach)
+    y, x = np.nonzero(touched)
+    values = np.array([layer[y, x] for layer in layers], dtype=np.float32)
     for layer, index in enumerate(indices):
         if index in bead:
-            x, y = bead[index]
-            cv2.circle(covered[layer], (round(x), round(y)), math.ceil(reach), 1, cv2.FILLED)
-    y_touched, x_touched = np.nonzero(touched)
-    values = stack[:, y_touched, x_touched].astype(np.float32)
-    values[covered[:, y_touched, x_touched] > 0] = np.nan
+            covered = np.zeros(picture.shape, dtype=np.uint8)
+            _cover(covered, bead[index], reach)
+            values[layer, covered[y, x] > 0] = np.nan
     enough = np.sum(np.isfinite(values), axis=0) >= 2
-    picture[y_touched[enough], x_touched[enough]] = np.nanmedian(values[:, enough], axis=0)
+    picture[y[enough], x[enough]] = np.nanmedian(values[:, enough], axis=0)
     return Scene(picture, scene.noise)
+
+
+def _cover(mask: Grey, place: tuple[float, float], reach: float) -> None:
+    cv2.circle(mask, (round(place[0]), round(place[1])), math.ceil(reach), 1, cv2.FILLED)

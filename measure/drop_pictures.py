@@ -23,6 +23,7 @@ from rigtwin.measure.overlay import (
     YELLOW,
     Image,
     OverlayVideo,
+    draw_caption,
     draw_circle,
     draw_cross,
     draw_dot,
@@ -241,14 +242,13 @@ def _contact_marks(
     for k, contact in enumerate(bounces.contact_times, start=1):
         x = float(np.interp(contact, time, places[:, 0])) * zoom
         y = float(-bounces.level(np.array([contact]))[0] + seen.radius) * zoom
-        marks.append((float(contact), (x, y), f"{k}:{_restitution_text(measurement, k)}".replace("±", "+-")))
+        marks.append((float(contact), (x, y), f"{k}:{_restitution_text(measurement, k)}"))
     return marks
 
 
 def _mark_past(picture: Image, frame: Frame, marks: list[tuple[float, tuple[float, float], str]]) -> None:
     """Contacts that have happened, with their restitution, and a clock."""
-    for k, (contact, place, text) in enumerate(marks, start=1):
-        if contact <= frame.time:
-            draw_cross(picture, place, 5, RED)
-            draw_text(picture, text, (8, 22.0 * k + 18), RED)
-    draw_text(picture, f"frame {frame.index}   {frame.time:.4f} s", (8, 18))
+    past = [(place, text) for contact, place, text in marks if contact <= frame.time]
+    for place, _ in past:
+        draw_cross(picture, place, 5, RED)
+    draw_caption(picture, [f"frame {frame.index}   {frame.time:.4f} s", *((text, RED) for _, text in past)])

@@ -46,7 +46,9 @@ def _label(measurement: Measurement) -> str:
     for one in measurement.quantities:
         if (one.quantity, one.method) == (drum.GRAPHICAL, drum.MIDDLE):
             doubt = " (doubtful)" if one.doubtful else ""
-            return f"{one.value:.2f} +- {1.96 * one.std_uncertainty:.2f} deg, {one.detail['turning']}{doubt}"
+            low, high = one.interval95
+            angle = f"angle of repose ({drum.MIDDLE}) {one.value:.2f}° ({low:.2f}° to {high:.2f}° at 95 %)"
+            return f"{angle}, {one.detail['turning']}{doubt}"
     return ""
 
 
@@ -59,7 +61,7 @@ def _write_video(path: Path, still: Path, clip: Path, bed: Bed, camera: Camera, 
             picture = frame.colour.copy()
             if frame.index in outlines:
                 _mark(picture, bed, outlines[frame.index], text)
-            overlay.draw_text(picture, f"frame {frame.index}   {frame.time:.3f} s", (8, picture.shape[0] - 8.0))
+            overlay.draw_caption(picture, [f"frame {frame.index}   {frame.time:.3f} s"], bottom=True)
             written.write(picture)
             if frame.index == middle:
                 overlay.save_picture(still, picture)
@@ -80,6 +82,7 @@ def _mark(picture: Image, bed: Bed, outline: Outline, text: str) -> None:
     overlay.draw_path(picture, place(outline.x, outline.height), overlay.ORANGE)
     profile = Profile(outline.x, outline.height, outline.height)
     line = drum.surface_line(profile, (0.25, 0.75))
+    caption = [text]
     if line is not None:
         slope, offset, low, high = line
         ends = np.array([low, high])
@@ -87,11 +90,11 @@ def _mark(picture: Image, bed: Bed, outline: Outline, text: str) -> None:
         width = 2 * overlay.line_width(picture)
         overlay.draw_line(picture, (float(ax), float(ay)), (float(bx), float(by)), overlay.BLUE, width=width)
         angle = abs(math.degrees(math.atan(slope)))
-        overlay.draw_text(picture, f"this frame {angle:.1f} deg", (8, 40.0))
+        caption.append(f"this frame {angle:.1f}°")
     # the horizontal through the axis, as it was found
     (ax, ay), (bx, by) = place(np.array([-0.1, 0.1]) * bed.rim.radius, np.zeros(2))
     overlay.draw_line(picture, (float(ax), float(ay)), (float(bx), float(by)), overlay.GREEN)
-    overlay.draw_text(picture, text, (8, 20.0))
+    overlay.draw_caption(picture, caption)
 
 
 def _write_plot(path: Path, measurement: Measurement, bed: Bed, scale: float) -> Path:

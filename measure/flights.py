@@ -105,9 +105,9 @@ class _Table:
     def distance_at(self, time: Array) -> Array:
         return np.interp(time**2, self._time_square, self.distance)
 
-    def time_to(self, distance: float) -> float:
+    def time_to(self, distance: Array) -> Array:
         """[s]"""
-        return math.sqrt(float(np.interp(distance, self.distance, self._time_square)))
+        return np.sqrt(np.interp(distance, self.distance, self._time_square))
 
     def speed_after(self, distance: float) -> float:
         """[m/s]"""
@@ -291,12 +291,9 @@ class _Model:
 
     def _times(self, p: Array, fall: Fall) -> tuple[Array, Array]:
         heights, _, _ = self.split(p)
-        apexes, contacts = [float(p[1])], []
-        for n, height in enumerate(heights):
-            contacts.append(apexes[n] + fall.fall.time_to(float(height)))
-            if n + 1 < len(heights):
-                apexes.append(contacts[n] + max(float(p[-2]), 0.0) + fall.rise.time_to(float(heights[n + 1])))
-        return np.array(apexes), np.array(contacts)
+        down, up = fall.fall.time_to(heights), fall.rise.time_to(heights[1:])
+        apexes = float(p[1]) + np.concatenate([[0.0], np.cumsum(down[:-1] + max(float(p[-2]), 0.0) + up)])
+        return apexes, apexes + down
 
     def level(self, p: Array, time: Array) -> Array:
         _, levels, _ = self.split(p)
@@ -369,11 +366,14 @@ def _fit(record: Heights, contacts: npt.NDArray[np.intp], drag: AirDrag, offset:
     sigma = np.maximum(sigma, 0.3 * np.median(sigma))
     used = np.zeros(len(sigma), dtype=bool)
     outlier = np.zeros(len(sigma), dtype=bool)
+    scatter = math.inf
     for turn in range(5):
-        used = _in_flight(record, model, parameters, step, usual, stop) & ~outlier
+        before, used = used, _in_flight(record, model, parameters, step, usual, stop) & ~outlier
         if np.sum(used) < model.count * 4 + 6:
             return None
-        parameters, covariance = _solve(record, model, parameters, centre, spread, sigma, used)
+        if not (np.array_equal(used, before) and abs(scatter - 1) < 0.02):  # else the same fit again
+            # what is taken for an outlier changes more than the last digits would
+            parameters, _ = _solve(record, model, parameters, centre, spread, sigma, used, to=1e-5)
         residual = record.height - model.curve(parameters, record.time)
         ratio = residual / sigma
         scatter = 1.4826 * float(np.median(np.abs(ratio[used])))
@@ -448,7 +448,8 @@ def _first_guess(
     model = _Model(len(contacts), drag, float(min(stop, time[-1])), float(metres[0]))
     strength, doubt = (1.0, DRAG) if drag.known else (0.0, FREE_DRAG)
     n = model.count
-    release = float(time[contacts[0]]) - _fall(drag, strength, 4 * float(metres[0])).fall.time_to(float(metres[0]))
+    to_fall = _fall(drag, strength, 4 * float(metres[0])).fall.time_to(metres[:1])
+    release = float(time[contacts[0]] - to_fall[0])
     parameters = np.array(
         [math.log(size), release, *metres, *levels, levels[-1], *np.zeros(n), 0.0, 0.0, 0.0, strength]
     )
@@ -480,9 +481,17 @@ def _in_flight(record: Heights, model: _Model, p: Array, step: float, noise: flo
 
 
 def _solve(
-    record: Heights, model: _Model, start: Array, centre: Array, spread: Array, sigma: Array, used: Mask
+    record: Heights,
+    model: _Model,
+    start: Array,
+    centre: Array,
+    spread: Array,
+    sigma: Array,
+    used: Mask,
+    *,
+    to: float = 1e-9,
 ) -> tuple[Array, Array]:
-    """Least squares with priors; values and covariance."""
+    """Least squares with priors, until a step gains less than a part `to` of the cost; values and covariance."""
     time, y, sigma = record.time[used], record.height[used], sigma[used]
     n = model.count
     known = np.isfinite(spread)
@@ -510,6 +519,6 @@ def _solve(
     lower[2 : 3 + n] = 1e-6
     lower[-2:] = -1e-12
     inside = np.clip(start, lower, upper)
-    solved = least_squares(misfit, inside, bounds=(lower, upper), x_scale="jac", ftol=1e-9, xtol=1e-10, max_nfev=40)
+    solved = least_squares(misfit, inside, bounds=(lower, upper), x_scale="jac", ftol=to, xtol=1e-10, max_nfev=40)
     jacobian = np.asarray(solved.jac)
     return np.asarray(solved.x), np.linalg.pinv(jacobian.T @ jacobian, hermitian=True, rcond=1e-15)

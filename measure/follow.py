@@ -25,10 +25,13 @@ from rigtwin.measure.bead import (
     Look,
     Mask,
     Picture,
+    Pose,
     Scene,
-    View,
     common_look,
     fit_bead,
+    rounded,
+    shakes_of,
+    stands_still,
 )
 from rigtwin.measure.media import Frame, Video
 from rigtwin.measure.repeats import COARSE, LARGE, Repeats, coarse
@@ -36,8 +39,11 @@ from rigtwin.measure.repeats import COARSE, LARGE, Repeats, coarse
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 Region = tuple[float, float, float, float]
+Box = tuple[int, int, int, int]
+Where = Callable[[int], tuple[tuple[float, float], tuple[float, float]]]
+"""Centre [px] and motion [px/frame] of a bead by frame number."""
 
-REST = 60  # frames of a bead at rest that are worth a look before and after it moves
+REST = 25  # frames of a bead at rest that are worth a look before and after it moves
 
 
 @dataclass(frozen=True)
@@ -116,13 +122,9 @@ LUMA = Channel()
 
 def learn_scene(video: Video, *, quickly: bool = False) -> Background:
     """Background from frames spread evenly over the clip, of a long film such as are soon read where wanted."""
-    return _background(video.single(video.spread(Background.capacity, quickly=quickly)))
-
-
-def _background(frames: Sequence[Frame], channel: Channel = LUMA) -> Background:
     background = Background()
-    for frame in frames:
-        background.add(frame.index, channel.grey(frame))
+    for frame in video.single(video.spread(Background.capacity, quickly=quickly)):
+        background.add(frame.index, frame.grey)
     return background
 
 
@@ -190,9 +192,9 @@ def _fisher(differences: Array, noises: Array, scenery: Array) -> Channel:
     return Channel((float(weights[0]), float(weights[1]), float(weights[2])), middle)
 
 
-def moving_spots(view: View, scene: Scene, region: Region | None, *, most: int = 12) -> list[Spot]:
-    """Spots that stand out of the noise, the strongest first."""
-    difference = np.abs(cv2.blur(view.grey - scene.picture, (3, 3)))
+def moving_spots(seen: Picture, scene: Scene, region: Region | None, *, most: int = 12) -> list[Spot]:
+    """Spots of a frame laid over the scene that stand out of the noise, the strongest first."""
+    difference = np.abs(cv2.blur(seen - scene.picture, (3, 3)))
     # compression and demosaicing tie neighbouring pixels together: learn from the frame what averaging leaves of noise
     left = float(np.median((difference / scene.noise)[::3, ::3])) / 0.6745
     mask = _outstanding(difference, scene.noise, left)
@@ -236,65 +238,87 @@ class _Search:
 
     def __init__(self, scene: Scene, region: Region | None) -> None:
         self.scene, self.region, self.repeats = scene, region, Repeats()
-        self.shakes: list[tuple[float, float]] = []
-        self.gains: dict[int, float] = {}
+        self.poses: list[Pose] = []
         height, width = scene.picture.shape
         self._large = height * width > LARGE
         if self._large:
             size = (width // COARSE, height // COARSE)
-            self._coarse = coarse(np.clip(np.round(scene.picture), 0, 255).astype(np.uint8))
+            self._coarse = coarse(rounded(scene.picture))
             noise = cv2.resize(scene.noise, size, interpolation=cv2.INTER_AREA)
+            # what moving a frame back leaves at its edges
+            edges = cv2.morphologyEx(self._coarse, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
             # a bead covers whole cells, in which noise averages out
-            self._least = np.clip(np.ceil(noise + 2), 3, 255).astype(np.uint8)
+            self._least = np.clip(np.ceil(noise + 2 + 0.05 * edges), 3, 255).astype(np.uint8)
             self._inside = None if region is None else coarse(255 * _inside(region, (height, width)))
             self._left = 1.0  # of the noise, after averaging over 3 x 3 pixels
-            self._strips = np.linspace(0, height - 3, 12).astype(int)[:, None] + np.arange(3)
+            self._strips = np.linspace(0, height - 3, 12).astype(int)
 
     def spots(self, frame: Frame, most: int = 12) -> list[Spot]:
         """The spots of the next frame, the strongest first."""
         small = coarse(frame.grey)
         self.repeats.add(frame.index, small)
-        start = self.shakes[-1] if self.shakes else (0.0, 0.0)
-        if self._large:
-            shake, gain = self.scene.placed(frame.grey, start)
-            windows = self._windows(small) if max(map(abs, shake)) < STEADY and abs(gain - 1) < FLICKER else None
-            if windows is not None:
-                self.shakes.append(shake)
-                self.gains[frame.index] = gain
-                return self._in_windows(frame.grey, gain, windows, most)
-        view = self.scene.view(frame.grey, start)
-        self.shakes.append(view.shake)
-        return moving_spots(view, self.scene, self.region, most=most)
+        pose = self.scene.pose(frame.grey, self.poses[-1].shake if self.poses else (0.0, 0.0), quickly=self._large)
+        self.poses.append(pose)
+        windows = self._windows(small, pose) if self._large else None
+        if windows is not None:
+            return self._in_windows(frame.grey, pose, windows, most)
+        return moving_spots(pose.seen(frame.grey), self.scene, self.region, most=most)
 
-    def _windows(self, small: Grey) -> list[tuple[int, int, int, int]] | None:
-        """Left, top, right, bottom of the parts that have changed; None where that is much of the picture."""
+    def _windows(self, small: Grey, pose: Pose) -> list[Box] | None:
+        """The parts that have changed; None where that is much of the picture."""
+        x, y = pose.shake[0] / COARSE, pose.shake[1] / COARSE
+        if max(abs(x), abs(y)) > STEADY:
+            height, width = small.shape
+            small = np.asarray(cv2.getRectSubPix(small, (width, height), ((width - 1) / 2 + x, (height - 1) / 2 + y)))
+        if abs(pose.gain - 1) >= FLICKER:
+            small = np.asarray(cv2.convertScaleAbs(small, alpha=1 / pose.gain, beta=-pose.offset / pose.gain))
         changed = cv2.compare(cv2.absdiff(small, self._coarse), self._least, cv2.CMP_GT)
         if self._inside is not None:
             changed = cv2.bitwise_and(changed, self._inside)
-        x, y, width, height = cv2.boundingRect(changed)
+        left, top, width, height = cv2.boundingRect(changed)
         if width == 0:
             return []
-        left, top = max(x - 2, 0), max(y - 2, 0)
-        around = cv2.dilate(changed[top : y + height + 2, left : x + width + 2], np.ones((5, 5), np.uint8))
-        count, _, stats, _ = cv2.connectedComponentsWithStats(around, connectivity=8)
-        boxes = (stats[1:count, :4] + np.array([left, top, 0, 0])) * COARSE
-        if count > 200 or float(np.sum(boxes[:, 2] * boxes[:, 3])) > 0.2 * self.scene.picture.size:
+        left, top = max(left - 2, 0), max(top - 2, 0)
+        around = cv2.dilate(changed[top : top + height + 4, left : left + width + 4], np.ones((5, 5), np.uint8))
+        boxes = _boxes_apart(np.asarray(around, dtype=np.uint8))
+        if len(boxes) > 200 or sum(wide * high for _, _, wide, high in boxes) > 0.2 * small.size:
             return None
-        return [(int(x), int(y), int(x + width), int(y + height)) for x, y, width, height in boxes]
+        corners = [(left + x, top + y, left + x + wide, top + y + high) for x, y, wide, high in boxes]
+        return [(COARSE * x, COARSE * y, COARSE * right, COARSE * bottom) for x, y, right, bottom in corners]
 
-    def _in_windows(self, grey: Grey, gain: float, windows: list[tuple[int, int, int, int]], most: int) -> list[Spot]:
-        scene, level = self.scene, np.float32(1 / gain)
-        if len(self.shakes) % 8 == 1:
-            strips = (grey[self._strips] * level - scene.picture[self._strips]).mean(axis=1)
-            averaged = np.abs(cv2.blur(strips, (3, 1)))[:, ::3] / scene.noise[self._strips[:, 1], ::3]
-            self._left = float(np.median(averaged)) / 0.6745
+    def _in_windows(self, grey: Grey, pose: Pose, windows: list[Box], most: int) -> list[Spot]:
+        scene = self.scene
+        if len(self.poses) % 8 == 1:
+            self._left = self._noise_left(grey, pose)
         spots = []
-        for x, y, right, bottom in windows:
-            window = np.s_[y:bottom, x:right]
-            difference = np.abs(cv2.blur(grey[window] * level - scene.picture[window], (3, 3)))
+        for box in windows:
+            window = np.s_[box[1] : box[3], box[0] : box[2]]
+            difference = np.abs(cv2.blur(pose.seen(grey, box) - scene.picture[window], (3, 3)))
             mask = _outstanding(difference, scene.noise[window], self._left)
-            spots += _spots(difference, mask, (x, y), 4 * most)
+            spots += _spots(difference, mask, box[:2], 4 * most)
         return _strongest(spots, most)
+
+    def _noise_left(self, grey: Grey, pose: Pose) -> float:
+        """As `moving_spots` finds it, from a few rows of the frame."""
+        scene, width = self.scene, grey.shape[1]
+        ratios = []
+        for row in self._strips.tolist():
+            strip = pose.seen(grey, (0, row, width, row + 3)) - scene.picture[row : row + 3]
+            ratios.append(np.abs(cv2.blur(strip, (3, 3)))[1, ::3] / scene.noise[row + 1, ::3])
+        return float(np.median(ratios)) / 0.6745
+
+
+def _boxes_apart(mask: Grey) -> list[Box]:
+    """Left, top, width and height of boxes around all parts of a mask; those that would overlap are made one."""
+    count = 0
+    while True:
+        found, _, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+        boxes: list[Box] = [(int(x), int(y), int(w), int(h)) for x, y, w, h in stats[1:found, :4]]
+        if len(boxes) in (1, count) or len(boxes) > 200:
+            return boxes
+        count = len(boxes)
+        for x, y, wide, high in boxes:
+            mask[y : y + high, x : x + wide] = 255
 
 
 class Linker:
@@ -361,9 +385,22 @@ class Movement:
     """What moves in a clip."""
 
     paths: list[SpotPath]
-    shakes: Array  # [px], of the camera in every frame, shape (frames, 2)
+    poses: Mapping[int, Pose]  # of the frames against the scene in which the paths were found
     repeated: frozenset[int]  # frames that only repeat the one before; nothing is looked for in them
-    gains: Mapping[int, float] = field(default_factory=dict)  # how bright, of large frames that need no moving back
+    scene: Scene = field(repr=False)
+    still: bool = False  # whether the camera is known to stand still; else its shake is looked at again where it counts
+
+    def pose(self, frame: Frame) -> Pose:
+        """Where a frame lies, as exactly as it shows."""
+        known = self.poses.get(frame.index)
+        if known is not None and self.still:
+            return known
+        return self.scene.pose(frame.grey, (0.0, 0.0) if known is None else known.shake)
+
+    @property
+    def shakes(self) -> Array:
+        """[px], of the camera in every frame, shape (frames, 2)"""
+        return shakes_of(list(self.poses.values()))
 
 
 def find_paths(video: Video, scene: Scene, region: Region | None, progress: Progress = silent) -> Movement:
@@ -377,7 +414,9 @@ def find_paths(video: Video, scene: Scene, region: Region | None, progress: Prog
     for index, spots in found.items():
         if index not in repeated:
             linker.add(index, spots)
-    return Movement(linker.paths(), np.array(search.shakes), repeated, search.gains)
+    still = stands_still(search.poses)
+    poses = [pose.standing() if still else pose for pose in search.poses]
+    return Movement(linker.paths(), dict(zip(found, poses, strict=True)), repeated, scene, still)
 
 
 def chase(path: SpotPath, moves: Movement, scene: Scene, cuts: Sequence[_Cut], progress: Progress = silent) -> Chase:
@@ -429,38 +468,36 @@ def chase_path(video: Video, path: SpotPath, moves: Movement, progress: Progress
     begin, end = _busy(path)
     chosen = _spread(max(path.frames[0], begin), min(path.frames[-1], end), Background.capacity)
     seen, cuts = _seen_and_cut(video, path, moves, chosen, progress)
-    channel = best_channel(seen[::2], path)
-    background = _background(seen, channel)
+    channel = best_channel([frame for frame, _ in seen[::2]], path)
+    background = Background()
+    for frame, pose in seen:
+        # another mix of colours has another gain: the background finds it
+        laid = pose if channel == LUMA else replace(pose, gain=1.0, offset=0.0)
+        background.add(frame.index, rounded(laid.seen(channel.grey(frame))))
     frames = np.array(path.frames)
     centres = path.centres
     bead = {
         index: (float(np.interp(index, frames, centres[:, 0])), float(np.interp(index, frames, centres[:, 1])))
         for index in background.indices
     }
+    del seen  # colour pictures are large
     scene = background.scene(bead, reach=1.6 * path.radius + 6)
-    if not cuts or channel != LUMA:
+    if channel != LUMA:
         cuts = _cut_out(video, path, scene, channel, progress)
     return chase(path, moves, scene, cuts, progress)
 
 
 def _seen_and_cut(
     video: Video, path: SpotPath, moves: Movement, chosen: set[int], progress: Progress
-) -> tuple[list[Frame], list[_Cut]]:
-    """The chosen frames, and in the same pass the cut-outs of luma, none where frames must be moved back first."""
-    begin, end = _busy(path)
-    if any(index not in moves.gains for index in range(max(begin, video.first), min(end, video.last) + 1)):
-        return frames_of(video, chosen), []
+) -> tuple[list[tuple[Frame, Pose]], list[_Cut]]:
+    """The chosen frames and how they lie, and in the same pass the cut-outs of luma."""
     where = _place(path)
     seen, cuts = [], []
-    for frame in video.frames(begin, end):
+    for frame in video.frames(*_busy(path)):
+        pose = moves.pose(frame)
         if frame.index in chosen:
-            seen.append(frame)
-        near, step = where(frame.index)
-        left, top, right, bottom = _around(path, near, step)
-        grey = np.asarray(frame.grey[top:bottom, left:right] / moves.gains[frame.index], dtype=np.float32)
-        if min(grey.shape) > 4:
-            shake = moves.shakes[frame.index - video.first]
-            cuts.append(_Cut(frame.index, frame.time, grey, left, top, near, step, (float(shake[0]), float(shake[1]))))
+            seen.append((frame, pose))
+        cuts += _cut(frame, frame.grey, pose, path, where)
         progress("cutting out the bead", frame.index - video.first + 1, video.last - video.first + 1)
     return seen, cuts
 
@@ -518,17 +555,24 @@ def _cut_out(video: Video, path: SpotPath, scene: Scene, channel: Channel, progr
     where = _place(path)
     cuts = []
     shake = (0.0, 0.0)
-    first, last = _busy(path)
-    for frame in video.frames(first, last):
-        view = scene.view(channel.grey(frame), shake)
-        shake = view.shake
-        near, step = where(frame.index)
-        left, top, right, bottom = _around(path, near, step)
-        grey = view.grey[top:bottom, left:right].copy()
-        if min(grey.shape) > 4:
-            cuts.append(_Cut(frame.index, frame.time, grey, left, top, near, step, shake))
+    for frame in video.frames(*_busy(path)):
+        grey = channel.grey(frame)
+        pose = scene.pose(grey, shake)
+        shake = pose.shake
+        cuts += _cut(frame, grey, pose, path, where)
         progress("cutting out the bead", frame.index - video.first + 1, video.last - video.first + 1)
     return cuts
+
+
+def _cut(frame: Frame, grey: Grey, pose: Pose, path: SpotPath, where: Where) -> list[_Cut]:
+    """What is around the bead in one frame; empty where that lies outside."""
+    near, step = where(frame.index)
+    left, top, right, bottom = _around(path, near, step)
+    right, bottom = min(right, grey.shape[1]), min(bottom, grey.shape[0])
+    if min(right - left, bottom - top) <= 4:
+        return []
+    part = pose.seen(grey, (left, top, right, bottom))
+    return [_Cut(frame.index, frame.time, part, left, top, near, step, pose.shake)]
 
 
 def _around(path: SpotPath, near: tuple[float, float], step: tuple[float, float]) -> tuple[int, int, int, int]:
@@ -549,7 +593,7 @@ def _busy(path: SpotPath) -> tuple[int, int]:
     return first - REST, last + REST
 
 
-def _place(path: SpotPath) -> Callable[[int], tuple[tuple[float, float], tuple[float, float]]]:
+def _place(path: SpotPath) -> Where:
     """Centre and motion per frame: from the spots, straight lines across gaps, at rest before and after."""
     frames = np.array(path.frames, dtype=np.float64)
     centres = path.centres
@@ -603,7 +647,7 @@ def _fit_cuts(
 
 def _exposure(cuts: Sequence[_Cut], scene: Scene, look: Look, hidden: Mask | None) -> float:
     """Exposure as a fraction of the frame interval: the one whose motion blur fits the fastest frames best."""
-    fast = sorted(cuts, key=lambda cut: -math.hypot(*cut.step))[:12]
+    fast = sorted(cuts, key=lambda cut: -math.hypot(*cut.step))[:8]
     if math.hypot(*fast[-1].step) < 2:
         return 0.0
     tried = np.array([0.02, 0.2, 0.4, 0.6, 0.8, 1.0])

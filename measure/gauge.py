@@ -22,6 +22,7 @@ BENDING = 0.05  # how much the pitch may change from one end to the other, by pe
 LEAST_LENGTH = 25.0  # [mm] of a gauge in view
 CLEAR = 7.0  # strength of the wave over that of a chance one
 LONGER_MARKS = 5.0  # how much the marks at whole centimetres must stand out
+CLEAR_PART = 8.0  # [mm] of a stretch of graduations that is no accident
 FINEST = 2.2  # [px], of a millimetre that can be told apart
 
 
@@ -35,6 +36,7 @@ class Gauge:
     first: float  # [px], rows between which graduations are seen
     last: float  # [px]
     strength: float  # of the wave over a chance one
+    lowest: float  # [px], row of the lowest graduations, also of those beyond what parts the gauge in two
 
     def reading(self, row: Array | float) -> Array:
         """[mm] at a picture row on the gauge."""
@@ -78,14 +80,14 @@ def find_gauge(
         return None
     strength, k, (rate, bend) = best
     wave = waves[k]
-    phase, first, last = _phase(wave, rate, bend)
+    phase, first, last, lowest = _phase(wave, rate, bend)
     if (last - first) * abs(rate) < LEAST_LENGTH:
         return None
     at_row_0 = _whole(waves, k, (phase, rate, bend), (first, last), floor, floor_doubt)
     if at_row_0 is None:
         return None
     # readings grow upwards, rows downwards
-    return Gauge(float(columns[k]), float(lean[k]), (at_row_0, -rate, -bend), first, last, strength)
+    return Gauge(float(columns[k]), float(lean[k]), (at_row_0, -rate, -bend), first, last, strength, lowest)
 
 
 def _wave(grey: Grey, column: float, lean: float, half_width: int = 2) -> Array:
@@ -128,8 +130,8 @@ def _period(wave: Array, expected: float) -> tuple[float, tuple[float, float]] |
     return best / usual, (rate - 2 * bend * middle, bend)
 
 
-def _phase(wave: Array, rate: float, bend: float) -> tuple[float, float, float]:
-    """Phase at row 0 [turns], and the rows between which the wave is seen."""
+def _phase(wave: Array, rate: float, bend: float) -> tuple[float, float, float, float]:
+    """Phase at row 0 [turns], the rows between which the wave is seen, and the lowest row of a clear part of it."""
     rows = np.arange(len(wave), dtype=np.float64)
     mixed = wave * _turns(rows, rate, bend)
     window = 15
@@ -139,11 +141,12 @@ def _phase(wave: Array, rate: float, bend: float) -> tuple[float, float, float]:
     seen = agreeing > max(0.35 * float(np.percentile(agreeing, 90)), 0.0)
     runs = np.flatnonzero(seen)
     if len(runs) == 0:
-        return 0.0, 0.0, 0.0
+        return 0.0, 0.0, 0.0, 0.0
     pieces = np.split(runs, np.flatnonzero(np.diff(runs) > 40) + 1)
     best = max(pieces, key=len)
     inside = slice(int(best[0]), int(best[-1]) + 1)
-    return float(np.angle(mixed[inside].sum()) / (2 * math.pi)), float(best[0]), float(best[-1])
+    lowest = max(int(piece[-1]) for piece in pieces if len(piece) * rate > CLEAR_PART or piece is best)
+    return float(np.angle(mixed[inside].sum()) / (2 * math.pi)), float(best[0]), float(best[-1]), float(lowest)
 
 
 def _whole(

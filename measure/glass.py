@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.measure.covered import covered_columns, glare_in
 from rigtwin.measure.exposure import exposure_of
 from rigtwin.measure.gauge import Gauge, find_gauge
 from rigtwin.measure.grains import Beads, find_beads, likeness, more_beads
@@ -22,6 +23,10 @@ Image = npt.NDArray[np.uint8]
 
 COARSE = 900  # [px], longer side of the picture that is searched for beads
 FEWEST = 25  # beads of a bed that can be told
+PARTED = 0.1  # share of the largest group of beads that a part of the bed beyond a hand or a rod must hold
+FEWEST_ROWS = 3  # a bead's radius apart: what a single layer of beads fills
+GOES_ON = 6.0  # [mm] that graduations may go on below the zero: what a ruler has, and the blur of the last marks
+LOOKING = (-0.1, 0.6)  # slope at which a camera may look down on the floor: from under its level to 30 degrees
 MOST_LEAN = math.radians(7)
 FOCAL_SIDES = 2.0  # usual focal length in longer sides of the picture
 USUAL_STEEPNESS = 0.5  # in bead diameters, as `Bed.steepness`
@@ -30,7 +35,6 @@ INSIDE = 0.97  # share of the inner radius in which the outline is looked for
 WALL_TOLERANCE = 0.2  # relative, of the size of beads that are half in the shade
 EDGE_DOUBT = 0.6  # [px], a bead's rim is blurred, and all the outline's edges alike
 TEXTURE = 2.0  # most that texture may say, as log odds
-SATURATED = 252  # [grey levels], from which on glare hides what is behind it
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,7 @@ class Bed:
     width: float  # inner width of the cylinder in the plane of its axis
     floor_sigma: float
     bulge: float  # how far the front of the floor hangs below its middle
+    bulge_sigma: float
     bead_radius: float
     gauge: Gauge | None
     contrast: float  # [1], clearness of the outline, 1 is as clear as any edge in the picture
@@ -80,7 +85,7 @@ class Bed:
         focal = FOCAL_SIDES * self.longer_side
         fallen = float(np.mean(height)) / focal
         steep = self.bulge / (self.width / 2) - fallen
-        doubt = math.hypot(fallen * FOCAL_DOUBT, 0.6 * self.bead_radius / (self.width / 2))
+        doubt = math.hypot(fallen * FOCAL_DOUBT, self.bulge_sigma / (self.width / 2))
         beads = self.width / (4 * self.bead_radius)
         # who photographs a surface holds the camera near its height
         share = USUAL_STEEPNESS**2 / (USUAL_STEEPNESS**2 + (doubt * beads) ** 2)
@@ -96,7 +101,7 @@ def find_bed(
     region: tuple[float, float, float, float] | None = None,
 ) -> Bed | None:
     """The bed in a photo (BGR), None when there is none; `cylinder` inner and `bead` diameter [m] where known."""
-    glare = _glare(image)
+    glare = glare_in(image)
     image = exposure_of(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)).applied(image)
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
     beads = _beads(image, grey, region)
@@ -116,20 +121,27 @@ def find_bed(
     inside = _in_the_bed(across, down, (left, right), beads.radius)
     if np.sum(inside) < FEWEST:
         return None
-    floor, floor_sigma, bulge = _floor(across[inside] - (left + right) / 2, down[inside], width / 2, radius)
+    kept = Beads(beads.centre[inside], radius if 0.7 < radius / beads.radius < 1.4 else beads.radius)
+    alike = likeness(image, kept)
+    inside[inside] = _filled(kept, alike)
+    if np.sum(inside) < FEWEST:
+        return None
     offset = (left + right) / 2
+    floor, floor_sigma, bulge, bulge_sigma = _floor(across[inside] - offset, down[inside], width / 2, radius)
     axis = (
         column + offset * math.cos(lean) + floor * math.sin(lean),
         middle - offset * math.sin(lean) + floor * math.cos(lean),
     )
     horizontal = -upright.at((image.shape[1] - 1) / 2)[0]
     view = View(axis, -lean, width / 2, 0.0, math.inf)
-    kept = Beads(beads.centre[inside], radius if 0.7 < radius / beads.radius < 1.4 else beads.radius)
-    alike = _with_texture(likeness(image, kept), grey, kept, view)
-    found = outline_of(image, alike, _bead_like(kept, alike), view, solid=True)
+    kept = Beads(beads.centre[inside], kept.radius)
+    alike = _with_texture(alike, grey, kept, view)
+    kept = Beads(kept.centre[_filled(kept, alike)], kept.radius)
+    found = outline_of(image, alike, kept, view, solid=True)
     if found is None:
         return None
-    found = _without_glare(found, glare)
+    covered = covered_columns(found, image, kept, glare, np.abs(found.x) < INSIDE * width / 2)
+    found = replace(found, height=np.where(covered, np.nan, found.height))
     gauge = None
     if cylinder is not None or bead is not None:
         pixel = width / (cylinder * 1e3) if cylinder else 2 * beads.radius / (bead or 1.0) / 1e3
@@ -138,7 +150,7 @@ def find_bed(
         row = gauge.row_of(0.0)
         zero = row - (gauge.column_at(row) - axis[0]) * math.tan(horizontal)
         known = floor - (axis[1] - zero) / math.cos(lean)
-        bulge = _floor(across[inside] - offset, down[inside], width / 2, radius, known)[2]
+        _, _, bulge, bulge_sigma = _floor(across[inside] - offset, down[inside], width / 2, radius, known)
     bed = Bed(
         axis,
         lean,
@@ -146,6 +158,7 @@ def find_bed(
         width,
         floor_sigma,
         bulge,
+        bulge_sigma,
         kept.radius,
         gauge,
         found.contrast,
@@ -155,11 +168,6 @@ def find_bed(
         found,
     )
     return _judged(bed)
-
-
-def _glare(image: Image) -> npt.NDArray[np.bool_]:
-    """Where the photo is saturated."""
-    return np.asarray(image.min(axis=2) >= SATURATED)
 
 
 def _with_texture(alike: npt.NDArray[np.float32], grey: Image, beads: Beads, view: View) -> npt.NDArray[np.float32]:
@@ -190,25 +198,12 @@ def _with_texture(alike: npt.NDArray[np.float32], grey: Image, beads: Beads, vie
     return np.asarray(1 / (1 + np.exp(-odds)), dtype=np.float32)
 
 
-def _bead_like(beads: Beads, alike: npt.NDArray[np.float32]) -> Beads:
-    """Only the circles that are filled with what looks like beads: marks on the glass draw circles too."""
+def _filled(beads: Beads, alike: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+    """Which circles are filled with what looks like beads: marks on the glass draw circles too."""
     filled = cv2.GaussianBlur(alike, (0, 0), 0.5 * beads.radius)
     x, y = (np.clip(np.rint(beads.centre[:, k]).astype(int), 0, alike.shape[1 - k] - 1) for k in (0, 1))
     share = filled[y, x]
-    return Beads(beads.centre[share > 0.7 * np.median(share)], beads.radius)
-
-
-def _without_glare(found: Silhouette, glare: npt.NDArray[np.bool_]) -> Silhouette:
-    """The outline without the places where glare covers it; a highlight on a bead is smaller than that."""
-    size = max(3, round(0.8 * found.bead_radius) | 1)
-    patch = cv2.morphologyEx(glare.astype(np.uint8), cv2.MORPH_OPEN, np.ones((size, size), np.uint8))
-    if not patch.any():
-        return found
-    reach = 2 * math.ceil(1.5 * found.bead_radius) + 1
-    patch = cv2.dilate(patch, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach)))
-    points = np.rint(found.view.to_picture(found.x, np.nan_to_num(found.height))).astype(np.int64)
-    x, y = (np.clip(points[:, k], 0, patch.shape[1 - k] - 1) for k in (0, 1))
-    return replace(found, height=np.where(patch[y, x] > 0, np.nan, found.height))
+    return np.asarray(share > 0.7 * np.median(share))
 
 
 def _beads(image: Image, grey: Image, region: tuple[float, float, float, float] | None) -> Beads | None:
@@ -218,7 +213,7 @@ def _beads(image: Image, grey: Image, region: tuple[float, float, float, float] 
     if beads is None:
         return None
     beads = Beads(beads.centre / shrink, beads.radius / shrink)
-    beads = more_beads(grey, likeness(image, beads), beads)
+    beads = more_beads(grey, likeness(image, beads), beads, least_group=PARTED)
     if region is not None:
         x, y, width, height = region
         here = (np.abs(beads.centre - [x + width / 2, y + height / 2]) < [width / 2, height / 2]).all(axis=1)
@@ -280,14 +275,15 @@ def _in_the_bed(across: Array, down: Array, walls: tuple[float, float], radius: 
     if len(full) == 0:
         return inside
     runs = np.split(full, np.flatnonzero(np.diff(full) > 2) + 1)
-    best = max(runs, key=len)
-    return np.asarray(inside & (down > rows[best[0]] - 1.5 * radius) & (down < rows[best[-1]] + 1.2 * radius))
+    # what is held in front of the bed parts it: two rows full of beads belong to it, wherever they are
+    kept = np.concatenate([run for run in runs if len(run) >= min(FEWEST_ROWS, max(map(len, runs)))])
+    return np.asarray(inside & (down > rows[kept[0]] - 1.5 * radius) & (down < rows[kept[-1]] + 1.2 * radius))
 
 
 def _floor(
     across: Array, down: Array, half: float, radius: float, known: float | None = None
-) -> tuple[float, float, float]:
-    """Row of the floor at the axis, its doubt, and how far the floor's front hangs below it, all in px.
+) -> tuple[float, float, float, float]:
+    """Row of the floor at the axis and its doubt, how far the floor's front hangs below it and its doubt, all in px.
 
     `known` is the row of the floor where a gauge tells it.  The lowest beads of a bed seen from above form an arc:
     those in front touch the floor in front.
@@ -303,11 +299,15 @@ def _floor(
     x, y = np.array(places), np.array(lowest)
     arc = np.sqrt(np.clip(1 - (x / (half - 0.5 * radius)) ** 2, 0, 1)) * (1 - radius / half)
     weight = np.ones_like(y)
+    scale = level_sigma = 0.0
     answer = np.array([float(np.median(y)), 0.0])
     for _ in range(12):
         design = np.column_stack([np.ones_like(x), arc]) * weight[:, None]
         if known is None:
-            answer = np.linalg.solve(design.T @ design + np.diag([0.0, 0.3]), design.T @ (y * weight))
+            normal = design.T @ design + np.diag([0.0, 0.3])
+            answer = np.linalg.solve(normal, design.T @ (y * weight))
+            # whether the floor lies low or is seen steeply the arc's shape alone tells
+            level_sigma = scale * math.sqrt(float(np.linalg.inv(normal)[0, 0]))
         else:
             bulge = float(design[:, 1] @ ((y - known) * weight) / (design[:, 1] @ design[:, 1]))
             answer = np.array([known, bulge])
@@ -316,7 +316,8 @@ def _floor(
         scale = max(1.4826 * float(np.median(np.abs(miss))), 0.1 * radius)
         # a bead that is not seen leaves the place to one that lies higher
         weight = np.where(miss < 0, 1 / (1 + (miss / (1.5 * scale)) ** 2), 1 / (1 + (miss / (2.5 * scale)) ** 2))
-    return float(answer[0]), max(0.35 * radius, 1.0), float(answer[1])
+    floor_sigma = math.hypot(max(0.35 * radius, 1.0), level_sigma)
+    return float(answer[0]), floor_sigma, float(answer[1]), math.hypot(0.6 * radius, scale)
 
 
 def _gauge(
@@ -356,6 +357,10 @@ def _judged(bed: Bed) -> Bed | None:
     middle = float(np.mean(bed.gauge_rows(*bed.outline))) if bed.gauge is not None else 0.0
     if bed.gauge is not None and not bed.gauge.first - bed.bead_radius < middle < bed.gauge.last + bed.bead_radius:
         flaw = "the gauge's graduations are hidden at the height of the surface: something may be in front of both"
+    elif bed.gauge is not None and bed.gauge.lowest > bed.gauge.row_of(-GOES_ON):
+        flaw = "the gauge's graduations go on below what was taken for its zero: the lower part of the bed is hidden"
+    elif bed.gauge is not None and not LOOKING[0] < bed.bulge / (bed.width / 2) < LOOKING[1]:
+        flaw = "the lowest beads do not lie at the gauge's zero: the floor is hidden, or the gauge was misread"
     elif np.sum(known) < 0.9 * np.sum(seen):
         flaw = "the surface is hidden in more than a tenth of the cylinder's width"
     elif found.contrast < 0.25:

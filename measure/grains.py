@@ -84,8 +84,13 @@ def find_beads(grey: npt.NDArray[np.uint8], radii: tuple[float, float]) -> Beads
     return max(close, key=lambda beads: beads.radius)
 
 
-def more_beads(grey: npt.NDArray[np.uint8], alike: npt.NDArray[np.float32], beads: Beads) -> Beads:
-    """All the circles of the heap, found more readily now that size and colour of the beads are known."""
+def more_beads(
+    grey: npt.NDArray[np.uint8], alike: npt.NDArray[np.float32], beads: Beads, *, least_group: float = 1.0
+) -> Beads:
+    """All the circles of the heap, found more readily now that size and colour of the beads are known.
+
+    `least_group` is the share of the largest group that another one must hold to belong to the beads, too.
+    """
     picture = edges(grey, blur=1.0)
     found = [beads.centre]
     for stretch in (0.88, 1.0, 1.14):
@@ -93,7 +98,7 @@ def more_beads(grey: npt.NDArray[np.uint8], alike: npt.NDArray[np.float32], bead
             centre = _circles(picture, stretch * beads.radius, sign, surrounded=0.36)
             x, y = centre.astype(np.int64).T
             found.append(centre[alike[y, x] > 0.6])
-    return Beads(_largest_group(np.concatenate(found), 2.4 * beads.radius), beads.radius)
+    return Beads(_largest_group(np.concatenate(found), 2.4 * beads.radius, least_group), beads.radius)
 
 
 def likeness(image: npt.NDArray[np.uint8], beads: Beads) -> npt.NDArray[np.float32]:
@@ -184,7 +189,8 @@ def _rim_strength(picture: Edges, centre: Array, radius: float, sign: int) -> Ar
     return np.asarray(np.max(rims, axis=0).mean(axis=1), dtype=np.float64)
 
 
-def _largest_group(centre: Array, reach: float) -> Array:
+def _largest_group(centre: Array, reach: float, least: float = 1.0) -> Array:
+    """The largest group of circles, with others that hold the share `least` of it."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
@@ -194,4 +200,7 @@ def _largest_group(centre: Array, reach: float) -> Array:
     pairs = cKDTree(centre).query_pairs(reach, output_type="ndarray")
     links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(centre), len(centre)))
     _, label = connected_components(links, directed=False)
-    return np.asarray(centre[label == np.bincount(label).argmax()])
+    count = np.bincount(label)
+    kept = count > least * count.max()
+    kept[count.argmax()] = True
+    return np.asarray(centre[kept[label]])

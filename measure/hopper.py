@@ -16,18 +16,22 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.camera import Camera
+from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, root_sum_of_squares
 from rigtwin.lab.records import Series
 from rigtwin.measure.gate import Opening, find_opening, slot_edges
-from rigtwin.measure.media import open_video, sha256
+from rigtwin.measure.media import open_video
 from rigtwin.measure.outflow import Outflow, bin_walls, follow_outflow
 
 Array = npt.NDArray[np.float64]
 
 STEADY = (0.2, 0.8)  # of what leaves, the part over which the flow is steady
 EXPOSURE = 0.15  # frames, standard deviation of where in its frame's interval an unknown exposure lies
+# of the time between two values, in which an instant lies anywhere: 1.96 of it make 95 % of that time.  Its standard
+# deviation, 1 / sqrt 12 of it, would make intervals that hold the truth always
+WITHIN = 0.95 / (2 * 1.96)
 CROSSING = 0.2  # frames, of the last particle's passage read between two frames
 GIVEN_DOUBT = 0.01  # relative, of a scale read off a length in view
 BIN_DOUBT = 0.04  # relative, of a scale from the bin's walls, whose depth in view is not known
@@ -94,7 +98,12 @@ def measure(
         "slide_goes": {1: "right", -1: "left", 0: "not told"}[gate.direction if gate is not None else 0],
         "frames": len(seen.moments),
     }
-    quantities = (*evaluation.quantities, *_outlet_velocity(seen, scale, scale_doubt))
+    velocity = _outlet_velocity(seen, scale, scale_doubt)
+    if isinstance(velocity, str):
+        warnings.append(f"outlet velocity: none given, for {velocity}.")
+        quantities = evaluation.quantities
+    else:
+        quantities = (*evaluation.quantities, velocity)
     result = Measurement(
         rig="hopper",
         source=clip,
@@ -139,7 +148,7 @@ def _evaluate(
     warnings = []
     if opened is None:
         first = int(np.argmax(share < 1 - 1e-9 - 3 * _noise(share)))
-        opened = Instant(float(time[first]), {"time step": _step(time) / math.sqrt(12)}, "first loss")
+        opened = Instant(float(time[first]), {"time step": WITHIN * _step(time)}, "first loss")
         warnings.append("opening: not known, the first particle's leaving was taken for it; give the time of opening.")
     if last is None:
         last = _last_loss(time, share)
@@ -154,7 +163,12 @@ def _evaluate(
         _instant("last_particle_time", last),
         _discharge(opened, last),
     ]
-    quantities += _rates(time, share, full, left.unit, total_mass, area_doubt)
+    rates = _rates(time, share, full, left.unit, total_mass, area_doubt)
+    quantities += rates
+    if len(rates) == 1:
+        warnings.append("flow rate: none given, for too few frames show the steady flow; film at a higher rate.")
+    elif rates[1].quantity != "mass_flow_rate":
+        warnings.append(f"mass flow rate: none given, but a {rates[1].quantity.replace('_', ' ')}; give --total-mass.")
     quantities.append(
         Quantity(
             "residue_fraction", stays, max(area_doubt * stays, 0.003 if area_doubt else 0.0), "1", "end of the clip"
@@ -217,7 +231,7 @@ def _last_loss(time: Array, share: Array) -> Instant:
     k = min(int(above[-1]), len(time) - 2)
     # a counted record loses its last particle somewhere between these two values
     middle, step = (time[k] + time[k + 1]) / 2, time[k + 1] - time[k]
-    return Instant(float(middle), {"time step": float(step) / math.sqrt(12)}, "last loss")
+    return Instant(float(middle), {"time step": WITHIN * float(step)}, "last loss")
 
 
 def _instant(name: str, found: Instant) -> Quantity:
@@ -409,13 +423,14 @@ def outlet_profile(seen: Outflow, scale: float) -> tuple[Array, Array]:
     return (place - (seen.scenery.slot.left + seen.scenery.slot.right) / 2) * size, shift * size / seen.interval
 
 
-def _outlet_velocity(seen: Outflow, scale: float | None, scale_doubt: float) -> list[Quantity]:
+def _outlet_velocity(seen: Outflow, scale: float | None, scale_doubt: float) -> Quantity | str:
+    """Mean downward velocity of the beads in the slot, or in words why it is not known."""
     if scale is None:
-        return []
+        return "no scale is known; give --bin-width, --bead-diameter or --scale"
     _, velocity = outlet_profile(seen, scale)
     known = velocity[np.isfinite(velocity)]
     if len(known) < 3:
-        return []
+        return f"frames match in only {len(known)} places of the slot; film at a higher rate, with a shorter exposure"
     value = float(known.mean())
     budget = {
         # neighbouring windows overlap by half
@@ -424,7 +439,7 @@ def _outlet_velocity(seen: Outflow, scale: float | None, scale_doubt: float) -> 
     }
     detail: dict[str, Detail] = {"windows": len(known), "fastest_m_s": round(float(known.max()), 5)}
     method = "cross-correlation at the slot, mean over the steady flow"
-    return [Quantity("outlet_velocity", value, root_sum_of_squares(budget), "m/s", method, 1, detail, budget)]
+    return Quantity("outlet_velocity", value, root_sum_of_squares(budget), "m/s", method, 1, detail, budget)
 
 
 def _scale(

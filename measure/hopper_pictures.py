@@ -74,12 +74,13 @@ def _write_video(
                 isopen = opened.value <= frame.time
                 colour = overlay.GREEN if isopen and frame.time <= last.value else overlay.RED
                 overlay.draw_line(picture, (float(ax), float(ay)), (float(bx), float(by)), colour)
-            overlay.draw_text(picture, f"frame {frame.index}   {frame.time:.4f} s", (8, 20))
+            caption = [f"frame {frame.index}   {frame.time:.4f} s"]
             if frame.time >= opened.value:
-                overlay.draw_text(picture, f"opened {opened.value:.4f} s", (8, 42))
+                caption.append(f"opened at {opened.value:.4f} s")
             if frame.time >= last.value:
-                text = f"last bead {last.value:.4f} s, {duration.value:.4f} +- {1.96 * duration.std_uncertainty:.4f} s"
-                overlay.draw_text(picture, text, (8, 64))
+                caption.append(f"last bead at {last.value:.4f} s")
+                caption.append(f"discharge time {duration.value:.4f} ± {duration.std_uncertainty:.4f} s")
+            overlay.draw_caption(picture, caption)
             written.write(picture)
             if frame.time <= (opened.value + last.value) / 2:
                 chosen = picture

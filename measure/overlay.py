@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from fractions import Fraction
+from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Image = npt.NDArray[np.uint8]
+Map = npt.NDArray[np.float32]
 Point = tuple[float, float]
 Colour = tuple[int, int, int]
 
@@ -36,6 +38,8 @@ RED: Colour = (0, 94, 213)
 WHITE: Colour = (255, 255, 255)
 BLACK: Colour = (0, 0, 0)
 
+CAPITAL = 0.7  # height of a capital over the size of the font, of OpenCV's own sans
+WEIGHT = 600  # of the font: half bold, to be read on any background
 _SUBPIXEL_BITS = 4  # OpenCV draws in sixteenths of a pixel
 
 
@@ -182,16 +186,70 @@ def draw_text(picture: Image, text: str, corner: Point, colour: Colour = WHITE, 
 
     `size` is the height of a capital letter in pixels.
     """
-    letter = size or max(9.0, min(picture.shape[:2]) / 45)
-    scale = letter / 22.0  # a capital of the Hershey font is 22 px high at scale 1
-    (width, height), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
-    x = round(min(max(corner[0], 2), max(picture.shape[1] - width - 2, 2)))
-    y = round(min(max(corner[1], height + 2), picture.shape[0] - below - 1))
-    stroke = max(1, round(letter / 12))
-    # a thicker stroke would also be wider: the rim is the same text, moved by a pixel
-    for dx, dy in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-        cv2.putText(picture, text, (x + dx, y + dy), cv2.FONT_HERSHEY_SIMPLEX, scale, BLACK, stroke, cv2.LINE_AA)
-    cv2.putText(picture, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, scale, colour, stroke, cv2.LINE_AA)
+    if not text or not np.all(np.isfinite(corner)):
+        return
+    ink, rim, below = _lettering(text, round(size or _letter(picture)))
+    height, width = ink.shape
+    left = round(min(max(corner[0], 0), max(picture.shape[1] - width, 0)))
+    top = round(min(max(corner[1] - height + below, 0), max(picture.shape[0] - height, 0)))
+    part = picture[top : top + height, left : left + width]
+    ink, rim = (mask[: part.shape[0], : part.shape[1], None] for mask in (ink, rim))
+    part[:] = np.clip(part * (1 - rim) + ink * np.array(colour, dtype=np.float32), 0, 255).astype(np.uint8)
+
+
+def draw_caption(
+    picture: Image, lines: Sequence[str | tuple[str, Colour]], *, bottom: bool = False, size: float | None = None
+) -> None:
+    """Lines of text in the top (or bottom) left corner, one below the other, broken where the picture is too narrow.
+
+    A line may bring its colour.
+    """
+    letter = round(size or _letter(picture))
+    rows = [
+        (row, WHITE if isinstance(line, str) else line[1])
+        for line in lines
+        for row in _broken(line if isinstance(line, str) else line[0], letter, picture.shape[1] - letter)
+    ]
+    step = 1.8 * letter
+    first = picture.shape[0] - step * (len(rows) - 1) - 0.9 * letter if bottom else 1.6 * letter
+    for number, (row, colour) in enumerate(rows):
+        draw_text(picture, row, (0.6 * letter, first + step * number), colour, size=letter)
+
+
+def _letter(picture: Image) -> float:
+    """[px], height of a capital that is read easily on a picture of this size."""
+    return max(9.0, float(min(picture.shape[:2])) / 45)
+
+
+def _broken(text: str, letter: int, width: float) -> list[str]:
+    """The text in lines of at most `width` [px], broken between words."""
+    rows: list[str] = []
+    for word in text.split(" "):
+        if rows and _lettering(f"{rows[-1]} {word}", letter)[0].shape[1] <= width:
+            rows[-1] += f" {word}"
+        else:
+            rows.append(word)
+    return rows
+
+
+@lru_cache(maxsize=256)
+def _lettering(text: str, letter: int) -> tuple[Map, Map, int]:
+    """Ink of a line of text, its rim about it, both 0 to 1, and how many rows lie below the line.
+
+    One drawing serves all frames of a clip that carry the same words.
+    """
+    face = cv2.FontFace("sans")
+    size = round(letter / CAPITAL)
+    # the box leaves out the space that the text itself begins or ends with
+    _, _, width, _ = cv2.getTextSize((1, 1), text, (0, 0), face, size, WEIGHT)
+    stroke = max(1, round(letter / 10))
+    below = round(0.45 * letter) + stroke
+    box = np.zeros((round(1.4 * letter) + stroke + below, width + letter, 3), np.uint8)
+    cv2.putText(box, text, (stroke + letter // 4, box.shape[0] - below), (255, 255, 255), face, size, WEIGHT)
+    ink = box[..., 0]
+    rim = cv2.dilate(ink, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * stroke + 1,) * 2))
+    shares = [np.asarray(mask, dtype=np.float32) / np.float32(255) for mask in (ink, rim)]
+    return shares[0], shares[1], below
 
 
 def _fixed(point: Point) -> tuple[int, int]:

@@ -1,9 +1,10 @@
 """A cylinder filled with beads, photographed from the side: bed height and bulk density (Hlosta et al. 2020, fig. 4).
 
-The surface of a bed is a band, not a line.  `bed_height` is the mean height of the tops of the beads that form the
-surface: those with no higher bead whose centre lies within 0.8 diameters sideways of their own.  What a photo shows is
-the outline: at every place across the cylinder the highest bead along the line of sight, some 0.3 diameters higher.
-`evaluate` reads the outline and takes that off; for the mean surface with its pits see method "mean surface".
+The surface of a bed is a band, not a line.  `bed_height` by the method "mean surface" is the mean height of the surface
+with its pits, the height of the volume that the bed fills; "surface bead tops" is the mean top of the beads that form
+the surface, those with no higher bead whose centre lies within 0.8 diameters sideways of their own.  What a photo shows
+is the "outline": at every place across the cylinder the highest bead along the line of sight, some 0.3 diameters above
+the tops.  `evaluate` reads the outline and takes that off.
 
 A profile of `measure` runs across the cylinder, x = 0 on its axis; heights are above the cylinder's floor.
 """
@@ -20,12 +21,13 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.camera import Camera
+from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, root_sum_of_squares
 from rigtwin.lab.records import Profile, read_profile
 from rigtwin.measure.glass import Bed, find_bed
-from rigtwin.measure.media import read_photo, sha256
+from rigtwin.measure.media import read_photo
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
@@ -41,6 +43,7 @@ WALL_DOUBT = 0.006  # relative, of a scale read off the cylinder's inner walls
 GAUGE_DOUBT = 0.002  # relative, of a scale read off a gauge in the plane of the axis
 SAME_PLANE = 0.02  # how far the two may differ when the gauge stands in the plane of the axis
 ROUGHEST = 0.6  # bead diameters; outlines of settled beds of a DEM are rough by 0.15 to 0.35
+SMOOTHEST = 0.03  # likewise; a straight edge is read to a third of a pixel where beads are a dozen pixels wide
 SPOILING = ("level_bed", "smooth_surface")  # checks without which a height is doubtful
 ADVISED_RATIO = 5.0  # cylinder over bead diameter
 
@@ -91,8 +94,8 @@ def _evaluate(
     pits = {**parts, "outline to surface": math.hypot(OUTLINE_SPREAD, PITS_SPREAD) * grain, **guess}
     flaw = "; ".join(dict.fromkeys(each.flaw for each in seen if each.flaw))
     found = [
-        _height(outline - OUTLINE_ABOVE * grain, "surface bead tops", tops, len(seen), flaw),
         _height(outline - (OUTLINE_ABOVE + PITS_BELOW) * grain, "mean surface", pits, len(seen), flaw),
+        _height(outline - OUTLINE_ABOVE * grain, "surface bead tops", tops, len(seen), flaw),
         _height(outline, "outline", parts, len(seen), flaw),
     ]
     if found[0].value <= 0:
@@ -202,8 +205,9 @@ def _checks(
         )
         if bead is None:  # the outline's roughness is then all that tells the bead's size
             continue
-        passed = rough < ROUGHEST * bead
-        ending = "." if passed else ": no settled bed is so rough; is something in front of it?"
+        passed = SMOOTHEST * bead < rough < ROUGHEST * bead
+        odd = "rough" if rough > SMOOTHEST * bead else "smooth"
+        ending = "." if passed else f": no settled bed is so {odd}; is something in front of it?"
         checks.append(
             Check(
                 "smooth_surface",
@@ -297,7 +301,7 @@ def _observe(
     grain = 2 * bed.bead_radius * scale
     # seen from above or below, the near or the far side of the bed stands out over the middle
     raised = 0.25 * steep[0] ** 2 * grain
-    spread = max(0.25 * abs(2 * steep[0] * steep[1]), 0.02) * grain
+    spread = max(0.25 * steep[1] * math.hypot(2 * steep[0], math.sqrt(2) * steep[1]), 0.02) * grain
     profile = Profile(x * scale, height - raised, np.full(len(x), 0.8 * scale), view=photo.stem)
     mean = float(np.nanmean(height))
     doubts = {

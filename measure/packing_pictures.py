@@ -11,7 +11,18 @@ import numpy.typing as npt
 from rigtwin.lab.quantity import Measurement, Quantity
 from rigtwin.lab.records import Profile, write_profile
 from rigtwin.measure.glass import Bed
-from rigtwin.measure.overlay import GREEN, ORANGE, RED, SKY, draw_line, draw_path, draw_text, save_picture, save_plot
+from rigtwin.measure.overlay import (
+    GREEN,
+    ORANGE,
+    RED,
+    SKY,
+    Colour,
+    draw_caption,
+    draw_line,
+    draw_path,
+    save_picture,
+    save_plot,
+)
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
@@ -79,6 +90,9 @@ def _marked(image: Image, bed: Bed, measurement: Measurement) -> Image:
     else:
         line((-half, floor), (half, floor), GREEN)
         line((-half, level), (half, level), RED)
-    text = f"bed height {headline.value * 1e3:.1f} +- {headline.std_uncertainty * 1e3:.1f} mm"
-    draw_text(picture, text, (8, 24), RED)
+    value, sigma = headline.value * 1e3, headline.std_uncertainty * 1e3
+    caption: list[str | tuple[str, Colour]] = [(f"bed height ({headline.method}) {value:.1f} ± {sigma:.1f} mm", RED)]
+    if headline.doubtful:
+        caption.append(f"doubtful: {headline.doubtful}")
+    draw_caption(picture, caption)
     return picture

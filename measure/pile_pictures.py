@@ -109,9 +109,7 @@ def _overlay(
             _draw(picture, found, ends / unit, _on_line(line, side, ends) / unit, overlay.BLUE, width=3)
     apex = found.view.to_picture(np.array([heap.apex[0] / unit]), np.array([heap.apex[1] / unit]))[0]
     overlay.draw_cross(picture, (float(apex[0]), float(apex[1])), 0.5 * found.bead_radius, overlay.RED)
-    row = 0.05 * picture.shape[0]
-    for number, text in enumerate(_labels(evaluation)):
-        overlay.draw_text(picture, text, (10.0, row * (number + 1)))
+    overlay.draw_caption(picture, _labels(evaluation))
     return picture
 
 
@@ -124,15 +122,13 @@ def _draw(
 
 def _labels(evaluation: Evaluation) -> list[str]:
     def words(one: Quantity) -> str:
-        return f"{one.detail['side']} {one.value:.1f} +- {one.std_uncertainty:.1f}"
+        return f"{one.detail['side']} {one.value:.1f} ± {one.std_uncertainty:.1f}°"
 
     main = {"angle_of_repose_graphical": "line 15-85 %", "angle_of_repose_geometric": "apex"}
     texts = []
     for quantity, method in main.items():
         ones = [one for one in evaluation.quantities if (one.quantity, one.method) == (quantity, method)]
-        texts.append(
-            f"{quantity.rsplit('_', 1)[1]} ({method}) [deg, +- standard uncertainty]: "
-            + ", ".join(words(one) for one in ones)
-        )
+        name = f"angle of repose, {quantity.rsplit('_', 1)[1]} ({method}), ± standard uncertainty"
+        texts.append(f"{name}: {', '.join(words(one) for one in ones)}")
     doubts = sorted({one.doubtful for one in evaluation.quantities if one.doubtful})
     return texts + [f"doubtful: {doubt}" for doubt in doubts]

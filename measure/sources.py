@@ -426,7 +426,7 @@ def _luma(picture: av.VideoFrame) -> Grey:
     ):
         plane = picture.planes[0]
         rows: Grey = np.frombuffer(memoryview(plane), dtype=np.uint8).reshape(-1, plane.line_size)
-        return np.array(rows[: picture.height, : picture.width])
+        return rows[: picture.height, : picture.width]  # the decoder's own memory, which the array keeps alive
     return np.asarray(picture.to_ndarray(format="gray"), dtype=np.uint8)
 
 

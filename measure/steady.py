@@ -114,8 +114,8 @@ def steady_part(time: Array, value: Array) -> tuple[int, int]:
     return int(seen[first]), int(seen[last])
 
 
-def find_avalanches(time: Array, angle: Array, turning: float | None) -> Avalanches | None:
-    """Avalanches in the surface's angle [deg] over time; None where it flows steadily.
+def find_avalanches(time: Array, angle: Array, turning: float | None) -> Avalanches | str:
+    """Avalanches in the surface's angle [deg] over time, or in words why there are none to be told.
 
     Between two avalanches the bed turns with the drum, by `turning` [deg/s] where it is known, and slides back much
     faster than it rose.
@@ -125,7 +125,7 @@ def find_avalanches(time: Array, angle: Array, turning: float | None) -> Avalanc
 
     seen = np.isfinite(angle)
     if np.sum(seen) < 4 * SHORTEST:
-        return None
+        return f"the surface is seen in {np.sum(seen)} frames only, {4 * SHORTEST} are needed"
     step = float(np.median(np.diff(time)))
     level = even(time[seen], angle[seen])
     noise = float(np.std(np.diff(level, 2))) / math.sqrt(6)
@@ -133,16 +133,18 @@ def find_avalanches(time: Array, angle: Array, turning: float | None) -> Avalanc
     least = max(4 * noise / math.sqrt(5), 0.35 * float(np.ptp(smooth)))
     tops, _ = find_peaks(smooth, prominence=least)
     if len(tops) < FEWEST_AVALANCHES:
-        return None
+        few = f"the angle has {len(tops)} clear maxima, {FEWEST_AVALANCHES} are needed"
+        return f"{few}; film longer, unless the surface flows steadily"
     bottoms = np.array([a + int(np.argmin(smooth[a:b])) for a, b in zip(tops, [*tops[1:], len(smooth)], strict=True)])
     # the last slide may not be over yet
     falls = (bottoms[:-1] - tops[:-1]) * step
     rises = (tops[1:] - bottoms[:-1]) * step
     gained = smooth[tops[1:]] - smooth[bottoms[:-1]]
     if float(np.median(falls)) > 0.5 * float(np.median(rises)):
-        return None  # as quick up as down: the flow sways, it does not avalanche
-    if turning is not None and not 0.6 < float(np.median(gained / rises)) / turning < 1.4:
-        return None
+        return "the angle rises as quickly as it falls: the surface flows steadily and sways"
+    speed = float(np.median(gained / rises))
+    if turning is not None and not 0.6 < speed / turning < 1.4:
+        return f"between its falls the angle rises at {speed:.1f} deg/s, not with the drum at {turning:.1f} deg/s"
     intervals = np.diff(tops) * step
     frequency = 1 / float(intervals.mean())
     error = frequency * max(float(np.std(intervals, ddof=1)), step) / intervals.mean() / math.sqrt(len(intervals))

@@ -22,6 +22,11 @@ from rigtwin.measure.two_beads import Beads
 
 COLOURS = (overlay.ORANGE, overlay.SKY)
 NAMES = "AB"
+SAID = {
+    "restitution_pair": "restitution of the pair",
+    "restitution_wall": "restitution on the wall",
+    "energy_ratio_root": "√(h_B/h_A), which is (1+e)/2",
+}
 
 
 @dataclass(frozen=True)
@@ -67,7 +72,7 @@ def write_overlay(path: Path, video: Video, beads: Beads, view: View, *, still: 
                 if image is not None:
                     place = (image.x + shake[0], image.y + shake[1])
                     overlay.draw_circle(picture, place, beads.looks[bead].radius, COLOURS[bead])
-            overlay.draw_text(picture, f"{frame.time:.4f} s", (6, picture.shape[0] - 6))
+            overlay.draw_caption(picture, [f"frame {frame.index}   {frame.time:.4f} s"], bottom=True)
             film.write(picture)
     if kept is None:
         raise NothingToMeasure(f"{path.stem}: no frame could be read again to draw on; copy the clip anew.")
@@ -99,15 +104,15 @@ def write_still(
             arc = [view.place(bead, part, share) for part in np.linspace(0, angle, 40)]
             overlay.draw_path(picture, arc, COLOURS[bead])
             value = told.get((quantity, NAMES[bead]), abs(math.degrees(angle)))
-            label = f"{name} {value:.2f} deg"
+            label = f"{name} {value:.2f}°"
             overlay.draw_text(picture, label, view.place(bead, 0.55 * angle, share + 0.04), COLOURS[bead])
     lines = [
-        f"{q.quantity} ({q.method}) {q.value:.4f} +- {q.std_uncertainty:.4f}" + (" doubtful" if q.doubtful else "")
+        f"{SAID.get(q.quantity, q.quantity.replace('_', ' '))} ({q.method}) {q.value:.4f} ± {q.std_uncertainty:.4f}"
+        + (" doubtful" if q.doubtful else "")
         for q in found
         if q.unit == "1" and q.detail.get("collision") == 1
     ]
-    for number, line in enumerate(reversed(lines)):
-        overlay.draw_text(picture, line, (8, picture.shape[0] - 8 - 22 * number))
+    overlay.draw_caption(picture, lines, bottom=True)
     overlay.save_picture(path, picture)
 
 
@@ -149,7 +154,7 @@ def _draw_swing(picture: Image, view: View, bead: int, shake: Array, angle: floa
     pivot = moved(view.place(bead, 0, 0))
     overlay.draw_cross(picture, pivot, 5, COLOURS[bead])
     overlay.draw_line(picture, pivot, moved(view.place(bead, angle)), COLOURS[bead])
-    label = f"{NAMES[bead]} {math.degrees(angle):+.1f} deg"
+    label = f"{NAMES[bead]} {math.degrees(angle):+.1f}°"
     x, y = moved(view.place(bead, angle, 1.12))
     overlay.draw_text(picture, label, (x - 30, y + 14 * bead), COLOURS[bead])
 

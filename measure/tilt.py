@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.camera import Camera
+from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, root_sum_of_squares
@@ -30,7 +31,7 @@ from rigtwin.measure.arm import Arm, find_arm, lay_over
 from rigtwin.measure.bead import Scene
 from rigtwin.measure.follow import learn_scene
 from rigtwin.measure.level import Level, find_level
-from rigtwin.measure.media import Video, open_video, sha256
+from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.onset import LEAST_DOUBT, Onset, Run, Way, find_onset, find_run, jitter, smooth_angle
 from rigtwin.measure.passenger import RIM, Passenger, Step, find_passenger, follow, glare
 
@@ -197,7 +198,7 @@ def _gravity_check(way: Way, onset: Onset, variant: Variant) -> Check:
     passed = abs(onset.gain - 1) < 3 * doubt
     how = "slides" if variant == "slide" else "rolls"
     found = (
-        f"the body's acceleration grows with the angle as {onset.gain:.3f} +- {doubt:.3f} times that of one that {how}"
+        f"the body's acceleration grows with the angle as {onset.gain:.3f} ± {doubt:.3f} times that of one that {how}"
     )
     if passed:
         return Check("gravity", True, onset.gain, 1.0, f"{found}: scale, frame rate and variant fit together.")
@@ -527,5 +528,5 @@ def _view_checks(film: Film, gauge: Gauge, video: Video) -> tuple[Check, ...]:
     where = (
         "as given" if gauge.roll_from == "given" else f"from {len(film.level.lines) if film.level else 0} level edges"
     )
-    message = f"the horizontal runs at {degrees:+.2f} +- {doubt:.2f} deg in the picture, {where}."
+    message = f"the horizontal runs at {degrees:+.2f} ± {doubt:.2f} deg in the picture, {where}."
     return arm, timing, still, Check("level", True, degrees, 0.0, message)

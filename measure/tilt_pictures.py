@@ -19,12 +19,13 @@ from rigtwin.measure.overlay import (
     RED,
     SKY,
     YELLOW,
+    Colour,
     Image,
     OverlayVideo,
+    draw_caption,
     draw_cross,
     draw_line,
     draw_path,
-    draw_text,
     save_picture,
     save_plot,
 )
@@ -84,7 +85,7 @@ def write_plot(path: Path, way: Way, onset: Onset, found: Quantity) -> None:
     for axes in (upper, middle, lower):
         axes.axvspan(onset.time - 2 * onset.time_sigma, onset.time + 2 * onset.time_sigma, color="#009E73", alpha=0.3)
         axes.axvline(onset.time, color="#009E73", lw=0.8)
-    upper.set_title(f"onset at {onset.time:.3f} s, {found.value:.2f} ± {found.std_uncertainty:.2f} deg", fontsize=9)
+    upper.set_title(f"onset at {onset.time:.3f} s, {found.value:.2f} ± {found.std_uncertainty:.2f}°", fontsize=9)
     save_plot(path, figure)
 
 
@@ -104,11 +105,13 @@ def _write_video(
             picture = frame.colour.copy()
             _mark(picture, film, k)
             alpha = math.degrees(float(np.interp(frame.time, angle.time, angle.value)))
-            draw_text(picture, f"frame {frame.index}   {frame.time:.3f} s   {alpha:.2f} deg", (8, 18))
+            caption: list[str | tuple[str, Colour]] = [f"frame {frame.index}   {frame.time:.3f} s   {alpha:.2f}°"]
             if frame.time >= onset.time:
                 found = measurement.quantities[1]
-                draw_text(picture, f"onset at {found.value:.2f} +- {found.std_uncertainty:.2f} deg", (8, 40), RED)
-                still = picture.copy() if still is None else still
+                caption.append((f"onset at {found.value:.2f} ± {found.std_uncertainty:.2f}°", RED))
+            draw_caption(picture, caption)
+            if frame.time >= onset.time and still is None:
+                still = picture.copy()
             overlay.write(picture)
             progress("drawing the overlay", k + 1, len(film.frames))
     return still

@@ -34,7 +34,7 @@ def find_wall_bead(
     scene = still_scene({index: frame.grey for index, frame in samples.items()})
     paths = find_paths(video, scene, samples, region, progress)
     path = _whole_path(paths, *find_rebound(paths, video, stated_length))
-    return chase_path(video, path, Movement([path], np.zeros((0, 2)), frozenset()), progress)
+    return chase_path(video, path, Movement([path], {}, frozenset(), scene), progress)
 
 
 def find_rebound(paths: list[Path], video: Video, stated_length: float | None = None) -> tuple[Path, Path]:

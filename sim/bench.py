@@ -18,7 +18,7 @@ from rigtwin.sim.engine.clock import USUAL, positive, time_step
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.bulk import Bulk
-    from rigtwin.sim.engine.contact import Rolling
+    from rigtwin.sim.engine.contact import ContactLaw, Rolling
     from rigtwin.sim.engine.terms import Active
     from rigtwin.sim.engine.walls import Shape
     from rigtwin.sim.logbook import Logbook
@@ -36,6 +36,8 @@ class Numerics(TypedDict, total=False):
     stiffness_factor: float  # Young's moduli are multiplied by it; a thousandth (Hlosta et al. 2020, section 2.2.3)
     time_step_fraction: float  # of Rayleigh's step; 30 %
     rolling: Rolling  # "type C"
+    contact_law: ContactLaw  # "Hertz-Mindlin"
+    impact_speed: float  # [m/s], at which springs of the "linear" law are as stiff as Hertz's contacts; 1 m/s
     effects: Effects  # those of a model, by name
     threads: int | None  # None: all
     trajectory: Path | None  # .gsd or .vtkhdf, with the walls beside it in <stem>-walls.vtk
@@ -56,7 +58,7 @@ class Bench:
     numerics: Numerics
 
     def __post_init__(self) -> None:
-        positive(stiffness_factor=self.stiffness_factor)
+        positive(stiffness_factor=self.stiffness_factor, impact_speed=self.impact_speed)
         if self.stiffness_factor > 1:
             raise BadInput(f"stiffness_factor: {self.stiffness_factor:g} would stiffen the beads; give at most 1.")
         self.time_step()
@@ -68,6 +70,16 @@ class Bench:
     @property
     def rolling(self) -> Rolling:
         return self.numerics.get("rolling", "type C")
+
+    @property
+    def contact_law(self) -> ContactLaw:
+        return self.numerics.get("contact_law", "Hertz-Mindlin")
+
+    @property
+    def impact_speed(self) -> float:
+        from rigtwin.sim.engine.contact import IMPACT_SPEED
+
+        return self.numerics.get("impact_speed", IMPACT_SPEED)
 
     @property
     def soft(self) -> Particle:
@@ -101,6 +113,8 @@ class Bench:
             open_domain=open_domain,
             time_step=self.time_step()[0],
             rolling=self.rolling,
+            contact_law=self.contact_law,
+            impact_speed=self.impact_speed,
             effects=self._effects()[0],
             threads=self.numerics.get("threads"),
             skin=SKIN if skin is None else skin,
@@ -115,6 +129,8 @@ class Bench:
             "stiffness_factor": self.stiffness_factor,
             "time_step_fraction": self.numerics.get("time_step_fraction", USUAL),
             "rolling": self.rolling,
+            "contact_law": self.contact_law,
+            "impact_speed": self.impact_speed,
             "effects": {name: dict(values) for name, values in self.numerics.get("effects", NO_EFFECTS).items()},
         }
         return Logbook(
@@ -130,7 +146,9 @@ class Bench:
         """The numerics in words, for the result."""
         acting, _ = self._effects()
         effects = {"effects": ", ".join(one.effect.name.replace("_", " ") for one in acting)} if acting else {}
+        linear = f"linear springs, as stiff as Hertz's contacts at {self.impact_speed:g} m/s"
         return {
+            "contact_law": linear if self.contact_law == "linear" else self.contact_law,
             "stiffness_factor": f"{self.stiffness_factor:g} of the real Young's moduli of beads and walls",
             "time_step": f"{self.numerics.get('time_step_fraction', USUAL):.0%} of Rayleigh's",
             "rolling_resistance": f"{self.rolling}, torque limit mu_r Fn R on each bead",
@@ -145,7 +163,7 @@ class Bench:
         if bulk.largest_overlap > OVERLAP_LIMIT:
             said.append(
                 f"the largest overlap was {bulk.largest_overlap:.1%} of a radius; "
-                f"above {OVERLAP_LIMIT:.0%} raise stiffness_factor"
+                f"above {OVERLAP_LIMIT:.0%} give a larger --stiffness-factor"
             )
         return tuple(said)
 

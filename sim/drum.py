@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -14,9 +14,9 @@ from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Profile, Series
 from rigtwin.lab.rigs import Drum
+from rigtwin.sim import fill
 from rigtwin.sim.bench import Bench, Numerics
 from rigtwin.sim.engine.clock import positive
-from rigtwin.sim.fill import REST_LOOKS, SETTLED, resting, scatter
 from rigtwin.sim.logbook import History
 from rigtwin.sim.outline import bed, outline
 
@@ -30,7 +30,6 @@ Array = npt.NDArray[np.float64]
 DEPTH = 0.5  # of the diameter, where the rig does not say
 FILL = 0.35  # of the volume, where the rig does not say
 PACKING = 0.6  # part of a bed's volume that is beads, by which a fill is counted out in beads
-LOOK = 0.02  # [s], how often the filling looks whether the bed rests
 STEADY_AFTER = 0.25  # turns
 CELL = 3.0  # bead diameters, side of the cells in which mixing is counted
 FEWEST = 5  # beads in a cell that counts
@@ -122,7 +121,7 @@ def run(
             "fill": f"{count} beads, {_share(count, rig, depth, particle):.1%} of the volume at a packing of "
             f"{PACKING:g} ({_given(rig.fill)})",
             "end_walls": "of the drum's material, turning with it",
-            "filling": f"scattered and let fall, {course.began_at:.2f} s until the bed rested",
+            "filling": f"scattered and let fall, {course.let_go:.2f} s until the bed rested",
             "start": "at full speed at once",
             **bench.assumptions(),
         },
@@ -193,7 +192,7 @@ def _scatter(bulk: Bulk, rig: Drum, depth: float, particle: Particle, count: int
         return np.asarray(free & (deep - np.abs(points[:, 1]) > clear))
 
     low = np.array([-half, -deep, -half])
-    scatter(bulk, count, inside, (low, -low), particle, np.random.default_rng(seed))
+    fill.scatter(bulk, count, inside, (low, -low), particle, np.random.default_rng(seed))
 
 
 def _shapes(rig: Drum, depth: float) -> tuple[Shape, ...]:
@@ -216,19 +215,13 @@ def _domain(rig: Drum, depth: float, particle: Particle) -> tuple[list[float], l
 
 
 @dataclass
-class _Course:
+class _Course(fill.Filling):
     """How far filling and turning have come: with the beads, all that a run needs to go on."""
 
-    quiet: int = 0  # looks in a row at which the bed rested
-    in_time: bool = True  # whether it rested before the limit
-    began_at: float | None = None  # [s], when the drum began to turn
     low_at_first: list[int] = field(default_factory=list)  # the beads that lay in the lower half of the bed then
     times: list[float] = field(default_factory=list)  # [s], since then, of the looks
     heights: list[list[float]] = field(default_factory=list)  # [m], of the bed's outline
     mixing: list[float] = field(default_factory=list)
-
-    def kept(self) -> dict[str, Any]:
-        return dict(vars(self))
 
 
 def _settle(
@@ -237,20 +230,14 @@ def _settle(
     """Let the bed come to rest, then set the drum turning."""
     from rigtwin.sim.engine.walls import Motion
 
-    steps = max(1, round(LOOK / bulk.time_step))
-    while course.began_at is None:
-        logbook.run(steps)
-        grains = bulk.grains()
-        course.quiet = course.quiet + 1 if resting(grains, particle, SETTLED) else 0
-        if course.quiet >= REST_LOOKS or bulk.time >= limit:
-            course.in_time = course.quiet >= REST_LOOKS
-            course.began_at = bulk.time
-            lower = grains.position[:, 2] < np.median(grains.position[:, 2])
-            course.low_at_first = grains.ident[lower].tolist()
-            for wall in range(len(bulk.shapes)):
-                bulk.move_wall(wall, Motion(spin=rig.speed, axis=(0.0, 1.0, 0.0), start=bulk.time))
-        logbook.look(course.kept())
-        progress("filling", min(bulk.time, limit), limit)
+    if course.let_go is not None:
+        return
+    fill.settle_and_let_go(bulk, logbook, course, particle, limit, progress)
+    grains = bulk.grains()
+    lower = grains.position[:, 2] < np.median(grains.position[:, 2])
+    course.low_at_first = grains.ident[lower].tolist()
+    for wall in range(len(bulk.shapes)):
+        bulk.move_wall(wall, Motion(spin=rig.speed, axis=(0.0, 1.0, 0.0), start=bulk.time))
 
 
 def _turn(
@@ -264,21 +251,21 @@ def _turn(
     progress: Progress,
 ) -> None:
     """Turn the drum and look at the bed now and then."""
-    assert course.began_at is not None
+    assert course.let_go is not None
     steps = max(1, round(interval / bulk.time_step))
     lasts = turns * 2 * math.pi / abs(rig.speed)
-    while bulk.time - course.began_at < lasts:
+    while bulk.time - course.let_go < lasts:
         logbook.run(steps)
         grains, beads = bulk.grains(), bulk.beads()
         marked = np.zeros(len(grains.ident), dtype=bool)
         marked[np.searchsorted(grains.ident, course.low_at_first)] = True
-        course.times.append(bulk.time - course.began_at)
+        course.times.append(bulk.time - course.let_go)
         course.mixing.append(lacey(grains.position, marked, CELL * particle.diameter))
         heap = bed(beads.position, beads.radius)
         surface = _outline(beads.position[heap], beads.radius[heap], rig, particle)
         course.heights.append(surface.height.tolist())
         logbook.look(course.kept())
-        progress("turning", bulk.time - course.began_at, lasts)
+        progress("turning", bulk.time - course.let_go, lasts)
 
 
 # ---------------------------------------------------------------------- the result

@@ -21,6 +21,7 @@ from rigtwin.lab.records import Profile
 from rigtwin.lab.rigs import Pile
 from rigtwin.sim import fill
 from rigtwin.sim.engine.clock import positive
+from rigtwin.sim.outline import POINTS_PER_DIAMETER, SIGMA, highest
 from rigtwin.sim.piling import Course
 
 if TYPE_CHECKING:
@@ -34,8 +35,6 @@ DRAIN = 1 / 3  # of the base, where the rig does not say, but not below
 LEAST_DRAIN = 7  # bead diameters; rough spheres arch over narrower holes
 BELOW = 0.05  # [m], how far below the floor beads are followed
 SECTION = 1.0  # bead diameters to either side of the section's plane
-SIGMA = 1e-5  # [m]
-POINTS_PER_DIAMETER = 24
 LID = 0  # number of the wall that closes the drain
 
 
@@ -86,16 +85,11 @@ class Emptying:
         """Fill the container and open its drain."""
         if not course.placed:
             half = self.rig.base_diameter / 2
-
-            def inside(points: Array, clear: float) -> npt.NDArray[np.bool_]:
-                return np.asarray((half - np.hypot(points[:, 0], points[:, 1]) > clear) & (points[:, 2] > clear))
-
             box = np.array([-half, -half, 0.0]), np.array([half, half, self.height])
-            fill.scatter(bulk, self.count, inside, box, self.particle, course.random)
+            fill.scatter(bulk, self.count, fill.in_tube(2 * half), box, self.particle, course.random)
             course.placed = self.count
-        if course.opened is None:
-            course.in_time = fill.settle(bulk, logbook, course, self.particle, self.fill_limit, progress, fill.SETTLED)
-            course.opened, course.settling_until, course.quiet = bulk.time, None, 0
+        if course.let_go is None:
+            fill.settle_and_let_go(bulk, logbook, course, self.particle, self.fill_limit, progress)
             bulk.remove_wall(LID)
 
     def warnings(self, course: Course, staying: Array) -> list[str]:
@@ -145,7 +139,5 @@ def section(centres: Array, radii: Array, rig: Pile, drain_diameter: float, grai
     for side in (-1, 1):
         mine = (x >= 0) if side > 0 else (x <= 0)
         place = side * (wide - np.abs(x[mine]))  # where in the container the point lies
-        inside = radii[near, None] ** 2 - (place - across[near, None]) ** 2
-        edge = np.where(inside > 0, centres[near, 2, None] + np.sqrt(np.maximum(inside, 0.0)), 0.0)
-        height[mine] = np.maximum(height[mine], edge.max(axis=0, initial=0.0))
+        height[mine] = np.maximum(height[mine], highest(place, across[near], centres[near, 2], radii[near]))
     return Profile(x=x, height=height, sigma=np.full(len(x), SIGMA), base=(-reach, reach), view=f"{view:g} deg")

@@ -85,23 +85,37 @@ def outlet(particle: Particle, diameter: float, height: float, rate: float | Non
 
 
 @dataclass
-class Course:
-    """How far filling and settling have come: with the beads, all that a run needs to go on."""
+class Filling:
+    """How far a filling has come to rest and was let go: with the beads, all that a run needs to go on."""
+
+    settling_until: float | None = None  # [s]; None before and after it is waited for
+    quiet: int = 0  # looks in a row at which all rested
+    let_go: float | None = None  # [s], when lid, slide, tube or drum first moved
+    in_time: bool = True  # whether the filling rested before
+
+    def kept(self) -> dict[str, Any]:
+        """The course in JSON's types."""
+        return dict(vars(self))
+
+    def go_on(self, kept: dict[str, Any]) -> None:
+        """Take up a course that was kept."""
+        vars(self).update(kept)
+
+
+@dataclass(kw_only=True)
+class Course(Filling):
+    """How far pouring and settling have come."""
 
     random: np.random.Generator
     placed: int = 0
     patience: int = 0  # looks in a row at which no particle found room
-    settling_until: float | None = None  # [s]; None while filling
-    quiet: int = 0  # looks in a row at which all rested
 
     def kept(self) -> dict[str, Any]:
-        """The course in JSON's types."""
-        return {**vars(self), "random": self.random.bit_generator.state}
+        return {**super().kept(), "random": self.random.bit_generator.state}
 
     def go_on(self, kept: dict[str, Any]) -> None:
-        """Take up a course that was kept."""
         self.random.bit_generator.state = kept["random"]
-        vars(self).update({name: value for name, value in kept.items() if name != "random"})
+        super().go_on({name: value for name, value in kept.items() if name != "random"})
 
 
 def rain(
@@ -180,14 +194,16 @@ def resting(grains: Grains, particle: Particle, still: Stillness = AT_REST) -> b
 def settle(
     bulk: Bulk,
     logbook: Logbook,
-    course: Course,
+    course: Filling,
     particle: Particle,
     limit: float,
     progress: Progress,
+    *,
     still: Stillness = AT_REST,
+    every: float = LOOK,
 ) -> bool:
-    """Run until all is at rest; False when something still moved `limit` [s] later."""
-    steps = max(1, round(LOOK / bulk.time_step))
+    """Run until all is at rest, looking at it `every` so many seconds; False when it still moved `limit` [s] later."""
+    steps = max(1, round(every / bulk.time_step))
     if course.settling_until is None:
         course.settling_until = bulk.time + limit
     while bulk.time < course.settling_until and course.quiet < REST_LOOKS:
@@ -196,3 +212,42 @@ def settle(
         logbook.look(course.kept())
         progress("settling", limit - (course.settling_until - bulk.time), limit)
     return course.quiet >= REST_LOOKS
+
+
+def settle_and_let_go(
+    bulk: Bulk,
+    logbook: Logbook,
+    course: Filling,
+    particle: Particle,
+    limit: float,
+    progress: Progress,
+    *,
+    every: float = LOOK,
+) -> None:
+    """Wait until the filling is quiet enough to be let go, and note when that was and whether it was in time."""
+    course.in_time = settle(bulk, logbook, course, particle, limit, progress, still=SETTLED, every=every)
+    course.let_go, course.settling_until, course.quiet = bulk.time, None, 0
+
+
+def in_tube(diameter: float) -> Inside:
+    """Which points lie in a round tube that stands on z = 0."""
+
+    def inside(points: Array, clear: float) -> npt.NDArray[np.bool_]:
+        return np.asarray((diameter / 2 - np.hypot(points[:, 0], points[:, 1]) > clear) & (points[:, 2] > clear))
+
+    return inside
+
+
+def in_funnel(outlet: float, diameter: float, height: float, bottom: float = 0.0) -> Inside:
+    """Which points lie in a cone of `height` [m] that opens from `outlet` to `diameter` [m], and the tube above it.
+
+    The outlet is at z = `bottom`.
+    """
+    slope = (diameter - outlet) / 2 / height
+
+    def inside(points: Array, clear: float) -> npt.NDArray[np.bool_]:
+        from_axis, above = np.hypot(points[:, 0], points[:, 1]), points[:, 2] - bottom
+        free = outlet / 2 + slope * above - from_axis > clear * math.hypot(1, slope)
+        return np.asarray(free & (diameter / 2 - from_axis > clear) & (above > clear))
+
+    return inside

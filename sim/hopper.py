@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -18,9 +18,9 @@ from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Profile, Series
 from rigtwin.lab.rigs import GRAVITY, Hopper
+from rigtwin.sim import fill
 from rigtwin.sim.bench import Bench, Numerics
 from rigtwin.sim.engine.clock import positive
-from rigtwin.sim.fill import REST_LOOKS, SETTLED, Inside, resting, scatter
 from rigtwin.sim.logbook import History
 from rigtwin.sim.outline import bed, outline
 
@@ -91,16 +91,16 @@ def run(
     positive(fill_limit=fill_limit, settle_limit=settle_limit)
     bench = Bench(rig, particle, wall, contact, wall_contact, numerics)
     bulk = bench.bulk(plan.shapes, plan.domain)
-    course = _Course(count)
+    course = _Course(count=count)
     limits = {"fill_limit": fill_limit, "settle_limit": settle_limit, "duration": duration}
     with bench.logbook(bulk, count=count, seed=seed, **limits) as logbook:
         if kept := logbook.resume():
             course = _Course(**kept)
         else:
-            scatter(bulk, count, plan.inside, plan.filled, particle, np.random.default_rng(seed))
+            fill.scatter(bulk, count, plan.inside, plan.filled, particle, np.random.default_rng(seed))
         _settle(bulk, logbook, course, particle, fill_limit, progress)
         _discharge(bulk, logbook, course, duration, progress)
-        at_rest = not plan.floor or _come_to_rest(bulk, logbook, course, particle, settle_limit, progress)
+        at_rest = not plan.floor or fill.settle(bulk, logbook, course, particle, settle_limit, progress, every=LOOK)
     beads = bulk.beads()
     times = np.sort(np.array([when for when in course.left_at if when is not None], dtype=float))
     emptied = len(times)
@@ -122,7 +122,7 @@ def run(
         assumptions={
             **plan.assumptions,
             "opening": "the whole outlet is free at once",
-            "filling": f"scattered above the outlet and let fall, {course.filled_for:.2f} s until the bed rested",
+            "filling": f"scattered above the outlet and let fall, {course.let_go:.2f} s until the bed rested",
             **bench.assumptions(),
         },
         warnings=bench.warnings(bulk, logbook) + _warnings(course, emptied, count, at_rest),
@@ -168,7 +168,7 @@ class _Plan:
     shapes: tuple[Shape, ...]
     filled: tuple[Array, Array]  # [m], corners of a box that holds all beads before they fall
     domain: tuple[Array, Array]  # [m]
-    inside: Inside
+    inside: fill.Inside
     floor: float  # [m], height of the floor below the outlet, negative; 0: there is none
     assumptions: dict[str, str]
 
@@ -185,13 +185,6 @@ def _conical(rig: Hopper, particle: Particle, room: float) -> _Plan:
     up = (0.0, 0.0, 1.0)
     narrow, wide, cone = rig.outlet / 2, rig.diameter / 2, rig.cone_height
     top = cone + room / (math.pi * wide**2)
-    slope = (wide - narrow) / cone
-
-    def inside(points: Array, clear: float) -> npt.NDArray[np.bool_]:
-        from_axis = np.hypot(points[:, 0], points[:, 1])
-        free = narrow + slope * points[:, 2] - from_axis > clear * math.hypot(1, slope)
-        return np.asarray(free & (wide - from_axis > clear) & (points[:, 2] > clear))
-
     return _Plan(
         shapes=(
             Disc((0.0, 0.0, 0.0), up, narrow),
@@ -200,7 +193,7 @@ def _conical(rig: Hopper, particle: Particle, room: float) -> _Plan:
         ),
         filled=(np.array([-wide, -wide, 0.0]), np.array([wide, wide, top])),
         domain=(np.array([-1.5 * wide, -1.5 * wide, -BELOW]), np.array([1.5 * wide, 1.5 * wide, top + wide])),
-        inside=inside,
+        inside=fill.in_funnel(rig.outlet, rig.diameter, cone),
         floor=0.0,
         assumptions={"cylinder_height": "as high as the filling needs"},
     )
@@ -268,15 +261,11 @@ def _given(value: float | None) -> str:
 # ---------------------------------------------------------------------- the run
 
 
-@dataclass
-class _Course:
+@dataclass(kw_only=True)
+class _Course(fill.Filling):
     """How far filling and emptying have come: with the beads, all that a run needs to go on."""
 
     count: int
-    quiet: int = 0  # looks in a row at which the bed rested
-    opened: float | None = None  # [s], when the outlet was
-    filled_for: float = 0.0  # [s], until the bed rested
-    in_time: bool = True  # whether it did before the limit
     emptied_at: float | None = None  # [s], when the last bead left, or no more came
     left_at: list[float | None] = field(default_factory=list)  # [s], after the opening, of each bead
     looks: list[tuple[float, int]] = field(default_factory=list)  # [s] after the opening, beads left inside
@@ -284,35 +273,24 @@ class _Course:
     def __post_init__(self) -> None:
         self.left_at = self.left_at or [None] * self.count
 
-    def kept(self) -> dict[str, Any]:
-        return dict(vars(self))
-
 
 def _settle(
     bulk: Bulk, logbook: Logbook, course: _Course, particle: Particle, limit: float, progress: Progress
 ) -> None:
     """Let the bed come to rest on the lid, then take the lid away."""
-    steps = max(1, round(LOOK / bulk.time_step))
-    while course.opened is None:
-        logbook.run(steps)
-        course.quiet = course.quiet + 1 if resting(bulk.grains(), particle, SETTLED) else 0
-        if course.quiet >= REST_LOOKS or bulk.time >= limit:
-            course.in_time = course.quiet >= REST_LOOKS
-            course.opened = course.filled_for = bulk.time
-            course.quiet = 0
-            course.looks.append((0.0, course.count))
-            bulk.remove_wall(LID)
-        logbook.look(course.kept())
-        progress("filling", min(bulk.time, limit), limit)
+    if course.let_go is None:
+        fill.settle_and_let_go(bulk, logbook, course, particle, limit, progress, every=LOOK)
+        course.looks.append((0.0, course.count))
+        bulk.remove_wall(LID)
 
 
 def _discharge(bulk: Bulk, logbook: Logbook, course: _Course, duration: float | None, progress: Progress) -> None:
     """Look who has left until nobody does any more."""
-    assert course.opened is not None
+    assert course.let_go is not None
     steps = max(1, round(LOOK / bulk.time_step))
     while course.emptied_at is None:
         logbook.run(steps)
-        now = bulk.time - course.opened
+        now = bulk.time - course.let_go
         _note_who_left(bulk.grains(), course, now)
         inside = sum(when is None for when in course.left_at)
         course.looks.append((now, inside))
@@ -335,20 +313,6 @@ def _note_who_left(grains: Grains, course: _Course, now: float) -> None:
             speed = max(-float(grains.velocity[row, 2]), 1e-9)
             ago = (speed - math.sqrt(max(speed**2 - 2 * GRAVITY * below, 0.0))) / GRAVITY
             course.left_at[ident] = now - min(ago, LOOK)
-
-
-def _come_to_rest(
-    bulk: Bulk, logbook: Logbook, course: _Course, particle: Particle, limit: float, progress: Progress
-) -> bool:
-    """Wait until the heap rests; False when it still moved at the limit."""
-    assert course.emptied_at is not None
-    steps = max(1, round(LOOK / bulk.time_step))
-    while bulk.time < course.emptied_at + limit and course.quiet < REST_LOOKS:
-        logbook.run(steps)
-        course.quiet = course.quiet + 1 if resting(bulk.grains(), particle) else 0
-        logbook.look(course.kept())
-        progress("settling", bulk.time - course.emptied_at, limit)
-    return course.quiet >= REST_LOOKS
 
 
 # ---------------------------------------------------------------------- the result

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -24,13 +25,36 @@ def outline(
     Points lie a 24th of the diameter `grain` [m] apart.
     """
     x = np.linspace(*span, math.ceil((span[1] - span[0]) / grain * POINTS_PER_DIAMETER) + 1)
-    height = np.full(len(x), -np.inf)
-    for part in np.array_split(np.arange(len(centres)), max(1, len(centres) // 1000)):
-        inside = radii[part, None] ** 2 - (x - centres[part, 0, None]) ** 2
-        edge = np.where(inside >= 0, centres[part, 2, None] + np.sqrt(np.maximum(inside, 0.0)), -np.inf)
-        height = np.maximum(height, edge.max(axis=0, initial=-np.inf))
+    height = highest(x, centres[:, 0], centres[:, 2], radii)
     seen = np.where(np.isfinite(height), height - floor, np.nan)
     return Profile(x=x, height=seen, sigma=np.full(len(x), SIGMA), view=view)
+
+
+def silhouette(centres: Array, radii: Array | float, base_diameter: float, view: float) -> Profile:
+    """Outline of spheres on a round base, seen from `view` [deg] about its axis; 0 where only the base is seen.
+
+    x runs over the base, 0 on its axis.  A rim is not drawn: it would hide beads, not raise them.
+    """
+    radii = np.broadcast_to(radii, len(centres))
+    angle = math.radians(view)
+    across = centres[:, :2] @ (math.cos(angle), math.sin(angle))
+    turned = np.column_stack([across, np.zeros(len(centres)), centres[:, 2]])
+    half = base_diameter / 2
+    grain = 2 * float(radii.max()) if len(radii) else base_diameter
+    seen = outline(turned, radii, (-half, half), grain=grain, view=f"{view:g} deg")
+    return replace(seen, height=np.maximum(np.nan_to_num(seen.height), 0.0), base=(-half, half))
+
+
+def highest(x: Array, across: Array, up: Array, radii: Array) -> Array:
+    """Height of the uppermost edge of spheres at `across` and `up` over each `x`; minus infinity where is none."""
+    height = np.full(len(x), -np.inf)
+    for part in np.array_split(np.arange(len(across)), max(1, len(across) // 1000)):
+        inside = radii[part, None] ** 2 - (x - across[part, None]) ** 2
+        # a point that only touches the outline would go in or out by rounding
+        over = inside > 1e-9 * radii[part, None] ** 2
+        edge = np.where(over, up[part, None] + np.sqrt(np.maximum(inside, 0.0)), -np.inf)
+        height = np.maximum(height, edge.max(axis=0, initial=-np.inf))
+    return height
 
 
 def bed(centres: Array, radii: Array) -> npt.NDArray[np.bool_]:

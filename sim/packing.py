@@ -19,7 +19,7 @@ from rigtwin.sim import fill
 from rigtwin.sim.bench import Bench, Numerics
 from rigtwin.sim.engine.clock import positive
 from rigtwin.sim.logbook import History
-from rigtwin.sim.pile import silhouette
+from rigtwin.sim.outline import silhouette
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.bulk import Bulk
@@ -113,7 +113,7 @@ def run(
     hopper = None if rig.hopper_diameter is None else Hopper(rig.hopper_diameter, source, particle, count)
     shapes = _shapes(rig) if hopper is None else [*_shapes(rig), *hopper.shapes]
     bulk = bench.bulk(shapes, _domain(rig, particle, source, hopper), skin=SKIN)
-    course = _Course(np.random.default_rng(seed))
+    course = fill.Course(random=np.random.default_rng(seed))
     asked = {"count": count, "seed": seed, "settle_limit": settle_limit, "fill_limit": fill_limit}
     began = time.process_time()
     with bench.logbook(bulk, outlet=asdict(source), **asked) as logbook:
@@ -121,7 +121,7 @@ def run(
             course.go_on(kept)
         if hopper is None:
             fill.rain(bulk, logbook, course, source, particle, count, progress)
-        elif course.settling_until is None or course.opened is None:
+        elif course.settling_until is None or course.let_go is None:
             hopper.pour(bulk, logbook, course, fill_limit, progress)
         at_rest = fill.settle(bulk, logbook, course, particle, settle_limit, progress)
     return _bed(
@@ -136,14 +136,6 @@ def run(
         assumptions={**_assumptions(rig, source), **bench.assumptions()},
         warnings=bench.warnings(bulk, logbook),
     )
-
-
-@dataclass
-class _Course(fill.Course):
-    """How far filling, pouring and settling have come."""
-
-    opened: float | None = None  # [s], when the slide was drawn
-    in_time: bool = True  # whether the filling of the hopper rested before
 
 
 @dataclass(frozen=True)
@@ -179,23 +171,16 @@ class Hopper:
             Cylinder((0.0, 0.0, shoulder), up, wide, self.top - shoulder),
         ]
 
-    def pour(self, bulk: Bulk, logbook: Logbook, course: _Course, limit: float, progress: Progress) -> None:
+    def pour(self, bulk: Bulk, logbook: Logbook, course: fill.Course, limit: float, progress: Progress) -> None:
         """Fill the hopper, draw its slide, and wait until nothing leaves it any more."""
-        wide, narrow, low = self.diameter / 2, self.outlet.diameter / 2, self.outlet.height
-        slope = (wide - narrow) / self.cone_height
-
-        def inside(points: Array, clear: float) -> npt.NDArray[np.bool_]:
-            from_axis, above = np.hypot(points[:, 0], points[:, 1]), points[:, 2] - low
-            free = narrow + slope * above - from_axis > clear * math.hypot(1, slope)
-            return np.asarray(free & (wide - from_axis > clear) & (above > clear))
-
+        wide, low = self.diameter / 2, self.outlet.height
         if not course.placed:
             box = np.array([-wide, -wide, low]), np.array([wide, wide, self.top])
+            inside = fill.in_funnel(self.outlet.diameter, self.diameter, self.cone_height, low)
             fill.scatter(bulk, self.count, inside, box, self.particle, course.random)
             course.placed = self.count
-        if course.opened is None:
-            course.in_time = fill.settle(bulk, logbook, course, self.particle, limit, progress, fill.SETTLED)
-            course.opened, course.settling_until, course.quiet = bulk.time, None, 0
+        if course.let_go is None:
+            fill.settle_and_let_go(bulk, logbook, course, self.particle, limit, progress)
             bulk.remove_wall(SLIDE)
         steps = max(1, round(fill.LOOK / bulk.time_step))
         while (above := self._above(bulk)) and course.patience * fill.LOOK < FLOWING:
@@ -261,7 +246,7 @@ def _bed(
     *,
     at_rest: bool,
     asked: int,
-    course: _Course,
+    course: fill.Course,
     computing: float,
     assumptions: dict[str, str],
     warnings: tuple[str, ...],

@@ -22,14 +22,13 @@ from rigtwin.sim.bench import Bench, Numerics
 from rigtwin.sim.emptying import Emptying, emptying, section
 from rigtwin.sim.engine.clock import positive
 from rigtwin.sim.logbook import History
+from rigtwin.sim.outline import silhouette
 from rigtwin.sim.piling import Course, piling
 from rigtwin.sim.pouring import pouring
 
 Array = npt.NDArray[np.float64]
 
 VIEWS = (0.0, 45.0, 90.0, 135.0)  # [deg], about the disc's axis
-POINTS_PER_DIAMETER = 24
-PROFILE_SIGMA = 1e-5  # [m], a silhouette of exact spheres is as good as the beads' overlap
 SKIN = 0.2  # of a diameter; the rain makes a list short-lived
 
 
@@ -84,12 +83,12 @@ def run(
     bench = Bench(rig, particle, wall, contact, wall_contact, numerics)
     method = _method(rig, particle, count, pour_rate, fall_height, fill_limit)
     bulk = bench.bulk(method.shapes, method.domain, skin=SKIN)
-    course = Course(np.random.default_rng(seed))
+    course = Course(random=np.random.default_rng(seed))
     asked = {"count": count, "seed": seed, "settle_limit": settle_limit}
     with bench.logbook(bulk, **asked, **method.settings) as logbook:
         if kept := logbook.resume():
             course.go_on(kept)
-        if course.settling_until is None or course.opened is None:
+        if course.settling_until is None or course.let_go is None:
             method.form(bulk, logbook, course, progress)
         at_rest = fill.settle(bulk, logbook, course, particle, settle_limit, progress)
     beads, grains = bulk.beads(), bulk.grains()
@@ -151,36 +150,6 @@ def _profiles(rig: Pile, particle: Particle, method: Method, centres: Array, rad
         grain = particle.diameter
         return tuple(section(centres, radii, rig, method.drain_diameter, grain, view) for view in VIEWS)
     return tuple(silhouette(centres, radii, rig.base_diameter, view) for view in VIEWS)
-
-
-def silhouette(centres: Array, radii: Array | float, base_diameter: float, view: float) -> Profile:
-    """Outline of spheres on a disc, seen from the side, orthographic.
-
-    `view` [deg] turns the heap about the disc's axis.  Height is that of the highest bead edge at each x, 0 where
-    only the disc is seen; x runs over the disc, 0 on its axis.  A rim is not
-    drawn: it would hide beads, not raise them.
-    """
-    radii = np.broadcast_to(radii, len(centres))
-    widest = 2 * float(radii.max()) if len(radii) else base_diameter
-    points = math.ceil(base_diameter / widest * POINTS_PER_DIAMETER) + 1
-    x = np.linspace(-base_diameter / 2, base_diameter / 2, points)
-    angle = math.radians(view)
-    across = centres[:, 0] * math.cos(angle) + centres[:, 1] * math.sin(angle)
-    height = np.zeros(points)
-    for part in np.array_split(np.arange(len(centres)), max(1, len(centres) // 1000)):
-        inside = radii[part, None] ** 2 - (x - across[part, None]) ** 2
-        # a point that only touches the outline would go in or out by rounding
-        edge = np.where(
-            inside > 1e-9 * radii[part, None] ** 2, centres[part, 2, None] + np.sqrt(np.maximum(inside, 0.0)), 0.0
-        )
-        height = np.maximum(height, edge.max(axis=0, initial=0.0))
-    return Profile(
-        x=x,
-        height=height,
-        sigma=np.full(points, PROFILE_SIGMA),
-        base=(-base_diameter / 2, base_diameter / 2),
-        view=f"{view:g} deg",
-    )
 
 
 def picture(rig: Pile, heap: Heap, *, turn: float = 30.0, tilt: float = 20.0) -> npt.NDArray[np.uint8]:

@@ -29,13 +29,11 @@ STREAM = 0.2  # part of a free stream that is beads, at most
 NARROWEST = 3  # bead diameters
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Course(fill.Course):
     """How far a heap has come."""
 
     height: float = 0.0  # [m], of the outlet that rises with the heap
-    opened: float | None = None  # [s], when the tube began to rise, or the drain was opened
-    in_time: bool = True  # whether the filling rested before
 
 
 @dataclass(frozen=True)

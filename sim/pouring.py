@@ -81,20 +81,16 @@ class Pouring:
 
         tube = len(bulk.shapes) - 1
         if not course.placed:
-            half, height = self.tube_diameter / 2, self.tube_height
-
-            def inside(points: Array, clear: float) -> npt.NDArray[np.bool_]:
-                return np.asarray((half - np.hypot(points[:, 0], points[:, 1]) > clear) & (points[:, 2] > clear))
-
-            box = np.array([-half, -half, 0.0]), np.array([half, half, height])
-            fill.scatter(bulk, self.count, inside, box, self.particle, course.random)
+            half = self.tube_diameter / 2
+            box = np.array([-half, -half, 0.0]), np.array([half, half, self.tube_height])
+            fill.scatter(bulk, self.count, fill.in_tube(self.tube_diameter), box, self.particle, course.random)
             course.placed = self.count
-        if course.opened is None:
-            course.in_time = fill.settle(bulk, logbook, course, self.particle, self.fill_limit, progress, fill.SETTLED)
-            course.opened, course.settling_until, course.quiet = bulk.time, None, 0
+        if course.let_go is None:
+            fill.settle_and_let_go(bulk, logbook, course, self.particle, self.fill_limit, progress)
             bulk.move_wall(tube, Motion((0.0, 0.0, self.lift_speed), start=bulk.time))
+        assert course.let_go is not None
         steps = max(1, round(fill.LOOK / bulk.time_step))
-        while (lifted := self.lift_speed * (bulk.time - course.opened)) < (top := _top(bulk)):
+        while (lifted := self.lift_speed * (bulk.time - course.let_go)) < (top := _top(bulk)):
             logbook.run(steps)
             logbook.look(course.kept())
             progress("lifting the tube", lifted, top)

@@ -2,8 +2,11 @@
 
 import importlib.util
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import pytest
 from hypothesis import settings
 
 # the first call of a heavy library takes longer than any deadline; the same examples every time
@@ -20,3 +23,26 @@ if importlib.util.find_spec("rigtwin") is None:
     module = importlib.util.module_from_spec(spec)
     sys.modules["rigtwin"] = module
     spec.loader.exec_module(module)
+
+
+class PowerCut(Exception):
+    """What breaks a run off."""
+
+
+@pytest.fixture
+def broken_off() -> Callable[..., None]:
+    """`broken_off(run, look, **settings)`: the run until the power fails at the `look`-th report of its progress."""
+
+    def broken_off(run: Callable[..., Any], look: int, **settings: Any) -> None:
+        looks = 0
+
+        def progress(_stage: str, _done: float, _total: float) -> None:
+            nonlocal looks
+            looks += 1
+            if looks == look:
+                raise PowerCut
+
+        with pytest.raises(PowerCut):
+            run(progress=progress, **settings)
+
+    return broken_off

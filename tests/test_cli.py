@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from rigtwin.cli import run
+from rigtwin.lab.entries import RIGS
 
 HEAVY = {
     "numpy",
@@ -121,6 +122,26 @@ def test_help_loads_nothing_heavy():
         assert HEAVY.isdisjoint(loaded.split())
 
 
+COMMANDS = [[command] for command in ("demo", "init", "compare", "diagnose", "reproduce")] + [
+    [group, rig] for group in ("measure", "simulate") for rig in RIGS
+]
+
+
+@pytest.mark.parametrize("group", [[], ["measure"], ["simulate"]])
+def test_every_command_is_told_in_full_on_one_line_of_a_narrow_terminal(group, monkeypatch, capfd):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert run([*group, "--help"]) == 0
+    listed = capfd.readouterr().out.partition("Commands:")[2].splitlines()[1:]
+    assert len(listed) == (7 if group else len(COMMANDS) - 2 * 7 + 2)
+    assert all(line.endswith(".") and not line.endswith("...") for line in listed)
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+def test_the_help_of_every_command_shows_an_example_of_it(command, capfd):
+    assert run([*command, "--help"]) == 0
+    assert f"Example: rigtwin {' '.join(command)} " in capfd.readouterr().out
+
+
 def test_the_version_is_that_of_the_package(capfd):
     from rigtwin import __version__
 
@@ -208,6 +229,7 @@ def test_an_unknown_experiment_is_refused_with_the_known_ones(tmp_path, capfd):
         (["measure", "drop", "x.mp4", "--bead-density", "568000kg/m^3"], "more than any metal"),
         (["simulate", "drop", "--drop-height", "300mm", "--wall", "wood_ash"], "D6-wood_ash"),
         (["measure", "drop", "x.mp4", "--bead-mass", "0.1g"], "--bead-diameter"),
+        (["measure", "drop", "x.mp4", "--bead-mass", "6mm"], "wrong unit for a mass; write it like"),
         (["measure", "pendulum", "x.mp4", "--variant", "triple"], "--variant"),
         (["simulate", "drop", "--drop-height", "300 s"], "--drop-height"),
         (["simulate", "drop", "--drop-height", "300"], "300 m; write a length with its unit"),
@@ -278,6 +300,39 @@ def test_init_makes_a_lab_file_that_is_never_overwritten(capfd):
     refused(["init", "bench"], capfd, "lab.toml")
 
 
+def bounces(path: Path, restitution: float) -> Path:
+    """A tracked drop from 0.3 m as CSV, without air."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    fall = math.sqrt(2 * 0.3 / 9.81)
+    rows, contact, speed = [], fall, 9.81 * fall
+    time = np.arange(0, 0.75, 1 / 1000)
+    height = np.where(time < fall, 0.3 - 4.905 * time**2, 0.0)
+    while contact < time[-1]:
+        speed *= restitution
+        since = time - contact
+        height = np.where((since > 0) & (since < 2 * speed / 9.81), speed * since - 4.905 * since**2, height)
+        contact += 2 * speed / 9.81
+    rows = [f"{t:.6f},0,{y:.9f}" for t, y in zip(time, height, strict=True)]
+    path.write_text("\n".join(["time_s,x_m,y_m", *rows]))
+    return path
+
+
+def measure_into(capfd, *arguments: object) -> Path:
+    """The folder that `measure drop` wrote into."""
+    assert run(["measure", "drop", *map(str, arguments), "--json"]) == 0
+    return Path(json.loads(capfd.readouterr().out)["files"]["measurement"]).parent
+
+
+def test_clips_of_one_name_never_write_into_the_same_folder_unless_asked_to(tmp_path, capfd):
+    oak, ash = bounces(tmp_path / "oak/r01.csv", 0.6), bounces(tmp_path / "ash/r01.csv", 0.7)
+    assert measure_into(capfd, oak) == Path("out/drop/r01")
+    assert measure_into(capfd, ash) == Path("out/drop/r01~2")
+    assert measure_into(capfd, oak) == Path("out/drop/r01")
+    assert measure_into(capfd, oak, "--out", "mine") == Path("mine")
+    assert measure_into(capfd, ash, "--out", "mine") == Path("mine")
+    assert json.loads(Path("mine/r01-measurement.json").read_text())["source"]["file"] == str(ash)
+
+
 def test_simulate_prints_one_json_document_with_the_restitution_that_was_put_in(capfd):
     arguments = ["simulate", "pendulum", "--length", "200mm", "--release-angle", "45deg", "--restitution", "0.7"]
     assert run([*arguments, "--out", "twin", "--json"]) == 0
@@ -293,10 +348,10 @@ def test_an_angle_without_its_unit_is_refused(capfd):
     refused(["simulate", "pendulum", "--length", "200mm", "--release-angle", "45"], capfd, "--release-angle", "45deg")
 
 
-@pytest.mark.usefixtures("started_engine")
-def test_a_results_folder_that_is_a_file_is_refused_by_name(tmp_path, capfd):
-    (tmp_path / "taken").touch()
-    refused(["simulate", "drop", "--drop-height", "50mm", "--out", "taken"], capfd, "taken", "exists")
+@pytest.mark.parametrize("folder", ["taken.mp4", "taken.mp4/results"])
+def test_a_results_folder_that_is_a_file_is_refused_before_any_work(folder, tmp_path, capfd):
+    (tmp_path / "taken.mp4").touch()
+    refused(["measure", "drop", "x.mp4", "--out", folder], capfd, "--out", "taken.mp4 is a file", "another name")
 
 
 @pytest.mark.usefixtures("started_engine")

@@ -114,6 +114,18 @@ def test_studies_share_their_piles_with_the_tables():
         studies(["colour"], seed=1)
 
 
+@pytest.mark.parametrize("number", TABLES)
+def test_every_cell_is_run_as_often_as_asked(number):
+    for cell in plan([number], quick=False, repetitions=2, seed=4).cells:
+        assert [name.rpartition("seed")[2] for name in cell.runs] == ["4", "5"]
+
+
+def test_every_point_of_a_study_is_run_as_often_as_asked():
+    _, found = studies(None, repetitions=2, seed=4)
+    for study in found:
+        assert all([name[-5:] for name in names] == ["seed4", "seed5"] for names in study.places.values())
+
+
 def test_a_study_shows_mean_and_scatter_of_the_piles_that_are_there(tmp_path):
     runs, found = studies(["number"], seed=1)
     (study,) = found

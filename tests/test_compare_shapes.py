@@ -146,6 +146,15 @@ def test_an_experiment_whose_records_do_not_meet_has_no_shape():
     assert overlays(PackingSettings(0.065), BEAD, [measured(profiles=(apart,))], [twin(profiles=(bed,))]) == ()
 
 
+def test_records_that_overlap_only_where_one_was_not_seen_have_no_shape():
+    x = np.linspace(-0.045, 0.045, 301)
+    edges = np.where(np.abs(x) > 0.03, 0.01, np.nan)
+    middle = np.linspace(-0.02, 0.02, 101)
+    mine = measured(profiles=(profile(x, edges, base=(-0.045, 0.045)),))
+    theirs = twin(profiles=(profile(middle, np.full(101, 0.02), base=(-0.02, 0.02)),))
+    assert overlays(PileSettings(0.09), BEAD, [mine], [theirs]) == ()
+
+
 def test_the_drawing_names_both_sides():
     x = np.linspace(0, 10, 101)
     shape = Overlay("height", "x", "y", "mm", (Curve(x, x), Curve(x, x + 1)), (Curve(x, x + 3),), to_scale=True)

@@ -123,6 +123,7 @@ def test_a_flow_that_only_sways_has_no_avalanches() -> None:
     angles = 30 + 2 * np.sin(2 * np.pi * 0.6 * times)
     found = drum.evaluate([profile(a) for a in angles], times, drum_diameter=2 * RADIUS)
     assert not any(one.quantity.startswith("avalanche") for one in found.quantities)
+    assert any("avalanche frequency" in warning and "as quickly as it falls" in warning for warning in found.warnings)
 
 
 def test_bad_records_are_told_in_a_sentence() -> None:

@@ -26,8 +26,10 @@ def outline(centres, bead=BEAD, cylinder=CYLINDER):
 
 
 def flat(height, cylinder=CYLINDER):
+    """Level on average, as rough as a settled bed."""
     x = np.linspace(-cylinder / 2, cylinder / 2, 301)
-    return Profile(x, np.full(len(x), height), np.full(len(x), 1e-5))
+    waves = 0.3 * BEAD * np.sin(2 * np.pi * x / BEAD)
+    return Profile(x, height + waves, np.full(len(x), 1e-5))
 
 
 def pick(result, name, method="surface bead tops"):
@@ -56,7 +58,8 @@ def test_heights_scale_with_the_rig_and_the_density_does_not(size):
         bead_diameter=size * BEAD,
     )
     assert pick(other, "bed_height").value == pytest.approx(size * pick(one, "bed_height").value, rel=1e-3)
-    assert pick(other, "bulk_density").value == pytest.approx(pick(one, "bulk_density").value, rel=1e-3)
+    densities = [pick(each, "bulk_density", "mean surface").value for each in (other, one)]
+    assert densities[0] == pytest.approx(densities[1], rel=1e-3)
 
 
 def layer(seed, count=105):
@@ -82,6 +85,13 @@ def test_an_outline_with_a_finger_in_front_of_it_makes_the_height_doubtful():
         assert bool(pick(result, "bed_height").doubtful) != passed
 
 
+def test_an_outline_as_straight_as_a_rod_makes_the_height_doubtful():
+    x = np.linspace(-CYLINDER / 2, CYLINDER / 2, 301)
+    rod = Profile(x, np.full(len(x), 0.07), np.full(len(x), 1e-5))
+    result = packing.evaluate([rod], cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    assert "so smooth" in pick(result, "bed_height").doubtful
+
+
 def test_without_a_bead_nothing_tells_how_rough_an_outline_may_be():
     result = packing.evaluate([outline(layer(3))], cylinder_diameter=CYLINDER)
     assert "smooth_surface" not in {check.check for check in result.checks}
@@ -103,12 +113,20 @@ def test_intervals_cover_the_mean_top_of_the_surface_beads():
 
 def test_bulk_density_is_mass_over_the_filled_volume():
     result = packing.evaluate([flat(0.0718)], cylinder_diameter=CYLINDER, total_mass=0.1, bead_diameter=BEAD)
-    height = pick(result, "bed_height").value
-    density = pick(result, "bulk_density")
+    height = pick(result, "bed_height", "mean surface").value
+    density = pick(result, "bulk_density", "mean surface")
     assert density.value == pytest.approx(0.1 / (math.pi * 0.03**2 * height))
     assert density.std_uncertainty / density.value == pytest.approx(
-        pick(result, "bed_height").std_uncertainty / height, rel=1e-6
+        pick(result, "bed_height", "mean surface").std_uncertainty / height, rel=1e-6
     )
+
+
+def test_the_mean_surface_comes_first_and_lies_below_the_bead_tops():
+    result = packing.evaluate([outline(layer(3))], cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    heights = [one for one in result.quantities if one.quantity == "bed_height"]
+    assert heights[0].method == "mean surface"
+    values = [pick(result, "bed_height", method).value for method in ("mean surface", "surface bead tops", "outline")]
+    assert values == sorted(values)
 
 
 def test_several_views_are_averaged():
@@ -213,6 +231,33 @@ def test_a_dark_photo_gives_the_same_height(tmp_path):
     found = pick(result, "bed_height", "outline")
     assert found.value == pytest.approx(truth, abs=0.0012)
     assert not found.doubtful
+
+
+def covered(path, start, end, width, colour=(60, 60, 200)):
+    """The photo with a thick rod before it; places in mm from the axis and above the floor."""
+    picture = cv2.imread(str(path))
+    ends = [(round(200 + PIXEL * x), round(540 - PIXEL * h)) for x, h in (start, end)]
+    cv2.line(picture, *ends, colour, round(PIXEL * width), cv2.LINE_AA)
+    cv2.imwrite(str(path), picture)
+
+
+def test_a_rod_before_the_middle_of_the_bed_leaves_its_height(tmp_path):
+    photo = tmp_path / "bed.png"
+    truth = draw(photo)
+    covered(photo, (-60, 25), (60, 28), 14)
+    result = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    found = pick(result, "bed_height", "outline")
+    assert found.doubtful or found.value == pytest.approx(truth, abs=0.0012)
+
+
+@pytest.mark.parametrize(("start", "end"), [((12, 61), (40, 120)), ((-60, 60), (-2, 61)), ((-60, 62), (60, 62))])
+def test_a_rod_before_the_surface_never_misleads_in_silence(tmp_path, start, end):
+    photo = tmp_path / "bed.png"
+    truth = draw(photo)
+    covered(photo, start, end, 16)
+    result = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    found = pick(result, "bed_height", "outline")
+    assert found.doubtful or found.value == pytest.approx(truth, abs=0.0012)
 
 
 def test_a_leaning_outline_makes_the_height_doubtful():

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from rigtwin.compare.comparison import compare
-from rigtwin.compare.repetitions import measure_repetition
+from rigtwin.compare.repetitions import known, measure_repetition
 from rigtwin.lab.entries import RIGS
 from rigtwin.lab.notebook import read_lab
 from rigtwin.lab.quantity import Measurement
@@ -30,6 +30,12 @@ def holds(found: Measurement, name: str, truth: float, method: str = "") -> bool
 
 def test_the_lab_holds_every_rig_once():
     assert sorted(one.rig_name for one in read_lab(LAB).experiments) == sorted(RIGS)
+
+
+def test_a_filling_that_was_counted_is_as_heavy_as_its_beads():
+    told = {one.id: known(one) for one in read_lab(LAB).experiments}
+    assert told["packing"]["total_mass"] == pytest.approx(530 * 0.071e-3)
+    assert told["hopper"]["total_mass"] == pytest.approx(400 * 0.071e-3)
 
 
 def test_the_drawn_bed_is_as_high_as_it_was_drawn(tmp_path):

@@ -28,27 +28,9 @@ SOFT = replace(D6, material=ASH.softened(1e-3))
 STEP = 0.3 * SOFT.rayleigh_time_step
 
 
-class PowerCut(Exception):
-    """What breaks a run off in these tests."""
-
-
 def heap(**more) -> pile.Heap:
     more = {"count": 90, "seed": 5, "threads": 1, "settle_limit": 0.3} | more
     return pile.run(BOWL, D6, STEEL, BEADS, BASE, **more)
-
-
-def broken_off(look: int, checkpoint: Path, **more) -> None:
-    """Run until the power fails at the `look`-th report of progress."""
-    looks = 0
-
-    def progress(stage, done, total):
-        nonlocal looks
-        looks += 1
-        if looks == look:
-            raise PowerCut
-
-    with pytest.raises(PowerCut):
-        heap(checkpoint=checkpoint, progress=progress, **more)
 
 
 @pytest.fixture(scope="module")
@@ -68,18 +50,18 @@ LOOKS = np.random.default_rng(11).integers(1, 20, 3)  # some of these fall in th
 
 
 @pytest.mark.parametrize("look", [*map(int, LOOKS), 14])
-def test_a_broken_run_ends_with_the_bits_of_one_that_never_stopped(look, whole, tmp_path):
-    broken_off(look, tmp_path / "heap.npz", checkpoint_interval=0)
+def test_a_broken_run_ends_with_the_bits_of_one_that_never_stopped(broken_off, look, whole, tmp_path):
+    broken_off(heap, look, checkpoint=tmp_path / "heap.npz", checkpoint_interval=0)
     assert same_end(heap(checkpoint=tmp_path / "heap.npz"), whole)
 
 
-def test_a_run_may_break_again_and_again(whole, tmp_path):
+def test_a_run_may_break_again_and_again(broken_off, whole, tmp_path):
     for look in (3, 2, 5, 1):
-        broken_off(look, tmp_path / "heap.npz", checkpoint_interval=0)
+        broken_off(heap, look, checkpoint=tmp_path / "heap.npz", checkpoint_interval=0)
     assert same_end(heap(checkpoint=tmp_path / "heap.npz"), whole)
 
 
-def test_the_run_may_break_long_after_its_last_checkpoint(whole, tmp_path, monkeypatch):
+def test_the_run_may_break_long_after_its_last_checkpoint(broken_off, whole, tmp_path, monkeypatch):
     class Rare(Checkpoint):
         looks = 0
 
@@ -89,7 +71,7 @@ def test_the_run_may_break_long_after_its_last_checkpoint(whole, tmp_path, monke
             return Rare.looks in (2, 5)
 
     monkeypatch.setattr("rigtwin.sim.engine.checkpoint.Checkpoint", Rare)
-    broken_off(9, tmp_path / "heap.npz")
+    broken_off(heap, 9, checkpoint=tmp_path / "heap.npz")
     said = []
     again = heap(checkpoint=tmp_path / "heap.npz", progress=lambda stage, done, total: said.append(stage))
     assert len(said) == len(whole.history.time) - 5
@@ -97,14 +79,14 @@ def test_the_run_may_break_long_after_its_last_checkpoint(whole, tmp_path, monke
 
 
 @pytest.mark.parametrize(("before", "after"), [(1, 2), (2, 1)])
-def test_the_number_of_threads_may_change_at_the_break(before, after, whole, tmp_path, monkeypatch):
-    monkeypatch.setattr(engine, "THREADED_FROM", 1)
-    broken_off(6, tmp_path / "heap.npz", checkpoint_interval=0, threads=before)
+def test_the_number_of_threads_may_change_at_the_break(broken_off, before, after, whole, tmp_path, monkeypatch):
+    monkeypatch.setattr(engine, "BEADS_PER_THREAD", 1)
+    broken_off(heap, 6, checkpoint=tmp_path / "heap.npz", checkpoint_interval=0, threads=before)
     assert same_end(heap(checkpoint=tmp_path / "heap.npz", threads=after), whole)
 
 
-def test_another_process_goes_on_with_the_same_bits(whole, tmp_path):
-    broken_off(7, tmp_path / "heap.npz", checkpoint_interval=0)
+def test_another_process_goes_on_with_the_same_bits(broken_off, whole, tmp_path):
+    broken_off(heap, 7, checkpoint=tmp_path / "heap.npz", checkpoint_interval=0)
     code = (
         "import sys; sys.path.insert(0, sys.argv[1]); import conftest\n"
         "from pathlib import Path; from rigtwin.lab.materials import *; from rigtwin.lab.rigs import Pile\n"
@@ -185,14 +167,14 @@ def test_the_state_holds_all_that_later_steps_depend_on(rolling, pair_capacity):
     ("change", "words"),
     [({"seed": 6}, "seed: 5 there, 6 here"), ({"count": 91}, "count"), ({"time_step_fraction": 0.2}, "fraction")],
 )
-def test_the_checkpoint_of_another_run_is_refused_by_the_setting_that_differs(change, words, tmp_path):
-    broken_off(2, tmp_path / "heap.npz", checkpoint_interval=0)
+def test_the_checkpoint_of_another_run_is_refused_by_the_setting_that_differs(broken_off, change, words, tmp_path):
+    broken_off(heap, 2, checkpoint=tmp_path / "heap.npz", checkpoint_interval=0)
     with pytest.raises(BadInput, match=f"belongs to another run .*{words}"):
         heap(checkpoint=tmp_path / "heap.npz", **change)
 
 
-def test_another_contact_makes_another_run(tmp_path):
-    broken_off(2, tmp_path / "heap.npz", checkpoint_interval=0)
+def test_another_contact_makes_another_run(broken_off, tmp_path):
+    broken_off(heap, 2, checkpoint=tmp_path / "heap.npz", checkpoint_interval=0)
     with pytest.raises(BadInput, match=r"contact\.static_friction: 0.44 there, 0.5 here"):
         pile.run(
             BOWL, D6, STEEL, replace(BEADS, static_friction=0.5), BASE,
@@ -201,9 +183,9 @@ def test_another_contact_makes_another_run(tmp_path):
 
 
 @pytest.mark.parametrize("harm", ["cut", "words", "empty", "array"])
-def test_a_damaged_checkpoint_is_refused_in_one_sentence(harm, tmp_path):
+def test_a_damaged_checkpoint_is_refused_in_one_sentence(broken_off, harm, tmp_path):
     path = tmp_path / "heap.npz"
-    broken_off(2, path, checkpoint_interval=0)
+    broken_off(heap, 2, checkpoint=path, checkpoint_interval=0)
     if harm == "array":
         with path.open("wb") as file:
             np.save(file, np.zeros(3))
@@ -213,9 +195,9 @@ def test_a_damaged_checkpoint_is_refused_in_one_sentence(harm, tmp_path):
         heap(checkpoint=path)
 
 
-def test_a_checkpoint_that_cannot_be_completed_leaves_the_last_one_whole(whole, tmp_path, monkeypatch):
+def test_a_checkpoint_that_cannot_be_completed_leaves_the_last_one_whole(broken_off, whole, tmp_path, monkeypatch):
     path = tmp_path / "heap.npz"
-    broken_off(4, path, checkpoint_interval=0)
+    broken_off(heap, 4, checkpoint=path, checkpoint_interval=0)
     before = path.read_bytes()
 
     def full(_file):

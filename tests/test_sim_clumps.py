@@ -194,7 +194,7 @@ def test_one_thread_and_two_give_the_same_bits(monkeypatch):
     serial = heap()
     serial.run(1500)
     expected = serial.grains()
-    monkeypatch.setattr(engine, "THREADED_FROM", 1)
+    monkeypatch.setattr(engine, "BEADS_PER_THREAD", 1)
     parallel = heap(threads=2)
     parallel.run(1500)
     assert same_bits(parallel.grains(), expected)

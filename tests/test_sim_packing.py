@@ -117,3 +117,18 @@ def test_a_hopper_with_a_slide_fills_the_cylinder_as_a_rain_does(bed):
 def test_impossible_beds_are_refused(rig, more, words):
     with pytest.raises(BadInput, match=words):
         packing.run(rig, BEAD, PMMA, BEADS, GLASS, **more)
+
+
+@pytest.mark.parametrize("law", ["Hertz-Mindlin", "linear"])
+def test_a_bead_at_rest_sinks_in_as_far_as_the_law_of_its_contacts_lets_it(law):
+    factor, speed = 1e-3, 0.3
+    one = poured(count=1, settle_limit=2.0, stiffness_factor=factor, contact_law=law, impact_speed=speed)
+    moduli = [factor * body.youngs_modulus / (1 - body.poisson_ratio**2) for body in (ASH, PMMA)]
+    modulus = moduli[0] * moduli[1] / sum(moduli)
+    hertz = 4 / 3 * modulus * math.sqrt(BEAD.radius)
+    deepest = (5 / 4 * BEAD.mass * speed**2 / hertz) ** 0.4  # of an elastic impact by Hertz
+    spring = BEAD.mass * speed**2 / deepest**2
+    weight = BEAD.mass * 9.81
+    sinks = weight / spring if law == "linear" else (weight / hertz) ** (2 / 3)
+    assert BEAD.radius - one.centres[0, 2] == pytest.approx(sinks, rel=0.02)
+    assert one.assumptions["contact_law"].startswith(law)

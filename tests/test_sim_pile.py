@@ -1,6 +1,7 @@
 """The twin of the piling test: a heap that rests, is round, and says what was assumed."""
 
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,6 +16,7 @@ from rigtwin.lab.rigs import Pile
 from rigtwin.lab.shapes import row
 from rigtwin.sim import pile
 from rigtwin.sim.bench import Bench
+from rigtwin.sim.outline import silhouette
 
 ASH = Material("ash", 720, 11e9, 0.44)
 STEEL = Material("steel", 7850, 210e9, 0.3)
@@ -97,12 +99,12 @@ def test_a_heap_that_is_not_given_time_says_that_it_moves():
     view=st.floats(0, 180),
 )
 def test_one_bead_casts_a_round_silhouette(x, y, z, view):
-    profile = pile.silhouette(np.array([[x, y, z]]), 0.003, 0.04, view)
+    profile = silhouette(np.array([[x, y, z]]), 0.003, 0.04, view)
     shadow = profile.height > 0
     assert profile.height.max() == pytest.approx(z + 0.003, rel=1e-2)
     assert profile.height[shadow].min() >= z
     assert np.ptp(profile.x[shadow]) == pytest.approx(0.006, abs=1e-3)
-    turned = pile.silhouette(np.array([[-x, -y, z]]), 0.003, 0.04, view)
+    turned = silhouette(np.array([[-x, -y, z]]), 0.003, 0.04, view)
     assert turned.height == pytest.approx(profile.height[::-1], abs=1e-9)
 
 
@@ -217,23 +219,12 @@ def test_a_bridged_drain_is_told():
 
 
 @pytest.mark.parametrize("rig", [TUBE, DRAIN])
-def test_a_run_that_was_stopped_ends_with_the_same_bits(rig, tmp_path):
+def test_a_run_that_was_stopped_ends_with_the_same_bits(broken_off, rig, tmp_path):
     count = 60 if rig is TUBE else 200
     settings_ = {"count": count, "seed": 3, "threads": 1, "settle_limit": 0.3}
     whole = pile.run(rig, D6, STEEL, ROUGH, ROUGH, **settings_)
-    stop_after = [0]
-
-    class Stopped(Exception):
-        pass
-
-    def progress(what: str, _done: float, _of: float) -> None:
-        stop_after[0] += 1
-        if stop_after[0] == 25:
-            raise Stopped
-
     kept = {"checkpoint": tmp_path / "heap.npz", "checkpoint_interval": 0}
-    with pytest.raises(Stopped):
-        pile.run(rig, D6, STEEL, ROUGH, ROUGH, **settings_, **kept, progress=progress)
+    broken_off(partial(pile.run, rig, D6, STEEL, ROUGH, ROUGH), 25, **settings_, **kept)
     again = pile.run(rig, D6, STEEL, ROUGH, ROUGH, **settings_, **kept)
     assert np.array_equal(again.centres, whole.centres)
     assert again.time == whole.time

@@ -575,7 +575,7 @@ def churned() -> tuple[engine.Beads, float, int]:
 
 
 def test_one_thread_and_two_give_the_same_bits_with_moving_walls(churned, monkeypatch):
-    monkeypatch.setattr(engine, "THREADED_FROM", 1)
+    monkeypatch.setattr(engine, "BEADS_PER_THREAD", 1)
     bed = churn(threads=2)
     bed.run(9000)
     assert same(bed.beads(), churned[0])

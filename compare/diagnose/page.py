@@ -14,6 +14,7 @@ from rigtwin.compare.diagnose.doubt import parameters
 from rigtwin.compare.diagnose.fit import Fit
 from rigtwin.compare.diagnose.gap import closed
 from rigtwin.compare.diagnose.labs import TrackedLab
+from rigtwin.compare.filled import filled
 from rigtwin.lab.records import Array
 
 if TYPE_CHECKING:
@@ -26,17 +27,9 @@ SLICES = 40  # of a record, for the curves
 
 def page(diagnosis: Diagnosis) -> str:
     """The whole page."""
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("rigtwin.compare", "templates"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
     naming = diagnosis.naming
-    return environment.get_template("diagnosis.html").render(
+    return filled(
+        "diagnosis.html",
         title=diagnosis.lab.title,
         rig=diagnosis.lab.rig,
         verdict=diagnosis.verdict,

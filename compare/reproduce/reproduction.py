@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from rigtwin.compare import results
+from rigtwin.compare.filled import filled
 from rigtwin.compare.reproduce import rigs
 from rigtwin.compare.reproduce.studies import Points, Study, studies
 from rigtwin.compare.reproduce.tables import Cell, Plan, plan
 from rigtwin.compare.runs import Done, run_all
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.reference import hlosta2020
+from rigtwin.lab.wording import title
 
 COLUMNS = (
     "table", "row", "quantity", "unit", "paper_experiment", "paper_experiment_std", "paper_dem", "paper_dem_std",
@@ -106,11 +108,12 @@ def reproduce(
     """Fill the paper's tables (all that are reproduced, or those named) and write them into `out`.
 
     `study` names influence studies; without tables or studies named, and not `quick`, all of both are run.
-    `repetitions` runs with different seeds fill a cell; finished runs are kept in ``out/runs`` and not run again, and
-    with `only_kept` nothing else is shown.  Raises `BadInput` for a table or study that there is not.
+    `repetitions` runs with different seeds fill a cell or a study's point; finished runs are kept in ``out/runs`` and
+    not run again, and with `only_kept` nothing else is shown.  Raises `BadInput` for an unknown table or study.
     """
     wanted = Plan((), ()) if study and not tables else plan(tables, quick=quick, repetitions=repetitions, seed=seed)
-    runs, shown = studies((study or ()) if study or tables or quick else None, seed=seed)
+    asked = (study or ()) if study or tables or quick else None
+    runs, shown = studies(asked, repetitions=repetitions, seed=seed)
     every = {run.name: run for run in (*wanted.runs, *runs)}
     done = run_all(tuple(every.values()), out / "runs", workers=workers, only_kept=only_kept, progress=progress)
     reproduction = Reproduction(wanted.cells, done, out, tuple(shown))
@@ -128,25 +131,18 @@ def reproduce(
 
 def page(reproduction: Reproduction, template: str = "reproduction.html") -> str:
     """The report as one HTML page, or as Markdown."""
-    import jinja2
-
     from rigtwin.compare.figures import study_figure
 
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("rigtwin.compare", "templates"),
-        autoescape=template.endswith(".html"),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["number"] = number
     found = [(study, study.points(reproduction.done.results)) for study in reproduction.studies]
     drawn = [
         (study, _run_places(study, points), points, study_figure(study, points) if template.endswith(".html") else "")
         for study, points in found
         if points
     ]
-    return environment.get_template(template).render(
+    return filled(
+        template,
+        number=number,
+        title=title,
         studies=drawn,
         citation=hlosta2020.CITATION,
         tables={

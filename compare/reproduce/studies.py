@@ -23,7 +23,7 @@ PARTICLE = "D6"
 COUNTS = (250, 500, 1000, 2000, 4000)
 COUNT_BASE = 0.15  # [m]
 RATIOS = (6, 10, 15, 20, 25)  # base over bead diameter
-SEEDS = 3
+REPETITIONS = 3
 READINGS = {
     "graphical, 15-85 %": "graphical_line_15_85_deg",
     "graphical, 20-80 %": "graphical_line_20_80_deg",
@@ -55,36 +55,37 @@ class Study:
         return found
 
 
-def studies(names: Sequence[str] | None, *, seed: int) -> tuple[list[Run], list[Study]]:
-    """The runs of the studies `names` (all by default) and how to read them."""
+def studies(names: Sequence[str] | None, *, repetitions: int | None = None, seed: int) -> tuple[list[Run], list[Study]]:
+    """The runs of the studies `names` (all by default) and how to read them; a point is the mean of `repetitions`."""
+    seeds = range(seed, seed + (repetitions or REPETITIONS))
     runs: dict[str, Run] = {}
     found = []
     for name in STUDIES if names is None else names:
         if name not in STUDIES:
             raise BadInput(f"--study: there is no study {name!r}; there are {', '.join(STUDIES)}.")
-        study, needed = STUDIES[name](seed)
+        study, needed = STUDIES[name](seeds)
         found.append(study)
         runs.update({run.name: run for run in needed})
     return list(runs.values()), found
 
 
-def _number(seed: int) -> tuple[Study, list[Run]]:
-    runs = {count: [_pile(COUNT_BASE, seed + k, count) for k in range(SEEDS)] for count in COUNTS}
+def _number(seeds: Sequence[int]) -> tuple[Study, list[Run]]:
+    runs = {count: [_pile(COUNT_BASE, seed, count) for seed in seeds] for count in COUNTS}
     title = f"Number of particles: {PARTICLE} poured on a base of {COUNT_BASE * 1e3:.0f} mm"
     readings = {reading: READINGS[reading] for reading in SHOWN}
     return Study("number", title, "particles poured", _names(runs), readings), _flat(runs)
 
 
-def _base(seed: int) -> tuple[Study, list[Run]]:
+def _base(seeds: Sequence[int]) -> tuple[Study, list[Run]]:
     bead = hlosta2020.particle(PARTICLE).diameter
-    runs = {ratio: [_pile(ratio * bead, seed + k, None) for k in range(SEEDS)] for ratio in RATIOS}
+    runs = {ratio: [_pile(ratio * bead, seed, None) for seed in seeds] for ratio in RATIOS}
     title = f"Base over particle size: {PARTICLE}, the surplus falls over the rim"
     readings = {reading: READINGS[reading] for reading in SHOWN}
     return Study("base", title, "base diameter / bead diameter", _names(runs), readings), _flat(runs)
 
 
-def _evaluation(seed: int) -> tuple[Study, list[Run]]:
-    runs = {f"{base * 1e3:.0f} mm": [_pile(base, seed + k, None) for k in range(SEEDS)] for base in (0.09, 0.15)}
+def _evaluation(seeds: Sequence[int]) -> tuple[Study, list[Run]]:
+    runs = {f"{base * 1e3:.0f} mm": [_pile(base, seed, None) for seed in seeds] for base in (0.09, 0.15)}
     above = {f"{reading}, above the rim": key for reading, key in READINGS.items()}
     plate = {f"{reading}, above the plate": f"{key}_from_plate" for reading, key in READINGS.items()}
     title = f"Evaluation: the same piles of {PARTICLE}, read in eight ways"

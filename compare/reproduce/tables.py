@@ -156,7 +156,7 @@ def _beds(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows:
         )
 
 
-def _frictions(number: int, quick: bool, _repetitions: int | None, seed: int) -> Rows:
+def _frictions(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows:
     """Tables 4 to 6: how far the bed is from the measured height, over static and rolling friction."""
     particle, height = _SWEPT[number]
     printed = str(hlosta2020.CLUMPS.get(particle, particle))
@@ -167,16 +167,19 @@ def _frictions(number: int, quick: bool, _repetitions: int | None, seed: int) ->
             continue
         settings = {"count": count, "static_friction": sliding, "rolling_friction": rolling}
         name = f"{particle}-mus{sliding:g}-mur{rolling:g}"
-        run = Run(
-            f"packing-{name}-seed{seed}",
-            f"{_RIGS}:packing",
-            {"particle": particle, "seed": seed, **settings},
-            count * _spheres(particle),
-        )
+        runs = [
+            Run(
+                f"packing-{name}-seed{seed + k}",
+                f"{_RIGS}:packing",
+                {"particle": particle, "seed": seed + k, **settings},
+                count * _spheres(particle),
+            )
+            for k in range(repetitions or 1)
+        ]
         where = f"{particle}, static friction {sliding:g}, rolling friction {rolling:g}"
         deviation = float(row["height_deviation_percent"])
         yield (
-            [run],
+            runs,
             Cell(
                 number,
                 where,
@@ -186,7 +189,7 @@ def _frictions(number: int, quick: bool, _repetitions: int | None, seed: int) ->
                 None,
                 deviation,
                 None,
-                (run.name,),
+                tuple(run.name for run in runs),
                 "surface_height_mm",
                 ("cylinder", "surface", "wall", "swept"),
                 off=height,
@@ -200,14 +203,21 @@ def _flows(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows
         modulus = float(row["shear_modulus_pa"])
         if modulus not in _FLOW_MODULI[: 1 if quick else None]:
             continue
-        name = f"conical-G{modulus:.0e}-seed{seed}"
-        settings = {"shear_modulus": modulus, "seed": seed}
-        run = Run(name, f"{_RIGS}:conical_hopper", settings, 15000 * math.sqrt(modulus / 1e6))
+        runs = [
+            Run(
+                f"conical-G{modulus:.0e}-seed{seed + k}",
+                f"{_RIGS}:conical_hopper",
+                {"shear_modulus": modulus, "seed": seed + k},
+                15000 * math.sqrt(modulus / 1e6),
+            )
+            for k in range(repetitions or 1)
+        ]
+        names = tuple(run.name for run in runs)
         dem = (float(row["mass_flow_g_s"]), float(row["mass_flow_std_g_s"]))
         step = float(row["timestep_s"])
         where = f"D6, G = {modulus:.0e} Pa"
-        yield [run], Cell(number, where, "mass_flow", "g/s", None, None, *dem, (name,), "mass_flow_g_s", ("conical",))
-        yield [run], Cell(number, where, "rayleigh_time_step", "s", None, None, step, None, (name,), "rayleigh_step_s")
+        yield runs, Cell(number, where, "mass_flow", "g/s", None, None, *dem, names, "mass_flow_g_s", ("conical",))
+        yield runs, Cell(number, where, "rayleigh_time_step", "s", None, None, step, None, names, "rayleigh_step_s")
 
 
 def _discharges(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows:

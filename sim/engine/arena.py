@@ -2,11 +2,11 @@
 
 (`a[i] = a[i] + x` stands where `a[i] += x` would: Taichi makes the latter atomic.)
 
-A step works out the pairs (see `pairs.py`), then each bead adds its walls, and moves.  On one thread both go hand in
-hand through the list: a bead whose pairs are all done is not needed any more and moves while it is still in the cache.
-On several threads all pairs come first.  A bead that is part of a rigid body leaves its sum to its body, which moves
-last (see `bodies.py`); an arena without bodies is compiled without all that.  No two threads ever write the same
-number and all sums have one order, so the bits do not depend on how many there are.
+A step works out the pairs (see `pairs.py`), then each bead adds its walls, and moves.  Both go hand in hand through
+the list: a bead whose pairs are all done is not needed any more and moves while it is still in the cache.  Threads
+share the list as told in `team.py`.  A bead that is part of a rigid body leaves its sum to its body, which moves last
+(see `bodies.py`); an arena without bodies is compiled without all that.  No two threads ever write the same number and
+all sums have one order, so the bits do not depend on how many there are.
 
 Between launches the state is: position at t, velocity and spin at t - step/2 (velocity Verlet in its leapfrog form),
 and the last accelerations, which tell the velocity at t.
@@ -29,6 +29,7 @@ from rigtwin.sim.engine.columns import (
     DONE,
     EXPLODED,
     GRAVITY,
+    LATE,
     LISTED,
     LIVE_LIST,
     MOST_SPEED,
@@ -44,13 +45,13 @@ from rigtwin.sim.engine.columns import (
 from rigtwin.sim.engine.contact import CONSTANTS, LAW_SIZE, LIGHTNESS, NIMBLENESS, SIZES_OF_KIND, constants_of_two
 from rigtwin.sim.engine.neighbours import Neighbours
 from rigtwin.sim.engine.pairs import PACKET, Pairs
+from rigtwin.sim.engine.team import LATE_AT, LEFT_AT, PATIENCE, WAITED, Team
 from rigtwin.sim.engine.terms import Terms, upwards
-from rigtwin.sim.engine.wall_contacts import KINDS, ROOM, WallContacts
+from rigtwin.sim.engine.wall_contacts import KINDS, ROOM, THREADS, WallContacts
 
 FLAGS = 17  # steps of one multi-threaded burst, and one
 BURST = FLAGS - 1
 GRAIN = 512  # Taichi gives a thread at least so many rounds of a parallel loop
-MOST_CHUNKS = 64  # parts of the list that threads may work on side by side
 
 
 @cache
@@ -62,7 +63,7 @@ def arena(
 
 
 @ti.data_oriented
-class Arena(Neighbours):
+class Arena(Neighbours, Team):
     """State of up to `capacity` beads, `pair_capacity` neighbouring pairs and `near_capacity` walls near beads.
 
     `rigid`: some beads are parts of bodies.
@@ -87,7 +88,8 @@ class Arena(Neighbours):
         self.worst = ti.field(ti.f64, capacity)  # largest overlap/radius seen by this slot's pairs and walls
         if rigid:
             RigidBodies.__init__(self, capacity)
-        Pairs.__init__(self, capacity, pair_capacity, MOST_CHUNKS, terms)
+        Pairs.__init__(self, capacity, pair_capacity, THREADS, terms)
+        Team.__init__(self, 3 if rigid else 2)
         self.make_cells(capacity)
 
         self.numbers = ti.field(ti.f64, NUMBERS)
@@ -208,14 +210,16 @@ class Arena(Neighbours):
     # ------------------------------------------------------------------ the step
 
     @ti.func
-    def move(self, i, last, alike: ti.template(), mechanics: ti.template(), alone: ti.template()):
+    def move(self, thread, i, own, last, alike: ti.template(), mechanics: ti.template()):
         """Sum of all forces on bead `i`, its walls included, and its way to the next step; 1 when it left its skin.
+
+        Below `own` forces of pairs that others own with it lie where they left them.
 
         A bead of a body leaves the sums in `push` and `twist`; its body moves it.
         """
         step = self.numbers[STEP]
         given, taken = self.given[i], self.taken[i]
-        if ti.static(not alone):
+        if i < own:
             taken = self.sum_taken(self.counts[LIVE_LIST], i)
         force = ti.Vector([taken[0] + given[0], taken[1] + given[1], taken[2] + given[2]])
         torque = ti.Vector([taken[3] + given[3], taken[4] + given[4], taken[5] + given[5]])
@@ -229,7 +233,7 @@ class Arena(Neighbours):
         turning = ti.Vector([spin[0], spin[1], spin[2]])
         radius, mass, inertia = place[3], motion[3], spin[3]
         drag, hold, deepest = self.walls.press(
-            self.counts[LIVE_LIST], i, self.tag[i][1], position, velocity, turning, radius, mass, inertia, step,
+            thread, self.counts[LIVE_LIST], i, self.tag[i][1], position, velocity, turning, radius, mass, inertia, step,
             alike, mechanics,
         )  # fmt: skip
         force += drag
@@ -277,7 +281,7 @@ class Arena(Neighbours):
         velocity += step * push
         turning += step * twist
         position += step * velocity
-        moved = 0.0
+        moved, left_skin = 0.0, 0
         for c in ti.static(range(3)):
             self.place[i][c] = position[c]
             self.motion[i][c] = velocity[c]
@@ -286,16 +290,16 @@ class Arena(Neighbours):
         if not (velocity.norm_sqr() < self.numbers[MOST_SPEED] ** 2):
             self.counts[STATUS] = EXPLODED
             self.counts[CULPRIT] = i
-        left_skin = 0
+            left_skin = 1
         if moved > 0.25 * self.numbers[SKIN] ** 2:
             left_skin = 1
         return left_skin
 
     @ti.func
-    def pose_walls(self, time):
-        """Put the walls where they are at `time`; 1 when one has come too far for the list."""
+    def pose_walls(self, thread, time):
+        """Put the walls where they are at `time`, for one thread; 1 when one has come too far for the list."""
         step, leeway = self.numbers[STEP], 0.5 * self.numbers[SKIN]
-        return self.walls.pose(self.counts[WALL_COUNT], time, step, leeway)
+        return self.walls.pose(thread, self.counts[WALL_COUNT], time, step, leeway)
 
     @ti.func
     def move_body(self, b):
@@ -306,45 +310,108 @@ class Arena(Neighbours):
         if answer >= 2:
             self.counts[STATUS] = EXPLODED
             self.counts[CULPRIT] = self.member[self.member_first[b]]
+            answer = 1
         return answer & 1
 
     @ti.kernel
-    def run_serial(self, steps: ti.i32, before: ti.f64, alike: ti.template(), mechanics: ti.template()):
-        """Up to `steps` steps on one thread, after the `before` ones made so far.
+    def run_team(self, team: ti.i32, steps: ti.i32, before: ti.f64, alike: ti.template(), mechanics: ti.template()):
+        """Up to `steps` steps on a team of threads, which may be of one, after the `before` steps made so far.
 
-        Stops early when the list is needed anew or STATUS is no longer OK.  `alike`: all are single spheres of one
-        size and kind.
+        Stops early when the list is needed anew, STATUS is no longer OK or a thread was kept waiting (LATE).  `alike`:
+        all are single spheres of one size and kind.
         """
-        ti.loop_config(serialize=True)
-        for _ in range(1):
-            done = 0
-            while done < steps and self.stale[0] == 0 and self.counts[STATUS] == OK:
-                self.stale[0] = self.pose_walls((before + done) * self.numbers[STEP])
-                if self.stale[0] == 0:
-                    self.stale[0] = self.make_step(done == steps - 1, alike, mechanics)
-                    done += 1
-            self.counts[DONE] = done
+        for turn in range(team * GRAIN):
+            if turn % GRAIN == 0:
+                w = turn // GRAIN
+                if w == 0:
+                    self.counts[DONE] = 0
+                if self.stale[0] == 0 and self.counts[STATUS] == OK:
+                    if self.gather_team(w, team) == 1:
+                        self.run_stretch(w, team, steps, before, alike, mechanics)
+                    elif w == 0:
+                        self.counts[LATE] = 1
 
     @ti.func
-    def make_step(self, last, alike: ti.template(), mechanics: ti.template()):
-        """One step on one thread, the `last` one of a launch or not; 1 when a bead left its skin."""
-        live, beads, pairs = self.counts[LIVE_LIST], self.counts[BEADS], self.counts[PAIRS]
-        left_skin = 0
-        moved = 0
-        for part in range(pairs // PACKET + 1):
-            begin = part * PACKET
-            end = ti.min(begin + PACKET, pairs)
-            self.meet(live, begin, end, 0, alike, mechanics, True)
-            complete = beads
-            if end < pairs:
-                complete = self.owner_of[end]
-            for i in range(moved, complete):
-                left_skin |= self.move(i, last, alike, mechanics, True)
-            moved = complete
+    def run_stretch(self, w, team, steps, before, alike: ti.template(), mechanics: ti.template()):
+        """What thread `w` does of up to `steps` steps."""
+        live = self.counts[LIVE_LIST]
+        start, stop = self.stretch_start(live, w, team), self.stretch_start(live, w + 1, team)
+        own = start
+        for p in range(self.first[live, start]):
+            own = ti.max(own, self.partner[live, p] + 1)
+        own = ti.min(own, stop)
+        done, waited, strayed, going = 0, 0, 0, 1
+        while going == 1 and done < steps:
+            strayed = self.pose_walls(w, (before + done) * self.numbers[STEP])
+            going = 1 - strayed
+            if going == 1:
+                left_skin, looks = self.make_step(
+                    w, team, done, (start, own, stop), done == steps - 1, alike, mechanics
+                )  # fmt: skip
+                done += 1
+                if left_skin == 1:
+                    self.desk[w, LEFT_AT] = done
+                if waited + looks > PATIENCE:
+                    self.desk[w, LATE_AT] = done
+                self.tell(w)
+                waited += looks + self.wait(0, team, self.parts * done)
+                going = 1 - ti.max(self.anybody(LEFT_AT, team, done), self.anybody(LATE_AT, team, done))
+        self.desk[w, WAITED] = self.desk[w, WAITED] + waited
+        if w == 0:
+            self.counts[DONE] = done
+            self.stale[0] = ti.max(strayed, self.anybody(LEFT_AT, team, done))
+            self.counts[LATE] = self.anybody(LATE_AT, team, done)
+
+    @ti.func
+    def make_step(self, w, team, done, stretch, last, alike: ti.template(), mechanics: ti.template()):
+        """What thread `w` does of step `done`, the `last` one of a launch or not, all but the last meeting.
+
+        Returns 1 when a bead left its skin, and how often the thread looked for others in vain.
+        """
+        live = self.counts[LIVE_LIST]
+        start, own, stop = ti.static(stretch)
+        begin, end = self.first[live, start], self.first[live, stop]
+        packets = (end - begin) // PACKET + 1
+        left_skin, looks, moved = 0, 0, own
+        for part in range(packets + 1):
+            first_bead, end_bead = moved, stop
+            if part < packets:
+                from_pair = begin + part * PACKET
+                to_pair = ti.min(from_pair + PACKET, end)
+                self.meet(live, from_pair, to_pair, w, own, stop, alike, mechanics)
+                if to_pair < end:
+                    end_bead = self.owner_of[to_pair]
+                moved = ti.max(moved, end_bead)
+            else:
+                # those that earlier stretches touch
+                first_bead, end_bead = start, own
+                self.tell(w)
+                looks = self.wait(0, w, self.parts * done + 1)
+            for i in range(first_bead, end_bead):
+                left_skin |= self.move(w, i, own, last, alike, mechanics)
         if ti.static(self.rigid):
-            for b in range(self.counts[BODIES]):
+            self.tell(w)
+            looks += self.wait(0, team, self.parts * done + 2)
+            bodies = self.counts[BODIES]
+            for b in range(bodies * w // team, bodies * (w + 1) // team):
                 left_skin |= self.move_body(b)
-        return left_skin
+        return left_skin, looks
+
+    @ti.func
+    def stretch_start(self, live, w, team):
+        """First bead of a stretch; all have about as many pairs and beads."""
+        beads, pairs = self.counts[BEADS], self.counts[PAIRS]
+        low, high = 0, beads
+        share = float(pairs + beads) * self.shares[w]
+        if w == team:
+            share = float(pairs + beads)
+        while low < high:
+            middle = (low + high) // 2
+            if self.first[live, middle] + middle < share:
+                low = middle + 1
+            else:
+                high = middle
+        return low
 
     @ti.kernel
     def build_alone(self, before: ti.f64):
@@ -353,10 +420,12 @@ class Arena(Neighbours):
         for _ in range(1):
             if self.stale[0] == 1 and self.counts[STATUS] == OK:
                 time = before * self.numbers[STEP]
-                self.pose_walls(time)
+                self.pose_walls(0, time)
                 self.build(time)
             for s in range(1, FLAGS):
                 self.stale[s] = 0
+            self.counts[LATE] = 0
+            self.clear_desks()
 
     @ti.kernel
     def begin_burst(self, length: ti.i32, chunks: ti.i32, before: ti.f64):
@@ -380,7 +449,7 @@ class Arena(Neighbours):
             s = self.counts[STAGE] + 1
             self.counts[STAGE] = s
             if self.stale[s] == 0:
-                self.stale[s] = self.pose_walls((self.numbers[BEFORE] + s) * self.numbers[STEP])
+                self.stale[s] = self.pose_walls(0, (self.numbers[BEFORE] + s) * self.numbers[STEP])
         for turn in range(rounds):
             if turn % GRAIN == 0 and self.stale[self.counts[STAGE]] == 0:
                 self.meet_chunk(turn // GRAIN, self.counts[CHUNKS], alike, mechanics)
@@ -388,7 +457,7 @@ class Arena(Neighbours):
             s = self.counts[STAGE]
             left_skin = 1
             if self.stale[s] == 0:
-                left_skin = self.move(i, s == self.counts[BURST_LENGTH] - 1, alike, mechanics, False)
+                left_skin = self.move(0, i, beads, s == self.counts[BURST_LENGTH] - 1, alike, mechanics)
             if left_skin == 1:
                 self.stale[s + 1] = 1
         if ti.static(self.rigid):
@@ -409,7 +478,7 @@ class Arena(Neighbours):
         begin = self.start_of_bead(live, int(float(pairs) * chunk / chunks))
         end = self.start_of_bead(live, int(float(pairs) * (chunk + 1) / chunks))
         while begin < end:
-            self.meet(live, begin, ti.min(begin + PACKET, end), chunk, alike, mechanics, False)
+            self.meet(live, begin, ti.min(begin + PACKET, end), chunk, 0, 0, alike, mechanics)
             begin += PACKET
 
     @ti.func

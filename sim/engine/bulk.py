@@ -27,18 +27,21 @@ from rigtwin.sim.engine import columns as at
 from rigtwin.sim.engine.clock import UNSTABLE, positive
 from rigtwin.sim.engine.contact import IMPACT_SPEED, LAW_SIZE, ContactLaw, Mechanics, Rolling, pair_law
 from rigtwin.sim.engine.elements import Vector
+from rigtwin.sim.engine.neighbours import LARGE
+from rigtwin.sim.engine.team import Crew
 from rigtwin.sim.engine.terms import Active, Terms, terms_of
-from rigtwin.sim.engine.wall_contacts import KINDS, UNTIL, WallTable, motion_of, motion_row, wall_table
+from rigtwin.sim.engine.wall_contacts import KINDS, THREADS, UNTIL, WallTable, motion_of, motion_row, wall_table
 from rigtwin.sim.engine.walls import Motion, Shape, Wall, gaps
 
 Array = npt.NDArray[np.float64]
 
 SMALLEST_ARENA = 1024  # beads; arenas come in steps of four, so that few kernels are ever compiled
 PAIRS_PER_BEAD, PAIRS_PER_PART = 5, 8  # half the neighbours of a bead, and of one in a clump, with room
+PAIRS_IN_LARGE = 4  # among very many single beads: a settled bed has 3.3 at the usual skin
 NEAR_PER_BEAD = 2  # walls, or parts of them, near a bead on average, with room
 NEAR_IN_LARGE = 1 / 8  # the same among very many beads, few of which are at a wall
 SKIN = 0.1  # of the largest diameter
-THREADED_FROM = 20_000  # beads; below, one thread is as fast: measured on two cores at 4,000 and 15,000
+BEADS_PER_THREAD = 500  # fewer gain nothing from another thread
 LAUNCH_SECONDS = 0.25  # kernels come back at least twice a second, so that progress and Ctrl-C work
 OVERLAP_AT_START = 1e-3  # of a radius; more is a blunder
 
@@ -133,6 +136,7 @@ class Bulk:
         self._open = open_domain
         running = backend.start()
         self.threads = running.threads if threads is None else threads
+        self._crew = Crew(running.threads)
         self._on_gpu = running.device == "cuda"
         self._skin = skin * 2 * self._largest
         self._low, self._high = np.array(low, dtype=float), np.array(high, dtype=float)
@@ -501,26 +505,39 @@ class Bulk:
     def _launch(self, steps: int) -> int:
         """Make up to `steps` steps and say how many were made."""
         arena = self._arena
-        done, kinds = 0, (self._alike, self._mechanics)
+        done = 0
         while done < steps:
             before = float(self.steps + done)
             arena.build_alone(before)
             if self._count(at.STATUS) != at.OK:
                 break
-            if not self._on_gpu and (self.threads == 1 or self._count(at.BEADS) < THREADED_FROM):
-                arena.run_serial(steps - done, before, *kinds)
+            if self._on_gpu:
+                self._burst(min(areas.BURST, steps - done), before)
             else:
-                length = min(areas.BURST, steps - done)
-                arena.begin_burst(length, min(self.threads, areas.MOST_CHUNKS), before)
-                make_step = backend.prepared(arena.run_step, *kinds)
-                for _ in range(length):
-                    make_step()
-                arena.end_burst(length)
+                self._run_team(steps - done, before)
             done += self._count(at.DONE)
         return done
 
+    def _run_team(self, steps: int, before: float) -> None:
+        """Up to `steps` steps on as many threads as have cores to themselves."""
+        team = self._crew.gather(self._arena, min(self.threads, self._count(at.BEADS) // BEADS_PER_THREAD))
+        began, used = time.perf_counter(), time.process_time()
+        self._arena.run_team(team, steps, before, self._alike, self._mechanics)
+        if team > 1:
+            took = time.perf_counter() - began
+            self._crew.watch(self._arena, team, took, time.process_time() - used, late=self._count(at.LATE) == 1)
+
+    def _burst(self, length: int, before: float) -> None:
+        """Some steps with a launch each, as a GPU needs it."""
+        self._arena.begin_burst(length, THREADS, before)
+        make_step = backend.prepared(self._arena.run_step, self._alike, self._mechanics)
+        for _ in range(length):
+            make_step()
+        self._arena.end_burst(length)
+
     def _pair_size(self, capacity: int) -> int:
-        return (PAIRS_PER_PART if self._rigid else PAIRS_PER_BEAD) * capacity
+        single = PAIRS_IN_LARGE if capacity > LARGE else PAIRS_PER_BEAD
+        return (PAIRS_PER_PART if self._rigid else single) * capacity
 
     @property
     def _alike(self) -> bool:
@@ -532,7 +549,8 @@ class Bulk:
         if status == at.OK:
             return
         if status in (at.PAIRS_FULL, at.NEAR_FULL):
-            more_pairs, more_near = (4, 1) if status == at.PAIRS_FULL else (1, 4)
+            more = 4 if self._arena.capacity < LARGE else 2
+            more_pairs, more_near = (more, 1) if status == at.PAIRS_FULL else (1, more)
             sizes = more_pairs * self._arena.pair_capacity, more_near * self._arena.walls.near_capacity
             self._grow(self._arena.capacity, *sizes)
             return

@@ -28,7 +28,18 @@ State = dict[str, npt.NDArray[Any]]
 # written anew before they are read, or set up with the run; everything else in an arena is kept, whatever is added to
 # it one day
 SCRATCH = frozenset(
-    {"spare", "cell_first", "cell_of", "order", "fill", "spare_member", "body_new", "chosen", "packet"}
+    {
+        "cell_first",
+        "cell_of",
+        "order",
+        "spare_member",
+        "body_new",
+        "chosen",
+        "packet",
+        "desk",
+        "gathering",
+        "shares",
+    }
 ) | {
     f"walls.{name}"
     for name in (

@@ -10,6 +10,7 @@ NX, NY, NZ, OPEN, GONE, BUILDS, DONE = range(7, 14)
 BODIES = 14
 MIXED = 15  # 1: beads may differ in size, weight or law
 BURST_LENGTH, CHUNKS, STAGE = 16, 17, 18  # steps of a burst, parts of the list, and the step it is at
-COUNTS = 19
+LATE = 19  # 1: a thread was kept waiting
+COUNTS = 20
 # values of STATUS
 OK, PAIRS_FULL, NEAR_FULL, LEFT_DOMAIN, EXPLODED = range(5)

@@ -352,14 +352,14 @@ class _Bench:
         n = self.counts[0]
         clear = self.clock[2]
         slack = self.pull[None].norm() * self.clock[2]
-        self.walls.pose(self.counts[1], self.clock[0] + step, step, ENDLESS)
+        self.walls.pose(0, self.counts[1], self.clock[0] + step, step, ENDLESS)
         for i in range(n):
             self.push[i] = self.push_on_body(i, step)
             self.twist[i] = ti.Vector([0.0, 0.0, 0.0])
         for i in range(n):
             radius, mass, inertia = self.body[i][0], self.body[i][1], self.body[i][2]
             force, torque, deepest = self.walls.press(
-                0, i, self.kind[i], self.position[i], self.half[i], self.half_spin[i], radius, mass, inertia, step,
+                0, 0, i, self.kind[i], self.position[i], self.half[i], self.half_spin[i], radius, mass, inertia, step,
                 False, mechanics,
             )  # fmt: skip
             self.push[i] = self.push[i] + force / mass
@@ -421,7 +421,7 @@ class _Bench:
         velocity = self.half[i] + 0.5 * step * self.push[i]
         push = ti.Vector([0.0, 0.0, 0.0])
         if ti.static(self.terms.acts_in_flight):
-            self.walls.face(0, i, self.position[i], radius)
+            self.walls.face(0, 0, i, self.position[i], radius)
             push += self.terms.in_flight(velocity, self.walls.gap(0, i, radius), radius, mass, upwards(gravity)) / mass
         if ti.static(self.terms.acts_on_threads):
             length = self.thread[i][3]

@@ -5,8 +5,8 @@ them is laid out in columns, and one plain loop over these columns works out the
 vector instructions, several contacts at a time.  Then the forces go to the beads.
 
 What a bead gets from the pairs it owns and from those that others own with it is added up apart, each in list order.
-On one thread the second sum is made on the way; on several threads the forces are left where the other bead looks for
-them, because no two threads may write the same number.  Both ways add the same numbers in the same order.
+Where one thread has all those pairs the second sum is made on the way; else the forces are left where the other bead
+looks for them, because no two threads may write the same number.  Both ways add the same numbers in the same order.
 """
 
 from typing import Any
@@ -28,7 +28,7 @@ from rigtwin.sim.engine.contact import (
 from rigtwin.sim.engine.terms import Terms
 
 PACKET = 128  # pairs; their columns fit the first cache
-STRIDE = PACKET + 8
+STRIDE = 2 * PACKET + 8  # a thread's packet lies so far from the next one's that none is fetched ahead into its cache
 PADDING = 40  # columns whose distance is a multiple of a page would push each other out of the cache
 LANES = 8  # packets are worked out in multiples of this: the loop then has no scalar rest
 
@@ -218,8 +218,8 @@ class Pairs:
         return ti.Vector([self.packet[k][column], self.packet[k][column + 1], self.packet[k][column + 2]])
 
     @ti.func
-    def deliver(self, live, chunk, count, alone: ti.template()):
-        """Bring forces to the beads and histories back to the pairs."""
+    def deliver(self, live, chunk, count, own, stop):
+        """Bring forces to the beads and histories back to the pairs; nobody else gives to beads `own` to `stop` - 1."""
         room = chunk * STRIDE
         for k in range(room, room + count):
             p = self.chosen[k]
@@ -229,7 +229,7 @@ class Pairs:
                 self.history[live, p][3 + c] = self.packet[k][ROLL + c]
                 self.given[i][c] = self.given[i][c] + self.packet[k][FORCE + c]
                 self.given[i][3 + c] = self.given[i][3 + c] + self.packet[k][TORQUE + c]
-            if ti.static(alone):
+            if own <= j < stop:
                 for c in ti.static(range(3)):
                     self.taken[j][c] = self.taken[j][c] - self.packet[k][FORCE + c]
                     self.taken[j][3 + c] = self.taken[j][3 + c] + self.packet[k][TORQUE_OTHER + c]
@@ -241,12 +241,14 @@ class Pairs:
             self.worst[i] = ti.max(self.worst[i], self.packet[k][DEPTH])
 
     @ti.func
-    def meet(self, live, begin, end, chunk, alike: ti.template(), mechanics: ti.template(), alone: ti.template()):
-        """Forces of the pairs from `begin` to `end`, at most PACKET; `chunk` says which packet is free for that."""
+    def meet(self, live, begin, end, chunk, own, stop, alike: ti.template(), mechanics: ti.template()):
+        """Forces of the pairs from `begin` to `end`, at most PACKET; `chunk` says which packet is free for that, and
+        beads `own` to `stop` - 1 get forces from nobody else.
+        """
         count = self.choose(live, begin, end, chunk)
         self.gather(live, chunk, count, alike)
         self.work_out(chunk, (count + LANES - 1) // LANES * LANES, alike, mechanics)
-        self.deliver(live, chunk, count, alone)
+        self.deliver(live, chunk, count, own, stop)
 
     @ti.func
     def sum_taken(self, live, i):

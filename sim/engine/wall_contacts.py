@@ -42,6 +42,7 @@ from rigtwin.sim.engine.walls import Motion, Shape, Wall, wandering
 Array = npt.NDArray[np.float64]
 
 KINDS, WALLS = 16, 64
+THREADS = 64  # that may work on one simulation
 ROOM = 16_384  # elements; more make it eight times larger, so that few kernels are ever compiled
 CELLS_PER_ELEMENT, ITEMS_PER_ELEMENT = 8, 32
 SAME = 1e-6  # of a radius; what stands out less is the same surface
@@ -161,12 +162,12 @@ class WallContacts:
         self.law = ti.Vector.field(LAW_SIZE, ti.f64, (KINDS, WALLS))
         self.constants = ti.Vector.field(CONSTANTS, ti.f64, WALLS)  # of a contact of the first kind of spheres
 
-        # where the walls are in this step
-        self.state = ti.field(ti.i32, WALLS)
-        self.turned = ti.Matrix.field(3, 3, ti.f64, WALLS)
-        self.pivot = ti.Vector.field(3, ti.f64, WALLS)
-        self.velocity = ti.Vector.field(3, ti.f64, WALLS)
-        self.spin = ti.Vector.field(3, ti.f64, WALLS)
+        # where the walls are in this step; each thread works it out for itself and need not wait for another
+        self.state = ti.field(ti.i32, (THREADS, WALLS))
+        self.turned = ti.Matrix.field(3, 3, ti.f64, (THREADS, WALLS))
+        self.pivot = ti.Vector.field(3, ti.f64, (THREADS, WALLS))
+        self.velocity = ti.Vector.field(3, ti.f64, (THREADS, WALLS))
+        self.spin = ti.Vector.field(3, ti.f64, (THREADS, WALLS))
         self.listed_at = ti.field(ti.f64, WALLS)  # how long each had moved when the list was made
 
         self.first = ti.field(ti.i32, (2, capacity + 1))  # first entry of a bead
@@ -242,31 +243,33 @@ class WallContacts:
         return ti.min(ti.max(time - self.motion[w, START], 0.0), self.motion[w, LASTS])
 
     @ti.func
-    def pose(self, walls, time, step, leeway):
-        """Put the walls where they are at `time`; 1 when one left the place it was listed at by more than `leeway`."""
+    def pose(self, thread, walls, time, step, leeway):
+        """Put the walls where they are at `time`, for one thread; 1 when one left the place it was listed at by more
+        than `leeway`.
+        """
         strayed = 0
         for w in range(walls):
             velocity = self.motion_vector(w, VELOCITY)
             spin = self.motion[w, SPIN] * self.motion_vector(w, AXIS)
-            self.state[w] = STILL
-            self.velocity[w] = ti.Vector([0.0, 0.0, 0.0])
-            self.spin[w] = ti.Vector([0.0, 0.0, 0.0])
+            self.state[thread, w] = STILL
+            self.velocity[thread, w] = ti.Vector([0.0, 0.0, 0.0])
+            self.spin[thread, w] = ti.Vector([0.0, 0.0, 0.0])
             if velocity.norm_sqr() + spin.norm_sqr() > 0.0:
-                self.state[w] = MOVES
+                self.state[thread, w] = MOVES
                 lasted = self.time_moving(w, time)
                 # velocities are those of mid-step
                 since = time - 0.5 * step - self.motion[w, START]
                 if since > 0.0 and since < self.motion[w, LASTS]:
-                    self.velocity[w] = velocity
-                    self.spin[w] = spin
+                    self.velocity[thread, w] = velocity
+                    self.spin[thread, w] = spin
                 if (lasted - self.listed_at[w]) * self.motion[w, WANDERS] > leeway:
                     strayed = 1
                 if self.motion[w, IN_PLACE] > 0.5:
                     lasted = 0.0
-                self.pivot[w] = self.motion_vector(w, PIVOT) + lasted * velocity
-                self.turned[w] = rotation(self.motion_vector(w, AXIS), self.motion[w, SPIN] * lasted)
+                self.pivot[thread, w] = self.motion_vector(w, PIVOT) + lasted * velocity
+                self.turned[thread, w] = rotation(self.motion_vector(w, AXIS), self.motion[w, SPIN] * lasted)
             if time >= self.motion[w, UNTIL]:
-                self.state[w] = GONE
+                self.state[thread, w] = GONE
         return strayed
 
     @ti.func
@@ -274,11 +277,12 @@ class WallContacts:
         return ti.Vector([self.motion[w, column], self.motion[w, column + 1], self.motion[w, column + 2]])
 
     @ti.func
-    def before_it_moved(self, w, position):
+    def before_it_moved(self, thread, w, position):
         """A place as seen from the wall."""
         there = position
-        if self.state[w] == MOVES:
-            there = self.turned[w].transpose() @ (position - self.pivot[w]) + self.motion_vector(w, PIVOT)
+        if self.state[thread, w] == MOVES:
+            relative = position - self.pivot[thread, w]
+            there = self.turned[thread, w].transpose() @ relative + self.motion_vector(w, PIVOT)
         return there
 
     # ------------------------------------------------------------------ the list
@@ -298,8 +302,8 @@ class WallContacts:
         following = 1 - live
         self.first[following, a] = found
         for w in range(walls):
-            if self.state[w] != GONE:
-                there = self.before_it_moved(w, position)
+            if self.state[0, w] != GONE:
+                there = self.before_it_moved(0, w, position)
                 far = reach
                 if self.motion[w, WANDERS] > 0.0:
                     far += leeway
@@ -343,16 +347,16 @@ class WallContacts:
     # ------------------------------------------------------------------ the step
 
     @ti.func
-    def face(self, live, i, position, radius):
+    def face(self, thread, live, i, position, radius):
         """Mark which contacts of bead `i` hold; how many it has or had a step ago."""
         meets = 0
         for q in range(self.first[live, i], self.first[live, i + 1]):
             e = self.near[live, q]
             w = int(self.elements[e, OF_WALL])
-            distance, direction = towards_element(self.elements, e, self.before_it_moved(w, position))
-            if self.state[w] == MOVES:
-                direction = self.turned[w] @ direction
-            if self.state[w] == GONE:
+            distance, direction = towards_element(self.elements, e, self.before_it_moved(thread, w, position))
+            if self.state[thread, w] == MOVES:
+                direction = self.turned[thread, w] @ direction
+            if self.state[thread, w] == GONE:
                 distance = 1e9
             for c in ti.static(range(3)):
                 self.facing[q][c] = direction[c]
@@ -395,14 +399,14 @@ class WallContacts:
 
     @ti.func
     def press(
-        self, live, i, kind, position, velocity, turning, radius, mass, inertia, step, alike: ti.template(),
+        self, thread, live, i, kind, position, velocity, turning, radius, mass, inertia, step, alike: ti.template(),
         mechanics: ti.template(),
     ):  # fmt: skip
         """Force of the walls on bead `i`, torque about its centre, and the deepest overlap."""
         force = ti.Vector([0.0, 0.0, 0.0])
         torque = ti.Vector([0.0, 0.0, 0.0])
         deepest = 0.0
-        meets = self.face(live, i, position, radius)
+        meets = self.face(thread, live, i, position, radius)
         if meets > 1:
             self.hand_over(live, i)
         if meets > 0:
@@ -415,8 +419,9 @@ class WallContacts:
                     roll = ti.Vector([0.0, 0.0, 0.0])
                     if self.touching[live, q] == 1:
                         slip, roll = self.slip[live, q], self.roll[live, q]
-                    wall_spin = self.spin[w]
-                    surface = self.velocity[w] + wall_spin.cross(position + distance * normal - self.pivot[w])
+                    wall_spin = self.spin[thread, w]
+                    arm = position + distance * normal - self.pivot[thread, w]
+                    surface = self.velocity[thread, w] + wall_spin.cross(arm)
                     # the history turns with the wall about the normal; about other axes it follows the normal
                     twist = step * wall_spin.dot(normal) * normal
                     slip += twist.cross(slip)
@@ -485,10 +490,10 @@ class WallContacts:
         """Overlap of each entry of the list whose contact holds now, else zero; `beads` is place 3 and radius."""
         ti.loop_config(serialize=True)
         for _ in range(1):
-            self.pose(walls, time, step, 0.0)
+            self.pose(0, walls, time, step, 0.0)
             for i in range(count):
                 radius = beads[i, 3]
-                self.face(live, i, ti.Vector([beads[i, 0], beads[i, 1], beads[i, 2]]), radius)
+                self.face(0, live, i, ti.Vector([beads[i, 0], beads[i, 1], beads[i, 2]]), radius)
                 for q in range(self.first[live, i], self.first[live, i + 1]):
                     found[q] = 0.0
                     if self.mark[q] == HOLDS:

@@ -1,6 +1,7 @@
 """Numbers and names as a person reads them: ``0.443 ± 0.006``, ``298.4 ± 0.5 mm``, "Rebound height, bounce 1".
 
-Light on purpose: the command line prints with it before anything heavy is loaded.
+The one place where a quantity has its name for people: tables, reports and overlays take it from here.  Light on
+purpose: the command line prints with it before anything heavy is loaded.
 """
 
 from __future__ import annotations
@@ -11,21 +12,42 @@ from collections.abc import Mapping
 TITLES = {
     "restitution_wall": "Restitution on the wall",
     "restitution_pair": "Restitution of the pair",
+    "energy_ratio_root": "√(h_B/h_A), which is (1+e)/2",
     "drop_height": "Drop height",
     "rebound_height": "Rebound height",
     "release_angle": "Release angle",
     "rebound_angle": "Rebound angle",
-    "angle_of_repose_graphical": "Angle of repose, graphical",
-    "angle_of_repose_geometric": "Angle of repose, geometric",
     "static_friction": "Static friction",
     "static_friction_angle": "Angle of static friction",
     "rolling_friction": "Rolling friction",
     "rolling_friction_angle": "Angle of rolling friction",
+    "kinetic_friction": "Kinetic friction",
+    "onset_time": "Time of the onset",
     "bed_height": "Bed height",
+    "bed_height_deviation": "Deviation of the bed height",
     "bulk_density": "Bulk density",
+    "angle_of_repose": "Angle of repose",
+    "angle_of_repose_graphical": "Angle of repose, graphical",
+    "angle_of_repose_geometric": "Angle of repose, geometric",
+    "angle_of_repose_upper": "Angle of repose, upper part of the surface",
+    "angle_of_repose_lower": "Angle of repose, lower part of the surface",
+    "pile_height": "Height of the heap",
+    "pile_base_width": "Width of the heap at its base",
+    "pile_tip_radius": "Radius of the heap's tip",
+    "avalanche_frequency": "Avalanches per second",
+    "avalanche_start_angle": "Angle at which avalanches start",
+    "avalanche_stop_angle": "Angle at which avalanches stop",
+    "opening_time": "Time of the opening",
+    "last_particle_time": "Time of the last particle",
     "discharge_time": "Discharge time",
+    "discharge_time_5_95": "Discharge time of the middle 90 %",
     "mass_flow_rate": "Mass flow rate",
-    "energy_ratio_root": "√(h_B/h_A), which is (1+e)/2",
+    "mass_flow": "Mass flow rate",
+    "particle_flow_rate": "Particles per second",
+    "discharged_fraction_rate": "Share of the filling that leaves per second",
+    "outlet_velocity": "Velocity at the outlet",
+    "residue_fraction": "Share of the filling left behind",
+    "rayleigh_time_step": "Rayleigh's time step",
 }
 
 RIG_TITLES = {

@@ -1,0 +1,66 @@
+"""How every command ends: progress bars, the work, and what came out kept and shown.
+
+A command decorated here reads its own options and returns its work as a function that is still to be called; options
+such as ``--json`` are added to its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+from rigtwin.commands.options import Command, Json, Quiet, out_option, with_options
+from rigtwin.commands.show import progress_bars, show_measurement, show_twin
+
+Work = partial[Any]
+
+JSON_QUIET = {"as_json": (Json, False), "quiet": (Quiet, False)}
+
+
+def finished(show: Callable[[Any, bool, bool], None]) -> Callable[[Command], Command]:
+    """Do a command's work under progress bars; `show` tells what came out."""
+
+    def around(own: Command, *, as_json: bool, quiet: bool) -> None:
+        show(_done(own(), hidden=as_json or quiet), as_json, quiet)
+
+    return lambda command: with_options(command, JSON_QUIET, around)
+
+
+def measured(rig: str) -> Callable[[Command], Command]:
+    """Measure; the first argument of the work is the clip, or the list of photos."""
+    name = "the photo's" if rig in ("packing", "pile") else "the clip's"
+    folder_text = (
+        f"Folder for results; by default out/{rig}/NAME (NAME being {name}), "
+        "with ~2, ~3 ... behind it where another input's results stand."
+    )
+
+    def around(own: Command, *, out: Path | None, as_json: bool, quiet: bool) -> None:
+        work: Work = own()
+        from rigtwin.commands.folder import keep, results_folder
+
+        folder = results_folder(rig, work.args[0], out)
+        measurement = _done(partial(work, out=folder), hidden=as_json or quiet)
+        show_measurement(keep(measurement, folder), as_json, quiet)
+
+    return lambda command: with_options(command, _with_out(folder_text), around)
+
+
+def simulated(rig: str) -> Callable[[Command], Command]:
+    """Run a twin; its record and quantities go into the results' folder."""
+    default = Path(f"out/simulate-{rig}")
+
+    def around(own: Command, *, out: Path | None, as_json: bool, quiet: bool) -> None:
+        show_twin(_done(own(), hidden=as_json or quiet), out or default, as_json, quiet)
+
+    return lambda command: with_options(command, _with_out(f"Folder for results; {default} by default."), around)
+
+
+def _done(work: Work, *, hidden: bool) -> Any:
+    with progress_bars(hidden) as progress:
+        return work(progress=progress)
+
+
+def _with_out(help_text: str) -> dict[str, tuple[Any, Any]]:
+    return {"out": (Annotated[Path | None, out_option(help_text)], None), **JSON_QUIET}

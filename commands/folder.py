@@ -1,0 +1,51 @@
+"""Where a measurement's results go, so that nothing of another clip is overwritten.
+
+Beside pictures and records stands ``NAME-measurement.json``, the document of ``--json``; it tells whose results these
+are: where none is asked for, only the same rig measured from the same content comes to the same folder again.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from rigtwin.lab.content import sha256
+from rigtwin.lab.quantity import Measurement
+
+
+def results_folder(rig: str, media: Path | Sequence[Path], out: Path | None) -> Path:
+    """The folder asked for, or the first of ``out/drop/r01``, ``r01~2`` ... without another input's results."""
+    if out is not None:
+        return out
+    source = media if isinstance(media, Path) else media[0]
+    place = Path("out") / rig / source.stem
+    places = itertools.chain([place], (place.with_name(f"{place.name}~{k}") for k in itertools.count(2)))
+    return next(place for place in places if _free(place, rig, source))
+
+
+def keep(measurement: Measurement, folder: Path) -> Measurement:
+    """Write the document that tells whose results stand in `folder`."""
+    from rigtwin.compare.results import document, write_together
+
+    path = _document(folder, measurement.source)
+    kept = replace(measurement, files={**measurement.files, "measurement": path})
+    write_together(folder, {path.name: document(kept.to_json())})
+    return kept
+
+
+def _document(folder: Path, source: Path) -> Path:
+    return folder / f"{source.stem}-measurement.json"
+
+
+def _free(folder: Path, rig: str, source: Path) -> bool:
+    try:
+        known = json.loads(_document(folder, source).read_text(encoding="utf-8"))
+        told = (known["rig"], known["source"]["sha256"])
+    except FileNotFoundError:
+        return True
+    except (ValueError, KeyError, TypeError):  # not of ours
+        return False
+    return not source.exists() or told == (rig, sha256(source))
