@@ -14,6 +14,7 @@ from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.quantity import Quantity
 from rigtwin.lab.records import Array
+from rigtwin.lab.wording import title
 from rigtwin.measure import overlay
 from rigtwin.measure.bead import BeadImage
 from rigtwin.measure.media import Image, Video
@@ -22,11 +23,6 @@ from rigtwin.measure.two_beads import Beads
 
 COLOURS = (overlay.ORANGE, overlay.SKY)
 NAMES = "AB"
-SAID = {
-    "restitution_pair": "restitution of the pair",
-    "restitution_wall": "restitution on the wall",
-    "energy_ratio_root": "√(h_B/h_A), which is (1+e)/2",
-}
 
 
 @dataclass(frozen=True)
@@ -107,7 +103,7 @@ def write_still(
             label = f"{name} {value:.2f}°"
             overlay.draw_text(picture, label, view.place(bead, 0.55 * angle, share + 0.04), COLOURS[bead])
     lines = [
-        f"{SAID.get(q.quantity, q.quantity.replace('_', ' '))} ({q.method}) {q.value:.4f} ± {q.std_uncertainty:.4f}"
+        f"{title(q.quantity)} ({q.method}) {q.value:.4f} ± {q.std_uncertainty:.4f}"
         + (" doubtful" if q.doubtful else "")
         for q in found
         if q.unit == "1" and q.detail.get("collision") == 1
