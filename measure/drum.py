@@ -18,12 +18,13 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.camera import Camera
+from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, root_sum_of_squares
 from rigtwin.lab.records import Profile
 from rigtwin.measure.bed import Bed, Outline, bed_in_photo, follow_bed
-from rigtwin.measure.media import open_video, read_photo, sha256
+from rigtwin.measure.media import open_video, read_photo
 from rigtwin.measure.steady import Avalanches, Mean, find_avalanches, mean_over_time, steady_part
 
 Array = npt.NDArray[np.float64]

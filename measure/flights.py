@@ -366,12 +366,14 @@ def _fit(record: Heights, contacts: npt.NDArray[np.intp], drag: AirDrag, offset:
     sigma = np.maximum(sigma, 0.3 * np.median(sigma))
     used = np.zeros(len(sigma), dtype=bool)
     outlier = np.zeros(len(sigma), dtype=bool)
+    scatter = math.inf
     for turn in range(5):
-        used = _in_flight(record, model, parameters, step, usual, stop) & ~outlier
+        before, used = used, _in_flight(record, model, parameters, step, usual, stop) & ~outlier
         if np.sum(used) < model.count * 4 + 6:
             return None
-        # what is taken for an outlier changes more than the last digits would
-        parameters, _ = _solve(record, model, parameters, centre, spread, sigma, used, to=1e-5)
+        if not (np.array_equal(used, before) and abs(scatter - 1) < 0.02):  # else the same fit again
+            # what is taken for an outlier changes more than the last digits would
+            parameters, _ = _solve(record, model, parameters, centre, spread, sigma, used, to=1e-5)
         residual = record.height - model.curve(parameters, record.time)
         ratio = residual / sigma
         scatter = 1.4826 * float(np.median(np.abs(ratio[used])))

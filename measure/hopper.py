@@ -16,12 +16,13 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.camera import Camera
+from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, root_sum_of_squares
 from rigtwin.lab.records import Series
 from rigtwin.measure.gate import Opening, find_opening, slot_edges
-from rigtwin.measure.media import open_video, sha256
+from rigtwin.measure.media import open_video
 from rigtwin.measure.outflow import Outflow, bin_walls, follow_outflow
 
 Array = npt.NDArray[np.float64]
