@@ -1,10 +1,11 @@
 """A cylinder filled with beads, photographed from the side: bed height and bulk density (Hlosta et al. 2020, fig. 4).
 
-The surface of a bed is a band, not a line.  `bed_height` by the method "mean surface" is the mean height of the surface
-with its pits, the height of the volume that the bed fills; "surface bead tops" is the mean top of the beads that form
-the surface, those with no higher bead whose centre lies within 0.8 diameters sideways of their own.  What a photo shows
-is the "outline": at every place across the cylinder the highest bead along the line of sight, some 0.3 diameters above
-the tops.  `evaluate` reads the outline and takes that off.
+The surface of a bed is a band, not a line.  `bed_height` by the method "surface bead tops", the first, is the mean top
+of the beads that form the surface, those with no higher bead whose centre lies within 0.8 diameters sideways of their
+own: what is read at a gauge.  "mean surface" is the mean height of the surface with its pits, half a bead lower, to
+which the bed fills the cylinder.  What a photo shows is the "outline": at every place across the cylinder the highest
+bead along the line of sight, some 0.3 diameters above the tops.  `evaluate` reads the outline and takes that off.  The
+bulk density is told for both of the first.
 
 A profile of `measure` runs across the cylinder, x = 0 on its axis; heights are above the cylinder's floor.
 """
@@ -94,11 +95,11 @@ def _evaluate(
     pits = {**parts, "outline to surface": math.hypot(OUTLINE_SPREAD, PITS_SPREAD) * grain, **guess}
     flaw = "; ".join(dict.fromkeys(each.flaw for each in seen if each.flaw))
     found = [
-        _height(outline - (OUTLINE_ABOVE + PITS_BELOW) * grain, "mean surface", pits, len(seen), flaw),
         _height(outline - OUTLINE_ABOVE * grain, "surface bead tops", tops, len(seen), flaw),
+        _height(outline - (OUTLINE_ABOVE + PITS_BELOW) * grain, "mean surface", pits, len(seen), flaw),
         _height(outline, "outline", parts, len(seen), flaw),
     ]
-    if found[0].value <= 0:
+    if found[1].value <= 0:
         raise NothingToMeasure(
             f"the outline lies at {outline * 1e3:.1f} mm, not above the floor by a bead; check height_m and its zero."
         )
@@ -108,7 +109,7 @@ def _evaluate(
         found = [_height(each.value, each.method, each.budget, each.n, failed) for each in found]
     warnings = []
     if mass is not None and cylinder is not None:
-        found.append(_density(found[0], mass, cylinder))
+        found += [_density(height, mass, cylinder) for height in found[:2]]
     else:
         missing = "total_mass" if mass is None else "cylinder_diameter"
         warnings.append(f"bulk density is left out; give --{missing.replace('_', '-')}.")
