@@ -105,6 +105,8 @@ class _Search:
 
     def consider(self, root: Candidate | None, candidates: Sequence[Effect]) -> list[Candidate]:
         """Each candidate added to the `root`, to the baseline where there is none."""
+        if root is not None and self._is_part(root.fitted):
+            root = self.done[frozenset(root.names)] = self._to_the_end(root)
         near = self.base if root is None else root.fitted
         terms = near.terms
         keys = [frozenset((*near_names(near), effect.name)) for effect in candidates]
@@ -175,12 +177,15 @@ class _Search:
 
         A single effect whose fit had lost its way is found so.
         """
+        near = more.fitted
+        if self._is_part(near):
+            near = replace(near, local=self.base.local, scatter=self.base.scatter)
         rests = [best]
         for term in more.terms:
             left = tuple(one for one in more.terms if one is not term)
             key = frozenset(one.name for one in left)
             if key != frozenset(best.names):
-                fitted = fit(self.bench, left, near=more.fitted, most=25, rounds=2)
+                fitted = fit(self.bench, left, near=near, most=25, rounds=2)
                 gain = (self.base.deviance - fitted.deviance) / self.spread + self._spared(fitted)
                 known = self.done.get(key)
                 if known is None or known.gain < gain or self._is_part(known.fitted):
