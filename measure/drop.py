@@ -89,8 +89,8 @@ def _rate(track: Track) -> float:
     return 1 / float(np.nanmedian(np.diff(track.time))) if len(track.time) > 1 else math.nan
 
 
-def _bounces(track: Track, drag: AirDrag, name: str, *, in_metres: bool = False) -> Bounces:
-    record = Heights(track.time, track.position[:, 1], track.sigma)
+def _bounces(track: Track, drag: AirDrag, name: str, *, width: Array | None = None, in_metres: bool = False) -> Bounces:
+    record = Heights(track.time, track.position[:, 1], track.sigma, width)
     fitted = _fit(record, drag) if len(record.time) > 12 else None
     if fitted is None:
         raise NothingToMeasure(f"{name}: {_why_no_bounce(record)}")
@@ -303,7 +303,9 @@ def _timing_check(track: Track, bounces: Bounces, repeats: int) -> Check:
     again = int(np.sum(inside & still))
     whole = max(float(np.sum(inside)), 1.0)
     passed = again == 0 and repeats == 0 and missing < 0.3 * whole
-    message = f"{int(missing)} of {int(whole + missing)} frames of the flights are missing, {again} are repeated"
+    message = (
+        f"{int(missing)} of {int(whole + missing)} frames of the flights are without the bead, {again} are repeated"
+    )
     if repeats:
         message = f"doubled frames: {repeats} of {repeats + len(time)} repeat the one before and were left out"
     ending = "." if passed else ": film with a fixed frame rate, or use the camera's original file."
@@ -345,10 +347,11 @@ def measure(
         return _measure_record(clip, drag, out)
     video = open_video(clip, camera)
     seen, pixels, repeats = _find_bead(video, camera, drag, bead_diameter, progress)
-    fitted = _bounces(pixels, drag, str(clip))
+    width = _widths(seen)
+    fitted = _bounces(pixels, drag, str(clip), width=width)
     gauge = _gauge(pixels, fitted, seen, camera, bead_diameter)
     track = _to_metres(pixels, fitted, gauge)
-    bounces = _bounces(track, drag, str(clip), in_metres=True)
+    bounces = _bounces(track, drag, str(clip), width=width, in_metres=True)
     evaluation = _evaluation(track, bounces, scale_doubt=gauge.doubt, rate=video.frame_rate, repeats=len(repeats))
     checks = _with_gravity_told(evaluation.checks, gauge) + _view_checks(video, seen, fitted, repeats)
     if camera.roll is not None:
@@ -421,7 +424,8 @@ def _find_bead(
     ranked = sorted(paths, key=lambda path: -_likeness(path, size))
     joined = _join_flights(ranked, size)
     ranked = ranked if joined is None else [joined, *ranked]
-    likely = [path for path in ranked[:3] if _likeness(path, size) > 0.02 * _likeness(ranked[0], size) > 0]
+    best_likeness = max((_likeness(path, size) for path in ranked), default=0.0)
+    likely = [path for path in ranked[:3] if _likeness(path, size) > 0.02 * best_likeness]
     if not likely and camera.region is not None:
         region = ",".join(f"{side:g}" for side in camera.region)
         raise NothingToMeasure(
@@ -439,7 +443,7 @@ def _find_bead(
         pixels = _pixel_track(seen)
         if len(pixels.time) > 8 and best is None:
             best = seen, pixels
-        fitted = _fit(Heights(pixels.time, pixels.position[:, 1], pixels.sigma), drag)
+        fitted = _fit(Heights(pixels.time, pixels.position[:, 1], pixels.sigma, _widths(seen)), drag)
         if fitted is not None:
             expected = _expected(seen, pixels, fitted, video)
             better = look_again(seen, {index: at for index, at in expected.items() if index not in moves.repeated})
@@ -543,6 +547,14 @@ def _pixel_track(seen: Chase) -> Track:
         position=np.array([(sighting.image.x, -sighting.image.y) for sighting in seen.sightings]).reshape(-1, 2),
         sigma=doubted * np.array([sighting.image.sigma for sighting in seen.sightings]),
     )
+
+
+def _widths(seen: Chase) -> Array:
+    """[px], the bead's radius in every sighting; NaN where a smear as long as the bead hides it."""
+    radii = [
+        each.image.radius if math.hypot(*each.image.blur) < each.image.radius else math.nan for each in seen.sightings
+    ]
+    return np.array(radii)
 
 
 def _beside_a_gap(frames: npt.NDArray[np.intp], path: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
