@@ -93,7 +93,11 @@ def beds(count: int, seed: int) -> list[Row]:
         inside = (BEAD / 2) ** 2 - (x - places[:, :1]) ** 2
         height = np.where(inside > 0, places[:, 2:] + np.sqrt(np.maximum(inside, 0)), -np.inf).max(axis=0)
         profile = Profile(x, np.where(np.isfinite(height), height, np.nan), np.full(len(x), 1e-5))
-        found = packing.evaluate([profile], cylinder_diameter=CYLINDER, bead_diameter=BEAD).quantities[0]
+        found = next(
+            q
+            for q in packing.evaluate([profile], cylinder_diameter=CYLINDER, bead_diameter=BEAD).quantities
+            if q.method == "surface bead tops"
+        )
         hits.append(_holds(found, truth))
     return [coverage("packing, bed height", hits)]
 

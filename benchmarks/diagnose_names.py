@@ -55,26 +55,33 @@ TRUE_VALUES: dict[tuple[str, str], tuple[str, Callable[[float], float]]] = {
     ("air_drag", "drag_coefficient"): ("kd", lambda kd: kd / 1.2),
     ("air_drag_schiller_naumann", "multiplier"): ("c_D", float),
     ("buoyancy", "multiplier"): ("fluid_density", lambda density: density / 1.2),
-    ("camera_roll", "angle"): ("roll", float),
     ("electrostatic", "charge"): ("charge", float),
-    ("frame_rate_error", "relative"): ("cam_q", lambda ratio: ratio - 1),
     ("length_error", "offset"): ("length_error", float),
     ("linear_drag", "multiplier"): ("linear_drag", lambda c: c / (3 * math.pi * AIR_VISCOSITY)),
     ("perspective", "gradient"): ("perspective", float),
     ("pivot_friction", "moment"): ("tau_c", float),
     ("pivot_viscous", "damping"): ("c_pivot", float),
-    ("plate_tilt", "angle"): ("plate_tilt", float),
     ("release_spin", "spin"): ("release_spin", float),
     ("restitution_viscoelastic", "share"): ("fvisc", float),
     ("rod_mass", "mass_per_length"): ("thread_density", float),
     ("rolling_shutter", "delay"): ("shutter", float),
-    ("scale_error", "relative"): ("scale", float),
     ("timestamp_jitter", "std"): ("jitter", float),
+}
+
+
+# what the diagnosis gives of these is the whole deviation from what is stated, the ordinary part of it included
+WHOLE: dict[tuple[str, str], Callable[[Mapping[str, float]], float]] = {
+    ("camera_roll", "angle"): lambda world: world["cam_roll"],
+    ("frame_rate_error", "relative"): lambda world: world["cam_q"] - 1,
+    ("scale_error", "relative"): lambda world: world["cam_s"] - 1,
+    ("plate_tilt", "angle"): lambda world: math.radians(world["level_deg"]) + world.get("plate_tilt", 0.0),
 }
 
 
 def true_value(truth: Mapping[str, Any], effect: str, parameter: str) -> float | None:
     """The true value of a parameter of the diagnosis; None where it has no counterpart among the hidden numbers."""
+    if (whole := WHOLE.get((effect, parameter))) is not None:
+        return whole(truth["world"])
     number, convert = TRUE_VALUES.get((effect, parameter), ("", float))
     hidden = truth["parameters"].get(number)
     return None if hidden is None else convert(hidden)

@@ -170,6 +170,7 @@ def many_beads(beads: int, steps: int = 3) -> None:
     high = (side + 1.5) * pitch
     bulk = Bulk([D6], BEAD_BEAD, low=(0, 0, 0), high=(high,) * 3, time_step=STEP, capacity=beads, threads=1)
     bulk.add(places, overlap=0.01)
+    del k, places
     bulk.run(steps)
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     sys.stdout.write(f"{before} {most} {memory_now()} {2 * bulk.contacts / beads:.2f}\n")

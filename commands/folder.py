@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from rigtwin.lab.content import sha256
 from rigtwin.lab.quantity import Measurement
 
 
@@ -47,6 +48,4 @@ def _free(folder: Path, rig: str, source: Path) -> bool:
         return True
     except (ValueError, KeyError, TypeError):  # not of ours
         return False
-    from rigtwin.compare.results import file_sha256
-
-    return not source.is_file() or told == (rig, file_sha256(source))
+    return not source.exists() or told == (rig, sha256(source))

@@ -57,7 +57,7 @@ def out_option(help_text: str) -> Any:
     return option("--out", "DIR", help_text, _folder)
 
 
-Out = Annotated[Path | None, out_option("Folder for results; out in the lab's folder by default.")]
+Out = Annotated[Path | None, out_option("Folder for results; LAB/out by default.")]
 
 BeadDiameter = Annotated[float | None, quantity("--bead-diameter", "length", "6mm", "Diameter of the bead.")]
 BeadMass = Annotated[float | None, quantity("--bead-mass", "mass", "0.69g", "Mass of one bead.")]
@@ -208,16 +208,14 @@ def _size(text: str, dimension: str, name: str, zero: bool, highest: float) -> f
     from rigtwin.lab.units import LONGEST, si
 
     value = si(text, dimension, name=name)
-    if value == 0 and zero:
-        return value
-    if value <= 0:
-        raise BadQuantity(f"{name}: {text!r} is not above zero; give a positive value.")
+    if value < 0 or (value == 0 and not zero):
+        raise BadQuantity(f"{name}: {text!r} is {'below' if zero else 'not above'} zero; give a positive value.")
     if value > highest:
         raise BadQuantity(f"{name}: {text!r} is too large; give at most {highest:g}.")
     if dimension == "angle" and value > math.pi:
         raise BadQuantity(f"{name}: {text!r} is {value:g} rad; write an angle with its unit, like '45deg'.")
     bead = name == "--bead-diameter"
-    if dimension == "length" and not SHORTEST <= value <= (LARGEST_BEAD if bead else LONGEST):
+    if dimension == "length" and value and not SHORTEST <= value <= (LARGEST_BEAD if bead else LONGEST):
         what, example = ("a bead's diameter", "6mm") if bead else ("a length", "300mm")
         raise BadQuantity(f"{name}: {text!r} is {value:g} m; write {what} with its unit, like {example!r}.")
     return value

@@ -22,6 +22,7 @@ from rigtwin.compare.deviation import Deviation, deviations, over_views
 from rigtwin.compare.repetitions import Failure, Measured, measuring
 from rigtwin.compare.shapes import Overlay, overlays
 from rigtwin.compare.twin import NEEDS, Twin, measured_start, needs_measurement, stated_start, twin_of
+from rigtwin.lab.content import sha256
 from rigtwin.lab.entries import suggestion
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import PARAMETERS, KnownContact
@@ -166,8 +167,7 @@ def provenance(comparison: Comparison) -> dict[str, Any]:
         "seconds": {name: round(value, 3) for name, value in comparison.seconds.items()},
         "seed": comparison.seed,
         "inputs": [
-            {"file": _relative(path, lab.folder), "sha256": results.file_sha256(path)}
-            for path in dict.fromkeys([lab.path, *media])
+            {"file": _relative(path, lab.folder), "sha256": sha256(path)} for path in dict.fromkeys([lab.path, *media])
         ],
         "model": {
             "materials": {name: asdict(material) for name, material in lab.model.materials.items()},

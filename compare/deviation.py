@@ -27,7 +27,6 @@ AVERAGES_OUT = frozenset(
         "repetition",
         "grain roughness",
         "grain at apex and foot",
-        "half left-right difference",
         "scatter of views and sides",
     }
 )

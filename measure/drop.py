@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.camera import Camera
+from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, root_sum_of_squares
@@ -41,7 +42,7 @@ from rigtwin.measure.follow import (
     learn_scene,
     look_again,
 )
-from rigtwin.measure.media import Video, open_video, sha256
+from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.repeats import LEAST_SHARE, repeated
 
 Array = npt.NDArray[np.float64]

@@ -18,12 +18,13 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.camera import Camera
+from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, root_sum_of_squares
 from rigtwin.lab.records import Profile
 from rigtwin.measure.bed import Bed, Outline, bed_in_photo, follow_bed
-from rigtwin.measure.media import open_video, read_photo, sha256
+from rigtwin.measure.media import open_video, read_photo
 from rigtwin.measure.steady import Avalanches, Mean, find_avalanches, mean_over_time, steady_part
 
 Array = npt.NDArray[np.float64]
@@ -50,6 +51,9 @@ S_SHAPE = 2.0  # [deg], difference of upper and lower angle below which a surfac
 VIEW_DOUBT = {GRAPHICAL: 0.25, LOWER: 0.5, UPPER: 1.2, GEOMETRIC: 1.2}
 ONE_MOMENT = 1.0  # [deg], how far a flowing surface usually is from its mean at one moment
 LOST = 0.25  # share of the bed's area by which a frame may differ from the median one
+FILL = (0.03, 0.7)  # share of the drum's cross-section; above, the bed has hardly a free surface
+MOST_BOW = 0.2  # sagitta over length of the surface; S-shapes are odd about the middle, the drum's own arc has 0.5
+HIGHEST_STEP = 4.0  # bead diameters over the width of one: a slope of 76 degrees
 SMEARED = 0.25  # share of frames that may be left out before the result is doubtful
 
 
@@ -511,6 +515,38 @@ def _judged(quantities: tuple[Quantity, ...], bed: Bed) -> tuple[Quantity, ...]:
     return tuple(replace(one, doubtful="; ".join(filter(None, (one.doubtful, *doubts)))) for one in quantities)
 
 
+def _checks_of_shape(bed: Bed) -> list[Check]:
+    """Whether the median outline can be the surface of flowing beads."""
+    heights = np.array([outline.height for outline in bed.outlines])
+    seen = np.flatnonzero(np.isfinite(heights).mean(axis=0) > 0.5)
+    if len(seen) < 8:
+        return []
+    x, height = bed.outlines[0].x[seen], np.nanmedian(heights[:, seen], axis=0)
+    length = float(np.ptp(x))
+    inner = np.abs(x - (x[0] + x[-1]) / 2) < 0.4 * length
+    bow = abs(float(np.polyfit(x[inner], height[inner], 2)[0])) * length / 4
+    apart = max(1, round(bed.bead))
+    step = float(np.abs(height[inner][apart:] - height[inner][:-apart]).max(initial=0.0)) / bed.bead
+    return [
+        Check(
+            "surface_shape",
+            bow < MOST_BOW,
+            bow,
+            0.0,
+            f"the surface bows by {bow:.2f} of its length"
+            + ("." if bow < MOST_BOW else ": no flowing bed does; the drum itself may have been taken for the bed."),
+        ),
+        Check(
+            "surface_steps",
+            step < HIGHEST_STEP,
+            step,
+            0.0,
+            f"from one bead to the next the surface rises by {step:.1f} bead diameters at most"
+            + ("." if step < HIGHEST_STEP else ": beads cannot stand so; something is in front of them."),
+        ),
+    ]
+
+
 def _checks_of_picture(bed: Bed) -> list[Check]:
     seen = [outline.area for outline in bed.outlines if not outline.hidden]
     areas = np.array(seen if 2 * len(seen) >= len(bed.outlines) else [outline.area for outline in bed.outlines])
@@ -528,11 +564,13 @@ def _checks_of_picture(bed: Bed) -> list[Check]:
         ),
         Check(
             "fill",
-            0.03 < fill < 0.8,
+            FILL[0] < fill < FILL[1],
             fill,
             0.35,
-            f"the bed fills {100 * fill:.0f} % of the drum's cross-section.",
+            f"the bed fills {100 * fill:.0f} % of the drum's cross-section"
+            + ("." if FILL[0] < fill < FILL[1] else ": so little, or so much, does not flow over the axis."),
         ),
+        *_checks_of_shape(bed),
         Check(
             "static_camera",
             bed.shake < 3.0,

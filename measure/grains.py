@@ -201,4 +201,6 @@ def _largest_group(centre: Array, reach: float, least: float = 1.0) -> Array:
     links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(centre), len(centre)))
     _, label = connected_components(links, directed=False)
     count = np.bincount(label)
-    return np.asarray(centre[count[label] >= least * count.max()])
+    kept = count > least * count.max()
+    kept[count.argmax()] = True
+    return np.asarray(centre[kept[label]])

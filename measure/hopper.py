@@ -16,18 +16,22 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.camera import Camera
+from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, root_sum_of_squares
 from rigtwin.lab.records import Series
 from rigtwin.measure.gate import Opening, find_opening, slot_edges
-from rigtwin.measure.media import open_video, sha256
+from rigtwin.measure.media import open_video
 from rigtwin.measure.outflow import Outflow, bin_walls, follow_outflow
 
 Array = npt.NDArray[np.float64]
 
 STEADY = (0.2, 0.8)  # of what leaves, the part over which the flow is steady
 EXPOSURE = 0.15  # frames, standard deviation of where in its frame's interval an unknown exposure lies
+# of the time between two values, in which an instant lies anywhere: 1.96 of it make 95 % of that time.  Its standard
+# deviation, 1 / sqrt 12 of it, would make intervals that hold the truth always
+WITHIN = 0.95 / (2 * 1.96)
 CROSSING = 0.2  # frames, of the last particle's passage read between two frames
 GIVEN_DOUBT = 0.01  # relative, of a scale read off a length in view
 BIN_DOUBT = 0.04  # relative, of a scale from the bin's walls, whose depth in view is not known
@@ -144,7 +148,7 @@ def _evaluate(
     warnings = []
     if opened is None:
         first = int(np.argmax(share < 1 - 1e-9 - 3 * _noise(share)))
-        opened = Instant(float(time[first]), {"time step": _step(time) / math.sqrt(12)}, "first loss")
+        opened = Instant(float(time[first]), {"time step": WITHIN * _step(time)}, "first loss")
         warnings.append("opening: not known, the first particle's leaving was taken for it; give the time of opening.")
     if last is None:
         last = _last_loss(time, share)
@@ -227,7 +231,7 @@ def _last_loss(time: Array, share: Array) -> Instant:
     k = min(int(above[-1]), len(time) - 2)
     # a counted record loses its last particle somewhere between these two values
     middle, step = (time[k] + time[k + 1]) / 2, time[k + 1] - time[k]
-    return Instant(float(middle), {"time step": float(step) / math.sqrt(12)}, "last loss")
+    return Instant(float(middle), {"time step": WITHIN * float(step)}, "last loss")
 
 
 def _instant(name: str, found: Instant) -> Quantity:

@@ -6,7 +6,6 @@ it is used; where the file's own time stamps cannot be trusted (B-frames in AVI)
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -176,12 +175,6 @@ def _phone_photo(path: Path) -> Image:
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError):
         raise UnreadableMedia(f"{path}: cannot be decoded as a photo; give a JPEG, PNG, TIFF or HEIC file.") from None
     return np.ascontiguousarray(np.asarray(upright)[..., ::-1])
-
-
-def sha256(path: Path) -> str:
-    """Hex digest of a file's content."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _must_fit(path: Path, shape: tuple[int, ...], lens: Lens) -> None:

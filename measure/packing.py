@@ -21,12 +21,13 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.camera import Camera
+from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, root_sum_of_squares
 from rigtwin.lab.records import Profile, read_profile
 from rigtwin.measure.glass import Bed, find_bed
-from rigtwin.measure.media import read_photo, sha256
+from rigtwin.measure.media import read_photo
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]

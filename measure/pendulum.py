@@ -15,13 +15,14 @@ from typing import Literal
 import numpy as np
 
 from rigtwin.lab.camera import Camera
+from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, root_sum_of_squares
 from rigtwin.lab.records import Array, Track, read_tracks, write_tracks
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.follow import LUMA, Chase, look_again
-from rigtwin.measure.media import Video, open_video, sha256
+from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.pendulum_checks import (
     contact_angle_check,
     distance_check,

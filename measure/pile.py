@@ -17,13 +17,14 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.camera import Camera
+from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, root_sum_of_squares
 from rigtwin.lab.records import Profile, read_profile
 from rigtwin.measure import slope
 from rigtwin.measure.disc import FOCAL_DOUBT, Disc
-from rigtwin.measure.media import read_photo, sha256
+from rigtwin.measure.media import read_photo
 from rigtwin.measure.surface import Silhouette, View, find_heap, undo_view
 
 Array = npt.NDArray[np.float64]
@@ -189,6 +190,9 @@ def _quantities_of_view(
             budget["unreliable outline"] = FLAWED
         budget = {part: value for part, value in budget.items() if math.isfinite(value) and value > 0}
         detail: dict[str, str | int | float | bool] = {"side": side}
+        if side == "mean" and name == GRAPHICAL:
+            # how far this heap is from even, not how well its mean is known: repeats of the heap tell that
+            detail["left_minus_right_deg"] = round(angles[name, method, "left"] - angles[name, method, "right"], 4)
         if name == GEOMETRIC:
             detail["base_limited"] = limited
         quantities.append(Quantity(name, angle, root_sum_of_squares(budget), "deg", method, 1, detail, budget, flaw))
@@ -214,8 +218,6 @@ def _definition_doubt(
         return {
             "grain roughness": rough,
             "window of the line": window,
-            # the standard error of the mean of two sides, whose standard deviation is difference / sqrt 2
-            "half left-right difference": abs(angles[name, method, "left"] - angles[name, method, "right"]) / 2,
         }
     # which grain is the apex: an eighth of a grain; which one the foot: a quarter
     reach = heap.base_width / 2 if side == "mean" else abs(heap.apex[0] - heap.feet[slope.SIDES.index(side)])

@@ -128,7 +128,7 @@ def _labels(evaluation: Evaluation) -> list[str]:
     texts = []
     for quantity, method in main.items():
         ones = [one for one in evaluation.quantities if (one.quantity, one.method) == (quantity, method)]
-        name = f"angle of repose, {quantity.rsplit('_', 1)[1]} ({method})"
+        name = f"angle of repose, {quantity.rsplit('_', 1)[1]} ({method}), ± standard uncertainty"
         texts.append(f"{name}: {', '.join(words(one) for one in ones)}")
     doubts = sorted({one.doubtful for one in evaluation.quantities if one.doubtful})
     return texts + [f"doubtful: {doubt}" for doubt in doubts]

@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.camera import Camera
+from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, root_sum_of_squares
@@ -30,7 +31,7 @@ from rigtwin.measure.arm import Arm, find_arm, lay_over
 from rigtwin.measure.bead import Scene
 from rigtwin.measure.follow import learn_scene
 from rigtwin.measure.level import Level, find_level
-from rigtwin.measure.media import Video, open_video, sha256
+from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.onset import LEAST_DOUBT, Onset, Run, Way, find_onset, find_run, jitter, smooth_angle
 from rigtwin.measure.passenger import RIM, Passenger, Step, find_passenger, follow, glare
 

@@ -270,11 +270,11 @@ def test_a_twin_without_its_restitution_is_refused_before_any_work(lab):
 
 
 def test_an_interrupted_comparison_does_not_wait_for_its_measuring_processes(lab, tmp_path):
-    workers = []
+    workers, others = [], set(multiprocessing.active_children())
 
     def interrupted():
         with measuring(read_lab(lab).experiments, tmp_path, workers=2):
-            workers.extend(multiprocessing.active_children())
+            workers.extend(set(multiprocessing.active_children()) - others)
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from rigtwin.lab.camera import Camera, Moment
+from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, UnreadableMedia
 from rigtwin.measure import sources
-from rigtwin.measure.media import open_video, read_photo, sha256
+from rigtwin.measure.media import open_video, read_photo
 
 
 def write_clip(
@@ -168,3 +169,11 @@ def test_hash_is_that_of_the_content(tmp_path):
     path = tmp_path / "x"
     path.write_bytes(b"abc")
     assert sha256(path) == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+
+
+def test_the_hash_of_a_folder_of_pictures_tells_it_from_one_with_another_picture(tmp_path):
+    (tmp_path / "0001.png").write_bytes(b"abc")
+    one = sha256(tmp_path)
+    assert sha256(tmp_path) == one
+    (tmp_path / "0002.png").write_bytes(b"abc")
+    assert sha256(tmp_path) != one

@@ -4,15 +4,19 @@ import math
 import os
 import subprocess
 import sys
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from rigtwin.lab.errors import BadInput, RigtwinError
 from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.sim.engine import backend
 from rigtwin.sim.engine import bulk as engine
 from rigtwin.sim.engine.bulk import Bulk, SimulationFailed
 from rigtwin.sim.engine.clock import time_step
+from rigtwin.sim.engine.team import Crew
 from rigtwin.sim.engine.walls import Cylinder, Disc, Plane, Wall
 
 G = 9.81
@@ -207,6 +211,40 @@ def test_one_thread_and_two_give_the_same_bits(monkeypatch):
     monkeypatch.setattr(engine, "BEADS_PER_THREAD", 1)
     assert same_bits(poured(2), serial)
     assert serial.spin.any()
+
+
+def test_threads_that_never_meet_are_not_waited_for(monkeypatch):
+    serial = poured(1)
+    monkeypatch.setattr(engine, "BEADS_PER_THREAD", 1)
+    monkeypatch.setattr(engine, "Crew", lambda threads: Crew(threads + 1))  # one more than Taichi has
+    began = time.perf_counter()
+    assert same_bits(poured(backend.start().threads + 1), serial)
+    assert time.perf_counter() - began < 60
+
+
+def test_a_launch_per_step_as_on_a_gpu_gives_the_same_bits():
+    bed = box(width=0.07)
+    bed.add(lattice(1000, width=0.07), [[0.1, 0.05, -0.5]])
+    bed._on_gpu = True
+    bed.run(600)
+    assert same_bits(bed.beads(), poured(1))
+
+
+MANY_THREADS = """
+import sys
+import numpy as np
+sys.path.insert(0, sys.argv[1])
+from rigtwin.sim.engine import backend, bulk
+backend.start(5)
+bulk.BEADS_PER_THREAD = 1
+from test_sim_bulk import poured, same_bits
+assert same_bits(poured(5), poured(1))
+"""
+
+
+@pytest.mark.slow
+def test_more_threads_than_cores_give_the_same_bits():
+    subprocess.run([sys.executable, "-c", MANY_THREADS, str(Path(__file__).parent)], check=True, timeout=600)
 
 
 def test_launches_do_not_show_in_the_bits(monkeypatch):

@@ -15,6 +15,7 @@ from typing import Any
 
 from rigtwin.compare.diagnose.design import CLEAR, REPETITIONS, Design, designs
 from rigtwin.compare.diagnose.double import DoubleBench
+from rigtwin.compare.diagnose.doubt import parameters
 from rigtwin.compare.diagnose.drop import DropBench
 from rigtwin.compare.diagnose.fit import Fit, fit, screen
 from rigtwin.compare.diagnose.forms import nameless
@@ -97,7 +98,7 @@ class Diagnosis:
                     "effects": list(one.names),
                     "gain": one.gain,
                     "refused": one.reason,
-                    "parameters": parameters(one.fitted, one.terms),
+                    "parameters": parameters(self.lab, one.fitted, one.terms),
                     "converged": one.fitted.converged,
                 }
                 for one in sorted(naming.tried, key=lambda one: -one.gain)
@@ -375,7 +376,7 @@ def _effects(diagnosis: Diagnosis) -> list[dict[str, Any]]:
             "effect": term.name,
             "title": term.title,
             "kind": term.kind,
-            "parameters": parameters(chosen.fitted, (term,)),
+            "parameters": parameters(diagnosis.lab, chosen.fitted, (term,)),
             "probability": probability,
         }
         for term in order
@@ -389,20 +390,6 @@ def _gain_of(diagnosis: Diagnosis, term: Effect) -> float:
     rest = {name for name in diagnosis.chosen.names if name != term.name}
     without = next((one.gain for one in diagnosis.naming.tried if set(one.names) == rest), 0.0)
     return diagnosis.chosen.gain - without
-
-
-def parameters(fitted: Fit, terms: Sequence[Effect]) -> dict[str, dict[str, Any]]:
-    """Value, standard deviation and unit of each coefficient."""
-    found: dict[str, dict[str, Any]] = {}
-    for term in terms:
-        for parameter in term.parameters:
-            if term.geometry == "jitter":
-                rows = max(fitted.residual.size, 1)
-                found[parameter.name] = {"value": fitted.jitter, "std": fitted.jitter / math.sqrt(rows), "unit": "s"}
-                continue
-            name = f"{term.name}.{parameter.name}"
-            found[parameter.name] = {"value": fitted.value(name), "std": fitted.std(name), "unit": parameter.unit}
-    return found
 
 
 def _calibration(fitted: Fit) -> list[dict[str, Any]]:

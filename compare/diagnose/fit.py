@@ -21,6 +21,7 @@ from rigtwin.lab.records import Array
 from rigtwin.sim.effects import Effect
 
 FAR = 3.0  # squared deviation per coordinate beyond which a model is no description
+NOTHING = 1e-120  # information on an unknown of which the data say nothing
 LEAST_SCATTER = 1e-3  # of a restitution or a rebound direction: smaller is not believed
 
 
@@ -68,6 +69,7 @@ class Fit:
     """Squared differences of the residuals from row to row over twice their squares: 1 for noise that is white."""
     leverage: float = 0.0
     """How many of the deviations the unknowns take up."""
+    jitter_std: float = math.nan  # [s]
 
     @property
     def per_row(self) -> float:
@@ -95,6 +97,7 @@ class _State:
     values: Array
     scatter: Array
     jitter: float
+    jitter_std: float = math.nan
 
 
 @dataclass
@@ -167,7 +170,7 @@ def fit(
         before = state.scatter.copy(), state.jitter
         _expect_scatter(bench, state, linear)
         if jittered:
-            state.jitter = _jitter(bench, linear, mask)
+            state.jitter, state.jitter_std = _jitter(bench, linear, mask)
         same = np.allclose(state.scatter, before[0], rtol=0.01) and math.isclose(state.jitter, before[1], rel_tol=0.01)
         linear = _linearise(bench, terms, unknowns, state, mask)
         if same:
@@ -212,7 +215,7 @@ def screen(bench: Bench, near: Fit, candidates: Sequence[Effect]) -> list[Fit]:
         tie = np.array([1 / u.sd**2 for u in unknowns])
         block = information[np.ix_(at, at)] + np.diag(tie)
         pull = scores[:, at].sum(0) + tie * (np.array([u.prior for u in unknowns]) - values)
-        scale = np.sqrt(np.maximum(np.diag(block), 1e-300))
+        scale = np.sqrt(np.maximum(np.diag(block), NOTHING))
         inverse = np.linalg.inv(block / np.outer(scale, scale) + 1e-12 * np.eye(len(at))) / np.outer(scale, scale)
         # a calibration quantity that is set free no longer pays for being far from what was stated
         lifted = sum(near.pulls.get(u.name, 0.0) ** 2 for u in unknowns if math.isinf(u.sd))
@@ -245,7 +248,7 @@ def _glance(bench: Bench, terms: Sequence[Effect], near: Fit) -> Fit:
     linear = _linearise(bench, terms, unknowns, state, mask)
     gain = 0.0
     if any(term.geometry == "jitter" for term in terms) and near.jitter == 0.0:
-        state.jitter = _jitter(bench, linear, mask)
+        state.jitter, state.jitter_std = _jitter(bench, linear, mask)
         sigma = _sigma(bench, linear.seen, state.jitter)
         off = (bench.rows - linear.seen.position) ** 2
         plain = bench.sigma[:, None] ** 2 + 0 * off
@@ -375,7 +378,7 @@ def _step(
     step = np.zeros(len(unknowns))
     if len(at):
         block = s[np.ix_(at, at)]
-        scale = np.sqrt(np.maximum(np.diag(block), 1e-300))
+        scale = np.sqrt(np.maximum(np.diag(block), NOTHING))
         block = block / np.outer(scale, scale) + (1e-12 + damping) * np.eye(len(at))
         step[at] = np.linalg.solve(block, g[at] / scale) / scale
     return ag - ab @ step, step
@@ -394,12 +397,13 @@ def _expect_scatter(bench: Bench, state: _State, linear: _Linear) -> None:
             state.scatter[h] = max(math.sqrt(square), LEAST_SCATTER)
 
 
-def _jitter(bench: Bench, linear: _Linear, mask: Any) -> float:
-    """[s], the timestamp jitter that makes the residuals along the path most likely.
+def _jitter(bench: Bench, linear: _Linear, mask: Any) -> tuple[float, float]:
+    """[s], the timestamp jitter that makes the residuals along the path most likely, and its standard deviation.
 
-    Differences from row to row: jitter differs from frame to frame, a misfit of the model hardly does.
+    Differences from row to row: jitter differs from frame to frame, a misfit of the model hardly does.  The noise of a
+    bead at rest is fitted along with it: what was found from the tracks themselves holds part of the jitter.
     """
-    from scipy.optimize import minimize_scalar
+    from scipy.optimize import minimize
 
     residual = bench.rows - linear.seen.position
     follows = mask[1:] & mask[:-1] & (np.abs(np.diff(bench.time)) < 3 * np.median(np.abs(np.diff(bench.time))))
@@ -407,11 +411,30 @@ def _jitter(bench: Bench, linear: _Linear, mask: Any) -> float:
     squared = linear.seen.speed**2
     speed, floor = (squared[1:] + squared[:-1])[follows] / 2, bench.sigma[1:][follows, None] ** 2
 
-    def badness(log_tau: float) -> float:
-        variance = floor + math.exp(2 * log_tau) * speed
+    def badness(logs: Array) -> float:
+        variance = math.exp(2 * logs[1]) * floor + math.exp(2 * logs[0]) * speed
         return float(np.sum(off / variance + np.log(variance)))
 
-    return math.exp(float(minimize_scalar(badness, bounds=(math.log(1e-7), math.log(0.05)), method="bounded").x))
+    limits = [(math.log(1e-7), math.log(0.05)), (math.log(0.3), math.log(1.05))]
+    starts = [(math.log(tau), 0.0) for tau in (1e-5, 1e-3)]
+    found = min(
+        (minimize(badness, start, method="L-BFGS-B", bounds=limits) for start in starts), key=lambda one: one.fun
+    )
+    h = 0.02
+    bend = np.array(
+        [
+            [
+                badness(found.x + h * (i + j)) - badness(found.x + h * (i - j)) - badness(found.x - h * (i - j))
+                + badness(found.x - h * (i + j))
+                for j in np.eye(2)
+            ]
+            for i in np.eye(2)
+        ]
+    ) / (8 * h * h)  # fmt: skip
+    # half of the badness is the log of the likelihood; neighbouring differences share a row
+    variance = np.linalg.pinv(bend)[0, 0] * 1.5
+    tau = math.exp(float(found.x[0]))
+    return tau, tau * math.sqrt(max(float(variance), 0.0))
 
 
 def _finished(
@@ -434,7 +457,7 @@ def _finished(
     covariance = np.zeros((len(unknowns), len(unknowns)))
     robust = np.zeros(len(unknowns))
     if len(at):
-        scale = np.sqrt(np.maximum(np.diag(information)[at], 1e-300))
+        scale = np.sqrt(np.maximum(np.diag(information)[at], NOTHING))
         block = information[np.ix_(at, at)] / np.outer(scale, scale) + 1e-12 * np.eye(len(at))
         inverse = np.linalg.inv(block) / np.outer(scale, scale)
         covariance[np.ix_(at, at)] = inverse
@@ -471,6 +494,7 @@ def _finished(
         linear.soft,
         _whiteness(linear.residual, getattr(bench, "bodies", 1)),
         leverage,
+        state.jitter_std,
     )
 
 

@@ -52,13 +52,15 @@ def closed(before: float | None, after: float | None, floor: float | None) -> fl
 def gap(bench: Regioned, lab: TrackedLab, base: Fit, best: Fit | None) -> Gap:
     """The gap of the baseline and of the best model, in sample and held out."""
     final = best or base
-    inside = Gap(_size(bench, base, final.scatter), _size(bench, final, final.scatter), _floor(bench, final))
+    level = _noise_level(bench, final)
+    floor = level * _floor(bench, final)
+    inside = Gap(_size(bench, base, final.scatter), _size(bench, final, final.scatter), floor)
     if best is None:
         return inside
     last = _last_repetitions(lab)
     if last:
         before, after, floor = _held_out(bench, last, base, best)
-        inside = replace(inside, held_out_before=before, held_out_after=after, held_out_noise_floor=floor)
+        inside = replace(inside, held_out_before=before, held_out_after=after, held_out_noise_floor=level * floor)
     one = _extreme_condition(lab)
     if one is not None:
         runs = np.flatnonzero(bench.condition == one).tolist()
@@ -67,7 +69,7 @@ def gap(bench: Regioned, lab: TrackedLab, base: Fit, best: Fit | None) -> Gap:
             inside,
             condition_before=before,
             condition_after=after,
-            condition_noise_floor=floor,
+            condition_noise_floor=level * floor,
             condition=lab.conditions[one].name,
         )
     return inside
@@ -139,6 +141,26 @@ def _size(bench: Bench, fitted: Fit, scatter: np.ndarray) -> float:
         spread = scatter[bench.scatter[inside]]
         total += float(np.sum((fitted.soft[inside] / spread) ** 2))
     return total / (fitted.residual.size + int(inside.sum()))
+
+
+def _noise_level(bench: Regioned, fitted: Fit) -> float:
+    """Variance of the residuals about what repetitions share, over that of the white noise; at least 1.
+
+    Correlated tracking errors and the picture's pixels are in the residuals of any model; what the repetitions of a
+    condition have in common in a region is not noise.
+    """
+    owner = bench.condition[np.repeat(np.arange(len(bench.spans)), [s.stop - s.start for s in bench.spans])]
+    cell = owner * len(bench.region_names) + bench.region
+    inside = bench.region >= 0
+    _, cell = np.unique(cell[inside], return_inverse=True)
+    counts = np.bincount(cell)
+    rest, taken = 0.0, 2 * len(counts)
+    for k in (0, 1):
+        residual = fitted.residual[inside, k]
+        means = np.bincount(cell, residual) / counts
+        rest += float(np.sum((residual - means[cell]) ** 2))
+    free = 2 * int(inside.sum()) - taken - fitted.leverage
+    return max(1.0, rest / free) if free > 0 else 1.0
 
 
 def _floor(bench: Bench, fitted: Fit) -> float:

@@ -13,7 +13,7 @@ from rigtwin.sim.effects import Effect
 
 ALARM = 16.0
 """Least gain in deviance for a first effect: what the best of twenty false ones gains once in 1000 labs."""
-SECOND = 16.0
+SECOND = 20.0
 """Least further gain for one more effect ..."""
 SECOND_SHARE, SECOND_MOST = 0.02, 1500.0
 """... and this share of what was gained before, up to a limit, where it could be what is left of the first: a strong
@@ -161,6 +161,24 @@ class _Search:
         self.done.update(result)
         return list(result.values())
 
+    def reduced(self, more: Candidate, best: Candidate) -> Candidate:
+        """The best of what is left of a set when one of its effects is taken out, fitted from where the set went.
+
+        A single effect whose fit had lost its way is found so.
+        """
+        rests = [best]
+        for term in more.terms:
+            left = tuple(one for one in more.terms if one is not term)
+            key = frozenset(one.name for one in left)
+            if key != frozenset(best.names):
+                fitted = fit(self.bench, left, near=more.fitted, most=25, rounds=2)
+                gain = (self.base.deviance - fitted.deviance) / self.spread
+                known = self.done.get(key)
+                if known is None or known.gain < gain or self._is_part(known.fitted):
+                    self.done[key] = Candidate(left, fitted, gain, _refused(fitted, left))
+                rests.append(self.done[key])
+        return _best(rests) or best
+
     def _to_the_end(self, one: Candidate) -> Candidate:
         if one.rough is not None and self.base.per_row > LOST:
             fitted = fit(self.bench, one.terms, start=_values(one.fitted), most=25, rounds=2)
@@ -195,7 +213,8 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
     if best.fitted.per_row > 1.3 or locate(bench, best.fitted).p < 1e-3:
         # one effect does not do: the first of the pair need not be the best single
         front = [one for one in _front(singles, 3) if one.score > RIVAL * best.score]
-    for count in range(2, MOST_TERMS + 1):
+    count = 2
+    while count <= MOST_TERMS:
         if count > 2 and locate(bench, best.fitted).p > 1e-3:
             break
         grown = []
@@ -205,13 +224,15 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
         grown = search.polish(grown)
         rounds.append(tuple(grown))
         more = _best(grown)
-        if (
-            more is None
-            or more.score - best.score < _price(best, more, rig)
-            or not _each_needed(more, search.done, rig)
-        ):
+        if more is None or more.score - best.score < _price(best, more, rig):
             break
-        best, front = more, _front(grown, 3)
+        fewer = search.reduced(more, best)
+        if fewer is not best and more.score - fewer.score < _price(fewer, more, rig):
+            best, front = fewer, [fewer]  # as good with one effect less: the set is grown from there again
+        elif _each_needed(more, search.done, rig):
+            best, front, count = more, _front(grown, 3), count + 1
+        else:
+            break
     done = search.done
     same_size = [one for one in done.values() if len(one.terms) == len(best.terms) and not one.reason]
     alike = _apart([one for one in same_size if best.score - one.score < ALIKE and one.groups != best.groups])

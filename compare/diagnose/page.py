@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rigtwin.compare.diagnose.diagnosis import Diagnosis, in_words, parameters
+from rigtwin.compare.diagnose.diagnosis import Diagnosis, in_words
+from rigtwin.compare.diagnose.doubt import parameters
 from rigtwin.compare.diagnose.fit import Fit
 from rigtwin.compare.diagnose.gap import closed
+from rigtwin.compare.diagnose.labs import TrackedLab
 from rigtwin.compare.filled import filled
 from rigtwin.lab.records import Array
 
@@ -39,7 +41,7 @@ def page(diagnosis: Diagnosis) -> str:
         beside=[_beside_row(one) for one in diagnosis.beside],
         where=in_words(diagnosis.location),
         regions=diagnosis.where[:12],
-        candidates=[_candidate_row(one) for one in _leading(diagnosis)],
+        candidates=[_candidate_row(diagnosis.lab, one) for one in _leading(diagnosis)],
         added=_added(diagnosis),
         gaps=_gaps(diagnosis),
         calibration=diagnosis.to_json()["calibration"],
@@ -60,8 +62,8 @@ def _leading(diagnosis: Diagnosis) -> list[Any]:
     return sorted([*singles, *more], key=lambda one: -one.gain)
 
 
-def _candidate_row(candidate: Any) -> dict[str, str]:
-    found = parameters(candidate.fitted, candidate.terms)
+def _candidate_row(lab: TrackedLab, candidate: Any) -> dict[str, str]:
+    found = parameters(lab, candidate.fitted, candidate.terms)
     return {
         "names": " + ".join(term.title for term in candidate.terms),
         "kind": ", ".join(dict.fromkeys(term.kind for term in candidate.terms)),
@@ -89,7 +91,7 @@ def _added(diagnosis: Diagnosis) -> list[dict[str, str]]:
 
 def _candidate_row_of(diagnosis: Diagnosis, term: Any) -> str:
     assert diagnosis.chosen is not None
-    found = parameters(diagnosis.chosen.fitted, (term,))
+    found = parameters(diagnosis.lab, diagnosis.chosen.fitted, (term,))
     return "; ".join(f"{n} = {p['value']:.4g} ± {p['std']:.2g} {p['unit']}" for n, p in found.items())
 
 

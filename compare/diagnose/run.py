@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rigtwin.compare import results
-from rigtwin.compare.diagnose.diagnosis import Diagnosis, diagnose, parameters
+from rigtwin.compare.diagnose.diagnosis import Diagnosis, diagnose
+from rigtwin.compare.diagnose.doubt import parameters
 from rigtwin.compare.diagnose.labs import read_tracked_lab
 from rigtwin.compare.diagnose.notebook import tracked_lab
 from rigtwin.compare.diagnose.page import page
@@ -81,6 +82,9 @@ def _named(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
     if diagnosis.chosen is None:
         return {}
     return {
-        term.name: {name: float(one["value"]) for name, one in parameters(diagnosis.chosen.fitted, (term,)).items()}
+        term.name: {
+            name: float(one["value"])
+            for name, one in parameters(diagnosis.lab, diagnosis.chosen.fitted, (term,)).items()
+        }
         for term in diagnosis.chosen.terms
     }

@@ -45,7 +45,7 @@ from rigtwin.sim.engine.columns import (
 from rigtwin.sim.engine.contact import CONSTANTS, LAW_SIZE, LIGHTNESS, NIMBLENESS, SIZES_OF_KIND, constants_of_two
 from rigtwin.sim.engine.neighbours import Neighbours
 from rigtwin.sim.engine.pairs import PACKET, Pairs
-from rigtwin.sim.engine.team import LATE_AT, LEFT_AT, PATIENCE, Team
+from rigtwin.sim.engine.team import LATE_AT, LEFT_AT, PATIENCE, WAITED, Team
 from rigtwin.sim.engine.terms import Terms, upwards
 from rigtwin.sim.engine.wall_contacts import KINDS, ROOM, THREADS, WallContacts
 
@@ -356,6 +356,7 @@ class Arena(Neighbours, Team):
                 self.tell(w)
                 waited += looks + self.wait(0, team, self.parts * done)
                 going = 1 - ti.max(self.anybody(LEFT_AT, team, done), self.anybody(LATE_AT, team, done))
+        self.desk[w, WAITED] = self.desk[w, WAITED] + waited
         if w == 0:
             self.counts[DONE] = done
             self.stale[0] = ti.max(strayed, self.anybody(LEFT_AT, team, done))
@@ -401,7 +402,9 @@ class Arena(Neighbours, Team):
         """First bead of a stretch; all have about as many pairs and beads."""
         beads, pairs = self.counts[BEADS], self.counts[PAIRS]
         low, high = 0, beads
-        share = float(pairs + beads) * w / team
+        share = float(pairs + beads) * self.shares[w]
+        if w == team:
+            share = float(pairs + beads)
         while low < high:
             middle = (low + high) // 2
             if self.first[live, middle] + middle < share:

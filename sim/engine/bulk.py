@@ -27,6 +27,8 @@ from rigtwin.sim.engine import columns as at
 from rigtwin.sim.engine.clock import UNSTABLE, positive
 from rigtwin.sim.engine.contact import IMPACT_SPEED, LAW_SIZE, ContactLaw, Mechanics, Rolling, pair_law
 from rigtwin.sim.engine.elements import Vector
+from rigtwin.sim.engine.neighbours import LARGE
+from rigtwin.sim.engine.team import Crew
 from rigtwin.sim.engine.terms import Active, Terms, terms_of
 from rigtwin.sim.engine.wall_contacts import KINDS, THREADS, UNTIL, WallTable, motion_of, motion_row, wall_table
 from rigtwin.sim.engine.walls import Motion, Shape, Wall, gaps
@@ -35,12 +37,11 @@ Array = npt.NDArray[np.float64]
 
 SMALLEST_ARENA = 1024  # beads; arenas come in steps of four, so that few kernels are ever compiled
 PAIRS_PER_BEAD, PAIRS_PER_PART = 5, 8  # half the neighbours of a bead, and of one in a clump, with room
+PAIRS_IN_LARGE = 4  # among very many single beads: a settled bed has 3.3 at the usual skin
 NEAR_PER_BEAD = 2  # walls, or parts of them, near a bead on average, with room
 NEAR_IN_LARGE = 1 / 8  # the same among very many beads, few of which are at a wall
 SKIN = 0.1  # of the largest diameter
 BEADS_PER_THREAD = 500  # fewer gain nothing from another thread
-ALONE_SECONDS = 0.2, 10.0  # on one thread after another had no core to itself: the first time, and the longest
-LEAST_SHARE, WATCHED_SECONDS = 0.6, 0.05  # part of its cores that a team must get, and how long it is looked at
 LAUNCH_SECONDS = 0.25  # kernels come back at least twice a second, so that progress and Ctrl-C work
 OVERLAP_AT_START = 1e-3  # of a radius; more is a blunder
 
@@ -135,10 +136,7 @@ class Bulk:
         self._open = open_domain
         running = backend.start()
         self.threads = running.threads if threads is None else threads
-        self._workers = min(running.threads, THREADS)
-        self._alone_until, self._alone_for = 0.0, ALONE_SECONDS[0]  # [s], on the clock of the machine
-        self._watched = np.zeros(2)  # [s], how long a team ran and how long it had its cores
-        self._compiled = False  # the first launch does that, on one core
+        self._crew = Crew(running.threads)
         self._on_gpu = running.device == "cuda"
         self._skin = skin * 2 * self._largest
         self._low, self._high = np.array(low, dtype=float), np.array(high, dtype=float)
@@ -522,26 +520,12 @@ class Bulk:
 
     def _run_team(self, steps: int, before: float) -> None:
         """Up to `steps` steps on as many threads as have cores to themselves."""
-        alone = time.perf_counter() < self._alone_until
-        most = 1 if alone else min(self.threads, self._workers, self._count(at.BEADS) // BEADS_PER_THREAD)
+        team = self._crew.gather(self._arena, min(self.threads, self._count(at.BEADS) // BEADS_PER_THREAD))
         began, used = time.perf_counter(), time.process_time()
-        self._arena.run_team(max(1, most), steps, before, self._alike, self._mechanics)
-        if most > 1 and self._compiled:
-            self._watched += time.perf_counter() - began, (time.process_time() - used) / most
-            self._judge_team()
-        self._compiled = True
-
-    def _judge_team(self) -> None:
-        """Should threads not have had their cores, go on with one, each time for longer."""
-        watched, used = self._watched
-        first, longest = ALONE_SECONDS
-        if self._count(at.LATE) or (watched > WATCHED_SECONDS and used < LEAST_SHARE * watched):
-            self._alone_until = time.perf_counter() + self._alone_for
-            self._alone_for = min(2 * self._alone_for, longest)
-            self._watched[:] = 0
-        elif watched > WATCHED_SECONDS:
-            self._alone_for = first
-            self._watched[:] = 0
+        self._arena.run_team(team, steps, before, self._alike, self._mechanics)
+        if team > 1:
+            took = time.perf_counter() - began
+            self._crew.watch(self._arena, team, took, time.process_time() - used, late=self._count(at.LATE) == 1)
 
     def _burst(self, length: int, before: float) -> None:
         """Some steps with a launch each, as a GPU needs it."""
@@ -552,7 +536,8 @@ class Bulk:
         self._arena.end_burst(length)
 
     def _pair_size(self, capacity: int) -> int:
-        return (PAIRS_PER_PART if self._rigid else PAIRS_PER_BEAD) * capacity
+        single = PAIRS_IN_LARGE if capacity > LARGE else PAIRS_PER_BEAD
+        return (PAIRS_PER_PART if self._rigid else single) * capacity
 
     @property
     def _alike(self) -> bool:
@@ -564,7 +549,8 @@ class Bulk:
         if status == at.OK:
             return
         if status in (at.PAIRS_FULL, at.NEAR_FULL):
-            more_pairs, more_near = (4, 1) if status == at.PAIRS_FULL else (1, 4)
+            more = 4 if self._arena.capacity < LARGE else 2
+            more_pairs, more_near = (more, 1) if status == at.PAIRS_FULL else (1, more)
             sizes = more_pairs * self._arena.pair_capacity, more_near * self._arena.walls.near_capacity
             self._grow(self._arena.capacity, *sizes)
             return

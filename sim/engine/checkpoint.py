@@ -29,17 +29,16 @@ State = dict[str, npt.NDArray[Any]]
 # it one day
 SCRATCH = frozenset(
     {
-        "spare",
         "cell_first",
         "cell_of",
         "order",
-        "fill",
         "spare_member",
         "body_new",
         "chosen",
         "packet",
         "desk",
         "gathering",
+        "shares",
     }
 ) | {
     f"walls.{name}"

@@ -33,7 +33,7 @@ from rigtwin.sim.engine.pairs import Pairs
 from rigtwin.sim.engine.wall_contacts import WallContacts
 
 CELLS_PER_BEAD = 16
-SPARE = 4  # columns of a bead that are renumbered at a time
+LARGE, CELLS_IN_LARGE = 200_000, 4  # beads, and cells per bead among so many: memory counts there
 
 
 class Neighbours(Pairs, RigidBodies):
@@ -43,16 +43,15 @@ class Neighbours(Pairs, RigidBodies):
     pair_capacity: int
     rigid: bool
     walls: WallContacts
+    given: ti.Field
     counts: ti.Field
     stale: ti.Field
 
     def make_cells(self, capacity: int) -> None:
-        self.cell_capacity = CELLS_PER_BEAD * capacity
-        self.spare = ti.Vector.field(SPARE, ti.f64, capacity)
+        self.cell_capacity = (CELLS_PER_BEAD if capacity < LARGE else CELLS_IN_LARGE) * capacity
         self.cell_first = ti.field(ti.i32, self.cell_capacity + 1)
         self.cell_of = ti.field(ti.i32, capacity)
         self.order = ti.field(ti.i32, capacity)  # new number -> old number
-        self.fill = ti.field(ti.i32, capacity + 1)
 
     @ti.func
     def sort_into_cells(self):
@@ -171,7 +170,7 @@ class Neighbours(Pairs, RigidBodies):
 
     @ti.func
     def renumber(self, kept):
-        """Bring all that beads have into the new order, a few columns at a time."""
+        """Bring all that beads have into the new order, a few columns at a time, by way of the idle `given`."""
         beads = self.counts[BEADS]
         if ti.static(self.rigid):
             self.keep_members(beads)
@@ -180,18 +179,21 @@ class Neighbours(Pairs, RigidBodies):
         ):
             for i in range(beads):
                 for c in ti.static(range(columns)):
-                    self.spare[i][c] = float(field[i][c])
+                    self.given[i][c] = float(field[i][c])
             for a in range(kept):
                 for c in ti.static(range(columns)):
-                    field[a][c] = ti.cast(self.spare[self.order[a]][c], field.dtype)
+                    field[a][c] = ti.cast(self.given[self.order[a]][c], field.dtype)
         for i in range(beads):
-            self.spare[i][0] = self.worst[i]
+            self.given[i][0] = self.worst[i]
         for a in range(kept):
-            self.worst[a] = self.spare[self.order[a]][0]
+            self.worst[a] = self.given[self.order[a]][0]
             for c in ti.static(range(3)):
                 self.listed_at[a][c] = self.place[a][c]
             if ti.static(self.rigid):
                 self.renumber_member(a, self.order[a])
+        for i in range(beads):
+            for c in ti.static(range(6)):
+                self.given[i][c] = 0.0
 
     @ti.func
     def list_walls(self, kept):
@@ -221,13 +223,13 @@ class Neighbours(Pairs, RigidBodies):
                 self.pointed_first[j + 1] = self.pointed_first[j + 1] + 1
         for i in range(kept):
             self.pointed_first[i + 1] = self.pointed_first[i + 1] + self.pointed_first[i]
-            self.fill[i] = self.pointed_first[i]
+            self.cell_of[i] = self.pointed_first[i]  # no bead's cell is asked for any more
         for p in range(self.counts[PAIRS]):
             j = self.partner[live, p]
-            self.place_of_force[p] = self.fill[j]
+            self.place_of_force[p] = self.cell_of[j]
             for c in ti.static(range(6)):
                 self.history[1 - live, p][c] = 0.0
-            self.fill[j] = self.fill[j] + 1
+            self.cell_of[j] = self.cell_of[j] + 1
 
     @ti.func
     def build(self, time):

@@ -28,7 +28,7 @@ from rigtwin.sim.engine.contact import (
 from rigtwin.sim.engine.terms import Terms
 
 PACKET = 128  # pairs; their columns fit the first cache
-STRIDE = PACKET + 8
+STRIDE = 2 * PACKET + 8  # a thread's packet lies so far from the next one's that none is fetched ahead into its cache
 PADDING = 40  # columns whose distance is a multiple of a page would push each other out of the cache
 LANES = 8  # packets are worked out in multiples of this: the loop then has no scalar rest
 
