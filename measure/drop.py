@@ -52,6 +52,7 @@ USUAL_RATES = (24, 25, 30, 48, 50, 60, 90, 100, 120, 200, 240, 250, 300, 400, 48
 ROLL_STATED_TO = math.radians(0.5)  # nobody reads a camera's lean better
 SCALE_DOUBT = 0.005  # relative, of a scale read off a rule in view
 MOST_SHAKE = 5.0  # [px], standard deviation, up to which a shaking camera only shifts its picture
+NEARER = 0.02  # relative growth of the bead's picture, up to which the fit's straight line corrects it
 RIM_DOUBT = 0.12  # [px], where the rim of a bead's image is taken to be
 
 
@@ -156,7 +157,7 @@ def _restitutions(bounces: Bounces, failed: dict[str, str]) -> list[Quantity]:
         found.append(_quantity("restitution_wall", by_height, "1", "height", detail, height_doubt))
         found.append(_quantity("restitution_wall", by_speed, "1", "velocity", detail, speed_doubt))
         if k > 1:
-            found.append(_quantity("restitution_wall", bounces.read(_time_ratio(k)), "1", "time", detail, doubt))
+            found.append(_quantity("restitution_wall", bounces.read(_time_ratio(k)), "1", "time", detail, height_doubt))
     return found
 
 
@@ -281,7 +282,10 @@ def _plane_check(track: Track, bounces: Bounces) -> Check:
     drift = float(np.max(np.abs(levels[: bounces.count] - levels[0]))) / reach if bounces.count > 1 else 0.0
     swell = float(np.max(np.abs(growth)))
     value = max(sideways, drift, swell)
-    passed = sideways < 0.15 and drift < 0.12 and swell < 0.12
+    first = 4 + 2 * bounces.count
+    doubt = np.sqrt(np.diag(bounces.covariance)[first : first + len(growth)])
+    surely = float(np.max(np.abs(growth) - 2 * doubt))
+    passed = sideways < 0.15 and drift < 0.12 and swell < 0.12 and surely < NEARER
     message = (
         f"sideways speed is {100 * sideways:.1f} % of the impact speed, the plate's level drifts by "
         f"{100 * drift:.1f} % of the first rebound, the scale along the path by {100 * swell:.1f} %"
