@@ -52,6 +52,7 @@ USUAL_RATES = (24, 25, 30, 48, 50, 60, 90, 100, 120, 200, 240, 250, 300, 400, 48
 ROLL_STATED_TO = math.radians(0.5)  # nobody reads a camera's lean better
 SCALE_DOUBT = 0.005  # relative, of a scale read off a rule in view
 MOST_SHAKE = 5.0  # [px], standard deviation, up to which a shaking camera only shifts its picture
+NEARER = 0.02  # relative growth of the bead's picture, up to which the fit's straight line corrects it
 RIM_DOUBT = 0.12  # [px], where the rim of a bead's image is taken to be
 
 
@@ -90,8 +91,8 @@ def _rate(track: Track) -> float:
     return 1 / float(np.nanmedian(np.diff(track.time))) if len(track.time) > 1 else math.nan
 
 
-def _bounces(track: Track, drag: AirDrag, name: str, *, in_metres: bool = False) -> Bounces:
-    record = Heights(track.time, track.position[:, 1], track.sigma)
+def _bounces(track: Track, drag: AirDrag, name: str, *, width: Array | None = None, in_metres: bool = False) -> Bounces:
+    record = Heights(track.time, track.position[:, 1], track.sigma, width)
     fitted = _fit(record, drag) if len(record.time) > 12 else None
     if fitted is None:
         raise NothingToMeasure(f"{name}: {_why_no_bounce(record)}")
@@ -156,7 +157,7 @@ def _restitutions(bounces: Bounces, failed: dict[str, str]) -> list[Quantity]:
         found.append(_quantity("restitution_wall", by_height, "1", "height", detail, height_doubt))
         found.append(_quantity("restitution_wall", by_speed, "1", "velocity", detail, speed_doubt))
         if k > 1:
-            found.append(_quantity("restitution_wall", bounces.read(_time_ratio(k)), "1", "time", detail, doubt))
+            found.append(_quantity("restitution_wall", bounces.read(_time_ratio(k)), "1", "time", detail, height_doubt))
     return found
 
 
@@ -281,7 +282,10 @@ def _plane_check(track: Track, bounces: Bounces) -> Check:
     drift = float(np.max(np.abs(levels[: bounces.count] - levels[0]))) / reach if bounces.count > 1 else 0.0
     swell = float(np.max(np.abs(growth)))
     value = max(sideways, drift, swell)
-    passed = sideways < 0.15 and drift < 0.12 and swell < 0.12
+    first = 4 + 2 * bounces.count
+    doubt = np.sqrt(np.diag(bounces.covariance)[first : first + len(growth)])
+    surely = float(np.max(np.abs(growth) - 2 * doubt))
+    passed = sideways < 0.15 and drift < 0.12 and swell < 0.12 and surely < NEARER
     message = (
         f"sideways speed is {100 * sideways:.1f} % of the impact speed, the plate's level drifts by "
         f"{100 * drift:.1f} % of the first rebound, the scale along the path by {100 * swell:.1f} %"
@@ -304,7 +308,9 @@ def _timing_check(track: Track, bounces: Bounces, repeats: int) -> Check:
     again = int(np.sum(inside & still))
     whole = max(float(np.sum(inside)), 1.0)
     passed = again == 0 and repeats == 0 and missing < 0.3 * whole
-    message = f"{int(missing)} of {int(whole + missing)} frames of the flights are missing, {again} are repeated"
+    message = (
+        f"{int(missing)} of {int(whole + missing)} frames of the flights are without the bead, {again} are repeated"
+    )
     if repeats:
         message = f"doubled frames: {repeats} of {repeats + len(time)} repeat the one before and were left out"
     ending = "." if passed else ": film with a fixed frame rate, or use the camera's original file."
@@ -346,10 +352,11 @@ def measure(
         return _measure_record(clip, drag, out)
     video = open_video(clip, camera)
     seen, pixels, repeats = _find_bead(video, camera, drag, bead_diameter, progress)
-    fitted = _bounces(pixels, drag, str(clip))
+    width = _widths(seen)
+    fitted = _bounces(pixels, drag, str(clip), width=width)
     gauge = _gauge(pixels, fitted, seen, camera, bead_diameter)
     track = _to_metres(pixels, fitted, gauge)
-    bounces = _bounces(track, drag, str(clip), in_metres=True)
+    bounces = _bounces(track, drag, str(clip), width=width, in_metres=True)
     evaluation = _evaluation(track, bounces, scale_doubt=gauge.doubt, rate=video.frame_rate, repeats=len(repeats))
     checks = _with_gravity_told(evaluation.checks, gauge) + _view_checks(video, seen, fitted, repeats)
     if camera.roll is not None:
@@ -422,7 +429,8 @@ def _find_bead(
     ranked = sorted(paths, key=lambda path: -_likeness(path, size))
     joined = _join_flights(ranked, size)
     ranked = ranked if joined is None else [joined, *ranked]
-    likely = [path for path in ranked[:3] if _likeness(path, size) > 0.02 * _likeness(ranked[0], size) > 0]
+    best_likeness = max((_likeness(path, size) for path in ranked), default=0.0)
+    likely = [path for path in ranked[:3] if _likeness(path, size) > 0.02 * best_likeness]
     if not likely and camera.region is not None:
         region = ",".join(f"{side:g}" for side in camera.region)
         raise NothingToMeasure(
@@ -440,7 +448,7 @@ def _find_bead(
         pixels = _pixel_track(seen)
         if len(pixels.time) > 8 and best is None:
             best = seen, pixels
-        fitted = _fit(Heights(pixels.time, pixels.position[:, 1], pixels.sigma), drag)
+        fitted = _fit(Heights(pixels.time, pixels.position[:, 1], pixels.sigma, _widths(seen)), drag)
         if fitted is not None:
             expected = _expected(seen, pixels, fitted, video)
             better = look_again(seen, {index: at for index, at in expected.items() if index not in moves.repeated})
@@ -544,6 +552,14 @@ def _pixel_track(seen: Chase) -> Track:
         position=np.array([(sighting.image.x, -sighting.image.y) for sighting in seen.sightings]).reshape(-1, 2),
         sigma=doubted * np.array([sighting.image.sigma for sighting in seen.sightings]),
     )
+
+
+def _widths(seen: Chase) -> Array:
+    """[px], the bead's radius in every sighting; NaN where a smear as long as the bead hides it."""
+    radii = [
+        each.image.radius if math.hypot(*each.image.blur) < each.image.radius else math.nan for each in seen.sightings
+    ]
+    return np.array(radii)
 
 
 def _beside_a_gap(frames: npt.NDArray[np.intp], path: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:

@@ -34,8 +34,10 @@ AIR_VISCOSITY = 1.81e-5  # [Pa s]
 PERSPECTIVE = 0.02  # relative change of scale over the drop height: a camera at 2.5 drop heights pitched by 3 degrees
 LENS = 0.01  # the same, quadratic: 1 % of barrel at the picture's edge
 DRIFT = 0.04  # the plate's level, as a fraction of a flight's height: a bead that leaves the plane by 2 degrees
+WIDTH_DOUBT = 0.05  # [px], by which a radius looks changed through light and blur alone
 DWELL = 5e-4  # [s], duration of the contact
 DRAG = 0.10  # relative: sphere's drag coefficient for a bead with a hole or a seam
+DRAG_HELD = 0.05  # relative: what the fit may change of it, as a track's slow errors look much like drag
 FREE_DRAG = 0.3  # [1/m], drag per mass where the bead is unknown: a wooden bead of 6 mm has 0.2
 
 
@@ -130,6 +132,7 @@ class Heights:
     time: Array  # [s], shape (n,)
     height: Array  # up, shape (n,)
     sigma: Array  # one standard deviation, shape (n,); only its course matters, its size is fitted
+    width: Array | None = None  # radius [px] of the bead's picture, shape (n,), NaN where it does not show
 
 
 @dataclass(frozen=True)
@@ -193,6 +196,10 @@ class Bounces:
             parts[cause] = math.sqrt(max(before - after, 0.0))
             before = after
         parts["tracking"] = math.sqrt(max(before, 0.0))
+        if self.model.drag.known:
+            # how the reading would follow another drag, the other parameters fitted anew
+            follows = float(gradient @ self.covariance[:, -1]) / float(self.covariance[-1, -1])
+            parts["air drag"] = abs(follows) * DRAG
         return value, parts
 
 
@@ -446,7 +453,7 @@ def _first_guess(
     between = np.diff(time[contacts])
     metres[1 : 1 + len(between)] = GRAVITY * between**2 / 8
     model = _Model(len(contacts), drag, float(min(stop, time[-1])), float(metres[0]))
-    strength, doubt = (1.0, DRAG) if drag.known else (0.0, FREE_DRAG)
+    strength, doubt = (1.0, DRAG_HELD) if drag.known else (0.0, FREE_DRAG)
     n = model.count
     to_fall = _fall(drag, strength, 4 * float(metres[0])).fall.time_to(metres[:1])
     release = float(time[contacts[0]] - to_fall[0])
@@ -480,6 +487,30 @@ def _in_flight(record: Heights, model: _Model, p: Array, step: float, noise: flo
     return np.asarray(inside)
 
 
+def _widening(record: Heights, contacts: Array, used: Mask) -> tuple[Array, Array]:
+    """By how much wider than in the fall the bead looks in each later flight, relative, and how surely.
+
+    A bead that comes nearer is seen larger, and so is its bounce.
+    """
+    count = len(contacts) - 1
+    wider, doubt = np.zeros(count), np.full(count, np.inf)
+    if record.width is None:
+        return wider, doubt
+    flight = np.searchsorted(contacts[:count], record.time)
+    usual, scatter = math.nan, math.inf
+    for k in range(count + 1):
+        widths = record.width[used & (flight == k) & np.isfinite(record.width)]
+        if len(widths) < 4:
+            continue
+        middle = float(np.median(widths))
+        error = math.hypot(1.4826 * float(np.median(np.abs(widths - middle))) / math.sqrt(len(widths)), WIDTH_DOUBT)
+        if k == 0:
+            usual, scatter = middle, error
+        elif math.isfinite(usual):
+            wider[k - 1], doubt[k - 1] = middle / usual - 1, math.hypot(error, scatter) / usual
+    return wider, doubt
+
+
 def _solve(
     record: Heights,
     model: _Model,
@@ -499,7 +530,10 @@ def _solve(
     size = math.exp(centre[0])
     drift = DRIFT * flights * size
     open_end = model.end < model.contacts(start)[-1] - 1e-3
-    swelling = DRIFT * 1.3 * flights / model.top
+    wider, doubt = _widening(record, model.contacts(start), used)
+    # a bead thrown aside keeps that speed: its way goes with a flight's time, the root of its height
+    as_thrown = np.where(np.isfinite(doubt), np.sqrt(flights * flights[0]), flights)
+    swelling = DRIFT * 1.3 * as_thrown / model.top
 
     def misfit(p: Array) -> Array:
         curve = model.curve(p, time)
@@ -513,7 +547,9 @@ def _solve(
             # no next contact shows the level: the bead most likely drifts on as before, but a bounce may turn it
             before = float(steps[-2]) * flights[-1] ** 0.5 / flights[-2] ** 0.5 if n > 1 else 0.0
             off[-1] = (steps[-1] - before) / (0.5 * drift[-1] + 0.5 * abs(before))
-        return np.concatenate([(y - curve) / sigma, priors, off, np.diff([0.0, *growth]) / swelling])
+        swell = np.concatenate([[0.0], growth])
+        widths = ((swell[1:] + swell[:-1]) / 2 - wider) / doubt
+        return np.concatenate([(y - curve) / sigma, priors, off, np.diff(swell) / swelling, widths])
 
     lower, upper = np.full(len(start), -np.inf), np.full(len(start), np.inf)
     lower[2 : 3 + n] = 1e-6

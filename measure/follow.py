@@ -43,6 +43,7 @@ Box = tuple[int, int, int, int]
 Where = Callable[[int], tuple[tuple[float, float], tuple[float, float]]]
 """Centre [px] and motion [px/frame] of a bead by frame number."""
 
+MOST_COMPRESSED = 2.0  # [grey levels], scatter that compression makes; a larger one is taken for things that move
 REST = 25  # frames of a bead at rest that are worth a look before and after it moves
 
 
@@ -196,7 +197,7 @@ def moving_spots(seen: Picture, scene: Scene, region: Region | None, *, most: in
     """Spots of a frame laid over the scene that stand out of the noise, the strongest first."""
     difference = np.abs(cv2.blur(seen - scene.picture, (3, 3)))
     # compression and demosaicing tie neighbouring pixels together: learn from the frame what averaging leaves of noise
-    left = float(np.median((difference / scene.noise)[::3, ::3])) / 0.6745
+    left = _noise_left((difference / scene.noise)[::3, ::3], scene)
     mask = _outstanding(difference, scene.noise, left)
     if region is not None:
         mask &= _inside(region, mask.shape)
@@ -305,7 +306,19 @@ class _Search:
         for row in self._strips.tolist():
             strip = pose.seen(grey, (0, row, width, row + 3)) - scene.picture[row : row + 3]
             ratios.append(np.abs(cv2.blur(strip, (3, 3)))[1, ::3] / scene.noise[row + 1, ::3])
-        return float(np.median(ratios)) / 0.6745
+        return _noise_left(np.array(ratios), scene)
+
+
+def _noise_left(ratios: npt.NDArray[np.floating], scene: Scene) -> float:
+    """Scatter of differences over noise, what moves left out: of all, or, where most stand still, of the widest.
+
+    Hard compression repeats most of a picture and changes the rest by several grey levels.
+    """
+    flat = np.abs(ratios).ravel()
+    middle, far = round(0.5 * (len(flat) - 1)), round(0.95 * (len(flat) - 1))
+    ordered = np.partition(flat, (middle, far))
+    widest = min(float(ordered[far]) / 1.96, MOST_COMPRESSED / float(np.median(scene.noise[::8, ::8])))
+    return max(float(ordered[middle]) / 0.6745, widest)
 
 
 def _boxes_apart(mask: Grey) -> list[Box]:

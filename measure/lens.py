@@ -11,20 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.camera import Lens
-from rigtwin.lab.errors import BadInput
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
 
 
 def straight(picture: Image, lens: Lens) -> Image:
-    """A picture, grey or colour, as seen squarely; what lies beyond its border is the border's brightness."""
-    height, width = picture.shape[:2]
-    if (width, height) != lens.size:
-        raise BadInput(
-            f"the board was photographed with {lens.size[0]} x {lens.size[1]} px, this picture has {width} x {height}; "
-            "photograph the board with the same camera, lens and resolution."
-        )
+    """A picture of the lens's size, grey or colour, as seen squarely; beyond its border it is as bright as there."""
     across, down = _maps(lens)
     return np.asarray(
         cv2.remap(picture, across, down, interpolation=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE), np.uint8

@@ -6,6 +6,7 @@ it is used; where the file's own time stamps cannot be trusted (B-frames in AVI)
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -85,7 +86,10 @@ class Video:
         if FEWEST_KEYS <= len(keys) < count:
             # a scene is learnt from many pictures: add those that come a while after the key pictures
             keys = sorted({*keys, *(key + BEHIND_KEY for key in keys)} & set(there))
-        chosen = keys if quickly and len(keys) >= 2 * FEWEST_KEYS else there
+        # a film cut at scene changes may have most of its key pictures in one place
+        widest = max(np.diff([self.first, *keys, self.last])) if keys else math.inf
+        even = widest <= 2 * (self.last - self.first) / FEWEST_KEYS
+        chosen = keys if quickly and even and len(keys) >= 2 * FEWEST_KEYS else there
         places = np.linspace(0, len(chosen) - 1, min(count, len(chosen))).round().astype(int)
         return {chosen[k] for k in places}
 
@@ -109,6 +113,7 @@ def open_video(path: Path, camera: Camera) -> Video:
     _must_exist(path, "video")
     film = sources.source(path)
     if camera.lens is not None:
+        _must_fit(path, film.shape, camera.lens)
         film = sources.Straight(film, camera.lens)
     stamps, stated, (height, width), warnings = film.stamps, film.rate, film.shape, list(film.notes)
     if len(stamps) < 3:
@@ -151,7 +156,10 @@ def read_photo(path: Path, lens: Lens | None = None) -> Image:
     # decode from memory: imread reports a broken file on stderr by itself, and once more to us as None
     image = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_COLOR)
     photo = _phone_photo(path) if image is None else np.asarray(image, dtype=np.uint8)
-    return photo if lens is None else straight(photo, lens)
+    if lens is None:
+        return photo
+    _must_fit(path, photo.shape, lens)
+    return straight(photo, lens)
 
 
 def _phone_photo(path: Path) -> Image:
@@ -167,6 +175,15 @@ def _phone_photo(path: Path) -> Image:
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError):
         raise UnreadableMedia(f"{path}: cannot be decoded as a photo; give a JPEG, PNG, TIFF or HEIC file.") from None
     return np.ascontiguousarray(np.asarray(upright)[..., ::-1])
+
+
+def _must_fit(path: Path, shape: tuple[int, ...], lens: Lens) -> None:
+    height, width = shape[:2]
+    if (width, height) != lens.size:
+        raise BadInput(
+            f"{path}: has {width} x {height} px, the board was photographed with {lens.size[0]} x {lens.size[1]} px; "
+            "photograph the board with the same camera, lens and resolution."
+        )
 
 
 def _must_exist(path: Path, kind: str) -> None:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rigtwin.measure.bead import Background, Look, fit_bead, locate
+from rigtwin.measure.bead import Background, Look, fit_bead, locate, stands_still
 
 SIZE = 72
 FINE = 6  # drawn on a grid this much finer, then averaged
@@ -141,6 +141,23 @@ def test_shake_of_the_camera_is_measured():
     moved = cv2.warpAffine(wide, turn, (240, 240), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
     view = background.scene().view(np.clip(moved, 0, 255).astype(np.uint8))
     assert view.shake == pytest.approx((1.37, -0.62), abs=0.03)
+
+
+@pytest.mark.parametrize("sway", [0.0, 0.4])
+def test_a_camera_that_stands_still_is_told_from_one_that_sways(sway):
+    """Of a wall with hardly any texture the shake of single frames is mostly their noise."""
+    rng = np.random.default_rng(7)
+    wall = 120 + 3 * cv2.GaussianBlur(rng.normal(0, 30, (240, 240)), (0, 0), 3)
+    background, poses = Background(), []
+    for index in range(9):
+        background.add(index, np.clip(np.round(wall + rng.normal(0, 1, wall.shape)), 0, 255).astype(np.uint8))
+    scene = background.scene()
+    for index in range(30):
+        turn = np.array([[1, 0, sway * np.sin(index)], [0, 1, 0]], dtype=np.float32)
+        moved = cv2.warpAffine(wall, turn, (240, 240), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+        noisy = np.clip(np.round(moved + rng.normal(0, 1, wall.shape)), 0, 255).astype(np.uint8)
+        poses.append(scene.pose(noisy))
+    assert stands_still(poses) == (sway == 0.0)
 
 
 def test_a_flickering_lamp_is_levelled_although_black_is_not_zero():
