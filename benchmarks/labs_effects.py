@@ -236,7 +236,6 @@ LISTED = (
         "lever_arm",  # [m]
         _by_rig(roll=(5e-5, 1e-4, 2.7e-4)),
         "rolling friction in inverse proportion to the diameter",
-        unseen=True,
     ),
     Effect(
         "off_centre_impact",

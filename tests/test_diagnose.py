@@ -21,8 +21,9 @@ from rigtwin.compare.diagnose.run import diagnose_folder, model_of
 from rigtwin.compare.diagnose.sift import sifted
 from rigtwin.compare.diagnose.slopes import slopes
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.model import read_model, write_model
+from rigtwin.lab.model import Model, read_model, write_model
 from rigtwin.sim.effects import library, named, own_effect
+from rigtwin.sim.effects.forms import nameless
 
 G = 9.81
 CAMERA = {
@@ -116,17 +117,25 @@ def write_pendulums(folder, seed, *, dry=0.0, repetitions=3):
     return write_lab(folder, "pendulum", conditions, {"length_uncertainty_m": 5e-4})
 
 
-def write_rolls(folder, seed, *, slope=0.0):
-    """Level pushes and one incline; mu_r + slope v, closed by SciPy."""
+def write_rolls(folder, seed, *, slope=0.0, lever=0.0, sizes=(1.0,)):
+    """Level pushes and one incline; mu_r + slope v, or lever / R, closed by SciPy."""
     rng = np.random.default_rng(seed)
     conditions = []
-    radius = BEADS["heavy"]["diameter_m"] / 2
-    for angle, push in ((8.0, 0.0), (0.0, 0.3), (0.0, 0.6)):
-        name = f"heavy_{angle:g}_{push:g}"
+    heavy = BEADS["heavy"]
+    beads = {
+        "heavy" if size == 1 else f"heavy{size:g}": {
+            "material": "glass", "diameter_m": size * heavy["diameter_m"], "mass_g": size**3 * heavy["mass_g"]
+        }
+        for size in sizes
+    }  # fmt: skip
+    settings = [(bead, angle, push) for bead in beads for angle, push in ((8.0, 0.0), (0.0, 0.3), (0.0, 0.6))]
+    for bead, angle, push in settings:
+        radius = beads[bead]["diameter_m"] / 2
+        name = f"{bead}_{angle:g}_{push:g}"
         (folder / name).mkdir(parents=True)
         tilt = math.radians(angle)
         for number in range(1, 5):
-            mu = 0.03 + rng.normal(0, 3e-4)
+            mu = (lever / radius if lever else 0.03) * (1 + rng.normal(0, 0.01))
 
             def motion(_t, s, mu=mu, tilt=tilt):
                 rolling = mu + slope * s[1]
@@ -144,14 +153,14 @@ def write_rolls(folder, seed, *, slope=0.0):
         conditions.append(
             {
                 "name": name,
-                "bead": "heavy",
+                "bead": bead,
                 "wall": "glass",
                 "incline_angle_deg": angle,
                 **({"push_speed_m_s": push} if push else {}),
                 "repetitions": 4,
             }
         )
-    return write_lab(folder, "roll", conditions, {"incline_angle_uncertainty_deg": 0.05})
+    return write_lab(folder, "roll", conditions, {"incline_angle_uncertainty_deg": 0.05}, beads)
 
 
 def write_track(path, time, place):
@@ -159,9 +168,9 @@ def write_track(path, time, place):
     path.write_text("time_s,x_m,y_m\n" + "\n".join(rows) + "\n")
 
 
-def write_lab(folder, rig, conditions, geometry):
+def write_lab(folder, rig, conditions, geometry, beads=None):
     document = {
-        "case": folder.name, "rig": rig, "gravity_m_s2": G, "camera": CAMERA, "particles": BEADS,
+        "case": folder.name, "rig": rig, "gravity_m_s2": G, "camera": CAMERA, "particles": beads or BEADS,
         "conditions": conditions, "rig_geometry": geometry,
     }  # fmt: skip
     (folder / "lab.json").write_text(json.dumps(document))
@@ -371,6 +380,16 @@ def test_rolling_friction_that_grows_with_speed_is_named(tmp_path):
     assert document["effects"][0]["effect"] == "rolling_speed"
 
 
+def test_rolling_friction_of_three_sizes_that_goes_with_one_over_d_is_a_lever_arm(tmp_path):
+    lab = read_tracked_lab(write_rolls(tmp_path, 5, lever=1e-4, sizes=(0.7, 1.0, 2.0)))
+    found = diagnose(lab, listed=[named(name) for name in ("rolling_lever", "rolling_speed", "air_drag")])
+    effect = found.to_json()["effects"][0]
+    assert effect["effect"] == "rolling_lever"
+    lever = effect["parameters"]["lever"]
+    assert lever["value"] == pytest.approx(1e-4, abs=3 * lever["std"])
+    assert lever["std"] < 3e-6
+
+
 def test_one_diagnosis_is_like_the_next(tmp_path):
     lab = read_tracked_lab(write_drops(tmp_path / "lab", 17, beads=("heavy",), repetitions=3))
     first, second = fit(DropBench(lab)), fit(DropBench(lab))
@@ -545,3 +564,33 @@ def test_a_jump_of_the_track_high_above_the_plate_is_no_impact(tmp_path):
     change_rows(folder / "heavy_600" / "rep01.csv", kicked)
     after = DropBench(read_tracked_lab(folder)).events
     assert [len(one) for one in after] == [len(one) for one in plain]
+
+
+def test_rebounds_that_scatter_more_than_a_spheres_are_an_odd_shape_and_those_of_a_sphere_are_not(tmp_path):
+    wild, calm = (write_drops(tmp_path / name, 8, beads=("heavy",), repetitions=4) for name in ("wild", "calm"))
+    bench = DropBench(read_tracked_lab(calm))
+    shape = named("odd_shape")
+    base, freed = fit(bench), fit(bench, (shape,))
+    assert freed.deviance == pytest.approx(base.deviance, abs=0.5)
+    rng = np.random.default_rng(9)
+    for file in sorted(wild.glob("*/rep*.csv")):
+        rows = read_tracked_lab(wild).conditions[0].repetitions[0][0]
+        events = impacts(rows.time, rows.position[:, 1], 1e-4)
+
+        def thrown(rows, events=events):
+            for event in events:  # sideways from there on, by a tenth of the speed of such an impact
+                rows[:, 1] += rng.normal(0, 0.1) * 1.4 * np.maximum(rows[:, 0] - event, 0.0)
+            return rows
+
+        change_rows(file, thrown)
+    bench = DropBench(read_tracked_lab(wild))
+    assert fit(bench, (shape,)).deviance < fit(bench).deviance - 30
+
+
+def test_the_formulas_of_a_model_file_are_read_back_and_found_by_their_names(tmp_path):
+    for rig in ("drop", "double"):
+        for term in nameless(rig):
+            assert named(term.name).equation == term.equation
+    effects = {"form:v|v|": {"c": -0.3}, "form:e~1/v": {"c": 0.01}}
+    write_model(tmp_path / "model.toml", Model({}, {}, {}, effects))
+    assert read_model(tmp_path / "model.toml").effects == effects

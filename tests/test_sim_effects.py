@@ -278,3 +278,19 @@ def test_a_slow_bead_stays_stuck():
     bed.add(np.array([[0, 0, SOFT.radius + 1e-6]]), np.array([[0, 0, -0.01]]))
     bed.run(50_000)
     assert abs(bed.beads().position[0, 2] - SOFT.radius) < 1e-5
+
+
+def test_a_formula_found_in_residuals_acts_in_the_engine_as_the_effect_that_it_describes():
+    # a drag of k v|v| per mass falls as the closed form says; the others are compiled along and switched off
+    k = 0.3
+    effects = [active("form:v|v|", c=-k), active("form:near_20mm", c=0.0), active("form:e~bump", c=0.0)]
+    times = np.linspace(0.05, 0.8, 10)
+    motion = run([Body(BALL, (0, 0, 10))], times, effects=effects)
+    fallen = np.log(np.cosh(math.sqrt(k * G) * times)) / k
+    assert 10 - motion.position[:, 0, 2] == pytest.approx(fallen, rel=1e-6)
+
+
+@pytest.mark.parametrize(("name", "says"), [("form:place", "no twin carries"), ("form:wish", "no formula")])
+def test_a_formula_that_no_twin_carries_is_refused(name, says):
+    with pytest.raises(BadInput, match=says):
+        active(name)

@@ -415,6 +415,18 @@ def test_a_floor_that_is_taken_away_lets_its_bead_fall():
     assert bed.beads().position[0, 2] == pytest.approx(lying()[2] - G * fell**2 / 2, abs=2e-5)
 
 
+def test_a_wall_that_goes_too_far_in_a_step_is_refused():
+    fast = Motion(velocity=(0, 0, 0.3 * D6.radius / STEP))
+    with pytest.raises(BadInput, match=r"wall 1 moves by up to 0\.9 mm in a step of .* s, more than 0\.2 radii"):
+        bench(Plane((0, 0, 0), (0, 0, 1)), moving(Plane((0, 0, 0.15), (0, 0, -1)), fast))
+    bed = bench(Plane((0, 0, 0), (0, 0, 1)))
+    with pytest.raises(BadInput, match=r"wall 0 moves by up to 0\.9 mm"):
+        bed.move_wall(0, fast)
+    bed.add([lying()])
+    bed.run(10)  # it stays as it was
+    assert bed.beads().position[0] == pytest.approx(lying(), abs=1e-5)
+
+
 def test_walls_may_be_set_moving_and_taken_away_while_a_run_goes_on():
     def shelf() -> Bulk:
         bed = bench(Plate((-0.02, -0.02, 0), (0.04, 0, 0), (0, 0.04, 0)))

@@ -11,6 +11,7 @@ from rigtwin.compare.diagnose.labs import TrackedLab
 from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array, Track
 from rigtwin.sim.effects import Effect, named
+from rigtwin.sim.effects.effect import WIDENING
 
 CALIBRATED = ("frame_rate_error", "scale_error", "camera_roll")
 
@@ -45,7 +46,7 @@ def camera_unknowns(lab: TrackedLab, terms: Sequence[Effect], more: Mapping[str,
             )
         )
     for term in terms:
-        if term.name in stated or term.geometry == "jitter":
+        if term.name in stated or term.geometry in WIDENING:
             continue
         for parameter in term.parameters:
             unknowns.append(

@@ -20,6 +20,7 @@ from rigtwin.compare.diagnose.locate import Regioned
 from rigtwin.compare.diagnose.slopes import slopes
 from rigtwin.compare.diagnose.subset import subset
 from rigtwin.lab.records import Array
+from rigtwin.sim.effects.effect import WIDENING
 
 REPETITIONS = 5
 START = 0.03  # [s], of the motion in the simulated record
@@ -59,7 +60,7 @@ class Design:
 
 def designs(bench: Regioned, rivals: Sequence[Fit]) -> list[Design]:
     """All settings of the rig, the most telling first.  Rivals that widen the noise alone cannot be compared so."""
-    rivals = [one for one in rivals if not any(term.geometry == "jitter" for term in one.terms)]
+    rivals = [one for one in rivals if not any(term.geometry in WIDENING for term in one.terms)]
     if len(rivals) < 2:
         return []
     found = []
@@ -180,7 +181,9 @@ def _duration(place: Any, setting: Setting, rig: str) -> float:
         fall = math.sqrt(2 * max(float(place.local_prior[0, 2] - place.radius[0]), 1e-3) / place.lab.gravity)
         return START + 3.0 * fall
     if rig == "roll" and float(place.push[0]) == 0.0:
-        return START + math.sqrt(2 * 0.4 / max(0.7 * 9.81 * (math.sin(float(place.slope[0])) - 0.02), 0.02))
+        return START + math.sqrt(
+            2 * 0.4 / max(0.7 * place.lab.gravity * (math.sin(float(place.slope[0])) - 0.02), 0.02)
+        )
     if rig == "slide":
         return min(setting.longer * float(np.ptp(place.time)), LONGEST)
     return min(setting.longer * float(np.ptp(place.time)), LONGEST)

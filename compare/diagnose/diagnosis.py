@@ -18,18 +18,19 @@ from rigtwin.compare.diagnose.double import DoubleBench
 from rigtwin.compare.diagnose.doubt import parameters
 from rigtwin.compare.diagnose.drop import DropBench
 from rigtwin.compare.diagnose.fit import Fit, fit, screen
-from rigtwin.compare.diagnose.forms import nameless
 from rigtwin.compare.diagnose.gap import Beside, Gap, beside, gap, names
 from rigtwin.compare.diagnose.labs import BULK, TrackedLab
 from rigtwin.compare.diagnose.locate import Disagreement, Location, Regioned, locate
 from rigtwin.compare.diagnose.naming import FORM, Candidate, Naming, name_effects
 from rigtwin.compare.diagnose.pendulum import PendulumBench
-from rigtwin.compare.diagnose.roll import RollBench
+from rigtwin.compare.diagnose.roll import LEVER, RollBench, one_material_of_many_sizes
 from rigtwin.compare.diagnose.sift import sifted
 from rigtwin.compare.diagnose.slide import SlideBench
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.sim.effects import Effect, library
+from rigtwin.sim.effects.effect import WIDENING
+from rigtwin.sim.effects.forms import nameless
 
 MOST_RIVALS = 3  # of a set, that the next experiment is computed for
 FEWEST = 5  # repetitions in a lab, below which nothing is named
@@ -140,6 +141,7 @@ def diagnose(
     base = fit(bench, rounds=12)
     candidates = [effect for effect in (*(library() if listed is None else listed), *own) if acts(effect, lab)]
     naming = name_effects(bench, candidates, base, progress)
+    naming = replace(naming, unseen=tuple(one for one in library() if lab.rig in one.rigs and not acts(one, lab)))
     verdict = _judge(bench, lab, naming, progress)
     chosen = verdict.chosen
     sizes = gap(bench, lab, base, chosen.fitted if chosen else None)
@@ -149,6 +151,8 @@ def diagnose(
 
 def acts(effect: Effect, lab: TrackedLab) -> bool:
     """Whether an effect acts in the lab's rig; a pendulum that strikes a wall has the losses of a drop."""
+    if effect.name == LEVER and not one_material_of_many_sizes(lab):
+        return False
     strikes = lab.rig == "pendulum" and bool(lab.conditions[0].wall)
     return lab.rig in effect.rigs or (strikes and effect.restitution is not None and "drop" in effect.rigs)
 
@@ -211,6 +215,9 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
             chosen=best,
             reason=f"{names(best.terms)} explains the data, and equally well: {others}",
         )
+    if LEVER in best.names and len(best.terms) == 1:
+        why = "one lever arm does for all sizes what each bead's own rolling friction did: it goes with 1/d"
+        return replace(plain, verdict="named", chosen=best, reason=why)
     rest = ", with a remainder that it does not explain" if left else ""
     return replace(plain, verdict="named", chosen=best, reason=f"{names(best.terms)} explains the disagreement{rest}")
 
@@ -318,7 +325,7 @@ def _sensitivity(naming: Naming) -> str:
     """What these data would have shown, and what they could not show whatever its size."""
     seen, blind = [], []
     for one in naming.tried:
-        if len(one.terms) == 1 and one.terms[0].geometry != "jitter":
+        if len(one.terms) == 1 and one.terms[0].geometry not in WIDENING:
             term = one.terms[0]
             parameter = term.parameters[0]
             std = one.fitted.std(f"{term.name}.{parameter.name}")
@@ -326,6 +333,8 @@ def _sensitivity(naming: Naming) -> str:
                 seen.append(f"{term.title} {4 * std:.2g} {parameter.unit}")
             else:
                 blind.append(f"{term.title} ({term.splits})")
+    if naming.unseen:
+        blind += [f"{term.title} ({term.splits})" for term in naming.unseen]
     text = "smallest effects that these data would have shown: " + ", ".join(seen) if seen else ""
     if blind:
         text += "; taken up by the baseline's own unknowns, whatever their size: " + "; ".join(blind)

@@ -67,6 +67,7 @@ class DoubleBench(Runs):
         self.local_step = np.array([1e-3, 1e-2, 1e-3, *([1e-2] * self.impacts)])
         self.scatter = np.where(self.active, self.pair[:, None], -1)
         self.scatter_start = np.full(len(self.pairs), 0.03)
+        self.scatter_most = np.full(len(self.pairs), np.inf)
 
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
         """Restitution of each pair, the threads' lengths and the calibration with their priors."""

@@ -22,6 +22,11 @@ def parameters(lab: TrackedLab, fitted: Fit, terms: Sequence[Effect]) -> dict[st
             if term.geometry == "jitter":
                 found[parameter.name] = {"value": fitted.jitter, "std": fitted.jitter_std, "unit": "s"}
                 continue
+            if term.geometry == "scatter":
+                impacts = max(int(fitted.soft.size // max(len(fitted.scatter), 1)), 1)
+                value = float(fitted.scatter[-1])
+                found[parameter.name] = {"value": value, "std": value / math.sqrt(2 * impacts), "unit": "1"}
+                continue
             name = f"{term.name}.{parameter.name}"
             value = fitted.value(name)
             std = math.hypot(fitted.std(name), value * _by_size(lab, term))

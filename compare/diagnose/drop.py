@@ -20,7 +20,7 @@ from rigtwin.compare.diagnose.labs import TrackedLab
 from rigtwin.compare.diagnose.slopes import Mechanics
 from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array, Track
-from rigtwin.sim.effects import Effect
+from rigtwin.sim.effects import Effect, named
 
 LONGER = 1.3  # times the flight before: no bounce is that lively, whatever the plate's slope does
 FRICTION = 0.35  # sliding friction where the lab states none; acts only on fast spin
@@ -91,7 +91,8 @@ class DropBench:
         bounce = np.where(self.active, self.pair[:, None], -1)
         kick = np.where(self.active, pairs, -1)
         self.scatter = np.concatenate([bounce, kick], axis=1)
-        self.scatter_start = np.full(pairs + 1, 0.03)
+        self.scatter_start = np.full(pairs + 1, 0.02)
+        self.scatter_most = np.array([*([np.inf] * pairs), named("odd_shape").parameters[0].least])
 
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
         """Restitution of each pair, the calibration quantities with their priors, and the terms' coefficients."""

@@ -33,6 +33,7 @@ class Bench(Moving, Protocol):
     local_sd: Array  # (R, L)
     scatter: Array  # (R, S) index of the scatter that a soft row belongs to, -1 where there is none
     scatter_start: Array  # (H,)
+    scatter_most: Array  # (H,), what the scatter of an ordinary lab stays below
     condition: Array  # (R,) number of the condition of each repetition
 
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]: ...
@@ -159,6 +160,8 @@ def fit(
     mask = np.ones(len(bench.rows), dtype=bool) if use is None else use
     if jittered and state.jitter == 0.0:
         state.jitter = next(term.parameters[0].typical for term in terms if term.geometry == "jitter")
+    odd = any(term.geometry == "scatter" for term in terms)
+    most_scatter = np.full(len(state.scatter), np.inf) if odd else bench.scatter_most
     converged = False
     if near is None or start:
         for horizon in getattr(bench, "horizons", list)():
@@ -168,7 +171,7 @@ def fit(
     for _ in range(rounds):
         linear, converged = _descend(bench, terms, unknowns, state, mask, free, linear, most)
         before = state.scatter.copy(), state.jitter
-        _expect_scatter(bench, state, linear)
+        _expect_scatter(bench, state, linear, most_scatter)
         if jittered:
             state.jitter, state.jitter_std = _jitter(bench, linear, mask)
         same = np.allclose(state.scatter, before[0], rtol=0.01) and math.isclose(state.jitter, before[1], rel_tol=0.01)
@@ -384,7 +387,7 @@ def _step(
     return ag - ab @ step, step
 
 
-def _expect_scatter(bench: Bench, state: _State, linear: _Linear) -> None:
+def _expect_scatter(bench: Bench, state: _State, linear: _Linear, most: Array) -> None:
     """One expectation-maximisation step: squared deviations plus their posterior variance."""
     if not len(state.scatter):
         return
@@ -394,7 +397,7 @@ def _expect_scatter(bench: Bench, state: _State, linear: _Linear) -> None:
         mine = bench.scatter == h
         if mine.any():
             square = float(np.mean(linear.soft[mine] ** 2 + np.minimum(variance[mine], state.scatter[h] ** 2)))
-            state.scatter[h] = max(math.sqrt(square), LEAST_SCATTER)
+            state.scatter[h] = max(min(math.sqrt(square), float(most[h])), LEAST_SCATTER)
 
 
 def _jitter(bench: Bench, linear: _Linear, mask: Any) -> tuple[float, float]:

@@ -18,6 +18,8 @@ from rigtwin.compare.diagnose.locate import Regioned
 from rigtwin.compare.diagnose.subset import cut, subset
 from rigtwin.sim.effects import Effect
 
+MOST_NOISE = 1.5  # times the white noise, as variance: more is a misfit that differs between repetitions
+
 
 @dataclass(frozen=True)
 class Gap:
@@ -160,7 +162,7 @@ def _noise_level(bench: Regioned, fitted: Fit) -> float:
         means = np.bincount(cell, residual) / counts
         rest += float(np.sum((residual - means[cell]) ** 2))
     free = 2 * int(inside.sum()) - taken - fitted.leverage
-    return max(1.0, rest / free) if free > 0 else 1.0
+    return min(max(1.0, rest / free), MOST_NOISE) if free > 0 else 1.0
 
 
 def _floor(bench: Bench, fitted: Fit) -> float:

@@ -10,6 +10,7 @@ from rigtwin.compare.diagnose.fit import Fit, fit, screen
 from rigtwin.compare.diagnose.locate import Location, Regioned, locate
 from rigtwin.compare.diagnose.subset import coarse, cut
 from rigtwin.sim.effects import Effect
+from rigtwin.sim.effects.effect import WIDENING
 
 ALARM = 16.0
 """Least gain in deviance for a first effect: what the best of twenty false ones gains once in 1000 labs."""
@@ -32,6 +33,8 @@ JITTER = 24.0  # deviance
 WHITE = 0.6  # of the squared differences of white noise
 KEEN = 5  # candidates beside a root that are fitted where the disagreement is large
 LEADING = 4  # candidates of each size that are fitted to the end on all data
+SPARED = 10.0  # deviance: 2 ln(1/0.007), a coefficient that falls to within a percent where it was foretold
+BEYOND = 0.1  # of a coefficient's range above it, that its doubt excuses at most
 GLANCE = 6.0  # a candidate whose first step promises less than this is not fitted to the end
 ROUGH = 2.0  # chi2 per coordinate above which part of the data tells the candidates apart
 LOST = 20.0  # ... and above which a fit from the baseline may not find its way
@@ -79,6 +82,8 @@ class Naming:
     after: Location
     """Of the residuals of the best, or of the baseline where there is none."""
     rounds: tuple[tuple[Candidate, ...], ...] = ()
+    unseen: tuple[Effect, ...] = ()
+    """Effects of the rig that no data of such a lab could show."""
 
 
 @dataclass
@@ -144,7 +149,11 @@ class _Search:
             plain = self.rough[1]
         gain = (plain.deviance - fitted.deviance) * len(self.base.residual) / len(plain.residual)
         self.done[frozenset(near_names(fitted))] = Candidate(
-            fitted.terms, fitted, gain / self.spread, _refused(fitted, fitted.terms), fitted if part else None
+            fitted.terms,
+            fitted,
+            gain / self.spread + self._spared(fitted),
+            _refused(fitted, fitted.terms),
+            fitted if part else None,
         )
 
     def polish(self, candidates: Sequence[Candidate]) -> list[Candidate]:
@@ -172,7 +181,7 @@ class _Search:
             key = frozenset(one.name for one in left)
             if key != frozenset(best.names):
                 fitted = fit(self.bench, left, near=more.fitted, most=25, rounds=2)
-                gain = (self.base.deviance - fitted.deviance) / self.spread
+                gain = (self.base.deviance - fitted.deviance) / self.spread + self._spared(fitted)
                 known = self.done.get(key)
                 if known is None or known.gain < gain or self._is_part(known.fitted):
                     self.done[key] = Candidate(left, fitted, gain, _refused(fitted, left))
@@ -187,8 +196,13 @@ class _Search:
             fitted = fit(self.bench, one.terms, near=near, most=25, rounds=2)
         else:
             fitted = fit(self.bench, one.terms, near=one.fitted, most=40)
-        gain = (self.base.deviance - fitted.deviance) / self.spread
+        gain = (self.base.deviance - fitted.deviance) / self.spread + self._spared(fitted)
         return Candidate(one.terms, fitted, gain, _refused(fitted, one.terms), one.rough)
+
+    def _spared(self, fitted: Fit) -> float:
+        """What it is worth to make do without unknowns of the baseline."""
+        tied = getattr(self.bench, "tied", None)
+        return SPARED * tied(fitted.terms) if tied is not None else 0.0
 
     def _is_part(self, fitted: Fit) -> bool:
         """Whether a fit is to a part of the data alone."""
@@ -255,10 +269,11 @@ def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit) -> Fit:
     far = near.per_row > ROUGH
     rounds = 1 if far else 2
     most = 8 if far else 12  # the leading ones are fitted to the end afterwards
-    fits = [] if newest.flat else [fit(bench, terms, near=near, most=most, rounds=rounds)]
+    widens = newest.geometry in WIDENING
+    fits = [] if newest.flat and not widens else [fit(bench, terms, near=near, most=most, rounds=rounds)]
     lost = near.per_row > LOST
     starts = (*parameter.starts, *((parameter.typical,) if lost and parameter.typical not in parameter.starts else ()))
-    if (lost or newest.flat) and newest.geometry != "jitter":
+    if (lost or newest.flat) and not widens:
         name = f"{newest.name}.{parameter.name}"
         for value in starts:
             if lost:
@@ -332,6 +347,10 @@ def _each_needed(candidate: Candidate, done: dict[frozenset[str], Candidate], ri
 def _refused(fitted: Fit, terms: Sequence[Effect]) -> str:
     """Why a fit's coefficients cannot be: out of their physical range, or not larger than their own doubt."""
     for term in terms:
+        if term.geometry == "scatter":
+            if float(fitted.scatter[-1]) <= 1.02 * term.parameters[0].least:
+                return "rebounds scatter no more than those of a sphere"
+            continue
         if term.geometry == "jitter":
             least = term.parameters[0].least
             if fitted.jitter < least:
@@ -342,7 +361,8 @@ def _refused(fitted: Fit, terms: Sequence[Effect]) -> str:
         for parameter in term.parameters:
             name = f"{term.name}.{parameter.name}"
             value, std = fitted.value(name), fitted.std(name)
-            if value < parameter.low - 2 * std or value > parameter.high + 2 * std:
+            beyond = parameter.high + min(2 * std, BEYOND * (parameter.high - parameter.low))
+            if value < parameter.low - 2 * std or value > beyond:
                 return (
                     f"{parameter.name} = {value:.3g} {parameter.unit} is not in {parameter.low:g} to {parameter.high:g}"
                 )
@@ -360,7 +380,7 @@ def _surprise(fitted: Fit, term: Effect) -> float:
     """
     total = JITTER if term.geometry == "jitter" else 0.0
     for parameter in term.parameters:
-        if parameter.predicted and term.geometry != "jitter":
+        if parameter.predicted and term.geometry not in WIDENING:
             value = abs(fitted.value(f"{term.name}.{parameter.name}"))
             ratio = math.log(max(value, 1e-9) / parameter.predicted) / math.log(2)
             total += min(ratio * ratio, 5.0)

@@ -60,7 +60,7 @@ class PendulumBench:
         self.local_sd = np.tile([10.0, doubt], (repetitions, 1))
         self.local_step = np.array([1e-3, 1e-2])
         self.scatter = np.zeros((repetitions, 0), dtype=int)
-        self.scatter_start = np.zeros(0)
+        self.scatter_start = self.scatter_most = np.zeros(0)
 
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
         """The lengths and the calibration with their priors, and the terms' coefficients."""

@@ -20,6 +20,9 @@ from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array
 from rigtwin.sim.effects import Effect
 
+LEVER, TIED = "rolling_lever", 1e-6
+"""One lever arm stands for the coefficients of all sizes, which are nought beside it."""
+FEWEST_SIZES = 3  # of one material, that fall on one lever arm by no accident
 ROLLS = 5 / 7  # of a force is left to a solid sphere that rolls
 
 
@@ -50,10 +53,12 @@ class RollBench(Runs):
         self.local_step = np.array([1e-3, 1e-3, 1e-2, 1e-3])
         self.scatter = self.pair[:, None].copy()
         self.scatter_start = np.full(len(self.pairs), 3e-3)
+        self.scatter_most = np.full(len(self.pairs), np.inf)
 
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
         """Rolling friction of each pair, each condition's angle, the level and the calibration with their priors."""
-        own = [Unknown(f"rolling_friction.{pair}", 0.03, 3e-3, low=0.0, high=1.0) for pair in self.pairs]
+        start, tie = (0.0, TIED) if any(term.name == LEVER for term in terms) else (0.03, math.inf)
+        own = [Unknown(f"rolling_friction.{pair}", start, 3e-3, sd=tie, low=0.0, high=1.0) for pair in self.pairs]
         doubt = math.radians(self.lab.known("incline_angle_uncertainty_deg", default=0.05))
         tips = [Unknown(f"angle.{name}", 0.0, 1e-3, sd=doubt) for name in self.condition_names]
         level = math.radians(self.lab.known("plate_level_uncertainty_deg", default=0.1))
@@ -128,6 +133,10 @@ class RollBench(Runs):
         plain = np.stack([values[f"rolling_friction.{pair}"] for pair in self.pairs], axis=-1)[:, self.pair]
         return Moved(x, y, speed[0] * c[0], -speed[0] * s[0], (local[..., 3] - plain)[..., None])
 
+    def tied(self, terms: Sequence[Effect]) -> int:
+        """How many coefficients of the baseline these terms make do without."""
+        return len(self.pairs) - 1 if any(term.name == LEVER for term in terms) else 0
+
     def quiet(self, name: str, terms: Sequence[Effect]) -> bool:
         """The friction of each repetition is an unknown of its own: that of the pair changes no motion."""
         return name.startswith("rolling_friction.")
@@ -140,3 +149,11 @@ class RollBench(Runs):
         if kind == "angle":
             return kind, self.condition == self.condition_names.index(rest)
         return None
+
+
+def one_material_of_many_sizes(lab: TrackedLab) -> bool:
+    """Whether a lever arm can be told from coefficients of each bead's own."""
+    materials = {str(one.bead.about.get("material") or one.bead.name) for one in lab.conditions}
+    sizes = {round(one.bead.diameter, 4) for one in lab.conditions}
+    walls = {one.wall for one in lab.conditions}
+    return len(materials) == len(walls) == 1 and len(sizes) >= FEWEST_SIZES

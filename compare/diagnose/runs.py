@@ -43,6 +43,7 @@ class Runs:
         self.sigma: Array = np.full(len(self.rows), self.noise)
         self.scatter: Any = np.zeros((len(counts), 0), dtype=int)
         self.scatter_start: Array = np.zeros(0)
+        self.scatter_most: Array = np.zeros(0)
         self.region: Any
         self.region_names: Sequence[str]
         self.region, self.region_names = eighths(self.time, self.spans)

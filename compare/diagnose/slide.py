@@ -46,6 +46,7 @@ class SlideBench(Runs):
         self.local_step = np.array([1e-3, 1e-3])
         self.scatter = self.pair[:, None].copy()
         self.scatter_start = np.full(len(self.pairs), 0.01)
+        self.scatter_most = np.full(len(self.pairs), np.inf)
 
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
         """Friction of each pair, the arm's rate and level and the calibration with their priors."""

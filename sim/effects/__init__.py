@@ -17,6 +17,7 @@ from types import ModuleType
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.sim.effects.effect import Effect, Parameter
+from rigtwin.sim.effects.forms import PREFIX, form
 
 __all__ = ["Effect", "Parameter", "library", "named", "own_effect"]
 
@@ -26,13 +27,15 @@ def library() -> tuple[Effect, ...]:
     """Every effect of this folder, in the order of their names."""
     found = []
     for module in pkgutil.iter_modules(__path__):
-        if module.name != "effect":
+        if module.name not in ("effect", "forms"):
             found.append(_effect_of(importlib.import_module(f"{__name__}.{module.name}"), module.name))
     return tuple(sorted(found, key=lambda effect: effect.name))
 
 
 def named(name: str) -> Effect:
-    """The effect of that name.  Raises `BadInput` with the known names."""
+    """The effect of that name, or the nameless term.  Raises `BadInput` with the known names."""
+    if name.startswith(PREFIX):
+        return form(name)
     known = {effect.name: effect for effect in library()}
     if name not in known:
         raise BadInput(f"there is no effect {name!r}; known are {', '.join(known)}.")

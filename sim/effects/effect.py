@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 Hook = Callable[..., Any]
+WIDENING = ("jitter", "scatter")
+"""Values of `Effect.geometry` that move nothing and widen the noise alone."""
 RIGS = ("drop", "pendulum", "double", "slide", "roll")
 
 
@@ -71,7 +73,7 @@ class Effect:
     view: Hook | None = None
     geometry: str = ""
     """Name of the rig's own quantity that the first parameter shifts: ``"level"``, ``"length"``, ``"release_spin"``,
-    ``"rod_mass"``, ``"release_speed"``, ``"jitter"``."""
+    ``"rod_mass"``, ``"release_speed"``, ``"jitter"``, ``"scatter"``."""
     splits: str = ""
     """The experiment that tells this effect from those that look alike."""
 

@@ -15,7 +15,11 @@ EFFECT = Effect(
     title="rolling lever arm",
     kind="physical",
     rigs=("roll",),
-    parameters=(Parameter("lever", "m", 0.0, 5e-3, 1e-4, meaning="b, from the centre of pressure to the centre"),),
+    parameters=(
+        Parameter(
+            "lever", "m", 0.0, 5e-3, 1e-4, starts=(2e-4,), meaning="b, from the centre of pressure to the centre"
+        ),
+    ),
     equation="mu_r = b/R",
     source="Johnson 1985, section 9.1; Hlosta et al. 2020, table 10",
     synonyms=("lever arm", "rolling resistance length", "size dependent rolling", "mu_r ~ 1/d"),

@@ -120,9 +120,9 @@ class Arena(Neighbours, Team):
                 self.numbers[c] = numbers[c]
             for c in range(COUNTS):
                 self.counts[c] = counts[c]
-            for a in range(KINDS):
+            for a in range(pair_law.shape[0]):  # of no fixed length, else the compiler unrolls it all
                 for c in ti.static(range(LAW_SIZE)):
-                    for b in range(KINDS):
+                    for b in range(pair_law.shape[1]):
                         self.pair_law[a, b][c] = pair_law[a, b, c]
             for c in ti.static(range(SIZES_OF_KIND)):
                 self.kind_sizes[None][c] = sizes[c]

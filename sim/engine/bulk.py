@@ -30,7 +30,16 @@ from rigtwin.sim.engine.elements import Vector
 from rigtwin.sim.engine.neighbours import LARGE
 from rigtwin.sim.engine.team import Crew
 from rigtwin.sim.engine.terms import Active, Terms, terms_of
-from rigtwin.sim.engine.wall_contacts import KINDS, THREADS, UNTIL, WallTable, motion_of, motion_row, wall_table
+from rigtwin.sim.engine.wall_contacts import (
+    KINDS,
+    THREADS,
+    UNTIL,
+    WANDERS,
+    WallTable,
+    motion_of,
+    motion_row,
+    wall_table,
+)
 from rigtwin.sim.engine.walls import Motion, Shape, Wall, gaps
 
 Array = npt.NDArray[np.float64]
@@ -44,6 +53,8 @@ SKIN = 0.1  # of the largest diameter
 BEADS_PER_THREAD = 500  # fewer gain nothing from another thread
 LAUNCH_SECONDS = 0.25  # kernels come back at least twice a second, so that progress and Ctrl-C work
 OVERLAP_AT_START = 1e-3  # of a radius; more is a blunder
+STEP_IN_RADII = 0.2  # how far a bead or a wall may go in a step
+FEW = 300  # spheres, among which all pairs are looked at sooner than SciPy is imported
 
 
 class SimulationFailed(RigtwinError):
@@ -145,6 +156,7 @@ class Bulk:
         self._effects = tuple(effects)
         self._laws = self._pair_table(contacts)
         self._table = self._wall_table()
+        self._check_walls_step(self._table.motion)
         size = _arena_size(capacity)
         self._rate = 200.0 / LAUNCH_SECONDS  # steps per second, learnt from the launches
         near = near_capacity or _near_size(size)
@@ -317,7 +329,10 @@ class Bulk:
         row = self._table.motion[wall]
         if motion.start < self.time or motion_of(row).moved_by(self.time):
             raise BadInput(f"wall {wall} has moved already, or the motion starts before {self.time:g} s; it must not.")
-        self._set_motion(wall, motion_row(self._walls[wall][0].shape, motion, float(row[UNTIL]), self.domain))
+        new = self._table.motion.copy()
+        new[wall] = motion_row(self._walls[wall][0].shape, motion, float(row[UNTIL]), self.domain)
+        self._check_walls_step(new)
+        self._set_motion(wall, tuple(new[wall]))
 
     @property
     def time(self) -> float:
@@ -389,6 +404,21 @@ class Bulk:
         if not (np.all(np.isfinite([low, high])) and np.all(np.less(low, high))):
             raise BadInput(f"domain: low {low} must lie below high {high} on every axis, and both must be finite.")
 
+    @property
+    def _longest_step(self) -> float:
+        """[m]; in a step nothing may go further, else contacts would be missed and the energy would explode."""
+        return STEP_IN_RADII * min(min(particle.radii) for particle in self._particles)
+
+    def _check_walls_step(self, motion: Array) -> None:
+        way = motion[:, WANDERS] * self.time_step
+        wall = int(np.argmax(way))
+        if way[wall] > self._longest_step:
+            raise BadInput(
+                f"wall {wall} moves by up to {way[wall] * 1e3:.3g} mm in a step of {self.time_step:.3g} s, more "
+                f"than {STEP_IN_RADII:g} radii of the smallest sphere: spheres would end up behind it; "
+                "let it move more slowly or make the step smaller."
+            )
+
     def _pair_table(self, contacts: Contact | Mapping[tuple[int, int], Contact]) -> Array:
         table = np.zeros((KINDS, KINDS, LAW_SIZE))
         for a, one in enumerate(self._particles):
@@ -430,8 +460,7 @@ class Bulk:
         numbers = np.zeros(at.NUMBERS)
         numbers[at.STEP], numbers[at.SKIN], numbers[at.CELL] = self.time_step, self._skin, cell
         numbers[at.GRAVITY : at.GRAVITY + 3], numbers[at.LOW : at.LOW + 3] = self._gravity, self._low
-        # no bead may cross a fifth of its radius in a step: contacts would be missed, energy would explode
-        numbers[at.MOST_SPEED] = 0.2 * min(min(particle.radii) for particle in self._particles) / self.time_step
+        numbers[at.MOST_SPEED] = self._longest_step / self.time_step
         counts = np.zeros(at.COUNTS, dtype=np.int32)
         counts[at.WALL_COUNT] = len(self._walls)
         counts[at.OPEN], counts[at.MIXED] = int(self._open), int(self._rigid or len(self._particles) > 1)
@@ -488,12 +517,10 @@ class Bulk:
         self._check_overlaps(position, radii, name, tolerance)
 
     def _check_overlaps(self, position: Array, radii: Array, name: npt.NDArray[np.int64], tolerance: float) -> None:
-        from scipy.spatial import cKDTree
-
         old = self._rows()
         centres, sizes = np.vstack([old[:, 0:3], position]), np.concatenate([old[:, 9], radii])
         names = np.concatenate([self._owners[old[:, 18].astype(int)], name])
-        near = cKDTree(centres).query_pairs(2 * sizes.max(), output_type="ndarray")
+        near = _pairs_within(centres, 2 * sizes.max())
         near = near[(near[:, 1] >= len(old)) & (names[near[:, 0]] != names[near[:, 1]])]
         gap = np.linalg.norm(centres[near[:, 0]] - centres[near[:, 1]], axis=1) - sizes[near].sum(1)
         if len(gap) and gap.min() < -tolerance:
@@ -648,3 +675,13 @@ def _arena_size(beads: int) -> int:
 
 def _near_size(capacity: int) -> int:
     return int(max(min(NEAR_PER_BEAD * capacity, 32_768), NEAR_IN_LARGE * capacity))
+
+
+def _pairs_within(centres: Array, distance: float) -> npt.NDArray[np.int64]:
+    """Numbers of all pairs that are no farther apart than `distance` [m], the lower first, shape (n, 2)."""
+    if len(centres) <= FEW:
+        pairs = np.stack(np.triu_indices(len(centres), 1), axis=1)
+        return np.asarray(pairs[np.linalg.norm(centres[pairs[:, 0]] - centres[pairs[:, 1]], axis=1) <= distance])
+    from scipy.spatial import cKDTree
+
+    return np.asarray(cKDTree(centres).query_pairs(distance, output_type="ndarray"))

@@ -22,10 +22,10 @@ LINE = 32  # numbers of a thread's row: two threads never share a line of the ca
 # the one after which it had waited enough
 WAITED, PARTS, LEFT_AT, LATE_AT = range(4)
 GATHERED, DISBANDED = 1, 2
-UNTIL_GATHERED = 500_000  # looks at another thread
-PATIENCE = 3_000_000  # looks in one launch, then it ends
-LOOK = 2e-8  # [s], roughly
-ALONE = 0.2, 10.0  # [s] on one thread after another had no core to itself: the first time, and the longest
+UNTIL_GATHERED = 200_000  # looks at another thread
+PATIENCE = 1_500_000  # looks in one launch, then it ends
+LOOK = 2e-8  # [s], roughly; were it half or twice as long, stretches would only find their lengths later
+ALONE = 0.05, 10.0  # [s] on one thread after another had no core to itself: the first time, and the longest
 LEAST_SHARE, WATCHED = 0.6, 0.05  # part of its cores that a team must get, and how long it is looked at [s]
 
 
@@ -97,12 +97,13 @@ class Crew:
         self._alone_until, self._alone_for = 0.0, ALONE[0]  # [s], on the clock of the machine
         self._ran = self._used = 0.0  # [s], by the clock and on each core, since last judged
         self._shares = np.ones(1)  # of the list
+        self._of: Team | None = None  # who was told so
         self._compiled = False  # the first launch does that, on one core
 
     def gather(self, team: Team, threads: int) -> int:
         """Threads of the next launch, at most so many; one for a while after others had no core."""
         threads = 1 if time.perf_counter() < self._alone_until else max(1, min(threads, self._most))
-        if threads > 1 and len(self._shares) != threads:
+        if threads > 1 and (len(self._shares) != threads or team is not self._of):
             self._hand_out(team, np.ones(threads))
         return threads
 
@@ -128,7 +129,7 @@ class Crew:
         self._hand_out(team, self._shares * (1 + 0.5 * np.clip(idle - idle.mean(), -0.5, 0.5)))
 
     def _hand_out(self, team: Team, shares: npt.NDArray[np.float64]) -> None:
-        self._shares = shares / shares.sum()
+        self._shares, self._of = shares / shares.sum(), team
         ends = np.ones(THREADS + 1)
         ends[: len(shares)] = np.concatenate([[0.0], np.cumsum(self._shares)[:-1]])
         team.shares.from_numpy(ends)

@@ -12,12 +12,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from types import FunctionType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.model import Effects
 from rigtwin.sim.effects import Effect, named
 from rigtwin.sim.engine.backend import ti
+
+if TYPE_CHECKING:
+    from rigtwin.lab.model import Effects
 
 MOST_PARAMETERS = 3
 HALF = 0.5
