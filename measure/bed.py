@@ -41,8 +41,10 @@ LEAST_NOISE = 0.5  # [grey levels], compression may leave a still scene without 
 UNDECIDED = 0.5  # of a bead's diameter, to both sides of the mean border, where only the single frame tells
 MISFIT = 0.15  # of the radius, by which the border of a bed may be off the drum's circle
 GAP = 3.0  # bead diameters, of empty drum between the bed and what else looks like it
-BESIDE = 1.15  # of the drum's radius, from which on nothing should move
-PASSES = 0.03  # share of the picture beside the drum that something in front of it must hide
+BESIDE = 1.15  # of the drum's radius, from which on nothing should move: walls and flanges are a tenth of it thick
+# share of the picture beside the drum that something in front of it must hide: a finger of 2 cm that reaches half
+# across a view of 30 cm hides 3 %, rollers and belts that turn with the drum less
+PASSES = 0.03
 SHIFT = 0.8  # [1], change of the evidence that is one standard deviation of where bead ends and drum begins
 
 

@@ -8,8 +8,11 @@ fits best.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,13 +21,16 @@ import numpy.typing as npt
 from rigtwin.measure.grains import Beads, Edges, edges
 
 Array = npt.NDArray[np.float64]
+Numbers = npt.NDArray[np.floating[Any]]  # of either precision: candidates are compared in single
 
 LEAST_RIM = 0.5  # share of the lower rim that must lie on edges
 LEAST_WALL = 0.3  # likewise of both walls, less the edges that run on where a wall should end
 DOUBTFUL_SUPPORT = 0.8  # share of the outline on edges below which the find may be another edge
+ENOUGH_BEADS = 300  # their share on one side of a line is known to 3 %
 POPULATION = 240  # candidates searched together
 ISLANDS = 4  # parts of the height in which the front rim may lie
 ISLAND_GENERATIONS, GENERATIONS = 25, 50
+LEADERS = 12  # of the population, around which mutants are made
 CROSSED = 0.7  # share of a candidate's numbers that a mutant gives it
 ALIKE = 1e-3  # relative spread of the costs at which a search ends
 USUAL_WALL = 0.6  # share of a wall on edges
@@ -69,14 +75,14 @@ class _Template:
     Held by its lower rim, which nothing hides.
     """
 
-    x: Array  # [px], middle of the line between the lower rim's ends
-    y: Array  # [px], likewise
-    half: Array  # [px]
-    roll: Array  # [rad]
-    low: Array  # how far the front of the lower rim hangs below the line between its ends
-    thickness: Array
+    x: Numbers  # [px], middle of the line between the lower rim's ends
+    y: Numbers  # [px], likewise
+    half: Numbers  # [px]
+    roll: Numbers  # [rad]
+    low: Numbers  # how far the front of the lower rim hangs below the line between its ends
+    thickness: Numbers
 
-    def pixel(self, along: Array, down: Array) -> tuple[Array, Array]:
+    def pixel(self, along: Numbers, down: Numbers) -> tuple[Numbers, Numbers]:
         """Picture point of a template point, given in half widths from the middle of the lower rim."""
         cos, sin = np.cos(self.roll), np.sin(self.roll)
         x, y = along * cos - down * sin, along * sin + down * cos
@@ -92,7 +98,7 @@ class _Template:
         return np.asarray(np.maximum(self.low - self.thickness * near / (1 - near * near), 0))
 
 
-def nearness(half: Array, focal_length: float) -> Array:
+def nearness(half: Numbers, focal_length: float) -> Array:
     """Disc radius over the camera's distance, from half its width and the focal length, both in px."""
     return np.asarray(np.minimum(half / focal_length, 0.5))
 
@@ -147,7 +153,8 @@ def _search(costs: Sequence[_Cost], bounds: Array) -> Array:
 def _evolved(
     cost: Callable[[Array], Array], bounds: Array, start: Array | None, generations: int, seed: int
 ) -> tuple[Array, Array]:
-    """Population and its costs after differential evolution, best/1/bin (Storn and Price 1997).
+    """Population and its costs after differential evolution, best/1/bin (Storn and Price 1997), around several leaders
+    (Zhang and Sanderson 2009): around the best alone a population may settle on an edge that is not the disc's.
 
     `start` is the first population, spread evenly over the bounds where it is None.  As
     scipy.optimize.differential_evolution does it, which takes as long again as the costs themselves.
@@ -163,7 +170,8 @@ def _evolved(
     count, size = population.shape
     for _ in range(generations):
         one, other = random.integers(0, count, (2, count))
-        mutant = population[np.argmin(energies)] + random.uniform(0.5, 1) * (population[one] - population[other])
+        leader = np.argsort(energies)[random.integers(0, LEADERS, count)]
+        mutant = population[leader] + random.uniform(0.5, 1) * (population[one] - population[other])
         crossed = random.random((count, size)) < CROSSED
         crossed[np.arange(count), random.integers(0, size, count)] = True
         trial = np.where(crossed, mutant, population)
@@ -315,14 +323,24 @@ class _Cost:
     focal_length: float
     beads_across: float | None
 
+    @cached_property
+    def heap_reach(self) -> float:
+        """Half the heap's width [px]."""
+        return _reach(self.beads)[2]
+
+    @cached_property
+    def some_centres(self) -> Numbers:
+        """Centres of beads [px], enough of them to say how many lie below the rim."""
+        return self.beads.centre[:: math.ceil(len(self.beads.centre) / ENOUGH_BEADS)].astype(np.float32)
+
     def __call__(self, places: Array) -> Array:
         """Cost of places, shape (6, n), as `_candidate` reads them."""
-        template = _Template(*_candidate(places)[..., None])
+        template = _Template(*_candidate(places).astype(np.float32)[..., None])
         bead = self.beads.radius
         lower, left, right, upper, face, uneven, heap, spilled = _support(
             self.picture, self.alike, template, bead, self.focal_length, 40
         )
-        x, y = self.beads.centre[:, 0] - template.x, self.beads.centre[:, 1] - template.y
+        x, y = self.some_centres[:, 0] - template.x, self.some_centres[:, 1] - template.y
         along = (x * np.cos(template.roll) + y * np.sin(template.roll)) / template.half
         down = (y * np.cos(template.roll) - x * np.sin(template.roll)) / template.half
         arc = np.sqrt(np.clip(1 - along * along, 0, 1))
@@ -333,7 +351,7 @@ class _Cost:
         walls = 0.45 * (tall * (left + right + np.minimum(left, right)) + (1 - tall) * 3 * USUAL_WALL)
         score = 2.5 * lower + walls + upper + HEAP * heap - FACE * face - PLAIN * uneven - spilled - 2 * below
         score -= THICK * template.thickness[:, 0]
-        score -= EMPTY * np.maximum(template.half[:, 0] / _reach(self.beads)[2] - 1.15, 0)
+        score -= EMPTY * np.maximum(template.half[:, 0] / self.heap_reach - 1.15, 0)
         if self.beads_across is not None:
             size = np.log(template.half[:, 0] / bead / (self.beads_across * SEEN_LARGER))
             score -= np.maximum(np.abs(size) - SIZE_DOUBT, 0) / SIZE_DOUBT
@@ -346,49 +364,43 @@ def _support(
     """Shares, shape (8, n): edges on lower rim, both walls, upper rim; on the face bead colour and edges; bead colour
     above and beside the heap's foot.
     """
-    height, width = picture.strength.shape
-    along = np.linspace(-0.97, 0.97, samples)
+    along = np.linspace(-0.97, 0.97, samples, dtype=np.float32)
     arc = np.sqrt(1 - along * along)
     level = np.ones_like(along)
     bulge = template.bulge(focal_length)
     upper_y, lower_y = bulge * arc - template.thickness, template.low * arc
 
     cos, sin = np.cos(template.roll), np.sin(template.roll)
-    slope_x, slope_y, colours = picture.x.ravel(), picture.y.ravel(), alike.ravel()
 
-    def lookup(u: Array, v: Array) -> npt.NDArray[np.int64]:
-        x, y = template.pixel(u, v)
-        row, column = np.rint(y, out=y), np.rint(x, out=x)
-        np.clip(row, 0, height - 1, out=row)
-        row *= width
-        row += np.clip(column, 0, width - 1, out=column)
-        return row.astype(np.int64)
+    def lookup(u: Numbers, v: Numbers, *layers: npt.NDArray[np.float32]) -> list[npt.NDArray[np.float32]]:
+        x, y = (np.asarray(part, dtype=np.float32) for part in template.pixel(u, v))
+        found = [cv2.remap(of, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE) for of in layers]
+        return [np.asarray(each, dtype=np.float32) for each in found]
 
-    def on_edge(u: Array, v: Array, normal_u: Array, normal_v: Array) -> Array:
-        at = lookup(u, v)
-        across = slope_x.take(at) * (normal_u * cos - normal_v * sin)
-        across += slope_y.take(at) * (normal_u * sin + normal_v * cos)
+    def on_edge(u: Numbers, v: Numbers, normal_u: Numbers, normal_v: Numbers) -> Array:
+        slope_x, slope_y = lookup(u, v, picture.x, picture.y)
+        across = slope_x * (normal_u * cos - normal_v * sin) + slope_y * (normal_u * sin + normal_v * cos)
         clear = np.abs(across, out=across)
         clear /= np.hypot(normal_u, normal_v)
         clear /= picture.strong
         return np.asarray(np.minimum(clear, 1, out=clear).mean(axis=1))
 
     def wall(side: int) -> Array:
-        one, zero = np.ones(16), np.zeros(16)
-        on, beyond = np.linspace(-0.9, -0.1, 16), np.linspace(0.15, 0.9, 16)
+        one, zero = np.ones(16, dtype=np.float32), np.zeros(16, dtype=np.float32)
+        on, beyond = (np.linspace(*ends, 16, dtype=np.float32) for ends in ((-0.9, -0.1), (0.15, 0.9)))
         runs_on = on_edge(side * one, template.thickness * beyond, one, zero)
         return on_edge(side * one, template.thickness * on, one, zero) - RUNNING_ON * runs_on
 
-    def bead_colour(u: Array, rows: list[Array]) -> Array:
-        return np.asarray(np.mean([colours.take(lookup(u, row)) for row in rows], axis=(0, 2)))
+    def bead_colour(u: Numbers, rows: list[Numbers]) -> Array:
+        return np.asarray(np.mean([lookup(u, row, alike)[0] for row in rows], axis=(0, 2)))
 
-    def on_face(share: float) -> Array:
-        return upper_y + share * (lower_y - upper_y)
+    def on_face(share: float) -> Numbers:
+        return np.asarray(upper_y + share * (lower_y - upper_y))
 
     inner = along[np.abs(along) < 0.75]  # a heap need not reach the rim at the sides
     inner_rim = bulge * np.sqrt(1 - inner * inner) - template.thickness
     above = [-share * bead / template.half for share in (0.5, 1.0, 1.5, 2.0)]
-    beside = np.concatenate([np.linspace(-1.3, -1.07, 10), np.linspace(1.07, 1.3, 10)])
+    beside = np.concatenate([np.linspace(*ends, 10, dtype=np.float32) for ends in ((-1.3, -1.07), (1.07, 1.3))])
     slope = template.low * along / arc
     # the quietest row stands for a face so thin that its rims' edges fill it
     uneven = np.array([on_edge(along, on_face(share), slope, level) for share in (0.3, 0.5, 0.7)])

@@ -32,9 +32,13 @@ FOCAL_SIDES = 2.0  # usual focal length in longer sides of the picture
 USUAL_STEEPNESS = 0.5  # in bead diameters, as `Bed.steepness`
 FOCAL_DOUBT = 0.4  # standard deviation of its logarithm
 INSIDE = 0.97  # share of the inner radius in which the outline is looked for
-WALL_TOLERANCE = 0.2  # relative, of the size of beads that are half in the shade
-EDGE_DOUBT = 0.6  # [px], a bead's rim is blurred, and all the outline's edges alike
-TEXTURE = 2.0  # most that texture may say, as log odds
+# relative, of the walls' distance by the beads' size: circles are found on a shaded bead's clearest edge, up to a sixth
+# inside its rim, and radii are tried in steps of an eighth
+WALL_TOLERANCE = 0.2
+# [px], half of the blur of 1 px under which edges are sought: shading draws the clearest edge to one side within it,
+# for all of the outline alike
+EDGE_DOUBT = 0.6
+TEXTURE = 2.0  # most that texture may say, as log odds: less than colour's 3.9, for neighbouring pixels share it
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import av
 import cv2
@@ -16,6 +17,7 @@ from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
 from rigtwin.lab.records import Profile
 from rigtwin.measure import drum
+from rigtwin.measure.bed import Outline, Still, _hides
 from rigtwin.measure.steady import mean_over_time
 
 Array = npt.NDArray[np.float64]
@@ -237,3 +239,39 @@ def test_a_clip_without_a_drum_is_refused(tmp_path: Path) -> None:
             container.mux(packet)
     with pytest.raises(NothingToMeasure, match="drum"):
         drum.measure(tmp_path / "none.mp4", Camera(frame_rate=30.0), drum_diameter=0.15, out=tmp_path / "out")
+
+
+# ----------------------------------------------------------------------------------------- what is in front of the drum
+
+
+def test_what_passes_beside_the_drum_is_seen_and_a_flickering_lamp_is_not() -> None:
+    random = np.random.default_rng(3)
+    scene = np.clip(120 + cv2.GaussianBlur(random.normal(0, 120, (240, 240)), (0, 0), 4), 0, 255).astype(np.float32)
+    y, x = np.mgrid[:240, :240]
+    beside = np.hypot(x - 120, y - 120) > 1.15 * 80
+
+    def hides(grey: Array) -> bool:
+        noisy = np.clip(grey + random.normal(0, 3, grey.shape), 0, 255).astype(np.uint8)
+        still = Still(0, 0.0, cv2.merge([noisy] * 3), np.zeros((240, 240), np.float32), (0.0, 0.0))
+        return _hides(still, scene, beside)
+
+    hand = scene.copy()
+    hand[:, :40] = 200
+    assert hides(hand)
+    assert not hides(scene)
+    assert not hides(1.1 * scene)
+
+
+@pytest.mark.parametrize(
+    ("lift", "failing"), [("none", set()), ("arc", {"surface_shape"}), ("step", {"surface_steps"})]
+)
+def test_an_outline_that_no_flowing_bed_has_fails_a_check(lift: str, failing: set[str]) -> None:
+    x = np.linspace(-100, 100, 201)
+    height = {
+        "none": 0.5 * x + 10 * np.sin(np.pi * x / 100),
+        "arc": np.sqrt(120.0**2 - x**2),
+        "step": 0.5 * x + 60 * (x > 10),
+    }[lift]
+    outline = Outline(0, 0.0, x, height, height, height, 1.0, (0.0, 0.0))
+    checks = drum._checks_of_shape(SimpleNamespace(outlines=(outline,) * 3, bead=8.0))  # type: ignore[arg-type]
+    assert {check.check for check in checks if not check.passed} == failing
