@@ -109,7 +109,7 @@ def _quantity(dimension: str, lowest: float = -math.inf, highest: float = math.i
             bare = dimension != "number" and not isinstance(value, str)
             unit, example = DIMENSIONS[dimension]
             hint = f"; a bare number is in {unit}, write it with its unit, like {example!r}" if bare else ""
-            limits = _limits(lowest, highest, open_low) + ("" if unit == "1" else f" {unit}")
+            limits = _limits(lowest, highest, open_low) + ("" if unit == "1" or highest == math.inf else f" {unit}")
             raise BadInput(f"{value!r} is out of range; it must be {limits}{hint}.")
         return number
 
