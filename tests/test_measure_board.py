@@ -151,11 +151,14 @@ def test_a_fall_seen_askew_measures_as_if_seen_squarely(tmp_path):
     assert abs(gravity(Camera(frame_rate=80.0), camera.given_scale) / 9.81 - 1) > 0.01
 
 
-def test_pictures_of_another_size_than_the_board_are_refused(tmp_path):
+def test_pictures_of_another_size_than_the_board_are_refused(tmp_path, capsys):
     cv2.imwrite(str(tmp_path / "board.png"), Bench().photo(checkers(13, 9)))
-    lens = read_board(board(f"checkerboard 13x9 10mm {tmp_path / 'board.png'}"))
-    with pytest.raises(BadInput, match="same camera, lens and resolution"):
-        straight(np.zeros((100, 100), np.uint8), lens)
+    cv2.imwrite(str(tmp_path / "heap.png"), np.zeros((100, 120), np.uint8))
+    told = f"checkerboard 13x9 10mm {tmp_path / 'board.png'}"
+    assert run(["measure", "pile", str(tmp_path / "heap.png"), "--board", told]) == 2
+    message = capsys.readouterr().err
+    assert "heap.png" in message
+    assert "same camera, lens and resolution" in message
 
 
 @pytest.mark.parametrize("kind", ["checkerboard 9x6 10mm", "charuco 9x6 12mm/9mm", "aruco 30mm"])
