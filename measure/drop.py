@@ -52,7 +52,6 @@ USUAL_RATES = (24, 25, 30, 48, 50, 60, 90, 100, 120, 200, 240, 250, 300, 400, 48
 ROLL_STATED_TO = math.radians(0.5)  # nobody reads a camera's lean better
 SCALE_DOUBT = 0.005  # relative, of a scale read off a rule in view
 MOST_SHAKE = 5.0  # [px], standard deviation, up to which a shaking camera only shifts its picture
-LARGE_BEAD = 20.0  # [px], radius from which its size is believed to a percent
 RIM_DOUBT = 0.12  # [px], where the rim of a bead's image is taken to be
 
 
@@ -91,8 +90,8 @@ def _rate(track: Track) -> float:
     return 1 / float(np.nanmedian(np.diff(track.time))) if len(track.time) > 1 else math.nan
 
 
-def _bounces(track: Track, drag: AirDrag, name: str, *, width: Array | None = None, in_metres: bool = False) -> Bounces:
-    record = Heights(track.time, track.position[:, 1], track.sigma, width)
+def _bounces(track: Track, drag: AirDrag, name: str, *, in_metres: bool = False) -> Bounces:
+    record = Heights(track.time, track.position[:, 1], track.sigma)
     fitted = _fit(record, drag) if len(record.time) > 12 else None
     if fitted is None:
         raise NothingToMeasure(f"{name}: {_why_no_bounce(record)}")
@@ -349,11 +348,10 @@ def measure(
         return _measure_record(clip, drag, out)
     video = open_video(clip, camera)
     seen, pixels, repeats = _find_bead(video, camera, drag, bead_diameter, progress)
-    width = _widths(seen)
-    fitted = _bounces(pixels, drag, str(clip), width=width)
+    fitted = _bounces(pixels, drag, str(clip))
     gauge = _gauge(pixels, fitted, seen, camera, bead_diameter)
     track = _to_metres(pixels, fitted, gauge)
-    bounces = _bounces(track, drag, str(clip), width=width, in_metres=True)
+    bounces = _bounces(track, drag, str(clip), in_metres=True)
     evaluation = _evaluation(track, bounces, scale_doubt=gauge.doubt, rate=video.frame_rate, repeats=len(repeats))
     checks = _with_gravity_told(evaluation.checks, gauge) + _view_checks(video, seen, fitted, repeats)
     if camera.roll is not None:
@@ -445,7 +443,7 @@ def _find_bead(
         pixels = _pixel_track(seen)
         if len(pixels.time) > 8 and best is None:
             best = seen, pixels
-        fitted = _fit(Heights(pixels.time, pixels.position[:, 1], pixels.sigma, _widths(seen)), drag)
+        fitted = _fit(Heights(pixels.time, pixels.position[:, 1], pixels.sigma), drag)
         if fitted is not None:
             expected = _expected(seen, pixels, fitted, video)
             better = look_again(seen, {index: at for index, at in expected.items() if index not in moves.repeated})
@@ -549,17 +547,6 @@ def _pixel_track(seen: Chase) -> Track:
         position=np.array([(sighting.image.x, -sighting.image.y) for sighting in seen.sightings]).reshape(-1, 2),
         sigma=doubted * np.array([sighting.image.sigma for sighting in seen.sightings]),
     )
-
-
-def _widths(seen: Chase) -> Array | None:
-    """[px], the bead's radius in every sighting, NaN where a smear hides it; None for one too small to tell.
-
-    Blur changes the look of a small bead's rim by more than its coming nearer does.
-    """
-    if seen.radius < LARGE_BEAD:
-        return None
-    found = [each.image for each in seen.sightings]
-    return np.array([image.radius if math.hypot(*image.blur) < image.radius else math.nan for image in found])
 
 
 def _beside_a_gap(frames: npt.NDArray[np.intp], path: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:

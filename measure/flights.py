@@ -34,7 +34,6 @@ AIR_VISCOSITY = 1.81e-5  # [Pa s]
 PERSPECTIVE = 0.02  # relative change of scale over the drop height: a camera at 2.5 drop heights pitched by 3 degrees
 LENS = 0.01  # the same, quadratic: 1 % of barrel at the picture's edge
 DRIFT = 0.04  # the plate's level, as a fraction of a flight's height: a bead that leaves the plane by 2 degrees
-WIDTH_DOUBT = 0.05  # [px], by which a radius looks changed through light and blur alone
 DWELL = 5e-4  # [s], duration of the contact
 DRAG = 0.10  # relative: sphere's drag coefficient for a bead with a hole or a seam
 DRAG_HELD = 0.05  # relative: what the fit may change of it, as a track's slow errors look much like drag
@@ -132,7 +131,6 @@ class Heights:
     time: Array  # [s], shape (n,)
     height: Array  # up, shape (n,)
     sigma: Array  # one standard deviation, shape (n,); only its course matters, its size is fitted
-    width: Array | None = None  # radius [px] of the bead's picture, shape (n,), NaN where it does not show
 
 
 @dataclass(frozen=True)
@@ -487,30 +485,6 @@ def _in_flight(record: Heights, model: _Model, p: Array, step: float, noise: flo
     return np.asarray(inside)
 
 
-def _widening(record: Heights, contacts: Array, used: Mask) -> tuple[Array, Array]:
-    """By how much wider than in the fall the bead looks in each later flight, relative, and how surely.
-
-    A bead that comes nearer is seen larger, and so is its bounce.
-    """
-    count = len(contacts) - 1
-    wider, doubt = np.zeros(count), np.full(count, np.inf)
-    if record.width is None:
-        return wider, doubt
-    flight = np.searchsorted(contacts[:count], record.time)
-    usual, scatter = math.nan, math.inf
-    for k in range(count + 1):
-        widths = record.width[used & (flight == k) & np.isfinite(record.width)]
-        if len(widths) < 4:
-            continue
-        middle = float(np.median(widths))
-        error = math.hypot(1.4826 * float(np.median(np.abs(widths - middle))) / math.sqrt(len(widths)), WIDTH_DOUBT)
-        if k == 0:
-            usual, scatter = middle, error
-        elif math.isfinite(usual):
-            wider[k - 1], doubt[k - 1] = middle / usual - 1, math.hypot(error, scatter) / usual
-    return wider, doubt
-
-
 def _solve(
     record: Heights,
     model: _Model,
@@ -530,10 +504,7 @@ def _solve(
     size = math.exp(centre[0])
     drift = DRIFT * flights * size
     open_end = model.end < model.contacts(start)[-1] - 1e-3
-    wider, doubt = _widening(record, model.contacts(start), used)
-    # a bead thrown aside keeps that speed: its way goes with a flight's time, the root of its height
-    as_thrown = np.where(np.isfinite(doubt), np.sqrt(flights * flights[0]), flights)
-    swelling = DRIFT * 1.3 * as_thrown / model.top
+    swelling = DRIFT * 1.3 * flights / model.top
 
     def misfit(p: Array) -> Array:
         curve = model.curve(p, time)
@@ -547,9 +518,7 @@ def _solve(
             # no next contact shows the level: the bead most likely drifts on as before, but a bounce may turn it
             before = float(steps[-2]) * flights[-1] ** 0.5 / flights[-2] ** 0.5 if n > 1 else 0.0
             off[-1] = (steps[-1] - before) / (0.5 * drift[-1] + 0.5 * abs(before))
-        swell = np.concatenate([[0.0], growth])
-        widths = ((swell[1:] + swell[:-1]) / 2 - wider) / doubt
-        return np.concatenate([(y - curve) / sigma, priors, off, np.diff(swell) / swelling, widths])
+        return np.concatenate([(y - curve) / sigma, priors, off, np.diff([0.0, *growth]) / swelling])
 
     lower, upper = np.full(len(start), -np.inf), np.full(len(start), np.inf)
     lower[2 : 3 + n] = 1e-6

@@ -14,7 +14,6 @@ from rigtwin.lab.camera import Camera, Lens
 from rigtwin.lab.errors import BadInput, NothingToMeasure, UnreadableMedia
 from rigtwin.lab.records import Track, write_tracks
 from rigtwin.measure import drop, follow, sources
-from rigtwin.measure.flights import AirDrag, Heights, fit_bounces
 
 G = 9.81
 FPS = 240.0
@@ -163,19 +162,6 @@ def test_stated_intervals_hold_the_truth_about_as_often_as_they_say():
                     scaled.append((q.value - e) / q.std_uncertainty)
     assert np.mean(np.abs(scaled) < 1.96) > 0.88
     assert np.std(scaled) > 0.15
-
-
-def test_a_bead_that_comes_nearer_is_corrected_by_its_size():
-    """Every flight is seen 3 % larger than the one before, and so is the bead."""
-    made = track(noise=2e-4, seed=3)
-    contacts = 0.03 + math.sqrt(2 * 0.25 / G) * np.array([1.0, 2.4, 3.38])
-    nearer = 1 + np.interp(made.time, [*contacts, 0.95], [0, 0.03, 0.051, 0.09])
-    sigma = np.full(len(made.time), 2e-4)
-    seen = Heights(made.time, made.position[:, 1] * nearer, sigma, 20 * nearer)
-    fitted = [fit_bounces(record, AirDrag()) for record in (seen, replace(seen, width=None))]
-    growth = [each.model.split(each.parameters)[2][1] for each in fitted]
-    assert growth[0] == pytest.approx(0.051, abs=0.005)
-    assert abs(growth[0] - 0.051) < abs(growth[1] - 0.051)
 
 
 def test_boxes_of_what_moves_do_not_overlap():
