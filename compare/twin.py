@@ -202,6 +202,7 @@ def tilt_twin(
             f"The plate rises by {math.degrees(rig.speed):.3g} degrees per second, steadily and without shaking.",
             "A body that slides does not turn; a bead that rolls is a sphere.",
         ),
+        warnings=tilt.left_out(rig, particle, effects),
         draw=lambda: _strobe((track,), particle),
         seconds=time.perf_counter() - begun,
     )

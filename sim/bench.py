@@ -158,8 +158,7 @@ class Bench:
     def warnings(self, bulk: Bulk, logbook: Logbook) -> tuple[str, ...]:
         """What speaks against the numerics of a run that ended."""
         said = [*self.time_step()[1], *logbook.warnings]
-        if left_out := self._effects()[1]:
-            said.append(f"the model's {', '.join(left_out)} had no part in this run: {_why_not(self.particle)}")
+        said += self._effects()[1]
         if bulk.largest_overlap > OVERLAP_LIMIT:
             said.append(
                 f"the largest overlap was {bulk.largest_overlap:.1%} of a radius; "
@@ -167,18 +166,8 @@ class Bench:
             )
         return tuple(said)
 
-    def _effects(self) -> tuple[tuple[Active, ...], list[str]]:
-        """Effects of the model that act here, and the names of those that do not."""
-        from rigtwin.sim.engine.terms import acting
+    def _effects(self) -> tuple[tuple[Active, ...], tuple[str, ...]]:
+        """Effects of the model that act here, and what is to be said of those that do not."""
+        from rigtwin.sim.engine.terms import acting_among
 
-        named = self.numerics.get("effects", NO_EFFECTS)
-        if not named:
-            return (), []
-        clumps = self.particle.shape is not None
-        active = tuple(one for one in acting(named) if not (clumps and one.effect.force is not None))
-        return active, [name for name in named if name not in {one.effect.name for one in active}]
-
-
-def _why_not(particle: Particle) -> str:
-    forces = "" if particle.shape is None else ", and forces in flight on single spheres only"
-    return f"only forces on beads and contacts act among many particles{forces}"
+        return acting_among(self.numerics.get("effects", NO_EFFECTS), self.particle)

@@ -104,6 +104,14 @@ def run(
     return _record(time[:end], angle[:end], path)
 
 
+def left_out(rig: Tilt, particle: Particle, effects: Effects) -> tuple[str, ...]:
+    """What is to be said of a model's effects that `run` cannot add."""
+    from rigtwin.sim.engine.terms import acting_among
+
+    rolls = rig.variant == "roll" and particle.shape is not None
+    return acting_among(effects, particle)[1] if rolls else ()
+
+
 def _record(time: Array, angle: Array, path: Array) -> tuple[Series, Track]:
     return (
         Series(time, angle, quantity="plate_angle", unit="rad"),
@@ -134,7 +142,7 @@ def _rolled_clump(
     A row of spheres lies with its axis across the plate, anything else as its own axes say.
     """
     from rigtwin.sim.engine.bulk import Bulk
-    from rigtwin.sim.engine.terms import acting
+    from rigtwin.sim.engine.terms import acting_among
     from rigtwin.sim.engine.walls import Motion, Plane, Wall
 
     assert clump.shape is not None
@@ -159,7 +167,7 @@ def _rolled_clump(
         high=(room, room, room),
         time_step=interval / steps,
         rolling=rolling,
-        effects=acting(effects),
+        effects=acting_among(effects, clump)[0],
         threads=1,
         skin=1.0,
     )

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from rigtwin.compare.twin import tilt_twin
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact
 from rigtwin.lab.reference import hlosta2020
@@ -94,6 +95,17 @@ def test_a_pellet_across_the_plate_rolls_at_its_rolling_friction_and_a_cube_does
     rig = Tilt("roll", speed=FAST, start_angle=math.radians(8))
     cube = tilt.run(rig, hlosta2020.particle("C6_8s-b"), STEEL, Contact(0.3, 0.25, mu_r), frame_rate=120)
     assert onset_of(cube[0], in_the_plate(*cube)[0]) == pytest.approx(math.atan(0.25), abs=2.5 * late)
+
+
+def test_air_does_not_stop_a_pellet_from_rolling_and_the_twin_says_that_it_had_no_part():
+    rig, effects = Tilt("roll", speed=FAST, start_angle=math.radians(4)), {"air_drag": {}}
+    pellet, contact = hlosta2020.particle("P6x15"), Contact(0.3, 0.5, 0.08)
+    in_air = tilt_twin(rig, pellet, STEEL, contact, frame_rate=120, effects=effects)
+    (said,) = in_air.warnings
+    assert said.startswith("the model's air_drag had no part")
+    plain = tilt.run(rig, pellet, STEEL, contact, frame_rate=120)
+    assert np.array_equal(in_air.tracks[0].position, plain[1].position)
+    assert not tilt.left_out(rig, D6, effects)
 
 
 def test_a_plate_that_starts_inclined_and_one_that_turns_slowly_agree():

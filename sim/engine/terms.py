@@ -19,6 +19,7 @@ from rigtwin.sim.effects import Effect, named
 from rigtwin.sim.engine.backend import ti
 
 if TYPE_CHECKING:
+    from rigtwin.lab.materials import Particle
     from rigtwin.lab.model import Effects
 
 MOST_PARAMETERS = 3
@@ -70,6 +71,16 @@ def acting(effects: Effects, *, pivots: bool = False) -> tuple[Active, ...]:
         for one in found
         if one.effect.kind == "physical" and any(getattr(one.effect, hook) is not None for hook in hooks)
     )
+
+
+def acting_among(effects: Effects, particle: Particle) -> tuple[tuple[Active, ...], tuple[str, ...]]:
+    """Those of a model's effects that the bulk engine can add for such particles, and a sentence on the others."""
+    clumps = particle.shape is not None
+    active = tuple(one for one in acting(effects) if not (clumps and one.effect.force is not None))
+    left_out = [name for name in effects if name not in {one.effect.name for one in active}]
+    forces = ", and forces in flight on single spheres only" if clumps else ""
+    why = f"the engine of clumps and of many particles knows only forces on beads and contacts{forces}"
+    return active, (f"the model's {', '.join(left_out)} had no part in this run: {why}",) if left_out else ()
 
 
 def terms_of(effects: Sequence[Active], place: str) -> Terms:
