@@ -42,7 +42,7 @@ def measured(rig: str) -> Callable[[Command], Command]:
 
         folder = results_folder(rig, work.args[0], out)
         measurement = _done(partial(work, out=folder), hidden=as_json or quiet)
-        show_measurement(keep(measurement, folder), as_json, quiet)
+        show_measurement(keep(measurement, folder, work.args[0]), as_json, quiet)
 
     return lambda command: with_options(command, _with_out(folder_text), around)
 

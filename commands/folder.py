@@ -20,32 +20,39 @@ def results_folder(rig: str, media: Path | Sequence[Path], out: Path | None) -> 
     """The folder asked for, or the first of ``out/drop/r01``, ``r01~2`` ... without another input's results."""
     if out is not None:
         return out
-    source = media if isinstance(media, Path) else media[0]
-    place = Path("out") / rig / source.stem
+    every = [media] if isinstance(media, Path) else list(media)
+    place = Path("out") / rig / _name(every[0])
     places = itertools.chain([place], (place.with_name(f"{place.name}~{k}") for k in itertools.count(2)))
-    return next(place for place in places if _free(place, rig, source))
+    return next(place for place in places if _free(place, rig, every))
 
 
-def keep(measurement: Measurement, folder: Path) -> Measurement:
+def keep(measurement: Measurement, folder: Path, media: Path | Sequence[Path]) -> Measurement:
     """Write the document that tells whose results stand in `folder`."""
     from rigtwin.compare.results import document, write_together
 
+    every = [media] if isinstance(media, Path) else list(media)
     path = _document(folder, measurement.source)
     kept = replace(measurement, files={**measurement.files, "measurement": path})
-    write_together(folder, {path.name: document(kept.to_json())})
+    told = {**kept.to_json(), "media_sha256": [sha256(one) for one in every]}
+    write_together(folder, {path.name: document(told)})
     return kept
 
 
 def _document(folder: Path, source: Path) -> Path:
-    return folder / f"{source.stem}-measurement.json"
+    return folder / f"{_name(source)}-measurement.json"
 
 
-def _free(folder: Path, rig: str, source: Path) -> bool:
+def _name(source: Path) -> str:
+    """Of a clip, or of the folder that "." stands for."""
+    return source.resolve().stem
+
+
+def _free(folder: Path, rig: str, media: Sequence[Path]) -> bool:
     try:
-        known = json.loads(_document(folder, source).read_text(encoding="utf-8"))
-        told = (known["rig"], known["source"]["sha256"])
+        known = json.loads(_document(folder, media[0]).read_text(encoding="utf-8"))
+        told = (known["rig"], known["media_sha256"])
     except FileNotFoundError:
         return True
-    except (ValueError, KeyError, TypeError):  # not of ours
+    except (ValueError, KeyError, TypeError, NotADirectoryError):  # not of ours
         return False
-    return not source.exists() or told == (rig, sha256(source))
+    return not all(one.exists() for one in media) or told == (rig, [sha256(one) for one in media])

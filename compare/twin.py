@@ -104,6 +104,7 @@ def drop_twin(
     `rig.bounces` take."""
     from rigtwin.measure import drop as ruler
     from rigtwin.sim import drop
+    from rigtwin.sim.engine.terms import acting_on_few
 
     begun = time.perf_counter()
     track = drop.run(
@@ -117,6 +118,7 @@ def drop_twin(
         settings_of(rig, particle, {f"{particle.name}-{wall.name}": contact}, frame_rate_hz=frame_rate),
         tracks=(track,),
         assumptions=(IDEAL, "The plate is flat, level and does not move."),
+        warnings=acting_on_few(effects)[1],
         draw=lambda: _strobe((track,), particle),
         seconds=time.perf_counter() - begun,
     )
@@ -139,6 +141,7 @@ def pendulum_twin(
     """
     from rigtwin.measure import pendulum as ruler
     from rigtwin.sim import pendulum
+    from rigtwin.sim.engine.terms import acting_on_few
 
     begun = time.perf_counter()
     tracks = pendulum.run(
@@ -167,6 +170,7 @@ def pendulum_twin(
         ),
         tracks=tuple(tracks),
         assumptions=(IDEAL, "Threads have no mass, hinges do not rub, the beads meet at the lowest point."),
+        warnings=acting_on_few(effects, pivots=True)[1],
         draw=lambda: _strobe(tracks, particle),
         seconds=time.perf_counter() - begun,
     )

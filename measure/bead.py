@@ -649,7 +649,9 @@ class Scene:
 
     def pose(self, grey: Grey, start: tuple[float, float] = (0.0, 0.0), *, quickly: bool = False) -> Pose:
         """Where a frame lies; `quickly` by a quarter of the edges, which doubles the error of the shake."""
-        pose = self._placed(grey, np.array(start), self._few_anchors if quickly else self._anchors)
+        pose = self._placed(grey, np.array(start), self._few_anchors) if quickly else Pose()
+        if pose == Pose():  # too few edges tell nothing, which is not that the camera stands still
+            pose = self._placed(grey, np.array(start), self._anchors)
         return pose if abs(pose.gain - 1) < FLICKER else self._lit(grey, pose)
 
     def _lit(self, grey: Grey, pose: Pose) -> Pose:

@@ -68,6 +68,8 @@ def _far_from_beads(points: Array, beads: Beads) -> Mask:
 def _odd_background(found: Silhouette, image: Image, seen: Mask) -> Mask:
     """Where the colour just above the outline is off its own slow change across the cylinder."""
     odd = np.zeros(len(found.x), dtype=bool)
+    if not seen.any():
+        return odd
     steps = np.arange(ABOVE[0], ABOVE[1], 0.25) * found.bead_radius
     rows = [found.view.to_picture(found.x, np.nan_to_num(found.height) + step).astype(np.float32) for step in steps]
     lab = cv2.cvtColor(image, cv2.COLOR_BGR2LAB)

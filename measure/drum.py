@@ -524,9 +524,13 @@ def _checks_of_shape(bed: Bed) -> list[Check]:
     x, height = bed.outlines[0].x[seen], np.nanmedian(heights[:, seen], axis=0)
     length = float(np.ptp(x))
     inner = np.abs(x - (x[0] + x[-1]) / 2) < 0.4 * length
-    bow = abs(float(np.polyfit(x[inner], height[inner], 2)[0])) * length / 4
+    x, height = x[inner], height[inner]
+    if len(x) < 8:
+        return []
+    bow = abs(float(np.polyfit(x, height, 2)[0])) * length / 4
     apart = max(1, round(bed.bead))
-    step = float(np.abs(height[inner][apart:] - height[inner][:-apart]).max(initial=0.0)) / bed.bead
+    near = x[apart:] - x[:-apart] < 1.5 * apart  # not across what stands in front of the bed
+    step = float(np.abs(height[apart:] - height[:-apart])[near].max(initial=0.0)) / bed.bead
     return [
         Check(
             "surface_shape",

@@ -106,10 +106,10 @@ def run(
 
 def left_out(rig: Tilt, particle: Particle, effects: Effects) -> tuple[str, ...]:
     """What is to be said of a model's effects that `run` cannot add."""
-    from rigtwin.sim.engine.terms import acting_among
+    from rigtwin.sim.engine.terms import acting_among, acting_on_few
 
     rolls = rig.variant == "roll" and particle.shape is not None
-    return acting_among(effects, particle)[1] if rolls else ()
+    return (acting_among(effects, particle) if rolls else acting_on_few(effects))[1]
 
 
 def _record(time: Array, angle: Array, path: Array) -> tuple[Series, Track]:

@@ -106,6 +106,8 @@ def test_air_does_not_stop_a_pellet_from_rolling_and_the_twin_says_that_it_had_n
     plain = tilt.run(rig, pellet, STEEL, contact, frame_rate=120)
     assert np.array_equal(in_air.tracks[0].position, plain[1].position)
     assert not tilt.left_out(rig, D6, effects)
+    (said,) = tilt.left_out(rig, D6, {"air_drag": {}, "rolling_lever": {}})
+    assert said.startswith("the model's rolling_lever had no part")
 
 
 def test_a_plate_that_starts_inclined_and_one_that_turns_slowly_agree():

@@ -130,12 +130,14 @@ def diagnose(
             "rolling resistance, static friction and cohesion apart, so nothing is named",
             next_experiment="the same material on a drop, a pendulum and an incline, which measure one parameter each",
         )
-    if lab.repetitions < FEWEST:
-        raise BadInput(
-            f"{lab.folder}: {lab.repetitions} repetitions in all; at least {FEWEST} are needed to tell an effect "
-            "from scatter."
-        )
+    asked = lab.repetitions
     lab, left_out = sifted(lab)
+    if lab.repetitions < FEWEST:
+        still = f", {asked - lab.repetitions} more in which nothing moved" if asked > lab.repetitions else ""
+        raise BadInput(
+            f"{lab.folder}: {lab.repetitions} repetitions in all{still}; at least {FEWEST} are needed to tell an "
+            "effect from scatter."
+        )
     bench = bench_of(lab)
     progress("baseline", 0, 1)
     base = fit(bench, rounds=12)

@@ -23,9 +23,12 @@ def parameters(lab: TrackedLab, fitted: Fit, terms: Sequence[Effect]) -> dict[st
                 found[parameter.name] = {"value": fitted.jitter, "std": fitted.jitter_std, "unit": "s"}
                 continue
             if term.geometry == "scatter":
-                impacts = max(int(fitted.soft.size // max(len(fitted.scatter), 1)), 1)
                 value = float(fitted.scatter[-1])
-                found[parameter.name] = {"value": value, "std": value / math.sqrt(2 * impacts), "unit": "1"}
+                found[parameter.name] = {
+                    "value": value,
+                    "std": value / math.sqrt(2 * max(fitted.kicks, 1)),
+                    "unit": "1",
+                }
                 continue
             name = f"{term.name}.{parameter.name}"
             value = fitted.value(name)

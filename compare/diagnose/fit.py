@@ -71,6 +71,8 @@ class Fit:
     leverage: float = 0.0
     """How many of the deviations the unknowns take up."""
     jitter_std: float = math.nan  # [s]
+    kicks: int = 0
+    """Impacts that the last of `scatter` speaks of."""
 
     @property
     def per_row(self) -> float:
@@ -498,6 +500,7 @@ def _finished(
         _whiteness(linear.residual, getattr(bench, "bodies", 1)),
         leverage,
         state.jitter_std,
+        int(np.sum(bench.scatter == len(state.scatter) - 1)),
     )
 
 

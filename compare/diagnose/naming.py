@@ -33,6 +33,7 @@ JITTER = 24.0  # deviance
 WHITE = 0.6  # of the squared differences of white noise
 KEEN = 5  # candidates beside a root that are fitted where the disagreement is large
 LEADING = 4  # candidates of each size that are fitted to the end on all data
+NOTABLE = 1.0  # deviance: less is rounding of the fits
 SPARED = 10.0  # deviance: 2 ln(1/0.007), a coefficient that falls to within a percent where it was foretold
 BEYOND = 0.1  # of a coefficient's range above it, that its doubt excuses at most
 GLANCE = 6.0  # a candidate whose first step promises less than this is not fitted to the end
@@ -246,7 +247,7 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
         if more is None or more.score - best.score < _price(best, more, rig):
             break
         fewer = search.reduced(more, best)
-        if fewer is not best and more.score - fewer.score < _price(fewer, more, rig):
+        if fewer.score > best.score + NOTABLE and more.score - fewer.score < _price(fewer, more, rig):
             best, front = fewer, [fewer]  # as good with one effect less: the set is grown from there again
         elif _each_needed(more, search.done, rig):
             best, front, count = more, _front(grown, 3), count + 1

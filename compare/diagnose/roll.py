@@ -22,6 +22,7 @@ from rigtwin.sim.effects import Effect
 
 LEVER, TIED = "rolling_lever", 1e-6
 """One lever arm stands for the coefficients of all sizes, which are nought beside it."""
+WIDEST = 1.5  # largest over smallest size, below which 1/d is hardly told from one coefficient for all
 FEWEST_SIZES = 3  # of one material, that fall on one lever arm by no accident
 ROLLS = 5 / 7  # of a force is left to a solid sphere that rolls
 
@@ -155,5 +156,6 @@ def one_material_of_many_sizes(lab: TrackedLab) -> bool:
     """Whether a lever arm can be told from coefficients of each bead's own."""
     materials = {str(one.bead.about.get("material") or one.bead.name) for one in lab.conditions}
     sizes = {round(one.bead.diameter, 4) for one in lab.conditions}
+    apart = max(sizes) >= WIDEST * min(sizes)
     walls = {one.wall for one in lab.conditions}
-    return len(materials) == len(walls) == 1 and len(sizes) >= FEWEST_SIZES
+    return len(materials) == len(walls) == 1 and len(sizes) >= FEWEST_SIZES and apart

@@ -116,6 +116,8 @@ class Crew:
         if late or (self._ran > WATCHED and self._used < LEAST_SHARE * self._ran):
             self._alone_until = time.perf_counter() + self._alone_for
             self._alone_for = min(2 * self._alone_for, ALONE[1])
+            if self._ran > 0 and self._used >= LEAST_SHARE * self._ran:
+                self._share_out(team, threads)  # the cores were there: it was the stretches that were uneven
         elif self._ran > WATCHED:
             self._alone_for = ALONE[0]
             self._share_out(team, threads)

@@ -77,10 +77,22 @@ def acting_among(effects: Effects, particle: Particle) -> tuple[tuple[Active, ..
     """Those of a model's effects that the bulk engine can add for such particles, and a sentence on the others."""
     clumps = particle.shape is not None
     active = tuple(one for one in acting(effects) if not (clumps and one.effect.force is not None))
-    left_out = [name for name in effects if name not in {one.effect.name for one in active}]
     forces = ", and forces in flight on single spheres only" if clumps else ""
     why = f"the engine of clumps and of many particles knows only forces on beads and contacts{forces}"
-    return active, (f"the model's {', '.join(left_out)} had no part in this run: {why}",) if left_out else ()
+    return active, left_out(effects, active, why)
+
+
+def acting_on_few(effects: Effects, *, pivots: bool = False) -> tuple[tuple[Active, ...], tuple[str, ...]]:
+    """Those that act on few bodies, torques of pivots only where there are `pivots`, and a sentence on the others."""
+    active = acting(effects, pivots=pivots)
+    why = "a twin of few bodies knows only forces, attraction, restitution and, in a pendulum, torques of its pivots"
+    return active, left_out(effects, active, why)
+
+
+def left_out(effects: Effects, active: Sequence[Active], why: str) -> tuple[str, ...]:
+    """What is to be said of the effects that are not among the active ones: one sentence, or nothing."""
+    names = [name for name in effects if name not in {one.effect.name for one in active}]
+    return (f"the model's {', '.join(names)} had no part in this run: {why}",) if names else ()
 
 
 def terms_of(effects: Sequence[Active], place: str) -> Terms:
