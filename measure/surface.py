@@ -105,16 +105,17 @@ def _moved(found: Silhouette, left: float, top: float) -> Silhouette:
 def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal_length: float) -> Silhouette | None:
     zoom = min(1.0, FINEST / _breadth(photo))
     image = _shrunk(photo, zoom)
-    coarse = _Coarse.of(image)
-    beads = coarse.beads()
+    grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+    beads = _beads(grey)
     if beads is None:
         return None
-    alike, grey = coarse.likeness(beads), _grey(image)
+    beads = more_beads(grey, likeness(image, beads), beads)
+    alike = likeness(image, beads)
     disc = find_disc(grey, alike, beads, focal_length=focal_length * zoom, roll=roll, beads_across=beads_across)
     view = _view_of_disc(disc) if disc is not None else _view_of_feet(beads, roll)
     if disc is not None and beads_across is not None:
-        beads = coarse.more(Beads(beads.centre, view.radius / beads_across))
-        alike = coarse.likeness(beads)
+        beads = more_beads(grey, alike, Beads(beads.centre, view.radius / beads_across))
+        alike = likeness(image, beads)
     found = outline_of(image, alike, beads, view)
     if found is None:
         return None
@@ -154,44 +155,11 @@ def _shrunk(picture: Image, factor: float) -> Image:
     return np.asarray(cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
-def _grey(image: Image) -> Image:
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
-
-
-@dataclass(frozen=True)
-class _Coarse:
-    """A smaller copy of the picture, for what needs no edge to a pixel: which circles are beads, and their colour.
-
-    Beads go in and come out in px of the picture that is measured.
-    """
-
-    image: Image
-    grey: Image
-    size: tuple[int, int]  # [px], width and height of the picture that is measured
-    shrink: float  # px of the copy per px of that picture
-
-    @classmethod
-    def of(cls, image: Image) -> _Coarse:
-        shrink = min(1.0, COARSE / _breadth(image))
-        small = _shrunk(image, shrink)
-        return cls(small, _grey(small), (image.shape[1], image.shape[0]), shrink)
-
-    def beads(self) -> Beads | None:
-        width = self.grey.shape[1]
-        found = find_beads(self.grey, (0.0045 * width, 0.05 * width))
-        return None if found is None else self.more(_scaled(found, 1 / self.shrink))
-
-    def more(self, beads: Beads) -> Beads:
-        small = _scaled(beads, self.shrink)
-        return _scaled(more_beads(self.grey, likeness(self.image, small), small), 1 / self.shrink)
-
-    def likeness(self, beads: Beads) -> npt.NDArray[np.float32]:
-        alike = likeness(self.image, _scaled(beads, self.shrink))
-        return alike if self.shrink == 1 else np.asarray(cv2.resize(alike, self.size), dtype=np.float32)
-
-
-def _scaled(beads: Beads, factor: float) -> Beads:
-    return Beads(beads.centre * factor, beads.radius * factor)
+def _beads(grey: Image) -> Beads | None:
+    shrink = min(1.0, COARSE / _breadth(grey))
+    small = _shrunk(grey, shrink)
+    beads = find_beads(small, (0.0045 * small.shape[1], 0.05 * small.shape[1]))
+    return None if beads is None else Beads(beads.centre / shrink, beads.radius / shrink)
 
 
 def _view_of_disc(disc: Disc) -> View:
