@@ -122,7 +122,6 @@ CAMERA: dict[str, Any] = {
 """What the person says of the camera; the same words are keys of ``[experiments.camera]`` in lab.toml."""
 
 SHORTEST, LARGEST_BEAD = 1e-6, 0.5  # [m], what a camera resolves, and a unit that was forgotten
-HEAVIEST = 25_000.0  # [kg/m^3], osmium has 22 600
 
 PHOTO = ("scale", "known_length", "region", "camera_roll", "plumb_line", "board")
 
@@ -239,6 +238,7 @@ def density(given: float | None, mass: float | None, diameter: float | None) -> 
 
 def _possible(value: float | None, name: str) -> float | None:
     from rigtwin.lab.errors import BadQuantity
+    from rigtwin.lab.materials import HEAVIEST
 
     if value is not None and value > HEAVIEST:
         raise BadQuantity(

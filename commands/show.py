@@ -200,12 +200,14 @@ def _tell_diagnosis(console: Console, diagnosis: Diagnosis, files: Mapping[str, 
     console.print(f"[bold]{escape(diagnosis.verdict)}[/bold]: {escape(diagnosis.reason)}")
     for one in diagnosis.left_out:
         console.print(f"[yellow]{escape(one)}[/yellow]")
+    from rigtwin.lab.wording import unit_of
+
     document = diagnosis.to_json()
     console.print(f"where: {escape(document['where_in_words'])}")
     for effect in document["effects"]:
         for name, found in effect["parameters"].items():
             console.print(
-                f"{escape(effect['title'])}: {name} = {found['value']:.4g} ± {found['std']:.2g} {found['unit']}"
+                f"{escape(effect['title'])}: {name} = {found['value']:.4g} ± {found['std']:.2g}{unit_of(found['unit'])}"
             )
     if diagnosis.form:
         console.print(f"form: {escape(diagnosis.form)}")

@@ -10,6 +10,8 @@ from typing import Any
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.shapes import Clump
 
+HEAVIEST = 25_000.0  # [kg/m^3], osmium has 22 600
+
 
 @dataclass(frozen=True)
 class Material:

@@ -122,6 +122,15 @@ def reading(value: float | None, std_uncertainty: float | None, unit: str) -> st
     return f"{value:.{digits}f} ± {std_uncertainty:.{digits}f}{space}{sign}"
 
 
+def unit_of(unit: str) -> str:
+    """What stands behind a number in SI; nothing behind a plain one.
+
+    >>> "3.2" + unit_of("s"), "0.44" + unit_of("1")
+    ('3.2 s', '0.44')
+    """
+    return "" if unit == "1" else f" {unit}"
+
+
 def uncertainty(std_uncertainty: float, unit: str) -> str:
     """A part of an uncertainty, to two digits.
 

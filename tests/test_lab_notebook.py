@@ -178,6 +178,7 @@ def test_each_experiment_names_the_pairs_that_touch_in_it(folder):
     [
         # wrong units and values
         ('"240 Hz"', '"240 mm"', "experiments[0].camera.frame_rate", "240 mm", "wrong unit for a frequency"),
+        ('"0.0710 g"', '"0.0710 kg"', "particles.oak-bead.mass", "0.0710 kg", "more than any metal"),
         ('"240 Hz"', '"fast"', "experiments[0].camera.frame_rate", "fast", "'240 Hz'"),
         ('"240 Hz"', '"0 Hz"', "experiments[0].camera.frame_rate", "0 Hz", "above 0"),
         ('"0.2 mm/px"', '"0.2 mm"', "experiments[0].camera.scale", "0.2 mm", "wrong unit for a scale"),

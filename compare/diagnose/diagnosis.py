@@ -28,6 +28,7 @@ from rigtwin.compare.diagnose.sift import sifted
 from rigtwin.compare.diagnose.slide import SlideBench
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.wording import unit_of
 from rigtwin.sim.effects import Effect, library
 from rigtwin.sim.effects.effect import WIDENING
 from rigtwin.sim.effects.forms import nameless
@@ -290,7 +291,7 @@ def _formula(candidate: Candidate) -> str:
     for term in candidate.terms:
         name, unit = f"{term.name}.c", term.parameters[0].unit
         value, std = candidate.fitted.value(name), candidate.fitted.std(name)
-        parts.append(f"{term.title} with c = {value:.4g} +- {std:.2g} {unit}")
+        parts.append(f"{term.title} with c = {value:.4g} ± {std:.2g}{unit_of(unit)}")
     return "; ".join(parts)
 
 
@@ -332,7 +333,7 @@ def _sensitivity(naming: Naming) -> str:
             parameter = term.parameters[0]
             std = one.fitted.std(f"{term.name}.{parameter.name}")
             if math.isfinite(std) and 0 < 4 * std < parameter.high:
-                seen.append(f"{term.title} {4 * std:.2g} {parameter.unit}")
+                seen.append(f"{term.title} {4 * std:.2g}{unit_of(parameter.unit)}")
             else:
                 blind.append(f"{term.title} ({term.splits})")
     if naming.unseen:

@@ -16,6 +16,7 @@ from rigtwin.compare.diagnose.gap import closed
 from rigtwin.compare.diagnose.labs import TrackedLab
 from rigtwin.compare.filled import filled
 from rigtwin.lab.records import Array
+from rigtwin.lab.wording import unit_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,7 +69,7 @@ def _candidate_row(lab: TrackedLab, candidate: Any) -> dict[str, str]:
         "names": " + ".join(term.title for term in candidate.terms),
         "kind": ", ".join(dict.fromkeys(term.kind for term in candidate.terms)),
         "gain": f"{candidate.gain:.1f}",
-        "parameters": "; ".join(f"{n} = {p['value']:.4g} ± {p['std']:.2g} {p['unit']}" for n, p in found.items()),
+        "parameters": _in_words(found),
         "refused": candidate.reason,
     }
 
@@ -91,8 +92,11 @@ def _added(diagnosis: Diagnosis) -> list[dict[str, str]]:
 
 def _candidate_row_of(diagnosis: Diagnosis, term: Any) -> str:
     assert diagnosis.chosen is not None
-    found = parameters(diagnosis.lab, diagnosis.chosen.fitted, (term,))
-    return "; ".join(f"{n} = {p['value']:.4g} ± {p['std']:.2g} {p['unit']}" for n, p in found.items())
+    return _in_words(parameters(diagnosis.lab, diagnosis.chosen.fitted, (term,)))
+
+
+def _in_words(found: dict[str, dict[str, Any]]) -> str:
+    return "; ".join(f"{n} = {p['value']:.4g} ± {p['std']:.2g}{unit_of(p['unit'])}" for n, p in found.items())
 
 
 def _gaps(diagnosis: Diagnosis) -> list[dict[str, str]]:
