@@ -7,12 +7,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rigtwin.lab.errors import BadInput, BadLabFile
-from rigtwin.lab.materials import Contact, KnownContact, Material, Particle, clumped, pair
+from rigtwin.lab.materials import HEAVIEST, Contact, KnownContact, Material, Particle, clumped, pair
 from rigtwin.lab.model import Model, read_model, write_model
 from rigtwin.lab.reference import hlosta2020
 
 POSITIVE = st.floats(1e-6, 1e12)
 DIAMETERS = st.floats(1e-6, 10)
+DENSITIES = st.none() | st.floats(1e-6, HEAVIEST)
 NAMES = st.text(st.characters(codec="utf-8", exclude_categories=["C", "Z"], exclude_characters="-"), min_size=1)
 FRACTIONS = st.none() | st.floats(0.001, 1)
 
@@ -26,7 +27,7 @@ def models(draw):
         for name in names[: len(names) // 2]
     }
     beads = {
-        name: Particle(name, draw(st.sampled_from(list(solids.values()))), draw(DIAMETERS), draw(st.none() | POSITIVE))
+        name: Particle(name, draw(st.sampled_from(list(solids.values()))), draw(DIAMETERS), draw(DENSITIES))
         for name in names[len(names) // 2 :]
     }
     contacts = {
