@@ -18,11 +18,11 @@ from figures import Row, against
 from flows import funnel_corners
 
 from rigtwin.lab.materials import Contact, Material, Particle
-from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.engine.bulk import Bulk
 from rigtwin.sim.engine.clock import time_step
 from rigtwin.sim.engine.mesh import Mesh
 from rigtwin.sim.engine.walls import Disc, Plane, Wall
+from rigtwin.sim.fill import beverloo
 
 Array = npt.NDArray[np.float64]
 
@@ -215,5 +215,4 @@ def _lattice(side: float, height: float, count: int) -> Array:
 
 def _emptying(grain: Particle, orifice: float, count: int) -> float:
     """[s], by Beverloo's law."""
-    rate = 0.58 * 0.6 * math.sqrt(GRAVITY) * (2 * orifice - 1.4 * grain.diameter) ** 2.5 / grain.volume
-    return count / rate
+    return count / beverloo(grain, 2 * orifice, grain.diameter)

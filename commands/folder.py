@@ -20,7 +20,7 @@ def results_folder(rig: str, media: Path | Sequence[Path], out: Path | None) -> 
     """The folder asked for, or the first of ``out/drop/r01``, ``r01~2`` ... without another input's results."""
     if out is not None:
         return out
-    every = [media] if isinstance(media, Path) else list(media)
+    every = _each(media)
     place = Path("out") / rig / _name(every[0])
     places = itertools.chain([place], (place.with_name(f"{place.name}~{k}") for k in itertools.count(2)))
     return next(place for place in places if _free(place, rig, every))
@@ -30,12 +30,15 @@ def keep(measurement: Measurement, folder: Path, media: Path | Sequence[Path]) -
     """Write the document that tells whose results stand in `folder`."""
     from rigtwin.compare.results import document, write_together
 
-    every = [media] if isinstance(media, Path) else list(media)
     path = _document(folder, measurement.source)
     kept = replace(measurement, files={**measurement.files, "measurement": path})
-    told = {**kept.to_json(), "media_sha256": [sha256(one) for one in every]}
+    told = {**kept.to_json(), "media_sha256": [measurement.source_sha256, *map(sha256, _each(media)[1:])]}
     write_together(folder, {path.name: document(told)})
     return kept
+
+
+def _each(media: Path | Sequence[Path]) -> list[Path]:
+    return [media] if isinstance(media, Path) else list(media)
 
 
 def _document(folder: Path, source: Path) -> Path:

@@ -228,7 +228,7 @@ def _settings(outcome: Outcome) -> list[tuple[str, str]]:
 
 def _stated(experiment: Experiment) -> list[tuple[str, str]]:
     """What the experimenter said of the rig, as far as it is said."""
-    rig, filled = experiment.rig, filling(experiment)
+    rig, mass = experiment.rig, filling(experiment)
     said: list[tuple[str, float | None, float, str]] = []  # name, value in SI, factor and unit as it is shown
     if isinstance(rig, DropSettings):
         said = [("drop height, stated", rig.drop_height, 1e3, " mm")]
@@ -250,7 +250,7 @@ def _stated(experiment: Experiment) -> list[tuple[str, str]]:
             ("depth", rig.depth, 1e3, " mm"),
         ]
     counted = isinstance(rig, (PackingSettings, HopperSettings)) and rig.total_mass is None
-    said.append((f"filling, {'counted' if counted else 'weighed'}", filled, 1e3, " g"))
+    said.append((f"filling, {'counted' if counted else 'weighed'}", mass, 1e3, " g"))
     return [(name, f"{value * factor:.4g}{unit}") for name, value, factor, unit in said if value is not None]
 
 

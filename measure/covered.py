@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.measure.grains import Beads
+from rigtwin.measure.grains import Beads, at
 from rigtwin.measure.surface import Silhouette
 
 Array = npt.NDArray[np.float64]
@@ -54,8 +54,7 @@ def _under_glare(points: Array, glare: Mask, radius: float) -> Mask:
         return np.zeros(len(points), dtype=bool)
     reach = 2 * math.ceil(1.5 * radius) + 1
     patch = cv2.dilate(patch, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach)))
-    x, y = (np.clip(np.rint(points[:, k]).astype(np.int64), 0, patch.shape[1 - k] - 1) for k in (0, 1))
-    return np.asarray(patch[y, x] > 0)
+    return np.asarray(at(patch, points) > 0)
 
 
 def _far_from_beads(points: Array, beads: Beads) -> Mask:

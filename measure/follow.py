@@ -200,7 +200,7 @@ def moving_spots(seen: Picture, scene: Scene, region: Region | None, *, most: in
     left = _noise_left((difference / scene.noise)[::3, ::3], scene)
     mask = _outstanding(difference, scene.noise, left)
     if region is not None:
-        mask &= _inside(region, mask.shape)
+        mask &= inside_region(region, mask.shape)
     return _strongest(_spots(difference, mask, (0, 0), 4 * most), most)
 
 
@@ -208,7 +208,8 @@ def _outstanding(difference: Picture, noise: Picture, left: float) -> Grey:
     return np.asarray(difference > np.float32(6 * left) * noise + np.float32(1.5), dtype=np.uint8)
 
 
-def _inside(region: Region, shape: tuple[int, ...]) -> Grey:
+def inside_region(region: Region, shape: tuple[int, ...]) -> Grey:
+    """1 where the region is, which may reach beyond the picture."""
     x, y, width, height = (round(side) for side in region)
     inside = np.zeros(shape, dtype=np.uint8)
     inside[max(y, 0) : y + height, max(x, 0) : x + width] = 1
@@ -250,7 +251,7 @@ class _Search:
             edges = cv2.morphologyEx(self._coarse, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
             # a bead covers whole cells, in which noise averages out
             self._least = np.clip(np.ceil(noise + 2 + 0.05 * edges), 3, 255).astype(np.uint8)
-            self._inside = None if region is None else coarse(255 * _inside(region, (height, width)))
+            self._inside = None if region is None else coarse(255 * inside_region(region, (height, width)))
             self._left = 1.0  # of the noise, after averaging over 3 x 3 pixels
             self._strips = np.linspace(0, height - 3, 12).astype(int)
 

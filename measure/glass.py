@@ -13,7 +13,7 @@ import numpy.typing as npt
 from rigtwin.measure.covered import covered_columns, glare_in
 from rigtwin.measure.exposure import exposure_of
 from rigtwin.measure.gauge import Gauge, find_gauge
-from rigtwin.measure.grains import Beads, find_beads, likeness, more_beads
+from rigtwin.measure.grains import Beads, at, find_beads, likeness, more_beads
 from rigtwin.measure.level import Level, level_of
 from rigtwin.measure.straight import long_lines
 from rigtwin.measure.surface import Silhouette, View, outline_of
@@ -205,8 +205,7 @@ def _with_texture(alike: npt.NDArray[np.float32], grey: Image, beads: Beads, vie
 def _filled(beads: Beads, alike: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
     """Which circles are filled with what looks like beads: marks on the glass draw circles too."""
     filled = cv2.GaussianBlur(alike, (0, 0), 0.5 * beads.radius)
-    x, y = (np.clip(np.rint(beads.centre[:, k]).astype(int), 0, alike.shape[1 - k] - 1) for k in (0, 1))
-    share = filled[y, x]
+    share = at(filled, beads.centre)
     return np.asarray(share > 0.7 * np.median(share))
 
 

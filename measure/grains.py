@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -117,6 +118,12 @@ def likeness(image: npt.NDArray[np.uint8], beads: Beads) -> npt.NDArray[np.float
     return np.asarray((here / (here + there + rare(here, index[inside > 0])))[index], dtype=np.float32)
 
 
+def at(picture: npt.NDArray[Any], points: Array) -> npt.NDArray[Any]:
+    """Values of the pixels at points x, y, shape (n, 2), or of the nearest ones inside the picture."""
+    x, y = (np.clip(np.rint(points[:, k]).astype(np.int64), 0, picture.shape[1 - k] - 1) for k in (0, 1))
+    return np.asarray(picture[y, x])
+
+
 def rare(share: Array, index: npt.NDArray[np.int64]) -> float:
     """A share so small that it is no evidence: a false circle or two among the beads makes as much."""
     return 0.1 * float(np.median(share[index])) if index.size else 0.1  # without beads nothing is evidence
@@ -178,15 +185,6 @@ def _surrounded(picture: Edges, centre: Array, radius: float, sign: int) -> Arra
         inward, whole = _along_spokes(picture, centre, stretch * radius, sign)
         met |= (whole > picture.noise) & (inward > 0.8 * whole)
     return np.asarray(met.mean(axis=1), dtype=np.float64)
-
-
-def _rim_strength(picture: Edges, centre: Array, radius: float, sign: int) -> Array:
-    strongest = 3 * picture.noise
-    rims = [
-        np.clip(_along_spokes(picture, centre, stretch * radius, sign)[0], -strongest, strongest)
-        for stretch in (0.9, 1.0, 1.1)
-    ]
-    return np.asarray(np.max(rims, axis=0).mean(axis=1), dtype=np.float64)
 
 
 def _largest_group(centre: Array, reach: float, least: float = 1.0) -> Array:

@@ -17,6 +17,7 @@ from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.bead import Scene
+from rigtwin.measure.follow import inside_region
 from rigtwin.measure.media import Frame, Grey, Image, Video
 
 Array = npt.NDArray[np.float64]
@@ -88,10 +89,7 @@ def find_paths(
     still = np.median(np.stack([frame.colour for frame in samples.values()]), axis=0).astype(np.uint8)
     least = np.maximum(4 * scene.noise, 8.0)
     if region is not None:
-        x, y, width, height = (round(side) for side in region)
-        inside = np.zeros(least.shape, dtype=bool)
-        inside[max(y, 0) : y + height, max(x, 0) : x + width] = True
-        least = np.where(inside, least, np.inf)
+        least = np.where(inside_region(region, least.shape), least, np.inf)
     for frame in video.frames():
         progress("looking for beads", frame.index - video.first, video.last - video.first + 1)
         view = scene.view(frame.grey, shake)

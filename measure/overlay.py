@@ -36,7 +36,6 @@ YELLOW: Colour = (66, 228, 240)
 BLUE: Colour = (178, 114, 0)
 RED: Colour = (0, 94, 213)
 WHITE: Colour = (255, 255, 255)
-BLACK: Colour = (0, 0, 0)
 
 CAPITAL = 0.7  # height of a capital over the size of the font, of OpenCV's own sans
 WEIGHT = 600  # of the font: half bold, to be read on any background

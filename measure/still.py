@@ -71,7 +71,7 @@ def steadied(video: Video, scene: Scene, lens: Cut) -> Iterator[Steadied]:
     """Every frame of the clip, in order."""
     shake = (0.0, 0.0)
     for frame in video.frames():
-        shake = scene.view(lens.seen(frame.grey), shake).shake
+        shake = scene.pose(lens.seen(frame.grey), shake).shake
         yield Steadied(frame.index, frame.time, _moved(lens.seen(frame.colour), shake), shake)
 
 

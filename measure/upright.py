@@ -13,6 +13,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.measure.grains import at
+
 Array = npt.NDArray[np.float64]
 
 STEEPEST = 7.0  # [deg], a camera on a stand is not turned by more
@@ -74,9 +76,7 @@ def upright(
 
 
 def _at_middle(found: Array, marked: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    x = np.clip(np.rint((found[:, 0] + found[:, 2]) / 2).astype(int), 0, marked.shape[1] - 1)
-    y = np.clip(np.rint((found[:, 1] + found[:, 3]) / 2).astype(int), 0, marked.shape[0] - 1)
-    return np.asarray(marked[y, x])
+    return at(marked, (found[:, :2] + found[:, 2:4]) / 2)
 
 
 def _clearness(picture: npt.NDArray[np.float32], found: Array) -> Array:

@@ -20,6 +20,7 @@ from rigtwin.sim.engine.clock import positive
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.bulk import Bulk, Grains
+    from rigtwin.sim.engine.walls import Shape
     from rigtwin.sim.logbook import Logbook
 
 Array = npt.NDArray[np.float64]
@@ -73,15 +74,22 @@ def outlet(particle: Particle, diameter: float, height: float, rate: float | Non
     rate_from = "as given"
     if rate is None:
         grain = (6 * particle.volume / math.pi) ** (1 / 3)
-        # Beverloo's law, bulk density 0.6 of the particle's
-        flow = 0.58 * 0.6 * particle.effective_density * math.sqrt(GRAVITY) * (diameter - 1.4 * grain) ** 2.5
-        rate, rate_from = flow / particle.mass, "Beverloo's discharge of the outlet"
+        rate, rate_from = beverloo(particle, diameter, grain), "Beverloo's discharge of the outlet"
         if rate < least:
             rate, rate_from = least, f"{least:g} per second, above Beverloo's {rate:.0f}, to keep the run short"
     positive(pour_rate=rate)
     # as fast as a free discharge leaves, and fast enough that the particles keep clear of each other
     thinnest = rate * particle.diameter**3 / (0.3 * diameter**2)
     return Outlet(diameter, height, rate, max(math.sqrt(GRAVITY * diameter / 2), thinnest), rate_from)
+
+
+def beverloo(particle: Particle, outlet: float, grain: float) -> float:
+    """Particles per second through a round outlet [m], by Beverloo's law; `grain` [m] is the diameter it goes by.
+
+    The bulk density is 0.6 of the particle's.
+    """
+    flow: float = 0.58 * 0.6 * particle.effective_density * math.sqrt(GRAVITY) * (outlet - 1.4 * grain) ** 2.5
+    return flow / particle.mass
 
 
 @dataclass
@@ -236,6 +244,19 @@ def in_tube(diameter: float) -> Inside:
         return np.asarray((diameter / 2 - np.hypot(points[:, 0], points[:, 1]) > clear) & (points[:, 2] > clear))
 
     return inside
+
+
+def funnel(outlet: float, diameter: float, height: float, top: float, bottom: float = 0.0) -> tuple[Shape, ...]:
+    """Walls of a cone as in `in_funnel` and the tube above it up to z = `top`, the lid of the outlet first."""
+    from rigtwin.sim.engine.walls import Cone, Cylinder, Disc
+
+    up, narrow, wide = (0.0, 0.0, 1.0), outlet / 2, diameter / 2
+    shoulder = bottom + height
+    return (
+        Disc((0.0, 0.0, bottom), up, narrow),
+        Cone((0.0, 0.0, bottom), up, narrow, wide, height),
+        Cylinder((0.0, 0.0, shoulder), up, wide, top - shoulder),
+    )
 
 
 def in_funnel(outlet: float, diameter: float, height: float, bottom: float = 0.0) -> Inside:

@@ -180,17 +180,10 @@ def _plan(rig: Hopper, particle: Particle, count: int) -> _Plan:
 
 
 def _conical(rig: Hopper, particle: Particle, room: float) -> _Plan:
-    from rigtwin.sim.engine.walls import Cone, Cylinder, Disc
-
-    up = (0.0, 0.0, 1.0)
-    narrow, wide, cone = rig.outlet / 2, rig.diameter / 2, rig.cone_height
+    wide, cone = rig.diameter / 2, rig.cone_height
     top = cone + room / (math.pi * wide**2)
     return _Plan(
-        shapes=(
-            Disc((0.0, 0.0, 0.0), up, narrow),
-            Cone((0.0, 0.0, 0.0), up, narrow, wide, cone),
-            Cylinder((0.0, 0.0, cone), up, wide, top - cone),
-        ),
+        shapes=fill.funnel(rig.outlet, rig.diameter, cone, top),
         filled=(np.array([-wide, -wide, 0.0]), np.array([wide, wide, top])),
         domain=(np.array([-1.5 * wide, -1.5 * wide, -BELOW]), np.array([1.5 * wide, 1.5 * wide, top + wide])),
         inside=fill.in_funnel(rig.outlet, rig.diameter, cone),

@@ -161,15 +161,8 @@ class Hopper:
     @property
     def shapes(self) -> list[Shape]:
         """The slide first."""
-        from rigtwin.sim.engine.walls import Cone, Cylinder, Disc
-
-        up, narrow, wide = (0.0, 0.0, 1.0), self.outlet.diameter / 2, self.diameter / 2
-        at, shoulder = self.outlet.height, self.outlet.height + self.cone_height
-        return [
-            Disc((0.0, 0.0, at), up, narrow),
-            Cone((0.0, 0.0, at), up, narrow, wide, self.cone_height),
-            Cylinder((0.0, 0.0, shoulder), up, wide, self.top - shoulder),
-        ]
+        source = self.outlet
+        return [*fill.funnel(source.diameter, self.diameter, self.cone_height, self.top, source.height)]
 
     def pour(self, bulk: Bulk, logbook: Logbook, course: fill.Course, limit: float, progress: Progress) -> None:
         """Fill the hopper, draw its slide, and wait until nothing leaves it any more."""

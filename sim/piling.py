@@ -137,9 +137,7 @@ def piling(rig: Pile, particle: Particle, count: int, rate: float | None, fall_h
     solid = particle.mass / particle.effective_density
     rate_from = "as given"
     if rate is None:
-        # Beverloo's law, bulk density 0.6 of the bead's
-        flow = 0.58 * 0.6 * particle.effective_density * math.sqrt(GRAVITY) * (diameter - 1.4 * bead) ** 2.5
-        rate, rate_from = flow / particle.mass, "Beverloo's discharge of the outlet"
+        rate, rate_from = fill.beverloo(particle, diameter, bead), "Beverloo's discharge of the outlet"
         # beads thrown faster than the fall itself makes them would dig into the heap
         fastest = max(free, math.sqrt(2 * GRAVITY * height))
         quick = min(QUICK_RATE, STREAM * math.pi / 4 * diameter**2 * fastest / solid)

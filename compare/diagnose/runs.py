@@ -61,11 +61,6 @@ def eighths(time: Array, spans: Sequence[slice]) -> tuple[Any, list[str]]:
     return region, [f"eighth {k + 1} of the record" for k in range(8)]
 
 
-def on_grid(nodes: list[Array], index: Any) -> list[Array]:
-    """Entries of node arrays (nodes, settings, repetitions) at flat indices."""
-    return [series.reshape(-1)[index] for series in nodes]
-
-
 def hermite(a: Array, b: Array, da: Array, db: Array, s: Array) -> tuple[Array, Array]:
     """Cubic from a to b with end slopes da, db per step, and its slope per step, at the fraction s."""
     value = a + s * (da + s * (3 * (b - a) - 2 * da - db + s * (2 * (a - b) + da + db)))
