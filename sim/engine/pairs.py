@@ -32,12 +32,26 @@ STRIDE = 2 * PACKET + 8  # a thread's packet lies so far from the next one's tha
 PADDING = 40  # columns whose distance is a multiple of a page would push each other out of the cache
 LANES = 8  # packets are worked out in multiples of this: the loop then has no scalar rest
 
-# columns of a packet: branch vector, velocity of the owner against the other, spins of both, histories; where beads
-# differ, their radii, masses and inertias and the law too.  Results take the places of what they were made from.
-BETWEEN, VELOCITY, SPIN, SPIN_OTHER, SLIP, ROLL = 0, 3, 6, 9, 12, 15
-FORCE, TORQUE, TORQUE_OTHER, DEPTH = 0, 3, 6, 9
-SIZES, LAW = 18, 24
-COLUMNS = LAW + LAW_SIZE
+# rows of a packet, of four numbers each, so that whole vectors are moved: branch vector and sum of the radii, velocity
+# of the owner against the other and a number that means nothing, spins of both and inertias, slip and rolling about x,
+# rolling about y and z; where beads differ, their radii and masses, inertias and the law too
+BETWEEN, VELOCITY, SPIN, SPIN_OTHER, SLIP, ROLL = range(6)
+SIZES, INERTIAS, LAW = 6, 7, 8
+ROWS = LAW + 2
+FORCE, TORQUE, TORQUE_OTHER, TO_SLIP, TO_ROLL, DEPTH = 0, 3, 6, 9, 12, 15
+COLUMNS = 16
+# results take the places of what they were made from: force on the owner and its torque about x; its torque about y and
+# z, and that of the other; force on the other and its torque about x; slip and roll as before, then the depth
+
+
+def _rows(count: int, length: int) -> tuple[ti.Field, ...]:
+    """Rows of four numbers each in a piece of memory of their own."""
+    builder = ti.FieldsBuilder()
+    rows = tuple(ti.Vector.field(4, ti.f64) for _ in range(count))
+    for row in rows:
+        builder.dense(ti.i, length).place(row)
+    builder.finalize()
+    return rows
 
 
 class Pairs:
@@ -71,7 +85,8 @@ class Pairs:
         self.given = ti.Vector.field(6, ti.f64, capacity)  # by the pairs that it owns
         self.taken = ti.Vector.field(6, ti.f64, capacity)  # by those that others own, with the other sign: force
         self.chosen = ti.field(ti.i32, packets * STRIDE)  # pairs of a packet
-        self.packet = ti.Vector.field(COLUMNS, ti.f64, packets * STRIDE + PADDING, layout=ti.Layout.SOA)
+        self.packet = _rows(ROWS, packets * STRIDE + PADDING)
+        self.result = ti.Vector.field(COLUMNS, ti.f64, packets * STRIDE + PADDING, layout=ti.Layout.SOA)
 
     # ------------------------------------------------------------------ finding those that touch
 
@@ -131,7 +146,7 @@ class Pairs:
     # ------------------------------------------------------------------ working them out
 
     @ti.func
-    def gather(self, live, chunk, count, alike: ti.template()):
+    def gather(self, live, chunk, count, alike: ti.template(), mechanics: ti.template()):
         """Lay out what the contact law needs of the chosen pairs."""
         room = chunk * STRIDE
         for k in range(room, room + count):
@@ -140,23 +155,27 @@ class Pairs:
             place, motion, spin = self.place[i], self.motion[i], self.spin[i]
             place_j, motion_j, spin_j = self.place[j], self.motion[j], self.spin[j]
             history = self.history[live, p]
+            for c in ti.static(range(4)):
+                self.packet[VELOCITY][k][c] = motion[c] - motion_j[c]
+                self.packet[SPIN][k][c] = spin[c]
+                self.packet[SPIN_OTHER][k][c] = spin_j[c]
+                self.packet[SLIP][k][c] = history[c]
             for c in ti.static(range(3)):
-                self.packet[k][BETWEEN + c] = place_j[c] - place[c]
-                self.packet[k][VELOCITY + c] = motion[c] - motion_j[c]
-                self.packet[k][SPIN + c] = spin[c]
-                self.packet[k][SPIN_OTHER + c] = spin_j[c]
-                self.packet[k][SLIP + c] = history[c]
-                self.packet[k][ROLL + c] = history[3 + c]
+                self.packet[BETWEEN][k][c] = place_j[c] - place[c]
+            self.packet[BETWEEN][k][3] = place[3] + place_j[3]
+            if ti.static(not mechanics.constant_torque):
+                for c in ti.static(range(2)):
+                    self.packet[ROLL][k][c] = history[4 + c]
             if ti.static(not alike):
                 law = self.pair_law[self.tag[i][1], self.tag[j][1]]
                 if ti.static(self.terms.changes_restitution):
                     law[DAMPING] = self.impact[live, p]
                 for c in ti.static(range(LAW_SIZE)):
-                    self.packet[k][LAW + c] = law[c]
+                    self.packet[LAW + c // 4][k][c % 4] = law[c]
                 for c in ti.static(range(2)):
-                    self.packet[k][SIZES + c] = (place[3], place_j[3])[c]
-                    self.packet[k][SIZES + 2 + c] = (motion[3], motion_j[3])[c]
-                    self.packet[k][SIZES + 4 + c] = (spin[3], spin_j[3])[c]
+                    self.packet[SIZES][k][c] = (place[3], place_j[3])[c]
+                    self.packet[SIZES][k][2 + c] = (motion[3], motion_j[3])[c]
+                    self.packet[INERTIAS][k][c] = (spin[3], spin_j[3])[c]
 
     @ti.func
     def work_out(self, chunk, count, alike: ti.template(), mechanics: ti.template()):
@@ -165,17 +184,18 @@ class Pairs:
         step = self.numbers[STEP]
         same_law, same = self.pair_law[0, 0], self.constants[None]
         size = self.kind_sizes[None]
+        self.packet[0][room + count][0] = 1.0
         for k in range(room, room + count):
             law, constants = same_law, same
             radius, radius_j, mass, mass_j, inertia, inertia_j = (
                 size[RADIUS], size[RADIUS], size[MASS], size[MASS], size[INERTIA], size[INERTIA],
             )  # fmt: skip
             if ti.static(not alike):
-                radius, radius_j = self.packet[k][SIZES], self.packet[k][SIZES + 1]
-                mass, mass_j = self.packet[k][SIZES + 2], self.packet[k][SIZES + 3]
-                inertia, inertia_j = self.packet[k][SIZES + 4], self.packet[k][SIZES + 5]
+                radius, radius_j = self.packet[SIZES][k][0], self.packet[SIZES][k][1]
+                mass, mass_j = self.packet[SIZES][k][2], self.packet[SIZES][k][3]
+                inertia, inertia_j = self.packet[INERTIAS][k][0], self.packet[INERTIAS][k][1]
                 for c in ti.static(range(LAW_SIZE)):
-                    law[c] = self.packet[k][LAW + c]
+                    law[c] = self.packet[LAW + c // 4][k][c % 4]
                 constants = constants_of_two(
                     law, radius, radius_j, mass, mass_j, inertia, inertia_j, step, mechanics.linear
                 )
@@ -183,7 +203,9 @@ class Pairs:
             turning = self.three(SPIN, k)
             turning_j = self.three(SPIN_OTHER, k)
             slip = self.three(SLIP, k)
-            roll = self.three(ROLL, k)
+            roll = ti.Vector([0.0, 0.0, 0.0])
+            if ti.static(not mechanics.constant_torque):
+                roll = ti.Vector([self.packet[SLIP][k][3], self.packet[ROLL][k][0], self.packet[ROLL][k][1]])
             distance2 = between.norm_sqr()
             distance = ti.sqrt(distance2)
             normal = between * (distance * (1.0 / distance2))  # the division need not wait for the root
@@ -191,7 +213,7 @@ class Pairs:
             lever_j = distance - lever
             surface = self.three(VELOCITY, k)
             surface += (lever * turning + lever_j * turning_j).cross(normal)
-            overlap = radius + radius_j - distance
+            overlap = self.packet[BETWEEN][k][3] - distance
             held = overlap
             if ti.static(self.terms.has_neck):
                 held = ti.max(overlap, 0.0)
@@ -204,41 +226,50 @@ class Pairs:
             turn = normal.cross(force)
             torque += lever * turn
             torque_j += lever_j * turn
+            depth = overlap * (1.0 / constants[ROLLING_RADIUS])
             for c in ti.static(range(3)):
-                self.packet[k][FORCE + c] = force[c]
-                self.packet[k][TORQUE + c] = torque[c]
-                self.packet[k][TORQUE_OTHER + c] = torque_j[c]
-                self.packet[k][SLIP + c] = slip[c]
-                self.packet[k][ROLL + c] = roll[c]
-            self.packet[k][DEPTH] = overlap * (1.0 / constants[ROLLING_RADIUS])
+                self.result[k][FORCE + c] = force[c]
+                self.result[k][TORQUE + c] = torque[c]
+                self.result[k][TORQUE_OTHER + c] = torque_j[c]
+                self.result[k][TO_SLIP + c] = slip[c]
+                if ti.static(not mechanics.constant_torque):
+                    self.result[k][TO_ROLL + c] = roll[c]
+            self.result[k][DEPTH] = depth
 
     @ti.func
-    def three(self, column: ti.template(), k):
-        """Three columns of a packet, as a vector."""
-        return ti.Vector([self.packet[k][column], self.packet[k][column + 1], self.packet[k][column + 2]])
+    def three(self, row: ti.template(), k):
+        """The first three numbers of a row, as a vector."""
+        return ti.Vector([self.packet[row][k][0], self.packet[row][k][1], self.packet[row][k][2]])
 
     @ti.func
-    def deliver(self, live, chunk, count, own, stop):
+    def deliver(self, live, chunk, count, own, stop, mechanics: ti.template()):
         """Bring forces to the beads and histories back to the pairs; nobody else gives to beads `own` to `stop` - 1."""
         room = chunk * STRIDE
+        deepest = 0.0
         for k in range(room, room + count):
             p = self.chosen[k]
             i, j = self.owner_of[p], self.partner[live, p]
             for c in ti.static(range(3)):
-                self.history[live, p][c] = self.packet[k][SLIP + c]
-                self.history[live, p][3 + c] = self.packet[k][ROLL + c]
-                self.given[i][c] = self.given[i][c] + self.packet[k][FORCE + c]
-                self.given[i][3 + c] = self.given[i][3 + c] + self.packet[k][TORQUE + c]
+                self.history[live, p][c] = self.result[k][TO_SLIP + c]
+                if ti.static(not mechanics.constant_torque):
+                    self.history[live, p][3 + c] = self.result[k][TO_ROLL + c]
+                self.given[i][c] = self.given[i][c] + self.result[k][FORCE + c]
+                self.given[i][3 + c] = self.given[i][3 + c] + self.result[k][TORQUE + c]
             if own <= j < stop:
                 for c in ti.static(range(3)):
-                    self.taken[j][c] = self.taken[j][c] - self.packet[k][FORCE + c]
-                    self.taken[j][3 + c] = self.taken[j][3 + c] + self.packet[k][TORQUE_OTHER + c]
+                    self.taken[j][c] = self.taken[j][c] - self.result[k][FORCE + c]
+                    self.taken[j][3 + c] = self.taken[j][3 + c] + self.result[k][TORQUE_OTHER + c]
             else:
                 place = self.place_of_force[p]
                 for c in ti.static(range(3)):
-                    self.history[1 - live, place][c] = self.packet[k][FORCE + c]
-                    self.history[1 - live, place][3 + c] = self.packet[k][TORQUE_OTHER + c]
-            self.worst[i] = ti.max(self.worst[i], self.packet[k][DEPTH])
+                    self.history[1 - live, place][c] = -self.result[k][FORCE + c]
+                    self.history[1 - live, place][3 + c] = self.result[k][TORQUE_OTHER + c]
+            if self.result[k][DEPTH] > deepest:
+                deepest = self.result[k][DEPTH]
+        if deepest > 0.0:
+            first = self.owner_of[self.chosen[room]]
+            if deepest > self.worst[first]:
+                self.worst[first] = deepest
 
     @ti.func
     def meet(self, live, begin, end, chunk, own, stop, alike: ti.template(), mechanics: ti.template()):
@@ -246,16 +277,14 @@ class Pairs:
         beads `own` to `stop` - 1 get forces from nobody else.
         """
         count = self.choose(live, begin, end, chunk)
-        self.gather(live, chunk, count, alike)
-        self.work_out(chunk, (count + LANES - 1) // LANES * LANES, alike, mechanics)
-        self.deliver(live, chunk, count, own, stop)
+        self.gather(live, chunk, count, alike, mechanics)
+        self.work_out(chunk, (count + LANES - 1) // LANES * LANES + 1, alike, mechanics)
+        self.deliver(live, chunk, count, own, stop, mechanics)
 
     @ti.func
     def sum_taken(self, live, i):
         """What the pairs that others own with bead `i` do to it, where they left it."""
         total = ti.Vector([0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
         for q in range(self.pointed_first[i], self.pointed_first[i + 1]):
-            for c in ti.static(range(3)):
-                total[c] -= self.history[1 - live, q][c]
-                total[3 + c] += self.history[1 - live, q][3 + c]
+            total += self.history[1 - live, q]
         return total

@@ -419,13 +419,15 @@ class WallContacts:
                     roll = ti.Vector([0.0, 0.0, 0.0])
                     if self.touching[live, q] == 1:
                         slip, roll = self.slip[live, q], self.roll[live, q]
-                    wall_spin = self.spin[thread, w]
-                    arm = position + distance * normal - self.pivot[thread, w]
-                    surface = self.velocity[thread, w] + wall_spin.cross(arm)
-                    # the history turns with the wall about the normal; about other axes it follows the normal
-                    twist = step * wall_spin.dot(normal) * normal
-                    slip += twist.cross(slip)
-                    roll += twist.cross(roll)
+                    wall_spin, surface = ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
+                    if self.state[thread, w] == MOVES:
+                        wall_spin = self.spin[thread, w]
+                        arm = position + distance * normal - self.pivot[thread, w]
+                        surface = self.velocity[thread, w] + wall_spin.cross(arm)
+                        # the history turns with the wall about the normal; about other axes it follows the normal
+                        twist = step * wall_spin.dot(normal) * normal
+                        slip += twist.cross(slip)
+                        roll += twist.cross(roll)
                     law = self.law[kind, w]
                     if ti.static(self.terms.changes_restitution):
                         if self.touching[live, q] == 0:
@@ -447,7 +449,8 @@ class WallContacts:
                     force += drag
                     torque += distance * normal.cross(drag) + hold
                     deepest = ti.max(deepest, radius - distance)
-                    self.work[i] = self.work[i] + step * (drag.dot(surface) + hold.dot(wall_spin))
+                    if self.state[thread, w] == MOVES:
+                        self.work[i] = self.work[i] + step * (drag.dot(surface) + hold.dot(wall_spin))
                 elif self.touching[live, q] == 1:
                     self.touching[live, q] = 0
                     if ti.static(self.terms.has_neck):
