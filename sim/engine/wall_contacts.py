@@ -419,15 +419,9 @@ class WallContacts:
                     roll = ti.Vector([0.0, 0.0, 0.0])
                     if self.touching[live, q] == 1:
                         slip, roll = self.slip[live, q], self.roll[live, q]
-                    wall_spin, surface = ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
-                    if self.state[thread, w] == MOVES:
-                        wall_spin = self.spin[thread, w]
-                        arm = position + distance * normal - self.pivot[thread, w]
-                        surface = self.velocity[thread, w] + wall_spin.cross(arm)
-                        # the history turns with the wall about the normal; about other axes it follows the normal
-                        twist = step * wall_spin.dot(normal) * normal
-                        slip += twist.cross(slip)
-                        roll += twist.cross(roll)
+                    surface, wall_spin, slip, roll = self.carry(
+                        thread, w, position + distance * normal, normal, slip, roll, step
+                    )
                     law = self.law[kind, w]
                     if ti.static(self.terms.changes_restitution):
                         if self.touching[live, q] == 0:
@@ -456,6 +450,20 @@ class WallContacts:
                     if ti.static(self.terms.has_neck):
                         force += self.hold_neck(live, q, kind, radius)
         return force, torque, deepest
+
+    @ti.func
+    def carry(self, thread, w, point, normal, slip, roll, step):
+        """Velocity of wall `w` at `point` and its spin; slip and roll of a contact there, turned with the wall."""
+        surface, spin = ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
+        new_slip, new_roll = slip, roll
+        if self.state[thread, w] == MOVES:
+            spin = self.spin[thread, w]
+            surface = self.velocity[thread, w] + spin.cross(point - self.pivot[thread, w])
+            # the history turns with the wall about the normal; about other axes it follows the normal
+            twist = step * spin.dot(normal) * normal
+            new_slip += twist.cross(slip)
+            new_roll += twist.cross(roll)
+        return surface, spin, new_slip, new_roll
 
     @ti.func
     def hold_neck(self, live, q, kind, radius):
