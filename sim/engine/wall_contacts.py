@@ -498,7 +498,10 @@ class WallContacts:
         time: ti.f64,
         step: ti.f64,
     ):
-        """Overlap of each entry of the list whose contact holds now, else zero; `beads` is place 3 and radius."""
+        """Overlap of each entry of the list whose contact holds now, else zero; `beads` is place 3 and radius.
+
+        Negative where the bead has parted from the wall but is still held.
+        """
         ti.loop_config(serialize=True)
         for _ in range(1):
             self.pose(0, walls, time, step, 0.0)
@@ -507,7 +510,10 @@ class WallContacts:
                 self.face(0, live, i, ti.Vector([beads[i, 0], beads[i, 1], beads[i, 2]]), radius)
                 for q in range(self.first[live, i], self.first[live, i + 1]):
                     found[q] = 0.0
-                    if self.mark[q] == HOLDS:
+                    held = self.mark[q] == HOLDS
+                    if ti.static(self.terms.has_neck):
+                        held = held or (self.mark[q] == APART and self.touching[live, q] == 1)
+                    if held:
                         found[q] = radius - self.facing[q][3]
 
     @ti.kernel
