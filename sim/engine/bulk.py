@@ -123,6 +123,7 @@ class Bulk:
         skin: float = SKIN,
         open_domain: bool = False,
         threads: int | None = None,
+        device: backend.Device = "cpu",
         capacity: int = SMALLEST_ARENA,
         pair_capacity: int | None = None,
         near_capacity: int | None = None,
@@ -139,16 +140,19 @@ class Bulk:
         self._particles = tuple(particles)
         self._walls = [tuple(wall) if isinstance(wall, Sequence) else (wall,) * len(particles) for wall in walls]
         self._check_sizes(low, high)
+        if not np.isfinite(gravity).all():
+            raise BadInput(f"gravity: {tuple(gravity)} m/s^2 is not a vector of finite numbers.")
         self.time_step = time_step
         self.steps = 0
         self._added = self._spheres = 0
         self._owners = np.zeros(0, dtype=np.int64)  # of every sphere ever added the particle that it is part of
         self._rigid = any(particle.shape is not None for particle in self._particles)
         self._open = open_domain
-        running = backend.start()
+        running = backend.start(device=device)
         self.threads = running.threads if threads is None else threads
         self._crew = Crew(running.threads)
         self._on_gpu = running.device == "cuda"
+        self.note = running.note if device == "cuda" else ""  # why it does not run where it was asked to
         self._skin = skin * 2 * self._largest
         self._low, self._high = np.array(low, dtype=float), np.array(high, dtype=float)
         self._gravity = gravity
