@@ -29,7 +29,7 @@ from rigtwin.sim.engine.contact import (
 from rigtwin.sim.engine.terms import Terms
 
 PACKET = 128  # pairs; what is laid out of them fits the first cache
-STRIDE = 2 * PACKET + 8  # a thread's packet lies so far from the next one's that none is fetched ahead into its cache
+STRIDE = PACKET + 24  # a thread's packet ends so far from the next one's that none is fetched ahead into its cache
 PADDING = 40  # rows whose distance is a multiple of a page would push each other out of the cache
 LANES = 4  # contacts that are worked out side by side
 
