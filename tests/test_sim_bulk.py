@@ -14,6 +14,7 @@ from rigtwin.lab.errors import BadInput, RigtwinError
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.sim.engine import backend
 from rigtwin.sim.engine import bulk as engine
+from rigtwin.sim.engine import columns as at
 from rigtwin.sim.engine.bulk import Bulk, SimulationFailed
 from rigtwin.sim.engine.clock import time_step
 from rigtwin.sim.engine.team import Crew
@@ -331,6 +332,24 @@ def test_the_step_is_checked_against_rayleigh():
 def test_gravity_that_is_no_number_is_refused():
     with pytest.raises(BadInput, match="gravity"):
         box(gravity=(0.0, 0.0, math.nan))
+
+
+def test_a_list_whose_parts_are_uneven_is_made_whole():
+    # the lower half of the beads has nearly all pairs: its part of the room would be too small
+    dense, loose = lattice(600, width=0.06), lattice(600, width=0.06, pitch=9e-3)
+    loose[:, 2] += dense[:, 2].max() + 9e-3
+    places = np.vstack([dense, loose])
+    speeds = np.random.default_rng(2).normal(0, 0.3, places.shape)
+    found = []
+    for threads, room in ((1, None), (2, 2600)):
+        bed = box(width=0.06, height=0.6, threads=threads, capacity=1200, pair_capacity=room)
+        bed.add(places, speeds)
+        bed.run(150)
+        found.append(bed.beads().position)
+        assert bed.lists_built > 3
+    assert bed._arena.pair_capacity == 2600  # and it need not grow
+    assert bed._count(at.WHOLE) == 1
+    assert np.array_equal(*found)
 
 
 def test_a_bed_cannot_be_used_after_another_took_its_place():

@@ -30,6 +30,7 @@ from rigtwin.sim.engine.columns import (
     DONE,
     EXPLODED,
     GRAVITY,
+    KEPT,
     LATE,
     LISTED,
     LIVE_LIST,
@@ -424,18 +425,28 @@ class Arena(Neighbours, Team):
         return low
 
     @ti.kernel
-    def build_alone(self, before: ti.f64):
-        """The list, where it is needed anew; inlined in the step's kernel it would double what a first start takes."""
+    def build_list(self, before: ti.f64, parts: ti.i32):
+        """The list, where it is needed anew, made in parts by several threads.
+
+        Inlined in the step's kernel it would double what a first start takes.  Where the parts have no room the list
+        stays out of date; the next call makes it whole.
+        """
         ti.loop_config(serialize=True)
         for _ in range(1):
-            if self.stale[0] == 1 and self.counts[STATUS] == OK:
-                time = before * self.numbers[STEP]
-                self.pose_walls(0, time)
-                self.build(time)
             for s in range(1, FLAGS):
                 self.stale[s] = 0
             self.counts[LATE] = 0
             self.clear_desks()
+            if self.stale[0] == 1 and self.counts[STATUS] == OK:
+                self.pose_walls(0, before * self.numbers[STEP])
+                self.counts[KEPT] = self.sort_into_cells()
+        for turn in range(parts * GRAIN):
+            if turn % GRAIN == 0 and self.stale[0] == 1 and self.counts[STATUS] == OK:
+                self.list_part(turn // GRAIN, parts)
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            if self.stale[0] == 1 and self.counts[STATUS] == OK:
+                self.take_list(before * self.numbers[STEP], parts)
 
     @ti.kernel
     def begin_burst(self, length: ti.i32, chunks: ti.i32, before: ti.f64):

@@ -554,19 +554,21 @@ class Bulk:
         done = 0
         while done < steps:
             before = float(self.steps + done)
-            arena.build_alone(before)
+            team = 1
+            if not self._on_gpu:
+                team = self._crew.gather(arena, min(self.threads, self._count(at.BEADS) // BEADS_PER_THREAD))
+            arena.build_list(before, 1 if self._count(at.WHOLE) else team)
             if self._count(at.STATUS) != at.OK:
                 break
             if self._on_gpu:
                 self._burst(min(areas.BURST, steps - done), before)
             else:
-                self._run_team(steps - done, before)
+                self._run_team(team, steps - done, before)
             done += self._count(at.DONE)
         return done
 
-    def _run_team(self, steps: int, before: float) -> None:
-        """Up to `steps` steps on as many threads as have cores to themselves."""
-        team = self._crew.gather(self._arena, min(self.threads, self._count(at.BEADS) // BEADS_PER_THREAD))
+    def _run_team(self, team: int, steps: int, before: float) -> None:
+        """Up to `steps` steps on a team of threads."""
         began, used = time.perf_counter(), time.process_time()
         self._arena.run_team(team, steps, before, self._alike, self._mechanics)
         if team > 1:

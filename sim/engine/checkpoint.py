@@ -32,6 +32,7 @@ SCRATCH = frozenset(
         "cell_first",
         "cell_of",
         "order",
+        "listed",
         "spare_member",
         "body_new",
         "chosen",

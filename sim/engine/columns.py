@@ -11,6 +11,7 @@ BODIES = 14
 MIXED = 15  # 1: beads may differ in size, weight or law
 BURST_LENGTH, CHUNKS, STAGE = 16, 17, 18  # steps of a burst, parts of the list, and the step it is at
 LATE = 19  # 1: a thread was kept waiting
-COUNTS = 20
+KEPT, WHOLE = 20, 21  # beads in the next list; 1: it is not made in parts, which did not fit
+COUNTS = 22
 # values of STATUS
 OK, PAIRS_FULL, NEAR_FULL, LEFT_DOMAIN, EXPLODED = range(5)

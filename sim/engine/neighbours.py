@@ -1,7 +1,9 @@
 """The list of beads that are near each other: cells, the half list and its histories, renumbering.
 
 Beads are renumbered in cell order whenever the list is built anew (memory order is space order); a pair belongs to the
-one of its beads with the lower number.  When anything does not fit, the list in force stays as it is.
+one of its beads with the lower number.  Several threads look for the neighbours of a part of the beads each, which they
+list in a part of the room; then the parts are moved together, so that the list is the same whatever their number.  When
+anything does not fit, the list in force stays as it is.
 """
 
 from rigtwin.sim.engine.backend import ti
@@ -13,6 +15,7 @@ from rigtwin.sim.engine.columns import (
     CELL,
     CULPRIT,
     GONE,
+    KEPT,
     LEFT_DOMAIN,
     LISTED,
     LIVE_LIST,
@@ -21,16 +24,16 @@ from rigtwin.sim.engine.columns import (
     NX,
     NY,
     NZ,
-    OK,
     OPEN,
     PAIRS,
     PAIRS_FULL,
     SKIN,
     STATUS,
     WALL_COUNT,
+    WHOLE,
 )
 from rigtwin.sim.engine.pairs import Pairs
-from rigtwin.sim.engine.wall_contacts import WallContacts
+from rigtwin.sim.engine.wall_contacts import THREADS, WallContacts
 
 CELLS_PER_BEAD = 16
 LARGE, CELLS_IN_LARGE = 200_000, 4  # beads, and cells per bead among so many: memory counts there
@@ -54,6 +57,7 @@ class Neighbours(Pairs, RigidBodies):
         self.cell_first = ti.field(ti.i32, self.cell_capacity + 1)
         self.cell_of = ti.field(ti.i32, capacity)
         self.order = ti.field(ti.i32, capacity)  # new number -> old number
+        self.listed = ti.field(ti.i32, (THREADS, 2))  # pairs, and walls near beads, in each part of the next list
 
     @ti.func
     def sort_into_cells(self):
@@ -110,13 +114,17 @@ class Neighbours(Pairs, RigidBodies):
         return kept
 
     @ti.func
-    def list_pairs(self, kept):
-        """Write the next list in new numbers, history carried over; the list in force stays as it is."""
+    def list_pairs(self, beads, place, stop):
+        """Write the next list of `beads` in new numbers, history carried over, into its places `place` to `stop` - 1.
+
+        The list in force stays as it is.  Returns how many places that takes or would take.
+        """
         nx, ny, nz = self.counts[NX], self.counts[NY], self.counts[NZ]
         following = 1 - self.counts[LIVE_LIST]
         skin = self.numbers[SKIN]
-        pairs = 0
-        for a in range(kept):
+        first_bead, end_bead = ti.static(beads)
+        pairs = place
+        for a in range(first_bead, end_bead):
             i = self.order[a]
             self.first[following, a] = pairs
             cell = self.cell_of[i]
@@ -144,12 +152,11 @@ class Neighbours(Pairs, RigidBodies):
                         if ti.static(self.rigid):
                             near = near and not self.of_one_body(i, j)
                         if near:
-                            if pairs < self.pair_capacity:
+                            if pairs < stop:
                                 self.partner[following, pairs] = b
                                 self.carry_history(i, j, following, pairs)
                             pairs += 1
-        self.first[following, kept] = pairs
-        return pairs
+        return pairs - place
 
     @ti.func
     def carry_history(self, i, j, following, new):
@@ -198,19 +205,19 @@ class Neighbours(Pairs, RigidBodies):
                 self.given[i][c] = 0.0
 
     @ti.func
-    def list_walls(self, kept):
-        """Write the next list of walls near beads, as `list_pairs` does that of pairs."""
+    def list_walls(self, beads, begin, end):
+        """Write the next list of walls near `beads`, as `list_pairs` does that of pairs."""
         leeway = 0.5 * self.numbers[SKIN]
-        found = 0
-        for a in range(kept):
+        first_bead, end_bead = ti.static(beads)
+        found = begin
+        for a in range(first_bead, end_bead):
             i = self.order[a]
             position = ti.Vector([self.place[i][0], self.place[i][1], self.place[i][2]])
             found = self.walls.list_bead(
-                self.counts[LIVE_LIST], a, i, self.counts[LISTED], found, position, self.place[i][3] + leeway, leeway,
-                self.counts[WALL_COUNT],
+                self.counts[LIVE_LIST], a, i, self.counts[LISTED], (found, end), position, self.place[i][3] + leeway,
+                leeway, self.counts[WALL_COUNT],
             )  # fmt: skip
-        self.walls.first[1 - self.counts[LIVE_LIST], kept] = found
-        return found
+        return found - begin
 
     @ti.func
     def list_pointed(self, kept):
@@ -234,18 +241,66 @@ class Neighbours(Pairs, RigidBodies):
             self.cell_of[j] = self.cell_of[j] + 1
 
     @ti.func
-    def build(self, time):
-        """Build the list anew and renumber; when anything does not fit, say so and leave all as it was."""
-        kept = self.sort_into_cells()
-        pairs = 0
-        if self.counts[STATUS] == OK:
-            pairs = self.list_pairs(kept)
-            if pairs > self.pair_capacity:
-                self.counts[STATUS] = PAIRS_FULL
-                self.counts[PAIRS] = pairs
-        if self.counts[STATUS] == OK and self.list_walls(kept) > self.walls.near_capacity:
+    def list_part(self, part, parts):
+        """What is near the beads of one of several parts."""
+        kept, near_capacity = self.counts[KEPT], self.walls.near_capacity
+        beads = ti.static((kept * part // parts, kept * (part + 1) // parts))
+        begin, end = room(self.pair_capacity, part, parts), room(self.pair_capacity, part + 1, parts)
+        self.listed[part, 0] = self.list_pairs(beads, begin, end)
+        begin, end = room(near_capacity, part, parts), room(near_capacity, part + 1, parts)
+        self.listed[part, 1] = self.list_walls(beads, begin, end)
+
+    @ti.func
+    def parts_fit(self, parts):
+        """1 when all parts of the next list had room; else STATUS says what is full, or WHOLE what to do."""
+        pairs, near, fits = 0, 0, 1
+        for part in range(parts):
+            own, own_near = self.listed[part, 0], self.listed[part, 1]
+            pairs += own
+            near += own_near
+            if own > room(self.pair_capacity, part + 1, parts) - room(self.pair_capacity, part, parts):
+                fits = 0
+            if own_near > room(self.walls.near_capacity, part + 1, parts) - room(self.walls.near_capacity, part, parts):
+                fits = 0
+        if pairs > self.pair_capacity:
+            self.counts[STATUS] = PAIRS_FULL
+            self.counts[PAIRS] = pairs
+        elif near > self.walls.near_capacity:
             self.counts[STATUS] = NEAR_FULL
-        if self.counts[STATUS] == OK:
+        elif fits == 0:
+            self.counts[WHOLE] = 1
+        return fits
+
+    @ti.func
+    def join_parts(self, kept, parts):
+        """Move the parts of the next list together; how many pairs it has."""
+        following = 1 - self.counts[LIVE_LIST]
+        pairs, near = self.listed[0, 0], self.listed[0, 1]
+        for part in range(1, parts):
+            begin, begin_near = room(self.pair_capacity, part, parts), room(self.walls.near_capacity, part, parts)
+            for a in range(kept * part // parts, kept * (part + 1) // parts):
+                self.first[following, a] = self.first[following, a] - begin + pairs
+                self.walls.first[following, a] = self.walls.first[following, a] - begin_near + near
+            for p in range(self.listed[part, 0]):
+                self.partner[following, pairs + p] = self.partner[following, begin + p]
+                self.touching[following, pairs + p] = self.touching[following, begin + p]
+                self.history[following, pairs + p] = self.history[following, begin + p]
+                if ti.static(self.terms.changes_restitution):
+                    self.impact[following, pairs + p] = self.impact[following, begin + p]
+            for q in range(self.listed[part, 1]):
+                self.walls.move_entry(following, begin_near + q, near + q)
+            pairs += self.listed[part, 0]
+            near += self.listed[part, 1]
+        self.first[following, kept] = pairs
+        self.walls.first[following, kept] = near
+        return pairs
+
+    @ti.func
+    def take_list(self, time, parts):
+        """Put the next list in force, when it fits, and renumber."""
+        kept = self.counts[KEPT]
+        if self.parts_fit(parts) == 1:
+            pairs = self.join_parts(kept, parts)
             self.walls.note_listing(self.counts[WALL_COUNT], time, self.counts[BEADS])
             if ti.static(self.terms.acts_in_flight):
                 for i in range(self.counts[BEADS]):
@@ -270,3 +325,9 @@ class Neighbours(Pairs, RigidBodies):
             self.counts[BUILDS] += 1
             self.list_pointed(kept)
             self.stale[0] = 0
+
+
+@ti.func
+def room(capacity, part, parts):
+    """Where a part of a list begins."""
+    return int(ti.cast(capacity, ti.i64) * part // parts)

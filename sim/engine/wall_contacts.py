@@ -297,9 +297,13 @@ class WallContacts:
             self.work[i] = 0.0
 
     @ti.func
-    def list_bead(self, live, a, i, listed, found, position, reach, leeway, walls):
-        """List what is near bead `i`, which is `a` in the next list, history carried over; entries found so far."""
+    def list_bead(self, live, a, i, listed, places, position, reach, leeway, walls):
+        """List what is near bead `i`, which is `a` in the next list, history carried over; the next free place.
+
+        `places`: the first free place, and the end of those that may be used.
+        """
         following = 1 - live
+        found, end = ti.static(places)
         self.first[following, a] = found
         for w in range(walls):
             if self.state[0, w] != GONE:
@@ -323,7 +327,7 @@ class WallContacts:
                         e = self.items[item]
                         distance, _direction = towards_element(self.elements, e, there)
                         if distance < far:
-                            if found < self.near_capacity:
+                            if found < end:
                                 self.near[following, found] = e
                                 self.carry_history(live, i, listed, found)
                             found += 1
@@ -343,6 +347,16 @@ class WallContacts:
                     self.roll[following, new] = self.roll[live, q]
                     if ti.static(self.terms.changes_restitution):
                         self.impact[following, new] = self.impact[live, q]
+
+    @ti.func
+    def move_entry(self, following, old, new):
+        """Bring an entry of the next list to another place."""
+        self.near[following, new] = self.near[following, old]
+        self.touching[following, new] = self.touching[following, old]
+        self.slip[following, new] = self.slip[following, old]
+        self.roll[following, new] = self.roll[following, old]
+        if ti.static(self.terms.changes_restitution):
+            self.impact[following, new] = self.impact[following, old]
 
     # ------------------------------------------------------------------ the step
 
