@@ -334,7 +334,8 @@ def test_gravity_that_is_no_number_is_refused():
         box(gravity=(0.0, 0.0, math.nan))
 
 
-def test_a_list_whose_parts_are_uneven_is_made_whole():
+def test_a_list_whose_parts_are_uneven_is_made_whole(monkeypatch):
+    monkeypatch.setattr(engine, "BEADS_IN_PARTS", 1000)
     # the lower half of the beads has nearly all pairs: its part of the room would be too small
     dense, loose = lattice(600, width=0.06), lattice(600, width=0.06, pitch=9e-3)
     loose[:, 2] += dense[:, 2].max() + 9e-3

@@ -425,11 +425,11 @@ class Arena(Neighbours, Team):
         return low
 
     @ti.kernel
-    def build_list(self, before: ti.f64, parts: ti.i32):
-        """The list, where it is needed anew, made in parts by several threads.
+    def build_list(self, before: ti.f64, parts: ti.i32, whole: ti.template()):
+        """The list, where it is needed anew, made in parts by several threads, or `whole` by one.
 
-        Inlined in the step's kernel it would double what a first start takes.  Where the parts have no room the list
-        stays out of date; the next call makes it whole.
+        Inlined in the step's kernel it would double what a first start takes; so would what joins the parts, here.
+        Where a part has no room the list stays out of date.
         """
         ti.loop_config(serialize=True)
         for _ in range(1):
@@ -440,13 +440,19 @@ class Arena(Neighbours, Team):
             if self.stale[0] == 1 and self.counts[STATUS] == OK:
                 self.pose_walls(0, before * self.numbers[STEP])
                 self.counts[KEPT] = self.sort_into_cells()
-        for turn in range(parts * GRAIN):
-            if turn % GRAIN == 0 and self.stale[0] == 1 and self.counts[STATUS] == OK:
-                self.list_part(turn // GRAIN, parts)
+        if ti.static(not whole):
+            for turn in range(parts * GRAIN):
+                if turn % GRAIN == 0 and self.stale[0] == 1 and self.counts[STATUS] == OK:
+                    self.list_part(turn // GRAIN, parts)
         ti.loop_config(serialize=True)
         for _ in range(1):
             if self.stale[0] == 1 and self.counts[STATUS] == OK:
-                self.take_list(before * self.numbers[STEP], parts)
+                if ti.static(whole):
+                    self.list_part(0, 1)
+                if self.parts_fit(parts) == 1:
+                    if ti.static(not whole):
+                        self.join_parts(parts)
+                    self.take_list(before * self.numbers[STEP])
 
     @ti.kernel
     def begin_burst(self, length: ti.i32, chunks: ti.i32, before: ti.f64):

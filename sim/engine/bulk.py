@@ -51,6 +51,7 @@ NEAR_PER_BEAD = 2  # walls, or parts of them, near a bead on average, with room
 NEAR_IN_LARGE = 1 / 8  # the same among very many beads, few of which are at a wall
 SKIN = 0.1  # of the largest diameter
 BEADS_PER_THREAD = 500  # fewer gain nothing from another thread
+BEADS_IN_PARTS = 4000  # fewer are listed before the code that joins parts would be compiled
 LAUNCH_SECONDS = 0.25  # kernels come back at least twice a second, so that progress and Ctrl-C work
 OVERLAP_AT_START = 1e-3  # of a radius; more is a blunder
 STEP_IN_RADII = 0.2  # how far a bead or a wall may go in a step
@@ -557,7 +558,8 @@ class Bulk:
             team = 1
             if not self._on_gpu:
                 team = self._crew.gather(arena, min(self.threads, self._count(at.BEADS) // BEADS_PER_THREAD))
-            arena.build_list(before, 1 if self._count(at.WHOLE) else team)
+            parts = team if self._count(at.BEADS) >= BEADS_IN_PARTS and not self._count(at.WHOLE) else 1
+            arena.build_list(before, parts, parts == 1)
             if self._count(at.STATUS) != at.OK:
                 break
             if self._on_gpu:

@@ -272,11 +272,11 @@ class Neighbours(Pairs, RigidBodies):
         return fits
 
     @ti.func
-    def join_parts(self, kept, parts):
-        """Move the parts of the next list together; how many pairs it has."""
-        following = 1 - self.counts[LIVE_LIST]
-        pairs, near = self.listed[0, 0], self.listed[0, 1]
+    def join_parts(self, parts):
+        """Move the parts of the next list together, into the first."""
+        following, kept = 1 - self.counts[LIVE_LIST], self.counts[KEPT]
         for part in range(1, parts):
+            pairs, near = self.listed[0, 0], self.listed[0, 1]
             begin, begin_near = room(self.pair_capacity, part, parts), room(self.walls.near_capacity, part, parts)
             for a in range(kept * part // parts, kept * (part + 1) // parts):
                 self.first[following, a] = self.first[following, a] - begin + pairs
@@ -289,42 +289,39 @@ class Neighbours(Pairs, RigidBodies):
                     self.impact[following, pairs + p] = self.impact[following, begin + p]
             for q in range(self.listed[part, 1]):
                 self.walls.move_entry(following, begin_near + q, near + q)
-            pairs += self.listed[part, 0]
-            near += self.listed[part, 1]
-        self.first[following, kept] = pairs
-        self.walls.first[following, kept] = near
-        return pairs
+            self.listed[0, 0] = pairs + self.listed[part, 0]
+            self.listed[0, 1] = near + self.listed[part, 1]
 
     @ti.func
-    def take_list(self, time, parts):
-        """Put the next list in force, when it fits, and renumber."""
-        kept = self.counts[KEPT]
-        if self.parts_fit(parts) == 1:
-            pairs = self.join_parts(kept, parts)
-            self.walls.note_listing(self.counts[WALL_COUNT], time, self.counts[BEADS])
-            if ti.static(self.terms.acts_in_flight):
-                for i in range(self.counts[BEADS]):
-                    self.flight_before[None] = self.flight_before[None] + self.flight[i]
-                    self.flight[i] = 0.0
-            gone = self.counts[BEADS] - kept
-            if ti.static(self.rigid):
-                gone = 0
-                for i in range(self.counts[BEADS]):
-                    if self.cell_of[i] < 0 and self.body[i] < 0:
-                        gone += 1
-            self.renumber(kept)
-            if ti.static(self.rigid):
-                bodies = self.renumber_bodies(self.counts[BODIES], kept)
-                gone += self.counts[BODIES] - bodies
-                self.counts[BODIES] = bodies
-            self.counts[LIVE_LIST] = 1 - self.counts[LIVE_LIST]
-            self.counts[PAIRS] = pairs
-            self.counts[GONE] += gone
-            self.counts[BEADS] = kept
-            self.counts[LISTED] = kept
-            self.counts[BUILDS] += 1
-            self.list_pointed(kept)
-            self.stale[0] = 0
+    def take_list(self, time):
+        """Put the next list in force and renumber."""
+        kept, pairs, following = self.counts[KEPT], self.listed[0, 0], 1 - self.counts[LIVE_LIST]
+        self.first[following, kept] = pairs
+        self.walls.first[following, kept] = self.listed[0, 1]
+        self.walls.note_listing(self.counts[WALL_COUNT], time, self.counts[BEADS])
+        if ti.static(self.terms.acts_in_flight):
+            for i in range(self.counts[BEADS]):
+                self.flight_before[None] = self.flight_before[None] + self.flight[i]
+                self.flight[i] = 0.0
+        gone = self.counts[BEADS] - kept
+        if ti.static(self.rigid):
+            gone = 0
+            for i in range(self.counts[BEADS]):
+                if self.cell_of[i] < 0 and self.body[i] < 0:
+                    gone += 1
+        self.renumber(kept)
+        if ti.static(self.rigid):
+            bodies = self.renumber_bodies(self.counts[BODIES], kept)
+            gone += self.counts[BODIES] - bodies
+            self.counts[BODIES] = bodies
+        self.counts[LIVE_LIST] = 1 - self.counts[LIVE_LIST]
+        self.counts[PAIRS] = pairs
+        self.counts[GONE] += gone
+        self.counts[BEADS] = kept
+        self.counts[LISTED] = kept
+        self.counts[BUILDS] += 1
+        self.list_pointed(kept)
+        self.stale[0] = 0
 
 
 @ti.func
