@@ -35,11 +35,12 @@ def pile_twin(
     rig: Pile, cast: Cast, *, count: int, seed: int, progress: Progress = silent, **numerics: Unpack[Numerics]
 ) -> Twin:
     """A heap of `count` particles on a round base, its profile seen from the sides."""
-    from rigtwin.measure import pile as ruler
     from rigtwin.sim import pile
 
     begun = time.perf_counter()
     heap = pile.run(rig, *cast, count=count, seed=seed, progress=progress, **numerics)
+    from rigtwin.measure import pile as ruler  # not before the run, which begins the sooner
+
     evaluation = ruler.evaluate(heap.profiles, base_diameter=heap.base_diameter, bead_diameter=cast.particle.diameter)
     course = {"asked": heap.asked, "placed": heap.placed, "fallen": heap.fallen, "at_rest": heap.at_rest}
     return _twin(
@@ -51,11 +52,12 @@ def packing_twin(
     rig: Packing, cast: Cast, *, count: int, seed: int, progress: Progress = silent, **numerics: Unpack[Numerics]
 ) -> Twin:
     """A bed of `count` particles poured into a cylinder, its surface seen from the sides."""
-    from rigtwin.measure import packing as ruler
     from rigtwin.sim import packing
 
     begun = time.perf_counter()
     bed = packing.run(rig, *cast, count=count, seed=seed, progress=progress, **numerics)
+    from rigtwin.measure import packing as ruler  # not before the run, which begins the sooner
+
     evaluation = ruler.evaluate(
         bed.profiles,
         cylinder_diameter=rig.cylinder_diameter,
@@ -87,11 +89,12 @@ def drum_twin(
     **numerics: Unpack[Numerics],
 ) -> Twin:
     """A bed in a drum that turns `turns` times, its surface seen along the axis."""
-    from rigtwin.measure import drum as ruler
     from rigtwin.sim import drum
 
     begun = time.perf_counter()
     rotation = drum.run(rig, *cast, count=count, turns=turns, seed=seed, progress=progress, **numerics)
+    from rigtwin.measure import drum as ruler  # not before the run, which begins the sooner
+
     evaluation = ruler.evaluate(
         rotation.profiles,
         rotation.time,
@@ -120,11 +123,12 @@ def hopper_twin(
     **numerics: Unpack[Numerics],
 ) -> Twin:
     """A hopper of `count` particles that empties, watched for `duration` [s] or until nothing leaves any more."""
-    from rigtwin.measure import hopper as ruler
     from rigtwin.sim import hopper
 
     begun = time.perf_counter()
     discharge = hopper.run(rig, *cast, count=count, seed=seed, duration=duration, progress=progress, **numerics)
+    from rigtwin.measure import hopper as ruler  # not before the run, which begins the sooner
+
     evaluation = ruler.evaluate(discharge.mass_left, total_mass=count * cast.particle.mass, opened=0.0)
     course = {
         "asked": discharge.asked,
