@@ -23,6 +23,8 @@ from rigtwin.sim.effects import Effect
 FAR = 3.0  # squared deviation per coordinate beyond which a model is no description
 NOTHING = 1e-120  # information on an unknown of which the data say nothing
 LEAST_SCATTER = 1e-3  # of a restitution or a rebound direction: smaller is not believed
+BLOCK = 128  # rows
+LEAST_TOLD = 0.2  # share of the deviations that the data determine, at least, in one step of the scatter
 
 
 class Bench(Moving, Protocol):
@@ -73,6 +75,8 @@ class Fit:
     jitter_std: float = math.nan  # [s]
     kicks: int = 0
     """Impacts that the last of `scatter` speaks of."""
+    by_run: Array = field(default_factory=lambda: np.zeros(0))
+    """(R,), each repetition's share of the deviance; the priors of the global unknowns are the rest of it."""
 
     @property
     def per_row(self) -> float:
@@ -227,18 +231,19 @@ def screen(bench: Bench, near: Fit, candidates: Sequence[Effect]) -> list[Fit]:
         found.append(
             replace(
                 near, terms=terms, unknowns=unknowns, values=values + inverse @ pull, covariance=inverse,
-                robust=_robust(scores[:, at], inverse), deviance=near.deviance - lifted - float(pull @ inverse @ pull),
+                robust=_robust(scores[:, at], inverse, tie),
+                deviance=near.deviance - lifted - float(pull @ inverse @ pull),
             )
         )  # fmt: skip
     return found
 
 
-def _robust(scores: Array, inverse: Array) -> Array:
-    """Standard deviations from the scatter of the scores between repetitions."""
+def _robust(scores: Array, inverse: Array, tie: Array) -> Array:
+    """Standard deviations from the scatter of the scores between repetitions, and from what is stated (`tie`)."""
     repetitions = len(scores)
     centred = scores - scores.mean(0)
     meat = centred.T @ centred * repetitions / max(repetitions - 1, 1)
-    return np.asarray(np.sqrt(np.maximum(np.diag(inverse @ meat @ inverse), 0.0)))
+    return np.asarray(np.sqrt(np.maximum(np.diag(inverse @ (meat + np.diag(tie)) @ inverse), 0.0)))
 
 
 def _glance(bench: Bench, terms: Sequence[Effect], near: Fit) -> Fit:
@@ -286,7 +291,7 @@ def _linearise(
     gradient = np.empty((repetitions, size + count))
     for r, span in enumerate(bench.spans):
         j = by_row[:, span].reshape(size + count, -1)
-        whole[r] = j @ j.T
+        whole[r] = _gram(j)
         gradient[r] = j @ residual[span].reshape(-1)
     scaled = np.moveaxis(seen.by_soft, 0, 1) / spread[:, None]  # (R, L + G, S)
     whole += scaled @ np.moveaxis(scaled, 1, 2)
@@ -316,6 +321,14 @@ def _linearise(
         soft,
         np.moveaxis(seen.by_soft[:size], 0, -1),
     )
+
+
+def _gram(j: Array) -> Array:
+    """j @ j.T, in blocks so small that the library starts no threads: those cost more than they bring here."""
+    even = j.shape[1] // BLOCK * BLOCK
+    blocks = j[:, :even].reshape(len(j), -1, BLOCK).swapaxes(0, 1)
+    rest = j[:, even:]
+    return np.asarray((blocks @ blocks.swapaxes(1, 2)).sum(0) + rest @ rest.T)
 
 
 def _sigma(bench: Bench, seen: Slopes, jitter: float) -> Array:
@@ -390,7 +403,10 @@ def _step(
 
 
 def _expect_scatter(bench: Bench, state: _State, linear: _Linear, most: Array) -> None:
-    """One expectation-maximisation step: squared deviations plus their posterior variance."""
+    """Squared deviations over as many of them as the data determine (MacKay 1992).
+
+    The fixed point is that of expectation-maximisation, which takes dozens of steps to a small scatter.
+    """
     if not len(state.scatter):
         return
     inverse = np.linalg.inv(linear.a)
@@ -398,7 +414,8 @@ def _expect_scatter(bench: Bench, state: _State, linear: _Linear, most: Array) -
     for h in range(len(state.scatter)):
         mine = bench.scatter == h
         if mine.any():
-            square = float(np.mean(linear.soft[mine] ** 2 + np.minimum(variance[mine], state.scatter[h] ** 2)))
+            told = 1.0 - np.minimum(variance[mine] / state.scatter[h] ** 2, 1.0)
+            square = float(np.sum(linear.soft[mine] ** 2) / max(float(np.sum(told)), LEAST_TOLD * told.size))
             state.scatter[h] = max(min(math.sqrt(square), float(most[h])), LEAST_SCATTER)
 
 
@@ -466,14 +483,14 @@ def _finished(
         block = information[np.ix_(at, at)] / np.outer(scale, scale) + 1e-12 * np.eye(len(at))
         inverse = np.linalg.inv(block) / np.outer(scale, scale)
         covariance[np.ix_(at, at)] = inverse
-        robust[at] = _robust(scores[:, at], inverse)
+        robust[at] = _robust(scores[:, at], inverse, np.array([1 / unknowns[k].sd ** 2 for k in at]))
     tied = np.zeros_like(linear.a)
     diagonal = np.arange(tied.shape[1])
     tied[:, diagonal, diagonal] = 1.0 / bench.local_sd**2
     leverage = float(np.trace(np.linalg.solve(linear.a, linear.a - tied), axis1=1, axis2=2).sum()) + len(at)
-    deviance = linear.objective + float(np.sum(np.linalg.slogdet(linear.a)[1]))
-    for h, sd in enumerate(state.scatter):
-        deviance += 2 * math.log(sd) * int(np.sum(bench.scatter == h))
+    by_run = _by_run(bench, state, mask, linear)
+    stated = sum(((v - u.prior) / u.sd) ** 2 for u, v in zip(unknowns, state.values, strict=True))
+    deviance = float(by_run.sum()) + stated
     pulls = {
         u.name: (float(v) - u.prior) / u.sd
         for u, v in zip(unknowns, state.values, strict=True)
@@ -501,7 +518,24 @@ def _finished(
         leverage,
         state.jitter_std,
         int(np.sum(bench.scatter == len(state.scatter) - 1)),
+        by_run,
     )
+
+
+def _by_run(bench: Bench, state: _State, mask: Array, linear: _Linear) -> Array:
+    """(R,): -2 log of the likelihood of each repetition, its random effects integrated out."""
+    square = np.sum(linear.residual**2, axis=1)
+    if state.jitter > 0:
+        sigma = _sigma(bench, linear.seen, state.jitter)
+        wider = np.log(sigma / bench.sigma[:, None]).sum(axis=1) * (1 if sigma.shape[1] == 2 else 2)
+        square = square + 2 * np.where(mask, wider, 0.0)
+    found = np.array([float(square[span].sum()) for span in bench.spans])
+    seen = bench.scatter >= 0
+    if seen.size:
+        spread = np.where(seen, state.scatter[np.maximum(bench.scatter, 0)], np.inf)
+        found += np.sum((linear.soft / spread) ** 2 + 2 * np.log(np.where(seen, spread, 1.0)), axis=1)
+    found += np.sum(((state.local - bench.local_prior) / bench.local_sd) ** 2, axis=1)
+    return np.asarray(found + np.linalg.slogdet(linear.a)[1])
 
 
 def _whiteness(residual: Array, bodies: int) -> float:
