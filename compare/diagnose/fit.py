@@ -20,7 +20,8 @@ from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array
 from rigtwin.sim.effects import Effect
 
-FAR = 3.0  # squared deviation per coordinate beyond which a model is no description
+FAR, FAR_WORTH = 3.0, 3e-5  # squared deviation per coordinate beyond which a model is no description
+HOPELESS, HOPELESS_WORTH = 100.0, 5e-3
 NOTHING = 1e-120  # information on an unknown of which the data say nothing
 LEAST_SCATTER = 1e-3  # of a restitution or a rebound direction: smaller is not believed
 BLOCK = 128  # rows
@@ -182,7 +183,8 @@ def fit(
             state.jitter, state.jitter_std = _jitter(bench, linear, mask)
         same = np.allclose(state.scatter, before[0], rtol=0.01) and math.isclose(state.jitter, before[1], rel_tol=0.01)
         linear = _linearise(bench, terms, unknowns, state, mask)
-        if same:
+        # how impacts scatter is no question where nothing fits
+        if same or linear.objective > HOPELESS * bench.rows.size:
             break
     return _finished(bench, terms, unknowns, state, mask, free, linear, converged)
 
@@ -349,7 +351,7 @@ def _descend(
     most: int,
 ) -> tuple[_Linear, bool]:
     """Levenberg-Marquardt with the scatter held; changes `state`."""
-    damping = 1e-4
+    damping, refused = 1e-4, False
     small = 0
     low, high = np.array([u.low for u in unknowns]), np.array([u.high for u in unknowns])
     for _ in range(most):
@@ -364,19 +366,25 @@ def _descend(
         if tried.objective <= linear.objective:
             gain = linear.objective - tried.objective
             state.local, state.values, linear = trial.local, trial.values, tried
-            damping = max(damping / 10, 1e-9)
-            # where nothing fits, the last digits of how badly are of no use
-            worth = 3e-5 if tried.objective > FAR * bench.rows.size else 1e-7
+            # a step just refused at less damping would be refused again
+            damping = damping if refused else max(damping / 10, 1e-9)
+            refused = False
+            worth = _worth(tried.objective / bench.rows.size)
             small = small + 1 if gain < 1e-2 + worth * abs(tried.objective) else 0
             if small >= 1 and damping < 1e-2:
                 return linear, True
         else:
             if tried.objective - linear.objective < 1e-2 and damping < 1e-2:
                 return linear, True
-            damping = damping * 10
-            if damping > 1e8:
+            damping, refused = damping * 10, True
+            if damping > (1e8 if linear.objective < HOPELESS * bench.rows.size else 1.0):
                 return linear, True
     return linear, False
+
+
+def _worth(per_row: float) -> float:
+    """The relative gain for which another step is worth while: how badly a model fails is of no use to the digit."""
+    return HOPELESS_WORTH if per_row > HOPELESS else FAR_WORTH if per_row > FAR else 1e-7
 
 
 def _step(
