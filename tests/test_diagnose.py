@@ -286,6 +286,9 @@ def test_schiller_naumann_is_stokes_when_slow_and_newton_when_fast():
     assert slow == pytest.approx(-6 * math.pi * 1.8e-5 * 1e-3 * 1e-6, rel=1e-2)
     fast = named("air_drag_schiller_naumann").force(1.2, 0.0, 1.0, 6e-3, 1.0, 1.0)[0]
     assert fast == pytest.approx(named("air_drag").force(1.2, 0.0, 1.0, 6e-3, 1.0, 0.44)[0], rel=0.05)
+    # Re = 4000: Newton's plateau, where the fitted formula alone would say 0.27
+    faster = named("air_drag_schiller_naumann").force(5.0, 0.0, 1.0, 6e-3, 1.0, 1.0)[0]
+    assert faster == pytest.approx(named("air_drag").force(5.0, 0.0, 1.0, 6e-3, 1.0, 0.44)[0], rel=1e-6)
 
 
 def test_a_users_own_effect_takes_part(tmp_path):
