@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,19 +23,21 @@ if TYPE_CHECKING:
     from rigtwin.lab.progress import Progress
     from rigtwin.lab.quantity import Check, Measurement, Quantity
 
+LOG_EVERY = 15.0  # seconds between two lines of progress in a file
+
 
 @contextmanager
 def progress_bars(hidden: bool) -> Iterator[Progress]:
-    """Progress bars on stderr while a person watches; nothing otherwise."""
+    """Progress bars on stderr while a person watches; a line now and then where stderr goes to a file."""
     if hidden or not sys.stderr.isatty():
         from rigtwin.lab.progress import silent
 
-        yield silent
+        yield silent if hidden else _progress_lines()
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
         tasks: dict[str, TaskID] = {}
 
@@ -44,6 +47,22 @@ def progress_bars(hidden: bool) -> Iterator[Progress]:
             bars.update(tasks[stage], completed=done, total=total or None)
 
         yield show
+
+
+def _progress_lines() -> Progress:
+    """A line every LOG_EVERY seconds; a command that ends sooner prints none."""
+    last = time.monotonic()
+
+    def show(stage: str, done: float, total: float) -> None:
+        nonlocal last
+        if time.monotonic() - last < LOG_EVERY:
+            return
+        last = time.monotonic()
+        share = f": {100 * done / total:.0f} %" if total else ""
+        sys.stderr.write(f"{stage}{share}\n")
+        sys.stderr.flush()
+
+    return show
 
 
 def print_json(document: dict[str, Any]) -> None:
