@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from rigtwin.compare.diagnose.fit import Fit, linear_at
+from rigtwin.compare.diagnose.fit import Fit
+from rigtwin.compare.diagnose.linear import linear_at
 from rigtwin.compare.diagnose.locate import Regioned
 from rigtwin.compare.diagnose.slopes import slopes
 from rigtwin.compare.diagnose.subset import subset
