@@ -34,16 +34,32 @@ def progress_bars(hidden: bool) -> Iterator[Progress]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TextColumn("{task.fields[left]}"))
     with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
         tasks: dict[str, TaskID] = {}
+        at_first: dict[str, float] = {}
 
         def show(stage: str, done: float, total: float) -> None:
             if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=total or None)
-            bars.update(tasks[stage], completed=done, total=total or None)
+                tasks[stage] = bars.add_task(stage, total=total or None, left="")
+                at_first[stage] = done
+            elapsed = bars.tasks[bars.task_ids.index(tasks[stage])].elapsed
+            left = time_left(elapsed or 0.0, done - at_first[stage], total - done)
+            bars.update(tasks[stage], completed=done, total=total or None, left=left)
 
         yield show
+
+
+def time_left(elapsed: float, done: float, left: float) -> str:
+    """How long it goes on, in words, as fast as it went for `elapsed` seconds; nothing where that is not worth a word.
+
+    >>> time_left(60, 1, 5), time_left(2, 1, 9), time_left(7200, 1, 3), time_left(60, 0, 5)
+    ('some 5 min left', '', 'some 6.0 h left', '')
+    """
+    seconds = elapsed * left / done if done > 0 else 0.0
+    if seconds < 60:
+        return ""
+    return f"some {seconds / 60:.0f} min left" if seconds < 5400 else f"some {seconds / 3600:.1f} h left"
 
 
 def print_json(document: dict[str, Any]) -> None:

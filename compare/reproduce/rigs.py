@@ -23,6 +23,8 @@ CYLINDER = 65e-3  # [m]
 DRUM = 140e-3  # [m]
 DEPTH = 50e-3  # [m]
 FILL = 0.35
+PACKED = 0.6  # part of a bed's volume that is beads, about
+TURNS = 0.75  # of the drum
 SLOT = 68e-3  # [m]
 OUTLET = 50e-3  # [m], of the conical hopper
 PRINTED_EMPTIED = 12223  # particles, table 13 at 1e6 Pa
@@ -108,7 +110,7 @@ def packing(
     }
 
 
-def drum(particle: str, *, speed: float, seed: int, turns: float = 0.75) -> dict[str, Any]:
+def drum(particle: str, *, speed: float, seed: int, turns: float = TURNS) -> dict[str, Any]:
     """Dynamic angles of repose [deg] in the drum that turns at `speed` [rad/s] (tables 14 and 15)."""
     from rigtwin.compare.bulk_twins import drum_twin
 
