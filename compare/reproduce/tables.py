@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from statistics import fmean, stdev
 from typing import Any
 
-from rigtwin.compare.reproduce import cost
+from rigtwin.compare.reproduce import cost, rigs
 from rigtwin.compare.runs import Run
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.reference import hlosta2020
@@ -255,7 +255,8 @@ def _run(rig: str, particle: str, seed: int, lasts: float, **settings: Any) -> R
 
 
 def _drum_run(particle: str, _rig: str, seed: int) -> Run:
-    return _run("drum", particle, seed, cost.of_drum(particle, _DRUM_SPEED), speed=_DRUM_SPEED)
+    inside = {"depth": rigs.DEPTH, "fill": rigs.FILL}
+    return _run("drum", particle, seed, cost.of_drum(particle, _DRUM_SPEED), speed=_DRUM_SPEED, **inside)
 
 
 def _pile_run(particle: str, rig: str, seed: int) -> Run:
