@@ -92,7 +92,7 @@ def test_a_swept_bed_is_judged_by_how_far_it_is_from_the_measured_one_without_si
     assert len(cells) == 56
     # beds that are as far off as the paper's, some too low
     results = {
-        cell.runs[0]: {"surface_height_mm": 184.0 * (1 + (-1) ** k * cell.paper_dem / 100)}
+        cell.runs[0]: {"bead_tops_height_mm": 184.0 * (1 + (-1) ** k * cell.paper_dem / 100)}
         for k, cell in enumerate(cells[:20])
     }
     swept = Reproduction(cells, Done(results, {}), tmp_path)

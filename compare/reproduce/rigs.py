@@ -34,8 +34,8 @@ ASSUMED = {
     "rim": "the bowls have a rim of 10 mm, and what stands above it is read, as a camera beside the bowl sees it (the "
     "paper gives neither; without a rim no pile stands)",
     "cylinder": "the 1000 mL cylinder of PMMA is 65 mm wide inside (from the paper's masses and bed heights)",
-    "surface": "a bed's height is that of its mean surface, pits included, as bulk density needs it; the tops of the "
-    "surface's beads stand half a bead higher, and the paper does not say where its gauge was read",
+    "tops": "a bed's height is that of the tops of its surface's beads, where a gauge is read, as it is for a "
+    "bed in a photo; the mean surface, pits included, lies some half a bead lower",
     "d12": "390 D12 beads, not 800, stand in the cylinder (800 do not fit under the printed height)",
     "swept": "tables 4 to 6 print how far the simulated bed is from the measured one without its sign; particles are "
     "those of tables A2 to A7 (the enlarged beads), but for their friction among each other",

@@ -150,8 +150,8 @@ def _beds(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows:
                 float(row["bed_height_dem_mm"]),
                 float(row["bed_height_dem_std_mm"]),
                 tuple(run.name for run in runs),
-                "surface_height_mm",
-                ("cylinder", "surface", "wall", *(("d12",) if particle == "D12" else ())),
+                "bead_tops_height_mm",
+                ("cylinder", "tops", "wall", *(("d12",) if particle == "D12" else ())),
             ),
         )
 
@@ -190,8 +190,8 @@ def _frictions(number: int, quick: bool, repetitions: int | None, seed: int) -> 
                 deviation,
                 None,
                 tuple(run.name for run in runs),
-                "surface_height_mm",
-                ("cylinder", "surface", "wall", "swept"),
+                "bead_tops_height_mm",
+                ("cylinder", "tops", "wall", "swept"),
                 off=height,
             ),
         )
