@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,44 +23,47 @@ if TYPE_CHECKING:
     from rigtwin.lab.progress import Progress
     from rigtwin.lab.quantity import Check, Measurement, Quantity
 
+LOG_EVERY = 15.0  # seconds between two lines of progress in a file
+
 
 @contextmanager
 def progress_bars(hidden: bool) -> Iterator[Progress]:
-    """Progress bars on stderr while a person watches; nothing otherwise."""
+    """Progress bars on stderr while a person watches; a line now and then where stderr goes to a file."""
     if hidden or not sys.stderr.isatty():
         from rigtwin.lab.progress import silent
 
-        yield silent
+        yield silent if hidden else _progress_lines()
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TextColumn("{task.fields[left]}"))
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    # runs of a table end minutes apart, and the time left goes by those within the period
+    with Progress(*columns, console=Console(stderr=True), transient=True, speed_estimate_period=3600) as bars:
         tasks: dict[str, TaskID] = {}
-        at_first: dict[str, float] = {}
 
         def show(stage: str, done: float, total: float) -> None:
             if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=total or None, left="")
-                at_first[stage] = done
-            elapsed = bars.tasks[bars.task_ids.index(tasks[stage])].elapsed
-            left = time_left(elapsed or 0.0, done - at_first[stage], total - done)
-            bars.update(tasks[stage], completed=done, total=total or None, left=left)
+                tasks[stage] = bars.add_task(stage, total=total or None)
+            bars.update(tasks[stage], completed=done, total=total or None)
 
         yield show
 
 
-def time_left(elapsed: float, done: float, left: float) -> str:
-    """How long it goes on, in words, as fast as it went for `elapsed` seconds; nothing where that is not worth a word.
+def _progress_lines() -> Progress:
+    """A line every LOG_EVERY seconds; a command that ends sooner prints none."""
+    last = time.monotonic()
 
-    >>> time_left(60, 1, 5), time_left(2, 1, 9), time_left(7200, 1, 3), time_left(60, 0, 5)
-    ('some 5 min left', '', 'some 6.0 h left', '')
-    """
-    seconds = elapsed * left / done if done > 0 else 0.0
-    if seconds < 60:
-        return ""
-    return f"some {seconds / 60:.0f} min left" if seconds < 5400 else f"some {seconds / 3600:.1f} h left"
+    def show(stage: str, done: float, total: float) -> None:
+        nonlocal last
+        if time.monotonic() - last < LOG_EVERY:
+            return
+        last = time.monotonic()
+        share = f": {100 * done / total:.0f} %" if total else ""
+        sys.stderr.write(f"{stage}{share}\n")
+        sys.stderr.flush()
+
+    return show
 
 
 def print_json(document: dict[str, Any]) -> None:

@@ -49,6 +49,9 @@ MORE_SHOWN = {"drop_height": 1, "rebound_height": 1, "release_angle": 1, "reboun
 # When something happened in a film tells when the camera was started; the twin has none.
 MOMENTS = frozenset({"onset_time", "opening_time", "last_particle_time"})
 
+# Percent: where two standard uncertainties of a deviation reach this, a twin that is half off would pass too.
+TELLS_NOTHING = 50.0
+
 Key = tuple[str, str, str, tuple[tuple[str, Detail], ...]]
 
 
@@ -317,7 +320,7 @@ def _deviation(
         percent_deviation_std=None if percent is None else percent[1],
         z=z,
         coverage_factor=None if z is None else _coverage(freedom, 0.95),
-        verdict=_verdict(simulated, z, freedom, doubtful=bool(doubts), given=bool(set_from)),
+        verdict=_verdict(simulated, z, freedom, percent, doubtful=bool(doubts), given=bool(set_from)),
         doubtful="; ".join(doubts),
         note=_note(rig, measured, simulated, set_from),
         budget=measured.budget,
@@ -361,7 +364,15 @@ def _coverage(freedom: float, probability: float) -> float:
     return float(stdtrit(freedom, upper) if math.isfinite(freedom) else ndtri(upper))
 
 
-def _verdict(simulated: Combined | None, z: float | None, freedom: float, *, doubtful: bool, given: bool) -> str:
+def _verdict(
+    simulated: Combined | None,
+    z: float | None,
+    freedom: float,
+    percent: tuple[float, float] | None,
+    *,
+    doubtful: bool,
+    given: bool,
+) -> str:
     if simulated is None:
         return "no twin value"
     if given:
@@ -371,7 +382,8 @@ def _verdict(simulated: Combined | None, z: float | None, freedom: float, *, dou
     if z is None:
         return "uncertainty unknown"
     if abs(z) < 2:
-        return "agrees"
+        vague = percent is not None and 2 * percent[1] > TELLS_NOTHING
+        return "too uncertain to tell" if vague else "agrees"
     if abs(z) < _coverage(freedom, 0.95):
         return "too few repetitions to tell"
     certainty = "probably " if abs(z) < _coverage(freedom, 0.997) else ""

@@ -100,11 +100,14 @@ def report(comparison: Comparison, provenance: Mapping[str, Any], out: Path) -> 
 def _summary(comparison: Comparison) -> str:
     compared = [row for row in comparison.deviations if row.z is not None and row.verdict != "set equal"]
     verdicts = [row.verdict for row in compared]
-    agree, doubtful, few = (verdicts.count(word) for word in ("agrees", "doubtful", "too few repetitions to tell"))
-    differ = len(compared) - agree - doubtful - few
+    words = ("agrees", "doubtful", "too few repetitions to tell", "too uncertain to tell")
+    agree, doubtful, few, vague = (verdicts.count(word) for word in words)
+    differ = len(compared) - agree - doubtful - few - vague
     parts = [f"{agree or 'none'} agree within their uncertainty", f"{differ or 'none'} differ"]
     if few:
         parts.append(f"{few} cannot be told apart with so few repetitions")
+    if vague:
+        parts.append(f"{vague} are known too loosely to tell")
     if doubtful:
         parts.append(f"{doubtful} are doubtful")
     rigs = len(comparison.outcomes)

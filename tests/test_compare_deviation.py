@@ -280,3 +280,11 @@ def test_what_a_film_finds_one_way_and_a_twin_another_is_compared_where_each_kno
 def test_when_a_camera_was_started_is_no_deviation():
     onset = Quantity("onset_time", 0.9, 0.01, "s", "onset")
     assert deviations("it", "tilt", [onset], [Quantity("onset_time", 9.9, 0.01, "s", "onset")]) == ()
+
+
+def test_a_twin_that_may_be_half_off_is_not_said_to_agree():
+    def verdict(std_uncertainty):
+        (row,) = deviations("drop-1", "drop", [quantity(0.5, std_uncertainty)], [quantity(0.5, 1e-9)])
+        return row.verdict
+
+    assert (verdict(0.1), verdict(0.2)) == ("agrees", "too uncertain to tell")
