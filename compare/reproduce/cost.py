@@ -8,7 +8,7 @@ from rigtwin.compare.reproduce import rigs
 from rigtwin.lab.reference import hlosta2020
 
 START = 5.0  # [s], until the kernels are ready
-BODY, SPHERE = 0.22e-6, 0.04e-6  # [s] a step, for each body and for each of its spheres, in contact with its like
+BODY, SPHERE = 0.22e-6, 0.035e-6  # [s] a step, for each body and for each of its spheres, among their like
 STEP = 0.3  # of Rayleigh's
 FALLING = 0.7  # part of the bodies that are there on the average while a rig is filled or drained
 POURED = 400.0  # beads a second on a pile, about
@@ -18,7 +18,9 @@ def seconds(particle: str, count: float, lasts: float, *, stiffness_factor: floa
     """Time [s] that `count` particles take which are simulated for `lasts` [s]."""
     bead = hlosta2020.particle(particle)
     step = STEP * bead.rayleigh_time_step / math.sqrt(stiffness_factor)
-    return START + lasts / step * count * (BODY + SPHERE * len(bead.radii))
+    # a long clump has more neighbours than touch it: as many as the sphere that holds it is larger than the clump
+    neighbours = math.pi / 6 * bead.diameter**3 / bead.volume
+    return START + lasts / step * count * (BODY + SPHERE * len(bead.radii) * neighbours)
 
 
 def of_pile(particle: str, base_diameter: float, count: int | None = None) -> float:
@@ -29,7 +31,7 @@ def of_pile(particle: str, base_diameter: float, count: int | None = None) -> fl
         there = 0.5 * poured
     else:
         poured, there = count, FALLING * count
-    return seconds(particle, there, 1 + poured / POURED)
+    return seconds(particle, there, 2 + poured / POURED)
 
 
 def of_bed(particle: str, count: int) -> float:
