@@ -54,7 +54,9 @@ def only(name: str, value: float | None = None):
 def reynolds_drag(speed: float) -> float:
     """Schiller and Naumann's drag on BALL in air [N], written with the drag coefficient."""
     reynolds = 1.2 * speed * BALL.diameter / 1.8e-5
-    return 0.5 * 1.2 * 24 / reynolds * (1 + 0.15 * reynolds**0.687) * math.pi * BALL.radius**2 * speed**2
+    # Newton's plateau beyond Re = 1000 (Clift, Grace & Weber 1978)
+    coefficient = max(24 / reynolds * (1 + 0.15 * reynolds**0.687), 0.44)
+    return 0.5 * 1.2 * coefficient * math.pi * BALL.radius**2 * speed**2
 
 
 def test_a_bead_in_quadratic_drag_falls_as_the_closed_form_says():
