@@ -256,7 +256,7 @@ def test_beads_pressed_together_by_impacts_are_told_from_beads_that_lie_too_deep
 
 def test_effects_of_a_model_act_on_the_heap_or_are_named_as_left_out():
     named = {"effects": {"adhesion_jkr": {}, "camera_roll": {}, "air_drag": {}}}
-    run = SimpleNamespace(largest_overlap=0.0), SimpleNamespace(warnings=())
+    run = SimpleNamespace(largest_overlap=0.0, note=""), SimpleNamespace(warnings=())
     beads = Bench(BOWL, D6, STEEL, BEADS, BASE, named)
     assert "adhesion jkr, air drag" in beads.assumptions()["effects"]
     (said,) = beads.warnings(*run)
