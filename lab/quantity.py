@@ -7,7 +7,7 @@ repetition gave.  All three print as the JSON documents that `rigtwin measure --
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -79,6 +79,21 @@ def root_sum_of_squares(budget: dict[str, float]) -> float:
     5.0
     """
     return math.hypot(*budget.values())
+
+
+def doubted(quantity: Quantity, why: str) -> Quantity:
+    """The quantity with a reason for doubt, its uncertainty widened once: what a failed check spoils, no fit knows.
+
+    >>> e = Quantity("restitution_wall", 0.44, 0.01, "1", "height", budget={"tracking": 0.01})
+    >>> e = doubted(e, "two beads fall")
+    >>> e.doubtful, round(e.std_uncertainty, 4)
+    ('two beads fall', 0.0224)
+    """
+    if not why:
+        return quantity
+    budget = {"failed check": 2 * quantity.std_uncertainty, **quantity.budget}
+    reasons = "; ".join(filter(None, [quantity.doubtful, why]))
+    return replace(quantity, std_uncertainty=root_sum_of_squares(budget), budget=budget, doubtful=reasons)
 
 
 @dataclass(frozen=True)

@@ -17,14 +17,15 @@ Grey = npt.NDArray[np.uint8]
 ROOM = 96 * 2**20  # [bytes] of cut-outs; a clip that asks for more is read again instead
 MOST = 4  # spots of a frame that are kept, the strongest
 GHOSTS = 25  # frames for which the place of a spot is kept on after it has vanished
-FEWEST = 11  # whole frames from which the scene behind a bead is learnt
+FEWEST = 7  # whole frames from which the scene behind a bead is learnt
 
 
 class Album:
     """Cut-outs around the spots of every frame, and some whole frames in which something moves."""
 
     def __init__(self) -> None:
-        self.whole = Background()
+        self._whole: dict[int, Grey] = {}
+        self._moved, self._every = 0, 1  # frames in which something moved, and which of them are kept whole
         self.times: dict[int, float] = {}  # [s]
         self._cuts: dict[int, list[tuple[Box, Grey]]] = {}
         self._places: list[tuple[Box, int]] = []  # and in which frame a spot was last seen there
@@ -36,7 +37,7 @@ class Album:
         if self._last is not None and spots:
             step = math.hypot(spots[0].x - self._last.x, spots[0].y - self._last.y)
             if step > 1:
-                self.whole.add(frame.index, frame.grey.copy())
+                self._keep_whole(frame)
         self._last = spots[0] if spots else None
         here = [(_around(spot), frame.index) for spot in spots[:MOST]]
         gone = [
@@ -55,6 +56,16 @@ class Album:
         if self._room >= 0:
             self._cuts[frame.index] = cuts
 
+    def _keep_whole(self, frame: Frame) -> None:
+        """One frame in so many, spread evenly over all in which something moves."""
+        if self._moved % self._every == 0:
+            self._whole[frame.index] = frame.grey.copy()
+        self._moved += 1
+        if len(self._whole) > Background.capacity:
+            for index in list(self._whole)[1::2]:
+                del self._whole[index]
+            self._every *= 2
+
     def cut(self, index: int, box: Box) -> Grey | None:
         """A part of a frame, None where not all of it was kept."""
         for (left, top, right, bottom), part in self._cuts.get(index, []):
@@ -64,7 +75,7 @@ class Album:
 
     def greys(self, first: int, last: int) -> dict[int, Grey]:
         """The whole frames kept from `first` to `last`, by number; none where they are too few to learn from."""
-        greys = {index: grey for index, grey in self.whole.samples().items() if first <= index <= last}
+        greys = {index: grey for index, grey in self._whole.items() if first <= index <= last}
         return greys if len(greys) >= FEWEST else {}
 
 

@@ -191,6 +191,7 @@ _ROOM = 2.5  # [px], around the pixels near a bead, so that it may move a little
 _MOST_STEPS = 18  # of the exposure integral: a longer smear has its information at its ends and sides
 _LARGEST_RADIUS = 10.0  # [px] beyond it a fit to block means loses nothing that matters and saves time
 _SETTLED = 0.1  # of the cost, that another step may gain at most; a gain of 1 would be one standard deviation
+_BEYOND = 1.3  # of a step: the weights follow the residuals only in the next turn, so each step is too short
 _DEEPEST = 6.0  # depth below the rim, in units of its softness, at which a pixel is covered all but 1e-9
 _DEPTHS = np.linspace(-_DEEPEST, _DEEPEST, 769)
 _COVERS = ndtr(_DEPTHS).astype(np.float32)
@@ -337,10 +338,10 @@ def _fit_disc(pixels: _Pixels, prior: _Prior) -> _Fit | None:
             damped = normal.copy()
             damped[steps, steps] += damping * normal[steps, steps] + 1e-12
             change = np.linalg.solve(damped, pull)
-            tried = _bounded(parameters + change, parameters, prior)
             if turn >= 2 and float(change @ (2 * pull - normal @ change)) < _SETTLED:
-                parameters = tried  # so small a step needs no proof
+                parameters = _bounded(parameters + change, parameters, prior)  # so small a step needs no proof
                 break
+            tried = _bounded(parameters + (_BEYOND if turn >= 2 else 1.0) * change, parameters, prior)
             tried_jacobian, tried_residual = pixels.linearise(tried)
             tried_cost = _cost(tried_residual, weights, tried, prior.mean, certain)
             if tried_cost < cost:

@@ -22,7 +22,7 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, root_sum_of_squares
+from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, doubted, root_sum_of_squares
 from rigtwin.lab.records import Track, read_tracks
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.flights import (
@@ -52,6 +52,10 @@ USUAL_RATES = (24, 25, 30, 48, 50, 60, 90, 100, 120, 200, 240, 250, 300, 400, 48
 ROLL_STATED_TO = math.radians(0.5)  # nobody reads a camera's lean better
 SCALE_DOUBT = 0.005  # relative, of a scale read off a rule in view
 MOST_SHAKE = 5.0  # [px], standard deviation, up to which a shaking camera only shifts its picture
+RATE_UNJUDGED = (
+    "the scale is from gravity and the frame rate from the file: if the film plays slower than it was captured, "
+    "heights are too large; give --frame-rate or --scale"
+)
 RIM_DOUBT = 0.12  # [px], where the rim of a bead's image is taken to be
 
 
@@ -203,16 +207,15 @@ def _quantity(
     doubtful: str,
 ) -> Quantity:
     value, parts = read
-    if doubtful:
-        # what a failed check spoils is not in the fit's own covariance
-        parts = {**parts, "failed check": 2 * root_sum_of_squares(parts)}
-    return Quantity(
-        name, value, root_sum_of_squares(parts), unit, method, detail=dict(detail), budget=parts, doubtful=doubtful
-    )
+    found = Quantity(name, value, root_sum_of_squares(parts), unit, method, detail=dict(detail), budget=parts)
+    return doubted(found, doubtful)
 
 
-def _with_doubts(quantity: Quantity, checks: tuple[Check, ...]) -> Quantity:
-    """The quantity with the failed checks of the film that it rests on; those of the flights it has already."""
+def _with_doubts(quantity: Quantity, checks: tuple[Check, ...], of_lengths: str) -> Quantity:
+    """The quantity with the failed checks of the film that it rests on; those of the flights it has already.
+
+    `of_lengths` is what else makes lengths doubtful.
+    """
     in_metres = quantity.unit == "m"
     rests_on = {
         "bead_in_view": True,
@@ -222,16 +225,9 @@ def _with_doubts(quantity: Quantity, checks: tuple[Check, ...]) -> Quantity:
         "bead_size": in_metres or quantity.method == "velocity",
     }
     failed = [check.message for check in checks if not check.passed and rests_on.get(check.check, False)]
-    if not failed:
-        return quantity
-    budget = dict(quantity.budget)
-    budget.setdefault("failed check", 2 * quantity.std_uncertainty)
-    return replace(
-        quantity,
-        std_uncertainty=root_sum_of_squares(budget),
-        budget=budget,
-        doubtful="; ".join(filter(None, [quantity.doubtful, *failed])),
-    )
+    if in_metres and of_lengths:
+        failed.append(of_lengths)
+    return doubted(quantity, "; ".join(failed))
 
 
 def _gravity_check(bounces: Bounces, scale_doubt: float, rate: float, repeated_share: float) -> Check:
@@ -381,11 +377,12 @@ def measure(
         checks = (*checks, _roll_check(camera.roll, *gauge.fall))
     if bead_diameter is not None and gauge.source != "bead diameter":
         checks = (*checks, _size_check(2 * seen.radius * gauge.scale, _radius_doubt(seen), bead_diameter))
+    unjudged = RATE_UNJUDGED if gauge.source == "gravity" and camera.frame_rate is None else ""
     measurement = Measurement(
         rig="drop",
         source=clip,
         source_sha256=sha256(clip),
-        quantities=tuple(_with_doubts(quantity, checks) for quantity in evaluation.quantities),
+        quantities=tuple(_with_doubts(quantity, checks, unjudged) for quantity in evaluation.quantities),
         checks=checks,
         warnings=(*video.warnings, *evaluation.warnings),
         camera={

@@ -18,7 +18,7 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, root_sum_of_squares
+from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, doubted
 from rigtwin.lab.records import Array, Track, read_tracks, write_tracks
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.follow import LUMA, Chase, look_again
@@ -54,6 +54,7 @@ Variant = Literal["double", "wall"]
 # The lit side of a bead turns with its place under the lamp: its centre, fitted as that of an evenly shaded disc,
 # shifts by some hundredths of the radius between the ends of a swing.
 SHADING = 0.03
+HEAD_ON = ("momentum", "contact_distance")  # checks that fail where the beads meet off centre or a track is wrong
 
 
 def measure(
@@ -92,7 +93,10 @@ def measure(
         bead_mass,
         shading=SHADING * scale * max(look.radius for look in film.beads.looks),
     )
-    checks = (*_without_circle(evaluation.checks, scale_from), timing_check(video))
+    timing = timing_check(video)
+    checks = (*_without_circle(evaluation.checks, scale_from), timing)
+    spoilt = "" if timing.passed else timing.message
+    quantities = tuple(doubted(quantity, spoilt) for quantity in evaluation.quantities)
     seen = {
         "frame_rate_hz": video.frame_rate,
         "playback_rate_hz": video.playback_rate,
@@ -104,12 +108,12 @@ def measure(
         rig="pendulum",
         source=clip,
         source_sha256=sha256(clip),
-        quantities=evaluation.quantities,
+        quantities=quantities,
         checks=checks,
         warnings=(*video.warnings, *_roll_warning(film.fit, camera), *evaluation.warnings),
         camera=seen,
         tracks=tracks,
-        files={} if out is None else _write(out, video, film, fit, evaluation.quantities, progress=progress),
+        files={} if out is None else _write(out, video, film, fit, quantities, progress=progress),
     )
 
 
@@ -336,8 +340,9 @@ def judge(
     doubts = doubts_of(fit, outcomes)
     if fit.swings.beads == 1 and not checks[0].passed:
         doubts["plumb"] = checks[0].message
-    if fit.swings.beads == 2 and not checks[0].passed:
-        doubts["collision"] = "; ".join(filter(None, [doubts["collision"], checks[0].message]))
+    if fit.swings.beads == 2:
+        off_centre = [check.message for check in checks if check.check in HEAD_ON and not check.passed]
+        doubts["collision"] = "; ".join(filter(None, [doubts["collision"], *off_centre]))
     quantities = [*_restitutions(fit, outcomes, doubts), *_angles(outcomes, doubts)]
     warnings = [check.message for check in checks if not check.passed]
     return Evaluation(tuple(quantities), tuple(checks), tuple(warnings))
@@ -492,9 +497,5 @@ def _degrees(outcome: Outcome) -> Outcome:
 def _quantity(
     name: str, outcome: Outcome, unit: str, method: str, detail: dict[str, Detail], *, doubtful: str
 ) -> Quantity:
-    budget = dict(outcome.budget)
-    if doubtful:
-        # what a failed check spoils is not in the fit's own covariance
-        budget["failed check"] = 2 * root_sum_of_squares(budget)
-    std = root_sum_of_squares(budget)
-    return Quantity(name, outcome.value, std, unit, method, detail=detail, budget=budget, doubtful=doubtful)
+    found = Quantity(name, outcome.value, outcome.std, unit, method, detail=detail, budget=dict(outcome.budget))
+    return doubted(found, doubtful)

@@ -435,6 +435,30 @@ def test_a_region_outside_the_picture_is_named_before_anything_is_read(clip):
 def test_a_camera_roll_that_the_fall_contradicts_is_flagged(clip, degrees, passed):
     result = drop.measure(clip, Camera(frame_rate=FPS, roll=math.radians(degrees)), bead_diameter=DIAMETER)
     assert check(result, "camera_roll").passed is passed
+    # a failed check marks all that rests on it, and nothing else
+    assert all(("camera roll" in each.doubtful) is (each.unit == "m" and not passed) for each in result.quantities)
+
+
+def test_heights_by_gravity_are_doubtful_where_only_the_file_tells_the_frame_rate(clip):
+    result = drop.measure(clip, Camera())
+    assert "give --frame-rate" in pick(result.quantities, "drop_height").doubtful
+    assert not pick(result.quantities, "restitution_wall", method="velocity", bounce=1).doubtful
+
+
+def test_a_steady_clip_is_searched_once_and_not_read_again_for_the_bead(clip, monkeypatch):
+    monkeypatch.setattr(sources, "KEPT", 10**5)
+    read = []
+    pictures = sources.Film.pictures
+
+    def counted(film, start=0):
+        for picture in pictures(film, start):
+            read.append(picture)
+            yield picture
+
+    monkeypatch.setattr(sources.Film, "pictures", counted)
+    drop.measure(clip, CAMERA)
+    # once for the still scene, which of a short clip needs all of it, once to search, and its size from the first
+    assert len(read) <= 2 * 150 + 1
 
 
 def test_playback_rate_taken_for_the_capture_rate_is_flagged(clip):
