@@ -109,8 +109,9 @@ def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal
     beads = _beads(grey)
     if beads is None:
         return None
-    beads = more_beads(grey, likeness(image, beads), beads)
-    alike = likeness(image, beads)
+    cells = colour_cells(image, beads.radius)
+    beads = more_beads(grey, likeness(image, beads, cells), beads)
+    alike = likeness(image, beads, cells)
     disc = find_disc(grey, alike, beads, focal_length=focal_length * zoom, roll=roll, beads_across=beads_across)
     view = _view_of_disc(disc) if disc is not None else _view_of_feet(beads, roll)
     if disc is not None and beads_across is not None:
