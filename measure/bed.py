@@ -37,6 +37,7 @@ GRAIN_SHARE = 0.012  # likewise in a single picture, whose bed may be of powder
 STEPS = 32  # of a histogram of motion or texture
 STANDS_OUT = 1.6  # times the noise, motion that is no accident
 PIECE = 0.08  # of the bed's area, the least that still belongs to it when it is seen apart
+NOISY = 6.0  # [grey levels], noise from which on frames are smoothed
 LEAST_NOISE = 0.5  # [grey levels], compression may leave a still scene without any
 UNDECIDED = 0.5  # of a bead's diameter, to both sides of the mean border, where only the single frame tells
 MISFIT = 0.15  # of the radius, by which the border of a bed may be off the drum's circle
@@ -184,8 +185,12 @@ def bed_in_photo(
 def _stills(video: Video, scene: Scene, lens: Cut, exposure: Exposure) -> Iterator[Still]:
     """Every frame with its change against its neighbours in time."""
     waiting: list[Steadied] = []
+    blur: float | None = None
     for seen in steadied(video, scene, lens):
-        waiting.append(replace(seen, colour=exposure.applied(seen.colour)))
+        if blur is None:
+            blur = _blur_against_noise(seen.colour, scene.picture)
+        colour = cv2.GaussianBlur(seen.colour, (0, 0), blur) if blur else seen.colour
+        waiting.append(replace(seen, colour=exposure.applied(np.asarray(colour, dtype=np.uint8))))
         if len(waiting) == 2:
             yield _still(waiting[0], waiting[1:])
         elif len(waiting) == 3:
@@ -193,6 +198,13 @@ def _stills(video: Video, scene: Scene, lens: Cut, exposure: Exposure) -> Iterat
             del waiting[0]
     if len(waiting) == 2:
         yield _still(waiting[1], waiting[:1])
+
+
+def _blur_against_noise(frame: Image, picture: Map) -> float:
+    """[px], by which to smooth frames so noisy that slow beads' motion is lost in it; 0 where they need none."""
+    grey = cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY).astype(np.float32)
+    noise = 1.4826 * float(np.median(np.abs(grey - picture)))
+    return float(np.clip(noise / NOISY, 1.0, 2.0)) if noise > NOISY else 0.0
 
 
 def _still(now: Steadied, others: list[Steadied]) -> Still:

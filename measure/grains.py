@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+Numbers = npt.NDArray[np.float32]
 
 SPOKES = 24  # directions in which a circle's edge is looked for
 SURROUNDED = 0.5  # share of the spokes that must meet an edge; half of a bead in a heap is hidden
@@ -43,12 +44,12 @@ class Edges:
     strong: float  # [grey/px], an edge as clear as any in this picture
 
     @cached_property
-    def points(self) -> tuple[Array, Array, Array, Array]:
+    def points(self) -> tuple[Numbers, Numbers, Numbers, Numbers]:
         """Pixels on edges: column, row, and the direction across the edge there."""
         row, column = np.nonzero(self.strength > self.noise)
-        strength = self.strength[row, column].astype(np.float64)
+        strength = self.strength[row, column]
         across = (self.x[row, column] / strength, self.y[row, column] / strength)
-        return column.astype(np.float64), row.astype(np.float64), *across
+        return column.astype(np.float32), row.astype(np.float32), *across
 
 
 def edges(grey: npt.NDArray[np.uint8], blur: float) -> Edges:
@@ -102,20 +103,24 @@ def more_beads(
     return Beads(_largest_group(np.concatenate(found), 2.4 * beads.radius, least_group), beads.radius)
 
 
-def likeness(image: npt.NDArray[np.uint8], beads: Beads) -> npt.NDArray[np.float32]:
+def likeness(
+    image: npt.NDArray[np.uint8], beads: Beads, cells: npt.NDArray[np.int32] | None = None
+) -> npt.NDArray[np.float32]:
     """How much each pixel has the colour of the beads rather than of what is around them, 0 to 1.
 
     Ratio of two colour histograms (Swain and Ballard 1991): inside the circles, and further than two beads from
-    them; what is nearest behind the heap counts as much as all the rest.
+    them; what is nearest behind the heap counts as much as all the rest.  `cells` are the picture's colour cells where
+    they are known.
     """
     inside = np.zeros(image.shape[:2], np.uint8)
     for x, y in np.rint(beads.centre).astype(int):
         cv2.circle(inside, (int(x), int(y)), max(1, round(0.75 * beads.radius)), 255, -1)
     away = cv2.distanceTransform(255 - inside, cv2.DIST_L2, 3) / beads.radius
-    index = colour_cells(image, beads.radius)
-    here = shares(index[inside > 0])
+    index = colour_cells(image, beads.radius) if cells is None else cells
+    of_beads = index[inside > 0]
+    here = shares(of_beads)
     there = 0.5 * (shares(index[away > 4]) + shares(index[(away > 4) & (away < 10)]))
-    return np.asarray((here / (here + there + rare(here, index[inside > 0])))[index], dtype=np.float32)
+    return np.asarray((here / (here + there + rare(here, of_beads))).astype(np.float32)[index], dtype=np.float32)
 
 
 def rim_radius(grey: npt.NDArray[np.uint8], beads: Beads) -> float:
@@ -144,19 +149,23 @@ def at(picture: npt.NDArray[Any], points: Array) -> npt.NDArray[Any]:
     return np.asarray(picture[y, x])
 
 
-def rare(share: Array, index: npt.NDArray[np.int64]) -> float:
+def rare(share: Array, index: npt.NDArray[np.int32]) -> float:
     """A share so small that it is no evidence: a false circle or two among the beads makes as much."""
     return 0.1 * float(np.median(share[index])) if index.size else 0.1  # without beads nothing is evidence
 
 
-def colour_cells(image: npt.NDArray[np.uint8], radius: float) -> npt.NDArray[np.int64]:
+def colour_cells(image: npt.NDArray[np.uint8], radius: float) -> npt.NDArray[np.int32]:
     """Every pixel's colour as the number of a cell of the Lab space, of the picture smoothed to a part of a bead."""
-    lab = cv2.cvtColor(cv2.GaussianBlur(image, (0, 0), max(0.1 * radius, 0.8)), cv2.COLOR_BGR2LAB)
-    cells = (lab // np.array([16, 6, 6], np.uint8)).astype(np.int64)
-    return np.asarray((cells[..., 0] * 43 + cells[..., 1]) * 43 + cells[..., 2])
+    smooth = cv2.GaussianBlur(image, (0, 0), max(0.1 * radius, 0.8))
+    lab = np.asarray(cv2.cvtColor(smooth, cv2.COLOR_BGR2LAB), dtype=np.uint8)
+    levels = np.arange(256, dtype=np.int32)
+    cells = np.take(levels // 16 * 43 * 43, lab[..., 0])
+    cells += np.take(levels // 6 * 43, lab[..., 1])
+    cells += np.take(levels // 6, lab[..., 2])
+    return np.asarray(cells)
 
 
-def shares(index: npt.NDArray[np.int64]) -> Array:
+def shares(index: npt.NDArray[np.int32]) -> Array:
     """Smoothed histogram of colour cells, sum 1."""
     from scipy.ndimage import gaussian_filter
 
@@ -168,10 +177,14 @@ def _circles(picture: Edges, radius: float, sign: int, surrounded: float = SURRO
     """Centres [px], shape (n, 2), of circles of this radius."""
     height, width = picture.strength.shape
     column, row, across_x, across_y = picture.points
-    x, y = np.rint(column + sign * radius * across_x), np.rint(row + sign * radius * across_y)
-    inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-    place = (y * width + x)[inside].astype(np.int64)
-    votes = np.bincount(place, minlength=height * width).reshape(height, width)
+    reach = np.float32(sign * radius)
+    # a margin takes the votes that fall outside: cheaper than to leave them out
+    margin = int(radius) + 2
+    x = (column + (reach * across_x + np.float32(margin + 0.5))).astype(np.int32)
+    y = (row + (reach * across_y + np.float32(margin + 0.5))).astype(np.int32)
+    across, down = width + 2 * margin, height + 2 * margin
+    votes = np.bincount(y * across + x, minlength=across * down).reshape(down, across)
+    votes = votes[margin : margin + height, margin : margin + width]
     spread = max(0.12 * radius, 0.8)
     density = cv2.GaussianBlur(votes.astype(np.float32), (0, 0), spread) * (spread * spread / radius)
     size = 2 * int(0.8 * radius) + 1

@@ -21,8 +21,9 @@ from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, root_sum_of_squares
 from rigtwin.lab.records import Series
+from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.gate import Opening, find_opening, slot_edges
-from rigtwin.measure.media import open_video
+from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.outflow import Outflow, bin_walls, follow_outflow
 
 Array = npt.NDArray[np.float64]
@@ -40,6 +41,12 @@ BINS = 6  # parts of the steady flow whose rates are compared
 HIDDEN = 0.08  # share of the slot's width that may show no bead before something hides it
 RESIDUE = 0.02  # share of the bed that may stay behind before it is worth a warning
 NEARBY = 4  # frames about an instant in which something in front of the hopper makes it doubtful
+# bits per pixel of a clip, below which its codec leaves what is faint as it was for a frame or so until it moved on;
+# beads that pour take ten times as many
+STARVED = 0.02
+# of sqrt(g W), the speed at which a body has fallen half of the slot's width W: between these beads leave slots from
+# three beads wide to many (Beverloo's law), whereas a clip in slow motion plays them eight times slower or more
+OUTLET_SPEED = (0.15, 3.0)
 AREA_DOUBT = 0.05  # relative, how far the bed's visible area follows its mass
 
 
@@ -82,9 +89,12 @@ def measure(
     if hidden > HIDDEN:
         last = replace(last, budget=last.budget | {"hidden part of the slot": seen.interval})
     opened, last = (_unhidden(seen, moment) for moment in (opened, last))
+    compression = _compression_check(video)
+    if not compression.passed:
+        opened, last = (_starved(seen, moment, compression.message) for moment in (opened, last))
     left = _left(seen)
     evaluation = _evaluate(left, total_mass, opened, last, seen.residue, AREA_DOUBT)
-    checks = (*_checks_of_picture(seen, gate, hidden), *evaluation.checks)
+    checks = (*_checks_of_picture(seen, gate, hidden), compression, *evaluation.checks)
     scale, scale_from, scale_doubt = _scale(seen, camera, bead_diameter, bin_width)
     warnings = [*video.warnings, *evaluation.warnings]
     warnings.append("mass left: taken from the bed's visible area, as of a slab of even depth.")
@@ -99,11 +109,19 @@ def measure(
         "frames": len(seen.moments),
     }
     velocity = _outlet_velocity(seen, scale, scale_doubt)
+    quantities = evaluation.quantities
     if isinstance(velocity, str):
         warnings.append(f"outlet velocity: none given, for {velocity}.")
-        quantities = evaluation.quantities
     else:
-        quantities = (*evaluation.quantities, velocity)
+        quantities = (*quantities, velocity)
+    if scale is not None and not isinstance(velocity, str):
+        rate = _frame_rate_check(velocity.value, view["slot_width_px"] * scale)
+        checks = (*checks, rate)
+        if not rate.passed:
+            quantities = tuple(
+                replace(one, doubtful=one.doubtful or rate.message) if "s" in one.unit.split("/") else one
+                for one in quantities
+            )
     result = Measurement(
         rig="hopper",
         source=clip,
@@ -367,6 +385,19 @@ def _unhidden(seen: Outflow, found: Instant) -> Instant:
     return replace(found, budget=budget, doubtful=reason)
 
 
+def _starved(seen: Outflow, found: Instant, reason: str) -> Instant:
+    """The same, doubtful by a frame for a codec that left out what was faint."""
+    return replace(found, budget=found.budget | {"compression": seen.interval}, doubtful=found.doubtful or reason)
+
+
+def _compression_check(video: Video) -> Check:
+    size = video.path.stat().st_size if video.path.is_file() else math.inf  # pictures in a folder are whole
+    bits = 8 * size / (video.width * video.height * max(len(video.times), 1))
+    passed = bits > STARVED
+    ending = "." if passed else ": so few that faint things stand still in it for a frame or more; give the original."
+    return Check("compression", passed, bits, STARVED, f"the clip has {bits:.3g} bits per pixel{ending}")
+
+
 def _opened_by_flow(seen: Outflow, time: Array) -> Instant:
     """No slide was seen to move: the bed's first motion above the slot, which begins a little after the opening."""
     change = np.array([moment.change for moment in seen.moments])
@@ -454,6 +485,15 @@ def _scale(
     if bead_diameter is not None and seen.scenery.bead_seen:
         return float(bead_diameter / seen.scenery.bead * seen.lens.zoom), "bead diameter", BEAD_DOUBT
     return None, "not known", math.inf
+
+
+def _frame_rate_check(velocity: float, width: float) -> Check:
+    """Whether beads leave a slot `width` [m] about as fast as gravity lets them; `velocity` [m/s]."""
+    ratio = velocity / math.sqrt(GRAVITY * width)
+    passed = OUTLET_SPEED[0] < ratio < OUTLET_SPEED[1]
+    ending = "." if passed else ": is the frame rate that of the capture (--frame-rate), and is the scale right?"
+    message = f"beads leave the slot {ratio:.2g} times as fast as a body that has fallen half its width{ending}"
+    return Check("frame_rate", passed, ratio, 1.0, message)
 
 
 def _checks_of_picture(seen: Outflow, gate: Opening | None, hidden: float) -> list[Check]:

@@ -37,6 +37,8 @@ FLAWED = 3.0  # [deg], added to the doubt of an angle whose outline cannot be re
 STATED_FOCAL_DOUBT = 0.1  # standard deviation of the logarithm of a focal length that the photo states
 FULL_FRAME_DIAGONAL = 43.27  # [mm]
 EXIF_IFD, FOCAL_LENGTH_35MM = 0x8769, 0xA405  # EXIF 2.32, tables 4 and 9
+NEARER = 1.08  # the beads in front, clearest of all, are nearer to the camera than the base's axis
+BEAD_MISFIT = 0.22  # relative, by which beads may look larger or smaller than they are: shaded rims are soft
 DOUBTFUL_COVER = 0.83  # share of the heap that circles cover, below which its outline may belong to something else
 
 
@@ -48,6 +50,7 @@ class Observation:
     variants: Mapping[str, tuple[Profile, Profile]] = field(default_factory=dict)
     flaw: str = ""  # why the outline is not to be relied on
     grain: float | None = None  # bead diameter, in the unit of the profile
+    checks: tuple[Check, ...] = ()  # of the photo
 
 
 def measure(
@@ -138,7 +141,7 @@ def _evaluate(
         doubtful.append(bool(doubts))
         whose = f"{seen.profile.view}: " if len(observations) > 1 else ""
         warnings += [whose + doubt for doubt in doubts]
-        checks += _checks(seen.profile, heap, base_diameter, bead_diameter)
+        checks += [*seen.checks, *_checks(seen.profile, heap, base_diameter, bead_diameter)]
     if len(observations) > 1:
         quantities = _over_views(quantities) + quantities
         if any(doubtful) and not all(doubtful):
@@ -391,11 +394,14 @@ def _observe_photo(
     scale, scale_from = _scale(found, camera, base_diameter, bead_diameter)
     unit = scale if scale is not None else 1.0
     profile = _profile(found, found.view, found.height, unit, name)
+    sizes = _size_checks(found, scale, scale_from, bead_diameter)
+    misfit = "; ".join(check.message for check in sizes if not check.passed)
     seen = Observation(
         profile,
         _variants(found, unit, name, FOCAL_DOUBT if focal_length is None else STATED_FOCAL_DOUBT),
-        _flaw_of_picture(found),
+        _flaw_of_picture(found) or misfit,
         2 * found.bead_radius * unit,
+        sizes,
     )
     view = {
         "scale_m_per_px": None if scale is None else scale * found.zoom,
@@ -436,6 +442,18 @@ def _scale(
     if bead_diameter is not None:
         return bead_diameter / (2 * found.bead_radius), "bead diameter"
     return None, NO_SCALE
+
+
+def _size_checks(
+    found: Silhouette, scale: float | None, scale_from: str, bead_diameter: float | None
+) -> tuple[Check, ...]:
+    """Whether beads look as large as stated; the base is looked for by its size in beads, so angles hang on it, too."""
+    if scale is None or bead_diameter is None or scale_from == "bead diameter":
+        return ()
+    ratio = 2 * found.bead_seen * scale / (NEARER * bead_diameter)
+    passed = abs(ratio - 1) < BEAD_MISFIT
+    ending = "." if passed else f": check --bead-diameter, and the scale (from {scale_from})."
+    return (Check("bead_size", passed, ratio, 1.0, f"beads look {ratio:.2f} times as large as stated{ending}"),)
 
 
 def _profile(found: Silhouette, view: View, height: Array, unit: float, name: str) -> Profile:

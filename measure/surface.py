@@ -22,6 +22,7 @@ from rigtwin.measure.grains import (
     likeness,
     more_beads,
     rare,
+    rim_radius,
     shares,
 )
 
@@ -68,6 +69,7 @@ class Silhouette:
     covered: float  # [1], share of the area under the outline that circles cover
     alike_behind: float  # [1], bead likeness just above the outline
     unexplained: float  # [1], share of the outline that runs more than a radius above all circles
+    bead_seen: float = float("nan")  # radius by the picture alone, whatever sizes are stated
 
 
 def find_heap(
@@ -106,11 +108,13 @@ def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal
     zoom = min(1.0, FINEST / _breadth(photo))
     image = _shrunk(photo, zoom)
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
-    beads = _beads(grey)
-    if beads is None:
+    circles = _beads(grey)
+    if circles is None:
         return None
-    beads = more_beads(grey, likeness(image, beads), beads)
-    alike = likeness(image, beads)
+    beads, bead_seen = circles
+    cells = colour_cells(image, beads.radius)
+    beads = more_beads(grey, likeness(image, beads, cells), beads)
+    alike = likeness(image, beads, cells)
     disc = find_disc(grey, alike, beads, focal_length=focal_length * zoom, roll=roll, beads_across=beads_across)
     view = _view_of_disc(disc) if disc is not None else _view_of_feet(beads, roll)
     if disc is not None and beads_across is not None:
@@ -119,7 +123,7 @@ def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal
     found = outline_of(image, alike, beads, view)
     if found is None:
         return None
-    found = replace(found, disc=disc, zoom=zoom)
+    found = replace(found, disc=disc, zoom=zoom, bead_seen=bead_seen)
     return found if _looks_like_a_heap(found) else None
 
 
@@ -155,11 +159,14 @@ def _shrunk(picture: Image, factor: float) -> Image:
     return np.asarray(cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
-def _beads(grey: Image) -> Beads | None:
+def _beads(grey: Image) -> tuple[Beads, float] | None:
+    """Circles of the heap, and the radius [px] at which their edges end."""
     shrink = min(1.0, COARSE / _breadth(grey))
     small = _shrunk(grey, shrink)
     beads = find_beads(small, (0.0045 * small.shape[1], 0.05 * small.shape[1]))
-    return None if beads is None else Beads(beads.centre / shrink, beads.radius / shrink)
+    if beads is None:
+        return None
+    return Beads(beads.centre / shrink, beads.radius / shrink), rim_radius(small, beads) / shrink
 
 
 def _view_of_disc(disc: Disc) -> View:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import av
@@ -128,7 +129,7 @@ BEAD = 5.0  # [px], radius
 OPENED = 8.3  # [frames]
 
 
-def film(path: Path, *, stays: bool = False) -> float:
+def film(path: Path, *, stays: bool = False, crf: int = 14) -> float:
     """A bed that leaves row by row through a slot; returns the frame at which the last bead's upper edge is at it."""
     random = np.random.default_rng(5)
     rows, columns = 9, 5
@@ -142,7 +143,7 @@ def film(path: Path, *, stays: bool = False) -> float:
     drop = SLOT_ROW + BEAD - centres[:, 1]
     last = float(np.max(begins + np.sqrt(2 * drop / fall)))
     with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=int(RATE), options={"crf": "14"})
+        stream = container.add_stream("libx264", rate=int(RATE), options={"crf": str(crf)})
         stream.width, stream.height = SIZE
         stream.pix_fmt = "yuv420p"
         for k in range(frames):
@@ -187,6 +188,27 @@ def test_a_filmed_discharge_gives_both_ends_within_a_frame(tmp_path: Path) -> No
     assert found.camera["slide_goes"] == "right"
     assert all(path.exists() for path in found.files.values())
     assert not any(one.doubtful for one in found.quantities)
+
+
+def test_a_starved_clip_is_right_within_its_interval_or_doubtful(tmp_path: Path) -> None:
+    last = film(tmp_path / "hopper.mp4", crf=40)
+    found = hopper.measure(tmp_path / "hopper.mp4", Camera(frame_rate=RATE), out=tmp_path / "out")
+    assert not next(check for check in found.checks if check.check == "compression").passed
+    ends = find(found, "opening_time"), find(found, "last_particle_time")
+    assert all(end.doubtful and end.budget["compression"] * RATE == pytest.approx(1, rel=0.01) for end in ends)
+    low, high = ends[1].interval95
+    assert low * RATE < last < high * RATE
+
+
+@pytest.mark.parametrize(("slowed", "passed"), [(1, True), (8, False), (33, False)])
+def test_beads_that_leave_far_slower_than_gravity_lets_them_were_played_in_slow_motion(
+    slowed: int, passed: bool
+) -> None:
+    width, bead = 0.034, 0.006
+    effective = width - 1.4 * bead
+    # Beverloo's law for a slot, its flow spread over the slot
+    speed = 1.03 * math.sqrt(9.81 * effective) * effective / width / 0.8
+    assert hopper._frame_rate_check(speed / slowed, width).passed == passed
 
 
 def test_a_clip_in_which_nothing_leaves_is_refused(tmp_path: Path) -> None:

@@ -425,6 +425,12 @@ def test_two_degrees_of_camera_roll_do_not_change_the_angle(tmp_path: Path) -> N
         assert angle(one, name, "mean").value == pytest.approx(angle(other, name, "mean").value, abs=0.3)
 
 
+def test_beads_that_do_not_fit_the_stated_base_make_every_number_doubtful(tmp_path: Path) -> None:
+    scene = Scene(seed=8)
+    result = measure([photograph(tmp_path, scene)], Camera(), base_diameter=1.5 * scene.base * BEAD, bead_diameter=BEAD)
+    assert all(one.doubtful for one in result.quantities)
+
+
 def test_a_photo_without_any_scale_gives_angles_and_says_what_lengths_need(tmp_path: Path) -> None:
     scene = Scene(seed=9)
     result = measure([photograph(tmp_path, scene)], Camera(), out=tmp_path / "out")
