@@ -16,7 +16,7 @@ from rigtwin.compare.diagnose.camera import camera_unknowns
 from rigtwin.compare.diagnose.collide import Encounter, angles_at, swing_and_hit
 from rigtwin.compare.diagnose.labs import TrackedLab
 from rigtwin.compare.diagnose.pendulum import OWN_LENGTH, pushing
-from rigtwin.compare.diagnose.runs import Runs
+from rigtwin.compare.diagnose.runs import Runs, shared
 from rigtwin.compare.diagnose.slopes import Moved
 from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array
@@ -66,7 +66,13 @@ class DoubleBench(Runs):
         )
         waits = np.full((count, 1), 1e-7 if self.wall else HANGS)
         self.local_sd = np.concatenate(
-            [np.full((count, 1), 10.0), np.full((count, 1), doubt), waits, np.where(self.active, np.inf, 1e-3)], axis=1
+            [
+                np.full((count, 1), 10.0),
+                doubt * shared(self.condition)[:, None],
+                waits,
+                np.where(self.active, np.inf, 1e-3),
+            ],
+            axis=1,
         )
         self.local_step = np.array([1e-3, 1e-2, 1e-3, *([1e-2] * self.impacts)])
         self.scatter = np.where(self.active, self.pair[:, None], -1)

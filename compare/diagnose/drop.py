@@ -17,11 +17,13 @@ import numpy as np
 from rigtwin.compare.diagnose import flight
 from rigtwin.compare.diagnose.camera import camera_unknowns, noise_of
 from rigtwin.compare.diagnose.labs import TrackedLab
+from rigtwin.compare.diagnose.runs import shared
 from rigtwin.compare.diagnose.slopes import Mechanics
 from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array, Track
 from rigtwin.sim.effects import Effect, named
 
+SIDEWAYS = 0.006  # [m/s], of a release, where the lab states nothing
 LONGER = 1.3  # times the flight before: no bounce is that lively, whatever the plate's slope does
 FRICTION = 0.35  # sliding friction where the lab states none; acts only on fast spin
 
@@ -85,7 +87,9 @@ class DropBench:
         tall = lab.known("drop_height_uncertainty_m", default=5e-4)
         # an impact that was not filmed is tied to its prior alone
         unseen = np.where(self.active, np.inf, 1e-3)
-        self.local_sd = np.concatenate([np.tile([10.0, 0.01, tall, 0.006], (repetitions, 1)), unseen, unseen], axis=1)
+        aside = lab.known("release_sideways_speed_m_s", default=SIDEWAYS)
+        self.local_sd = np.concatenate([np.tile([10.0, 0.01, tall, aside], (repetitions, 1)), unseen, unseen], axis=1)
+        self.local_sd[:, 2] *= shared(self.condition)
         self.local_step = np.array([1e-3, 1e-3, 1e-3, 1e-2, *([1e-2] * lost), *([1e-2] * lost)])
         pairs = len(self.pairs)
         bounce = np.where(self.active, self.pair[:, None], -1)

@@ -53,6 +53,14 @@ class Runs:
         return np.array(self.lab.setting(name, default))
 
 
+def shared(condition: Array) -> Array:
+    """Factor (R,) on the doubt of what is set once for all repetitions of a condition (a height, an angle).
+
+    They share its error: n of them know it no better than one, so each speaks with n times the variance.
+    """
+    return np.asarray(np.sqrt(np.bincount(condition)[condition]))
+
+
 def eighths(time: Array, spans: Sequence[slice]) -> tuple[Any, list[str]]:
     """Eighths of the record by time."""
     region = np.concatenate(
