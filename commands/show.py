@@ -38,7 +38,8 @@ def progress_bars(hidden: bool) -> Iterator[Progress]:
     from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+    # runs of a table end minutes apart, and the time left goes by those within the period
+    with Progress(*columns, console=Console(stderr=True), transient=True, speed_estimate_period=3600) as bars:
         tasks: dict[str, TaskID] = {}
 
         def show(stage: str, done: float, total: float) -> None:

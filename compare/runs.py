@@ -29,7 +29,7 @@ class Run:
     name: str  # of the run among its like, fit for a file name
     function: str  # "module:function"; takes the settings as keywords, returns plain numbers and texts
     settings: Mapping[str, Any]  # plain numbers and texts
-    cost: float = 1.0  # in any unit; dear ones start first
+    cost: float = 1.0  # [s] that it takes, about; dear ones start first
 
     @property
     def file_name(self) -> str:
@@ -63,7 +63,8 @@ def run_all(
     kept = {run.name: found for run in runs if (found := _read(folder / run.file_name)) is not None}
     missing = sorted((run for run in runs if run.name not in kept), key=lambda run: -run.cost)
     failures: dict[str, str] = {}
-    progress("running", len(kept), len(runs))
+    whole, still = sum(run.cost for run in runs), sum(run.cost for run in missing)
+    progress("running", whole - still, whole)
     if missing and not only_kept:
         with spawned(len(missing), workers) as pool:
             with interrupts_held():
@@ -78,7 +79,8 @@ def run_all(
                     kept[run.name] = found
                     record = {"function": run.function, "settings": dict(run.settings), "result": found}
                     results.write_together(folder, {run.file_name: results.document(results.plain(record))})
-                progress("running", len(kept) + len(failures), len(runs))
+                still -= run.cost
+                progress("running", whole - still, whole)
     return Done({run.name: kept[run.name] for run in runs if run.name in kept}, failures)
 
 

@@ -17,6 +17,7 @@ from rigtwin.lab.rigs import Rig
 from rigtwin.sim.engine.clock import USUAL, positive, time_step
 
 if TYPE_CHECKING:
+    from rigtwin.sim.engine.backend import Device
     from rigtwin.sim.engine.bulk import Bulk
     from rigtwin.sim.engine.contact import ContactLaw, Rolling
     from rigtwin.sim.engine.terms import Active
@@ -35,6 +36,8 @@ class Numerics(TypedDict, total=False):
 
     stiffness_factor: float  # Young's moduli are multiplied by it; a thousandth (Hlosta et al. 2020, section 2.2.3)
     time_step_fraction: float  # of Rayleigh's step; 30 %
+    forced: bool  # even an unstable step is taken
+    device: Device  # "cpu"; "cuda" where there is one, else the CPU, and the result says so
     rolling: Rolling  # "type C"
     contact_law: ContactLaw  # "Hertz-Mindlin"
     impact_speed: float  # [m/s], at which springs of the "linear" law are as stiff as Hertz's contacts; 1 m/s
@@ -88,7 +91,8 @@ class Bench:
 
     def time_step(self) -> tuple[float, tuple[str, ...]]:
         """[s], with what speaks against it."""
-        return time_step([self.soft], self.numerics.get("time_step_fraction", USUAL))
+        fraction, forced = self.numerics.get("time_step_fraction", USUAL), self.numerics.get("forced", False)
+        return time_step([self.soft], fraction, forced=forced)
 
     def bulk(
         self,
@@ -117,6 +121,7 @@ class Bench:
             impact_speed=self.impact_speed,
             effects=self._effects()[0],
             threads=self.numerics.get("threads"),
+            device=self.numerics.get("device", "cpu"),
             skin=SKIN if skin is None else skin,
         )
 
@@ -157,13 +162,10 @@ class Bench:
 
     def warnings(self, bulk: Bulk, logbook: Logbook) -> tuple[str, ...]:
         """What speaks against the numerics of a run that ended."""
-        said = [*self.time_step()[1], *logbook.warnings]
+        said = [*self.time_step()[1], *logbook.warnings, *([bulk.note] if bulk.note else [])]
         said += self._effects()[1]
         if bulk.largest_overlap > OVERLAP_LIMIT:
-            said.append(
-                f"the largest overlap was {bulk.largest_overlap:.1%} of a radius; "
-                f"above {OVERLAP_LIMIT:.0%} give a larger --stiffness-factor"
-            )
+            said.append(pressed(bulk.largest_overlap, float(logbook.history.largest_overlap[-1])))
         return tuple(said)
 
     def _effects(self) -> tuple[tuple[Active, ...], tuple[str, ...]]:
@@ -171,3 +173,20 @@ class Bench:
         from rigtwin.sim.engine.terms import acting_among
 
         return acting_among(self.numerics.get("effects", NO_EFFECTS), self.particle)
+
+
+def pressed(most: float, in_the_end: float) -> str:
+    """What to say of beads that are too soft, from the largest overlaps of the whole run and of its end, in radii.
+
+    A bead that falls a metre onto a bed is pressed in for a tenth of a millisecond; that bends rebounds, and leaves the
+    bed as it would lie anyway.
+    """
+    if in_the_end > OVERLAP_LIMIT:
+        return (
+            f"beads overlap by up to {in_the_end:.1%} of a radius in the end; "
+            f"above {OVERLAP_LIMIT:.0%} give a larger --stiffness-factor"
+        )
+    return (
+        f"impacts pressed beads up to {most:.1%} of a radius together ({in_the_end:.1%} in the end); "
+        "where rebounds matter give a larger --stiffness-factor"
+    )

@@ -6,11 +6,12 @@ import json
 import pytest
 
 from rigtwin.cli import run
+from rigtwin.compare.reproduce import cost
 from rigtwin.compare.reproduce import reproduction as module
 from rigtwin.compare.reproduce.reproduction import Reproduction, number, page
 from rigtwin.compare.reproduce.studies import studies
 from rigtwin.compare.reproduce.tables import TABLES, plan
-from rigtwin.compare.runs import Done
+from rigtwin.compare.runs import Done, Run, run_all
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.reference import hlosta2020
 
@@ -91,7 +92,7 @@ def test_a_swept_bed_is_judged_by_how_far_it_is_from_the_measured_one_without_si
     assert len(cells) == 56
     # beds that are as far off as the paper's, some too low
     results = {
-        cell.runs[0]: {"surface_height_mm": 184.0 * (1 + (-1) ** k * cell.paper_dem / 100)}
+        cell.runs[0]: {"bead_tops_height_mm": 184.0 * (1 + (-1) ** k * cell.paper_dem / 100)}
         for k, cell in enumerate(cells[:20])
     }
     swept = Reproduction(cells, Done(results, {}), tmp_path)
@@ -147,3 +148,22 @@ def test_kept_results_are_shown_without_running_anything(tmp_path, monkeypatch):
     monkeypatch.setattr(queue, "spawned", lambda *_: pytest.fail("something was run"))
     assert run(["reproduce", "hlosta2020", "--table", "16", "--kept", "--quiet", "--out", str(tmp_path)]) == 0
     assert "Table 16" in (tmp_path / "report.html").read_text()
+
+
+def test_a_run_costs_as_its_spheres_and_steps_and_the_quick_part_takes_minutes():
+    bed, twice = cost.of_bed("D6", 1500), cost.of_bed("D6", 3000)
+    assert twice - cost.START == pytest.approx(2 * (bed - cost.START))
+    stiff, soft = cost.of_flow(5000, 1e8), cost.of_flow(5000, 1e6)
+    assert stiff - cost.START == pytest.approx(10 * (soft - cost.START))
+    assert cost.of_pile("C6", 0.15) > 5 * cost.of_pile("P6x15", 0.15)
+    quick = plan(None, quick=True, repetitions=None, seed=1).runs
+    assert sum(run.cost for run in quick) / 2 < 360  # two cores
+
+
+def test_progress_counts_the_cost_of_what_is_done(tmp_path):
+    table = "rigtwin.lab.reference.hlosta2020:table"
+    runs = [Run("dear", table, {"number": 7}, 30.0), Run("cheap", table, {"number": 16}, 10.0)]
+    run_all(runs[1:], tmp_path)
+    seen = []
+    run_all(runs, tmp_path, progress=lambda _stage, done, whole: seen.append((done, whole)))
+    assert seen == [(10.0, 40.0), (40.0, 40.0)]

@@ -246,6 +246,14 @@ def test_tubes_and_drains_that_cannot_be_are_refused(rig, message):
         pile.run(rig, D6, STEEL, BEADS, BASE, count=50)
 
 
+@pytest.mark.parametrize(("in_the_end", "words"), [(0.002, "impacts pressed beads up to 9.0%"), (0.06, "in the end")])
+def test_beads_pressed_together_by_impacts_are_told_from_beads_that_lie_too_deep(in_the_end, words):
+    logbook = SimpleNamespace(warnings=(), history=SimpleNamespace(largest_overlap=np.array([0.01, in_the_end])))
+    (said,) = Bench(BOWL, D6, STEEL, BEADS, BASE, {}).warnings(SimpleNamespace(largest_overlap=0.09), logbook)
+    assert words in said
+    assert "--stiffness-factor" in said
+
+
 def test_effects_of_a_model_act_on_the_heap_or_are_named_as_left_out():
     named = {"effects": {"adhesion_jkr": {}, "camera_roll": {}, "air_drag": {}}}
     run = SimpleNamespace(largest_overlap=0.0), SimpleNamespace(warnings=())

@@ -21,8 +21,10 @@ if TYPE_CHECKING:
 RIM = 10e-3  # [m]
 CYLINDER = 65e-3  # [m]
 DRUM = 140e-3  # [m]
-DEPTH = 50e-3  # [m]
+DEPTH = 30e-3  # [m]
 FILL = 0.35
+PACKED = 0.6  # part of a bed's volume that is beads, about
+TURNS = 0.75  # of the drum
 SLOT = 68e-3  # [m]
 OUTLET = 50e-3  # [m], of the conical hopper
 PRINTED_EMPTIED = 12223  # particles, table 13 at 1e6 Pa
@@ -32,12 +34,14 @@ ASSUMED = {
     "rim": "the bowls have a rim of 10 mm, and what stands above it is read, as a camera beside the bowl sees it (the "
     "paper gives neither; without a rim no pile stands)",
     "cylinder": "the 1000 mL cylinder of PMMA is 65 mm wide inside (from the paper's masses and bed heights)",
-    "surface": "a bed's height is that of its mean surface, pits included, as bulk density needs it; the tops of the "
-    "surface's beads stand half a bead higher, and the paper does not say where its gauge was read",
+    "tops": "a bed's height is that of the tops of its surface's beads, where a gauge is read, as it is for a "
+    "bed in a photo; the mean surface, pits included, lies some half a bead lower",
     "d12": "390 D12 beads, not 800, stand in the cylinder (800 do not fit under the printed height)",
     "swept": "tables 4 to 6 print how far the simulated bed is from the measured one without its sign; particles are "
     "those of tables A2 to A7 (the enlarged beads), but for their friction among each other",
-    "drum": "the PMMA drum is 50 mm deep and 35 % full, and its end walls turn with it (the paper gives none of these)",
+    "drum": "the PMMA drum is 30 mm deep and 35 % full, and its end walls turn with it (the paper gives none of these; "
+    "in its experiment and its simulation beads of 12 mm lie 10 to 20 degrees steeper than those of 6 mm with like "
+    "frictions, which only near end walls do to ours: 16 degrees, graphical, where they are 30 mm apart, 11 at 50 mm)",
     "wall": "bowls are of steel; drum, cylinder and hoppers of PMMA",
     "slot": "the hopper of section 2.2.5 is a slot 68 mm long, whose width is the printed outlet (a round outlet of "
     "that size would pass a tenth of the printed flow)",
@@ -108,11 +112,13 @@ def packing(
     }
 
 
-def drum(particle: str, *, speed: float, seed: int, turns: float = 0.75) -> dict[str, Any]:
+def drum(
+    particle: str, *, speed: float, seed: int, turns: float = TURNS, depth: float = DEPTH, fill: float = FILL
+) -> dict[str, Any]:
     """Dynamic angles of repose [deg] in the drum that turns at `speed` [rad/s] (tables 14 and 15)."""
     from rigtwin.compare.bulk_twins import drum_twin
 
-    rig = Drum(DRUM, speed, DEPTH, FILL)
+    rig = Drum(DRUM, speed, depth, fill)
     twin = drum_twin(rig, _cast(particle, "PMMA"), seed=seed, turns=turns, threads=1)
     return {**_angles(twin.evaluation), "mixing_index": twin.settings["mixing_index"], **_course(twin)}
 

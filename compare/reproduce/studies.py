@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from statistics import fmean, stdev
 from typing import Any
 
+from rigtwin.compare.reproduce import cost
 from rigtwin.compare.runs import Run
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.reference import hlosta2020
@@ -98,7 +99,7 @@ def _pile(base: float, seed: int, count: int | None) -> Run:
         settings["count"] = count
     poured = "" if count is None else f"-{count}"
     name = f"piling_{base * 1e3:.4g}mm-{PARTICLE}{poured}-seed{seed}"
-    return Run(name, "rigtwin.compare.reproduce.rigs:piling", settings, count or 2e7 * base**3)
+    return Run(name, "rigtwin.compare.reproduce.rigs:piling", settings, cost.of_pile(PARTICLE, base, count))
 
 
 def _names(runs: Mapping[Any, Sequence[Run]]) -> dict[float | str, tuple[str, ...]]:

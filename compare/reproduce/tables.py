@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from statistics import fmean, stdev
 from typing import Any
 
-from rigtwin.compare.reproduce import rigs
+from rigtwin.compare.reproduce import cost, rigs
 from rigtwin.compare.runs import Run
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.reference import hlosta2020
@@ -88,7 +88,7 @@ _RIGS = "rigtwin.compare.reproduce.rigs"
 Rows = Iterator[tuple[Sequence[Run], Cell]]
 
 _SWEPT = {4: ("D6", 184.0), 5: ("C6_24s", 202.0), 6: ("P6x15_5s", 190.0)}  # particle, measured height [mm]
-_QUICK_FRICTIONS = ((0.05, 0.5, 1.5), (0.01, 1.0))
+_QUICK_FRICTIONS = ((0.05, 0.01), (0.5, 0.01), (1.5, 0.01), (0.5, 1.0))  # static, rolling
 _BASES = {"piling_90mm": 90e-3, "piling_150mm": 150e-3}
 _DRUM_SPEED = 3 * 2 * math.pi / 60  # [rad/s]
 _QUICK_ANGLES = (("D6", "piling_90mm"), ("D6_ABS", "piling_90mm"), ("D5_steel", "piling_90mm"))
@@ -137,7 +137,7 @@ def _beds(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows:
             continue
         count = 390 if particle == "D12" else pieces[hlosta2020.CLUMPS.get(particle, particle)]
         repeated = repetitions or (1 if quick else 3)
-        runs = [_run("packing", particle, seed + k, count * _spheres(particle), count=count) for k in range(repeated)]
+        runs = [_run("packing", particle, seed + k, cost.of_bed(particle, count), count=count) for k in range(repeated)]
         yield (
             runs,
             Cell(
@@ -150,8 +150,8 @@ def _beds(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows:
                 float(row["bed_height_dem_mm"]),
                 float(row["bed_height_dem_std_mm"]),
                 tuple(run.name for run in runs),
-                "surface_height_mm",
-                ("cylinder", "surface", "wall", *(("d12",) if particle == "D12" else ())),
+                "bead_tops_height_mm",
+                ("cylinder", "tops", "wall", *(("d12",) if particle == "D12" else ())),
             ),
         )
 
@@ -163,7 +163,7 @@ def _frictions(number: int, quick: bool, repetitions: int | None, seed: int) -> 
     count = next(int(float(row["pieces"])) for row in hlosta2020.table(3) if str(row["particle"]) == printed)
     for row in hlosta2020.table(number):
         sliding, rolling = float(row["mu_s_pp"]), float(row["mu_r_pp"])
-        if quick and not (number == 4 and sliding in _QUICK_FRICTIONS[0] and rolling in _QUICK_FRICTIONS[1]):
+        if quick and not (number == 4 and (sliding, rolling) in _QUICK_FRICTIONS):
             continue
         settings = {"count": count, "static_friction": sliding, "rolling_friction": rolling}
         name = f"{particle}-mus{sliding:g}-mur{rolling:g}"
@@ -172,7 +172,7 @@ def _frictions(number: int, quick: bool, repetitions: int | None, seed: int) -> 
                 f"packing-{name}-seed{seed + k}",
                 f"{_RIGS}:packing",
                 {"particle": particle, "seed": seed + k, **settings},
-                count * _spheres(particle),
+                cost.of_bed(particle, count),
             )
             for k in range(repetitions or 1)
         ]
@@ -190,8 +190,8 @@ def _frictions(number: int, quick: bool, repetitions: int | None, seed: int) -> 
                 deviation,
                 None,
                 tuple(run.name for run in runs),
-                "surface_height_mm",
-                ("cylinder", "surface", "wall", "swept"),
+                "bead_tops_height_mm",
+                ("cylinder", "tops", "wall", "swept"),
                 off=height,
             ),
         )
@@ -208,7 +208,7 @@ def _flows(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows
                 f"conical-G{modulus:.0e}-seed{seed + k}",
                 f"{_RIGS}:conical_hopper",
                 {"shear_modulus": modulus, "seed": seed + k},
-                15000 * math.sqrt(modulus / 1e6),
+                cost.of_flow(15000, modulus),
             )
             for k in range(repetitions or 1)
         ]
@@ -227,11 +227,9 @@ def _discharges(number: int, quick: bool, repetitions: int | None, seed: int) ->
         if quick and particle not in _QUICK_SLOTS:
             continue
         outlet = float(row["outlet_mm"]) * 1e-3
+        lasts = cost.of_discharge(particle, count, float(row["discharge_time_dem_s"]))
         repeated = repetitions or (1 if quick else 3)
-        runs = [
-            _run("slot_hopper", particle, seed + k, count * _spheres(particle), count=count, outlet=outlet)
-            for k in range(repeated)
-        ]
+        runs = [_run("slot_hopper", particle, seed + k, lasts, count=count, outlet=outlet) for k in range(repeated)]
         yield (
             runs,
             Cell(
@@ -250,26 +248,21 @@ def _discharges(number: int, quick: bool, repetitions: int | None, seed: int) ->
         )
 
 
-def _run(rig: str, particle: str, seed: int, cost: float, **settings: Any) -> Run:
-    return Run(f"{rig}-{particle}-seed{seed}", f"{_RIGS}:{rig}", {"particle": particle, "seed": seed, **settings}, cost)
-
-
-def _spheres(particle: str) -> int:
-    return len(hlosta2020.particle(particle).radii)
+def _run(rig: str, particle: str, seed: int, lasts: float, **settings: Any) -> Run:
+    return Run(
+        f"{rig}-{particle}-seed{seed}", f"{_RIGS}:{rig}", {"particle": particle, "seed": seed, **settings}, lasts
+    )
 
 
 def _drum_run(particle: str, _rig: str, seed: int) -> Run:
-    bead = hlosta2020.particle(particle)
-    volume = math.pi / 4 * rigs.DRUM**2 * rigs.DEPTH * rigs.FILL * bead.effective_density / bead.mass
-    return _run("drum", particle, seed, 6 * volume * _spheres(particle), speed=_DRUM_SPEED)
+    inside = {"depth": rigs.DEPTH, "fill": rigs.FILL}
+    return _run("drum", particle, seed, cost.of_drum(particle, _DRUM_SPEED), speed=_DRUM_SPEED, **inside)
 
 
 def _pile_run(particle: str, rig: str, seed: int) -> Run:
     base = _BASES[rig]
-    bead = hlosta2020.particle(particle)
-    count = rigs.piled_count(base, rigs.RIM, bead.mass / bead.effective_density)
     settings = {"particle": particle, "base_diameter": base, "seed": seed}
-    return Run(f"{rig}-{particle}-seed{seed}", f"{_RIGS}:piling", settings, count)
+    return Run(f"{rig}-{particle}-seed{seed}", f"{_RIGS}:piling", settings, cost.of_pile(particle, base))
 
 
 TABLES: dict[int, Callable[[int, bool, int | None, int], Rows]] = {
