@@ -205,6 +205,19 @@ def test_impacts_are_found_where_the_speed_jumps():
     assert found[1] - found[0] == pytest.approx(2 * 0.65 * math.sqrt(2 * G * 0.3) / G, rel=0.08)
 
 
+def test_a_diameter_that_is_a_little_off_is_found_and_no_fault_of_the_camera(tmp_path):
+    lab = write_drops(tmp_path, 8, heights=(0.1, 0.4))
+    stated = json.loads((lab / "lab.json").read_text())
+    for bead in stated["particles"].values():
+        bead["diameter_m"] += 3e-5
+    (lab / "lab.json").write_text(json.dumps(stated))
+    found = fit(DropBench(read_tracked_lab(lab)), [named("frame_rate_error")], rounds=6)
+    assert abs(found.value("frame_rate_error.relative")) < 3 * found.std("frame_rate_error.relative")
+    for bead in stated["particles"]:
+        assert found.value(f"diameter.{bead}") == pytest.approx(-3e-5, abs=3 * found.std(f"diameter.{bead}"))
+        assert found.std(f"diameter.{bead}") < 1.5e-5
+
+
 # ------------------------------------------------------------------------------------------------------ verdicts
 
 

@@ -37,6 +37,20 @@ def test_a_long_fall_ends_at_the_terminal_speed_of_its_drag():
     assert -path.land_vy.item() == pytest.approx(terminal, rel=1e-3)
 
 
+@pytest.mark.parametrize(("up", "height"), [(0.3, 0.0), (2.0, 0.0), (0.0, 0.05), (0.0, 1.0)])
+def test_a_charged_bead_keeps_its_energy_however_steep_the_pull_of_its_image_is(up, height):
+    one, charge = np.ones((1, 1, 1)), 1e-9
+    radius, mass = 0.003, 2e-4
+    path = flight.fly(
+        0 * one, up * one, height * one, 0 * one, one,
+        radius=radius * one, mass=mass * one, gravity=G, terms=(named("electrostatic"),),
+        values={"electrostatic.charge": np.array([charge])},
+    )  # fmt: skip
+    image = charge**2 / (16 * math.pi * 8.8541878128e-12)
+    landing = up**2 + 2 * G * height + 2 * image / mass * (1 / radius - 1 / (radius + height))
+    assert path.land_vy.item() ** 2 == pytest.approx(landing, abs=0.01 * 2 * image / mass / radius)
+
+
 def test_a_pendulum_swings_slower_at_large_angles_as_the_elliptic_integral_says():
     from scipy.special import ellipk
 

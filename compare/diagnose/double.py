@@ -16,7 +16,7 @@ from rigtwin.compare.diagnose.camera import camera_unknowns
 from rigtwin.compare.diagnose.collide import Encounter, angles_at, swing_and_hit
 from rigtwin.compare.diagnose.labs import TrackedLab
 from rigtwin.compare.diagnose.pendulum import OWN_LENGTH, pushing
-from rigtwin.compare.diagnose.runs import Runs
+from rigtwin.compare.diagnose.runs import Runs, shared
 from rigtwin.compare.diagnose.slopes import Moved
 from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array
@@ -25,7 +25,6 @@ from rigtwin.sim.effects import Effect
 MOST_IMPACTS = 7
 HANGS = 5e-4  # [rad], how far off the vertical the waiting bead may hang
 FIRST_GUESS = 0.65  # of a restitution
-DIAMETER = 2e-5  # [m], how well a bead's diameter is known where nothing is stated
 PIVOTS = 1e-4  # [m], how well the pivots stand where they should
 
 
@@ -45,8 +44,6 @@ class DoubleBench(Runs):
         names = [f"{c.bead.name}-{other}" for c, other in zip(self.conditions, others, strict=True)]
         self.pairs = list(dict.fromkeys(names))
         self.pair = np.array([self.pairs.index(name) for name in names])
-        self.beads = list(dict.fromkeys(c.bead.name for c in self.conditions))
-        self.bead = np.array([self.beads.index(c.bead.name) for c in self.conditions])
         side = 1.0 if self.wall else -1.0
         angle = side * np.abs(np.radians(self.setting("release_angle_deg")))
         self.bodies = 1 if self.wall else 2
@@ -66,7 +63,13 @@ class DoubleBench(Runs):
         )
         waits = np.full((count, 1), 1e-7 if self.wall else HANGS)
         self.local_sd = np.concatenate(
-            [np.full((count, 1), 10.0), np.full((count, 1), doubt), waits, np.where(self.active, np.inf, 1e-3)], axis=1
+            [
+                np.full((count, 1), 10.0),
+                doubt * shared(self.condition)[:, None],
+                waits,
+                np.where(self.active, np.inf, 1e-3),
+            ],
+            axis=1,
         )
         self.local_step = np.array([1e-3, 1e-2, 1e-3, *([1e-2] * self.impacts)])
         self.scatter = np.where(self.active, self.pair[:, None], -1)
@@ -83,11 +86,9 @@ class DoubleBench(Runs):
             for length in self.lengths
             for body in bodies
         ]
-        for bead in () if self.wall else self.beads:
-            stated = next(c.bead.about.get("diameter_uncertainty_m") for c in self.conditions if c.bead.name == bead)
-            own.append(Unknown(f"diameter.{bead}", 0.0, 1e-4, sd=float(stated or DIAMETER)))
+        if not self.wall:
             set_up = self.lab.known("pivot_spacing_uncertainty_m", default=PIVOTS)
-            own.append(Unknown(f"pivots.{bead}", 0.0, 1e-4, sd=set_up))
+            own += [*self.beads.unknowns(), *self.beads.unknowns("pivots", set_up)]
         if self.wall:
             level = math.radians(self.lab.known("plate_level_uncertainty_deg", default=0.1))
             own.append(Unknown("wall.angle", 0.0, 1e-3, sd=level, low=-0.1, high=0.1))
@@ -156,7 +157,7 @@ class DoubleBench(Runs):
             body, _, length = rest.partition(".")
             return f"length.{body}", self.which == [f"{one:g}" for one in self.lengths].index(length)
         if kind in ("diameter", "pivots"):
-            return kind, self.bead == self.beads.index(rest)
+            return kind, self.bead == self.beads.names.index(rest)
         return None
 
     def _lengths(self, body: str, values: Mapping[str, Array]) -> Array:
@@ -167,7 +168,7 @@ class DoubleBench(Runs):
         """[m], by how much the diameters or the pivots' distance are off in each repetition."""
         if self.wall:
             return np.zeros((1, 1))
-        return np.stack([values[f"{kind}.{bead}"] for bead in self.beads], axis=-1)[:, self.bead]
+        return self.beads.of(kind, values, self.bead)
 
     def _laws(self, values: Mapping[str, Array]) -> Array:
         return np.stack([values[f"restitution.{pair}"] for pair in self.pairs], axis=-1)[:, self.pair]

@@ -17,11 +17,13 @@ import numpy as np
 from rigtwin.compare.diagnose import flight
 from rigtwin.compare.diagnose.camera import camera_unknowns, noise_of
 from rigtwin.compare.diagnose.labs import TrackedLab
+from rigtwin.compare.diagnose.runs import Beads, shared
 from rigtwin.compare.diagnose.slopes import Mechanics
 from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array, Track
 from rigtwin.sim.effects import Effect, named
 
+SIDEWAYS = 0.006  # [m/s], of a release, where the lab states nothing
 LONGER = 1.3  # times the flight before: no bounce is that lively, whatever the plate's slope does
 FRICTION = 0.35  # sliding friction where the lab states none; acts only on fast spin
 
@@ -31,7 +33,7 @@ class DropBench:
 
     bodies = 1
     onset = 0
-    per_run = ("pair", "friction", "events", "active")
+    per_run = ("pair", "friction", "events", "active", "bead")
 
     def __init__(self, lab: TrackedLab) -> None:
         self.lab = lab
@@ -41,6 +43,8 @@ class DropBench:
         self.condition = np.array([c for c, _, _ in runs])
         self.radius = np.array([condition.bead.radius for _, condition, _ in runs])
         self.mass = np.array([condition.bead.mass for _, condition, _ in runs])
+        self.beads = Beads([condition for _, condition, _ in runs])
+        self.bead = self.beads.number
         height = np.array(lab.setting("drop_height_m"))
         self.pairs = list(dict.fromkeys(f"{c.bead.name}-{c.wall}" for _, c, _ in runs))
         self.pair = np.array([self.pairs.index(f"{c.bead.name}-{c.wall}") for _, c, _ in runs])
@@ -85,7 +89,9 @@ class DropBench:
         tall = lab.known("drop_height_uncertainty_m", default=5e-4)
         # an impact that was not filmed is tied to its prior alone
         unseen = np.where(self.active, np.inf, 1e-3)
-        self.local_sd = np.concatenate([np.tile([10.0, 0.01, tall, 0.006], (repetitions, 1)), unseen, unseen], axis=1)
+        aside = lab.known("release_sideways_speed_m_s", default=SIDEWAYS)
+        self.local_sd = np.concatenate([np.tile([10.0, 0.01, tall, aside], (repetitions, 1)), unseen, unseen], axis=1)
+        self.local_sd[:, 2] *= shared(self.condition)
         self.local_step = np.array([1e-3, 1e-3, 1e-3, 1e-2, *([1e-2] * lost), *([1e-2] * lost)])
         pairs = len(self.pairs)
         bounce = np.where(self.active, self.pair[:, None], -1)
@@ -99,7 +105,7 @@ class DropBench:
         own = [Unknown(f"restitution.{pair}", 0.5, 0.05, low=0.01, high=1.2) for pair in self.pairs]
         level = math.radians(self.lab.known("plate_level_uncertainty_deg", default=0.1))
         priors = {"plate_tilt": level}
-        return [*own, *camera_unknowns(self.lab, terms, priors)]
+        return [*own, *self.beads.unknowns(), *camera_unknowns(self.lab, terms, priors)]
 
     def first_guess(self, values: Mapping[str, float]) -> Array:
         """Release and impacts read off the tracks themselves: speed jumps, times between them, slopes."""
@@ -198,14 +204,16 @@ class DropBench:
         return Mechanics(x[0], y[0], u[0], v[0], soft, by_row, by_soft)
 
     def touches(self, name: str) -> tuple[str, Array] | None:
-        """Restitutions belong to a pair."""
+        """Restitutions belong to a pair, diameters to a bead."""
         kind, _, rest = name.partition(".")
+        if kind == "diameter":
+            return kind, self.bead == self.beads.names.index(rest)
         return (kind, self.pair == self.pairs.index(rest)) if kind == "restitution" else None
 
     def _in_flight(self, name: str, terms: Sequence[Effect]) -> bool:
         """Whether a global unknown changes how a bead flies, rather than the law of an impact or the picture."""
         effect = name.split(".", maxsplit=1)[0]
-        if effect in ("plate_tilt", "release_speed"):
+        if effect in ("plate_tilt", "release_speed", "diameter"):
             return True
         return any(term.name == effect and term.force is not None for term in terms)
 
@@ -221,7 +229,8 @@ class DropBench:
         vx = np.concatenate([vx0[..., None], along * cosine - up * sine], axis=2)
         release = values.get("release_speed.speed", np.zeros(len(local)))[:, None, None]
         vy = np.concatenate([0 * vx0[..., None] + release, along * sine + up * cosine], axis=2)
-        fall = (y0 * cosine[..., 0] - x0 * sine[..., 0] - self.radius)[..., None]
+        radius = self.radius + 0.5 * self.beads.of("diameter", values, self.bead)
+        fall = (y0 * cosine[..., 0] - x0 * sine[..., 0] - radius)[..., None]
         return vx, vy, np.concatenate([np.maximum(fall, 1e-5), np.zeros_like(up)], axis=2), sine, cosine
 
     def _laid_out(self, local: Array, paths: flight.Paths, settings: int) -> tuple[Array, Array, Array]:

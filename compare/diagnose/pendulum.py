@@ -14,6 +14,7 @@ import numpy as np
 
 from rigtwin.compare.diagnose.camera import camera_unknowns, noise_of
 from rigtwin.compare.diagnose.labs import TrackedLab
+from rigtwin.compare.diagnose.runs import eighths, shared
 from rigtwin.compare.diagnose.slopes import Moved
 from rigtwin.compare.diagnose.swing import Push, angle_at, half_swings
 from rigtwin.compare.diagnose.unknowns import Unknown
@@ -57,7 +58,7 @@ class PendulumBench:
         repetitions = len(runs)
         doubt = math.radians(lab.known("release_angle_uncertainty_deg", default=0.3))
         self.local_prior = np.stack([np.zeros(repetitions), angle], axis=1)
-        self.local_sd = np.tile([10.0, doubt], (repetitions, 1))
+        self.local_sd = np.stack([np.full(repetitions, 10.0), doubt * shared(self.condition)], axis=1)
         self.local_step = np.array([1e-3, 1e-2])
         self.scatter = np.zeros((repetitions, 0), dtype=int)
         self.scatter_start = self.scatter_most = np.zeros(0)
@@ -115,14 +116,6 @@ class PendulumBench:
         """Lengths belong to their conditions."""
         kind, _, rest = name.partition(".")
         return (kind, self.which == [f"{one:g}" for one in self.lengths].index(rest)) if kind == "length" else None
-
-
-def eighths(time: Array, spans: Sequence[slice]) -> tuple[Array, list[str]]:
-    """Eighths of the record by time."""
-    region = np.concatenate(
-        [np.minimum((8 * (time[s] - time[s][0]) / (np.ptp(time[s]) + 1e-9)).astype(int), 7) for s in spans]
-    )
-    return region, [f"eighth {k + 1} of the record" for k in range(8)]
 
 
 def pushing(

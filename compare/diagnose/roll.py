@@ -32,7 +32,7 @@ class RollBench(Runs):
 
     bodies = 1
     onset = 0
-    per_run = ("conditions", "slope", "push", "pair")
+    per_run = ("conditions", "slope", "push", "pair", "bead")
 
     def __init__(self, lab: TrackedLab) -> None:
         super().__init__(lab)
@@ -63,7 +63,7 @@ class RollBench(Runs):
         doubt = math.radians(self.lab.known("incline_angle_uncertainty_deg", default=0.05))
         tips = [Unknown(f"angle.{name}", 0.0, 1e-3, sd=doubt) for name in self.condition_names]
         level = math.radians(self.lab.known("plate_level_uncertainty_deg", default=0.1))
-        return [*own, *tips, *camera_unknowns(self.lab, terms, {"plate_tilt": level})]
+        return [*own, *tips, *self.beads.unknowns(), *camera_unknowns(self.lab, terms, {"plate_tilt": level})]
 
     def first_guess(self, values: Mapping[str, float]) -> Array:
         """Start from the moment the bead has moved; friction from the distance it then took to go where it went."""
@@ -129,7 +129,8 @@ class RollBench(Runs):
         until = np.array([np.maximum(since[:, span].max(axis=1), 1e-3) for span in self.spans]).T
         motion = ride(start, np.maximum(push, 0.0), pull, until)
         place, speed = place_at(motion, since, self.owner)
-        s, c, radius = sine[:, self.owner], cosine[:, self.owner], self.radius[self.owner]
+        s, c = sine[:, self.owner], cosine[:, self.owner]
+        radius = (self.radius + 0.5 * self.beads.of("diameter", values, self.bead))[:seen, self.owner]
         x, y = place * c + radius * s, radius * c - place * s
         plain = np.stack([values[f"rolling_friction.{pair}"] for pair in self.pairs], axis=-1)[:, self.pair]
         return Moved(x, y, speed[0] * c[0], -speed[0] * s[0], (local[..., 3] - plain)[..., None])
@@ -143,12 +144,14 @@ class RollBench(Runs):
         return name.startswith("rolling_friction.")
 
     def touches(self, name: str) -> tuple[str, Array] | None:
-        """Frictions belong to a pair, angles to a condition."""
+        """Frictions belong to a pair, angles to a condition, diameters to a bead."""
         kind, _, rest = name.partition(".")
         if kind == "rolling_friction":
             return kind, self.pair == self.pairs.index(rest)
         if kind == "angle":
             return kind, self.condition == self.condition_names.index(rest)
+        if kind == "diameter":
+            return kind, self.bead == self.beads.names.index(rest)
         return None
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -10,7 +10,10 @@ import numpy as np
 
 from rigtwin.compare.diagnose.camera import noise_of
 from rigtwin.compare.diagnose.labs import Condition, TrackedLab
+from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array, Track
+
+DIAMETER = 2e-5  # [m], how well a bead's diameter is known where nothing is stated
 
 
 class Runs:
@@ -31,6 +34,8 @@ class Runs:
         self.conditions = [condition for _, condition, _ in firsts]
         self.radius = np.array([condition.bead.radius for condition in self.conditions])
         self.mass = np.array([condition.bead.mass for condition in self.conditions])
+        self.beads = Beads(self.conditions)
+        self.bead = self.beads.number
         self.noise = noise_of(lab, [track for _, _, track in self.runs])
         self.time = np.concatenate([track.time for _, _, track in self.runs])
         self.rows = np.concatenate([track.position for _, _, track in self.runs])
@@ -51,6 +56,39 @@ class Runs:
     def setting(self, name: str, default: float | None = None) -> Array:
         """A number that each condition states, one per repetition."""
         return np.array(self.lab.setting(name, default))
+
+
+class Beads:
+    """The beads of a lab, whose true diameters are unknowns: a contact is seen to a micrometre."""
+
+    def __init__(self, conditions: Sequence[Condition]) -> None:
+        """`conditions`: that of each repetition."""
+        self.known = {condition.bead.name: condition.bead for condition in conditions}
+        self.names = list(self.known)
+        self.number: Any = np.array([self.names.index(condition.bead.name) for condition in conditions])
+
+    def unknowns(self, kind: str = "diameter", doubt: float | None = None) -> list[Unknown]:
+        """One for each bead, [m] beyond what is stated, known as well as `doubt` or as the diameter is."""
+        return [
+            Unknown(f"{kind}.{name}", 0.0, 1e-3, sd=doubt or self._doubt(name), low=-2e-3, high=2e-3)
+            for name in self.names
+        ]
+
+    def _doubt(self, name: str) -> float:
+        stated = self.known[name].about.get("diameter_uncertainty_m")
+        return float(stated) if isinstance(stated, (int, float)) and stated > 0 else DIAMETER
+
+    def of(self, kind: str, values: Mapping[str, Array], runs: Any) -> Array:
+        """[m], (settings, R): the unknowns of this kind in each repetition, `runs` their beads' numbers."""
+        return np.stack([values[f"{kind}.{name}"] for name in self.names], axis=-1)[:, runs]
+
+
+def shared(condition: Array) -> Array:
+    """Factor (R,) on the doubt of what is set once for all repetitions of a condition (a height, an angle).
+
+    They share its error: n of them know it no better than one, so each speaks with n times the variance.
+    """
+    return np.asarray(np.sqrt(np.bincount(condition)[condition]))
 
 
 def eighths(time: Array, spans: Sequence[slice]) -> tuple[Any, list[str]]:

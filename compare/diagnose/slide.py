@@ -25,7 +25,7 @@ class SlideBench(Runs):
 
     bodies = 1
     onset = -1
-    per_run = ("conditions", "start", "rate", "waiting", "distance", "clump", "pair")
+    per_run = ("conditions", "start", "rate", "waiting", "distance", "clump", "pair", "bead")
 
     def __init__(self, lab: TrackedLab) -> None:
         super().__init__(lab)
@@ -53,7 +53,7 @@ class SlideBench(Runs):
         own = [Unknown(f"static_friction.{pair}", 0.4, 0.01, low=0.01, high=3.0) for pair in self.pairs]
         rate = Unknown("tilt_rate", 0.0, 1e-3, sd=self.lab.known("tilt_rate_uncertainty_rel", default=0.002))
         level = math.radians(self.lab.known("plate_level_uncertainty_deg", default=0.1))
-        return [*own, rate, *camera_unknowns(self.lab, terms, {"plate_tilt": level})]
+        return [*own, rate, *self.beads.unknowns(), *camera_unknowns(self.lab, terms, {"plate_tilt": level})]
 
     def first_guess(self, values: Mapping[str, float]) -> Array:
         """Slip from the moment the clump has moved, friction from the arm's angle then."""
@@ -115,7 +115,8 @@ class SlideBench(Runs):
         motion = ride(np.zeros_like(place), np.full_like(place, 1e-6), pull, until, may_stop=False)
         way, speed = place_at(motion, since, self.owner)
         angle = start[:, self.owner] + rate[:, self.owner] * true
-        reach, lift = place[:, self.owner] - way, high[self.owner]
+        lift = (high + 0.5 * self.beads.of("diameter", values, self.bead))[:seen, self.owner]
+        reach = place[:, self.owner] - way
         x, y = reach * np.cos(angle) - lift * np.sin(angle), reach * np.sin(angle) + lift * np.cos(angle)
         turning = rate[0][self.owner]
         vx, vy = -speed[0] * np.cos(angle[0]) - turning * y[0], -speed[0] * np.sin(angle[0]) + turning * x[0]
@@ -126,8 +127,10 @@ class SlideBench(Runs):
         return name.startswith("static_friction.") and not any(term.onset is not None for term in terms)
 
     def touches(self, name: str) -> tuple[str, Array] | None:
-        """Frictions belong to a pair."""
+        """Frictions belong to a pair, diameters to a bead."""
         kind, _, rest = name.partition(".")
+        if kind == "diameter":
+            return kind, self.bead == self.beads.names.index(rest)
         return (kind, self.pair == self.pairs.index(rest)) if kind == "static_friction" else None
 
     def _plain(self, values: Mapping[str, Array]) -> Array:

@@ -77,6 +77,8 @@ class Effect:
     splits: str = ""
     """The experiment that tells this effect from those that look alike."""
 
+    steep: bool = False
+    """Whether its force on a bead in flight changes much within a radius of the plate."""
     flat: bool = False
     """Whether the effect has no slope at zero, so that a fit from there would stay there."""
 

@@ -22,6 +22,7 @@ EFFECT = Effect(
     source="image charge; Jackson 1999, section 2.1",
     synonyms=("electrostatic force", "static charge", "image charge", "charging", "electrostatics"),
     force=force,
+    steep=True,
     flat=True,
     splits="discharge the bead (ioniser) or earth the plate, and compare the low bounces",
 )

@@ -188,6 +188,7 @@ def nameless(rig: str) -> tuple[Effect, ...]:
             parameters=(Parameter("c", unit, -1e9, 1e9, size),),
             equation=formula,
             source="regression on the residual",
+            steep=name.startswith("near_"),
             **{hook: term},  # type: ignore[arg-type]
         )
         for what, terms, hook in kinds.get(rig, ())
