@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from diagnose_labs import EVERY_RIG, KINDS, chosen, write
+from diagnose_labs import EVERY_RIG, KINDS, Case, chosen, write
 from diagnose_names import canonical, is_named, true_value
 from figures import Row, report
 from labs_effects import ALL, STRENGTHS
@@ -50,6 +50,8 @@ class Answer:
     gap: dict[str, float] = field(default_factory=dict)
     cpu: float = math.nan  # [s]
     failure: str = ""
+    designs: tuple[dict[str, Any], ...] = ()
+    """Further experiments that it proposes, the most telling first."""
 
     @property
     def candidates(self) -> tuple[str, ...]:
@@ -61,11 +63,36 @@ class Answer:
 
 
 @dataclass(frozen=True)
+class Job:
+    """One lab to draw and to diagnose."""
+
+    seed: int
+    number: int
+    case: Case
+    folder: Path
+    narrowed: bool
+    drawn: str
+    """What the draw depends on."""
+    asked: str
+    """... and the answer."""
+
+
+@dataclass(frozen=True)
 class Result:
     """Truth and answer side by side."""
 
     truth: dict[str, Any]
     answer: Answer
+    after: Answer | None = None
+    """What it said once the experiment that it proposed had been carried out too."""
+
+    @property
+    def split(self) -> bool:
+        """Whether that experiment left fewer names that cannot be told apart, the true one among them."""
+        after = self.after
+        if after is None or after.verdict not in ("named", "indistinguishable"):
+            return False
+        return len(after.candidates) < len(self.answer.candidates) and any(map(self.right, after.candidates))
 
     @property
     def true_effects(self) -> list[str]:
@@ -130,6 +157,7 @@ def read_answer(document: dict[str, Any]) -> Answer:
         gap={key: float(v) for key, v in (document.get("gap") or {}).items() if isinstance(v, int | float)},
         cpu=float(document.get("cpu_s", math.nan)),
         failure=str(document.get("failure") or ""),
+        designs=tuple(document.get("designs") or ()),
     )
 
 
@@ -196,6 +224,7 @@ def figures(results: Sequence[Result]) -> list[Row]:
             for strength in STRENGTHS
             if strength != "weak"
         ),
+        _row("next experiment, carried out: set split", [r.split for r in results if r.after], at_least=0.90),
         *_closure(singles + pairs),
         _coverage(singles + pairs),
         *_time(results),
@@ -286,18 +315,30 @@ def confusion(results: Sequence[Result]) -> dict[str, dict[str, int]]:
 # -------------------------------------------------------------------------------------------------------------- main
 
 
-def _one(job: tuple[int, int, Any, Path, tuple[str, str]]) -> Result:
-    """Draw one lab, or take the one that is there, and diagnose it, or take the answer that is there."""
-    seed, number, case, folder, (drawn, asked) = job
-    name = f"s{seed}c{number:03d}"
-    truth = _kept(folder / "truth" / f"{name}.json", "drawn", drawn)
+def _one(job: Job) -> Result:
+    """Draw one lab, or take the one that is there, and diagnose it, or take the answer that is there.
+
+    Where names cannot be told apart, the experiment that is proposed is drawn too, and the lab diagnosed again.
+    """
+    name = f"s{job.seed}c{job.number:03d}"
+    truth, answer = _asked(job, name, None)
+    if answer.verdict == "indistinguishable" and answer.designs:
+        return Result(truth, answer, _asked(job, f"{name}_next", answer.designs[0])[1])
+    return Result(truth, answer)
+
+
+def _asked(job: Job, name: str, design: dict[str, Any] | None) -> tuple[dict[str, Any], Answer]:
+    """The truth of a lab and what the diagnosis says of it."""
+    drawn = f"{job.drawn} {json.dumps(design)}" if design else job.drawn
+    truth = _kept(job.folder / "truth" / f"{name}.json", "drawn", drawn)
     if truth is None:
-        truth = write(case, name, (seed, number), folder) | {"drawn": drawn}
-        (folder / "truth" / f"{name}.json").write_text(json.dumps(truth, indent=1) + "\n")
-    file = folder / "answers" / f"{name}.json"
-    document = _kept(file, "asked", f"{drawn} {asked}")
+        shape: dict[str, Any] = {"narrowed": job.narrowed, "design": design}
+        truth = write(job.case, name, (job.seed, job.number), job.folder, **shape) | {"drawn": drawn}
+        (job.folder / "truth" / f"{name}.json").write_text(json.dumps(truth, indent=1) + "\n")
+    file = job.folder / "answers" / f"{name}.json"
+    document = _kept(file, "asked", f"{drawn} {job.asked}")
     if document is None:
-        document = diagnose(folder / "labs" / name) | {"asked": f"{drawn} {asked}"}
+        document = diagnose(job.folder / "labs" / name) | {"asked": f"{drawn} {job.asked}"}
         file.parent.mkdir(exist_ok=True)
         file.write_text(json.dumps(document, indent=1, default=str) + "\n")
     answer = read_answer(document)
@@ -309,7 +350,7 @@ def _one(job: tuple[int, int, Any, Path, tuple[str, str]]) -> Result:
         f"{answer.verdict} {said}  ({answer.cpu:.0f} s)\n"
     )
     sys.stdout.flush()
-    return Result(truth, answer)
+    return truth, answer
 
 
 def _answered(folder: Path, name: str) -> Result | None:
@@ -339,13 +380,20 @@ def main() -> int:
     parser.add_argument("--strength", choices=(*STRENGTHS, "null"))
     parser.add_argument("--keep", type=Path, default=Path("out/bench-diagnose"), help="labs, truth and answers go here")
     parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--narrow", action="store_true", help="labs of one condition, where names often look alike")
     parser.add_argument("--kept", action="store_true", help="only labs answered before, whatever code answered them")
     given = parser.parse_args()
     filters = {"kind": given.kind, "rig": given.rig, "effect": given.effect, "strength": given.strength}
-    code = fingerprint(*DRAWS), fingerprint(*ASKED)
-    jobs = [(given.seed, number, case, given.keep, code) for number, case in chosen(given.seed, given.count, **filters)]
+    drawn, asked = fingerprint(*DRAWS), fingerprint(*ASKED)
+    drawn += " narrow" if given.narrow else ""
+    jobs = [
+        Job(given.seed, number, case, given.keep, given.narrow, drawn, asked)
+        for number, case in chosen(given.seed, given.count, **filters)
+    ]
     if given.kept:
-        results = [found for job in jobs if (found := _answered(job[3], f"s{job[0]}c{job[1]:03d}")) is not None]
+        results = [
+            found for job in jobs if (found := _answered(job.folder, f"s{job.seed}c{job.number:03d}")) is not None
+        ]
     elif given.processes == 1:
         results = [_one(job) for job in jobs]
     else:

@@ -11,13 +11,13 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
-from labs_benches import DIAMETER_DOUBT, WALLS, Bench, set_up
+from labs_benches import DIAMETER_DOUBT, WALLS, Bench, Change, Run, set_up
 from labs_camera import Camera, film, ordinary
 from labs_effects import ALL, LISTED, PAIRS, STRENGTHS, UNLISTED, Effect
 from labs_motion import GRAVITY, World
@@ -93,25 +93,60 @@ def draw(case: Case, rng: np.random.Generator) -> tuple[Bench, Camera, World, di
     return bench, camera, world, parameters
 
 
-def write(case: Case, name: str, seed: Sequence[int], folder: FilePath) -> dict[str, Any]:
-    """One lab under `folder`/labs and its truth under `folder`/truth; returns the truth."""
+def narrow(bench: Bench) -> Bench:
+    """One condition in ten repetitions is all there is, as in a lab that has only just begun."""
+    return replace(bench, runs=(replace(bench.runs[len(bench.runs) // len(bench.beads) - 1], repetitions=10),))
+
+
+def write(
+    case: Case, name: str, seed: Sequence[int], folder: FilePath, *, narrowed: bool = False,
+    design: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """One lab under `folder`/labs and its truth under `folder`/truth; returns the truth.
+
+    With a `design` of a diagnosis of it, that experiment is carried out too: the same world, the same camera.
+    """
     rng = np.random.default_rng(seed)
     bench, camera, world, parameters = draw(case, rng)
+    bench = narrow(bench) if narrowed else bench
     lab = folder / "labs" / name
     lab.mkdir(parents=True, exist_ok=True)
-    samples = 0
-    for run in bench.runs:
-        place = lab / run.stated["name"]
-        place.mkdir(exist_ok=True)
-        for k in range(run.repetitions):
-            path = run.move(rng)
-            stamped, bodies, kept = film(path, camera, world.hidden, rng)
-            samples += _write_track(place / f"rep{k + 1:02d}.csv", stamped, bodies, kept)
+    samples = sum(_write_run(run, lab, camera, world, rng) for run in bench.runs)
+    if design is not None:
+        further = _further(bench, design)
+        samples += _write_run(further, lab, camera, world, rng)
+        new = () if further.bead in bench.beads else (further.bead,)
+        bench = replace(bench, runs=(*bench.runs, further), beads=(*bench.beads, *new))
     (lab / "lab.json").write_text(json.dumps(_stated(name, bench, camera), indent=1) + "\n")
     truth = _truth(name, case, bench, camera, world, parameters) | {"samples": samples, "seed": list(seed)}
     (folder / "truth").mkdir(exist_ok=True)
     (folder / "truth" / f"{name}.json").write_text(json.dumps(truth, indent=1) + "\n")
     return truth
+
+
+def _write_run(run: Run, lab: FilePath, camera: Camera, world: World, rng: np.random.Generator) -> int:
+    place = lab / run.stated["name"]
+    place.mkdir(exist_ok=True)
+    samples = 0
+    for k in range(run.repetitions):
+        path = run.move(rng)
+        stamped, bodies, kept = film(path, camera, world.hidden, rng)
+        samples += _write_track(place / f"rep{k + 1:02d}.csv", stamped, bodies, kept)
+    return samples
+
+
+def _further(bench: Bench, design: Mapping[str, Any]) -> Run:
+    """The condition that a diagnosis proposed, of which one thing differs from a condition of this bench."""
+    like = next(run for run in bench.runs if run.stated["name"] == design["condition"])
+    change, bead = design["change"], like.bead
+    if change["density"] != 1.0 or change["size"] != 1.0:
+        density = bead.density * change["density"]
+        material = bead.material
+        if change["density"] != 1.0:
+            material = "steel" if density > 5000 else "expanded polystyrene"
+        diameter = bead.diameter * change["size"]
+        bead = replace(bead, name=f"{bead.name}_other", density=density, diameter=diameter, material=material)
+    return like.again(bead, Change(change["release"], change["state"], change["longer"]))
 
 
 def _write_track(file: FilePath, stamped: Any, bodies: Sequence[Any], kept: Any) -> int:

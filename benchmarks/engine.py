@@ -45,7 +45,7 @@ STEP = time_step([D6])[0]
 ACROSS = 15 * D6.diameter  # of one block; larger beds are blocks side by side, each the mirror of its neighbour
 BLOCK = 4000  # beads
 WANTED = 2.0  # times LIGGGHTS
-ALONE = 0.75  # part of its cores that LIGGGHTS must have had; its start-up waits a little
+ALONE = 0.9  # part of the time that LIGGGHTS must have had its cores
 
 Array = npt.NDArray[np.float64]
 

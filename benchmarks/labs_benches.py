@@ -7,8 +7,8 @@ little wrong, a length error) goes into the motion alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -51,6 +51,21 @@ class Run:
     stated: dict[str, Any]
     repetitions: int
     move: Callable[[np.random.Generator], Path]
+    bead: Bead  # nominal
+    again: Callable[[Bead, Change], Run]
+    """The same with a further bead, or with its own, and with a change."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """What a further experiment does differently: of the rig's own settings in SI, by the name of each."""
+
+    release: float | None = None  # height [m] or angle [rad]
+    state: Mapping[str, float] = field(default_factory=dict)
+    longer: float = 1.0
+
+
+SAME = Change()
 
 
 @dataclass(frozen=True)
@@ -116,26 +131,31 @@ def _drop(world: World, rng: np.random.Generator, wanted: Sequence[str]) -> Benc
     beads = _pick(rng, wanted, 2 if two_beads else 1)
     walls = tuple(str(w) for w in rng.permutation(list(WALLS))[: 1 if two_beads else 2])
     heights = (0.05, 0.2, 0.5, 1.0) if two_beads else (0.05, 0.15, 0.35, 0.65, 1.0)
+
+    def condition(bead: Bead, real: Bead, wall: str, height: float, shift: float) -> Run:
+        def move(r: np.random.Generator) -> Path:
+            return drop(real, wall, WALLS[wall][3], height + shift + r.normal(0, 2e-4), world, r)
+
+        def again(other: Bead, change: Change) -> Run:
+            if f"{other.name}/{wall}" not in world.restitution:
+                world.restitution[f"{other.name}/{wall}"] = _draw_restitution(other, rng)
+            there = height if change.release is None else change.release
+            body = real if other == bead else _real(other, rng)
+            return condition(other, body, wall, there, _off(rng, HEIGHT_DOUBT))
+
+        stated = {
+            "name": f"{bead.name}_{wall}_h{round(height * 1000):04d}", "bead": bead.name, "wall": wall,
+            "drop_height_m": height,
+        }  # fmt: skip
+        return Run(stated, 5, move, bead, again)
+
     runs = []
     for bead in beads:
         real = _real(bead, rng)
         for wall in walls:
-            base = _draw_restitution(bead, rng)
-            world.restitution[f"{bead.name}/{wall}"] = base
+            world.restitution[f"{bead.name}/{wall}"] = _draw_restitution(bead, rng)
             world.sliding[wall] = WALLS[wall][4]
-            for height in heights:
-                shift = _off(rng, HEIGHT_DOUBT)
-
-                def move(
-                    r: np.random.Generator, real: Bead = real, wall: str = wall, height: float = height + shift
-                ) -> Path:
-                    return drop(real, wall, WALLS[wall][3], height + r.normal(0, 2e-4), world, r)
-
-                stated = {
-                    "name": f"{bead.name}_{wall}_h{round(height * 1000):04d}", "bead": bead.name, "wall": wall,
-                    "drop_height_m": height,
-                }  # fmt: skip
-                runs.append(Run(stated, 5, move))
+            runs += [condition(bead, real, wall, height, _off(rng, HEIGHT_DOUBT)) for height in heights]
     geometry = {
         "drop_height": "bottom of the bead to the plate",
         "drop_height_uncertainty_m": HEIGHT_DOUBT,
@@ -157,6 +177,30 @@ def _pendulum(world: World, rng: np.random.Generator, wanted: Sequence[str], *, 
     angles = (15, 30, 50) if wall else (12, 28, 50)
     lengths = (0.25, 0.40)
     off = {length: _off(rng, LENGTH_DOUBT) + world.hidden.get("length_error", 0.0) for length in lengths}
+
+    def condition(bead: Bead, real: Bead, length: float, angle: float, tip: float, seconds: float) -> Run:
+        def move(r: np.random.Generator) -> Path:
+            start = math.radians(angle + tip + r.normal(0, 0.05))
+            return pendulum(real, length + off[length], start, seconds, world, r, wall=struck)
+
+        def again(other: Bead, change: Change) -> Run:
+            thread = change.state.get("length", length)
+            off.setdefault(thread, _off(rng, LENGTH_DOUBT) + world.hidden.get("length_error", 0.0))
+            there = angle if change.release is None else round(math.degrees(change.release))
+            if struck and f"{other.name}/{struck}" not in world.restitution:
+                world.restitution[f"{other.name}/{struck}"] = _draw_restitution(other, rng)
+            body = real if other == bead else _real(other, rng)
+            return condition(other, body, thread, there, _off(rng, ANGLE_DOUBT), change.longer * seconds)
+
+        stated: dict[str, Any] = {
+            "name": f"{bead.name}_{struck + '_' if struck else ''}L{round(length * 1000)}_a{angle}_{seconds:.0f}s",
+            "bead": bead.name,
+            **({"wall": struck} if struck else {}),
+            "length_m": length,
+            "release_angle_deg": angle,
+        }
+        return Run(stated, 4 if wall else 3, move, bead, again)
+
     runs = []
     for bead in beads:
         real = _real(bead, rng)
@@ -164,23 +208,7 @@ def _pendulum(world: World, rng: np.random.Generator, wanted: Sequence[str], *, 
             world.restitution[f"{bead.name}/{name}"] = _draw_restitution(bead, rng)
         for length in lengths:
             for angle in angles:
-                tip = _off(rng, ANGLE_DOUBT)
-
-                def move(
-                    r: np.random.Generator, real: Bead = real, length: float = length, angle: float = angle + tip
-                ) -> Path:
-                    start = math.radians(angle + r.normal(0, 0.05))
-                    longer = length + off[length]
-                    return pendulum(real, longer, start, 3.0 if wall else 6.0, world, r, wall=struck)
-
-                stated: dict[str, Any] = {
-                    "name": f"{bead.name}_{walls[0] + '_' if wall else ''}L{round(length * 1000)}_a{angle}",
-                    "bead": bead.name,
-                    **({"wall": walls[0]} if wall else {}),
-                    "length_m": length,
-                    "release_angle_deg": angle,
-                }
-                runs.append(Run(stated, 4 if wall else 3, move))
+                runs.append(condition(bead, real, length, angle, _off(rng, ANGLE_DOUBT), 3.0 if wall else 6.0))
     geometry: dict[str, Any] = {
         "length": "pivot to bob centre, set on the bench before hanging the bob",
         "length_uncertainty_m": LENGTH_DOUBT,
@@ -199,25 +227,33 @@ def _double(world: World, rng: np.random.Generator, wanted: Sequence[str]) -> Be
     lengths, angles = (0.25, 0.40), (20, 40, 60)
     error = world.hidden.get("length_error", 0.0)
     off = {length: (_off(rng, LENGTH_DOUBT) + error, _off(rng, LENGTH_DOUBT) + error) for length in lengths}
+
+    def condition(bead: Bead, real: Bead, length: float, angle: float, tip: float) -> Run:
+        def move(r: np.random.Generator) -> Path:
+            both = (length + off[length][0], length + off[length][1])
+            return double(real, both, math.radians(angle + tip + r.normal(0, 0.05)), 1.6, world, r)
+
+        def again(other: Bead, change: Change) -> Run:
+            thread = change.state.get("length", length)
+            off.setdefault(thread, (_off(rng, LENGTH_DOUBT) + error, _off(rng, LENGTH_DOUBT) + error))
+            there = angle if change.release is None else round(math.degrees(change.release))
+            if f"{other.name}/{other.name}" not in world.restitution:
+                world.restitution[f"{other.name}/{other.name}"] = _draw_restitution(other, rng)
+            body = real if other == bead else _real(other, rng)
+            return condition(other, body, thread, there, _off(rng, ANGLE_DOUBT))
+
+        stated = {
+            "name": f"{bead.name}_L{round(length * 1000)}_a{angle}", "bead": bead.name, "length_m": length,
+            "release_angle_deg": angle,
+        }  # fmt: skip
+        return Run(stated, 4, move, bead, again)
+
     runs = []
     for bead in beads:
         real = _real(bead, rng)
         world.restitution[f"{bead.name}/{bead.name}"] = _draw_restitution(bead, rng)
         for length in lengths:
-            for angle in angles:
-                tip = _off(rng, ANGLE_DOUBT)
-
-                def move(
-                    r: np.random.Generator, real: Bead = real, length: float = length, angle: float = angle + tip
-                ) -> Path:
-                    both = (length + off[length][0], length + off[length][1])
-                    return double(real, both, math.radians(angle + r.normal(0, 0.05)), 1.6, world, r)
-
-                stated = {
-                    "name": f"{bead.name}_L{round(length * 1000)}_a{angle}", "bead": bead.name, "length_m": length,
-                    "release_angle_deg": angle,
-                }  # fmt: skip
-                runs.append(Run(stated, 4, move))
+            runs += [condition(bead, real, length, angle, _off(rng, ANGLE_DOUBT)) for angle in angles]
     geometry = {
         "length": "pivot to bead centre, both threads alike, set on the bench before hanging the beads",
         "length_uncertainty_m": LENGTH_DOUBT,
@@ -237,37 +273,37 @@ def _slide(world: World, rng: np.random.Generator, wanted: Sequence[str]) -> Ben
     stated_friction = WALLS[wall][4]
     friction = stated_friction + float(rng.normal(0, 0.02))
     world.sliding[wall] = friction
-    runs = []
     place, stop = 0.25, 0.05
+    # filmed from a few degrees before it can slide
+    start = math.floor(math.degrees(math.atan(friction)) - 4.0)
+
+    def condition(bead: Bead, real: Bead, rate: float, dwell: float, mass: float) -> Run:
+        def move(r: np.random.Generator) -> Path:
+            return slide(
+                mass, wall, start_angle=math.radians(start), tilt_rate=math.radians(rate), place=place,
+                height=real.radius, stop=stop, dwell=dwell, duration=30 / rate, world=world, rng=r,
+            )  # fmt: skip
+
+        def again(other: Bead, change: Change) -> Run:
+            body = real if other == bead else _real(other, rng)
+            turning = math.degrees(change.state.get("rate", math.radians(rate)))
+            waits, weighs = change.state.get("waiting", dwell), change.state.get("clump", mass)
+            return condition(other, body, turning, waits, weighs)
+
+        stated = {
+            "name": f"{bead.name}x4_{wall}_r{round(rate * 10):02d}_w{round(dwell):03d}_m{round(mass * 1e6)}",
+            "bead": bead.name, "clump": "four beads glued in a square", "clump_mass_g": round(mass * 1e3, 5),
+            "wall": wall, "start_angle_deg": start, "tilt_rate_deg_s": rate, "waiting_time_s": dwell,
+            "start_distance_m": place,
+        }  # fmt: skip
+        return Run(stated, 5, move, bead, again)
+
+    runs = []
     for bead in beads:
         real = _real(bead, rng)
         # a weight on the clump tells a pull of the surface from friction
         for rate, ballast in ((0.5, 0.0), (2.0, 3.0)):
-            for dwell in (2.0, 20.0, 200.0):
-                # filmed from a few degrees before it can slide
-                start = math.floor(math.degrees(math.atan(friction)) - 4.0)
-
-                def move(
-                    r: np.random.Generator,
-                    real: Bead = real,
-                    rate: float = rate,
-                    dwell: float = dwell,
-                    start: int = start,
-                    mass: float = 4 * real.mass * (1 + ballast),
-                ) -> Path:
-                    return slide(
-                        mass, wall, start_angle=math.radians(start), tilt_rate=math.radians(rate), place=place,
-                        height=real.radius, stop=stop, dwell=dwell, duration=30 / rate, world=world, rng=r,
-                    )  # fmt: skip
-
-                weight = round(4 * bead.mass * (1 + ballast) * 1e3, 5)
-                stated = {
-                    "name": f"{bead.name}x4_{wall}_r{round(rate * 10):02d}_w{round(dwell):03d}", "bead": bead.name,
-                    "clump": "four beads glued in a square", "clump_mass_g": weight,
-                    "wall": wall, "start_angle_deg": start, "tilt_rate_deg_s": rate, "waiting_time_s": dwell,
-                    "start_distance_m": place,
-                }  # fmt: skip
-                runs.append(Run(stated, 5, move))
+            runs += [condition(bead, real, rate, dwell, 4 * bead.mass * (1 + ballast)) for dwell in (2.0, 20.0, 200.0)]
     geometry = {
         "arm": "tilts at a steady rate from start_angle at the first frame and does not stop; it rises to the right",
         "start_distance": "clump centre to the hinge, along the arm",
@@ -288,22 +324,31 @@ def _roll(world: World, rng: np.random.Generator, wanted: Sequence[str]) -> Benc
     walls = tuple(str(w) for w in rng.permutation(list(WALLS))[:1])
     wall = walls[0]
     world.sliding[wall] = WALLS[wall][4]
+
+    def condition(bead: Bead, real: Bead, slope: float, push: float) -> Run:
+        tip = math.radians(_off(rng, 0.05))
+
+        def move(r: np.random.Generator) -> Path:
+            return roll(real, wall, slope=math.radians(slope) + tip, push=push, distance=0.4, world=world, rng=r)
+
+        def again(other: Bead, change: Change) -> Run:
+            if f"{other.name}/{wall}" not in world.rolling:
+                world.rolling[f"{other.name}/{wall}"] = ROLLING[other.material] * float(rng.uniform(0.7, 1.3))
+            body = real if other == bead else _real(other, rng)
+            there = math.degrees(change.state.get("slope", math.radians(slope)))
+            return condition(other, body, there, change.state.get("push", push))
+
+        kind = f"a{slope:02.0f}" if slope else f"v{round(push * 1000):04d}"
+        stated: dict[str, Any] = {"name": f"{bead.name}_{wall}_{kind}", "bead": bead.name, "wall": wall}
+        stated |= {"incline_angle_deg": slope, **({"push_speed_m_s": push} if push else {}), "track_length_m": 0.4}
+        return Run(stated, 5, move, bead, again)
+
     runs = []
     for bead in beads:
         real = _real(bead, rng)
         world.rolling[f"{bead.name}/{wall}"] = ROLLING[bead.material] * float(rng.uniform(0.7, 1.3))
         for slope, push in ((6.0, 0.0), (10.0, 0.0), (15.0, 0.0), (0.0, 0.3), (0.0, 0.7)):
-            tip = math.radians(_off(rng, 0.05))
-
-            def move(
-                r: np.random.Generator, real: Bead = real, slope: float = math.radians(slope) + tip, push: float = push
-            ) -> Path:
-                return roll(real, wall, slope=slope, push=push, distance=0.4, world=world, rng=r)
-
-            kind = f"a{slope:02.0f}" if slope else f"v{round(push * 1000):04d}"
-            stated: dict[str, Any] = {"name": f"{bead.name}_{wall}_{kind}", "bead": bead.name, "wall": wall}
-            stated |= {"incline_angle_deg": slope, **({"push_speed_m_s": push} if push else {}), "track_length_m": 0.4}
-            runs.append(Run(stated, 5, move))
+            runs.append(condition(bead, real, slope, push))
     geometry = {
         "incline_angle_uncertainty_deg": 0.05,
         "plate_level_uncertainty_deg": LEVEL_DOUBT,

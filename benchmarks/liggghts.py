@@ -13,7 +13,6 @@ import shutil
 import statistics
 import subprocess
 import tempfile
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +27,7 @@ from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.engine.contact import Rolling
 
 ROLLING: dict[Rolling, str] = {"type A": "cdt", "type C": "epsd2"}
+LOOK = 0.05  # [s] between two looks at how its processes fare
 TIME = re.compile(r"Loop time of (\S+) on \d+ procs? for (\d+) steps with (\d+) atoms")
 
 
@@ -196,7 +196,7 @@ def version() -> str:
 
 
 def speed(bed: Bed | Hopper, rolling: Rolling, *, threads: int, steps: int, warm_up: int) -> tuple[float, float]:
-    """Particle-steps per second of its own loop time, start-up left out, and the part of its cores that it got.
+    """Particle-steps per second of its own loop, start-up left out, and the part of the time that it had its cores.
 
     Ranks wait for each other in busy loops: on a machine that others use as well its figure falls far more than ours.
     """
@@ -208,22 +208,40 @@ def speed(bed: Bed | Hopper, rolling: Rolling, *, threads: int, steps: int, warm
             command = ["mpirun", "-np", str(threads), "--oversubscribe", *command]
         # mpirun refuses a container's only user without these
         environment = os.environ | {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
-        before, began = _child_seconds(), time.perf_counter()
-        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder, env=environment)
-        share = (_child_seconds() - before) / (time.perf_counter() - began) / threads
-    times = TIME.findall(done.stdout)
-    if done.returncode or not times:
-        last = (done.stdout + done.stderr).strip().splitlines()[-1:]
-        raise RigtwinError(f"LIGGGHTS stopped with code {done.returncode}: {' '.join(last)}")
+        running = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder, env=environment
+        )
+        ran: dict[int, tuple[int, int]] = {}
+        while True:
+            try:
+                out, err = running.communicate(timeout=LOOK)
+                break
+            except subprocess.TimeoutExpired:
+                ran |= _ranks(running.pid)
+        share = sum(on for on, _ in ran.values()) / max(1, sum(on + waited for on, waited in ran.values()))
+    times = TIME.findall(out)
+    if running.returncode or not times:
+        last = (out + err).strip().splitlines()[-1:]
+        raise RigtwinError(f"LIGGGHTS stopped with code {running.returncode}: {' '.join(last)}")
     seconds, made, atoms = times[-1]
     if int(atoms) != len(bed.position):
         raise RigtwinError(f"LIGGGHTS ran {atoms} of {len(bed.position)} beads; the bed does not fit its box.")
     return int(made) * int(atoms) / float(seconds), share
 
 
-def _child_seconds() -> float:
-    used = os.times()
-    return used.children_user + used.children_system
+def _ranks(parent: int) -> dict[int, tuple[int, int]]:
+    """How long LIGGGHTS' processes, `parent` or its children, ran and waited for a core until now [ns]."""
+    found = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            name, rest = (folder / "stat").read_text().split("(", 1)[1].rsplit(")", 1)
+            pid = int(folder.name)
+            if name == "liggghts" and parent in (pid, int(rest.split()[1])):
+                ran, waited, _ = map(int, (folder / "schedstat").read_text().split())
+                found[pid] = ran, waited
+        except (OSError, ValueError):  # it has ended meanwhile, or is no process
+            continue
+    return found
 
 
 def beside(

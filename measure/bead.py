@@ -82,11 +82,13 @@ def fit_bead(
     look: Look | None = None,
     surely_near: bool = False,
     room: float | None = None,
+    onwards: tuple[float, float] | None = None,
 ) -> BeadFit | None:
     """As `locate`; `hidden` marks pixels where something stands in front of the bead, `look` is its known look.
 
     `surely_near` starts the fit at `near` itself: what else moves close by, a shadow say, then cannot mislead it.
     `room` [px] is how far beyond the bead at rest the pixels are used, half the blur when not given.
+    `onwards` is where the bead is if it goes on as it did, another place to start from.
 
     The bead is a disc of radius r with a soft edge, lit like a sphere (constant, two slopes and a bulge), averaged over
     its path during the exposure, and hides the background behind it: D = mean_k d_k (p_k - B).  All parameters are
@@ -102,7 +104,8 @@ def fit_bead(
     pixels = _Pixels(patch)
     prior = _prior(pixels, start, look, patch)
     if look is not None:
-        prior = pixels.started_better(prior, patch.near)
+        places = [patch.near] if onwards is None else [patch.near, patch.place(onwards)]
+        prior = pixels.started_better(prior, places)
     fit = _fit_disc(pixels, prior)
     image = None if fit is None else _bead_image(patch, pixels, fit)
     if fit is not None and look is not None and not pixels.confirm(fit.parameters):
@@ -126,6 +129,22 @@ def common_look(fits: Sequence[BeadFit]) -> Look:
     return Look(float(mean[0]), float(mean[1]), np.asarray(mean[2:]))
 
 
+def _soft_edge(depth: Picture) -> tuple[Picture, Picture]:
+    """The normal distribution at `depth`, and its density: how much of a pixel is covered, and where the rim is.
+
+    Looked up in tables: the functions themselves would take most of the time of a fit.
+    """
+    places = (np.clip(depth, -_DEEPEST, _DEEPEST) + np.float32(_DEEPEST)) * np.float32(
+        (len(_DEPTHS) - 1) / (2 * _DEEPEST)
+    )
+    whole = places.astype(np.int32)
+    places -= whole
+    return (
+        _COVERS.take(whole) + places * _COVER_STEPS.take(whole),
+        _RIMS.take(whole) + places * _RIM_STEPS.take(whole),
+    )
+
+
 @dataclass(frozen=True)
 class _Patch:
     """Pixels around a guess, averaged down where the bead is larger than the fit needs."""
@@ -137,6 +156,10 @@ class _Patch:
     step: int  # picture pixels per patch pixel
     near: tuple[float, float]  # in patch pixels, like the rest below
     radius: float
+
+    def place(self, point: tuple[float, float]) -> tuple[float, float]:
+        """A place in the picture [px] in patch pixels."""
+        return (point[0] - self.origin[0]) / self.step, (point[1] - self.origin[1]) / self.step
 
 
 @dataclass(frozen=True)
@@ -167,6 +190,12 @@ _LIGHTS = 4
 _ROOM = 2.5  # [px], around the pixels near a bead, so that it may move a little before they are chosen anew
 _MOST_STEPS = 18  # of the exposure integral: a longer smear has its information at its ends and sides
 _LARGEST_RADIUS = 10.0  # [px] beyond it a fit to block means loses nothing that matters and saves time
+_SETTLED = 0.1  # of the cost, that another step may gain at most; a gain of 1 would be one standard deviation
+_DEEPEST = 6.0  # depth below the rim, in units of its softness, at which a pixel is covered all but 1e-9
+_DEPTHS = np.linspace(-_DEEPEST, _DEEPEST, 769)
+_COVERS = ndtr(_DEPTHS).astype(np.float32)
+_RIMS = (np.exp(-0.5 * _DEPTHS**2) / math.sqrt(2 * math.pi)).astype(np.float32)
+_COVER_STEPS, _RIM_STEPS = (np.append(np.diff(table), np.float32(0)) for table in (_COVERS, _RIMS))
 
 
 def _cut_patch(
@@ -299,16 +328,19 @@ def _fit_disc(pixels: _Pixels, prior: _Prior) -> _Fit | None:
             jacobian, residual = pixels.linearise(parameters)
         noise = _noise(residual, jacobian[_SHAPES])
         weights = _robust_weights(residual, noise) / noise**2
-        weighted = jacobian * weights
-        information = weighted @ jacobian.T
-        pull = weighted @ residual + certain * (prior.mean - parameters)
+        information, pull = pixels.normal_equations(jacobian, residual, weights)
+        pull += certain * (prior.mean - parameters)
         cost = _cost(residual, weights, parameters, prior.mean, certain)
         normal = information + np.diag(certain)
         gained = 0.0
         for _ in range(6):
             damped = normal.copy()
             damped[steps, steps] += damping * normal[steps, steps] + 1e-12
-            tried = _bounded(parameters + np.linalg.solve(damped, pull), parameters, prior)
+            change = np.linalg.solve(damped, pull)
+            tried = _bounded(parameters + change, parameters, prior)
+            if turn >= 2 and float(change @ (2 * pull - normal @ change)) < _SETTLED:
+                parameters = tried  # so small a step needs no proof
+                break
             tried_jacobian, tried_residual = pixels.linearise(tried)
             tried_cost = _cost(tried_residual, weights, tried, prior.mean, certain)
             if tried_cost < cost:
@@ -317,7 +349,7 @@ def _fit_disc(pixels: _Pixels, prior: _Prior) -> _Fit | None:
                 damping = max(damping / 6, 1e-7)
                 break
             damping *= 8
-        if gained < 0.1 and turn >= 2:  # a gain of 1 would be one standard deviation
+        if gained < _SETTLED and turn >= 2:
             break
     if not np.all(np.isfinite(parameters)):
         return None
@@ -349,13 +381,15 @@ def _bounded(parameters: Array, before: Array, prior: _Prior) -> Array:
 def _noise(residual: Array, cover: Array) -> Array:
     """[grey levels], of every pixel: a bead's grain and gloss are no noise of the camera, but no shading either.
 
-    `cover` is how much of each pixel the bead covers.
+    `cover` is how much of each of the first pixels the bead covers; of the others it covers nothing.
     """
     off = np.abs(residual)
     around = max(1.4826 * _middle(off), 0.4)
-    inside = off[cover > 0.5]
+    inside = off[: len(cover)][cover > 0.5]
     within = max(1.4826 * _middle(inside), around) if len(inside) > 8 else around
-    return np.asarray(np.sqrt(around**2 + cover * (within**2 - around**2)))
+    noise = np.full(len(residual), around)
+    noise[: len(cover)] = np.sqrt(around**2 + cover * (within**2 - around**2))
+    return noise
 
 
 def _middle(values: Array) -> float:
@@ -388,8 +422,8 @@ def _correlation_excess(residual: Array) -> float:
 class _Pixels:
     """The usable pixels of a patch as flat arrays, and the disc model with its derivatives there.
 
-    Derivatives have shape (parameters, pixels).  Pixels near the bead's path come first: further away there is nothing
-    but scene, and computing the model there too would double the time.
+    Pixels near the bead's path come first: further away there is nothing but scene, and computing the model there too
+    would double the time.
     """
 
     def __init__(self, patch: _Patch) -> None:
@@ -400,6 +434,7 @@ class _Pixels:
         self.values = patch.grey[y, x]
         self.behind = None if patch.behind is None else patch.behind[y, x]
         self._unit = patch.radius
+        self._scene_rows = self._rows_of_scene()
         self._near = 0  # how many pixels come first
         self._shape = np.full(_SHAPES, np.nan)  # for which they were chosen
 
@@ -419,6 +454,7 @@ class _Pixels:
         order = np.argsort(far, kind="stable")
         self.x, self.y, self.values, self._index = (each[order] for each in (self.x, self.y, self.values, self._index))
         self.behind = None if self.behind is None else self.behind[order]
+        self._scene_rows = self._rows_of_scene()
         self._near = len(order) - int(np.count_nonzero(far))
         self._shape = shape.copy()
         return True
@@ -426,20 +462,31 @@ class _Pixels:
     def solve_light(self, parameters: Array, spread: Array) -> Array:
         """The parameters with the light that fits best at this shape."""
         jacobian, residual = self.linearise(parameters)
-        rows = jacobian[_SHAPES:]
-        ridge = np.full(len(rows), 1e-6)
+        information, pull = self.normal_equations(jacobian, residual, np.ones(len(residual)))
+        ridge = np.full(len(parameters) - _SHAPES, 1e-6)
         ridge[:_LIGHTS] += 1 / spread**2
         solved = parameters.copy()
-        solved[_SHAPES:] += np.linalg.solve(rows @ rows.T + np.diag(ridge), rows @ residual)
+        solved[_SHAPES:] += np.linalg.solve(information[_SHAPES:, _SHAPES:] + np.diag(ridge), pull[_SHAPES:])
         return solved
 
-    def started_better(self, prior: _Prior, near: tuple[float, float]) -> _Prior:
-        """The prior with the bead set down at `near` where the pixels there look more like it.
+    def normal_equations(self, jacobian: Array, residual: Array, weights: Array) -> tuple[Array, Array]:
+        """The weighted jacobian times itself, shape (parameters, parameters), and times the residual."""
+        near, scene = self._near, np.s_[_SHAPES + _LIGHTS :]
+        weighted = jacobian * weights[:near]
+        information, pull = weighted @ jacobian.T, weighted @ residual[:near]
+        rows = self._scene_rows[:, near:]
+        weighted = rows * weights[near:]
+        information[scene, scene] += weighted @ rows.T
+        pull[scene] += weighted @ residual[near:]
+        return np.asarray(information), np.asarray(pull)
+
+    def started_better(self, prior: _Prior, places: Sequence[tuple[float, float]]) -> _Prior:
+        """The prior with the bead set down at one of `places` where the pixels there look more like it.
 
         The brightest part of a shaded bead, of which the moments tell, may lie half a radius off its centre.
         """
-        there = replace(prior, mean=np.concatenate([near, prior.mean[2:]]))
-        return min(prior, there, key=lambda each: self._misfit(each.mean))
+        there = [replace(prior, mean=np.concatenate([place, prior.mean[2:]])) for place in places]
+        return min(prior, *there, key=lambda each: self._misfit(each.mean))
 
     def _misfit(self, parameters: Array) -> float:
         self.arrange(parameters[:_SHAPES])
@@ -455,7 +502,10 @@ class _Pixels:
         return power > 0 and 0.5 < float(model @ self.values) / power < 2.0
 
     def linearise(self, parameters: Array) -> tuple[Array, Array]:
-        """Derivatives of the model, shape (parameters, pixels), and data minus model, shape (pixels,)."""
+        """Derivatives of the model at the pixels near the bead, shape (parameters, near), and data minus model.
+
+        At the others it depends on the scene alone.
+        """
         shape, light = parameters[:_SHAPES], parameters[_SHAPES:]
         near = self._near
         cx, cy, radius, edge, blur_x, blur_y = shape.tolist()
@@ -463,31 +513,35 @@ class _Pixels:
         # the midpoint rule is exact enough once its step is about the width of the soft edge
         count = min(max(1, math.ceil(math.hypot(blur_x, blur_y) / (1.3 * max(edge, 0.7)))), _MOST_STEPS)
         when = (np.arange(count) + 0.5) / count - 0.5
-        scene, scene_rows = self._scene(light[_LIGHTS:])
+        scene = light[_LIGHTS:] @ self._scene_rows
         behind = scene[:near] if self.behind is None else self.behind[:near]
-        away_x, away_y = self.x[:near] - cx, self.y[:near] - cy
+        # single precision is a hundredth of the least noise, and takes a third of the time
+        behind = np.asarray(behind, dtype=np.float32)
+        away_x, away_y = ((place[:near] - middle).astype(np.float32) for place, middle in ((self.x, cx), (self.y, cy)))
         unit = self._unit
         # one row per moment of the exposure
-        dx, dy = away_x - (blur_x * when)[:, None], away_y - (blur_y * when)[:, None]
+        dx, dy = (
+            away - (blur * when).astype(np.float32)[:, None] for away, blur in ((away_x, blur_x), (away_y, blur_y))
+        )
         square = dx * dx + dy * dy
         distance = np.sqrt(square)
-        depth = (radius - distance) * (1 / edge)
-        cover = ndtr(depth)
-        rim = np.exp(-0.5 * depth * depth)
-        rim *= 1 / (math.sqrt(2 * math.pi) * edge)
-        over = (base + bulge - behind) + (slope_x / unit) * dx + (slope_y / unit) * dy - (bulge / unit**2) * square
+        depth = (np.float32(radius) - distance) * np.float32(1 / edge)
+        cover, rim = _soft_edge(depth)
+        rim *= np.float32(1 / edge)
+        over = (np.float32(base + bulge) - behind) - np.float32(bulge / unit**2) * square
+        over += np.float32(slope_x / unit) * dx
+        over += np.float32(slope_y / unit) * dy
         rim *= over
-        toward = rim / (distance + 1e-9)
+        toward = rim / (distance + np.float32(1e-6))
         # what every pixel collects over the exposure: plain, and weighted with the moment
-        moments = np.stack([np.ones(count), when, when * when]) / count
+        moments = (np.stack([np.ones(count), when, when * when]) / count).astype(np.float32)
         covered, early, spread = moments @ cover
         squares = moments[0] @ (cover * square)
         pull_x, pull_y = moments[:2] @ (toward * dx), moments[:2] @ (toward * dy)
         u, v = away_x * covered - blur_x * early, away_y * covered - blur_y * early  # times the unit
         early_u, early_v = away_x * early - blur_x * spread, away_y * early - blur_y * spread
         bend = 2 * bulge / unit**2
-        jacobian = np.zeros((_SHAPES + len(light), len(self.x)))
-        rows = jacobian[:, :near]
+        rows = np.empty((_SHAPES + len(light), near))
         # d(cover * lit)/d(centre): the rim moves, and the shading moves with the bead
         rows[0] = pull_x[0] - (slope_x / unit) * covered + bend * u
         rows[1] = pull_y[0] - (slope_y / unit) * covered + bend * v
@@ -497,12 +551,12 @@ class _Pixels:
         rows[5] = pull_y[1] - (slope_y / unit) * early + bend * early_v
         rows[6], rows[7], rows[8] = covered, u / unit, v / unit
         rows[9] = covered - squares / unit**2
-        jacobian[_SHAPES + _LIGHTS :] = scene_rows
+        rows[_SHAPES + _LIGHTS :] = self._scene_rows[:, :near]
         if self.behind is None:
             rows[_SHAPES + _LIGHTS :] *= 1 - covered
         residual = self.values - scene
         residual[:near] -= base * rows[6] + slope_x * rows[7] + slope_y * rows[8] + bulge * rows[9] - behind * covered
-        return jacobian, residual
+        return rows, residual
 
     def near_path(self, shape: Array) -> npt.NDArray[np.intp]:
         """Pixels that a bead of this shape covers while the shutter is open."""
@@ -517,11 +571,11 @@ class _Pixels:
         along = np.clip(away_x * along_x + away_y * along_y, -length / 2, length / 2)
         return np.asarray((away_x - along * along_x) ** 2 + (away_y - along * along_y) ** 2)
 
-    def _scene(self, light: Array) -> tuple[Array, Array]:
+    def _rows_of_scene(self) -> Array:
+        """Derivatives of the scene alone: an offset, and without a background two slopes, at every pixel."""
         if self.behind is not None:
-            return np.full(len(self.x), light[0]), np.ones((1, len(self.x)))
-        rows = np.stack([np.ones_like(self.x), self.x / self._unit, self.y / self._unit])
-        return light @ rows, rows
+            return np.ones((1, len(self.x)))
+        return np.stack([np.ones_like(self.x), self.x / self._unit, self.y / self._unit])
 
 
 def _bead_image(patch: _Patch, pixels: _Pixels, fit: _Fit) -> BeadImage | None:
@@ -624,6 +678,8 @@ class _Anchors:
 
     def seen(self, grey: Grey, shift: Array) -> Array:
         """Grey levels of a frame at the anchors moved by `shift` [px]."""
+        if not shift.any():
+            return grey[self.y, self.x].astype(np.float64)
         whole = np.floor(shift).astype(int)
         u, v = shift - whole
         height, width = grey.shape
@@ -649,9 +705,10 @@ class Scene:
 
     def pose(self, grey: Grey, start: tuple[float, float] = (0.0, 0.0), *, quickly: bool = False) -> Pose:
         """Where a frame lies; `quickly` by a quarter of the edges, which doubles the error of the shake."""
-        pose = self._placed(grey, np.array(start), self._few_anchors) if quickly else Pose()
+        near = np.array(start) if max(map(abs, start)) > STEADY else np.zeros(2)
+        pose = self._placed(grey, near, self._few_anchors, to=STEADY) if quickly else Pose()
         if pose == Pose():  # too few edges tell nothing, which is not that the camera stands still
-            pose = self._placed(grey, np.array(start), self._anchors)
+            pose = self._placed(grey, near, self._anchors)
         return pose if abs(pose.gain - 1) < FLICKER else self._lit(grey, pose)
 
     def _lit(self, grey: Grey, pose: Pose) -> Pose:
@@ -698,8 +755,11 @@ class Scene:
     def _few_anchors(self) -> _Anchors:
         return self._anchors.some(4)
 
-    def _placed(self, grey: Grey, start: Array, anchors: _Anchors) -> Pose:
-        """Shift of a frame against the scene [px] and its gain, by Gauss-Newton on the strongest edges."""
+    def _placed(self, grey: Grey, start: Array, anchors: _Anchors, to: float = 0.003) -> Pose:
+        """Shift of a frame against the scene [px] and its gain, by Gauss-Newton on the strongest edges.
+
+        Steps shorter than `to` [px] are the last.
+        """
         if len(anchors.x) < 60:
             return Pose()
         rows = anchors.rows
@@ -709,13 +769,13 @@ class Scene:
             spread = 1.4826 * _middle(np.abs(error)) + 0.3
             weights = 1 / (1 + (error / (2 * spread)) ** 2) ** 2  # a moving bead or hand must not pull the scene along
             weighted = rows * weights
-            normal = weighted @ rows.T
-            change = np.linalg.lstsq(normal, -weighted @ error, rcond=None)[0]
+            inverse = _inverse(weighted @ rows.T)
+            change = -inverse @ (weighted @ error)
             shift = shift + np.clip(change[:2], -3, 3)
             gain += float(change[2])
-            if np.max(np.abs(change[:2])) < 0.003:
+            if np.max(np.abs(change[:2])) < to:
                 break
-        covariance = np.linalg.pinv(normal) * spread**2
+        covariance = inverse * spread**2
         if max(covariance[0, 0], covariance[1, 1]) > 0.05**2 or np.max(np.abs(shift)) > 40 or not 0.5 < gain < 2:
             return Pose()  # too little texture to tell
         one, other = (_change(rows[:, half], weighted[:, half], error[half]) for half in (anchors.half, ~anchors.half))
@@ -725,7 +785,12 @@ class Scene:
 
 def _change(rows: Array, weighted: Array, error: Array) -> Array:
     """Shift [px] that these rows alone would still ask for."""
-    return np.asarray(np.linalg.lstsq(weighted @ rows.T, -weighted @ error, rcond=None)[0][:2])
+    return np.asarray(-(_inverse(weighted @ rows.T) @ (weighted @ error))[:2])
+
+
+def _inverse(normal: Array) -> Array:
+    """Of a small matrix; where it is singular, large."""
+    return np.asarray(np.linalg.inv(normal + 1e-12 * np.trace(normal) * np.eye(len(normal)) + 1e-300))
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """What covers the surface of a bed behind glass: glare, or something held in front of it.
 
 A cover is told by what a bed's surface cannot do: pixels that are saturated over more than a highlight, an outline
-with no bead near it, and a background that changes across the cylinder as abruptly as no background behind round glass
-does.
+with no bead near it, and a background that changes abruptly across the cylinder where the surface does so too, or where
+no beads go on below it.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ NO_BEAD = 3.0  # bead radii; that near to a point of a packing's surface lie fou
 ABOVE = (0.6, 2.6)  # bead radii above the outline: clear of its blur, and still behind this place of it
 ABRUPT = 4.0  # times the usual scatter of the background's colour along the surface
 FAINTEST = 14.0  # [grey levels], smaller changes of colour are shadows and reflections of the beads
+BELOW = (0.7, 4.0)  # bead radii below the outline: what stands behind the cylinder ends at the outline
+USUAL_LEVEL = 2.0  # bead radii, off the middle height, that the outline keeps within where nothing covers it
 FEWEST_KEPT = 0.3  # share of the outline below which nothing is said of the usual background
 
 
@@ -33,8 +35,13 @@ def glare_in(image: Image) -> Mask:
     return np.asarray(image.min(axis=2) >= SATURATED)
 
 
-def covered_columns(found: Silhouette, image: Image, beads: Beads, glare: Mask, inside: Mask) -> Mask:
-    """Columns of the outline in which something covers the surface; `inside` are those between the walls."""
+def covered_columns(
+    found: Silhouette, image: Image, beads: Beads, alike: npt.NDArray[np.float32], glare: Mask, inside: Mask
+) -> Mask:
+    """Columns of the outline in which something covers the surface; `inside` are those between the walls.
+
+    `alike` is every pixel's likeness to beads.
+    """
     seen = inside & np.isfinite(found.height)
     covered = np.zeros(len(found.x), dtype=bool)
     if not seen.any():
@@ -42,7 +49,7 @@ def covered_columns(found: Silhouette, image: Image, beads: Beads, glare: Mask, 
     points = found.view.to_picture(found.x, np.nan_to_num(found.height))
     covered |= _under_glare(points, glare, found.bead_radius)
     covered |= _far_from_beads(points, beads)
-    covered |= _odd_background(found, image, seen & ~covered)
+    covered |= _odd_background(found, image, seen & ~covered) & ~_goes_on_below(found, alike, seen & ~covered)
     return np.asarray(covered & seen)
 
 
@@ -62,6 +69,15 @@ def _far_from_beads(points: Array, beads: Beads) -> Mask:
 
     away, _ = cKDTree(beads.centre).query(points)
     return np.asarray(away > NO_BEAD * beads.radius)
+
+
+def _goes_on_below(found: Silhouette, alike: npt.NDArray[np.float32], seen: Mask) -> Mask:
+    """Where the outline is at its usual height and beads are below it: what is odd above it stands behind the bed."""
+    steps = np.arange(BELOW[0], BELOW[1], 0.25) * found.bead_radius
+    below = [at(alike, found.view.to_picture(found.x, np.nan_to_num(found.height) - step)) for step in steps]
+    usual = float(np.median(found.height[seen])) if seen.any() else 0.0
+    level = np.abs(np.nan_to_num(found.height) - usual) < USUAL_LEVEL * found.bead_radius
+    return np.asarray(level & (np.mean(below, axis=0) > 0.5))
 
 
 def _odd_background(found: Silhouette, image: Image, seen: Mask) -> Mask:

@@ -36,7 +36,6 @@ from rigtwin.measure.flights import (
 )
 from rigtwin.measure.follow import (
     Chase,
-    SpotPath,
     chase_path,
     find_paths,
     learn_scene,
@@ -44,6 +43,7 @@ from rigtwin.measure.follow import (
 )
 from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.repeats import LEAST_SHARE, repeated
+from rigtwin.measure.spots import SpotPath
 
 Array = npt.NDArray[np.float64]
 
@@ -211,6 +211,29 @@ def _quantity(
     )
 
 
+def _with_doubts(quantity: Quantity, checks: tuple[Check, ...]) -> Quantity:
+    """The quantity with the failed checks of the film that it rests on; those of the flights it has already."""
+    in_metres = quantity.unit == "m"
+    rests_on = {
+        "bead_in_view": True,
+        "static_camera": True,
+        "camera_roll": in_metres,
+        # the bead's size is in the air's drag, and where it is wrong something else may have been followed
+        "bead_size": in_metres or quantity.method == "velocity",
+    }
+    failed = [check.message for check in checks if not check.passed and rests_on.get(check.check, False)]
+    if not failed:
+        return quantity
+    budget = dict(quantity.budget)
+    budget.setdefault("failed check", 2 * quantity.std_uncertainty)
+    return replace(
+        quantity,
+        std_uncertainty=root_sum_of_squares(budget),
+        budget=budget,
+        doubtful="; ".join(filter(None, [quantity.doubtful, *failed])),
+    )
+
+
 def _gravity_check(bounces: Bounces, scale_doubt: float, rate: float, repeated_share: float) -> Check:
     gravity, parts = bounces.read(lambda at: at.size * GRAVITY)
     doubt = math.hypot(root_sum_of_squares(parts), gravity * scale_doubt)
@@ -362,7 +385,7 @@ def measure(
         rig="drop",
         source=clip,
         source_sha256=sha256(clip),
-        quantities=evaluation.quantities,
+        quantities=tuple(_with_doubts(quantity, checks) for quantity in evaluation.quantities),
         checks=checks,
         warnings=(*video.warnings, *evaluation.warnings),
         camera={

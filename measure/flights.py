@@ -288,17 +288,23 @@ class _Model:
         return _fall(self.drag, max(float(p[-1]), 0.0), highest)
 
     def apexes(self, p: Array) -> Array:
-        return self._times(p, self.fall(p))[0]
+        return np.asarray(self._times(p[None], self.fall(p))[0][0])
 
     def contacts(self, p: Array) -> Array:
         """[s], contacts 1..N and the (unseen) end of the last flight."""
-        return self._times(p, self.fall(p))[1]
+        return np.asarray(self._times(p[None], self.fall(p))[1][0])
 
-    def _times(self, p: Array, fall: Fall) -> tuple[Array, Array]:
-        heights, _, _ = self.split(p)
-        down, up = fall.fall.time_to(heights), fall.rise.time_to(heights[1:])
-        apexes = float(p[1]) + np.concatenate([[0.0], np.cumsum(down[:-1] + max(float(p[-2]), 0.0) + up)])
+    def _times(self, many: Array, fall: Fall) -> tuple[Array, Array]:
+        """Apexes and contacts [s] of many parameter vectors, shape (m, N + 1) each."""
+        heights = self._heights(many)
+        down, up = fall.fall.time_to(heights), fall.rise.time_to(heights[:, 1:])
+        dwell = np.maximum(many[:, -2:-1], 0.0)
+        since = np.cumsum(down[:, :-1] + dwell + up, axis=1)
+        apexes = many[:, 1:2] + np.concatenate([np.zeros((len(many), 1)), since], axis=1)
         return apexes, apexes + down
+
+    def _heights(self, many: Array) -> Array:
+        return np.maximum(many[:, 2 : 3 + self.count], 1e-9)
 
     def level(self, p: Array, time: Array) -> Array:
         _, levels, _ = self.split(p)
@@ -306,25 +312,39 @@ class _Model:
         return np.interp(time, [*contacts[: self.count], max(self.end, contacts[self.count - 1] + 1e-6)], levels)
 
     def curve(self, p: Array, time: Array) -> Array:
-        fall = self.fall(p)
-        heights, levels, growth = self.split(p)
-        apexes, contacts = self._times(p, fall)
-        flight = np.searchsorted(contacts[: self.count], time)
-        above = heights[flight] - fall.below_apex(time - apexes[flight])
-        knots = [*contacts[: self.count], max(self.end, contacts[self.count - 1] + 1e-6)]
-        swell = 1 + np.interp(time, knots, [0.0, *growth])
+        return np.asarray(self.curves(p[None], time)[0])
+
+    def curves(self, many: Array, time: Array) -> Array:
+        """The curve for many parameter vectors of one and the same drag, shape (m, n)."""
+        n = self.count
+        fall = self.fall(many[0])
+        apexes, contacts = self._times(many, fall)
+        flight = np.sum(time[:, None] > contacts[:, None, :n], axis=2)
+
+        def of_flight(values: Array) -> Array:
+            return np.take_along_axis(values, flight, axis=1)
+
+        above = of_flight(self._heights(many)) - fall.below_apex(time - of_flight(apexes))
+        # level and growth run straight from contact to contact
+        last = np.maximum(self.end, contacts[:, n - 1 : n] + 1e-6)
+        knots = np.concatenate([contacts[:, :n], last], axis=1)
+        leg = np.maximum(flight - 1, 0)
+        since = time - np.take_along_axis(knots, leg, axis=1)
+        share = np.clip(since / np.take_along_axis(np.diff(knots), leg, axis=1), 0.0, 1.0)
+
+        def along(values: Array) -> Array:
+            begins, rises = (np.take_along_axis(each, leg, axis=1) for each in (values, np.diff(values)))
+            return np.asarray(begins + share * rises)
+
+        growth = np.concatenate([np.zeros((len(many), 1)), many[:, 4 + 2 * n : 4 + 3 * n]], axis=1)
         relative = above / self.top
         # so that `size` is that of the drop as a whole, which is what a rule beside it or a stated scale mean
-        seen = above * (1 + p[-4] * (relative - 1) + p[-3] * (relative**2 - 1))
-        curve = np.interp(time, knots, levels) + math.exp(p[0]) * swell * seen
-        curve[time > contacts[-1]] = np.nan
-        curve[time < apexes[0]] = np.nan
-        return np.asarray(curve)
+        seen = above * (1 + many[:, -4:-3] * (relative - 1) + many[:, -3:-2] * (relative**2 - 1))
+        curves = along(many[:, 3 + n : 4 + 2 * n]) + np.exp(many[:, :1]) * (1 + along(growth)) * seen
+        return np.asarray(np.where((time > contacts[:, -1:]) | (time < apexes[:, :1]), np.nan, curves))
 
     def reader(self, p: Array) -> Reader:
-        fall = self.fall(p)
-        _, contacts = self._times(p, fall)
-        return Reader(self.split(p)[0], fall, math.exp(p[0]), np.diff(contacts))
+        return Reader(self.split(p)[0], self.fall(p), math.exp(p[0]), np.diff(self.contacts(p)))
 
 
 def fit_bounces(record: Heights, drag: AirDrag) -> Bounces | None:
@@ -506,24 +526,45 @@ def _solve(
     open_end = model.end < model.contacts(start)[-1] - 1e-3
     swelling = DRIFT * 1.3 * flights / model.top
 
-    def misfit(p: Array) -> Array:
-        curve = model.curve(p, time)
+    def misfits(many: Array) -> Array:
+        curves = model.curves(many, time)
         # a frame before the moving release counts as at rest there
-        curve = np.where(np.isfinite(curve), curve, y + 10 * sigma)
-        _, levels, growth = model.split(p)
-        priors = (p[known] - centre[known]) / spread[known]
+        curves = np.where(np.isfinite(curves), curves, y + 10 * sigma)
+        levels, growth = many[:, 3 + n : 4 + 2 * n], many[:, 4 + 2 * n : 4 + 3 * n]
+        priors = (many[:, known] - centre[known]) / spread[known]
         steps = np.diff(levels)
         off = steps / drift
         if open_end:
             # no next contact shows the level: the bead most likely drifts on as before, but a bounce may turn it
-            before = float(steps[-2]) * flights[-1] ** 0.5 / flights[-2] ** 0.5 if n > 1 else 0.0
-            off[-1] = (steps[-1] - before) / (0.5 * drift[-1] + 0.5 * abs(before))
-        return np.concatenate([(y - curve) / sigma, priors, off, np.diff([0.0, *growth]) / swelling])
+            before = steps[:, -2] * flights[-1] ** 0.5 / flights[-2] ** 0.5 if n > 1 else np.zeros(len(many))
+            off[:, -1] = (steps[:, -1] - before) / (0.5 * drift[-1] + 0.5 * np.abs(before))
+        swell = np.diff(np.concatenate([np.zeros((len(many), 1)), growth], axis=1)) / swelling
+        return np.concatenate([(y - curves) / sigma, priors, off, swell], axis=1)
+
+    def slopes(p: Array) -> Array:
+        """Derivatives by differences; all parameters but the drag, the last one, share the tables of the fall."""
+        steps = math.sqrt(np.finfo(float).eps) * np.maximum(np.abs(p), 1.0)
+        moved = p + np.diag(steps)
+        here, *there = misfits(np.concatenate([p[None], moved[:-1]]))
+        return np.asarray((np.array([*there, misfits(moved[-1:])[0]]) - here).T / steps)
 
     lower, upper = np.full(len(start), -np.inf), np.full(len(start), np.inf)
     lower[2 : 3 + n] = 1e-6
     lower[-2:] = -1e-12
     inside = np.clip(start, lower, upper)
-    solved = least_squares(misfit, inside, bounds=(lower, upper), x_scale="jac", ftol=to, xtol=1e-10, max_nfev=40)
+
+    def misfit(p: Array) -> Array:
+        return np.asarray(misfits(p[None])[0])
+
+    solved = least_squares(
+        misfit,
+        inside,
+        slopes,
+        bounds=(lower, upper),
+        x_scale="jac",
+        ftol=to,
+        xtol=1e-10,
+        max_nfev=40,
+    )
     jacobian = np.asarray(solved.jac)
     return np.asarray(solved.x), np.linalg.pinv(jacobian.T @ jacobian, hermitian=True, rcond=1e-15)

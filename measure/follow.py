@@ -13,18 +13,15 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import linear_sum_assignment
 
 from rigtwin.lab.progress import Progress, silent
+from rigtwin.measure.album import Album
 from rigtwin.measure.bead import (
-    FLICKER,
-    STEADY,
     Background,
     BeadFit,
     BeadImage,
     Look,
     Mask,
-    Picture,
     Pose,
     Scene,
     common_look,
@@ -34,47 +31,15 @@ from rigtwin.measure.bead import (
     stands_still,
 )
 from rigtwin.measure.media import Frame, Video
-from rigtwin.measure.repeats import COARSE, LARGE, Repeats, coarse
+from rigtwin.measure.spots import Box, Linker, Region, Search, Spot, SpotPath
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
-Region = tuple[float, float, float, float]
-Box = tuple[int, int, int, int]
 Where = Callable[[int], tuple[tuple[float, float], tuple[float, float]]]
 """Centre [px] and motion [px/frame] of a bead by frame number."""
 
-MOST_COMPRESSED = 2.0  # [grey levels], scatter that compression makes; a larger one is taken for things that move
+VISIBLE = 6.0  # difference of a bead to its background, in units of the noise, at which luma is good enough
 REST = 25  # frames of a bead at rest that are worth a look before and after it moves
-
-
-@dataclass(frozen=True)
-class Spot:
-    """A patch of a frame that differs from the still scene."""
-
-    x: float  # [px]
-    y: float  # [px]
-    area: float  # [px^2]
-    width: float  # [px]
-    height: float  # [px]
-    contrast: float  # [grey levels], mean absolute difference
-
-
-@dataclass(frozen=True)
-class SpotPath:
-    """Spots of one moving thing, frame by frame."""
-
-    frames: tuple[int, ...]
-    spots: tuple[Spot, ...]
-
-    @property
-    def centres(self) -> Array:
-        """[px], shape (n, 2)"""
-        return np.array([(spot.x, spot.y) for spot in self.spots])
-
-    @property
-    def radius(self) -> float:
-        """[px], of the disc of the spot's narrower side, median over the path: motion blur only lengthens."""
-        return float(np.median([min(spot.width, spot.height) for spot in self.spots])) / 2
 
 
 @dataclass(frozen=True)
@@ -162,6 +127,25 @@ def best_channel(frames: Sequence[Frame], path: SpotPath) -> Channel:
     return _fisher(np.concatenate(differences), np.concatenate(noises), np.concatenate(scenery))
 
 
+def _luma_is_clear(greys: Mapping[int, Grey], path: SpotPath) -> bool:
+    """Whether luma alone shows the bead so well that no mix of colours is asked for."""
+    where = _place(path)
+    places = {index: where(index)[0] for index in greys}
+    differences, noises = [], []
+    for index, before in zip(list(greys)[1:], greys, strict=False):
+        other = max(places, key=lambda k: math.dist(places[index], places[k]))
+        noises.append(greys[before][::7, ::7].astype(np.float64) - greys[index][::7, ::7])
+        if math.dist(places[index], places[other]) >= 4 * path.radius:
+            disc = _disc_pixels(places[index], 0.7 * path.radius, greys[index].shape)
+            differences.append(greys[index][disc].astype(np.float64) - greys[other][disc])
+    if not differences:
+        return False
+    noise = np.concatenate([each.ravel() for each in noises])
+    calm = noise[np.abs(noise) <= 3 * np.percentile(np.abs(noise), 68) + 1]
+    power = float(np.mean(np.concatenate(differences) ** 2))
+    return power > VISIBLE**2 * (float(np.var(calm)) / 2 + 0.1)
+
+
 def _disc_pixels(
     centre: tuple[float, float], radius: float, shape: tuple[int, ...]
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
@@ -184,214 +168,13 @@ def _fisher(differences: Array, noises: Array, scenery: Array) -> Channel:
         return math.sqrt(float(np.mean((differences @ weights) ** 2)) / float(weights @ noise @ weights))
 
     # colour is stored at half the resolution and coarser steps: it must be far better where luma is just enough
-    if visibility(luma) > 6 or visibility(mix) < 2 * visibility(luma):
+    if visibility(luma) > VISIBLE or visibility(mix) < 2 * visibility(luma):
         return LUMA
     # as much gain as 8 bits hold: contrast of 90 levels, or noise of 2 where that is less
     gain = min(90 / abs(float(mix @ mean)), 2 / math.sqrt(float(mix @ noise @ mix)))
     weights = mix * gain
     middle = 128.0 - float(weights @ (np.median(scenery, axis=0) + mean / 2))
     return Channel((float(weights[0]), float(weights[1]), float(weights[2])), middle)
-
-
-def moving_spots(seen: Picture, scene: Scene, region: Region | None, *, most: int = 12) -> list[Spot]:
-    """Spots of a frame laid over the scene that stand out of the noise, the strongest first."""
-    difference = np.abs(cv2.blur(seen - scene.picture, (3, 3)))
-    # compression and demosaicing tie neighbouring pixels together: learn from the frame what averaging leaves of noise
-    left = _noise_left((difference / scene.noise)[::3, ::3], scene)
-    mask = _outstanding(difference, scene.noise, left)
-    if region is not None:
-        mask &= inside_region(region, mask.shape)
-    return _strongest(_spots(difference, mask, (0, 0), 4 * most), most)
-
-
-def _outstanding(difference: Picture, noise: Picture, left: float) -> Grey:
-    return np.asarray(difference > np.float32(6 * left) * noise + np.float32(1.5), dtype=np.uint8)
-
-
-def inside_region(region: Region, shape: tuple[int, ...]) -> Grey:
-    """1 where the region is, which may reach beyond the picture."""
-    x, y, width, height = (round(side) for side in region)
-    inside = np.zeros(shape, dtype=np.uint8)
-    inside[max(y, 0) : y + height, max(x, 0) : x + width] = 1
-    return inside
-
-
-def _spots(difference: Picture, mask: Grey, corner: tuple[int, int], most: int) -> list[Spot]:
-    """The largest spots of a mask whose top-left pixel is `corner` of the picture."""
-    count, labels, stats, centres = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    spots = []
-    for k in 1 + np.argsort(-stats[1:count, cv2.CC_STAT_AREA])[:most]:
-        left, top, width, height, area = (int(value) for value in stats[k])
-        if area < 6:
-            continue
-        box = np.s_[top : top + height, left : left + width]
-        contrast = float(np.mean(difference[box][labels[box] == k]))
-        x, y = float(centres[k][0]) + corner[0], float(centres[k][1]) + corner[1]
-        spots.append(Spot(x, y, area, width, height, contrast))
-    return spots
-
-
-def _strongest(spots: list[Spot], most: int) -> list[Spot]:
-    return sorted(spots, key=lambda spot: -spot.area * spot.contrast)[:most]
-
-
-class _Search:
-    """Finds what moves in frame after frame; in large ones only where a coarse picture of them has changed."""
-
-    def __init__(self, scene: Scene, region: Region | None) -> None:
-        self.scene, self.region, self.repeats = scene, region, Repeats()
-        self.poses: list[Pose] = []
-        height, width = scene.picture.shape
-        self._large = height * width > LARGE
-        if self._large:
-            size = (width // COARSE, height // COARSE)
-            self._coarse = coarse(rounded(scene.picture))
-            noise = cv2.resize(scene.noise, size, interpolation=cv2.INTER_AREA)
-            # what moving a frame back leaves at its edges
-            edges = cv2.morphologyEx(self._coarse, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
-            # a bead covers whole cells, in which noise averages out
-            self._least = np.clip(np.ceil(noise + 2 + 0.05 * edges), 3, 255).astype(np.uint8)
-            self._inside = None if region is None else coarse(255 * inside_region(region, (height, width)))
-            self._left = 1.0  # of the noise, after averaging over 3 x 3 pixels
-            self._strips = np.linspace(0, height - 3, 12).astype(int)
-
-    def spots(self, frame: Frame, most: int = 12) -> list[Spot]:
-        """The spots of the next frame, the strongest first."""
-        small = coarse(frame.grey)
-        self.repeats.add(frame.index, small)
-        pose = self.scene.pose(frame.grey, self.poses[-1].shake if self.poses else (0.0, 0.0), quickly=self._large)
-        self.poses.append(pose)
-        windows = self._windows(small, pose) if self._large else None
-        if windows is not None:
-            return self._in_windows(frame.grey, pose, windows, most)
-        return moving_spots(pose.seen(frame.grey), self.scene, self.region, most=most)
-
-    def _windows(self, small: Grey, pose: Pose) -> list[Box] | None:
-        """The parts that have changed; None where that is much of the picture."""
-        x, y = pose.shake[0] / COARSE, pose.shake[1] / COARSE
-        if max(abs(x), abs(y)) > STEADY:
-            height, width = small.shape
-            small = np.asarray(cv2.getRectSubPix(small, (width, height), ((width - 1) / 2 + x, (height - 1) / 2 + y)))
-        if abs(pose.gain - 1) >= FLICKER:
-            small = np.asarray(cv2.convertScaleAbs(small, alpha=1 / pose.gain, beta=-pose.offset / pose.gain))
-        changed = cv2.compare(cv2.absdiff(small, self._coarse), self._least, cv2.CMP_GT)
-        if self._inside is not None:
-            changed = cv2.bitwise_and(changed, self._inside)
-        left, top, width, height = cv2.boundingRect(changed)
-        if width == 0:
-            return []
-        left, top = max(left - 2, 0), max(top - 2, 0)
-        around = cv2.dilate(changed[top : top + height + 4, left : left + width + 4], np.ones((5, 5), np.uint8))
-        boxes = _boxes_apart(np.asarray(around, dtype=np.uint8))
-        if len(boxes) > 200 or sum(wide * high for _, _, wide, high in boxes) > 0.2 * small.size:
-            return None
-        corners = [(left + x, top + y, left + x + wide, top + y + high) for x, y, wide, high in boxes]
-        return [(COARSE * x, COARSE * y, COARSE * right, COARSE * bottom) for x, y, right, bottom in corners]
-
-    def _in_windows(self, grey: Grey, pose: Pose, windows: list[Box], most: int) -> list[Spot]:
-        scene = self.scene
-        if len(self.poses) % 8 == 1:
-            self._left = self._noise_left(grey, pose)
-        spots = []
-        for box in windows:
-            window = np.s_[box[1] : box[3], box[0] : box[2]]
-            difference = np.abs(cv2.blur(pose.seen(grey, box) - scene.picture[window], (3, 3)))
-            mask = _outstanding(difference, scene.noise[window], self._left)
-            spots += _spots(difference, mask, box[:2], 4 * most)
-        return _strongest(spots, most)
-
-    def _noise_left(self, grey: Grey, pose: Pose) -> float:
-        """As `moving_spots` finds it, from a few rows of the frame."""
-        scene, width = self.scene, grey.shape[1]
-        ratios = []
-        for row in self._strips.tolist():
-            strip = pose.seen(grey, (0, row, width, row + 3)) - scene.picture[row : row + 3]
-            ratios.append(np.abs(cv2.blur(strip, (3, 3)))[1, ::3] / scene.noise[row + 1, ::3])
-        return _noise_left(np.array(ratios), scene)
-
-
-def _noise_left(ratios: npt.NDArray[np.floating], scene: Scene) -> float:
-    """Scatter of differences over noise, what moves left out: of all, or, where most stand still, of the widest.
-
-    Hard compression repeats most of a picture and changes the rest by several grey levels.
-    """
-    flat = np.abs(ratios).ravel()
-    middle, far = round(0.5 * (len(flat) - 1)), round(0.95 * (len(flat) - 1))
-    ordered = np.partition(flat, (middle, far))
-    widest = min(float(ordered[far]) / 1.96, MOST_COMPRESSED / float(np.median(scene.noise[::8, ::8])))
-    return max(float(ordered[middle]) / 0.6745, widest)
-
-
-def _boxes_apart(mask: Grey) -> list[Box]:
-    """Left, top, width and height of boxes around all parts of a mask; those that would overlap are made one."""
-    count = 0
-    while True:
-        found, _, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-        boxes: list[Box] = [(int(x), int(y), int(w), int(h)) for x, y, w, h in stats[1:found, :4]]
-        if len(boxes) in (1, count) or len(boxes) > 200:
-            return boxes
-        count = len(boxes)
-        for x, y, wide, high in boxes:
-            mask[y : y + high, x : x + wide] = 255
-
-
-class Linker:
-    """Joins spots of successive frames into paths; a path survives a few frames without a spot."""
-
-    patience = 25
-
-    def __init__(self) -> None:
-        self._open: list[_Thread] = []
-        self._closed: list[_Thread] = []
-
-    def add(self, frame: int, spots: Sequence[Spot]) -> None:
-        """Take the spots of the next frame."""
-        cost = np.array([[thread.cost(frame, spot) for spot in spots] for thread in self._open]).reshape(
-            len(self._open), len(spots)
-        )
-        used = set()
-        if cost.size:
-            for row, column in zip(*linear_sum_assignment(np.minimum(cost, 1e6)), strict=True):
-                if cost[row, column] < 1e6:
-                    self._open[int(row)].append(frame, spots[int(column)])
-                    used.add(int(column))
-        self._open += [_Thread(frame, spot) for k, spot in enumerate(spots) if k not in used]
-        stale = [thread for thread in self._open if frame - thread.frames[-1] > self.patience]
-        self._closed += [thread for thread in stale if len(thread.frames) > 3]
-        self._open = [thread for thread in self._open if frame - thread.frames[-1] <= self.patience]
-
-    def paths(self) -> list[SpotPath]:
-        """All paths of more than three frames."""
-        threads = self._closed + [thread for thread in self._open if len(thread.frames) > 3]
-        return [SpotPath(tuple(thread.frames), tuple(thread.spots)) for thread in threads]
-
-
-class _Thread:
-    def __init__(self, frame: int, spot: Spot) -> None:
-        self.frames = [frame]
-        self.spots = [spot]
-        self.velocity = np.zeros(2)  # [px/frame]
-
-    def append(self, frame: int, spot: Spot) -> None:
-        step = np.array([spot.x - self.spots[-1].x, spot.y - self.spots[-1].y]) / (frame - self.frames[-1])
-        self.velocity = step
-        self.frames.append(frame)
-        self.spots.append(spot)
-
-    def cost(self, frame: int, spot: Spot) -> float:
-        """Distance to where the bead may be: flying on, or bounced back; infinite when out of reach."""
-        last, gap = self.spots[-1], frame - self.frames[-1]
-        size = math.sqrt(last.area) + 2
-        here = np.array([spot.x - last.x, spot.y - last.y])
-        flying = float(np.linalg.norm(here - self.velocity * gap))
-        bounced = float(np.linalg.norm(here - self.velocity * gap * np.array([1, -0.5])))
-        speed = float(np.linalg.norm(self.velocity))
-        reach = (1.4 * speed + 1.2 * size) * gap if len(self.frames) > 1 else 4 * size * gap
-        # specks of noise must not win a bead's path, nor lend theirs to it; a factor of six is a merged shadow
-        if np.linalg.norm(here) > reach or abs(math.log(spot.area / last.area)) > math.log(6):
-            return math.inf
-        likeness = abs(math.log(spot.area / last.area)) + abs(math.log(spot.contrast / last.contrast))
-        return min(flying, 1.3 * bounced + 0.3 * size) / size + 0.7 * likeness
 
 
 @dataclass(frozen=True)
@@ -403,6 +186,7 @@ class Movement:
     repeated: frozenset[int]  # frames that only repeat the one before; nothing is looked for in them
     scene: Scene = field(repr=False)
     still: bool = False  # whether the camera is known to stand still; else its shake is looked at again where it counts
+    album: Album | None = field(default=None, repr=False)  # what was kept of the frames
 
     def pose(self, frame: Frame) -> Pose:
         """Where a frame lies, as exactly as it shows."""
@@ -419,10 +203,11 @@ class Movement:
 
 def find_paths(video: Video, scene: Scene, region: Region | None, progress: Progress = silent) -> Movement:
     """Paths of everything that moves, and the camera's shake."""
-    search = _Search(scene, region)
+    search, album = Search(scene, region), Album()
     found: dict[int, list[Spot]] = {}
     for frame in video.frames():
         found[frame.index] = search.spots(frame)
+        album.add(frame, found[frame.index])
         progress("finding what moves", frame.index - video.first + 1, video.last - video.first + 1)
     linker, repeated = Linker(), search.repeats.frames()
     for index, spots in found.items():
@@ -430,7 +215,7 @@ def find_paths(video: Video, scene: Scene, region: Region | None, progress: Prog
             linker.add(index, spots)
     still = stands_still(search.poses)
     poses = [pose.standing() if still else pose for pose in search.poses]
-    return Movement(linker.paths(), dict(zip(found, poses, strict=True)), repeated, scene, still)
+    return Movement(linker.paths(), dict(zip(found, poses, strict=True)), repeated, scene, still, album)
 
 
 def chase(path: SpotPath, moves: Movement, scene: Scene, cuts: Sequence[_Cut], progress: Progress = silent) -> Chase:
@@ -479,26 +264,63 @@ def _moved_by(off: tuple[float, float], cuts: Sequence[_Cut]) -> list[_Cut]:
 
 def chase_path(video: Video, path: SpotPath, moves: Movement, progress: Progress = silent) -> Chase:
     """`chase` in the best channel, before the scene without the bead, wherever it rests."""
+    kept = _from_album(path, moves)
+    if kept is not None:
+        scene, cuts = kept
+        return chase(path, moves, scene, cuts, progress)
     begin, end = _busy(path)
     chosen = _spread(max(path.frames[0], begin), min(path.frames[-1], end), Background.capacity)
     seen, cuts = _seen_and_cut(video, path, moves, chosen, progress)
     channel = best_channel([frame for frame, _ in seen[::2]], path)
+    # another mix of colours has another gain: the background finds it
+    layers = {
+        frame.index: rounded(
+            (pose if channel == LUMA else replace(pose, gain=1.0, offset=0.0)).seen(channel.grey(frame))
+        )
+        for frame, pose in seen
+    }
+    del seen  # colour pictures are large
+    scene = _scene_behind(path, layers)
+    if channel != LUMA:
+        cuts = _cut_out(video, path, scene, channel, progress)
+    return chase(path, moves, scene, cuts, progress)
+
+
+def _scene_behind(path: SpotPath, layers: Mapping[int, Grey]) -> Scene:
+    """What the frames, laid over each other, show behind the bead of a path."""
     background = Background()
-    for frame, pose in seen:
-        # another mix of colours has another gain: the background finds it
-        laid = pose if channel == LUMA else replace(pose, gain=1.0, offset=0.0)
-        background.add(frame.index, rounded(laid.seen(channel.grey(frame))))
-    frames = np.array(path.frames)
-    centres = path.centres
+    for index, layer in layers.items():
+        background.add(index, layer)
+    frames, centres = np.array(path.frames), path.centres
     bead = {
         index: (float(np.interp(index, frames, centres[:, 0])), float(np.interp(index, frames, centres[:, 1])))
         for index in background.indices
     }
-    del seen  # colour pictures are large
-    scene = background.scene(bead, reach=1.6 * path.radius + 6)
-    if channel != LUMA:
-        cuts = _cut_out(video, path, scene, channel, progress)
-    return chase(path, moves, scene, cuts, progress)
+    return background.scene(bead, reach=1.6 * path.radius + 6)
+
+
+def _from_album(path: SpotPath, moves: Movement) -> tuple[Scene, list[_Cut]] | None:
+    """Scene and cut-outs without reading the film again: where the camera stands still and luma shows the bead well."""
+    if moves.album is None or not moves.still:
+        return None
+    album, where = moves.album, _place(path)
+    begin, end = _busy(path)
+    greys = album.greys(max(path.frames[0], begin), min(path.frames[-1], end))
+    if not greys or not _luma_is_clear(greys, path):
+        return None
+    cuts = []
+    shape = moves.scene.picture.shape
+    for index in range(begin, end + 1):
+        near, step = where(index)
+        box = _inside(_around(path, near, step), shape)
+        part = None if box is None else album.cut(index, box)
+        if part is not None and box is not None:
+            seen = moves.poses[index].seen(part)
+            cuts.append(_Cut(index, album.times[index], seen, box[0], box[1], near, step, (0.0, 0.0)))
+        elif box is not None and path.frames[0] <= index <= path.frames[-1] and index in moves.poses:
+            return None
+    layers = {index: rounded(moves.poses[index].seen(grey)) for index, grey in greys.items()}
+    return _scene_behind(path, layers), cuts
 
 
 def _seen_and_cut(
@@ -581,15 +403,19 @@ def _cut_out(video: Video, path: SpotPath, scene: Scene, channel: Channel, progr
 def _cut(frame: Frame, grey: Grey, pose: Pose, path: SpotPath, where: Where) -> list[_Cut]:
     """What is around the bead in one frame; empty where that lies outside."""
     near, step = where(frame.index)
-    left, top, right, bottom = _around(path, near, step)
-    right, bottom = min(right, grey.shape[1]), min(bottom, grey.shape[0])
-    if min(right - left, bottom - top) <= 4:
-        return []
-    part = pose.seen(grey, (left, top, right, bottom))
-    return [_Cut(frame.index, frame.time, part, left, top, near, step, pose.shake)]
+    box = _inside(_around(path, near, step), grey.shape)
+    return (
+        [] if box is None else [_Cut(frame.index, frame.time, pose.seen(grey, box), *box[:2], near, step, pose.shake)]
+    )
 
 
-def _around(path: SpotPath, near: tuple[float, float], step: tuple[float, float]) -> tuple[int, int, int, int]:
+def _inside(box: Box, shape: tuple[int, ...]) -> Box | None:
+    """The part of a box that a picture of this shape shows; None where that is too little to fit a bead in."""
+    left, top, right, bottom = box[0], box[1], min(box[2], shape[1]), min(box[3], shape[0])
+    return (left, top, right, bottom) if min(right - left, bottom - top) > 4 else None
+
+
+def _around(path: SpotPath, near: tuple[float, float], step: tuple[float, float]) -> Box:
     """Left, top, right and bottom of a cut-out."""
     reach = 2.2 * path.radius + 8 + abs(step[0]) + abs(step[1])
     left, top = max(int(near[0] - reach), 0), max(int(near[1] - reach), 0)
@@ -638,8 +464,9 @@ def _fit_cuts(
     surely_near: bool = False,
     progress: Progress,
 ) -> list[Sighting]:
-    found = []
+    found: list[Sighting] = []
     for done, cut in enumerate(cuts):
+        ahead = _onwards(found[-3:], cut.frame)
         window = np.s_[cut.top : cut.top + cut.grey.shape[0], cut.left : cut.left + cut.grey.shape[1]]
         fit = fit_bead(
             cut.grey,
@@ -651,12 +478,21 @@ def _fit_cuts(
             look=look,
             room=room,
             surely_near=surely_near,
+            onwards=None if ahead is None else (ahead[0] - cut.left, ahead[1] - cut.top),
         )
         if fit is not None:
             image = replace(fit.image, x=fit.image.x + cut.left, y=fit.image.y + cut.top)
             found.append(Sighting(cut.frame, cut.time, image, cut.shake, fit))
         progress("measuring the bead", done + 1, len(cuts))
     return found
+
+
+def _onwards(last: Sequence[Sighting], frame: int) -> tuple[float, float] | None:
+    """Where the bead of the three frames before is next, if it falls on as it did [px]."""
+    if [each.frame for each in last] != [frame - 3, frame - 2, frame - 1]:
+        return None
+    first, second, third = (each.image for each in last)
+    return 3 * (third.x - second.x) + first.x, 3 * (third.y - second.y) + first.y
 
 
 def _exposure(cuts: Sequence[_Cut], scene: Scene, look: Look, hidden: Mask | None) -> float:

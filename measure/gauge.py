@@ -17,13 +17,17 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
-PITCH_DOUBT = 0.06  # relative, of the expected size of a millimetre
+# relative, of the expected size of a millimetre: wide, so that the gauge tells whether what was expected is right
+PITCH_DOUBT = 0.25
 BENDING = 0.05  # how much the pitch may change from one end to the other, by perspective
 LEAST_LENGTH = 25.0  # [mm] of a gauge in view
 CLEAR = 7.0  # strength of the wave over that of a chance one
 LONGER_MARKS = 5.0  # how much the marks at whole centimetres must stand out
 CLEAR_PART = 8.0  # [mm] of a stretch of graduations that is no accident
 FINEST = 2.2  # [px], of a millimetre that can be told apart
+PADDED = 4  # times its length, to which a wave is padded: its rate is then told to a quarter of a turn over its length
+BENDS = 11  # tried between the two ends of `BENDING`
+PROMISING = 12  # columns of which all bends are tried
 
 
 @dataclass(frozen=True)
@@ -70,15 +74,10 @@ def find_gauge(
     """
     if expected < FINEST or len(columns) == 0:
         return None
-    best: tuple[float, int, tuple[float, float]] | None = None
     waves = [_wave(grey, float(column), float(turn)) for column, turn in zip(columns, lean, strict=True)]
-    for k, wave in enumerate(waves):
-        found = _period(wave, expected)
-        if found is not None and (best is None or found[0] > best[0]):
-            best = found[0], k, found[1]
-    if best is None or best[0] < CLEAR:
+    strength, k, (rate, bend) = _clearest(np.stack(waves), expected)
+    if strength < CLEAR:
         return None
-    strength, k, (rate, bend) = best
     wave = waves[k]
     phase, first, last, lowest = _phase(wave, rate, bend)
     if (last - first) * abs(rate) < LEAST_LENGTH:
@@ -108,26 +107,36 @@ def _turns(rows: Array, rate: float, bend: float) -> Array:
     return np.asarray(np.exp(-2j * math.pi * (rate * rows + bend * rows * rows)))
 
 
-def _period(wave: Array, expected: float) -> tuple[float, tuple[float, float]] | None:
-    """Strength of the clearest millimetre wave and its rate [1/px] and bend [1/px^2]."""
-    rows = np.arange(len(wave), dtype=np.float64)
-    middle = len(wave) / 2
-    bends = np.linspace(-BENDING, BENDING, 11) / (2 * len(wave) * expected)
-    step = 0.35 / len(wave)
-    reach = PITCH_DOUBT / expected
-    rates = np.arange(1 / expected - reach, 1 / expected + reach + step, step)
-    usual = math.sqrt(float(np.sum(wave**2)))
-    best, place = 0.0, (0.0, 0.0)
-    for bend in bends:
-        table = np.exp(-2j * math.pi * np.outer(rates, rows)) @ (
-            wave * np.exp(-2j * math.pi * bend * (rows - middle) ** 2)
-        )
-        k = int(np.argmax(np.abs(table)))
-        if abs(table[k]) > best:
-            best, place = float(abs(table[k])), (float(rates[k]), float(bend))
+def _clearest(waves: Array, expected: float) -> tuple[float, int, tuple[float, float]]:
+    """Strength, number, and rate [1/px] and bend [1/px^2] of the clearest millimetre wave among `waves` (n, rows)."""
+    bends = np.linspace(-BENDING, BENDING, BENDS) / (2 * waves.shape[1] * expected)
+    few = bends[[BENDS // 4, BENDS // 2, BENDS - 1 - BENDS // 4]]
+    first = np.max([_spectrum(waves, expected, float(bend))[0] for bend in few], axis=0)
+    promising = np.argsort(first)[::-1][:PROMISING]
+    best, place, k = 0.0, (0.0, 0.0), 0
+    for bend in bends.tolist():
+        strength, rates = _spectrum(waves[promising], expected, bend)
+        top = int(np.argmax(strength))
+        if strength[top] > best:
+            best, place, k = float(strength[top]), (float(rates[top]), bend), int(promising[top])
     rate, bend = place
     # bend about the middle, as reading = a + rate row + bend row^2
-    return best / usual, (rate - 2 * bend * middle, bend)
+    return best, k, (rate - bend * waves.shape[1], bend)
+
+
+def _spectrum(waves: Array, expected: float, bend: float) -> tuple[Array, Array]:
+    """Of every wave, unbent, the strength over that of a chance one and the rate [1/px] of its clearest period."""
+    from scipy.fft import fft, next_fast_len
+
+    rows = waves.shape[1]
+    chirp = np.exp(-2j * math.pi * bend * (np.arange(rows) - rows / 2) ** 2)
+    count = next_fast_len(PADDED * rows)
+    lowest, highest = 1 / expected / (1 + PITCH_DOUBT), min((1 + PITCH_DOUBT) / expected, 0.48)
+    part = slice(math.floor(lowest * count), math.ceil(highest * count) + 1)
+    size = np.abs(fft((waves * chirp).astype(np.complex64), count, axis=1)[:, part])
+    top = np.argmax(size, axis=1)
+    strength = size[np.arange(len(waves)), top] / np.maximum(np.sqrt(np.sum(waves**2, axis=1)), 1e-9)
+    return np.asarray(strength, dtype=np.float64), (part.start + top) / count
 
 
 def _phase(wave: Array, rate: float, bend: float) -> tuple[float, float, float, float]:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from rigtwin.measure.covered import covered_columns, glare_in
 from rigtwin.measure.exposure import exposure_of
 from rigtwin.measure.gauge import Gauge, find_gauge
-from rigtwin.measure.grains import Beads, at, find_beads, likeness, more_beads
+from rigtwin.measure.grains import Beads, at, find_beads, likeness, more_beads, rim_radius
 from rigtwin.measure.level import Level, level_of
 from rigtwin.measure.straight import long_lines
 from rigtwin.measure.surface import Silhouette, View, outline_of
@@ -25,7 +25,9 @@ COARSE = 900  # [px], longer side of the picture that is searched for beads
 FEWEST = 25  # beads of a bed that can be told
 PARTED = 0.1  # share of the largest group of beads that a part of the bed beyond a hand or a rod must hold
 FEWEST_ROWS = 3  # a bead's radius apart: what a single layer of beads fills
-GOES_ON = 6.0  # [mm] that graduations may go on below the zero: what a ruler has, and the blur of the last marks
+GOES_ON = 6.0  # [mm] that graduations may go on below the zero beyond what parts them
+# [mm] and [px] by which the run of graduations that ends at the zero may seem longer than it is: marks are blurred
+SMEARED = 2.0, 8.0
 LOOKING = (-0.1, 0.6)  # slope at which a camera may look down on the floor: from under its level to 30 degrees
 MOST_LEAN = math.radians(7)
 FOCAL_SIDES = 2.0  # usual focal length in longer sides of the picture
@@ -38,6 +40,8 @@ WALL_TOLERANCE = 0.2
 # [px], half of the blur of 1 px under which edges are sought: shading draws the clearest edge to one side within it,
 # for all of the outline alike
 EDGE_DOUBT = 0.6
+LEAST_SHOWN = 0.3  # share of the surface across the cylinder without which nothing can be said of its height
+HIDDEN_LEVEL = 0.25  # bead diameters, as the outlines of settled beds are rough
 TEXTURE = 2.0  # most that texture may say, as log odds: less than colour's 3.9, for neighbouring pixels share it
 
 
@@ -53,6 +57,8 @@ class Bed:
     bulge: float  # how far the front of the floor hangs below its middle
     bulge_sigma: float
     bead_radius: float
+    bead_seen: float  # the same by the picture alone, whatever sizes are stated
+    beyond: float  # share of the beads seen that lie outside of the walls
     gauge: Gauge | None
     contrast: float  # [1], clearness of the outline, 1 is as clear as any edge in the picture
     outline_doubt: float  # standard uncertainty of the mean outline
@@ -121,10 +127,12 @@ def find_bed(
     down = centre[:, 1] * math.cos(lean) + centre[:, 0] * math.sin(lean)
     left, right = _walls(across, down, beads.radius, ratio, upright, (column, middle))
     width = right - left
+    beyond = float(np.mean((across < left) | (across > right)))
     radius = width / 2 / ratio if ratio else beads.radius
     inside = _in_the_bed(across, down, (left, right), beads.radius)
     if np.sum(inside) < FEWEST:
         return None
+    seen_radius = rim_radius(grey, Beads(beads.centre[inside], beads.radius))
     kept = Beads(beads.centre[inside], radius if 0.7 < radius / beads.radius < 1.4 else beads.radius)
     alike = likeness(image, kept)
     inside[inside] = _filled(kept, alike)
@@ -144,7 +152,7 @@ def find_bed(
     found = outline_of(image, alike, kept, view, solid=True)
     if found is None:
         return None
-    covered = covered_columns(found, image, kept, glare, np.abs(found.x) < INSIDE * width / 2)
+    covered = covered_columns(found, image, kept, alike, glare, np.abs(found.x) < INSIDE * width / 2)
     found = replace(found, height=np.where(covered, np.nan, found.height))
     gauge = None
     if cylinder is not None or bead is not None:
@@ -164,6 +172,8 @@ def find_bed(
         bulge,
         bulge_sigma,
         kept.radius,
+        seen_radius,
+        beyond,
         gauge,
         found.contrast,
         0.0,
@@ -347,12 +357,18 @@ def _gauge(
     return best
 
 
+def _goes_on(gauge: Gauge) -> bool:
+    """Whether graduations are seen below what was taken for the zero."""
+    return gauge.lowest > gauge.row_of(-GOES_ON) or gauge.last > gauge.row_of(-SMEARED[0]) + SMEARED[1]
+
+
 def _judged(bed: Bed) -> Bed | None:
     """The bed with what speaks against its outline; None when it is none."""
     found = bed.silhouette
     seen = np.abs(found.x) < INSIDE * bed.width / 2
     known = seen & np.isfinite(found.height)
-    if np.sum(known) < 0.5 * np.sum(seen):
+    shown = float(np.sum(known) / np.sum(seen))
+    if shown < LEAST_SHOWN:
         return None
     apart = np.abs(found.looser[known] - found.stricter[known])
     doubt = 0.15 * float(np.nanmean(np.minimum(apart, 4 * bed.bead_radius))) + EDGE_DOUBT
@@ -360,14 +376,16 @@ def _judged(bed: Bed) -> Bed | None:
     middle = float(np.mean(bed.gauge_rows(*bed.outline))) if bed.gauge is not None else 0.0
     if bed.gauge is not None and not bed.gauge.first - bed.bead_radius < middle < bed.gauge.last + bed.bead_radius:
         flaw = "the gauge's graduations are hidden at the height of the surface: something may be in front of both"
-    elif bed.gauge is not None and bed.gauge.lowest > bed.gauge.row_of(-GOES_ON):
+    elif bed.gauge is not None and _goes_on(bed.gauge):
         flaw = "the gauge's graduations go on below what was taken for its zero: the lower part of the bed is hidden"
     elif bed.gauge is not None and not LOOKING[0] < bed.bulge / (bed.width / 2) < LOOKING[1]:
         flaw = "the lowest beads do not lie at the gauge's zero: the floor is hidden, or the gauge was misread"
-    elif np.sum(known) < 0.9 * np.sum(seen):
+    elif shown < 0.9:
         flaw = "the surface is hidden in more than a tenth of the cylinder's width"
     elif found.contrast < 0.25:
         flaw = "the outline is hardly to be told from what is behind it"
     elif float(np.nanmean(apart > 1.5 * bed.bead_radius)) > 0.2:
         flaw = "a fifth of the outline depends on the level at which beads are told from what is behind them"
-    return replace(bed, outline_doubt=doubt, flaw=flaw)
+    # where it is hidden the surface may lie higher or lower by its roughness, as long as a few beads are wide
+    hidden = HIDDEN_LEVEL * 2 * bed.bead_radius * math.sqrt(max(1 - shown, 0.0))
+    return replace(bed, outline_doubt=math.hypot(doubt, hidden), flaw=flaw)

@@ -118,6 +118,26 @@ def likeness(image: npt.NDArray[np.uint8], beads: Beads) -> npt.NDArray[np.float
     return np.asarray((here / (here + there + rare(here, index[inside > 0])))[index], dtype=np.float32)
 
 
+def rim_radius(grey: npt.NDArray[np.uint8], beads: Beads) -> float:
+    """Radius [px] at which the clearest circles' edges end: half as steep as at their steepest, on its outer side."""
+    picture = edges(grey, blur=1.0)
+    stretch = np.arange(0.6, 1.6, 0.04)
+    steepest = np.zeros(len(stretch))
+    for sign in (1, -1):
+        surrounded = _surrounded(picture, beads.centre, beads.radius, sign)
+        clear = beads.centre[surrounded >= np.percentile(surrounded, 80)]
+        inward = [float(np.mean(_along_spokes(picture, clear, each * beads.radius, sign)[0])) for each in stretch]
+        if max(inward) > steepest.max():
+            steepest = np.array(inward)
+    top = int(np.argmax(steepest))
+    below = np.flatnonzero(steepest[top:] < steepest[top] / 2)
+    if len(below) == 0 or below[0] == 0:
+        return beads.radius
+    k = top + int(below[0])
+    part = (steepest[k - 1] - steepest[top] / 2) / (steepest[k - 1] - steepest[k])
+    return float(beads.radius * (stretch[k - 1] + part * (stretch[k] - stretch[k - 1])))
+
+
 def at(picture: npt.NDArray[Any], points: Array) -> npt.NDArray[Any]:
     """Values of the pixels at points x, y, shape (n, 2), or of the nearest ones inside the picture."""
     x, y = (np.clip(np.rint(points[:, k]).astype(np.int64), 0, picture.shape[1 - k] - 1) for k in (0, 1))

@@ -17,8 +17,8 @@ from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.bead import Scene
-from rigtwin.measure.follow import inside_region
 from rigtwin.measure.media import Frame, Grey, Image, Video
+from rigtwin.measure.spots import inside_region
 
 Array = npt.NDArray[np.float64]
 Region = tuple[float, float, float, float]

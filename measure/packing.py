@@ -40,12 +40,18 @@ OUTLINE_ABOVE, OUTLINE_SPREAD = 0.30, 0.08
 PITS_BELOW, PITS_SPREAD = 0.50, 0.05
 INSIDE = 0.95  # share of the inner radius that is read: at the wall the outline falls with the last bead's side
 GIVEN_DOUBT = 0.003  # relative, of a scale read off a length in the plane of the axis
+BEAD_DOUBT = 0.05  # relative, of a scale read off the beads
 WALL_DOUBT = 0.006  # relative, of a scale read off the cylinder's inner walls
 GAUGE_DOUBT = 0.002  # relative, of a scale read off a gauge in the plane of the axis
 SAME_PLANE = 0.02  # how far the two may differ when the gauge stands in the plane of the axis
 ROUGHEST = 0.6  # bead diameters; outlines of settled beds of a DEM are rough by 0.15 to 0.35
 SMOOTHEST = 0.03  # likewise; a straight edge is read to a third of a pixel where beads are a dozen pixels wide
 SPOILING = ("level_bed", "smooth_surface")  # checks without which a height is doubtful
+# likewise, of what the picture says of the stated sizes, on which scale, floor, or what is taken off the outline hang
+STATED = ("gauge", "bead_size", "walls")
+NEARER = 1.05  # the beads in front are nearer to the camera than the axis by a fifteenth or so, those beside them less
+BEAD_MISFIT = 0.16  # relative, by which beads may look larger or smaller than they are: shaded rims are soft
+MOST_BEYOND = 0.08  # share of the beads seen that may lie outside of the walls: reflections in the glass
 ADVISED_RATIO = 5.0  # cylinder over bead diameter
 
 
@@ -55,7 +61,8 @@ class Observation:
 
     profile: Profile
     doubts: dict[str, float] = field(default_factory=dict)  # of the mean height
-    flaw: str = ""
+    flaw: str = ""  # why the outline is not to be relied on
+    misfit: str = ""  # what speaks against a stated size
 
 
 # ------------------------------------------------------------------------------------------------- record -> quantities
@@ -93,7 +100,8 @@ def _evaluate(
     guess = {} if bead else {"bead diameter": 0.4 * grain * OUTLINE_ABOVE}
     tops = {**parts, "outline to tops": OUTLINE_SPREAD * grain, **guess}
     pits = {**parts, "outline to surface": math.hypot(OUTLINE_SPREAD, PITS_SPREAD) * grain, **guess}
-    flaw = "; ".join(dict.fromkeys(each.flaw for each in seen if each.flaw))
+    checks = _checks(seen, heights, cylinder, bead)
+    flaw = _flaw(seen, checks)
     found = [
         _height(outline - OUTLINE_ABOVE * grain, "surface bead tops", tops, len(seen), flaw),
         _height(outline - (OUTLINE_ABOVE + PITS_BELOW) * grain, "mean surface", pits, len(seen), flaw),
@@ -103,10 +111,6 @@ def _evaluate(
         raise NothingToMeasure(
             f"the outline lies at {outline * 1e3:.1f} mm, not above the floor by a bead; check height_m and its zero."
         )
-    checks = _checks(seen, heights, cylinder, bead)
-    failed = "; ".join(check.message for check in checks if not check.passed and check.check in SPOILING)
-    if failed and not flaw:
-        found = [_height(each.value, each.method, each.budget, each.n, failed) for each in found]
     warnings = []
     if mass is not None and cylinder is not None:
         found += [_density(height, mass, cylinder) for height in found[:2]]
@@ -114,6 +118,14 @@ def _evaluate(
         missing = "total_mass" if mass is None else "cylinder_diameter"
         warnings.append(f"bulk density is left out; give --{missing.replace('_', '-')}.")
     return Evaluation(tuple(found), tuple(checks), tuple(warnings))
+
+
+def _flaw(seen: Sequence[Observation], checks: Sequence[Check]) -> str:
+    """Why the heights are not to be relied on."""
+    outline = [each.flaw for each in seen if each.flaw]
+    # an outline that something covers is likely to be askew or smooth for that
+    odd = [] if outline else [each.message for each in checks if not each.passed and each.check in SPOILING]
+    return "; ".join(dict.fromkeys(outline + odd + [each.misfit for each in seen if each.misfit]))
 
 
 def _mean_outline(profile: Profile, cylinder: float | None) -> tuple[float, float]:
@@ -318,7 +330,9 @@ def _observe(
         "camera_roll_deg": math.degrees(bed.roll),
         "bead_radius_px": bed.bead_radius,
     }
-    return bed, Observation(profile, doubts, bed.flaw), view, _picture_checks(bed, scale, cylinder, bead)
+    checks = _picture_checks(bed, scale, source, cylinder, bead)
+    misfit = "; ".join(each.message for each in checks if not each.passed and each.check in STATED)
+    return bed, Observation(profile, doubts, bed.flaw, misfit), view, checks
 
 
 def _scale(
@@ -328,21 +342,29 @@ def _scale(
     if camera.given_scale is not None:
         return camera.given_scale, camera.scale_doubt(GIVEN_DOUBT), camera.scale_from
     wall = None if cylinder is None else cylinder / bed.width
+    doubt = WALL_DOUBT
     if bed.gauge is not None:
-        middle = bed.floor - float(np.mean(bed.outline[1])) / 2
-        pitch = bed.gauge.pitch(middle)
+        pitch = _gauge_pitch(bed)
         if wall is None or abs(pitch / wall - 1) < SAME_PLANE:
             return pitch, GAUGE_DOUBT, "gauge"
+        # the truth lies anywhere between the two
+        doubt = math.hypot(WALL_DOUBT, (pitch / wall - 1) / math.sqrt(3))
     if wall is not None:
-        return wall, WALL_DOUBT, "cylinder diameter"
+        return wall, doubt, "cylinder diameter"
     if bead is not None:
-        return bead / (2 * bed.bead_radius), 0.08, "bead diameter"
+        return NEARER * bead / (2 * bed.bead_seen), BEAD_DOUBT, "bead diameter"
     raise BadInput(
         f"{photo}: no scale; give --cylinder-diameter, --scale, or a photo with a graduated gauge beside the cylinder."
     )
 
 
-def _picture_checks(bed: Bed, scale: float, cylinder: float | None, bead: float | None) -> list[Check]:
+def _gauge_pitch(bed: Bed) -> float:
+    """[m/px] of the gauge in the middle of the bed's height."""
+    assert bed.gauge is not None
+    return bed.gauge.pitch(bed.floor - float(np.mean(bed.outline[1])) / 2)
+
+
+def _picture_checks(bed: Bed, scale: float, source: str, cylinder: float | None, bead: float | None) -> list[Check]:
     checks = []
     if bed.gauge is None:
         checks.append(
@@ -355,21 +377,27 @@ def _picture_checks(bed: Bed, scale: float, cylinder: float | None, bead: float 
             )
         )
     elif cylinder is not None:
-        ratio = bed.gauge.pitch(bed.floor) / (cylinder / bed.width)
+        ratio = _gauge_pitch(bed) / (cylinder / bed.width)
         same = abs(ratio - 1) < SAME_PLANE
         ending = (
-            ", as in the plane of the axis." if same else ": it stands before or behind the axis, so it was not used."
+            ", as in the plane of the axis."
+            if same
+            else ": it stands before or behind the axis and was not used, or --cylinder-diameter is wrong."
         )
         checks.append(
             Check("gauge", same, ratio, 1.0, f"the gauge's millimetre is {ratio:.3f} of the cylinder's{ending}")
         )
-    if bead is not None:
-        ratio = 2 * bed.bead_radius * scale / bead
-        passed = 0.8 < ratio < 1.25
-        ending = "." if passed else ": check --bead-diameter and the scale."
+    if bead is not None and source != "bead diameter":
+        ratio = 2 * bed.bead_seen * scale / (NEARER * bead)
+        passed = abs(ratio - 1) < BEAD_MISFIT
+        ending = "." if passed else f": check --bead-diameter, and the scale (from {source})."
         checks.append(
             Check("bead_size", passed, ratio, 1.0, f"beads look {ratio:.2f} times as large as stated{ending}")
         )
+    within = bed.beyond < MOST_BEYOND
+    ending = "." if within else ": check --cylinder-diameter and --bead-diameter, by which walls were looked for."
+    message = f"{100 * bed.beyond:.0f} % of the beads lie beyond what was taken for the cylinder's walls{ending}"
+    checks.append(Check("walls", within, bed.beyond, 0.0, message))
     checks.append(
         Check(
             "outline",

@@ -48,6 +48,8 @@ USUAL_DRIFT = 0.006  # [m], how far the axis may lie off the origin of a track
 FASTEST_TILT = math.radians(10)  # [rad/s], beyond it one frame is too much of an angle
 GIVEN_DOUBT = 0.02  # relative, of a scale read off a length in view, or of a record that somebody tracked
 BEAD_DOUBT = 0.12  # relative, of a scale from the outline of a body on the plate
+LIKELY_OTHER = 2.0  # standard deviations off the stated kind of motion, from which on the other kind is believed
+CLUMP = 2.3  # length over height of a body on the plate, from which on it is no single bead, smeared by what it crept
 WRONG_SCALE = 0.3  # relative misfit of the acceleration from which on the scale is not believed
 NOMINAL = 3e-4  # [m/px], where no scale is known: only a unit
 
@@ -144,6 +146,7 @@ def _evaluation(
     """`geometry` holds what the picture adds to the doubt of the angle [rad]."""
     checks = (
         _gravity_check(way, onset, variant),
+        _variant_check(way, onset, variant),
         _creep_check(onset, bead_diameter),
         _rise_check(way, onset),
         _residual_check(way, onset),
@@ -194,22 +197,34 @@ def _gravity_check(way: Way, onset: Onset, variant: Variant) -> Check:
     if not math.isfinite(way.scale_doubt):
         message = "no scale is known, so the acceleration of the run checks nothing; give the bead's diameter."
         return Check("gravity", True, 1.0, 1.0, message)
-    doubt = math.hypot(onset.gain_sigma, way.scale_doubt, 0.02)
+    doubt = _gain_doubt(way, onset)
     passed = abs(onset.gain - 1) < 3 * doubt
     how = "slides" if variant == "slide" else "rolls"
     found = (
         f"the body's acceleration grows with the angle as {onset.gain:.3f} ± {doubt:.3f} times that of one that {how}"
     )
-    other = 5 / 7 if variant == "slide" else 7 / 5
-    as_other = abs(onset.gain - other) < 3 * doubt
-    if passed:
-        told = "scale and frame rate fit; a run as short does not tell sliding from rolling"
-        told = told if as_other else "scale, frame rate and variant fit together"
-        return Check("gravity", True, onset.gain, 1.0, f"{found}: {told}.")
-    if as_other:
-        instead = "roll" if variant == "slide" else "slide"
-        return Check("gravity", False, onset.gain, 1.0, f"{found}: it seems to {instead}; give --variant {instead}.")
-    return Check("gravity", False, onset.gain, 1.0, f"{found}: the scale or the frame rate is wrong; the angle is not.")
+    ending = "scale and frame rate fit" if passed else "the scale, the frame rate or the variant is wrong"
+    return Check("gravity", passed, onset.gain, 1.0, f"{found}: {ending}.")
+
+
+def _variant_check(way: Way, onset: Onset, variant: Variant) -> Check:
+    """Whether the run is rather that of a body that moves the other way."""
+    instead: Variant = "roll" if variant == "slide" else "slide"
+    other = FACTOR[instead] / FACTOR[variant]
+    off, doubt = abs(onset.gain - 1), _gain_doubt(way, onset)
+    told = math.isfinite(doubt) and (off < 3 * doubt) != (abs(onset.gain - other) < 3 * doubt)
+    believed = not (off > LIKELY_OTHER * doubt and abs(onset.gain - other) < min(off, 3 * doubt))
+    if not believed:
+        message = f"by its acceleration the body seems to {instead}; give --variant {instead}."
+    elif told and off < 3 * doubt:
+        message = f"by its acceleration the body {variant}s, as stated."
+    else:
+        message = f"its acceleration does not tell whether the body {variant}s, as stated."
+    return Check("variant", believed, onset.gain, 1.0, message)
+
+
+def _gain_doubt(way: Way, onset: Onset) -> float:
+    return math.hypot(onset.gain_sigma, way.scale_doubt, 0.02)
 
 
 def _creep_check(onset: Onset, bead_diameter: float | None) -> Check:
@@ -326,8 +341,11 @@ def measure(
         "perspective": PERSPECTIVE,
     }
     evaluation = _evaluation(way, run, onset, variant, bead_diameter, geometry)
-    checks = (*evaluation.checks, *_view_checks(film, gauge, video))
+    shape = _shape_check(film.body, variant)
+    checks = (*evaluation.checks, shape, *_view_checks(film, gauge, video))
     quantities = evaluation.quantities
+    if not shape.passed:
+        quantities = tuple(replace(q, doubtful=q.doubtful or shape.message) for q in quantities)
     if film.level is None and camera.roll is None:
         reason = checks[-1].message
         quantities = tuple(replace(q, doubtful=q.doubtful or reason) if q.unit != "s" else q for q in quantities)
@@ -475,6 +493,14 @@ def _bead_pixels(body: Passenger) -> float:
     mask = cv2.copyMakeBorder(filled, 2, 2, 2, 2, cv2.BORDER_CONSTANT, value=0)
     inscribed = float(np.max(cv2.distanceTransform(mask, cv2.DIST_L2, 5)))
     return 2 * max(inscribed - RIM, 1.0)
+
+
+def _shape_check(body: Passenger, variant: Variant) -> Check:
+    """Whether the body can do what is stated: beads glued together do not roll."""
+    ratio = body.size[0] / body.size[1]
+    passed = variant == "slide" or ratio < CLUMP
+    ending = "." if passed else ": it is no single bead, so that it slides; give --variant slide."
+    return Check("shape", passed, ratio, 1.0, f"the body is {ratio:.1f} times as long as high{ending}")
 
 
 def _record(film: Film, gauge: Gauge) -> tuple[Series, Track]:

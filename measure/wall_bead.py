@@ -14,9 +14,10 @@ import numpy.typing as npt
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.measure.bead import BeadImage
-from rigtwin.measure.follow import Chase, Movement, SpotPath, chase_path
+from rigtwin.measure.follow import Chase, Movement, chase_path
 from rigtwin.measure.media import Video
 from rigtwin.measure.meeting import LOST, Path, Region, find_paths, lone_swing, with_beginning
+from rigtwin.measure.spots import SpotPath
 from rigtwin.measure.swing import fit_circle
 from rigtwin.measure.two_beads import as_spots, sample_frames, still_scene
 

@@ -17,6 +17,7 @@ from rigtwin.lab.rigs import Rig
 from rigtwin.sim.engine.clock import USUAL, positive, time_step
 
 if TYPE_CHECKING:
+    from rigtwin.sim.engine.backend import Device
     from rigtwin.sim.engine.bulk import Bulk
     from rigtwin.sim.engine.contact import ContactLaw, Rolling
     from rigtwin.sim.engine.terms import Active
@@ -35,6 +36,8 @@ class Numerics(TypedDict, total=False):
 
     stiffness_factor: float  # Young's moduli are multiplied by it; a thousandth (Hlosta et al. 2020, section 2.2.3)
     time_step_fraction: float  # of Rayleigh's step; 30 %
+    forced: bool  # even an unstable step is taken
+    device: Device  # "cpu"; "cuda" where there is one, else the CPU, and the result says so
     rolling: Rolling  # "type C"
     contact_law: ContactLaw  # "Hertz-Mindlin"
     impact_speed: float  # [m/s], at which springs of the "linear" law are as stiff as Hertz's contacts; 1 m/s
@@ -88,7 +91,8 @@ class Bench:
 
     def time_step(self) -> tuple[float, tuple[str, ...]]:
         """[s], with what speaks against it."""
-        return time_step([self.soft], self.numerics.get("time_step_fraction", USUAL))
+        fraction, forced = self.numerics.get("time_step_fraction", USUAL), self.numerics.get("forced", False)
+        return time_step([self.soft], fraction, forced=forced)
 
     def bulk(
         self,
@@ -117,6 +121,7 @@ class Bench:
             impact_speed=self.impact_speed,
             effects=self._effects()[0],
             threads=self.numerics.get("threads"),
+            device=self.numerics.get("device", "cpu"),
             skin=SKIN if skin is None else skin,
         )
 
@@ -157,7 +162,7 @@ class Bench:
 
     def warnings(self, bulk: Bulk, logbook: Logbook) -> tuple[str, ...]:
         """What speaks against the numerics of a run that ended."""
-        said = [*self.time_step()[1], *logbook.warnings]
+        said = [*self.time_step()[1], *logbook.warnings, *([bulk.note] if bulk.note else [])]
         said += self._effects()[1]
         if bulk.largest_overlap > OVERLAP_LIMIT:
             said.append(pressed(bulk.largest_overlap, float(logbook.history.largest_overlap[-1])))

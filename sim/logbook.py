@@ -40,11 +40,13 @@ class History:
     wall_contacts: Array  # [1]
     mean_overlap: Array  # [1]
     largest_overlap: Array  # [1]
+    adhesive: Array  # [J], of the effects that attract; negative
+    in_flight: Array  # [J], given by effects' forces in flight: drag takes
 
     @property
     def dissipated(self) -> Array:
         """Energy [J] that friction and dashpots took, or that left with the beads that fell."""
-        return self.supplied - self.kinetic - self.potential - self.elastic
+        return self.supplied + self.in_flight - self.kinetic - self.potential - self.elastic - self.adhesive
 
 
 class Logbook:
@@ -148,7 +150,7 @@ class Logbook:
     def history(self) -> History:
         """The books so far."""
         return History(
-            **{item.name: np.array([entry[item.name] for entry in self._history]) for item in fields(History)}
+            **{item.name: np.array([entry.get(item.name, 0.0) for entry in self._history]) for item in fields(History)}
         )
 
     def statistics(self) -> dict[str, float]:
@@ -171,6 +173,11 @@ class Logbook:
             "energy_supplied_j": float(books.supplied[-1]),
             "energy_dissipated_j": float(books.dissipated[-1]),
             "energy_risen_j": float(books.risen[-1]),
+            **{
+                f"{name}_energy_j": float(getattr(books, name)[-1])
+                for name in ("adhesive", "in_flight")
+                if getattr(books, name).any()
+            },
             "contacts": float(books.contacts[-1]),
             "wall_contacts": float(books.wall_contacts[-1]),
             "mean_overlap": float(books.mean_overlap[-1]),
@@ -208,7 +215,7 @@ class Logbook:
         self._supplied += budget.work - self._work
         self._work = budget.work
         # friction gives nothing back, and what falls out of the domain only takes energy away: it came from above
-        dissipated = self._supplied - self._total
+        dissipated = self._supplied + budget.in_flight - self._total
         self._most_dissipated = max(self._most_dissipated, dissipated)
         self._risen = max(self._risen, self._most_dissipated - dissipated)
         numbers = {name: float(value) for name, value in asdict(budget).items()}

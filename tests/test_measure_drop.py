@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from rigtwin.lab.camera import Camera, Lens
 from rigtwin.lab.errors import BadInput, NothingToMeasure, UnreadableMedia
 from rigtwin.lab.records import Track, write_tracks
-from rigtwin.measure import drop, follow, sources
+from rigtwin.measure import drop, sources, spots
 
 G = 9.81
 FPS = 240.0
@@ -168,7 +168,7 @@ def test_boxes_of_what_moves_do_not_overlap():
     """A bent part's box may hold another part: both would be counted twice."""
     mask = np.zeros((20, 20), np.uint8)
     mask[2, 2:15] = mask[2:15, 2] = mask[10:12, 10:12] = mask[18, 18] = 1
-    assert sorted(follow._boxes_apart(mask)) == [(2, 2, 13, 13), (18, 18, 1, 1)]
+    assert sorted(spots._boxes_apart(mask)) == [(2, 2, 13, 13), (18, 18, 1, 1)]
 
 
 def test_noisier_tracks_have_wider_intervals():
@@ -415,7 +415,7 @@ def test_a_swaying_camera_and_doubled_frames_are_taken_out_and_told(tmp_path):
 
 def test_a_film_too_long_to_keep_and_large_pictures_are_measured_alike(clip, measured, monkeypatch):
     monkeypatch.setattr(sources, "KEPT", 10**5)
-    monkeypatch.setattr(follow, "LARGE", 10**4)
+    monkeypatch.setattr(spots, "LARGE", 10**4)
     result = drop.measure(clip, CAMERA, bead_diameter=DIAMETER, bead_density=7800.0)
     for one, other in zip(result.quantities[:4], measured.quantities, strict=False):
         assert abs(one.value - other.value) < 0.3 * other.std_uncertainty

@@ -251,6 +251,41 @@ def test_a_rod_before_the_middle_of_the_bed_leaves_its_height(tmp_path):
     assert found.doubtful or found.value == pytest.approx(truth, abs=0.0012)
 
 
+@pytest.mark.parametrize(("cylinder", "bead"), [(1.06, 1.0), (0.9, 1.0), (1.0, 1.3), (1.0, 0.75)])
+def test_a_wrong_stated_size_never_misleads_in_silence(tmp_path, cylinder, bead):
+    photo = tmp_path / "bed.png"
+    truth = draw(photo)
+    result = packing.measure(
+        [photo], Camera(), cylinder_diameter=cylinder * CYLINDER, bead_diameter=bead * BEAD, total_mass=0.1
+    )
+    low, high = pick(result, "bed_height", "outline").interval95
+    assert low < truth < high or all(each.doubtful for each in result.quantities)
+    assert cylinder == 1 or pick(result, "bulk_density").doubtful
+
+
+def test_what_stands_behind_the_cylinder_hides_nothing_of_the_surface(tmp_path):
+    photo = tmp_path / "bed.png"
+    truth = draw(photo)
+    picture = cv2.imread(str(photo))
+    surface = round(540 - PIXEL * 60)
+    behind = picture[:surface, 200:250]
+    clear = np.abs(behind.astype(int) - (205, 200, 192)).max(axis=2) < 20  # the wall behind, not the beads
+    behind[clear] = (150, 60, 40)
+    cv2.imwrite(str(photo), picture)
+    result = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    found = pick(result, "bed_height", "outline")
+    assert found.value == pytest.approx(truth, abs=0.0012)
+    assert not found.doubtful
+
+
+def test_a_photo_with_black_bars_is_read_like_one_without(tmp_path):
+    photo = tmp_path / "bed.png"
+    truth = draw(photo)
+    cv2.imwrite(str(photo), cv2.copyMakeBorder(cv2.imread(str(photo)), 0, 0, 140, 140, cv2.BORDER_CONSTANT))
+    result = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    assert pick(result, "bed_height", "outline").value == pytest.approx(truth, abs=0.0012)
+
+
 @pytest.mark.parametrize(("start", "end"), [((12, 61), (40, 120)), ((-60, 60), (-2, 61)), ((-60, 62), (60, 62))])
 def test_a_rod_before_the_surface_never_misleads_in_silence(tmp_path, start, end):
     photo = tmp_path / "bed.png"

@@ -115,9 +115,10 @@ def test_the_angle_hangs_on_no_scale_but_the_check_of_gravity_does():
 
 def test_a_ball_that_rolls_where_sliding_was_said_is_noticed():
     result = tilt.evaluate(*record("roll", angle_deg=4.0), variant="slide", bead_diameter=0.006)
-    check = next(check for check in result.checks if check.check == "gravity")
+    check = next(check for check in result.checks if check.check == "variant")
     assert not check.passed
-    assert "roll" in check.message
+    assert "--variant roll" in check.message
+    assert pick(result, "static_friction_angle").doubtful
 
 
 def test_a_noiseless_record_is_read_exactly():

@@ -323,6 +323,14 @@ def test_the_step_is_checked_against_rayleigh():
     for fraction in (0.9, 0.0, -0.1, math.nan):
         with pytest.raises(BadInput, match="time_step_fraction"):
             time_step([D6], fraction)
+    step, warnings = time_step([D6], 0.9, forced=True)
+    assert step == pytest.approx(0.9 * D6.rayleigh_time_step)
+    assert "gain energy" in warnings[0]
+
+
+def test_gravity_that_is_no_number_is_refused():
+    with pytest.raises(BadInput, match="gravity"):
+        box(gravity=(0.0, 0.0, math.nan))
 
 
 def test_a_bed_cannot_be_used_after_another_took_its_place():
@@ -344,6 +352,12 @@ def test_the_engine_starts_without_a_word_and_says_when_there_is_no_cuda():
         "first = backend.start(device='cuda')\n"
         "assert backend.start() is first\n"
         "assert (first.device == 'cuda') == (first.note == ''), first\n"
+        "from rigtwin.lab.materials import Contact, Material, Particle\n"
+        "from rigtwin.sim.engine.bulk import Bulk\n"
+        "bead = Particle('D6', Material('ash', 720, 11e6, 0.44), 6e-3)\n"
+        "box = dict(low=(0, 0, 0), high=(1, 1, 1), time_step=1e-5)\n"
+        "assert Bulk([bead], Contact(0.5), device='cuda', **box).note == first.note\n"
+        "assert Bulk([bead], Contact(0.5), **box).note == ''\n"
     )
     done = in_a_new_process(code)
     assert done.stdout == ""

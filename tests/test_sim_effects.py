@@ -54,7 +54,9 @@ def only(name: str, value: float | None = None):
 def reynolds_drag(speed: float) -> float:
     """Schiller and Naumann's drag on BALL in air [N], written with the drag coefficient."""
     reynolds = 1.2 * speed * BALL.diameter / 1.8e-5
-    return 0.5 * 1.2 * 24 / reynolds * (1 + 0.15 * reynolds**0.687) * math.pi * BALL.radius**2 * speed**2
+    # Newton's plateau beyond Re = 1000 (Clift, Grace & Weber 1978)
+    coefficient = max(24 / reynolds * (1 + 0.15 * reynolds**0.687), 0.44)
+    return 0.5 * 1.2 * coefficient * math.pi * BALL.radius**2 * speed**2
 
 
 def test_a_bead_in_quadratic_drag_falls_as_the_closed_form_says():
@@ -270,6 +272,48 @@ def test_tearing_off_costs_what_jkr_says_alone_and_in_the_bulk_at_walls_and_betw
     for found in (alone, bed.beads().velocity):
         assert found[0, 2] == pytest.approx(at_wall, rel=0.01)
         assert found[2, 0] - found[1, 0] == pytest.approx(of_pair, rel=0.01)
+
+
+def test_what_drag_takes_from_a_falling_bead_is_in_the_books():
+    # over some hundred lists: each hands the work on to the next
+    terminal = math.sqrt(2 * BALL.mass * G / (1.2 * 0.5 * math.pi * BALL.radius**2))
+    bed = bulk(BALL, only("air_drag", 0.5), time_step=2e-5)
+    bed.add(np.array([[0.0, 0.0, 5.0]]))
+    bed.run(1)
+    begun = bed.budget()
+    bed.run(25_000)
+    books = bed.budget()
+    time = bed.time
+    fallen = terminal**2 / G * math.log(math.cosh(G * time / terminal))
+    lost = BALL.mass * (G * fallen - 0.5 * (terminal * math.tanh(G * time / terminal)) ** 2)
+    assert books.in_flight == pytest.approx(-lost, rel=1e-4)
+    assert books.total - begun.total == pytest.approx(books.in_flight - begun.in_flight, rel=1e-4)
+
+
+def test_buoyancy_does_the_work_of_the_air_that_is_pushed_aside():
+    bed = bulk(BALL, only("steady_lift", 2e-4), time_step=2e-5)
+    bed.add(np.array([[0.0, 0.0, 5.0]]))
+    bed.run(10_000)
+    risen = bed.beads().position[0, 2] - 5.0
+    assert bed.budget().in_flight == pytest.approx(2e-4 * risen, rel=1e-3)
+
+
+@pytest.mark.parametrize(("effect", "value"), [("cohesion_sjkr", 1e4), ("adhesion_jkr", 0.1)])
+def test_the_budget_closes_while_elastic_beads_pull_each_other(effect, value):
+    speed, gap, far = 0.05, 1e-6, 0.5
+    floor = [Wall(FLOOR, RUBBER, Contact(1.0))]
+    bed = bulk(SOFT, only(effect, value), floor, WEIGHTLESS, 1e-6, restitution=1.0)
+    place = np.array([[0, 0, SOFT.radius + gap], [far, 0, far], [far + SOFT.diameter + gap, 0, far]])
+    bed.add(place, np.array([[0, 0, -speed], [speed, 0, 0], [0, 0, 0]]))
+    begun = bed.budget().total
+    books = []
+    while bed.steps < 20_000 and not (books and books[-1].contacts + books[-1].wall_contacts == 0):
+        bed.run(100)
+        books.append(bed.budget())
+    pulling = [b for b in books if b.contacts == 1 and b.wall_contacts == 1]
+    assert len(pulling) > 5
+    assert min(b.adhesive for b in pulling) < -0.05 * begun
+    assert [b.total for b in pulling] == pytest.approx([begun] * len(pulling), rel=5e-3)
 
 
 def test_a_slow_bead_stays_stuck():

@@ -15,7 +15,7 @@ from rigtwin.compare.diagnose.runs import hermite
 from rigtwin.compare.diagnose.swing import Push
 from rigtwin.lab.records import Array
 
-PER_PERIOD = 36  # steps
+PER_PERIOD = 50  # steps
 MOST_EXTRA = 40  # contacts followed
 
 Gap = Callable[[Array, Array, Array, Array, Any], tuple[Array, Array]]

@@ -10,12 +10,13 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from rigtwin.compare.diagnose.fit import Fit, linear_at
+from rigtwin.compare.diagnose.fit import Fit
+from rigtwin.compare.diagnose.linear import linear_at
 from rigtwin.compare.diagnose.locate import Regioned
 from rigtwin.compare.diagnose.slopes import slopes
 from rigtwin.compare.diagnose.subset import subset
@@ -26,6 +27,7 @@ REPETITIONS = 5
 START = 0.03  # [s], of the motion in the simulated record
 LONGEST = 20.0  # [s]
 SPHERE = 4 / 3 * math.pi  # its volume over the cube of its radius
+OF_MATERIAL = ("restitution.", "rolling_friction.", "static_friction.")
 CLEAR = 4.0
 """Separation in standard deviations that tells two names apart."""
 
@@ -42,8 +44,12 @@ class Setting:
     release: float | None = None
     """The height [m] or the angle [rad] of the release."""
     longer: float = 1.0
-    turned: bool = False
-    """The camera stands on its head."""
+
+    @property
+    def change(self) -> dict[str, Any]:
+        """What differs from the condition that it starts from, by the names above."""
+        everything = asdict(self)
+        return {name: everything[name] for name in ("density", "size", "state", "release", "longer")}
 
 
 @dataclass(frozen=True)
@@ -53,9 +59,18 @@ class Design:
     words: str
     separation: float  # [standard deviations], of the pair that is hardest to tell apart
     between: tuple[str, str] = ("", "")
+    start: str = ""
+    """The condition of which one setting is changed."""
+    change: Mapping[str, Any] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
-        return {"setting": self.words, "separation_sigma": self.separation, "hardest_pair": list(self.between)}
+        return {
+            "setting": self.words,
+            "separation_sigma": self.separation,
+            "hardest_pair": list(self.between),
+            "condition": self.start,
+            "change": dict(self.change),
+        }
 
 
 def designs(bench: Regioned, rivals: Sequence[Fit]) -> list[Design]:
@@ -74,7 +89,8 @@ def designs(bench: Regioned, rivals: Sequence[Fit]) -> list[Design]:
             math.isfinite(apart) for apart, *_ in pairs
         ):  # a setting of which one pair cannot be told promises nothing
             least = min(pairs)
-            found.append(Design(setting.words, least[0], (least[1], least[2])))
+            start = bench.condition_names[bench.condition[_like(bench)]]
+            found.append(Design(setting.words, least[0], (least[1], least[2]), start, setting.change))
     return sorted(found, key=lambda one: -one.separation)
 
 
@@ -86,7 +102,6 @@ def settings(bench: Regioned) -> list[Setting]:
     """What can be changed in a rig of this kind."""
     whole: Any = bench
     common = [
-        Setting("the same with the camera turned by 180 degrees about its axis", turned=True),
         Setting("a steel ball of the same size", density=7850.0 * whole.radius[0] ** 3 * SPHERE / whole.mass[0]),
         Setting(
             "a foam ball of the same size (30 kg/m^3)", density=30.0 * whole.radius[0] ** 3 * SPHERE / whole.mass[0]
@@ -119,7 +134,7 @@ def settings(bench: Regioned) -> list[Setting]:
     weights = [
         Setting(f"a clump of {k} times the weight", state={"clump": k * float(whole.clump.min())}) for k in (5, 25)
     ]
-    return [*waits, *rates, *weights, common[0]]
+    return [*waits, *rates, *weights]
 
 
 def separation(bench: Regioned, setting: Setting, one: Fit, other: Fit) -> float:
@@ -128,17 +143,21 @@ def separation(bench: Regioned, setting: Setting, one: Fit, other: Fit) -> float
         place, values = laid_out(bench, setting, one)
         truth = lawful(place, one, values)
         place.rows = slopes(place, one.unknowns, one.terms, truth, values).position
-        return _left_over(place, setting, other, truth)
+        return _left_over(place, other, truth, anew=setting.density != 1.0)
     except (np.linalg.LinAlgError, ValueError, FloatingPointError):
         return math.nan
+
+
+def _like(bench: Regioned) -> int:
+    """The repetition of which one setting is changed: the one with the most impacts."""
+    active = getattr(bench, "active", None)
+    return 0 if active is None else int(np.argmax(active.sum(axis=1)))
 
 
 def laid_out(bench: Regioned, setting: Setting, fitted: Fit) -> tuple[Any, Array]:
     """A bench of one repetition at this setting, and the model's unknowns there."""
     whole: Any = bench
-    active = getattr(whole, "active", None)
-    run = 0 if active is None else int(np.argmax(active.sum(axis=1)))
-    place: Any = copy.copy(subset(bench, [run]))
+    place: Any = copy.copy(subset(bench, [_like(bench)]))
     place.radius = place.radius * setting.size
     place.mass = place.mass * setting.density * setting.size**3
     for name, value in setting.state.items():
@@ -166,13 +185,7 @@ def laid_out(bench: Regioned, setting: Setting, fitted: Fit) -> tuple[Any, Array
     place.spans = [slice(0, len(place.time))]
     if hasattr(whole, "body"):
         place.body = np.tile(np.arange(bodies), len(grid))
-    return place, _turned(fitted, setting) * fitted.values
-
-
-def _turned(fitted: Fit, setting: Setting) -> Array:
-    """-1 for unknowns whose sign a camera on its head turns."""
-    turning = {term.name for term in fitted.terms if term.turns}
-    return np.array([-1.0 if setting.turned and u.effect in turning else 1.0 for u in fitted.unknowns])
+    return place, fitted.values.copy()
 
 
 def _duration(place: Any, setting: Setting, rig: str) -> float:
@@ -206,12 +219,14 @@ def lawful(place: Any, fitted: Fit, values: Array) -> Array:
     return np.asarray(local)
 
 
-def _left_over(place: Any, setting: Setting, other: Fit, start: Array) -> float:
+def _left_over(place: Any, other: Fit, start: Array, *, anew: bool) -> float:
     """The other model fitted to the data in `place`, from what the present data say of it."""
-    sign = _turned(other, setting)
-    known = sign * other.values
-    scale = np.sqrt(np.maximum(np.diag(other.covariance), 1e-300))
-    inner = other.covariance * np.outer(sign, sign) / np.outer(scale, scale)
+    known = other.values
+    # of another material neither restitution nor friction is known beforehand
+    loose = [anew and u.name.startswith(OF_MATERIAL) for u in other.unknowns]
+    covariance = other.covariance + np.diag(np.array(loose, dtype=float))
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    inner = covariance / np.outer(scale, scale)
     tie = np.linalg.inv(inner + 1e-9 * np.eye(len(scale))) / np.outer(scale, scale)
     free = tuple(replace(u, sd=math.inf) for u in other.unknowns)
     local, values, least = start.copy(), known.copy(), math.inf

@@ -21,11 +21,12 @@ from rigtwin.compare.diagnose.fit import Fit, fit, screen
 from rigtwin.compare.diagnose.gap import Beside, Gap, beside, gap, names
 from rigtwin.compare.diagnose.labs import BULK, TrackedLab
 from rigtwin.compare.diagnose.locate import Disagreement, Location, Regioned, locate
-from rigtwin.compare.diagnose.naming import FORM, Candidate, Naming, name_effects
+from rigtwin.compare.diagnose.naming import ALARM, FORM, Candidate, Naming, name_effects
 from rigtwin.compare.diagnose.pendulum import PendulumBench
 from rigtwin.compare.diagnose.roll import LEVER, RollBench, one_material_of_many_sizes
 from rigtwin.compare.diagnose.sift import sifted
 from rigtwin.compare.diagnose.slide import SlideBench
+from rigtwin.compare.diagnose.stability import Stability, stability
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.wording import unit_of
@@ -37,6 +38,7 @@ MOST_RIVALS = 3  # of a set, that the next experiment is computed for
 FEWEST = 5  # repetitions in a lab, below which nothing is named
 SURE = 1e-4  # of the residual statistic, below which something is left over
 CERTAIN = 1e-8  # ... below which it is sure that something disagrees, whatever it is
+STATED = math.sqrt(ALARM)  # stated uncertainties that a calibration quantity must be off by, to be named
 LEFT = 0.9  # share of the excess gap that a name must close where something is left over
 
 
@@ -55,6 +57,8 @@ class Diagnosis:
     next_experiment: str = ""
     designs: tuple[Design, ...] = ()
     """Settings that would tell the rivals apart, the most telling first."""
+    stability: Stability | None = None
+    """How often the name would have come out of other repetitions."""
     beside: tuple[Beside, ...] = ()
     """The runner-up and a placebo, fitted in the winner's place."""
     left_out: tuple[str, ...] = ()
@@ -92,6 +96,7 @@ class Diagnosis:
             "form": self.form,
             "gap": self.gap.to_json() if self.gap else {},
             "next_experiment": self.next_experiment,
+            "stability": self.stability.to_json() if self.stability else None,
             "beside": [one.to_json() for one in self.beside],
             "designs": [one.to_json() for one in self.designs],
             "calibration": _calibration(chosen.fitted if chosen else naming.base) if naming else [],
@@ -148,7 +153,14 @@ def diagnose(
     verdict = _judge(bench, lab, naming, progress)
     chosen = verdict.chosen
     sizes = gap(bench, lab, base, chosen.fitted if chosen else None)
-    told = replace(verdict, left_out=left_out, gap=sizes, designs=_designs(verdict), beside=_beside(verdict, sizes))
+    told = replace(
+        verdict,
+        left_out=left_out,
+        gap=sizes,
+        stability=_stability(verdict),
+        designs=_designs(verdict),
+        beside=_beside(verdict, sizes),
+    )
     return replace(told, next_experiment=_next(told), seconds=time.process_time() - begun)
 
 
@@ -327,13 +339,17 @@ def _next(diagnosis: Diagnosis) -> str:
 def _sensitivity(naming: Naming) -> str:
     """What these data would have shown, and what they could not show whatever its size."""
     seen, blind = [], []
+    stated = {u.name: u.sd for u in naming.base.unknowns if math.isfinite(u.sd)}
     for one in naming.tried:
         if len(one.terms) == 1 and one.terms[0].geometry not in WIDENING:
             term = one.terms[0]
             parameter = term.parameters[0]
             std = one.fitted.std(f"{term.name}.{parameter.name}")
-            if math.isfinite(std) and 0 < 4 * std < parameter.high:
-                seen.append(f"{term.title} {4 * std:.2g}{unit_of(parameter.unit)}")
+            # inside what is stated of the calibration it is no effect, however well the data know it
+            least = math.hypot(math.sqrt(ALARM) * std, STATED * stated.get(f"{term.name}.{parameter.name}", 0.0))
+            least = max(least, parameter.least)
+            if math.isfinite(least) and 0 < least < parameter.high:
+                seen.append(f"{term.title} {least:.2g}{unit_of(parameter.unit)}")
             else:
                 blind.append(f"{term.title} ({term.splits})")
     if naming.unseen:
@@ -350,6 +366,16 @@ def _beside(diagnosis: Diagnosis, sizes: Gap) -> tuple[Beside, ...]:
         return ()
     tried = [(one.fitted, one.gain) for one in naming.tried]
     return beside(diagnosis.bench, naming.base, sizes, chosen.terms, tried, diagnosis.lab.title)
+
+
+def _stability(diagnosis: Diagnosis) -> Stability | None:
+    naming, chosen = diagnosis.naming, diagnosis.chosen
+    if naming is None or chosen is None or diagnosis.verdict not in ("named", "indistinguishable"):
+        return None
+    same_size = [one for one in naming.tried if len(one.terms) == len(chosen.terms) and not one.reason]
+    rivals = [one.fitted for one in same_size if one.groups != chosen.groups]
+    spread = naming.location.spread if naming.base.per_row < 1.5 else 1.0
+    return stability(naming.base, chosen.fitted, rivals, diagnosis.bench.condition, alarm=ALARM, spread=spread)
 
 
 def _designs(diagnosis: Diagnosis) -> tuple[Design, ...]:

@@ -25,13 +25,15 @@ from rigtwin.sim.effects import Effect
 MOST_IMPACTS = 7
 HANGS = 5e-4  # [rad], how far off the vertical the waiting bead may hang
 FIRST_GUESS = 0.65  # of a restitution
+DIAMETER = 2e-5  # [m], how well a bead's diameter is known where nothing is stated
+PIVOTS = 1e-4  # [m], how well the pivots stand where they should
 
 
 class DoubleBench(Runs):
     """All repetitions of a lab of two pendulums, or of one against a wall."""
 
     onset = 0
-    per_run = ("conditions", "length", "which", "pair", "active")
+    per_run = ("conditions", "length", "which", "pair", "bead", "active")
 
     def __init__(self, lab: TrackedLab) -> None:
         super().__init__(lab)
@@ -43,6 +45,8 @@ class DoubleBench(Runs):
         names = [f"{c.bead.name}-{other}" for c, other in zip(self.conditions, others, strict=True)]
         self.pairs = list(dict.fromkeys(names))
         self.pair = np.array([self.pairs.index(name) for name in names])
+        self.beads = list(dict.fromkeys(c.bead.name for c in self.conditions))
+        self.bead = np.array([self.beads.index(c.bead.name) for c in self.conditions])
         side = 1.0 if self.wall else -1.0
         angle = side * np.abs(np.radians(self.setting("release_angle_deg")))
         self.bodies = 1 if self.wall else 2
@@ -79,6 +83,11 @@ class DoubleBench(Runs):
             for length in self.lengths
             for body in bodies
         ]
+        for bead in () if self.wall else self.beads:
+            stated = next(c.bead.about.get("diameter_uncertainty_m") for c in self.conditions if c.bead.name == bead)
+            own.append(Unknown(f"diameter.{bead}", 0.0, 1e-4, sd=float(stated or DIAMETER)))
+            set_up = self.lab.known("pivot_spacing_uncertainty_m", default=PIVOTS)
+            own.append(Unknown(f"pivots.{bead}", 0.0, 1e-4, sd=set_up))
         if self.wall:
             level = math.radians(self.lab.known("plate_level_uncertainty_deg", default=0.1))
             own.append(Unknown("wall.angle", 0.0, 1e-3, sd=level, low=-0.1, high=0.1))
@@ -114,7 +123,8 @@ class DoubleBench(Runs):
         laws = self._laws(values)
         still: Any = (lambda a, w: 0 * a) if self.wall else second
         stands = values["wall.angle"][:, None] if self.wall else 0.0
-        contacts = _Contacts(self, local, reach, laws, stands)
+        apart = self._of_bead("pivots", values)
+        contacts = _Contacts(self, local, reach, laws, stands, (apart, apart - self._of_bead("diameter", values)))
         motion = swing_and_hit(
             (local[..., 1], local[..., 2]),
             (first, still),
@@ -126,7 +136,8 @@ class DoubleBench(Runs):
         )
         angle, rate = angles_at(motion, since, self.owner, self.body)
         thread = np.where(self.body == 0, reach[0][:, self.owner], reach[1][:, self.owner])
-        offset = 0.0 if self.wall else np.where(self.body == 0, -1.0, 1.0) * self.radius[self.owner]
+        aside = np.where(self.body == 0, -1.0, 1.0)
+        offset = 0.0 if self.wall else aside * (self.radius + 0.5 * apart)[:, self.owner]
         x, y = offset + thread * np.sin(angle), -thread * np.cos(angle)
         speed = thread[0] * rate[0]
         soft = self._soft(local, values, terms, motion, laws)
@@ -144,11 +155,19 @@ class DoubleBench(Runs):
         if kind == "length":
             body, _, length = rest.partition(".")
             return f"length.{body}", self.which == [f"{one:g}" for one in self.lengths].index(length)
+        if kind in ("diameter", "pivots"):
+            return kind, self.bead == self.beads.index(rest)
         return None
 
     def _lengths(self, body: str, values: Mapping[str, Array]) -> Array:
         own = np.stack([values[f"length.{body}.{length:g}"] for length in self.lengths], axis=-1)[:, self.which]
         return self.length + own + values["length_error.offset"][:, None]
+
+    def _of_bead(self, kind: str, values: Mapping[str, Array]) -> Array:
+        """[m], by how much the diameters or the pivots' distance are off in each repetition."""
+        if self.wall:
+            return np.zeros((1, 1))
+        return np.stack([values[f"{kind}.{bead}"] for bead in self.beads], axis=-1)[:, self.bead]
 
     def _laws(self, values: Mapping[str, Array]) -> Array:
         return np.stack([values[f"restitution.{pair}"] for pair in self.pairs], axis=-1)[:, self.pair]
@@ -170,9 +189,17 @@ class _Contacts:
     """Where the surfaces are and what an impact does, for one stack of settings."""
 
     def __init__(
-        self, bench: DoubleBench, local: Array, reach: list[Array], laws: Array, stands: Array | float
+        self,
+        bench: DoubleBench,
+        local: Array,
+        reach: list[Array],
+        laws: Array,
+        stands: Array | float,
+        room: tuple[Array, Array],
     ) -> None:
         self.bench, self.local, self.reach, self.laws, self.stands = bench, local, reach, laws, stands
+        # [m], beyond a stated diameter: from pivot to pivot, and between the beads when both hang straight
+        self.apart, self.play = room
 
     def gap(self, a: Array, b: Array, u: Array, v: Array, _who: Any) -> tuple[Array, Array]:
         if self.bench.wall:
@@ -182,7 +209,7 @@ class _Contacts:
         closing = x * (right * np.cos(b) - left * np.cos(a)) + y * (right * np.sin(b) - left * np.sin(a))
         # a bead that has passed through the other within a step is on its wrong side
         way = np.where(x < 0, -1.0, 1.0)
-        return way * distance - 2 * self.bench.radius, way * closing / distance
+        return way * distance - 2 * self.bench.radius - (self.apart - self.play), way * closing / distance
 
     def hit(self, a: Array, b: Array, u: Array, v: Array, count: Array, _who: Any) -> tuple[Array, Array, Array]:
         impacts = self.bench.impacts
@@ -200,6 +227,6 @@ class _Contacts:
         return u - impulse * along_a / self.reach[0], v + impulse * along_b / self.reach[1], np.abs(closing)
 
     def _between(self, a: Array, b: Array) -> tuple[Array, Array, Array]:
-        x = 2 * self.bench.radius + self.reach[1] * np.sin(b) - self.reach[0] * np.sin(a)
+        x = 2 * self.bench.radius + self.apart + self.reach[1] * np.sin(b) - self.reach[0] * np.sin(a)
         y = self.reach[0] * np.cos(a) - self.reach[1] * np.cos(b)
         return x, y, np.hypot(x, y)

@@ -12,8 +12,9 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from rigtwin.compare.diagnose.fit import Bench, Fit, fit
+from rigtwin.compare.diagnose.fit import Fit, fit
 from rigtwin.compare.diagnose.labs import TrackedLab
+from rigtwin.compare.diagnose.linear import Bench
 from rigtwin.compare.diagnose.locate import Regioned
 from rigtwin.compare.diagnose.subset import cut, subset
 from rigtwin.sim.effects import Effect

@@ -14,7 +14,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from rigtwin.compare.diagnose.fit import Bench, Fit
+from rigtwin.compare.diagnose.fit import Fit
+from rigtwin.compare.diagnose.linear import Bench
 from rigtwin.lab.records import Array
 
 AXES = ("x", "y")

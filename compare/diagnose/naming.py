@@ -29,6 +29,7 @@ ALIKE = 6.0
 FORM = 25.0
 """A nameless term must beat the listed effects by this much to call a disagreement unlisted."""
 MOST_TERMS = 3
+MOST_ROUNDS = 6  # of growing a set, whatever is still gained
 JITTER = 24.0  # deviance
 WHITE = 0.6  # of the squared differences of white noise
 KEEN = 5  # candidates beside a root that are fitted where the disagreement is large
@@ -205,6 +206,15 @@ class _Search:
         gain = (self.base.deviance - fitted.deviance) / self.spread + self._spared(fitted)
         return Candidate(one.terms, fitted, gain, _refused(fitted, one.terms), one.rough)
 
+    def certified(self, one: Candidate) -> Candidate:
+        """Fitted on until neither the unknowns nor the scatter change: what is reported of it must not depend on the
+        way there."""
+        fitted = fit(self.bench, one.terms, near=one.fitted, most=40, rounds=12)
+        gain = (self.base.deviance - fitted.deviance) / self.spread + self._spared(fitted)
+        done = replace(one, fitted=fitted, gain=gain, reason=_refused(fitted, one.terms))
+        self.done[frozenset(one.names)] = done
+        return done
+
     def _spared(self, fitted: Fit) -> float:
         """What it is worth to make do without unknowns of the baseline."""
         tied = getattr(self.bench, "tied", None)
@@ -234,7 +244,7 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
         # one effect does not do: the first of the pair need not be the best single
         front = [one for one in _front(singles, 3) if one.score > RIVAL * best.score]
     count = 2
-    while count <= MOST_TERMS:
+    while count <= MOST_TERMS and len(rounds) < MOST_ROUNDS:
         if count > 2 and locate(bench, best.fitted).p > 1e-3:
             break
         grown = []
@@ -253,10 +263,21 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
             best, front, count = more, _front(grown, 3), count + 1
         else:
             break
-    done = search.done
-    same_size = [one for one in done.values() if len(one.terms) == len(best.terms) and not one.reason]
-    alike = _apart([one for one in same_size if best.score - one.score < ALIKE and one.groups != best.groups])
-    return Naming(base, location, tuple(done.values()), best, tuple(alike), locate(bench, best.fitted), tuple(rounds))
+    return _concluded(search, best, location, rounds)
+
+
+def _concluded(search: _Search, best: Candidate, location: Location, rounds: Sequence[tuple[Candidate, ...]]) -> Naming:
+    """The best that stays plausible when it is fitted to the end, and what explains the data as well."""
+    done, chosen = search.done, search.certified(best)
+    while chosen.reason:
+        rest = _best([one for one in done.values() if one.score >= ALARM])
+        if rest is None:
+            return Naming(search.base, location, tuple(done.values()), None, (), location, tuple(rounds))
+        chosen = search.certified(rest)
+    same_size = [one for one in done.values() if len(one.terms) == len(chosen.terms) and not one.reason]
+    near = [one for one in same_size if chosen.score - one.score < ALIKE and one.groups != chosen.groups]
+    after = locate(search.bench, chosen.fitted)
+    return Naming(search.base, location, tuple(done.values()), chosen, tuple(_apart(near)), after, tuple(rounds))
 
 
 def _spread(base: Fit, location: Location) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 
 from rigtwin.lab.records import Array
 
-STEPS = 20  # per half swing; the path between two steps is a cubic
+STEPS = 30  # per half swing, which then loses 1e-8 of its amplitude a step; the path between two is a cubic
 LEAST_RATE = 1e-3  # [rad/s], dry friction acts fully from here on
 
 Push = Callable[[Array, Array], Array]

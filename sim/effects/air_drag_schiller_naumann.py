@@ -1,4 +1,4 @@
-"""Air drag of a sphere at intermediate Reynolds numbers: between Stokes and Newton, no free coefficient."""
+"""Air drag of a sphere from Stokes over the intermediate Reynolds numbers to Newton, no free coefficient."""
 
 from typing import Any
 
@@ -6,13 +6,18 @@ from rigtwin.sim.effects.effect import Effect, Parameter
 
 AIR_DENSITY = 1.2  # [kg/m^3]
 AIR_VISCOSITY = 1.8e-5  # [Pa s]
+NEWTON = 0.44  # drag coefficient at large Reynolds numbers
 
 
 def force(vx: Any, vy: Any, gap: Any, radius: Any, mass: Any, multiplier: Any) -> Any:
-    """[N] against the velocity: 6 pi eta R v (1 + 0.15 Re^0.687)."""
+    """[N] against the velocity: 6 pi eta R v (1 + 0.15 Re^0.687), C_D = 0.44 beyond Re = 1000."""
     speed = (vx * vx + vy * vy) ** 0.5
     reynolds = 2.0 * radius * AIR_DENSITY / AIR_VISCOSITY * speed
-    pull = -multiplier * 6.0 * 3.141592653589793 * AIR_VISCOSITY * radius * (1.0 + 0.15 * (reynolds + 1e-9) ** 0.687)
+    stokes = 1.0 + 0.15 * (reynolds + 1e-9) ** 0.687
+    newton = NEWTON / 24.0 * reynolds
+    # the larger of the two, without a branch: they meet at Re = 1000
+    over = 0.5 * (stokes + newton + abs(stokes - newton))
+    pull = -multiplier * 6.0 * 3.141592653589793 * AIR_VISCOSITY * radius * over
     return pull * vx, pull * vy
 
 
@@ -25,8 +30,8 @@ EFFECT = Effect(
     parameters=(
         Parameter("multiplier", "1", 0.0, 5.0, 1.0, predicted=1.0, starts=(1.0,), meaning="1 for a smooth sphere"),
     ),
-    equation="F = 6 pi eta R v (1 + 0.15 Re^0.687), Re = 2 R v rho / eta < 1000",
-    source="Schiller & Naumann 1933",
+    equation="F = 6 pi eta R v (1 + 0.15 Re^0.687) with Re = 2 R v rho / eta; C_D = 0.44 beyond Re = 1000",
+    source="Schiller & Naumann 1933; Clift, Grace & Weber 1978",
     synonyms=("air drag", "aerodynamic drag", "air resistance"),
     force=force,
     splits="drop a dense control ball (steel) of the same size from the greatest height: drag goes with 1/density",

@@ -77,8 +77,6 @@ class Effect:
     splits: str = ""
     """The experiment that tells this effect from those that look alike."""
 
-    turns: bool = False
-    """Whether a camera turned by 180 degrees about its axis shows it with the opposite sign."""
     flat: bool = False
     """Whether the effect has no slope at zero, so that a fit from there would stay there."""
 

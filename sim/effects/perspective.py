@@ -25,6 +25,5 @@ EFFECT = Effect(
     source="pinhole camera; Hartley & Zisserman 2004",
     synonyms=("camera pitch", "tilted camera", "out of plane", "parallax", "keystone", "foreshortening"),
     view=view,
-    turns=True,
     splits="film a ruler over the full height: its divisions shrink towards one end",
 )

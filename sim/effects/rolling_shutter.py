@@ -22,6 +22,5 @@ EFFECT = Effect(
     source="CMOS read-out; Meingast, Geyer & Sastry 2005",
     synonyms=("row delay", "shutter readout", "read-out delay", "cmos skew", "rolling readout"),
     exposure=exposure,
-    turns=True,
     splits="turn the camera by 180 degrees, or drop a steel ball: drag goes with 1/density, a shutter does not",
 )

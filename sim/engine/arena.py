@@ -15,6 +15,7 @@ Materials, walls, gravity and step are data, sizes come in a few classes: a new 
 """
 
 from functools import cache
+from typing import Any
 
 from rigtwin.sim.engine.backend import ti
 from rigtwin.sim.engine.bodies import RigidBodies
@@ -86,6 +87,9 @@ class Arena(Neighbours, Team):
         self.listed_at = ti.Vector.field(3, ti.f64, capacity)  # position when the list was built
         self.tag = ti.Vector.field(2, ti.i32, capacity)  # ident, kind
         self.worst = ti.field(ti.f64, capacity)  # largest overlap/radius seen by this slot's pairs and walls
+        if terms.acts_in_flight:
+            self.flight: Any = ti.field(ti.f64, capacity)  # [J], given to the beads of this slot by forces in flight
+            self.flight_before: Any = ti.field(ti.f64, ())  # [J], until the list was made
         if rigid:
             RigidBodies.__init__(self, capacity)
         Pairs.__init__(self, capacity, pair_capacity, THREADS, terms)
@@ -131,6 +135,10 @@ class Arena(Neighbours, Team):
             )
             self.first[0, 0] = 0
             self.first[1, 0] = 0
+            if ti.static(self.terms.acts_in_flight):
+                self.flight_before[None] = 0.0
+                for i in range(self.flight.shape[0]):
+                    self.flight[i] = 0.0
 
     @ti.kernel
     def set_count(self, column: ti.i32, value: ti.i32):
@@ -273,7 +281,9 @@ class Arena(Neighbours, Team):
             # the velocity is that of half a step ago
             now = velocity + 0.5 * step * push
             gap = self.walls.gap(self.counts[LIVE_LIST], i, place[3])
-            push += self.terms.in_flight(now, gap, place[3], mass, upwards(gravity)) * lightness
+            blown = self.terms.in_flight(now, gap, place[3], mass, upwards(gravity))
+            push += blown * lightness
+            self.flight[i] = self.flight[i] + step * blown.dot(velocity + 0.5 * step * push)
         twist = torque * nimbleness
         if last:
             self.push[i] = push

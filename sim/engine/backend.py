@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import gc
 import inspect
 import linecache
 import os
@@ -27,6 +28,18 @@ os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 
 
 @contextlib.contextmanager
+def _no_collecting() -> Iterator[None]:
+    """Meanwhile Python does not look for rubbish: what is made here is many small things that all stay."""
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collects:
+            gc.enable()
+
+
+@contextlib.contextmanager
 def _quick_frames() -> Iterator[None]:
     """Meanwhile the source line of a frame is found without a search through all modules, which Taichi's decorators
     make some hundred times while it is imported.
@@ -44,7 +57,7 @@ def _quick_frames() -> Iterator[None]:
         inspect.getframeinfo = thorough
 
 
-with warnings.catch_warnings(), _quick_frames():
+with warnings.catch_warnings(), _quick_frames(), _no_collecting():
     warnings.simplefilter("ignore")  # Taichi 1.7 asks for a deprecated locale call while it loads
     import taichi
 
@@ -72,9 +85,23 @@ def _make_start_lean() -> None:
     def unfolded(line: str, **_settings: int) -> str:
         return line.rstrip("\n").expandtabs(4)
 
+    @functools.cache
+    def source(function: Any) -> tuple[list[str], int]:
+        """Its lines and the number of the first; Python itself reads them token by token to find the last."""
+        code = function.__code__
+        last = max(end or 0 for _, end, _, _ in code.co_positions())
+        return linecache.getlines(code.co_filename)[code.co_firstlineno - 1 : last], code.co_firstlineno
+
+    thorough = kernel_impl.Kernel.materialize
+
+    def materialize(self: Any, *arguments: Any, **settings: Any) -> None:
+        with _no_collecting():
+            thorough(self, *arguments, **settings)
+
+    kernel_impl.Kernel.materialize = materialize
     ASTTransformerContext.get_pos_info = position
     kernel_impl._inside_class = inside_class
-    kernel_impl.getsourcelines = functools.cache(kernel_impl.getsourcelines)
+    kernel_impl.getsourcelines = source
     kernel_impl.getsourcefile = functools.cache(kernel_impl.getsourcefile)
     kernel_impl.textwrap = types.SimpleNamespace(fill=unfolded, dedent=textwrap.dedent)
 

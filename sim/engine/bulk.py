@@ -29,7 +29,7 @@ from rigtwin.sim.engine.contact import IMPACT_SPEED, LAW_SIZE, ContactLaw, Mecha
 from rigtwin.sim.engine.elements import Vector
 from rigtwin.sim.engine.neighbours import LARGE
 from rigtwin.sim.engine.team import Crew
-from rigtwin.sim.engine.terms import Active, Terms, terms_of
+from rigtwin.sim.engine.terms import Active, Terms, attraction_of, terms_of
 from rigtwin.sim.engine.wall_contacts import (
     KINDS,
     THREADS,
@@ -123,6 +123,7 @@ class Bulk:
         skin: float = SKIN,
         open_domain: bool = False,
         threads: int | None = None,
+        device: backend.Device = "cpu",
         capacity: int = SMALLEST_ARENA,
         pair_capacity: int | None = None,
         near_capacity: int | None = None,
@@ -139,16 +140,19 @@ class Bulk:
         self._particles = tuple(particles)
         self._walls = [tuple(wall) if isinstance(wall, Sequence) else (wall,) * len(particles) for wall in walls]
         self._check_sizes(low, high)
+        if not np.isfinite(gravity).all():
+            raise BadInput(f"gravity: {tuple(gravity)} m/s^2 is not a vector of finite numbers.")
         self.time_step = time_step
         self.steps = 0
         self._added = self._spheres = 0
         self._owners = np.zeros(0, dtype=np.int64)  # of every sphere ever added the particle that it is part of
         self._rigid = any(particle.shape is not None for particle in self._particles)
         self._open = open_domain
-        running = backend.start()
+        running = backend.start(device=device)
         self.threads = running.threads if threads is None else threads
         self._crew = Crew(running.threads)
         self._on_gpu = running.device == "cuda"
+        self.note = running.note if device == "cuda" else ""  # why it does not run where it was asked to
         self._skin = skin * 2 * self._largest
         self._low, self._high = np.array(low, dtype=float), np.array(high, dtype=float)
         self._gravity = gravity
@@ -288,19 +292,23 @@ class Bulk:
     def budget(self) -> budget.Budget:
         """Energies and overlaps now."""
         beads = self._count(at.LISTED)
-        first, pairs = self._pairs(beads)
-        owner = np.repeat(np.arange(beads), np.diff(first))
-        near = np.stack([owner, pairs[: len(owner), 0].astype(np.int64)], axis=1)
-        rows = self._rows()
+        rows, near, at_walls = self._rows(), np.zeros((0, 3), dtype=np.int64), np.zeros((0, 3))
+        if beads:  # before the first step there is no list, and the kernels that read it need not be compiled yet
+            first, pairs = self._pairs(beads)
+            owner = np.repeat(np.arange(beads), np.diff(first))
+            near = np.column_stack([owner, pairs[: len(owner), :2].astype(np.int64)])
+            at_walls = self._wall_overlaps(rows, beads)
         return budget.measure(
             rows,
             near,
-            self._wall_overlaps(rows, beads),
+            at_walls,
             (self._laws, self._table.law),
             grains=self.grains(),
             gravity=self._gravity,
             work=self.work,
+            in_flight=self.work_in_flight,
             linear=self._mechanics.linear,
+            attraction=attraction_of(self._effects),
         )
 
     def state(self) -> checkpoint.State:
@@ -373,8 +381,19 @@ class Bulk:
     def work(self) -> float:
         """Energy [J] that moving walls have given to the beads."""
         self._mine()
+        if not self.steps:
+            return 0.0
         walls = self._arena.walls
         return float(walls.work_before[None] + walls.work.to_numpy().sum())
+
+    @property
+    def work_in_flight(self) -> float:
+        """Energy [J] that effects' forces in flight have given to the beads; drag takes it."""
+        self._mine()
+        arena = self._arena
+        if not (self.steps and arena.terms.acts_in_flight):
+            return 0.0
+        return float(arena.flight_before[None] + arena.flight.to_numpy().sum())
 
     @property
     def lists_built(self) -> int:
@@ -596,6 +615,7 @@ class Bulk:
         """Move to a larger arena, history and all."""
         old, beads, listed = self._arena, self._count(at.BEADS), self._count(at.LISTED)
         rows, (first, pairs), near, work = self._rows(), self._pairs(listed), self._near(listed), self.work
+        in_flight = self.work_in_flight
         listed_at = old.walls.listed_at.to_numpy()
         kept = {column: self._count(column) for column in (at.GONE, at.BUILDS, at.BODIES, at.MIXED)}
         whole, members = self._body_rows(), self._members(beads) if self._rigid else None
@@ -611,6 +631,8 @@ class Bulk:
         self._arena.put_pairs(first, pairs, listed)
         self._arena.walls.put_list(*near, self._count(at.LIVE_LIST), listed)
         self._arena.walls.work_before[None] = work
+        if self._arena.terms.acts_in_flight:
+            self._arena.flight_before[None] = in_flight
         self._arena.walls.listed_at.from_numpy(listed_at)
         old.owner = None
 
@@ -641,7 +663,7 @@ class Bulk:
         self._arena.walls.get_contacts(place, overlap, *counts, self.time, self.time_step)
         owner = np.repeat(np.arange(beads), np.diff(first))
         found = np.stack([owner, near[: len(owner), 8], overlap[: len(owner)]], axis=1)
-        return found[found[:, 2] > 0]
+        return np.asarray(found[found[:, 2] != 0])
 
     def _body_rows(self) -> Array:
         count = self._count(at.BODIES) if self._rigid else 0

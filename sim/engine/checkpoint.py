@@ -35,7 +35,6 @@ SCRATCH = frozenset(
         "spare_member",
         "body_new",
         "chosen",
-        "packet",
         "desk",
         "gathering",
         "shares",

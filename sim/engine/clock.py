@@ -11,18 +11,26 @@ from rigtwin.lab.materials import Particle
 USUAL, DOUBTFUL, UNSTABLE = 0.30, 0.40, 0.80  # parts of Rayleigh's step
 
 
-def time_step(particles: Sequence[Particle], fraction: float = USUAL) -> tuple[float, tuple[str, ...]]:
-    """Step [s] as a fraction of the smallest Rayleigh step (Hlosta et al. 2020, eq. 7), with what speaks against it."""
+def time_step(
+    particles: Sequence[Particle], fraction: float = USUAL, *, forced: bool = False
+) -> tuple[float, tuple[str, ...]]:
+    """Step [s] as a fraction of the smallest Rayleigh step (Hlosta et al. 2020, eq. 7), with what speaks against it.
+
+    A step that is known to be unstable is refused unless it is `forced`.
+    """
     if not (math.isfinite(fraction) and fraction > 0):
         raise BadInput(f"time_step_fraction must be a positive number, got {fraction:g}.")
-    if fraction > UNSTABLE:
+    if fraction > UNSTABLE and not forced:
         raise BadInput(
             f"time_step_fraction: {fraction:.0%} of Rayleigh's step is unstable; "
             f"give at most {UNSTABLE:.0%} (usual: {USUAL:.0%})."
         )
     warnings: tuple[str, ...] = ()
     if fraction > DOUBTFUL:
-        warnings = (f"the time step is {fraction:.0%} of Rayleigh's; above {DOUBTFUL:.0%} contacts lose accuracy",)
+        why = f"above {DOUBTFUL:.0%} contacts lose accuracy"
+        if fraction > UNSTABLE:
+            why = f"above {UNSTABLE:.0%} contacts gain energy from nowhere"
+        warnings = (f"the time step is {fraction:.0%} of Rayleigh's; {why}",)
     return fraction * min(particle.rayleigh_time_step for particle in particles), warnings
 
 

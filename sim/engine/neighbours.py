@@ -46,6 +46,8 @@ class Neighbours(Pairs, RigidBodies):
     given: ti.Field
     counts: ti.Field
     stale: ti.Field
+    flight: ti.Field
+    flight_before: ti.Field
 
     def make_cells(self, capacity: int) -> None:
         self.cell_capacity = (CELLS_PER_BEAD if capacity < LARGE else CELLS_IN_LARGE) * capacity
@@ -245,6 +247,10 @@ class Neighbours(Pairs, RigidBodies):
             self.counts[STATUS] = NEAR_FULL
         if self.counts[STATUS] == OK:
             self.walls.note_listing(self.counts[WALL_COUNT], time, self.counts[BEADS])
+            if ti.static(self.terms.acts_in_flight):
+                for i in range(self.counts[BEADS]):
+                    self.flight_before[None] = self.flight_before[None] + self.flight[i]
+                    self.flight[i] = 0.0
             gone = self.counts[BEADS] - kept
             if ti.static(self.rigid):
                 gone = 0

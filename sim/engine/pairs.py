@@ -1,8 +1,9 @@
 """What beads do to each other in a step: the pairs that touch, gathered into packets and worked out side by side.
 
-Of all pairs in the list a part touches.  Those of a stretch of the list are found first, what the contact law needs of
-them is laid out in columns, and one plain loop over these columns works out the forces: the compiler turns it into
-vector instructions, several contacts at a time.  Then the forces go to the beads.
+Of all pairs in the list a part touches.  Those of a stretch of the list are found first and what the contact law needs
+of them is laid out in rows of four numbers: what is a vector in memory is moved as one.  A plain loop over these rows
+works out the forces; the compiler turns it into vector instructions, four contacts at a time.  Then the forces go to
+the beads.  See docs/decisions/0006 for what that loop must look like.
 
 What a bead gets from the pairs it owns and from those that others own with it is added up apart, each in list order.
 Where one thread has all those pairs the second sum is made on the way; else the forces are left where the other bead
@@ -14,10 +15,10 @@ from typing import Any
 from rigtwin.sim.engine.backend import ti
 from rigtwin.sim.engine.columns import STEP
 from rigtwin.sim.engine.contact import (
+    CONSTANTS,
     DAMPING,
     INERTIA,
     LAW_SIZE,
-    MASS,
     RADIUS,
     ROLLING_RADIUS,
     SHARE,
@@ -27,17 +28,36 @@ from rigtwin.sim.engine.contact import (
 )
 from rigtwin.sim.engine.terms import Terms
 
-PACKET = 128  # pairs; their columns fit the first cache
+PACKET = 128  # pairs; what is laid out of them fits the first cache
 STRIDE = 2 * PACKET + 8  # a thread's packet lies so far from the next one's that none is fetched ahead into its cache
-PADDING = 40  # columns whose distance is a multiple of a page would push each other out of the cache
-LANES = 8  # packets are worked out in multiples of this: the loop then has no scalar rest
+PADDING = 40  # rows whose distance is a multiple of a page would push each other out of the cache
+LANES = 4  # contacts that are worked out side by side
 
-# columns of a packet: branch vector, velocity of the owner against the other, spins of both, histories; where beads
-# differ, their radii, masses and inertias and the law too.  Results take the places of what they were made from.
-BETWEEN, VELOCITY, SPIN, SPIN_OTHER, SLIP, ROLL = 0, 3, 6, 9, 12, 15
-FORCE, TORQUE, TORQUE_OTHER, DEPTH = 0, 3, 6, 9
-SIZES, LAW = 18, 24
+# rows of a packet: branch vector and sum of the radii; velocity of the owner against the other; spins and inertias of
+# both; slip and rolling about x; rolling about y and z
+BETWEEN, VELOCITY, SPIN, SPIN_OTHER, SLIP, ROLL = range(6)
+# more rows where beads differ: the constants of the contact; radii of both and the law's stiffness
+CONSTANT, SIZE = 6, 9
+ROWS = 10
+# columns that these come from: radii, masses and inertias of both, the law
+RADII, MASSES, INERTIAS, LAW = 0, 2, 4, 6
 COLUMNS = LAW + LAW_SIZE
+# rows of results: force on the owner and its torque about x; its torque about y and z, and that of the other; force on
+# the other and its torque about x; slip and rolling about x; rolling about y and z, and the depth.  Where rolling has
+# no history, the depth stands in its place.
+GIVEN, GIVEN_AND_TAKEN, TAKEN, NEW_SLIP, NEW_ROLL = range(5)
+RESULTS = 5
+
+
+def _rows(rows: int, columns: int, length: int) -> tuple[tuple[ti.Field, ...], tuple[ti.Field, ...]]:
+    """Rows of four numbers and single columns, in a piece of memory of their own."""
+    builder = ti.FieldsBuilder()
+    fours = tuple(ti.Vector.field(4, ti.f64) for _ in range(rows))
+    ones = tuple(ti.field(ti.f64) for _ in range(columns))
+    for field in fours + ones:
+        builder.dense(ti.i, length).place(field)
+    builder.finalize()
+    return fours, ones
 
 
 class Pairs:
@@ -60,7 +80,7 @@ class Pairs:
         self.partner = ti.field(ti.i32, (2, pair_capacity))
         self.touching = ti.field(ti.i8, (2, pair_capacity))
         # slip, roll; zero where apart.  Between two builds the list that is not in force needs none: there lie the
-        # forces of the pairs, force on the owner, torque on the other, sorted by the other
+        # forces and torques of the pairs on the other, sorted by the other
         self.history = ti.Vector.field(6, ti.f64, (2, pair_capacity))
         if terms.changes_restitution:
             self.impact: Any = ti.field(ti.f64, (2, pair_capacity))  # DAMPING of this impact
@@ -69,9 +89,11 @@ class Pairs:
         self.place_of_force = ti.field(ti.i32, pair_capacity)  # of a pair of the list in force
         # force and torque on a bead, zero between steps
         self.given = ti.Vector.field(6, ti.f64, capacity)  # by the pairs that it owns
-        self.taken = ti.Vector.field(6, ti.f64, capacity)  # by those that others own, with the other sign: force
+        self.taken = ti.Vector.field(6, ti.f64, capacity)  # by those that others own
         self.chosen = ti.field(ti.i32, packets * STRIDE)  # pairs of a packet
-        self.packet = ti.Vector.field(COLUMNS, ti.f64, packets * STRIDE + PADDING, layout=ti.Layout.SOA)
+        length = packets * STRIDE + PADDING
+        self.packet, self.column = _rows(ROWS, COLUMNS, length)
+        self.result, _ = _rows(RESULTS, 0, length)
 
     # ------------------------------------------------------------------ finding those that touch
 
@@ -131,7 +153,7 @@ class Pairs:
     # ------------------------------------------------------------------ working them out
 
     @ti.func
-    def gather(self, live, chunk, count, alike: ti.template()):
+    def gather(self, live, chunk, count, alike: ti.template(), mechanics: ti.template()):
         """Lay out what the contact law needs of the chosen pairs."""
         room = chunk * STRIDE
         for k in range(room, room + count):
@@ -140,23 +162,56 @@ class Pairs:
             place, motion, spin = self.place[i], self.motion[i], self.spin[i]
             place_j, motion_j, spin_j = self.place[j], self.motion[j], self.spin[j]
             history = self.history[live, p]
+            for c in ti.static(range(4)):
+                self.packet[VELOCITY][k][c] = motion[c] - motion_j[c]
+                self.packet[SPIN][k][c] = spin[c]
+                self.packet[SPIN_OTHER][k][c] = spin_j[c]
+                self.packet[SLIP][k][c] = history[c]
             for c in ti.static(range(3)):
-                self.packet[k][BETWEEN + c] = place_j[c] - place[c]
-                self.packet[k][VELOCITY + c] = motion[c] - motion_j[c]
-                self.packet[k][SPIN + c] = spin[c]
-                self.packet[k][SPIN_OTHER + c] = spin_j[c]
-                self.packet[k][SLIP + c] = history[c]
-                self.packet[k][ROLL + c] = history[3 + c]
+                self.packet[BETWEEN][k][c] = place_j[c] - place[c]
+            self.packet[BETWEEN][k][3] = place[3] + place_j[3]
+            if ti.static(not mechanics.constant_torque):
+                for c in ti.static(range(2)):
+                    self.packet[ROLL][k][c] = history[4 + c]
             if ti.static(not alike):
                 law = self.pair_law[self.tag[i][1], self.tag[j][1]]
                 if ti.static(self.terms.changes_restitution):
                     law[DAMPING] = self.impact[live, p]
                 for c in ti.static(range(LAW_SIZE)):
-                    self.packet[k][LAW + c] = law[c]
+                    self.column[LAW + c][k] = law[c]
                 for c in ti.static(range(2)):
-                    self.packet[k][SIZES + c] = (place[3], place_j[3])[c]
-                    self.packet[k][SIZES + 2 + c] = (motion[3], motion_j[3])[c]
-                    self.packet[k][SIZES + 4 + c] = (spin[3], spin_j[3])[c]
+                    self.column[RADII + c][k] = (place[3], place_j[3])[c]
+                    self.column[MASSES + c][k] = (motion[3], motion_j[3])[c]
+                    self.column[INERTIAS + c][k] = (spin[3], spin_j[3])[c]
+
+    @ti.func
+    def reach_rows(self, behind):
+        """Touch the pieces of memory of packets, at an entry `behind` all that are used.
+
+        The compiler then looks their places up here and not in the loop that follows, which would else stay scalar.
+        """
+        self.packet[BETWEEN][behind][0] = 1.0
+        self.result[GIVEN][behind][0] = 0.0
+
+    @ti.func
+    def prepare(self, chunk, count, mechanics: ti.template()):
+        """The constants of the chosen contacts, where beads differ.  Vector code too."""
+        room = chunk * STRIDE
+        step = self.numbers[STEP]
+        self.reach_rows(room + count)
+        for k in range(room, room + count):
+            law = ti.Vector([0.0] * LAW_SIZE)
+            for c in ti.static(range(LAW_SIZE)):
+                law[c] = self.column[LAW + c][k]
+            radius, radius_j = self.column[RADII][k], self.column[RADII + 1][k]
+            constants = constants_of_two(
+                law, radius, radius_j, self.column[MASSES][k], self.column[MASSES + 1][k],
+                self.column[INERTIAS][k], self.column[INERTIAS + 1][k], step, mechanics.linear,
+            )  # fmt: skip
+            for c in ti.static(range(CONSTANTS)):
+                self.packet[CONSTANT + c // 4][k][c % 4] = constants[c]
+            for c in ti.static(range(4)):
+                self.packet[SIZE][k][c] = (radius, radius_j, law[STIFFNESS], 0.0)[c]
 
     @ti.func
     def work_out(self, chunk, count, alike: ti.template(), mechanics: ti.template()):
@@ -165,25 +220,23 @@ class Pairs:
         step = self.numbers[STEP]
         same_law, same = self.pair_law[0, 0], self.constants[None]
         size = self.kind_sizes[None]
+        self.reach_rows(room + count)
         for k in range(room, room + count):
-            law, constants = same_law, same
-            radius, radius_j, mass, mass_j, inertia, inertia_j = (
-                size[RADIUS], size[RADIUS], size[MASS], size[MASS], size[INERTIA], size[INERTIA],
-            )  # fmt: skip
+            constants, modulus = same, same_law[STIFFNESS]
+            radius, radius_j, inertia, inertia_j = size[RADIUS], size[RADIUS], size[INERTIA], size[INERTIA]
             if ti.static(not alike):
-                radius, radius_j = self.packet[k][SIZES], self.packet[k][SIZES + 1]
-                mass, mass_j = self.packet[k][SIZES + 2], self.packet[k][SIZES + 3]
-                inertia, inertia_j = self.packet[k][SIZES + 4], self.packet[k][SIZES + 5]
-                for c in ti.static(range(LAW_SIZE)):
-                    law[c] = self.packet[k][LAW + c]
-                constants = constants_of_two(
-                    law, radius, radius_j, mass, mass_j, inertia, inertia_j, step, mechanics.linear
-                )
+                radius, radius_j = self.packet[SIZE][k][0], self.packet[SIZE][k][1]
+                inertia, inertia_j = self.packet[SPIN][k][3], self.packet[SPIN_OTHER][k][3]
+                modulus = self.packet[SIZE][k][2]
+                for c in ti.static(range(CONSTANTS)):
+                    constants[c] = self.packet[CONSTANT + c // 4][k][c % 4]
             between = self.three(BETWEEN, k)
             turning = self.three(SPIN, k)
             turning_j = self.three(SPIN_OTHER, k)
             slip = self.three(SLIP, k)
-            roll = self.three(ROLL, k)
+            roll = ti.Vector([0.0, 0.0, 0.0])
+            if ti.static(not mechanics.constant_torque):
+                roll = ti.Vector([self.packet[SLIP][k][3], self.packet[ROLL][k][0], self.packet[ROLL][k][1]])
             distance2 = between.norm_sqr()
             distance = ti.sqrt(distance2)
             normal = between * (distance * (1.0 / distance2))  # the division need not wait for the root
@@ -191,7 +244,7 @@ class Pairs:
             lever_j = distance - lever
             surface = self.three(VELOCITY, k)
             surface += (lever * turning + lever_j * turning_j).cross(normal)
-            overlap = radius + radius_j - distance
+            overlap = self.packet[BETWEEN][k][3] - distance
             held = overlap
             if ti.static(self.terms.has_neck):
                 held = ti.max(overlap, 0.0)
@@ -200,45 +253,73 @@ class Pairs:
                 step, mechanics,
             )  # fmt: skip
             if ti.static(self.terms.attracts):
-                force += self.terms.attraction(overlap, 0.5 * constants[ROLLING_RADIUS], law[STIFFNESS]) * normal
+                force += self.terms.attraction(overlap, 0.5 * constants[ROLLING_RADIUS], modulus) * normal
             turn = normal.cross(force)
             torque += lever * turn
             torque_j += lever_j * turn
-            for c in ti.static(range(3)):
-                self.packet[k][FORCE + c] = force[c]
-                self.packet[k][TORQUE + c] = torque[c]
-                self.packet[k][TORQUE_OTHER + c] = torque_j[c]
-                self.packet[k][SLIP + c] = slip[c]
-                self.packet[k][ROLL + c] = roll[c]
-            self.packet[k][DEPTH] = overlap * (1.0 / constants[ROLLING_RADIUS])
+            depth = overlap * (1.0 / constants[ROLLING_RADIUS])
+            # rows are written whole: a gap would keep the loop scalar
+            for c in ti.static(range(4)):
+                self.result[GIVEN][k][c] = (force[0], force[1], force[2], torque[0])[c]
+                self.result[GIVEN_AND_TAKEN][k][c] = (torque[1], torque[2], torque_j[1], torque_j[2])[c]
+                self.result[TAKEN][k][c] = (-force[0], -force[1], -force[2], torque_j[0])[c]
+                if ti.static(mechanics.constant_torque):
+                    self.result[NEW_SLIP][k][c] = (slip[0], slip[1], slip[2], depth)[c]
+                else:
+                    self.result[NEW_SLIP][k][c] = (slip[0], slip[1], slip[2], roll[0])[c]
+                    self.result[NEW_ROLL][k][c] = (roll[1], roll[2], 0.0, depth)[c]
 
     @ti.func
-    def three(self, column: ti.template(), k):
-        """Three columns of a packet, as a vector."""
-        return ti.Vector([self.packet[k][column], self.packet[k][column + 1], self.packet[k][column + 2]])
+    def three(self, row: ti.template(), k):
+        """The first three numbers of a row, as a vector."""
+        return ti.Vector([self.packet[row][k][0], self.packet[row][k][1], self.packet[row][k][2]])
 
     @ti.func
-    def deliver(self, live, chunk, count, own, stop):
+    def deliver(self, live, chunk, count, own, stop, mechanics: ti.template()):
         """Bring forces to the beads and histories back to the pairs; nobody else gives to beads `own` to `stop` - 1."""
         room = chunk * STRIDE
+        deepest = 0.0
         for k in range(room, room + count):
             p = self.chosen[k]
             i, j = self.owner_of[p], self.partner[live, p]
+            # all is read before anything is written: so it is moved as vectors
+            on_i, on_both, on_j = self.result[GIVEN][k], self.result[GIVEN_AND_TAKEN][k], self.result[TAKEN][k]
+            slip, given = self.result[NEW_SLIP][k], self.given[i]
+            depth = slip[3]
             for c in ti.static(range(3)):
-                self.history[live, p][c] = self.packet[k][SLIP + c]
-                self.history[live, p][3 + c] = self.packet[k][ROLL + c]
-                self.given[i][c] = self.given[i][c] + self.packet[k][FORCE + c]
-                self.given[i][3 + c] = self.given[i][3 + c] + self.packet[k][TORQUE + c]
-            if own <= j < stop:
-                for c in ti.static(range(3)):
-                    self.taken[j][c] = self.taken[j][c] - self.packet[k][FORCE + c]
-                    self.taken[j][3 + c] = self.taken[j][3 + c] + self.packet[k][TORQUE_OTHER + c]
-            else:
-                place = self.place_of_force[p]
-                for c in ti.static(range(3)):
-                    self.history[1 - live, place][c] = self.packet[k][FORCE + c]
-                    self.history[1 - live, place][3 + c] = self.packet[k][TORQUE_OTHER + c]
-            self.worst[i] = ti.max(self.worst[i], self.packet[k][DEPTH])
+                self.history[live, p][c] = slip[c]
+            if ti.static(not mechanics.constant_torque):
+                roll = self.result[NEW_ROLL][k]
+                depth = roll[3]
+                self.history[live, p][3] = slip[3]
+                for c in ti.static(range(2)):
+                    self.history[live, p][4 + c] = roll[c]
+            for c in ti.static(range(4)):
+                self.given[i][c] = given[c] + on_i[c]
+            for c in ti.static(range(2)):
+                self.given[i][4 + c] = given[4 + c] + on_both[c]
+            self.hand_to_other(live, p, j, on_j, on_both, own <= j < stop)
+            deepest = ti.max(deepest, depth)
+        if deepest > 0.0:
+            # which of the packet's beads keeps it does not matter: only the largest of all is asked for
+            first = self.owner_of[self.chosen[room]]
+            self.worst[first] = ti.max(self.worst[first], deepest)
+
+    @ti.func
+    def hand_to_other(self, live, p, j, on_j, on_both, alone):
+        """Force and torque of pair `p` to its other bead `j`; left for it where other threads may write there too."""
+        if alone:
+            taken = self.taken[j]
+            for c in ti.static(range(4)):
+                self.taken[j][c] = taken[c] + on_j[c]
+            for c in ti.static(range(2)):
+                self.taken[j][4 + c] = taken[4 + c] + on_both[2 + c]
+        else:
+            place = self.place_of_force[p]
+            for c in ti.static(range(4)):
+                self.history[1 - live, place][c] = on_j[c]
+            for c in ti.static(range(2)):
+                self.history[1 - live, place][4 + c] = on_both[2 + c]
 
     @ti.func
     def meet(self, live, begin, end, chunk, own, stop, alike: ti.template(), mechanics: ti.template()):
@@ -246,16 +327,18 @@ class Pairs:
         beads `own` to `stop` - 1 get forces from nobody else.
         """
         count = self.choose(live, begin, end, chunk)
-        self.gather(live, chunk, count, alike)
-        self.work_out(chunk, (count + LANES - 1) // LANES * LANES, alike, mechanics)
-        self.deliver(live, chunk, count, own, stop)
+        self.gather(live, chunk, count, alike, mechanics)
+        # rows with a number that is not read end in a scalar contact, so there is one more than a multiple of lanes
+        lanes = (count + LANES - 1) // LANES * LANES + 1
+        if ti.static(not alike):
+            self.prepare(chunk, lanes, mechanics)
+        self.work_out(chunk, lanes, alike, mechanics)
+        self.deliver(live, chunk, count, own, stop, mechanics)
 
     @ti.func
     def sum_taken(self, live, i):
         """What the pairs that others own with bead `i` do to it, where they left it."""
         total = ti.Vector([0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
         for q in range(self.pointed_first[i], self.pointed_first[i + 1]):
-            for c in ti.static(range(3)):
-                total[c] -= self.history[1 - live, q][c]
-                total[3 + c] += self.history[1 - live, q][3 + c]
+            total += self.history[1 - live, q]
         return total

@@ -95,6 +95,14 @@ def left_out(effects: Effects, active: Sequence[Active], why: str) -> tuple[str,
     return (f"the model's {', '.join(names)} had no part in this run: {why}",) if names else ()
 
 
+def attraction_of(effects: Sequence[Active]) -> Callable[[Any, Any, Any], Any] | None:
+    """The sum of the effects' attractions as a function of overlap, radius and modulus; None where there is none."""
+    pulls = [(one.effect.attraction, one.values) for one in effects if one.effect.attraction is not None]
+    if not pulls:
+        return None
+    return lambda overlap, radius, modulus: sum(pull(overlap, radius, modulus, *values) for pull, values in pulls)
+
+
 def terms_of(effects: Sequence[Active], place: str) -> Terms:
     """The compiled terms of these effects, their parameters set; each `place` that simulates has its own."""
     for one in effects:

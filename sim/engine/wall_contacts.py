@@ -419,13 +419,9 @@ class WallContacts:
                     roll = ti.Vector([0.0, 0.0, 0.0])
                     if self.touching[live, q] == 1:
                         slip, roll = self.slip[live, q], self.roll[live, q]
-                    wall_spin = self.spin[thread, w]
-                    arm = position + distance * normal - self.pivot[thread, w]
-                    surface = self.velocity[thread, w] + wall_spin.cross(arm)
-                    # the history turns with the wall about the normal; about other axes it follows the normal
-                    twist = step * wall_spin.dot(normal) * normal
-                    slip += twist.cross(slip)
-                    roll += twist.cross(roll)
+                    surface, wall_spin, slip, roll = self.carry(
+                        thread, w, position + distance * normal, normal, slip, roll, step
+                    )
                     law = self.law[kind, w]
                     if ti.static(self.terms.changes_restitution):
                         if self.touching[live, q] == 0:
@@ -447,12 +443,27 @@ class WallContacts:
                     force += drag
                     torque += distance * normal.cross(drag) + hold
                     deepest = ti.max(deepest, radius - distance)
-                    self.work[i] = self.work[i] + step * (drag.dot(surface) + hold.dot(wall_spin))
+                    if self.state[thread, w] == MOVES:
+                        self.work[i] = self.work[i] + step * (drag.dot(surface) + hold.dot(wall_spin))
                 elif self.touching[live, q] == 1:
                     self.touching[live, q] = 0
                     if ti.static(self.terms.has_neck):
                         force += self.hold_neck(live, q, kind, radius)
         return force, torque, deepest
+
+    @ti.func
+    def carry(self, thread, w, point, normal, slip, roll, step):
+        """Velocity of wall `w` at `point` and its spin; slip and roll of a contact there, turned with the wall."""
+        surface, spin = ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
+        new_slip, new_roll = slip, roll
+        if self.state[thread, w] == MOVES:
+            spin = self.spin[thread, w]
+            surface = self.velocity[thread, w] + spin.cross(point - self.pivot[thread, w])
+            # the history turns with the wall about the normal; about other axes it follows the normal
+            twist = step * spin.dot(normal) * normal
+            new_slip += twist.cross(slip)
+            new_roll += twist.cross(roll)
+        return surface, spin, new_slip, new_roll
 
     @ti.func
     def hold_neck(self, live, q, kind, radius):
@@ -487,7 +498,10 @@ class WallContacts:
         time: ti.f64,
         step: ti.f64,
     ):
-        """Overlap of each entry of the list whose contact holds now, else zero; `beads` is place 3 and radius."""
+        """Overlap of each entry of the list whose contact holds now, else zero; `beads` is place 3 and radius.
+
+        Negative where the bead has parted from the wall but is still held.
+        """
         ti.loop_config(serialize=True)
         for _ in range(1):
             self.pose(0, walls, time, step, 0.0)
@@ -496,7 +510,10 @@ class WallContacts:
                 self.face(0, live, i, ti.Vector([beads[i, 0], beads[i, 1], beads[i, 2]]), radius)
                 for q in range(self.first[live, i], self.first[live, i + 1]):
                     found[q] = 0.0
-                    if self.mark[q] == HOLDS:
+                    held = self.mark[q] == HOLDS
+                    if ti.static(self.terms.has_neck):
+                        held = held or (self.mark[q] == APART and self.touching[live, q] == 1)
+                    if held:
                         found[q] = radius - self.facing[q][3]
 
     @ti.kernel

@@ -1,0 +1,75 @@
+"""Whether the same name would have come out of other repetitions: bootstrap, and each repetition left out in turn.
+
+What a repetition says for or against a set of effects is its own share of the deviance, releases and impacts
+integrated out; the stated calibration speaks once, whichever repetitions are drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from rigtwin.compare.diagnose.fit import Fit
+from rigtwin.lab.records import Array
+
+RESAMPLES = 2000
+SEED = 20
+
+
+@dataclass(frozen=True)
+class Stability:
+    """How often the winner stays first, and above the alarm."""
+
+    resamples: int
+    first: float
+    """Share of bootstrap resamples of the repetitions, condition by condition, in which it stays first."""
+    alarm: float
+    """... and in which it would still have raised the alarm."""
+    rival: str
+    """Which set is first most often where it is not; empty where there is none."""
+    left_out: float
+    """Share of the repetitions without which it is still first and above the alarm."""
+
+    def to_json(self) -> dict[str, object]:
+        return asdict(self)
+
+
+def stability(
+    base: Fit, winner: Fit, rivals: Sequence[Fit], condition: Array, *, alarm: float, spread: float = 1.0
+) -> Stability | None:
+    """Gains over the baseline under resampled repetitions; None where the winner was not fitted to all of them."""
+    if not _whole(winner, base):
+        return None
+    rivals = [one for one in rivals if _whole(one, base) and names(one) != names(winner)]
+    gains = np.array([(base.by_run - one.by_run) / spread for one in (winner, *rivals)])  # (candidates, R)
+    stated = np.array([(_pulls(base) - _pulls(one)) / spread for one in (winner, *rivals)])
+    rng = np.random.default_rng(SEED)
+    weight = np.zeros((RESAMPLES, len(condition)))
+    for number in np.unique(condition):
+        mine = np.flatnonzero(condition == number)
+        weight[:, mine] = rng.multinomial(len(mine), np.full(len(mine), 1 / len(mine)), size=RESAMPLES)
+    drawn = weight @ gains.T + stated
+    leader = drawn.argmax(axis=1)
+    others = leader[leader > 0]
+    rival = names(rivals[int(np.bincount(others).argmax()) - 1]) if len(others) else ""
+    without = gains.sum(axis=1) + stated - gains.T  # (R, candidates), one repetition left out
+    stays = (without.argmax(axis=1) == 0) & (without[:, 0] >= alarm)
+    return Stability(
+        RESAMPLES, float(np.mean(leader == 0)), float(np.mean(drawn[:, 0] >= alarm)), rival, float(np.mean(stays))
+    )
+
+
+def names(fitted: Fit) -> str:
+    return " + ".join(sorted(term.name for term in fitted.terms))
+
+
+def _pulls(fitted: Fit) -> float:
+    return sum(pull**2 for pull in fitted.pulls.values())
+
+
+def _whole(fitted: Fit, base: Fit) -> bool:
+    """Whether it was fitted to all data, and not only looked at from the baseline."""
+    known = len(fitted.by_run) == len(base.by_run)
+    return known and abs(float(fitted.by_run.sum()) + _pulls(fitted) - fitted.deviance) < 1.0

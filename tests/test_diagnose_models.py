@@ -1,0 +1,117 @@
+"""Diagnosis: its reduced models against closed forms, and the library of effects that enter them."""
+
+import math
+
+import numpy as np
+import pytest
+
+from rigtwin.compare.diagnose import along, flight, labs, swing
+from rigtwin.compare.diagnose.pendulum import pushing
+from rigtwin.lab.errors import BadInput
+from rigtwin.sim.effects import library, named, own_effect
+
+G = 9.81
+
+
+# ------------------------------------------------------------------------------------------------ reduced models
+
+
+def test_a_flight_without_air_is_a_parabola():
+    one = np.ones((1, 1, 1))
+    path = flight.fly(0.2 * one, 3.0 * one, 0 * one, 0 * one, one, radius=one, mass=one, gravity=G, terms=(), values={})
+    assert path.duration.item() == pytest.approx(2 * 3.0 / G, rel=1e-9)
+    assert path.land_x.item() == pytest.approx(0.2 * 6.0 / G, rel=1e-9)
+    assert path.land_vy.item() == pytest.approx(-3.0, rel=1e-9)
+
+
+def test_a_long_fall_ends_at_the_terminal_speed_of_its_drag():
+    one = np.ones((1, 1, 1))
+    radius, mass = 0.006, 2.5e-5
+    drag = named("air_drag")
+    path = flight.fly(
+        0 * one, 0 * one, 12.0 * one, 0 * one, one,
+        radius=radius * one, mass=mass * one, gravity=G, terms=(drag,),
+        values={"air_drag.drag_coefficient": np.array([0.44])},
+    )  # fmt: skip
+    terminal = math.sqrt(mass * G / (0.5 * 1.2 * 0.44 * math.pi * radius**2))
+    assert -path.land_vy.item() == pytest.approx(terminal, rel=1e-3)
+
+
+def test_a_pendulum_swings_slower_at_large_angles_as_the_elliptic_integral_says():
+    from scipy.special import ellipk
+
+    angle = np.array([[1.0]])
+    push, omega = pushing(np.array([[0.25]]), np.array([1e-3]), np.array([3e-3]), G, {}, ())
+    swings = swing.half_swings(angle, push, omega, np.array([[2.0]]))
+    half = 2 * math.sqrt(0.25 / G) * ellipk(math.sin(0.5) ** 2)
+    assert np.diff(swings.begin[:, 0, 0]) == pytest.approx(half, rel=2e-5)
+
+
+def test_dry_friction_takes_the_same_angle_from_every_swing():
+    moment, length, mass = 2e-6, 0.25, 2e-4
+    values = {"pivot_friction.moment": np.array([moment])}
+    push, omega = pushing(
+        np.array([[length]]), np.array([mass]), np.array([3e-3]), G, values, (named("pivot_friction"),)
+    )
+    swings = swing.half_swings(np.array([[0.05]]), push, omega, np.array([[3.0]]))
+    loss = -np.diff(np.abs(swings.angle[:, 0, 0, 0]))
+    assert loss == pytest.approx(2 * moment / (mass * G * length), rel=2e-3)
+
+
+def test_a_sphere_that_rolls_to_rest_stops_where_its_friction_says():
+    deceleration = 5 / 7 * G * 0.05
+    one = np.ones((1, 1))
+    motion = along.ride(0 * one, 0.5 * one, lambda t, s, v: -deceleration * np.ones_like(v), 5 * one)
+    place, speed = along.place_at(motion, np.array([[0.1, 4.0]]), np.array([0, 0]))
+    assert place[0, 1] == pytest.approx(0.5**2 / (2 * deceleration), rel=1e-9)
+    assert place[0, 0] == pytest.approx(0.5 * 0.1 - deceleration * 0.005, rel=1e-9)
+    assert speed[0, 1] == pytest.approx(0.0, abs=1e-9)
+
+
+# ------------------------------------------------------------------------------------------------------- effects
+
+
+def test_every_effect_says_what_it_is_and_how_it_enters():
+    for effect in library():
+        assert effect.title
+        assert effect.equation
+        assert effect.source
+        assert effect.synonyms
+        assert effect.splits
+        assert set(effect.rigs) <= set(labs.TRACKED)
+        hooks = (effect.force, effect.torque, effect.restitution, effect.rolling, effect.sliding, effect.onset)
+        contact = (effect.attraction, effect.neck)
+        assert any((*hooks, *contact, effect.exposure, effect.view)) or effect.geometry
+        for parameter in effect.parameters:
+            assert parameter.low <= 0.0 <= parameter.high
+            assert parameter.low < parameter.typical < parameter.high
+
+
+def test_schiller_naumann_is_stokes_when_slow_and_newton_when_fast():
+    slow = named("air_drag_schiller_naumann").force(1e-6, 0.0, 1.0, 1e-3, 1.0, 1.0)[0]
+    assert slow == pytest.approx(-6 * math.pi * 1.8e-5 * 1e-3 * 1e-6, rel=1e-2)
+    fast = named("air_drag_schiller_naumann").force(1.2, 0.0, 1.0, 6e-3, 1.0, 1.0)[0]
+    assert fast == pytest.approx(named("air_drag").force(1.2, 0.0, 1.0, 6e-3, 1.0, 0.44)[0], rel=0.05)
+    # Re = 4000: Newton's plateau, where the fitted formula alone would say 0.27
+    faster = named("air_drag_schiller_naumann").force(5.0, 0.0, 1.0, 6e-3, 1.0, 1.0)[0]
+    assert faster == pytest.approx(named("air_drag").force(5.0, 0.0, 1.0, 6e-3, 1.0, 0.44)[0], rel=1e-6)
+
+
+def test_a_users_own_effect_takes_part(tmp_path):
+    path = tmp_path / "wind.py"
+    path.write_text(
+        "from rigtwin.sim.effects import Effect, Parameter\n"
+        "def force(vx, vy, gap, radius, mass, a):\n    return mass * a + 0 * vx, 0 * vy\n"
+        "EFFECT = Effect(name='wind', title='wind', kind='physical', rigs=('drop',),\n"
+        "    parameters=(Parameter('acceleration', 'm/s^2', -5, 5, 0.1),), equation='a', source='own', force=force)\n"
+    )
+    assert own_effect(path).name == "wind"
+
+
+@pytest.mark.parametrize("text", [None, "EFFECT = 3\n", "1/0\n"])
+def test_an_own_effect_that_is_none_is_refused(tmp_path, text):
+    path = tmp_path / "bad.py"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(BadInput, match=r"bad\.py"):
+        own_effect(path)
