@@ -122,9 +122,11 @@ class Scene:
             for i, (k, sphere, (x, y, z)) in enumerate(zip(self.kind, spheres, self.position.tolist(), strict=True), 1)
         ]
         speeds = [f"{i} {x!r} {y!r} {z!r} 0 0 0" for i, (x, y, z) in enumerate(self.velocity.tolist(), 1)]
+        stiffness = "soft" if min(kind.material.youngs_modulus for kind in self.kinds) < 5e6 else "hard"
         run = (
-            # it refuses moduli above 1e9 Pa without the first line
-            "hard_particles yes\natom_style granular\natom_modify map array\nboundary f f f\nnewton off\n"
+            # it refuses moduli above 1e9 Pa, or below 5e6, without the first line
+            f"{stiffness}_particles yes\n"
+            "atom_style granular\natom_modify map array\nboundary f f f\nnewton off\n"
             "communicate single vel yes\nunits si\nread_data spheres.data\n"
             f"neighbor {self.skin} bin\nneigh_modify delay 0\n"
             f"fix m1 all property/global youngsModulus peratomtype {moduli}\n"
