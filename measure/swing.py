@@ -27,6 +27,8 @@ Mask = npt.NDArray[np.bool_]
 
 STEP = 0.008  # [s], of the Runge-Kutta integration: error below 3e-6 rad over a swing of a 100 mm pendulum
 
+SETTLED = 0.02  # of the noise: the fit is done when it was weighed by the noise that it leaves
+
 # What is known beforehand of things that one short swing hardly shows; (mean, standard deviation).
 PRIORS = {
     "damping": (0.03, 0.1),  # [1/s], pivot and thread
@@ -416,13 +418,14 @@ def _fit(swings: Swings, tracks: tuple[Track, ...]) -> SwingFit:
     weights = [_weights(track) for track in tracks]
     wild = [~np.all(np.isfinite(track.position), axis=1) for track in tracks]
     noise = 0.01 * float(swings["length_0"])
-    used: list[Mask] = []
+    used, weighed_by = list[Mask](), math.inf
     for _ in range(6):
         end = _end_of_last_swing(swings)
         chosen = [_usable(swings, track, bead, end) & ~wild[bead] for bead, track in enumerate(tracks)]
-        if used and all(np.array_equal(old, new) for old, new in zip(used, chosen, strict=True)):
+        settled = abs(noise - weighed_by) < SETTLED * noise  # before, the priors weigh too much against the points
+        if settled and all(np.array_equal(old, new) for old, new in zip(used, chosen, strict=True)):
             break
-        used = chosen
+        used, weighed_by = chosen, noise
         _enough(used, swings, tracks)
 
         data = _Data(tracks, tuple(weights), tuple(used), noise)
