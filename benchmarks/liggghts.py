@@ -211,13 +211,10 @@ def speed(bed: Bed | Hopper, rolling: Rolling, *, threads: int, steps: int, warm
         running = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder, env=environment
         )
-        ran: dict[int, tuple[int, int]] = {}
-        while True:
-            try:
-                out, err = running.communicate(timeout=LOOK)
-                break
-            except subprocess.TimeoutExpired:
-                ran |= _ranks(running.pid)
+        try:
+            out, err, ran = _watched(running)
+        finally:
+            running.kill()  # of an interrupted benchmark nothing computes on
         share = sum(on for on, _ in ran.values()) / max(1, sum(on + waited for on, waited in ran.values()))
     times = TIME.findall(out)
     if running.returncode or not times:
@@ -227,6 +224,16 @@ def speed(bed: Bed | Hopper, rolling: Rolling, *, threads: int, steps: int, warm
     if int(atoms) != len(bed.position):
         raise RigtwinError(f"LIGGGHTS ran {atoms} of {len(bed.position)} beads; the bed does not fit its box.")
     return int(made) * int(atoms) / float(seconds), share
+
+
+def _watched(running: subprocess.Popen[str]) -> tuple[str, str, dict[int, tuple[int, int]]]:
+    """What it said on stdout and stderr until it ended, and how its processes fared, as `_ranks` says."""
+    ran: dict[int, tuple[int, int]] = {}
+    while True:
+        try:
+            return *running.communicate(timeout=LOOK), ran
+        except subprocess.TimeoutExpired:
+            ran |= _ranks(running.pid)
 
 
 def _ranks(parent: int) -> dict[int, tuple[int, int]]:

@@ -392,6 +392,21 @@ def test_results_are_written_even_when_nobody_listens(tmp_path):
     assert (tmp_path / "twin/quantities.json").is_file()
 
 
+def test_progress_goes_to_a_file_as_a_line_now_and_then(capfd, monkeypatch):
+    from rigtwin.commands import show
+
+    def said(hidden, every):
+        monkeypatch.setattr(show, "LOG_EVERY", every)
+        with show.progress_bars(hidden) as tell:
+            tell("running", 1, 4)
+            tell("running", 2, 4)
+        return capfd.readouterr().err
+
+    assert said(False, 0.0) == "running: 25 %\nrunning: 50 %\n"
+    assert said(False, 60.0) == ""
+    assert said(True, 0.0) == ""
+
+
 def test_a_comparison_shows_the_results_first_and_says_why_a_number_is_doubtful(capfd):
     from datetime import UTC, datetime
 

@@ -156,6 +156,13 @@ def same_beads(one: engine.Beads, other: engine.Beads) -> bool:
     return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in vars(one))
 
 
+def test_a_state_that_lacks_what_a_step_reads_is_refused():
+    state = bed(FLOOR).state()
+    del state["push"]
+    with pytest.raises(BadInput, match="an earlier rigtwin"):
+        bed(FLOOR).restore(state)
+
+
 @pytest.mark.parametrize("rolling", ["type A", "type C"])
 @pytest.mark.parametrize("pair_capacity", [None, 70])
 def test_the_state_holds_all_that_later_steps_depend_on(rolling, pair_capacity):

@@ -316,6 +316,18 @@ def test_the_budget_closes_while_elastic_beads_pull_each_other(effect, value):
     assert [b.total for b in pulling] == pytest.approx([begun] * len(pulling), rel=5e-3)
 
 
+def test_what_was_torn_off_in_the_last_move_is_in_the_books_no_more():
+    # so fast that a single step takes bead and floor, and the two beads, out of each other's reach
+    speed, floor = 200.0, [Wall(FLOOR, RUBBER, Contact(1.0))]
+    bed = bulk(SOFT, only("adhesion_jkr", 0.1), floor, WEIGHTLESS, 1e-6, restitution=1.0)
+    place = np.array([[0, 0, SOFT.radius - 1e-6], [0.5, 0, 0.5], [0.5 + SOFT.diameter - 1e-6, 0, 0.5]])
+    bed.add(place, np.array([[0, 0, speed], [0, 0, 0], [speed, 0, 0]]))
+    bed.run(1)
+    assert bed.contacts == 1  # forces were worked out before the move
+    books = bed.budget()
+    assert (books.contacts, books.wall_contacts, books.adhesive) == (0, 0, 0.0)
+
+
 def test_a_slow_bead_stays_stuck():
     effects = only("adhesion_jkr", 0.1)
     bed = bulk(SOFT, effects, [Wall(FLOOR, RUBBER, Contact(0.5))], WEIGHTLESS, 2e-6)

@@ -246,9 +246,16 @@ def test_tubes_and_drains_that_cannot_be_are_refused(rig, message):
         pile.run(rig, D6, STEEL, BEADS, BASE, count=50)
 
 
-@pytest.mark.parametrize(("in_the_end", "words"), [(0.002, "impacts pressed beads up to 9.0%"), (0.06, "in the end")])
-def test_beads_pressed_together_by_impacts_are_told_from_beads_that_lie_too_deep(in_the_end, words):
-    logbook = SimpleNamespace(warnings=(), history=SimpleNamespace(largest_overlap=np.array([0.01, in_the_end])))
+@pytest.mark.parametrize(
+    ("seen", "words"),
+    [
+        ([0.0, 0.01, 0.08, 0.01, 0.002], "impacts pressed beads up to 9.0%"),
+        ([0.0, 0.01, 0.01, 0.01, 0.06], "beads lie up to 6.0%"),
+        ([0.0, 0.07, 0.07, 0.06, 0.0], "beads lie up to 6.0%"),  # a hopper that has emptied
+    ],
+)
+def test_beads_pressed_together_by_impacts_are_told_from_beads_that_lie_too_deep(seen, words):
+    logbook = SimpleNamespace(warnings=(), history=SimpleNamespace(largest_overlap=np.array(seen)))
     (said,) = Bench(BOWL, D6, STEEL, BEADS, BASE, {}).warnings(SimpleNamespace(largest_overlap=0.09, note=""), logbook)
     assert words in said
     assert "--stiffness-factor" in said

@@ -101,11 +101,11 @@ def _names(fitted: Fit) -> str:
 def settings(bench: Regioned) -> list[Setting]:
     """What can be changed in a rig of this kind."""
     whole: Any = bench
+    like = _like(bench)
+    density = float(whole.mass[like] / (SPHERE * whole.radius[like] ** 3))
     common = [
-        Setting("a steel ball of the same size", density=7850.0 * whole.radius[0] ** 3 * SPHERE / whole.mass[0]),
-        Setting(
-            "a foam ball of the same size (30 kg/m^3)", density=30.0 * whole.radius[0] ** 3 * SPHERE / whole.mass[0]
-        ),
+        Setting("a steel ball of the same size", density=7850.0 / density),
+        Setting("a foam ball of the same size (30 kg/m^3)", density=30.0 / density),
         Setting("a ball of the same material, twice the size", size=2.0),
         Setting("a ball of the same material, half the size", size=0.5),
     ]

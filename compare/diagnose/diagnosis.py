@@ -21,12 +21,12 @@ from rigtwin.compare.diagnose.fit import Fit, fit, screen
 from rigtwin.compare.diagnose.gap import Beside, Gap, beside, gap, names
 from rigtwin.compare.diagnose.labs import BULK, TrackedLab
 from rigtwin.compare.diagnose.locate import Disagreement, Location, Regioned, locate
-from rigtwin.compare.diagnose.naming import ALARM, FORM, Candidate, Naming, name_effects
+from rigtwin.compare.diagnose.naming import ALARM, FORM, Candidate, Naming, name_effects, spread_of
 from rigtwin.compare.diagnose.pendulum import PendulumBench
 from rigtwin.compare.diagnose.roll import LEVER, RollBench, one_material_of_many_sizes
 from rigtwin.compare.diagnose.sift import sifted
 from rigtwin.compare.diagnose.slide import SlideBench
-from rigtwin.compare.diagnose.stability import Stability, stability
+from rigtwin.compare.diagnose.stability import Claim, Stability, stability
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.wording import unit_of
@@ -257,7 +257,7 @@ def _more_to_say(bench: Regioned, best: Candidate) -> bool:
 
 
 def _candidate(naming: Naming, terms: tuple[Effect, ...], fitted: Fit) -> Candidate:
-    spread = naming.location.spread if naming.base.per_row < 1.5 else 1.0
+    spread = spread_of(naming.base, naming.location)
     name = f"{terms[-1].name}.c"
     weak = abs(fitted.value(name)) < 3 * fitted.std(name)
     reason = "within three of its standard deviations of zero" if weak else ""
@@ -373,9 +373,17 @@ def _stability(diagnosis: Diagnosis) -> Stability | None:
     if naming is None or chosen is None or diagnosis.verdict not in ("named", "indistinguishable"):
         return None
     same_size = [one for one in naming.tried if len(one.terms) == len(chosen.terms) and not one.reason]
-    rivals = [one.fitted for one in same_size if one.groups != chosen.groups]
-    spread = naming.location.spread if naming.base.per_row < 1.5 else 1.0
-    return stability(naming.base, chosen.fitted, rivals, diagnosis.bench.condition, alarm=ALARM, spread=spread)
+    rivals = [one for one in same_size if one.groups != chosen.groups]
+    spread = spread_of(naming.base, naming.location)
+
+    def claim(one: Candidate) -> Claim:
+        gained = (naming.base.deviance - one.fitted.deviance) / spread
+        return Claim(one.fitted, one.score - gained)
+
+    return stability(
+        naming.base, claim(chosen), [claim(one) for one in rivals], diagnosis.bench.condition,
+        alarm=ALARM, spread=spread,
+    )  # fmt: skip
 
 
 def _designs(diagnosis: Diagnosis) -> tuple[Design, ...]:

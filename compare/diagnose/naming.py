@@ -209,6 +209,8 @@ class _Search:
     def certified(self, one: Candidate) -> Candidate:
         """Fitted on until neither the unknowns nor the scatter change: what is reported of it must not depend on the
         way there."""
+        if self._is_part(one.fitted):
+            one = self._to_the_end(one)
         fitted = fit(self.bench, one.terms, near=one.fitted, most=40, rounds=12)
         gain = (self.base.deviance - fitted.deviance) / self.spread + self._spared(fitted)
         done = replace(one, fitted=fitted, gain=gain, reason=_refused(fitted, one.terms))
@@ -229,7 +231,7 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
     """Forward selection over the library, from the fewest terms up, with pairs grown from the three best singles."""
     location = locate(bench, base)
     rig = bench.lab.rig  # type: ignore[attr-defined]
-    search = _Search(bench, base, _spread(base, location))
+    search = _Search(bench, base, spread_of(base, location))
     search.begin()
     tell("candidates", 0, len(candidates))
     singles = search.polish(search.consider(None, candidates))
@@ -269,7 +271,7 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
 def _concluded(search: _Search, best: Candidate, location: Location, rounds: Sequence[tuple[Candidate, ...]]) -> Naming:
     """The best that stays plausible when it is fitted to the end, and what explains the data as well."""
     done, chosen = search.done, search.certified(best)
-    while chosen.reason:
+    while chosen.reason or chosen.score < ALARM:
         rest = _best([one for one in done.values() if one.score >= ALARM])
         if rest is None:
             return Naming(search.base, location, tuple(done.values()), None, (), location, tuple(rounds))
@@ -280,7 +282,8 @@ def _concluded(search: _Search, best: Candidate, location: Location, rounds: Seq
     return Naming(search.base, location, tuple(done.values()), chosen, tuple(_apart(near)), after, tuple(rounds))
 
 
-def _spread(base: Fit, location: Location) -> float:
+def spread_of(base: Fit, location: Location) -> float:
+    """By how much the residuals of repetitions scatter beyond the stated noise; gains are counted in it."""
     # a misfit differs from repetition to repetition too; only a fit near the noise tells of the noise
     return location.spread if base.per_row < 1.5 else 1.0
 

@@ -36,15 +36,24 @@ class Stability:
         return asdict(self)
 
 
+@dataclass(frozen=True)
+class Claim:
+    """A set of effects: its fit, and what its score is beyond its gain in deviance, whichever repetitions are drawn."""
+
+    fitted: Fit
+    credit: float = 0.0
+
+
 def stability(
-    base: Fit, winner: Fit, rivals: Sequence[Fit], condition: Array, *, alarm: float, spread: float = 1.0
+    base: Fit, winner: Claim, rivals: Sequence[Claim], condition: Array, *, alarm: float, spread: float = 1.0
 ) -> Stability | None:
-    """Gains over the baseline under resampled repetitions; None where the winner was not fitted to all of them."""
-    if not _whole(winner, base):
+    """Scores under resampled repetitions; None where the winner was not fitted to all of them."""
+    if not _whole(winner.fitted, base):
         return None
-    rivals = [one for one in rivals if _whole(one, base) and names(one) != names(winner)]
-    gains = np.array([(base.by_run - one.by_run) / spread for one in (winner, *rivals)])  # (candidates, R)
-    stated = np.array([(_pulls(base) - _pulls(one)) / spread for one in (winner, *rivals)])
+    rivals = [one for one in rivals if _whole(one.fitted, base) and names(one.fitted) != names(winner.fitted)]
+    claims = (winner, *rivals)
+    gains = np.array([(base.by_run - one.fitted.by_run) / spread for one in claims])  # (candidates, R)
+    stated = np.array([(_pulls(base) - _pulls(one.fitted)) / spread + one.credit for one in claims])
     rng = np.random.default_rng(SEED)
     weight = np.zeros((RESAMPLES, len(condition)))
     for number in np.unique(condition):
@@ -53,7 +62,7 @@ def stability(
     drawn = weight @ gains.T + stated
     leader = drawn.argmax(axis=1)
     others = leader[leader > 0]
-    rival = names(rivals[int(np.bincount(others).argmax()) - 1]) if len(others) else ""
+    rival = names(claims[int(np.bincount(others).argmax())].fitted) if len(others) else ""
     without = gains.sum(axis=1) + stated - gains.T  # (R, candidates), one repetition left out
     stays = (without.argmax(axis=1) == 0) & (without[:, 0] >= alarm)
     return Stability(

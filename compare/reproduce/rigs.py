@@ -40,8 +40,8 @@ ASSUMED = {
     "swept": "tables 4 to 6 print how far the simulated bed is from the measured one without its sign; particles are "
     "those of tables A2 to A7 (the enlarged beads), but for their friction among each other",
     "drum": "the PMMA drum is 30 mm deep and 35 % full, and its end walls turn with it (the paper gives none of these; "
-    "in its experiment and its simulation beads of 12 mm lie 10 to 20 degrees steeper than those of 6 mm with like "
-    "frictions, which only near end walls do to ours: 16 degrees, graphical, where they are 30 mm apart, 11 at 50 mm)",
+    "in its experiment and its simulation beads of 12 mm lie 10 to 22 degrees steeper than those of 6 mm with like "
+    "frictions, which only near end walls do to ours: 16 degrees, graphical, where they are 30 mm apart, 10 at 50 mm)",
     "wall": "bowls are of steel; drum, cylinder and hoppers of PMMA",
     "slot": "the hopper of section 2.2.5 is a slot 68 mm long, whose width is the printed outlet (a round outlet of "
     "that size would pass a tenth of the printed flow)",

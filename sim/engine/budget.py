@@ -17,11 +17,28 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-
-Attraction = Callable[[Array, Array, Array], Array]
-"""Pull [N] of contacts by overlap [m], effective radius [m] and modulus [Pa]."""
-
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
+
+
+@dataclass(frozen=True)
+class Adhesion:
+    """What holds contacts together, of all effects."""
+
+    pull: Callable[[Array, Array, Array], Array]
+    """[N] by overlap [m], effective radius [m] and modulus [Pa]."""
+    reach: Callable[[Array, Array], Array]
+    """How far [m] those that touched may part, by effective radius [m] and modulus [Pa]."""
+
+    def holds(self, overlap: Array, radius: Array, modulus: Array) -> npt.NDArray[np.bool_]:
+        """Whether contacts that touched hold now: some parted for good in the last move."""
+        return np.asarray(overlap > -self.reach(radius, modulus))
+
+    def energy(self, overlap: Array, radius: Array, modulus: Array) -> float:
+        """[J] of contacts that were pulled from touching to where they are."""
+        total = np.zeros_like(overlap)
+        for node, weight in zip(NODES, WEIGHTS, strict=True):
+            total -= 0.5 * overlap * weight * self.pull(0.5 * (node + 1) * overlap, radius, modulus)
+        return float(total.sum())
 
 
 @dataclass(frozen=True)
@@ -62,47 +79,60 @@ def measure(
     work: float = 0.0,
     in_flight: float = 0.0,
     linear: bool = False,
-    attraction: Attraction | None = None,
+    adhesion: Adhesion | None = None,
 ) -> Budget:
     """The budget of `grains`, whose spheres are `rows` (as exported by the arena).
 
-    The pairs `near` touch where they overlap; those that hold together although they have parted are marked by a third
-    column.  `at_walls` are the contacts with walls: sphere, wall, overlap [m].  `linear`: so are the springs.
+    The pairs `near` touch where they overlap; a third column marks those that touched when forces were last worked out,
+    which `adhesion` may still hold.  `at_walls` are the contacts with walls: sphere, wall, overlap [m], negative where
+    adhesion may hold them.  `linear`: so are the springs.
     """
     position, radius = rows[:, 0:3], rows[:, 9]
     kind = rows[:, 19].astype(int)
 
-    one, other, holds = near.T
+    one, other, touched = near.T
     overlap = radius[one] + radius[other] - np.linalg.norm(position[one] - position[other], axis=1)
-    touch = (overlap > 0) | (holds > 0)
-    one, other, overlap = one[touch], other[touch], overlap[touch]
+    meets = (overlap > 0) | (touched > 0)
+    one, other, overlap = one[meets], other[meets], overlap[meets]
     effective = radius[one] * radius[other] / (radius[one] + radius[other])
-    depths = [overlap / (2 * effective)]
-    energy, mass = _linear if linear else _hertz, rows[:, 10]
+    mass = rows[:, 10]
     mass_eff = mass[one] * mass[other] / (mass[one] + mass[other])
-    pair = laws[0][kind[one], kind[other]]
-    elastic = energy(pair, effective, mass_eff, np.maximum(overlap, 0.0))
     bead, wall = at_walls[:, :2].astype(int).T
-    depths.append(at_walls[:, 2] / radius[bead])
-    elastic += energy(laws[1][kind[bead], wall], radius[bead], mass[bead], np.maximum(at_walls[:, 2], 0.0))
-    adhesive = 0.0
-    if attraction is not None:
-        adhesive = _adhesive(attraction, overlap, effective, pair[:, STIFFNESS])
-        adhesive += _adhesive(attraction, at_walls[:, 2], radius[bead], laws[1][kind[bead], wall][:, STIFFNESS])
-    depth = np.concatenate(depths)
+    among = _books(laws[0][kind[one], kind[other]], effective, mass_eff, overlap, linear, adhesion)
+    on_walls = _books(laws[1][kind[bead], wall], radius[bead], mass[bead], at_walls[:, 2], linear, adhesion)
+    # at a wall the effective radius is the bead's
+    depth = np.concatenate([among.depth / 2, on_walls.depth])
     return Budget(
         kinetic=grains.kinetic_energy,
         potential=float(-np.sum(grains.mass * (grains.position @ np.array(gravity)))),
-        elastic=elastic,
+        elastic=among.elastic + on_walls.elastic,
         beads=len(rows),
-        contacts=len(one),
-        wall_contacts=len(depth) - len(one),
+        contacts=len(among.depth),
+        wall_contacts=len(on_walls.depth),
         mean_overlap=float(depth.mean()) if len(depth) else 0.0,
         largest_overlap=float(depth.max(initial=0.0)),
         work=work,
-        adhesive=adhesive,
+        adhesive=among.adhesive + on_walls.adhesive,
         in_flight=in_flight,
     )
+
+
+@dataclass(frozen=True)
+class _Books:
+    depth: Array  # of the contacts that hold, in effective radii
+    elastic: float  # [J]
+    adhesive: float  # [J]
+
+
+def _books(law: Array, radius: Array, mass: Array, overlap: Array, linear: bool, adhesion: Adhesion | None) -> _Books:
+    """Contacts with effective radii and masses; those that have parted count only where something holds them."""
+    held = overlap > 0
+    if adhesion is not None:
+        held |= adhesion.holds(overlap, radius, law[..., STIFFNESS])
+    law, radius, mass, overlap = law[held], radius[held], mass[held], overlap[held]
+    elastic = (_linear if linear else _hertz)(law, radius, mass, np.maximum(overlap, 0.0))
+    adhesive = adhesion.energy(overlap, radius, law[..., STIFFNESS]) if adhesion is not None else 0.0
+    return _Books(overlap / radius, elastic, adhesive)
 
 
 def _hertz(law: Array, radius: Array, _mass: Array, overlap: Array) -> float:
@@ -114,11 +144,3 @@ def _linear(law: Array, radius: Array, mass: Array, overlap: Array) -> float:
     """Energy [J] of contacts with linear springs."""
     stiffness = linear_stiffness(law[..., STIFFNESS], radius, mass, law[..., SPEED])
     return float(np.sum(0.5 * stiffness * overlap**2))
-
-
-def _adhesive(attraction: Attraction, overlap: Array, radius: Array, modulus: Array) -> float:
-    """Energy [J] of contacts that were pulled from touching to where they are."""
-    total = np.zeros_like(overlap)
-    for node, weight in zip(NODES, WEIGHTS, strict=True):
-        total -= 0.5 * overlap * weight * attraction(0.5 * (node + 1) * overlap, radius, modulus)
-    return float(total.sum())

@@ -29,7 +29,7 @@ from rigtwin.sim.engine.contact import IMPACT_SPEED, LAW_SIZE, ContactLaw, Mecha
 from rigtwin.sim.engine.elements import Vector
 from rigtwin.sim.engine.neighbours import LARGE
 from rigtwin.sim.engine.team import Crew
-from rigtwin.sim.engine.terms import Active, Terms, attraction_of, terms_of
+from rigtwin.sim.engine.terms import Active, Terms, adhesion_of, terms_of
 from rigtwin.sim.engine.wall_contacts import (
     KINDS,
     THREADS,
@@ -309,7 +309,7 @@ class Bulk:
             work=self.work,
             in_flight=self.work_in_flight,
             linear=self._mechanics.linear,
-            attraction=attraction_of(self._effects),
+            adhesion=adhesion_of(self._effects),
         )
 
     def state(self) -> checkpoint.State:

@@ -72,6 +72,8 @@ def read_arena(arena: Arena) -> State:
 def write_arena(arena: Arena, state: State) -> None:
     """Fill `arena`, of the sizes that `state` was read from."""
     for name, field in _fields(arena):
+        if name not in state:
+            raise BadInput("The checkpoint was written by an earlier rigtwin; delete it or name another.")
         whole = np.zeros_like(field.to_numpy())
         part = state[name]
         whole[tuple(slice(length) for length in part.shape)] = part

@@ -14,9 +14,12 @@ from functools import cache
 from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from rigtwin.lab.errors import BadInput
 from rigtwin.sim.effects import Effect, named
 from rigtwin.sim.engine.backend import ti
+from rigtwin.sim.engine.budget import Adhesion
 
 if TYPE_CHECKING:
     from rigtwin.lab.materials import Particle
@@ -95,12 +98,19 @@ def left_out(effects: Effects, active: Sequence[Active], why: str) -> tuple[str,
     return (f"the model's {', '.join(names)} had no part in this run: {why}",) if names else ()
 
 
-def attraction_of(effects: Sequence[Active]) -> Callable[[Any, Any, Any], Any] | None:
-    """The sum of the effects' attractions as a function of overlap, radius and modulus; None where there is none."""
+def adhesion_of(effects: Sequence[Active]) -> Adhesion | None:
+    """The effects' attractions added up, and the longest of their necks; None where nothing attracts."""
     pulls = [(one.effect.attraction, one.values) for one in effects if one.effect.attraction is not None]
+    necks = [(one.effect.neck, one.values) for one in effects if one.effect.neck is not None]
     if not pulls:
         return None
-    return lambda overlap, radius, modulus: sum(pull(overlap, radius, modulus, *values) for pull, values in pulls)
+
+    def reach(radius: Any, modulus: Any) -> Any:
+        return np.max([0.0 * radius, *(neck(radius, modulus, *values) for neck, values in necks)], axis=0)
+
+    return Adhesion(
+        lambda overlap, radius, modulus: sum(pull(overlap, radius, modulus, *values) for pull, values in pulls), reach
+    )
 
 
 def terms_of(effects: Sequence[Active], place: str) -> Terms:
