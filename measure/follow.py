@@ -186,7 +186,7 @@ class Movement:
     repeated: frozenset[int]  # frames that only repeat the one before; nothing is looked for in them
     scene: Scene = field(repr=False)
     still: bool = False  # whether the camera is known to stand still; else its shake is looked at again where it counts
-    album: Album | None = field(default=None, repr=False)  # what was kept of the frames
+    album: Album | None = field(default=None, repr=False)  # what was kept of the frames of a camera that stands still
 
     def pose(self, frame: Frame) -> Pose:
         """Where a frame lies, as exactly as it shows."""
@@ -215,7 +215,9 @@ def find_paths(video: Video, scene: Scene, region: Region | None, progress: Prog
             linker.add(index, spots)
     still = stands_still(search.poses)
     poses = [pose.standing() if still else pose for pose in search.poses]
-    return Movement(linker.paths(), dict(zip(found, poses, strict=True)), repeated, scene, still, album)
+    # a shaking camera's frames are read again for their shake, and the album's room is free
+    kept = album if still else None
+    return Movement(linker.paths(), dict(zip(found, poses, strict=True)), repeated, scene, still, kept)
 
 
 def chase(path: SpotPath, moves: Movement, scene: Scene, cuts: Sequence[_Cut], progress: Progress = silent) -> Chase:
@@ -301,7 +303,7 @@ def _scene_behind(path: SpotPath, layers: Mapping[int, Grey]) -> Scene:
 
 def _from_album(path: SpotPath, moves: Movement) -> tuple[Scene, list[_Cut]] | None:
     """Scene and cut-outs without reading the film again: where the camera stands still and luma shows the bead well."""
-    if moves.album is None or not moves.still:
+    if moves.album is None:
         return None
     album, where = moves.album, _place(path)
     begin, end = _busy(path)
@@ -404,9 +406,9 @@ def _cut(frame: Frame, grey: Grey, pose: Pose, path: SpotPath, where: Where) -> 
     """What is around the bead in one frame; empty where that lies outside."""
     near, step = where(frame.index)
     box = _inside(_around(path, near, step), grey.shape)
-    return (
-        [] if box is None else [_Cut(frame.index, frame.time, pose.seen(grey, box), *box[:2], near, step, pose.shake)]
-    )
+    if box is None:
+        return []
+    return [_Cut(frame.index, frame.time, pose.seen(grey, box), *box[:2], near, step, pose.shake)]
 
 
 def _inside(box: Box, shape: tuple[int, ...]) -> Box | None:

@@ -391,8 +391,9 @@ def _starved(seen: Outflow, found: Instant, reason: str) -> Instant:
 
 
 def _compression_check(video: Video) -> Check:
-    size = video.path.stat().st_size if video.path.is_file() else math.inf  # pictures in a folder are whole
-    bits = 8 * size / (video.width * video.height * max(len(video.times), 1))
+    if not video.path.is_file():
+        return Check("compression", True, math.inf, STARVED, "pictures in a folder leave nothing out.")
+    bits = 8 * video.path.stat().st_size / (video.width * video.height * max(len(video.times), 1))
     passed = bits > STARVED
     ending = "." if passed else ": so few that faint things stand still in it for a frame or more; give the original."
     return Check("compression", passed, bits, STARVED, f"the clip has {bits:.3g} bits per pixel{ending}")
