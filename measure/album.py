@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.measure.bead import Background
 from rigtwin.measure.media import Frame
+from rigtwin.measure.scene import Background
 from rigtwin.measure.spots import Box, Spot
 
 Grey = npt.NDArray[np.uint8]

@@ -18,11 +18,11 @@ import numpy.typing as npt
 
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.measure.bead import Scene
 from rigtwin.measure.exposure import Exposure, exposure_of
 from rigtwin.measure.grains import colour_cells, rare, shares
 from rigtwin.measure.media import Video
 from rigtwin.measure.rim import Rim, find_rim, rim_of_bed
+from rigtwin.measure.scene import Scene
 from rigtwin.measure.still import Cut, Steadied, apart, cut_for, steadied, still_scene
 from rigtwin.measure.upright import Upright, upright
 

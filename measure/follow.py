@@ -16,21 +16,9 @@ import numpy.typing as npt
 
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.measure.album import Album
-from rigtwin.measure.bead import (
-    Background,
-    BeadFit,
-    BeadImage,
-    Look,
-    Mask,
-    Pose,
-    Scene,
-    common_look,
-    fit_bead,
-    rounded,
-    shakes_of,
-    stands_still,
-)
+from rigtwin.measure.bead import BeadFit, BeadImage, Look, Mask, common_look, fit_bead
 from rigtwin.measure.media import Frame, Video
+from rigtwin.measure.scene import Background, Pose, Scene, rounded, shakes_of, stands_still
 from rigtwin.measure.spots import Box, Linker, Region, Search, Spot, SpotPath
 
 Array = npt.NDArray[np.float64]

@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
-from rigtwin.measure.bead import FLICKER, STEADY, Picture, Pose, Scene, rounded
 from rigtwin.measure.media import Frame
 from rigtwin.measure.repeats import COARSE, LARGE, Repeats, coarse
+from rigtwin.measure.scene import FLICKER, STEADY, Picture, Pose, Scene, rounded
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]

@@ -6,8 +6,8 @@ import numpy as np
 
 from rigtwin.measure import album
 from rigtwin.measure.album import Album
-from rigtwin.measure.bead import Background
 from rigtwin.measure.media import Frame
+from rigtwin.measure.scene import Background
 from rigtwin.measure.spots import Spot
 
 SHAPE = (90, 120)
