@@ -18,10 +18,11 @@ from rigtwin.sim.trajectory import Trajectory, begin, write_walls
 if TYPE_CHECKING:
     from rigtwin.sim.engine.budget import Budget
     from rigtwin.sim.engine.bulk import Bulk
-    from rigtwin.sim.engine.checkpoint import Checkpoint
+    from rigtwin.sim.engine.checkpoint import Checkpoint, State
 
 Array = npt.NDArray[np.float64]
 
+SNAPSHOT_INTERVAL = 1.0  # [s] of computing; what Ctrl-C may cost
 RISE_LIMIT = 0.01  # of the energy supplied; a bed that gains more has a step too large for its contacts
 
 
@@ -91,6 +92,8 @@ class Logbook:
         self._supplied = self._risen = 0.0
         self._total = self._most_dissipated = 0.0  # [J], when the last look ended, and ever
         self._work = 0.0  # [J], of moving walls that is in the books
+        self._snapshot: tuple[dict[str, Any], State, float] | None = None  # of a look, newer than the file
+        self._taken, self._taking = 0.0, 0.0  # [s], when a snapshot was taken, and what it cost
         self._steps_here, self._seconds_here = 0, 0.0  # made by this process, and its time [s] for them
         self.first_frame: float | None = None  # [s], when a trajectory began after the run did
 
@@ -144,7 +147,10 @@ class Logbook:
         if self._checkpoint is not None:
             self._course = dict(course)
             if self._checkpoint.due:
-                self._write()
+                self._checkpoint.write(*self._now())
+                self._snapshot = None
+            else:
+                self._remember()
 
     @property
     def history(self) -> History:
@@ -207,8 +213,11 @@ class Logbook:
             if kind is None and self._moved:
                 self._film.add(self._bulk.beads(), self._bulk.time, self._bulk.steps)
             self._film.close()
-        if kind is None and self._checkpoint is not None and self._moved:
-            self._write()
+        if self._checkpoint is not None and self._moved:
+            if kind is None:
+                self._checkpoint.write(*self._now())
+            elif kind is KeyboardInterrupt and self._snapshot is not None:
+                self._checkpoint.write(*self._snapshot)
 
     def _enter(self, budget: Budget) -> None:
         self._total = budget.total
@@ -221,13 +230,22 @@ class Logbook:
         numbers = {name: float(value) for name, value in asdict(budget).items()}
         self._history.append({**numbers, "time": self._bulk.time, "supplied": self._supplied, "risen": self._risen})
 
-    def _write(self) -> None:
-        assert self._checkpoint is not None
+    def _remember(self) -> None:
+        """Keep the state of a look for Ctrl-C, which comes between two looks; at most a twentieth of the time."""
+        began = time.perf_counter()
+        if began - self._taken < max(SNAPSHOT_INTERVAL, 20 * self._taking):
+            return
+        self._snapshot = self._now()
+        self._taken = time.perf_counter()
+        self._taking = self._taken - began
+
+    def _now(self) -> tuple[dict[str, Any], State, float]:
+        """What goes into a checkpoint."""
         books = {
             "course": self._course,
             "frames": self._film.frames if self._film else 0,
             "first_frame": self.first_frame if self._film else None,
-            "history": self._history,
+            "history": list(self._history),
             "energy": [self._supplied, self._risen, self._total, self._most_dissipated, self._work],
         }
-        self._checkpoint.write(books, self._bulk.state(), self._bulk.time)
+        return books, self._bulk.state(), self._bulk.time

@@ -78,6 +78,23 @@ def test_the_run_may_break_long_after_its_last_checkpoint(broken_off, whole, tmp
     assert same_end(again, whole)
 
 
+def test_a_run_that_is_interrupted_before_its_first_checkpoint_goes_on_from_its_last_look(whole, tmp_path, monkeypatch):
+    monkeypatch.setattr("rigtwin.sim.logbook.SNAPSHOT_INTERVAL", 0)
+    said = []
+
+    def interrupt(stage, done, total):
+        said.append(stage)
+        if len(said) == 9:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        heap(checkpoint=tmp_path / "heap.npz", progress=interrupt)
+    rest = []
+    again = heap(checkpoint=tmp_path / "heap.npz", progress=lambda stage, done, total: rest.append(stage))
+    assert 0 < len(rest) < len(whole.history.time)
+    assert same_end(again, whole)
+
+
 @pytest.mark.parametrize(("before", "after"), [(1, 2), (2, 1)])
 def test_the_number_of_threads_may_change_at_the_break(broken_off, before, after, whole, tmp_path, monkeypatch):
     monkeypatch.setattr(engine, "BEADS_PER_THREAD", 1)
