@@ -91,7 +91,8 @@ def doubted(quantity: Quantity, why: str) -> Quantity:
     """
     if not why:
         return quantity
-    budget = {"failed check": 2 * quantity.std_uncertainty, **quantity.budget}
+    known = quantity.budget or {"as found": quantity.std_uncertainty}
+    budget = {"failed check": 2 * quantity.std_uncertainty, **known}
     reasons = "; ".join(filter(None, [quantity.doubtful, why]))
     return replace(quantity, std_uncertainty=root_sum_of_squares(budget), budget=budget, doubtful=reasons)
 

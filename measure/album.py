@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.measure.bead import Background
 from rigtwin.measure.media import Frame
+from rigtwin.measure.scene import Background
 from rigtwin.measure.spots import Box, Spot
 
 Grey = npt.NDArray[np.uint8]
@@ -26,7 +26,7 @@ class Album:
     def __init__(self) -> None:
         self._whole: dict[int, Grey] = {}
         self._moved, self._every = 0, 1  # frames in which something moved, and which of them are kept whole
-        self.times: dict[int, float] = {}  # [s]
+        self.times: dict[int, float] = {}  # [s], of the frames of which there are cut-outs
         self._cuts: dict[int, list[tuple[Box, Grey]]] = {}
         self._places: list[tuple[Box, int]] = []  # and in which frame a spot was last seen there
         self._room = ROOM
@@ -46,15 +46,19 @@ class Album:
             if frame.index - seen < GHOSTS and not any(_meets(box, other) for other, _ in here)
         ]
         self._places = (here + gone)[: 2 * MOST]
-        self.times[frame.index] = frame.time
-        cuts = []
-        for box, _ in self._places:
-            left, top, right, bottom = box
-            part = frame.grey[top:bottom, left:right].copy()
-            self._room -= part.size
-            cuts.append(((left, top, left + part.shape[1], top + part.shape[0]), part))
+        if self._places and self._room > 0:  # of the hours in which nothing moves nothing is kept
+            self._keep_cuts(frame)
+
+    def _keep_cuts(self, frame: Frame) -> None:
+        height, width = frame.grey.shape
+        boxes = [(left, top, min(right, width), min(bottom, height)) for (left, top, right, bottom), _ in self._places]
+        self._room -= sum((right - left) * (bottom - top) for left, top, right, bottom in boxes)
         if self._room >= 0:
-            self._cuts[frame.index] = cuts
+            self.times[frame.index] = frame.time
+            self._cuts[frame.index] = [
+                ((left, top, right, bottom), frame.grey[top:bottom, left:right].copy())
+                for left, top, right, bottom in boxes
+            ]
 
     def _keep_whole(self, frame: Frame) -> None:
         """One frame in so many, spread evenly over all in which something moves."""

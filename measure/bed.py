@@ -18,11 +18,11 @@ import numpy.typing as npt
 
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.measure.bead import Scene
 from rigtwin.measure.exposure import Exposure, exposure_of
 from rigtwin.measure.grains import colour_cells, rare, shares
 from rigtwin.measure.media import Video
 from rigtwin.measure.rim import Rim, find_rim, rim_of_bed
+from rigtwin.measure.scene import Scene
 from rigtwin.measure.still import Cut, Steadied, apart, cut_for, steadied, still_scene
 from rigtwin.measure.upright import Upright, upright
 
@@ -203,7 +203,8 @@ def _stills(video: Video, scene: Scene, lens: Cut, exposure: Exposure) -> Iterat
 def _blur_against_noise(frame: Image, picture: Map) -> float:
     """[px], by which to smooth frames so noisy that slow beads' motion is lost in it; 0 where they need none."""
     grey = cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY).astype(np.float32)
-    noise = 1.4826 * float(np.median(np.abs(grey - picture)))
+    off = grey - picture
+    noise = 1.4826 * float(np.median(np.abs(off - np.median(off))))  # a lamp that flickers is no noise
     return float(np.clip(noise / NOISY, 1.0, 2.0)) if noise > NOISY else 0.0
 
 

@@ -25,6 +25,15 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, doubted, root_sum_of_squares
 from rigtwin.lab.records import Track, read_tracks
 from rigtwin.lab.rigs import GRAVITY
+from rigtwin.measure.drop_checks import (
+    gravity_check,
+    other_rate,
+    plane_check,
+    residual_check,
+    roll_check,
+    size_check,
+    timing_check,
+)
 from rigtwin.measure.flights import (
     AirDrag,
     Bounces,
@@ -34,22 +43,13 @@ from rigtwin.measure.flights import (
     fit_bounces,
     third_difference_noise,
 )
-from rigtwin.measure.follow import (
-    Chase,
-    chase_path,
-    find_paths,
-    learn_scene,
-    look_again,
-)
+from rigtwin.measure.follow import Chase, chase_path, find_paths, learn_scene, look_again
 from rigtwin.measure.media import Video, open_video
-from rigtwin.measure.repeats import LEAST_SHARE, repeated
+from rigtwin.measure.repeats import repeated
 from rigtwin.measure.spots import SpotPath
 
 Array = npt.NDArray[np.float64]
 
-# Capture rates that cameras offer [1/s]; a wrong rate is most often another one of these.
-USUAL_RATES = (24, 25, 30, 48, 50, 60, 90, 100, 120, 200, 240, 250, 300, 400, 480, 500, 600, 960, 1000, 1200, 2000)
-ROLL_STATED_TO = math.radians(0.5)  # nobody reads a camera's lean better
 SCALE_DOUBT = 0.005  # relative, of a scale read off a rule in view
 MOST_SHAKE = 5.0  # [px], standard deviation, up to which a shaking camera only shifts its picture
 RATE_UNJUDGED = (
@@ -130,10 +130,10 @@ def _evaluation(track: Track, bounces: Bounces, *, scale_doubt: float, rate: flo
     """`repeats` frames that showed the same as the one before have been left out of the track."""
     share = repeats / max(repeats + len(track.time), 1)
     checks = (
-        _gravity_check(bounces, scale_doubt, rate, share),
-        _residual_check(bounces),
-        _plane_check(track, bounces),
-        _timing_check(track, bounces, repeats),
+        gravity_check(bounces, scale_doubt, rate, share),
+        residual_check(bounces),
+        plane_check(track, bounces),
+        timing_check(track, bounces, repeats),
     )
     failed = {check.check: check.message for check in checks if not check.passed}
     quantities = [*_restitutions(bounces, failed), *_heights(bounces, scale_doubt, failed)]
@@ -230,108 +230,6 @@ def _with_doubts(quantity: Quantity, checks: tuple[Check, ...], of_lengths: str)
     return doubted(quantity, "; ".join(failed))
 
 
-def _gravity_check(bounces: Bounces, scale_doubt: float, rate: float, repeated_share: float) -> Check:
-    gravity, parts = bounces.read(lambda at: at.size * GRAVITY)
-    doubt = math.hypot(root_sum_of_squares(parts), gravity * scale_doubt)
-    passed = abs(gravity - GRAVITY) < max(0.015 * GRAVITY, 3 * doubt)
-    found = f"free flight gives g = {gravity:.3f} ± {doubt:.3f} m/s²"
-    if passed:
-        return Check("gravity", True, gravity, GRAVITY, f"{found}: scale, frame rate and roll fit together.")
-    meaning = _what_is_wrong(gravity, rate, repeated_share)
-    return Check("gravity", False, gravity, GRAVITY, f"{found} instead of {GRAVITY}: {meaning}")
-
-
-def _what_is_wrong(gravity: float, rate: float, repeated_share: float) -> str:
-    """Doubled frames show themselves; capture rates come in steps; what is left is the scale."""
-    ratio = gravity / GRAVITY
-    # where the bead rests not all repeats are found: they stretch the time by at least their share
-    if repeated_share > LEAST_SHARE and 0.25 < math.sqrt(ratio) < 1.2 * (1 - repeated_share):
-        return (
-            f"doubled frames, {100 * repeated_share:.0f} % of them, stretch the time; "
-            f"give --frame-rate {rate / math.sqrt(ratio):.3g}Hz, or the camera's original file."
-        )
-    scale = f"lengths (the scale) are {abs(ratio - 1) * 100:.3g} % too {'large' if ratio > 1 else 'small'}"
-    usual = _other_rate(rate, gravity)
-    if usual is not None:
-        speed = f"slow motion by {usual / rate:.3g}" if usual > rate else f"a speed-up by {rate / usual:.3g}"
-        return (
-            f"this is what a clip captured at {usual} Hz gives when {rate:.4g} Hz are assumed ({speed}); "
-            f"give --frame-rate {usual}Hz, or else {scale}."
-        )
-    if 0.7 < ratio < 1.4:
-        return f"{scale}; capture rates come in steps, and none explains this."
-    return f"either {scale}, or the clip was captured at {rate / math.sqrt(ratio):.4g} Hz and not {rate:.4g} Hz."
-
-
-def _other_rate(rate: float, gravity: float) -> int | None:
-    """The usual capture rate [1/s] that explains a fitted gravity [m/s^2] when `rate` was assumed, if there is one."""
-    true_rate = rate / math.sqrt(gravity / GRAVITY)
-    nearest = min(USUAL_RATES, key=lambda usual: abs(math.log(usual / true_rate)))
-    return nearest if abs(nearest / true_rate - 1) < 0.03 and abs(nearest / rate - 1) > 0.15 else None
-
-
-def _residual_check(bounces: Bounces) -> Check:
-    expected = max(bounces.expected_noise, 2e-5 * bounces.span)
-    ratio = bounces.noise / expected
-    passed = ratio < 2.5
-    meaning = (
-        "as its frame-to-frame noise tells"
-        if passed
-        else "far more than its frame-to-frame noise: something pushes the bead, or the tracking is wrong"
-    )
-    message = f"the track leaves the fitted flights by {ratio:.2f} times its noise, {meaning}."
-    return Check("flight_residuals", passed, ratio, 1.0, message)
-
-
-def _plane_check(track: Track, bounces: Bounces) -> Check:
-    """Sideways motion and growth against the fall: both change a height without any loss of energy."""
-    contacts = bounces.contact_times
-    speeds = [0.0]
-    impact = bounces.model.reader(bounces.parameters)
-    for k, start in enumerate(contacts):
-        end = contacts[k + 1] if k + 1 < len(contacts) else track.time[-1]
-        inside = (track.time > start) & (track.time < end)
-        if np.sum(inside) > 4:
-            slope = float(np.polyfit(track.time[inside], track.position[inside, 0], 1)[0])
-            speeds.append(abs(slope) / (impact.impact_speed(k + 1) * impact.size))
-    sideways = max(speeds)
-    _, levels, growth = bounces.model.split(bounces.parameters)
-    reach = float(impact.heights[1]) * impact.size
-    drift = float(np.max(np.abs(levels[: bounces.count] - levels[0]))) / reach if bounces.count > 1 else 0.0
-    swell = float(np.max(np.abs(growth)))
-    value = max(sideways, drift, swell)
-    passed = sideways < 0.15 and drift < 0.12 and swell < 0.12
-    message = (
-        f"sideways speed is {100 * sideways:.1f} % of the impact speed, the plate's level drifts by "
-        f"{100 * drift:.1f} % of the first rebound, the scale along the path by {100 * swell:.1f} %"
-    )
-    ending = "." if passed else ": the bead leaves the plane; level the plate, or trust method velocity only."
-    return Check("out_of_plane", passed, value, 0.0, message + ending)
-
-
-def _timing_check(track: Track, bounces: Bounces, repeats: int) -> Check:
-    """Frames missing or repeated while the bead flies; `repeats` more have been left out beforehand."""
-    time = track.time
-    steps = np.diff(time)
-    usual = float(np.median(steps))
-    inside = (time[1:] > bounces.apex_times[0]) & (time[1:] < time[bounces.used].max())
-    missing = float(np.sum(np.maximum(np.round(steps[inside] / usual) - 1, 0)))
-    moved = np.linalg.norm(np.diff(track.position, axis=0), axis=1)
-    fitted = np.abs(np.diff(bounces.curve(time)))
-    near_contact = np.min(np.abs(time[1:, None] - usual / 2 - bounces.contact_times), axis=1) < 1.5 * usual
-    still = ~near_contact & (moved < 0.05 * fitted) & (fitted > 12 * bounces.expected_noise)
-    again = int(np.sum(inside & still))
-    whole = max(float(np.sum(inside)), 1.0)
-    passed = again == 0 and repeats == 0 and missing < 0.3 * whole
-    message = (
-        f"{int(missing)} of {int(whole + missing)} frames of the flights are without the bead, {again} are repeated"
-    )
-    if repeats:
-        message = f"doubled frames: {repeats} of {repeats + len(time)} repeat the one before and were left out"
-    ending = "." if passed else ": film with a fixed frame rate, or use the camera's original file."
-    return Check("frame_timing", passed, missing + again + repeats, 0.0, message + ending)
-
-
 # ---------------------------------------------------------------------------------------------------- media -> record
 
 
@@ -374,9 +272,9 @@ def measure(
     evaluation = _evaluation(track, bounces, scale_doubt=gauge.doubt, rate=video.frame_rate, repeats=len(repeats))
     checks = _with_gravity_told(evaluation.checks, gauge) + _view_checks(video, seen, fitted, repeats)
     if camera.roll is not None:
-        checks = (*checks, _roll_check(camera.roll, *gauge.fall))
+        checks = (*checks, roll_check(camera.roll, *gauge.fall))
     if bead_diameter is not None and gauge.source != "bead diameter":
-        checks = (*checks, _size_check(2 * seen.radius * gauge.scale, _radius_doubt(seen), bead_diameter))
+        checks = (*checks, size_check(2 * seen.radius * gauge.scale, _radius_doubt(seen), bead_diameter))
     unjudged = RATE_UNJUDGED if gauge.source == "gravity" and camera.frame_rate is None else ""
     measurement = Measurement(
         rig="drop",
@@ -622,7 +520,7 @@ def _gauge(pixels: Track, fitted: Bounces, seen: Chase, camera: Camera, bead_dia
     )
     agree = abs(by_bead / by_gravity - 1) < 3 * math.hypot(bead_doubt, gravity_doubt)
     judged = GRAVITY * by_bead / by_gravity, GRAVITY * math.hypot(bead_doubt, gravity_doubt)
-    if camera.frame_rate is not None and not agree and _other_rate(camera.frame_rate, judged[0]) is None:
+    if camera.frame_rate is not None and not agree and other_rate(camera.frame_rate, judged[0]) is None:
         # the rate was given and no usual mix-up of rates explains the difference: the bead's rim was misjudged
         doubt = math.hypot(gravity_doubt, 0.3 * abs(by_bead / by_gravity - 1))
         return _Gauge(by_gravity, doubt, "gravity, against the bead's diameter", roll, roll_doubt, told, judged, fall)
@@ -687,27 +585,6 @@ def _with_gravity_told(checks: tuple[Check, ...], gauge: _Gauge) -> tuple[Check,
         message = "the scale was taken from gravity, so this check cannot judge scale or frame rate"
         gravity = replace(gravity, message=message)
     return (replace(gravity, message=f"{gravity.message.rstrip('.')}; {gauge.cross_check}."), *checks[1:])
-
-
-def _roll_check(given: float, fall: float, doubt: float) -> Check:
-    """A stated roll against the one that the fall shows [rad]."""
-    passed = abs(given - fall) < max(3 * doubt, ROLL_STATED_TO)
-    message = (
-        f"a camera roll of {math.degrees(given):+.2f} degrees was given, the bead's fall shows "
-        f"{math.degrees(fall):+.2f} ± {math.degrees(doubt):.2f}"
-    )
-    ending = (
-        "." if passed else ": its sign may be wrong (positive when the scene looks turned clockwise); or leave it out."
-    )
-    return Check("camera_roll", passed, math.degrees(given), math.degrees(fall), message + ending)
-
-
-def _size_check(found: float, doubt: float, stated: float) -> Check:
-    """`found` and `stated` [m]; `doubt` relative."""
-    passed = abs(found / stated - 1) < max(0.15, 3 * doubt)
-    message = f"the bead's rim shows {found * 1e3:.2f} ± {found * doubt * 1e3:.2f} mm, {stated * 1e3:.2f} mm are stated"
-    ending = "." if passed else ": the scale or the stated diameter is wrong, or something else was followed."
-    return Check("bead_size", passed, found, stated, message + ending)
 
 
 def _view_checks(video: Video, seen: Chase, fitted: Bounces, repeats: frozenset[int]) -> tuple[Check, ...]:

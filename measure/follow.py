@@ -1,13 +1,13 @@
 """Follow one bead through a clip of a still scene: find what moves, link it into paths, fit the bead in every frame.
 
-Three passes over the video, none of which holds it in memory: learn the scene, find the moving spots, cut out the bead;
-then the bead is fitted in the cut-outs.
+Passes over the video, none of which holds it in memory: learn the scene, find the moving spots and keep what is around
+them, and, where that is not enough, cut out the bead; then the bead is fitted in the cut-outs.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import cv2
@@ -16,29 +16,15 @@ import numpy.typing as npt
 
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.measure.album import Album
-from rigtwin.measure.bead import (
-    Background,
-    BeadFit,
-    BeadImage,
-    Look,
-    Mask,
-    Pose,
-    Scene,
-    common_look,
-    fit_bead,
-    rounded,
-    shakes_of,
-    stands_still,
-)
+from rigtwin.measure.bead import BeadFit, BeadImage, Look, Mask, common_look, fit_bead
+from rigtwin.measure.channel import LUMA, Channel, best_channel, luma_is_clear
 from rigtwin.measure.media import Frame, Video
-from rigtwin.measure.spots import Box, Linker, Region, Search, Spot, SpotPath
+from rigtwin.measure.scene import Background, Pose, Scene, rounded, shakes_of, stands_still
+from rigtwin.measure.spots import Box, Linker, Region, Search, Spot, SpotPath, Where, place_on
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
-Where = Callable[[int], tuple[tuple[float, float], tuple[float, float]]]
-"""Centre [px] and motion [px/frame] of a bead by frame number."""
 
-VISIBLE = 6.0  # difference of a bead to its background, in units of the noise, at which luma is good enough
 REST = 25  # frames of a bead at rest that are worth a look before and after it moves
 
 
@@ -68,24 +54,6 @@ class Chase:
     hidden: Mask | None = field(repr=False)
 
 
-@dataclass(frozen=True)
-class Channel:
-    """How a colour picture becomes one grey level: plain luma, or the mix that shows the bead best."""
-
-    weights: tuple[float, float, float] | None = None  # of blue, green, red; None: luma
-    offset: float = 0.0  # [grey levels]
-
-    def grey(self, frame: Frame) -> Grey:
-        """8 bit, shape (height, width)."""
-        if self.weights is None:
-            return frame.grey
-        mix = cv2.transform(frame.colour, np.array([[*self.weights, self.offset]], dtype=np.float32))
-        return np.asarray(mix, dtype=np.uint8)
-
-
-LUMA = Channel()
-
-
 def learn_scene(video: Video, *, quickly: bool = False) -> Background:
     """Background from frames spread evenly over the clip, of a long film such as are soon read where wanted."""
     background = Background()
@@ -103,80 +71,6 @@ def _spread(first: int, last: int, count: int) -> set[int]:
     return set(np.unique(np.linspace(first, last, count).round().astype(int)).tolist())
 
 
-def best_channel(frames: Sequence[Frame], path: SpotPath) -> Channel:
-    """The mix of colours in which the bead differs most surely from what is behind it (Fisher's discriminant).
-
-    A wooden bead in front of a grey wall has its own lit and dark side, but one hue.  Luma is kept unless another mix
-    is clearly better: it has the full resolution.  A dozen frames spread over the path are enough.
-    """
-    where = _place(path)
-    places = [where(frame.index)[0] for frame in frames]
-    differences, noises, scenery = [], [], []
-    for k, (frame, place) in enumerate(zip(frames, places, strict=True)):
-        other = int(np.argmax([math.dist(place, elsewhere) for elsewhere in places]))
-        if math.dist(place, places[other]) < 4 * path.radius:
-            continue
-        rows, columns = _disc_pixels(place, 0.7 * path.radius, frame.grey.shape)
-        behind = frames[other].colour[rows, columns].astype(np.float64)
-        differences.append(frame.colour[rows, columns] - behind)
-        scenery.append(behind)
-        third = frames[k - 1].colour[::7, ::7].astype(np.float64) - frame.colour[::7, ::7]
-        noises.append(third.reshape(-1, 3))
-    if not differences:
-        return LUMA
-    return _fisher(np.concatenate(differences), np.concatenate(noises), np.concatenate(scenery))
-
-
-def _luma_is_clear(greys: Mapping[int, Grey], path: SpotPath) -> bool:
-    """Whether luma alone shows the bead so well that no mix of colours is asked for."""
-    where = _place(path)
-    places = {index: where(index)[0] for index in greys}
-    differences, noises = [], []
-    for index, before in zip(list(greys)[1:], greys, strict=False):
-        other = max(places, key=lambda k: math.dist(places[index], places[k]))
-        noises.append(greys[before][::7, ::7].astype(np.float64) - greys[index][::7, ::7])
-        if math.dist(places[index], places[other]) >= 4 * path.radius:
-            disc = _disc_pixels(places[index], 0.7 * path.radius, greys[index].shape)
-            differences.append(greys[index][disc].astype(np.float64) - greys[other][disc])
-    if not differences:
-        return False
-    noise = np.concatenate([each.ravel() for each in noises])
-    calm = noise[np.abs(noise) <= 3 * np.percentile(np.abs(noise), 68) + 1]
-    power = float(np.mean(np.concatenate(differences) ** 2))
-    return power > VISIBLE**2 * (float(np.var(calm)) / 2 + 0.1)
-
-
-def _disc_pixels(
-    centre: tuple[float, float], radius: float, shape: tuple[int, ...]
-) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    height, width = shape[:2]
-    disc = np.zeros((height, width), dtype=np.uint8)
-    cv2.circle(disc, (round(centre[0]), round(centre[1])), max(round(radius), 1), 1, cv2.FILLED)
-    rows, columns = np.nonzero(disc)
-    return rows, columns
-
-
-def _fisher(differences: Array, noises: Array, scenery: Array) -> Channel:
-    calm = noises[np.all(np.abs(noises) <= 3 * np.percentile(np.abs(noises), 68, axis=0) + 1, axis=1)]
-    noise = np.cov(calm.T) / 2 + 0.3 * np.eye(3)
-    mean = differences.mean(axis=0)
-    mix = np.linalg.solve(np.cov(differences.T) + 2 * noise, mean)
-    luma = np.array([0.114, 0.587, 0.299])
-
-    def visibility(weights: Array) -> float:
-        """Difference to the background over noise, root mean square over the bead, shading included."""
-        return math.sqrt(float(np.mean((differences @ weights) ** 2)) / float(weights @ noise @ weights))
-
-    # colour is stored at half the resolution and coarser steps: it must be far better where luma is just enough
-    if visibility(luma) > VISIBLE or visibility(mix) < 2 * visibility(luma):
-        return LUMA
-    # as much gain as 8 bits hold: contrast of 90 levels, or noise of 2 where that is less
-    gain = min(90 / abs(float(mix @ mean)), 2 / math.sqrt(float(mix @ noise @ mix)))
-    weights = mix * gain
-    middle = 128.0 - float(weights @ (np.median(scenery, axis=0) + mean / 2))
-    return Channel((float(weights[0]), float(weights[1]), float(weights[2])), middle)
-
-
 @dataclass(frozen=True)
 class Movement:
     """What moves in a clip."""
@@ -186,7 +80,7 @@ class Movement:
     repeated: frozenset[int]  # frames that only repeat the one before; nothing is looked for in them
     scene: Scene = field(repr=False)
     still: bool = False  # whether the camera is known to stand still; else its shake is looked at again where it counts
-    album: Album | None = field(default=None, repr=False)  # what was kept of the frames
+    album: Album | None = field(default=None, repr=False)  # what was kept of the frames of a camera that stands still
 
     def pose(self, frame: Frame) -> Pose:
         """Where a frame lies, as exactly as it shows."""
@@ -215,7 +109,9 @@ def find_paths(video: Video, scene: Scene, region: Region | None, progress: Prog
             linker.add(index, spots)
     still = stands_still(search.poses)
     poses = [pose.standing() if still else pose for pose in search.poses]
-    return Movement(linker.paths(), dict(zip(found, poses, strict=True)), repeated, scene, still, album)
+    # a shaking camera's frames are read again for their shake, and the album's room is free
+    kept = album if still else None
+    return Movement(linker.paths(), dict(zip(found, poses, strict=True)), repeated, scene, still, kept)
 
 
 def chase(path: SpotPath, moves: Movement, scene: Scene, cuts: Sequence[_Cut], progress: Progress = silent) -> Chase:
@@ -301,12 +197,12 @@ def _scene_behind(path: SpotPath, layers: Mapping[int, Grey]) -> Scene:
 
 def _from_album(path: SpotPath, moves: Movement) -> tuple[Scene, list[_Cut]] | None:
     """Scene and cut-outs without reading the film again: where the camera stands still and luma shows the bead well."""
-    if moves.album is None or not moves.still:
+    if moves.album is None:
         return None
-    album, where = moves.album, _place(path)
+    album, where = moves.album, place_on(path)
     begin, end = _busy(path)
     greys = album.greys(max(path.frames[0], begin), min(path.frames[-1], end))
-    if not greys or not _luma_is_clear(greys, path):
+    if not greys or not luma_is_clear(greys, path):
         return None
     cuts = []
     shape = moves.scene.picture.shape
@@ -327,7 +223,7 @@ def _seen_and_cut(
     video: Video, path: SpotPath, moves: Movement, chosen: set[int], progress: Progress
 ) -> tuple[list[tuple[Frame, Pose]], list[_Cut]]:
     """The chosen frames and how they lie, and in the same pass the cut-outs of luma."""
-    where = _place(path)
+    where = place_on(path)
     seen, cuts = [], []
     for frame in video.frames(*_busy(path)):
         pose = moves.pose(frame)
@@ -388,7 +284,7 @@ class _Cut:
 
 
 def _cut_out(video: Video, path: SpotPath, scene: Scene, channel: Channel, progress: Progress) -> list[_Cut]:
-    where = _place(path)
+    where = place_on(path)
     cuts = []
     shake = (0.0, 0.0)
     for frame in video.frames(*_busy(path)):
@@ -404,9 +300,9 @@ def _cut(frame: Frame, grey: Grey, pose: Pose, path: SpotPath, where: Where) -> 
     """What is around the bead in one frame; empty where that lies outside."""
     near, step = where(frame.index)
     box = _inside(_around(path, near, step), grey.shape)
-    return (
-        [] if box is None else [_Cut(frame.index, frame.time, pose.seen(grey, box), *box[:2], near, step, pose.shake)]
-    )
+    if box is None:
+        return []
+    return [_Cut(frame.index, frame.time, pose.seen(grey, box), *box[:2], near, step, pose.shake)]
 
 
 def _inside(box: Box, shape: tuple[int, ...]) -> Box | None:
@@ -431,25 +327,6 @@ def _busy(path: SpotPath) -> tuple[int, int]:
     first = frames[begun[0]] if len(begun) else frames[0]
     last = frames[going[-1]] if len(going) else frames[-1]
     return first - REST, last + REST
-
-
-def _place(path: SpotPath) -> Where:
-    """Centre and motion per frame: from the spots, straight lines across gaps, at rest before and after."""
-    frames = np.array(path.frames, dtype=np.float64)
-    centres = path.centres
-
-    def where(frame: int) -> tuple[tuple[float, float], tuple[float, float]]:
-        x, y = (float(np.interp(frame, frames, centres[:, k])) for k in (0, 1))
-        k = int(np.clip(np.searchsorted(frames, frame), 1, len(frames) - 2))
-        if frame < frames[0] or frame > frames[-1]:
-            return (x, y), (0.0, 0.0)
-        ahead = (centres[k + 1] - centres[k]) / (frames[k + 1] - frames[k])
-        behind = (centres[k] - centres[k - 1]) / (frames[k] - frames[k - 1])
-        # at a bounce the two disagree in sign, and the blur is that of neither
-        step = (ahead + behind) / 2 if np.dot(ahead, behind) > 0 else np.zeros(2)
-        return (x, y), (float(step[0]), float(step[1]))
-
-    return where
 
 
 def _fit_cuts(

@@ -19,7 +19,7 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, root_sum_of_squares
+from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, doubted, root_sum_of_squares
 from rigtwin.lab.records import Series
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.gate import Opening, find_opening, slot_edges
@@ -112,16 +112,10 @@ def measure(
     quantities = evaluation.quantities
     if isinstance(velocity, str):
         warnings.append(f"outlet velocity: none given, for {velocity}.")
-    else:
-        quantities = (*quantities, velocity)
-    if scale is not None and not isinstance(velocity, str):
+    elif scale is not None:
         rate = _frame_rate_check(velocity.value, view["slot_width_px"] * scale)
         checks = (*checks, rate)
-        if not rate.passed:
-            quantities = tuple(
-                replace(one, doubtful=one.doubtful or rate.message) if "s" in one.unit.split("/") else one
-                for one in quantities
-            )
+        quantities = _with_rate_judged((*quantities, velocity), rate)
     result = Measurement(
         rig="hopper",
         source=clip,
@@ -202,7 +196,7 @@ def _evaluate(
             + ("." if stays < RESIDUE else "; the last particle is the last one that left."),
         )
     ]
-    doubt = "; ".join(text for text in (opened.doubtful, last.doubtful) if text)
+    doubt = "; ".join(dict.fromkeys(text for text in (opened.doubtful, last.doubtful) if text))
     if doubt:
         quantities = [replace(one, doubtful=doubt) if one.unit == "s" else one for one in quantities]
     return Evaluation(tuple(quantities), tuple(checks), tuple(warnings))
@@ -391,8 +385,9 @@ def _starved(seen: Outflow, found: Instant, reason: str) -> Instant:
 
 
 def _compression_check(video: Video) -> Check:
-    size = video.path.stat().st_size if video.path.is_file() else math.inf  # pictures in a folder are whole
-    bits = 8 * size / (video.width * video.height * max(len(video.times), 1))
+    if not video.path.is_file():
+        return Check("compression", True, math.inf, STARVED, "pictures in a folder leave nothing out.")
+    bits = 8 * video.path.stat().st_size / (video.width * video.height * max(len(video.times), 1))
     passed = bits > STARVED
     ending = "." if passed else ": so few that faint things stand still in it for a frame or more; give the original."
     return Check("compression", passed, bits, STARVED, f"the clip has {bits:.3g} bits per pixel{ending}")
@@ -494,6 +489,13 @@ def _frame_rate_check(velocity: float, width: float) -> Check:
     ending = "." if passed else ": is the frame rate that of the capture (--frame-rate), and is the scale right?"
     message = f"beads leave the slot {ratio:.2g} times as fast as a body that has fallen half its width{ending}"
     return Check("frame_rate", passed, ratio, 1.0, message)
+
+
+def _with_rate_judged(quantities: tuple[Quantity, ...], rate: Check) -> tuple[Quantity, ...]:
+    """What is counted in seconds hangs on the frame rate."""
+    if rate.passed:
+        return quantities
+    return tuple(doubted(one, rate.message) if "s" in one.unit.split("/") else one for one in quantities)
 
 
 def _checks_of_picture(seen: Outflow, gate: Opening | None, hidden: float) -> list[Check]:

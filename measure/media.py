@@ -24,7 +24,7 @@ from rigtwin.measure.lens import straight
 
 SMALLEST = 5  # [px], no rig fits into less
 FEWEST_KEYS = 9  # pictures at which decoding can begin, below which a film is read as a whole
-BEHIND_KEY = 6  # frames
+BEHIND_KEY = 6  # frames: what moves has moved on by then, and few pictures are decoded on the way there
 
 Grey = sources.Grey
 Image = sources.Image

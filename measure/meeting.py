@@ -16,8 +16,8 @@ import numpy.typing as npt
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.rigs import GRAVITY
-from rigtwin.measure.bead import Scene
 from rigtwin.measure.media import Frame, Grey, Image, Video
+from rigtwin.measure.scene import Scene
 from rigtwin.measure.spots import inside_region
 
 Array = npt.NDArray[np.float64]

@@ -16,10 +16,10 @@ import numpy.typing as npt
 
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress
-from rigtwin.measure.bead import Scene
 from rigtwin.measure.grains import colour_cells, find_beads, rare, shares
 from rigtwin.measure.media import Video
 from rigtwin.measure.piv import Displacements, MeanCorrelation, without_outliers
+from rigtwin.measure.scene import Scene
 from rigtwin.measure.still import Cut, Region, Steadied, apart, cut_for, steadied, still_scene
 from rigtwin.measure.upright import Upright, upright
 

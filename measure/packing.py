@@ -40,7 +40,6 @@ OUTLINE_ABOVE, OUTLINE_SPREAD = 0.30, 0.08
 PITS_BELOW, PITS_SPREAD = 0.50, 0.05
 INSIDE = 0.95  # share of the inner radius that is read: at the wall the outline falls with the last bead's side
 GIVEN_DOUBT = 0.003  # relative, of a scale read off a length in the plane of the axis
-BEAD_DOUBT = 0.05  # relative, of a scale read off the beads
 WALL_DOUBT = 0.006  # relative, of a scale read off the cylinder's inner walls
 GAUGE_DOUBT = 0.002  # relative, of a scale read off a gauge in the plane of the axis
 SAME_PLANE = 0.02  # how far the two may differ when the gauge stands in the plane of the axis
@@ -51,6 +50,7 @@ SPOILING = ("level_bed", "smooth_surface")  # checks without which a height is d
 STATED = ("gauge", "bead_size", "walls")
 NEARER = 1.05  # the beads in front are nearer to the camera than the axis by a fifteenth or so, those beside them less
 BEAD_MISFIT = 0.16  # relative, by which beads may look larger or smaller than they are: shaded rims are soft
+BEAD_DOUBT = BEAD_MISFIT / 2  # relative, of a scale read off the beads, whose look nothing else checks then
 MOST_BEYOND = 0.08  # share of the beads seen that may lie outside of the walls: reflections in the glass
 ADVISED_RATIO = 5.0  # cylinder over bead diameter
 

@@ -21,7 +21,8 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, doubted
 from rigtwin.lab.records import Array, Track, read_tracks, write_tracks
 from rigtwin.lab.rigs import GRAVITY
-from rigtwin.measure.follow import LUMA, Chase, look_again
+from rigtwin.measure.channel import LUMA
+from rigtwin.measure.follow import Chase, look_again
 from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.pendulum_checks import (
     contact_angle_check,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,15 +12,18 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
-from rigtwin.measure.bead import FLICKER, STEADY, Picture, Pose, Scene, rounded
 from rigtwin.measure.media import Frame
 from rigtwin.measure.repeats import COARSE, LARGE, Repeats, coarse
+from rigtwin.measure.scene import FLICKER, STEADY, Picture, Pose, Scene, rounded
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 Region = tuple[float, float, float, float]
 Box = tuple[int, int, int, int]
 """Left, top, right and bottom [px]."""
+
+Where = Callable[[int], tuple[tuple[float, float], tuple[float, float]]]
+"""Centre [px] and motion [px/frame] of a bead by frame number."""
 
 MOST_COMPRESSED = 2.0  # [grey levels], scatter that compression makes; a larger one is taken for things that move
 
@@ -53,6 +56,25 @@ class SpotPath:
     def radius(self) -> float:
         """[px], of the disc of the spot's narrower side, median over the path: motion blur only lengthens."""
         return float(np.median([min(spot.width, spot.height) for spot in self.spots])) / 2
+
+
+def place_on(path: SpotPath) -> Where:
+    """Centre and motion per frame: from the spots, straight lines across gaps, at rest before and after."""
+    frames = np.array(path.frames, dtype=np.float64)
+    centres = path.centres
+
+    def where(frame: int) -> tuple[tuple[float, float], tuple[float, float]]:
+        x, y = (float(np.interp(frame, frames, centres[:, k])) for k in (0, 1))
+        k = int(np.clip(np.searchsorted(frames, frame), 1, len(frames) - 2))
+        if frame < frames[0] or frame > frames[-1]:
+            return (x, y), (0.0, 0.0)
+        ahead = (centres[k + 1] - centres[k]) / (frames[k + 1] - frames[k])
+        behind = (centres[k] - centres[k - 1]) / (frames[k] - frames[k - 1])
+        # at a bounce the two disagree in sign, and the blur is that of neither
+        step = (ahead + behind) / 2 if np.dot(ahead, behind) > 0 else np.zeros(2)
+        return (x, y), (float(step[0]), float(step[1]))
+
+    return where
 
 
 def moving_spots(seen: Picture, scene: Scene, region: Region | None, *, most: int = 12) -> list[Spot]:

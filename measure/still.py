@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.measure.bead import Background, Scene
 from rigtwin.measure.media import Video
+from rigtwin.measure.scene import Background, Scene
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]

@@ -28,12 +28,12 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, root_sum_of_squares
 from rigtwin.lab.records import Series, Track
 from rigtwin.measure.arm import Arm, find_arm, lay_over
-from rigtwin.measure.bead import Scene
 from rigtwin.measure.follow import learn_scene
 from rigtwin.measure.level import Level, find_level
 from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.onset import LEAST_DOUBT, Onset, Run, Way, find_onset, find_run, jitter, smooth_angle
 from rigtwin.measure.passenger import RIM, Passenger, Step, find_passenger, follow, glare
+from rigtwin.measure.scene import Scene
 
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.float32]

@@ -18,10 +18,12 @@ import numpy.typing as npt
 
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.measure.bead import Background, BeadFit, BeadImage, Look, Scene, common_look, fit_bead
-from rigtwin.measure.follow import Channel, best_channel, frames_of
+from rigtwin.measure.bead import BeadFit, BeadImage, Look, common_look, fit_bead
+from rigtwin.measure.channel import Channel, best_channel
+from rigtwin.measure.follow import frames_of
 from rigtwin.measure.media import Frame, Grey, Video
 from rigtwin.measure.meeting import Collision, Path, Region, find_collision, find_paths, hanging_place
+from rigtwin.measure.scene import Background, Scene
 from rigtwin.measure.spots import Spot, SpotPath
 
 Array = npt.NDArray[np.float64]

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rigtwin.measure.bead import Background, Look, fit_bead, locate, stands_still
+from rigtwin.measure.bead import Look, fit_bead, locate
+from rigtwin.measure.scene import Background, stands_still
 
 SIZE = 72
 FINE = 6  # drawn on a grid this much finer, then averaged

@@ -211,6 +211,15 @@ def test_beads_that_leave_far_slower_than_gravity_lets_them_were_played_in_slow_
     assert hopper._frame_rate_check(speed / slowed, width).passed == passed
 
 
+def test_a_wrong_frame_rate_spoils_what_is_counted_in_seconds_and_nothing_else() -> None:
+    slow = hopper._frame_rate_check(0.02, 0.034)
+    units = {"discharge_time": "s", "mass_flow_rate": "kg/s", "outlet_velocity": "m/s", "residue_fraction": "1"}
+    made = tuple(Quantity(name, 0.5, 0.01, unit, "made up") for name, unit in units.items())
+    judged = {one.quantity: one for one in hopper._with_rate_judged(made, slow)}
+    assert [name for name, one in judged.items() if "--frame-rate" in one.doubtful] == list(units)[:3]
+    assert judged["residue_fraction"] == made[3]
+
+
 def test_a_clip_in_which_nothing_leaves_is_refused(tmp_path: Path) -> None:
     random = np.random.default_rng(3)
     with av.open(str(tmp_path / "still.mp4"), "w") as container:

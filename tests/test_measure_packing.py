@@ -222,6 +222,15 @@ def test_a_drawn_bed_is_read_off_the_gauge_or_the_cylinder(tmp_path, gauge, roll
         assert path.stat().st_size > 0
 
 
+def test_a_scale_read_off_the_beads_alone_is_as_doubtful_as_their_soft_rims(tmp_path):
+    photo = tmp_path / "bed.png"
+    truth = draw(photo, gauge=False)
+    result = packing.measure([photo], Camera(), cylinder_diameter=None, bead_diameter=BEAD)
+    assert result.camera["scale_from"] == "bead diameter"
+    low, high = pick(result, "bed_height", "outline").interval95
+    assert low < truth < high
+
+
 def test_a_dark_photo_gives_the_same_height(tmp_path):
     photo, dark = tmp_path / "bed.png", tmp_path / "dark.png"
     truth = draw(photo)

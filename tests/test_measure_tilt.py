@@ -14,6 +14,7 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.records import Series, Track
 from rigtwin.measure import tilt
+from rigtwin.measure.passenger import Passenger
 
 G = 9.81
 FACTOR = {"slide": 1.0, "roll": 5 / 7}
@@ -119,6 +120,14 @@ def test_a_ball_that_rolls_where_sliding_was_said_is_noticed():
     assert not check.passed
     assert "--variant roll" in check.message
     assert pick(result, "static_friction_angle").doubtful
+
+
+@pytest.mark.parametrize(("length", "rolls"), [(1.0, True), (1.9, True), (3.0, False)])
+def test_beads_glued_together_do_not_roll_and_a_smeared_bead_may(length, rolls):
+    nothing = np.zeros((1, 1), np.float32)
+    body = Passenger(0, 0, nothing, nothing, (0.0, 0.0), (12 * length, 12.0), 0)
+    assert tilt._shape_check(body, "roll").passed == rolls
+    assert tilt._shape_check(body, "slide").passed
 
 
 def test_a_noiseless_record_is_read_exactly():

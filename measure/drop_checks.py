@@ -1,0 +1,140 @@
+"""What a track of a falling bead says of itself: gravity, residuals, plane, timing, and stated roll and size."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rigtwin.lab.quantity import Check, root_sum_of_squares
+from rigtwin.lab.records import Track
+from rigtwin.lab.rigs import GRAVITY
+from rigtwin.measure.flights import Bounces
+from rigtwin.measure.repeats import LEAST_SHARE
+
+# Capture rates that cameras offer [1/s]; a wrong rate is most often another one of these.
+USUAL_RATES = (24, 25, 30, 48, 50, 60, 90, 100, 120, 200, 240, 250, 300, 400, 480, 500, 600, 960, 1000, 1200, 2000)
+ROLL_STATED_TO = math.radians(0.5)  # nobody reads a camera's lean better
+
+
+def gravity_check(bounces: Bounces, scale_doubt: float, rate: float, repeated_share: float) -> Check:
+    gravity, parts = bounces.read(lambda at: at.size * GRAVITY)
+    doubt = math.hypot(root_sum_of_squares(parts), gravity * scale_doubt)
+    passed = abs(gravity - GRAVITY) < max(0.015 * GRAVITY, 3 * doubt)
+    found = f"free flight gives g = {gravity:.3f} ± {doubt:.3f} m/s²"
+    if passed:
+        return Check("gravity", True, gravity, GRAVITY, f"{found}: scale, frame rate and roll fit together.")
+    meaning = _what_is_wrong(gravity, rate, repeated_share)
+    return Check("gravity", False, gravity, GRAVITY, f"{found} instead of {GRAVITY}: {meaning}")
+
+
+def _what_is_wrong(gravity: float, rate: float, repeated_share: float) -> str:
+    """Doubled frames show themselves; capture rates come in steps; what is left is the scale."""
+    ratio = gravity / GRAVITY
+    # where the bead rests not all repeats are found: they stretch the time by at least their share
+    if repeated_share > LEAST_SHARE and 0.25 < math.sqrt(ratio) < 1.2 * (1 - repeated_share):
+        return (
+            f"doubled frames, {100 * repeated_share:.0f} % of them, stretch the time; "
+            f"give --frame-rate {rate / math.sqrt(ratio):.3g}Hz, or the camera's original file."
+        )
+    scale = f"lengths (the scale) are {abs(ratio - 1) * 100:.3g} % too {'large' if ratio > 1 else 'small'}"
+    usual = other_rate(rate, gravity)
+    if usual is not None:
+        speed = f"slow motion by {usual / rate:.3g}" if usual > rate else f"a speed-up by {rate / usual:.3g}"
+        return (
+            f"this is what a clip captured at {usual} Hz gives when {rate:.4g} Hz are assumed ({speed}); "
+            f"give --frame-rate {usual}Hz, or else {scale}."
+        )
+    if 0.7 < ratio < 1.4:
+        return f"{scale}; capture rates come in steps, and none explains this."
+    return f"either {scale}, or the clip was captured at {rate / math.sqrt(ratio):.4g} Hz and not {rate:.4g} Hz."
+
+
+def other_rate(rate: float, gravity: float) -> int | None:
+    """The usual capture rate [1/s] that explains a fitted gravity [m/s^2] when `rate` was assumed, if there is one."""
+    true_rate = rate / math.sqrt(gravity / GRAVITY)
+    nearest = min(USUAL_RATES, key=lambda usual: abs(math.log(usual / true_rate)))
+    return nearest if abs(nearest / true_rate - 1) < 0.03 and abs(nearest / rate - 1) > 0.15 else None
+
+
+def residual_check(bounces: Bounces) -> Check:
+    expected = max(bounces.expected_noise, 2e-5 * bounces.span)
+    ratio = bounces.noise / expected
+    passed = ratio < 2.5
+    meaning = (
+        "as its frame-to-frame noise tells"
+        if passed
+        else "far more than its frame-to-frame noise: something pushes the bead, or the tracking is wrong"
+    )
+    message = f"the track leaves the fitted flights by {ratio:.2f} times its noise, {meaning}."
+    return Check("flight_residuals", passed, ratio, 1.0, message)
+
+
+def plane_check(track: Track, bounces: Bounces) -> Check:
+    """Sideways motion and growth against the fall: both change a height without any loss of energy."""
+    contacts = bounces.contact_times
+    speeds = [0.0]
+    impact = bounces.model.reader(bounces.parameters)
+    for k, start in enumerate(contacts):
+        end = contacts[k + 1] if k + 1 < len(contacts) else track.time[-1]
+        inside = (track.time > start) & (track.time < end)
+        if np.sum(inside) > 4:
+            slope = float(np.polyfit(track.time[inside], track.position[inside, 0], 1)[0])
+            speeds.append(abs(slope) / (impact.impact_speed(k + 1) * impact.size))
+    sideways = max(speeds)
+    _, levels, growth = bounces.model.split(bounces.parameters)
+    reach = float(impact.heights[1]) * impact.size
+    drift = float(np.max(np.abs(levels[: bounces.count] - levels[0]))) / reach if bounces.count > 1 else 0.0
+    swell = float(np.max(np.abs(growth)))
+    value = max(sideways, drift, swell)
+    passed = sideways < 0.15 and drift < 0.12 and swell < 0.12
+    message = (
+        f"sideways speed is {100 * sideways:.1f} % of the impact speed, the plate's level drifts by "
+        f"{100 * drift:.1f} % of the first rebound, the scale along the path by {100 * swell:.1f} %"
+    )
+    ending = "." if passed else ": the bead leaves the plane; level the plate, or trust method velocity only."
+    return Check("out_of_plane", passed, value, 0.0, message + ending)
+
+
+def timing_check(track: Track, bounces: Bounces, repeats: int) -> Check:
+    """Frames missing or repeated while the bead flies; `repeats` more have been left out beforehand."""
+    time = track.time
+    steps = np.diff(time)
+    usual = float(np.median(steps))
+    inside = (time[1:] > bounces.apex_times[0]) & (time[1:] < time[bounces.used].max())
+    missing = float(np.sum(np.maximum(np.round(steps[inside] / usual) - 1, 0)))
+    moved = np.linalg.norm(np.diff(track.position, axis=0), axis=1)
+    fitted = np.abs(np.diff(bounces.curve(time)))
+    near_contact = np.min(np.abs(time[1:, None] - usual / 2 - bounces.contact_times), axis=1) < 1.5 * usual
+    still = ~near_contact & (moved < 0.05 * fitted) & (fitted > 12 * bounces.expected_noise)
+    again = int(np.sum(inside & still))
+    whole = max(float(np.sum(inside)), 1.0)
+    passed = again == 0 and repeats == 0 and missing < 0.3 * whole
+    message = (
+        f"{int(missing)} of {int(whole + missing)} frames of the flights are without the bead, {again} are repeated"
+    )
+    if repeats:
+        message = f"doubled frames: {repeats} of {repeats + len(time)} repeat the one before and were left out"
+    ending = "." if passed else ": film with a fixed frame rate, or use the camera's original file."
+    return Check("frame_timing", passed, missing + again + repeats, 0.0, message + ending)
+
+
+def roll_check(given: float, fall: float, doubt: float) -> Check:
+    """A stated roll against the one that the fall shows [rad]."""
+    passed = abs(given - fall) < max(3 * doubt, ROLL_STATED_TO)
+    message = (
+        f"a camera roll of {math.degrees(given):+.2f} degrees was given, the bead's fall shows "
+        f"{math.degrees(fall):+.2f} ± {math.degrees(doubt):.2f}"
+    )
+    ending = (
+        "." if passed else ": its sign may be wrong (positive when the scene looks turned clockwise); or leave it out."
+    )
+    return Check("camera_roll", passed, math.degrees(given), math.degrees(fall), message + ending)
+
+
+def size_check(found: float, doubt: float, stated: float) -> Check:
+    """`found` and `stated` [m]; `doubt` relative."""
+    passed = abs(found / stated - 1) < max(0.15, 3 * doubt)
+    message = f"the bead's rim shows {found * 1e3:.2f} ± {found * doubt * 1e3:.2f} mm, {stated * 1e3:.2f} mm are stated"
+    ending = "." if passed else ": the scale or the stated diameter is wrong, or something else was followed."
+    return Check("bead_size", passed, found, stated, message + ending)

@@ -1,0 +1,329 @@
+"""The still scene of a clip: learnt from frames spread over it, and how a shaken, flickering frame lies over it.
+
+Picture coordinates: x right, y down, centre of the top-left pixel (0, 0).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Picture = npt.NDArray[np.float32]
+Grey = npt.NDArray[np.uint8]
+Mask = npt.NDArray[np.bool_]
+
+STEADY = 0.03  # [px], a shake that moving the picture back would blur more than it helps
+FLICKER = 0.01  # relative change of brightness above which a frame is levelled with an offset as well
+
+
+def middle_of(values: Array) -> float:
+    """The median of many, without the care np.median takes of few."""
+    half = len(values) // 2
+    return float(np.partition(values, half)[half])
+
+
+@dataclass(frozen=True)
+class Pose:
+    """How a frame lies over the scene, and how bright it is against it."""
+
+    shake: tuple[float, float] = (0.0, 0.0)  # [px], where the scene's origin lies in the frame
+    gain: float = 1.0
+    offset: float = 0.0  # [grey levels]
+    doubt: tuple[float, float] = (0.0, 0.0)  # [px], half of what two halves of the scene disagree by on the shake
+
+    def seen(self, grey: Grey, box: tuple[int, int, int, int] | None = None) -> Picture:
+        """A part of the frame (left, top, right, bottom; all where None), moved back and levelled to the scene's."""
+        left, top, right, bottom = box or (0, 0, grey.shape[1], grey.shape[0])
+        if max(map(abs, self.shake)) > STEADY:
+            x, y = (first + (end - 1 - first) / 2 for first, end in ((left, right), (top, bottom)))
+            # exact, where cv2.warpAffine goes in steps of a thirty-second of a pixel
+            middle = (x + self.shake[0], y + self.shake[1])
+            moved = cv2.getRectSubPix(grey, (right - left, bottom - top), middle, patchType=cv2.CV_32F)
+            part: Picture = np.asarray(moved, dtype=np.float32)
+        else:
+            part = grey[top:bottom, left:right].astype(np.float32)
+        if self.offset != 0:
+            np.subtract(part, np.float32(self.offset), out=part)
+        if self.gain != 1:
+            np.multiply(part, np.float32(1 / self.gain), out=part)
+        return part
+
+    def standing(self) -> Pose:
+        """Of a camera that is known to stand still."""
+        return replace(self, shake=(0.0, 0.0), doubt=(0.0, 0.0))
+
+
+def shakes_of(poses: Sequence[Pose]) -> Array:
+    """[px], shape (n, 2)"""
+    return np.array([pose.shake for pose in poses]).reshape(-1, 2)
+
+
+def stands_still(poses: Sequence[Pose]) -> bool:
+    """Whether the shake is no more than its own error: taking it out would only add that error to every place."""
+    shakes, doubts = shakes_of(poses), np.array([pose.doubt for pose in poses]).reshape(-1, 2)
+    found = np.mean((shakes - np.median(shakes, axis=0)) ** 2, axis=0)
+    return bool(np.all(found < np.maximum(2 * np.mean(doubts**2, axis=0), STEADY**2)))
+
+
+@dataclass(frozen=True)
+class _Anchors:
+    """Pixels at strong edges, spread over a picture, by which a frame is laid over it."""
+
+    x: npt.NDArray[np.intp]
+    y: npt.NDArray[np.intp]
+    rows: Array  # slope in x, slope in y, minus the grey level; shape (3, n)
+    half: Mask  # which of two halves of the picture, in checks, each lies in
+
+    def some(self, every: int) -> _Anchors:
+        chosen = np.s_[::every]
+        return _Anchors(self.x[chosen], self.y[chosen], self.rows[:, chosen], self.half[chosen])
+
+    def seen(self, grey: Grey, shift: Array) -> Array:
+        """Grey levels of a frame at the anchors moved by `shift` [px]."""
+        if not shift.any():
+            return grey[self.y, self.x].astype(np.float64)
+        whole = np.floor(shift).astype(int)
+        u, v = shift - whole
+        height, width = grey.shape
+        left, top = np.clip(self.x + whole[0], 0, width - 2), np.clip(self.y + whole[1], 0, height - 2)
+        upper, lower = (grey[top + row, left] * (1 - u) + grey[top + row, left + 1] * u for row in (0, 1))
+        return np.asarray(upper * (1 - v) + lower * v)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What a clip shows without the bead."""
+
+    picture: Picture  # [grey levels], shape (height, width)
+    noise: Picture  # [grey levels], one standard deviation of every pixel over time, same shape
+
+    def view(self, grey: Grey, start: tuple[float, float] = (0.0, 0.0)) -> View:
+        """A frame laid over the scene: moved back by the camera's shake, levelled to the scene's brightness.
+
+        `start` is a guess of the shake, e.g. that of the frame before.
+        """
+        pose = self.pose(grey, start)
+        return View(pose.seen(grey), pose.shake, pose.gain)
+
+    def pose(self, grey: Grey, start: tuple[float, float] = (0.0, 0.0), *, quickly: bool = False) -> Pose:
+        """Where a frame lies; `quickly` by a quarter of the edges, which doubles the error of the shake."""
+        near = np.array(start) if max(map(abs, start)) > STEADY else np.zeros(2)
+        pose = self._placed(grey, near, self._few_anchors, to=STEADY) if quickly else Pose()
+        if pose == Pose():  # too few edges tell nothing, which is not that the camera stands still
+            pose = self._placed(grey, near, self._anchors)
+        return pose if abs(pose.gain - 1) < FLICKER else self._lit(grey, pose)
+
+    def _lit(self, grey: Grey, pose: Pose) -> Pose:
+        """Gain and offset of a flickering frame: black is not 0 in most videos, so a gain alone would not level it."""
+        step = max(1, min(self.picture.shape) // 60)
+        moved = replace(pose, gain=1.0).seen(grey) if max(map(abs, pose.shake)) > 1 else grey
+        wanted, seen = (each[::step, ::step].ravel().astype(np.float64) for each in (self.picture, moved))
+        gain, offset = pose.gain, 0.0
+        for _ in range(5):
+            error = seen - gain * wanted - offset
+            spread = 1.4826 * float(np.median(np.abs(error - np.median(error)))) + 0.3
+            weights = 1 / (1 + (error / (2 * spread)) ** 2) ** 2
+            middle = float(np.average(wanted, weights=weights))
+            power = float(np.average((wanted - middle) ** 2, weights=weights))
+            if power < 20:  # [grey levels squared]: one even grey tells no gain from an offset
+                offset = float(np.average(seen - gain * wanted, weights=weights))
+                break
+            gain = float(np.average((wanted - middle) * seen, weights=weights)) / power
+            offset = float(np.average(seen - gain * wanted, weights=weights))
+        return replace(pose, gain=gain, offset=offset)
+
+    @cached_property
+    def _anchors(self) -> _Anchors:
+        smooth = cv2.GaussianBlur(self.picture, (0, 0), 1.0)
+        slope_x = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)
+        slope_y = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)
+        strength = np.hypot(slope_x, slope_y) / (self.noise + 0.5)
+        border = 8
+        strength[:border] = strength[-border:] = 0
+        strength[:, :border] = strength[:, -border:] = 0
+        chosen, half = [], []
+        for i, rows in enumerate(np.array_split(np.arange(strength.shape[0]), 6)):
+            for j, columns in enumerate(np.array_split(np.arange(strength.shape[1]), 6)):
+                block = strength[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+                best = np.argsort(block, axis=None)[-100:]
+                y, x = np.unravel_index(best[block.ravel()[best] > 0.5], block.shape)
+                chosen.append(np.stack([x + columns[0], y + rows[0]]))
+                half.append(np.full(len(x), (i + j) % 2 == 0))
+        x, y = np.concatenate(chosen, axis=1)
+        slopes = np.stack([slope_x[y, x], slope_y[y, x], -self.picture[y, x]]).astype(np.float64)
+        return _Anchors(x, y, slopes, np.concatenate(half))
+
+    @cached_property
+    def _few_anchors(self) -> _Anchors:
+        return self._anchors.some(4)
+
+    def _placed(self, grey: Grey, start: Array, anchors: _Anchors, to: float = 0.003) -> Pose:
+        """Shift of a frame against the scene [px] and its gain, by Gauss-Newton on the strongest edges.
+
+        Steps shorter than `to` [px] are the last.
+        """
+        if len(anchors.x) < 60:
+            return Pose()
+        rows = anchors.rows
+        shift, gain = start, 1.0
+        for _ in range(5):
+            error = anchors.seen(grey, shift) + gain * rows[2]
+            spread = 1.4826 * middle_of(np.abs(error)) + 0.3
+            weights = 1 / (1 + (error / (2 * spread)) ** 2) ** 2  # a moving bead or hand must not pull the scene along
+            weighted = rows * weights
+            inverse = _inverse(weighted @ rows.T)
+            change = -inverse @ (weighted @ error)
+            shift = shift + np.clip(change[:2], -3, 3)
+            gain += float(change[2])
+            if np.max(np.abs(change[:2])) < to:
+                break
+        covariance = inverse * spread**2
+        if max(covariance[0, 0], covariance[1, 1]) > 0.05**2 or np.max(np.abs(shift)) > 40 or not 0.5 < gain < 2:
+            return Pose()  # too little texture to tell
+        one, other = (_change(rows[:, half], weighted[:, half], error[half]) for half in (anchors.half, ~anchors.half))
+        doubt = np.abs(one - other) / 2
+        return Pose((float(shift[0]), float(shift[1])), gain, 0.0, (float(doubt[0]), float(doubt[1])))
+
+
+def _change(rows: Array, weighted: Array, error: Array) -> Array:
+    """Shift [px] that these rows alone would still ask for."""
+    return np.asarray(-(_inverse(weighted @ rows.T) @ (weighted @ error))[:2])
+
+
+def _inverse(normal: Array) -> Array:
+    """Of a small matrix; where it is singular, large."""
+    return np.asarray(np.linalg.inv(normal + 1e-12 * np.trace(normal) * np.eye(len(normal)) + 1e-300))
+
+
+@dataclass(frozen=True)
+class View:
+    """One frame laid over the scene."""
+
+    grey: Picture  # [grey levels], shape (height, width), in the scene's pixels
+    shake: tuple[float, float]  # [px], where the scene's origin lies in the frame
+    gain: float = 1.0  # how bright the frame is against the scene
+
+
+class Background:
+    """Learns the still scene from frames spread over a clip; keeps at most `capacity` of them.
+
+    The scene is the median over time, so whatever covers a pixel for less than half of the frames is not in it.
+    `scene` can leave out the surroundings of a bead whose place in those frames is known: then even the scene behind a
+    bead that rested for most of the clip is found.
+    """
+
+    capacity = 21
+
+    def __init__(self) -> None:
+        self._frames: dict[int, Grey] = {}
+
+    def add(self, index: int, grey: Grey) -> None:
+        """Remember a frame; every second one is dropped again when there are too many."""
+        self._frames[index] = grey
+        if len(self._frames) > self.capacity:
+            for old in sorted(self._frames)[1::2]:
+                del self._frames[old]
+
+    @property
+    def indices(self) -> tuple[int, ...]:
+        """Frame numbers kept."""
+        return tuple(sorted(self._frames))
+
+    def samples(self) -> dict[int, Grey]:
+        """The frames kept, by frame number."""
+        return dict(self._frames)
+
+    def scene(self, bead: Mapping[int, tuple[float, float]] | None = None, reach: float = 0.0) -> Scene:
+        """The still scene; `bead` maps frame numbers to bead centres [px], `reach` [px] is how far it may cover."""
+        layers = [self._frames[index] for index in self.indices]
+        scene = _median_scene(layers)
+        poses = [scene.pose(layer) for layer in layers]
+        if not stands_still(poses) or np.std([pose.gain for pose in poses]) > FLICKER:
+            for _ in range(2):
+                scene = _median_scene(_laid_over(scene, layers))
+            layers = _laid_over(scene, layers)
+        return scene if not bead else _without_bead(scene, layers, self.indices, bead, reach)
+
+
+def _laid_over(scene: Scene, layers: Sequence[Grey]) -> list[Grey]:
+    """The frames moved and levelled as the scene is, each rounded at once: as floats they would fill the memory."""
+    return [rounded(scene.pose(layer).seen(layer)) for layer in layers]
+
+
+def rounded(picture: Picture) -> Grey:
+    """In whole grey levels."""
+    return np.asarray(cv2.convertScaleAbs(np.maximum(picture, 0)), dtype=np.uint8)
+
+
+def _median_scene(layers: Sequence[Grey]) -> Scene:
+    ordered = _sorted(layers)
+    count = len(layers)
+    middle: Picture = (ordered[(count - 1) // 2].astype(np.float32) + ordered[count // 2]) / np.float32(2)
+    low, high = ordered[round(0.16 * (count - 1))], ordered[round(0.84 * (count - 1))]
+    # 8-bit steps make the spread of one pixel coarse: share it with its neighbours
+    noise = cv2.blur((high.astype(np.float32) - low) / 2, (5, 5)) + np.float32(0.3)
+    usual = float(np.median(noise))
+    return Scene(middle, np.asarray(np.clip(noise, 0.5 * usual, 4 * usual), dtype=np.float32))
+
+
+def _sorted(layers: Sequence[Grey]) -> list[Grey]:
+    """The layers sorted pixel by pixel: Batcher's odd-even merging, a few times faster than sorting each pixel."""
+    rows = [np.asarray(layer) for layer in layers]
+    for low, high in _exchanges(len(rows)):
+        smaller = np.minimum(rows[low], rows[high])
+        rows[high] = np.maximum(rows[low], rows[high])
+        rows[low] = smaller
+    return rows
+
+
+@lru_cache
+def _exchanges(count: int) -> tuple[tuple[int, int], ...]:
+    """Pairs to put in order, one after the other, that sort any `count` values (Batcher 1968)."""
+    pairs = []
+    size = 1
+    while size < count:
+        step = size
+        while step >= 1:
+            for first in range(step % size, count - step, 2 * step):
+                for low in range(first, min(first + step, count - step)):
+                    if low // (2 * size) == (low + step) // (2 * size):
+                        pairs.append((low, low + step))
+            step //= 2
+        size *= 2
+    return tuple(pairs)
+
+
+def _without_bead(
+    scene: Scene,
+    layers: Sequence[Grey],
+    indices: tuple[int, ...],
+    bead: Mapping[int, tuple[float, float]],
+    reach: float,
+) -> Scene:
+    """Median over those frames only in which the bead is away from the pixel, where there are any."""
+    picture = scene.picture.copy()
+    touched = np.zeros(picture.shape, dtype=np.uint8)
+    for index in indices:
+        if index in bead:
+            _cover(touched, bead[index], reach)
+    y, x = np.nonzero(touched)
+    values = np.array([layer[y, x] for layer in layers], dtype=np.float32)
+    for layer, index in enumerate(indices):
+        if index in bead:
+            covered = np.zeros(picture.shape, dtype=np.uint8)
+            _cover(covered, bead[index], reach)
+            values[layer, covered[y, x] > 0] = np.nan
+    enough = np.sum(np.isfinite(values), axis=0) >= 2
+    picture[y[enough], x[enough]] = np.nanmedian(values[:, enough], axis=0)
+    return Scene(picture, scene.noise)
+
+
+def _cover(mask: Grey, place: tuple[float, float], reach: float) -> None:
+    cv2.circle(mask, (round(place[0]), round(place[1])), math.ceil(reach), 1, cv2.FILLED)
