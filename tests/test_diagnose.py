@@ -329,6 +329,13 @@ def test_a_bulk_rig_is_left_undecided_with_the_reason(tmp_path):
         ({"particles": {}}, "particles: is missing or empty"),
         ({"camera": {"frame_rate_hz": "fast"}}, "frame_rate_hz: 'fast' is not a number"),
         ({"camera": {}}, "frame_rate_hz: is missing"),
+        (
+            {"camera": {"frame_rate_hz": 240, "scale_uncertainty_rel": -0.002}},
+            "scale_uncertainty_rel: -0.002 cannot be",
+        ),
+        ({"camera": {"frame_rate_hz": 240, "tracking_noise_px": math.nan}}, "tracking_noise_px: nan is no number"),
+        ({"gravity_m_s2": -9.81}, "gravity_m_s2: -9.81 cannot be"),
+        ({"particles": {"heavy": {"diameter_m": 6.2, "mass_g": 0.07}}}, "6.2 is in metres; was it meant in mm"),
         ({"conditions": [{"name": "c", "bead": "heavy", "repetitions": 2}]}, "no such file"),
         ({"conditions": [{"name": "c", "bead": "gold", "repetitions": 2}]}, "bead 'gold' is not under particles"),
     ],

@@ -18,6 +18,7 @@ import numpy as np
 from rigtwin.lab.errors import BadLabFile
 from rigtwin.lab.records import Track, read_tracks
 
+LARGEST_BEAD = 0.5  # [m]
 TRACKED = ("drop", "pendulum", "double", "slide", "roll")
 BULK = ("pile", "hopper", "drum")
 
@@ -108,6 +109,7 @@ def read_tracked_lab(path: Path) -> TrackedLab:
     raw_conditions = document.get("conditions")
     if not isinstance(raw_conditions, list) or not raw_conditions:
         raise BadLabFile(f"{file}: conditions: is missing or empty; list one condition per setting of the rig.")
+    gravity = _number({"gravity_m_s2": 9.81, **document}, "gravity_m_s2", file)
     camera = _camera(document, file, rig)
     conditions = () if rig in BULK else tuple(_condition(document, raw, file, rig) for raw in raw_conditions)
     geometry = document.get("rig_geometry") or {}
@@ -116,7 +118,7 @@ def read_tracked_lab(path: Path) -> TrackedLab:
     return TrackedLab(
         title=str(document.get("case") or document.get("title") or file.parent.name),
         rig=rig,
-        gravity=_number(document, "gravity_m_s2", file, default=9.81),
+        gravity=gravity,
         camera=camera,
         geometry=geometry,
         conditions=conditions,
@@ -138,7 +140,22 @@ def _document(file: Path) -> dict[str, Any]:
         raise BadLabFile(f"{file}: is not valid JSON ({error}); correct it there.") from None
     if not isinstance(document, dict):
         raise BadLabFile(f"{file}: holds no table of names and values; write it as docs/tracked_lab.md shows.")
+    _sane(document, "", file)
     return document
+
+
+def _sane(value: Any, key: str, file: Path) -> None:
+    """Refuse numbers anywhere in the document that nothing in a lab can have."""
+    if isinstance(value, dict):
+        for name, entry in value.items():
+            _sane(entry, str(name), file)
+    elif isinstance(value, list):
+        for entry in value:
+            _sane(entry, key, file)
+    elif isinstance(value, float) and not math.isfinite(value):
+        raise BadLabFile(f"{file}: {key}: {value!r} is no number that was measured; leave it out where it is unknown.")
+    elif isinstance(value, (int, float)) and value < 0 and ("uncertainty" in key or "noise" in key):
+        raise BadLabFile(f"{file}: {key}: {value!r} cannot be; an uncertainty is not below zero.")
 
 
 def _camera(document: Mapping[str, Any], file: Path, rig: str) -> Camera:
@@ -206,6 +223,8 @@ def _bead(document: Mapping[str, Any], raw: Mapping[str, Any], file: Path, where
         known = ", ".join(map(str, particles))
         raise BadLabFile(f"{file}: condition {where}: bead {wanted!r} is not under particles (known: {known}).")
     diameter = _number(about, "diameter_m", file, default=math.nan)
+    if diameter > LARGEST_BEAD:
+        raise BadLabFile(f"{file}: particles: {wanted}: diameter_m: {diameter:g} is in metres; was it meant in mm?")
     mass = _number(about, "mass_g", file, default=math.nan) * 1e-3
     density = _number(about, "density_kg_m3", file, default=math.nan)
     mass = mass if math.isfinite(mass) else _number(about, "mass_kg", file, default=math.nan)
