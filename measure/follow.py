@@ -25,7 +25,6 @@ from rigtwin.measure.spots import Box, Linker, Region, Search, Spot, SpotPath, W
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
-WRONG_BEAD = 0.1  # more misfit than the least, relative
 REST = 25  # frames of a bead at rest that are worth a look before and after it moves
 
 
@@ -388,13 +387,10 @@ def _exposure(cuts: Sequence[_Cut], scene: Scene, look: Look, hidden: Mask | Non
         )
         found = {sighting.frame: sighting.fit.misfit for sighting in sightings}
         misfits.append([found.get(cut.frame, np.nan) for cut in fast])
-    told = np.all(np.isfinite(misfits), axis=0)
-    if np.count_nonzero(told) < 3:
+    table = np.array(misfits)[:, np.all(np.isfinite(misfits), axis=0)]
+    if table.shape[1] < 3:
         return 0.0
-    table = np.array(misfits)[:, told]
-    # a wrong blur costs by the square of its length; what costs more than any blur could was no bead
-    excess = np.minimum(table / table.min(axis=0) - 1, WRONG_BEAD)
-    total = excess @ np.array([cut.step[0] ** 2 + cut.step[1] ** 2 for cut in fast])[told]
+    total = np.median(table / table.min(axis=0), axis=1)
     best = int(np.clip(np.argmin(total), 1, len(tried) - 2))
     bend, slope, _ = np.polyfit(tried[best - 1 : best + 2], total[best - 1 : best + 2], 2)
     return float(np.clip(-slope / (2 * bend), 0.02, 1.0)) if bend > 0 else float(tried[np.argmin(total)])
