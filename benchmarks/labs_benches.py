@@ -121,6 +121,12 @@ def _draw_restitution(bead: Bead, rng: np.random.Generator) -> float:
     return float(np.clip(RESTITUTION[bead.material] + rng.normal(0, 0.04), 0.3, 0.92))
 
 
+def _meet(world: World, bead: Bead, partner: str, rng: np.random.Generator) -> None:
+    """See to it that a bead has a restitution with a wall or another bead; one that it has stays."""
+    if f"{bead.name}/{partner}" not in world.restitution:
+        world.restitution[f"{bead.name}/{partner}"] = _draw_restitution(bead, rng)
+
+
 def _off(rng: np.random.Generator, doubt: float) -> float:
     """An error inside what is stated."""
     return float(np.clip(rng.normal(0, doubt / 2), -doubt, doubt))
@@ -137,8 +143,7 @@ def _drop(world: World, rng: np.random.Generator, wanted: Sequence[str]) -> Benc
             return drop(real, wall, WALLS[wall][3], height + shift + r.normal(0, 2e-4), world, r)
 
         def again(other: Bead, change: Change) -> Run:
-            if f"{other.name}/{wall}" not in world.restitution:
-                world.restitution[f"{other.name}/{wall}"] = _draw_restitution(other, rng)
+            _meet(world, other, wall, rng)
             there = height if change.release is None else change.release
             body = real if other == bead else _real(other, rng)
             return condition(other, body, wall, there, _off(rng, HEIGHT_DOUBT))
@@ -187,8 +192,8 @@ def _pendulum(world: World, rng: np.random.Generator, wanted: Sequence[str], *, 
             thread = change.state.get("length", length)
             off.setdefault(thread, _off(rng, LENGTH_DOUBT) + world.hidden.get("length_error", 0.0))
             there = angle if change.release is None else round(math.degrees(change.release))
-            if struck and f"{other.name}/{struck}" not in world.restitution:
-                world.restitution[f"{other.name}/{struck}"] = _draw_restitution(other, rng)
+            if struck:
+                _meet(world, other, struck, rng)
             body = real if other == bead else _real(other, rng)
             return condition(other, body, thread, there, _off(rng, ANGLE_DOUBT), change.longer * seconds)
 
@@ -237,8 +242,7 @@ def _double(world: World, rng: np.random.Generator, wanted: Sequence[str]) -> Be
             thread = change.state.get("length", length)
             off.setdefault(thread, (_off(rng, LENGTH_DOUBT) + error, _off(rng, LENGTH_DOUBT) + error))
             there = angle if change.release is None else round(math.degrees(change.release))
-            if f"{other.name}/{other.name}" not in world.restitution:
-                world.restitution[f"{other.name}/{other.name}"] = _draw_restitution(other, rng)
+            _meet(world, other, other.name, rng)
             body = real if other == bead else _real(other, rng)
             return condition(other, body, thread, there, _off(rng, ANGLE_DOUBT))
 
