@@ -1,13 +1,18 @@
 """Many few-body simulations in one launch: each gets what it gets alone, and what physics says."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from rigtwin.lab.errors import BadInput, RigtwinError
 from rigtwin.lab.materials import Contact, Material, Particle
-from rigtwin.lab.rigs import GRAVITY
+from rigtwin.lab.reference import hlosta2020
+from rigtwin.lab.rigs import GRAVITY, Drop, Pendulum, Tilt
+from rigtwin.sim import drop as drops
+from rigtwin.sim import pendulum as pendulums
+from rigtwin.sim import tilt as tilts
 from rigtwin.sim.engine.few_body import Body, Case, Motion, run, run_halved, run_many, run_many_halved
 from rigtwin.sim.engine.terms import active
 from rigtwin.sim.engine.walls import Motion as Moving
@@ -173,3 +178,56 @@ def test_progress_of_many_tells_the_time_of_all():
     cases = [drop(h, 0.9, span=0.1) for h in (0.01, 0.02, 0.03)]
     assert all(isinstance(one, Motion) for one in run_many(cases, progress=lambda *news: told.append(news)))
     assert told[-1] == ("simulating", pytest.approx(0.3), pytest.approx(0.3))
+
+
+def test_many_drops_are_the_drops_one_by_one():
+    bead, steel = sphere(), STEEL
+    rng = np.random.default_rng(3)
+    trials = [
+        drops.Trial(Drop(rng.uniform(0.005, 0.02)), bead, steel, Contact(e), frame_rate=480, duration=0.06)
+        for e in (0.3, 0.8)
+    ]
+    trials.append(replace(trials[0], effects={"air_drag": {}}))
+    trials.append(replace(trials[0], duration=0.005))  # ends before the bead is let go
+    for trial, track in zip(trials, drops.run_many(trials), strict=True):
+        alone = drops.run(
+            trial.rig, bead, steel, trial.contact, frame_rate=480, duration=trial.duration, effects=trial.effects
+        )
+        assert np.array_equal(track.position, alone.position)
+        assert np.array_equal(track.sigma, alone.sigma)
+
+
+def test_many_pendulums_are_the_pendulums_one_by_one():
+    bead, contact = sphere(), Contact(0.7, 0.3)
+    trials = [
+        pendulums.Trial(Pendulum(0.03, 0.5), bead, contact, frame_rate=240),
+        pendulums.Trial(Pendulum(0.03, 0.4, variant="wall"), bead, contact, frame_rate=240, wall=STEEL),
+    ]
+    both, one = pendulums.run_many(trials)
+    assert [track.body for track in (*both, *one)] == ["A", "B", "A"]
+    alone = pendulums.run(trials[0].rig, bead, contact, frame_rate=240)
+    assert all(np.array_equal(a.position, b.position) for a, b in zip(both, alone, strict=True))
+
+
+def test_many_plates_let_go_at_the_friction_of_each():
+    slopes = (0.05, 0.1, 0.2)
+    trials = [
+        tilts.Trial(Tilt("slide", speed=0.2), sphere(), STEEL, Contact(0.4, mu, 0.06), frame_rate=240) for mu in slopes
+    ]
+    trials.append(replace(trials[1], rig=Tilt("roll", speed=0.2)))
+    onsets = []
+    for angle, track in tilts.run_many(trials):
+        reach = np.linalg.norm(track.position, axis=1)  # from the hinge
+        onsets.append(angle.value[np.flatnonzero(reach < reach[0] - 1e-4)[0]])
+    assert np.tan(onsets) == pytest.approx([*slopes, 0.06], abs=0.02)
+
+
+def test_a_trial_that_cannot_be_is_named_by_its_place():
+    good = drops.Trial(Drop(0.01), sphere(), STEEL, Contact(0.5), frame_rate=240, duration=0.03)
+    clump = replace(good, particle=hlosta2020.particle("P6x15_3s"))
+    with pytest.raises(BadInput, match=r"^trials\[1\]: drop_height"):
+        drops.run_many([good, replace(good, rig=Drop(-1.0)), good])
+    with pytest.raises(BadInput, match=r"^trials\[2\]: P6x15_3s is a clump"):
+        drops.run_many([good, replace(good, duration=0.005), clump])
+    with pytest.raises(BadInput, match=r"^drop_height"):
+        drops.run_many([replace(good, rig=Drop(-1.0))])

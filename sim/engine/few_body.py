@@ -75,6 +75,7 @@ class Case:
     contact_law: ContactLaw = "Hertz-Mindlin"
     impact_speed: float = IMPACT_SPEED  # [m/s]
     effects: Sequence[Active] = ()
+    name: str = ""  # by which errors call it where there are many; else its place, as in "cases[3]"
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +155,7 @@ class _Ready:
 
     copy: Copy
     mechanics: Mechanics
+    prefix: str  # of errors
 
     @property
     def alike(self) -> tuple[tuple[Effect, ...], Mechanics]:
@@ -184,32 +186,34 @@ def _run(ready: Sequence[_Ready], threads: int | None, progress: Progress) -> li
 
         copies = [ready[k].copy for k in members]
         outcomes = few_bench.run(copies, ready[members[0]].mechanics, threads, tell)
-        found |= {k: _motion(ready[k].copy, one) for k, one in zip(members, outcomes, strict=True)}
+        found |= {k: _motion(ready[k], one) for k, one in zip(members, outcomes, strict=True)}
         before += sum(float(copy.times[-1]) for copy in copies)
     return [found[k] for k in range(len(ready))]
 
 
-def _motion(copy: Copy, outcome: Outcome) -> Motion | RigtwinError:
+def _motion(ready: _Ready, outcome: Outcome) -> Motion | RigtwinError:
     if outcome.culprit >= 0:
         return RigtwinError(
-            f"The simulation broke down at t = {outcome.time:.6g} s (body {outcome.culprit}): "
+            f"{ready.prefix}The simulation broke down at t = {outcome.time:.6g} s (body {outcome.culprit}): "
             "its position is not a finite number; use a smaller step."
         )
     data = outcome.samples
-    return Motion(copy.times, data[:, :, 0:3], data[:, :, 3:6], data[:, :, 6:9], outcome.steps)
+    return Motion(ready.copy.times, data[:, :, 0:3], data[:, :, 3:6], data[:, :, 6:9], outcome.steps)
 
 
 def _ready(cases: Sequence[Case]) -> list[_Ready]:
     ready = []
     for k, case in enumerate(cases):
+        name = case.name or (f"cases[{k}]" if len(cases) > 1 else "")
+        prefix = f"{name}: " if name else ""
         try:
-            ready.append(_in_numbers(case))
+            ready.append(_Ready(_in_numbers(case), Mechanics(case.contact_law, case.rolling), prefix))
         except BadInput as error:
-            raise type(error)(f"cases[{k}]: {error}" if len(cases) > 1 else str(error)) from None
+            raise type(error)(f"{prefix}{error}") from None
     return ready
 
 
-def _in_numbers(case: Case) -> _Ready:
+def _in_numbers(case: Case) -> Copy:
     times = np.ascontiguousarray(case.times, dtype=np.float64)
     _check(case.bodies, times, case.walls, case.contacts)
     step = contact_step([body.particle for body in case.bodies]) if case.step is None else case.step
@@ -220,7 +224,7 @@ def _in_numbers(case: Case) -> _Ready:
     clock[few_bench.STEP], clock[few_bench.LONGEST] = step, case.flight_step
     clock[[few_bench.STEPS, few_bench.CULPRIT]] = -1.0
     clock[few_bench.GRAVITY : few_bench.TURNS + 1] = *case.gravity, case.gravity_turns
-    copy = Copy(
+    return Copy(
         np.array([_body_row(body, kinds) for body in case.bodies]),
         _pair_rows(case),
         _walls(case, kinds),
@@ -229,7 +233,6 @@ def _in_numbers(case: Case) -> _Ready:
         any(wall.motion is not None or math.isfinite(wall.until) for wall in case.walls),
         tuple(checked(case.effects)),
     )
-    return _Ready(copy, Mechanics(case.contact_law, case.rolling))
 
 
 def _body_row(body: Body, kinds: Sequence[Particle]) -> tuple[float, ...]:
