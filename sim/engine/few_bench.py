@@ -19,21 +19,20 @@ from rigtwin.sim.engine.backend import ti
 from rigtwin.sim.engine.contact import (
     DAMPING,
     LAW_SIZE,
-    SIZES_OF_KIND,
     STIFFNESS,
     Mechanics,
     constants_of_two,
     contact_forces,
 )
-from rigtwin.sim.engine.elements import OF_WALL
+from rigtwin.sim.engine.elements import ELEMENT_SIZE, OF_WALL
 from rigtwin.sim.engine.terms import Active, Terms, terms_among, upwards
-from rigtwin.sim.engine.wall_contacts import WANDERS, WallContacts, WallTable
+from rigtwin.sim.engine.wall_contacts import KINDS, MOTION_SIZE, WANDERS, WallContacts, WallTable
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int32]
 
 COPIES, LARGER = 1000, 9
-BODIES_A_COPY, PAIRS_A_COPY, WALLS_A_COPY, ELEMENTS_A_COPY, ENTRIES_A_COPY, ROWS_A_COPY = 8, 16, 2, 4, 16, 64
+BODIES_A_COPY, PAIRS_A_COPY, WALLS_A_COPY, ELEMENTS_A_COPY, ENTRIES_A_COPY = 8, 16, 2, 4, 16
 LINE, LINE_OF_LIST = 8, 16  # vectors and numbers of 4 bytes that are surely not on one line of the cache
 THREADS_OF_A_BLOCK = 32  # on a GPU
 ENDLESS = 1e9  # [m]
@@ -42,14 +41,14 @@ FIRST_RATE = 1e6  # [1/s], first guess of the steps that are made, of all copies
 LEAST_STEPS, MOST_STEPS = 100, 50_000_000  # of a copy in a launch
 
 # columns of a copy's clock: time, step in contact, longest step, how long the next may be, steps made (-1: forces are
-# not known yet), gravity 3, how fast it turns about y, samples that are still to be taken, the body whose motion is no
-# finite number any more (-1: none)
-TIME, STEP, LONGEST, AHEAD, STEPS, GRAVITY, TURNS, LEFT, CULPRIT = 0, 1, 2, 3, 4, 5, 8, 9, 10
-CLOCK = 16
+# not known yet), gravity 3, how fast it turns about y
+TIME, STEP, LONGEST, AHEAD, STEPS, GRAVITY, TURNS = 0, 1, 2, 3, 4, 5, 8
+CLOCK = 9
 # columns of a copy's counts: its first body and how many, walls likewise, its first pair, whether a wall changes, the
-# sample that is next, the one at which it is to stop, and the row for the next sample
-BODY, BODIES, WALL, WALLS, PAIR, CHANGES, SAMPLE, LAST_SAMPLE, ROW = range(9)
-COUNTS = 32
+# sample that is next and how many are still to be taken, the row for the next sample, and the body whose motion is no
+# finite number any more (-1: none)
+BODY, BODIES, WALL, WALLS, PAIR, CHANGES, SAMPLE, LEFT, ROW, CULPRIT = range(10)
+COUNTS = 10
 # columns of a table of bodies: position 3, velocity 3, spin 3, radius, mass, inertia, pivot 3, length, kind
 KIND = 16
 BODY_SIZE = 17
@@ -93,7 +92,6 @@ def _room(copies: Sequence[Copy]) -> int:
     needs = max(
         len(copies),
         sum(_whole_lines(len(copy.bodies), LINE) for copy in copies) / BODIES_A_COPY,
-        sum(len(copy.bodies) for copy in copies) / ROWS_A_COPY,
         sum(_whole_lines(len(copy.pairs), LINE) for copy in copies) / PAIRS_A_COPY,
         sum(len(copy.walls.motion) for copy in copies) / WALLS_A_COPY,
         sum(len(copy.walls.elements) for copy in copies) / ELEMENTS_A_COPY,
@@ -115,6 +113,22 @@ def _places(sizes: Sequence[int], line: int = 1) -> Integers:
     return np.cumsum([0, *(_whole_lines(size, line) for size in sizes)], dtype=np.int32)
 
 
+def _nearness(copies: Sequence[Copy], body_at: Integers, wall_at: Integers) -> tuple[Array, Integers, Integers]:
+    """What all walls are made of, and the list of what is near each body: every part of every wall of its copy."""
+    element_at = _places([len(copy.walls.elements) for copy in copies])
+    entry_at = _places([len(copy.bodies) * len(copy.walls.elements) for copy in copies], LINE_OF_LIST)
+    elements = np.concatenate([copy.walls.elements for copy in copies])
+    elements[:, OF_WALL] += np.repeat(wall_at[:-1], np.diff(element_at))
+    first, near = np.zeros(body_at[-1] + 1, dtype=np.int32), np.zeros(entry_at[-1], dtype=np.int32)
+    for c, copy in enumerate(copies):
+        n, parts = len(copy.bodies), len(copy.walls.elements)
+        # bodies that only fill the line have the entries that do so
+        first[body_at[c] : body_at[c + 1] + 1] = entry_at[c + 1]
+        first[body_at[c] : body_at[c] + n + 1] = entry_at[c] + np.arange(n + 1) * parts
+        near[entry_at[c] : entry_at[c] + n * parts] = np.tile(element_at[c] + np.arange(parts), n)
+    return elements, first, near
+
+
 @cache
 def _bench(effects: tuple[Effect, ...], room: int) -> "Bench":
     return Bench(terms_among(effects, "few bodies", room), room)
@@ -129,7 +143,7 @@ class Bench:
         self.room = room
         self.block = 1 if backend.start().device == "cpu" else THREADS_OF_A_BLOCK
         self.rate = FIRST_RATE
-        bodies, pairs, rows = BODIES_A_COPY * room, PAIRS_A_COPY * room, ROWS_A_COPY * room
+        bodies, pairs = BODIES_A_COPY * room, PAIRS_A_COPY * room
         self.position = ti.Vector.field(3, ti.f64, bodies)
         self.velocity = ti.Vector.field(3, ti.f64, bodies)
         self.spin = ti.Vector.field(3, ti.f64, bodies)
@@ -149,11 +163,6 @@ class Bench:
         self.walls = WallContacts(
             bodies, ENTRIES_A_COPY * room, ELEMENTS_A_COPY * room, terms, walls=WALLS_A_COPY * room, threads=1
         )
-        self.clock = ti.field(ti.f64, (room, CLOCK))
-        self.counts = ti.field(ti.i32, (room, COUNTS))
-        self.next = ti.field(ti.i32, ())  # copy to be taken by a thread
-        self.times = ti.field(ti.f64, rows)
-        self.out = ti.field(ti.f64, (rows, SAMPLE_SIZE))
 
     # ------------------------------------------------------------------ a run
 
@@ -161,111 +170,61 @@ class Bench:
         self, copies: Sequence[Copy], mechanics: Mechanics, threads: int, tell: Callable[[float], None]
     ) -> list[Outcome]:
         """Load the copies and advance them to the last of their times."""
-        self.load(copies, mechanics)
-        samples = [np.full((len(copy.times), len(copy.bodies), SAMPLE_SIZE), np.nan) for copy in copies]
-        looks = np.array([copy.clock for copy in copies])
-        block = self.samples_at_once(copies)
-        for first in range(0, max(len(copy.times) for copy in copies), block):
-            wanted = [copy.times[first : first + block] for copy in copies]
-            running = np.flatnonzero([len(w) > 0 for w in wanted] & (looks[:, CULPRIT] < 0)).astype(np.int32)
-            rows = self.expect(wanted, copies, running)
-            while len(running):
-                self.advance(running, mechanics, threads, looks)
-                running = running[(looks[running, LEFT] > 0) & (looks[running, CULPRIT] < 0)]
-                tell(float(looks[:, TIME].sum()))
-            self.collect(samples, rows, first, wanted)
+        counts = self.load(copies)
+        clock = np.array([copy.clock for copy in copies])
+        times = np.concatenate([copy.times for copy in copies])
+        rows = _places([len(copy.times) * len(copy.bodies) for copy in copies])
+        samples = np.full((rows[-1], SAMPLE_SIZE), np.nan)
+        running = np.arange(len(copies), dtype=np.int32)
+        while len(running):
+            began, before = time.perf_counter(), clock[:, STEPS].sum()
+            budget = int(np.clip(LAUNCH * self.rate / len(running), LEAST_STEPS, MOST_STEPS))
+            workers = min(threads, len(running)) if self.block == 1 else len(running)
+            self._advance(
+                running, np.zeros(1, dtype=np.int32), workers, budget, clock, counts, times, samples, mechanics
+            )
+            self.rate = max(1.0, clock[:, STEPS].sum() - before) / (time.perf_counter() - began)
+            running = running[(counts[running, LEFT] > 0) & (counts[running, CULPRIT] < 0)]
+            tell(float(clock[:, TIME].sum()))
         return [
-            Outcome(its, int(look[STEPS]), float(look[TIME]), int(look[CULPRIT]))
-            for its, look in zip(samples, looks, strict=True)
+            Outcome(
+                samples[rows[c] : rows[c + 1]].reshape(-1, len(copy.bodies), SAMPLE_SIZE),
+                int(clock[c, STEPS]),
+                float(clock[c, TIME]),
+                int(counts[c, CULPRIT]),
+            )
+            for c, copy in enumerate(copies)
         ]
 
-    def load(self, copies: Sequence[Copy], mechanics: Mechanics) -> None:
-        """Take the copies as they are at the start."""
+    def load(self, copies: Sequence[Copy]) -> Integers:
+        """Take the copies as they are at the start; their counts."""
+        counts = np.zeros((len(copies), COUNTS), dtype=np.int32)
         body_at = _places([len(copy.bodies) for copy in copies], LINE)
         pair_at = _places([len(copy.pairs) for copy in copies], LINE)
         wall_at = _places([len(copy.walls.motion) for copy in copies])
         bodies, pairs = np.zeros((body_at[-1], BODY_SIZE)), np.zeros((pair_at[-1], LAW_SIZE + 1))
-        counts = np.zeros((len(copies), COUNTS), dtype=np.int32)
         for c, copy in enumerate(copies):
-            n, walls = len(copy.bodies), len(copy.walls.motion)
-            bodies[body_at[c] : body_at[c] + n] = copy.bodies
-            pairs[pair_at[c] : pair_at[c] + n * n] = copy.pairs
-            counts[c, : PAIR + 1] = body_at[c], n, wall_at[c], walls, pair_at[c]
-            counts[c, CHANGES] = copy.changes
+            bodies[body_at[c] : body_at[c] + len(copy.bodies)] = copy.bodies
+            pairs[pair_at[c] : pair_at[c] + len(copy.pairs)] = copy.pairs
+        counts[:, BODY], counts[:, BODIES] = body_at[:-1], [len(copy.bodies) for copy in copies]
+        counts[:, WALL], counts[:, WALLS] = wall_at[:-1], [len(copy.walls.motion) for copy in copies]
+        counts[:, PAIR], counts[:, CHANGES] = pair_at[:-1], [copy.changes for copy in copies]
+        counts[:, LEFT], counts[:, CULPRIT] = [len(copy.times) for copy in copies], -1
+        counts[:, SAMPLE] = _places([len(copy.times) for copy in copies])[:-1]
+        counts[:, ROW] = _places([len(copy.times) * len(copy.bodies) for copy in copies])[:-1]
+        elements, first, near = _nearness(copies, body_at, wall_at)
+        motion = np.concatenate([copy.walls.motion for copy in copies])
+        law = np.concatenate([copy.walls.law for copy in copies], axis=1)
+        of = np.repeat(np.arange(len(copies), dtype=np.int32), counts[:, WALLS])
         self.terms.load([copy.effects for copy in copies])
-        self.load_walls(copies, body_at, wall_at, mechanics)
-        self._load(bodies, pairs, np.array([copy.clock for copy in copies]), counts, len(copies))
+        self._load(bodies, pairs)
+        self._load_walls(elements, motion, law, of, first, near)
+        return counts
 
-    def load_walls(self, copies: Sequence[Copy], body_at: Integers, wall_at: Integers, mechanics: Mechanics) -> None:
-        """Every part of every wall of a copy is near every body of it."""
-        element_at = _places([len(copy.walls.elements) for copy in copies])
-        entry_at = _places([len(copy.bodies) * len(copy.walls.elements) for copy in copies], LINE_OF_LIST)
-        first = np.zeros(body_at[-1] + 1, dtype=np.int32)
-        near = np.zeros((entry_at[-1] + 1, 9))
-        rows = []
-        for c, copy in enumerate(copies):
-            n, parts = len(copy.bodies), len(copy.walls.elements)
-            first[body_at[c] : body_at[c] + n + 1] = entry_at[c] + np.arange(n + 1) * parts
-            first[body_at[c] + n + 1 : body_at[c + 1] + 1] = entry_at[c + 1]
-            near[entry_at[c] : entry_at[c] + n * parts, 0] = np.tile(element_at[c] + np.arange(parts), n)
-            rows.append(copy.walls.elements + wall_at[c] * (np.arange(copy.walls.elements.shape[1]) == OF_WALL))
-        first[-1] = entry_at[-1]
-        walls, alone = wall_at[-1], np.zeros(1, dtype=np.int32)
-        table = WallTable(
-            np.concatenate(rows),
-            alone,
-            alone,
-            np.zeros((walls, 4)),
-            np.zeros((walls, 4), dtype=np.int32),
-            np.concatenate([copy.walls.motion for copy in copies]),
-            np.concatenate([copy.walls.law for copy in copies], axis=1),
-        )
-        if walls:  # bodies differ: the constants of a contact are worked out for each
-            self.walls.load(table, np.ones(SIZES_OF_KIND), 1.0, mechanics.linear)
-        self.walls.put_list(first, near, 0, int(body_at[-1]))
-
-    def samples_at_once(self, copies: Sequence[Copy]) -> int:
-        """How many samples of each copy there is room for."""
-        most = max(len(copy.times) for copy in copies)
-        room = ROWS_A_COPY * self.room
-        if sum(len(copy.bodies) * len(copy.times) for copy in copies) <= room:
-            return most
-        return room // sum(len(copy.bodies) for copy in copies)
-
-    def expect(self, wanted: Sequence[Array], copies: Sequence[Copy], running: Integers) -> Integers:
-        """Say when the next samples are wanted; where those of each copy will be."""
-        times = _places([len(w) for w in wanted])
-        rows = _places([len(w) * len(copy.bodies) for w, copy in zip(wanted, copies, strict=True)])
-        self._expect(np.concatenate(wanted), times, rows, running, len(running))
-        return rows
-
-    def advance(self, running: Integers, mechanics: Mechanics, threads: int, looks: Array) -> None:
-        """One launch: what each copy that runs can do meanwhile, and a look at their clocks."""
-        began, before = time.perf_counter(), looks[running, STEPS].sum()
-        budget = int(np.clip(LAUNCH * self.rate / len(running), LEAST_STEPS, MOST_STEPS))
-        workers = min(threads, len(running)) if self.block == 1 else len(running)
-        self._advance(running, len(running), workers, budget, looks, mechanics)
-        self.rate = max(1.0, looks[running, STEPS].sum() - before) / (time.perf_counter() - began)
-
-    def collect(self, samples: Sequence[Array], rows: Integers, first: int, wanted: Sequence[Array]) -> None:
-        """Put the samples that were taken into each copy's own."""
-        found = np.empty((rows[-1], SAMPLE_SIZE))
-        self._collect(found, int(rows[-1]))
-        for c, its in enumerate(samples):
-            block = found[rows[c] : rows[c + 1]].reshape(-1, its.shape[1], SAMPLE_SIZE)
-            its[first : first + len(wanted[c])] = block
-
-    # ------------------------------------------------------------------ data in and out
+    # ------------------------------------------------------------------ data in
 
     @ti.kernel
-    def _load(
-        self,
-        bodies: ti.types.ndarray(),
-        pairs: ti.types.ndarray(),
-        clock: ti.types.ndarray(),
-        counts: ti.types.ndarray(),
-        copies: ti.i32,
-    ):
+    def _load(self, bodies: ti.types.ndarray(), pairs: ti.types.ndarray()):
         ti.loop_config(serialize=True)
         for _ in range(1):
             for i in range(bodies.shape[0]):
@@ -283,39 +242,36 @@ class Bench:
                     self.pair_law[p][k] = pairs[p, k]
                 if ti.static(self.terms.act_on_contacts):
                     self.impact[p] = -1.0
-            for c in range(copies):
-                for k in range(CLOCK):
-                    self.clock[c, k] = clock[c, k]
-                for k in range(COUNTS):
-                    self.counts[c, k] = counts[c, k]
-                for w in range(counts[c, WALL], counts[c, WALL] + counts[c, WALLS]):
-                    self.walls.copy[w] = c
 
     @ti.kernel
-    def _expect(
+    def _load_walls(
         self,
-        times: ti.types.ndarray(),
-        first_time: ti.types.ndarray(),
-        first_row: ti.types.ndarray(),
-        running: ti.types.ndarray(),
-        count: ti.i32,
+        elements: ti.types.ndarray(),
+        motion: ti.types.ndarray(),
+        law: ti.types.ndarray(),
+        of: ti.types.ndarray(),
+        first: ti.types.ndarray(),
+        near: ti.types.ndarray(),
     ):
+        """Bodies differ, so the constants of a contact are worked out when it is met: they are not needed here."""
         ti.loop_config(serialize=True)
         for _ in range(1):
-            for s in range(times.shape[0]):
-                self.times[s] = times[s]
-            for k in range(count):
-                c = running[k]
-                self.counts[c, SAMPLE] = first_time[c]
-                self.counts[c, LAST_SAMPLE] = first_time[c + 1]
-                self.counts[c, ROW] = first_row[c]
-
-    @ti.kernel
-    def _collect(self, found: ti.types.ndarray(), rows: ti.i32):
-        ti.loop_config(serialize=True)
-        for r in range(rows):
-            for k in range(SAMPLE_SIZE):
-                found[r, k] = self.out[r, k]
+            for e in range(elements.shape[0]):
+                for k in range(ELEMENT_SIZE):
+                    self.walls.elements[e, k] = elements[e, k]
+            for w in range(motion.shape[0]):
+                self.walls.copy[w] = of[w]
+                self.walls.listed_at[w] = 0.0
+                for k in range(MOTION_SIZE):
+                    self.walls.motion[w, k] = motion[w, k]
+                for a in range(KINDS):
+                    for k in ti.static(range(LAW_SIZE)):
+                        self.walls.law[a, w][k] = law[a, w, k]
+            for i in range(first.shape[0]):
+                self.walls.first[0, i] = first[i]
+            for q in range(near.shape[0]):
+                self.walls.near[0, q] = near[q]
+                self.walls.touching[0, q] = 0
 
     # ------------------------------------------------------------------ the step
 
@@ -472,27 +428,28 @@ class Bench:
         return free
 
     @ti.func
-    def take_sample(self, row, begin, end):
+    def take_sample(self, samples: ti.template(), row, begin, end):
         for i in range(begin, end):
             for k in ti.static(range(3)):
-                self.out[row + i - begin, k] = self.position[i][k]
-                self.out[row + i - begin, 3 + k] = self.velocity[i][k]
-                self.out[row + i - begin, 6 + k] = self.spin[i][k]
+                samples[row + i - begin, k] = self.position[i][k]
+                samples[row + i - begin, 3 + k] = self.velocity[i][k]
+                samples[row + i - begin, 6 + k] = self.spin[i][k]
 
     @ti.func
-    def advance_copy(self, c, budget, mechanics: ti.template()):
+    def advance_copy(
+        self, c, budget, clock: ti.template(), counts: ti.template(), times: ti.template(), samples: ti.template(),
+        mechanics: ti.template(),
+    ):  # fmt: skip
         """Up to `budget` steps of one copy, or until all samples are taken."""
-        begin, first_wall = self.counts[c, BODY], self.counts[c, WALL]
-        end, last_wall = begin + self.counts[c, BODIES], first_wall + self.counts[c, WALLS]
-        first_pair, changes = self.counts[c, PAIR], self.counts[c, CHANGES]
-        sample, row = self.counts[c, SAMPLE], self.counts[c, ROW]
-        last_sample = self.counts[c, LAST_SAMPLE]
-        now, ahead, steps = self.clock[c, TIME], self.clock[c, AHEAD], self.clock[c, STEPS]
-        shortest, longest, turns = self.clock[c, STEP], self.clock[c, LONGEST], self.clock[c, TURNS]
-        gravity = ti.Vector([self.clock[c, GRAVITY], self.clock[c, GRAVITY + 1], self.clock[c, GRAVITY + 2]])
-        pull, wanted, culprit = gravity, self.times[sample], -1  # none
+        begin, first_wall, first_pair = counts[c, BODY], counts[c, WALL], counts[c, PAIR]
+        end, last_wall, changes = begin + counts[c, BODIES], first_wall + counts[c, WALLS], counts[c, CHANGES]
+        sample, awaited, row = counts[c, SAMPLE], counts[c, LEFT], counts[c, ROW]
+        now, ahead, steps = clock[c, TIME], clock[c, AHEAD], clock[c, STEPS]
+        shortest, longest, turns = clock[c, STEP], clock[c, LONGEST], clock[c, TURNS]
+        gravity = ti.Vector([clock[c, GRAVITY], clock[c, GRAVITY + 1], clock[c, GRAVITY + 2]])
+        pull, wanted, culprit = gravity, times[sample], -1
         left = budget
-        while left > 0 and sample < last_sample and culprit < 0:
+        while left > 0 and awaited > 0 and culprit < 0:
             h = ti.max(ahead, shortest)
             if now + h > wanted - 1e-15:
                 h = ti.max(wanted - now, 0.0)
@@ -518,34 +475,34 @@ class Bench:
             now += h
             steps += 1.0
             left -= 1
-            while culprit < 0 and sample < last_sample and (now > wanted - 1e-14 or still):
+            while awaited > 0 and culprit < 0 and (now > wanted - 1e-14 or still):
                 # what rests, under its own weight and without force, rests for good
-                self.take_sample(row, begin, end)
+                self.take_sample(samples, row, begin, end)
                 row += end - begin
-                sample += 1
-                wanted = self.times[ti.min(sample, last_sample - 1)]
-        self.clock[c, TIME], self.clock[c, AHEAD], self.clock[c, STEPS] = now, ahead, steps
-        self.clock[c, LEFT], self.clock[c, CULPRIT] = float(last_sample - sample), float(culprit)
-        self.counts[c, SAMPLE], self.counts[c, ROW] = sample, row
+                awaited -= 1
+                if awaited > 0:
+                    sample += 1
+                    wanted = times[sample]
+        clock[c, TIME], clock[c, AHEAD], clock[c, STEPS] = now, ahead, steps
+        counts[c, SAMPLE], counts[c, LEFT], counts[c, ROW], counts[c, CULPRIT] = sample, awaited, row, culprit
 
     @ti.kernel
     def _advance(
         self,
         running: ti.types.ndarray(),
-        count: ti.i32,
+        taken: ti.types.ndarray(),
         workers: ti.i32,
         budget: ti.i32,
-        looks: ti.types.ndarray(),
+        clock: ti.types.ndarray(),
+        counts: ti.types.ndarray(),
+        times: ti.types.ndarray(),
+        samples: ti.types.ndarray(),
         mechanics: ti.template(),
     ):
-        """Each worker takes the next of the running copies until none is left."""
-        self.next[None] = 0
+        """Each worker takes the next of the running copies until none is left; `taken` counts those that are."""
         ti.loop_config(block_dim=self.block)
         for _ in range(workers):
-            taken = ti.atomic_add(self.next[None], 1)
-            while taken < count:
-                c = running[taken]
-                self.advance_copy(c, budget, mechanics)
-                for k in range(CLOCK):
-                    looks[c, k] = self.clock[c, k]
-                taken = ti.atomic_add(self.next[None], 1)
+            turn = ti.atomic_add(taken[0], 1)
+            while turn < running.shape[0]:
+                self.advance_copy(running[turn], budget, clock, counts, times, samples, mechanics)
+                turn = ti.atomic_add(taken[0], 1)

@@ -222,7 +222,7 @@ def _in_numbers(case: Case) -> Copy:
     kinds = list(dict.fromkeys(body.particle for body in case.bodies))
     clock = np.zeros(few_bench.CLOCK)
     clock[few_bench.STEP], clock[few_bench.LONGEST] = step, case.flight_step
-    clock[[few_bench.STEPS, few_bench.CULPRIT]] = -1.0
+    clock[few_bench.STEPS] = -1.0
     clock[few_bench.GRAVITY : few_bench.TURNS + 1] = *case.gravity, case.gravity_turns
     return Copy(
         np.array([_body_row(body, kinds) for body in case.bodies]),
