@@ -30,6 +30,7 @@ from rigtwin.sim.engine.contact import (
     ContactLaw,
     Mechanics,
     Rolling,
+    braked,
     constants_of_two,
     contact_forces,
     pair_law,
@@ -214,6 +215,7 @@ class _Bench:
         self.spin = ti.Vector.field(3, ti.f64, BODIES)
         self.push = ti.Vector.field(3, ti.f64, BODIES)  # acceleration
         self.twist = ti.Vector.field(3, ti.f64, BODIES)  # angular acceleration
+        self.brake = ti.field(ti.f64, BODIES)  # [rad/s^2], against the spin, by rolling resistance of type A
         self.half = ti.Vector.field(3, ti.f64, BODIES)  # velocity at the middle of the step
         self.half_spin = ti.Vector.field(3, ti.f64, BODIES)
         self.body = ti.Vector.field(3, ti.f64, BODIES)  # radius, mass, inertia
@@ -356,14 +358,16 @@ class _Bench:
         for i in range(n):
             self.push[i] = self.push_on_body(i, step)
             self.twist[i] = ti.Vector([0.0, 0.0, 0.0])
+            self.brake[i] = 0.0
         for i in range(n):
             radius, mass, inertia = self.body[i][0], self.body[i][1], self.body[i][2]
-            force, torque, deepest = self.walls.press(
+            force, torque, grip, deepest = self.walls.press(
                 0, 0, i, self.kind[i], self.position[i], self.half[i], self.half_spin[i], radius, mass, inertia, step,
                 False, mechanics,
             )  # fmt: skip
             self.push[i] = self.push[i] + force / mass
             self.twist[i] = self.twist[i] + torque / inertia
+            self.brake[i] = self.brake[i] + grip * radius / inertia
             for q in range(self.walls.first[0, i], self.walls.first[0, i + 1]):
                 wall = int(self.walls.elements[self.walls.near[0, q], OF_WALL])
                 closing = self.half[i].norm() + slack + self.walls.motion[wall, WANDERS]
@@ -388,9 +392,9 @@ class _Bench:
                             self.law_of_pair(i, j), radius, radius_j, mass, mass_j, inertia, inertia_j, step,
                             mechanics.linear,
                         )  # fmt: skip
-                        force, torque, torque_j, slip, roll = contact_forces(
-                            overlap, normal, surface, self.half_spin[i], self.half_spin[j], radius, radius_j, inertia,
-                            inertia_j, constants, self.pair_slip[i, j], self.pair_roll[i, j], step, mechanics,
+                        force, torque, grip, slip, roll = contact_forces(
+                            overlap, normal, surface, self.half_spin[i], self.half_spin[j], constants,
+                            self.pair_slip[i, j], self.pair_roll[i, j], step, mechanics,
                         )  # fmt: skip
                         self.pair_slip[i, j] = slip
                         self.pair_roll[i, j] = roll
@@ -398,7 +402,9 @@ class _Bench:
                         self.push[i] = self.push[i] + force / mass
                         self.push[j] = self.push[j] - force / mass_j
                         self.twist[i] = self.twist[i] + (lever * turn + torque) / inertia
-                        self.twist[j] = self.twist[j] + (lever_j * turn + torque_j) / inertia_j
+                        self.twist[j] = self.twist[j] + (lever_j * turn - torque) / inertia_j
+                        self.brake[i] = self.brake[i] + grip * radius / inertia
+                        self.brake[j] = self.brake[j] + grip * radius_j / inertia_j
                     else:
                         self.pair_slip[i, j] = ti.Vector([0.0, 0.0, 0.0])
                         self.pair_roll[i, j] = ti.Vector([0.0, 0.0, 0.0])
@@ -471,7 +477,7 @@ class _Bench:
         self.pull[None] = ti.Vector([x, start[1], z])
 
     @ti.func
-    def drift(self, i, h):
+    def drift(self, i, h, mechanics: ti.template()):
         """Positions to the end of the step, velocities to its middle; a thread keeps its length (RATTLE)."""
         before = self.position[i]
         middle = self.velocity[i] + 0.5 * h * self.push[i]
@@ -488,7 +494,15 @@ class _Bench:
             middle += pull / h * arm
         self.position[i] = after
         self.half[i] = middle
-        self.half_spin[i] = self.spin[i] + 0.5 * h * self.twist[i]
+        self.half_spin[i] = self.turned_on(i, self.spin[i], 0.5 * h, mechanics)
+
+    @ti.func
+    def turned_on(self, i, spin, time, mechanics: ti.template()):
+        """The spin of body `i` a `time` later."""
+        later = spin + time * self.twist[i]
+        if ti.static(mechanics.constant_torque):
+            later = braked(later, time * self.brake[i])
+        return later
 
     @ti.func
     def across_thread(self, i, velocity):
@@ -527,7 +541,7 @@ class _Bench:
                 if self.total_steps[None] < 0:
                     h = 0.0
                 for i in range(n):
-                    self.drift(i, h)
+                    self.drift(i, h, mechanics)
                 still = 1 - self.counts[7]
                 if self.gravity[None][3] != 0.0:
                     still = 0
@@ -535,7 +549,7 @@ class _Bench:
                 self.clock[3] = self.forces(h, mechanics)
                 for i in range(n):
                     self.velocity[i] = self.across_thread(i, self.half[i] + 0.5 * h * self.push[i])
-                    self.spin[i] = self.half_spin[i] + 0.5 * h * self.twist[i]
+                    self.spin[i] = self.turned_on(i, self.half_spin[i], 0.5 * h, mechanics)
                     speed2 = self.velocity[i].norm_sqr() + (self.body[i][0] * self.spin[i]).norm_sqr()
                     if not (speed2 < 1e12):
                         self.counts[4] = BROKEN
