@@ -25,6 +25,7 @@ LEAST_LENGTH = 25.0  # [mm] of a gauge in view
 CLEAR = 7.0  # strength of the wave over that of a chance one
 LONGER_MARKS = 5.0  # how much the marks at whole centimetres must stand out
 CLEAR_PART = 8.0  # [mm] of a stretch of graduations that is no accident
+FEW_MARKS = 3.0  # [mm] of one that is none where its marks are as clear as the clearest of the gauge
 FINEST = 2.2  # [px], of a millimetre that can be told apart
 PADDED = 4  # times its length, to which a wave is padded: its rate is then told to a quarter of a turn over its length
 BENDS = 11  # tried between the two ends of `BENDING`
@@ -148,14 +149,20 @@ def _phase(wave: Array, rate: float, bend: float) -> tuple[float, float, float, 
     local = np.convolve(mixed, np.ones(window) / window, mode="same")
     whole = mixed.sum()
     agreeing = np.real(local * np.conj(whole)) / (abs(whole) + 1e-9)
-    seen = agreeing > max(0.35 * float(np.percentile(agreeing, 90)), 0.0)
+    clear = float(np.percentile(agreeing, 90))
+    seen = agreeing > max(0.35 * clear, 0.0)
     runs = np.flatnonzero(seen)
     if len(runs) == 0:
         return 0.0, 0.0, 0.0, 0.0
     pieces = np.split(runs, np.flatnonzero(np.diff(runs) > 40) + 1)
     best = max(pieces, key=len)
     inside = slice(int(best[0]), int(best[-1]) + 1)
-    lowest = max(int(piece[-1]) for piece in pieces if len(piece) * rate > CLEAR_PART or piece is best)
+
+    def no_accident(piece: npt.NDArray[np.int64]) -> bool:
+        length = len(piece) * rate
+        return length > CLEAR_PART or (length > FEW_MARKS and float(agreeing[piece].max()) > clear)
+
+    lowest = max(int(piece[-1]) for piece in pieces if piece is best or no_accident(piece))
     return float(np.angle(mixed[inside].sum()) / (2 * math.pi)), float(best[0]), float(best[-1]), float(lowest)
 
 

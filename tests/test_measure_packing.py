@@ -354,6 +354,16 @@ def test_a_rod_before_the_surface_never_misleads_in_silence(tmp_path, start, end
     assert found.doubtful or found.value == pytest.approx(truth, abs=0.0012)
 
 
+@pytest.mark.parametrize("low", [3.5, 5, 8])
+def test_a_rod_before_the_floor_and_the_gauge_is_no_floor(tmp_path, low):
+    photo = tmp_path / "bed.png"
+    truth = draw(photo)
+    covered(photo, (-60, low + 8), (80, low + 8), 16)
+    result = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    found = pick(result, "bed_height", "outline")
+    assert found.doubtful or found.value == pytest.approx(truth, abs=0.0012)
+
+
 def test_a_leaning_outline_makes_the_height_doubtful():
     x = np.linspace(-CYLINDER / 2, CYLINDER / 2, 301)
     leaning = Profile(x, 0.07 + 0.2 * x, np.full(len(x), 1e-5))
