@@ -28,7 +28,7 @@ FEWEST_ROWS = 3  # a bead's radius apart: what a single layer of beads fills
 ZERO_NEAR = 4.6  # [mm], of the floor: within half a centimetre the longer marks tell which one is the zero
 GOES_ON = 6.0  # [mm] that graduations may go on below the zero beyond what parts them
 # [mm] and [px] by which the run of graduations that ends at the zero may seem longer than it is: marks are blurred
-SMEARED = 2.0, 8.0
+SMEARED = 1.5, 4.0
 LOOKING = (-0.1, 0.6)  # slope at which a camera may look down on the floor: from under its level to 30 degrees
 MOST_LEAN = math.radians(7)
 FOCAL_SIDES = 2.0  # usual focal length in longer sides of the picture
