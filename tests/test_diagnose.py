@@ -456,6 +456,21 @@ def test_a_row_off_the_path_and_a_frame_lost_without_a_trace_are_left_out_by_nam
     assert "repetition 2: left out after" in said[1]
 
 
+def test_a_key_of_lab_json_that_is_nearly_a_known_one_is_told_and_remarks_are_not(tmp_path):
+    file = write_drops(tmp_path, 5, beads=("heavy",), heights=(0.6,), repetitions=1) / "lab.json"
+    document = json.loads(file.read_text())
+    assert read_tracked_lab(file).misspelt == ()
+    document["camera"]["scale_uncertanty_rel"] = 0.01
+    document["camera"].pop("scale_uncertainty_rel", None)
+    document["camera"]["lens"] = 35
+    document["rig_geometry"] = {"waiting_time": "ten seconds", "plate_levl_uncertainty_deg": 0.3}
+    file.write_text(json.dumps(document))
+    said = read_tracked_lab(file).misspelt
+    assert len(said) == 2
+    assert said[0].startswith("scale_uncertanty_rel: is not read; was scale_uncertainty_rel meant?")
+    assert said[1].startswith("plate_levl_uncertainty_deg: ")
+
+
 def test_a_bead_that_never_rolled_says_nothing_and_a_lab_of_such_is_refused(tmp_path):
     folder = write_rolls(tmp_path / "a", 3)
     conditions = read_tracked_lab(folder).conditions
