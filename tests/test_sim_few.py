@@ -153,6 +153,14 @@ def test_a_case_that_breaks_down_is_named_and_takes_no_other_with_it():
         run(thrown.bodies, thrown.times)
 
 
+def test_what_broke_down_leaves_nothing_behind():
+    drag = [active("air_drag")]
+    good = Case([Body(sphere(), (0, 0, 1.0), (2, 0, 0))], np.array([0.1]), effects=drag)
+    before = run_many([good])[0]
+    assert isinstance(run_many([replace(good, bodies=[Body(sphere(), (0, 0, 1.0), (1e200, 0, 0))])])[0], RigtwinError)
+    assert same(run_many([good])[0], before)
+
+
 def test_a_case_that_cannot_be_is_named_by_its_place():
     sunk = Case([Body(sphere(), (0, 0, 0.0))], np.array([0.1]), walls=[floor(Contact(0.5))])
     with pytest.raises(BadInput, match=r"^cases\[2\]: body 0 starts 3 mm inside a wall"):

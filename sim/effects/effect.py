@@ -82,6 +82,9 @@ class Effect:
     flat: bool = False
     """Whether the effect has no slope at zero, so that a fit from there would stay there."""
 
+    even: bool = False
+    """Whether the sign of its first parameter says nothing: a fit that ends below zero means the same above."""
+
     @property
     def group(self) -> str:
         """The family, or the name where there is none."""

@@ -21,6 +21,7 @@ from rigtwin.sim.engine.contact import (
     LAW_SIZE,
     STIFFNESS,
     Mechanics,
+    braked,
     constants_of_two,
     contact_forces,
 )
@@ -149,6 +150,7 @@ class Bench:
         self.spin = ti.Vector.field(3, ti.f64, bodies)
         self.push = ti.Vector.field(3, ti.f64, bodies)  # acceleration
         self.twist = ti.Vector.field(3, ti.f64, bodies)  # angular acceleration
+        self.brake = ti.field(ti.f64, bodies)  # [rad/s^2], against the spin, by rolling resistance of type A
         self.half = ti.Vector.field(3, ti.f64, bodies)  # velocity at the middle of the step
         self.half_spin = ti.Vector.field(3, ti.f64, bodies)
         self.body = ti.Vector.field(3, ti.f64, bodies)  # radius, mass, inertia
@@ -234,6 +236,10 @@ class Bench:
                 self.body[i] = ti.Vector([bodies[i, 9], bodies[i, 10], bodies[i, 11]])
                 self.thread[i] = ti.Vector([bodies[i, 12], bodies[i, 13], bodies[i, 14], bodies[i, 15]])
                 self.kind[i] = int(bodies[i, KIND])
+                # the last run may have broken down here, and nothing times no number is no number
+                self.push[i] = ti.Vector([0.0, 0.0, 0.0])
+                self.twist[i] = ti.Vector([0.0, 0.0, 0.0])
+                self.brake[i] = 0.0
             for p in range(pairs.shape[0]):
                 self.pair_slip[p] = ti.Vector([0.0, 0.0, 0.0])
                 self.pair_roll[p] = ti.Vector([0.0, 0.0, 0.0])
@@ -283,14 +289,16 @@ class Bench:
         for i in range(begin, end):
             self.push[i] = self.push_on_body(c, i, step, pull)
             self.twist[i] = ti.Vector([0.0, 0.0, 0.0])
+            self.brake[i] = 0.0
         for i in range(begin, end):
             radius, mass, inertia = self.body[i][0], self.body[i][1], self.body[i][2]
-            force, torque, deepest = self.walls.press(
+            force, torque, grip, deepest = self.walls.press(
                 0, 0, i, self.kind[i], self.position[i], self.half[i], self.half_spin[i], radius, mass, inertia, step,
                 False, mechanics,
             )  # fmt: skip
             self.push[i] = self.push[i] + force / mass
             self.twist[i] = self.twist[i] + torque / inertia
+            self.brake[i] = self.brake[i] + grip * radius / inertia
             for q in range(self.walls.first[0, i], self.walls.first[0, i + 1]):
                 wall = int(self.walls.elements[self.walls.near[0, q], OF_WALL])
                 closing = self.half[i].norm() + slack + self.walls.motion[wall, WANDERS]
@@ -316,9 +324,9 @@ class Bench:
                             self.law_of_pair(p), radius, radius_j, mass, mass_j, inertia, inertia_j, step,
                             mechanics.linear,
                         )  # fmt: skip
-                        force, torque, torque_j, slip, roll = contact_forces(
-                            overlap, normal, surface, self.half_spin[i], self.half_spin[j], radius, radius_j, inertia,
-                            inertia_j, constants, self.pair_slip[p], self.pair_roll[p], step, mechanics,
+                        force, torque, grip, slip, roll = contact_forces(
+                            overlap, normal, surface, self.half_spin[i], self.half_spin[j], constants,
+                            self.pair_slip[p], self.pair_roll[p], step, mechanics,
                         )  # fmt: skip
                         self.pair_slip[p] = slip
                         self.pair_roll[p] = roll
@@ -326,7 +334,9 @@ class Bench:
                         self.push[i] = self.push[i] + force / mass
                         self.push[j] = self.push[j] - force / mass_j
                         self.twist[i] = self.twist[i] + (lever * turn + torque) / inertia
-                        self.twist[j] = self.twist[j] + (lever_j * turn + torque_j) / inertia_j
+                        self.twist[j] = self.twist[j] + (lever_j * turn - torque) / inertia_j
+                        self.brake[i] = self.brake[i] + grip * radius / inertia
+                        self.brake[j] = self.brake[j] + grip * radius_j / inertia_j
                     else:
                         self.pair_slip[p] = ti.Vector([0.0, 0.0, 0.0])
                         self.pair_roll[p] = ti.Vector([0.0, 0.0, 0.0])
@@ -398,7 +408,7 @@ class Bench:
         return ti.Vector([vector[0] * cosine + vector[2] * sine, vector[1], vector[2] * cosine - vector[0] * sine])
 
     @ti.func
-    def drift(self, i, h):
+    def drift(self, i, h, mechanics: ti.template()):
         """Positions to the end of the step, velocities to its middle; a thread keeps its length (RATTLE)."""
         before = self.position[i]
         middle = self.velocity[i] + 0.5 * h * self.push[i]
@@ -415,7 +425,15 @@ class Bench:
             middle += pull / h * arm
         self.position[i] = after
         self.half[i] = middle
-        self.half_spin[i] = self.spin[i] + 0.5 * h * self.twist[i]
+        self.half_spin[i] = self.turned_on(i, self.spin[i], 0.5 * h, mechanics)
+
+    @ti.func
+    def turned_on(self, i, spin, time, mechanics: ti.template()):
+        """The spin of body `i` a `time` later."""
+        later = spin + time * self.twist[i]
+        if ti.static(mechanics.constant_torque):
+            later = braked(later, time * self.brake[i])
+        return later
 
     @ti.func
     def across_thread(self, i, velocity):
@@ -456,7 +474,7 @@ class Bench:
             if steps < 0.0:
                 h = 0.0
             for i in range(begin, end):
-                self.drift(i, h)
+                self.drift(i, h, mechanics)
             if turns != 0.0:
                 pull = self.turned_about_y(gravity, turns * (now + h))
             if changes == 1 or steps < 0.0:
@@ -466,7 +484,7 @@ class Bench:
             still = changes == 0 and turns == 0.0
             for i in range(begin, end):
                 self.velocity[i] = self.across_thread(i, self.half[i] + 0.5 * h * self.push[i])
-                self.spin[i] = self.half_spin[i] + 0.5 * h * self.twist[i]
+                self.spin[i] = self.turned_on(i, self.half_spin[i], 0.5 * h, mechanics)
                 speed2 = self.velocity[i].norm_sqr() + (self.body[i][0] * self.spin[i]).norm_sqr()
                 if not (speed2 < 1e12):
                     culprit = i - begin

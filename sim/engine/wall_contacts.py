@@ -434,9 +434,10 @@ class WallContacts:
         self, thread, live, i, kind, position, velocity, turning, radius, mass, inertia, step, alike: ti.template(),
         mechanics: ti.template(),
     ):  # fmt: skip
-        """Force of the walls on bead `i`, torque about its centre, and the deepest overlap."""
+        """Force of the walls on bead `i`, torque about its centre, grip of type A, and the deepest overlap."""
         force = ti.Vector([0.0, 0.0, 0.0])
         torque = ti.Vector([0.0, 0.0, 0.0])
+        grip = 0.0
         deepest = 0.0
         meets = self.face(thread, live, i, position, radius)
         if meets > 1:
@@ -465,9 +466,9 @@ class WallContacts:
                     constants = self.constants[w]
                     if ti.static(not alike):
                         constants = contact_constants(law, radius, mass, radius, inertia, 1.0, step, mechanics.linear)
-                    drag, hold, _other, slip, roll = contact_forces(
+                    drag, hold, own_grip, slip, roll = contact_forces(
                         radius - distance, normal, velocity + distance * turning.cross(normal) - surface, turning,
-                        wall_spin, radius, radius, inertia, inertia, constants, slip, roll, step, mechanics,
+                        wall_spin, constants, slip, roll, step, mechanics,
                     )  # fmt: skip
                     if ti.static(self.terms.attracts):
                         pull = self.terms.attraction(radius - distance, radius, law[STIFFNESS], self.copy_of(w))
@@ -477,6 +478,7 @@ class WallContacts:
                     self.touching[live, q] = 1
                     force += drag
                     torque += distance * normal.cross(drag) + hold
+                    grip += own_grip
                     deepest = ti.max(deepest, radius - distance)
                     if self.state[thread, w] == MOVES:
                         self.work[i] = self.work[i] + step * (drag.dot(surface) + hold.dot(wall_spin))
@@ -484,7 +486,7 @@ class WallContacts:
                     self.touching[live, q] = 0
                     if ti.static(self.terms.has_neck):
                         force += self.hold_neck(live, q, kind, radius)
-        return force, torque, deepest
+        return force, torque, grip, deepest
 
     @ti.func
     def carry(self, thread, w, point, normal, slip, roll, step):
