@@ -13,6 +13,7 @@ from rigtwin.lab.rigs import GRAVITY, Drop, Pendulum, Tilt
 from rigtwin.sim import drop as drops
 from rigtwin.sim import pendulum as pendulums
 from rigtwin.sim import tilt as tilts
+from rigtwin.sim.engine import few_bench
 from rigtwin.sim.engine.few_body import Body, Case, Motion, run, run_halved, run_many, run_many_halved
 from rigtwin.sim.engine.terms import active
 from rigtwin.sim.engine.walls import Motion as Moving
@@ -151,6 +152,15 @@ def test_a_case_that_breaks_down_is_named_and_takes_no_other_with_it():
     assert [isinstance(one, RigtwinError) for one in halved] == [False, True]
     with pytest.raises(RigtwinError, match=r"broke down at t = .* \(body 1\)"):
         run(thrown.bodies, thrown.times)
+
+
+def test_another_number_of_cases_needs_no_other_kernel():
+    case = Case([Body(sphere(), (0, 0, 1.0))], np.array([1e-3]))
+    run_many([case])
+    before = few_bench._bench.cache_info().misses
+    many = run_many([case] * 700)
+    assert few_bench._bench.cache_info().misses == before
+    assert all(same(one, many[0]) for one in many)
 
 
 def test_what_broke_down_leaves_nothing_behind():

@@ -23,7 +23,7 @@ from rigtwin.lab.materials import Contact, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.effects import Effect
-from rigtwin.sim.engine import backend, few_bench
+from rigtwin.sim.engine import backend, few_bench, few_step
 from rigtwin.sim.engine.contact import IMPACT_SPEED, LAW_SIZE, ContactLaw, Mechanics, Rolling, pair_law
 from rigtwin.sim.engine.few_bench import Copy, Outcome
 from rigtwin.sim.engine.terms import Active, checked
@@ -164,7 +164,7 @@ class _Ready:
 
     def halved(self, times: int) -> "_Ready":
         clock = self.copy.clock.copy()
-        clock[few_bench.STEP] /= 2**times
+        clock[few_step.STEP] /= 2**times
         return replace(self, copy=replace(self.copy, clock=clock))
 
 
@@ -220,10 +220,10 @@ def _in_numbers(case: Case) -> Copy:
     if not 0 < step <= case.flight_step:
         raise BadInput(f"step: {step:g} s does not lie between 0 and the flight step of {case.flight_step:g} s.")
     kinds = list(dict.fromkeys(body.particle for body in case.bodies))
-    clock = np.zeros(few_bench.CLOCK)
-    clock[few_bench.STEP], clock[few_bench.LONGEST] = step, case.flight_step
-    clock[few_bench.STEPS] = -1.0
-    clock[few_bench.GRAVITY : few_bench.TURNS + 1] = *case.gravity, case.gravity_turns
+    clock = np.zeros(few_step.CLOCK)
+    clock[few_step.STEP], clock[few_step.LONGEST] = step, case.flight_step
+    clock[few_step.STEPS] = -1.0
+    clock[few_step.GRAVITY : few_step.TURNS + 1] = *case.gravity, case.gravity_turns
     return Copy(
         np.array([_body_row(body, kinds) for body in case.bodies]),
         _pair_rows(case),
@@ -260,7 +260,7 @@ def _pair_rows(case: Case) -> Array:
 
 def _walls(case: Case, kinds: Sequence[Particle]) -> WallTable:
     """The table of the walls without the rows that it keeps free for more."""
-    everywhere = np.full(3, -few_bench.ENDLESS), np.full(3, few_bench.ENDLESS)
+    everywhere = np.full(3, -few_step.ENDLESS), np.full(3, few_step.ENDLESS)
     given = [(wall,) * len(kinds) for wall in case.walls]
     table = wall_table(given, kinds, skin=0.0, domain=everywhere, impact_speed=case.impact_speed)
     count = len(given)
