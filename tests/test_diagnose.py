@@ -460,6 +460,24 @@ def change_rows(file, change):
     file.write_text("\n".join([lines[0], *(f"{t:.5f},{x:.6f},{y:.6f}" for t, x, y in rows)]) + "\n")
 
 
+def test_a_camera_that_looks_up_is_named_alone_wherever_its_scale_was_right(tmp_path):
+    folder = write_drops(tmp_path, 21, beads=("heavy",), heights=(0.3, 0.8), repetitions=3)
+    gradient, level = 0.1, 0.4
+
+    def filmed(rows):
+        t, x, y = rows.T
+        near = 1 / (1 - gradient * (y - level))
+        return np.column_stack([t, x * near, (y - level) * near + level / (1 + gradient * level)])
+
+    for file in sorted(folder.glob("*/rep*.csv")):
+        change_rows(file, filmed)
+    document = verdict_on(folder, "perspective", "lens_distortion", "scale_error", "rolling_shutter").to_json()
+    assert [one["effect"] for one in document["effects"]] == ["perspective"]
+    found = document["effects"][0]["parameters"]["gradient"]
+    assert found["value"] == pytest.approx(gradient, abs=4 * found["std"])
+    assert found["std"] < 0.01
+
+
 def test_a_row_off_the_path_and_a_frame_lost_without_a_trace_are_left_out_by_name(tmp_path):
     folder = write_drops(tmp_path, 5, beads=("heavy",), heights=(0.6,), repetitions=3)
 

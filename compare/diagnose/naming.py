@@ -396,6 +396,8 @@ def _refused(fitted: Fit, terms: Sequence[Effect]) -> str:
                 return "what is left goes on from frame to frame, which jitter does not"
             continue
         for parameter in term.parameters:
+            if parameter.assumed is not None:
+                continue
             name = f"{term.name}.{parameter.name}"
             value, std = fitted.value(name), fitted.std(name)
             beyond = parameter.high + min(2 * std, BEYOND * (parameter.high - parameter.low))

@@ -27,6 +27,8 @@ class Parameter:
     """The value that physics predicts without a fit, where it does."""
     least: float = 0.0
     """What is smaller than this is in every lab, and is not named."""
+    assumed: tuple[float, float] | None = None
+    """Mean and standard deviation, in any lab, of what goes with the effect and is no measure of its strength."""
     starts: tuple[float, ...] = ()
     """Further values from which a fit is started, where the way to the best one is not straight."""
     meaning: str = ""
