@@ -365,7 +365,7 @@ def _find_bead(
             f"{video.path}: nothing falls in this clip (frames {video.first} to {video.last}); film the bead with a "
             "still camera, or narrow the search with --region, --start and --end."
         )
-    best = None
+    best, bouncing = None, []
     for path in likely:
         seen = chase_path(video, path, moves, progress)
         pixels = _pixel_track(seen)
@@ -373,9 +373,15 @@ def _find_bead(
             best = seen, pixels
         fitted = _fit(Heights(pixels.time, pixels.position[:, 1], pixels.sigma), drag)
         if fitted is not None:
-            expected = _expected(seen, pixels, fitted, video)
-            better = look_again(seen, {index: at for index, at in expected.items() if index not in moves.repeated})
-            return better, _pixel_track(better), moves.repeated
+            bouncing.append((residual_check(fitted), seen, pixels, fitted))
+            if bouncing[-1][0].passed:
+                break
+    if bouncing:
+        # what else moves may seem to bounce as well, but hardly in free flight
+        _, seen, pixels, fitted = min(bouncing, key=lambda each: (not each[0].passed, each[0].value))
+        expected = _expected(seen, pixels, fitted, video)
+        better = look_again(seen, {index: at for index, at in expected.items() if index not in moves.repeated})
+        return better, _pixel_track(better), moves.repeated
     if best is None:
         raise NothingToMeasure(
             f"{video.path}: something moves, but no bead could be made out in it; use a larger or better lit picture "
