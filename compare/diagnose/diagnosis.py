@@ -62,7 +62,7 @@ class Diagnosis:
     beside: tuple[Beside, ...] = ()
     """The runner-up and a placebo, fitted in the winner's place."""
     left_out: tuple[str, ...] = ()
-    """Rows and repetitions that were not used, each with the reason."""
+    """Rows, repetitions and keys that were not used, each with the reason."""
     seconds: float = 0.0  # [s], CPU
     bench: Any = field(default=None, repr=False)
 
@@ -155,7 +155,7 @@ def diagnose(
     sizes = gap(bench, lab, base, chosen.fitted if chosen else None)
     told = replace(
         verdict,
-        left_out=left_out,
+        left_out=(*lab.misspelt, *left_out),
         gap=sizes,
         stability=_stability(verdict),
         designs=_designs(verdict),

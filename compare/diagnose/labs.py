@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,16 @@ from rigtwin.lab.records import Track, read_tracks
 LARGEST_BEAD = 0.5  # [m]
 TRACKED = ("drop", "pendulum", "double", "slide", "roll")
 BULK = ("pile", "hopper", "drum")
+OPTIONAL = (
+    "scale_m_per_px", "tracking_noise_px", "tracking_noise_m", "scale_uncertainty_rel", "frame_rate_uncertainty_rel",
+    "roll_uncertainty_deg", "drop_height_uncertainty_m", "length_uncertainty_m", "release_angle_uncertainty_deg",
+    "plate_level_uncertainty_deg", "tilt_rate_uncertainty_rel", "incline_angle_uncertainty_deg",
+    "pivot_spacing_uncertainty_m", "release_sideways_speed_m_s", "sliding_friction_pw", "diameter_uncertainty_m",
+    "gravity_m_s2", "material", "wall", "push_speed_m_s", "incline_angle_deg", "start_angle_deg", "waiting_time_s",
+    "clump_mass_g", "mass_g", "mass_kg", "density_kg_m3", "rig_geometry", "camera", "walls",
+)  # fmt: skip
+"""Keys that have a default: misspelt, they would be missing without a word."""
+ALIKE = 0.9  # of two spellings, as difflib tells it
 
 
 @dataclass(frozen=True)
@@ -73,6 +84,8 @@ class TrackedLab:
     folder: Path
     stated: Mapping[str, Any] = field(default_factory=dict)
     """The whole document as it stands in the file."""
+    misspelt: tuple[str, ...] = ()
+    """Keys that are not read and look like one that would be, each with the one that it looks like."""
 
     @property
     def repetitions(self) -> int:
@@ -124,6 +137,7 @@ def read_tracked_lab(path: Path) -> TrackedLab:
         conditions=conditions,
         folder=file.parent,
         stated=document,
+        misspelt=tuple(_misspelt(document)),
     )
 
 
@@ -156,6 +170,19 @@ def _sane(value: Any, key: str, file: Path) -> None:
         raise BadLabFile(f"{file}: {key}: {value!r} is no number that was measured; leave it out where it is unknown.")
     elif isinstance(value, (int, float)) and value < 0 and ("uncertainty" in key or "noise" in key):
         raise BadLabFile(f"{file}: {key}: {value!r} cannot be; an uncertainty is not below zero.")
+
+
+def _misspelt(table: Any) -> Iterator[str]:
+    """Whatever the document says beside is its own business, but nearly a key's name is hardly meant as a remark."""
+    if isinstance(table, list):
+        for entry in table:
+            yield from _misspelt(entry)
+    elif isinstance(table, dict):
+        for key, value in table.items():
+            meant = get_close_matches(key, OPTIONAL, n=1, cutoff=ALIKE)
+            if meant and key not in OPTIONAL and meant[0] not in table and isinstance(value, (int, float, dict)):
+                yield f"{key}: is not read; was {meant[0]} meant? Its default stands"
+            yield from _misspelt(value)
 
 
 def _camera(document: Mapping[str, Any], file: Path, rig: str) -> Camera:
