@@ -83,12 +83,14 @@ def fit_bead(
     surely_near: bool = False,
     room: float | None = None,
     onwards: tuple[float, float] | None = None,
+    blur_doubt: float | None = 0.0,
 ) -> BeadFit | None:
     """As `locate`; `hidden` marks pixels where something stands in front of the bead, `look` is its known look.
 
     `surely_near` starts the fit at `near` itself: what else moves close by, a shadow say, then cannot mislead it.
     `room` [px] is how far beyond the bead at rest the pixels are used, half the blur when not given.
     `onwards` is where the bead is if it goes on as it did, another place to start from.
+    `blur_doubt` [px] is how far the blur may be off its guess beyond what a guess is always off; None: it is exact.
 
     The bead is a disc of radius r with a soft edge, lit like a sphere (constant, two slopes and a bulge), averaged over
     its path during the exposure, and hides the background behind it: D = mean_k d_k (p_k - B).  All parameters are
@@ -102,7 +104,7 @@ def fit_bead(
     if patch is None or start is None:
         return None
     pixels = _Pixels(patch)
-    prior = _prior(pixels, start, look, patch)
+    prior = _prior(pixels, start, look, patch, blur_doubt)
     if look is not None:
         places = [patch.near] if onwards is None else [patch.near, patch.place(onwards)]
         prior = pixels.started_better(prior, places)
@@ -186,6 +188,7 @@ class _Fit:
 _SHAPES = 6
 _LIGHTS = 4
 _ROOM = 2.5  # [px], around the pixels near a bead, so that it may move a little before they are chosen anew
+_EXACT = 0.02  # [px], spread of a blur that is known
 _MOST_STEPS = 18  # of the exposure integral: a longer smear has its information at its ends and sides
 _LARGEST_RADIUS = 10.0  # [px] beyond it a fit to block means loses nothing that matters and saves time
 _SETTLED = 0.1  # of the cost, that another step may gain at most; a gain of 1 would be one standard deviation
@@ -291,7 +294,7 @@ def _blur_from_moments(x: Array, y: Array) -> Array:
     return np.asarray(max(length, 0.5) * vectors[:, 1])
 
 
-def _prior(pixels: _Pixels, start: Array, look: Look | None, patch: _Patch) -> _Prior:
+def _prior(pixels: _Pixels, start: Array, look: Look | None, patch: _Patch, blur_doubt: float | None) -> _Prior:
     """Wide where a bead may be anything, narrow where its look is known.
 
     The width only matters where the pixels say little: a blurred bead does not tell its radius from its blur.
@@ -307,7 +310,8 @@ def _prior(pixels: _Pixels, start: Array, look: Look | None, patch: _Patch) -> _
         mean = pixels.solve_light(np.array([*shape, *np.zeros(_LIGHTS), *scene]), np.array(light_spread))
     else:
         shape = [x, y, look.radius / patch.step, max(look.edge / patch.step, 0.4), blur_x, blur_y]
-        spread = [np.inf, np.inf, 0.01 * patch.radius, 0.1, 0.3 + 0.1 * blur, 0.3 + 0.1 * blur]
+        off = _EXACT if blur_doubt is None else math.hypot(0.3 + 0.1 * blur, blur_doubt / patch.step)
+        spread = [np.inf, np.inf, 0.01 * patch.radius, 0.1, off, off]
         # light changes a little along the path: shadows, the bright plate
         light_spread = [0.15 * contrast, 0.05 * contrast, 0.05 * contrast, 0.05 * contrast]
         mean = np.array([*shape, *look.light, *scene])
@@ -320,13 +324,16 @@ def _fit_disc(pixels: _Pixels, prior: _Prior) -> _Fit | None:
     pixels.arrange(parameters[:_SHAPES])
     jacobian, residual = pixels.linearise(parameters)
     damping = 1e-3
-    certain = 1 / prior.spread**2
-    steps = np.arange(len(certain))
+    beforehand = 1 / prior.spread**2
+    steps = np.arange(len(beforehand))
     for turn in range(14):
         if pixels.arrange(parameters[:_SHAPES]):
             jacobian, residual = pixels.linearise(parameters)
         noise = _noise(residual, jacobian[_SHAPES])
         weights = _robust_weights(residual, noise) / noise**2
+        # pixels that repeat each other say less of the shape than they seem to: what is known before counts for more
+        certain = beforehand.copy()
+        certain[2:_SHAPES] *= _correlation_excess(pixels.image(residual))
         information, pull = pixels.normal_equations(jacobian, residual, weights)
         pull += certain * (prior.mean - parameters)
         cost = _cost(residual, weights, parameters, prior.mean, certain)
@@ -355,7 +362,7 @@ def _fit_disc(pixels: _Pixels, prior: _Prior) -> _Fit | None:
     excess = _correlation_excess(pixels.image(residual))
     return _Fit(
         parameters,
-        information / excess + np.diag(certain),
+        information / excess + np.diag(beforehand),
         information / excess,
         float(np.min(noise)),
         float(np.mean(np.abs(residual))),

@@ -26,11 +26,13 @@ from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantit
 from rigtwin.lab.records import Track, read_tracks
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.drop_checks import (
+    contradiction,
     gravity_check,
     other_rate,
     plane_check,
     residual_check,
     roll_check,
+    scales_agree,
     size_check,
     timing_check,
 )
@@ -211,10 +213,10 @@ def _quantity(
     return doubted(found, doubtful)
 
 
-def _with_doubts(quantity: Quantity, checks: tuple[Check, ...], of_lengths: str) -> Quantity:
+def _with_doubts(quantity: Quantity, checks: tuple[Check, ...], of_lengths: str, contradiction: str) -> Quantity:
     """The quantity with the failed checks of the film that it rests on; those of the flights it has already.
 
-    `of_lengths` is what else makes lengths doubtful.
+    `of_lengths` is what else makes lengths doubtful, `contradiction` what makes time or size doubtful.
     """
     in_metres = quantity.unit == "m"
     rests_on = {
@@ -227,6 +229,8 @@ def _with_doubts(quantity: Quantity, checks: tuple[Check, ...], of_lengths: str)
     failed = [check.message for check in checks if not check.passed and rests_on.get(check.check, False)]
     if in_metres and of_lengths:
         failed.append(of_lengths)
+    if contradiction and (in_metres or quantity.method == "velocity"):  # the air's drag is known in true metres
+        failed.append(contradiction)
     return doubted(quantity, "; ".join(failed))
 
 
@@ -244,6 +248,7 @@ class _Gauge:
     roll_doubt: float  # [rad]
     cross_check: str  # what the other scales say
     gravity: tuple[float, float] | None  # [m/s^2] and its doubt, by a scale that does not come from gravity itself
+    contradiction: str  # what the two scales of gravity and of the bead's diameter say where they do not agree
     fall: tuple[float, float]  # [rad], the roll that the bead's fall shows, and its doubt
 
 
@@ -268,19 +273,23 @@ def measure(
     fitted = _bounces(pixels, drag, str(clip))
     gauge = _gauge(pixels, fitted, seen, camera, bead_diameter)
     track = _to_metres(pixels, fitted, gauge)
+    if bead_diameter is None:
+        drag = AirDrag(2 * seen.radius * gauge.scale)
     bounces = _bounces(track, drag, str(clip), in_metres=True)
     evaluation = _evaluation(track, bounces, scale_doubt=gauge.doubt, rate=video.frame_rate, repeats=len(repeats))
     checks = _with_gravity_told(evaluation.checks, gauge) + _view_checks(video, seen, fitted, repeats)
     if camera.roll is not None:
         checks = (*checks, roll_check(camera.roll, *gauge.fall))
-    if bead_diameter is not None and gauge.source != "bead diameter":
+    if bead_diameter is not None and not gauge.source.startswith("bead diameter"):
         checks = (*checks, size_check(2 * seen.radius * gauge.scale, _radius_doubt(seen), bead_diameter))
     unjudged = RATE_UNJUDGED if gauge.source == "gravity" and camera.frame_rate is None else ""
     measurement = Measurement(
         rig="drop",
         source=clip,
         source_sha256=sha256(clip),
-        quantities=tuple(_with_doubts(quantity, checks, unjudged) for quantity in evaluation.quantities),
+        quantities=tuple(
+            _with_doubts(quantity, checks, unjudged, gauge.contradiction) for quantity in evaluation.quantities
+        ),
         checks=checks,
         warnings=(*video.warnings, *evaluation.warnings),
         camera={
@@ -291,7 +300,8 @@ def measure(
             "scale_from": gauge.source,
             "camera_roll_deg": math.degrees(gauge.roll),
             "camera_roll_std_deg": math.degrees(gauge.roll_doubt),
-            "exposure_fraction": seen.shutter,
+            "exposure_fraction": seen.shutter.share if seen.shutter.told else None,
+            "exposure_fraction_std": seen.shutter.doubt if seen.shutter.told else None,
             "bead_radius_px": seen.radius,
         },
         tracks=(track,),
@@ -355,7 +365,7 @@ def _find_bead(
             f"{video.path}: nothing falls in this clip (frames {video.first} to {video.last}); film the bead with a "
             "still camera, or narrow the search with --region, --start and --end."
         )
-    best = None
+    best, bouncing = None, []
     for path in likely:
         seen = chase_path(video, path, moves, progress)
         pixels = _pixel_track(seen)
@@ -363,9 +373,15 @@ def _find_bead(
             best = seen, pixels
         fitted = _fit(Heights(pixels.time, pixels.position[:, 1], pixels.sigma), drag)
         if fitted is not None:
-            expected = _expected(seen, pixels, fitted, video)
-            better = look_again(seen, {index: at for index, at in expected.items() if index not in moves.repeated})
-            return better, _pixel_track(better), moves.repeated
+            bouncing.append((residual_check(fitted), seen, pixels, fitted))
+            if bouncing[-1][0].passed:
+                break
+    if bouncing:
+        # what else moves may seem to bounce as well, but hardly in free flight
+        _, seen, pixels, fitted = min(bouncing, key=lambda each: (not each[0].passed, each[0].value))
+        expected = _expected(seen, pixels, fitted, video)
+        better = look_again(seen, {index: at for index, at in expected.items() if index not in moves.repeated})
+        return better, _pixel_track(better), moves.repeated
     if best is None:
         raise NothingToMeasure(
             f"{video.path}: something moves, but no bead could be made out in it; use a larger or better lit picture "
@@ -509,25 +525,31 @@ def _gauge(pixels: Track, fitted: Bounces, seen: Chase, camera: Camera, bead_dia
     gravity_doubt = math.hypot(root_sum_of_squares(parts) / size, 4e-4)
     if camera.given_scale is not None:
         doubt = camera.scale_doubt(SCALE_DOUBT)
-        return _Gauge(camera.given_scale, doubt, camera.scale_from, roll, roll_doubt, told, None, fall)
+        return _Gauge(camera.given_scale, doubt, camera.scale_from, roll, roll_doubt, told, None, "", fall)
     if bead_diameter is None:
-        return _Gauge(by_gravity, gravity_doubt, "gravity", roll, roll_doubt, told, None, fall)
+        return _Gauge(by_gravity, gravity_doubt, "gravity", roll, roll_doubt, told, None, "", fall)
     by_bead = bead_diameter / (2 * seen.radius)
     bead_doubt = _radius_doubt(seen)
     told += (
         f"; the bead's diameter gives {by_bead * 1e3:.4g} mm/px (± {100 * bead_doubt:.1f} %), "
         f"gravity {by_gravity * 1e3:.4g} mm/px"
     )
-    agree = abs(by_bead / by_gravity - 1) < 3 * math.hypot(bead_doubt, gravity_doubt)
-    judged = GRAVITY * by_bead / by_gravity, GRAVITY * math.hypot(bead_doubt, gravity_doubt)
-    if camera.frame_rate is not None and not agree and other_rate(camera.frame_rate, judged[0]) is None:
-        # the rate was given and no usual mix-up of rates explains the difference: the bead's rim was misjudged
-        doubt = math.hypot(gravity_doubt, 0.3 * abs(by_bead / by_gravity - 1))
-        return _Gauge(by_gravity, doubt, "gravity, against the bead's diameter", roll, roll_doubt, told, judged, fall)
-    if camera.frame_rate is not None and agree and gravity_doubt < bead_doubt:
+    ratio, ratio_doubt = by_bead / by_gravity, math.hypot(bead_doubt, gravity_doubt)
+    judged = GRAVITY * ratio, GRAVITY * ratio * ratio_doubt
+    if camera.frame_rate is None:
+        return _Gauge(by_bead, bead_doubt, "bead diameter", roll, roll_doubt, told, None, "", fall)
+    if scales_agree(ratio, ratio_doubt):
+        if gravity_doubt >= bead_doubt:
+            return _Gauge(by_bead, bead_doubt, "bead diameter", roll, roll_doubt, told, None, "", fall)
         source = "gravity, agreeing with the bead's diameter"
-        return _Gauge(by_gravity, gravity_doubt, source, roll, roll_doubt, told, judged, fall)
-    return _Gauge(by_bead, bead_doubt, "bead diameter", roll, roll_doubt, told, None, fall)
+        return _Gauge(by_gravity, gravity_doubt, source, roll, roll_doubt, told, judged, "", fall)
+    off = contradiction(ratio, ratio_doubt, camera.frame_rate, bead_diameter)
+    # whichever is right: a scale in the middle could be that far off
+    doubt = math.hypot(ratio_doubt, 0.5 * math.log(ratio))
+    if other_rate(camera.frame_rate, judged[0]) is not None:
+        return _Gauge(by_bead, doubt, "bead diameter, against gravity", roll, roll_doubt, told, judged, off, fall)
+    # no usual mix-up of rates explains it: rather the bead's rim was misjudged
+    return _Gauge(by_gravity, doubt, "gravity, against the bead's diameter", roll, roll_doubt, told, judged, off, fall)
 
 
 def _radius_doubt(seen: Chase) -> float:
@@ -577,10 +599,9 @@ def _with_gravity_told(checks: tuple[Check, ...], gauge: _Gauge) -> tuple[Check,
     gravity = checks[0]
     if gauge.gravity is not None:
         value, doubt = gauge.gravity
-        message = (
-            f"with the scale of the bead's diameter free flight gives g = {value:.2f} ± {doubt:.2f} m/s²: they agree"
-        )
-        gravity = replace(gravity, value=value, message=message)
+        message = f"with the scale of the bead's diameter free flight gives g = {value:.2f} ± {doubt:.2f} m/s²"
+        message += f" instead of {GRAVITY}: {gauge.contradiction}" if gauge.contradiction else ": they agree"
+        gravity = replace(gravity, passed=not gauge.contradiction, value=value, message=message)
     elif gauge.source == "gravity":
         message = "the scale was taken from gravity, so this check cannot judge scale or frame rate"
         gravity = replace(gravity, message=message)

@@ -14,13 +14,19 @@ from rigtwin.measure.repeats import LEAST_SHARE
 
 # Capture rates that cameras offer [1/s]; a wrong rate is most often another one of these.
 USUAL_RATES = (24, 25, 30, 48, 50, 60, 90, 100, 120, 200, 240, 250, 300, 400, 480, 500, 600, 960, 1000, 1200, 2000)
+# A rim's doubt is no scatter but how far shading may shift it: two scales further apart than twice that contradict.
+SCALES_APART = 2.0
+LEAST_APART = 0.06  # relative, that a stated diameter may be off: beads are not round to better
 ROLL_STATED_TO = math.radians(0.5)  # nobody reads a camera's lean better
 
 
 def gravity_check(bounces: Bounces, scale_doubt: float, rate: float, repeated_share: float) -> Check:
     gravity, parts = bounces.read(lambda at: at.size * GRAVITY)
-    doubt = math.hypot(root_sum_of_squares(parts), gravity * scale_doubt)
-    passed = abs(gravity - GRAVITY) < max(0.015 * GRAVITY, 3 * doubt)
+    fit_doubt = root_sum_of_squares(parts)
+    doubt = math.hypot(fit_doubt, gravity * scale_doubt)
+    passed = abs(math.log(gravity / GRAVITY)) < max(
+        0.015, math.hypot(3 * fit_doubt / gravity, SCALES_APART * scale_doubt)
+    )
     found = f"free flight gives g = {gravity:.3f} ± {doubt:.3f} m/s²"
     if passed:
         return Check("gravity", True, gravity, GRAVITY, f"{found}: scale, frame rate and roll fit together.")
@@ -48,6 +54,24 @@ def _what_is_wrong(gravity: float, rate: float, repeated_share: float) -> str:
     if 0.7 < ratio < 1.4:
         return f"{scale}; capture rates come in steps, and none explains this."
     return f"either {scale}, or the clip was captured at {rate / math.sqrt(ratio):.4g} Hz and not {rate:.4g} Hz."
+
+
+def scales_agree(ratio: float, doubt: float) -> bool:
+    """Whether two scales with this ratio, and this relative standard uncertainty of it, can both be right."""
+    return abs(math.log(ratio)) < SCALES_APART * doubt
+
+
+def contradiction(ratio: float, doubt: float, rate: float, bead: float) -> str:
+    """What may be wrong where the bead's stated diameter [m] gives `ratio` times the scale that gravity gives.
+
+    `doubt` is the relative standard uncertainty of the ratio, `rate` [1/s] the stated frame rate.
+    """
+    across, captured = 1e3 * bead / ratio, rate / math.sqrt(ratio)
+    return (
+        f"the stated diameter and frame rate contradict each other: either the bead is {across:.2g} ± "
+        f"{across * doubt:.1g} mm across and not {1e3 * bead:.3g}, or the clip was captured at {captured:.3g} ± "
+        f"{captured * doubt / 2:.1g} Hz and not at {rate:.4g}, or the rim of the bead's image was misjudged"
+    )
 
 
 def other_rate(rate: float, gravity: float) -> int | None:
@@ -134,7 +158,7 @@ def roll_check(given: float, fall: float, doubt: float) -> Check:
 
 def size_check(found: float, doubt: float, stated: float) -> Check:
     """`found` and `stated` [m]; `doubt` relative."""
-    passed = abs(found / stated - 1) < max(0.15, 3 * doubt)
+    passed = abs(math.log(found / stated)) < max(LEAST_APART, SCALES_APART * doubt)
     message = f"the bead's rim shows {found * 1e3:.2f} ± {found * doubt * 1e3:.2f} mm, {stated * 1e3:.2f} mm are stated"
     ending = "." if passed else ": the scale or the stated diameter is wrong, or something else was followed."
     return Check("bead_size", passed, found, stated, message + ending)

@@ -34,7 +34,9 @@ AIR_VISCOSITY = 1.81e-5  # [Pa s]
 PERSPECTIVE = 0.02  # relative change of scale over the drop height: a camera at 2.5 drop heights pitched by 3 degrees
 LENS = 0.01  # the same, quadratic: 1 % of barrel at the picture's edge
 DRIFT = 0.04  # the plate's level, as a fraction of a flight's height: a bead that leaves the plane by 2 degrees
-DWELL = 5e-4  # [s], duration of the contact
+DWELL = 1.2e-3  # [s], longest contact of a bead of unknown size
+SOFTEST = 1e7  # [Pa], effective modulus of the softest pair of bead and plate worth a drop: rubber
+USUAL_DENSITY = 1000.0  # [kg/m^3], of a bead that was not weighed
 DRAG = 0.10  # relative: sphere's drag coefficient for a bead with a hole or a seam
 DRAG_HELD = 0.05  # relative: what the fit may change of it, as a track's slow errors look much like drag
 FREE_DRAG = 0.3  # [1/m], drag per mass where the bead is unknown: a wooden bead of 6 mm has 0.2
@@ -63,6 +65,19 @@ class AirDrag:
         reynolds = np.maximum(AIR_DENSITY * speed * self.diameter / AIR_VISCOSITY, 1e-9)
         coefficient = np.maximum(24 / reynolds * (1 + 0.15 * reynolds**0.687), 0.44)
         return np.asarray(strength * 0.75 * coefficient * AIR_DENSITY * speed**2 / (self.density * self.diameter))
+
+
+def longest_contact(drag: AirDrag, height: float) -> float:
+    """How long a bead touches the plate at most after a fall of `height` [m], in seconds.
+
+    Hertz: 2.87 (m^2 / (R E^2 v))^(1/5) (Johnson 1985, section 11.4), with the modulus E of rubber.
+    """
+    if drag.diameter is None:
+        return DWELL
+    density = USUAL_DENSITY if drag.density is None else drag.density
+    radius, speed = drag.diameter / 2, math.sqrt(2 * GRAVITY * height)
+    mass = density * 4 / 3 * math.pi * radius**3
+    return float(2.87 * (mass**2 / (radius * SOFTEST**2 * speed)) ** 0.2)
 
 
 class Fall:
@@ -235,6 +250,10 @@ def third_difference_noise(record: Heights) -> float:
     regular = np.abs(steps - np.median(steps)) < 0.02 * np.median(steps)
     third = np.abs(np.diff(record.height, 3))[regular[2:] & regular[1:-1] & regular[:-2]]
     return float(np.median(third)) / 0.6745 / math.sqrt(20) if len(third) > 3 else 0.0
+
+
+def _part(record: Heights, used: Mask) -> Heights:
+    return Heights(record.time[used], record.height[used], record.sigma[used])
 
 
 class Reader:
@@ -420,7 +439,8 @@ def _fit(record: Heights, contacts: npt.NDArray[np.intp], drag: AirDrag, offset:
         residual=residual,
         # a frame that says itself that it is poor is no sign of a misfit
         noise=float(np.sqrt(np.average(residual[used] ** 2, weights=sigma[used] ** -2))),
-        expected_noise=third_difference_noise(record),
+        # of a bead in flight: at rest it is seen better
+        expected_noise=max(third_difference_noise(record), third_difference_noise(_part(record, used))),
         time_offset=offset,
     )
 
@@ -475,11 +495,13 @@ def _first_guess(
     n = model.count
     to_fall = _fall(drag, strength, 4 * float(metres[0])).fall.time_to(metres[:1])
     release = float(time[contacts[0]] - to_fall[0])
+    # moduli from that of rubber to that of steel, each order of magnitude alike, make contacts so long on the average
+    dwell = 0.25 * longest_contact(drag, float(metres[0]))
     parameters = np.array(
-        [math.log(size), release, *metres, *levels, levels[-1], *np.zeros(n), 0.0, 0.0, 0.0, strength]
+        [math.log(size), release, *metres, *levels, levels[-1], *np.zeros(n), 0.0, 0.0, dwell, strength]
     )
     spread = np.full(model.length, np.inf)
-    spread[-4:] = PERSPECTIVE, LENS, DWELL, doubt
+    spread[-4:] = PERSPECTIVE, LENS, dwell, doubt
     return model, parameters, spread, stop
 
 

@@ -20,11 +20,13 @@ from rigtwin.measure.bead import BeadFit, BeadImage, Look, Mask, common_look, fi
 from rigtwin.measure.channel import LUMA, Channel, best_channel, luma_is_clear
 from rigtwin.measure.media import Frame, Video
 from rigtwin.measure.scene import Background, Pose, Scene, rounded, shakes_of, stands_still
+from rigtwin.measure.shutter import CLOSER, LEAST_SHARE, NOT_TOLD, TRIED, Shutter, fast_frames, shutter_of
 from rigtwin.measure.spots import Box, Linker, Region, Search, Spot, SpotPath, Where, place_on
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
+BADLY = 2.0  # times the usual misfit, from which on a fit may lie in a wrong place
 REST = 25  # frames of a bead at rest that are worth a look before and after it moves
 
 
@@ -46,10 +48,10 @@ class Chase:
     sightings: tuple[Sighting, ...]
     path: SpotPath
     shakes: Array  # [px], of every frame, shape (frames, 2)
-    shutter: float  # fraction of the frame interval that the exposure lasts, from the motion blur; 0 when none is seen
+    shutter: Shutter
     radius: float  # [px]
     scene: Scene = field(repr=False)
-    cuts: tuple[_Cut, ...] = field(repr=False)
+    cuts: tuple[Cut, ...] = field(repr=False)
     look: Look | None = field(repr=False)
     hidden: Mask | None = field(repr=False)
 
@@ -114,7 +116,7 @@ def find_paths(video: Video, scene: Scene, region: Region | None, progress: Prog
     return Movement(linker.paths(), dict(zip(found, poses, strict=True)), repeated, scene, still, kept)
 
 
-def chase(path: SpotPath, moves: Movement, scene: Scene, cuts: Sequence[_Cut], progress: Progress = silent) -> Chase:
+def chase(path: SpotPath, moves: Movement, scene: Scene, cuts: Sequence[Cut], progress: Progress = silent) -> Chase:
     """Fit the bead of a path in every frame, also before and after the path where it rests.
 
     Two rounds on the pixels cut out around the bead: the first finds radius and exposure, and what stands in front of
@@ -127,8 +129,8 @@ def chase(path: SpotPath, moves: Movement, scene: Scene, cuts: Sequence[_Cut], p
     first = _fit_cuts(few, scene, path.radius, progress=progress)
     good = [sighting for sighting in first if sighting.fit.image.sigma < max(0.3, 0.04 * path.radius)]
     if len(good) < 5:
-        return Chase(tuple(first), path, shakes, 0.0, path.radius, scene, tuple(cuts), None, None)
-    shutter = 0.0
+        return Chase(tuple(first), path, shakes, NOT_TOLD, path.radius, scene, tuple(cuts), None, None)
+    shutter = NOT_TOLD
     hidden = _occluders(cuts, good, path.radius, scene)
     radius = float(np.median([sighting.image.radius for sighting in good]))
     # slow frames show the look; fast ones smear it
@@ -140,13 +142,48 @@ def chase(path: SpotPath, moves: Movement, scene: Scene, cuts: Sequence[_Cut], p
             break
         look = common_look([sighting.fit for sighting in calm])
         radius = look.radius
-        cuts, few, slow = (_moved_by(_off(calm, slow), some) for some in (cuts, few, slow))
-        shutter = shutter or _exposure(few, scene, look, hidden)
+        cuts, slow = (_moved_by(_off(calm, slow), some) for some in (cuts, slow))
+        shutter = told_shutter(cuts, path, scene, look, hidden)
     sightings = _fit_cuts(cuts, scene, radius, shutter=shutter, hidden=hidden, look=look, progress=progress)
-    return Chase(tuple(sightings), path, shakes, shutter, radius, scene, tuple(cuts), look, hidden)
+    found = Chase(tuple(sightings), path, shakes, shutter, radius, scene, tuple(cuts), look, hidden)
+    return found if look is None else _started_again(found)
 
 
-def _off(sightings: Sequence[Sighting], cuts: Sequence[_Cut]) -> tuple[float, float]:
+def _started_again(chase: Chase) -> Chase:
+    """Frames whose pixels are badly explained are fitted again from where the bead is in those before and after.
+
+    Something that touches the bead, what holds it say, makes a second place where a disc seems to fit.
+    """
+    usual = float(np.median([sighting.fit.misfit for sighting in chase.sightings]))
+    good = [sighting for sighting in chase.sightings if sighting.fit.misfit < BADLY * usual]
+    frames = [sighting.frame for sighting in good]
+    places = np.array([(sighting.image.x, sighting.image.y) for sighting in good])
+    bad = [
+        replace(
+            cut,
+            near=(float(np.interp(cut.frame, frames, places[:, 0])), float(np.interp(cut.frame, frames, places[:, 1]))),
+        )
+        for cut in chase.cuts
+        if cut.frame not in frames
+    ]
+    found = {sighting.frame: sighting for sighting in chase.sightings}
+    for sighting in _fit_cuts(
+        bad,
+        chase.scene,
+        chase.radius,
+        shutter=chase.shutter,
+        hidden=chase.hidden,
+        look=chase.look,
+        surely_near=True,
+        progress=silent,
+    ):
+        before = found.get(sighting.frame)
+        if before is None or sighting.fit.misfit < before.fit.misfit:
+            found[sighting.frame] = sighting
+    return replace(chase, sightings=tuple(found[frame] for frame in sorted(found)))
+
+
+def _off(sightings: Sequence[Sighting], cuts: Sequence[Cut]) -> tuple[float, float]:
     """How far beads lie off where their cut-outs have them [px]: the middle of a shaded bead is not its brightest."""
     near = {cut.frame: cut.near for cut in cuts}
     off = [(each.image.x - near[each.frame][0], each.image.y - near[each.frame][1]) for each in sightings]
@@ -154,7 +191,7 @@ def _off(sightings: Sequence[Sighting], cuts: Sequence[_Cut]) -> tuple[float, fl
     return x, y
 
 
-def _moved_by(off: tuple[float, float], cuts: Sequence[_Cut]) -> list[_Cut]:
+def _moved_by(off: tuple[float, float], cuts: Sequence[Cut]) -> list[Cut]:
     return [replace(cut, near=(cut.near[0] + off[0], cut.near[1] + off[1])) for cut in cuts]
 
 
@@ -195,7 +232,7 @@ def _scene_behind(path: SpotPath, layers: Mapping[int, Grey]) -> Scene:
     return background.scene(bead, reach=1.6 * path.radius + 6)
 
 
-def _from_album(path: SpotPath, moves: Movement) -> tuple[Scene, list[_Cut]] | None:
+def _from_album(path: SpotPath, moves: Movement) -> tuple[Scene, list[Cut]] | None:
     """Scene and cut-outs without reading the film again: where the camera stands still and luma shows the bead well."""
     if moves.album is None:
         return None
@@ -212,7 +249,7 @@ def _from_album(path: SpotPath, moves: Movement) -> tuple[Scene, list[_Cut]] | N
         part = None if box is None else album.cut(index, box)
         if part is not None and box is not None:
             seen = moves.poses[index].seen(part)
-            cuts.append(_Cut(index, album.times[index], seen, box[0], box[1], near, step, (0.0, 0.0)))
+            cuts.append(Cut(index, album.times[index], seen, box[0], box[1], near, step, (0.0, 0.0)))
         elif box is not None and path.frames[0] <= index <= path.frames[-1] and index in moves.poses:
             return None
     layers = {index: rounded(moves.poses[index].seen(grey)) for index, grey in greys.items()}
@@ -221,7 +258,7 @@ def _from_album(path: SpotPath, moves: Movement) -> tuple[Scene, list[_Cut]] | N
 
 def _seen_and_cut(
     video: Video, path: SpotPath, moves: Movement, chosen: set[int], progress: Progress
-) -> tuple[list[tuple[Frame, Pose]], list[_Cut]]:
+) -> tuple[list[tuple[Frame, Pose]], list[Cut]]:
     """The chosen frames and how they lie, and in the same pass the cut-outs of luma."""
     where = place_on(path)
     seen, cuts = [], []
@@ -263,14 +300,14 @@ def look_again(chase: Chase, expected: Mapping[int, tuple[tuple[float, float], t
     return replace(chase, sightings=tuple(renewed[frame] for frame in sorted(renewed)))
 
 
-def _shows(cut: _Cut, place: tuple[float, float]) -> bool:
+def _shows(cut: Cut, place: tuple[float, float]) -> bool:
     return bool(
         cut.left <= place[0] < cut.left + cut.grey.shape[1] and cut.top <= place[1] < cut.top + cut.grey.shape[0]
     )
 
 
 @dataclass(frozen=True)
-class _Cut:
+class Cut:
     """The pixels around the bead in one frame."""
 
     frame: int
@@ -283,7 +320,7 @@ class _Cut:
     shake: tuple[float, float]
 
 
-def _cut_out(video: Video, path: SpotPath, scene: Scene, channel: Channel, progress: Progress) -> list[_Cut]:
+def _cut_out(video: Video, path: SpotPath, scene: Scene, channel: Channel, progress: Progress) -> list[Cut]:
     where = place_on(path)
     cuts = []
     shake = (0.0, 0.0)
@@ -296,13 +333,13 @@ def _cut_out(video: Video, path: SpotPath, scene: Scene, channel: Channel, progr
     return cuts
 
 
-def _cut(frame: Frame, grey: Grey, pose: Pose, path: SpotPath, where: Where) -> list[_Cut]:
+def _cut(frame: Frame, grey: Grey, pose: Pose, path: SpotPath, where: Where) -> list[Cut]:
     """What is around the bead in one frame; empty where that lies outside."""
     near, step = where(frame.index)
     box = _inside(_around(path, near, step), grey.shape)
     if box is None:
         return []
-    return [_Cut(frame.index, frame.time, pose.seen(grey, box), *box[:2], near, step, pose.shake)]
+    return [Cut(frame.index, frame.time, pose.seen(grey, box), *box[:2], near, step, pose.shake)]
 
 
 def _inside(box: Box, shape: tuple[int, ...]) -> Box | None:
@@ -330,15 +367,16 @@ def _busy(path: SpotPath) -> tuple[int, int]:
 
 
 def _fit_cuts(
-    cuts: Sequence[_Cut],
+    cuts: Sequence[Cut],
     scene: Scene,
     radius: float,
     *,
-    shutter: float = 0.0,
+    shutter: Shutter = NOT_TOLD,
     hidden: Mask | None = None,
     look: Look | None = None,
     room: float | None = None,
     surely_near: bool = False,
+    streaks_held: bool = False,
     progress: Progress,
 ) -> list[Sighting]:
     found: list[Sighting] = []
@@ -350,7 +388,8 @@ def _fit_cuts(
             scene.picture[window],
             (cut.near[0] - cut.left, cut.near[1] - cut.top),
             radius,
-            blur_guess=(shutter * cut.step[0], shutter * cut.step[1]),
+            blur_guess=shutter.streak(cut.step),
+            blur_doubt=None if streaks_held else shutter.streak_doubt(cut.step),
             hidden=None if hidden is None else hidden[window],
             look=look,
             room=room,
@@ -372,31 +411,46 @@ def _onwards(last: Sequence[Sighting], frame: int) -> tuple[float, float] | None
     return 3 * (third.x - second.x) + first.x, 3 * (third.y - second.y) + first.y
 
 
-def _exposure(cuts: Sequence[_Cut], scene: Scene, look: Look, hidden: Mask | None) -> float:
-    """Exposure as a fraction of the frame interval: the one whose motion blur fits the fastest frames best."""
-    fast = sorted(cuts, key=lambda cut: -math.hypot(*cut.step))[:8]
-    if math.hypot(*fast[-1].step) < 2:
-        return 0.0
-    tried = np.array([0.02, 0.2, 0.4, 0.6, 0.8, 1.0])
+def told_shutter(cuts: Sequence[Cut], path: SpotPath, scene: Scene, look: Look, hidden: Mask | None) -> Shutter:
+    """The exposure whose streaks fit the fastest frames of a path best."""
+    ways = fast_frames(path)
+    fast = [cut for cut in cuts if cut.frame in ways]
+    if len(fast) < 3:
+        return NOT_TOLD
+    told, tried = NOT_TOLD, TRIED
+    for _ in range(2):
+        misfits = _misfits(fast, tried, max(ways.values()) / 2, scene, look, hidden)
+        told = shutter_of(tried, misfits, np.array([ways[cut.frame] for cut in fast]))
+        if not told.told:
+            return NOT_TOLD
+        tried = np.maximum(told.share + CLOSER, LEAST_SHARE * np.arange(1, len(CLOSER) + 1))
+    return told
+
+
+def _misfits(fast: Sequence[Cut], tried: Array, room: float, scene: Scene, look: Look, hidden: Mask | None) -> Array:
+    """[grey levels], with streaks of the shares in `tried`, shape (tried, cuts); the same pixels for all.
+
+    Else the emptier patch would win; `room` [px] is what the longest streak needs.
+    """
     misfits = []
-    for shutter in tried:
-        # the same pixels for all, or the emptier patch would win
-        room = math.hypot(*fast[0].step) / 2
+    for share in tried.tolist():
         sightings = _fit_cuts(
-            fast, scene, look.radius, shutter=shutter, hidden=hidden, look=look, room=room, progress=silent
+            fast,
+            scene,
+            look.radius,
+            shutter=Shutter(share, 0.0),
+            hidden=hidden,
+            look=look,
+            room=room,
+            streaks_held=True,
+            progress=silent,
         )
         found = {sighting.frame: sighting.fit.misfit for sighting in sightings}
         misfits.append([found.get(cut.frame, np.nan) for cut in fast])
-    table = np.array(misfits)[:, np.all(np.isfinite(misfits), axis=0)]
-    if table.shape[1] < 3:
-        return 0.0
-    total = np.median(table / table.min(axis=0), axis=1)
-    best = int(np.clip(np.argmin(total), 1, len(tried) - 2))
-    bend, slope, _ = np.polyfit(tried[best - 1 : best + 2], total[best - 1 : best + 2], 2)
-    return float(np.clip(-slope / (2 * bend), 0.02, 1.0)) if bend > 0 else float(tried[np.argmin(total)])
+    return np.array(misfits)
 
 
-def _occluders(cuts: list[_Cut], sightings: list[Sighting], radius: float, scene: Scene) -> Mask | None:
+def _occluders(cuts: list[Cut], sightings: list[Sighting], radius: float, scene: Scene) -> Mask | None:
     """Pixels that keep showing the scene where the bead should hide it: something stands in front of the path."""
     centres = _without_jumps(sightings)
     if len(centres) < 4:
@@ -435,7 +489,7 @@ def _without_jumps(sightings: list[Sighting]) -> Array:
     return table[off < max(6 * float(np.median(off)), 2.0)]
 
 
-def _brightness(cuts: list[_Cut], sightings: list[Sighting], scene: Scene) -> float:
+def _brightness(cuts: list[Cut], sightings: list[Sighting], scene: Scene) -> float:
     """Grey level of the bead's middle, median over the clip."""
     by_frame = {cut.frame: cut for cut in cuts}
     levels = []

@@ -188,7 +188,7 @@ def _one_bead(chase: Chase, video: Video) -> Beads:
         raise NothingToMeasure(f"{video.path}: what moves in this clip does not look like a bead.")
     looked = np.array([[image is not None for image in images]])
     where = np.array([shakes.get(int(frame), (0.0, 0.0)) for frame in frames])
-    return Beads(frames, (images,), [look], chase.shutter, chase.scene, LUMA, where, looked, {})
+    return Beads(frames, (images,), [look], chase.shutter.share, chase.scene, LUMA, where, looked, {})
 
 
 def _picture_tracks(beads: Beads, times: Array) -> tuple[Track, ...]:

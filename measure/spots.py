@@ -70,8 +70,8 @@ def place_on(path: SpotPath) -> Where:
             return (x, y), (0.0, 0.0)
         ahead = (centres[k + 1] - centres[k]) / (frames[k + 1] - frames[k])
         behind = (centres[k] - centres[k - 1]) / (frames[k] - frames[k - 1])
-        # at a bounce the two disagree in sign, and the blur is that of neither
-        step = (ahead + behind) / 2 if np.dot(ahead, behind) > 0 else np.zeros(2)
+        # at a bounce the two disagree in sign, and the bead goes a part of the longer way while the shutter is open
+        step = (ahead + behind) / 2 if np.dot(ahead, behind) > 0 else max(ahead, behind, key=np.linalg.norm) / 2
         return (x, y), (float(step[0]), float(step[1]))
 
     return where

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from rigtwin.lab.camera import Camera, Lens
 from rigtwin.lab.errors import BadInput, NothingToMeasure, UnreadableMedia
 from rigtwin.lab.records import Track, write_tracks
-from rigtwin.measure import drop, sources, spots
+from rigtwin.measure import drop, flights, sources, spots
 
 G = 9.81
 FPS = 240.0
@@ -385,6 +385,27 @@ def test_scales_from_rule_bead_and_gravity_agree(clip, measured):
     assert gravity.camera["scale_m_per_px"] == pytest.approx(SCALE, rel=0.006)
     assert measured.camera["scale_m_per_px"] == pytest.approx(SCALE, rel=0.006)
     assert 2 * measured.camera["bead_radius_px"] * SCALE == pytest.approx(DIAMETER, rel=0.03)
+
+
+@pytest.mark.parametrize(("rate", "across"), [(FPS / 1.25, 1.0), (FPS, 1.3), (FPS, 0.7)])
+def test_a_stated_rate_and_diameter_that_gravity_contradicts_make_lengths_doubtful(clip, rate, across):
+    result = drop.measure(clip, Camera(frame_rate=rate), bead_diameter=across * DIAMETER, bead_density=7800.0)
+    gravity, height = check(result, "gravity"), pick(result.quantities, "drop_height")
+    assert not gravity.passed
+    assert "mm across" in gravity.message
+    assert "captured at" in gravity.message
+    assert height.doubtful
+    assert abs(height.value - 0.14) < 2 * height.std_uncertainty
+    assert pick(result.quantities, "restitution_wall", method="velocity", bounce=1).doubtful
+    assert not pick(result.quantities, "restitution_wall", method="height", bounce=1).doubtful
+
+
+def test_a_contact_is_longer_for_larger_beads_and_slower_falls():
+    small, large = flights.AirDrag(0.006, 2500.0), flights.AirDrag(0.012, 2500.0)
+    assert flights.longest_contact(large, 0.3) == pytest.approx(2 * flights.longest_contact(small, 0.3))
+    assert flights.longest_contact(small, 0.03) > flights.longest_contact(small, 0.3)
+    # Hertz for a glass bead of 6 mm on rubber, at 2.4 m/s: about half a millisecond
+    assert 3e-4 < flights.longest_contact(small, 0.3) < 7e-4
 
 
 def test_a_scale_from_a_board_is_as_doubtful_as_the_board(clip):
