@@ -228,10 +228,10 @@ def _definition_doubt(
             "grain roughness": rough,
             "window of the line": window,
         }
-    # which grain is the apex: an eighth of a grain; which one the foot: a quarter
+    # which grain is the apex: a sixth of a grain, as heaps of one shape differ by; which one the foot: a quarter
     reach = heap.base_width / 2 if side == "mean" else abs(heap.apex[0] - heap.feet[slope.SIDES.index(side)])
     tangent = math.tan(math.radians(angles[name, method, side]))
-    per_grain = math.hypot(0.125, 0.0 if side == "mean" else 0.25 * tangent) * heap.grain / reach
+    per_grain = math.hypot(0.16, 0.0 if side == "mean" else 0.25 * tangent) * heap.grain / reach
     doubt = {"grain at apex and foot": math.degrees(per_grain / (1 + tangent * tangent))}
     if side != "mean":
         doubt["place of the apex"] = math.degrees(tangent / (1 + tangent * tangent) * heap.apex_spread / reach)
