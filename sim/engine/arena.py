@@ -44,7 +44,16 @@ from rigtwin.sim.engine.columns import (
     STEP,
     WALL_COUNT,
 )
-from rigtwin.sim.engine.contact import CONSTANTS, LAW_SIZE, LIGHTNESS, NIMBLENESS, SIZES_OF_KIND, constants_of_two
+from rigtwin.sim.engine.contact import (
+    CONSTANTS,
+    LAW_SIZE,
+    LIGHTNESS,
+    NIMBLENESS,
+    SIZES_OF_KIND,
+    braked,
+    constants_of_two,
+    what_turned,
+)
 from rigtwin.sim.engine.neighbours import Neighbours
 from rigtwin.sim.engine.pairs import PACKET, Pairs
 from rigtwin.sim.engine.team import LATE_AT, LEFT_AT, PATIENCE, WAITED, Team
@@ -58,26 +67,40 @@ GRAIN = 512  # Taichi gives a thread at least so many rounds of a parallel loop
 
 @cache
 def arena(
-    capacity: int, pair_capacity: int, near_capacity: int, terms: Terms, room: int = ROOM, rigid: bool = False
+    capacity: int,
+    pair_capacity: int,
+    near_capacity: int,
+    terms: Terms,
+    room: int = ROOM,
+    rigid: bool = False,
+    constant_torque: bool = False,
 ) -> "Arena":
     """The arena of this size; fields are made once per process (Taichi dies after some 500 fields)."""
-    return Arena(capacity, pair_capacity, near_capacity, terms, room, rigid)
+    return Arena(capacity, pair_capacity, near_capacity, terms, room, rigid, constant_torque)
 
 
 @ti.data_oriented
 class Arena(Neighbours, Team):
     """State of up to `capacity` beads, `pair_capacity` neighbouring pairs and `near_capacity` walls near beads.
 
-    `rigid`: some beads are parts of bodies.
+    `rigid`: some beads are parts of bodies.  `constant_torque`: so is rolling resisted (type A).
     """
 
     def __init__(
-        self, capacity: int, pair_capacity: int, near_capacity: int, terms: Terms, room: int, rigid: bool
+        self,
+        capacity: int,
+        pair_capacity: int,
+        near_capacity: int,
+        terms: Terms,
+        room: int,
+        rigid: bool,
+        constant_torque: bool,
     ) -> None:
         self.terms = terms
         self.capacity = capacity
         self.pair_capacity = pair_capacity
         self.rigid = rigid
+        self.constant_torque = constant_torque
         self.walls = WallContacts(capacity, near_capacity, room, terms)
         self.owner: object = None  # the simulation whose state this is
         self.place = ti.Vector.field(4, ti.f64, capacity)  # position, radius
@@ -92,7 +115,7 @@ class Arena(Neighbours, Team):
             self.flight: Any = ti.field(ti.f64, capacity)  # [J], given to the beads of this slot by forces in flight
             self.flight_before: Any = ti.field(ti.f64, ())  # [J], until the list was made
         if rigid:
-            RigidBodies.__init__(self, capacity)
+            RigidBodies.__init__(self, capacity, constant_torque)
         Pairs.__init__(self, capacity, pair_capacity, THREADS, terms)
         Team.__init__(self, 3 if rigid else 2)
         self.make_cells(capacity)
@@ -224,7 +247,7 @@ class Arena(Neighbours, Team):
 
         Below `own` forces of pairs that others own with it lie where they left them.
 
-        A bead of a body leaves the sums in `push` and `twist`; its body moves it.
+        A bead of a body leaves the sums in `push`, `twist` and `brake`; its body moves it.
         """
         step = self.numbers[STEP]
         given, taken = self.given[i], self.taken[i]
@@ -232,7 +255,7 @@ class Arena(Neighbours, Team):
             taken = self.sum_taken(self.counts[LIVE_LIST], i)
         force = ti.Vector([taken[0] + given[0], taken[1] + given[1], taken[2] + given[2]])
         torque = ti.Vector([taken[3] + given[3], taken[4] + given[4], taken[5] + given[5]])
-        for c in ti.static(range(6)):
+        for c in ti.static(range(self.sums)):
             self.given[i][c] = 0.0
             self.taken[i][c] = 0.0
 
@@ -241,12 +264,15 @@ class Arena(Neighbours, Team):
         velocity = ti.Vector([motion[0], motion[1], motion[2]])
         turning = ti.Vector([spin[0], spin[1], spin[2]])
         radius, mass, inertia = place[3], motion[3], spin[3]
-        drag, hold, deepest = self.walls.press(
+        drag, hold, grip, deepest = self.walls.press(
             thread, self.counts[LIVE_LIST], i, self.tag[i][1], position, velocity, turning, radius, mass, inertia, step,
             alike, mechanics,
         )  # fmt: skip
         force += drag
         torque += hold
+        brake = 0.0  # the torque that rolling resistance of type A has at most
+        if ti.static(self.constant_torque):
+            brake = (taken[6] + given[6] + grip) * radius
         if deepest > self.worst[i] * radius:
             self.worst[i] = deepest / radius
 
@@ -255,15 +281,17 @@ class Arena(Neighbours, Team):
             if self.body[i] >= 0:
                 self.push[i] = force
                 self.twist[i] = torque
+                if ti.static(self.constant_torque):
+                    self.brake[i] = brake
             else:
-                left_skin = self.go(i, force, torque, last, alike)
+                left_skin = self.go(i, force, torque, brake, last, alike)
         else:
-            left_skin = self.go(i, force, torque, last, alike)
+            left_skin = self.go(i, force, torque, brake, last, alike)
         return left_skin
 
     @ti.func
-    def go(self, i, force, torque, last, alike: ti.template()):
-        """Move bead `i` by a step under its force and torque; 1 when it left its skin.
+    def go(self, i, force, torque, brake, last, alike: ti.template()):
+        """Move bead `i` by a step under its force, its torque and what brakes its spin; 1 when it left its skin.
 
         Its accelerations are kept only in the `last` step of a launch: nobody asks for them in between.
         """
@@ -286,11 +314,16 @@ class Arena(Neighbours, Team):
             push += blown * lightness
             self.flight[i] = self.flight[i] + step * blown.dot(velocity + 0.5 * step * push)
         twist = torque * nimbleness
+        if ti.static(self.constant_torque):
+            slowed = braked(turning + step * twist, step * brake * nimbleness)
+            twist = what_turned(turning, slowed, step)
+            turning = slowed
+        else:
+            turning += step * twist
         if last:
             self.push[i] = push
             self.twist[i] = twist
         velocity += step * push
-        turning += step * twist
         position += step * velocity
         moved, left_skin = 0.0, 0
         for c in ti.static(range(3)):

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Particle
 from rigtwin.sim.engine.backend import ti
+from rigtwin.sim.engine.contact import what_turned
 
 # an exported bead: position 3, velocity 3, spin 3, radius, mass, inertia, acceleration 3, angular 3, ident, kind,
 # largest overlap; velocity and spin half a step back
@@ -26,6 +27,7 @@ BODY_SIZE = 25
 CENTRE, VELOCITY, TURN, MOMENTUM = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13)
 MOMENTS, MASS, PUSH, TORQUE, IDENT, KIND = slice(13, 16), 16, slice(17, 20), slice(20, 23), 23, 24
 MEMBER_SIZE = 4  # place in the body's axes 3, number of the body (-1: none)
+NEWTON_STEPS = 5  # moments that differ by a factor of twenty need no more
 
 Array = npt.NDArray[np.float64]
 
@@ -40,7 +42,11 @@ class RigidBodies:
     twist: ti.Field
     listed_at: ti.Field
 
-    def __init__(self, capacity: int) -> None:
+    constant_torque: bool
+
+    def __init__(self, capacity: int, constant_torque: bool) -> None:
+        if constant_torque:
+            self.brake = ti.field(ti.f64, capacity)  # [N m], what rolling resistance of a bead has at most
         self.body = ti.field(ti.i32, capacity)  # of a bead, -1: none
         self.arm = ti.Vector.field(3, ti.f64, capacity)  # of a bead, in its body's axes
         self.spare_member = ti.Vector.field(MEMBER_SIZE, ti.f64, capacity)
@@ -184,19 +190,28 @@ class RigidBodies:
     # ------------------------------------------------------------------ the step
 
     @ti.func
-    def carry(self, b, step, gravity, reach2, fastest2):
-        """Move body `b` by a step; 1 when one of its beads left its skin, 2 when one is too fast."""
-        centre = self.body_place[b]
-        mass = centre[3]
-        middle = ti.Vector([centre[0], centre[1], centre[2]])
+    def sum_of_beads(self, b, middle):
+        """Force on body `b`, torque about its `middle`, and what brakes its spin."""
         force = ti.Vector([0.0, 0.0, 0.0])
         torque = ti.Vector([0.0, 0.0, 0.0])
+        brake = 0.0
         for k in range(self.member_first[b], self.member_first[b + 1]):
             i = self.member[k]
             place = self.place[i]
             pull = self.push[i]
             force += pull
             torque += self.twist[i] + (ti.Vector([place[0], place[1], place[2]]) - middle).cross(pull)
+            if ti.static(self.constant_torque):
+                brake += self.brake[i]
+        return force, torque, brake
+
+    @ti.func
+    def carry(self, b, step, gravity, reach2, fastest2):
+        """Move body `b` by a step; 1 when one of its beads left its skin, 2 when one is too fast."""
+        centre = self.body_place[b]
+        mass = centre[3]
+        middle = ti.Vector([centre[0], centre[1], centre[2]])
+        force, torque, brake = self.sum_of_beads(b, middle)
         push = force / mass + gravity
         velocity = self.body_motion[b] + step * push
         momentum = self.body_momentum[b] + step * torque
@@ -206,6 +221,10 @@ class RigidBodies:
         turn = self.body_turn[b]
         before = rotation(turn)
         along = before.transpose() @ momentum  # in the body's axes
+        if ti.static(self.constant_torque):
+            along = braked_momentum(along, moments, step * brake)
+            momentum = before @ along
+            torque = what_turned(self.body_momentum[b], momentum, step)
         spin = before @ (along / moments)
         for axis, part in ti.static(((0, 0.5), (1, 0.5), (2, 1.0), (1, 0.5), (0, 0.5))):
             turn, along = turned_about(turn, along, axis, 0.5 * part * step * along[axis] / moments[axis])
@@ -239,6 +258,28 @@ class RigidBodies:
         for c in ti.static(range(3)):
             self.body_place[b][c] = middle[c]
         return answer
+
+
+@ti.func
+def braked_momentum(along, moments, most):
+    """Angular momentum, in a body's own axes, from which a torque against its spin takes up to `most` [N m s].
+
+    The spin w that is left obeys I w + most w/|w| = `along`: that of the end of the step is braked, so that it is never
+    turned back and a body that rests stays at rest.  With w = `along` / (I + s) what is left to find is s.
+    """
+    size = along.norm()
+    left = ti.Vector([0.0, 0.0, 0.0])
+    if size > most:
+        # Newton's method from above on a concave function; at once exact where all moments are the same
+        s = ti.max(moments[0], moments[1], moments[2]) * most / (size - most)
+        if most > 0.0:
+            for _ in range(NEWTON_STEPS):
+                spin = along / (moments + s)
+                slowness = 1.0 / spin.norm()
+                slope = (spin * spin / (moments + s)).sum() * slowness**3 - 1.0 / most
+                s -= (slowness - s / most) / slope
+        left = along * moments / (moments + s)
+    return left
 
 
 @ti.func

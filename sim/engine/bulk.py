@@ -165,11 +165,7 @@ class Bulk:
         size = _arena_size(capacity)
         self._rate = 200.0 / LAUNCH_SECONDS  # steps per second, learnt from the launches
         near = near_capacity or _near_size(size)
-        self._enter(
-            areas.arena(
-                size, pair_capacity or self._pair_size(size), near, self._terms(), self._table.room, self._rigid
-            )
-        )
+        self._enter(self._room_for(size, pair_capacity or self._pair_size(size), near))
 
     # ------------------------------------------------------------------ what a user does
 
@@ -322,7 +318,7 @@ class Bulk:
 
     def restore(self, state: checkpoint.State) -> None:
         """Go on from a `state` of a simulation that was made in the same way."""
-        self._enter(areas.arena(*map(int, state["sizes"]), self._terms(), self._table.room, self._rigid))
+        self._enter(self._room_for(*map(int, state["sizes"])))
         checkpoint.write_arena(self._arena, state)
         self._table.motion[:] = self._arena.walls.motion.to_numpy()
         self.steps, self._added = int(state["steps"]), int(state["added"])
@@ -468,6 +464,17 @@ class Bulk:
         self._table.motion[wall] = row
         self._arena.walls.motion.from_numpy(self._table.motion)
         self._arena.set_count(at.WALL_COUNT, len(self._walls))  # lists anew: walls that move count from farther off
+
+    def _room_for(self, capacity: int, pair_capacity: int, near_capacity: int) -> areas.Arena:
+        return areas.arena(
+            capacity,
+            pair_capacity,
+            near_capacity,
+            self._terms(),
+            self._table.room,
+            self._rigid,
+            self._mechanics.constant_torque,
+        )
 
     def _enter(self, arena: areas.Arena) -> None:
         """Take an arena for this simulation; whoever had it before has lost it."""
@@ -625,7 +632,7 @@ class Bulk:
         whole, members = self._body_rows(), self._members(beads) if self._rigid else None
         pair_capacity = max(pair_capacity, self._pair_size(capacity))
         near_capacity = max(near_capacity, _near_size(capacity))
-        self._enter(areas.arena(capacity, pair_capacity, near_capacity, self._terms(), self._table.room, self._rigid))
+        self._enter(self._room_for(capacity, pair_capacity, near_capacity))
         for column, value in {**kept, at.BEADS: beads}.items():
             self._arena.set_count(column, value)
         self._arena.put(rows, 0, beads)

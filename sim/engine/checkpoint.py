@@ -34,6 +34,7 @@ SCRATCH = frozenset(
         "order",
         "listed",
         "spare_member",
+        "brake",
         "body_new",
         "chosen",
         "desk",

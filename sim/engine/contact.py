@@ -215,11 +215,32 @@ def constants_of_two(law, radius, radius_j, mass, mass_j, inertia, inertia_j, st
 
 
 @ti.func
+def braked(spin, most):
+    """A spin [rad/s] from which resistance against rolling of type A takes up to `most`: never more than all."""
+    size2 = spin.norm_sqr()
+    left = 0.0 * spin
+    if size2 > most * most:  # what rests needs neither root nor division
+        left = spin * ti.max(0.0, 1.0 - most * (ti.sqrt(size2) * (1.0 / (size2 + 1e-300))))
+    return left
+
+
+@ti.func
+def what_turned(before, after, step):
+    """The angular acceleration (or torque) that changed a spin (or angular momentum) in a braked step.
+
+    None where it was stopped: it stays so, and what it will be at the end of the step is told from this.
+    """
+    rate = (after - before) / step
+    if after.norm_sqr() == 0.0:
+        rate = after
+    return rate
+
+
+@ti.func
 def contact_forces(
-    overlap, normal, velocity, spin_i, spin_j, radius_i, radius_j, inertia_i, inertia_j, constants, slip, roll, step,
-    mechanics: ti.template(),
+    overlap, normal, velocity, spin_i, spin_j, constants, slip, roll, step, mechanics: ti.template()
 ):  # fmt: skip
-    """Force on body i, Hertz-Mindlin or linear, and the torques that rolling resistance adds on i and j.
+    """Force on body i, Hertz-Mindlin or linear, and what resists rolling.
 
     `normal` points from i to j, `velocity` [m/s] is that of i's surface relative to j's at the contact in the middle
     of the step that led here, `slip` [m] and `roll` [rad] are the stored histories.  Stiffnesses S_n = 2 E* sqrt(R* d)
@@ -232,8 +253,12 @@ def contact_forces(
     contact lasts only eight steps, and leaves a static contact exactly Hertzian.
 
     Rolling resistance, torque limit mu_r F_n R on each sphere (EDEM's convention): type A acts against each body's
-    own spin, type C is an elastic-plastic spring-dashpot against the relative rolling (Ai et al. 2011) with spring
-    S_t R^2.  Returns force on i, torque on i, torque on j, new slip, new roll.
+    own spin, which it stops but never turns back.  Only a body knows what else turns it, so a contact gives its share
+    of the limit, mu_r F_n, and whatever moves the body brakes it once with the sum of all (see `braked`).  Type C is an
+    elastic-plastic spring-dashpot against the relative rolling (Ai et al. 2011) with spring S_t R^2.
+
+    Returns force on i (on j the opposite), torque of type C on i (on j the opposite), mu_r F_n of type A, new slip, new
+    roll.
     """
     # roots and divisions are most of the cost of a contact: there are as few as can be
     root, fourth_root, secant = 1.0, 1.0, 1.0
@@ -260,29 +285,23 @@ def contact_forces(
         drag *= limit / ti.sqrt(drag2)
         new_slip = drag * -soft_t
 
-    torque_i = ti.Vector([0.0, 0.0, 0.0])
-    torque_j = ti.Vector([0.0, 0.0, 0.0])
+    torque = ti.Vector([0.0, 0.0, 0.0])
+    grip = 0.0
     new_roll = ti.Vector([0.0, 0.0, 0.0])
-    if constants[ROLLS] > 0.0:
+    if ti.static(mechanics.constant_torque):
         grip = constants[ROLLS] * push
-        if ti.static(mechanics.constant_torque):
-            # never more than stops the spin within the step
-            rate = 1.0 / step
-            torque_i = -ti.min(grip * (radius_i / (spin_i.norm() + 1e-30)), inertia_i * rate) * spin_i
-            torque_j = -ti.min(grip * (radius_j / (spin_j.norm() + 1e-30)), inertia_j * rate) * spin_j
-        else:
-            # the spring resists rolling; the dashpot twisting too, else beads in a resting pile spin on like tops
-            rate = spin_i - spin_j
-            rolling_radius = constants[ROLLING_RADIUS]
-            stiff_r = stiff_t * rolling_radius * rolling_radius
-            new_roll = turned(roll, normal) + (rate - rate.dot(normal) * normal) * step
-            torque_i = -stiff_r * new_roll - constants[DASHPOT_R] * (late_n * late_t) * part * rate
-            most = grip * rolling_radius
-            torque2 = torque_i.norm_sqr()
-            if torque2 > most * most:
-                torque_i *= most / ti.sqrt(torque2)
-                # 1 over the spring's stiffness; the division by a constant is made once
-                soft_r = soft_t * (1.0 / (rolling_radius * rolling_radius))
-                new_roll = (torque_i.dot(normal) * normal - torque_i) * soft_r
-            torque_j = -torque_i
-    return drag - push * normal, torque_i, torque_j, new_slip, new_roll
+    elif constants[ROLLS] > 0.0:
+        # the spring resists rolling; the dashpot twisting too, else beads in a resting pile spin on like tops
+        rate = spin_i - spin_j
+        rolling_radius = constants[ROLLING_RADIUS]
+        stiff_r = stiff_t * rolling_radius * rolling_radius
+        new_roll = turned(roll, normal) + (rate - rate.dot(normal) * normal) * step
+        torque = -stiff_r * new_roll - constants[DASHPOT_R] * (late_n * late_t) * part * rate
+        most = constants[ROLLS] * push * rolling_radius
+        torque2 = torque.norm_sqr()
+        if torque2 > most * most:
+            torque *= most / ti.sqrt(torque2)
+            # 1 over the spring's stiffness; the division by a constant is made once
+            soft_r = soft_t * (1.0 / (rolling_radius * rolling_radius))
+            new_roll = (torque.dot(normal) * normal - torque) * soft_r
+    return drag - push * normal, torque, grip, new_slip, new_roll

@@ -201,7 +201,7 @@ class Neighbours(Pairs, RigidBodies):
             if ti.static(self.rigid):
                 self.renumber_member(a, self.order[a])
         for i in range(beads):
-            for c in ti.static(range(6)):
+            for c in ti.static(range(self.sums)):
                 self.given[i][c] = 0.0
 
     @ti.func
@@ -238,6 +238,8 @@ class Neighbours(Pairs, RigidBodies):
             self.place_of_force[p] = self.cell_of[j]
             for c in ti.static(range(6)):
                 self.history[1 - live, p][c] = 0.0
+            if ti.static(self.constant_torque):
+                self.grip[p] = 0.0
             self.cell_of[j] = self.cell_of[j] + 1
 
     @ti.func

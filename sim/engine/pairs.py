@@ -17,9 +17,7 @@ from rigtwin.sim.engine.columns import STEP
 from rigtwin.sim.engine.contact import (
     CONSTANTS,
     DAMPING,
-    INERTIA,
     LAW_SIZE,
-    RADIUS,
     ROLLING_RADIUS,
     SHARE,
     STIFFNESS,
@@ -36,15 +34,15 @@ LANES = 4  # contacts that are worked out side by side
 # rows of a packet: branch vector and sum of the radii; velocity of the owner against the other; spins and inertias of
 # both; slip and rolling about x; rolling about y and z
 BETWEEN, VELOCITY, SPIN, SPIN_OTHER, SLIP, ROLL = range(6)
-# more rows where beads differ: the constants of the contact; radii of both and the law's stiffness
-CONSTANT, SIZE = 6, 9
-ROWS = 10
+# more rows where beads differ: the constants of the contact
+CONSTANT = 6
+ROWS = 9
 # columns that these come from: radii, masses and inertias of both, the law
 RADII, MASSES, INERTIAS, LAW = 0, 2, 4, 6
 COLUMNS = LAW + LAW_SIZE
 # rows of results: force on the owner and its torque about x; its torque about y and z, and that of the other; force on
-# the other and its torque about x; slip and rolling about x; rolling about y and z, and the depth.  Where rolling has
-# no history, the depth stands in its place.
+# the other and its torque about x; slip and rolling about x; rolling about y and z, and the depth.  Under type A grip
+# and depth stand in the place of the force on the other, and there is no row of rolling.
 GIVEN, GIVEN_AND_TAKEN, TAKEN, NEW_SLIP, NEW_ROLL = range(5)
 RESULTS = 5
 
@@ -64,6 +62,7 @@ class Pairs:
     """The part of an arena that works out pairs."""
 
     terms: Terms
+    constant_torque: bool
     place: ti.Field
     motion: ti.Field
     spin: ti.Field
@@ -87,9 +86,13 @@ class Pairs:
         self.owner_of = ti.field(ti.i32, pair_capacity)  # of a pair of the list in force
         self.pointed_first = ti.field(ti.i32, capacity + 1)  # first of the forces of pairs that point to a bead
         self.place_of_force = ti.field(ti.i32, pair_capacity)  # of a pair of the list in force
-        # force and torque on a bead, zero between steps
-        self.given = ti.Vector.field(6, ti.f64, capacity)  # by the pairs that it owns
-        self.taken = ti.Vector.field(6, ti.f64, capacity)  # by those that others own
+        self.sums = 6
+        if self.constant_torque:
+            self.sums = 7
+            self.grip: Any = ti.field(ti.f64, pair_capacity)  # [N] of the pairs on the other, sorted as their forces
+        # force, torque and, under type A, grip on a bead; zero between steps
+        self.given = ti.Vector.field(self.sums, ti.f64, capacity)  # by the pairs that it owns
+        self.taken = ti.Vector.field(self.sums, ti.f64, capacity)  # by those that others own
         self.chosen = ti.field(ti.i32, packets * STRIDE)  # pairs of a packet
         length = packets * STRIDE + PADDING
         self.packet, self.column = _rows(ROWS, COLUMNS, length)
@@ -135,6 +138,8 @@ class Pairs:
         for c in ti.static(range(6)):
             self.history[live, p][c] = 0.0
             self.history[1 - live, place][c] = 0.0
+        if ti.static(self.constant_torque):
+            self.grip[place] = 0.0
         if ti.static(self.terms.changes_restitution):
             # of one that ends nobody asks any more
             self.impact[live, p] = self.damping_of_impact(self.owner_of[p], self.partner[live, p])
@@ -153,7 +158,7 @@ class Pairs:
     # ------------------------------------------------------------------ working them out
 
     @ti.func
-    def gather(self, live, chunk, count, alike: ti.template(), mechanics: ti.template()):
+    def gather(self, live, chunk, count, alike: ti.template()):
         """Lay out what the contact law needs of the chosen pairs."""
         room = chunk * STRIDE
         for k in range(room, room + count):
@@ -170,7 +175,7 @@ class Pairs:
             for c in ti.static(range(3)):
                 self.packet[BETWEEN][k][c] = place_j[c] - place[c]
             self.packet[BETWEEN][k][3] = place[3] + place_j[3]
-            if ti.static(not mechanics.constant_torque):
+            if ti.static(not self.constant_torque):
                 for c in ti.static(range(2)):
                     self.packet[ROLL][k][c] = history[4 + c]
             if ti.static(not alike):
@@ -203,15 +208,13 @@ class Pairs:
             law = ti.Vector([0.0] * LAW_SIZE)
             for c in ti.static(range(LAW_SIZE)):
                 law[c] = self.column[LAW + c][k]
-            radius, radius_j = self.column[RADII][k], self.column[RADII + 1][k]
             constants = constants_of_two(
-                law, radius, radius_j, self.column[MASSES][k], self.column[MASSES + 1][k],
-                self.column[INERTIAS][k], self.column[INERTIAS + 1][k], step, mechanics.linear,
+                law, self.column[RADII][k], self.column[RADII + 1][k], self.column[MASSES][k],
+                self.column[MASSES + 1][k], self.column[INERTIAS][k], self.column[INERTIAS + 1][k], step,
+                mechanics.linear,
             )  # fmt: skip
             for c in ti.static(range(CONSTANTS)):
                 self.packet[CONSTANT + c // 4][k][c % 4] = constants[c]
-            for c in ti.static(range(4)):
-                self.packet[SIZE][k][c] = (radius, radius_j, law[STIFFNESS], 0.0)[c]
 
     @ti.func
     def work_out(self, chunk, count, alike: ti.template(), mechanics: ti.template()):
@@ -219,15 +222,11 @@ class Pairs:
         room = chunk * STRIDE
         step = self.numbers[STEP]
         same_law, same = self.pair_law[0, 0], self.constants[None]
-        size = self.kind_sizes[None]
         self.reach_rows(room + count)
         for k in range(room, room + count):
             constants, modulus = same, same_law[STIFFNESS]
-            radius, radius_j, inertia, inertia_j = size[RADIUS], size[RADIUS], size[INERTIA], size[INERTIA]
             if ti.static(not alike):
-                radius, radius_j = self.packet[SIZE][k][0], self.packet[SIZE][k][1]
-                inertia, inertia_j = self.packet[SPIN][k][3], self.packet[SPIN_OTHER][k][3]
-                modulus = self.packet[SIZE][k][2]
+                modulus = self.column[LAW + STIFFNESS][k]
                 for c in ti.static(range(CONSTANTS)):
                     constants[c] = self.packet[CONSTANT + c // 4][k][c % 4]
             between = self.three(BETWEEN, k)
@@ -235,7 +234,7 @@ class Pairs:
             turning_j = self.three(SPIN_OTHER, k)
             slip = self.three(SLIP, k)
             roll = ti.Vector([0.0, 0.0, 0.0])
-            if ti.static(not mechanics.constant_torque):
+            if ti.static(not self.constant_torque):
                 roll = ti.Vector([self.packet[SLIP][k][3], self.packet[ROLL][k][0], self.packet[ROLL][k][1]])
             distance2 = between.norm_sqr()
             distance = ti.sqrt(distance2)
@@ -248,25 +247,24 @@ class Pairs:
             held = overlap
             if ti.static(self.terms.has_neck):
                 held = ti.max(overlap, 0.0)
-            force, torque, torque_j, slip, roll = contact_forces(
-                held, normal, surface, turning, turning_j, radius, radius_j, inertia, inertia_j, constants, slip, roll,
-                step, mechanics,
+            force, torque, grip, slip, roll = contact_forces(
+                held, normal, surface, turning, turning_j, constants, slip, roll, step, mechanics
             )  # fmt: skip
             if ti.static(self.terms.attracts):
                 force += self.terms.attraction(overlap, 0.5 * constants[ROLLING_RADIUS], modulus) * normal
             turn = normal.cross(force)
+            torque_j = lever_j * turn - torque
             torque += lever * turn
-            torque_j += lever_j * turn
             depth = overlap * (1.0 / constants[ROLLING_RADIUS])
             # rows are written whole: a gap would keep the loop scalar
             for c in ti.static(range(4)):
                 self.result[GIVEN][k][c] = (force[0], force[1], force[2], torque[0])[c]
                 self.result[GIVEN_AND_TAKEN][k][c] = (torque[1], torque[2], torque_j[1], torque_j[2])[c]
-                self.result[TAKEN][k][c] = (-force[0], -force[1], -force[2], torque_j[0])[c]
-                if ti.static(mechanics.constant_torque):
-                    self.result[NEW_SLIP][k][c] = (slip[0], slip[1], slip[2], depth)[c]
+                self.result[NEW_SLIP][k][c] = (slip[0], slip[1], slip[2], roll[0])[c]
+                if ti.static(self.constant_torque):
+                    self.result[TAKEN][k][c] = (grip, depth, 0.0, torque_j[0])[c]
                 else:
-                    self.result[NEW_SLIP][k][c] = (slip[0], slip[1], slip[2], roll[0])[c]
+                    self.result[TAKEN][k][c] = (-force[0], -force[1], -force[2], torque_j[0])[c]
                     self.result[NEW_ROLL][k][c] = (roll[1], roll[2], 0.0, depth)[c]
 
     @ti.func
@@ -275,7 +273,7 @@ class Pairs:
         return ti.Vector([self.packet[row][k][0], self.packet[row][k][1], self.packet[row][k][2]])
 
     @ti.func
-    def deliver(self, live, chunk, count, own, stop, mechanics: ti.template()):
+    def deliver(self, live, chunk, count, own, stop):
         """Bring forces to the beads and histories back to the pairs; nobody else gives to beads `own` to `stop` - 1."""
         room = chunk * STRIDE
         deepest = 0.0
@@ -285,10 +283,13 @@ class Pairs:
             # all is read before anything is written: so it is moved as vectors
             on_i, on_both, on_j = self.result[GIVEN][k], self.result[GIVEN_AND_TAKEN][k], self.result[TAKEN][k]
             slip, given = self.result[NEW_SLIP][k], self.given[i]
-            depth = slip[3]
+            grip, depth = on_j[0], on_j[1]
             for c in ti.static(range(3)):
                 self.history[live, p][c] = slip[c]
-            if ti.static(not mechanics.constant_torque):
+            if ti.static(self.constant_torque):
+                for c in ti.static(range(3)):
+                    on_j[c] = -on_i[c]
+            else:
                 roll = self.result[NEW_ROLL][k]
                 depth = roll[3]
                 self.history[live, p][3] = slip[3]
@@ -298,7 +299,9 @@ class Pairs:
                 self.given[i][c] = given[c] + on_i[c]
             for c in ti.static(range(2)):
                 self.given[i][4 + c] = given[4 + c] + on_both[c]
-            self.hand_to_other(live, p, j, on_j, on_both, own <= j < stop)
+            if ti.static(self.constant_torque):
+                self.given[i][6] = given[6] + grip
+            self.hand_to_other(live, p, j, on_j, on_both, grip, own <= j < stop)
             deepest = ti.max(deepest, depth)
         if deepest > 0.0:
             # which of the packet's beads keeps it does not matter: only the largest of all is asked for
@@ -306,20 +309,24 @@ class Pairs:
             self.worst[first] = ti.max(self.worst[first], deepest)
 
     @ti.func
-    def hand_to_other(self, live, p, j, on_j, on_both, alone):
-        """Force and torque of pair `p` to its other bead `j`; left for it where other threads may write there too."""
+    def hand_to_other(self, live, p, j, on_j, on_both, grip, alone):
+        """What pair `p` does to its other bead `j`; left for it where other threads may write there too."""
         if alone:
             taken = self.taken[j]
             for c in ti.static(range(4)):
                 self.taken[j][c] = taken[c] + on_j[c]
             for c in ti.static(range(2)):
                 self.taken[j][4 + c] = taken[4 + c] + on_both[2 + c]
+            if ti.static(self.constant_torque):
+                self.taken[j][6] = taken[6] + grip
         else:
             place = self.place_of_force[p]
             for c in ti.static(range(4)):
                 self.history[1 - live, place][c] = on_j[c]
             for c in ti.static(range(2)):
                 self.history[1 - live, place][4 + c] = on_both[2 + c]
+            if ti.static(self.constant_torque):
+                self.grip[place] = grip
 
     @ti.func
     def meet(self, live, begin, end, chunk, own, stop, alike: ti.template(), mechanics: ti.template()):
@@ -327,18 +334,21 @@ class Pairs:
         beads `own` to `stop` - 1 get forces from nobody else.
         """
         count = self.choose(live, begin, end, chunk)
-        self.gather(live, chunk, count, alike, mechanics)
+        self.gather(live, chunk, count, alike)
         # rows with a number that is not read end in a scalar contact, so there is one more than a multiple of lanes
         lanes = (count + LANES - 1) // LANES * LANES + 1
         if ti.static(not alike):
             self.prepare(chunk, lanes, mechanics)
         self.work_out(chunk, lanes, alike, mechanics)
-        self.deliver(live, chunk, count, own, stop, mechanics)
+        self.deliver(live, chunk, count, own, stop)
 
     @ti.func
     def sum_taken(self, live, i):
         """What the pairs that others own with bead `i` do to it, where they left it."""
-        total = ti.Vector([0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+        total = ti.Vector([0.0] * self.sums)
         for q in range(self.pointed_first[i], self.pointed_first[i + 1]):
-            total += self.history[1 - live, q]
+            for c in ti.static(range(6)):
+                total[c] += self.history[1 - live, q][c]
+            if ti.static(self.constant_torque):
+                total[6] += self.grip[q]
         return total
