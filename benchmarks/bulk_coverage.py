@@ -1,4 +1,4 @@
-"""How often the 95 % intervals of tilt, packing, drum and hopper hold the truth, on records drawn by seed."""
+"""How often the 95 % intervals of tilt, packing, pile, drum and hopper hold the truth, on records drawn by seed."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from figures import Row
 from rigtwin.lab.quantity import Quantity
 from rigtwin.lab.records import Profile, Series, Track
 from rigtwin.lab.rigs import GRAVITY
-from rigtwin.measure import drum, hopper, packing, tilt
+from rigtwin.measure import drum, hopper, packing, pile, tilt
 
 Array = npt.NDArray[np.float64]
 Cases = Callable[[int, int], list[Row]]
 
 BEAD, CYLINDER, RADIUS = 0.006, 0.06, 0.075  # [m]
+HEAPS = 8  # of one shape
 
 
 def coverage(name: str, hits: Sequence[bool]) -> Row:
@@ -135,4 +136,48 @@ def hoppers(count: int, seed: int) -> list[Row]:
     return [coverage("hopper, discharge time", hits)]
 
 
-CASES: tuple[Cases, ...] = (tilts, beds, drums, hoppers)
+def _heaped(rng: np.random.Generator, slopes: tuple[float, float], foot: float) -> Profile:
+    """The outline of beads that fill a cone of two slopes [deg], its foot as many bead diameters from the axis."""
+    tangents = [math.tan(math.radians(slope)) for slope in slopes]
+    side = np.arange(-foot - 1, foot + 2)
+    places = np.stack(np.meshgrid(side, side, np.arange(0, foot, 0.82), indexing="ij"), axis=-1).reshape(-1, 3)
+    # layers of a loose random bed: no lattice survives
+    places = places * (1.03, 1.03, 1.0) + rng.uniform(-0.45, 0.45, places.shape) * (1, 1, 0.7)
+    surface = foot * sum(tangents) / 2 - np.hypot(places[:, 0], places[:, 1]) * np.where(places[:, 0] < 0, *tangents)
+    places = places[(places[:, 2] < surface) & (places[:, 2] >= 0)] + (0, 0, 0.5)
+    x = np.linspace(places[:, 0].min() - 0.49, places[:, 0].max() + 0.49, 900)
+    height = np.zeros_like(x)
+    for across, _, level in places[np.argsort(places[:, 2])]:
+        near = slice(*np.searchsorted(x, (across - 0.5, across + 0.5)))
+        cap = level + np.sqrt(np.maximum(0.25 - (x[near] - across) ** 2, 0))
+        height[near] = np.maximum(height[near], cap)
+    return Profile(x * BEAD, height * BEAD, np.full(len(x), 1e-5))
+
+
+def piles(count: int, seed: int) -> list[Row]:
+    """Angles of heaps of 15 to 40 beads' width that differ by where their beads lie; the truth is their mean."""
+    rng = np.random.default_rng(seed)
+    angles = {(pile.GRAPHICAL, pile.LINE): "graphical", (pile.GEOMETRIC, "apex"): "geometric"}
+    hits: dict[str, list[bool]] = {name: [] for name in angles.values()}
+    for _ in range(math.ceil(count / HEAPS)):
+        left, right = (float(slope) for slope in rng.uniform(18, 35) + rng.uniform(-2, 2, 2))
+        foot = float(rng.uniform(7.5, 20))
+        heaps = [
+            pile.evaluate([_heaped(rng, (left, right), foot)], base_diameter=2 * foot * BEAD, bead_diameter=BEAD)
+            for _ in range(HEAPS)
+        ]
+        for key, name in angles.items():
+            found = [
+                q
+                for heap in heaps
+                for q in heap.quantities
+                if (q.quantity, q.method) == key and q.detail["side"] == "mean"
+            ]
+            mean = sum(q.value for q in found) / HEAPS
+            # a heap is off its own group's mean by less than off the true one
+            factor = math.sqrt(HEAPS / (HEAPS - 1))
+            hits[name] += [_holds(q, q.value + factor * (mean - q.value)) for q in found]
+    return [coverage(f"pile, {name}, mean", each) for name, each in hits.items()]
+
+
+CASES: tuple[Cases, ...] = (tilts, beds, piles, drums, hoppers)

@@ -20,25 +20,24 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, root_sum_of_squares
+from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, doubted, root_sum_of_squares
 from rigtwin.lab.records import Profile, read_profile
 from rigtwin.measure import slope
 from rigtwin.measure.disc import FOCAL_DOUBT, Disc
 from rigtwin.measure.media import read_photo
+from rigtwin.measure.pile_checks import heap_checks, size_checks, views_checks
 from rigtwin.measure.surface import Silhouette, View, find_heap, undo_view
 
 Array = npt.NDArray[np.float64]
 
 GRAPHICAL, GEOMETRIC = "angle_of_repose_graphical", "angle_of_repose_geometric"
 LINE, NARROWER = "line 15-85 %", "line 20-80 %"
-ADVISED_RATIO = 25  # base over bead diameter (Hlosta et al. 2020, section 2.1.5 advises more)
 NO_SCALE = "not known"
 FLAWED = 3.0  # [deg], added to the doubt of an angle whose outline cannot be relied on
 STATED_FOCAL_DOUBT = 0.1  # standard deviation of the logarithm of a focal length that the photo states
 FULL_FRAME_DIAGONAL = 43.27  # [mm]
 EXIF_IFD, FOCAL_LENGTH_35MM = 0x8769, 0xA405  # EXIF 2.32, tables 4 and 9
-NEARER = 1.08  # the beads in front, clearest of all, are nearer to the camera than the base's axis
-BEAD_MISFIT = 0.22  # relative, by which beads may look larger or smaller than they are: shaded rims are soft
+BEAD_DOUBT, BASE_DOUBT, GIVEN_DOUBT = 0.06, 0.01, 0.01  # relative, of a scale by beads, by the base's edges, or given
 DOUBTFUL_COVER = 0.83  # share of the heap that circles cover, below which its outline may belong to something else
 
 
@@ -51,6 +50,8 @@ class Observation:
     flaw: str = ""  # why the outline is not to be relied on
     grain: float | None = None  # bead diameter, in the unit of the profile
     checks: tuple[Check, ...] = ()  # of the photo
+    scale_doubt: float = 0.0  # relative
+    unconfirmed: str = ""  # the stated size on which lengths hang and which nothing in the picture checks
 
 
 def measure(
@@ -141,9 +142,14 @@ def _evaluate(
         doubtful.append(bool(doubts))
         whose = f"{seen.profile.view}: " if len(observations) > 1 else ""
         warnings += [whose + doubt for doubt in doubts]
-        checks += [*seen.checks, *_checks(seen.profile, heap, base_diameter, bead_diameter)]
+        if seen.unconfirmed and seen.unconfirmed not in warnings:
+            warnings.append(seen.unconfirmed)
+        checks += [*seen.checks, *heap_checks(seen.profile, heap, base_diameter, bead_diameter)]
     if len(observations) > 1:
-        quantities = _over_views(quantities) + quantities
+        agree = views_checks(quantities, LINE)
+        checks += agree
+        odd = "; ".join(check.message for check in agree if not check.passed)
+        quantities = [doubted(one, odd) for one in _over_views(quantities)] + quantities
         if any(doubtful) and not all(doubtful):
             left_out = ", ".join(seen.profile.view for seen, bad in zip(observations, doubtful, strict=True) if bad)
             warnings.append(f"left out of the mean over views, because doubtful: {left_out}.")
@@ -222,10 +228,10 @@ def _definition_doubt(
             "grain roughness": rough,
             "window of the line": window,
         }
-    # which grain is the apex: an eighth of a grain; which one the foot: a quarter
+    # which grain is the apex: a sixth of a grain, as heaps of one shape differ by; which one the foot: a quarter
     reach = heap.base_width / 2 if side == "mean" else abs(heap.apex[0] - heap.feet[slope.SIDES.index(side)])
     tangent = math.tan(math.radians(angles[name, method, side]))
-    per_grain = math.hypot(0.125, 0.0 if side == "mean" else 0.25 * tangent) * heap.grain / reach
+    per_grain = math.hypot(0.16, 0.0 if side == "mean" else 0.25 * tangent) * heap.grain / reach
     doubt = {"grain at apex and foot": math.degrees(per_grain / (1 + tangent * tangent))}
     if side != "mean":
         doubt["place of the apex"] = math.degrees(tangent / (1 + tangent * tangent) * heap.apex_spread / reach)
@@ -249,6 +255,8 @@ def _lengths(seen: Observation, heap: slope.Heap, grain: float | None, flaw: str
     def length(name: str, value: float, method: str, share: float) -> Quantity:
         budget = {"grain at apex and foot": 0.25 * heap.grain} if share else {"grain roughness": 0.3 * value}
         scales = [slope.find_parts(profile, None, grain) for pair in seen.variants.values() for profile in pair]
+        if seen.scale_doubt:
+            budget["scale"] = seen.scale_doubt * value
         if name == "pile_height" and scales:
             budget["outline and base line"] = float(np.std([part.apex[1] for part in scales if part is not None]))
         return Quantity(name, value, root_sum_of_squares(budget), "m", method, 1, {}, budget, flaw)
@@ -269,39 +277,6 @@ def _base_limited(profile: Profile, heap: slope.Heap, base_diameter: float | Non
         gaps = (heap.feet[0] - profile.base[0], profile.base[1] - heap.feet[1])
         return max(gaps) < heap.grain
     return base_diameter is not None and heap.feet[1] - heap.feet[0] > base_diameter - 2 * heap.grain
-
-
-def _checks(
-    profile: Profile, heap: slope.Heap, base_diameter: float | None, bead_diameter: float | None
-) -> list[Check]:
-    checks = []
-    if base_diameter is not None and bead_diameter is not None:
-        ratio = base_diameter / bead_diameter
-        checks.append(
-            Check(
-                "base_bead_ratio",
-                ratio > ADVISED_RATIO,
-                ratio,
-                float(ADVISED_RATIO),
-                f"the base is {ratio:.0f} bead diameters wide, more than {ADVISED_RATIO} are advised; "
-                "with fewer, single beads set the angle.",
-            )
-        )
-    left, right = (slope.flank_line(heap, side) for side in slope.SIDES)
-    if left is not None and right is not None:
-        doubt = math.hypot(*(slope.roughness_doubt(heap, side) for side in slope.SIDES))
-        difference = left.angle - right.angle
-        checks.append(
-            Check(
-                "flanks_agree",
-                abs(difference) < 2.5 * doubt + 1.0,
-                difference,
-                0.0,
-                f"left minus right flank ({profile.view}) is {difference:+.1f} deg, its grains explain about "
-                f"{doubt:.1f} deg; more means an uneven fill, a tilted base or an unnoticed camera roll.",
-            )
-        )
-    return checks
 
 
 def _over_views(quantities: Sequence[Quantity]) -> list[Quantity]:
@@ -394,7 +369,7 @@ def _observe_photo(
     scale, scale_from = _scale(found, camera, base_diameter, bead_diameter)
     unit = scale if scale is not None else 1.0
     profile = _profile(found, found.view, found.height, unit, name)
-    sizes = _size_checks(found, scale, scale_from, bead_diameter)
+    sizes, unconfirmed = size_checks(found, scale, scale_from, bead_diameter)
     misfit = "; ".join(check.message for check in sizes if not check.passed)
     seen = Observation(
         profile,
@@ -402,6 +377,8 @@ def _observe_photo(
         _flaw_of_picture(found) or misfit,
         2 * found.bead_radius * unit,
         sizes,
+        {"base diameter": BASE_DOUBT, "bead diameter": BEAD_DOUBT}.get(scale_from, GIVEN_DOUBT) if scale else 0.0,
+        unconfirmed,
     )
     view = {
         "scale_m_per_px": None if scale is None else scale * found.zoom,
@@ -442,18 +419,6 @@ def _scale(
     if bead_diameter is not None:
         return bead_diameter / (2 * found.bead_radius), "bead diameter"
     return None, NO_SCALE
-
-
-def _size_checks(
-    found: Silhouette, scale: float | None, scale_from: str, bead_diameter: float | None
-) -> tuple[Check, ...]:
-    """Whether beads look as large as stated; the base is looked for by its size in beads, so angles hang on it, too."""
-    if scale is None or bead_diameter is None or scale_from == "bead diameter":
-        return ()
-    ratio = 2 * found.bead_seen * scale / (NEARER * bead_diameter)
-    passed = abs(ratio - 1) < BEAD_MISFIT
-    ending = "." if passed else f": check --bead-diameter, and the scale (from {scale_from})."
-    return (Check("bead_size", passed, ratio, 1.0, f"beads look {ratio:.2f} times as large as stated{ending}"),)
 
 
 def _profile(found: Silhouette, view: View, height: Array, unit: float, name: str) -> Profile:

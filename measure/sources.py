@@ -30,6 +30,7 @@ Picture = tuple[Grey, Callable[[], Image]]
 """Brightness, shape (height, width), and a call that gives it as BGR, shape (height, width, 3)."""
 
 STILLS = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp")
+FILMS = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".wmv", ".cine")
 STACKS = (".tif", ".tiff")
 PHOTRON = (".cihx", ".cih", ".mraw")
 HEAD = 24  # pictures decoded to see whether packets and pictures have the same time stamps
@@ -63,6 +64,25 @@ def source(path: Path) -> Source:
     return Film(path)
 
 
+def _broken_off(path: Path) -> bool:
+    """Whether a file of the MP4 family (ISO 14496-12) ends before the box that says where its frames are."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        place, seen = 0, False
+        while place + 8 <= size:
+            file.seek(place)
+            head = file.read(16)
+            length, name = int.from_bytes(head[:4], "big"), head[4:8]
+            if name == b"moov":
+                return place + length > size
+            seen |= name == b"ftyp"
+            length = int.from_bytes(head[8:16], "big") if length == 1 else length
+            if length < 8:
+                break
+            place += length
+    return seen
+
+
 class Film:
     """A video file that FFmpeg reads; a short one stays in memory as decoded."""
 
@@ -79,9 +99,12 @@ class Film:
                 self.stamps, self.notes = self._stamps(container, stream)
             first, _colour = next(self.pictures())
         except (av.FFmpegError, StopIteration) as error:
-            raise UnreadableMedia(
-                f"{path}: cannot be decoded as a video ({_reason(error)}); give a clip that a video player shows."
-            ) from None
+            advice = (
+                "its end with the index is missing, as of a recording or a copy that was broken off; copy it again"
+                if _broken_off(path)
+                else "give a clip that a video player shows"
+            )
+            raise UnreadableMedia(f"{path}: cannot be decoded as a video ({_reason(error)}); {advice}.") from None
         self.shape = (first.shape[0], first.shape[1])
 
     def pictures(self, start: int = 0) -> Iterator[Picture]:
@@ -204,9 +227,14 @@ class Stills:
     def __init__(self, path: Path) -> None:
         self.files = sorted((file for file in path.iterdir() if file.suffix.lower() in STILLS), key=_in_order)
         if len(self.files) < 3:
+            films = sorted(file.name for file in path.iterdir() if file.suffix.lower() in FILMS)
+            advice = (
+                f"of its {len(films)} videos give one, like {path / films[0]}, or name them as repetitions in lab.toml"
+                if films
+                else "give a video, or a folder of numbered pictures"
+            )
             raise UnreadableMedia(
-                f"{path}: is a folder with {len(self.files)} pictures ({', '.join(STILLS)}); "
-                "give a video, or a folder of numbered pictures."
+                f"{path}: is a folder with {len(self.files)} pictures ({', '.join(STILLS)}); {advice}."
             )
         first = _still(self.files[0])
         self.shape = (first.shape[0], first.shape[1])

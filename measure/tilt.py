@@ -48,7 +48,9 @@ USUAL_DRIFT = 0.006  # [m], how far the axis may lie off the origin of a track
 FASTEST_TILT = math.radians(10)  # [rad/s], beyond it one frame is too much of an angle
 GIVEN_DOUBT = 0.02  # relative, of a scale read off a length in view, or of a record that somebody tracked
 BEAD_DOUBT = 0.12  # relative, of a scale from the outline of a body on the plate
-LIKELY_OTHER = 2.0  # standard deviations off the stated kind of motion, from which on the other kind is believed
+LIKELY = math.log(20)  # odds from which on one kind of motion is believed rather than the other
+LEAST_KINETIC = 0.5  # kinetic friction over static, of what slides
+SAME_FRICTION = 0.02  # relative, how far friction of what rolls may be off at its start
 CLUMP = 2.3  # length over height of a body on the plate, from which on it is no single bead, smeared by what it crept
 WRONG_SCALE = 0.3  # relative misfit of the acceleration from which on the scale is not believed
 NOMINAL = 3e-4  # [m/px], where no scale is known: only a unit
@@ -185,7 +187,8 @@ def _evaluation(
                 doubtful=doubt,
             )
         )
-    return Evaluation(tuple(quantities), checks)
+    warnings = tuple(check.message for check in checks if check.passed and check.message.startswith("not confirmed"))
+    return Evaluation(tuple(quantities), checks, warnings)
 
 
 def _quantity(name: str, value: float, unit: str, budget: dict[str, float], doubt: str) -> Quantity:
@@ -210,17 +213,41 @@ def _gravity_check(way: Way, onset: Onset, variant: Variant) -> Check:
 def _variant_check(way: Way, onset: Onset, variant: Variant) -> Check:
     """Whether the run is rather that of a body that moves the other way."""
     instead: Variant = "roll" if variant == "slide" else "slide"
-    other = FACTOR[instead] / FACTOR[variant]
-    off, doubt = abs(onset.gain - 1), _gain_doubt(way, onset)
-    told = math.isfinite(doubt) and (off < 3 * doubt) != (abs(onset.gain - other) < 3 * doubt)
-    believed = not (off > LIKELY_OTHER * doubt and abs(onset.gain - other) < min(off, 3 * doubt))
+    odds = _log_odds(way, onset, variant) - _log_odds(way, onset, instead)
+    believed = odds > -LIKELY
     if not believed:
-        message = f"by its acceleration the body seems to {instead}; give --variant {instead}."
-    elif told and off < 3 * doubt:
-        message = f"by its acceleration the body {variant}s, as stated."
+        message = (
+            f"by its acceleration and the friction in motion the body seems to {instead}; give --variant {instead}."
+        )
+    elif odds > LIKELY:
+        message = f"by its acceleration and the friction in motion the body {variant}s, as stated."
     else:
-        message = f"its acceleration does not tell whether the body {variant}s, as stated."
+        message = (
+            f"not confirmed: neither acceleration nor friction in motion tells whether the body {variant}s, as stated; "
+            f"that the coefficient is one of {'sliding' if variant == 'slide' else 'rolling'} hangs on --variant alone."
+        )
     return Check("variant", believed, onset.gain, 1.0, message)
+
+
+def _log_odds(way: Way, onset: Onset, moving: Variant) -> float:
+    """Logarithm of the likelihood of this run for a body that moves so.
+
+    A ball that rolls is held back by the same friction when it starts and after; one that slides by less once it moves,
+    by how much is not known beforehand.  The acceleration tells as far as the scale is known.
+    """
+    from scipy.stats import norm
+
+    doubt = _gain_doubt(way, onset)
+    log = 0.0
+    if math.isfinite(doubt):
+        log -= 0.5 * ((onset.gain * way.factor / FACTOR[moving] - 1) / doubt) ** 2
+    start = math.tan(onset.angle)
+    ratio = onset.moving_friction / start
+    sigma = math.hypot(onset.moving_sigma / start, SAME_FRICTION)
+    if moving == "roll":
+        return log + float(norm.logpdf(ratio, 1, sigma))
+    share = norm.cdf((1 - ratio) / sigma) - norm.cdf((LEAST_KINETIC - ratio) / sigma)
+    return log + math.log(max(float(share), 1e-12) / (1 - LEAST_KINETIC))
 
 
 def _gain_doubt(way: Way, onset: Onset) -> float:

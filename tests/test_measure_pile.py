@@ -147,6 +147,25 @@ def test_several_views_are_averaged_over_views_and_sides() -> None:
     assert combined.detail["standard_deviation"] == pytest.approx(np.std(slopes, ddof=1), abs=0.05)
 
 
+def test_views_of_two_heaps_are_not_averaged_in_silence() -> None:
+    one = triangle(30, 30, grain=0.0015)
+    for other, passed in ((triangle(31, 30, grain=0.0015), True), (triangle(24, 24, height=0.03, grain=0.0015), False)):
+        result = evaluate([one, other], bead_diameter=0.0015)
+        combined = [each for each in result.quantities if each.detail.get("view") == "all"]
+        assert all(bool(each.doubtful) != passed for each in combined)
+        assert all(
+            check.passed == passed for check in result.checks if "angle" in check.message and "views" in check.check
+        )
+
+
+def test_heaps_of_one_angle_and_two_heights_are_no_views_of_one() -> None:
+    pair = [triangle(30, 30, height=height, grain=0.0015) for height in (0.03, 0.036)]
+    result = evaluate(pair, bead_diameter=0.0015)
+    assert any(
+        check.check == "views_agree" and not check.passed and "height" in check.message for check in result.checks
+    )
+
+
 def test_a_doubtful_view_is_left_out_of_the_mean_and_named() -> None:
     sound = [replace(triangle(30, 30), view=f"sound {k}") for k in (1, 2)]
     handful = replace(triangle(18, 18, height=0.002), view="handful")
@@ -429,6 +448,23 @@ def test_beads_that_do_not_fit_the_stated_base_make_every_number_doubtful(tmp_pa
     scene = Scene(seed=8)
     result = measure([photograph(tmp_path, scene)], Camera(), base_diameter=1.5 * scene.base * BEAD, bead_diameter=BEAD)
     assert all(one.doubtful for one in result.quantities)
+
+
+@pytest.mark.parametrize("factor", [0.75, 1.33])
+def test_a_wrong_base_makes_heights_doubtful_where_the_bead_is_stated(tmp_path: Path, factor: float) -> None:
+    scene = Scene(seed=8)
+    photo = photograph(tmp_path, scene)
+    wrong = {"base_diameter": factor * scene.base * BEAD, "bead_diameter": BEAD}
+    assert all(one.doubtful for one in measure([photo], Camera(), **wrong).quantities if one.unit == "m")
+
+
+def test_heights_that_hang_on_the_base_alone_say_so(tmp_path: Path) -> None:
+    scene = Scene(seed=8)
+    photo = photograph(tmp_path, scene)
+    alone = measure([photo], Camera(), base_diameter=scene.base * BEAD)
+    assert any("not confirmed" in warning and "base diameter" in warning for warning in alone.warnings)
+    both = measure([photo], Camera(), base_diameter=scene.base * BEAD, bead_diameter=BEAD)
+    assert not any("not confirmed" in warning for warning in both.warnings)
 
 
 def test_a_photo_without_any_scale_gives_angles_and_says_what_lengths_need(tmp_path: Path) -> None:

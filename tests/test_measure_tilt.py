@@ -144,6 +144,28 @@ def test_a_body_that_stays_is_said_to_stay():
         tilt.evaluate(angles, [still], variant="slide")
 
 
+@pytest.mark.parametrize("stated", ["slide", "roll"])
+@pytest.mark.parametrize("moving", ["slide", "roll"])
+@pytest.mark.parametrize("doubt", [0.12, math.inf])
+def test_friction_in_motion_tells_how_a_body_moves_where_the_scale_does_not(stated, moving, doubt):
+    for seed in range(3):
+        angles, tracks = record(moving, angle_deg=12.0 if moving == "slide" else 5.0, seed=seed)
+        way = tilt._way(angles, tracks, stated, 0.006, scale_doubt=doubt)
+        check = tilt._variant_check(way, tilt._onset(way, "record")[1], stated)
+        if stated == moving:
+            assert check.passed
+        else:
+            assert not check.passed or check.message.startswith("not confirmed")
+
+
+def test_a_body_whose_friction_stays_the_same_is_said_to_be_unconfirmed_without_a_scale():
+    angles, tracks = record("roll", angle_deg=5.0, noise=1.5e-4, fps=25.0)
+    way = tilt._way(angles, tracks, "slide", 0.006, scale_doubt=math.inf)
+    run, onset = tilt._onset(way, "record")
+    result = tilt._evaluation(way, run, onset, "slide", 0.006, {})
+    assert pick(result, "static_friction").doubtful or any("hangs on --variant" in each for each in result.warnings)
+
+
 def test_an_unknown_variant_is_refused():
     with pytest.raises(BadInput, match="'slide' or 'roll'"):
         tilt.evaluate(*record("slide", angle_deg=18.0), variant="fall")

@@ -178,3 +178,28 @@ def test_a_clip_of_a_few_pixels_is_named(tmp_path, size):
         cv2.imwrite(str(tmp_path / f"{k}.png"), np.full((size, size), 40 * k, np.uint8))
     with pytest.raises(UnreadableMedia, match=f"only {size} x {size} px"):
         open_video(tmp_path, RATE)
+
+
+def test_a_folder_of_videos_says_what_to_give_instead(tmp_path):
+    for name in ("r01.mp4", "r02.mp4"):
+        (tmp_path / name).write_bytes(b"x")
+    with pytest.raises(UnreadableMedia, match=r"2 videos give one, like .*r01\.mp4"):
+        open_video(tmp_path, Camera(frame_rate=30.0))
+
+
+def test_a_video_without_its_end_is_said_to_be_broken_off(tmp_path):
+    whole, part = tmp_path / "whole.mp4", tmp_path / "part.mp4"
+    with av.open(str(whole), "w") as container:
+        stream = container.add_stream("libx264", rate=30)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for k in range(20):
+            picture = np.full((48, 64, 3), 10 * k, np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        container.mux(stream.encode())
+    content = whole.read_bytes()
+    part.write_bytes(content[: content.index(b"moov") - 8])
+    with pytest.raises(UnreadableMedia, match="broken off"):
+        open_video(part, Camera(frame_rate=30.0))
+    part.write_bytes(b"no video at all, but some text")
+    with pytest.raises(UnreadableMedia, match="video player"):
+        open_video(part, Camera(frame_rate=30.0))

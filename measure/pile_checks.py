@@ -1,0 +1,100 @@
+"""What can be said against the photos of a heap: sizes that do not fit, an uneven heap, views of different heaps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from rigtwin.lab.quantity import Check, Quantity
+from rigtwin.lab.records import Profile
+from rigtwin.measure import slope
+from rigtwin.measure.surface import Silhouette
+from rigtwin.measure.views import views_check
+
+ADVISED_RATIO = 25  # base over bead diameter (Hlosta et al. 2020, section 2.1.5 advises more)
+NEARER = 1.08  # the beads in front, clearest of all, are nearer to the camera than the base's axis
+# relative, by which beads may look larger or smaller than they are: shaded rims are soft, and their size scatters by
+# 0.04 from photo to photo, whatever blur, noise and light
+BEAD_MISFIT = 0.16
+
+
+def heap_checks(
+    profile: Profile, heap: slope.Heap, base_diameter: float | None, bead_diameter: float | None
+) -> list[Check]:
+    """Whether the base is wide enough for the beads, and whether the heap is even."""
+    checks = []
+    if base_diameter is not None and bead_diameter is not None:
+        ratio = base_diameter / bead_diameter
+        checks.append(
+            Check(
+                "base_bead_ratio",
+                ratio > ADVISED_RATIO,
+                ratio,
+                float(ADVISED_RATIO),
+                f"the base is {ratio:.1f} bead diameters wide"
+                + (
+                    f", more than the {ADVISED_RATIO} that are advised."
+                    if ratio > ADVISED_RATIO
+                    else f"; take a base of more than {ADVISED_RATIO}: on a smaller one single beads set the angle."
+                ),
+            )
+        )
+    left, right = (slope.flank_line(heap, side) for side in slope.SIDES)
+    if left is not None and right is not None:
+        doubt = math.hypot(*(slope.roughness_doubt(heap, side) for side in slope.SIDES))
+        difference = left.angle - right.angle
+        checks.append(
+            Check(
+                "flanks_agree",
+                abs(difference) < 2.5 * doubt + 1.0,
+                difference,
+                0.0,
+                f"left minus right flank ({profile.view}) is {difference:+.1f} deg, its grains explain about "
+                f"{doubt:.1f} deg; more means an uneven fill, a tilted base or an unnoticed camera roll.",
+            )
+        )
+    return checks
+
+
+def views_checks(quantities: Sequence[Quantity], line: str) -> list[Check]:
+    """Whether the sound views show one heap, by the angle of the method `line` and by the height.
+
+    An uneven heap's angle differs from view to view by what its sides do.
+    """
+    checks = []
+    for name, method, unit, per in (("angle_of_repose_graphical", line, "deg", 1.0), ("pile_height", "", "mm", 1e3)):
+        ones = [
+            one
+            for one in quantities
+            if one.quantity == name
+            and (one.method == method or not method)
+            and one.detail.get("side", "mean") == "mean"
+            and not one.doubtful
+        ]
+        if len(ones) > 1:
+            uneven = [float(one.detail.get("left_minus_right_deg", 0.0)) / 2 for one in ones]
+            sigmas = [math.hypot(per * one.std_uncertainty, off) for one, off in zip(ones, uneven, strict=True)]
+            checks.append(views_check(name.replace("_", " "), [per * one.value for one in ones], sigmas, unit))
+    return checks
+
+
+def size_checks(
+    found: Silhouette, scale: float | None, scale_from: str, bead_diameter: float | None
+) -> tuple[tuple[Check, ...], str]:
+    """Whether beads look as large as stated; the base is looked for by its size in beads, so angles hang on it, too.
+
+    And in words what hangs on a single stated size.
+    """
+    if scale is None:
+        return (), ""
+    if bead_diameter is None or scale_from == "bead diameter":
+        advice = "--bead-diameter" if bead_diameter is None else "--base-diameter"
+        unconfirmed = (
+            f"size not confirmed: heights, widths and the tip's radius hang on the scale from {scale_from} alone, "
+            f"which nothing in the photo checks (angles do not); give {advice} too."
+        )
+        return (Check("bead_size", True, math.nan, 1.0, unconfirmed),), unconfirmed
+    ratio = 2 * found.bead_seen * scale / (NEARER * bead_diameter)
+    passed = abs(ratio - 1) < BEAD_MISFIT
+    ending = "." if passed else f": check --bead-diameter, and the scale (from {scale_from})."
+    return (Check("bead_size", passed, ratio, 1.0, f"beads look {ratio:.2f} times as large as stated{ending}"),), ""
