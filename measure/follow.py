@@ -154,8 +154,10 @@ def _started_again(chase: Chase) -> Chase:
 
     Something that touches the bead, what holds it say, makes a second place where a disc seems to fit.
     """
-    usual = float(np.median([sighting.fit.misfit for sighting in chase.sightings]))
-    good = [sighting for sighting in chase.sightings if sighting.fit.misfit < BADLY * usual]
+    misfits = np.array([sighting.fit.misfit for sighting in chase.sightings])
+    good = [sighting for sighting in chase.sightings if sighting.fit.misfit <= BADLY * float(np.median(misfits))]
+    if not good:
+        return chase
     frames = [sighting.frame for sighting in good]
     places = np.array([(sighting.image.x, sighting.image.y) for sighting in good])
     bad = [
