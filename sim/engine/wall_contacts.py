@@ -464,7 +464,7 @@ class WallContacts:
                 elif self.touching[live, q] == 1:
                     self.touching[live, q] = 0
                     if ti.static(self.terms.has_neck):
-                        force += self.hold_neck(live, q, kind, radius)
+                        force += self.hold_neck(thread, live, q, i, kind, position, radius, step)
         return force, torque, grip, deepest
 
     @ti.func
@@ -474,7 +474,7 @@ class WallContacts:
         new_slip, new_roll = slip, roll
         if self.state[thread, w] == MOVES:
             spin = self.spin[thread, w]
-            surface = self.velocity[thread, w] + spin.cross(point - self.pivot[thread, w])
+            surface = self.velocity_at(thread, w, point)
             # the history turns with the wall about the normal; about other axes it follows the normal
             twist = step * spin.dot(normal) * normal
             new_slip += twist.cross(slip)
@@ -482,15 +482,25 @@ class WallContacts:
         return surface, spin, new_slip, new_roll
 
     @ti.func
-    def hold_neck(self, live, q, kind, radius):
-        """Pull of a contact whose bodies part but still hold together."""
-        modulus = self.law[kind, int(self.elements[self.near[live, q], OF_WALL])][STIFFNESS]
+    def velocity_at(self, thread, w, point):
+        """Velocity of a wall that moves, at a point of it."""
+        return self.velocity[thread, w] + self.spin[thread, w].cross(point - self.pivot[thread, w])
+
+    @ti.func
+    def hold_neck(self, thread, live, q, i, kind, position, radius, step):
+        """Pull on bead `i` of a contact whose bodies part but still hold together."""
+        w = int(self.elements[self.near[live, q], OF_WALL])
+        modulus = self.law[kind, w][STIFFNESS]
         apart = self.facing[q][3] - radius
         force = ti.Vector([0.0, 0.0, 0.0])
         if self.mark[q] == APART and apart < self.terms.neck(radius, modulus):
             self.touching[live, q] = 1
             pull = self.terms.attraction(-apart, radius, modulus)
-            force = pull * ti.Vector([self.facing[q][0], self.facing[q][1], self.facing[q][2]])
+            normal = ti.Vector([self.facing[q][0], self.facing[q][1], self.facing[q][2]])
+            force = pull * normal
+            if self.state[thread, w] == MOVES:
+                surface = self.velocity_at(thread, w, position + self.facing[q][3] * normal)
+                self.work[i] = self.work[i] + step * force.dot(surface)
         return force
 
     @ti.func
