@@ -399,9 +399,8 @@ class Bulk:
 
     @property
     def largest_overlap(self) -> float:
-        """Largest overlap so far, in radii (twice the effective radius between beads)."""
-        rows = self._rows()
-        return float(rows[:, 20].max()) if len(rows) else 0.0
+        """Largest overlap so far, in radii (twice the effective radius between beads), also of beads that have left."""
+        return float(self._rows()[:, 20].max(initial=self._arena.numbers[at.WORST]))
 
     @property
     def contacts(self) -> int:
@@ -626,7 +625,7 @@ class Bulk:
         """Move to a larger arena, history and all."""
         old, beads, listed = self._arena, self._count(at.BEADS), self._count(at.LISTED)
         rows, (first, pairs), near, work = self._rows(), self._pairs(listed), self._near(listed), self.work
-        in_flight = self.work_in_flight
+        in_flight, worst = self.work_in_flight, self._arena.numbers[at.WORST]
         listed_at = old.walls.listed_at.to_numpy()
         kept = {column: self._count(column) for column in (at.GONE, at.BUILDS, at.BODIES, at.MIXED)}
         whole, members = self._body_rows(), self._members(beads) if self._rigid else None
@@ -641,6 +640,7 @@ class Bulk:
             self._arena.put_members(members, 0, beads)
         self._arena.put_pairs(first, pairs, listed)
         self._arena.walls.put_list(*near, self._count(at.LIVE_LIST), listed)
+        self._arena.numbers[at.WORST] = worst
         self._arena.walls.work_before[None] = work
         if self._arena.terms.acts_in_flight:
             self._arena.flight_before[None] = in_flight
