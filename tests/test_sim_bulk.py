@@ -290,7 +290,7 @@ def test_beads_stand_in_a_bowl_and_those_outside_are_counted_out():
 
 def test_the_largest_overlap_is_that_of_the_run_also_when_its_beads_have_left():
     space = weightless(CONTACT, open_domain=True)
-    space.add([[0.05, 0, 0], [0.0562, 0, 0], [-0.05, 0, 0]], [[1.0, 0, 0], [-1.0, 0, 0], [0, 0, 0]])
+    space.add([[0.05, 0, 0], [0.0562, 0, 0], [-0.05, 0.05, 0]], [[1.0, 0, 0], [-1.0, 0, 0], [0, 0, 0]])
     space.run(100)
     deepest = space.largest_overlap
     assert deepest > 0.04
