@@ -30,16 +30,8 @@ from rigtwin.sim.engine.elements import Vector
 from rigtwin.sim.engine.neighbours import LARGE
 from rigtwin.sim.engine.team import Crew
 from rigtwin.sim.engine.terms import Active, Terms, adhesion_of, terms_of
-from rigtwin.sim.engine.wall_contacts import (
-    KINDS,
-    THREADS,
-    UNTIL,
-    WANDERS,
-    WallTable,
-    motion_of,
-    motion_row,
-    wall_table,
-)
+from rigtwin.sim.engine.wall_contacts import THREADS
+from rigtwin.sim.engine.wall_table import KINDS, UNTIL, WANDERS, WallTable, motion_of, motion_row, wall_table
 from rigtwin.sim.engine.walls import Motion, Shape, Wall, gaps
 
 Array = npt.NDArray[np.float64]

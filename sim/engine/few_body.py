@@ -37,7 +37,8 @@ from rigtwin.sim.engine.contact import (
 )
 from rigtwin.sim.engine.elements import OF_WALL
 from rigtwin.sim.engine.terms import Active, Terms, terms_of, upwards
-from rigtwin.sim.engine.wall_contacts import WANDERS, WallContacts, wall_table
+from rigtwin.sim.engine.wall_contacts import WallContacts
+from rigtwin.sim.engine.wall_table import WANDERS, wall_table
 from rigtwin.sim.engine.walls import Wall, gaps
 
 Array = npt.NDArray[np.float64]
