@@ -54,6 +54,7 @@ def canonical(name: str) -> str:
 TRUE_VALUES: dict[tuple[str, str], tuple[str, Callable[[float], float]]] = {
     ("air_drag", "drag_coefficient"): ("kd", lambda kd: kd / 1.2),
     ("air_drag_schiller_naumann", "multiplier"): ("c_D", float),
+    ("air_drag_standard", "multiplier"): ("c_D", float),
     ("buoyancy", "multiplier"): ("fluid_density", lambda density: density / 1.2),
     ("electrostatic", "charge"): ("charge", float),
     ("length_error", "offset"): ("length_error", float),

@@ -1,7 +1,7 @@
 """Speed of the bulk engine: particle-steps per second of a settled bed of D6 beads, beside LIGGGHTS where it is there.
 
     python benchmarks/engine.py [--beads 4000 15000 100000] [--threads 1 2] [--pairs 5] [--quick] [--pile]
-                                [--hopper 15000] [--clumps 500] [--memory 1000000]
+                                [--hopper 15000] [--clumps 500] [--drops 300] [--memory 1000000]
 
 d 6 mm, density 569 kg/m^3, E 11 MPa, Hertz-Mindlin with history, rolling resistance type A and type C, five plane
 walls, 30 % of Rayleigh's step, skin a tenth of a diameter.  The machine's own speed moves by a factor of two within
@@ -23,17 +23,17 @@ from collections.abc import Sequence
 import liggghts
 import numpy as np
 import numpy.typing as npt
+from few import drop_rows, many_rows
 from figures import Row, machine, report
 from flows import clump_rows, hopper_rows, memory_rows, timed
 
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.rigs import GRAVITY, Pile
 from rigtwin.sim import pile
-from rigtwin.sim.engine import backend, few_body
+from rigtwin.sim.engine import backend
 from rigtwin.sim.engine.bulk import SKIN, Bulk
 from rigtwin.sim.engine.clock import time_step
 from rigtwin.sim.engine.contact import ROLLING, Rolling
-from rigtwin.sim.engine.few_body import Body
 from rigtwin.sim.engine.walls import Plane, Wall
 
 ASH = Material("ash", 720, 11e9, 0.44)
@@ -175,27 +175,6 @@ def start_rows() -> list[Row]:
     return rows
 
 
-def drop_rows() -> list[Row]:
-    """A million steps of one bead in free fall and of one that rubs on a floor."""
-    rows = []
-    floor = [Wall(Plane((0, 0, 0), (0, 0, 1)), ASH, BEAD_WALL)]
-    bead = Particle("D6", ASH, 6e-3, density=569)
-    starts = {
-        "falls": Body(bead, (0, 0, 10.0)),
-        "slides on a floor": Body(bead, (0, 0, bead.radius), velocity=(10.0, 0, 0)),
-    }
-    for name, body in starts.items():
-        took = []
-        for _ in range(4):  # the first compiles
-            began = time.perf_counter()
-            motion = few_body.run([body], np.array([1.0]), walls=floor, step=1e-6, flight_step=1e-6)
-            took.append((time.perf_counter() - began) * 1e6 / motion.steps)
-        best = min(took[1:])
-        note = f"best of 3, load average {machine()['load_average']}"
-        rows.append(Row(f"1e6 steps of a bead that {name}", best, "s", None, "below 0.3", best < 0.3, note))
-    return rows
-
-
 def pile_rows() -> list[Row]:
     """How long the twin of a pile of 1000 beads takes."""
     began = time.perf_counter()
@@ -215,6 +194,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help="three pairs, two for the large beds")
     parser.add_argument("--hopper", type=int, default=15_000, help="beads in the running hopper; 0: none")
     parser.add_argument("--clumps", type=int, default=500, help="clumps of 24 spheres; 0: none")
+    parser.add_argument("--drops", type=int, default=300, help="drops in one launch; 0: none")
     parser.add_argument("--memory", type=int, default=1_000_000, help="beads whose memory is told; 0: none")
     parser.add_argument("--pile", action="store_true", help="also time the twin of a pile of 1000 beads")
     parser.add_argument("--seed", type=int, default=int(os.environ.get("SEED", "1")))
@@ -230,6 +210,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.memory:
         rows += memory_rows(options.memory)
     rows += start_rows() + drop_rows()
+    if options.drops:
+        rows += many_rows(options.drops, options.drops // 6, options.threads, options.seed)
     if options.pile:
         rows += pile_rows()
     present = liggghts.installed(1)

@@ -340,9 +340,9 @@ def _roll(world: World, rng: np.random.Generator, wanted: Sequence[str]) -> Benc
                 world.rolling[f"{other.name}/{wall}"] = ROLLING[other.material] * float(rng.uniform(0.7, 1.3))
             body = real if other == bead else _real(other, rng)
             there = math.degrees(change.state.get("slope", math.radians(slope)))
-            return condition(other, body, there, change.state.get("push", push))
+            return condition(other, body, there, change.state.get("side", 1.0) * change.state.get("push", push))
 
-        kind = f"a{slope:02.0f}" if slope else f"v{round(push * 1000):04d}"
+        kind = f"a{slope:02.0f}" if slope else f"{'v' if push > 0 else 'back'}{round(abs(push) * 1000):04d}"
         stated: dict[str, Any] = {"name": f"{bead.name}_{wall}_{kind}", "bead": bead.name, "wall": wall}
         stated |= {"incline_angle_deg": slope, **({"push_speed_m_s": push} if push else {}), "track_length_m": 0.4}
         return Run(stated, 5, move, bead, again)

@@ -448,10 +448,12 @@ def roll(
 ) -> Path:
     """A sphere that rolls down an incline from rest, or over a level surface after a push.
 
-    Origin where it touches at the start, x along the level, y up; `slope` [rad] downwards to the right, `push` [m/s].
+    Origin where it touches at the start, x along the level, y up; `slope` [rad] downwards to the right, `push` [m/s],
+    below zero to the left.
     """
     path, hidden = Path(), world.hidden
-    fall = slope + world.level + hidden.get("plate_tilt", 0.0)
+    side = -1.0 if push < 0 else 1.0
+    fall = side * (slope + world.level + hidden.get("plate_tilt", 0.0))
     resistance = world.rolling[f"{bead.name}/{wall}"] * (1 + rng.normal(0, world.friction_scatter))
     if lever := hidden.get("lever_arm", 0.0):
         resistance = lever / bead.radius * (1 + rng.normal(0, world.friction_scatter))
@@ -462,9 +464,8 @@ def roll(
     begin = float(rng.uniform(0.01, 0.05))
 
     def spot(s: Array) -> Array:
-        return np.array(
-            [[s * math.cos(fall) + bead.radius * math.sin(fall), -s * math.sin(fall) + bead.radius * math.cos(fall)]]
-        )
+        along, up = s * math.cos(fall) + bead.radius * math.sin(fall), bead.radius * math.cos(fall) - s * math.sin(fall)
+        return np.array([[side * along, up]])
 
     def motion(_t: float, s: Array) -> list[float]:
         place, rate = s
@@ -485,7 +486,7 @@ def roll(
     halt.terminal, halt.direction = True, -1  # type: ignore[attr-defined]
     leave.terminal, leave.direction = True, 1  # type: ignore[attr-defined]
     path.add(0.0, begin, lambda t: spot(np.zeros(len(t))))
-    speed = max(push * (1 + rng.normal(0, 0.05)), 1e-9) if push else 1e-9
+    speed = max(abs(push) * (1 + rng.normal(0, 0.05)), 1e-9) if push else 1e-9
     run = solve_ivp(motion, (begin, begin + 6), [0.0, speed], events=(halt, leave), max_step=0.05, **PRECISE)
     end = float(run.t[-1])
     path.add(begin, end, lambda t: spot(run.sol(t)[0]))

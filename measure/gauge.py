@@ -17,13 +17,15 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
-# relative, of the expected size of a millimetre: wide, so that the gauge tells whether what was expected is right
-PITCH_DOUBT = 0.25
+# by which the size of a millimetre may be larger or smaller than expected: wide, for the gauge is to tell whether what
+# was expected, from a stated size, is right
+PITCH_DOUBT = 2.2
 BENDING = 0.05  # how much the pitch may change from one end to the other, by perspective
 LEAST_LENGTH = 25.0  # [mm] of a gauge in view
 CLEAR = 7.0  # strength of the wave over that of a chance one
 LONGER_MARKS = 5.0  # how much the marks at whole centimetres must stand out
 CLEAR_PART = 8.0  # [mm] of a stretch of graduations that is no accident
+FEW_MARKS = 3.0  # [mm] of one that is none where its marks are as clear as the clearest of the gauge
 FINEST = 2.2  # [px], of a millimetre that can be told apart
 PADDED = 4  # times its length, to which a wave is padded: its rate is then told to a quarter of a turn over its length
 BENDS = 11  # tried between the two ends of `BENDING`
@@ -70,9 +72,9 @@ def find_gauge(
     """The clearest gauge in the picture columns `columns`, whose direction there is `lean` [rad].
 
     `expected` is the size of a millimetre [px], `floor` the row near which the gauge's zero is, `floor_doubt` how near
-    [px].  None when no graduations are seen.
+    [mm].  None when no graduations are seen.
     """
-    if expected < FINEST or len(columns) == 0:
+    if expected * PITCH_DOUBT < FINEST or len(columns) == 0:
         return None
     waves = [_wave(grey, float(column), float(turn)) for column, turn in zip(columns, lean, strict=True)]
     strength, k, (rate, bend) = _clearest(np.stack(waves), expected)
@@ -131,7 +133,7 @@ def _spectrum(waves: Array, expected: float, bend: float) -> tuple[Array, Array]
     rows = waves.shape[1]
     chirp = np.exp(-2j * math.pi * bend * (np.arange(rows) - rows / 2) ** 2)
     count = next_fast_len(PADDED * rows)
-    lowest, highest = 1 / expected / (1 + PITCH_DOUBT), min((1 + PITCH_DOUBT) / expected, 0.48)
+    lowest, highest = 1 / expected / PITCH_DOUBT, min(PITCH_DOUBT / expected, 1 / FINEST)
     part = slice(math.floor(lowest * count), math.ceil(highest * count) + 1)
     size = np.abs(fft((waves * chirp).astype(np.complex64), count, axis=1)[:, part])
     top = np.argmax(size, axis=1)
@@ -147,14 +149,20 @@ def _phase(wave: Array, rate: float, bend: float) -> tuple[float, float, float, 
     local = np.convolve(mixed, np.ones(window) / window, mode="same")
     whole = mixed.sum()
     agreeing = np.real(local * np.conj(whole)) / (abs(whole) + 1e-9)
-    seen = agreeing > max(0.35 * float(np.percentile(agreeing, 90)), 0.0)
+    clear = float(np.percentile(agreeing, 90))
+    seen = agreeing > max(0.35 * clear, 0.0)
     runs = np.flatnonzero(seen)
     if len(runs) == 0:
         return 0.0, 0.0, 0.0, 0.0
     pieces = np.split(runs, np.flatnonzero(np.diff(runs) > 40) + 1)
     best = max(pieces, key=len)
     inside = slice(int(best[0]), int(best[-1]) + 1)
-    lowest = max(int(piece[-1]) for piece in pieces if len(piece) * rate > CLEAR_PART or piece is best)
+
+    def no_accident(piece: npt.NDArray[np.int64]) -> bool:
+        length = len(piece) * rate
+        return length > CLEAR_PART or (length > FEW_MARKS and float(agreeing[piece].max()) > clear)
+
+    lowest = max(int(piece[-1]) for piece in pieces if piece is best or no_accident(piece))
     return float(np.angle(mixed[inside].sum()) / (2 * math.pi)), float(best[0]), float(best[-1]), float(lowest)
 
 
@@ -179,11 +187,11 @@ def _whole(
         wave = waves[j][inside]
         # marks are the thin part of the period: dark on light, or light on dark
         sign = -1.0 if float(np.mean(wave**3)) < 0 else 1.0
-        nearest = math.ceil(middle - floor_doubt * rate)
+        nearest = math.ceil(middle - floor_doubt)
         start = -phase + (0.5 if sign < 0 else 0.0)
-        for whole in np.arange(nearest - 1, middle + floor_doubt * rate + 1):
+        for whole in np.arange(nearest - 1, middle + floor_doubt + 1):
             at_row_0 = whole + (start - math.floor(start))
-            if abs(at_row_0 - middle) > floor_doubt * rate:
+            if abs(at_row_0 - middle) > floor_doubt:
                 continue
             reading = at_row_0 - fallen[inside]
             long, half = (_tooth(reading + shift) for shift in (0.0, 5.0))

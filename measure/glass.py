@@ -25,9 +25,10 @@ COARSE = 900  # [px], longer side of the picture that is searched for beads
 FEWEST = 25  # beads of a bed that can be told
 PARTED = 0.1  # share of the largest group of beads that a part of the bed beyond a hand or a rod must hold
 FEWEST_ROWS = 3  # a bead's radius apart: what a single layer of beads fills
+ZERO_NEAR = 4.6  # [mm], of the floor: within half a centimetre the longer marks tell which one is the zero
 GOES_ON = 6.0  # [mm] that graduations may go on below the zero beyond what parts them
 # [mm] and [px] by which the run of graduations that ends at the zero may seem longer than it is: marks are blurred
-SMEARED = 2.0, 8.0
+SMEARED = 1.5, 4.0
 LOOKING = (-0.1, 0.6)  # slope at which a camera may look down on the floor: from under its level to 30 degrees
 MOST_LEAN = math.radians(7)
 FOCAL_SIDES = 2.0  # usual focal length in longer sides of the picture
@@ -249,20 +250,21 @@ def _walls(
     """Inner walls at the bed's middle row, from its outermost beads and the long upright edges next to them."""
     # the edges are lines of the turned picture: (row, column)
     places = [line.start[1] + (middle[1] - line.start[0]) * math.tan(line.slope) - middle[0] for line in upright.lines]
+    _, once = np.unique(np.floor(np.stack([across, down]) / radius), axis=1, return_index=True)
+    starts = np.sort(across[once])
+    # what else looks round may lie beyond the walls: a first guess where the beads' size does not tell their distance
+    width = 2 * radius * ratio if ratio is not None else float(np.ptp(np.percentile(starts, (2, 98)))) + 2 * radius
+
+    def held(left: float, right: float) -> int:
+        return int(np.searchsorted(starts, right) - np.searchsorted(starts, left))
+
+    # two upright edges as far apart as the cylinder's walls, with the beads between them; the inner ones
+    least, most_wide = (1 - WALL_TOLERANCE) * width, (1 + WALL_TOLERANCE) * width
+    pairs = [(one, two) for one in places for two in places if least < two - one < most_wide]
+    most = max((held(*pair) for pair in pairs), default=0)
+    if most > 0.8 * max(held(start - radius, start + width) for start in starts.tolist()):
+        return min((pair for pair in pairs if held(*pair) > 0.96 * most), key=lambda pair: pair[1] - pair[0])
     if ratio is not None:
-        _, once = np.unique(np.floor(np.stack([across, down]) / radius), axis=1, return_index=True)
-        starts = np.sort(across[once])
-        width = 2 * radius * ratio
-
-        def held(left: float, right: float) -> int:
-            return int(np.searchsorted(starts, right) - np.searchsorted(starts, left))
-
-        # two upright edges as far apart as the cylinder's walls, with the beads between them; the inner ones
-        least, most_wide = (1 - WALL_TOLERANCE) * width, (1 + WALL_TOLERANCE) * width
-        pairs = [(one, two) for one in places for two in places if least < two - one < most_wide]
-        most = max((held(*pair) for pair in pairs), default=0)
-        if most > 0.8 * max(held(start - radius, start + width) for start in starts.tolist()):
-            return min((pair for pair in pairs if held(*pair) > 0.96 * most), key=lambda pair: pair[1] - pair[0])
         # else the strip that holds the most beads
         first = max(starts.tolist(), key=lambda start: held(start, start + width - 1.8 * radius))
         across = across[(across >= first) & (across <= first + width - 1.8 * radius)]
@@ -351,7 +353,7 @@ def _gauge(
             continue
         lean = np.array([upright.at(column)[0] for column in mine])
         floor = axis[1] + (float(mine.mean()) - axis[0]) * math.tan(horizontal)
-        found = find_gauge(grey, mine - np.tan(lean) * grey.shape[0] / 2, lean, pixel, floor, 4.6 * pixel)
+        found = find_gauge(grey, mine - np.tan(lean) * grey.shape[0] / 2, lean, pixel, floor, ZERO_NEAR)
         if found is not None and (best is None or found.strength > best.strength):
             best = found
     return best

@@ -25,6 +25,7 @@ from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.gate import Opening, find_opening, slot_edges
 from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.outflow import Outflow, bin_walls, follow_outflow
+from rigtwin.measure.spacing import NEIGHBOURS_DOUBT, bead_spacing, size_of_beads
 
 Array = npt.NDArray[np.float64]
 
@@ -37,6 +38,13 @@ CROSSING = 0.2  # frames, of the last particle's passage read between two frames
 GIVEN_DOUBT = 0.01  # relative, of a scale read off a length in view
 BIN_DOUBT = 0.04  # relative, of a scale from the bin's walls, whose depth in view is not known
 BEAD_DOUBT = 0.15  # likewise from beads in a crowded bed, whose rims hide each other
+CUT = "end of the clip"
+CUT_SHORT = (
+    "beads still leave at the end of the clip, so that the discharge lasts longer than told (a lower bound) and the "
+    "empty hopper is not seen; film longer"
+)
+UNKNOWN_SHARE = 1 / math.sqrt(12)  # standard deviation of a share of which nothing is known
+TAIL = 0.02  # of the discharge, without a loss at the record's end, from which on the flow has stopped
 BINS = 6  # parts of the steady flow whose rates are compared
 HIDDEN = 0.08  # share of the slot's width that may show no bead before something hides it
 RESIDUE = 0.02  # share of the bed that may stay behind before it is worth a warning
@@ -93,9 +101,11 @@ def measure(
     if not compression.passed:
         opened, last = (_starved(seen, moment, compression.message) for moment in (opened, last))
     left = _left(seen)
+    cut = last.method == CUT
     evaluation = _evaluate(left, total_mass, opened, last, seen.residue, AREA_DOUBT)
     checks = (*_checks_of_picture(seen, gate, hidden), compression, *evaluation.checks)
-    scale, scale_from, scale_doubt = _scale(seen, camera, bead_diameter, bin_width)
+    spacing = bead_spacing(seen.scenery.full, seen.scenery.bed)
+    scale, scale_from, scale_doubt = _scale(seen, camera, bead_diameter, bin_width, spacing)
     warnings = [*video.warnings, *evaluation.warnings]
     warnings.append("mass left: taken from the bed's visible area, as of a slab of even depth.")
     view: dict[str, Any] = {
@@ -114,8 +124,11 @@ def measure(
         warnings.append(f"outlet velocity: none given, for {velocity}.")
     elif scale is not None:
         rate = _frame_rate_check(velocity.value, view["slot_width_px"] * scale)
-        checks = (*checks, rate)
-        quantities = _with_rate_judged((*quantities, velocity), rate)
+        size = _size_check(seen, scale, scale_from, scale_doubt, bead_diameter, spacing)
+        checks = (*checks, rate, size)
+        quantities = _with_rate_judged((*quantities, doubted(velocity, "" if size.passed else size.message)), rate)
+    if cut:
+        quantities = tuple(each if each.doubtful else doubted(each, CUT_SHORT) for each in quantities)
     result = Measurement(
         rig="hopper",
         source=clip,
@@ -170,6 +183,9 @@ def _evaluate(
             f"before the opening at {opened.time:.4g} s; check the time of opening."
         )
     stays = float(share[-1]) if residue is None else residue
+    cut = last.method == CUT or _still_flows(time, share, last.time - opened.time, last.time)
+    if cut and not last.doubtful:
+        last = replace(last, doubtful=CUT_SHORT)
     quantities = [
         _instant("opening_time", opened),
         _instant("last_particle_time", last),
@@ -181,25 +197,30 @@ def _evaluate(
         warnings.append("flow rate: none given, for too few frames show the steady flow; film at a higher rate.")
     elif rates[1].quantity != "mass_flow_rate":
         warnings.append(f"mass flow rate: none given, but a {rates[1].quantity.replace('_', ' ')}; give --total-mass.")
-    quantities.append(
-        Quantity(
-            "residue_fraction", stays, max(area_doubt * stays, 0.003 if area_doubt else 0.0), "1", "end of the clip"
-        )
-    )
-    checks = [
-        Check(
-            "emptied",
-            stays < RESIDUE,
-            stays,
-            0.0,
-            f"{100 * stays:.1f} % of the filling stays in the hopper"
-            + ("." if stays < RESIDUE else "; the last particle is the last one that left."),
-        )
-    ]
+    share_doubt = UNKNOWN_SHARE if cut else max(area_doubt * stays, 0.003 if area_doubt else 0.0)
+    remains = Quantity("residue_fraction", stays, share_doubt, "1", CUT, doubtful=CUT_SHORT if cut else "")
+    quantities.append(remains)
+    checks = [_emptied_check(stays, cut)]
     doubt = "; ".join(dict.fromkeys(text for text in (opened.doubtful, last.doubtful) if text))
     if doubt:
         quantities = [replace(one, doubtful=doubt) if one.unit == "s" else one for one in quantities]
     return Evaluation(tuple(quantities), tuple(checks), tuple(warnings))
+
+
+def _still_flows(time: Array, share: Array, lasted: float, last: float) -> bool:
+    """Whether a record that does not end empty ends with its last loss: nothing tells that no other follows."""
+    return bool(share[-1] > 1e-9 + 3 * _noise(share) and time[-1] - last < max(TAIL * lasted, 2 * _step(time)))
+
+
+def _emptied_check(stays: float, cut: bool) -> Check:
+    message = f"{100 * stays:.1f} % of the filling stays in the hopper"
+    if cut:
+        message = f"the share that stays in the hopper is not known: {CUT_SHORT}."
+    elif stays < RESIDUE:
+        message += "."
+    else:
+        message += "; the last particle is the last one that left."
+    return Check("emptied", stays < RESIDUE and not cut, stays, 0.0, message)
 
 
 def _share_left(left: Series) -> tuple[Array, Array, float]:
@@ -217,10 +238,15 @@ def _share_left(left: Series) -> tuple[Array, Array, float]:
     value = np.interp(time, time[seen], value[seen])
     full = float(np.median(value[: max(3, len(value) // 50)]))
     if not full > 0 or float(value[-1]) > 0.7 * full:
-        raise NothingToMeasure(
-            f"{left.quantity}: {100 * float(value[-1]) / full if full > 0 else 0:.0f} % is still left at the end; "
-            "give a record that goes on until the flow has stopped."
+        percent = 100 * float(value[-1]) / full if full > 0 else 0.0
+        tail = value[-max(5, len(value) // 10) :]
+        stopped = float(np.ptp(tail)) <= max(1e-9, 6 * _noise(value))
+        advice = (
+            "nothing leaves any more: beads arch over the outlet, or it was not opened; take a wider outlet"
+            if stopped
+            else "beads still leave; give a record that goes on until the flow has stopped"
         )
+        raise NothingToMeasure(f"{left.quantity}: {percent:.0f} % is still left at the end and {advice}.")
     return time, value / full, full
 
 
@@ -423,9 +449,9 @@ def _last_particle(seen: Outflow, edges: tuple[float, float]) -> Instant:
     if len(above) == 0 or above[-1] >= len(top) - 2:
         return Instant(
             float(time[-1]),
-            {"end of the clip": seen.interval * 5},
-            "end of the clip",
-            "beads still leave at the end of the clip; film longer",
+            {CUT: seen.interval * 5},
+            CUT,
+            CUT_SHORT,
         )
     k = int(above[-1])
     below = top[k + 1]
@@ -469,7 +495,7 @@ def _outlet_velocity(seen: Outflow, scale: float | None, scale_doubt: float) -> 
 
 
 def _scale(
-    seen: Outflow, camera: Camera, bead_diameter: float | None, bin_width: float | None
+    seen: Outflow, camera: Camera, bead_diameter: float | None, bin_width: float | None, spacing: float | None
 ) -> tuple[float | None, str, float]:
     """[m/px] of the clip, where it comes from, and its relative doubt."""
     if camera.given_scale is not None:
@@ -477,9 +503,26 @@ def _scale(
     walls = bin_walls(seen.scenery) if bin_width is not None else None
     if walls is not None and bin_width is not None:
         return bin_width / (walls[1] - walls[0]) * seen.lens.zoom, "bin width", BIN_DOUBT
+    if bead_diameter is not None and spacing is not None:
+        return bead_diameter / size_of_beads(spacing) * seen.lens.zoom, "bead diameter", NEIGHBOURS_DOUBT
     if bead_diameter is not None and seen.scenery.bead_seen:
         return float(bead_diameter / seen.scenery.bead * seen.lens.zoom), "bead diameter", BEAD_DOUBT
     return None, "not known", math.inf
+
+
+def _size_check(
+    seen: Outflow, scale: float, source: str, doubt: float, bead_diameter: float | None, spacing: float | None
+) -> Check:
+    """Whether beads are as large in the picture as the scale makes them, told by how far apart neighbours lie."""
+    if bead_diameter is None or spacing is None or source == "bead diameter":
+        missing = "give --bead-diameter" if bead_diameter is None else "give --bin-width or --scale"
+        missing = missing if spacing is not None else "the bed shows no pattern of beads"
+        message = f"scale not confirmed: it and the outlet velocity hang on {source} alone; {missing}."
+        return Check("bead_size", True, math.nan, 1.0, message)
+    ratio = size_of_beads(spacing) / seen.lens.zoom * scale / bead_diameter
+    passed = abs(ratio - 1) < 3 * math.hypot(doubt, NEIGHBOURS_DOUBT)
+    ending = "." if passed else f": the scale (from {source}) or --bead-diameter is wrong."
+    return Check("bead_size", passed, ratio, 1.0, f"beads look {ratio:.2f} times as large as stated{ending}")
 
 
 def _frame_rate_check(velocity: float, width: float) -> Check:

@@ -25,10 +25,11 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, root_sum_of_squares
+from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, doubted, root_sum_of_squares
 from rigtwin.lab.records import Profile, read_profile
 from rigtwin.measure.glass import Bed, find_bed
 from rigtwin.measure.media import read_photo
+from rigtwin.measure.views import views_check
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
@@ -43,11 +44,14 @@ GIVEN_DOUBT = 0.003  # relative, of a scale read off a length in the plane of th
 WALL_DOUBT = 0.006  # relative, of a scale read off the cylinder's inner walls
 GAUGE_DOUBT = 0.002  # relative, of a scale read off a gauge in the plane of the axis
 SAME_PLANE = 0.02  # how far the two may differ when the gauge stands in the plane of the axis
+OTHER_PLANE = 0.04  # how far a given scale may be off what the picture tells: lengths in view stand near the axis
+# [kg/m^3], what a bulk of any material can have: foamed beads; the closest packing of spheres of osmium
+BULK_DENSITIES = (5.0, 0.74 * 22590.0)
 ROUGHEST = 0.6  # bead diameters; outlines of settled beds of a DEM are rough by 0.15 to 0.35
 SMOOTHEST = 0.03  # likewise; a straight edge is read to a third of a pixel where beads are a dozen pixels wide
-SPOILING = ("level_bed", "smooth_surface")  # checks without which a height is doubtful
+SPOILING = ("level_bed", "smooth_surface", "views_agree")  # checks without which a height is doubtful
 # likewise, of what the picture says of the stated sizes, on which scale, floor, or what is taken off the outline hang
-STATED = ("gauge", "bead_size", "walls")
+STATED = ("gauge", "bead_size", "walls", "scale")
 NEARER = 1.05  # the beads in front are nearer to the camera than the axis by a fifteenth or so, those beside them less
 BEAD_MISFIT = 0.16  # relative, by which beads may look larger or smaller than they are: shaded rims are soft
 BEAD_DOUBT = BEAD_MISFIT / 2  # relative, of a scale read off the beads, whose look nothing else checks then
@@ -63,6 +67,7 @@ class Observation:
     doubts: dict[str, float] = field(default_factory=dict)  # of the mean height
     flaw: str = ""  # why the outline is not to be relied on
     misfit: str = ""  # what speaks against a stated size
+    unconfirmed: str = ""  # the stated size on which all hangs and which nothing in the picture checks
 
 
 # ------------------------------------------------------------------------------------------------- record -> quantities
@@ -101,6 +106,8 @@ def _evaluate(
     tops = {**parts, "outline to tops": OUTLINE_SPREAD * grain, **guess}
     pits = {**parts, "outline to surface": math.hypot(OUTLINE_SPREAD, PITS_SPREAD) * grain, **guess}
     checks = _checks(seen, heights, cylinder, bead)
+    if len(seen) > 1:
+        checks.append(_views_check(seen, [height for height, _ in heights], grain))
     flaw = _flaw(seen, checks)
     found = [
         _height(outline - OUTLINE_ABOVE * grain, "surface bead tops", tops, len(seen), flaw),
@@ -111,9 +118,11 @@ def _evaluate(
         raise NothingToMeasure(
             f"the outline lies at {outline * 1e3:.1f} mm, not above the floor by a bead; check height_m and its zero."
         )
-    warnings = []
+    warnings = list(dict.fromkeys(each.unconfirmed for each in seen if each.unconfirmed))
     if mass is not None and cylinder is not None:
-        found += [_density(height, mass, cylinder) for height in found[:2]]
+        densities = [_density(height, mass, cylinder) for height in found[:2]]
+        checks.append(_density_check(densities[0].value))
+        found += [doubted(one, "" if checks[-1].passed else checks[-1].message) for one in densities]
     else:
         missing = "total_mass" if mass is None else "cylinder_diameter"
         warnings.append(f"bulk density is left out; give --{missing.replace('_', '-')}.")
@@ -179,6 +188,27 @@ def _density(height: Quantity, mass: float, cylinder: float) -> Quantity:
     return Quantity(
         "bulk_density", value, sigma, "kg/m^3", height.method, height.n, budget=budget, doubtful=height.doubtful
     )
+
+
+def _views_check(seen: Sequence[Observation], heights: Sequence[float], grain: float) -> Check:
+    """Views of one bed see other beads in front, and are read each for itself."""
+    sigmas = [math.hypot(OUTLINE_SPREAD * grain, *each.doubts.values()) * 1e3 for each in seen]
+    return views_check("mean outline", [height * 1e3 for height in heights], sigmas, "mm")
+
+
+def _density_check(density: float) -> Check:
+    """Whether a bulk of any granular material can be that dense [kg/m^3]: a mass in grams is off by a thousand."""
+    low, high = BULK_DENSITIES
+    passed = low < density < high
+    ending = (
+        "."
+        if passed
+        else (
+            f", but no granular material has less than {low:g} or more than {high:.0f}: "
+            "check the unit of --total-mass, and --cylinder-diameter."
+        )
+    )
+    return Check("bulk_density", passed, density, math.nan, f"the bulk has {density:.4g} kg/m^3{ending}")
 
 
 def _checks(
@@ -332,7 +362,36 @@ def _observe(
     }
     checks = _picture_checks(bed, scale, source, cylinder, bead)
     misfit = "; ".join(each.message for each in checks if not each.passed and each.check in STATED)
-    return bed, Observation(profile, doubts, bed.flaw, misfit), view, checks
+    unconfirmed = _unconfirmed(bed, source, cylinder, bead)
+    checks.append(
+        Check(
+            "size_confirmed",
+            True,  # nothing speaks against it either
+            math.nan,
+            math.nan,
+            unconfirmed or "what is stated of the sizes is checked by what else the picture shows.",
+        )
+    )
+    return bed, Observation(profile, doubts, bed.flaw, misfit, unconfirmed), view, checks
+
+
+def _unconfirmed(bed: Bed, source: str, cylinder: float | None, bead: float | None) -> str:
+    """What hangs on one stated size that nothing else in the picture checks; empty where something does."""
+    if bed.gauge is not None:
+        return ""  # its millimetres are known
+    if source == "cylinder diameter" and bead is None:
+        what, advice = "bed height and, by its third power, bulk density hang", "--bead-diameter"
+        given = f"--cylinder-diameter {(cylinder or 0) * 1e3:g} mm"
+    elif source == "bead diameter":
+        what, advice, given = "bed height hangs", "--cylinder-diameter", f"--bead-diameter {(bead or 0) * 1e3:g} mm"
+    elif bead is None and cylinder is None:
+        what, advice, given = "bed height hangs", "--cylinder-diameter or --bead-diameter", "the given scale"
+    else:
+        return ""
+    return (
+        f"size not confirmed: {what} on {given} alone, which nothing in the photo checks; give {advice} too, "
+        "or photograph a length gauge beside the cylinder."
+    )
 
 
 def _scale(
@@ -387,6 +446,13 @@ def _picture_checks(bed: Bed, scale: float, source: str, cylinder: float | None,
         checks.append(
             Check("gauge", same, ratio, 1.0, f"the gauge's millimetre is {ratio:.3f} of the cylinder's{ending}")
         )
+    known = _gauge_pitch(bed) if bed.gauge is not None else None if cylinder is None else cylinder / bed.width
+    if known is not None and source not in ("gauge", "cylinder diameter"):
+        ratio = scale / known
+        passed = abs(ratio - 1) < OTHER_PLANE
+        ending = "." if passed else f": check the scale (from {source})."
+        by = "the gauge" if bed.gauge is not None else "--cylinder-diameter"
+        checks.append(Check("scale", passed, ratio, 1.0, f"the scale is {ratio:.3f} times that by {by}{ending}"))
     if bead is not None and source != "bead diameter":
         ratio = 2 * bed.bead_seen * scale / (NEARER * bead)
         passed = abs(ratio - 1) < BEAD_MISFIT

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
-import numpy as np
-
+from rigtwin.lab.errors import RigtwinError
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.model import NO_EFFECTS, Effects
 from rigtwin.lab.progress import Progress, silent
@@ -13,9 +14,20 @@ from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY, Drop
 from rigtwin.sim.engine.clock import positive
 from rigtwin.sim.film import frame_times
+from rigtwin.sim.trials import FRAMES_AT_REST, Release, each, film, released
 
-FRAMES_AT_REST = 5  # shown before the bead is let go
-TRACK_SIGMA = 1e-6  # [m], the step is halved until samples move by less
+
+@dataclass(frozen=True)
+class Trial:
+    """One drop: what falls on what, and how it is filmed."""
+
+    rig: Drop
+    particle: Particle
+    wall: Material
+    contact: Contact
+    frame_rate: float  # [1/s]
+    duration: float | None = None  # [s]; None: until the last of the rig's bounces is over
+    effects: Effects = field(default_factory=lambda: NO_EFFECTS)
 
 
 def run(
@@ -36,32 +48,42 @@ def run(
     The stiffness is the real one; the step in contact is halved until the track no longer moves.  `effects` are those
     of a model by name, with their parameters.
     """
-    from rigtwin.sim.engine import few_body
+    from rigtwin.sim.engine.few_body import the_one
+
+    return the_one(run_many([Trial(rig, particle, wall, contact, frame_rate, duration, effects)], progress=progress))
+
+
+def run_many(
+    trials: Sequence[Trial], *, threads: int | None = None, progress: Progress = silent
+) -> list[Track | RigtwinError]:
+    """The paths of many beads, each as `run` gives it, in one launch over `threads` (None: all cores).
+
+    In the place of a trial that breaks down stands the error that says so.
+    """
+    seen = film(list(each(trials, _release)), threads=threads, progress=progress)
+    return [
+        one if isinstance(one, RigtwinError) else Track(one.time, one.position[:, 0][:, [0, 2]], one.sigma)
+        for one in seen
+    ]
+
+
+def _release(trial: Trial) -> Release:
+    from rigtwin.sim.engine.few_body import Body, Case
     from rigtwin.sim.engine.terms import acting
     from rigtwin.sim.engine.walls import Plane, Wall
 
+    rig, frame_rate, duration = trial.rig, trial.frame_rate, trial.duration
     positive(drop_height=rig.drop_height, frame_rate=frame_rate, bounces=rig.bounces)
     if duration is None:
-        duration = FRAMES_AT_REST / frame_rate + _flight_time(rig, contact.restitution) - 0.5 / frame_rate
+        duration = FRAMES_AT_REST / frame_rate + _flight_time(rig, trial.contact.restitution) - 0.5 / frame_rate
     positive(duration=duration)
     time = frame_times(duration, frame_rate)
-    falling = time[FRAMES_AT_REST + 1 :] - FRAMES_AT_REST / frame_rate
-
-    start = (0.0, 0.0, rig.drop_height + particle.radius)
-    position = np.tile(start, (len(time), 1))
-    sigma = TRACK_SIGMA
-    if len(falling):
-        motion, apart = few_body.run_halved(
-            [few_body.Body(particle, start)],
-            falling,
-            walls=[Wall(Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), wall, contact)],
-            effects=acting(effects),
-            tolerance=TRACK_SIGMA,
-            progress=progress,
-        )
-        sigma = max(sigma, apart)
-        position[FRAMES_AT_REST + 1 :] = motion.position[:, 0]
-    return Track(time=time, position=position[:, [0, 2]], sigma=np.full(len(time), sigma))
+    start = (0.0, 0.0, rig.drop_height + trial.particle.radius)
+    plate = Wall(Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), trial.wall, trial.contact)
+    return Release(
+        time,
+        Case([Body(trial.particle, start)], released(time, frame_rate), walls=[plate], effects=acting(trial.effects)),
+    )
 
 
 def _flight_time(rig: Drop, restitution: float) -> float:

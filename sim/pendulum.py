@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
-import numpy as np
-
-from rigtwin.lab.errors import BadInput
+from rigtwin.lab.errors import BadInput, RigtwinError
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.model import NO_EFFECTS, Effects
 from rigtwin.lab.progress import Progress, silent
@@ -14,9 +14,20 @@ from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY, Pendulum
 from rigtwin.sim.engine.clock import positive
 from rigtwin.sim.film import frame_times
+from rigtwin.sim.trials import FRAMES_AT_REST, Release, Seen, each, film, released
 
-FRAMES_AT_REST = 5  # shown before bead A is let go
-TRACK_SIGMA = 1e-6  # [m], the step is halved until samples move by less
+
+@dataclass(frozen=True)
+class Trial:
+    """One swing: what hits what from which angle, and how it is filmed."""
+
+    rig: Pendulum
+    particle: Particle
+    contact: Contact
+    frame_rate: float  # [1/s]
+    wall: Material | None = None  # what stands in the place of B
+    duration: float | None = None  # [s]; None: until the beads have turned
+    effects: Effects = field(default_factory=lambda: NO_EFFECTS)
 
 
 def run(
@@ -39,45 +50,59 @@ def run(
     wall at x = 0 is made of, which stands in the place of B.  `effects` are those of a model by name, with their
     parameters.
     """
-    from rigtwin.sim.engine import few_body
+    from rigtwin.sim.engine.few_body import the_one
+
+    trial = Trial(rig, particle, contact, frame_rate, wall, duration, effects)
+    return the_one(run_many([trial], progress=progress))
+
+
+def run_many(
+    trials: Sequence[Trial], *, threads: int | None = None, progress: Progress = silent
+) -> list[tuple[Track, ...] | RigtwinError]:
+    """The paths of many pendulums, each as `run` gives them, in one launch over `threads` (None: all cores).
+
+    In the place of a trial that breaks down stands the error that says so.
+    """
+    seen = film(list(each(trials, _release)), threads=threads, progress=progress)
+    return [one if isinstance(one, RigtwinError) else _tracks(one) for one in seen]
+
+
+def _tracks(seen: Seen) -> tuple[Track, ...]:
+    # the camera's axes are x and y; in the engine z is up
+    beads = range(seen.position.shape[1])
+    return tuple(Track(seen.time, seen.position[:, k][:, [0, 2]], seen.sigma, "AB"[k]) for k in beads)
+
+
+def _release(trial: Trial) -> Release:
+    from rigtwin.sim.engine.few_body import Body, Case
     from rigtwin.sim.engine.terms import acting
     from rigtwin.sim.engine.walls import Plane, Wall
 
-    _check(rig, frame_rate, wall)
-    quarter = _quarter_period(rig.length, rig.release_angle)
+    rig, particle, contact, wall = trial.rig, trial.particle, trial.contact, trial.wall
+    _check(rig, trial.frame_rate, wall)
+    duration = trial.duration
     if duration is None:
-        duration = FRAMES_AT_REST / frame_rate + 2.2 * quarter
+        duration = FRAMES_AT_REST / trial.frame_rate + 2.2 * _quarter_period(rig.length, rig.release_angle)
     positive(duration=duration)
-    time = frame_times(duration, frame_rate)
-    swinging = time[FRAMES_AT_REST + 1 :] - FRAMES_AT_REST / frame_rate
+    time = frame_times(duration, trial.frame_rate)
 
-    # the camera's axes are x and y; in the engine z is up
     radius, angle = particle.radius, rig.release_angle
     start_a = (-radius - rig.length * math.sin(angle), 0.0, rig.length * (1 - math.cos(angle)))
-    start_b = (radius, 0.0, 0.0)
-    beads = [few_body.Body(particle, start_a, pivot=(-radius, 0.0, rig.length))]
+    beads = [Body(particle, start_a, pivot=(-radius, 0.0, rig.length))]
     stand = []
     if wall is None:
-        beads.append(few_body.Body(particle, start_b, pivot=(radius, 0.0, rig.length)))
+        beads.append(Body(particle, (radius, 0.0, 0.0), pivot=(radius, 0.0, rig.length)))
     else:
         stand.append(Wall(Plane((0.0, 0.0, 0.0), (-1.0, 0.0, 0.0)), wall, contact))
-    position = np.tile([start_a, start_b][: len(beads)], (len(time), 1, 1))
-    sigma = TRACK_SIGMA
-    if len(swinging):
-        motion, apart = few_body.run_halved(
+    return Release(
+        time,
+        Case(
             beads,
-            swinging,
+            released(time, trial.frame_rate),
             walls=stand,
             contacts=contact if wall is None else None,
-            effects=acting(effects, pivots=True),
-            tolerance=TRACK_SIGMA,
-            progress=progress,
-        )
-        sigma = max(sigma, apart)
-        position[FRAMES_AT_REST + 1 :] = motion.position
-    return tuple(
-        Track(time, position[:, k][:, [0, 2]], np.full(len(time), sigma), body)
-        for k, body in enumerate("AB"[: len(beads)])
+            effects=acting(trial.effects, pivots=True),
+        ),
     )
 
 

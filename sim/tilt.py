@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.lab.errors import BadInput
+from rigtwin.lab.errors import BadInput, RigtwinError
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.model import NO_EFFECTS, Effects
 from rigtwin.lab.progress import Progress, silent
@@ -16,16 +18,38 @@ from rigtwin.lab.records import Series, Track
 from rigtwin.lab.rigs import GRAVITY, Tilt
 from rigtwin.sim.engine.clock import positive
 from rigtwin.sim.engine.contact import Rolling
+from rigtwin.sim.trials import FRAMES_AT_REST, TRACK_SIGMA, each, name
+
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.few_body import Case, Motion
 
 Array = npt.NDArray[np.float64]
 
-FRAMES_AT_REST = 5  # shown before the plate begins to turn
-TRACK_SIGMA = 1e-6  # [m]
 STEP = 0.1  # of Rayleigh's
 STEEPEST = math.radians(85)
 HALF = math.sqrt(0.5)
 ACROSS = {0: (HALF, 0.0, 0.0, HALF), 1: (1.0, 0.0, 0.0, 0.0), 2: (HALF, HALF, 0.0, 0.0)}  # turns an axis onto y
 MARGIN = 1.3  # times the way's time; the record ends where the body leaves the plate
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One plate and what lies on it, and how it is filmed."""
+
+    rig: Tilt
+    particle: Particle
+    wall: Material
+    contact: Contact
+    frame_rate: float  # [1/s]
+    duration: float | None = None  # [s]; None: until the body has left the plate
+    stiffness_factor: float = 1e-3  # of Young's moduli
+    rolling: Rolling = "type C"
+    effects: Effects = field(default_factory=lambda: NO_EFFECTS)
+
+    @property
+    def rolls_a_clump(self) -> bool:
+        """Whether the bulk engine has to move it."""
+        return self.rig.variant == "roll" and self.particle.shape is not None
 
 
 def run(
@@ -54,54 +78,108 @@ def run(
     and 0.1 m a 300,000th of gravity before the onset, 0.4 % of it per m/s after.
     Young's moduli are multiplied by `stiffness_factor`: the onset does not hang on them.
     """
-    from rigtwin.sim.engine import few_body
-    from rigtwin.sim.engine.terms import acting
-    from rigtwin.sim.engine.walls import Plane, Wall
+    from rigtwin.sim.engine.few_body import the_one
 
-    _check(rig, particle, frame_rate, stiffness_factor)
+    trial = Trial(rig, particle, wall, contact, frame_rate, duration, stiffness_factor, rolling, effects)
+    return the_one(run_many([trial], progress=progress))
+
+
+def run_many(
+    trials: Sequence[Trial], *, threads: int | None = None, progress: Progress = silent
+) -> list[tuple[Series, Track] | RigtwinError]:
+    """Angles and paths of many plates, each as `run` gives them, over `threads` (None: all cores).
+
+    Spheres and blocks move in one launch, clumps one after the other.  In the place of a trial that breaks down stands
+    the error that says so.
+    """
+    from rigtwin.sim.engine import few_body
+
+    filmed = list(each(trials, _frames))
+    moving = [k for k, frames in enumerate(filmed) if not trials[k].rolls_a_clump and frames.moving.any()]
+    cases = [replace(_case(trials[k], filmed[k]), name=name(k, trials)) for k in moving]
+    motions = dict(zip(moving, few_body.run_many(cases, threads=threads, progress=progress), strict=True))
+    found: list[tuple[Series, Track] | RigtwinError] = []
+    for k, (trial, frames) in enumerate(zip(trials, filmed, strict=True)):
+        motion = motions.get(k)
+        if isinstance(motion, RigtwinError):
+            found.append(motion)
+        elif trial.rolls_a_clump:
+            found.append(_record(frames, _rolled_clump(trial, frames.time, progress)))
+        else:
+            found.append(_record(frames, _seen(trial, frames, motion)))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Frames:
+    """When the camera looks, and how the plate stands then."""
+
+    time: Array  # [s]
+    turning: Array  # [s] since the plate began to turn
+    angle: Array  # [rad]
+
+    @property
+    def moving(self) -> npt.NDArray[np.bool_]:
+        return (self.turning > 0) & (self.angle < STEEPEST)
+
+
+def _frames(trial: Trial) -> _Frames:
+    rig, frame_rate, duration = trial.rig, trial.frame_rate, trial.duration
+    _check(rig, trial.particle, frame_rate, trial.stiffness_factor)
     if duration is None:
         # a clump may have edges that keep it from rolling, never from sliding
-        edged = rig.variant == "roll" and particle.shape is not None
-        holds = replace(contact, rolling_friction=contact.static_friction) if edged else contact
+        contact = trial.contact
+        holds = replace(contact, rolling_friction=contact.static_friction) if trial.rolls_a_clump else contact
         duration = FRAMES_AT_REST / frame_rate + _until_gone(rig, holds)
     positive(duration=duration)
     time = np.arange(max(2, math.floor(duration * frame_rate + 1e-9) + 1)) / frame_rate
     turning = np.maximum(time - FRAMES_AT_REST / frame_rate, 0.0)
-    angle = np.minimum(rig.start_angle + rig.speed * turning, STEEPEST)
-    moving = turning[(turning > 0) & (angle < STEEPEST)]
+    return _Frames(time, turning, np.minimum(rig.start_angle + rig.speed * turning, STEEPEST))
 
-    if rig.variant == "roll" and particle.shape is not None:
-        soft = replace(particle, material=particle.material.softened(stiffness_factor))
-        path = _rolled_clump(rig, soft, wall.softened(stiffness_factor), contact, time, rolling, effects, progress)
-        return _record(time[: len(path)], angle[: len(path)], path)
-    body = _body(rig, particle, stiffness_factor)
-    plate = wall.softened(stiffness_factor)
+
+def _start(trial: Trial) -> tuple[Particle, tuple[float, float, float]]:
+    """What moves for the body, and where it lies still [m], in the plate's axes."""
+    rig, factor = trial.rig, trial.stiffness_factor
+    body = _body(rig, trial.particle, factor)
+    rest = _depth(body, trial.wall.softened(factor), rig.start_angle)
+    return body, (rig.plate_length / 2, 0.0, body.radius - rest)
+
+
+def _case(trial: Trial, frames: _Frames) -> Case:
+    """A sphere or a block on the plate, in the plate's axes."""
+    from rigtwin.sim.engine.few_body import Body, Case, contact_step
+    from rigtwin.sim.engine.terms import acting
+    from rigtwin.sim.engine.walls import Plane, Wall
+
+    rig, contact = trial.rig, trial.contact
     if rig.variant == "slide":
         contact = replace(contact, rolling_friction=0.0)
-    rest = _depth(body, plate, rig.start_angle)
-    start = (rig.plate_length / 2, 0.0, body.radius - rest)
-    place = np.tile(start, (len(time), 1))
-    if len(moving):
-        motion = few_body.run(
-            [few_body.Body(body, start, turns=rig.variant == "roll")],
-            moving,
-            walls=[Wall(Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), plate, contact)],
-            gravity=(-GRAVITY * math.sin(rig.start_angle), 0.0, -GRAVITY * math.cos(rig.start_angle)),
-            gravity_turns=rig.speed,
-            step=few_body.contact_step([body], STEP),
-            rolling=rolling,
-            effects=acting(effects),
-            progress=progress,
-        )
-        first = int(np.flatnonzero(turning > 0)[0])
-        place[first : first + len(moving)] = motion.position[:, 0]
-    on_plate = len(time) if not len(moving) else first + len(moving)
+    body, start = _start(trial)
+    plate = trial.wall.softened(trial.stiffness_factor)
+    return Case(
+        [Body(body, start, turns=rig.variant == "roll")],
+        frames.turning[frames.moving],
+        walls=[Wall(Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), plate, contact)],
+        gravity=(-GRAVITY * math.sin(rig.start_angle), 0.0, -GRAVITY * math.cos(rig.start_angle)),
+        gravity_turns=rig.speed,
+        step=contact_step([body], STEP),
+        rolling=trial.rolling,
+        effects=acting(trial.effects),
+    )
+
+
+def _seen(trial: Trial, frames: _Frames, motion: Motion | None) -> Array:
+    """Path [m] of a sphere or block in the camera's axes, until it leaves the plate; None: it has not moved yet."""
+    place = np.tile(_start(trial)[1], (len(frames.time), 1))
+    on_plate = len(place)
+    if motion is not None:
+        place[frames.moving] = motion.position[:, 0]
+        on_plate = int(np.flatnonzero(frames.moving)[-1]) + 1
     gone = np.flatnonzero(place[:, 0] < 0)
-    end = min(on_plate, int(gone[0]) if len(gone) else len(time))
-    along, above = place[:end, 0], place[:end, 2]
-    cosine, sine = np.cos(angle[:end]), np.sin(angle[:end])
-    path = np.stack([along * cosine - above * sine, along * sine + above * cosine], axis=1)
-    return _record(time[:end], angle[:end], path)
+    end = min(on_plate, int(gone[0]) if len(gone) else len(place))
+    along, above, angle = place[:end, 0], place[:end, 2], frames.angle[:end]
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return np.stack([along * cosine - above * sine, along * sine + above * cosine], axis=1)
 
 
 def left_out(rig: Tilt, particle: Particle, effects: Effects) -> tuple[str, ...]:
@@ -112,10 +190,13 @@ def left_out(rig: Tilt, particle: Particle, effects: Effects) -> tuple[str, ...]
     return (acting_among(effects, particle) if rolls else acting_on_few(effects))[1]
 
 
-def _record(time: Array, angle: Array, path: Array) -> tuple[Series, Track]:
+def _record(frames: _Frames, path: Array) -> tuple[Series, Track]:
+    """The frames for which there is a path."""
+    seen = len(path)
+    time, angle = frames.time[:seen], frames.angle[:seen]
     return (
         Series(time, angle, quantity="plate_angle", unit="rad"),
-        Track(time=time, position=path, sigma=np.full(len(time), TRACK_SIGMA)),
+        Track(time=time, position=path, sigma=np.full(seen, TRACK_SIGMA)),
     )
 
 
@@ -127,16 +208,7 @@ def onset(rig: Tilt, contact: Contact) -> float:
     return math.atan(holds)
 
 
-def _rolled_clump(
-    rig: Tilt,
-    clump: Particle,
-    plate: Material,
-    contact: Contact,
-    time: Array,
-    rolling: Rolling,
-    effects: Effects,
-    progress: Progress,
-) -> Array:
+def _rolled_clump(trial: Trial, time: Array, progress: Progress) -> Array:
     """Path [m] of a clump that lies across a plate which turns: a pellet rolls, a cube slides or tips over its edge.
 
     A row of spheres lies with its axis across the plate, anything else as its own axes say.
@@ -145,6 +217,8 @@ def _rolled_clump(
     from rigtwin.sim.engine.terms import acting_among
     from rigtwin.sim.engine.walls import Motion, Plane, Wall
 
+    rig, contact, factor = trial.rig, trial.contact, trial.stiffness_factor
+    clump = replace(trial.particle, material=trial.particle.material.softened(factor))
     assert clump.shape is not None
     offsets, radii = np.array(clump.shape.offsets), np.array(clump.shape.radii)
     axis = int(np.argmax(np.ptp(offsets, axis=0)))
@@ -162,12 +236,12 @@ def _rolled_clump(
     bulk = Bulk(
         [clump],
         contact,
-        [Wall(Plane((0.0, 0.0, 0.0), (-sine, 0.0, cosine)), plate, contact, lifting)],
+        [Wall(Plane((0.0, 0.0, 0.0), (-sine, 0.0, cosine)), trial.wall.softened(factor), contact, lifting)],
         low=(-room, -room, -room),
         high=(room, room, room),
         time_step=interval / steps,
-        rolling=rolling,
-        effects=acting_among(effects, clump)[0],
+        rolling=trial.rolling,
+        effects=acting_among(trial.effects, clump)[0],
         threads=1,
         skin=1.0,
     )

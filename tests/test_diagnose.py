@@ -115,8 +115,8 @@ def write_pendulums(folder, seed, *, dry=0.0, repetitions=3):
     return write_lab(folder, "pendulum", conditions, {"length_uncertainty_m": 5e-4})
 
 
-def write_rolls(folder, seed, *, slope=0.0, lever=0.0, sizes=(1.0,)):
-    """Level pushes and one incline; mu_r + slope v, or lever / R, closed by SciPy."""
+def write_rolls(folder, seed, *, slope=0.0, lever=0.0, sizes=(1.0,), tip=0.0, pushes=(0.3, 0.6)):
+    """Level pushes and one incline; mu_r + slope v, or lever / R, closed by SciPy; the table leans by `tip`."""
     rng = np.random.default_rng(seed)
     conditions = []
     heavy = BEADS["heavy"]
@@ -126,12 +126,15 @@ def write_rolls(folder, seed, *, slope=0.0, lever=0.0, sizes=(1.0,)):
         }
         for size in sizes
     }  # fmt: skip
-    settings = [(bead, angle, push) for bead in beads for angle, push in ((8.0, 0.0), (0.0, 0.3), (0.0, 0.6))]
+    settings = [
+        (bead, angle, push) for bead in beads for angle, push in ((8.0, 0.0), *((0.0, push) for push in pushes))
+    ]
     for bead, angle, push in settings:
         radius = beads[bead]["diameter_m"] / 2
         name = f"{bead}_{angle:g}_{push:g}"
         (folder / name).mkdir(parents=True)
-        tilt = math.radians(angle)
+        side = -1 if push < 0 else 1
+        tilt = side * (math.radians(angle) + tip)
         for number in range(1, 5):
             mu = (lever / radius if lever else 0.03) * (1 + rng.normal(0, 0.01))
 
@@ -141,11 +144,11 @@ def write_rolls(folder, seed, *, slope=0.0, lever=0.0, sizes=(1.0,)):
 
             time = np.arange(0, 0.9, 1 / 240)
             run = solve_ivp(
-                motion, (0, 1), [0.0, push * (1 + rng.normal(0, 0.02))], rtol=1e-9, atol=1e-11, dense_output=True
+                motion, (0, 1), [0.0, abs(push) * (1 + rng.normal(0, 0.02))], rtol=1e-9, atol=1e-11, dense_output=True
             )
             s = np.where(time < 0.02, 0.0, run.sol(np.maximum(time - 0.02, 0))[0])
             place = np.column_stack(
-                [s * math.cos(tilt) + radius * math.sin(tilt), radius * math.cos(tilt) - s * math.sin(tilt)]
+                [side * (s * math.cos(tilt) + radius * math.sin(tilt)), radius * math.cos(tilt) - s * math.sin(tilt)]
             )
             write_track(folder / name / f"rep{number:02d}.csv", time, place + rng.normal(0, 1.5e-4, place.shape))
         conditions.append(
@@ -290,6 +293,31 @@ def test_rolling_friction_that_grows_with_speed_is_named(tmp_path):
     assert document["effects"][0]["effect"] == "rolling_speed"
 
 
+def test_a_table_that_leans_is_told_from_a_rolled_camera_by_a_push_the_other_way(tmp_path):
+    names = "plate_tilt", "camera_roll", "scale_error"
+    one_way = verdict_on(write_rolls(tmp_path / "one", 4, tip=0.02), *names)
+    assert one_way.verdict == "indistinguishable"
+    assert one_way.designs[0].words.endswith("on the level, the other way")
+    both = verdict_on(write_rolls(tmp_path / "both", 4, tip=0.02, pushes=(0.3, 0.6, -0.6)), *names).to_json()
+    assert [one["effect"] for one in both["effects"]] == ["plate_tilt"]
+    tilt = both["effects"][0]["parameters"]["angle"]
+    assert tilt["value"] == pytest.approx(0.02, abs=4 * tilt["std"])
+
+
+def test_a_wrong_clock_beside_a_strong_drag_is_named_too(tmp_path):
+    lab = write_drops(tmp_path / "lab", 18, repetitions=3, drag=0.5, clock=-0.006)
+    document = verdict_on(lab, "air_drag", "frame_rate_error", "rolling_shutter", "scale_error").to_json()
+    assert {one["effect"] for one in document["effects"]} == {"air_drag", "frame_rate_error"}
+
+
+def test_a_yield_speed_is_found_from_the_wrong_side_of_zero(tmp_path):
+    bench = DropBench(read_tracked_lab(write_drops(tmp_path, 19, beads=("heavy",), repetitions=2, exponent=0.1)))
+    name = "restitution_yield.slowness"
+    above, below = (fit(bench, (named("restitution_yield"),), start={name: start}) for start in (1.5, -1.5))
+    assert below.value(name) == pytest.approx(above.value(name), rel=1e-3)
+    assert below.deviance == pytest.approx(above.deviance, abs=1e-2)
+
+
 def test_rolling_friction_of_three_sizes_that_goes_with_one_over_d_is_a_lever_arm(tmp_path):
     lab = read_tracked_lab(write_rolls(tmp_path, 5, lever=1e-4, sizes=(0.7, 1.0, 2.0)))
     found = diagnose(lab, listed=[named(name) for name in ("rolling_lever", "rolling_speed", "air_drag")])
@@ -430,6 +458,24 @@ def change_rows(file, change):
     lines = file.read_text().splitlines()
     rows = change(np.array([[float(value) for value in line.split(",")] for line in lines[1:]]))
     file.write_text("\n".join([lines[0], *(f"{t:.5f},{x:.6f},{y:.6f}" for t, x, y in rows)]) + "\n")
+
+
+def test_a_camera_that_looks_up_is_named_alone_wherever_its_scale_was_right(tmp_path):
+    folder = write_drops(tmp_path, 21, beads=("heavy",), heights=(0.3, 0.8), repetitions=3)
+    gradient, level = 0.1, 0.4
+
+    def filmed(rows):
+        t, x, y = rows.T
+        near = 1 / (1 - gradient * (y - level))
+        return np.column_stack([t, x * near, (y - level) * near + level / (1 + gradient * level)])
+
+    for file in sorted(folder.glob("*/rep*.csv")):
+        change_rows(file, filmed)
+    document = verdict_on(folder, "perspective", "lens_distortion", "scale_error", "rolling_shutter").to_json()
+    assert [one["effect"] for one in document["effects"]] == ["perspective"]
+    found = document["effects"][0]["parameters"]["gradient"]
+    assert found["value"] == pytest.approx(gradient, abs=4 * found["std"])
+    assert found["std"] < 0.01
 
 
 def test_a_row_off_the_path_and_a_frame_lost_without_a_trace_are_left_out_by_name(tmp_path):

@@ -111,6 +111,15 @@ def test_schiller_naumann_is_stokes_when_slow_and_newton_when_fast():
     assert faster == pytest.approx(named("air_drag").force(5.0, 0.0, 1.0, 6e-3, 1.0, 0.44)[0], rel=1e-6)
 
 
+def test_the_standard_drag_curve_goes_through_what_was_measured():
+    radius, section = 3e-3, math.pi * 9e-6
+    # drag coefficients of smooth spheres (Clift, Grace & Weber 1978)
+    for reynolds, coefficient in ((1, 27.1), (100, 1.09), (1000, 0.471), (1e4, 0.405), (1e5, 0.48)):
+        speed = reynolds * 1.8e-5 / (1.2 * 2 * radius)
+        force = named("air_drag_standard").force(speed, 0.0, 1.0, radius, 1.0, 1.0)[0]
+        assert -force == pytest.approx(0.5 * 1.2 * section * speed**2 * coefficient, rel=0.04)
+
+
 def test_a_users_own_effect_takes_part(tmp_path):
     path = tmp_path / "wind.py"
     path.write_text(

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from rigtwin.lab.camera import Camera
+from rigtwin.lab.camera import Camera, Moment
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
 from rigtwin.lab.records import Series
@@ -74,6 +74,28 @@ def test_what_stays_behind_is_reported() -> None:
     found = hopper.evaluate(Series(record.time, record.value + 40, "particles left", "particles"), opened=0.2)
     assert find(found, "residue_fraction").value == pytest.approx(40 / 440)
     assert not next(check for check in found.checks if check.check == "emptied").passed
+
+
+def test_a_record_that_ends_with_its_last_loss_is_said_to_be_cut() -> None:
+    record = counted()
+    for end, cut in ((0.99, True), (1.2, False)):
+        kept = record.time < end
+        found = hopper.evaluate(
+            Series(record.time[kept], record.value[kept], "particles left", "particles"), opened=0.2
+        )
+        assert next(check for check in found.checks if check.check == "emptied").passed != cut
+        for name in ("discharge_time", "last_particle_time", "residue_fraction"):
+            assert ("lower bound" in find(found, name).doubtful) == cut
+
+
+def test_a_jam_and_a_record_that_is_too_short_are_told_apart() -> None:
+    record = counted()
+    jammed = np.maximum(record.value, 350)
+    with pytest.raises(NothingToMeasure, match="arch over the outlet"):
+        hopper.evaluate(Series(record.time, jammed, "particles left", "particles"))
+    early = record.time < 0.35
+    with pytest.raises(NothingToMeasure, match="record that goes on"):
+        hopper.evaluate(Series(record.time[early], record.value[early], "particles left", "particles"))
 
 
 def test_uneven_time_stamps_do_not_change_the_times() -> None:
@@ -188,6 +210,29 @@ def test_a_filmed_discharge_gives_both_ends_within_a_frame(tmp_path: Path) -> No
     assert found.camera["slide_goes"] == "right"
     assert all(path.exists() for path in found.files.values())
     assert not any(one.doubtful for one in found.quantities)
+
+
+def test_a_clip_that_ends_while_beads_leave_has_nothing_that_is_not_doubtful(tmp_path: Path) -> None:
+    last = film(tmp_path / "hopper.mp4")
+    for end in (0.6, 0.85):
+        camera = Camera(frame_rate=RATE, end=Moment(round(end * last), "frame"))
+        found = hopper.measure(tmp_path / "hopper.mp4", camera, bead_diameter=0.006, out=tmp_path / "out")
+        assert all(one.doubtful for one in found.quantities)
+        assert find(found, "residue_fraction").std_uncertainty > 0.2
+        assert find(found, "discharge_time").value * RATE < last - OPENED
+
+
+# beads drawn in straight rows lie nearer to each other than those of a bed, by a seventh
+@pytest.mark.parametrize(("factor", "passed"), [(1.15, True), (0.8, False), (1.6, False)])
+def test_two_scales_that_contradict_make_velocities_doubtful(tmp_path: Path, factor: float, passed: bool) -> None:
+    film(tmp_path / "hopper.mp4")
+    scale = factor * 0.006 / (2 * BEAD)
+    found = hopper.measure(
+        tmp_path / "hopper.mp4", Camera(frame_rate=RATE, scale=scale), bead_diameter=0.006, out=tmp_path / "out"
+    )
+    assert next(check for check in found.checks if check.check == "bead_size").passed == passed
+    told = [one for one in found.quantities if one.quantity == "outlet_velocity"]
+    assert all(("--bead-diameter is wrong" in one.doubtful) != passed for one in told)
 
 
 def test_a_starved_clip_is_right_within_its_interval_or_doubtful(tmp_path: Path) -> None:

@@ -138,6 +138,20 @@ def test_several_views_are_averaged():
     assert height.budget["views"] == pytest.approx(0.001)
 
 
+def test_views_of_two_beds_are_not_averaged_in_silence():
+    for other, passed in ((0.0705, True), (0.076, False)):
+        result = packing.evaluate([flat(0.070), flat(other)], cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+        assert next(check for check in result.checks if check.check == "views_agree").passed == passed
+        assert all(("show the same one" in each.doubtful) != passed for each in result.quantities)
+
+
+@pytest.mark.parametrize(("mass", "passed"), [(0.1, True), (1.2, True), (100.0, False), (1e-4, False)])
+def test_a_mass_in_the_wrong_unit_makes_a_density_that_no_material_has(mass, passed):
+    result = packing.evaluate([flat(0.07)], cylinder_diameter=CYLINDER, bead_diameter=BEAD, total_mass=mass)
+    assert ("--total-mass" in pick(result, "bulk_density").doubtful) != passed
+    assert not pick(result, "bed_height").doubtful
+
+
 @pytest.mark.parametrize(
     ("profiles", "diameter", "message"),
     [
@@ -272,6 +286,41 @@ def test_a_wrong_stated_size_never_misleads_in_silence(tmp_path, cylinder, bead)
     assert cylinder == 1 or pick(result, "bulk_density").doubtful
 
 
+@pytest.mark.parametrize("cylinder", [0.5, 0.95, 1.8])
+def test_without_the_beads_size_the_gauge_contradicts_a_wrong_cylinder(tmp_path, cylinder):
+    photo = tmp_path / "bed.png"
+    draw(photo)
+    result = packing.measure([photo], Camera(), cylinder_diameter=cylinder * CYLINDER, total_mass=0.1)
+    assert all("--cylinder-diameter is wrong" in each.doubtful for each in result.quantities)
+
+
+def test_without_the_beads_size_the_right_cylinder_is_not_accused(tmp_path):
+    photo = tmp_path / "bed.png"
+    truth = draw(photo)
+    result = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, total_mass=0.1)
+    assert pick(result, "bed_height", "outline").value == pytest.approx(truth, abs=0.0012)
+    assert not any(each.doubtful for each in result.quantities)
+    assert not result.warnings
+
+
+def test_a_size_that_nothing_checks_is_said_to_be_unconfirmed(tmp_path):
+    photo = tmp_path / "bed.png"
+    draw(photo, gauge=False)
+    alone = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, total_mass=0.1)
+    assert "bulk density hang on --cylinder-diameter 60 mm alone" in alone.warnings[0]
+    both = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, total_mass=0.1, bead_diameter=BEAD)
+    assert not both.warnings
+
+
+def test_a_given_scale_that_the_picture_contradicts_makes_the_heights_doubtful(tmp_path):
+    photo = tmp_path / "bed.png"
+    draw(photo)
+    for factor in (1.0, 1.2):
+        camera = Camera(scale=factor * 1e-3 / PIXEL)
+        result = packing.measure([photo], camera, cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+        assert bool(pick(result, "bed_height").doubtful) == (factor != 1)
+
+
 def test_what_stands_behind_the_cylinder_hides_nothing_of_the_surface(tmp_path):
     photo = tmp_path / "bed.png"
     truth = draw(photo)
@@ -305,6 +354,16 @@ def test_a_rod_before_the_surface_never_misleads_in_silence(tmp_path, start, end
     assert found.doubtful or found.value == pytest.approx(truth, abs=0.0012)
 
 
+@pytest.mark.parametrize("low", [3.5, 5, 8])
+def test_a_rod_before_the_floor_and_the_gauge_is_no_floor(tmp_path, low):
+    photo = tmp_path / "bed.png"
+    truth = draw(photo)
+    covered(photo, (-60, low + 8), (80, low + 8), 16)
+    result = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    found = pick(result, "bed_height", "outline")
+    assert found.doubtful or found.value == pytest.approx(truth, abs=0.0012)
+
+
 def test_a_leaning_outline_makes_the_height_doubtful():
     x = np.linspace(-CYLINDER / 2, CYLINDER / 2, 301)
     leaning = Profile(x, 0.07 + 0.2 * x, np.full(len(x), 1e-5))
@@ -326,7 +385,7 @@ def test_a_gauge_is_read_to_a_twentieth_of_a_millimetre():
         marks = (near < 0.7) & (np.round(reading) % step == 0) & (reading > -0.5)
         picture[marks, 10:end] = 60.0
     noisy = np.clip(picture + 8 * np.random.default_rng(0).standard_normal(picture.shape), 0, 255).astype(np.uint8)
-    gauge = find_gauge(noisy, np.arange(6.0, 54.0, 2.0), np.zeros(24), 4.4, 624.0, 18.0)
+    gauge = find_gauge(noisy, np.arange(6.0, 54.0, 2.0), np.zeros(24), 4.4, 624.0, 4.2)
     assert gauge is not None
     assert gauge.reading(630.3 - 50 * 4.37) == pytest.approx(50.0, abs=0.08)
     assert gauge.row_of(0.0) == pytest.approx(zero, abs=0.4)

@@ -49,11 +49,14 @@ def camera_unknowns(lab: TrackedLab, terms: Sequence[Effect], more: Mapping[str,
         if term.name in stated or term.geometry in WIDENING:
             continue
         for parameter in term.parameters:
+            mean, sd = parameter.assumed or (0.0, math.inf)
             unknowns.append(
                 Unknown(
                     f"{term.name}.{parameter.name}",
-                    0.0,
+                    mean,
                     parameter.typical,
+                    prior=mean,
+                    sd=sd,
                     low=_wide(parameter.low, parameter.high),
                     high=parameter.high + (parameter.high - parameter.low),
                     effect=term.name,

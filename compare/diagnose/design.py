@@ -126,7 +126,9 @@ def settings(bench: Regioned) -> list[Setting]:
             Setting(f"an incline of {a} degrees", state={"slope": math.radians(a), "push": 0.0}) for a in (3, 8, 15, 25)
         ]
         pushes = [
-            Setting(f"a push of {v} m/s on the level", state={"slope": 0.0, "push": v}) for v in (0.2, 0.5, 1.0, 2.0)
+            Setting(f"a push of {v} m/s on the level{way}", state={"slope": 0.0, "push": v, "side": side})
+            for v in (0.2, 0.5, 1.0, 2.0)
+            for way, side in (("", 1.0), (", the other way", -1.0))
         ]
         return [*slopes_, *pushes, *common]
     waits = [Setting(f"a wait of {w:g} s on the level arm", state={"waiting": w}) for w in (1.0, 60.0, 1800.0)]

@@ -138,7 +138,20 @@ def fit(
         # how impacts scatter is no question where nothing fits
         if same or linear.objective > HOPELESS * bench.rows.size:
             break
+    linear = _above_zero(bench, terms, unknowns, state, mask, linear)
     return _finished(bench, terms, unknowns, state, mask, free, linear, converged)
+
+
+def _above_zero(
+    bench: Bench, terms: Sequence[Effect], unknowns: tuple[Unknown, ...], state: State, mask: Array, linear: Linear
+) -> Linear:
+    """The same fit with the unknowns whose sign says nothing above zero."""
+    even = {f"{term.name}.{term.parameters[0].name}" for term in terms if term.even}
+    below = [k for k, unknown in enumerate(unknowns) if unknown.name in even and state.values[k] < 0]
+    if not below:
+        return linear
+    state.values[below] *= -1.0
+    return linearise(bench, terms, unknowns, state, mask)
 
 
 def screen(bench: Bench, near: Fit, candidates: Sequence[Effect]) -> list[Fit]:

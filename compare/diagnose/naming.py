@@ -358,11 +358,18 @@ def _places(term: Effect) -> set[str]:
         "impact": (term.restitution, term.attraction),
         "friction": (term.rolling, term.sliding, term.onset),
         "picture": (term.view,),
-        # what is late by its height looks like a drag
         "time": (term.exposure,),
     }
     found = {place for place, own in hooks.items() if any(hook is not None for hook in own)} or {term.geometry}
-    return found | {"motion"} if "time" in found else found
+    return found | {"motion"} if _late_by_place(term) else found
+
+
+def _late_by_place(term: Effect) -> bool:
+    """Whether rows are late by where the bead is, which looks like a drag; a wrong clock is wrong alike everywhere."""
+    if term.exposure is None:
+        return False
+    size = term.parameters[0].typical
+    return bool(term.exposure(1.0, 0.0, 0.0, size) != term.exposure(1.0, 0.0, 1.0, size))
 
 
 def _each_needed(candidate: Candidate, done: dict[frozenset[str], Candidate], rig: str) -> bool:
@@ -389,6 +396,8 @@ def _refused(fitted: Fit, terms: Sequence[Effect]) -> str:
                 return "what is left goes on from frame to frame, which jitter does not"
             continue
         for parameter in term.parameters:
+            if parameter.assumed is not None:
+                continue
             name = f"{term.name}.{parameter.name}"
             value, std = fitted.value(name), fitted.std(name)
             beyond = parameter.high + min(2 * std, BEYOND * (parameter.high - parameter.low))

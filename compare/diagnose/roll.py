@@ -1,7 +1,7 @@
 """Rolling as the diagnosis sees it: a bead rolls down an incline from rest, or along a level surface from a push.
 
 World axes: x right along the level, y up, origin where the bead touches the surface at the start.  The bead rolls
-without slipping, to the right.
+without slipping: to the right, or to the left where the push is stated below zero.
 """
 
 from __future__ import annotations
@@ -32,12 +32,13 @@ class RollBench(Runs):
 
     bodies = 1
     onset = 0
-    per_run = ("conditions", "slope", "push", "pair", "bead")
+    per_run = ("conditions", "slope", "push", "side", "pair", "bead")
 
     def __init__(self, lab: TrackedLab) -> None:
         super().__init__(lab)
         self.slope = np.radians(self.setting("incline_angle_deg", 0.0))
-        self.push = self.setting("push_speed_m_s", 0.0)
+        push = self.setting("push_speed_m_s", 0.0)
+        self.push, self.side = np.abs(push), np.where(push < 0, -1.0, 1.0)
         self.pairs = list(dict.fromkeys(f"{c.bead.name}-{c.wall}" for c in self.conditions))
         self.pair = np.array([self.pairs.index(f"{c.bead.name}-{c.wall}") for c in self.conditions])
         count = len(self.conditions)
@@ -72,7 +73,7 @@ class RollBench(Runs):
         gravity = self.lab.gravity
         for r, span in enumerate(self.spans):
             time = self.time[span] / clock
-            place = self.rows[span][:, 0] / math.cos(self.slope[r])
+            place = self.side[r] * self.rows[span][:, 0] / math.cos(self.slope[r])
             place = place - float(np.median(place[:3]))
             moved = int(np.argmax(place > max(0.06 * float(place.max()), 6 * self.noise)))
             if self.push[r] > 0:
@@ -103,7 +104,7 @@ class RollBench(Runs):
     def move(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect], true: Array, seen: int) -> Moved:
         """Roll all repetitions for a stack of settings."""
         tips = np.stack([values[f"angle.{name}"] for name in self.condition_names], axis=-1)[:, self.condition]
-        slope = (self.slope + tips + values["plate_tilt.angle"][:, None])[:seen]
+        slope = self.side * (self.slope + tips + values["plate_tilt.angle"][:, None])[:seen]
         t0, start, push, friction = (local[:seen, :, k] for k in range(4))
         sine, cosine = np.sin(slope), np.cos(slope)
         acting = [
@@ -131,9 +132,10 @@ class RollBench(Runs):
         place, speed = place_at(motion, since, self.owner)
         s, c = sine[:, self.owner], cosine[:, self.owner]
         radius = (self.radius + 0.5 * self.beads.of("diameter", values, self.bead))[:seen, self.owner]
-        x, y = place * c + radius * s, radius * c - place * s
+        side = self.side[self.owner]
+        x, y = side * (place * c + radius * s), radius * c - place * s
         plain = np.stack([values[f"rolling_friction.{pair}"] for pair in self.pairs], axis=-1)[:, self.pair]
-        return Moved(x, y, speed[0] * c[0], -speed[0] * s[0], (local[..., 3] - plain)[..., None])
+        return Moved(x, y, side * speed[0] * c[0], -speed[0] * s[0], (local[..., 3] - plain)[..., None])
 
     def tied(self, terms: Sequence[Effect]) -> int:
         """How many coefficients of the baseline these terms make do without."""

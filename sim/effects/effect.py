@@ -27,6 +27,8 @@ class Parameter:
     """The value that physics predicts without a fit, where it does."""
     least: float = 0.0
     """What is smaller than this is in every lab, and is not named."""
+    assumed: tuple[float, float] | None = None
+    """Mean and standard deviation, in any lab, of what goes with the effect and is no measure of its strength."""
     starts: tuple[float, ...] = ()
     """Further values from which a fit is started, where the way to the best one is not straight."""
     meaning: str = ""
@@ -81,6 +83,9 @@ class Effect:
     """Whether its force on a bead in flight changes much within a radius of the plate."""
     flat: bool = False
     """Whether the effect has no slope at zero, so that a fit from there would stay there."""
+
+    even: bool = False
+    """Whether the sign of its first parameter says nothing: a fit that ends below zero means the same above."""
 
     @property
     def group(self) -> str:

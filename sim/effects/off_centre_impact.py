@@ -20,5 +20,6 @@ EFFECT = Effect(
     source="geometry; Foerster et al. 1994",
     synonyms=("oblique impact", "non-central impact", "eccentric impact", "misaligned pendulums", "non-spherical"),
     restitution=restitution,
+    even=True,
     splits="film from above: the beads then part sideways",
 )

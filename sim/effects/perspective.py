@@ -5,10 +5,14 @@ from typing import Any
 from rigtwin.sim.effects.effect import Effect, Parameter
 
 
-def view(x: Any, y: Any, gradient: Any) -> Any:
-    """Scale grows with height by `gradient` [1/m], for both coordinates."""
-    factor = 1.0 + gradient * y
-    return x * factor, y * factor
+def view(x: Any, y: Any, gradient: Any, level: Any) -> tuple[Any, Any]:
+    """A pinhole camera that looks up or down, its scale right at the height `level`; the picture's origin is the rig's.
+
+    The scale there grows with height by `gradient` [1/m].
+    """
+    far = 1.0 - gradient * (y - level)
+    far = 0.5 * (far + 0.1 + abs(far - 0.1))  # a tenth at least: what a fit tries may lie behind the camera
+    return x / far, (y - level) / far + level / (1.0 + gradient * level)
 
 
 EFFECT = Effect(
@@ -20,8 +24,11 @@ EFFECT = Effect(
         Parameter(
             "gradient", "1/m", -1.0, 1.0, 0.05, least=1e-3, meaning="relative change of scale per metre of height"
         ),
+        Parameter(
+            "level", "m", -2.0, 2.0, 0.1, assumed=(0.2, 0.3), meaning="height at which the stated scale is right"
+        ),
     ),
-    equation="(x', y') = (1 + p y) (x, y)",
+    equation="(x', y' - y_0') = (x, y - y_0) / (1 - p (y - y_0))",
     source="pinhole camera; Hartley & Zisserman 2004",
     synonyms=("camera pitch", "tilted camera", "out of plane", "parallax", "keystone", "foreshortening"),
     view=view,

@@ -22,6 +22,7 @@ EFFECT = Effect(
     source="Johnson 1985, section 11.5: above the yield speed e goes as v^(-1/4)",
     synonyms=("velocity dependent restitution", "plastic deformation", "yield", "speed dependent restitution"),
     restitution=restitution,
+    even=True,
     flat=True,
     splits="drops from 0.05 m to 1 m with the same bead: restitution against impact speed over all bounces",
 )

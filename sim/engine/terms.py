@@ -115,6 +115,13 @@ def adhesion_of(effects: Sequence[Active]) -> Adhesion | None:
 
 def terms_of(effects: Sequence[Active], place: str) -> Terms:
     """The compiled terms of these effects, their parameters set; each `place` that simulates has its own."""
+    terms = terms_among(tuple(one.effect for one in checked(effects)), place)
+    terms.load([effects])
+    return terms
+
+
+def checked(effects: Sequence[Active]) -> Sequence[Active]:
+    """The same effects, if the engine can add them."""
     for one in effects:
         if not any(getattr(one.effect, hook, None) for hook in HOOKS):
             raise BadInput(
@@ -123,14 +130,13 @@ def terms_of(effects: Sequence[Active], place: str) -> Terms:
             )
         if len(one.values) > MOST_PARAMETERS:
             raise BadInput(f"effect {one.effect.name}: the engine takes at most {MOST_PARAMETERS} parameters.")
-    terms = _terms(tuple(one.effect for one in effects), place)
-    terms.load(effects)
-    return terms
+    return effects
 
 
 @cache
-def _terms(effects: tuple[Effect, ...], place: str) -> Terms:
-    return Terms(effects)
+def terms_among(effects: tuple[Effect, ...], place: str, copies: int = 1) -> Terms:
+    """The compiled terms of these effects for up to so many copies, each with parameters of its own."""
+    return Terms(effects, copies)
 
 
 def _compiled(function: Callable[..., Any]) -> Any:
@@ -149,11 +155,13 @@ def _compiled(function: Callable[..., Any]) -> Any:
 class Terms:
     """Sums over the active effects, one function for each place where an effect can enter.
 
-    The lists are known at compile time: a place where nothing enters compiles to nothing.
+    The lists are known at compile time: a place where nothing enters compiles to nothing.  Where many copies of a
+    simulation run side by side, each has parameters of its own.
     """
 
-    def __init__(self, effects: tuple[Effect, ...]) -> None:
+    def __init__(self, effects: tuple[Effect, ...], copies: int = 1) -> None:
         self.effects = effects
+        self.copies = copies
         self.rows: Mapping[str, list[tuple[int, int, Any]]] = {
             hook: [
                 (row, len(effect.parameters), _compiled(function))
@@ -172,15 +180,20 @@ class Terms:
         self.has_neck = bool(self.necks)
         self.act_on_bodies = self.acts_in_flight or self.acts_on_threads
         self.act_on_contacts = self.changes_restitution or self.attracts
-        self.values: Any = ti.field(ti.f64, (len(effects), MOST_PARAMETERS)) if effects else None
+        self.values: Any = ti.field(ti.f64, (copies, len(effects), MOST_PARAMETERS)) if effects else None
 
-    def load(self, effects: Sequence[Active]) -> None:
-        for row, one in enumerate(effects):
-            for column, value in enumerate(one.values):
-                self.values[row, column] = value
+    def load(self, effects: Sequence[Sequence[Active]]) -> None:
+        """Set the parameters, one list of the effects per copy."""
+        if self.values is None:
+            return
+        values = np.zeros((self.copies, len(self.effects), MOST_PARAMETERS))
+        for copy, its in enumerate(effects):
+            for row, one in enumerate(its):
+                values[copy, row, : len(one.values)] = one.values
+        self.values.from_numpy(values)
 
     @ti.func
-    def in_flight(self, velocity, gap, radius, mass, up):
+    def in_flight(self, velocity, gap, radius, mass, up, copy=0):
         """Force [N] on a sphere that moves at `velocity`, `gap` [m] above the nearest wall; `up` is a unit vector.
 
         Effects are written for the plane of the motion, across and up: the plane here is that of `up` and the velocity.
@@ -196,18 +209,27 @@ class Terms:
             if ti.static(count == 0):
                 sideways, upwards = function(speed, rise, gap, radius, mass)
             if ti.static(count == 1):
-                sideways, upwards = function(speed, rise, gap, radius, mass, self.values[row, 0])
+                sideways, upwards = function(speed, rise, gap, radius, mass, self.values[copy, row, 0])
             if ti.static(count == 2):
-                sideways, upwards = function(speed, rise, gap, radius, mass, self.values[row, 0], self.values[row, 1])
+                sideways, upwards = function(
+                    speed, rise, gap, radius, mass, self.values[copy, row, 0], self.values[copy, row, 1]
+                )
             if ti.static(count == 3):
                 sideways, upwards = function(
-                    speed, rise, gap, radius, mass, self.values[row, 0], self.values[row, 1], self.values[row, 2]
+                    speed,
+                    rise,
+                    gap,
+                    radius,
+                    mass,
+                    self.values[copy, row, 0],
+                    self.values[copy, row, 1],
+                    self.values[copy, row, 2],
                 )
             total += sideways * along + upwards * up
         return total
 
     @ti.func
-    def on_thread(self, velocity, arm, length, mass, up):
+    def on_thread(self, velocity, arm, length, mass, up, copy=0):
         """Force [N] on a sphere that hangs from a pivot at -`arm` (a unit vector), from torques about that pivot."""
         rise = velocity.dot(up)
         across = velocity - rise * up
@@ -219,57 +241,73 @@ class Terms:
         for k in ti.static(range(len(self.torques))):
             row, count, function = ti.static(self.torques[k])
             if ti.static(count == 1):
-                total += function(angle, rate, length, mass, self.values[row, 0])
+                total += function(angle, rate, length, mass, self.values[copy, row, 0])
             if ti.static(count == 2):
-                total += function(angle, rate, length, mass, self.values[row, 0], self.values[row, 1])
+                total += function(angle, rate, length, mass, self.values[copy, row, 0], self.values[copy, row, 1])
             if ti.static(count == 3):
                 total += function(
-                    angle, rate, length, mass, self.values[row, 0], self.values[row, 1], self.values[row, 2]
+                    angle,
+                    rate,
+                    length,
+                    mass,
+                    self.values[copy, row, 0],
+                    self.values[copy, row, 1],
+                    self.values[copy, row, 2],
                 )
         return total / length / ti.max(speed, 1e-30) * velocity
 
     @ti.func
-    def damping_of_pair(self, damping, closing, radius_eff, mass_eff):
+    def damping_of_pair(self, damping, closing, radius_eff, mass_eff, copy=0):
         """As `damping`; equal beads count with their own radius and mass."""
-        return self.damping(damping, closing, 2.0 * radius_eff, 2.0 * mass_eff)
+        return self.damping(damping, closing, 2.0 * radius_eff, 2.0 * mass_eff, copy)
 
     @ti.func
-    def damping(self, damping, closing, radius, mass):
+    def damping(self, damping, closing, radius, mass, copy=0):
         """Column DAMPING of the law for an impact at the speed `closing`; the law's own is that at 1 m/s."""
         e = restitution_of(damping / DAMPING_FACTOR)
         speed = ti.max(closing, 1e-6)
         for k in ti.static(range(len(self.restitutions))):
             row, count, function = ti.static(self.restitutions[k])
             if ti.static(count == 1):
-                e = function(e, speed, radius, mass, self.values[row, 0])
+                e = function(e, speed, radius, mass, self.values[copy, row, 0])
             if ti.static(count == 2):
-                e = function(e, speed, radius, mass, self.values[row, 0], self.values[row, 1])
+                e = function(e, speed, radius, mass, self.values[copy, row, 0], self.values[copy, row, 1])
             if ti.static(count == 3):
-                e = function(e, speed, radius, mass, self.values[row, 0], self.values[row, 1], self.values[row, 2])
+                e = function(
+                    e,
+                    speed,
+                    radius,
+                    mass,
+                    self.values[copy, row, 0],
+                    self.values[copy, row, 1],
+                    self.values[copy, row, 2],
+                )
         return DAMPING_FACTOR * damping_ratio_in_step(ti.min(ti.max(e, 1e-3), 1.0))
 
     @ti.func
-    def attraction(self, overlap, radius, modulus):
+    def attraction(self, overlap, radius, modulus, copy=0):
         """Pull [N] between two bodies in contact; `radius` [m] and `modulus` [Pa] are the effective ones."""
         total = 0.0
         for k in ti.static(range(len(self.attractions))):
             row, count, function = ti.static(self.attractions[k])
             if ti.static(count == 1):
-                total += function(overlap, radius, modulus, self.values[row, 0])
+                total += function(overlap, radius, modulus, self.values[copy, row, 0])
             if ti.static(count == 2):
-                total += function(overlap, radius, modulus, self.values[row, 0], self.values[row, 1])
+                total += function(overlap, radius, modulus, self.values[copy, row, 0], self.values[copy, row, 1])
         return total
 
     @ti.func
-    def neck(self, radius, modulus):
+    def neck(self, radius, modulus, copy=0):
         """How far [m] bodies that touched may part before the contact breaks."""
         longest = 0.0
         for k in ti.static(range(len(self.necks))):
             row, count, function = ti.static(self.necks[k])
             if ti.static(count == 1):
-                longest = ti.max(longest, function(radius, modulus, self.values[row, 0]))
+                longest = ti.max(longest, function(radius, modulus, self.values[copy, row, 0]))
             if ti.static(count == 2):
-                longest = ti.max(longest, function(radius, modulus, self.values[row, 0], self.values[row, 1]))
+                longest = ti.max(
+                    longest, function(radius, modulus, self.values[copy, row, 0], self.values[copy, row, 1])
+                )
         return longest
 
 

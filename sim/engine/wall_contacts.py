@@ -58,32 +58,36 @@ APART, HOLDS, BEHIND = range(3)  # marks of a contact; BEHIND + q: it is the sam
 class WallContacts:
     """The walls near each of up to `capacity` beads, `near_capacity` entries in all, in two lists by turns."""
 
-    def __init__(self, capacity: int, near_capacity: int, room: int, terms: Terms) -> None:
+    def __init__(
+        self, capacity: int, near_capacity: int, room: int, terms: Terms, walls: int = WALLS, threads: int = THREADS
+    ) -> None:
         self.terms = terms
         self.near_capacity = near_capacity
         self.room = room
         self.elements = ti.field(ti.f64, (room, ELEMENT_SIZE))
         self.cell_first = ti.field(ti.i32, CELLS_PER_ELEMENT * room + 1)
         self.items = ti.field(ti.i32, ITEMS_PER_ELEMENT * room)
-        self.grid = ti.field(ti.f64, (WALLS, 4))
-        self.grid_shape = ti.field(ti.i32, (WALLS, 4))
-        self.motion = ti.field(ti.f64, (WALLS, MOTION_SIZE))
-        self.law = ti.Vector.field(LAW_SIZE, ti.f64, (KINDS, WALLS))
-        self.constants = ti.Vector.field(CONSTANTS, ti.f64, WALLS)  # of a contact of the first kind of spheres
+        self.grid = ti.field(ti.f64, (walls, 4))
+        self.grid_shape = ti.field(ti.i32, (walls, 4))
+        self.motion = ti.field(ti.f64, (walls, MOTION_SIZE))
+        self.law = ti.Vector.field(LAW_SIZE, ti.f64, (KINDS, walls))
+        self.constants = ti.Vector.field(CONSTANTS, ti.f64, walls)  # of a contact of the first kind of spheres
 
         # where the walls are in this step; each thread works it out for itself and need not wait for another
-        self.state = ti.field(ti.i32, (THREADS, WALLS))
-        self.turned = ti.Matrix.field(3, 3, ti.f64, (THREADS, WALLS))
-        self.pivot = ti.Vector.field(3, ti.f64, (THREADS, WALLS))
-        self.velocity = ti.Vector.field(3, ti.f64, (THREADS, WALLS))
-        self.spin = ti.Vector.field(3, ti.f64, (THREADS, WALLS))
-        self.listed_at = ti.field(ti.f64, WALLS)  # how long each had moved when the list was made
+        self.state = ti.field(ti.i32, (threads, walls))
+        self.turned = ti.Matrix.field(3, 3, ti.f64, (threads, walls))
+        self.pivot = ti.Vector.field(3, ti.f64, (threads, walls))
+        self.velocity = ti.Vector.field(3, ti.f64, (threads, walls))
+        self.spin = ti.Vector.field(3, ti.f64, (threads, walls))
+        self.listed_at = ti.field(ti.f64, walls)  # how long each had moved when the list was made
 
         self.first = ti.field(ti.i32, (2, capacity + 1))  # first entry of a bead
         self.near = ti.field(ti.i32, (2, near_capacity))  # element
         self.touching = ti.field(ti.i32, (2, near_capacity))
         self.slip = ti.Vector.field(3, ti.f64, (2, near_capacity))
         self.roll = ti.Vector.field(3, ti.f64, (2, near_capacity))
+        if terms.copies > 1:
+            self.copy = ti.field(ti.i32, walls)  # of the simulation that a wall is part of
         if terms.changes_restitution:
             self.impact = ti.field(ti.f64, (2, near_capacity))  # DAMPING of this impact
         self.facing = ti.Vector.field(4, ti.f64, near_capacity)  # direction to the wall's nearest point, distance
@@ -128,7 +132,7 @@ class WallContacts:
                 self.cell_first[c] = cell_first[c]
             for c in range(item_count):
                 self.items[c] = items[c]
-            for w in range(WALLS):
+            for w in range(motion.shape[0]):
                 for c in range(4):
                     self.grid[w, c] = grid[w, c]
                     self.grid_shape[w, c] = grid_shape[w, c]
@@ -158,32 +162,46 @@ class WallContacts:
         """
         strayed = 0
         for w in range(walls):
-            velocity = self.motion_vector(w, VELOCITY)
-            spin = self.motion[w, SPIN] * self.motion_vector(w, AXIS)
-            self.state[thread, w] = STILL
-            self.velocity[thread, w] = ti.Vector([0.0, 0.0, 0.0])
-            self.spin[thread, w] = ti.Vector([0.0, 0.0, 0.0])
-            if velocity.norm_sqr() + spin.norm_sqr() > 0.0:
-                self.state[thread, w] = MOVES
-                lasted = self.time_moving(w, time)
-                # velocities are those of mid-step
-                since = time - 0.5 * step - self.motion[w, START]
-                if since > 0.0 and since < self.motion[w, LASTS]:
-                    self.velocity[thread, w] = velocity
-                    self.spin[thread, w] = spin
-                if (lasted - self.listed_at[w]) * self.motion[w, WANDERS] > leeway:
-                    strayed = 1
-                if self.motion[w, IN_PLACE] > 0.5:
-                    lasted = 0.0
-                self.pivot[thread, w] = self.motion_vector(w, PIVOT) + lasted * velocity
-                self.turned[thread, w] = rotation(self.motion_vector(w, AXIS), self.motion[w, SPIN] * lasted)
-            if time >= self.motion[w, UNTIL]:
-                self.state[thread, w] = GONE
+            strayed = ti.max(strayed, self.pose_wall(thread, w, time, step, leeway))
+        return strayed
+
+    @ti.func
+    def pose_wall(self, thread, w, time, step, leeway):
+        strayed = 0
+        velocity = self.motion_vector(w, VELOCITY)
+        spin = self.motion[w, SPIN] * self.motion_vector(w, AXIS)
+        self.state[thread, w] = STILL
+        self.velocity[thread, w] = ti.Vector([0.0, 0.0, 0.0])
+        self.spin[thread, w] = ti.Vector([0.0, 0.0, 0.0])
+        if velocity.norm_sqr() + spin.norm_sqr() > 0.0:
+            self.state[thread, w] = MOVES
+            lasted = self.time_moving(w, time)
+            # velocities are those of mid-step
+            since = time - 0.5 * step - self.motion[w, START]
+            if since > 0.0 and since < self.motion[w, LASTS]:
+                self.velocity[thread, w] = velocity
+                self.spin[thread, w] = spin
+            if (lasted - self.listed_at[w]) * self.motion[w, WANDERS] > leeway:
+                strayed = 1
+            if self.motion[w, IN_PLACE] > 0.5:
+                lasted = 0.0
+            self.pivot[thread, w] = self.motion_vector(w, PIVOT) + lasted * velocity
+            self.turned[thread, w] = rotation(self.motion_vector(w, AXIS), self.motion[w, SPIN] * lasted)
+        if time >= self.motion[w, UNTIL]:
+            self.state[thread, w] = GONE
         return strayed
 
     @ti.func
     def motion_vector(self, w, column):
         return ti.Vector([self.motion[w, column], self.motion[w, column + 1], self.motion[w, column + 2]])
+
+    @ti.func
+    def copy_of(self, w):
+        """Which of the simulations that run side by side wall `w` is part of."""
+        copy = 0
+        if ti.static(self.terms.copies > 1):
+            copy = self.copy[w]
+        return copy
 
     @ti.func
     def before_it_moved(self, thread, w, position):
@@ -350,7 +368,9 @@ class WallContacts:
                     if ti.static(self.terms.changes_restitution):
                         if self.touching[live, q] == 0:
                             closing = (velocity - surface).dot(normal)
-                            self.impact[live, q] = self.terms.damping(law[DAMPING], closing, radius, mass)
+                            self.impact[live, q] = self.terms.damping(
+                                law[DAMPING], closing, radius, mass, self.copy_of(w)
+                            )
                         law[DAMPING] = self.impact[live, q]
                     constants = self.constants[w]
                     if ti.static(not alike):
@@ -360,7 +380,8 @@ class WallContacts:
                         wall_spin, constants, slip, roll, step, mechanics,
                     )  # fmt: skip
                     if ti.static(self.terms.attracts):
-                        drag += self.terms.attraction(radius - distance, radius, law[STIFFNESS]) * normal
+                        pull = self.terms.attraction(radius - distance, radius, law[STIFFNESS], self.copy_of(w))
+                        drag += pull * normal
                     self.slip[live, q] = slip
                     self.roll[live, q] = roll
                     self.touching[live, q] = 1
@@ -399,12 +420,12 @@ class WallContacts:
     def hold_neck(self, thread, live, q, i, kind, position, radius, step):
         """Pull on bead `i` of a contact whose bodies part but still hold together."""
         w = int(self.elements[self.near[live, q], OF_WALL])
-        modulus = self.law[kind, w][STIFFNESS]
+        modulus, copy = self.law[kind, w][STIFFNESS], self.copy_of(w)
         apart = self.facing[q][3] - radius
         force = ti.Vector([0.0, 0.0, 0.0])
-        if self.mark[q] == APART and apart < self.terms.neck(radius, modulus):
+        if self.mark[q] == APART and apart < self.terms.neck(radius, modulus, copy):
             self.touching[live, q] = 1
-            pull = self.terms.attraction(-apart, radius, modulus)
+            pull = self.terms.attraction(-apart, radius, modulus, copy)
             normal = ti.Vector([self.facing[q][0], self.facing[q][1], self.facing[q][2]])
             force = pull * normal
             if self.state[thread, w] == MOVES:

@@ -1,0 +1,91 @@
+"""How far apart neighbouring beads of a bed lie in a picture, without making out a single one.
+
+The picture of a bed is correlated with itself: shifted by a bead's diameter beads fall on their neighbours, whichever
+way they look.  This holds where beads are a few pixels wide, blurred, or shaded, so that no rim of theirs is seen.
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Image = npt.NDArray[np.uint8]
+Mask = npt.NDArray[np.bool_]
+
+# bead diameters, between neighbours as they are seen in the outermost layers of a settled bed, not all of which touch
+# or lie at the same depth; and its relative standard deviation
+NEIGHBOURS, NEIGHBOURS_DOUBT = 1.08, 0.05
+PARTS = 2  # of a pixel, in which shifts are told
+FINE = 8.0  # [px], over which the picture is evened out at first
+CLEAR = 0.03  # correlation with the neighbours below which there is no pattern of beads
+LEAST = 3.0  # [px], between neighbours that can be told apart
+RING = (1.3, 2.4)  # times the shift at which least falls on a bead: half a diameter and a little more
+LARGEST = 0.34  # of the bed's smaller side, between neighbours
+
+
+def bead_spacing(image: Image, bed: Mask) -> float | None:
+    """Distance [px] of neighbouring beads where `bed` marks them in a picture (BGR or grey); None: not clear."""
+    grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    rows, columns = np.flatnonzero(bed.any(axis=1)), np.flatnonzero(bed.any(axis=0))
+    if len(rows) < 8 or len(columns) < 8:
+        return None
+    box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    picture, inside = grey[box].astype(np.float32), bed[box].astype(np.float32)
+    found = None
+    for _ in range(3):  # what varies over more than a bead or two is light, and is taken out
+        found = _first_ring(_correlation(picture, inside, FINE if found is None else 0.8 * found))
+        if found is None:
+            return None
+    return found if found is not None and found > LEAST else None
+
+
+def size_of_beads(spacing: float) -> float:
+    """Bead diameter by the distance of neighbours, in its unit.
+
+    >>> round(size_of_beads(10.8), 3)
+    10.0
+    """
+    return spacing / NEIGHBOURS
+
+
+def _correlation(picture: npt.NDArray[np.float32], inside: npt.NDArray[np.float32], fine: float) -> Array:
+    """Correlation of the bed's fine pattern with itself by shift, in steps of 1 / PARTS px, 1 at no shift."""
+    share = np.maximum(cv2.GaussianBlur(inside, (0, 0), fine), 1e-3)
+    pattern = (picture - cv2.GaussianBlur(picture * inside, (0, 0), fine) / share) * inside
+    size = [cv2.getOptimalDFTSize(2 * side) for side in pattern.shape]
+    both = np.fft.irfft2(np.abs(np.fft.rfft2(pattern, size)) ** 2, size)
+    pairs = np.fft.irfft2(np.abs(np.fft.rfft2(inside, size)) ** 2, size)
+    y, x = (np.minimum(np.arange(side), side - np.arange(side)) for side in size)
+    shift = np.rint(PARTS * np.hypot(y[:, None], x[None, :])).astype(np.int64)
+    near = shift < PARTS * LARGEST * min(pattern.shape)
+    sums = [np.bincount(shift[near], each[near]) for each in (both, pairs)]
+    mean = sums[0] / np.maximum(sums[1], 1.0)
+    return np.asarray(mean / max(float(mean[0]), 1e-9))
+
+
+def _first_ring(correlation: Array) -> float | None:
+    """[px], of the first maximum beyond the first minimum."""
+    smooth = np.convolve(correlation, (0.25, 0.5, 0.25), mode="same")[:-1]
+    below = np.flatnonzero(smooth < 0)
+    if len(below) == 0:
+        return None
+    lowest = below[0] + int(np.argmin(smooth[below[0] : 3 * below[0] + 1]))
+    # the next ring may be the clearer one in a blurred picture
+    highest = [
+        k
+        for k in range(math.ceil(RING[0] * lowest), min(int(RING[1] * lowest), len(smooth) - 1))
+        if smooth[k] > CLEAR and smooth[k] >= smooth[k - k // 6 - 1 : k + k // 6 + 2].max()
+    ]
+    if not highest:
+        return None
+    top = highest[0]
+    # the ring is broad: its middle is told by a parabola through its upper part
+    width = max(2, top // 8)
+    near = np.arange(max(top - width, lowest), min(top + width + 1, len(smooth)))
+    bend, slope, _ = np.polyfit(near - top, smooth[near], 2)
+    off = -slope / (2 * bend) if bend < 0 else 0.0
+    return float(top + np.clip(off, -width, width)) / PARTS if math.isfinite(off) else None
