@@ -25,10 +25,11 @@ from published import penetration, silo
 from rigtwin.lab.materials import Contact, Material, Particle, clumped
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.lab.shapes import clump
-from rigtwin.sim.engine.bulk import Beads, Bulk
+from rigtwin.sim.engine.bulk import Bulk
 from rigtwin.sim.engine.clock import time_step
 from rigtwin.sim.engine.contact import ROLLING, Rolling
 from rigtwin.sim.engine.few_body import Body, Motion, run
+from rigtwin.sim.engine.grains import Beads
 from rigtwin.sim.engine.walls import Plane, Wall
 
 Array = npt.NDArray[np.float64]

@@ -11,7 +11,7 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -136,6 +136,20 @@ Stiffness = Annotated[
         "Young's moduli in a twin of many particles are multiplied by this, to save time; 0.001.",
         highest=1.0,
     ),
+]
+TimeStep = Annotated[
+    float,
+    quantity(
+        "--time-step-fraction",
+        "number",
+        "0.3",
+        "Time step of the twin in parts of Rayleigh's; 0.3, or less for more accurate contacts.",
+    ),
+]
+Forced = Annotated[bool, typer.Option("--force", help="Take a time step that is known to be unstable, too.")]
+Device = Annotated[
+    Literal["cpu", "cuda", "auto"],
+    typer.Option("--device", help="Where the twin is worked out; auto: on a GPU where CUDA finds one."),
 ]
 Threads = Annotated[int | None, typer.Option("--threads", min=1, help="CPU threads of the twin; all by default.")]
 

@@ -13,9 +13,12 @@ import typer
 from rigtwin.commands.ending import Work, simulated
 from rigtwin.commands.options import (
     Command,
+    Device,
+    Forced,
     Seed,
     Stiffness,
     Threads,
+    TimeStep,
     gathered,
     option,
     quantity,
@@ -87,10 +90,13 @@ def bulk(*, wall: str, count: int | None = None) -> Callable[[Command], Command]
         **({} if count is None else {"count": (Count, count)}),
         "seed": (Seed, 1),
         "stiffness_factor": (Stiffness, 1e-3),
+        "time_step_fraction": (TimeStep, 0.3),
+        "forced": (Forced, False),
         "rolling": (RollingModel, "C"),
         "contact_law": (ContactLaw, "Hertz-Mindlin"),
         "impact_speed": (ImpactSpeed, 1.0),
         "threads": (Threads, None),
+        "device": (Device, "cpu"),
         "checkpoint": (Kept, None),
         "trajectory": (Filmed, None),
     }

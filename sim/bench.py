@@ -37,7 +37,7 @@ class Numerics(TypedDict, total=False):
     stiffness_factor: float  # Young's moduli are multiplied by it; a thousandth (Hlosta et al. 2020, section 2.2.3)
     time_step_fraction: float  # of Rayleigh's step; 30 %
     forced: bool  # even an unstable step is taken
-    device: Device  # "cpu"; "cuda" where there is one, else the CPU, and the result says so
+    device: Device  # "cpu"; "cuda" where there is one, else the CPU, and the result says so; "auto": without a word
     rolling: Rolling  # "type C"
     contact_law: ContactLaw  # "Hertz-Mindlin"
     impact_speed: float  # [m/s], at which springs of the "linear" law are as stiff as Hertz's contacts; 1 m/s

@@ -19,7 +19,8 @@ from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.engine.clock import positive
 
 if TYPE_CHECKING:
-    from rigtwin.sim.engine.bulk import Bulk, Grains
+    from rigtwin.sim.engine.bulk import Bulk
+    from rigtwin.sim.engine.grains import Grains
     from rigtwin.sim.engine.walls import Shape
     from rigtwin.sim.logbook import Logbook
 

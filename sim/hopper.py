@@ -25,7 +25,8 @@ from rigtwin.sim.logbook import History
 from rigtwin.sim.outline import bed, outline
 
 if TYPE_CHECKING:
-    from rigtwin.sim.engine.bulk import Beads, Bulk, Grains
+    from rigtwin.sim.engine.bulk import Bulk
+    from rigtwin.sim.engine.grains import Beads, Grains
     from rigtwin.sim.engine.walls import Shape
     from rigtwin.sim.logbook import Logbook
 

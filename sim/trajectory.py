@@ -19,7 +19,7 @@ import numpy.typing as npt
 from rigtwin.lab.errors import BadInput
 
 if TYPE_CHECKING:
-    from rigtwin.sim.engine.bulk import Beads
+    from rigtwin.sim.engine.grains import Beads
     from rigtwin.sim.engine.walls import Shape
 
 Array = npt.NDArray[np.float64]

@@ -5,12 +5,14 @@ import math
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from rigtwin.cli import run
 from rigtwin.lab.entries import RIGS
+from rigtwin.lab.errors import BadInput
 
 HEAVY = {
     "numpy",
@@ -236,6 +238,7 @@ def test_an_unknown_experiment_is_refused_with_the_known_ones(tmp_path, capfd):
         (["simulate", "drop", "--drop-height", "300mm", "--particle", "D7"], "--particle"),
         (["simulate", "drop", "--drop-height", "300mm", "--wall", "stel"], "steel"),
         (["simulate", "pile"], "--base-diameter"),
+        (["simulate", "pile", "--base-diameter", "90mm", "--time-step-fraction", "0.9"], "or force it"),
         (["simulate", "pile", "--base-diameter", "90mm", "--count", "1000000000"], "--count"),
         (["simulate", "pile", "--base-diameter", "90mm", "--static-friction", "nan"], "--static-friction"),
         (["simulate", "pile", "--base-diameter", "90mm", "--seed", "-1"], "--seed"),
@@ -349,6 +352,21 @@ def test_simulate_prints_one_json_document_with_the_restitution_that_was_put_in(
     written = json.loads(Path("twin/quantities.json").read_text())
     assert written["quantities"] == document["quantities"]
     assert Path(document["files"]["record"]).read_text().startswith("time_s,x_m,y_m")
+
+
+def test_device_and_time_step_of_a_bulk_twin_can_be_said(capfd, monkeypatch):
+    asked: dict[str, Any] = {}
+
+    def twin(_rig, _cast, **given):
+        asked.update(given)
+        raise BadInput("seen")
+
+    monkeypatch.setattr("rigtwin.compare.bulk_twins.pile_twin", twin)
+    pile = ["simulate", "pile", "--base-diameter", "90mm", "--rim-height", "10mm"]
+    refused([*pile, "--device", "auto", "--time-step-fraction", "90%", "--force"], capfd, "seen")
+    assert (asked["device"], asked["time_step_fraction"], asked["forced"]) == ("auto", 0.9, True)
+    refused(pile, capfd, "seen")
+    assert (asked["device"], asked["time_step_fraction"], asked["forced"]) == ("cpu", 0.3, False)
 
 
 def test_an_angle_without_its_unit_is_refused(capfd):

@@ -288,6 +288,24 @@ def test_beads_stand_in_a_bowl_and_those_outside_are_counted_out():
     assert beads.position[:, 2] == pytest.approx(0.003, abs=1e-5)
 
 
+def test_the_largest_overlap_is_that_of_the_run_also_when_its_beads_have_left():
+    space = weightless(CONTACT, open_domain=True)
+    space.add([[0.05, 0, 0], [0.0562, 0, 0], [-0.05, 0.05, 0]], [[1.0, 0, 0], [-1.0, 0, 0], [0, 0, 0]])
+    space.run(100)
+    deepest = space.largest_overlap
+    assert deepest > 0.04
+    space.run(20_000)
+    assert space.gone == 2
+    assert space.largest_overlap == deepest
+    state = space.state()
+    space._grow(4096, 1, 1)
+    assert space.largest_overlap == deepest
+    again = weightless(CONTACT, open_domain=True)
+    assert again.largest_overlap == 0
+    again.restore(state)
+    assert again.largest_overlap == deepest
+
+
 @pytest.mark.parametrize(
     ("position", "message"),
     [
@@ -374,17 +392,33 @@ def test_the_engine_starts_without_a_word_and_says_when_there_is_no_cuda():
     code = (
         "from rigtwin.sim.engine import backend\n"
         "first = backend.start(device='cuda')\n"
-        "assert backend.start() is first\n"
+        "assert backend.start(device='cuda') is first\n"
+        "assert backend.start(device='auto') is first\n"
         "assert (first.device == 'cuda') == (first.note == ''), first\n"
         "from rigtwin.lab.materials import Contact, Material, Particle\n"
         "from rigtwin.sim.engine.bulk import Bulk\n"
         "bead = Particle('D6', Material('ash', 720, 11e6, 0.44), 6e-3)\n"
         "box = dict(low=(0, 0, 0), high=(1, 1, 1), time_step=1e-5)\n"
         "assert Bulk([bead], Contact(0.5), device='cuda', **box).note == first.note\n"
-        "assert Bulk([bead], Contact(0.5), **box).note == ''\n"
+        "assert Bulk([bead], Contact(0.5), device='auto', **box).note == ''\n"
     )
     done = in_a_new_process(code)
     assert done.stdout == ""
+
+
+def test_what_runs_on_one_device_is_not_taken_for_the_other(monkeypatch):
+    # there need be no GPU for it: what counts is where the process is known to run
+    monkeypatch.setattr(backend, "_running", backend.Backend("cuda", 2))
+    for start in (backend.start, box):
+        with pytest.raises(RigtwinError, match="already runs on CUDA in this process; start a new process for the CPU"):
+            start(device="cpu")
+    assert backend.start(device="auto").device == "cuda"
+    monkeypatch.setattr(backend, "_running", backend.Backend("cpu", 2))
+    assert backend.start(device="auto").device == "cpu"
+    with pytest.raises(RigtwinError, match="already runs on the CPU"):
+        backend.start(device="cuda")
+    with pytest.raises(BadInput, match="'cpu', 'cuda', 'auto'"):
+        backend.start(device="gpu")
 
 
 def test_twins_are_imported_without_the_engine():

@@ -13,7 +13,7 @@ from rigtwin.sim.engine.bulk import Bulk
 from rigtwin.sim.engine.contact import damping_ratio
 from rigtwin.sim.engine.few_body import Body, run
 from rigtwin.sim.engine.terms import active
-from rigtwin.sim.engine.walls import Plane, Wall
+from rigtwin.sim.engine.walls import Motion, Plane, Wall
 
 G = 9.81
 FOAM = Material("foam", 28, 5e6, 0.1)
@@ -314,6 +314,24 @@ def test_the_budget_closes_while_elastic_beads_pull_each_other(effect, value):
     assert len(pulling) > 5
     assert min(b.adhesive for b in pulling) < -0.05 * begun
     assert [b.total for b in pulling] == pytest.approx([begun] * len(pulling), rel=5e-3)
+
+
+def test_the_pull_of_a_neck_on_a_wall_that_moves_is_in_the_books():
+    # a floor that sinks, fast enough to stretch the neck and too slow to tear it, gives the bead what the books gain
+    floor = Wall(FLOOR, RUBBER, Contact(1.0), Motion(velocity=(0, 0, -2e-3)))
+    bed = bulk(SOFT, only("adhesion_jkr", 0.1), [floor], WEIGHTLESS, 1e-6, restitution=1.0)
+    bed.add(np.array([[0, 0, SOFT.radius - 1e-9]]))
+    bed.run(1)
+    begun, apart, books = bed.budget(), [], []
+    for _ in range(100):
+        bed.run(50)
+        apart.append(bed.beads().position[0, 2] - SOFT.radius + 2e-3 * bed.time)
+        books.append(bed.budget())
+    assert sum(gap > 0 for gap in apart) > 5
+    assert books[-1].wall_contacts == 1
+    work = np.array([b.work - begun.work for b in books])
+    assert np.ptp(work) > 1e-12
+    assert [b.total - begun.total for b in books] == pytest.approx(work, abs=0.01 * np.ptp(work))
 
 
 def test_what_was_torn_off_in_the_last_move_is_in_the_books_no_more():

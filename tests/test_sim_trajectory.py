@@ -12,7 +12,8 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.rigs import Pile
 from rigtwin.sim import pile, trajectory
-from rigtwin.sim.engine.bulk import Beads, Bulk, SimulationFailed
+from rigtwin.sim.engine.bulk import Bulk, SimulationFailed
+from rigtwin.sim.engine.grains import Beads
 from rigtwin.sim.engine.walls import Cylinder, Disc, Plane, Wall
 from rigtwin.sim.logbook import Logbook
 

@@ -58,7 +58,8 @@ from rigtwin.sim.engine.neighbours import Neighbours
 from rigtwin.sim.engine.pairs import PACKET, Pairs
 from rigtwin.sim.engine.team import LATE_AT, LEFT_AT, PATIENCE, WAITED, Team
 from rigtwin.sim.engine.terms import Terms, upwards
-from rigtwin.sim.engine.wall_contacts import KINDS, ROOM, THREADS, WallContacts
+from rigtwin.sim.engine.wall_contacts import THREADS, WallContacts
+from rigtwin.sim.engine.wall_table import KINDS, ROOM
 
 FLAGS = 17  # steps of one multi-threaded burst, and one
 BURST = FLAGS - 1

@@ -22,7 +22,8 @@ from typing import Any, Literal
 
 from rigtwin.lab.errors import BadInput, RigtwinError
 
-Device = Literal["cpu", "cuda"]
+Device = Literal["cpu", "cuda", "auto"]
+DEVICES: tuple[Device, ...] = ("cpu", "cuda", "auto")
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 
@@ -131,22 +132,27 @@ def start(threads: int | None = None, device: Device = "cpu") -> Backend:
     """Start Taichi once per process and say where it runs; later calls return the running backend.
 
     float64, no fast-math, compiled kernels cached on disk between processes.  `device` "cuda" falls back to the CPU
-    with a note where there is no CUDA device.  Never fork after this call: a forked child hangs, spawn it instead.
+    with a note where there is no CUDA device, "auto" takes what already runs, else CUDA where it is there.  A process
+    has one device: all fields lie on it.  Never fork after this call: a forked child hangs, spawn it instead.
     """
     global _running  # noqa: PLW0603  Taichi itself is one global per process
-    if device not in ("cpu", "cuda"):
-        raise BadInput(f"device: {device!r} is unknown; use 'cpu' or 'cuda'.")
+    if device not in DEVICES:
+        raise BadInput(f"device: {device!r} is unknown; use {', '.join(map(repr, DEVICES))}.")
     if threads is not None and threads < 1:
         raise BadInput(f"threads: {threads} is too few; give at least 1.")
     if _running is not None:
         if device == "cuda" and _running.device == "cpu" and not _running.note:
             raise RigtwinError("The engine already runs on the CPU in this process; start a new process for CUDA.")
+        if device == "cpu" and _running.device == "cuda":
+            raise RigtwinError("The engine already runs on CUDA in this process; start a new process for the CPU.")
         return _running
     if threading.current_thread() is not threading.main_thread():
         raise RigtwinError("The engine must be started in the main thread; call it there, or in a process of its own.")
-    note = ""
-    if device == "cuda" and not _cuda_present():
-        device, note = "cpu", "no CUDA device was found; the engine runs on the CPU"
+    wanted, note = device, ""
+    if wanted != "cpu":
+        device = "cuda" if _cuda_present() else "cpu"
+    if wanted == "cuda" and device == "cpu":
+        note = "no CUDA device was found; the engine runs on the CPU"
     workers = threads or available_threads()
     with _quiet_stdout():
         ti.init(

@@ -13,7 +13,7 @@ from rigtwin.sim.engine.contact import SPEED, STIFFNESS, linear_stiffness
 from rigtwin.sim.engine.elements import Vector
 
 if TYPE_CHECKING:
-    from rigtwin.sim.engine.bulk import Grains
+    from rigtwin.sim.engine.grains import Grains
 
 Array = npt.NDArray[np.float64]
 

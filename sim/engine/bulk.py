@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -27,19 +26,12 @@ from rigtwin.sim.engine import columns as at
 from rigtwin.sim.engine.clock import UNSTABLE, positive
 from rigtwin.sim.engine.contact import IMPACT_SPEED, LAW_SIZE, ContactLaw, Mechanics, Rolling, pair_law
 from rigtwin.sim.engine.elements import Vector
+from rigtwin.sim.engine.grains import Beads, Grains
 from rigtwin.sim.engine.neighbours import LARGE
 from rigtwin.sim.engine.team import Crew
 from rigtwin.sim.engine.terms import Active, Terms, adhesion_of, terms_of
-from rigtwin.sim.engine.wall_contacts import (
-    KINDS,
-    THREADS,
-    UNTIL,
-    WANDERS,
-    WallTable,
-    motion_of,
-    motion_row,
-    wall_table,
-)
+from rigtwin.sim.engine.wall_contacts import THREADS
+from rigtwin.sim.engine.wall_table import KINDS, UNTIL, WANDERS, WallTable, motion_of, motion_row, wall_table
 from rigtwin.sim.engine.walls import Motion, Shape, Wall, gaps
 
 Array = npt.NDArray[np.float64]
@@ -60,48 +52,6 @@ FEW = 300  # spheres, among which all pairs are looked at sooner than SciPy is i
 
 class SimulationFailed(RigtwinError):
     """A running simulation broke down; the message names the bead and the time."""
-
-
-@dataclass(frozen=True)
-class Grains:
-    """State of all particles, a sphere or a clump each, in the order of their names."""
-
-    ident: npt.NDArray[np.int64]  # number in the order of adding
-    kind: npt.NDArray[np.int64]  # index of the particle
-    position: Array  # [m], shape (n, 3), of the centre of mass
-    velocity: Array  # [m/s], shape (n, 3)
-    spin: Array  # [rad/s], shape (n, 3)
-    turn: Array  # [1], shape (n, 4), quaternion from the clump's own axes to space; a sphere's is not followed
-    mass: Array  # [kg]
-    momentum: Array  # [kg m^2/s], shape (n, 3), angular, about the centre of mass
-
-    @property
-    def kinetic_energy(self) -> float:
-        """Of translation and rotation [J]."""
-        return float(0.5 * np.sum(self.mass * (self.velocity**2).sum(1) + (self.momentum * self.spin).sum(1)))
-
-
-@dataclass(frozen=True)
-class Beads:
-    """State of all spheres, in the order of their names."""
-
-    ident: npt.NDArray[np.int64]  # number in the order of adding
-    kind: npt.NDArray[np.int64]  # index of the particle
-    position: Array  # [m], shape (n, 3)
-    velocity: Array  # [m/s], shape (n, 3)
-    spin: Array  # [rad/s], shape (n, 3)
-    radius: Array  # [m]
-    mass: Array  # [kg], of a clump's sphere its share by volume
-    grain: npt.NDArray[np.int64] | None = None  # name of the particle that a sphere is part of; None: each its own
-    grains: Grains | None = None  # None: the spheres themselves
-
-    @property
-    def kinetic_energy(self) -> float:
-        """Of translation and rotation [J]."""
-        if self.grains is not None:
-            return self.grains.kinetic_energy
-        inertia = 0.4 * self.mass * self.radius**2
-        return float(0.5 * np.sum(self.mass * (self.velocity**2).sum(1) + inertia * (self.spin**2).sum(1)))
 
 
 class Bulk:
@@ -399,9 +349,8 @@ class Bulk:
 
     @property
     def largest_overlap(self) -> float:
-        """Largest overlap so far, in radii (twice the effective radius between beads)."""
-        rows = self._rows()
-        return float(rows[:, 20].max()) if len(rows) else 0.0
+        """Largest overlap so far, in radii (twice the effective radius between beads), also of beads that have left."""
+        return float(self._rows()[:, 20].max(initial=self._arena.numbers[at.WORST]))
 
     @property
     def contacts(self) -> int:
@@ -626,7 +575,7 @@ class Bulk:
         """Move to a larger arena, history and all."""
         old, beads, listed = self._arena, self._count(at.BEADS), self._count(at.LISTED)
         rows, (first, pairs), near, work = self._rows(), self._pairs(listed), self._near(listed), self.work
-        in_flight = self.work_in_flight
+        in_flight, worst = self.work_in_flight, self._arena.numbers[at.WORST]
         listed_at = old.walls.listed_at.to_numpy()
         kept = {column: self._count(column) for column in (at.GONE, at.BUILDS, at.BODIES, at.MIXED)}
         whole, members = self._body_rows(), self._members(beads) if self._rigid else None
@@ -641,6 +590,7 @@ class Bulk:
             self._arena.put_members(members, 0, beads)
         self._arena.put_pairs(first, pairs, listed)
         self._arena.walls.put_list(*near, self._count(at.LIVE_LIST), listed)
+        self._arena.numbers[at.WORST] = worst
         self._arena.walls.work_before[None] = work
         if self._arena.terms.acts_in_flight:
             self._arena.flight_before[None] = in_flight

@@ -23,7 +23,7 @@ def time_step(
     if fraction > UNSTABLE and not forced:
         raise BadInput(
             f"time_step_fraction: {fraction:.0%} of Rayleigh's step is unstable; "
-            f"give at most {UNSTABLE:.0%} (usual: {USUAL:.0%})."
+            f"give at most {UNSTABLE:g} (usual: {USUAL:g}), or force it."
         )
     warnings: tuple[str, ...] = ()
     if fraction > DOUBTFUL:

@@ -3,7 +3,8 @@
 # columns of `numbers`
 STEP, SKIN, GRAVITY, LOW, CELL, MOST_SPEED = 0, 1, 2, 5, 8, 9
 BEFORE = 10  # steps made before a burst
-NUMBERS = 11
+WORST = 11  # largest overlap of beads that have left
+NUMBERS = 12
 # columns of `counts`
 BEADS, LISTED, LIVE_LIST, PAIRS, WALL_COUNT, STATUS, CULPRIT = range(7)
 NX, NY, NZ, OPEN, GONE, BUILDS, DONE = range(7, 14)

@@ -36,7 +36,8 @@ from rigtwin.sim.engine.few_step import (
     Steps,
 )
 from rigtwin.sim.engine.terms import Active, Terms, terms_among
-from rigtwin.sim.engine.wall_contacts import KINDS, MOTION_SIZE, WallContacts, WallTable
+from rigtwin.sim.engine.wall_contacts import WallContacts
+from rigtwin.sim.engine.wall_table import KINDS, MOTION_SIZE, WallTable
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int32]

@@ -27,7 +27,7 @@ from rigtwin.sim.engine import backend, few_bench, few_step
 from rigtwin.sim.engine.contact import IMPACT_SPEED, LAW_SIZE, ContactLaw, Mechanics, Rolling, pair_law
 from rigtwin.sim.engine.few_bench import Copy, Outcome
 from rigtwin.sim.engine.terms import Active, checked
-from rigtwin.sim.engine.wall_contacts import WallTable, wall_table
+from rigtwin.sim.engine.wall_table import WallTable, wall_table
 from rigtwin.sim.engine.walls import Wall, gaps
 
 Array = npt.NDArray[np.float64]

@@ -4,7 +4,8 @@ from rigtwin.sim.engine.backend import ti
 from rigtwin.sim.engine.contact import DAMPING, LAW_SIZE, STIFFNESS, braked, constants_of_two, contact_forces
 from rigtwin.sim.engine.elements import OF_WALL
 from rigtwin.sim.engine.terms import Terms, upwards
-from rigtwin.sim.engine.wall_contacts import WANDERS, WallContacts
+from rigtwin.sim.engine.wall_contacts import WallContacts
+from rigtwin.sim.engine.wall_table import WANDERS
 
 ENDLESS = 1e9  # [m]
 RESTING_SPEED = 1e-8  # [m/s]

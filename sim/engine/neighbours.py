@@ -31,6 +31,7 @@ from rigtwin.sim.engine.columns import (
     STATUS,
     WALL_COUNT,
     WHOLE,
+    WORST,
 )
 from rigtwin.sim.engine.pairs import Pairs
 from rigtwin.sim.engine.wall_contacts import THREADS, WallContacts
@@ -306,6 +307,9 @@ class Neighbours(Pairs, RigidBodies):
                 self.flight_before[None] = self.flight_before[None] + self.flight[i]
                 self.flight[i] = 0.0
         gone = self.counts[BEADS] - kept
+        for i in range(self.counts[BEADS]):
+            if self.cell_of[i] < 0:
+                self.numbers[WORST] = ti.max(self.numbers[WORST], self.worst[i])
         if ti.static(self.rigid):
             gone = 0
             for i in range(self.counts[BEADS]):
