@@ -17,7 +17,7 @@ Materials, walls, gravity and step are data, sizes come in a few classes: a new 
 from functools import cache
 from typing import Any
 
-from rigtwin.sim.engine.backend import ti
+from rigtwin.sim.engine.backend import GRAIN, ti
 from rigtwin.sim.engine.bodies import RigidBodies
 from rigtwin.sim.engine.columns import (
     BEADS,
@@ -63,7 +63,6 @@ from rigtwin.sim.engine.wall_table import KINDS, ROOM
 
 FLAGS = 17  # steps of one multi-threaded burst, and one
 BURST = FLAGS - 1
-GRAIN = 512  # Taichi gives a thread at least so many rounds of a parallel loop
 
 
 @cache

@@ -24,6 +24,7 @@ from rigtwin.lab.errors import BadInput, RigtwinError
 
 Device = Literal["cpu", "cuda", "auto"]
 DEVICES: tuple[Device, ...] = ("cpu", "cuda", "auto")
+GRAIN = 512  # on CPUs Taichi gives a thread at least so many rounds of a parallel loop
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from rigtwin.sim.effects import Effect
 from rigtwin.sim.engine import backend
-from rigtwin.sim.engine.backend import ti
+from rigtwin.sim.engine.backend import GRAIN, ti
 from rigtwin.sim.engine.contact import LAW_SIZE, Mechanics
 from rigtwin.sim.engine.elements import ELEMENT_SIZE, OF_WALL
 from rigtwin.sim.engine.few_step import (
@@ -139,7 +139,9 @@ class Bench(Steps):
 
     def __init__(self, terms: Terms, room: int) -> None:
         self.room = room
-        self.block = 1 if backend.start().device == "cpu" else THREADS_OF_A_BLOCK
+        device = backend.start().device
+        self.block = GRAIN if device == "cpu" else THREADS_OF_A_BLOCK
+        self.grain = GRAIN if device == "cpu" else 1
         self.rate = FIRST_RATE
         bodies, pairs = BODIES_A_COPY * room, PAIRS_A_COPY * room
         Steps.__init__(self, bodies, pairs, terms)
@@ -162,7 +164,7 @@ class Bench(Steps):
         while len(running):
             began, before = time.perf_counter(), clock[:, STEPS].sum()
             budget = int(np.clip(LAUNCH * self.rate / len(running), LEAST_STEPS, MOST_STEPS))
-            workers = min(threads, len(running)) if self.block == 1 else len(running)
+            workers = min(threads, len(running)) if self.grain > 1 else len(running)
             self._advance(
                 running, np.zeros(1, dtype=np.int32), workers, budget, clock, counts, times, samples, mechanics
             )
@@ -275,8 +277,9 @@ class Bench(Steps):
     ):
         """Each worker takes the next of the running copies until none is left; `taken` counts those that are."""
         ti.loop_config(block_dim=self.block)
-        for _ in range(workers):
-            turn = ti.atomic_add(taken[0], 1)
-            while turn < running.shape[0]:
-                self.advance_copy(running[turn], budget, clock, counts, times, samples, mechanics)
+        for worker in range(workers * self.grain):
+            if worker % self.grain == 0:
                 turn = ti.atomic_add(taken[0], 1)
+                while turn < running.shape[0]:
+                    self.advance_copy(running[turn], budget, clock, counts, times, samples, mechanics)
+                    turn = ti.atomic_add(taken[0], 1)
