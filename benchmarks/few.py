@@ -47,7 +47,18 @@ def many_rows(drops: int, twins: int, threads: Sequence[int], seed: int) -> list
     """Drops of different beads, heights and restitutions: in one launch and one launch after the other."""
     rng = np.random.default_rng(seed)
     trials = [_trial(rng) for _ in range(drops)]
-    return [row for count in threads for row in _rows(trials, trials[:twins], count)]
+    rows = [row for count in threads for row in _rows(trials, trials[:twins], count)]
+    return [*rows, *([_shared(trials, max(threads))] if max(threads) > 1 else [])]
+
+
+def _shared(trials: Sequence[drop.Trial], threads: int) -> Row:
+    """One launch on all threads beside the same on one, by the clock."""
+    cases = [_case(trial) for trial in trials]
+    ratios = []
+    for _ in range(PAIRS):
+        alone = _took(time.perf_counter, lambda: few_body.run_many(cases, threads=1))
+        ratios.append(alone / _took(time.perf_counter, lambda: few_body.run_many(cases, threads=threads)))
+    return _ratio(f"{len(cases)} drops in one launch: {threads} threads over 1", ratios)
 
 
 def _rows(trials: Sequence[drop.Trial], halved: Sequence[drop.Trial], threads: int) -> list[Row]:
