@@ -544,7 +544,7 @@ def _gauge(pixels: Track, fitted: Bounces, seen: Chase, camera: Camera, bead_dia
         source = "gravity, agreeing with the bead's diameter"
         return _Gauge(by_gravity, gravity_doubt, source, roll, roll_doubt, told, judged, "", fall)
     off = contradiction(ratio, ratio_doubt, camera.frame_rate, bead_diameter)
-    # whichever is right: a scale in the middle could be that far off
+    # either may be right: the other one is two standard deviations off then
     doubt = math.hypot(ratio_doubt, 0.5 * math.log(ratio))
     if other_rate(camera.frame_rate, judged[0]) is not None:
         return _Gauge(by_bead, doubt, "bead diameter, against gravity", roll, roll_doubt, told, judged, off, fall)

@@ -57,8 +57,11 @@ def _what_is_wrong(gravity: float, rate: float, repeated_share: float) -> str:
 
 
 def scales_agree(ratio: float, doubt: float) -> bool:
-    """Whether two scales with this ratio, and this relative standard uncertainty of it, can both be right."""
-    return abs(math.log(ratio)) < SCALES_APART * doubt
+    """Whether the bead's stated diameter and another scale can both be right.
+
+    `ratio` is what one makes of a length over what the other does, `doubt` its relative standard uncertainty.
+    """
+    return abs(math.log(ratio)) < max(LEAST_APART, SCALES_APART * doubt)
 
 
 def contradiction(ratio: float, doubt: float, rate: float, bead: float) -> str:
@@ -69,8 +72,8 @@ def contradiction(ratio: float, doubt: float, rate: float, bead: float) -> str:
     across, captured = 1e3 * bead / ratio, rate / math.sqrt(ratio)
     return (
         f"the stated diameter and frame rate contradict each other: either the bead is {across:.2g} ± "
-        f"{across * doubt:.1g} mm across and not {1e3 * bead:.3g}, or the clip was captured at {captured:.3g} ± "
-        f"{captured * doubt / 2:.1g} Hz and not at {rate:.4g}, or the rim of the bead's image was misjudged"
+        f"{across * doubt:.1g} mm across and not {1e3 * bead:.3g}, or the clip was captured at {captured:.0f} ± "
+        f"{captured * doubt / 2:.0f} Hz and not at {rate:.4g}, or the rim of the bead's image was misjudged"
     )
 
 
@@ -158,7 +161,7 @@ def roll_check(given: float, fall: float, doubt: float) -> Check:
 
 def size_check(found: float, doubt: float, stated: float) -> Check:
     """`found` and `stated` [m]; `doubt` relative."""
-    passed = abs(math.log(found / stated)) < max(LEAST_APART, SCALES_APART * doubt)
+    passed = scales_agree(found / stated, doubt)
     message = f"the bead's rim shows {found * 1e3:.2f} ± {found * doubt * 1e3:.2f} mm, {stated * 1e3:.2f} mm are stated"
     ending = "." if passed else ": the scale or the stated diameter is wrong, or something else was followed."
     return Check("bead_size", passed, found, stated, message + ending)

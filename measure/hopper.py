@@ -126,6 +126,8 @@ def measure(
         rate = _frame_rate_check(velocity.value, view["slot_width_px"] * scale)
         size = _size_check(seen, scale, scale_from, scale_doubt, bead_diameter, spacing)
         checks = (*checks, rate, size)
+        if not math.isfinite(size.value):
+            warnings.append(size.message)
         quantities = _with_rate_judged((*quantities, doubted(velocity, "" if size.passed else size.message)), rate)
     if cut:
         quantities = tuple(each if each.doubtful else doubted(each, CUT_SHORT) for each in quantities)
@@ -183,7 +185,7 @@ def _evaluate(
             f"before the opening at {opened.time:.4g} s; check the time of opening."
         )
     stays = float(share[-1]) if residue is None else residue
-    cut = last.method == CUT or _still_flows(time, share, last.time - opened.time, last.time)
+    cut = last.method == CUT or _still_flows(time, share, last.time - opened.time)
     if cut and not last.doubtful:
         last = replace(last, doubtful=CUT_SHORT)
     quantities = [
@@ -207,9 +209,13 @@ def _evaluate(
     return Evaluation(tuple(quantities), tuple(checks), tuple(warnings))
 
 
-def _still_flows(time: Array, share: Array, lasted: float, last: float) -> bool:
+def _still_flows(time: Array, share: Array, lasted: float) -> bool:
     """Whether a record that does not end empty ends with its last loss: nothing tells that no other follows."""
-    return bool(share[-1] > 1e-9 + 3 * _noise(share) and time[-1] - last < max(TAIL * lasted, 2 * _step(time)))
+    if share[-1] <= 1e-9 + 3 * _noise(share):
+        return False
+    end = float(np.median(share[-3:]))
+    losing = np.flatnonzero(share > end + max(4 * _noise(share), 1e-9))
+    return bool(len(losing) and time[-1] - time[losing[-1]] < max(TAIL * lasted, 3 * _step(time)))
 
 
 def _emptied_check(stays: float, cut: bool) -> Check:
@@ -237,8 +243,10 @@ def _share_left(left: Series) -> tuple[Array, Array, float]:
         raise BadInput(f"{left.quantity}: holds fewer than five finite values.")
     value = np.interp(time, time[seen], value[seen])
     full = float(np.median(value[: max(3, len(value) // 50)]))
-    if not full > 0 or float(value[-1]) > 0.7 * full:
-        percent = 100 * float(value[-1]) / full if full > 0 else 0.0
+    if not full > 0:
+        raise BadInput(f"{left.quantity}: begins at {full:g}; give what is left from before the opening on.")
+    if float(value[-1]) > 0.7 * full:
+        percent = 100 * float(value[-1]) / full
         tail = value[-max(5, len(value) // 10) :]
         stopped = float(np.ptp(tail)) <= max(1e-9, 6 * _noise(value))
         advice = (

@@ -450,8 +450,10 @@ def _picture_checks(bed: Bed, scale: float, source: str, cylinder: float | None,
     if known is not None and source not in ("gauge", "cylinder diameter"):
         ratio = scale / known
         passed = abs(ratio - 1) < OTHER_PLANE
-        ending = "." if passed else f": check the scale (from {source})."
-        by = "the gauge" if bed.gauge is not None else "--cylinder-diameter"
+        by, other = "--cylinder-diameter", "--cylinder-diameter"
+        if bed.gauge is not None:
+            by, other = "the gauge", "that the gauge stands beside the axis, neither before nor behind it"
+        ending = "." if passed else f": check the scale (from {source}), and {other}."
         checks.append(Check("scale", passed, ratio, 1.0, f"the scale is {ratio:.3f} times that by {by}{ending}"))
     if bead is not None and source != "bead diameter":
         ratio = 2 * bed.bead_seen * scale / (NEARER * bead)

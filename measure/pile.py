@@ -377,7 +377,7 @@ def _observe_photo(
         _flaw_of_picture(found) or misfit,
         2 * found.bead_radius * unit,
         sizes,
-        {"base diameter": BASE_DOUBT, "bead diameter": BEAD_DOUBT}.get(scale_from, GIVEN_DOUBT) if scale else 0.0,
+        _scale_doubt(scale_from, camera),
         unconfirmed,
     )
     view = {
@@ -419,6 +419,12 @@ def _scale(
     if bead_diameter is not None:
         return bead_diameter / (2 * found.bead_radius), "bead diameter"
     return None, NO_SCALE
+
+
+def _scale_doubt(scale_from: str, camera: Camera) -> float:
+    """Relative standard uncertainty of the scale; 0 where there is none."""
+    by_sizes = {"base diameter": BASE_DOUBT, "bead diameter": BEAD_DOUBT, NO_SCALE: 0.0}
+    return by_sizes.get(scale_from, camera.scale_doubt(GIVEN_DOUBT))
 
 
 def _profile(found: Silhouette, view: View, height: Array, unit: float, name: str) -> Profile:

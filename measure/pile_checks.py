@@ -88,10 +88,10 @@ def size_checks(
     if scale is None:
         return (), ""
     if bead_diameter is None or scale_from == "bead diameter":
-        advice = "--bead-diameter" if bead_diameter is None else "--base-diameter"
+        advice = "--bead-diameter too" if bead_diameter is None else "--base-diameter too, with the whole base in view"
         unconfirmed = (
             f"size not confirmed: heights, widths and the tip's radius hang on the scale from {scale_from} alone, "
-            f"which nothing in the photo checks (angles do not); give {advice} too."
+            f"which nothing in the photo checks (angles do not); give {advice}."
         )
         return (Check("bead_size", True, math.nan, 1.0, unconfirmed),), unconfirmed
     ratio = 2 * found.bead_seen * scale / (NEARER * bead_diameter)

@@ -215,12 +215,13 @@ def _variant_check(way: Way, onset: Onset, variant: Variant) -> Check:
     instead: Variant = "roll" if variant == "slide" else "slide"
     odds = _log_odds(way, onset, variant) - _log_odds(way, onset, instead)
     believed = odds > -LIKELY
+    told_by = "the friction in motion"
+    if math.isfinite(way.scale_doubt):
+        told_by = f"its acceleration and {told_by}"
     if not believed:
-        message = (
-            f"by its acceleration and the friction in motion the body seems to {instead}; give --variant {instead}."
-        )
+        message = f"by {told_by} the body seems to {instead}; give --variant {instead}."
     elif odds > LIKELY:
-        message = f"by its acceleration and the friction in motion the body {variant}s, as stated."
+        message = f"by {told_by} the body {variant}s, as stated."
     else:
         message = (
             f"not confirmed: neither acceleration nor friction in motion tells whether the body {variant}s, as stated; "

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from rigtwin.lab.camera import Camera, Lens
 from rigtwin.lab.errors import BadInput, NothingToMeasure, UnreadableMedia
 from rigtwin.lab.records import Track, write_tracks
-from rigtwin.measure import drop, flights, sources, spots
+from rigtwin.measure import drop, drop_checks, flights, sources, spots
 
 G = 9.81
 FPS = 240.0
@@ -398,6 +398,13 @@ def test_a_stated_rate_and_diameter_that_gravity_contradicts_make_lengths_doubtf
     assert abs(height.value - 0.14) < 2 * height.std_uncertainty
     assert pick(result.quantities, "restitution_wall", method="velocity", bounce=1).doubtful
     assert not pick(result.quantities, "restitution_wall", method="height", bounce=1).doubtful
+
+
+def test_a_nominal_diameter_a_little_off_is_no_contradiction_and_neighbouring_frame_rates_are():
+    rim = 0.012  # of a bead that is twenty pixels in radius
+    assert drop_checks.scales_agree(1.04, rim)
+    assert not drop_checks.scales_agree((25 / 24) ** 2, rim)
+    assert "at 1000 ± 60 Hz and not at 1200" in drop_checks.contradiction(1.44, 0.12, 1200.0, 0.006)
 
 
 def test_a_contact_is_longer_for_larger_beads_and_slower_falls():

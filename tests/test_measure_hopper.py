@@ -88,6 +88,19 @@ def test_a_record_that_ends_with_its_last_loss_is_said_to_be_cut() -> None:
             assert ("lower bound" in find(found, name).doubtful) == cut
 
 
+@pytest.mark.parametrize("opened", [0.2, 5.0])
+def test_a_record_is_cut_however_long_it_waits_for_the_opening(opened: float) -> None:
+    record = counted(opened=opened)
+    kept = record.time < opened + 0.7
+    found = hopper.evaluate(Series(record.time[kept], record.value[kept], "particles left", "particles"), opened=opened)
+    assert "lower bound" in find(found, "discharge_time").doubtful
+
+
+def test_a_record_of_an_empty_hopper_is_refused() -> None:
+    with pytest.raises(BadInput, match="before the opening"):
+        hopper.evaluate(Series(np.arange(50.0), np.zeros(50), "particles left", "particles"))
+
+
 def test_a_jam_and_a_record_that_is_too_short_are_told_apart() -> None:
     record = counted()
     jammed = np.maximum(record.value, 350)

@@ -123,7 +123,8 @@ def settings(bench: Regioned) -> list[Setting]:
         return [*angles, *long, *threads, *common]
     if rig == "roll":
         slopes_ = [
-            Setting(f"an incline of {a} degrees", state={"slope": math.radians(a), "push": 0.0}) for a in (3, 8, 15, 25)
+            Setting(f"an incline of {a} degrees", state={"slope": math.radians(a), "push": 0.0, "side": 1.0})
+            for a in (3, 8, 15, 25)
         ]
         pushes = [
             Setting(f"a push of {v} m/s on the level{way}", state={"slope": 0.0, "push": v, "side": side})

@@ -137,7 +137,7 @@ def read_tracked_lab(path: Path) -> TrackedLab:
         conditions=conditions,
         folder=file.parent,
         stated=document,
-        misspelt=tuple(_misspelt(document)),
+        misspelt=tuple(dict.fromkeys(_misspelt(document))),
     )
 
 
