@@ -155,7 +155,7 @@ class Bench:
         return {
             "contact_law": linear if self.contact_law == "linear" else self.contact_law,
             "stiffness_factor": f"{self.stiffness_factor:g} of the real Young's moduli of beads and walls",
-            "time_step": f"{self.numerics.get('time_step_fraction', USUAL):.0%} of Rayleigh's",
+            "time_step": f"{100 * self.numerics.get('time_step_fraction', USUAL):g}% of Rayleigh's",
             "rolling_resistance": f"{self.rolling}, torque limit mu_r Fn R on each bead",
             **effects,
         }
