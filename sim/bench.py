@@ -61,10 +61,11 @@ class Bench:
     numerics: Numerics
 
     def __post_init__(self) -> None:
-        positive(stiffness_factor=self.stiffness_factor, impact_speed=self.impact_speed)
+        positive(stiffness_factor=self.stiffness_factor)
         if self.stiffness_factor > 1:
             raise BadInput(f"stiffness_factor: {self.stiffness_factor:g} would stiffen the beads; give at most 1.")
         self.time_step()
+        positive(impact_speed=self.impact_speed)  # last: where it is not given, the engine is imported for it
 
     @property
     def stiffness_factor(self) -> float:
