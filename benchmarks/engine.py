@@ -211,7 +211,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         rows += memory_rows(options.memory)
     rows += start_rows() + drop_rows()
     if options.drops:
-        rows += many_rows(options.drops, options.drops // 6, options.threads, options.seed)
+        rows += many_rows(options.drops, max(1, options.drops // 6), options.threads, options.seed)
     if options.pile:
         rows += pile_rows()
     present = liggghts.installed(1)

@@ -61,10 +61,11 @@ class Bench:
     numerics: Numerics
 
     def __post_init__(self) -> None:
-        positive(stiffness_factor=self.stiffness_factor, impact_speed=self.impact_speed)
+        positive(stiffness_factor=self.stiffness_factor)
         if self.stiffness_factor > 1:
             raise BadInput(f"stiffness_factor: {self.stiffness_factor:g} would stiffen the beads; give at most 1.")
         self.time_step()
+        positive(impact_speed=self.impact_speed)  # last: where it is not given, the engine is imported for it
 
     @property
     def stiffness_factor(self) -> float:
@@ -155,7 +156,7 @@ class Bench:
         return {
             "contact_law": linear if self.contact_law == "linear" else self.contact_law,
             "stiffness_factor": f"{self.stiffness_factor:g} of the real Young's moduli of beads and walls",
-            "time_step": f"{self.numerics.get('time_step_fraction', USUAL):.0%} of Rayleigh's",
+            "time_step": f"{100 * self.numerics.get('time_step_fraction', USUAL):g}% of Rayleigh's",
             "rolling_resistance": f"{self.rolling}, torque limit mu_r Fn R on each bead",
             **effects,
         }

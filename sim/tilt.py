@@ -104,10 +104,20 @@ def run_many(
         if isinstance(motion, RigtwinError):
             found.append(motion)
         elif trial.rolls_a_clump:
-            found.append(_record(frames, _rolled_clump(trial, frames.time, progress)))
+            found.append(_clump_record(trial, frames, progress))
         else:
             found.append(_record(frames, _seen(trial, frames, motion)))
     return found
+
+
+def _clump_record(trial: Trial, frames: _Frames, progress: Progress) -> tuple[Series, Track] | RigtwinError:
+    """As `_record`, or why the clump's simulation broke down."""
+    from rigtwin.sim.engine.bulk import SimulationFailed
+
+    try:
+        return _record(frames, _rolled_clump(trial, frames.time, progress))
+    except SimulationFailed as failure:
+        return failure
 
 
 @dataclass(frozen=True, eq=False)

@@ -120,6 +120,13 @@ def test_the_standard_drag_curve_goes_through_what_was_measured():
         assert -force == pytest.approx(0.5 * 1.2 * section * speed**2 * coefficient, rel=0.04)
 
 
+@pytest.mark.parametrize(("gradient", "level"), [(0.05, 0.2), (-0.3, -0.5), (-1.0, 1.0), (1.0, -1.0), (-1.0, 2.0)])
+def test_a_camera_keeps_the_origin_and_shows_a_finite_picture(gradient, level):
+    view = named("perspective").view
+    assert view(0.0, 0.0, gradient, level) == pytest.approx((0.0, 0.0), abs=1e-12)
+    assert np.isfinite(view(0.3, np.linspace(-2.0, 2.0, 9), gradient, level)[1]).all()
+
+
 def test_a_users_own_effect_takes_part(tmp_path):
     path = tmp_path / "wind.py"
     path.write_text(

@@ -412,7 +412,7 @@ def test_what_runs_on_one_device_is_not_taken_for_the_other(monkeypatch):
     for start in (backend.start, box):
         with pytest.raises(RigtwinError, match="already runs on CUDA in this process; start a new process for the CPU"):
             start(device="cpu")
-    assert backend.start(device="auto").device == "cuda"
+    assert backend.start(device="auto").device == backend.running().device == "cuda"
     monkeypatch.setattr(backend, "_running", backend.Backend("cpu", 2))
     assert backend.start(device="auto").device == "cpu"
     with pytest.raises(RigtwinError, match="already runs on the CPU"):

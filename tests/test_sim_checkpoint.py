@@ -158,9 +158,13 @@ def same_beads(one: engine.Beads, other: engine.Beads) -> bool:
 
 def test_a_state_that_lacks_what_a_step_reads_is_refused():
     state = bed(FLOOR).state()
-    del state["push"]
-    with pytest.raises(BadInput, match="an earlier rigtwin"):
-        bed(FLOOR).restore(state)
+    for changed in (
+        {name: array for name, array in state.items() if name != "push"},
+        {**state, "numbers": state["numbers"][:-1]},
+        {**state, "given": np.zeros((3, 8))},
+    ):
+        with pytest.raises(BadInput, match="an earlier rigtwin"):
+            bed(FLOOR).restore(changed)
 
 
 @pytest.mark.parametrize("rolling", ["type A", "type C"])

@@ -221,6 +221,21 @@ def bulk(particle, effects, walls=(), gravity=(0.0, 0.0, -G), time_step=1e-5, re
     )  # fmt: skip
 
 
+def test_a_later_simulation_does_not_change_the_strength_of_an_earlier_ones_effects():
+    ends = []
+    for later in (False, True):
+        bed = bulk(BALL, only("air_drag", 1.0))
+        bed.add(np.array([[0.0, 0.0, 5.0]]), np.array([[3.0, 0.0, 0.0]]))
+        if later:
+            Bulk(
+                [BALL], Contact(0.6), low=(-1, -1, -1), high=(1, 1, 20), time_step=1e-5, effects=only("air_drag", 0.1),
+                capacity=2000,
+            )  # fmt: skip
+        bed.run(2000)
+        ends.append(bed.beads().velocity)
+    assert np.array_equal(*ends)
+
+
 def test_a_bead_in_the_bulk_falls_in_drag_like_one_alone():
     bed = bulk(BALL, only("air_drag_schiller_naumann"), time_step=2e-5)
     bed.add(np.array([[0.0, 0.0, 5.0]]), np.array([[0.5, 0.0, 0.0]]))

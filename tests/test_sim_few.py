@@ -14,6 +14,7 @@ from rigtwin.sim import drop as drops
 from rigtwin.sim import pendulum as pendulums
 from rigtwin.sim import tilt as tilts
 from rigtwin.sim.engine import few_bench
+from rigtwin.sim.engine.bulk import SimulationFailed
 from rigtwin.sim.engine.few_body import Body, Case, Motion, run, run_halved, run_many, run_many_halved
 from rigtwin.sim.engine.terms import active
 from rigtwin.sim.engine.walls import Motion as Moving
@@ -106,9 +107,21 @@ def test_a_case_gets_the_same_bits_alone_and_in_any_company(alone, threads):
     assert all(map(same, reversed_, [*alone[::-1], *alone[3:7]]))
 
 
-def test_each_case_has_its_own_strength_of_an_effect(alone):
-    thick, thin = alone[7], alone[8]
+def test_each_case_has_its_own_strength_of_an_effect():
+    thick, thin = run_many(company()[7:9])
     assert thick.position[-1, 0, 2] > thin.position[-1, 0, 2] + 1e-3
+
+
+def test_eight_bodies_do_not_feel_the_floor_of_another_case():
+    # they fill a line of the cache, so that what follows them in memory is the next case's
+    def row(height):
+        beads = [Body(sphere(), (0.01 * k, 0, height)) for k in range(8)]
+        return Case(
+            beads, np.array([0.05, 0.1]), walls=[Wall(Plane((0, 0, height - 0.02), (0, 0, 1)), ASH, Contact(0.5))]
+        )
+
+    cases = [row(0.5), row(0.1), row(0.3)]
+    assert all(same(one, run_many([case])[0]) for one, case in zip(run_many(cases), cases, strict=True))
 
 
 def test_two_hundred_restitutions_put_in_come_out_of_one_launch():
@@ -177,6 +190,8 @@ def test_a_case_that_cannot_be_is_named_by_its_place():
         run_many([drop(0.02, 0.5), drop(0.03, 0.5), sunk])
     with pytest.raises(BadInput, match=r"^threads: 0 is too few"):
         run_many([drop(0.02, 0.5)], threads=0)
+    with pytest.raises(BadInput, match=r"^contacts: \(1, 0\) is no pair"):
+        run_many([replace(pendulum(0.3, 0.5), contacts={(1, 0): Contact(0.5)})])
     assert run_many([]) == []
 
 
@@ -238,6 +253,17 @@ def test_many_plates_let_go_at_the_friction_of_each():
         reach = np.linalg.norm(track.position, axis=1)  # from the hinge
         onsets.append(angle.value[np.flatnonzero(reach < reach[0] - 1e-4)[0]])
     assert np.tan(onsets) == pytest.approx([*slopes, 0.06], abs=0.02)
+
+
+def test_a_clump_that_breaks_down_on_its_plate_takes_no_other_with_it(monkeypatch):
+    def breaks(*_all):
+        raise SimulationFailed("The energy exploded")
+
+    monkeypatch.setattr(tilts, "_rolled_clump", breaks)
+    good = tilts.Trial(Tilt("roll"), sphere(), STEEL, Contact(0.4, 0.2, 0.06), frame_rate=240, duration=0.03)
+    broken, (angle, _track) = tilts.run_many([replace(good, particle=hlosta2020.particle("P6x15_3s")), good])
+    assert isinstance(broken, SimulationFailed)
+    assert len(angle.value) == 8
 
 
 def test_a_trial_that_cannot_be_is_named_by_its_place():

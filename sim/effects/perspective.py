@@ -10,9 +10,13 @@ def view(x: Any, y: Any, gradient: Any, level: Any) -> tuple[Any, Any]:
 
     The scale there grows with height by `gradient` [1/m].
     """
-    far = 1.0 - gradient * (y - level)
-    far = 0.5 * (far + 0.1 + abs(far - 0.1))  # a tenth at least: what a fit tries may lie behind the camera
-    return x / far, (y - level) / far + level / (1.0 + gradient * level)
+    far, origin = _in_front(1.0 - gradient * (y - level)), _in_front(1.0 + gradient * level)
+    return x / far, (y - level) / far + level / origin
+
+
+def _in_front(far: Any) -> Any:
+    """A distance of at least a tenth of that of the level: what a fit tries may lie behind the camera."""
+    return 0.5 * (far + 0.1 + abs(far - 0.1))
 
 
 EFFECT = Effect(

@@ -171,6 +171,11 @@ def start(threads: int | None = None, device: Device = "cpu") -> Backend:
     return _running
 
 
+def running() -> Backend:
+    """Where the engine runs in this process, be it a GPU; where it does not run yet it starts on the CPU."""
+    return _running or start()
+
+
 def prepared(kernel: Any, *templates: Any) -> Callable[[], Any]:
     """A kernel that takes nothing but templates, ready to be launched many times.
 

@@ -178,6 +178,8 @@ class Bulk:
     def run(self, steps: int, progress: Progress = silent) -> None:
         """Make `steps` steps.  Raises `SimulationFailed` when a bead leaves the domain or the energy explodes."""
         self._mine()
+        # a later simulation, in another arena, may have set the same effects to its own strength
+        self._arena.terms.load([self._effects])
         left = steps
         while left > 0:
             burst = int(min(left, max(1.0, self._rate * LAUNCH_SECONDS)))

@@ -72,11 +72,18 @@ def read_arena(arena: Arena) -> State:
 
 def write_arena(arena: Arena, state: State) -> None:
     """Fill `arena`, of the sizes that `state` was read from."""
+    cut = (arena.capacity, arena.capacity + 1, arena.pair_capacity, arena.walls.near_capacity)
     for name, field in _fields(arena):
-        if name not in state:
+        whole, part = np.zeros_like(field.to_numpy()), state.get(name)
+        if (
+            part is None
+            or part.ndim != whole.ndim
+            or not all(
+                length == full or (length < full and full in cut)
+                for length, full in zip(part.shape, whole.shape, strict=True)
+            )
+        ):
             raise BadInput("The checkpoint was written by an earlier rigtwin; delete it or name another.")
-        whole = np.zeros_like(field.to_numpy())
-        part = state[name]
         whole[tuple(slice(length) for length in part.shape)] = part
         field.from_numpy(whole)
 

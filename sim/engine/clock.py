@@ -22,7 +22,7 @@ def time_step(
         raise BadInput(f"time_step_fraction must be a positive number, got {fraction:g}.")
     if fraction > UNSTABLE and not forced:
         raise BadInput(
-            f"time_step_fraction: {fraction:.0%} of Rayleigh's step is unstable; "
+            f"time_step_fraction: {100 * fraction:g}% of Rayleigh's step is unstable; "
             f"give at most {UNSTABLE:g} (usual: {USUAL:g}), or force it."
         )
     warnings: tuple[str, ...] = ()
@@ -30,7 +30,7 @@ def time_step(
         why = f"above {DOUBTFUL:.0%} contacts lose accuracy"
         if fraction > UNSTABLE:
             why = f"above {UNSTABLE:.0%} contacts gain energy from nowhere"
-        warnings = (f"the time step is {fraction:.0%} of Rayleigh's; {why}",)
+        warnings = (f"the time step is {100 * fraction:g}% of Rayleigh's; {why}",)
     return fraction * min(particle.rayleigh_time_step for particle in particles), warnings
 
 

@@ -90,7 +90,7 @@ def _room(copies: Sequence[Copy]) -> int:
     """How many copies there must be room for."""
     needs = max(
         len(copies),
-        sum(_whole_lines(len(copy.bodies), LINE) for copy in copies) / BODIES_A_COPY,
+        sum(_whole_lines(len(copy.bodies) + 1, LINE) for copy in copies) / BODIES_A_COPY,
         sum(_whole_lines(len(copy.pairs), LINE) for copy in copies) / PAIRS_A_COPY,
         sum(len(copy.walls.motion) for copy in copies) / WALLS_A_COPY,
         sum(len(copy.walls.elements) for copy in copies) / ELEMENTS_A_COPY,
@@ -139,7 +139,7 @@ class Bench(Steps):
 
     def __init__(self, terms: Terms, room: int) -> None:
         self.room = room
-        device = backend.start().device
+        device = backend.running().device
         self.block = GRAIN if device == "cpu" else THREADS_OF_A_BLOCK
         self.grain = GRAIN if device == "cpu" else 1
         self.rate = FIRST_RATE
@@ -184,7 +184,8 @@ class Bench(Steps):
     def load(self, copies: Sequence[Copy]) -> Integers:
         """Take the copies as they are at the start; their counts."""
         counts = np.zeros((len(copies), COUNTS), dtype=np.int32)
-        body_at = _places([len(copy.bodies) for copy in copies], LINE)
+        # one more, so that what fills the line of a list behind its entries is near no body of a copy
+        body_at = _places([len(copy.bodies) + 1 for copy in copies], LINE)
         pair_at = _places([len(copy.pairs) for copy in copies], LINE)
         wall_at = _places([len(copy.walls.motion) for copy in copies])
         bodies, pairs = np.zeros((body_at[-1], BODY_SIZE)), np.zeros((pair_at[-1], LAW_SIZE + 1))

@@ -172,7 +172,7 @@ def _run(ready: Sequence[_Ready], threads: int | None, progress: Progress) -> li
     """One launch after the other until all are done, the cases of one kernel together."""
     if threads is not None and threads < 1:
         raise BadInput(f"threads: {threads} is too few; give at least 1.")
-    threads = threads or backend.start().threads
+    threads = threads or backend.running().threads
     groups: dict[object, list[int]] = {}
     for k, one in enumerate(ready):
         groups.setdefault(one.alike, []).append(k)
@@ -195,7 +195,7 @@ def _motion(ready: _Ready, outcome: Outcome) -> Motion | RigtwinError:
     if outcome.culprit >= 0:
         return RigtwinError(
             f"{ready.prefix}The simulation broke down at t = {outcome.time:.6g} s (body {outcome.culprit}): "
-            "its position is not a finite number; use a smaller step."
+            "its speed is above 1000 km/s or no number; use a smaller step."
         )
     data = outcome.samples
     return Motion(ready.copy.times, data[:, :, 0:3], data[:, :, 3:6], data[:, :, 6:9], outcome.steps)
@@ -248,6 +248,10 @@ def _body_row(body: Body, kinds: Sequence[Particle]) -> tuple[float, ...]:
 
 def _pair_rows(case: Case) -> Array:
     bodies, contacts = case.bodies, case.contacts
+    if isinstance(contacts, Mapping):
+        for i, j in contacts:
+            if not 0 <= i < j < len(bodies):
+                raise BadInput(f"contacts: ({i}, {j}) is no pair (i, j) of {len(bodies)} bodies with i < j.")
     rows = np.zeros((len(bodies), len(bodies), LAW_SIZE + 1))
     for i in range(len(bodies) if contacts is not None else 0):
         for j in range(i + 1, len(bodies)):

@@ -70,7 +70,6 @@ class Pairs:
     worst: ti.Field
     numbers: ti.Field
     constants: ti.Field
-    kind_sizes: ti.Field
     pair_law: ti.Field
 
     def __init__(self, capacity: int, pair_capacity: int, packets: int, terms: Terms) -> None:
