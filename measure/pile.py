@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,9 @@ Array = npt.NDArray[np.float64]
 
 GRAPHICAL, GEOMETRIC = "angle_of_repose_graphical", "angle_of_repose_geometric"
 LINE, NARROWER = "line 15-85 %", "line 20-80 %"
+_Draw = Callable[[Path], dict[str, Path]]
+"""Writes the pictures of a view into a folder."""
+
 NO_SCALE = "not known"
 FLAWED = 3.0  # [deg], added to the doubt of an angle whose outline cannot be relied on
 STATED_FOCAL_DOUBT = 0.1  # standard deviation of the logarithm of a focal length that the photo states
@@ -75,16 +78,16 @@ def measure(
             f"beads of {bead_diameter * 1e3:g} mm make no heap on a base of {base_diameter * 1e3:g} mm; "
             "check the base's and the bead's diameter."
         )
-    observations, views, files = [], [], {}
+    observations, views, draws = [], [], []
     for number, (photo, name) in enumerate(zip(photos, _names(photos), strict=True)):
         progress("looking for the heap", number, len(photos))
         if photo.suffix.lower() == ".csv":
-            seen, view, written = _observe_table(photo, name, base_diameter, out)
+            seen, view, draw = _observe_table(photo, name, base_diameter)
         else:
-            seen, view, written = _observe_photo(photo, name, camera, base_diameter, bead_diameter, out)
+            seen, view, draw = _observe_photo(photo, name, camera, base_diameter, bead_diameter)
         observations.append(seen)
         views.append(view)
-        files.update(written if number == 0 else {f"{name}_{number + 1}": path for name, path in written.items()})
+        draws.append(draw)
     progress("looking for the heap", len(photos), len(photos))
     scaled = all(view["scale_from"] != NO_SCALE for view in views)
     evaluation = _evaluate(observations, base_diameter if scaled else None, bead_diameter if scaled else None)
@@ -104,8 +107,18 @@ def measure(
         warnings=tuple(warnings),
         camera=views[0] if len(views) == 1 else {**views[0], "views": views},
         profiles=tuple(seen.profile for seen in observations) if scaled else (),
-        files=files,
+        files={} if out is None else _drawn(draws, out),
     )
+
+
+def _drawn(draws: Sequence[_Draw], out: Path) -> dict[str, Path]:
+    """The pictures of all views; drawn once none of them can be refused any more, so that nothing is half written."""
+    files: dict[str, Path] = {}
+    out.mkdir(parents=True, exist_ok=True)
+    for number, draw in enumerate(draws):
+        written = draw(out)
+        files.update(written if number == 0 else {f"{name}_{number + 1}": path for name, path in written.items()})
+    return files
 
 
 def evaluate(
@@ -338,25 +351,23 @@ def _names(photos: Sequence[Path]) -> list[str]:
     return names
 
 
-def _observe_table(
-    path: Path, name: str, base_diameter: float | None, out: Path | None
-) -> tuple[Observation, dict[str, Any], dict[str, Path]]:
+def _observe_table(path: Path, name: str, base_diameter: float | None) -> tuple[Observation, dict[str, Any], _Draw]:
     profile = replace(read_profile(path), view=name)
     if base_diameter is not None:
         profile = replace(profile, base=(-base_diameter / 2, base_diameter / 2))
-    files: dict[str, Path] = {}
-    if out is not None:
+
+    def draw(out: Path) -> dict[str, Path]:
         from rigtwin.measure.pile_pictures import write_plot
 
-        out.mkdir(parents=True, exist_ok=True)
-        files["plot"] = write_plot(out / f"{name}-plot.svg", profile, base_diameter, None, "m")
+        return {"plot": write_plot(out / f"{name}-plot.svg", profile, base_diameter, None, "m")}
+
     view = {"scale_m_per_px": None, "scale_from": "profile table", "camera_roll_deg": None}
-    return Observation(profile), view, files
+    return Observation(profile), view, draw
 
 
 def _observe_photo(
-    photo: Path, name: str, camera: Camera, base_diameter: float | None, bead_diameter: float | None, out: Path | None
-) -> tuple[Observation, dict[str, Any], dict[str, Path]]:
+    photo: Path, name: str, camera: Camera, base_diameter: float | None, bead_diameter: float | None
+) -> tuple[Observation, dict[str, Any], _Draw]:
     image = read_photo(photo, camera.lens)
     ratio = base_diameter / bead_diameter if base_diameter and bead_diameter else None
     focal_length = _focal_length(photo, image)
@@ -387,14 +398,14 @@ def _observe_photo(
         "looking_down_deg": math.degrees(math.atan2(found.view.camera_height, found.view.camera_distance)),
         "base_found": found.disc is not None,
     }
-    files: dict[str, Path] = {}
-    if out is not None:
+
+    def draw(out: Path) -> dict[str, Path]:
         from rigtwin.measure.pile_pictures import write_pictures
 
-        out.mkdir(parents=True, exist_ok=True)
         evaluation = _evaluate([seen], base_diameter if scale else None, bead_diameter if scale else None)
-        files = write_pictures(out, name, image, found, profile, evaluation, base_diameter, scale, seen.grain)
-    return seen, view, files
+        return write_pictures(out, name, image, found, profile, evaluation, base_diameter, scale, seen.grain)
+
+    return seen, view, draw
 
 
 def _focal_length(photo: Path, image: npt.NDArray[np.uint8]) -> float | None:

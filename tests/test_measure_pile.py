@@ -200,6 +200,17 @@ def test_photos_of_the_same_name_keep_their_own_files(tmp_path: Path) -> None:
     assert len(views) == 2
 
 
+def test_a_view_that_cannot_be_read_leaves_no_pictures_of_those_before_it(tmp_path: Path) -> None:
+    table = tmp_path / "left.csv"
+    write_profile(table, triangle(24, 24))
+    blank = tmp_path / "blank.png"
+    cv2.imwrite(str(blank), np.full((300, 400), 128, np.uint8))
+    with pytest.raises(NothingToMeasure):
+        measure([table, blank], Camera(), out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    assert measure([table], Camera(), out=tmp_path / "out").files["plot"].is_file()
+
+
 def test_a_level_bed_is_not_a_heap() -> None:
     x = np.linspace(-0.05, 0.05, 200)
     with pytest.raises(NothingToMeasure):

@@ -193,6 +193,7 @@ def prepared(kernel: Any, *templates: Any) -> Callable[[], Any]:
 
 def _cuda_present() -> bool:
     with _quiet_stdout(), contextlib.suppress(Exception):
+        ti.set_logging_level(ti.ERROR)  # Taichi warns on standard error where there is no driver
         return bool(taichi.lang.misc.is_arch_supported(ti.cuda))
     return False
 
