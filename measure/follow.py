@@ -169,16 +169,7 @@ def _started_again(chase: Chase) -> Chase:
         if cut.frame not in frames
     ]
     found = {sighting.frame: sighting for sighting in chase.sightings}
-    for sighting in _fit_cuts(
-        bad,
-        chase.scene,
-        chase.radius,
-        shutter=chase.shutter,
-        hidden=chase.hidden,
-        look=chase.look,
-        surely_near=True,
-        progress=silent,
-    ):
+    for sighting in _fit_again(chase, bad):
         before = found.get(sighting.frame)
         if before is None or sighting.fit.misfit < before.fit.misfit:
             found[sighting.frame] = sighting
@@ -273,6 +264,20 @@ def _seen_and_cut(
     return seen, cuts
 
 
+def _fit_again(chase: Chase, cuts: Sequence[Cut]) -> list[Sighting]:
+    """Cuts fitted with all that is known of the bead by now, which is surely near the place that they name."""
+    return _fit_cuts(
+        cuts,
+        chase.scene,
+        chase.radius,
+        shutter=chase.shutter,
+        hidden=chase.hidden,
+        look=chase.look,
+        surely_near=True,
+        progress=silent,
+    )
+
+
 def look_again(chase: Chase, expected: Mapping[int, tuple[tuple[float, float], tuple[float, float]]]) -> Chase:
     """Fit some frames again, started where the bead is expected.
 
@@ -285,16 +290,7 @@ def look_again(chase: Chase, expected: Mapping[int, tuple[tuple[float, float], t
         for cut in chase.cuts
         if cut.frame in expected and _shows(cut, expected[cut.frame][0])
     ]
-    again = _fit_cuts(
-        cuts,
-        chase.scene,
-        chase.radius,
-        shutter=chase.shutter,
-        hidden=chase.hidden,
-        look=chase.look,
-        surely_near=True,
-        progress=silent,
-    )
+    again = _fit_again(chase, cuts)
     for sighting in again:
         (x, y), _ = expected[sighting.frame]
         if math.hypot(sighting.image.x - x, sighting.image.y - y) < 0.7 * chase.radius:
