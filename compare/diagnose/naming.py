@@ -38,6 +38,7 @@ NOTABLE = 1.0  # deviance: less is rounding of the fits
 SPARED = 10.0  # deviance: 2 ln(1/0.007), a coefficient that falls to within a percent where it was foretold
 BEYOND = 0.1  # of a coefficient's range above it, that its doubt excuses at most
 GLANCE = 6.0  # a candidate whose first step promises less than this is not fitted to the end
+ASTRAY = 0.5  # of the baseline's deviance: what it comes to from a candidate's place, where it had lost its way
 ROUGH = 2.0  # chi2 per coordinate above which part of the data tells the candidates apart
 LOST = 20.0  # ... and above which a fit from the baseline may not find its way
 
@@ -107,7 +108,7 @@ class _Search:
 
     def consider(self, root: Candidate | None, candidates: Sequence[Effect]) -> list[Candidate]:
         """Each candidate added to the `root`, to the baseline where there is none."""
-        if root is not None and self._is_part(root.fitted):
+        if root is not None and self.is_part(root.fitted):
             root = self.done[frozenset(root.names)] = self._to_the_end(root)
         near = self.base if root is None else root.fitted
         terms = near.terms
@@ -148,7 +149,7 @@ class _Search:
 
     def _add(self, fitted: Fit) -> None:
         plain = self.base
-        if part := self._is_part(fitted):
+        if part := self.is_part(fitted):
             assert self.rough is not None
             plain = self.rough[1]
         gain = (plain.deviance - fitted.deviance) * len(self.base.residual) / len(plain.residual)
@@ -170,7 +171,7 @@ class _Search:
                 if one.rough is not None or not one.fitted.converged:
                     result[frozenset(one.names)] = self._to_the_end(one)
             best = _best(list(result.values()))
-            leading = [best] if best is not None and self._is_part(best.fitted) else []
+            leading = [best] if best is not None and self.is_part(best.fitted) else []
         self.done.update(result)
         return list(result.values())
 
@@ -180,7 +181,7 @@ class _Search:
         A single effect whose fit had lost its way is found so.
         """
         near = more.fitted
-        if self._is_part(near):
+        if self.is_part(near):
             near = replace(near, local=self.base.local, scatter=self.base.scatter)
         rests = [best]
         for term in more.terms:
@@ -190,7 +191,7 @@ class _Search:
                 fitted = fit(self.bench, left, near=near, most=25, rounds=2)
                 gain = (self.base.deviance - fitted.deviance) / self.spread + self._spared(fitted)
                 known = self.done.get(key)
-                if known is None or known.gain < gain or self._is_part(known.fitted):
+                if known is None or known.gain < gain or self.is_part(known.fitted):
                     self.done[key] = Candidate(left, fitted, gain, _refused(fitted, left))
                 rests.append(self.done[key])
         return _best(rests) or best
@@ -209,7 +210,7 @@ class _Search:
     def certified(self, one: Candidate) -> Candidate:
         """Fitted on until neither the unknowns nor the scatter change: what is reported of it must not depend on the
         way there."""
-        if self._is_part(one.fitted):
+        if self.is_part(one.fitted):
             one = self._to_the_end(one)
         fitted = fit(self.bench, one.terms, near=one.fitted, most=40, rounds=12)
         gain = (self.base.deviance - fitted.deviance) / self.spread + self._spared(fitted)
@@ -222,7 +223,7 @@ class _Search:
         tied = getattr(self.bench, "tied", None)
         return SPARED * tied(fitted.terms) if tied is not None else 0.0
 
-    def _is_part(self, fitted: Fit) -> bool:
+    def is_part(self, fitted: Fit) -> bool:
         """Whether a fit is to a part of the data alone."""
         return len(fitted.residual) != len(self.base.residual)
 
@@ -239,6 +240,11 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
     base = search.base
     best = _best(singles)
     rounds = [tuple(singles)]
+    if best is not None and base.per_row > ROUGH and not search.is_part(best.fitted):
+        again = fit(bench, (), near=best.fitted, rounds=6)
+        if again.deviance < ASTRAY * base.deviance:
+            # the baseline had lost its way and a candidate found it: none may take credit for that
+            return name_effects(bench, candidates, again, tell)
     if best is None or best.score < ALARM:
         return Naming(base, location, tuple(search.done.values()), None, (), location, tuple(rounds))
     front = [best]
