@@ -111,7 +111,7 @@ LISTED = (
         "adhesion",
         ("adhesion", "cohesion", "jkr", "sjkr", "capillary bridge", "liquid bridge", "sticking", "stickiness"),
         "bond",  # [J/m], energy of one detachment per radius
-        _by_rig(drop=(5e-5, 1.5e-4, 6e-4), pendulum=(2e-5, 8e-5, 3e-4)),
+        _by_rig(drop=(1.5e-4, 5e-4, 1.2e-3), pendulum=(2e-5, 8e-5, 3e-4)),
         "late, slow impacts lose more than fast ones, down to sticking",
         wall_only=True,
     ),
@@ -275,7 +275,7 @@ LISTED = (
             "plate&level",
         ),
         "plate_tilt",  # [rad]
-        _by_rig(drop=(0.006, 0.014, 0.045), roll=(0.004, 0.010, 0.03)),
+        _by_rig(drop=(0.006, 0.014, 0.045), roll=(0.006, 0.025, 0.06)),
         "every rebound drifts to the same side, more with each bounce; the fall itself is straight",
         signed=True,
     ),

@@ -134,6 +134,7 @@ class DoubleBench(Runs):
             contacts.gap,
             contacts.hit,
             self.impacts,
+            dry=any(term.torque is not None for term in terms),
         )
         angle, rate = angles_at(motion, since, self.owner, self.body)
         thread = np.where(self.body == 0, reach[0][:, self.owner], reach[1][:, self.owner])

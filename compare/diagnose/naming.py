@@ -250,7 +250,8 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
     front = [best]
     if best.fitted.per_row > 1.3 or locate(bench, best.fitted).p < 1e-3:
         # one effect does not do: the first of the pair need not be the best single
-        front = [one for one in _front(singles, 3) if one.score > RIVAL * best.score]
+        most = math.inf if best.fitted.per_row > ROUGH else LOST
+        front = [one for one in _front(singles, 3) if one.score > RIVAL * best.score and one.fitted.per_row < most]
     count = 2
     while count <= MOST_TERMS and len(rounds) < MOST_ROUNDS:
         if count > 2 and locate(bench, best.fitted).p > 1e-3:
@@ -347,9 +348,22 @@ def _price(fewer: Candidate, more: Candidate, rig: str) -> float:
     new = [term for term in more.terms if term.name not in fewer.names]
     alike = any(old & _places(term) for term in new)
     across = rig == "drop" and all(_across(one) for one in new) and not any(_across(one) for one in fewer.terms)
-    return max(
-        SECOND, min((SECOND_SHARE if alike else OTHER_SHARE) * fewer.gain, ACROSS_MOST if across else SECOND_MOST)
-    )
+    left = (SECOND_SHARE if alike else OTHER_SHARE) * fewer.gain
+    price = min(left, ACROSS_MOST if across else SECOND_MOST, _feigned(fewer, more, new, left))
+    return max(SECOND, price)
+
+
+def _feigned(fewer: Candidate, more: Candidate, new: Sequence[Effect], left: float) -> float:
+    """What it gains to set a stated calibration quantity free, where all `left` of the first effects went to it.
+
+    Data that know it far better than it is stated move it by little, whatever is left over.
+    """
+    stated = {unknown.name: unknown.sd for unknown in fewer.fitted.unknowns if math.isfinite(unknown.sd)}
+    names = [f"{term.name}.{parameter.name}" for term in new for parameter in term.parameters]
+    if any(name not in stated for name in names):
+        return math.inf
+    moved = max(math.sqrt(max(left, 0.0)) * more.fitted.std(name) / stated[name] for name in names)
+    return (moved + math.sqrt(SECOND)) ** 2
 
 
 def _across(term: Effect) -> bool:
