@@ -22,7 +22,8 @@ effect whose law is known to a few percent leaves something that is no second ef
 OTHER_SHARE = 1e-4
 """As `SECOND_SHARE`, for one more effect that acts elsewhere: in the picture, where the first acts on the motion."""
 ACROSS_MOST = 100.0
-"""As `SECOND_MOST`, for one that acts across a drop where the first acts along it: no law of the one shows there."""
+"""As `SECOND_MOST`, for one that acts across a drop where the first acts along it, or on when a clump slips where the
+first acts on how it slides: no law of the one shows there."""
 RIVAL = 0.3  # a single that gains less than this share of the best is no root for pairs
 ALIKE = 6.0
 """Candidates closer than this in deviance explain the data equally well."""
@@ -347,7 +348,7 @@ def _price(fewer: Candidate, more: Candidate, rig: str) -> float:
     old = {place for term in fewer.terms for place in _places(term)}
     new = [term for term in more.terms if term.name not in fewer.names]
     alike = any(old & _places(term) for term in new)
-    across = rig == "drop" and all(_across(one) for one in new) and not any(_across(one) for one in fewer.terms)
+    across = _crossed(new, fewer.terms, rig)
     left = (SECOND_SHARE if alike else OTHER_SHARE) * fewer.gain
     price = min(left, ACROSS_MOST if across else SECOND_MOST, _feigned(fewer, more, new, left))
     return max(SECOND, price)
@@ -364,6 +365,14 @@ def _feigned(fewer: Candidate, more: Candidate, new: Sequence[Effect], left: flo
         return math.inf
     moved = max(math.sqrt(max(left, 0.0)) * more.fitted.std(name) / stated[name] for name in names)
     return (moved + math.sqrt(SECOND)) ** 2
+
+
+def _crossed(new: Sequence[Effect], old: Sequence[Effect], rig: str) -> bool:
+    """Whether the new effects show, to first order, where the old ones do not show at all."""
+    if rig == "drop":
+        return all(_across(one) for one in new) and not any(_across(one) for one in old)
+    # each run's own friction stands between when it slips and how it slides
+    return rig == "slide" and all(one.onset is not None for one in new) and all(one.sliding is not None for one in old)
 
 
 def _across(term: Effect) -> bool:
