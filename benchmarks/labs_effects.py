@@ -408,3 +408,11 @@ PAIRS = (
     ("pivot_friction", "camera_roll", "double"), ("friction_drop", "ageing", "slide"),
     ("rolling_growth", "plate_tilt", "roll"),
 )  # fmt: skip
+
+# one at a time, in rigs where a lab of one condition often cannot tell it from another
+CONFOUNDED = (
+    ("plate_tilt", "roll"), ("adhesion", "wall pendulum"), ("pivot_viscous", "pendulum"), ("air_drag", "drop"),
+    ("rolling_growth", "roll"), ("velocity_dependent_restitution", "wall pendulum"), ("pivot_friction", "pendulum"),
+    ("linear_drag", "drop"), ("air_drag", "roll"), ("rolling_shutter", "drop"), ("plate_compliance", "drop"),
+    ("adhesion", "drop"), ("linear_drag", "pendulum"), ("electrostatic_attraction", "drop"),
+)  # fmt: skip
