@@ -86,13 +86,12 @@ def measure(
     scale, scale_from = _scale(film, camera, length, bead_diameter)
     roll = -float(film.fit.swings["tilt"]) if camera.roll is None else camera.roll
     tracks = _upright(film, scale, roll)
-    fit = _fit_clip(clip, tracks)
+    fit = _fit_clip(clip, tracks, shading=SHADING * scale * max(look.radius for look in film.beads.looks))
     evaluation = judge(
         fit,
         None if scale_from == "pendulum length" else length,
         None if scale_from == "bead diameter" else bead_diameter,
         bead_mass,
-        shading=SHADING * scale * max(look.radius for look in film.beads.looks),
     )
     timing = timing_check(video)
     checks = (*_without_circle(evaluation.checks, scale_from), timing)
@@ -222,9 +221,9 @@ def _second_look(fit: SwingFit, beads: Beads, times: Array) -> tuple[Array, Arra
     return middle, velocity, again
 
 
-def _fit_clip(clip: Path, tracks: tuple[Track, ...]) -> SwingFit:
+def _fit_clip(clip: Path, tracks: tuple[Track, ...], *, shading: float = 0.0) -> SwingFit:
     try:
-        return fit_swings(tracks)
+        return fit_swings(tracks, shading=shading)
     except NothingToMeasure as error:
         raise NothingToMeasure(f"{clip}: {error}") from None
 
@@ -324,14 +323,9 @@ def judge(
     length: float | None = None,
     bead_diameter: float | None = None,
     bead_mass: float | None = None,
-    *,
-    shading: float = 0.0,
 ) -> Evaluation:
-    """The evaluation of fitted swings; arguments as in `evaluate`.
-
-    `shading` [m] is how far a filmed bead's centre seems to shift from place to place with the light that falls on it.
-    """
-    outcomes = _with_shading(fit.propagate(_outcomes), shading)
+    """The evaluation of fitted swings; arguments as in `evaluate`."""
+    outcomes = fit.propagate(_outcomes)
     checks = [gravity_check(outcomes)]
     checks.insert(0, momentum_check(outcomes, bead_mass) if fit.swings.beads == 2 else contact_angle_check(outcomes))
     if length is not None:
@@ -405,32 +399,12 @@ def _first_collision(swings: Swings, angle: Array, v: Array, v_after: Array, way
     return outcomes | {
         "turning_1": turning[1],
         "from_angles": from_angles[1] - from_angles[0],
-        "energy_ratio_root": np.sqrt(rise),
+        "energy_ratio_root": np.sqrt(np.maximum(rise, 0)),
         "angle_ratio": turning[1] / release,
         "speed": v[0],
         "speeds_after": v_after[0] + v_after[1],
         "momentum": (v_after[0] + v_after[1]) / v[0],
         "distance": np.hypot(*np.moveaxis(place[1] - place[0], -1, 0)),
-    }
-
-
-def _with_shading(outcomes: dict[str, Outcome], shading: float) -> dict[str, Outcome]:
-    """Angles, each seen somewhere else, with the doubt about where the bead's centre is there."""
-    if not shading > 0:
-        return outcomes
-    step = shading / outcomes["length"].value  # [rad]
-    turns = [outcomes[name].value for name in ("turning_0", "turning_1") if name in outcomes]
-    half = np.sin(outcomes["release"].value / 2)
-    rise = [math.cos(turn / 2) / 2 * step / half for turn in turns]
-    fall = step / (2 * math.tan(outcomes["release"].value / 2))
-    steps = dict.fromkeys(("release", "turning_0", "turning_1"), step)
-    steps["from_angles"] = math.hypot(*rise, fall * outcomes["from_angles"].value)
-    steps["from_heights"] = steps["from_angles"]
-    if "energy_ratio_root" in outcomes:
-        steps["energy_ratio_root"] = math.hypot(rise[1], fall * outcomes["energy_ratio_root"].value)
-    return {
-        name: Outcome(outcome.value, outcome.budget | ({"shading": steps[name]} if name in steps else {}))
-        for name, outcome in outcomes.items()
     }
 
 
