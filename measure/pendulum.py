@@ -31,6 +31,7 @@ from rigtwin.measure.pendulum_checks import (
     gravity_check,
     length_check,
     momentum_check,
+    residual_check,
     timing_check,
 )
 from rigtwin.measure.repeats import without_repeats
@@ -326,13 +327,16 @@ def judge(
 ) -> Evaluation:
     """The evaluation of fitted swings; arguments as in `evaluate`."""
     outcomes = fit.propagate(_outcomes)
-    checks = [gravity_check(outcomes)]
+    residuals = residual_check(fit)
+    checks = [gravity_check(outcomes), residuals]
     checks.insert(0, momentum_check(outcomes, bead_mass) if fit.swings.beads == 2 else contact_angle_check(outcomes))
     if length is not None:
         checks.append(length_check(outcomes["length"], length))
     if bead_diameter is not None and fit.swings.beads == 2:
         checks.append(distance_check(outcomes["distance"], bead_diameter))
     doubts = doubts_of(fit, outcomes)
+    if not residuals.passed:
+        doubts = {name: "; ".join(filter(None, [doubt, residuals.message])) for name, doubt in doubts.items()}
     if fit.swings.beads == 1 and not checks[0].passed:
         doubts["plumb"] = checks[0].message
     if fit.swings.beads == 2:
