@@ -56,6 +56,9 @@ Variant = Literal["double", "wall"]
 # The lit side of a bead turns with its place under the lamp: its centre, fitted as that of an evenly shaded disc,
 # shifts by some hundredths of the radius between the ends of a swing.
 SHADING = 0.03
+# The texture behind a bead, as the codec leaves it, shifts its centre by about the noise of a point: most of that goes
+# with the place and not with the frame, and does not average out.
+GROUND = 0.7
 HEAD_ON = ("momentum", "contact_distance")  # checks that fail where the beads meet off centre or a track is wrong
 
 
@@ -87,12 +90,13 @@ def measure(
     scale, scale_from = _scale(film, camera, length, bead_diameter)
     roll = -float(film.fit.swings["tilt"]) if camera.roll is None else camera.roll
     tracks = _upright(film, scale, roll)
-    fit = _fit_clip(clip, tracks, shading=SHADING * scale * max(look.radius for look in film.beads.looks))
+    fit = _fit_clip(clip, tracks, ground=GROUND)
     evaluation = judge(
         fit,
         None if scale_from == "pendulum length" else length,
         None if scale_from == "bead diameter" else bead_diameter,
         bead_mass,
+        shading=SHADING * scale * max(look.radius for look in film.beads.looks),
     )
     timing = timing_check(video)
     checks = (*_without_circle(evaluation.checks, scale_from), timing)
@@ -222,9 +226,9 @@ def _second_look(fit: SwingFit, beads: Beads, times: Array) -> tuple[Array, Arra
     return middle, velocity, again
 
 
-def _fit_clip(clip: Path, tracks: tuple[Track, ...], *, shading: float = 0.0) -> SwingFit:
+def _fit_clip(clip: Path, tracks: tuple[Track, ...], *, ground: float = 0.0) -> SwingFit:
     try:
-        return fit_swings(tracks, shading=shading)
+        return fit_swings(tracks, ground=ground)
     except NothingToMeasure as error:
         raise NothingToMeasure(f"{clip}: {error}") from None
 
@@ -324,9 +328,14 @@ def judge(
     length: float | None = None,
     bead_diameter: float | None = None,
     bead_mass: float | None = None,
+    *,
+    shading: float = 0.0,
 ) -> Evaluation:
-    """The evaluation of fitted swings; arguments as in `evaluate`."""
-    outcomes = fit.propagate(_outcomes)
+    """The evaluation of fitted swings; arguments as in `evaluate`.
+
+    `shading` [m] is how far a filmed bead's centre seems to shift from place to place with the light that falls on it.
+    """
+    outcomes = _with_shading(fit.propagate(_outcomes), shading)
     residuals = residual_check(fit)
     checks = [gravity_check(outcomes), residuals]
     checks.insert(0, momentum_check(outcomes, bead_mass) if fit.swings.beads == 2 else contact_angle_check(outcomes))
@@ -409,6 +418,26 @@ def _first_collision(swings: Swings, angle: Array, v: Array, v_after: Array, way
         "speeds_after": v_after[0] + v_after[1],
         "momentum": (v_after[0] + v_after[1]) / v[0],
         "distance": np.hypot(*np.moveaxis(place[1] - place[0], -1, 0)),
+    }
+
+
+def _with_shading(outcomes: dict[str, Outcome], shading: float) -> dict[str, Outcome]:
+    """Angles, each seen somewhere else, with the doubt about where the bead's centre is there."""
+    if not shading > 0:
+        return outcomes
+    step = shading / outcomes["length"].value  # [rad]
+    turns = [outcomes[name].value for name in ("turning_0", "turning_1") if name in outcomes]
+    half = np.sin(outcomes["release"].value / 2)
+    rise = [math.cos(turn / 2) / 2 * step / half for turn in turns]
+    fall = step / (2 * math.tan(outcomes["release"].value / 2))
+    steps = dict.fromkeys(("release", "turning_0", "turning_1"), step)
+    steps["from_angles"] = math.hypot(*rise, fall * outcomes["from_angles"].value)
+    steps["from_heights"] = steps["from_angles"]
+    if "energy_ratio_root" in outcomes:
+        steps["energy_ratio_root"] = math.hypot(rise[1], fall * outcomes["energy_ratio_root"].value)
+    return {
+        name: Outcome(outcome.value, outcome.budget | ({"shading": steps[name]} if name in steps else {}))
+        for name, outcome in outcomes.items()
     }
 
 

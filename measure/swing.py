@@ -260,10 +260,11 @@ def _between(angle: Array, rate: Array, place: Array, h: Array) -> tuple[Array, 
     return value, w0 + s * (w1 - w0)
 
 
-def fit_swings(tracks: Sequence[Track], *, shading: float = 0.0, most_collisions: int = 3) -> SwingFit:
+def fit_swings(tracks: Sequence[Track], *, ground: float = 0.0, most_collisions: int = 3) -> SwingFit:
     """Fit the swing of bead A (``tracks[0]``) into bead B (``tracks[1]``) or, alone, into a wall.
 
-    `shading` [m] is how far a filmed bead's centre seems to shift from place to place with the light that falls on it.
+    `ground` is how far a filmed bead's centre seems to shift from place to place with what lies behind it, as a share
+    of the noise.
 
     Raises `NothingToMeasure` when there is no release, no collision, or too little of either to fit.
     """
@@ -273,11 +274,10 @@ def fit_swings(tracks: Sequence[Track], *, shading: float = 0.0, most_collisions
     scaled = tuple(
         replace(track, position=(track.position - origin) / unit, sigma=track.sigma / unit) for track in tracks
     )
-    shading /= unit
-    fit = _fit(_first_guess(scaled), scaled, shading)
+    fit = _fit(_first_guess(scaled), scaled, ground)
     while fit.swings.collisions < most_collisions:
         further = _with_next_collision(fit)
-        longer = None if further is None else _fit(further, scaled, shading)
+        longer = None if further is None else _fit(further, scaled, ground)
         # where a later collision does not fit (the beads turn out of the plane, a track is lost) the earlier ones stand
         if longer is None or longer.noise > 1.5 * fit.noise:
             break
@@ -414,7 +414,7 @@ def _slope(time: Array, angle: Array, start: float, span: float) -> float:
     return float(np.polynomial.Polynomial.fit(time[near], angle[near], degree).deriv()(start))
 
 
-def _fit(swings: Swings, tracks: tuple[Track, ...], shading: float) -> SwingFit:
+def _fit(swings: Swings, tracks: tuple[Track, ...], ground: float) -> SwingFit:
     """Least squares with the priors; frames of contact, held frames and wild points stay out."""
     from scipy.optimize import least_squares
 
@@ -444,7 +444,7 @@ def _fit(swings: Swings, tracks: tuple[Track, ...], shading: float) -> SwingFit:
             np.max(np.abs(r * w[:, None]), axis=1) > 6 * spread + 1e-9 for r, w in zip(residuals, weights, strict=True)
         ]
     data = _Data(tracks, tuple(weights), tuple(used), noise)
-    covariance, parts = _covariance(swings, data, residuals, shading)
+    covariance, parts = _covariance(swings, data, residuals, ground)
     return SwingFit(swings, tracks, tuple(used), tuple(residuals), noise, covariance, parts)
 
 
@@ -530,8 +530,8 @@ def _perturbed(swings: Swings, steps: Array | None = None) -> tuple[Array, Array
     return swings.vector[:, None] + np.column_stack([np.zeros(len(steps)), np.diag(steps)]), steps
 
 
-def _covariance(swings: Swings, data: _Data, residuals: list[Array], shading: float) -> tuple[Array, dict[str, Array]]:
-    """Covariance of the vector, and its parts: tracking noise, each thing known beforehand only, and shading.
+def _covariance(swings: Swings, data: _Data, residuals: list[Array], ground: float) -> tuple[Array, dict[str, Array]]:
+    """Covariance of the vector, and its parts: tracking noise, each thing known beforehand only, and the ground.
 
     With information N from the data and P from the priors, C = (N + P)^-1 = C N C + sum of C P_i C.  What shifts all
     points from place to place hides in the parameters and not in the residuals: C J^T d for every pattern d of it.
@@ -546,9 +546,9 @@ def _covariance(swings: Swings, data: _Data, residuals: list[Array], shading: fl
         causes[cause] = causes.get(cause, np.zeros_like(seen)) + np.outer(slopes[count + row], slopes[count + row])
     inverse = _inverse(sum(causes.values(), np.zeros_like(seen)))
     parts = {cause: inverse @ information @ inverse for cause, information in causes.items()}
-    if shading > 0:
-        shifts = _inverse(slopes.T @ slopes) @ slopes[:count].T @ _shifts(swings, data, shading)
-        parts["shading"] = shifts @ shifts.T
+    if ground > 0:
+        shifts = _inverse(slopes.T @ slopes) @ slopes[:count].T @ _shifts(swings, data) * ground
+        parts["ground"] = shifts @ shifts.T
     return np.asarray(sum(parts.values(), np.zeros_like(seen))), parts
 
 
@@ -557,11 +557,11 @@ def _inverse(information: Array) -> Array:
     return np.asarray(np.linalg.inv(information / np.outer(size, size)) / np.outer(size, size))
 
 
-def _shifts(swings: Swings, data: _Data, shading: float) -> Array:
-    """Ways in which light may shift the points seen, in units of their noise, shape (points, ways).
+def _shifts(swings: Swings, data: _Data) -> Array:
+    """Ways in which the ground may shift the points seen, in units of their noise, shape (points, ways).
 
-    To either side and up or down, each by a third of `shading`: along a line, a parabola and a cubic over the places
-    of the swing, and a bead at rest, before a ground that was hidden so long, against one that moves.
+    To either side and up or down: along a line, a parabola and a cubic over the places of the swing, and a bead at
+    rest, before a ground that was hidden so long, against one that moves.
     """
     hit, reach = float(swings["time_0"]), float(swings["length_0"] * np.abs(np.sin(swings["release_angle"])))
     rows = []
@@ -570,7 +570,7 @@ def _shifts(swings: Swings, data: _Data, shading: float) -> Array:
         place = np.clip(float(swings[f"length_{bead}"]) * np.sin(angle) / reach, -1, 1)
         ways = np.polynomial.legendre.legvander(place, 3)[:, 1:]
         waits = (track.time[mask] < hit) & (bead > 0)
-        ways = np.column_stack([ways, waits]) * (shading / 3 * weight[mask] / data.noise)[:, None]
+        ways = np.column_stack([ways, waits]) * weight[mask][:, None]
         rows += [np.hstack([ways, 0 * ways]), np.hstack([0 * ways, ways])]
     return np.concatenate(rows)
 
