@@ -22,10 +22,9 @@ import numpy.typing as npt
 from bulk_coverage import CASES as BULK
 from figures import Row, against, below, report
 from measure_speed import speed
-from scipy.integrate import solve_ivp
+from motions import BEAD, STEEL, bounces, swing, through_a_camera
 
 from rigtwin.lab.records import Track
-from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure import drop, pendulum
 from rigtwin.measure.bead import locate
 
@@ -42,8 +41,6 @@ DISCS = (  # radius [px], blur [px], signal to noise, shading across the bead's 
     (12.0, 8.0, 20.0, 0.0),
     (25.0, 20.0, 20.0, 0.0),
 )
-BEAD, STEEL = 6e-3, 7800.0  # [m], [kg/m^3]
-AIR_DENSITY, AIR_VISCOSITY = 1.2, 1.81e-5  # [kg/m^3], [Pa s]
 SEED = int(os.environ.get("SEED", "1"))
 
 
@@ -172,63 +169,6 @@ def centres(count: int) -> list[Row]:
 # --------------------------------------------------------------------------------------------------------------- drops
 
 
-def through_a_camera(places: Array, rng: np.random.Generator) -> Array:
-    """Places [m] as seen by a camera whose axis stands some 1.5 degrees off the normal, through a lens that barrels."""
-    middle, unit = np.mean(places, axis=0), float(np.ptp(places, axis=0).max())
-    away = (places - middle) / unit
-    growth = away @ rng.normal(0, 0.0065, 2) + rng.normal(0, 0.003) * np.sum(away**2, axis=1)
-    return np.asarray(middle + (1 + growth[:, None]) * away * unit)
-
-
-def bounces(
-    times: Array, height: float, restitution: float, release: float, *, drag: float, dwell: float
-) -> tuple[Array, list[float]]:
-    """Heights [m] of a steel bead of 6 mm at `times` [s], falling through air flight by flight; and its apexes [m].
-
-    `drag` multiplies that of a smooth sphere; contacts last `dwell` [s].
-    """
-    state, begun, heights = np.array([height, 0.0]), release, np.full(len(times), height)
-    apexes = []
-    while begun < times[-1] and (begun == release or state[1] > 0.05):
-        asked = times > begun
-        flight = solve_ivp(
-            _through_air,
-            (begun, times[-1] + 1.0),
-            state,
-            events=(_touch, _turn),
-            t_eval=times[asked],
-            args=(drag,),
-            rtol=1e-10,
-            atol=1e-12,
-        )
-        apexes += [height] if begun == release else [float(turned[0]) for turned in flight.y_events[1]]
-        heights[asked] = 0.0
-        heights[np.flatnonzero(asked)[: flight.y.shape[1]]] = flight.y[0]
-        if not len(flight.t_events[0]):
-            break
-        begun, state = float(flight.t_events[0][0]) + dwell, np.array([0.0, -restitution * flight.y_events[0][0][1]])
-    return heights, apexes
-
-
-def _through_air(_: float, state: Array, drag: float) -> tuple[float, float]:
-    """Gravity and the drag of Schiller and Naumann (1933) on a sphere."""
-    speed = abs(state[1])
-    reynolds = max(AIR_DENSITY * speed * BEAD / AIR_VISCOSITY, 1e-9)
-    coefficient = drag * 24 / reynolds * (1 + 0.15 * reynolds**0.687)
-    return state[1], -GRAVITY - 0.75 * coefficient * AIR_DENSITY / STEEL * speed * state[1] / BEAD
-
-
-def _touch(_: float, state: Array, __: float) -> float:
-    return float(state[0]) if state[1] < 0 else 1.0
-
-
-def _turn(_: float, state: Array, __: float) -> float:
-    return float(state[1])
-
-
-_touch.terminal = True  # type: ignore[attr-defined]
-
-
 def random_drop(rng: np.random.Generator) -> tuple[Track, dict[str, list[float]]]:
     """A track as filmed at 240 Hz, and the restitution of its bounces by each method."""
     e = float(rng.uniform(0.5, 0.85))
@@ -292,27 +232,6 @@ def gravity(count: int) -> list[Row]:
 
 
 # ----------------------------------------------------------------------------------------------------------- pendulums
-
-
-def swing(times: Array, length: float, release: float, e: float) -> Array:
-    """Angles [rad] of two equal beads without damping at `times` [s], by small symplectic steps, shape (n, 2)."""
-    step, seen = 2e-4, []
-    angle, speed, now = np.array([-release, 0.0]), np.zeros(2), 0.05
-    for moment in times:
-        while now < moment:
-            h = min(step, moment - now)
-            closing = speed[0] - speed[1]
-            gap = angle[1] - angle[0]
-            if closing > 0 and gap < h * closing:  # the step ends at the contact
-                h = max(gap / closing, 0.0)
-            half = angle + h / 2 * speed
-            speed = speed - h * GRAVITY / length * np.sin(half)
-            angle, now = half + h / 2 * speed, now + h
-            if closing > 0 and gap <= h * closing * (1 + 1e-9):
-                total, closing = speed.sum(), speed[0] - speed[1]
-                speed = np.array([total - e * closing, total + e * closing]) / 2
-        seen.append(angle.copy())
-    return np.array(seen)
 
 
 def pendulums(count: int) -> list[Row]:

@@ -22,6 +22,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, doubted, root_sum_of_squares
 from rigtwin.lab.records import Series
 from rigtwin.lab.rigs import GRAVITY
+from rigtwin.measure.freefall import fall_below, fall_check, outlet_check
 from rigtwin.measure.gate import Opening, find_opening, slot_edges
 from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.outflow import Outflow, bin_walls, follow_outflow
@@ -52,9 +53,6 @@ NEARBY = 4  # frames about an instant in which something in front of the hopper 
 # bits per pixel of a clip, below which its codec leaves what is faint as it was for a frame or so until it moved on;
 # beads that pour take ten times as many
 STARVED = 0.02
-# of sqrt(g W), the speed at which a body has fallen half of the slot's width W: between these beads leave slots from
-# three beads wide to many (Beverloo's law), whereas a clip in slow motion plays them eight times slower or more
-OUTLET_SPEED = (0.15, 3.0)
 AREA_DOUBT = 0.05  # relative, how far the bed's visible area follows its mass
 
 
@@ -122,13 +120,16 @@ def measure(
     quantities = evaluation.quantities
     if isinstance(velocity, str):
         warnings.append(f"outlet velocity: none given, for {velocity}.")
-    elif scale is not None:
-        rate = _frame_rate_check(velocity.value, view["slot_width_px"] * scale)
+    if scale is None:
+        warnings.append("frame rate not confirmed: without a scale the beads' fall does not show it.")
+    else:
         size = _size_check(seen, scale, scale_from, scale_doubt, bead_diameter, spacing)
+        told = None if isinstance(velocity, str) else doubted(velocity, "" if size.passed else size.message)
+        width = view["slot_width_px"] * scale
+        rate = _rate_check(seen, told, width, video.frame_rate, scale=scale, doubt=scale_doubt)
         checks = (*checks, rate, size)
-        if not math.isfinite(size.value):
-            warnings.append(size.message)
-        quantities = _with_rate_judged((*quantities, doubted(velocity, "" if size.passed else size.message)), rate)
+        warnings += [check.message for check in (rate, size) if not math.isfinite(check.value)]
+        quantities = _with_rate_judged(quantities if told is None else (*quantities, told), rate)
     if cut:
         quantities = tuple(each if each.doubtful else doubted(each, CUT_SHORT) for each in quantities)
     result = Measurement(
@@ -533,13 +534,21 @@ def _size_check(
     return Check("bead_size", passed, ratio, 1.0, f"beads look {ratio:.2f} times as large as stated{ending}")
 
 
-def _frame_rate_check(velocity: float, width: float) -> Check:
-    """Whether beads leave a slot `width` [m] about as fast as gravity lets them; `velocity` [m/s]."""
-    ratio = velocity / math.sqrt(GRAVITY * width)
-    passed = OUTLET_SPEED[0] < ratio < OUTLET_SPEED[1]
-    ending = "." if passed else ": is the frame rate that of the capture (--frame-rate), and is the scale right?"
-    message = f"beads leave the slot {ratio:.2g} times as fast as a body that has fallen half its width{ending}"
-    return Check("frame_rate", passed, ratio, 1.0, message)
+def _rate_check(
+    seen: Outflow, velocity: Quantity | None, width: float, rate: float, *, scale: float, doubt: float
+) -> Check:
+    """Whether time in the clip is that of gravity; `scale` [m/px] of the clip and its relative doubt."""
+    time = np.array([moment.time for moment in seen.moments])
+    # the front of a stream ends where beads come apart, the lowest bead where the first has reached the floor
+    fronts = np.array([(moment.front, moment.lowest) for moment in seen.moments]).T - seen.scenery.slot.row
+    # of the upright cut, whose pixels are smaller or larger than the clip's
+    fall = fall_below(time, fronts / seen.lens.zoom, seen.scenery.bead / seen.lens.zoom)
+    if fall is not None:
+        return fall_check(fall, scale, doubt, rate)
+    if velocity is not None:
+        return outlet_check(velocity.value, width)
+    message = "frame rate not confirmed: no bead is seen to fall from the slot, times are as right as --frame-rate."
+    return Check("frame_rate", True, math.nan, GRAVITY, message)
 
 
 def _with_rate_judged(quantities: tuple[Quantity, ...], rate: Check) -> tuple[Quantity, ...]:

@@ -72,6 +72,7 @@ class Moment:
     left: float  # [px^2], area of beads above the slot
     top: float  # [px], row of the uppermost bead in or below the hopper; infinite where there is none
     front: float  # [px], row of the lowest bead below the slot that hangs together with the bed; NaN where none
+    lowest: float  # [px], row of the lowest bead below the slot; NaN where none
     change: float  # [grey levels], how much the bed's lower part changed since the frame before
     shake: tuple[float, float]
     hidden: bool = False  # something passes in front of the scene
@@ -329,8 +330,9 @@ def _moment(frame: Steadied, before: Image | None, scenery: Scenery) -> Moment:
         if stats[k, cv2.CC_STAT_AREA] > least and stats[k, cv2.CC_STAT_HEIGHT] > 0.3 * bead
     ]
     columns = slice(max(round(slot.left), 0), round(slot.right))
-    hanging = np.asarray(mask[row:, columns].any(axis=1))
-    length = int(np.argmin(hanging)) if not hanging.all() else len(hanging)
+    filled = np.asarray(mask[row:, columns].any(axis=1))
+    hanging = int(np.argmin(filled)) if not filled.all() else len(filled)
+    lowest = len(filled) - int(np.argmax(filled[::-1]))
     change = 0.0
     if before is not None:
         low = slice(max(row - round(3 * bead), 0), row)
@@ -340,7 +342,8 @@ def _moment(frame: Steadied, before: Image | None, scenery: Scenery) -> Moment:
         frame.time,
         float(above.sum()),
         min(tops, default=math.inf),
-        slot.row + length if length > 0 else math.nan,
+        slot.row + hanging if hanging > 0 else math.nan,
+        slot.row + lowest if filled.any() else math.nan,
         change,
         frame.shake,
     )

@@ -31,6 +31,7 @@ from rigtwin.measure.pendulum_checks import (
     gravity_check,
     length_check,
     momentum_check,
+    residual_check,
     timing_check,
 )
 from rigtwin.measure.repeats import without_repeats
@@ -55,6 +56,9 @@ Variant = Literal["double", "wall"]
 # The lit side of a bead turns with its place under the lamp: its centre, fitted as that of an evenly shaded disc,
 # shifts by some hundredths of the radius between the ends of a swing.
 SHADING = 0.03
+# The texture behind a bead, as the codec leaves it, shifts its centre by about the noise of a point: most of that goes
+# with the place and not with the frame, and does not average out.
+GROUND = 0.7
 HEAD_ON = ("momentum", "contact_distance")  # checks that fail where the beads meet off centre or a track is wrong
 
 
@@ -86,7 +90,7 @@ def measure(
     scale, scale_from = _scale(film, camera, length, bead_diameter)
     roll = -float(film.fit.swings["tilt"]) if camera.roll is None else camera.roll
     tracks = _upright(film, scale, roll)
-    fit = _fit_clip(clip, tracks)
+    fit = _fit_clip(clip, tracks, ground=GROUND)
     evaluation = judge(
         fit,
         None if scale_from == "pendulum length" else length,
@@ -222,9 +226,9 @@ def _second_look(fit: SwingFit, beads: Beads, times: Array) -> tuple[Array, Arra
     return middle, velocity, again
 
 
-def _fit_clip(clip: Path, tracks: tuple[Track, ...]) -> SwingFit:
+def _fit_clip(clip: Path, tracks: tuple[Track, ...], *, ground: float = 0.0) -> SwingFit:
     try:
-        return fit_swings(tracks)
+        return fit_swings(tracks, ground=ground)
     except NothingToMeasure as error:
         raise NothingToMeasure(f"{clip}: {error}") from None
 
@@ -332,13 +336,16 @@ def judge(
     `shading` [m] is how far a filmed bead's centre seems to shift from place to place with the light that falls on it.
     """
     outcomes = _with_shading(fit.propagate(_outcomes), shading)
-    checks = [gravity_check(outcomes)]
+    residuals = residual_check(fit)
+    checks = [gravity_check(outcomes), residuals]
     checks.insert(0, momentum_check(outcomes, bead_mass) if fit.swings.beads == 2 else contact_angle_check(outcomes))
     if length is not None:
         checks.append(length_check(outcomes["length"], length))
     if bead_diameter is not None and fit.swings.beads == 2:
         checks.append(distance_check(outcomes["distance"], bead_diameter))
     doubts = doubts_of(fit, outcomes)
+    if not residuals.passed:
+        doubts = {name: "; ".join(filter(None, [doubt, residuals.message])) for name, doubt in doubts.items()}
     if fit.swings.beads == 1 and not checks[0].passed:
         doubts["plumb"] = checks[0].message
     if fit.swings.beads == 2:
@@ -405,7 +412,7 @@ def _first_collision(swings: Swings, angle: Array, v: Array, v_after: Array, way
     return outcomes | {
         "turning_1": turning[1],
         "from_angles": from_angles[1] - from_angles[0],
-        "energy_ratio_root": np.sqrt(rise),
+        "energy_ratio_root": np.sqrt(np.maximum(rise, 0)),
         "angle_ratio": turning[1] / release,
         "speed": v[0],
         "speeds_after": v_after[0] + v_after[1],

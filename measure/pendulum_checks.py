@@ -11,6 +11,9 @@ from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.media import Video
 from rigtwin.measure.swing import Outcome, SwingFit, frame_interval, turning_points
 
+MOST_MISFIT = 1.7  # times the noise from frame to frame, that a track may leave the fitted swings by
+LEAST_NOISE = 2e-5  # of the pendulum's length: below it a record that is exact would be judged by its rounding
+
 
 def doubts_of(fit: SwingFit, outcomes: dict[str, Outcome]) -> dict[str, str]:
     """Why the collision, the release angle or the turning angles should not be trusted; empty where nothing is."""
@@ -93,6 +96,22 @@ def gravity_check(outcomes: dict[str, Outcome]) -> Check:
         f"{found}: the scale or stated length is {abs(excess):.1%} too {word}, or the frame rate "
         f"{abs(math.sqrt(1 + excess) - 1):.1%} too {fast} (restitution and angles do not depend on either)",
     )
+
+
+def residual_check(fit: SwingFit) -> Check:
+    """Whether the swings leave of the tracks what one frame differs by from the next, and not more."""
+    misses, steps = [], []
+    for bead, (residual, used) in enumerate(zip(fit.residuals, fit.used, strict=True)):
+        swings = used & (fit.tracks[bead].time > (float(fit.swings["time_0"]) if bead else -math.inf))
+        left = residual[swings]
+        misses.append(left.ravel())
+        steps.append(np.diff(left, axis=0).ravel() / math.sqrt(2))
+    off, noise = (1.4826 * float(np.median(np.abs(np.concatenate(each)))) for each in (misses, steps))
+    ratio = off / max(noise, LEAST_NOISE * float(fit.swings["length_0"]))
+    passed = ratio < MOST_MISFIT
+    message = f"the tracks leave the fitted swings by {ratio:.2f} times their frame-to-frame noise"
+    meaning = "" if passed else ": frames are missing or repeated, something touches a bead, or a track is wrong"
+    return Check("swing_residuals", passed, ratio, 1.0, message + meaning)
 
 
 def timing_check(video: Video) -> Check:

@@ -260,8 +260,11 @@ def _between(angle: Array, rate: Array, place: Array, h: Array) -> tuple[Array, 
     return value, w0 + s * (w1 - w0)
 
 
-def fit_swings(tracks: Sequence[Track], *, most_collisions: int = 3) -> SwingFit:
+def fit_swings(tracks: Sequence[Track], *, ground: float = 0.0, most_collisions: int = 3) -> SwingFit:
     """Fit the swing of bead A (``tracks[0]``) into bead B (``tracks[1]``) or, alone, into a wall.
+
+    `ground` is how far a filmed bead's centre seems to shift from place to place with what lies behind it, as a share
+    of the noise.
 
     Raises `NothingToMeasure` when there is no release, no collision, or too little of either to fit.
     """
@@ -271,10 +274,10 @@ def fit_swings(tracks: Sequence[Track], *, most_collisions: int = 3) -> SwingFit
     scaled = tuple(
         replace(track, position=(track.position - origin) / unit, sigma=track.sigma / unit) for track in tracks
     )
-    fit = _fit(_first_guess(scaled), scaled)
+    fit = _fit(_first_guess(scaled), scaled, ground)
     while fit.swings.collisions < most_collisions:
         further = _with_next_collision(fit)
-        longer = None if further is None else _fit(further, scaled)
+        longer = None if further is None else _fit(further, scaled, ground)
         # where a later collision does not fit (the beads turn out of the plane, a track is lost) the earlier ones stand
         if longer is None or longer.noise > 1.5 * fit.noise:
             break
@@ -411,7 +414,7 @@ def _slope(time: Array, angle: Array, start: float, span: float) -> float:
     return float(np.polynomial.Polynomial.fit(time[near], angle[near], degree).deriv()(start))
 
 
-def _fit(swings: Swings, tracks: tuple[Track, ...]) -> SwingFit:
+def _fit(swings: Swings, tracks: tuple[Track, ...], ground: float) -> SwingFit:
     """Least squares with the priors; frames of contact, held frames and wild points stay out."""
     from scipy.optimize import least_squares
 
@@ -440,7 +443,8 @@ def _fit(swings: Swings, tracks: tuple[Track, ...]) -> SwingFit:
         wild = [
             np.max(np.abs(r * w[:, None]), axis=1) > 6 * spread + 1e-9 for r, w in zip(residuals, weights, strict=True)
         ]
-    covariance, parts = _covariance(swings, _Data(tracks, tuple(weights), tuple(used), noise), residuals)
+    data = _Data(tracks, tuple(weights), tuple(used), noise)
+    covariance, parts = _covariance(swings, data, residuals, ground)
     return SwingFit(swings, tracks, tuple(used), tuple(residuals), noise, covariance, parts)
 
 
@@ -526,10 +530,11 @@ def _perturbed(swings: Swings, steps: Array | None = None) -> tuple[Array, Array
     return swings.vector[:, None] + np.column_stack([np.zeros(len(steps)), np.diag(steps)]), steps
 
 
-def _covariance(swings: Swings, data: _Data, residuals: list[Array]) -> tuple[Array, dict[str, Array]]:
-    """Covariance of the vector, and its parts: tracking noise, and each thing known beforehand only.
+def _covariance(swings: Swings, data: _Data, residuals: list[Array], ground: float) -> tuple[Array, dict[str, Array]]:
+    """Covariance of the vector, and its parts: tracking noise, each thing known beforehand only, and the ground.
 
-    With information N from the data and P from the priors, C = (N + P)^-1 = C N C + sum of C P_i C.
+    With information N from the data and P from the priors, C = (N + P)^-1 = C N C + sum of C P_i C.  What shifts all
+    points from place to place hides in the parameters and not in the residuals: C J^T d for every pattern d of it.
     """
     slopes = _slopes(swings, data)
     count = len(slopes) - len(PRIORS)
@@ -539,10 +544,35 @@ def _covariance(swings: Swings, data: _Data, residuals: list[Array]) -> tuple[Ar
     for row, name in enumerate(PRIORS):
         cause = _CAUSES[name]
         causes[cause] = causes.get(cause, np.zeros_like(seen)) + np.outer(slopes[count + row], slopes[count + row])
-    size = np.sqrt(np.diag(sum(causes.values(), np.zeros_like(seen))))
-    inverse = np.linalg.inv(sum(causes.values(), np.zeros_like(seen)) / np.outer(size, size)) / np.outer(size, size)
+    inverse = _inverse(sum(causes.values(), np.zeros_like(seen)))
     parts = {cause: inverse @ information @ inverse for cause, information in causes.items()}
-    return np.asarray(inverse), parts
+    if ground > 0:
+        shifts = _inverse(slopes.T @ slopes) @ slopes[:count].T @ _shifts(swings, data) * ground
+        parts["ground"] = shifts @ shifts.T
+    return np.asarray(sum(parts.values(), np.zeros_like(seen))), parts
+
+
+def _inverse(information: Array) -> Array:
+    size = np.sqrt(np.diag(information))
+    return np.asarray(np.linalg.inv(information / np.outer(size, size)) / np.outer(size, size))
+
+
+def _shifts(swings: Swings, data: _Data) -> Array:
+    """Ways in which the ground may shift the points seen, in units of their noise, shape (points, ways).
+
+    To either side and up or down: along a line, a parabola and a cubic over the places of the swing, and a bead at
+    rest, before a ground that was hidden so long, against one that moves.
+    """
+    hit, reach = float(swings["time_0"]), float(swings["length_0"] * np.abs(np.sin(swings["release_angle"])))
+    rows = []
+    for bead, (track, weight, mask) in enumerate(zip(data.tracks, data.weights, data.used, strict=True)):
+        angle = angles(swings, track.time[mask])[0][bead, :, 0]
+        place = np.clip(float(swings[f"length_{bead}"]) * np.sin(angle) / reach, -1, 1)
+        ways = np.polynomial.legendre.legvander(place, 3)[:, 1:]
+        waits = (track.time[mask] < hit) & (bead > 0)
+        ways = np.column_stack([ways, waits]) * weight[mask][:, None]
+        rows += [np.hstack([ways, 0 * ways]), np.hstack([0 * ways, ways])]
+    return np.concatenate(rows)
 
 
 def _correlation(residuals: list[Array], used: Sequence[Mask]) -> float:

@@ -15,7 +15,7 @@ from rigtwin.lab.camera import Camera, Moment
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
 from rigtwin.lab.records import Series
-from rigtwin.measure import hopper
+from rigtwin.measure import freefall, hopper
 from rigtwin.measure.gate import find_opening
 
 Array = npt.NDArray[np.float64]
@@ -161,6 +161,7 @@ RATE = 120.0  # [1/s]
 SIZE = (220, 300)  # [px]
 SLOT_ROW, SLOT_LEFT, SLOT_RIGHT = 150, 85, 135  # [px]
 BEAD = 5.0  # [px], radius
+DIAMETER = 0.006  # [m], of a bead
 OPENED = 8.3  # [frames]
 
 
@@ -172,7 +173,7 @@ def film(path: Path, *, stays: bool = False, crf: int = 14) -> float:
         [(SLOT_LEFT + BEAD * (1 + 2 * c), SLOT_ROW - BEAD * (1 + 1.9 * r)) for r in range(rows) for c in range(columns)]
     )
     begins = OPENED + 2.5 + 3.0 * np.repeat(np.arange(rows), columns) + random.uniform(0, 1.5, rows * columns)
-    fall = 0.35  # [px/frame^2]
+    fall = 9.81 / RATE**2 * 2 * BEAD / DIAMETER  # [px/frame^2]
     frames = 75
     # the last bead's centre is one radius below the slot
     drop = SLOT_ROW + BEAD - centres[:, 1]
@@ -258,6 +259,31 @@ def test_a_starved_clip_is_right_within_its_interval_or_doubtful(tmp_path: Path)
     assert low * RATE < last < high * RATE
 
 
+@pytest.mark.parametrize("stated", [0.5 * RATE, 2 * RATE])
+def test_a_frame_rate_off_by_two_shows_in_how_the_first_beads_fall(tmp_path: Path, stated: float) -> None:
+    film(tmp_path / "hopper.mp4")
+    found = hopper.measure(
+        tmp_path / "hopper.mp4", Camera(frame_rate=stated), bead_diameter=DIAMETER, out=tmp_path / "out"
+    )
+    check = next(check for check in found.checks if check.check == "frame_rate")
+    assert not check.passed
+    assert check.value == pytest.approx(9.81 * (stated / RATE) ** 2, rel=0.25)
+    assert "--frame-rate" in find(found, "discharge_time").doubtful
+    assert not find(found, "residue_fraction").doubtful
+
+
+@pytest.mark.parametrize("floor", [8.0, 20.0, 200.0])
+def test_the_fall_of_the_lowest_bead_is_told_from_creeping_and_from_lying_on_the_floor(floor: float) -> None:
+    """In bead diameters of 10 px: it creeps out of the slot, falls, and comes to rest."""
+    time = np.arange(60) / 240
+    after = np.maximum(time - 0.06, 0)
+    fall = np.round(np.minimum(3 + 40 * time + 0.5 * 20000 * after**2, 10 * floor))
+    found = freefall.fall_below(time, fall[None], 10.0)
+    assert found is not None
+    assert abs(found.acceleration - 20000) < 2 * found.doubt
+    assert freefall.fall_below(time, np.round(400 * time)[None], 10.0) is None
+
+
 @pytest.mark.parametrize(("slowed", "passed"), [(1, True), (8, False), (33, False)])
 def test_beads_that_leave_far_slower_than_gravity_lets_them_were_played_in_slow_motion(
     slowed: int, passed: bool
@@ -266,11 +292,11 @@ def test_beads_that_leave_far_slower_than_gravity_lets_them_were_played_in_slow_
     effective = width - 1.4 * bead
     # Beverloo's law for a slot, its flow spread over the slot
     speed = 1.03 * math.sqrt(9.81 * effective) * effective / width / 0.8
-    assert hopper._frame_rate_check(speed / slowed, width).passed == passed
+    assert freefall.outlet_check(speed / slowed, width).passed == passed
 
 
 def test_a_wrong_frame_rate_spoils_what_is_counted_in_seconds_and_nothing_else() -> None:
-    slow = hopper._frame_rate_check(0.02, 0.034)
+    slow = freefall.outlet_check(0.02, 0.034)
     units = {"discharge_time": "s", "mass_flow_rate": "kg/s", "outlet_velocity": "m/s", "residue_fraction": "1"}
     made = tuple(Quantity(name, 0.5, 0.01, unit, "made up") for name, unit in units.items())
     judged = {one.quantity: one for one in hopper._with_rate_judged(made, slow)}
