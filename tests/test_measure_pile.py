@@ -597,6 +597,18 @@ def test_beads_wider_than_the_base_are_refused_before_any_photo_is_read():
         measure([Path("nowhere.jpg")], Camera(), base_diameter=0.09, bead_diameter=0.095)
 
 
+def test_more_circles_than_opencv_reads_at_once_are_judged_one_by_one():
+    from rigtwin.measure import grains
+
+    picture = np.zeros((60, 60), np.uint8)
+    cv2.circle(picture, (30, 30), 12, 255, -1)
+    places = np.tile([[30.0, 30.0], [5.0, 5.0]], (grains.MOST_ROWS // 2 + 3, 1))
+    share = grains._surrounded(grains.edges(picture), places, 12.0, 1)
+    assert np.all(share[::2] == 1)
+    assert np.all(share[1::2] < 0.3)
+    assert len(grains._surrounded(grains.edges(picture), places[:0], 12.0, 1)) == 0
+
+
 def test_a_strip_of_noise_is_searched_at_a_size_that_does_not_take_minutes(tmp_path, monkeypatch):
     from rigtwin.measure import surface
 
