@@ -398,8 +398,7 @@ def slide(
     """
     path, hidden = Path(), world.hidden
     friction = world.sliding[wall] * (1 + rng.normal(0, world.friction_scatter))
-    friction += hidden.get("ageing", 0.0) * math.log1p(dwell)
-    kinetic = friction * (1 - hidden.get("friction_drop", 0.0))
+    ageing = hidden.get("ageing", 0.0)
     extra = hidden.get("pull_off", 0.0) / mass  # adhesion [m/s^2]
     slippery, wave = hidden.get("viscous_sliding", 0.0), hidden.get("vibration", 0.0)
 
@@ -414,9 +413,13 @@ def slide(
         shake = 1 - wave * np.sin(2 * math.pi * 3 * t) if wave else 1.0
         return GRAVITY * np.cos(angle(t)) * shake + extra + 2 * rate * tilt_rate - height * tilt_rate**2
 
+    def rested(t: Array | float) -> Any:
+        """Friction of contacts that have rested on the level arm and while it tilted."""
+        return friction + ageing * np.log1p(dwell + t) if ageing else friction
+
     def surplus(t: Array | float) -> Array:
         """Pull along the arm beyond what friction holds [m/s^2]."""
-        return GRAVITY * np.sin(angle(t)) - place * tilt_rate**2 - friction * press(t, 0.0)
+        return GRAVITY * np.sin(angle(t)) - place * tilt_rate**2 - rested(t) * press(t, 0.0)
 
     waiting = np.arange(0.0, duration, 1e-3)
     holds = surplus(waiting) < 0
@@ -425,6 +428,7 @@ def slide(
     slips = int(np.argmin(holds))
     begin = float(brentq(surplus, waiting[slips - 1], waiting[slips], xtol=1e-12))
     path.add(0.0, begin, lambda t: spot(np.full(len(t), place), t))
+    kinetic = rested(begin) * (1 - hidden.get("friction_drop", 0.0))
 
     def motion(t: float, s: Array) -> list[float]:
         drag = kinetic * press(t, s[1]) + slippery * abs(s[1])

@@ -58,7 +58,7 @@ def descend(
         else:
             if idle >= IDLE or (gain > -1e-2 and damping <= DAMPED):
                 return linear, True
-            damping, refused = damping * 10, True
+            damping, refused = damping * (10 if damping >= DAMPED else 100), True
             if damping > (1e8 if linear.objective < HOPELESS * bench.rows.size else 1.0):
                 return linear, True
     return linear, False
