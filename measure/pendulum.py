@@ -100,7 +100,7 @@ def measure(
     )
     timing = timing_check(video)
     checks = (*_without_circle(evaluation.checks, scale_from), timing)
-    spoilt = "" if timing.passed else timing.message
+    spoilt = "; ".join(filter(None, [video.spoilt, "" if timing.passed else timing.message]))
     quantities = tuple(doubted(quantity, spoilt) for quantity in evaluation.quantities)
     seen = {
         "frame_rate_hz": video.frame_rate,

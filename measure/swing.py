@@ -34,10 +34,10 @@ PRIORS = {
     "damping": (0.03, 0.1),  # [1/s], pivot and thread
     # [1/rad], rho_air Cd A L / (2 m): 0.006 to 0.01 for 6 to 12 mm beads of plastic or wood on 0.15 to 0.3 m
     "drag": (0.01, 0.015),
-    # A camera four pendulum lengths away whose axis stands 1.5 degrees off the normal of the swing plane makes things
-    # one length from the middle 0.65 % larger on one side; a lens barrels by up to about half a percent there.
-    "perspective_x": (0.0, 0.0065),
-    "perspective_y": (0.0, 0.0065),
+    # A camera two and a half pendulum lengths away whose axis stands 2 degrees off the normal of the swing plane makes
+    # things one length from the middle 1.4 % larger on one side; a lens barrels by up to about half a percent there.
+    "perspective_x": (0.0, 0.014),
+    "perspective_y": (0.0, 0.014),
     "lens": (0.0, 0.003),
 }
 _CAUSES = {
