@@ -2,10 +2,12 @@
 
     python benchmarks/diagnose.py [--seed 1] [--count 100] [--kind null] [--rig drop] [--effect air_drag] [--keep DIR]
 
-Also `SEED=` and `COUNT=` in the environment.  Labs come from `diagnose_labs.py`; the diagnosis is handed the lab's
-folder alone.  Labs, truth and answers stay under `out/bench-diagnose`: a bench that was interrupted goes on where it
-stopped, and only what changed code would change is done again.  Prints who was taken for whom and the figures wanted,
-and writes `out/bench-diagnose.json`.
+`--kind null --count 300 --processes 1` draws labs in which nothing is hidden, one after the other on one core;
+`--confounded` labs of one condition with what others look like, so that further experiments are proposed, and carried
+out.  Also `SEED=` and `COUNT=` in the environment.  Labs come from `diagnose_labs.py`; the diagnosis is handed the
+lab's folder alone.  Labs, truth and answers stay under `out/bench-diagnose`: a bench that was interrupted goes on where
+it stopped, and only what changed code would change is done again.  Prints who was taken for whom and the figures
+wanted, and writes `out/bench-diagnose.json`.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from diagnose_labs import EVERY_RIG, KINDS, Case, chosen, write
+from diagnose_labs import EVERY_RIG, KINDS, Case, chosen, confounded, plan, write
 from diagnose_names import canonical, is_named, true_value
 from figures import Row, report
 from labs_effects import ALL, STRENGTHS
@@ -381,14 +383,16 @@ def main() -> int:
     parser.add_argument("--keep", type=Path, default=Path("out/bench-diagnose"), help="labs, truth and answers go here")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--narrow", action="store_true", help="labs of one condition, where names often look alike")
+    parser.add_argument("--confounded", action="store_true", help="narrow labs of effects that are often confounded")
     parser.add_argument("--kept", action="store_true", help="only labs answered before, whatever code answered them")
     given = parser.parse_args()
     filters = {"kind": given.kind, "rig": given.rig, "effect": given.effect, "strength": given.strength}
     drawn, asked = fingerprint(*DRAWS), fingerprint(*ASKED)
-    drawn += " narrow" if given.narrow else ""
+    narrow = given.narrow or given.confounded
+    drawn += " narrow" if narrow else ""
     jobs = [
-        Job(given.seed, number, case, given.keep, given.narrow, drawn, asked)
-        for number, case in chosen(given.seed, given.count, **filters)
+        Job(given.seed, number, case, given.keep, narrow, drawn, asked)
+        for number, case in chosen(given.seed, given.count, **filters, cases=confounded if given.confounded else plan)
     ]
     if given.kept:
         results = [

@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import Any
@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from labs_benches import DIAMETER_DOUBT, WALLS, Bench, Change, Run, set_up
 from labs_camera import Camera, film, ordinary
-from labs_effects import ALL, LISTED, PAIRS, STRENGTHS, UNLISTED, Effect
+from labs_effects import ALL, CONFOUNDED, LISTED, PAIRS, STRENGTHS, UNLISTED, Effect
 from labs_motion import GRAVITY, World
 
 KINDS = ("null", "single", "pair", "unlisted")
@@ -53,6 +53,14 @@ def plan(seed: int) -> Iterator[Case]:
             singles = iter(_round(rng))
             case = next(singles)
         yield case
+
+
+def confounded(seed: int) -> Iterator[Case]:
+    """Cases without end that a lab of one condition often cannot tell from others."""
+    rng = np.random.default_rng(seed)
+    while True:
+        for effect, rig in CONFOUNDED:
+            yield Case("single", rig, (effect,), str(rng.choice(STRENGTHS)))
 
 
 def _round(rng: np.random.Generator) -> list[Case]:
@@ -243,11 +251,11 @@ def _truth(
 
 def chosen(
     seed: int, count: int, *, kind: str | None = None, rig: str | None = None, effect: str | None = None,
-    strength: str | None = None,
+    strength: str | None = None, cases: Callable[[int], Iterator[Case]] = plan,
 ) -> Iterator[tuple[int, Case]]:  # fmt: skip
     """The first `count` cases of the plan that fit; the number of a case does not depend on the filters."""
     found = 0
-    for number, case in enumerate(plan(seed)):
+    for number, case in enumerate(cases(seed)):
         if found == count or number > 100_000:
             return
         fits = (

@@ -160,10 +160,14 @@ bed.run(1)
 
 
 def start_rows() -> list[Row]:
-    """From the command to the first step of the bulk engine, kernels compiled and kernels cached."""
+    """From the command to the first step of the bulk engine, kernels compiled and kernels cached.
+
+    What they are made of, and why they miss what is wanted: docs/decisions/0009.
+    """
     rows = []
     with tempfile.TemporaryDirectory() as cache:
         environment = os.environ | {"TI_OFFLINE_CACHE_FILE_PATH": cache}
+        environment.pop("PYTHONDONTWRITEBYTECODE", None)  # else Python compiles the sources at every start
         for name, wanted in (("first start", 5.0), ("later start", 1.5)):
             began = time.perf_counter()
             subprocess.run([sys.executable, "-c", FIRST_STEP], check=True, env=environment)

@@ -48,14 +48,65 @@ class Bed:
         """What the program reads, by name; `in.run` is the deck."""
         x, y, z = self.size
         r = self.particle.radius
-        planes = {"x0": ("xplane", 0.0), "x1": ("xplane", x), "y0": ("yplane", 0.0), "y1": ("yplane", y)}
-        planes["z0"] = ("zplane", 0.0)
-        model = _model(rolling)
-        walls = "".join(
-            f"fix {name} all wall/gran {model} primitive type 2 {plane} {at}\n" for name, (plane, at) in planes.items()
-        )
         data = _positions(self.particle, self.position, (-r, -r, -r), (x + r, y + r, z))
-        return {"beads.data": data, "in.run": _deck(self, rolling, walls, steps=steps, warm_up=warm_up)}
+        deck = _deck(self, rolling, _box_walls(rolling, x, y), steps=steps, warm_up=warm_up)
+        return {"beads.data": data, "in.run": deck}
+
+    @property
+    def spheres(self) -> int:
+        """How many it must tell of."""
+        return len(self.position)
+
+
+@dataclass(frozen=True)
+class Clumps:
+    """Equal clumps that it throws into a box itself: it takes no clumps from elsewhere."""
+
+    particle: Particle
+    between: Contact
+    walls: Contact  # of the five planes, made of the clumps' material
+    count: int
+    size: tuple[float, float, float]  # [m]
+    time_step: float  # [s]
+    skin: float  # [m]
+    gravity: float  # [m/s^2]
+
+    def files(self, rolling: str, steps: int, warm_up: int) -> dict[str, str]:
+        """What the program reads, by name; `in.run` is the deck."""
+        x, y, z = self.size
+        edge, clump = self.particle.diameter, self.particle.shape
+        assert clump is not None
+        spheres = [(*at, radius) for at, radius in zip(clump.offsets, clump.radii, strict=True)]
+        inside = f"{edge / 2} {x - edge / 2} {edge / 2} {y - edge / 2} {edge / 2} {z - edge / 2}"
+        box = f"region box block -{edge} {x + edge} -{edge} {y + edge} -{edge} {z} units box\ncreate_box 2 box\n"
+        shape, mixed, thrown = 15_485_863, 15_485_867, 32_452_843  # it takes none but primes as seeds
+        fill = (
+            f"region inside block {inside} units box\n"
+            f"fix clump all particletemplate/multisphere {shape} atom_type 1 density constant "
+            f"{self.particle.effective_density} nspheres {len(spheres)} ntry 1000000 spheres file clump.txt scale 1 "
+            "type 1\n"
+            f"fix sizes all particledistribution/discrete {mixed} 1 clump 1.0\n"
+            f"fix throw all insert/pack seed {thrown} distributiontemplate sizes maxattempt 1000 insert_every once "
+            "overlapcheck yes orientation random all_in yes vel constant 0 0 -0.3 region inside "
+            f"particles_in_region {self.count}\n"
+        )
+        walls = _box_walls(rolling, x, y) + fill
+        deck = _deck(self, rolling, walls, box, "multisphere", steps=steps, warm_up=warm_up)
+        return {"clump.txt": "\n".join(" ".join(map(str, sphere)) for sphere in spheres) + "\n", "in.run": deck}
+
+    @property
+    def spheres(self) -> int:
+        """How many it must tell of."""
+        return self.count * len(self.particle.radii)
+
+
+def _box_walls(rolling: str, x: float, y: float) -> str:
+    planes = {"x0": ("xplane", 0.0), "x1": ("xplane", x), "y0": ("yplane", 0.0), "y1": ("yplane", y)}
+    planes["z0"] = ("zplane", 0.0)
+    model = _model(rolling)
+    return "".join(
+        f"fix {name} all wall/gran {model} primitive type 2 {plane} {at}\n" for name, (plane, at) in planes.items()
+    )
 
 
 @dataclass(frozen=True)
@@ -86,6 +137,11 @@ class Hopper:
         )
         deck = _deck(self, rolling, walls, steps=steps, warm_up=warm_up)
         return {"beads.data": data, "walls.stl": stl(self.corners), "in.run": deck}
+
+    @property
+    def spheres(self) -> int:
+        """How many it must tell of."""
+        return len(self.position)
 
 
 @dataclass(frozen=True)
@@ -195,7 +251,9 @@ def version() -> str:
     return found.group(1).rstrip(",") if found else "unknown"
 
 
-def speed(bed: Bed | Hopper, rolling: Rolling, *, threads: int, steps: int, warm_up: int) -> tuple[float, float]:
+def speed(
+    bed: Bed | Hopper | Clumps, rolling: Rolling, *, threads: int, steps: int, warm_up: int
+) -> tuple[float, float]:
     """Particle-steps per second of its own loop, start-up left out, and the part of the time that it had its cores.
 
     Ranks wait for each other in busy loops: on a machine that others use as well its figure falls far more than ours.
@@ -221,8 +279,8 @@ def speed(bed: Bed | Hopper, rolling: Rolling, *, threads: int, steps: int, warm
         last = (out + err).strip().splitlines()[-1:]
         raise RigtwinError(f"LIGGGHTS stopped with code {running.returncode}: {' '.join(last)}")
     seconds, made, atoms = times[-1]
-    if int(atoms) != len(bed.position):
-        raise RigtwinError(f"LIGGGHTS ran {atoms} of {len(bed.position)} beads; the bed does not fit its box.")
+    if int(atoms) != bed.spheres:
+        raise RigtwinError(f"LIGGGHTS ran {atoms} of {bed.spheres} spheres; they do not fit their box.")
     return int(made) * int(atoms) / float(seconds), share
 
 
@@ -299,7 +357,16 @@ def stl(corners: npt.NDArray[np.float64]) -> str:
     return "\n".join([*rows, "endsolid walls"]) + "\n"
 
 
-def _deck(run: Bed | Hopper, rolling: str, walls: str, *, steps: int, warm_up: int) -> str:
+def _deck(
+    run: Bed | Hopper | Clumps,
+    rolling: str,
+    walls: str,
+    beads: str = "read_data beads.data\n",
+    moved: str = "nve/sphere",
+    *,
+    steps: int,
+    warm_up: int,
+) -> str:
     material = run.particle.material
 
     def pairs(name: str, between: float, wall: float) -> str:
@@ -312,7 +379,7 @@ def _deck(run: Bed | Hopper, rolling: str, walls: str, *, steps: int, warm_up: i
     return (
         f"{soft}atom_style granular\natom_modify map array\nboundary f f f\nnewton off\n"
         # ranks side by side: one above the other they would share the beads badly
-        "communicate single vel yes\nunits si\nprocessors * * 1\nread_data beads.data\n"
+        f"communicate single vel yes\nunits si\nprocessors * * 1\n{beads}"
         f"neighbor {run.skin} bin\nneigh_modify delay 0\n"
         + each("youngsModulus", material.youngs_modulus)
         + each("poissonsRatio", material.poisson_ratio)
@@ -322,6 +389,6 @@ def _deck(run: Bed | Hopper, rolling: str, walls: str, *, steps: int, warm_up: i
         + f"pair_style gran {_model(rolling)}\npair_coeff * *\ntimestep {run.time_step}\n"
         + f"fix weight all gravity {run.gravity} vector 0 0 -1\n"
         + walls
-        + "fix move all nve/sphere\nthermo_style custom step atoms ke\nthermo 100000\nthermo_modify lost error\n"
+        + f"fix move all {moved}\nthermo_style custom step atoms ke\nthermo 100000\nthermo_modify lost error\n"
         + f"run {warm_up}\nrun {steps}\n"
     )

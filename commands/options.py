@@ -11,9 +11,11 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
+
+from rigtwin.sim.engine import device
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress, no tables.")]
@@ -148,7 +150,7 @@ TimeStep = Annotated[
 ]
 Forced = Annotated[bool, typer.Option("--force", help="Take a time step that is known to be unstable, too.")]
 Device = Annotated[
-    Literal["cpu", "cuda", "auto"],
+    device.Device,
     typer.Option("--device", help="Where the twin is worked out; auto: on a GPU where CUDA finds one."),
 ]
 Threads = Annotated[int | None, typer.Option("--threads", min=1, help="CPU threads of the twin; all by default.")]

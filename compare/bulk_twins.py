@@ -43,9 +43,8 @@ def pile_twin(
 
     evaluation = ruler.evaluate(heap.profiles, base_diameter=heap.base_diameter, bead_diameter=cast.particle.diameter)
     course = {"asked": heap.asked, "placed": heap.placed, "fallen": heap.fallen, "at_rest": heap.at_rest}
-    return _twin(
-        "pile", rig, cast, heap, evaluation, begun, seed, course, heap.profiles, draw=lambda: pile.picture(rig, heap)
-    )
+    shown = heap.profiles, (), lambda: pile.picture(rig, heap)
+    return _twin("pile", rig, cast, heap, evaluation, begun, seed, numerics, course, *shown)
 
 
 def packing_twin(
@@ -73,9 +72,8 @@ def packing_twin(
         "packing_fraction": bed.packing_fraction,
         "seconds_per_particle": bed.seconds_per_particle,
     }
-    return _twin(
-        "packing", rig, cast, bed, evaluation, begun, seed, course, bed.profiles, draw=lambda: packing.picture(rig, bed)
-    )
+    shown = bed.profiles, (), lambda: packing.picture(rig, bed)
+    return _twin("packing", rig, cast, bed, evaluation, begun, seed, numerics, course, *shown)
 
 
 def drum_twin(
@@ -109,7 +107,7 @@ def drum_twin(
         "mixing_index": float(rotation.mixing.value[-1]),
     }
     shown = (rotation.steady,), (rotation.mixing,), lambda: drum.picture(rig, rotation)
-    return _twin("drum", rig, cast, rotation, evaluation, begun, seed, course, *shown)
+    return _twin("drum", rig, cast, rotation, evaluation, begun, seed, numerics, course, *shown)
 
 
 def hopper_twin(
@@ -139,7 +137,7 @@ def hopper_twin(
     }
     heap = () if discharge.pile is None else (discharge.pile,)
     shown = heap, (discharge.mass_left,), lambda: hopper.picture(rig, cast.particle, discharge)
-    return _twin("hopper", rig, cast, discharge, evaluation, begun, seed, course, *shown)
+    return _twin("hopper", rig, cast, discharge, evaluation, begun, seed, numerics, course, *shown)
 
 
 def cylinder_for(rig: Packing, particle: Particle, count: int) -> Packing:
@@ -156,6 +154,7 @@ def _twin(
     evaluation: Evaluation,
     begun: float,
     seed: int,
+    numerics: Numerics,
     course: Mapping[str, Any],
     profiles: tuple[Profile, ...] = (),
     series: tuple[Series, ...] = (),
@@ -167,7 +166,9 @@ def _twin(
     return Twin(
         name,
         evaluation,
-        settings_of(rig, particle, contacts, seed=seed, **course, statistics=run.statistics),
+        settings_of(
+            rig, particle, contacts, threads=numerics.get("threads"), seed=seed, **course, statistics=run.statistics
+        ),
         profiles=profiles,
         series=series,
         assumptions=tuple(f"{about.replace('_', ' ')}: {what}" for about, what in run.assumptions.items()),

@@ -404,11 +404,17 @@ def _watched(rig: Pendulum, rate: float, measurements: Sequence[Measurement]) ->
     return max(film, 0.6 * period + 5 / rate)
 
 
-def settings_of(rig: Rig, particle: Particle, contacts: dict[str, Contact], **more: Any) -> dict[str, Any]:
-    """What a twin was run with, in SI."""
+def settings_of(
+    rig: Rig, particle: Particle, contacts: dict[str, Contact], *, threads: int | None = None, **more: Any
+) -> dict[str, Any]:
+    """What a twin that has run was run with, in SI, and where; `threads` of the CPU (None: all)."""
+    from rigtwin.sim.engine import backend
+
+    engine = backend.running()
     return {
         "rig": asdict(rig),
         "particle": {**asdict(particle), "density": particle.effective_density},
         "contacts": {name: asdict(contact) for name, contact in contacts.items()},
+        "engine": {"device": engine.device, "threads": threads or engine.threads},
         **more,
     }

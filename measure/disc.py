@@ -27,7 +27,7 @@ LEAST_RIM = 0.5  # share of the lower rim that must lie on edges
 LEAST_WALL = 0.3  # likewise of both walls, less the edges that run on where a wall should end
 DOUBTFUL_SUPPORT = 0.8  # share of the outline on edges below which the find may be another edge
 ENOUGH_BEADS = 300  # their share on one side of a line is known to 3 %
-POPULATION = 240  # candidates searched together
+POPULATION, ISLANDERS = 240, 120  # candidates searched together, of all and of one island
 ISLANDS = 4  # parts of the height in which the front rim may lie
 ISLAND_GENERATIONS, GENERATIONS = 25, 50
 LEADERS = 12  # of the population, around which mutants are made
@@ -162,8 +162,8 @@ def _evolved(
     random = np.random.default_rng(seed)
     low, span = bounds[:, 0], np.maximum(bounds[:, 1] - bounds[:, 0], 1e-12)
     if start is None:  # a Latin hypercube
-        rows = np.argsort(random.random((POPULATION, len(bounds))), axis=0)
-        population = (rows + random.random(rows.shape)) / POPULATION
+        rows = np.argsort(random.random((ISLANDERS, len(bounds))), axis=0)
+        population = (rows + random.random(rows.shape)) / ISLANDERS
     else:
         population = np.clip((start - low) / span, 0, 1)
     energies = cost((low + span * population).T)
@@ -365,54 +365,98 @@ def _support(
     above and beside the heap's foot.
     """
     along = np.linspace(-0.97, 0.97, samples, dtype=np.float32)
-    arc = np.sqrt(1 - along * along)
-    level = np.ones_like(along)
+    some = along[::2]  # of what is read in several rows
     bulge = template.bulge(focal_length)
-    upper_y, lower_y = bulge * arc - template.thickness, template.low * arc
 
-    cos, sin = np.cos(template.roll), np.sin(template.roll)
+    def rim(hang: Numbers, u: Numbers) -> Numbers:
+        return np.asarray(hang * np.sqrt(1 - u * u))
 
-    def lookup(u: Numbers, v: Numbers, *layers: npt.NDArray[np.float32]) -> list[npt.NDArray[np.float32]]:
-        x, y = (np.asarray(part, dtype=np.float32) for part in template.pixel(u, v))
-        found = [cv2.remap(of, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE) for of in layers]
-        return [np.asarray(each, dtype=np.float32) for each in found]
+    def slope(hang: Numbers, u: Numbers) -> Numbers:
+        return np.asarray(hang * u / np.sqrt(1 - u * u))
 
-    def on_edge(u: Numbers, v: Numbers, normal_u: Numbers, normal_v: Numbers) -> Array:
-        slope_x, slope_y = lookup(u, v, picture.x, picture.y)
-        across = slope_x * (normal_u * cos - normal_v * sin) + slope_y * (normal_u * sin + normal_v * cos)
-        clear = np.abs(across, out=across)
-        clear /= np.hypot(normal_u, normal_v)
-        clear /= picture.strong
-        return np.asarray(np.minimum(clear, 1, out=clear).mean(axis=1))
-
-    def wall(side: int) -> Array:
-        one, zero = np.ones(16, dtype=np.float32), np.zeros(16, dtype=np.float32)
-        on, beyond = (np.linspace(*ends, 16, dtype=np.float32) for ends in ((-0.9, -0.1), (0.15, 0.9)))
-        runs_on = on_edge(side * one, template.thickness * beyond, one, zero)
-        return on_edge(side * one, template.thickness * on, one, zero) - RUNNING_ON * runs_on
-
-    def bead_colour(u: Numbers, rows: list[Numbers]) -> Array:
-        return np.asarray(np.mean([lookup(u, row, alike)[0] for row in rows], axis=(0, 2)))
+    upper, lower = rim(bulge, some) - template.thickness, rim(template.low, some)
 
     def on_face(share: float) -> Numbers:
-        return np.asarray(upper_y + share * (lower_y - upper_y))
+        return np.asarray(upper + share * (lower - upper))
 
-    inner = along[np.abs(along) < 0.75]  # a heap need not reach the rim at the sides
-    inner_rim = bulge * np.sqrt(1 - inner * inner) - template.thickness
-    above = [-share * bead / template.half for share in (0.5, 1.0, 1.5, 2.0)]
-    beside = np.concatenate([np.linspace(*ends, 10, dtype=np.float32) for ends in ((-1.3, -1.07), (1.07, 1.3))])
-    slope = template.low * along / arc
-    # the quietest row stands for a face so thin that its rims' edges fill it
-    uneven = np.array([on_edge(along, on_face(share), slope, level) for share in (0.3, 0.5, 0.7)])
+    on, beyond = (np.linspace(*ends, 16, dtype=np.float32) for ends in ((-0.9, -0.1), (0.15, 0.9)))
+    walls = [(side * np.ones_like(part), template.thickness * part, None) for side in (-1, 1) for part in (on, beyond)]
+    low, high, left, left_on, right, right_on, *uneven = _on_edges(
+        picture,
+        template,
+        [
+            (along, rim(template.low, along), slope(template.low, along)),
+            (along, rim(bulge, along) - template.thickness, slope(bulge, along)),
+            *walls,
+            *((some, on_face(share), slope(template.low, some)) for share in (0.3, 0.5, 0.7)),
+        ],
+    )
+    inner = some[np.abs(some) < 0.75]  # a heap need not reach the rim at the sides
+    beside = np.concatenate([np.linspace(*ends, 6, dtype=np.float32) for ends in ((-1.3, -1.07), (1.07, 1.3))])
+    above = [-share * bead / template.half - template.thickness for share in (0.5, 1.0, 1.5, 2.0)]
+    colour = _at(
+        alike,
+        template,
+        [
+            *((some, on_face(share)) for share in (0.15, 0.35, 0.6, 0.85)),
+            *((inner, rim(bulge, inner) + row) for row in above),
+            *((beside, row) for row in above),
+        ],
+    )
     return np.array(
         [
-            on_edge(along, lower_y, slope, level),
-            wall(-1),
-            wall(1),
-            on_edge(along, upper_y, bulge * along / arc, level),
-            bead_colour(along, [on_face(share) for share in (0.15, 0.35, 0.6, 0.85)]),
-            (uneven.mean(axis=0) + uneven.min(axis=0)) / 2,
-            bead_colour(inner, [inner_rim + row for row in above]),
-            bead_colour(beside, [row - template.thickness for row in above]),
+            low,
+            left - RUNNING_ON * left_on,
+            right - RUNNING_ON * right_on,
+            high,
+            colour[:4].mean(axis=0),
+            # the quietest row stands for a face so thin that its rims' edges fill it
+            (np.mean(uneven, axis=0) + np.min(uneven, axis=0)) / 2,
+            colour[4:8].mean(axis=0),
+            colour[8:].mean(axis=0),
         ]
     )
+
+
+def _on_edges(picture: Edges, template: _Template, lines: Sequence[tuple[Numbers, Numbers, Numbers | None]]) -> Array:
+    """Share of lines that lies on edges along them, shape (lines, n).
+
+    Each line is given along and down the template, and by how steeply it falls (None: upright); all are read at once,
+    which is what makes a search of thousands of candidates quick.
+    """
+    x, y, starts = _laid_out(template, [line[:2] for line in lines])
+    seen = cv2.remap(picture.both, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+    cos, sin = np.cos(template.roll), np.sin(template.roll)
+    across, down = seen[..., 0] * cos + seen[..., 1] * sin, seen[..., 1] * cos - seen[..., 0] * sin
+    clear = np.empty_like(across)
+    for (_, _, falls), part in zip(lines, _parts(starts, x.shape[1]), strict=True):
+        if falls is None:
+            clear[:, part] = across[:, part]
+        else:
+            clear[:, part] = (falls * across[:, part] + down[:, part]) / np.sqrt(1 + falls * falls)
+    np.minimum(np.abs(clear, out=clear), picture.strong, out=clear)
+    return np.asarray([clear[:, part].mean(axis=1) / picture.strong for part in _parts(starts, x.shape[1])])
+
+
+def _at(layer: npt.NDArray[np.float32], template: _Template, lines: Sequence[tuple[Numbers, Numbers]]) -> Array:
+    """Mean of a picture along lines, given along and down the template, shape (lines, n)."""
+    x, y, starts = _laid_out(template, lines)
+    seen = cv2.remap(layer, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray([seen[:, part].mean(axis=1) for part in _parts(starts, x.shape[1])])
+
+
+def _laid_out(
+    template: _Template, lines: Sequence[tuple[Numbers, Numbers]]
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], list[int]]:
+    """Picture points of all lines beside each other, shape (n, samples), and where each line begins."""
+    shapes = [(len(template.x), along.shape[-1]) for along, _ in lines]
+    along, down = (
+        np.concatenate([np.broadcast_to(line[k], shape) for line, shape in zip(lines, shapes, strict=True)], axis=1)
+        for k in (0, 1)
+    )
+    x, y = (np.asarray(part, dtype=np.float32) for part in template.pixel(along, down))
+    return x, y, [0, *itertools.accumulate(size for _, size in shapes[:-1])]
+
+
+def _parts(starts: Sequence[int], end: int) -> list[slice]:
+    return [slice(*ends) for ends in itertools.pairwise([*starts, end])]

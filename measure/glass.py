@@ -13,7 +13,7 @@ import numpy.typing as npt
 from rigtwin.measure.covered import covered_columns, glare_in
 from rigtwin.measure.exposure import exposure_of
 from rigtwin.measure.gauge import Gauge, find_gauge
-from rigtwin.measure.grains import Beads, at, find_beads, likeness, more_beads, rim_radius
+from rigtwin.measure.grains import Beads, at, edges, find_beads, likeness, more_beads, rim_radius
 from rigtwin.measure.level import Level, level_of
 from rigtwin.measure.straight import long_lines
 from rigtwin.measure.surface import Silhouette, View, outline_of
@@ -227,7 +227,7 @@ def _beads(image: Image, grey: Image, region: tuple[float, float, float, float] 
     if beads is None:
         return None
     beads = Beads(beads.centre / shrink, beads.radius / shrink)
-    beads = more_beads(grey, likeness(image, beads), beads, least_group=PARTED)
+    beads = more_beads(edges(grey), likeness(image, beads), beads, least_group=PARTED)
     if region is not None:
         x, y, width, height = region
         here = (np.abs(beads.centre - [x + width / 2, y + height / 2]) < [width / 2, height / 2]).all(axis=1)

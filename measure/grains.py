@@ -7,6 +7,7 @@ the heap.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -44,6 +45,11 @@ class Edges:
     strong: float  # [grey/px], an edge as clear as any in this picture
 
     @cached_property
+    def both(self) -> npt.NDArray[np.float32]:
+        """[grey/px], along x and y, shape (height, width, 2)"""
+        return np.dstack([self.x, self.y])
+
+    @cached_property
     def points(self) -> tuple[Numbers, Numbers, Numbers, Numbers]:
         """Pixels on edges: column, row, and the direction across the edge there."""
         row, column = np.nonzero(self.strength > self.noise)
@@ -52,8 +58,8 @@ class Edges:
         return column.astype(np.float32), row.astype(np.float32), *across
 
 
-def edges(grey: npt.NDArray[np.uint8], blur: float) -> Edges:
-    """Gradient of the picture smoothed by `blur` pixels."""
+def edges(grey: npt.NDArray[np.uint8], blur: float = 1.0) -> Edges:
+    """Gradient of the picture smoothed by `blur` pixels; 1 px suits circles."""
     smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), blur)
     x = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8), dtype=np.float32)
     y = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8), dtype=np.float32)
@@ -69,7 +75,7 @@ def find_beads(grey: npt.NDArray[np.uint8], radii: tuple[float, float]) -> Beads
     ones inside beads, meet an edge on part of their rim only.  Shading puts the clearest edge inside a bead's rim,
     therefore the largest radius that does nearly as well as the best.
     """
-    picture = edges(grey, blur=1.0)
+    picture = edges(grey)
     tried: list[tuple[float, Beads]] = []
     for radius in np.geomspace(*radii, num=max(2, round(np.log(radii[1] / radii[0]) / 0.12) + 1)):
         for sign in (1, -1):  # beads brighter, then darker than the gaps between them
@@ -86,20 +92,16 @@ def find_beads(grey: npt.NDArray[np.uint8], radii: tuple[float, float]) -> Beads
     return max(close, key=lambda beads: beads.radius)
 
 
-def more_beads(
-    grey: npt.NDArray[np.uint8], alike: npt.NDArray[np.float32], beads: Beads, *, least_group: float = 1.0
-) -> Beads:
+def more_beads(picture: Edges, alike: npt.NDArray[np.float32], beads: Beads, *, least_group: float = 1.0) -> Beads:
     """All the circles of the heap, found more readily now that size and colour of the beads are known.
 
     `least_group` is the share of the largest group that another one must hold to belong to the beads, too.
     """
-    picture = edges(grey, blur=1.0)
     found = [beads.centre]
     for stretch in (0.88, 1.0, 1.14):
         for sign in (1, -1):
             centre = _circles(picture, stretch * beads.radius, sign, surrounded=0.36)
-            x, y = centre.astype(np.int64).T
-            found.append(centre[alike[y, x] > 0.6])
+            found.append(centre[at(alike, centre) > 0.6])
     return Beads(_largest_group(np.concatenate(found), 2.4 * beads.radius, least_group), beads.radius)
 
 
@@ -125,15 +127,16 @@ def likeness(
 
 def rim_radius(grey: npt.NDArray[np.uint8], beads: Beads) -> float:
     """Radius [px] at which the clearest circles' edges end: half as steep as at their steepest, on its outer side."""
-    picture = edges(grey, blur=1.0)
+    picture = edges(grey)
     stretch = np.arange(0.6, 1.6, 0.04)
     steepest = np.zeros(len(stretch))
     for sign in (1, -1):
         surrounded = _surrounded(picture, beads.centre, beads.radius, sign)
         clear = beads.centre[surrounded >= np.percentile(surrounded, 80)]
-        inward = [float(np.mean(_along_spokes(picture, clear, each * beads.radius, sign)[0])) for each in stretch]
-        if max(inward) > steepest.max():
-            steepest = np.array(inward)
+        inward, _ = _along_spokes(picture, clear, (stretch * beads.radius).tolist(), sign)
+        mean = inward.mean(axis=(0, 2), dtype=np.float64)
+        if mean.max() > steepest.max():
+            steepest = mean
     top = int(np.argmax(steepest))
     below = np.flatnonzero(steepest[top:] < steepest[top] / 2)
     if len(below) == 0 or below[0] == 0:
@@ -177,47 +180,51 @@ def _circles(picture: Edges, radius: float, sign: int, surrounded: float = SURRO
     """Centres [px], shape (n, 2), of circles of this radius."""
     height, width = picture.strength.shape
     column, row, across_x, across_y = picture.points
+    spread = max(0.12 * radius, 0.8)
+    # votes are spread over so many pixels anyway that those of a large circle are counted in larger cells
+    cell = max(int(spread), 1)
     reach = np.float32(sign * radius)
     # a margin takes the votes that fall outside: cheaper than to leave them out
-    margin = int(radius) + 2
-    x = (column + (reach * across_x + np.float32(margin + 0.5))).astype(np.int32)
-    y = (row + (reach * across_y + np.float32(margin + 0.5))).astype(np.int32)
-    across, down = width + 2 * margin, height + 2 * margin
-    votes = np.bincount(y * across + x, minlength=across * down).reshape(down, across)
-    votes = votes[margin : margin + height, margin : margin + width]
-    spread = max(0.12 * radius, 0.8)
-    density = cv2.GaussianBlur(votes.astype(np.float32), (0, 0), spread) * (spread * spread / radius)
-    size = 2 * int(0.8 * radius) + 1
+    margin = (int(radius) + 2) // cell + 1
+    x, y = (
+        ((place + reach * across + np.float32(0.5)) * np.float32(1 / cell) + np.float32(margin)).astype(np.int32)
+        for place, across in ((column, across_x), (row, across_y))
+    )
+    wide, high = (-(-side // cell) for side in (width, height))
+    stride = wide + 2 * margin
+    votes = np.bincount(y * stride + x, minlength=stride * (high + 2 * margin)).reshape(-1, stride)
+    votes = votes[margin : margin + high, margin : margin + wide]
+    density = cv2.GaussianBlur(votes.astype(np.float32), (0, 0), spread / cell) * ((spread / cell) ** 2 / radius)
+    size = 2 * int(0.8 * radius / cell) + 1
     peak_y, peak_x = np.nonzero((density == cv2.dilate(density, np.ones((size, size), np.uint8))) & (density > 0.3))
-    centre = np.column_stack([peak_x, peak_y]).astype(np.float64)
+    centre = np.asarray(np.column_stack([peak_x, peak_y]) * cell + (cell - 1) / 2, dtype=np.float64)
     return centre[_surrounded(picture, centre, radius, sign) >= surrounded]
 
 
-def _spokes(centre: Array, length: float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Array, Array]:
-    angle = np.arange(SPOKES) * 2 * np.pi / SPOKES
+def _along_spokes(picture: Edges, centre: Array, lengths: Sequence[float], sign: int) -> tuple[Numbers, Numbers]:
+    """Gradient towards the centre, and the whole gradient, at every length along every spoke.
+
+    Both of shape (n, lengths, SPOKES); 0 outside the picture.
+    """
+    angle = np.arange(SPOKES, dtype=np.float32) * np.float32(2 * np.pi / SPOKES)
     cos, sin = np.cos(angle), np.sin(angle)
-    x = np.rint(centre[:, :1] + length * cos).astype(np.int64)
-    y = np.rint(centre[:, 1:] + length * sin).astype(np.int64)
-    return x, y, cos, sin
-
-
-def _along_spokes(picture: Edges, centre: Array, length: float, sign: int) -> tuple[Array, Array]:
-    """Gradient towards the centre, and the whole gradient, at the end of every spoke, shape (n, SPOKES)."""
-    height, width = picture.strength.shape
-    x, y, cos, sin = _spokes(centre, length)
-    seen = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-    x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
-    inward = -sign * (picture.x[y, x] * cos + picture.y[y, x] * sin)
-    return np.where(seen, inward, 0.0), np.where(seen, picture.strength[y, x], 0.0)
+    length = np.array(lengths, dtype=np.float32)[:, None]
+    at_x, at_y = (
+        (centre[:, k].astype(np.float32)[:, None] + (length * away).ravel()) for k, away in enumerate((cos, sin))
+    )
+    if len(centre) == 0:
+        return np.zeros((0, len(length), SPOKES), np.float32), np.zeros((0, len(length), SPOKES), np.float32)
+    seen = cv2.remap(picture.both, at_x, at_y, cv2.INTER_NEAREST, borderValue=0).reshape(-1, len(length), SPOKES, 2)
+    inward = (seen[..., 0] * cos + seen[..., 1] * sin) * np.float32(-sign)
+    return inward, np.hypot(seen[..., 0], seen[..., 1])
 
 
 def _surrounded(picture: Edges, centre: Array, radius: float, sign: int) -> Array:
     """Share of the spokes that meet an edge pointing at the centre, shape (n,)."""
-    met = np.zeros((len(centre), SPOKES), dtype=bool)
-    for stretch in (0.85, 0.93, 1.0, 1.07, 1.15):
-        inward, whole = _along_spokes(picture, centre, stretch * radius, sign)
-        met |= (whole > picture.noise) & (inward > 0.8 * whole)
-    return np.asarray(met.mean(axis=1), dtype=np.float64)
+    lengths = [stretch * radius for stretch in (0.85, 0.93, 1.0, 1.07, 1.15)]
+    inward, whole = _along_spokes(picture, centre, lengths, sign)
+    met = (whole > picture.noise) & (inward > np.float32(0.8) * whole)
+    return np.asarray(met.any(axis=1).mean(axis=1), dtype=np.float64)
 
 
 def _largest_group(centre: Array, reach: float, least: float = 1.0) -> Array:

@@ -113,12 +113,13 @@ def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal
         return None
     beads, bead_seen = circles
     cells = colour_cells(image, beads.radius)
-    beads = more_beads(grey, likeness(image, beads, cells), beads)
+    rims = edges(grey)
+    beads = more_beads(rims, likeness(image, beads, cells), beads)
     alike = likeness(image, beads, cells)
     disc = find_disc(grey, alike, beads, focal_length=focal_length * zoom, roll=roll, beads_across=beads_across)
     view = _view_of_disc(disc) if disc is not None else _view_of_feet(beads, roll)
     if disc is not None and beads_across is not None:
-        beads = more_beads(grey, alike, Beads(beads.centre, view.radius / beads_across))
+        beads = more_beads(rims, alike, Beads(beads.centre, view.radius / beads_across))
         alike = likeness(image, beads)
     found = outline_of(image, alike, beads, view)
     if found is None:

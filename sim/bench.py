@@ -17,9 +17,9 @@ from rigtwin.lab.rigs import Rig
 from rigtwin.sim.engine.clock import USUAL, positive, time_step
 
 if TYPE_CHECKING:
-    from rigtwin.sim.engine.backend import Device
     from rigtwin.sim.engine.bulk import Bulk
     from rigtwin.sim.engine.contact import ContactLaw, Rolling
+    from rigtwin.sim.engine.device import Device
     from rigtwin.sim.engine.terms import Active
     from rigtwin.sim.engine.walls import Shape
     from rigtwin.sim.logbook import Logbook
@@ -134,6 +134,7 @@ class Bench:
         numerics = {
             "stiffness_factor": self.stiffness_factor,
             "time_step_fraction": self.numerics.get("time_step_fraction", USUAL),
+            "device": bulk.device,  # the last bits are another one's
             "rolling": self.rolling,
             "contact_law": self.contact_law,
             "impact_speed": self.impact_speed,

@@ -60,7 +60,7 @@ def run_many(
 
     In the place of a trial that breaks down stands the error that says so.
     """
-    seen = film(list(each(trials, _release)), threads=threads, progress=progress)
+    seen = film(list(each(trials, Trial, _release)), threads=threads, progress=progress)
     return [
         one if isinstance(one, RigtwinError) else Track(one.time, one.position[:, 0][:, [0, 2]], one.sigma)
         for one in seen

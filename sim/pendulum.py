@@ -63,7 +63,7 @@ def run_many(
 
     In the place of a trial that breaks down stands the error that says so.
     """
-    seen = film(list(each(trials, _release)), threads=threads, progress=progress)
+    seen = film(list(each(trials, Trial, _release)), threads=threads, progress=progress)
     return [one if isinstance(one, RigtwinError) else _tracks(one) for one in seen]
 
 

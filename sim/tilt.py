@@ -94,7 +94,7 @@ def run_many(
     """
     from rigtwin.sim.engine import few_body
 
-    filmed = list(each(trials, _frames))
+    filmed = list(each(trials, Trial, _frames))
     moving = [k for k, frames in enumerate(filmed) if not trials[k].rolls_a_clump and frames.moving.any()]
     cases = [replace(_case(trials[k], filmed[k]), name=name(k, trials)) for k in moving]
     motions = dict(zip(moving, few_body.run_many(cases, threads=threads, progress=progress), strict=True))

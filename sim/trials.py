@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.errors import BadInput, RigtwinError
 from rigtwin.lab.progress import Progress
+from rigtwin.sim.engine.clock import of_kind
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.few_body import Case
@@ -40,10 +41,11 @@ class Seen:
     sigma: Array  # [m], shape (k,)
 
 
-def each(trials: Sequence[_Trial], prepare: Callable[[_Trial], _Ready]) -> Iterator[_Ready]:
-    """The trials made ready; what is wrong with one of many says with which."""
+def each(trials: Sequence[_Trial], kind: type[_Trial], prepare: Callable[[_Trial], _Ready]) -> Iterator[_Ready]:
+    """The trials made ready, all of one `kind`; what is wrong with one of many says with which."""
     for k, trial in enumerate(trials):
         try:
+            of_kind(trial, kind)
             yield prepare(trial)
         except BadInput as error:
             raise type(error)(f"{name(k, trials)}: {error}" if len(trials) > 1 else str(error)) from None

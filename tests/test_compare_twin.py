@@ -84,6 +84,7 @@ def test_a_pile_twin_says_how_many_beads_stayed_and_what_it_assumed():
     twin = pile_twin(Pile(0.05, 0.006), Cast(bead, STEEL, contact, contact), count=250, seed=3, threads=1)
     settings = twin.settings
     assert settings["asked"] == 250
+    assert settings["engine"] == {"device": "cpu", "threads": 1}
     assert 0 <= settings["fallen"] <= settings["placed"] <= 250
     assert twin.assumptions
     assert len(twin.profiles) >= 2

@@ -1,11 +1,13 @@
 """Diagnosis: its reduced models against closed forms, and the library of effects that enter them."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from rigtwin.compare.diagnose import along, flight, labs, swing
+from rigtwin.compare.diagnose import along, collide, flight, labs, swing
+from rigtwin.compare.diagnose.double import _Contacts
 from rigtwin.compare.diagnose.pendulum import pushing
 from rigtwin.lab.errors import BadInput
 from rigtwin.sim.effects import library, named, own_effect
@@ -70,6 +72,42 @@ def test_dry_friction_takes_the_same_angle_from_every_swing():
     swings = swing.half_swings(np.array([[0.05]]), push, omega, np.array([[3.0]]))
     loss = -np.diff(np.abs(swings.angle[:, 0, 0, 0]))
     assert loss == pytest.approx(2 * moment / (mass * G * length), rel=2e-3)
+
+
+def test_dry_friction_of_a_pendulum_that_strikes_turns_where_the_bob_turns_not_at_the_step():
+    length, mass, far = np.array([[0.25]]), np.array([2e-4]), np.array([[3.0]])
+    values = {"pivot_friction.moment": np.array([4e-6])}
+    push, omega = pushing(length, mass, np.array([3e-3]), G, values, (named("pivot_friction"),))
+    exact = swing.half_swings(np.array([[0.7]]), push, omega, far)
+
+    def nothing_near(a, b, u, v, who):
+        return 1.0 + 0 * a, 0 * a
+
+    start = np.array([[0.7]]), np.array([[0.0]])
+    stepped = collide.swing_and_hit(
+        start, (push, push), 2 * math.pi / omega, far, nothing_near, nothing_near, 1, dry=True
+    )
+    times, owner = np.linspace(0.0, 3.0, 200)[None], np.zeros(200, dtype=int)
+    angle, _ = collide.angles_at(stepped, times, owner, owner)
+    # a micrometre of the path; with the friction's sign taken at the step it is a hundred
+    assert 0.25 * angle == pytest.approx(0.25 * swing.angle_at(exact, times, owner)[0], abs=2e-6)
+
+
+def test_slow_contacts_of_two_beads_are_found_wherever_in_a_step_they_fall():
+    e = np.linspace(0.40, 0.50, 101)[:, None]
+    one, radius, length = np.ones_like(e), 2.5e-3, 0.25
+    local = np.concatenate([0 * e, -1.05 * one, 0 * e, e, e, e], axis=1)[:, None]
+    bench = SimpleNamespace(wall=False, radius=radius, impacts=3, active=np.ones((1, 3), dtype=bool))
+    contacts = _Contacts(bench, local, [length * one, length * one], e, 0.0, (0 * e, 0 * e))
+    push, omega = pushing(length * one, np.array([5e-4]), np.array([radius]), G, {}, ())
+    motion = collide.swing_and_hit(
+        (-1.05 * one, 0 * e), (push, push), 2 * math.pi / omega, 1.8 * one, contacts.gap, contacts.hit, 3
+    )
+    x = 2 * radius + length * (np.sin(motion.angle_end[1]) - np.sin(motion.angle_end[0]))
+    y = length * (np.cos(motion.angle_end[0]) - np.cos(motion.angle_end[1]))
+    assert (np.hypot(x, y) > 2 * radius - 1e-9).all()
+    assert (x > 0).all()
+    assert (motion.speeds < 1.0).sum() >= 2 * len(e)
 
 
 def test_a_sphere_that_rolls_to_rest_stops_where_its_friction_says():

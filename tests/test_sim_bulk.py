@@ -330,8 +330,9 @@ def test_a_bead_that_leaves_the_domain_stops_the_run_by_name_and_time():
 def test_an_explosion_of_energy_stops_the_run_by_name_and_time():
     bed = box(time_step=20 * STEP)
     bed.add(lattice(80))
-    with pytest.raises(SimulationFailed, match=r"bead \d+ at t = .* s"):
+    with pytest.raises(SimulationFailed, match=r"bead \d+ at t = .* s") as failure:
         bed.run(20_000)
+    assert failure.value.exit_code == 2
 
 
 def test_the_step_is_checked_against_rayleigh():
@@ -339,7 +340,7 @@ def test_the_step_is_checked_against_rayleigh():
     step, warnings = time_step([D6], 0.5)
     assert step == pytest.approx(0.5 * D6.rayleigh_time_step)
     assert "50%" in warnings[0]
-    for fraction in (0.9, 0.0, -0.1, math.nan):
+    for fraction in (0.9, 0.0, -0.1, math.nan, 1e-9):
         with pytest.raises(BadInput, match="time_step_fraction"):
             time_step([D6], fraction)
     step, warnings = time_step([D6], 0.9, forced=True)

@@ -175,6 +175,47 @@ def test_a_users_own_force_takes_part():
     assert motion.velocity[0, 0, 2] == pytest.approx(0.5 * (1e-4 / BALL.mass - G), rel=1e-9)
 
 
+def a_third(vx, vy, gap, radius, mass):
+    return 0.0 * vx, mass * G / 3 + 0.0 * vy
+
+
+def four_lifts(vx, vy, gap, radius, mass, a, b, c, d):
+    return 0.0 * vx, a + 10 * b + 100 * c + 1000 * d + 0.0 * vy
+
+
+def three_pulls(overlap, radius, modulus, a, b, c):
+    return a + b + c + 0.0 * overlap
+
+
+def with_parameters(count: int, **hooks):
+    """An effect of one's own with so many parameters."""
+    parameters = tuple(Parameter("abcd"[k], "N", 0.0, 1.0, 1e-4) for k in range(count))
+    return Effect(
+        name=f"own_{count}", title="own", kind="physical", rigs=("drop",), parameters=parameters, equation="",
+        source="", **hooks,
+    )  # fmt: skip
+
+
+def test_an_effect_may_have_any_number_of_parameters_and_none_is_left_out():
+    pull = 2 * BALL.mass * G / 3
+    effects = [
+        active(with_parameters(0, force=a_third)),
+        active(with_parameters(4, force=four_lifts), a=1e-5, b=2e-6, c=3e-7, d=4e-8),
+        active(with_parameters(3, attraction=three_pulls), a=pull / 2, b=pull / 3, c=pull / 2),
+    ]
+    times, contact = np.array([0.5]), Contact(0.5)
+    falling = run([Body(BALL, (0, 0, 10))], times, effects=effects)
+    assert falling.velocity[0, 0, 2] == pytest.approx(0.5 * (1e-4 / BALL.mass - G * 2 / 3), rel=1e-9)
+    ceiling = Wall(Plane((0, 0, BALL.radius), (0, 0, -1)), PLATE, contact)
+    hanging = run([Body(BALL, (0, 0, 1e-6 * BALL.radius))], times, walls=[ceiling], effects=effects)
+    assert abs(hanging.position[0, 0, 2]) < 1e-5
+
+
+def test_a_hook_that_does_not_take_the_parameters_of_its_effect_is_refused():
+    with pytest.raises(BadInput, match="its force takes 9 numbers and must take 7"):
+        run([Body(BALL, (0, 0, 1))], np.array([0.1]), effects=[active(with_parameters(2, force=four_lifts))])
+
+
 def test_no_effect_leaves_the_bits_as_they_were_and_a_zero_effect_the_path():
     wall = Wall(FLOOR, PLATE, Contact(0.6, 0.3))
     body = Body(BALL, (0, 0, 0.05), velocity=(0.1, 0, 0), spin=(0, 10, 0))

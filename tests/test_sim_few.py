@@ -192,6 +192,8 @@ def test_a_case_that_cannot_be_is_named_by_its_place():
         run_many([drop(0.02, 0.5)], threads=0)
     with pytest.raises(BadInput, match=r"^contacts: \(1, 0\) is no pair"):
         run_many([replace(pendulum(0.3, 0.5), contacts={(1, 0): Contact(0.5)})])
+    with pytest.raises(BadInput, match=r"^cases\[1\]: None is no few_body\.Case"):
+        run_many([drop(0.02, 0.5), None])
     assert run_many([]) == []
 
 
@@ -275,3 +277,5 @@ def test_a_trial_that_cannot_be_is_named_by_its_place():
         drops.run_many([good, replace(good, duration=0.005), clump])
     with pytest.raises(BadInput, match=r"^drop_height"):
         drops.run_many([replace(good, rig=Drop(-1.0))])
+    with pytest.raises(BadInput, match=r"^trials\[1\]: 0\.3 is no drop\.Trial"):
+        drops.run_many([good, 0.3])

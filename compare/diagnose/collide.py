@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from rigtwin.compare.diagnose.runs import hermite
-from rigtwin.compare.diagnose.swing import Push
+from rigtwin.compare.diagnose.swing import LEAST_RATE, Push
 from rigtwin.lab.records import Array
 
 PER_PERIOD = 50  # steps
@@ -45,8 +45,13 @@ def swing_and_hit(
     gap: Gap,
     hit: Hit,
     impacts: int,
+    *,
+    dry: bool = False,
 ) -> Encounter:
-    """From rest at the angles `start` for at least `until` [s]; the pushes take slices of repetitions as they come."""
+    """From rest at the angles `start` for at least `until` [s].
+
+    Friction that is `dry` changes its side where a bob turns, within a step.
+    """
     a, b = start
     u, v = np.zeros_like(a), np.zeros_like(b)
     t = np.zeros_like(a)
@@ -63,8 +68,16 @@ def swing_and_hit(
         def second(angle: Array, rate: Array, mobile: Array = hit_once) -> Array:
             return mobile * push[1](angle, rate)
 
-        pushes = (push[0], second)
-        ends = _both(pushes, a, b, u, v, step)
+        pushes: tuple[Push, Push] = (push[0], second)
+        if dry:
+            sides = _side(a, u), _side(b, v)
+            held = _held(push[0], sides[0]), _held(second, sides[1])
+            ends = _both(held, a, b, u, v, step)
+            a_end, u_end = _turned(push[0], sides[0], u, ends[0], ends[2], step)
+            b_end, v_end = _turned(second, sides[1], v, ends[1], ends[3], step)
+            ends, pushes = (a_end, b_end, u_end, v_end), held
+        else:
+            ends = _both(pushes, a, b, u, v, step)
         distance, closing = gap(a, b, u, v, everyone)
         distance_end, closing_end = gap(ends[0], ends[1], ends[2], ends[3], everyone)
         touching = (distance_end < 0) & (closing_end < 0)
@@ -101,6 +114,34 @@ def _both(
     a2, u2 = _runge_kutta(push[0], a, u, h)
     b2, v2 = _runge_kutta(push[1], b, v, h)
     return a2, b2, u2, v2
+
+
+def _side(angle: Array, rate: Array) -> Array:
+    """Which way a bob goes, or would go from rest."""
+    return np.where(rate == 0, np.where(angle > 0, -1.0, 1.0), np.sign(rate))
+
+
+def _held(push: Push, side: Array) -> Push:
+    """The push as if the bob kept going to that side."""
+
+    def one_way(angle: Array, rate: Array) -> Array:
+        return push(angle, side * np.maximum(side * rate, LEAST_RATE))
+
+    return one_way
+
+
+def _turned(push: Push, side: Array, rate: Array, angle_end: Array, rate_end: Array, h: Array) -> tuple[Array, Array]:
+    """The end of a step at which dry friction, held on one `side`, acts on the other from the turning point on."""
+    turns = side * rate_end < 0
+    if not turns.any():
+        return angle_end, rate_end
+    there, back = push(angle_end, side * LEAST_RATE), push(angle_end, -side * LEAST_RATE)
+    turns &= side * back < 0  # else it sticks
+    bend = np.where(turns, there, 1.0)
+    change = 2 * (bend - (rate_end - rate) / h)  # of the acceleration over the step
+    since = rate_end / bend
+    since = np.where(turns, np.clip(rate_end / (bend - change * since / (2 * h)), 0.0, h), 0.0)
+    return angle_end + 0.5 * (back - there) * since**2, rate_end + (back - there) * since
 
 
 def _runge_kutta(change: Push, a: Array, w: Array, h: Array) -> tuple[Array, Array]:

@@ -13,6 +13,10 @@ from rigtwin.sim.effects import Effect
 
 FAR, FAR_WORTH = 3.0, 3e-5  # squared deviation per coordinate beyond which a model is no description
 HOPELESS, HOPELESS_WORTH = 100.0, 5e-3
+IDLE = 4  # steps in a row that change nothing, after which none will: what is integrated in steps is not quite smooth
+DAMPED, FREE = 1e-4, 1e-9
+"""Of the information on each unknown, added at first where a model is far off, and in the end: what the data say of
+two calibration quantities that stand for each other is a millionth of what they say of either."""
 NOTHING = 1e-120  # information on an unknown of which the data say nothing
 
 
@@ -27,8 +31,8 @@ def descend(
     most: int,
 ) -> tuple[Linear, bool]:
     """Levenberg-Marquardt with the scatter held; changes `state`."""
-    damping, refused = 1e-4, False
-    small = 0
+    refused, idle = False, 0
+    damping = DAMPED if linear.objective > FAR * bench.rows.size else FREE
     low, high = np.array([u.low for u in unknowns]), np.array([u.high for u in unknowns])
     for _ in range(most):
         step_local, step_global = newton_step(unknowns, state, free, linear, damping)
@@ -39,18 +43,20 @@ def descend(
             state.jitter,
         )
         tried = linearise(bench, terms, unknowns, trial, mask)
-        if tried.objective <= linear.objective:
-            gain = linear.objective - tried.objective
+        gain = linear.objective - tried.objective
+        small = 1e-2 + _worth(tried.objective / bench.rows.size) * abs(tried.objective)
+        idle = idle + 1 if abs(gain) < small else 0
+        if gain >= 0:
             state.local, state.values, linear = trial.local, trial.values, tried
             # a step just refused at less damping would be refused again
-            damping = damping if refused else max(damping / 10, 1e-9)
-            refused = False
-            worth = _worth(tried.objective / bench.rows.size)
-            small = small + 1 if gain < 1e-2 + worth * abs(tried.objective) else 0
-            if small >= 1 and damping < 1e-2:
+            damping = damping if refused else max(damping / 10, FREE)
+            if idle >= IDLE or (idle and damping <= FREE):
                 return linear, True
+            if idle and not refused:
+                damping = FREE
+            refused = False
         else:
-            if tried.objective - linear.objective < 1e-2 and damping < 1e-2:
+            if idle >= IDLE or (gain > -1e-2 and damping <= DAMPED):
                 return linear, True
             damping, refused = damping * 10, True
             if damping > (1e8 if linear.objective < HOPELESS * bench.rows.size else 1.0):

@@ -11,6 +11,7 @@ import copy
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,8 @@ from rigtwin.lab.records import Array
 from rigtwin.sim.effects.effect import WIDENING
 
 REPETITIONS = 5
+LEADING = 4  # settings that are looked at closely
+ENOUGH = 0.02  # of the misfit: what less than this can be fitted away no longer matters
 START = 0.03  # [s], of the motion in the simulated record
 LONGEST = 20.0  # [s]
 SPHERE = 4 / 3 * math.pi  # its volume over the cube of its radius
@@ -76,22 +79,40 @@ class Design:
 def designs(bench: Regioned, rivals: Sequence[Fit]) -> list[Design]:
     """All settings of the rig, the most telling first.  Rivals that widen the noise alone cannot be compared so."""
     rivals = [one for one in rivals if not any(term.geometry in WIDENING for term in one.terms)]
-    if len(rivals) < 2:
+    pairs = list(combinations(rivals, 2))
+    if not pairs:
         return []
+    start = bench.condition_names[bench.condition[_like(bench)]]
     found = []
     for setting in settings(bench):
-        pairs = []
-        for a, one in enumerate(rivals):
-            for other in rivals[a + 1 :]:
-                for left, right in ((one, other), (other, one)):
-                    pairs.append((separation(bench, setting, left, right), _names(one), _names(other)))
-        if all(
-            math.isfinite(apart) for apart, *_ in pairs
-        ):  # a setting of which one pair cannot be told promises nothing
-            least = min(pairs)
-            start = bench.condition_names[bench.condition[_like(bench)]]
-            found.append(Design(setting.words, least[0], (least[1], least[2]), start, setting.change))
-    return sorted(found, key=lambda one: -one.separation)
+        least = _hardest(bench, setting, pairs)
+        if least is not None:  # a setting of which one pair cannot be told promises nothing
+            found.append((setting, *least))
+    found.sort(key=lambda one: -one[1])
+    # which of the two is true matters little: both ways are gone through where it will be acted upon
+    turned = [(other, one) for one, other in pairs]
+    leading = []
+    for setting, apart, between in found[:LEADING]:
+        if (least := _hardest(bench, setting, turned)) is not None:
+            leading.append((setting, *min((apart, between), least)))
+    leading.sort(key=lambda one: -one[1])
+    return [
+        Design(setting.words, apart, between, start, setting.change)
+        for setting, apart, between in leading + found[LEADING:]
+    ]
+
+
+def _hardest(
+    bench: Regioned, setting: Setting, pairs: Sequence[tuple[Fit, Fit]]
+) -> tuple[float, tuple[str, str]] | None:
+    """The separation of the pair that is hardest to tell apart, and its names; None where one cannot be told."""
+    apart = []
+    for one, other in pairs:
+        found = separation(bench, setting, one, other)
+        if not math.isfinite(found):
+            return None
+        apart.append((found, (_names(one), _names(other))))
+    return min(apart)
 
 
 def _names(fitted: Fit) -> str:
@@ -240,6 +261,9 @@ def _left_over(place: Any, other: Fit, start: Array, *, anew: bool) -> float:
         cost = REPETITIONS * linear.objective + float(off @ tie @ off)
         if cost > least:
             damping *= 0.3
+        elif least - cost < ENOUGH * cost:
+            least = cost
+            break
         least = min(least, cost)
         ab = np.linalg.solve(linear.a, linear.b)[0]
         ag = np.linalg.solve(linear.a, linear.g_local[..., None])[0, :, 0]

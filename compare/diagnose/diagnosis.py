@@ -152,7 +152,7 @@ def diagnose(
     naming = replace(naming, unseen=tuple(one for one in library() if lab.rig in one.rigs and not acts(one, lab)))
     verdict = _judge(bench, lab, naming, progress)
     chosen = verdict.chosen
-    sizes = gap(bench, lab, base, chosen.fitted if chosen else None)
+    sizes = gap(bench, lab, naming.base, chosen.fitted if chosen else None)
     told = replace(
         verdict,
         left_out=(*lab.misspelt, *left_out),

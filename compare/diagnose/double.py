@@ -134,6 +134,7 @@ class DoubleBench(Runs):
             contacts.gap,
             contacts.hit,
             self.impacts,
+            dry=any(term.torque is not None for term in terms),
         )
         angle, rate = angles_at(motion, since, self.owner, self.body)
         thread = np.where(self.body == 0, reach[0][:, self.owner], reach[1][:, self.owner])
@@ -205,12 +206,13 @@ class _Contacts:
     def gap(self, a: Array, b: Array, u: Array, v: Array, _who: Any) -> tuple[Array, Array]:
         if self.bench.wall:
             return self.reach[0] * np.sin(a - self.stands), self.reach[0] * u * np.cos(a - self.stands)
-        x, y, distance = self._between(a, b)
+        x, y, _ = self._between(a, b)
         left, right = self.reach[0] * u, self.reach[1] * v
-        closing = x * (right * np.cos(b) - left * np.cos(a)) + y * (right * np.sin(b) - left * np.sin(a))
-        # a bead that has passed through the other within a step is on its wrong side
-        way = np.where(x < 0, -1.0, 1.0)
-        return way * distance - 2 * self.bench.radius - (self.apart - self.play), way * closing / distance
+        # along x alone: the distance of the centres no longer falls where one bead is half way through the other
+        touch = 2 * self.bench.radius + self.apart - self.play
+        aside = np.sqrt(np.maximum(touch**2 - y**2, (0.1 * touch) ** 2))
+        closing = right * np.cos(b) - left * np.cos(a) + y / aside * (right * np.sin(b) - left * np.sin(a))
+        return x - aside, closing
 
     def hit(self, a: Array, b: Array, u: Array, v: Array, count: Array, _who: Any) -> tuple[Array, Array, Array]:
         impacts = self.bench.impacts

@@ -22,7 +22,8 @@ effect whose law is known to a few percent leaves something that is no second ef
 OTHER_SHARE = 1e-4
 """As `SECOND_SHARE`, for one more effect that acts elsewhere: in the picture, where the first acts on the motion."""
 ACROSS_MOST = 100.0
-"""As `SECOND_MOST`, for one that acts across a drop where the first acts along it: no law of the one shows there."""
+"""As `SECOND_MOST`, for one that acts across a drop where the first acts along it, or on when a clump slips where the
+first acts on how it slides: no law of the one shows there."""
 RIVAL = 0.3  # a single that gains less than this share of the best is no root for pairs
 ALIKE = 6.0
 """Candidates closer than this in deviance explain the data equally well."""
@@ -38,6 +39,7 @@ NOTABLE = 1.0  # deviance: less is rounding of the fits
 SPARED = 10.0  # deviance: 2 ln(1/0.007), a coefficient that falls to within a percent where it was foretold
 BEYOND = 0.1  # of a coefficient's range above it, that its doubt excuses at most
 GLANCE = 6.0  # a candidate whose first step promises less than this is not fitted to the end
+ASTRAY = 0.5  # of the baseline's deviance: what it comes to from a candidate's place, where it had lost its way
 ROUGH = 2.0  # chi2 per coordinate above which part of the data tells the candidates apart
 LOST = 20.0  # ... and above which a fit from the baseline may not find its way
 
@@ -107,7 +109,7 @@ class _Search:
 
     def consider(self, root: Candidate | None, candidates: Sequence[Effect]) -> list[Candidate]:
         """Each candidate added to the `root`, to the baseline where there is none."""
-        if root is not None and self._is_part(root.fitted):
+        if root is not None and self.is_part(root.fitted):
             root = self.done[frozenset(root.names)] = self._to_the_end(root)
         near = self.base if root is None else root.fitted
         terms = near.terms
@@ -148,7 +150,7 @@ class _Search:
 
     def _add(self, fitted: Fit) -> None:
         plain = self.base
-        if part := self._is_part(fitted):
+        if part := self.is_part(fitted):
             assert self.rough is not None
             plain = self.rough[1]
         gain = (plain.deviance - fitted.deviance) * len(self.base.residual) / len(plain.residual)
@@ -170,7 +172,7 @@ class _Search:
                 if one.rough is not None or not one.fitted.converged:
                     result[frozenset(one.names)] = self._to_the_end(one)
             best = _best(list(result.values()))
-            leading = [best] if best is not None and self._is_part(best.fitted) else []
+            leading = [best] if best is not None and self.is_part(best.fitted) else []
         self.done.update(result)
         return list(result.values())
 
@@ -180,7 +182,7 @@ class _Search:
         A single effect whose fit had lost its way is found so.
         """
         near = more.fitted
-        if self._is_part(near):
+        if self.is_part(near):
             near = replace(near, local=self.base.local, scatter=self.base.scatter)
         rests = [best]
         for term in more.terms:
@@ -190,7 +192,7 @@ class _Search:
                 fitted = fit(self.bench, left, near=near, most=25, rounds=2)
                 gain = (self.base.deviance - fitted.deviance) / self.spread + self._spared(fitted)
                 known = self.done.get(key)
-                if known is None or known.gain < gain or self._is_part(known.fitted):
+                if known is None or known.gain < gain or self.is_part(known.fitted):
                     self.done[key] = Candidate(left, fitted, gain, _refused(fitted, left))
                 rests.append(self.done[key])
         return _best(rests) or best
@@ -209,7 +211,7 @@ class _Search:
     def certified(self, one: Candidate) -> Candidate:
         """Fitted on until neither the unknowns nor the scatter change: what is reported of it must not depend on the
         way there."""
-        if self._is_part(one.fitted):
+        if self.is_part(one.fitted):
             one = self._to_the_end(one)
         fitted = fit(self.bench, one.terms, near=one.fitted, most=40, rounds=12)
         gain = (self.base.deviance - fitted.deviance) / self.spread + self._spared(fitted)
@@ -222,7 +224,7 @@ class _Search:
         tied = getattr(self.bench, "tied", None)
         return SPARED * tied(fitted.terms) if tied is not None else 0.0
 
-    def _is_part(self, fitted: Fit) -> bool:
+    def is_part(self, fitted: Fit) -> bool:
         """Whether a fit is to a part of the data alone."""
         return len(fitted.residual) != len(self.base.residual)
 
@@ -239,12 +241,18 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
     base = search.base
     best = _best(singles)
     rounds = [tuple(singles)]
+    if best is not None and base.per_row > ROUGH and not search.is_part(best.fitted):
+        again = fit(bench, (), near=best.fitted, rounds=6)
+        if again.deviance < ASTRAY * base.deviance:
+            # the baseline had lost its way and a candidate found it: none may take credit for that
+            return name_effects(bench, candidates, again, tell)
     if best is None or best.score < ALARM:
         return Naming(base, location, tuple(search.done.values()), None, (), location, tuple(rounds))
     front = [best]
     if best.fitted.per_row > 1.3 or locate(bench, best.fitted).p < 1e-3:
         # one effect does not do: the first of the pair need not be the best single
-        front = [one for one in _front(singles, 3) if one.score > RIVAL * best.score]
+        most = math.inf if best.fitted.per_row > ROUGH else LOST
+        front = [one for one in _front(singles, 3) if one.score > RIVAL * best.score and one.fitted.per_row < most]
     count = 2
     while count <= MOST_TERMS and len(rounds) < MOST_ROUNDS:
         if count > 2 and locate(bench, best.fitted).p > 1e-3:
@@ -340,10 +348,31 @@ def _price(fewer: Candidate, more: Candidate, rig: str) -> float:
     old = {place for term in fewer.terms for place in _places(term)}
     new = [term for term in more.terms if term.name not in fewer.names]
     alike = any(old & _places(term) for term in new)
-    across = rig == "drop" and all(_across(one) for one in new) and not any(_across(one) for one in fewer.terms)
-    return max(
-        SECOND, min((SECOND_SHARE if alike else OTHER_SHARE) * fewer.gain, ACROSS_MOST if across else SECOND_MOST)
-    )
+    across = _crossed(new, fewer.terms, rig)
+    left = (SECOND_SHARE if alike else OTHER_SHARE) * fewer.gain
+    price = min(left, ACROSS_MOST if across else SECOND_MOST, _feigned(fewer, more, new, left))
+    return max(SECOND, price)
+
+
+def _feigned(fewer: Candidate, more: Candidate, new: Sequence[Effect], left: float) -> float:
+    """What it gains to set a stated calibration quantity free, where all `left` of the first effects went to it.
+
+    Data that know it far better than it is stated move it by little, whatever is left over.
+    """
+    stated = {unknown.name: unknown.sd for unknown in fewer.fitted.unknowns if math.isfinite(unknown.sd)}
+    names = [f"{term.name}.{parameter.name}" for term in new for parameter in term.parameters]
+    if any(name not in stated for name in names):
+        return math.inf
+    moved = max(math.sqrt(max(left, 0.0)) * more.fitted.std(name) / stated[name] for name in names)
+    return (moved + math.sqrt(SECOND)) ** 2
+
+
+def _crossed(new: Sequence[Effect], old: Sequence[Effect], rig: str) -> bool:
+    """Whether the new effects show, to first order, where the old ones do not show at all."""
+    if rig == "drop":
+        return all(_across(one) for one in new) and not any(_across(one) for one in old)
+    # each run's own friction stands between when it slips and how it slides
+    return rig == "slide" and all(one.onset is not None for one in new) and all(one.sliding is not None for one in old)
 
 
 def _across(term: Effect) -> bool:

@@ -104,8 +104,12 @@ class RollBench(Runs):
     def move(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect], true: Array, seen: int) -> Moved:
         """Roll all repetitions for a stack of settings."""
         tips = np.stack([values[f"angle.{name}"] for name in self.condition_names], axis=-1)[:, self.condition]
-        slope = self.side * (self.slope + tips + values["plate_tilt.angle"][:, None])[:seen]
-        t0, start, push, friction = (local[:seen, :, k] for k in range(4))
+        every = self.side * (self.slope + tips + values["plate_tilt.angle"][:, None])
+        # the unknown is the friction on the stated slope: one off it, friction made up for, is the same motion
+        stated = np.sin(self.side * self.slope) - local[..., 3] * np.cos(self.slope)
+        frictions = (np.sin(every) - stated) / np.cos(every)
+        slope, friction = every[:seen], frictions[:seen]
+        t0, start, push = (local[:seen, :, k] for k in range(3))
         sine, cosine = np.sin(slope), np.cos(slope)
         acting = [
             (term, [values[f"{term.name}.{p.name}"][:seen, None] for p in term.parameters])
@@ -124,7 +128,7 @@ class RollBench(Runs):
                     extra = extra + term.force(speed, 0 * speed, 0.0, self.radius, self.mass, *own)[0] / self.mass
                 if term.torque is not None:
                     extra = extra + term.torque(place, speed, 1.0, 1.0, *own)
-            return ROLLS * (self.lab.gravity * (sine - mu * cosine) + extra)
+            return np.asarray(ROLLS * (self.lab.gravity * (sine - mu * cosine) + extra))
 
         since = true - t0[:, self.owner]
         until = np.array([np.maximum(since[:, span].max(axis=1), 1e-3) for span in self.spans]).T
@@ -135,7 +139,7 @@ class RollBench(Runs):
         side = self.side[self.owner]
         x, y = side * (place * c + radius * s), radius * c - place * s
         plain = np.stack([values[f"rolling_friction.{pair}"] for pair in self.pairs], axis=-1)[:, self.pair]
-        return Moved(x, y, side * speed[0] * c[0], -speed[0] * s[0], (local[..., 3] - plain)[..., None])
+        return Moved(x, y, side * speed[0] * c[0], -speed[0] * s[0], (frictions - plain)[..., None])
 
     def tied(self, terms: Sequence[Effect]) -> int:
         """How many coefficients of the baseline these terms make do without."""

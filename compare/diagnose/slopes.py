@@ -18,6 +18,8 @@ from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array
 from rigtwin.sim.effects import Effect
 
+SMALL = 1e-4  # of a visible change: differences taken over more tell apart what the data cannot
+
 
 @dataclass(frozen=True)
 class Moved:
@@ -99,7 +101,7 @@ def slopes(bench: Moving, unknowns: Sequence[Unknown], terms: Sequence[Effect], 
     for k, unknown in enumerate(unknowns):
         if not is_camera(unknown.name, terms):
             continue
-        step = 1e-3 * unknown.step
+        step = SMALL * unknown.step
         other = {**now, unknown.name: now[unknown.name] + step}
         late = exposed(bench.time, bench.rows, other, terms)[0] - true
         there = np.stack(viewed(x + found.vx * late, y + found.vy * late, other, terms), axis=-1)[0]
@@ -117,24 +119,24 @@ def mechanics(
     settings = 1 + len(moving) + len(groups) + len(silent)
     locals_, stack = np.repeat(local[None], settings, axis=0), np.repeat(values[None], settings, axis=0)
     for row, k in enumerate(moving, start=1):
-        locals_[row, :, k] += 1e-3 * bench.local_step[k]
+        locals_[row, :, k] += SMALL * bench.local_step[k]
     for row, group in enumerate([*groups, *silent], start=1 + len(moving)):
         for k in group:
-            stack[row, k] += 1e-3 * unknowns[k].step
+            stack[row, k] += SMALL * unknowns[k].step
     by_name = {u.name: stack[:, k] for k, u in enumerate(unknowns)}
     moved = bench.move(locals_, by_name, terms, true, settings - len(silent))
     by_row = np.zeros((size + count, len(bench.time), 2))
     by_soft = np.zeros((size + count, *moved.soft.shape[1:]))
     x, y = moved.x[0], moved.y[0]
     for row, k in enumerate(moving, start=1):
-        step = 1e-3 * bench.local_step[k]
+        step = SMALL * bench.local_step[k]
         by_row[k, :, 0], by_row[k, :, 1] = (moved.x[row] - x) / step, (moved.y[row] - y) / step
         by_soft[k] = (moved.soft[row] - moved.soft[0]) / step
     if bench.onset >= 0:
         by_row[bench.onset, :, 0], by_row[bench.onset, :, 1] = -moved.vx, -moved.vy
     for row, group in enumerate([*groups, *silent], start=1 + len(moving)):
         for k in group:
-            step = 1e-3 * unknowns[k].step
+            step = SMALL * unknowns[k].step
             part = bench.touches(unknowns[k].name)
             change = (moved.soft[row] - moved.soft[0]) / step
             by_soft[size + k] = change if part is None else change * part[1][:, None]

@@ -18,15 +18,15 @@ import types
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 from rigtwin.lab.errors import BadInput, RigtwinError
+from rigtwin.sim.engine.device import DEVICES, Device
 
-Device = Literal["cpu", "cuda", "auto"]
-DEVICES: tuple[Device, ...] = ("cpu", "cuda", "auto")
 GRAIN = 512  # on CPUs Taichi gives a thread at least so many rounds of a parallel loop
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
 
 
 @contextlib.contextmanager
@@ -59,7 +59,25 @@ def _quick_frames() -> Iterator[None]:
         inspect.getframeinfo = thorough
 
 
-with warnings.catch_warnings(), _quick_frames(), _no_collecting():
+@contextlib.contextmanager
+def _left_out() -> Iterator[None]:
+    """Meanwhile two modules are empty that Taichi imports but that nothing here calls.
+
+    One asks a server for a newer Taichi at every first start of a day, which nobody who simulates has agreed to, and
+    loads half of Python's network library for it; the other finds the source of what is typed into a shell.
+    """
+    empty = {name: types.ModuleType(name) for name in ("taichi._version_check", "dill") if name not in sys.modules}
+    for module in empty.values():
+        module.start_version_check_thread = lambda: None  # type: ignore[attr-defined]
+    sys.modules.update(empty)
+    try:
+        yield
+    finally:
+        for name in empty:
+            del sys.modules[name]
+
+
+with warnings.catch_warnings(), _quick_frames(), _no_collecting(), _left_out():
     warnings.simplefilter("ignore")  # Taichi 1.7 asks for a deprecated locale call while it loads
     import taichi
 

@@ -25,6 +25,7 @@ from rigtwin.sim.engine import backend, bodies, budget, checkpoint
 from rigtwin.sim.engine import columns as at
 from rigtwin.sim.engine.clock import UNSTABLE, positive
 from rigtwin.sim.engine.contact import IMPACT_SPEED, LAW_SIZE, ContactLaw, Mechanics, Rolling, pair_law
+from rigtwin.sim.engine.device import Device
 from rigtwin.sim.engine.elements import Vector
 from rigtwin.sim.engine.grains import Beads, Grains
 from rigtwin.sim.engine.neighbours import LARGE
@@ -51,7 +52,9 @@ FEW = 300  # spheres, among which all pairs are looked at sooner than SciPy is i
 
 
 class SimulationFailed(RigtwinError):
-    """A running simulation broke down; the message names the bead and the time."""
+    """A running simulation broke down for what was asked of it; the message names the bead and the time."""
+
+    exit_code = 2
 
 
 class Bulk:
@@ -74,7 +77,7 @@ class Bulk:
         skin: float = SKIN,
         open_domain: bool = False,
         threads: int | None = None,
-        device: backend.Device = "cpu",
+        device: Device = "cpu",
         capacity: int = SMALLEST_ARENA,
         pair_capacity: int | None = None,
         near_capacity: int | None = None,
@@ -102,7 +105,7 @@ class Bulk:
         running = backend.start(device=device)
         self.threads = running.threads if threads is None else threads
         self._crew = Crew(running.threads)
-        self._on_gpu = running.device == "cuda"
+        self.device = running.device
         self.note = running.note if device == "cuda" else ""  # why it does not run where it was asked to
         self._skin = skin * 2 * self._largest
         self._low, self._high = np.array(low, dtype=float), np.array(high, dtype=float)
@@ -514,13 +517,13 @@ class Bulk:
         while done < steps:
             before = float(self.steps + done)
             team = 1
-            if not self._on_gpu:
+            if self.device != "cuda":
                 team = self._crew.gather(arena, min(self.threads, self._count(at.BEADS) // BEADS_PER_THREAD))
             parts = team if self._count(at.BEADS) >= BEADS_IN_PARTS and not self._count(at.WHOLE) else 1
             arena.build_list(before, parts, parts == 1)
             if self._count(at.STATUS) != at.OK:
                 break
-            if self._on_gpu:
+            if self.device == "cuda":
                 self._burst(min(areas.BURST, steps - done), before)
             else:
                 self._run_team(team, steps - done, before)

@@ -9,6 +9,7 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Particle
 
 USUAL, DOUBTFUL, UNSTABLE = 0.30, 0.40, 0.80  # parts of Rayleigh's step
+LEAST = 1e-3  # contacts gain nothing below a hundredth, and a run would take days
 
 
 def time_step(
@@ -20,6 +21,11 @@ def time_step(
     """
     if not (math.isfinite(fraction) and fraction > 0):
         raise BadInput(f"time_step_fraction must be a positive number, got {fraction:g}.")
+    if fraction < LEAST:
+        raise BadInput(
+            f"time_step_fraction: {fraction:g} of Rayleigh's step makes the run {USUAL / fraction:.2g} times as long "
+            f"as the usual {USUAL:g} and no more accurate; give at least {LEAST:g}."
+        )
     if fraction > UNSTABLE and not forced:
         raise BadInput(
             f"time_step_fraction: {100 * fraction:g}% of Rayleigh's step is unstable; "
@@ -39,3 +45,10 @@ def positive(**values: float) -> None:
     for name, value in values.items():
         if not (math.isfinite(value) and value > 0):
             raise BadInput(f"{name} must be a positive number, got {value:g}.")
+
+
+def of_kind(one: object, kind: type) -> None:
+    """Raise `BadInput` where something else stands in the place of a trial or a case."""
+    if not isinstance(one, kind):
+        room = kind.__module__.rpartition(".")[2]
+        raise BadInput(f"{one!r:.80} is no {room}.{kind.__name__}; make one for each run.")

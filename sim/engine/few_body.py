@@ -24,6 +24,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.effects import Effect
 from rigtwin.sim.engine import backend, few_bench, few_step
+from rigtwin.sim.engine.clock import of_kind
 from rigtwin.sim.engine.contact import IMPACT_SPEED, LAW_SIZE, ContactLaw, Mechanics, Rolling, pair_law
 from rigtwin.sim.engine.few_bench import Copy, Outcome
 from rigtwin.sim.engine.terms import Active, checked
@@ -204,9 +205,10 @@ def _motion(ready: _Ready, outcome: Outcome) -> Motion | RigtwinError:
 def _ready(cases: Sequence[Case]) -> list[_Ready]:
     ready = []
     for k, case in enumerate(cases):
-        name = case.name or (f"cases[{k}]" if len(cases) > 1 else "")
+        name = getattr(case, "name", "") or (f"cases[{k}]" if len(cases) > 1 else "")
         prefix = f"{name}: " if name else ""
         try:
+            of_kind(case, Case)
             ready.append(_Ready(_in_numbers(case), Mechanics(case.contact_law, case.rolling), prefix))
         except BadInput as error:
             raise type(error)(f"{prefix}{error}") from None

@@ -59,6 +59,15 @@ class Neighbours(Pairs, RigidBodies):
         self.cell_of = ti.field(ti.i32, capacity)
         self.order = ti.field(ti.i32, capacity)  # new number -> old number
         self.listed = ti.field(ti.i32, (THREADS, 2))  # pairs, and walls near beads, in each part of the next list
+        # what beads take along when they are renumbered, and where it is kept meanwhile; their largest overlap besides
+        keepers = [(field, c) for field in (self.given, self.taken) for c in range(6)]
+        fours = [(field, c) for field in (self.place, self.motion, self.spin) for c in range(4)]
+        others = (
+            [(self.push, c) for c in range(3)] + [(self.twist, c) for c in range(3)] + [(self.tag, 0), (self.tag, 1)]
+        )
+        self.lots = tuple(
+            tuple((*one, *keeper) for one, keeper in zip(lot, keepers, strict=False)) for lot in (fours, others)
+        )
 
     @ti.func
     def sort_into_cells(self):
@@ -180,30 +189,28 @@ class Neighbours(Pairs, RigidBodies):
 
     @ti.func
     def renumber(self, kept):
-        """Bring all that beads have into the new order, a few columns at a time, by way of the idle `given`."""
-        beads = self.counts[BEADS]
+        """Bring all that beads have into the new order, in two lots, by way of the idle `given` and `taken`."""
         if ti.static(self.rigid):
-            self.keep_members(beads)
-        for field, columns in ti.static(
-            ((self.place, 4), (self.motion, 4), (self.spin, 4), (self.push, 3), (self.twist, 3), (self.tag, 2))
-        ):
-            for i in range(beads):
-                for c in ti.static(range(columns)):
-                    self.given[i][c] = float(field[i][c])
+            self.keep_members(self.counts[BEADS])
+        for lot in ti.static(range(2)):
             for a in range(kept):
-                for c in ti.static(range(columns)):
-                    field[a][c] = ti.cast(self.given[self.order[a]][c], field.dtype)
-        for i in range(beads):
-            self.given[i][0] = self.worst[i]
-        for a in range(kept):
-            self.worst[a] = self.given[self.order[a]][0]
-            for c in ti.static(range(3)):
-                self.listed_at[a][c] = self.place[a][c]
-            if ti.static(self.rigid):
-                self.renumber_member(a, self.order[a])
-        for i in range(beads):
-            for c in ti.static(range(self.sums)):
-                self.given[i][c] = 0.0
+                i = self.order[a]
+                for field, c, keeper, k in ti.static(self.lots[lot]):
+                    keeper[a][k] = float(field[i][c])
+                if ti.static(lot == 1):
+                    self.taken[a][5] = self.worst[i]
+            for a in range(kept):
+                for field, c, keeper, k in ti.static(self.lots[lot]):
+                    field[a][c] = ti.cast(keeper[a][k], field.dtype)
+                if ti.static(lot == 1):
+                    self.worst[a] = self.taken[a][5]
+                    for c in ti.static(range(3)):
+                        self.listed_at[a][c] = self.place[a][c]
+                    for c in ti.static(range(6)):
+                        self.given[a][c] = 0.0
+                        self.taken[a][c] = 0.0
+                    if ti.static(self.rigid):
+                        self.renumber_member(a, self.order[a])
 
     @ti.func
     def list_walls(self, beads, begin, end):

@@ -25,10 +25,10 @@ if TYPE_CHECKING:
     from rigtwin.lab.materials import Particle
     from rigtwin.lab.model import Effects
 
-MOST_PARAMETERS = 3
 HALF = 0.5
 DAMPING_FACTOR = 2 * math.sqrt(5 / 6)  # from a damping ratio to the law's column DAMPING
-HOOKS = ("force", "torque", "restitution", "attraction", "neck")  # those that act in the engine
+# the hooks that act in the engine, and how many numbers each gets before its parameters
+HOOKS = {"force": 5, "torque": 4, "restitution": 4, "attraction": 3, "neck": 2}
 
 
 @dataclass(frozen=True)
@@ -128,8 +128,14 @@ def checked(effects: Sequence[Active]) -> Sequence[Active]:
                 f"effect {one.effect.name}: it has no force, torque, restitution or attraction that the engine could "
                 "add; leave it to the rig or the camera."
             )
-        if len(one.values) > MOST_PARAMETERS:
-            raise BadInput(f"effect {one.effect.name}: the engine takes at most {MOST_PARAMETERS} parameters.")
+        for hook, own in HOOKS.items():
+            function = getattr(one.effect, hook, None)
+            takes = own + len(one.values)
+            if isinstance(function, FunctionType) and function.__code__.co_argcount != takes:
+                raise BadInput(
+                    f"effect {one.effect.name}: its {hook} takes {function.__code__.co_argcount} numbers and must take "
+                    f"{takes}: {own} of the motion, and its {len(one.values)} parameters."
+                )
     return effects
 
 
@@ -180,13 +186,14 @@ class Terms:
         self.has_neck = bool(self.necks)
         self.act_on_bodies = self.acts_in_flight or self.acts_on_threads
         self.act_on_contacts = self.changes_restitution or self.attracts
-        self.values: Any = ti.field(ti.f64, (copies, len(effects), MOST_PARAMETERS)) if effects else None
+        self.most = max([1, *(len(effect.parameters) for effect in effects)])
+        self.values: Any = ti.field(ti.f64, (copies, len(effects), self.most)) if effects else None
 
     def load(self, effects: Sequence[Sequence[Active]]) -> None:
         """Set the parameters, one list of the effects per copy."""
         if self.values is None:
             return
-        values = np.zeros((self.copies, len(self.effects), MOST_PARAMETERS))
+        values = np.zeros((self.copies, len(self.effects), self.most))
         for copy, its in enumerate(effects):
             for row, one in enumerate(its):
                 values[copy, row, : len(one.values)] = one.values
@@ -205,26 +212,9 @@ class Terms:
         total = ti.Vector([0.0, 0.0, 0.0])
         for k in ti.static(range(len(self.forces))):
             row, count, function = ti.static(self.forces[k])
-            sideways, upwards = 0.0, 0.0
-            if ti.static(count == 0):
-                sideways, upwards = function(speed, rise, gap, radius, mass)
-            if ti.static(count == 1):
-                sideways, upwards = function(speed, rise, gap, radius, mass, self.values[copy, row, 0])
-            if ti.static(count == 2):
-                sideways, upwards = function(
-                    speed, rise, gap, radius, mass, self.values[copy, row, 0], self.values[copy, row, 1]
-                )
-            if ti.static(count == 3):
-                sideways, upwards = function(
-                    speed,
-                    rise,
-                    gap,
-                    radius,
-                    mass,
-                    self.values[copy, row, 0],
-                    self.values[copy, row, 1],
-                    self.values[copy, row, 2],
-                )
+            sideways, upwards = function(
+                speed, rise, gap, radius, mass, *[self.values[copy, row, k] for k in ti.static(range(count))]
+            )
             total += sideways * along + upwards * up
         return total
 
@@ -240,20 +230,7 @@ class Terms:
         total = 0.0
         for k in ti.static(range(len(self.torques))):
             row, count, function = ti.static(self.torques[k])
-            if ti.static(count == 1):
-                total += function(angle, rate, length, mass, self.values[copy, row, 0])
-            if ti.static(count == 2):
-                total += function(angle, rate, length, mass, self.values[copy, row, 0], self.values[copy, row, 1])
-            if ti.static(count == 3):
-                total += function(
-                    angle,
-                    rate,
-                    length,
-                    mass,
-                    self.values[copy, row, 0],
-                    self.values[copy, row, 1],
-                    self.values[copy, row, 2],
-                )
+            total += function(angle, rate, length, mass, *[self.values[copy, row, k] for k in ti.static(range(count))])
         return total / length / ti.max(speed, 1e-30) * velocity
 
     @ti.func
@@ -268,20 +245,7 @@ class Terms:
         speed = ti.max(closing, 1e-6)
         for k in ti.static(range(len(self.restitutions))):
             row, count, function = ti.static(self.restitutions[k])
-            if ti.static(count == 1):
-                e = function(e, speed, radius, mass, self.values[copy, row, 0])
-            if ti.static(count == 2):
-                e = function(e, speed, radius, mass, self.values[copy, row, 0], self.values[copy, row, 1])
-            if ti.static(count == 3):
-                e = function(
-                    e,
-                    speed,
-                    radius,
-                    mass,
-                    self.values[copy, row, 0],
-                    self.values[copy, row, 1],
-                    self.values[copy, row, 2],
-                )
+            e = function(e, speed, radius, mass, *[self.values[copy, row, k] for k in ti.static(range(count))])
         return DAMPING_FACTOR * damping_ratio_in_step(ti.min(ti.max(e, 1e-3), 1.0))
 
     @ti.func
@@ -290,10 +254,7 @@ class Terms:
         total = 0.0
         for k in ti.static(range(len(self.attractions))):
             row, count, function = ti.static(self.attractions[k])
-            if ti.static(count == 1):
-                total += function(overlap, radius, modulus, self.values[copy, row, 0])
-            if ti.static(count == 2):
-                total += function(overlap, radius, modulus, self.values[copy, row, 0], self.values[copy, row, 1])
+            total += function(overlap, radius, modulus, *[self.values[copy, row, k] for k in ti.static(range(count))])
         return total
 
     @ti.func
@@ -302,12 +263,9 @@ class Terms:
         longest = 0.0
         for k in ti.static(range(len(self.necks))):
             row, count, function = ti.static(self.necks[k])
-            if ti.static(count == 1):
-                longest = ti.max(longest, function(radius, modulus, self.values[copy, row, 0]))
-            if ti.static(count == 2):
-                longest = ti.max(
-                    longest, function(radius, modulus, self.values[copy, row, 0], self.values[copy, row, 1])
-                )
+            longest = ti.max(
+                longest, function(radius, modulus, *[self.values[copy, row, k] for k in ti.static(range(count))])
+            )
         return longest
 
 
