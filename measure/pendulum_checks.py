@@ -11,7 +11,7 @@ from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.media import Video
 from rigtwin.measure.swing import Outcome, SwingFit, frame_interval, turning_points
 
-MOST_MISFIT = 1.7  # times the noise from frame to frame, that a track may leave the fitted swings by
+MOST_MISFIT = 1.4  # times the noise from frame to frame, that a track may leave the fitted swings by
 LEAST_MISFIT = 5e-4  # of the pendulum's length: textures behind a bead shift it by less, and slowly in high-speed films
 LEAST_NOISE = 2e-5  # of the pendulum's length: below it a record that is exact would be judged by its rounding
 
