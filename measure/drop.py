@@ -322,6 +322,9 @@ def _measure_record(path: Path, drag: AirDrag, out: Path | None) -> Measurement:
     warnings = evaluation.warnings
     if len(tracks) > 1:
         warnings = (*warnings, f"{path.name} holds {len(tracks)} bodies; evaluated {track.body!r}, the longest.")
+    if drag.density is not None and drag.diameter is None:
+        told = "bead density: not used, for the air's drag needs the diameter too; it was fitted. Give --bead-diameter."
+        warnings = (*warnings, told)
     measurement = Measurement(
         rig="drop",
         source=path,
