@@ -24,12 +24,14 @@ CLOCK = 24000  # [1/s], ticks of a stored time stamp
 
 @dataclass(frozen=True)
 class View:
-    """A pinhole camera that looks along +y at the origin of the plane of motion (x right, z up, metres)."""
+    """A pinhole camera whose axis goes along +y through the middle of its picture (x right, z up, metres)."""
 
     width: int  # [px]
     height: int  # [px]
-    scale: float  # [m/px] at the origin
-    origin: tuple[float, float]  # [px], where the origin is seen
+    scale: float  # [m/px] in the plane of motion
+    origin: tuple[
+        float, float
+    ]  # [px], where the origin of the plane of motion is seen by a camera that stands straight
     away: float = 1.5  # [m]
     pitch: float = 0.0  # [rad], positive looks down
     yaw: float = 0.0  # [rad]
@@ -37,13 +39,15 @@ class View:
 
     def project(self, places: Array) -> tuple[Array, Array]:
         """Picture places [px] of points [m] (x, y away from the camera, z), shape (..., 3), and pixels per metre."""
-        x, y, z = np.moveaxis(np.asarray(places, dtype=np.float64), -1, 0)
+        middle = np.array([self.width / 2, self.height / 2])
+        aim = (middle - self.origin) * [self.scale, -self.scale]
+        x, y, z = np.moveaxis(np.asarray(places, dtype=np.float64) - [aim[0], 0, aim[1]], -1, 0)
         x, y = x * math.cos(self.yaw) - y * math.sin(self.yaw), x * math.sin(self.yaw) + y * math.cos(self.yaw)
         y, z = y * math.cos(self.pitch) - z * math.sin(self.pitch), y * math.sin(self.pitch) + z * math.cos(self.pitch)
         size = self.away / (self.away + y) / self.scale
         across, down = x * size, -z * size
         c, s = math.cos(self.roll), math.sin(self.roll)
-        u, v = self.origin[0] + c * across - s * down, self.origin[1] + s * across + c * down
+        u, v = middle[0] + c * across - s * down, middle[1] + s * across + c * down
         return np.stack([u, v], axis=-1), size
 
 

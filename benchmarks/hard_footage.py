@@ -152,7 +152,7 @@ def swung(case: Case, rng: np.random.Generator) -> tuple[Stage, Truth]:
     e, release, begun, across = float(rng.uniform(0.5, 0.9)), float(rng.uniform(35, 50)), 0.06, 0.012
     length = 0.16
     grid = np.linspace(0, 0.72, 3000)
-    angles = swing(grid, length, math.radians(release), e)
+    angles = swing(grid, length, math.radians(release), e, damping=0.04, drag=0.008)
     hinges = np.array([[0.0, 0.0, length], [across, 0.0, length]])
 
     def places(times: Array) -> Array:

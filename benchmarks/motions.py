@@ -71,8 +71,11 @@ def _turn(_: float, state: Array, __: float) -> float:
 _touch.terminal = True  # type: ignore[attr-defined]
 
 
-def swing(times: Array, length: float, release: float, e: float) -> Array:
-    """Angles [rad] of two equal beads without damping at `times` [s], by small symplectic steps, shape (n, 2)."""
+def swing(times: Array, length: float, release: float, e: float, *, damping: float = 0.0, drag: float = 0.0) -> Array:
+    """Angles [rad] of two equal beads at `times` [s], by small symplectic steps, shape (n, 2).
+
+    `damping` [1/s] of hinge and thread, `drag` [1/rad] of the air.
+    """
     step, seen = 2e-4, []
     angle, speed, now = np.array([-release, 0.0]), np.zeros(2), 0.05
     for moment in times:
@@ -83,7 +86,7 @@ def swing(times: Array, length: float, release: float, e: float) -> Array:
             if closing > 0 and gap < h * closing:  # the step ends at the contact
                 h = max(gap / closing, 0.0)
             half = angle + h / 2 * speed
-            speed = speed - h * GRAVITY / length * np.sin(half)
+            speed = speed - h * (GRAVITY / length * np.sin(half) + (damping + drag * np.abs(speed)) * speed)
             angle, now = half + h / 2 * speed, now + h
             if closing > 0 and gap <= h * closing * (1 + 1e-9):
                 total, closing = speed.sum(), speed[0] - speed[1]

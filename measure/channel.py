@@ -17,6 +17,7 @@ Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
 VISIBLE = 6.0  # difference of a bead to its background, in units of the noise, at which luma is good enough
+LEAST_NOISE = 0.3  # [grey levels squared], of each of three colours, of their mix a third: what rounding leaves
 
 
 @dataclass(frozen=True)
@@ -74,10 +75,20 @@ def luma_is_clear(greys: Mapping[int, Grey], path: SpotPath) -> bool:
             differences.append(greys[index][disc].astype(np.float64) - greys[other][disc])
     if not differences:
         return False
-    noise = np.concatenate([each.ravel() for each in noises])
-    calm = noise[np.abs(noise) <= 3 * np.percentile(np.abs(noise), 68) + 1]
-    power = float(np.mean(np.concatenate(differences) ** 2))
-    return power > VISIBLE**2 * (float(np.var(calm)) / 2 + 0.1)
+    noise = _noise(np.concatenate([each.reshape(-1, 1) for each in noises]))
+    return _visibility(np.concatenate(differences)[:, None], np.ones(1), noise) > VISIBLE
+
+
+def _noise(changes: Array) -> Array:
+    """Covariance of one frame's noise by what changes from frame to frame, shape (n, colours), without what moves."""
+    calm = changes[np.all(np.abs(changes) <= 3 * np.percentile(np.abs(changes), 68, axis=0) + 1, axis=1)]
+    colours = changes.shape[1]
+    return np.asarray(np.atleast_2d(np.cov(calm.T)) / 2 + LEAST_NOISE * colours / 3 * np.eye(colours))
+
+
+def _visibility(differences: Array, weights: Array, noise: Array) -> float:
+    """Difference to the background over noise, root mean square over the bead, shading included."""
+    return math.sqrt(float(np.mean((differences @ weights) ** 2)) / float(weights @ noise @ weights))
 
 
 def _disc_pixels(
@@ -91,18 +102,14 @@ def _disc_pixels(
 
 
 def _fisher(differences: Array, noises: Array, scenery: Array) -> Channel:
-    calm = noises[np.all(np.abs(noises) <= 3 * np.percentile(np.abs(noises), 68, axis=0) + 1, axis=1)]
-    noise = np.cov(calm.T) / 2 + 0.3 * np.eye(3)
+    noise = _noise(noises)
     mean = differences.mean(axis=0)
     mix = np.linalg.solve(np.cov(differences.T) + 2 * noise, mean)
     luma = np.array([0.114, 0.587, 0.299])
 
-    def visibility(weights: Array) -> float:
-        """Difference to the background over noise, root mean square over the bead, shading included."""
-        return math.sqrt(float(np.mean((differences @ weights) ** 2)) / float(weights @ noise @ weights))
-
     # colour is stored at half the resolution and coarser steps: it must be far better where luma is just enough
-    if visibility(luma) > VISIBLE or visibility(mix) < 2 * visibility(luma):
+    seen = _visibility(differences, luma, noise)
+    if seen > VISIBLE or _visibility(differences, mix, noise) < 2 * seen:
         return LUMA
     # as much gain as 8 bits hold: contrast of 90 levels, or noise of 2 where that is less
     gain = min(90 / abs(float(mix @ mean)), 2 / math.sqrt(float(mix @ noise @ mix)))

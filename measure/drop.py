@@ -53,6 +53,9 @@ from rigtwin.measure.spots import SpotPath
 Array = npt.NDArray[np.float64]
 
 SCALE_DOUBT = 0.005  # relative, of a scale read off a rule in view
+FELT_SHAKE = 0.3  # [px], standard deviation, from which on what is left of a shake may count
+LEAST_LEFT = 0.02  # [px], what any codec leaves
+MOST_LEFT = 3.0  # times what a bead is seen to, that may be left in its track of a shaking camera
 MOST_SHAKE = 5.0  # [px], standard deviation, up to which a shaking camera only shifts its picture
 RATE_UNJUDGED = (
     "the scale is from gravity and the frame rate from the file: if the film plays slower than it was captured, "
@@ -213,25 +216,20 @@ def _quantity(
     return doubted(found, doubtful)
 
 
-def _with_doubts(quantity: Quantity, checks: tuple[Check, ...], of_lengths: str, contradiction: str) -> Quantity:
+def _with_doubts(
+    quantity: Quantity, checks: tuple[Check, ...], drag: AirDrag, *, film: str, lengths: str, scales: str
+) -> Quantity:
     """The quantity with the failed checks of the film that it rests on; those of the flights it has already.
 
-    `of_lengths` is what else makes lengths doubtful, `contradiction` what makes time or size doubtful.
+    `film` is what makes all doubtful, `lengths` what makes lengths doubtful, `scales` what makes time or size doubtful.
     """
     in_metres = quantity.unit == "m"
-    rests_on = {
-        "bead_in_view": True,
-        "static_camera": True,
-        "camera_roll": in_metres,
-        # the bead's size is in the air's drag, and where it is wrong something else may have been followed
-        "bead_size": in_metres or quantity.method == "velocity",
-    }
+    # the bead's size is in the air's drag where that is known and not fitted
+    of_size = in_metres or (quantity.method == "velocity" and drag.known)
+    rests_on = {"bead_in_view": True, "static_camera": True, "camera_roll": in_metres, "bead_size": of_size}
     failed = [check.message for check in checks if not check.passed and rests_on.get(check.check, False)]
-    if in_metres and of_lengths:
-        failed.append(of_lengths)
-    if contradiction and (in_metres or quantity.method == "velocity"):  # the air's drag is known in true metres
-        failed.append(contradiction)
-    return doubted(quantity, "; ".join(failed))
+    failed += [film, lengths if in_metres else "", scales if of_size else ""]
+    return doubted(quantity, "; ".join(filter(None, failed)))
 
 
 # ---------------------------------------------------------------------------------------------------- media -> record
@@ -274,7 +272,7 @@ def measure(
     gauge = _gauge(pixels, fitted, seen, camera, bead_diameter)
     track = _to_metres(pixels, fitted, gauge)
     if bead_diameter is None:
-        drag = AirDrag(2 * seen.radius * gauge.scale)
+        drag = AirDrag(2 * seen.radius * gauge.scale, bead_density)
     bounces = _bounces(track, drag, str(clip), in_metres=True)
     evaluation = _evaluation(track, bounces, scale_doubt=gauge.doubt, rate=video.frame_rate, repeats=len(repeats))
     checks = _with_gravity_told(evaluation.checks, gauge) + _view_checks(video, seen, fitted, repeats)
@@ -288,7 +286,8 @@ def measure(
         source=clip,
         source_sha256=sha256(clip),
         quantities=tuple(
-            _with_doubts(quantity, checks, unjudged, gauge.contradiction) for quantity in evaluation.quantities
+            _with_doubts(quantity, checks, drag, film=video.spoilt, lengths=unjudged, scales=gauge.contradiction)
+            for quantity in evaluation.quantities
         ),
         checks=checks,
         warnings=(*video.warnings, *evaluation.warnings),
@@ -323,6 +322,9 @@ def _measure_record(path: Path, drag: AirDrag, out: Path | None) -> Measurement:
     warnings = evaluation.warnings
     if len(tracks) > 1:
         warnings = (*warnings, f"{path.name} holds {len(tracks)} bodies; evaluated {track.body!r}, the longest.")
+    if drag.density is not None and drag.diameter is None:
+        told = "bead density: not used, for the air's drag needs the diameter too; it was fitted. Give --bead-diameter."
+        warnings = (*warnings, told)
     measurement = Measurement(
         rig="drop",
         source=path,
@@ -614,6 +616,9 @@ def _view_checks(video: Video, seen: Chase, fitted: Bounces, repeats: frozenset[
     flights[list(repeats)] = False
     share = len(times) / max(int(np.sum(flights)), 1)
     shake = float(np.max(np.std(seen.shakes, axis=0)))
+    seen_to = float(np.median([sighting.image.sigma for sighting in seen.sightings]))
+    left = f", but {fitted.noise:.2f} px are left where a bead is seen to {seen_to:.2f}: faint things lag in this clip."
+    followed = shake < FELT_SHAKE or fitted.noise < MOST_LEFT * max(seen_to, LEAST_LEFT)
     return (
         Check(
             "bead_in_view",
@@ -625,11 +630,11 @@ def _view_checks(video: Video, seen: Chase, fitted: Bounces, repeats: frozenset[
         ),
         Check(
             "static_camera",
-            shake < MOST_SHAKE,
+            shake < MOST_SHAKE and followed,
             shake,
             0.0,
             f"the scene shakes by {shake:.2f} px (standard deviation)"
-            + ("." if shake < 0.1 else "; it was followed and taken out.")
+            + ("." if shake < 0.1 else "; it was followed and taken out" + (left if not followed else "."))
             + (" Use a tripod: so large a shake turns and tilts the view as well." if shake >= MOST_SHAKE else ""),
         ),
     )

@@ -22,6 +22,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, doubted, root_sum_of_squares
 from rigtwin.lab.records import Series
 from rigtwin.lab.rigs import GRAVITY
+from rigtwin.measure.bead_size import size_seen, size_unseen
 from rigtwin.measure.freefall import fall_below, fall_check, outlet_check
 from rigtwin.measure.gate import Opening, find_opening, slot_edges
 from rigtwin.measure.media import Video, open_video
@@ -526,12 +527,9 @@ def _size_check(
     if bead_diameter is None or spacing is None or source == "bead diameter":
         missing = "give --bead-diameter" if bead_diameter is None else "give --bin-width or --scale"
         missing = missing if spacing is not None else "the bed shows no pattern of beads"
-        message = f"scale not confirmed: it and the outlet velocity hang on {source} alone; {missing}."
-        return Check("bead_size", True, math.nan, 1.0, message)
+        return size_unseen("the scale and the outlet velocity hang", source, missing)
     ratio = size_of_beads(spacing) / seen.lens.zoom * scale / bead_diameter
-    passed = abs(ratio - 1) < 3 * math.hypot(doubt, NEIGHBOURS_DOUBT)
-    ending = "." if passed else f": the scale (from {source}) or --bead-diameter is wrong."
-    return Check("bead_size", passed, ratio, 1.0, f"beads look {ratio:.2f} times as large as stated{ending}")
+    return size_seen(ratio, 3 * math.hypot(doubt, NEIGHBOURS_DOUBT), source)
 
 
 def _rate_check(

@@ -62,6 +62,11 @@ class Video:
     warnings: tuple[str, ...] = field(default=())
     skipped: frozenset[int] = field(default=frozenset())  # pictures that `frames()` leaves out
 
+    @property
+    def spoilt(self) -> str:
+        """Why nothing that moves is seen where it is; empty where it is."""
+        return sources.INTERLACED if sources.INTERLACED in self.warnings else ""
+
     def frames(self, first: int | None = None, last: int | None = None) -> Iterator[Frame]:
         """The pictures from `first` to `last`, the video's own where not given, in order."""
         first = self.first if first is None else max(first, self.first)

@@ -79,11 +79,27 @@ class Collision:
     rest: Array  # [px], where B hangs
     radius: float  # [px]
 
+    def of_every(self, every: int, first: int) -> Collision:
+        """The same in frames of the clip, where paths counted `every` so many from the `first` on."""
+        fall, rise = (
+            Path([first + every * k for k in path.frames], path.places, path.sizes) for path in (self.fall, self.rise)
+        )
+        return Collision(fall, rise, self.rest, self.radius)
+
 
 def find_paths(
-    video: Video, scene: Scene, samples: dict[int, Frame], region: Region | None = None, progress: Progress = silent
+    video: Video,
+    scene: Scene,
+    samples: dict[int, Frame],
+    region: Region | None = None,
+    progress: Progress = silent,
+    *,
+    every: int = 1,
 ) -> list[Path]:
-    """Everything that moves against the still `scene`, linked from frame to frame and broken where its speed jumps."""
+    """Everything that moves against the still `scene`, linked from frame to frame and broken where its speed jumps.
+
+    Of a high-speed film only `every` so many frames are looked at; paths count these then, from the clip's first.
+    """
     paths: list[Path] = []
     shake = (0.0, 0.0)
     still = np.median(np.stack([frame.colour for frame in samples.values()]), axis=0).astype(np.uint8)
@@ -91,14 +107,17 @@ def find_paths(
     if region is not None:
         least = np.where(inside_region(region, least.shape), least, np.inf)
     for frame in video.frames():
-        progress("looking for beads", frame.index - video.first, video.last - video.first + 1)
+        since = frame.index - video.first
+        if since % every:
+            continue
+        progress("looking for beads", since, video.last - video.first + 1)
         view = scene.view(frame.grey, shake)
         shake = view.shake
         # in colour: a brown bead on a grey wall may have the wall's grey on its lit side
         level = float(view.grey.mean()) / max(float(frame.grey.mean()), 1.0)  # the lamp's flicker
         blue, green, red = cv2.split(cv2.absdiff(_steady(frame.colour, shake, level), still))
         difference = np.asarray(cv2.max(cv2.max(blue, green), red), dtype=np.uint8)
-        _link(paths, _spots(difference, least), frame.index)
+        _link(paths, _spots(difference, least), frame.index if every == 1 else since // every)
     return [piece for path in paths for piece in _unbroken(path)]
 
 

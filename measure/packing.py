@@ -27,6 +27,7 @@ from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, doubted, root_sum_of_squares
 from rigtwin.lab.records import Profile, read_profile
+from rigtwin.measure.bead_size import MISFIT, size_seen, size_unseen
 from rigtwin.measure.glass import Bed, find_bed
 from rigtwin.measure.media import read_photo
 from rigtwin.measure.views import views_check
@@ -60,8 +61,7 @@ SPOILING = ("level_bed", "smooth_surface", "views_agree")  # checks without whic
 # likewise, of what the picture says of the stated sizes, on which scale, floor, or what is taken off the outline hang
 STATED = ("gauge", "bead_size", "walls", "scale")
 NEARER = 1.05  # the beads in front are nearer to the camera than the axis by a fifteenth or so, those beside them less
-BEAD_MISFIT = 0.16  # relative, by which beads may look larger or smaller than they are: shaded rims are soft
-BEAD_DOUBT = BEAD_MISFIT / 2  # relative, of a scale read off the beads, whose look nothing else checks then
+BEAD_DOUBT = MISFIT / 2  # relative, of a scale read off the beads, whose look nothing else checks then
 MOST_BEYOND = 0.08  # share of the beads seen that may lie outside of the walls: reflections in the glass
 ADVISED_RATIO = 5.0  # cylinder over bead diameter
 
@@ -429,10 +429,7 @@ def _unconfirmed(bed: Bed, source: str, cylinder: float | None, bead: float | No
         what, advice, given = "bed height hangs", "--cylinder-diameter or --bead-diameter", "the given scale"
     else:
         return ""
-    return (
-        f"size not confirmed: {what} on {given} alone, which nothing in the photo checks; give {advice} too, "
-        "or photograph a length gauge beside the cylinder."
-    )
+    return size_unseen(what, given, f"give {advice} too, or photograph a length gauge beside the cylinder").message
 
 
 def _scale(
@@ -498,11 +495,7 @@ def _picture_checks(bed: Bed, scale: float, source: str, cylinder: float | None,
         checks.append(Check("scale", passed, ratio, 1.0, f"the scale is {ratio:.3f} times that by {by}{ending}"))
     if bead is not None and source != "bead diameter":
         ratio = 2 * bed.bead_seen * scale / (NEARER * bead)
-        passed = abs(ratio - 1) < BEAD_MISFIT
-        ending = "." if passed else f": check --bead-diameter, and the scale (from {source})."
-        checks.append(
-            Check("bead_size", passed, ratio, 1.0, f"beads look {ratio:.2f} times as large as stated{ending}")
-        )
+        checks.append(size_seen(ratio, MISFIT, source))
     within = bed.beyond < MOST_BEYOND
     ending = "." if within else ": check --cylinder-diameter and --bead-diameter, by which walls were looked for."
     message = f"{100 * bed.beyond:.0f} % of the beads lie beyond what was taken for the cylinder's walls{ending}"

@@ -89,8 +89,8 @@ def measure(
     film = (_watch_wall if variant == "wall" else _watch)(video, camera, length, progress)
     scale, scale_from = _scale(film, camera, length, bead_diameter)
     roll = -float(film.fit.swings["tilt"]) if camera.roll is None else camera.roll
-    tracks = _upright(film, scale, roll)
-    fit = _fit_clip(clip, tracks, ground=GROUND)
+    tracks, axis = _upright(film, _axis(video), scale, roll)
+    fit = _fit_clip(clip, tracks, axis=axis, ground=GROUND)
     evaluation = judge(
         fit,
         None if scale_from == "pendulum length" else length,
@@ -100,7 +100,7 @@ def measure(
     )
     timing = timing_check(video)
     checks = (*_without_circle(evaluation.checks, scale_from), timing)
-    spoilt = "" if timing.passed else timing.message
+    spoilt = "; ".join(filter(None, [video.spoilt, "" if timing.passed else timing.message]))
     quantities = tuple(doubted(quantity, spoilt) for quantity in evaluation.quantities)
     seen = {
         "frame_rate_hz": video.frame_rate,
@@ -162,7 +162,7 @@ def _measure_record(
 def _watch(video: Video, camera: Camera, length: float | None, progress: Progress) -> _Film:
     beads = find_beads(video, camera.region, stated_length=length, progress=progress)
     times = video.times[beads.frames]
-    fit = _fit_clip(video.path, _picture_tracks(beads, times))
+    fit = _fit_clip(video.path, _picture_tracks(beads, times), axis=_axis(video))
     places, velocities, again = _second_look(fit, beads, times)
     beads = relocate(video, beads, places, velocities, again)
     return _Film(beads, times, fit)
@@ -172,7 +172,7 @@ def _watch_wall(video: Video, camera: Camera, length: float | None, progress: Pr
     chase = find_wall_bead(video, camera.region, stated_length=length, progress=progress)
     beads = _one_bead(chase, video)
     times = video.times[beads.frames]
-    fit = _fit_clip(video.path, _picture_tracks(beads, times))
+    fit = _fit_clip(video.path, _picture_tracks(beads, times), axis=_axis(video))
     places, velocities, again = _second_look(fit, beads, times)
     expected = {
         int(beads.frames[k]): ((float(x), float(y)), (float(u), float(v)))
@@ -180,7 +180,7 @@ def _watch_wall(video: Video, camera: Camera, length: float | None, progress: Pr
         if again[0, k]
     }
     beads = _one_bead(look_again(chase, expected), video)
-    return _Film(beads, times, _fit_clip(video.path, _picture_tracks(beads, times)))
+    return _Film(beads, times, _fit_clip(video.path, _picture_tracks(beads, times), axis=_axis(video)))
 
 
 def _one_bead(chase: Chase, video: Video) -> Beads:
@@ -226,9 +226,16 @@ def _second_look(fit: SwingFit, beads: Beads, times: Array) -> tuple[Array, Arra
     return middle, velocity, again
 
 
-def _fit_clip(clip: Path, tracks: tuple[Track, ...], *, ground: float = 0.0) -> SwingFit:
+def _axis(video: Video) -> tuple[float, float]:
+    """Where the camera's axis goes through the picture [px, y up]: its middle, unless the film was cropped."""
+    return (video.width - 1) / 2, -(video.height - 1) / 2
+
+
+def _fit_clip(
+    clip: Path, tracks: tuple[Track, ...], *, axis: tuple[float, float] | None = None, ground: float = 0.0
+) -> SwingFit:
     try:
-        return fit_swings(tracks, ground=ground)
+        return fit_swings(tracks, axis=axis, ground=ground)
     except NothingToMeasure as error:
         raise NothingToMeasure(f"{clip}: {error}") from None
 
@@ -248,15 +255,19 @@ def _scale(film: _Film, camera: Camera, length: float | None, bead_diameter: flo
     return GRAVITY / found["gravity"].value, "gravity"
 
 
-def _upright(film: _Film, scale: float, roll: float) -> tuple[Track, ...]:
-    """Tracks in metres from where the last bead hangs, x to the right, y against gravity."""
+def _upright(
+    film: _Film, axis: tuple[float, float], scale: float, roll: float
+) -> tuple[tuple[Track, ...], tuple[float, float]]:
+    """Tracks and the camera's axis in metres from where the last bead hangs, x to the right, y against gravity."""
     swings = film.fit.swings
     rest = centres(swings, np.zeros((swings.beads, 1, 1)))[-1, 0, 0]
-    back = np.array([[math.cos(roll), math.sin(roll)], [-math.sin(roll), math.cos(roll)]])
-    return tuple(
-        replace(track, position=(track.position - rest) @ back * scale, sigma=track.sigma * scale)
+    back = np.array([[math.cos(roll), math.sin(roll)], [-math.sin(roll), math.cos(roll)]]) * scale
+    tracks = tuple(
+        replace(track, position=(track.position - rest) @ back, sigma=track.sigma * scale)
         for track in _picture_tracks(film.beads, film.times)
     )
+    x, y = (np.array(axis) - rest) @ back
+    return tracks, (float(x), float(y))
 
 
 def _without_circle(checks: tuple[Check, ...], scale_from: str) -> tuple[Check, ...]:

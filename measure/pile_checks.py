@@ -8,14 +8,12 @@ from collections.abc import Sequence
 from rigtwin.lab.quantity import Check, Quantity
 from rigtwin.lab.records import Profile
 from rigtwin.measure import slope
+from rigtwin.measure.bead_size import MISFIT, size_seen, size_unseen
 from rigtwin.measure.surface import Silhouette
 from rigtwin.measure.views import views_check
 
 ADVISED_RATIO = 25  # base over bead diameter (Hlosta et al. 2020, section 2.1.5 advises more)
 NEARER = 1.08  # the beads in front, clearest of all, are nearer to the camera than the base's axis
-# relative, by which beads may look larger or smaller than they are: shaded rims are soft, and their size scatters by
-# 0.04 from photo to photo, whatever blur, noise and light
-BEAD_MISFIT = 0.16
 
 
 def heap_checks(
@@ -88,12 +86,9 @@ def size_checks(
         return (), ""
     if bead_diameter is None or scale_from == "bead diameter":
         advice = "--bead-diameter too" if bead_diameter is None else "--base-diameter too, with the whole base in view"
-        unconfirmed = (
-            f"size not confirmed: heights, widths and the tip's radius hang on the scale from {scale_from} alone, "
-            f"which nothing in the photo checks (angles do not); give {advice}."
+        told = size_unseen(
+            "heights, widths and the tip's radius (but no angle) hang", f"the scale from {scale_from}", f"give {advice}"
         )
-        return (Check("bead_size", True, math.nan, 1.0, unconfirmed),), unconfirmed
+        return (told,), told.message
     ratio = 2 * found.bead_seen * scale / (NEARER * bead_diameter)
-    passed = abs(ratio - 1) < BEAD_MISFIT
-    ending = "." if passed else f": check --bead-diameter, and the scale (from {scale_from})."
-    return (Check("bead_size", passed, ratio, 1.0, f"beads look {ratio:.2f} times as large as stated{ending}"),), ""
+    return (size_seen(ratio, MISFIT, scale_from),), ""

@@ -33,6 +33,7 @@ STILLS = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp")
 FILMS = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".wmv", ".cine")
 STACKS = (".tif", ".tiff")
 PHOTRON = (".cihx", ".cih", ".mraw")
+INTERLACED = "the film is interlaced: every picture mixes two moments; deinterlace it first."
 HEAD = 24  # pictures decoded to see whether packets and pictures have the same time stamps
 KEPT = 128 * 2**20  # [bytes], of decoded pictures that a film keeps, so that a short one is decoded once only
 
@@ -135,8 +136,7 @@ class Film:
             if [picture.pts for picture in head] == known[: len(head)]:
                 place = {pts: index for index, pts in enumerate(known)}
                 self._reel.points, self._reel.keys = known, sorted(place[pts] for pts in keys)
-                notes = ("the film is interlaced: every picture mixes two moments; deinterlace it first.",)
-                return [stamp * self.tick for stamp in known], notes if _interlaced(head) else ()
+                return [stamp * self.tick for stamp in known], (INTERLACED,) if _interlaced(head) else ()
         return self._decoded_stamps()
 
     def _decoded_stamps(self) -> tuple[list[float | None], tuple[str, ...]]:

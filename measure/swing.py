@@ -34,10 +34,10 @@ PRIORS = {
     "damping": (0.03, 0.1),  # [1/s], pivot and thread
     # [1/rad], rho_air Cd A L / (2 m): 0.006 to 0.01 for 6 to 12 mm beads of plastic or wood on 0.15 to 0.3 m
     "drag": (0.01, 0.015),
-    # A camera four pendulum lengths away whose axis stands 1.5 degrees off the normal of the swing plane makes things
-    # one length from the middle 0.65 % larger on one side; a lens barrels by up to about half a percent there.
-    "perspective_x": (0.0, 0.0065),
-    "perspective_y": (0.0, 0.0065),
+    # A camera two and a half pendulum lengths away whose axis stands 2 degrees off the normal of the swing plane makes
+    # things one length from the middle 1.4 % larger on one side; a lens barrels by up to about half a percent there.
+    "perspective_x": (0.0, 0.014),
+    "perspective_y": (0.0, 0.014),
     "lens": (0.0, 0.003),
 }
 _CAUSES = {
@@ -70,6 +70,7 @@ class Swings:
     vector: Array
     beads: int
     collisions: int
+    axis: tuple[float, float] | None = None  # where the camera's axis goes through; None takes it half-way down
 
     @staticmethod
     def names(beads: int, collisions: int) -> list[str]:
@@ -173,11 +174,15 @@ def positions(swings: Swings, angle: Array) -> Array:
     """Where the beads are seen, shape (beads, n, batch, 2): `centres` through perspective and lens."""
     swings = swings.batched()
     unit = swings["length_0"]
-    # about the middle of the picture, near half-way down the threads, in units of the pendulum length
-    middle = np.stack([swings["pivot_x_0"], swings["pivot_y_0"] - 0.5 * unit], axis=-1)
+    # about the middle of the picture, in units of the pendulum length
+    if swings.axis is None:
+        middle = np.stack([swings["pivot_x_0"], swings["pivot_y_0"] - 0.5 * unit], axis=-1)
+    else:
+        middle = np.broadcast_to(np.array(swings.axis), (len(unit), 2))
     away = (centres(swings, angle) - middle) / unit[..., None]
     u, v = away[..., 0], away[..., 1]
-    growth = swings["perspective_x"] * u + swings["perspective_y"] * v + swings["lens"] * (u * u + v * v)
+    nearer = swings["perspective_x"] * u + swings["perspective_y"] * v
+    growth = nearer / (1 - nearer) + swings["lens"] * (u * u + v * v)
     return np.asarray(middle + (1 + growth[..., None]) * away * unit[..., None])
 
 
@@ -260,11 +265,18 @@ def _between(angle: Array, rate: Array, place: Array, h: Array) -> tuple[Array, 
     return value, w0 + s * (w1 - w0)
 
 
-def fit_swings(tracks: Sequence[Track], *, ground: float = 0.0, most_collisions: int = 3) -> SwingFit:
+def fit_swings(
+    tracks: Sequence[Track],
+    *,
+    axis: tuple[float, float] | None = None,
+    ground: float = 0.0,
+    most_collisions: int = 3,
+) -> SwingFit:
     """Fit the swing of bead A (``tracks[0]``) into bead B (``tracks[1]``) or, alone, into a wall.
 
-    `ground` is how far a filmed bead's centre seems to shift from place to place with what lies behind it, as a share
-    of the noise.
+    `axis` is the place in the record's axes that the camera's own goes through, where it is known: a view askew shrinks
+    lengths about it.  `ground` is how far a filmed bead's centre seems to shift from place to place with what lies
+    behind it, as a share of the noise.
 
     Raises `NothingToMeasure` when there is no release, no collision, or too little of either to fit.
     """
@@ -274,7 +286,10 @@ def fit_swings(tracks: Sequence[Track], *, ground: float = 0.0, most_collisions:
     scaled = tuple(
         replace(track, position=(track.position - origin) / unit, sigma=track.sigma / unit) for track in tracks
     )
-    fit = _fit(_first_guess(scaled), scaled, ground)
+    first = _first_guess(scaled)
+    if axis is not None:
+        first = replace(first, axis=((axis[0] - float(origin[0])) / unit, (axis[1] - float(origin[1])) / unit))
+    fit = _fit(first, scaled, ground)
     while fit.swings.collisions < most_collisions:
         further = _with_next_collision(fit)
         longer = None if further is None else _fit(further, scaled, ground)
@@ -626,7 +641,9 @@ def _with_next_collision(fit: SwingFit) -> Swings | None:
     leaving = np.ptp(swings.after(k - 1)) if swings.beads > 1 else abs(float(swings.after(k - 1)[0]))
     if float(leaving) < 0.15 * approach:
         return None
-    return Swings(np.array([values[name] for name in Swings.names(swings.beads, k + 1)]), swings.beads, k + 1)
+    return Swings(
+        np.array([values[name] for name in Swings.names(swings.beads, k + 1)]), swings.beads, k + 1, swings.axis
+    )
 
 
 def _in_record_units(fit: SwingFit, tracks: tuple[Track, ...], origin: Array, unit: float) -> SwingFit:
@@ -634,8 +651,11 @@ def _in_record_units(fit: SwingFit, tracks: tuple[Track, ...], origin: Array, un
     lengths = np.array([unit if name.startswith(("pivot", "length", "gravity")) else 1.0 for name in names])
     offset = np.array([origin["xy".index(name[6])] if name.startswith("pivot") else 0.0 for name in names])
     both = np.outer(lengths, lengths)
+    axis = fit.swings.axis
+    if axis is not None:
+        axis = float(origin[0]) + axis[0] * unit, float(origin[1]) + axis[1] * unit
     return SwingFit(
-        fit.swings.batch(fit.swings.vector * lengths + offset),
+        replace(fit.swings, vector=fit.swings.vector * lengths + offset, axis=axis),
         tracks,
         fit.used,
         tuple(residual * unit for residual in fit.residuals),

@@ -14,6 +14,7 @@ from rigtwin.lab.camera import Camera, Moment
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.records import Track, write_tracks
 from rigtwin.measure.pendulum import evaluate, measure
+from rigtwin.measure.swing import fit_swings
 
 GRAVITY = 9.81
 
@@ -226,6 +227,33 @@ def test_missing_frames_and_wild_points_do_not_matter():
         damaged.append(Track(track.time[keep], position[keep], track.sigma[keep], track.body))
     e = found(evaluate(damaged), "restitution_pair", "velocity", collision=1)
     assert e.value == pytest.approx(0.6, abs=max(3 * e.std_uncertainty, 0.006))
+
+
+def test_frames_that_are_missing_without_a_word_make_all_numbers_doubtful():
+    tracks = tracks_of(Truth(), noise=3e-5)
+    keep = np.sort(np.random.default_rng(4).choice(len(tracks[0].time), int(0.9 * len(tracks[0].time)), replace=False))
+    short = [Track(one.time[: len(keep)], one.position[keep], one.sigma[keep], one.body) for one in tracks]
+    assert check(evaluate(tracks), "swing_residuals").passed
+    missed = evaluate(short)
+    assert not check(missed, "swing_residuals").passed
+    assert all(quantity.doubtful for quantity in missed.quantities)
+
+
+def test_a_camera_that_looks_down_on_the_beads_sees_their_angles_where_its_axis_is_known():
+    """A pinhole camera two lengths away, aimed three degrees down at the place where the beads hang."""
+    truth, pitch, away = Truth(), math.radians(3), 0.4
+    tracks = []
+    for one in tracks_of(truth, noise=0.0):
+        x, z = one.position[:, 0], one.position[:, 1] + truth.length
+        size = away / (away - z * math.sin(pitch))
+        seen = np.column_stack([x * size, z * math.cos(pitch) * size])
+        seen += np.random.default_rng(2).normal(0, 1e-5, seen.shape)
+        tracks.append(Track(one.time, seen, np.full(len(x), 1e-5), one.body))
+    known, guessed = (
+        math.degrees(abs(float(fit_swings(tracks, axis=axis).swings["release_angle"]))) for axis in ((0.0, 0.0), None)
+    )
+    assert known == pytest.approx(math.degrees(truth.release), abs=0.12)
+    assert abs(guessed - math.degrees(truth.release)) > 0.3
 
 
 def test_a_record_that_ends_before_the_beads_turn_is_doubtful_about_the_angles_only():
