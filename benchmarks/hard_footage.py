@@ -261,7 +261,7 @@ def hard(count: int, rigs: Sequence[str] = tuple(RIGS), only: Sequence[str] = ()
                     refused += not found
                     seen += found
                     sys.stderr.writelines(_told(rig, name, found, note))
-                rows.append(_row(f"{rig}, {name}", seen, refused))
+                rows.append(_row(rig, name, seen, refused))
     return rows
 
 
@@ -271,17 +271,19 @@ def _told(rig: str, name: str, found: Sequence[Reading], note: str) -> Iterator[
         yield f"    {reading}\n"
 
 
-def _row(name: str, seen: Sequence[Reading], refused: int) -> Row:
+def _row(rig: str, name: str, seen: Sequence[Reading], refused: int) -> Row:
+    """Nothing is wanted of a hardness of which no number is trusted; a clean clip must give some."""
     trusted = [abs(reading.off) for reading in seen if not reading.flagged]
     far, silent = sum(off > FAR for off in trusted), sum(off > OFF for off in trusted)
     note = (
         f"{len(seen)} numbers, {len(seen) - len(trusted)} flagged, {refused} clips refused, "
         f"{silent} silently off by more than {OFF:g} u"
     )
+    title = f"{rig}, {name}: largest silent error / u"
+    if not trusted:
+        return Row(title, math.nan, "1", None, f"below {FAR:g}", False if name == "clean" else None, note)
     passed = far == 0 and silent <= max(1, 0.1 * len(trusted))
-    return Row(
-        f"{name}: largest silent error / u", max(trusted, default=0.0), "1", None, f"below {FAR:g}", passed, note
-    )
+    return Row(title, max(trusted), "1", None, f"below {FAR:g}", passed, note)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
