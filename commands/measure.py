@@ -106,6 +106,9 @@ def measure_packing(
     ] = None,
     total_mass: TotalMass = None,
     bead_diameter: BeadDiameter = None,
+    bead_density: Annotated[
+        float | None, quantity("--bead-density", "density", "568kg/m^3", "Density, to check the bulk's.")
+    ] = None,
 ) -> Work:
     """A bed in a cylinder: its height and bulk density."""
     all_different(photos)
@@ -118,6 +121,7 @@ def measure_packing(
         cylinder_diameter=cylinder_diameter,
         total_mass=total_mass,
         bead_diameter=bead_diameter,
+        bead_density=bead_density,
     )
 
 

@@ -24,6 +24,7 @@ SURROUNDED = 0.5  # share of the spokes that must meet an edge; half of a bead i
 WELL_SURROUNDED = 0.7  # beads at the front of a heap hide behind none
 NEARLY = 0.5  # share of the best score at which a larger radius is preferred
 FEWEST_BEADS = 10
+MOST_ROWS = 30_000  # that OpenCV reads at once are less than 32,767
 
 
 @dataclass(frozen=True)
@@ -212,9 +213,10 @@ def _along_spokes(picture: Edges, centre: Array, lengths: Sequence[float], sign:
     at_x, at_y = (
         (centre[:, k].astype(np.float32)[:, None] + (length * away).ravel()) for k, away in enumerate((cos, sin))
     )
-    if len(centre) == 0:
-        return np.zeros((0, len(length), SPOKES), np.float32), np.zeros((0, len(length), SPOKES), np.float32)
-    seen = cv2.remap(picture.both, at_x, at_y, cv2.INTER_NEAREST, borderValue=0).reshape(-1, len(length), SPOKES, 2)
+    read = [np.zeros((0, at_x.shape[1], 2), np.float32)]
+    for part in (slice(first, first + MOST_ROWS) for first in range(0, len(centre), MOST_ROWS)):
+        read.append(cv2.remap(picture.both, at_x[part], at_y[part], cv2.INTER_NEAREST, borderValue=0))
+    seen = np.concatenate(read).reshape(-1, len(length), SPOKES, 2)
     inward = (seen[..., 0] * cos + seen[..., 1] * sin) * np.float32(-sign)
     return inward, np.hypot(seen[..., 0], seen[..., 1])
 

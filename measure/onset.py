@@ -25,7 +25,8 @@ Array = npt.NDArray[np.float64]
 MOST_POINTS = 250  # a longer record is averaged down: the onset hangs on all of the run, not on single frames
 ROLLING_JUMP = 8.0  # -2 log of the odds that rolling friction falls when a ball starts to roll; sliding friction does
 SLOW = 0.02  # speed of a creep over the mean speed of the run, one standard deviation
-CREEP_STARTS = 6  # how many beginnings of a creep are tried
+CREEP_STARTS, CREEP_SHAPES = 6, 2  # how many beginnings of a creep are tried, and whether it is even or grows
+PARTS = 4  # of the angle's record
 FLOOR = 1e-7  # [m], finer than any film
 LEAST_DOUBT = 0.15  # of the scale: a scale that is wrong must not pull the onset along
 LEAST_RUN = 0.25  # way of a run over the bead's size
@@ -116,6 +117,16 @@ def smooth_angle(time: Array, angle: Array) -> Array:
     if len(time) < 8:
         return angle
     return np.asarray(make_smoothing_spline(time, angle)(time))
+
+
+def smoothing_doubt(time: Array, angle: Array, places: Array) -> float:
+    """Standard uncertainty of the smoothed angle about some times, by what parts of the record say of it.
+
+    Every `PARTS`-th point makes a record of its own, and their mean is known to their scatter over sqrt(PARTS).
+    """
+    parts = [(time[first::PARTS], angle[first::PARTS]) for first in range(PARTS)]
+    curves = np.stack([np.interp(places, when, smooth_angle(when, part)) for when, part in parts])
+    return math.sqrt(float(np.mean(np.var(curves, axis=0, ddof=1))) / PARTS)
 
 
 def jitter(values: Array) -> float:
@@ -304,6 +315,8 @@ def _solved(table: _Table, onsets: Array, columns: Array, creep_from: float) -> 
     # Schwarz's price of a parameter; a creep has a start as well as a size
     free = (2 if creeps else 0) + (1 if 4 in places else 0)
     cost = cost + free * math.log(max(float(np.sum(table.kept)), 2.0))
+    if creeps:  # all creeps together are as likely beforehand as none, however many are tried
+        cost = cost + 2 * math.log(CREEP_STARTS * CREEP_SHAPES)
     if 4 in places and table.factor < 1:
         cost = cost + ROLLING_JUMP
     full, variance = np.zeros((len(onsets), 5)), np.full((len(onsets), 5), np.nan)
@@ -356,7 +369,7 @@ def _summary(way: Way, table: _Table, found: _Candidates, noise: float) -> Onset
         time,
         math.hypot(time_sigma, grid / 3),
         angle,
-        math.hypot(angle_sigma, rate * grid / 3, jitter(way.angle) * math.sqrt(6 / np.sum(near))),
+        math.hypot(angle_sigma, rate * grid / 3, smoothing_doubt(way.time, way.angle, table.time)),
         moving,
         moving_sigma,
         gain,

@@ -45,10 +45,17 @@ WALL_DOUBT = 0.006  # relative, of a scale read off the cylinder's inner walls
 GAUGE_DOUBT = 0.002  # relative, of a scale read off a gauge in the plane of the axis
 SAME_PLANE = 0.02  # how far the two may differ when the gauge stands in the plane of the axis
 OTHER_PLANE = 0.04  # how far a given scale may be off what the picture tells: lengths in view stand near the axis
-# [kg/m^3], what a bulk of any material can have: foamed beads; the closest packing of spheres of osmium
-BULK_DENSITIES = (5.0, 0.74 * 22590.0)
+USUAL_FRACTION = 0.6  # of a bed's volume that is beads: between loose (0.55) and close random packing (0.64)
+# share of a bed's volume that beads of known density may fill: few beads across and crosses or rods are loose, clumps
+# that fit into each other and beads of several sizes dense
+FRACTIONS = (0.3, 0.8)
+# [kg/m^3], of a bead's material where it is not stated: all between balsa wood and tungsten; what is lighter is foam
+SOLID_DENSITIES = (100.0, 19300.0)
 ROUGHEST = 0.6  # bead diameters; outlines of settled beds of a DEM are rough by 0.15 to 0.35
 SMOOTHEST = 0.03  # likewise; a straight edge is read to a third of a pixel where beads are a dozen pixels wide
+# of beads' round tops at most a third lies on one line, within that many bead diameters; of an edge in front, most
+ON_A_LINE, LINE_WIDTH = 0.5, 0.03
+ANCHORS = 40  # places through which lines are tried
 SPOILING = ("level_bed", "smooth_surface", "views_agree")  # checks without which a height is doubtful
 # likewise, of what the picture says of the stated sizes, on which scale, floor, or what is taken off the outline hang
 STATED = ("gauge", "bead_size", "walls", "scale")
@@ -79,21 +86,32 @@ def evaluate(
     cylinder_diameter: float | None,
     total_mass: float | None = None,
     bead_diameter: float | None = None,
+    bead_density: float | None = None,
 ) -> Evaluation:
     """Bed height and bulk density from outlines of one bed (several views), filmed or simulated.
 
     A simulated bed's profile is the outline of its spheres seen level and from far away, above the floor.
-    `cylinder_diameter` [m] is the inner one, `total_mass` [kg], `bead_diameter` [m].
+    `cylinder_diameter` [m] is the inner one, `total_mass` [kg], `bead_diameter` [m], `bead_density` [kg/m^3].
     """
-    return _evaluate([Observation(profile) for profile in profiles], cylinder_diameter, total_mass, bead_diameter)
+    seen = [Observation(profile) for profile in profiles]
+    return _evaluate(seen, cylinder_diameter, total_mass, bead_diameter, bead_density)
 
 
 def _evaluate(
-    seen: Sequence[Observation], cylinder: float | None, mass: float | None, bead: float | None
+    seen: Sequence[Observation],
+    cylinder: float | None,
+    mass: float | None,
+    bead: float | None,
+    solid: float | None,
 ) -> Evaluation:
     if not seen:
         raise BadInput("measure packing: no profile given; give at least one outline of the bed.")
-    for name, value in (("cylinder_diameter", cylinder), ("total_mass", mass), ("bead_diameter", bead)):
+    for name, value in (
+        ("cylinder_diameter", cylinder),
+        ("total_mass", mass),
+        ("bead_diameter", bead),
+        ("bead_density", solid),
+    ):
         if value is not None and not (math.isfinite(value) and value > 0):
             raise BadInput(f"measure packing: {name} must be positive, got {value:g}.")
     heights = [_mean_outline(each.profile, cylinder) for each in seen]
@@ -121,7 +139,7 @@ def _evaluate(
     warnings = list(dict.fromkeys(each.unconfirmed for each in seen if each.unconfirmed))
     if mass is not None and cylinder is not None:
         densities = [_density(height, mass, cylinder) for height in found[:2]]
-        checks.append(_density_check(densities[0].value))
+        checks.append(_density_check(densities[0].value, solid))
         found += [doubted(one, "" if checks[-1].passed else checks[-1].message) for one in densities]
     else:
         missing = "total_mass" if mass is None else "cylinder_diameter"
@@ -137,8 +155,8 @@ def _flaw(seen: Sequence[Observation], checks: Sequence[Check]) -> str:
     return "; ".join(dict.fromkeys(outline + odd + [each.misfit for each in seen if each.misfit]))
 
 
-def _mean_outline(profile: Profile, cylinder: float | None) -> tuple[float, float]:
-    """Mean height of the outline inside the cylinder and its roughness about a slope, both in m."""
+def _inside(profile: Profile, cylinder: float | None) -> tuple[Array, Array]:
+    """The outline where it is read, rising in x [m]; too little of it to read is possible."""
     finite = np.isfinite(profile.height) & np.isfinite(profile.x)
     x, height = profile.x[finite], profile.height[finite]
     if cylinder is not None:
@@ -148,7 +166,13 @@ def _mean_outline(profile: Profile, cylinder: float | None) -> tuple[float, floa
         inside = np.abs(x - (x.max() + x.min()) / 2) < reach
     else:
         inside = np.zeros(0, dtype=bool)
-    x, height = x[inside], height[inside]
+    order = np.argsort(x[inside])
+    return x[inside][order], height[inside][order]
+
+
+def _mean_outline(profile: Profile, cylinder: float | None) -> tuple[float, float]:
+    """Mean height of the outline inside the cylinder and its roughness about a slope, both in m."""
+    x, height = _inside(profile, cylinder)
     if len(x) < 8 or np.ptp(x) <= 0:
         raise NothingToMeasure(
             f"profile {profile.view!r} shows too little of the bed's surface inside the cylinder; "
@@ -156,9 +180,19 @@ def _mean_outline(profile: Profile, cylinder: float | None) -> tuple[float, floa
         )
     # even steps: a profile may be denser at some places
     places = np.linspace(x.min(), x.max(), 400)
-    order = np.argsort(x)
-    level = np.interp(places, x[order], height[order])
+    level = np.interp(places, x, height)
     return float(level.mean()), float(np.std(level - np.polyval(np.polyfit(places, level, 2), places)))
+
+
+def _on_a_line(x: Array, height: Array, width: float) -> float:
+    """Largest share of the points that lie within `width` of one straight line."""
+    ends = np.unique(np.linspace(0, len(x) - 1, ANCHORS).round().astype(int))
+    first, second = (ends[k] for k in np.triu_indices(len(ends), k=1))
+    apart = x[second] - x[first]
+    first, second = first[apart > 4 * width], second[apart > 4 * width]
+    slope = (height[second] - height[first]) / (x[second] - x[first])
+    off = height - height[first, None] - slope[:, None] * (x - x[first, None])
+    return float(np.max(np.mean(np.abs(off) < width, axis=1), initial=0.0))
 
 
 def _view_doubts(seen: Sequence[Observation], heights: Sequence[float]) -> dict[str, float]:
@@ -196,19 +230,22 @@ def _views_check(seen: Sequence[Observation], heights: Sequence[float], grain: f
     return views_check("mean outline", [height * 1e3 for height in heights], sigmas, "mm")
 
 
-def _density_check(density: float) -> Check:
-    """Whether a bulk of any granular material can be that dense [kg/m^3]: a mass in grams is off by a thousand."""
-    low, high = BULK_DENSITIES
-    passed = low < density < high
-    ending = (
-        "."
-        if passed
-        else (
-            f", but no granular material has less than {low:g} or more than {high:.0f}: "
-            "check the unit of --total-mass, and --cylinder-diameter."
+def _density_check(density: float, solid: float | None) -> Check:
+    """Whether beads can lie as dense as that [kg/m^3]: by the density of one where it is known, else of any solid."""
+    if solid is not None:
+        fraction, (low, high) = density / solid, FRACTIONS
+        says = f"the bulk has {density:.4g} kg/m^3, beads of {solid:g} kg/m^3 fill {100 * fraction:.3g} % of it"
+        ending = (
+            f", which is not between {100 * low:.0f} and {100 * high:.0f} %: check --total-mass, the bead's density"
         )
-    )
-    return Check("bulk_density", passed, density, math.nan, f"the bulk has {density:.4g} kg/m^3{ending}")
+        value, usual = fraction, USUAL_FRACTION
+    else:
+        value, usual, (low, high) = density / USUAL_FRACTION, math.nan, SOLID_DENSITIES
+        says = f"the bulk has {density:.4g} kg/m^3, as of beads of about {value:.2g} kg/m^3"
+        ending = f", but only foam is lighter than {low:g}, and nothing heavier than {high:.0f}: check --total-mass"
+    passed = low < value < high
+    ending = "." if passed else f"{ending}, and --cylinder-diameter."
+    return Check("bulk_density", passed, value, usual, says + ending)
 
 
 def _checks(
@@ -248,8 +285,10 @@ def _checks(
         )
         if bead is None:  # the outline's roughness is then all that tells the bead's size
             continue
-        passed = SMOOTHEST * bead < rough < ROUGHEST * bead
-        odd = "rough" if rough > SMOOTHEST * bead else "smooth"
+        straight = _on_a_line(*_inside(each.profile, cylinder), LINE_WIDTH * bead)
+        odd = "smooth" if rough < SMOOTHEST * bead else "rough" if rough > ROUGHEST * bead else ""
+        odd = odd or ("straight" if straight > ON_A_LINE else "")
+        passed = not odd
         ending = "." if passed else f": no settled bed is so {odd}; is something in front of it?"
         checks.append(
             Check(
@@ -257,7 +296,8 @@ def _checks(
                 passed,
                 rough / bead,
                 0.25,
-                f"the outline ({each.profile.view}) is rough by {rough / bead:.2f} bead diameters{ending}",
+                f"the outline ({each.profile.view}) is rough by {rough / bead:.2f} bead diameters, "
+                f"{100 * straight:.0f} % of it lie on one straight line{ending}",
             )
         )
     return checks
@@ -273,6 +313,7 @@ def measure(
     cylinder_diameter: float | None,
     total_mass: float | None = None,
     bead_diameter: float | None = None,
+    bead_density: float | None = None,
     out: Path | None = None,
     progress: Progress = silent,
 ) -> Measurement:
@@ -301,7 +342,7 @@ def measure(
         checks += found
         beds.append((image, bed))
     progress("looking for the bed", len(photos), len(photos))
-    evaluation = _evaluate(seen, cylinder_diameter, total_mass, bead_diameter)
+    evaluation = _evaluate(seen, cylinder_diameter, total_mass, bead_diameter, bead_density)
     measurement = Measurement(
         rig="packing",
         source=photos[0],

@@ -161,11 +161,13 @@ def _evaluate(
     if len(observations) > 1:
         agree = views_checks(quantities, LINE)
         checks += agree
-        odd = "; ".join(check.message for check in agree if not check.passed)
-        quantities = [doubted(one, odd) for one in _over_views(quantities)] + quantities
+        odd = [check.message for check in agree if not check.passed]
         if any(doubtful) and not all(doubtful):
             left_out = ", ".join(seen.profile.view for seen, bad in zip(observations, doubtful, strict=True) if bad)
             warnings.append(f"left out of the mean over views, because doubtful: {left_out}.")
+            if doubtful.count(False) == 1:
+                odd.append(f"one view alone is sound, and none confirms it; left out: {left_out}")
+        quantities = [doubted(one, "; ".join(odd)) for one in _over_views(quantities)] + quantities
     return Evaluation(tuple(quantities), tuple(checks), tuple(warnings))
 
 
@@ -272,6 +274,8 @@ def _lengths(seen: Observation, heap: slope.Heap, grain: float | None, flaw: str
             budget["scale"] = seen.scale_doubt * value
         if name == "pile_height" and scales:
             budget["outline and base line"] = float(np.std([part.apex[1] for part in scales if part is not None]))
+        if flaw:
+            budget["unreliable outline"] = heap.grain
         return Quantity(name, value, root_sum_of_squares(budget), "m", method, 1, {}, budget, flaw)
 
     lengths = [

@@ -57,9 +57,9 @@ def heap_checks(
 
 
 def views_checks(quantities: Sequence[Quantity], line: str) -> list[Check]:
-    """Whether the sound views show one heap, by the angle of the method `line` and by the height.
+    """Whether the views show one heap, by the angle of the method `line` and by the height.
 
-    An uneven heap's angle differs from view to view by what its sides do.
+    An uneven heap's angle differs from view to view by what its sides do; a doubtful view's doubt is wide already.
     """
     checks = []
     for name, method, unit, per in (("angle_of_repose_graphical", line, "deg", 1.0), ("pile_height", "", "mm", 1e3)):
@@ -69,7 +69,6 @@ def views_checks(quantities: Sequence[Quantity], line: str) -> list[Check]:
             if one.quantity == name
             and (one.method == method or not method)
             and one.detail.get("side", "mean") == "mean"
-            and not one.doubtful
         ]
         if len(ones) > 1:
             uneven = [float(one.detail.get("left_minus_right_deg", 0.0)) / 2 for one in ones]

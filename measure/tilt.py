@@ -12,7 +12,7 @@ The angle is that of the plate against the horizontal, positive.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -71,7 +71,7 @@ def evaluate(
     _check_variant(variant)
     way = _way(angle, tracks, variant, bead_diameter, scale_doubt=GIVEN_DOUBT)
     run, onset = _onset(way, "the record")
-    return _evaluation(way, run, onset, variant, bead_diameter, {})
+    return _evaluation(way, run, onset, variant, bead_diameter)
 
 
 def _check_variant(variant: str) -> None:
@@ -143,9 +143,11 @@ def _evaluation(
     onset: Onset,
     variant: Variant,
     bead_diameter: float | None,
-    geometry: dict[str, float],
+    geometry: Mapping[str, float] | None = None,
+    timing: Mapping[str, float] | None = None,
 ) -> Evaluation:
-    """`geometry` holds what the picture adds to the doubt of the angle [rad]."""
+    """`geometry` and `timing` hold what a film adds to the doubt of the angle [rad] and of the time [s]."""
+    geometry = geometry or {}
     checks = (
         _gravity_check(way, onset, variant),
         _variant_check(way, onset, variant),
@@ -163,13 +165,10 @@ def _evaluation(
     slope = 1 + math.tan(onset.angle) ** 2
     degrees = {part: math.degrees(value) for part, value in budget.items()}
     tangent = {part: slope * value for part, value in budget.items()}
-    frame = float(np.median(np.diff(way.time)))
-    # an exposure lasts up to a frame, and a time stamp tells its start
-    timing = {"onset": onset.time_sigma, "exposure": 0.2 * frame}
     quantities = [
         _quantity(name, math.tan(onset.angle), "1", tangent, doubt),
         _quantity(f"{name}_angle", math.degrees(onset.angle), "deg", degrees, doubt),
-        _quantity("onset_time", onset.time, "s", timing, doubt),
+        _quantity("onset_time", onset.time, "s", {"onset": onset.time_sigma, **(timing or {})}, doubt),
     ]
     if variant == "slide" and math.isfinite(way.scale_doubt):
         # the acceleration, which the friction of the moving body falls short of the slope by, goes with the scale
@@ -368,7 +367,9 @@ def measure(
         "arm": max(film.arm.tilt_sigma, float(np.nanmedian(film.sigmas))),
         "perspective": PERSPECTIVE,
     }
-    evaluation = _evaluation(way, run, onset, variant, bead_diameter, geometry)
+    # an exposure lasts up to a frame, and a time stamp tells its start
+    timing = {"exposure": 0.2 / video.frame_rate}
+    evaluation = _evaluation(way, run, onset, variant, bead_diameter, geometry, timing)
     shape = _shape_check(film.body, variant)
     checks = (*evaluation.checks, shape, *_view_checks(film, gauge, video))
     quantities = evaluation.quantities

@@ -1,6 +1,7 @@
 """Bed height and bulk density from made-up outlines and from drawn photos whose truth is known."""
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -92,6 +93,21 @@ def test_an_outline_as_straight_as_a_rod_makes_the_height_doubtful():
     assert "so smooth" in pick(result, "bed_height").doubtful
 
 
+@pytest.mark.parametrize("share", [0.7, 1.0])
+def test_the_edge_of_something_in_front_of_the_surface_is_no_bed(share):
+    bed = outline(layer(3))
+    in_front = bed.x < bed.x.min() + share * np.ptp(bed.x)
+    edge = np.where(in_front, np.nanmean(bed.height) - 0.002 + 0.02 * bed.x, bed.height)
+    result = packing.evaluate([replace(bed, height=edge)], cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    assert "in front of it" in pick(result, "bed_height").doubtful
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_surface_of_a_bed_is_no_straight_edge(seed):
+    result = packing.evaluate([outline(layer(seed))], cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    assert not pick(result, "bed_height").doubtful
+
+
 def test_without_a_bead_nothing_tells_how_rough_an_outline_may_be():
     result = packing.evaluate([outline(layer(3))], cylinder_diameter=CYLINDER)
     assert "smooth_surface" not in {check.check for check in result.checks}
@@ -150,6 +166,17 @@ def test_a_mass_in_the_wrong_unit_makes_a_density_that_no_material_has(mass, pas
     result = packing.evaluate([flat(0.07)], cylinder_diameter=CYLINDER, bead_diameter=BEAD, total_mass=mass)
     assert ("--total-mass" in pick(result, "bulk_density").doubtful) != passed
     assert not pick(result, "bed_height").doubtful
+
+
+@pytest.mark.parametrize("share", [0.1, 0.25, 1.0, 2.5])
+@pytest.mark.parametrize("solid", [None, 568.0])
+def test_a_mass_that_is_off_makes_a_density_that_its_beads_cannot_have(share, solid):
+    mass = share * 0.6 * 568.0 * math.pi / 4 * CYLINDER**2 * 0.07
+    result = packing.evaluate(
+        [flat(0.07)], cylinder_diameter=CYLINDER, bead_diameter=BEAD, total_mass=mass, bead_density=solid
+    )
+    told = "--total-mass" in pick(result, "bulk_density").doubtful
+    assert told == (share != 1.0 if solid else share == 0.1)  # alone, only what no wood has is told
 
 
 @pytest.mark.parametrize(

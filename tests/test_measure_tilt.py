@@ -14,6 +14,7 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.records import Series, Track
 from rigtwin.measure import tilt
+from rigtwin.measure.onset import smooth_angle, smoothing_doubt
 from rigtwin.measure.passenger import Passenger
 
 G = 9.81
@@ -249,3 +250,21 @@ def test_a_clip_in_which_nothing_slides_says_so(tmp_path):
     film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=14.0, still=True)
     with pytest.raises(NothingToMeasure, match=r"film on until|stays where it is"):
         tilt.measure(film, Camera(frame_rate=50.0), variant="slide")
+
+
+def test_what_is_stated_of_a_smoothed_angle_is_what_it_is_off_by():
+    time = np.linspace(0, 4, 200)
+    errors, stated = [], []
+    for seed in range(20):
+        noise = math.radians(0.02) * np.random.default_rng(seed).standard_normal(len(time))
+        angle = 0.05 * time + 0.004 * np.sin(time)
+        middle = (time > 1) & (time < 3)
+        errors.append(smooth_angle(time, angle + noise)[middle] - angle[middle])
+        stated.append(smoothing_doubt(time, angle + noise, time[middle]))
+    ratio = float(np.sqrt(np.mean(np.square(errors)) / np.mean(np.square(stated))))
+    assert 0.6 < ratio < 1.6  # 20 records of some four free curves each
+
+
+def test_the_times_of_a_record_are_not_doubted_for_an_exposure():
+    found = pick(tilt.evaluate(*record("slide", angle_deg=20), variant="slide"), "onset_time")
+    assert set(found.budget) == {"onset"}

@@ -356,15 +356,15 @@ def test_gravity_that_is_no_number_is_refused():
 def test_a_list_made_in_parts_is_the_same_and_one_whose_parts_are_uneven_is_made_whole(monkeypatch):
     if backend.start().threads < 2:
         pytest.skip("one core lists all by itself")
-    monkeypatch.setattr(engine, "BEADS_IN_PARTS", 1000)
-    even, loose = lattice(1200, width=0.06), lattice(600, width=0.06, pitch=9e-3)
+    monkeypatch.setattr(engine, "BEADS_IN_PARTS", 900)
+    even, loose = lattice(1000, width=0.06), lattice(500, width=0.06, pitch=9e-3)
     # the lower half of the beads has nearly all pairs: its part of the room is too small
-    loose[:, 2] += even[:600, 2].max() + 9e-3
+    loose[:, 2] += even[:500, 2].max() + 9e-3
     speeds = np.random.default_rng(2).normal(0, 0.3, even.shape)
-    for places, room, whole in ((even, None, 0), (np.vstack([even[:600], loose]), 2600, 1)):
+    for places, room, whole in ((even, None, 0), (np.vstack([even[:500], loose]), 2200, 1)):
         found = []
         for threads in (1, 2):
-            bed = box(width=0.06, height=0.6, threads=threads, capacity=1200, pair_capacity=room)
+            bed = box(width=0.06, height=0.6, threads=threads, pair_capacity=room)
             bed.add(places, speeds)
             bed._arena.listed.fill(-1)
             bed.run(150)

@@ -210,6 +210,17 @@ def test_another_contact_makes_another_run(broken_off, tmp_path):
         )  # fmt: skip
 
 
+def test_the_checkpoint_of_another_device_is_another_runs(broken_off, tmp_path):
+    kept = tmp_path / "heap.npz"
+    broken_off(heap, 2, checkpoint=kept, checkpoint_interval=0)
+    with np.load(kept) as file:
+        arrays = dict(file)
+    arrays["words"] = np.array(str(arrays["words"]).replace('"device": "cpu"', '"device": "cuda"'))
+    np.savez(kept, **arrays)
+    with pytest.raises(BadInput, match="device: cuda there, cpu here"):
+        heap(checkpoint=kept)
+
+
 @pytest.mark.parametrize("harm", ["cut", "words", "empty", "array"])
 def test_a_damaged_checkpoint_is_refused_in_one_sentence(broken_off, harm, tmp_path):
     path = tmp_path / "heap.npz"
