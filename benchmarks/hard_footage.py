@@ -113,6 +113,10 @@ CASES: dict[str, Case] = {
 OF_DROPS = {"towards the camera": Case(depth=0.25)}
 
 
+def cases_of(rig: str) -> dict[str, Case]:
+    return CASES | (OF_DROPS if rig == "drop" else {})
+
+
 # ----------------------------------------------------------------------------------------------------------------- rigs
 
 
@@ -230,8 +234,7 @@ class Reading:
 
 def readings(rig: str, name: str, seed: int, folder: Path) -> tuple[list[Reading], str]:
     """What is measured of one clip, or why nothing is."""
-    cases = CASES | (OF_DROPS if rig == "drop" else {})
-    case, (stage_of, read) = cases[name], RIGS[rig]
+    case, (stage_of, read) = cases_of(rig)[name], RIGS[rig]
     rng = np.random.default_rng([seed, *name.encode()])
     stage, truth = stage_of(case, rng)
     path = film(folder / f"{rig}.mp4", stage, case.footage, rng)
@@ -254,7 +257,7 @@ def hard(count: int, rigs: Sequence[str] = tuple(RIGS), only: Sequence[str] = ()
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for rig in rigs:
-            for name in only or [*CASES, *(OF_DROPS if rig == "drop" else ())]:
+            for name in (name for name in cases_of(rig) if not only or name in only):
                 seen, refused = list[Reading](), 0
                 for seed in range(SEED, SEED + count):
                     found, note = readings(rig, name, seed, Path(folder))
