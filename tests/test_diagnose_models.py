@@ -8,7 +8,9 @@ import pytest
 
 from rigtwin.compare.diagnose import along, collide, flight, labs, swing
 from rigtwin.compare.diagnose.double import _Contacts
+from rigtwin.compare.diagnose.naming import SECOND, _feigned
 from rigtwin.compare.diagnose.pendulum import pushing
+from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.errors import BadInput
 from rigtwin.sim.effects import library, named, own_effect
 
@@ -108,6 +110,22 @@ def test_slow_contacts_of_two_beads_are_found_wherever_in_a_step_they_fall():
     assert (np.hypot(x, y) > 2 * radius - 1e-9).all()
     assert (x > 0).all()
     assert (motion.speeds < 1.0).sum() >= 2 * len(e)
+
+
+@pytest.mark.parametrize("told", [0.01, 0.1, 0.3])
+def test_leftovers_gain_less_than_its_price_by_setting_a_stated_quantity_free(told):
+    """Data on a line with noise 1 know the roll to `told` of what is stated; all that is left over looks like it."""
+    stated, left = 0.01, 400.0
+    column = np.ones(100) / (told * stated) / math.sqrt(100)
+    leftover = math.sqrt(left) * column / np.linalg.norm(column)
+    held, *_ = np.linalg.lstsq(np.append(column, 1 / stated)[:, None], np.append(leftover, 0.0), rcond=None)
+    gained = np.sum((leftover - column * held) ** 2) + (held[0] / stated) ** 2
+    fewer = SimpleNamespace(fitted=SimpleNamespace(unknowns=[Unknown("camera_roll.angle", 0.0, 1e-3, sd=stated)]))
+    more = SimpleNamespace(fitted=SimpleNamespace(std=lambda name: told * stated))
+    price = _feigned(fewer, more, [named("camera_roll")], left)
+    assert gained + SECOND < price + 1e-9
+    assert price < 1.1 * (math.sqrt(gained) + math.sqrt(SECOND)) ** 2
+    assert _feigned(fewer, more, [named("camera_roll"), named("air_drag")], left) == math.inf
 
 
 def test_a_sphere_that_rolls_to_rest_stops_where_its_friction_says():
