@@ -388,10 +388,10 @@ def main() -> int:
     given = parser.parse_args()
     filters = {"kind": given.kind, "rig": given.rig, "effect": given.effect, "strength": given.strength}
     drawn, asked = fingerprint(*DRAWS), fingerprint(*ASKED)
-    narrow = given.narrow or given.confounded
-    drawn += " narrow" if narrow else ""
+    # a number stands for another lab in each plan: answers of one are none of the other
+    drawn += " confounded" if given.confounded else " narrow" if given.narrow else ""
     jobs = [
-        Job(given.seed, number, case, given.keep, narrow, drawn, asked)
+        Job(given.seed, number, case, given.keep, given.narrow or given.confounded, drawn, asked)
         for number, case in chosen(given.seed, given.count, **filters, cases=confounded if given.confounded else plan)
     ]
     if given.kept:

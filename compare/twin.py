@@ -415,6 +415,6 @@ def settings_of(
         "rig": asdict(rig),
         "particle": {**asdict(particle), "density": particle.effective_density},
         "contacts": {name: asdict(contact) for name, contact in contacts.items()},
-        "engine": {"device": engine.device, "threads": threads or engine.threads},
+        "engine": {"device": engine.device, "threads": min(threads or engine.threads, engine.threads)},
         **more,
     }

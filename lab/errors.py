@@ -2,7 +2,8 @@
 
 ::
 
-    RigtwinError
+    RigtwinError                 exit code 1
+    ├── SimulationFailed         exit code 2: a twin broke down: the input asks for what it cannot follow
     └── BadInput                 exit code 2: the input, not the program, is at fault
         ├── BadQuantity          text that is not a number with a fitting unit
         ├── BadLabFile           lab.toml: the message names file, key and line
@@ -17,6 +18,12 @@ class RigtwinError(Exception):
     """Base of every error rigtwin raises on purpose; the message is one clear sentence."""
 
     exit_code = 1
+
+
+class SimulationFailed(RigtwinError):
+    """A running simulation broke down for what was asked of it; the message names the body and the time."""
+
+    exit_code = 2
 
 
 class BadInput(RigtwinError):

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.errors import SimulationFailed
 from rigtwin.sim.engine.clock import positive
 from rigtwin.sim.trajectory import Trajectory, begin, write_walls
 
@@ -118,8 +119,6 @@ class Logbook:
 
     def run(self, steps: int) -> None:
         """Make `steps` steps, with a frame whenever its time has come."""
-        from rigtwin.sim.engine.bulk import SimulationFailed
-
         if self._bulk.added != self._added:
             self._added = self._bulk.added
             self._supplied += self._bulk.budget().total - self._total

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.lab.errors import BadInput, RigtwinError
+from rigtwin.lab.errors import BadInput, RigtwinError, SimulationFailed
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.model import NO_EFFECTS, Effects
 from rigtwin.lab.progress import Progress, silent
@@ -112,8 +112,6 @@ def run_many(
 
 def _clump_record(trial: Trial, frames: _Frames, progress: Progress) -> tuple[Series, Track] | RigtwinError:
     """As `_record`, or why the clump's simulation broke down."""
-    from rigtwin.sim.engine.bulk import SimulationFailed
-
     try:
         return _record(frames, _rolled_clump(trial, frames.time, progress))
     except SimulationFailed as failure:

@@ -7,7 +7,7 @@ import pytest
 
 from rigtwin.compare import cast
 from rigtwin.compare.bulk_twins import Cast, pile_twin
-from rigtwin.compare.twin import drop_twin, needs_measurement, pendulum_twin, tilt_twin, twin_of
+from rigtwin.compare.twin import drop_twin, needs_measurement, pendulum_twin, settings_of, tilt_twin, twin_of
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact
@@ -16,6 +16,7 @@ from rigtwin.lab.notebook import Experiment
 from rigtwin.lab.quantity import Measurement, Quantity
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.rigs import Drop, DropSettings, Pendulum, PendulumSettings, Pile, PileSettings, Tilt
+from rigtwin.sim.engine import backend
 
 BEAD, STEEL = hlosta2020.particle("D12"), hlosta2020.material("steel")
 
@@ -89,6 +90,11 @@ def test_a_pile_twin_says_how_many_beads_stayed_and_what_it_assumed():
     assert twin.assumptions
     assert len(twin.profiles) >= 2
     assert settings["contacts"]["D6-steel"]["static_friction"] == 0.6
+
+
+def test_a_twin_that_is_allowed_more_threads_than_there_are_says_how_many_there_were():
+    asked = settings_of(Pile(0.05, 0.006), hlosta2020.particle("D6"), {}, threads=10_000)["engine"]["threads"]
+    assert asked == backend.running().threads < 10_000
 
 
 def test_a_stated_release_angle_goes_before_the_measured_one():

@@ -8,7 +8,9 @@ import pytest
 
 from rigtwin.compare.diagnose import along, collide, flight, labs, swing
 from rigtwin.compare.diagnose.double import _Contacts
+from rigtwin.compare.diagnose.naming import SECOND, _feigned
 from rigtwin.compare.diagnose.pendulum import pushing
+from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.errors import BadInput
 from rigtwin.sim.effects import library, named, own_effect
 
@@ -74,23 +76,36 @@ def test_dry_friction_takes_the_same_angle_from_every_swing():
     assert loss == pytest.approx(2 * moment / (mass * G * length), rel=2e-3)
 
 
-def test_dry_friction_of_a_pendulum_that_strikes_turns_where_the_bob_turns_not_at_the_step():
+def hung_free(start: float, moment: float, times: np.ndarray):
+    """Angles [rad] of a bob that has dry friction and nothing to strike, stepped and from turn to turn."""
     length, mass, far = np.array([[0.25]]), np.array([2e-4]), np.array([[3.0]])
-    values = {"pivot_friction.moment": np.array([4e-6])}
+    values = {"pivot_friction.moment": np.array([moment])}
     push, omega = pushing(length, mass, np.array([3e-3]), G, values, (named("pivot_friction"),))
-    exact = swing.half_swings(np.array([[0.7]]), push, omega, far)
+    exact = swing.half_swings(np.array([[start]]), push, omega, far)
 
     def nothing_near(a, b, u, v, who):
         return 1.0 + 0 * a, 0 * a
 
-    start = np.array([[0.7]]), np.array([[0.0]])
+    begin = np.array([[start]]), np.array([[0.0]])
     stepped = collide.swing_and_hit(
-        start, (push, push), 2 * math.pi / omega, far, nothing_near, nothing_near, 1, dry=True
+        begin, (push, push), 2 * math.pi / omega, far, nothing_near, nothing_near, 1, dry=True
     )
-    times, owner = np.linspace(0.0, 3.0, 200)[None], np.zeros(200, dtype=int)
-    angle, _ = collide.angles_at(stepped, times, owner, owner)
+    owner = np.zeros(len(times), dtype=int)
+    return collide.angles_at(stepped, times[None], owner, owner)[0][0], swing.angle_at(exact, times[None], owner)[0][0]
+
+
+def test_dry_friction_of_a_pendulum_that_strikes_turns_where_the_bob_turns_not_at_the_step():
+    stepped, exact = hung_free(0.7, 4e-6, np.linspace(0.0, 3.0, 200))
     # a micrometre of the path; with the friction's sign taken at the step it is a hundred
-    assert 0.25 * angle == pytest.approx(0.25 * swing.angle_at(exact, times, owner)[0], abs=2e-6)
+    assert 0.25 * stepped == pytest.approx(0.25 * exact, abs=2e-6)
+
+
+def test_dry_friction_of_a_pendulum_that_strikes_holds_the_bob_where_it_comes_to_rest():
+    zone = 4e-6 / (2e-4 * G * 0.25)  # [rad], where friction bears the weight; a turn takes two of it
+    stepped, _ = hung_free(0.03, 4e-6, np.linspace(2.0, 3.0, 50))
+    assert zone > 0.03 - 4 * zone > -zone
+    assert stepped == pytest.approx(0.03 - 4 * zone, abs=1e-5)
+    assert np.ptp(stepped) == 0
 
 
 def test_slow_contacts_of_two_beads_are_found_wherever_in_a_step_they_fall():
@@ -108,6 +123,22 @@ def test_slow_contacts_of_two_beads_are_found_wherever_in_a_step_they_fall():
     assert (np.hypot(x, y) > 2 * radius - 1e-9).all()
     assert (x > 0).all()
     assert (motion.speeds < 1.0).sum() >= 2 * len(e)
+
+
+@pytest.mark.parametrize("told", [0.01, 0.1, 0.3])
+def test_leftovers_gain_less_than_its_price_by_setting_a_stated_quantity_free(told):
+    """Data on a line with noise 1 know the roll to `told` of what is stated; all that is left over looks like it."""
+    stated, left = 0.01, 400.0
+    column = np.ones(100) / (told * stated) / math.sqrt(100)
+    leftover = math.sqrt(left) * column / np.linalg.norm(column)
+    held, *_ = np.linalg.lstsq(np.append(column, 1 / stated)[:, None], np.append(leftover, 0.0), rcond=None)
+    gained = np.sum((leftover - column * held) ** 2) + (held[0] / stated) ** 2
+    fewer = SimpleNamespace(fitted=SimpleNamespace(unknowns=[Unknown("camera_roll.angle", 0.0, 1e-3, sd=stated)]))
+    more = SimpleNamespace(fitted=SimpleNamespace(std=lambda name: told * stated))
+    price = _feigned(fewer, more, [named("camera_roll")], left)
+    assert gained + SECOND < price + 1e-9
+    assert price < 1.1 * (math.sqrt(gained) + math.sqrt(SECOND)) ** 2
+    assert _feigned(fewer, more, [named("camera_roll"), named("air_drag")], left) == math.inf
 
 
 def test_a_sphere_that_rolls_to_rest_stops_where_its_friction_says():

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigtwin.lab.errors import BadInput, RigtwinError
+from rigtwin.lab.errors import BadInput, RigtwinError, SimulationFailed
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.sim.engine import backend
 from rigtwin.sim.engine import bulk as engine
 from rigtwin.sim.engine import columns as at
-from rigtwin.sim.engine.bulk import Bulk, SimulationFailed
+from rigtwin.sim.engine.bulk import Bulk
 from rigtwin.sim.engine.clock import time_step
 from rigtwin.sim.engine.team import Crew
 from rigtwin.sim.engine.walls import Cylinder, Disc, Plane, Wall

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigtwin.lab.errors import BadInput
+from rigtwin.lab.errors import BadInput, SimulationFailed
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.rigs import Pile
 from rigtwin.sim import pile
 from rigtwin.sim.engine import bulk as engine
-from rigtwin.sim.engine.bulk import Bulk, SimulationFailed
+from rigtwin.sim.engine.bulk import Bulk
 from rigtwin.sim.engine.checkpoint import Checkpoint
 from rigtwin.sim.engine.walls import Cylinder, Disc, Plane, Wall
 from rigtwin.sim.logbook import Logbook

@@ -7,12 +7,12 @@ import h5py
 import numpy as np
 import pytest
 
-from rigtwin.lab.errors import BadInput
+from rigtwin.lab.errors import BadInput, SimulationFailed
 from rigtwin.lab.materials import Contact, Material, Particle, clumped
 from rigtwin.lab.shapes import Clump, clump, cubic, row
 from rigtwin.sim import trajectory
 from rigtwin.sim.engine import bulk as engine
-from rigtwin.sim.engine.bulk import Bulk, SimulationFailed
+from rigtwin.sim.engine.bulk import Bulk
 from rigtwin.sim.engine.contact import damping_ratio
 from rigtwin.sim.engine.walls import Plane, Wall
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rigtwin.lab.errors import BadInput, RigtwinError
+from rigtwin.lab.errors import BadInput, RigtwinError, SimulationFailed
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.rigs import GRAVITY, Drop, Pendulum, Tilt
@@ -14,7 +14,6 @@ from rigtwin.sim import drop as drops
 from rigtwin.sim import pendulum as pendulums
 from rigtwin.sim import tilt as tilts
 from rigtwin.sim.engine import few_bench
-from rigtwin.sim.engine.bulk import SimulationFailed
 from rigtwin.sim.engine.few_body import Body, Case, Motion, run, run_halved, run_many, run_many_halved
 from rigtwin.sim.engine.terms import active
 from rigtwin.sim.engine.walls import Motion as Moving
@@ -163,8 +162,9 @@ def test_a_case_that_breaks_down_is_named_and_takes_no_other_with_it():
     assert same(first, last)
     halved = run_many_halved([good, thrown], tolerance=1e-5)
     assert [isinstance(one, RigtwinError) for one in halved] == [False, True]
-    with pytest.raises(RigtwinError, match=r"broke down at t = .* \(body 1\)"):
+    with pytest.raises(SimulationFailed, match=r"broke down at t = .* \(body 1\)") as failure:
         run(thrown.bodies, thrown.times)
+    assert failure.value.exit_code == 2
 
 
 def test_another_number_of_cases_needs_no_other_kernel():

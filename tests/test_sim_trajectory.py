@@ -8,11 +8,11 @@ import h5py
 import numpy as np
 import pytest
 
-from rigtwin.lab.errors import BadInput
+from rigtwin.lab.errors import BadInput, SimulationFailed
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.rigs import Pile
 from rigtwin.sim import pile, trajectory
-from rigtwin.sim.engine.bulk import Bulk, SimulationFailed
+from rigtwin.sim.engine.bulk import Bulk
 from rigtwin.sim.engine.grains import Beads
 from rigtwin.sim.engine.walls import Cylinder, Disc, Plane, Wall
 from rigtwin.sim.logbook import Logbook

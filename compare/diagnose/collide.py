@@ -22,6 +22,8 @@ Gap = Callable[[Array, Array, Array, Array, Any], tuple[Array, Array]]
 """Distance of the surfaces [m] and its rate [m/s] from angles and rates of both bobs, for some repetitions."""
 Hit = Callable[[Array, Array, Array, Array, Array, Any], tuple[Array, Array, Array]]
 """Rates after an impact and its closing speed, from angles, rates, number of the impact, for some repetitions."""
+Advance = Callable[[Push, Array, Array, Array], tuple[Array, Array]]
+"""Angle [rad] and rate [rad/s] after a step [s] under a push."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ def swing_and_hit(
 ) -> Encounter:
     """From rest at the angles `start` for at least `until` [s].
 
-    Friction that is `dry` changes its side where a bob turns, within a step.
+    Friction that is `dry` changes its side where a bob turns, within a step, or holds it there.
     """
     a, b = start
     u, v = np.zeros_like(a), np.zeros_like(b)
@@ -68,16 +70,9 @@ def swing_and_hit(
         def second(angle: Array, rate: Array, mobile: Array = hit_once) -> Array:
             return mobile * push[1](angle, rate)
 
+        advance = _dry if dry else _runge_kutta
         pushes: tuple[Push, Push] = (push[0], second)
-        if dry:
-            sides = _side(a, u), _side(b, v)
-            held = _held(push[0], sides[0]), _held(second, sides[1])
-            ends = _both(held, a, b, u, v, step)
-            a_end, u_end = _turned(push[0], sides[0], u, ends[0], ends[2], step)
-            b_end, v_end = _turned(second, sides[1], v, ends[1], ends[3], step)
-            ends, pushes = (a_end, b_end, u_end, v_end), held
-        else:
-            ends = _both(pushes, a, b, u, v, step)
+        ends = _both(advance, pushes, a, b, u, v, step)
         distance, closing = gap(a, b, u, v, everyone)
         distance_end, closing_end = gap(ends[0], ends[1], ends[2], ends[3], everyone)
         touching = (distance_end < 0) & (closing_end < 0)
@@ -86,10 +81,10 @@ def swing_and_hit(
             share = _first_zero(np.maximum(distance, 0.0), distance_end, closing * step, closing_end * step)
             length = np.where(touching, step * share, step)
             for _again in range(2):  # Newton, from a start within a thousandth of the step
-                ends = _both(pushes, a, b, u, v, length)
+                ends = _both(advance, pushes, a, b, u, v, length)
                 off, speed_off = gap(ends[0], ends[1], ends[2], ends[3], everyone)
                 length = np.where(touching, np.clip(length - off / np.minimum(speed_off, -1e-6), 1e-9, step), step)
-            ends = _both(pushes, a, b, u, v, length)
+            ends = _both(advance, pushes, a, b, u, v, length)
         saved.append((t, length, a, b, u, v, *ends))
         t = t + length
         a, b, u, v = ends
@@ -109,39 +104,37 @@ def swing_and_hit(
 
 
 def _both(
-    push: tuple[Push, Push], a: Array, b: Array, u: Array, v: Array, h: Array
+    advance: Advance, push: tuple[Push, Push], a: Array, b: Array, u: Array, v: Array, h: Array
 ) -> tuple[Array, Array, Array, Array]:
-    a2, u2 = _runge_kutta(push[0], a, u, h)
-    b2, v2 = _runge_kutta(push[1], b, v, h)
+    a2, u2 = advance(push[0], a, u, h)
+    b2, v2 = advance(push[1], b, v, h)
     return a2, b2, u2, v2
 
 
-def _side(angle: Array, rate: Array) -> Array:
-    """Which way a bob goes, or would go from rest."""
-    return np.where(rate == 0, np.where(angle > 0, -1.0, 1.0), np.sign(rate))
+def _dry(push: Push, angle: Array, rate: Array, h: Array) -> tuple[Array, Array]:
+    """The end of a step with dry friction: on one side all the way, then put right where the bob turned."""
+    resting = rate == 0
+    side = np.where(resting, np.where(angle > 0, -1.0, 1.0), np.sign(rate))
+    stuck = resting & (side * push(angle, side * LEAST_RATE) <= 0)
 
+    def one_way(a: Array, w: Array) -> Array:
+        return np.where(stuck, 0.0, push(a, side * np.maximum(side * w, LEAST_RATE)))
 
-def _held(push: Push, side: Array) -> Push:
-    """The push as if the bob kept going to that side."""
-
-    def one_way(angle: Array, rate: Array) -> Array:
-        return push(angle, side * np.maximum(side * rate, LEAST_RATE))
-
-    return one_way
-
-
-def _turned(push: Push, side: Array, rate: Array, angle_end: Array, rate_end: Array, h: Array) -> tuple[Array, Array]:
-    """The end of a step at which dry friction, held on one `side`, acts on the other from the turning point on."""
+    angle_end, rate_end = _runge_kutta(one_way, angle, rate, h)
     turns = side * rate_end < 0
     if not turns.any():
         return angle_end, rate_end
     there, back = push(angle_end, side * LEAST_RATE), push(angle_end, -side * LEAST_RATE)
-    turns &= side * back < 0  # else it sticks
     bend = np.where(turns, there, 1.0)
     change = 2 * (bend - (rate_end - rate) / h)  # of the acceleration over the step
     since = rate_end / bend
     since = np.where(turns, np.clip(rate_end / (bend - change * since / (2 * h)), 0.0, h), 0.0)
-    return angle_end + 0.5 * (back - there) * since**2, rate_end + (back - there) * since
+    gone = since * (rate_end - since * (bend / 2 - change * since / (6 * h)))  # [rad], from the turning point
+    sticks = turns & (side * back >= 0)
+    return (
+        np.where(sticks, angle_end - gone, angle_end + 0.5 * (back - there) * since**2),
+        np.where(sticks, 0.0, rate_end + (back - there) * since),
+    )
 
 
 def _runge_kutta(change: Push, a: Array, w: Array, h: Array) -> tuple[Array, Array]:

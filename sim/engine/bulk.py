@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.lab.errors import BadInput, RigtwinError
+from rigtwin.lab.errors import BadInput, RigtwinError, SimulationFailed
 from rigtwin.lab.materials import Contact, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.rigs import GRAVITY
@@ -49,12 +49,6 @@ LAUNCH_SECONDS = 0.25  # kernels come back at least twice a second, so that prog
 OVERLAP_AT_START = 1e-3  # of a radius; more is a blunder
 STEP_IN_RADII = 0.2  # how far a bead or a wall may go in a step
 FEW = 300  # spheres, among which all pairs are looked at sooner than SciPy is imported
-
-
-class SimulationFailed(RigtwinError):
-    """A running simulation broke down for what was asked of it; the message names the bead and the time."""
-
-    exit_code = 2
 
 
 class Bulk:

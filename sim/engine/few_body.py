@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.lab.errors import BadInput, RigtwinError
+from rigtwin.lab.errors import BadInput, RigtwinError, SimulationFailed
 from rigtwin.lab.materials import Contact, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.rigs import GRAVITY
@@ -194,7 +194,7 @@ def _run(ready: Sequence[_Ready], threads: int | None, progress: Progress) -> li
 
 def _motion(ready: _Ready, outcome: Outcome) -> Motion | RigtwinError:
     if outcome.culprit >= 0:
-        return RigtwinError(
+        return SimulationFailed(
             f"{ready.prefix}The simulation broke down at t = {outcome.time:.6g} s (body {outcome.culprit}): "
             "its speed is above 1000 km/s or no number; use a smaller step."
         )

@@ -213,7 +213,7 @@ class Terms:
         for k in ti.static(range(len(self.forces))):
             row, count, function = ti.static(self.forces[k])
             sideways, upwards = function(
-                speed, rise, gap, radius, mass, *[self.values[copy, row, k] for k in ti.static(range(count))]
+                speed, rise, gap, radius, mass, *[self.values[copy, row, p] for p in ti.static(range(count))]
             )
             total += sideways * along + upwards * up
         return total
@@ -230,7 +230,7 @@ class Terms:
         total = 0.0
         for k in ti.static(range(len(self.torques))):
             row, count, function = ti.static(self.torques[k])
-            total += function(angle, rate, length, mass, *[self.values[copy, row, k] for k in ti.static(range(count))])
+            total += function(angle, rate, length, mass, *[self.values[copy, row, p] for p in ti.static(range(count))])
         return total / length / ti.max(speed, 1e-30) * velocity
 
     @ti.func
@@ -245,7 +245,7 @@ class Terms:
         speed = ti.max(closing, 1e-6)
         for k in ti.static(range(len(self.restitutions))):
             row, count, function = ti.static(self.restitutions[k])
-            e = function(e, speed, radius, mass, *[self.values[copy, row, k] for k in ti.static(range(count))])
+            e = function(e, speed, radius, mass, *[self.values[copy, row, p] for p in ti.static(range(count))])
         return DAMPING_FACTOR * damping_ratio_in_step(ti.min(ti.max(e, 1e-3), 1.0))
 
     @ti.func
@@ -254,7 +254,7 @@ class Terms:
         total = 0.0
         for k in ti.static(range(len(self.attractions))):
             row, count, function = ti.static(self.attractions[k])
-            total += function(overlap, radius, modulus, *[self.values[copy, row, k] for k in ti.static(range(count))])
+            total += function(overlap, radius, modulus, *[self.values[copy, row, p] for p in ti.static(range(count))])
         return total
 
     @ti.func
@@ -264,7 +264,7 @@ class Terms:
         for k in ti.static(range(len(self.necks))):
             row, count, function = ti.static(self.necks[k])
             longest = ti.max(
-                longest, function(radius, modulus, *[self.values[copy, row, k] for k in ti.static(range(count))])
+                longest, function(radius, modulus, *[self.values[copy, row, p] for p in ti.static(range(count))])
             )
         return longest
 
