@@ -17,7 +17,7 @@ from rigtwin.compare.diagnose.collide import Encounter, angles_at, swing_and_hit
 from rigtwin.compare.diagnose.labs import TrackedLab
 from rigtwin.compare.diagnose.pendulum import OWN_LENGTH, pushing
 from rigtwin.compare.diagnose.runs import Runs, shared
-from rigtwin.compare.diagnose.slopes import Moved
+from rigtwin.compare.diagnose.slopes import SMALL, Moved
 from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array
 from rigtwin.sim.effects import Effect
@@ -32,6 +32,7 @@ class DoubleBench(Runs):
     """All repetitions of a lab of two pendulums, or of one against a wall."""
 
     onset = 0
+    small = SMALL
     per_run = ("conditions", "length", "which", "pair", "bead", "active")
 
     def __init__(self, lab: TrackedLab) -> None:

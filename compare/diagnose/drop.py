@@ -18,7 +18,7 @@ from rigtwin.compare.diagnose import flight
 from rigtwin.compare.diagnose.camera import camera_unknowns, noise_of
 from rigtwin.compare.diagnose.labs import TrackedLab
 from rigtwin.compare.diagnose.runs import Beads, shared
-from rigtwin.compare.diagnose.slopes import Mechanics
+from rigtwin.compare.diagnose.slopes import SMALL, Mechanics
 from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array, Track
 from rigtwin.sim.effects import Effect, named
@@ -33,6 +33,7 @@ class DropBench:
 
     bodies = 1
     onset = 0
+    small = SMALL
     per_run = ("pair", "friction", "events", "active", "bead")
 
     def __init__(self, lab: TrackedLab) -> None:

@@ -306,7 +306,7 @@ def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit) -> Fit:
     parameter = newest.parameters[0]
     far = near.per_row > ROUGH
     rounds = 1 if far else 2
-    most = 8 if far else 12  # the leading ones are fitted to the end afterwards
+    most = 20 if far else 25  # the leading ones are fitted to the end afterwards
     widens = newest.geometry in WIDENING
     fits = [] if newest.flat and not widens else [fit(bench, terms, near=near, most=most, rounds=rounds)]
     lost = near.per_row > LOST

@@ -15,7 +15,7 @@ import numpy as np
 from rigtwin.compare.diagnose.camera import camera_unknowns, noise_of
 from rigtwin.compare.diagnose.labs import TrackedLab
 from rigtwin.compare.diagnose.runs import eighths, shared
-from rigtwin.compare.diagnose.slopes import Moved
+from rigtwin.compare.diagnose.slopes import SMALL, Moved
 from rigtwin.compare.diagnose.swing import Push, angle_at, half_swings
 from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array
@@ -29,6 +29,7 @@ class PendulumBench:
 
     bodies = 1
     onset = 0
+    small = SMALL
     per_run = ("length", "which")
 
     def __init__(self, lab: TrackedLab) -> None:

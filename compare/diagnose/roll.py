@@ -15,7 +15,7 @@ from rigtwin.compare.diagnose.along import place_at, ride
 from rigtwin.compare.diagnose.camera import camera_unknowns
 from rigtwin.compare.diagnose.labs import TrackedLab
 from rigtwin.compare.diagnose.runs import Runs
-from rigtwin.compare.diagnose.slopes import Moved
+from rigtwin.compare.diagnose.slopes import SMALL, Moved
 from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array
 from rigtwin.sim.effects import Effect
@@ -32,6 +32,7 @@ class RollBench(Runs):
 
     bodies = 1
     onset = 0
+    small = SMALL
     per_run = ("conditions", "slope", "push", "side", "pair", "bead")
 
     def __init__(self, lab: TrackedLab) -> None:

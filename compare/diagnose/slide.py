@@ -14,7 +14,7 @@ from rigtwin.compare.diagnose.along import place_at, ride
 from rigtwin.compare.diagnose.camera import camera_unknowns
 from rigtwin.compare.diagnose.labs import TrackedLab
 from rigtwin.compare.diagnose.runs import Runs
-from rigtwin.compare.diagnose.slopes import Moved
+from rigtwin.compare.diagnose.slopes import STEADY, Moved
 from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array
 from rigtwin.sim.effects import Effect
@@ -25,6 +25,7 @@ class SlideBench(Runs):
 
     bodies = 1
     onset = -1
+    small = STEADY
     per_run = ("conditions", "start", "rate", "waiting", "distance", "clump", "pair", "bead")
 
     def __init__(self, lab: TrackedLab) -> None:

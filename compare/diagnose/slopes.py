@@ -19,6 +19,7 @@ from rigtwin.lab.records import Array
 from rigtwin.sim.effects import Effect
 
 SMALL = 1e-4  # of a visible change: differences taken over more tell apart what the data cannot
+STEADY = 1e-3  # ... where the way there is walked in steps whose number may change with the unknown
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,8 @@ class Moving(Protocol):
     local_step: Array  # (L,)
     onset: int
     """Which local unknown is the moment of release, -1 for none."""
+    small: float
+    """Of a visible change of an unknown, over which differences are taken."""
 
     def move(
         self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect], true: Array, seen: int
@@ -101,7 +104,7 @@ def slopes(bench: Moving, unknowns: Sequence[Unknown], terms: Sequence[Effect], 
     for k, unknown in enumerate(unknowns):
         if not is_camera(unknown.name, terms):
             continue
-        step = SMALL * unknown.step
+        step = bench.small * unknown.step
         other = {**now, unknown.name: now[unknown.name] + step}
         late = exposed(bench.time, bench.rows, other, terms)[0] - true
         there = np.stack(viewed(x + found.vx * late, y + found.vy * late, other, terms), axis=-1)[0]
@@ -119,24 +122,24 @@ def mechanics(
     settings = 1 + len(moving) + len(groups) + len(silent)
     locals_, stack = np.repeat(local[None], settings, axis=0), np.repeat(values[None], settings, axis=0)
     for row, k in enumerate(moving, start=1):
-        locals_[row, :, k] += SMALL * bench.local_step[k]
+        locals_[row, :, k] += bench.small * bench.local_step[k]
     for row, group in enumerate([*groups, *silent], start=1 + len(moving)):
         for k in group:
-            stack[row, k] += SMALL * unknowns[k].step
+            stack[row, k] += bench.small * unknowns[k].step
     by_name = {u.name: stack[:, k] for k, u in enumerate(unknowns)}
     moved = bench.move(locals_, by_name, terms, true, settings - len(silent))
     by_row = np.zeros((size + count, len(bench.time), 2))
     by_soft = np.zeros((size + count, *moved.soft.shape[1:]))
     x, y = moved.x[0], moved.y[0]
     for row, k in enumerate(moving, start=1):
-        step = SMALL * bench.local_step[k]
+        step = bench.small * bench.local_step[k]
         by_row[k, :, 0], by_row[k, :, 1] = (moved.x[row] - x) / step, (moved.y[row] - y) / step
         by_soft[k] = (moved.soft[row] - moved.soft[0]) / step
     if bench.onset >= 0:
         by_row[bench.onset, :, 0], by_row[bench.onset, :, 1] = -moved.vx, -moved.vy
     for row, group in enumerate([*groups, *silent], start=1 + len(moving)):
         for k in group:
-            step = SMALL * unknowns[k].step
+            step = bench.small * unknowns[k].step
             part = bench.touches(unknowns[k].name)
             change = (moved.soft[row] - moved.soft[0]) / step
             by_soft[size + k] = change if part is None else change * part[1][:, None]
