@@ -19,7 +19,9 @@ LEAST_FALL = 1.5  # bead diameters over which it must be seen
 PASSING = 0.5  # bead diameters, by which another bead may have become the lowest one on the way
 JUMP = 0.6  # bead diameters by which a step may differ from the one before: then it is another bead, or the floor
 UNEVEN = 0.12  # bead diameters, standard deviation from a parabola up to which it is a free fall
-LEAST_OFF = 0.1  # relative, that the acceleration must be off gravity before rate or scale are doubted
+# relative, that the acceleration must be off gravity before rate or scale are doubted: the air takes some hundredths
+# from beads of a few millimetres, and a rate that was mixed up is wrong by a quarter or more
+LEAST_OFF = 0.1
 # of sqrt(g W), the speed at which a body has fallen half of the slot's width W: between these beads leave slots from
 # three beads wide to many (Beverloo's law), whereas a clip in slow motion plays them eight times slower or more
 OUTLET_SPEED = (0.15, 3.0)
