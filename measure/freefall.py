@@ -75,10 +75,12 @@ def _fitted(time: Array, front: Array, bead: float) -> FreeFall | None:
 def fall_check(fall: FreeFall, scale: float, scale_doubt: float, rate: float) -> Check:
     """Whether the first beads fall as gravity lets them; `scale` [m/px] and its relative doubt, `rate` [1/s] stated."""
     found, doubt = fall.acceleration * scale, math.hypot(fall.doubt / fall.acceleration, scale_doubt)
-    passed = abs(math.log(found / GRAVITY)) < max(3 * doubt, LEAST_OFF)
+    reach = max(3 * doubt, LEAST_OFF)
     message = f"beads below the outlet fall with {found:.3g} ± {found * doubt:.2g} m/s²"
-    if passed:
-        return Check("frame_rate", True, found, GRAVITY, f"{message}: scale and frame rate fit together.")
+    if abs(math.log(found / GRAVITY)) < reach:
+        # it grows with the square of the rate
+        told = f"a frame rate off by more than a factor of {math.exp(reach / 2):.2f} would show"
+        return Check("frame_rate", True, found, GRAVITY, f"{message}: scale and frame rate fit together; {told}.")
     captured = rate / math.sqrt(found / GRAVITY)
     return Check(
         "frame_rate",
