@@ -33,7 +33,6 @@ class FreeFall:
 
     acceleration: float  # [px/s^2]
     doubt: float  # [px/s^2], standard uncertainty
-    frames: int
 
 
 def fall_below(time: Array, fronts: Array, bead: float) -> FreeFall | None:
@@ -69,7 +68,7 @@ def _fitted(time: Array, front: Array, bead: float) -> FreeFall | None:
     acceleration, doubt = 2 * float(fit[0]), 2 * noise * math.sqrt(float(covariance[0, 0]))
     if acceleration < 3 * doubt:  # it glides
         return None
-    return FreeFall(acceleration, math.hypot(doubt, PASSING * bead / float(np.ptp(front)) * acceleration), len(front))
+    return FreeFall(acceleration, math.hypot(doubt, PASSING * bead / float(np.ptp(front)) * acceleration))
 
 
 def fall_check(fall: FreeFall, scale: float, scale_doubt: float, rate: float) -> Check:
