@@ -1,6 +1,6 @@
 # Every target sets itself up in .venv from uv.lock; a second run installs nothing.
 .DELETE_ON_ERROR:
-.PHONY: demo test test-slow lint format verify bench bench-measure bench-diagnose clean
+.PHONY: demo test test-slow lint format verify bench bench-measure bench-footage bench-diagnose clean
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -32,10 +32,14 @@ verify: $(READY)
 bench: $(READY)
 	$(BIN)/python benchmarks/engine.py
 
-# SEED=7 COUNT=40 make bench-diagnose: other labs, fewer of them
 bench-measure: $(READY)
 	$(BIN)/python benchmarks/measure.py
 
+# SEED=7 COUNT=3 make bench-footage: other clips, three of each hardness
+bench-footage: $(READY)
+	$(BIN)/python benchmarks/hard_footage.py $(if $(COUNT),--count $(COUNT))
+
+# SEED=7 COUNT=40 make bench-diagnose: other labs, fewer of them
 bench-diagnose: $(READY)
 	$(BIN)/python benchmarks/diagnose.py $(if $(COUNT),--count $(COUNT))
 

@@ -29,9 +29,7 @@ class View:
     width: int  # [px]
     height: int  # [px]
     scale: float  # [m/px] in the plane of motion
-    origin: tuple[
-        float, float
-    ]  # [px], where the origin of the plane of motion is seen by a camera that stands straight
+    origin: tuple[float, float]  # [px], where a camera that stands straight sees the origin of the plane of motion
     away: float = 1.5  # [m]
     pitch: float = 0.0  # [rad], positive looks down
     yaw: float = 0.0  # [rad]
@@ -180,7 +178,7 @@ def _bead(picture: Picture, at: Array, radius: Array, moments: Array, footage: F
     """A lit sphere averaged over the exposure."""
     reach = float(radius.max()) + 2
     left, top = (max(math.floor(each), 0) for each in at.min(axis=0) - reach)
-    right, bottom = (math.ceil(each) + 1 for each in at.max(axis=0) + reach)
+    right, bottom = (max(math.ceil(each) + 1, 0) for each in at.max(axis=0) + reach)
     part = picture[top:bottom, left:right]
     if part.size == 0:
         return

@@ -35,7 +35,6 @@ SEED = int(os.environ.get("SEED", "1"))
 OFF = 2.0  # standard uncertainties: more than that is told, or silent
 FAR = 3.0  # of these none may be silent; two are passed by chance in one of twenty numbers
 
-
 CLEAN = Footage()
 
 
@@ -156,7 +155,7 @@ def swung(case: Case, rng: np.random.Generator) -> tuple[Stage, Truth]:
     e, release, begun, across = float(rng.uniform(0.5, 0.9)), float(rng.uniform(35, 50)), 0.06, 0.012
     length = 0.16
     grid = np.linspace(0, 0.72, 3000)
-    angles = swing(grid, length, math.radians(release), e, damping=0.04, drag=0.008)
+    angles = swing(grid, length, math.radians(release), e, begun=begun, damping=0.04, drag=0.008)
     hinges = np.array([[0.0, 0.0, length], [across, 0.0, length]])
 
     def places(times: Array) -> Array:
@@ -224,8 +223,9 @@ class Reading:
 
     @property
     def off(self) -> float:
-        """[standard uncertainties]"""
-        return (self.value - self.truth) / self.doubt if self.doubt > 0 else math.inf
+        """[standard uncertainties], infinite where there is no number or no uncertainty"""
+        off = (self.value - self.truth) / self.doubt if self.doubt > 0 else math.inf
+        return math.inf if math.isnan(off) else off
 
     def __str__(self) -> str:
         word = "flagged" if self.flagged else "SILENT" if abs(self.off) > OFF else "inside"
@@ -295,7 +295,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", nargs="+", choices=[*CASES, *OF_DROPS], default=())
     parser.add_argument("--count", type=int, default=1)
     options = parser.parse_args(arguments)
-    return report("hard-footage", hard(options.count, options.rig, options.only), seed=SEED, count=options.count)
+    return report("bench-footage", hard(options.count, options.rig, options.only), seed=SEED, count=options.count)
 
 
 if __name__ == "__main__":

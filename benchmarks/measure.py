@@ -240,7 +240,7 @@ def pendulums(count: int) -> list[Row]:
     times = np.arange(160) / 240
     for _ in range(count):
         e, length = float(rng.uniform(0.3, 0.95)), float(rng.uniform(0.15, 0.2))
-        angles = swing(times, length, math.radians(float(rng.uniform(25, 55))), e)
+        angles = swing(times, length, math.radians(float(rng.uniform(25, 55))), e, begun=0.05)
         noise = float(10 ** rng.uniform(-4.5, -3.7))
         places = length * np.stack([np.sin(angles), -np.cos(angles)], axis=-1) + np.array([[0, 0], [0.012, 0]])
         seen = through_a_camera(places.reshape(-1, 2), rng).reshape(places.shape)

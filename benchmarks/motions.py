@@ -71,13 +71,15 @@ def _turn(_: float, state: Array, __: float) -> float:
 _touch.terminal = True  # type: ignore[attr-defined]
 
 
-def swing(times: Array, length: float, release: float, e: float, *, damping: float = 0.0, drag: float = 0.0) -> Array:
+def swing(
+    times: Array, length: float, release: float, e: float, *, begun: float, damping: float = 0.0, drag: float = 0.0
+) -> Array:
     """Angles [rad] of two equal beads at `times` [s], by small symplectic steps, shape (n, 2).
 
-    `damping` [1/s] of hinge and thread, `drag` [1/rad] of the air.
+    The one is let go of at `begun` [s]; `damping` [1/s] of hinge and thread, `drag` [1/rad] of the air.
     """
     step, seen = 2e-4, []
-    angle, speed, now = np.array([-release, 0.0]), np.zeros(2), 0.05
+    angle, speed, now = np.array([-release, 0.0]), np.zeros(2), begun
     for moment in times:
         while now < moment:
             h = min(step, moment - now)

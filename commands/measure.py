@@ -107,7 +107,7 @@ def measure_packing(
     total_mass: TotalMass = None,
     bead_diameter: BeadDiameter = None,
     bead_density: Annotated[
-        float | None, quantity("--bead-density", "density", "568kg/m^3", "Density, to check the bulk's.")
+        float | None, quantity("--bead-density", "density", "568kg/m^3", "Of one bead, to check the bulk's.")
     ] = None,
 ) -> Work:
     """A bed in a cylinder: its height and bulk density."""

@@ -19,7 +19,9 @@ LEAST_FALL = 1.5  # bead diameters over which it must be seen
 PASSING = 0.5  # bead diameters, by which another bead may have become the lowest one on the way
 JUMP = 0.6  # bead diameters by which a step may differ from the one before: then it is another bead, or the floor
 UNEVEN = 0.12  # bead diameters, standard deviation from a parabola up to which it is a free fall
-LEAST_OFF = 0.1  # relative, that the acceleration must be off gravity before rate or scale are doubted
+# relative, that the acceleration must be off gravity before rate or scale are doubted: the air takes some hundredths
+# from beads of a few millimetres, and a rate that was mixed up is wrong by a quarter or more
+LEAST_OFF = 0.1
 # of sqrt(g W), the speed at which a body has fallen half of the slot's width W: between these beads leave slots from
 # three beads wide to many (Beverloo's law), whereas a clip in slow motion plays them eight times slower or more
 OUTLET_SPEED = (0.15, 3.0)
@@ -31,7 +33,6 @@ class FreeFall:
 
     acceleration: float  # [px/s^2]
     doubt: float  # [px/s^2], standard uncertainty
-    frames: int
 
 
 def fall_below(time: Array, fronts: Array, bead: float) -> FreeFall | None:
@@ -67,16 +68,18 @@ def _fitted(time: Array, front: Array, bead: float) -> FreeFall | None:
     acceleration, doubt = 2 * float(fit[0]), 2 * noise * math.sqrt(float(covariance[0, 0]))
     if acceleration < 3 * doubt:  # it glides
         return None
-    return FreeFall(acceleration, math.hypot(doubt, PASSING * bead / float(np.ptp(front)) * acceleration), len(front))
+    return FreeFall(acceleration, math.hypot(doubt, PASSING * bead / float(np.ptp(front)) * acceleration))
 
 
 def fall_check(fall: FreeFall, scale: float, scale_doubt: float, rate: float) -> Check:
     """Whether the first beads fall as gravity lets them; `scale` [m/px] and its relative doubt, `rate` [1/s] stated."""
     found, doubt = fall.acceleration * scale, math.hypot(fall.doubt / fall.acceleration, scale_doubt)
-    passed = abs(math.log(found / GRAVITY)) < max(3 * doubt, LEAST_OFF)
+    reach = max(3 * doubt, LEAST_OFF)
     message = f"beads below the outlet fall with {found:.3g} ± {found * doubt:.2g} m/s²"
-    if passed:
-        return Check("frame_rate", True, found, GRAVITY, f"{message}: scale and frame rate fit together.")
+    if abs(math.log(found / GRAVITY)) < reach:
+        # it grows with the square of the rate
+        told = f"a frame rate off by more than a factor of {math.exp(reach / 2):.2f} would show"
+        return Check("frame_rate", True, found, GRAVITY, f"{message}: scale and frame rate fit together; {told}.")
     captured = rate / math.sqrt(found / GRAVITY)
     return Check(
         "frame_rate",

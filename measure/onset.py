@@ -125,6 +125,8 @@ def smoothing_doubt(time: Array, angle: Array, places: Array) -> float:
     Every `PARTS`-th point makes a record of its own, and their mean is known to their scatter over sqrt(PARTS).
     """
     parts = [(time[first::PARTS], angle[first::PARTS]) for first in range(PARTS)]
+    # before the last of them begins and after the first of them ends they would differ by how fast the plate turns
+    places = places[(places >= time[PARTS - 1]) & (places <= time[-PARTS])]
     curves = np.stack([np.interp(places, when, smooth_angle(when, part)) for when, part in parts])
     return math.sqrt(float(np.mean(np.var(curves, axis=0, ddof=1))) / PARTS)
 

@@ -242,7 +242,10 @@ def _density_check(density: float, solid: float | None) -> Check:
     else:
         value, usual, (low, high) = density / USUAL_FRACTION, math.nan, SOLID_DENSITIES
         says = f"the bulk has {density:.4g} kg/m^3, as of beads of about {value:.2g} kg/m^3"
-        ending = f", but only foam is lighter than {low:g}, and nothing heavier than {high:.0f}: check --total-mass"
+        ending = (
+            f", but only foam is lighter than {low:g} (of such beads give --bead-density), and nothing heavier than "
+            f"{high:.0f}: check --total-mass"
+        )
     passed = low < value < high
     ending = "." if passed else f"{ending}, and --cylinder-diameter."
     return Check("bulk_density", passed, value, usual, says + ending)
@@ -283,24 +286,21 @@ def _checks(
                 f"about its mean of {mean * 1e3:.1f} mm{ending}",
             )
         )
-        if bead is None:  # the outline's roughness is then all that tells the bead's size
-            continue
-        straight = _on_a_line(*_inside(each.profile, cylinder), LINE_WIDTH * bead)
-        odd = "smooth" if rough < SMOOTHEST * bead else "rough" if rough > ROUGHEST * bead else ""
-        odd = odd or ("straight" if straight > ON_A_LINE else "")
-        passed = not odd
-        ending = "." if passed else f": no settled bed is so {odd}; is something in front of it?"
-        checks.append(
-            Check(
-                "smooth_surface",
-                passed,
-                rough / bead,
-                0.25,
-                f"the outline ({each.profile.view}) is rough by {rough / bead:.2f} bead diameters, "
-                f"{100 * straight:.0f} % of it lie on one straight line{ending}",
-            )
-        )
+        if bead is not None:  # else the outline's roughness is all that tells the bead's size
+            checks.append(_surface_check(each.profile, rough / bead, cylinder, bead))
     return checks
+
+
+def _surface_check(profile: Profile, rough: float, cylinder: float | None, bead: float) -> Check:
+    """Whether the outline is that of beads, `rough` [bead diameters] and nowhere drawn with a ruler."""
+    straight = _on_a_line(*_inside(profile, cylinder), LINE_WIDTH * bead)
+    odd = "smooth" if rough < SMOOTHEST else "rough" if rough > ROUGHEST else "straight" if straight > ON_A_LINE else ""
+    ending = f": no settled bed is so {odd}; is something in front of it?" if odd else "."
+    message = (
+        f"the outline ({profile.view}) is rough by {rough:.2f} bead diameters, {100 * straight:.0f} % of it lie on one "
+        f"straight line{ending}"
+    )
+    return Check("smooth_surface", not odd, rough, 0.25, message)
 
 
 # ---------------------------------------------------------------------------------------------------- media -> record

@@ -136,19 +136,22 @@ class Film:
             if [picture.pts for picture in head] == known[: len(head)]:
                 place = {pts: index for index, pts in enumerate(known)}
                 self._reel.points, self._reel.keys = known, sorted(place[pts] for pts in keys)
-                return [stamp * self.tick for stamp in known], (INTERLACED,) if _interlaced(head) else ()
+                return [stamp * self.tick for stamp in known], _combed([picture.interlaced_frame for picture in head])
         return self._decoded_stamps()
 
     def _decoded_stamps(self) -> tuple[list[float | None], tuple[str, ...]]:
         stamps: list[float | None] = []
+        interlaced: list[bool] = []
+        damaged: tuple[str, ...] = ()
         try:
             for picture in self._reel.pictures():
                 stamps.append(None if picture.pts is None else picture.pts * self.tick)
+                interlaced.append(picture.interlaced_frame)
         except av.FFmpegError:
             if len(stamps) < 3:
                 raise
-            return stamps, (f"the file is damaged after picture {len(stamps) - 1}; used what decodes.",)
-        return stamps, ()
+            damaged = (f"the file is damaged after picture {len(stamps) - 1}; used what decodes.",)
+        return stamps, damaged + _combed(interlaced)
 
 
 class _Reel:
@@ -443,8 +446,9 @@ def _decode(path: Path, start: int | None = None) -> Iterator[av.VideoFrame]:
         yield from container.decode(stream)
 
 
-def _interlaced(pictures: Sequence[av.VideoFrame]) -> bool:
-    return sum(picture.interlaced_frame for picture in pictures) > len(pictures) / 2
+def _combed(interlaced: Sequence[bool]) -> tuple[str, ...]:
+    """What is told of pictures of which these are interlaced."""
+    return (INTERLACED,) if sum(interlaced) > len(interlaced) / 2 else ()
 
 
 def _luma(picture: av.VideoFrame) -> Grey:

@@ -8,6 +8,7 @@ Picture coordinates: x right, y down, centre of the top-left pixel (0, 0).
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -28,7 +29,7 @@ from rigtwin.measure.spots import Spot, SpotPath
 
 Array = npt.NDArray[np.float64]
 
-SPARSER = 4  # frames, of which one is looked at where all are too alike to show a collision
+SPARSER = (4, 16)  # frames, of which one is looked at where all are too alike to show a collision
 FEWEST = 60  # of these that a swing needs
 SAMPLES = 21  # frames from which the still scene is learnt
 
@@ -97,17 +98,20 @@ def _collision(
     stated_length: float | None,
     progress: Progress,
 ) -> Collision:
-    """The collision; where none is seen, once more in the frames of a film a few times slower.
+    """The collision; where none is seen, again in the frames of films several times slower.
 
     In a high-speed film the beads' one spot creeps from the one over to the other without a leap.
     """
     try:
         return find_collision(find_paths(video, scene, samples, region, progress), video, stated_length)
-    except NothingToMeasure:
-        if video.last - video.first < SPARSER * FEWEST:
-            raise
-        paths = find_paths(video, scene, samples, region, progress, every=SPARSER)
-        return find_collision(paths, video, stated_length).of_every(SPARSER, video.first)
+    except NothingToMeasure as of_all:
+        for every in SPARSER:
+            if video.last - video.first < every * FEWEST:
+                break
+            paths = find_paths(video, scene, samples, region, progress, every=every)
+            with contextlib.suppress(NothingToMeasure):
+                return find_collision(paths, video, stated_length).of_every(every, video.first)
+        raise of_all  # what it says of periods counts all frames
 
 
 def still_scene(greys: dict[int, Grey]) -> Scene:

@@ -246,6 +246,7 @@ def test_two_scales_that_contradict_make_velocities_doubtful(tmp_path: Path, fac
     )
     assert next(check for check in found.checks if check.check == "bead_size").passed == passed
     told = [one for one in found.quantities if one.quantity == "outlet_velocity"]
+    assert told
     assert all(("check --bead-diameter" in one.doubtful) != passed for one in told)
 
 
@@ -282,6 +283,19 @@ def test_the_fall_of_the_lowest_bead_is_told_from_creeping_and_from_lying_on_the
     assert found is not None
     assert abs(found.acceleration - 20000) < 2 * found.doubt
     assert freefall.fall_below(time, np.round(400 * time)[None], 10.0) is None
+
+
+@pytest.mark.parametrize("doubt", [0.01, 0.1, 0.3])
+def test_a_fall_that_fits_tells_which_frame_rates_would_not(doubt: float) -> None:
+    fall = freefall.FreeFall(9810.0, doubt * 9810.0)
+    fits = freefall.fall_check(fall, 0.001, 0.0, RATE)
+    factor = float(fits.message.split("a factor of ")[1].split()[0])
+    assert fits.passed
+    # the same frames, told to be taken faster or slower
+    for stated, passed in ((0.97 * factor, True), (1.03 * factor, False)):
+        for times in (stated, 1 / stated):
+            other = freefall.FreeFall(times**2 * fall.acceleration, times**2 * fall.doubt)
+            assert freefall.fall_check(other, 0.001, 0.0, times * RATE).passed == passed
 
 
 @pytest.mark.parametrize(("slowed", "passed"), [(1, True), (8, False), (33, False)])

@@ -179,6 +179,16 @@ def test_a_mass_that_is_off_makes_a_density_that_its_beads_cannot_have(share, so
     assert told == (share != 1.0 if solid else share == 0.1)  # alone, only what no wood has is told
 
 
+def test_a_bed_of_foam_is_believed_where_its_beads_are_stated_to_be_foam():
+    def doubt(solid):
+        mass = 0.6 * 20.0 * math.pi / 4 * CYLINDER**2 * 0.07
+        result = packing.evaluate([flat(0.07)], cylinder_diameter=CYLINDER, total_mass=mass, bead_density=solid)
+        return pick(result, "bulk_density").doubtful
+
+    assert "--bead-density" in doubt(None)
+    assert not doubt(20.0)
+
+
 @pytest.mark.parametrize(
     ("profiles", "diameter", "message"),
     [

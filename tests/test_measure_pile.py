@@ -190,6 +190,7 @@ def test_a_view_of_another_heap_is_told_even_where_it_is_left_out(sound: int) ->
     result = evaluate([*views, bumpy(30, height=0.015)], bead_diameter=0.002)
     combined = [q for q in result.quantities if q.detail.get("view") == "all"]
     assert any("bumpy" in warning for warning in result.warnings)
+    assert combined
     assert all("show the same one" in one.doubtful for one in combined)
 
 

@@ -265,6 +265,11 @@ def test_what_is_stated_of_a_smoothed_angle_is_what_it_is_off_by():
     assert 0.6 < ratio < 1.6  # 20 records of some four free curves each
 
 
+def test_how_fast_the_plate_turns_is_no_doubt_of_its_angle() -> None:
+    time = np.linspace(0, 4, 200)
+    assert smoothing_doubt(time, 0.05 * time, time) < 1e-9
+
+
 def test_the_times_of_a_record_are_not_doubted_for_an_exposure():
     found = pick(tilt.evaluate(*record("slide", angle_deg=20), variant="slide"), "onset_time")
     assert set(found.budget) == {"onset"}
