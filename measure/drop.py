@@ -61,6 +61,7 @@ RATE_UNJUDGED = (
     "the scale is from gravity and the frame rate from the file: if the film plays slower than it was captured, "
     "heights are too large; give --frame-rate or --scale"
 )
+GAIN = "a restitution above 1 cannot be: the track is wrong there"
 RIM_DOUBT = 0.12  # [px], where the rim of a bead's image is taken to be
 
 
@@ -152,7 +153,7 @@ def _restitutions(bounces: Bounces, failed: dict[str, str]) -> list[Quantity]:
     if "gravity" in failed and abs(bounces.read(lambda at: at.size)[0] - 1) > 0.1:
         drag = "how the air slows the bead is not known in this time base"
         speed_doubt = "; ".join(text for text in (doubt, drag) if text)
-    found = []
+    found, wrong_from = [], _wrong_from(bounces)
     for k in range(1, bounces.count + 1):
         speed, parts = bounces.read(_impact_speed(k))
         detail: dict[str, Detail] = {
@@ -162,11 +163,23 @@ def _restitutions(bounces: Bounces, failed: dict[str, str]) -> list[Quantity]:
             "contact_time_s": round(float(bounces.contact_times[k - 1]), 7),
         }
         by_height, by_speed = bounces.read(_height_ratio(k)), bounces.read(_speed_ratio(k))
-        found.append(_quantity("restitution_wall", by_height, "1", "height", detail, height_doubt))
-        found.append(_quantity("restitution_wall", by_speed, "1", "velocity", detail, speed_doubt))
+        mine = [
+            _quantity("restitution_wall", by_height, "1", "height", detail, height_doubt),
+            _quantity("restitution_wall", by_speed, "1", "velocity", detail, speed_doubt),
+        ]
         if k > 1:
-            found.append(_quantity("restitution_wall", bounces.read(_time_ratio(k)), "1", "time", detail, height_doubt))
+            mine.append(_quantity("restitution_wall", bounces.read(_time_ratio(k)), "1", "time", detail, height_doubt))
+        found += [doubted(quantity, GAIN if k >= wrong_from else "") for quantity in mine]
     return found
+
+
+def _wrong_from(bounces: Bounces) -> float:
+    """The bounce before the first that seems to leave the plate faster than it came: they share a contact."""
+    for k in range(1, bounces.count + 1):
+        value, parts = bounces.read(_speed_ratio(k))
+        if value - 2 * root_sum_of_squares(parts) > 1:
+            return max(k - 1, 1)
+    return math.inf
 
 
 def _impact_speed(bounce: int) -> Callable[[Reader], float]:
@@ -192,14 +205,15 @@ def _apex_height(bounce: int) -> Callable[[Reader], float]:
 
 def _heights(bounces: Bounces, scale_doubt: float, failed: dict[str, str]) -> list[Quantity]:
     doubt = "; ".join(failed[name] for name in ("gravity", "flight_residuals", "out_of_plane") if name in failed)
-    found = []
+    found, wrong_from = [], _wrong_from(bounces)
     for k in range(bounces.count + 1):
         value, parts = bounces.read(_apex_height(k))
         if scale_doubt > 0:
             parts["scale"] = abs(value) * float(scale_doubt)
         name = "rebound_height" if k else "drop_height"
         detail: dict[str, Detail] = {"bounce": k} if k else {}
-        found.append(_quantity(name, (value, parts), "m", "height", detail, doubt))
+        height = _quantity(name, (value, parts), "m", "height", detail, doubt)
+        found.append(doubted(height, GAIN if k >= wrong_from else ""))
     return found
 
 

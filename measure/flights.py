@@ -39,6 +39,7 @@ SOFTEST = 1e7  # [Pa], effective modulus of the softest pair of bead and plate w
 USUAL_DENSITY = 1000.0  # [kg/m^3], of a bead that was not weighed
 DRAG = 0.10  # relative: sphere's drag coefficient for a bead with a hole or a seam
 DRAG_HELD = 0.05  # relative: what the fit may change of it, as a track's slow errors look much like drag
+LEAST_SEEN = 0.5  # share of a flight's frames that must show the bead on the fitted curve
 FREE_DRAG = 0.3  # [1/m], drag per mass where the bead is unknown: a wooden bead of 6 mm has 0.2
 
 
@@ -374,9 +375,30 @@ def fit_bounces(record: Heights, drag: AirDrag) -> Bounces | None:
     while len(contacts):
         fitted = _fit(record, contacts, drag, offset)
         if fitted is not None:
-            return fitted
-        contacts = contacts[:-1]
+            seen = max(_well_seen(record.time, fitted), 1)
+            if seen >= fitted.count:
+                return fitted
+            contacts = contacts[:seen]
+        else:
+            contacts = contacts[:-1]
     return None
+
+
+def _well_seen(time: Array, fitted: Bounces) -> int:
+    """Bounces up to the first whose flight shows the bead in less than half of its frames.
+
+    Where the bead was lost and other things were taken for it, turns of the track are no contacts, and a wrong flight
+    spoils the one before it, for they share a contact.
+    """
+    step, end = float(np.median(np.diff(time))), fitted.model.end
+    contacts = fitted.model.contacts(fitted.parameters)
+    for k, (begins, ends) in enumerate(pairwise(contacts)):
+        # a frame at either end stays out of the fit, for its exposure may hold the contact
+        frames = (min(float(ends), end) - float(begins)) / step - 2
+        seen = np.sum(fitted.used & (time > begins) & (time < ends))
+        if seen < LEAST_SEEN * frames:
+            return k
+    return fitted.count
 
 
 def _worth_fitting(record: Heights, contacts: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:

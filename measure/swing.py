@@ -29,6 +29,9 @@ STEP = 0.008  # [s], of the Runge-Kutta integration: error below 3e-6 rad over a
 
 SETTLED = 0.02  # of the noise: the fit is done when it was weighed by the noise that it leaves
 
+# share of bead A's way after which what held it hides or touches its rim no more: a finger is drawn back as it falls
+CLEAR = 0.03
+
 # What is known beforehand of things that one short swing hardly shows; (mean, standard deviation).
 PRIORS = {
     "damping": (0.03, 0.1),  # [1/s], pivot and thread
@@ -476,10 +479,19 @@ def _usable(swings: Swings, track: Track, bead: int, end: float) -> Mask:
     dt = frame_interval(track)
     usable = track.time < end - dt
     if bead == 0:
-        usable &= track.time > float(swings["release_time"]) + dt
+        usable &= track.time > float(swings["release_time"]) + max(dt, _clearing(swings))
     for k in range(swings.collisions):
         usable &= np.abs(track.time - float(swings[f"time_{k}"])) > dt
     return np.asarray(usable)
+
+
+def _clearing(swings: Swings) -> float:
+    """How long after its release bead A is still beside what held it [s]: until it has gone `CLEAR` of its way.
+
+    From rest it falls by g sin(a) t^2 / 2 along its circle of radius L, on which its way is a L.
+    """
+    way, pull = abs(float(swings["release_angle"])), float(swings["gravity"] / swings["length_0"])
+    return math.sqrt(2 * CLEAR * way / (pull * max(math.sin(way), 0.05)))
 
 
 def _enough(used: list[Mask], swings: Swings, tracks: tuple[Track, ...]) -> None:
@@ -576,16 +588,18 @@ def _shifts(swings: Swings, data: _Data) -> Array:
     """Ways in which the ground may shift the points seen, in units of their noise, shape (points, ways).
 
     To either side and up or down: along a line, a parabola and a cubic over the places of the swing, and a bead at
-    rest, before a ground that was hidden so long, against one that moves.
+    rest, before a ground that was hidden so long, against one that moves; and with the square of the speed, as blur
+    weighs a bead's lit and dark side otherwise, and a codec keeps slow things by what it showed before.
     """
     hit, reach = float(swings["time_0"]), float(swings["length_0"] * np.abs(np.sin(swings["release_angle"])))
     rows = []
     for bead, (track, weight, mask) in enumerate(zip(data.tracks, data.weights, data.used, strict=True)):
-        angle = angles(swings, track.time[mask])[0][bead, :, 0]
-        place = np.clip(float(swings[f"length_{bead}"]) * np.sin(angle) / reach, -1, 1)
+        angle, speed = angles(swings, track.time[mask])
+        place = np.clip(float(swings[f"length_{bead}"]) * np.sin(angle[bead, :, 0]) / reach, -1, 1)
         ways = np.polynomial.legendre.legvander(place, 3)[:, 1:]
         waits = (track.time[mask] < hit) & (bead > 0)
-        ways = np.column_stack([ways, waits]) * weight[mask][:, None]
+        blur = (speed[bead, :, 0] / np.max(np.abs(speed))) ** 2
+        ways = np.column_stack([ways, waits, blur]) * weight[mask][:, None]
         rows += [np.hstack([ways, 0 * ways]), np.hstack([0 * ways, ways])]
     return np.concatenate(rows)
 

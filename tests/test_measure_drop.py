@@ -269,6 +269,38 @@ def test_something_that_pushes_the_bead_makes_the_result_doubtful():
     assert pick(result.quantities, "restitution_wall", method="velocity", bounce=1).doubtful
 
 
+def test_other_things_taken_for_a_lost_bead_cost_the_bounces_from_there_on_and_not_those_before():
+    whole = track(duration=1.3)
+    contacts = [float(pick(drop.evaluate(whole).quantities, "restitution_wall", method="velocity", bounce=k)
+                      .detail["contact_time_s"]) for k in (3, 4)]  # fmt: skip
+    since = (whole.time - contacts[0]) / (contacts[1] - contacts[0])
+    lost = (since > 0.1) & (since < 0.9)
+    low = np.array(whole.position)
+    low[lost, 1] = 0.004 + 0.003 * np.sin(9 * since[lost])
+    kept = ~lost | (np.arange(len(lost)) % 3 == 0)
+    found = drop.evaluate(Track(whole.time[kept], low[kept], whole.sigma[kept])).quantities
+    for quantity in (q for q in found if q.quantity == "restitution_wall"):
+        assert quantity.doubtful or abs(quantity.value - 0.7) < 3 * quantity.std_uncertainty, quantity
+    assert not pick(found, "restitution_wall", method="velocity", bounce=1).doubtful
+
+
+def test_a_bead_that_leaves_faster_than_it_came_is_doubtful_from_the_bounce_before():
+    speeds, time, starts = [1.4, 1.0, 0.7, 0.8, 0.56], 0.05 + 1.4 / G, []
+    for speed in speeds[1:]:
+        starts.append((time, speed))
+        time += 2 * speed / G
+    times = np.arange(round(time * FPS)) / FPS
+    heights = 1.4**2 / (2 * G) - G / 2 * np.maximum(times - 0.05, 0) ** 2
+    for begun, speed in starts:
+        since = times - begun
+        heights = np.where(since > 0, speed * since - G / 2 * since**2, heights)
+    position = np.stack([0 * times, heights], axis=1) + 2e-5 * np.random.default_rng(3).standard_normal((len(times), 2))
+    found = drop.evaluate(Track(times, position, np.full(len(times), 2e-5))).quantities
+    doubtful = [bool(pick(found, "restitution_wall", method="velocity", bounce=k).doubtful) for k in (1, 2, 3)]
+    assert doubtful == [False, True, True]
+    assert pick(found, "rebound_height", bounce=3).doubtful
+
+
 def test_a_bead_that_bounces_aside_is_named():
     result = drop.evaluate(track(sideways=0.6))
     assert not check(result, "out_of_plane").passed

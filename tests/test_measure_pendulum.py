@@ -1,7 +1,7 @@
 """The pendulum's ruler against swings made by an integrator of its own, and against drawn clips of known truth."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import av
@@ -227,6 +227,18 @@ def test_missing_frames_and_wild_points_do_not_matter():
         damaged.append(Track(track.time[keep], position[keep], track.sigma[keep], track.body))
     e = found(evaluate(damaged), "restitution_pair", "velocity", collision=1)
     assert e.value == pytest.approx(0.6, abs=max(3 * e.std_uncertainty, 0.006))
+
+
+def test_what_held_the_bead_may_pull_at_its_first_points_without_changing_the_restitution():
+    truth = Truth()
+    free, hanging = tracks_of(truth)
+    pulled = np.array(free.position)
+    pulled[(free.time > truth.released) & (free.time < truth.released + 0.02)] += [2e-4, -1e-4]
+    beside = evaluate([replace(free, position=pulled), hanging])
+    e, alone = (
+        found(each, "restitution_pair", "velocity", collision=1) for each in (beside, evaluate([free, hanging]))
+    )
+    assert abs(e.value - alone.value) < 0.1 * e.std_uncertainty
 
 
 def test_frames_that_are_missing_without_a_word_make_all_numbers_doubtful():
