@@ -254,13 +254,10 @@ def density(given: float | None, mass: float | None, diameter: float | None) -> 
 
 def _possible(value: float | None, name: str) -> float | None:
     from rigtwin.lab.errors import BadQuantity
-    from rigtwin.lab.materials import HEAVIEST
+    from rigtwin.lab.materials import no_bead_has
 
-    if value is not None and value > HEAVIEST:
-        raise BadQuantity(
-            f"{name}: the bead would weigh {value:.3g} kg/m^3, more than any metal; "
-            "check its unit and the bead's diameter."
-        )
+    if value is not None and (odd := no_bead_has(value)):
+        raise BadQuantity(f"{name}: {odd}")
     return value
 
 

@@ -6,7 +6,7 @@ import math
 
 from rigtwin.lab.entries import LabFile, ModelFile, ParticleEntry, Problem, suggestion
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.materials import HEAVIEST, PARAMETERS, KnownContact, Material, Pair, Particle, pair
+from rigtwin.lab.materials import PARAMETERS, KnownContact, Material, Pair, Particle, no_bead_has, pair
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.toml_lines import Key
 
@@ -91,10 +91,8 @@ class Inventory:
         density = entry.density
         if entry.mass is not None:
             density = entry.mass / (math.pi / 6 * entry.diameter**3)
-        if density is not None and density > HEAVIEST:
-            given = "density" if entry.mass is None else "mass"
-            told = f"the bead would weigh {density:.3g} kg/m^3, more than any metal; check its unit and the diameter."
-            self.problems.append(Problem((*key, given), told))
+        if density is not None and (odd := no_bead_has(density)):
+            self.problems.append(Problem((*key, "density" if entry.mass is None else "mass"), odd))
             return None
         self.particles[name] = Particle(name, solid, entry.diameter, density)
         return self.particles[name]

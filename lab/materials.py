@@ -11,6 +11,15 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.shapes import Clump
 
 HEAVIEST = 25_000.0  # [kg/m^3], osmium has 22 600
+AIR = 1.2  # [kg/m^3]
+
+
+def no_bead_has(density: float) -> str:
+    """What is odd about a density [kg/m^3] that no bead has; nothing where it is possible."""
+    if AIR < density <= HEAVIEST:
+        return ""
+    than = "more than any metal" if density > HEAVIEST else "less than the air around it"
+    return f"the bead would weigh {density:.3g} kg/m^3, {than}; check its unit and the bead's diameter."
 
 
 @dataclass(frozen=True)

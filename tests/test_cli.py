@@ -229,6 +229,7 @@ def test_an_unknown_experiment_is_refused_with_the_known_ones(tmp_path, capfd):
         (["measure", "drop", "x.mp4", "--bead-diameter", "0mm"], "is not above zero"),
         (["measure", "drop", "x.mp4", "--bead-diameter", "6mm", "--bead-mass", "71g"], "more than any metal"),
         (["measure", "drop", "x.mp4", "--bead-density", "568000kg/m^3"], "more than any metal"),
+        (["measure", "drop", "x.mp4", "--bead-density", "568g/m^3"], "less than the air"),
         (["simulate", "drop", "--drop-height", "300mm", "--wall", "wood_ash"], "D6-wood_ash"),
         (["measure", "drop", "x.mp4", "--bead-mass", "0.1g"], "--bead-diameter"),
         (["measure", "drop", "x.mp4", "--bead-mass", "6mm"], "wrong unit for a mass; write it like"),

@@ -1,6 +1,7 @@
 """Diagnosis: its reduced models against closed forms, and the library of effects that enter them."""
 
 import math
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,6 +14,7 @@ from rigtwin.compare.diagnose.pendulum import pushing
 from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.errors import BadInput
 from rigtwin.sim.effects import library, named, own_effect
+from rigtwin.sim.effects.tried import check
 
 G = 9.81
 
@@ -205,6 +207,33 @@ def test_a_users_own_effect_takes_part(tmp_path):
         "    parameters=(Parameter('acceleration', 'm/s^2', -5, 5, 0.1),), equation='a', source='own', force=force)\n"
     )
     assert own_effect(path).name == "wind"
+
+
+@pytest.mark.parametrize(
+    ("takes", "gives", "parameters", "told"),
+    [
+        ("vx, vy, gap, radius, a", "a * vx, a * vy", "(Parameter('a', '1', 0, 1, 0.1),)", "force of effect mine fails"),
+        ("vx, vy, gap, radius, mass, a", "a * vx", "(Parameter('a', '1', 0, 1, 0.1),)", "two numbers"),
+        ("vx, vy, gap, radius, mass, a", "a * vx / 0, vy", "(Parameter('a', '1', 0, 1, 0.1),)", "no finite number"),
+        ("vx, vy, gap, radius, mass", "vx, vy", "()", "no parameter"),
+    ],
+)
+def test_an_own_effect_whose_functions_do_not_fit_is_refused(tmp_path, takes, gives, parameters, told):
+    path = tmp_path / "mine.py"
+    path.write_text(
+        "from rigtwin.sim.effects import Effect, Parameter\n"
+        f"def force({takes}):\n    return {gives}\n"
+        "EFFECT = Effect(name='mine', title='mine', kind='physical', rigs=('drop',),\n"
+        f"    parameters={parameters}, equation='a', source='own', force=force)\n"
+    )
+    with pytest.raises(BadInput, match=told) as refused:
+        own_effect(path)
+    assert "mine.py" in str(refused.value)
+
+
+@pytest.mark.parametrize("effect", library(), ids=lambda effect: effect.name)
+def test_every_effect_of_the_library_could_be_a_users_own(effect):
+    check(effect, Path("library"))
 
 
 @pytest.mark.parametrize("text", [None, "EFFECT = 3\n", "1/0\n"])

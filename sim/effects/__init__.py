@@ -18,6 +18,7 @@ from types import ModuleType
 from rigtwin.lab.errors import BadInput
 from rigtwin.sim.effects.effect import Effect, Parameter
 from rigtwin.sim.effects.forms import PREFIX, form
+from rigtwin.sim.effects.tried import check
 
 __all__ = ["Effect", "Parameter", "library", "named", "own_effect"]
 
@@ -27,7 +28,7 @@ def library() -> tuple[Effect, ...]:
     """Every effect of this folder, in the order of their names."""
     found = []
     for module in pkgutil.iter_modules(__path__):
-        if module.name not in ("effect", "forms"):
+        if module.name not in ("effect", "forms", "tried"):
             found.append(_effect_of(importlib.import_module(f"{__name__}.{module.name}"), module.name))
     return tuple(sorted(found, key=lambda effect: effect.name))
 
@@ -43,7 +44,10 @@ def named(name: str) -> Effect:
 
 
 def own_effect(path: Path) -> Effect:
-    """The effect in a user's own file, which must define ``EFFECT = Effect(...)``."""
+    """The effect in a user's own file, which must define ``EFFECT = Effect(...)``.
+
+    Its functions are tried on plausible numbers first.  Raises `BadInput`, with the file and the hook.
+    """
     spec = importlib.util.spec_from_file_location(f"rigtwin_own_{path.stem}", path)
     if not path.is_file() or spec is None or spec.loader is None:
         raise BadInput(f"{path}: no such Python file; give a file that defines EFFECT = Effect(...).")
@@ -52,7 +56,9 @@ def own_effect(path: Path) -> Effect:
         spec.loader.exec_module(module)
     except Exception as error:
         raise BadInput(f"{path}: cannot be run ({type(error).__name__}: {error}); correct the file.") from error
-    return _effect_of(module, str(path))
+    effect = _effect_of(module, str(path))
+    check(effect, path)
+    return effect
 
 
 def _effect_of(module: ModuleType, name: str) -> Effect:

@@ -1,0 +1,55 @@
+"""An effect's functions tried on plausible numbers, before a fit or a compiled step meets what is wrong in them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from rigtwin.lab.errors import BadInput
+from rigtwin.sim.effects.effect import Effect
+
+SPEED, WAY = np.array([0.02, -0.4, 3.0]), np.array([0.002, 0.05, 0.3])  # [m/s], [m]
+RADIUS, MASS, MODULUS = np.full(3, 3e-3), np.full(3, 1e-4), np.full(3, 1e9)  # [m], [kg], [Pa]
+SHARE, TIME = np.array([0.2, 0.5, 0.8]), np.array([0.0, 0.1, 2.0])  # friction or restitution; [s]
+TRIED = {
+    "force": (SPEED, SPEED[::-1], WAY, RADIUS, MASS),
+    "torque": (SPEED, SPEED[::-1], WAY, MASS),
+    "restitution": (SHARE, abs(SPEED), RADIUS, MASS),
+    "rolling": (SHARE, abs(SPEED), RADIUS),
+    "sliding": (SHARE, abs(SPEED), TIME),
+    "onset": (SHARE, TIME, np.full(3, 0.02)),
+    "attraction": (1e-3 * RADIUS, RADIUS, MODULUS),
+    "neck": (RADIUS, MODULUS),
+    "exposure": (TIME, WAY, SPEED),
+    "view": (WAY, SPEED),
+}
+PAIRS = ("force", "view")  # these give two numbers, the others one
+
+
+def check(effect: Effect, path: Path) -> None:
+    """Call each hook with the parameters' typical values.
+
+    Raises `BadInput` where one fails, gives another count of numbers than it must, or what is no number.
+    """
+    if not effect.parameters:
+        raise BadInput(f"{path}: effect {effect.name} has no parameter; give it at least one, whose size is fitted.")
+    typical = [parameter.typical for parameter in effect.parameters]
+    for hook, motion in TRIED.items():
+        function = getattr(effect, hook)
+        if function is None:
+            continue
+        where = f"{path}: {hook} of effect {effect.name}"
+        try:
+            with np.errstate(all="ignore"):
+                given = function(*motion, *typical)
+        except Exception as error:
+            raise BadInput(
+                f"{where} fails on {len(motion)} numbers of the motion and {len(typical)} of its own "
+                f"({type(error).__name__}: {error}); correct it."
+            ) from error
+        if hook in PAIRS and not (isinstance(given, tuple) and len(given) == 2):
+            raise BadInput(f"{where} must give two numbers, along x and y; end it with: return first, second")
+        for one in given if hook in PAIRS else (given,):
+            if np.shape(one) not in ((), (3,)) or not np.all(np.isfinite(np.asarray(one, dtype=float))):
+                raise BadInput(f"{where} gives what is no finite number at its typical parameters; correct it.")
