@@ -37,7 +37,9 @@ DRIFT = 0.04  # the plate's level, as a fraction of a flight's height: a bead th
 DWELL = 1.2e-3  # [s], longest contact of a bead of unknown size
 SOFTEST = 1e7  # [Pa], effective modulus of the softest pair of bead and plate worth a drop: rubber
 USUAL_DENSITY = 1000.0  # [kg/m^3], of a bead that was not weighed
+NEWTON = 0.44  # drag coefficient of a fast sphere
 DRAG = 0.10  # relative: sphere's drag coefficient for a bead with a hole or a seam
+DRAG_FORM = 0.3  # relative: what a sphere's drag coefficient grows by from a fall to its rebound, where it is unknown
 DRAG_HELD = 0.05  # relative: what the fit may change of it, as a track's slow errors look much like drag
 LEAST_SEEN = 0.5  # share of a flight's frames that must show the bead on the fitted curve
 FREE_DRAG = 0.3  # [1/m], drag per mass where the bead is unknown: a wooden bead of 6 mm has 0.2
@@ -49,7 +51,7 @@ class AirDrag:
 
     Schiller and Naumann (1933), "A drag coefficient correlation"; 0.44 is Newton's regime.
 
-    Without diameter and density the constant-coefficient form k v^2 with an unknown k.
+    Without the density its strength k is unknown, C_d/0.44 k v^2; without the diameter too C_d is taken as constant.
     """
 
     diameter: float | None = None  # [m]
@@ -61,10 +63,12 @@ class AirDrag:
 
     def deceleration(self, speed: Array, strength: float) -> Array:
         """[m/s^2] at speeds [m/s]; `strength` multiplies the known law, or is k [1/m] of the unknown one."""
-        if self.diameter is None or self.density is None:
+        if self.diameter is None:
             return np.asarray(strength * speed**2)
         reynolds = np.maximum(AIR_DENSITY * speed * self.diameter / AIR_VISCOSITY, 1e-9)
-        coefficient = np.maximum(24 / reynolds * (1 + 0.15 * reynolds**0.687), 0.44)
+        coefficient = np.maximum(24 / reynolds * (1 + 0.15 * reynolds**0.687), NEWTON)
+        if self.density is None:
+            return np.asarray(strength * coefficient / NEWTON * speed**2)
         return np.asarray(strength * 0.75 * coefficient * AIR_DENSITY * speed**2 / (self.density * self.diameter))
 
 
@@ -210,10 +214,12 @@ class Bounces:
             parts[cause] = math.sqrt(max(before - after, 0.0))
             before = after
         parts["tracking"] = math.sqrt(max(before, 0.0))
-        if self.model.drag.known:
-            # how the reading would follow another drag, the other parameters fitted anew
-            follows = float(gradient @ self.covariance[:, -1]) / float(self.covariance[-1, -1])
-            parts["air drag"] = abs(follows) * DRAG
+        # how the reading would follow another drag, the other parameters fitted anew
+        follows = float(gradient @ self.covariance[:, -1]) / float(self.covariance[-1, -1])
+        drag = self.model.drag
+        strength = 1.0 if drag.known else float(self.parameters[-1])
+        unlike = abs(follows * strength) * (DRAG if drag.diameter is not None else DRAG_FORM)
+        parts["air drag"] = math.hypot(parts.get("air drag", 0.0), unlike)
         return value, parts
 
 
