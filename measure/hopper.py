@@ -23,6 +23,7 @@ from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantit
 from rigtwin.lab.records import Series
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.bead_size import size_seen, size_unseen
+from rigtwin.measure.frame_steps import timing_check
 from rigtwin.measure.freefall import fall_below, fall_check, outlet_check
 from rigtwin.measure.gate import Opening, find_opening, slot_edges
 from rigtwin.measure.media import Video, open_video
@@ -102,7 +103,8 @@ def measure(
     left = _left(seen)
     cut = last.method == CUT
     evaluation = _evaluate(left, total_mass, opened, last, seen.residue, AREA_DOUBT)
-    checks = (*_checks_of_picture(seen, gate, hidden), compression, *evaluation.checks)
+    timing = _timing_check(seen, left, opened, last)
+    checks = (*_checks_of_picture(seen, gate, hidden), compression, timing, *evaluation.checks)
     spacing = bead_spacing(seen.scenery.full, seen.scenery.bed)
     scale, scale_from, scale_doubt = _scale(seen, camera, bead_diameter, bin_width, spacing)
     warnings = [*video.warnings, *evaluation.warnings]
@@ -118,7 +120,7 @@ def measure(
         "frames": len(seen.moments),
     }
     velocity = _outlet_velocity(seen, scale, scale_doubt)
-    quantities = evaluation.quantities
+    quantities = _with_rate_judged(evaluation.quantities, timing)
     if isinstance(velocity, str):
         warnings.append(f"outlet velocity: none given, for {velocity}.")
     if scale is None:
@@ -547,6 +549,13 @@ def _rate_check(
         return outlet_check(velocity.value, width)
     message = "frame rate not confirmed: no bead is seen to fall from the slot, times are as right as --frame-rate."
     return Check("frame_rate", True, math.nan, GRAVITY, message)
+
+
+def _timing_check(seen: Outflow, left: Series, opened: Instant, last: Instant) -> Check:
+    time, share, _ = _share_left(left)
+    hidden = np.array([moment.hidden for moment in seen.moments])
+    flows = (time[1:] > opened.time) & (time[1:] <= last.time) & ~hidden[1:] & ~hidden[:-1]
+    return timing_check((-np.diff(share) / np.diff(time))[flows])
 
 
 def _with_rate_judged(quantities: tuple[Quantity, ...], rate: Check) -> tuple[Quantity, ...]:

@@ -16,6 +16,7 @@ from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
 from rigtwin.lab.records import Series
 from rigtwin.measure import freefall, hopper
+from rigtwin.measure.frame_steps import timing_check
 from rigtwin.measure.gate import find_opening
 
 Array = npt.NDArray[np.float64]
@@ -224,6 +225,23 @@ def test_a_filmed_discharge_gives_both_ends_within_a_frame(tmp_path: Path) -> No
     assert found.camera["slide_goes"] == "right"
     assert all(path.exists() for path in found.files.values())
     assert not any(one.doubtful for one in found.quantities)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("lost", [[], [30], list(range(20, 35)), list(range(3, 80, 5))])
+def test_frames_missing_from_the_flow_are_counted(seed: int, lost: list[int]) -> None:
+    # a bed that loses 60 +- 9 beads a frame
+    level = np.cumsum(np.random.default_rng(seed).normal(60.0, 9.0, 80))
+    check = timing_check(np.diff(np.delete(level, lost)))
+    assert check.passed == (not lost)
+    # of single frames some pass for what is uneven in the flow
+    assert 0.4 * len(lost) <= check.value <= 1.2 * len(lost)
+
+
+def test_missing_frames_are_not_sought_in_a_flow_that_stops_and_goes() -> None:
+    check = timing_check(np.tile([0.0, 0.1, 2.9], 20))
+    assert check.passed
+    assert math.isnan(check.value)
 
 
 def test_a_clip_that_ends_while_beads_leave_has_nothing_that_is_not_doubtful(tmp_path: Path) -> None:
