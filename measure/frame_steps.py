@@ -30,8 +30,8 @@ def timing_check(rates: npt.NDArray[np.float64]) -> Check:
     if missing == 0:
         return Check("frame_timing", True, 0.0, 0.0, "the bed falls evenly: no frame of the flow seems to be missing.")
     message = (
-        f"at least some {missing} frames of the flow seem to be missing: between {len(jumps)} pairs of frames the bed falls "
-        f"up to {float(jumps.max()):.1f} times as far as usual, so that times come out too short; give the clip as it "
+        f"at least some {missing} frames of the flow seem to be missing: between {len(jumps)} pairs of frames the bed "
+        f"falls up to {float(jumps.max()):.1f} times as far as usual, so that times come out too short; give the clip as it "
         "was recorded."
     )
     return Check("frame_timing", False, float(missing), 0.0, message)
