@@ -31,7 +31,7 @@ def timing_check(rates: npt.NDArray[np.float64]) -> Check:
         return Check("frame_timing", True, 0.0, 0.0, "the bed falls evenly: no frame of the flow seems to be missing.")
     message = (
         f"at least some {missing} frames of the flow seem to be missing: between {len(jumps)} pairs of frames the bed "
-        f"falls up to {float(jumps.max()):.1f} times as far as usual, so that times come out too short; give the clip as it "
-        "was recorded."
+        f"falls up to {float(jumps.max()):.1f} times as far as usual, so that times come out too short; give the "
+        "clip as it was recorded."
     )
     return Check("frame_timing", False, float(missing), 0.0, message)
