@@ -27,9 +27,8 @@ GRAIN = 512  # on CPUs Taichi gives a thread at least so many rounds of a parall
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
-os.environ.setdefault(
-    "TI_ENABLE_PYBUF", "0"
-)  # kernels print nothing; else a caller who replaced stdout is told of a shell
+# kernels print nothing; otherwise Taichi tells a caller who replaced stdout of a shell
+os.environ.setdefault("TI_ENABLE_PYBUF", "0")
 
 
 @contextlib.contextmanager
