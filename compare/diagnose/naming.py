@@ -308,16 +308,20 @@ def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit) -> Fit:
     rounds = 1 if far else 2
     most = 20 if far else 25  # the leading ones are fitted to the end afterwards
     widens = newest.geometry in WIDENING
+    name = f"{newest.name}.{parameter.name}"
     fits = [] if newest.flat and not widens else [fit(bench, terms, near=near, most=most, rounds=rounds)]
     lost = near.per_row > LOST
     starts = (*parameter.starts, *((parameter.typical,) if lost and parameter.typical not in parameter.starts else ()))
     if (lost or newest.flat) and not widens:
-        name = f"{newest.name}.{parameter.name}"
         for value in starts:
             if lost:
                 fits.append(fit(bench, terms, start={**_values(near), name: value}, most=most, rounds=rounds))
             else:
                 fits.append(fit(bench, terms, near=near, beside={name: value}, most=most, rounds=rounds))
+    elif not widens and fits[0].value(name) < parameter.low - 2 * fits[0].std(name):
+        # there may be another minimum on the physical side: a clump that is held less once it slides, against one
+        # that is held more and climbs the arm before it slides
+        fits.append(fit(bench, terms, near=near, beside={name: parameter.typical}, most=most, rounds=rounds))
     return min(fits, key=lambda one: one.deviance)
 
 
