@@ -244,6 +244,8 @@ def _forms(bench: Regioned, naming: Naming, progress: Progress) -> list[Candidat
     for number, term in enumerate(terms):
         progress("formulas", number, len(terms))
         fitted = fit(bench, (term,), near=naming.base, most=15, rounds=2)
+        if not fitted.converged:  # a formula that is still on its way cannot be held against the listed effects
+            fitted = fit(bench, (term,), near=fitted, most=40, rounds=2)
         found.append(_candidate(naming, (term,), fitted))
     return found
 
