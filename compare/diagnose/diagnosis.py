@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from rigtwin.compare.diagnose.axes import check_axes
 from rigtwin.compare.diagnose.design import CLEAR, REPETITIONS, Design, designs
 from rigtwin.compare.diagnose.double import DoubleBench
 from rigtwin.compare.diagnose.doubt import parameters
@@ -136,6 +137,7 @@ def diagnose(
             "rolling resistance, static friction and cohesion apart, so nothing is named",
             next_experiment="the same material on a drop, a pendulum and an incline, which measure one parameter each",
         )
+    check_axes(lab)
     asked = lab.repetitions
     lab, left_out = sifted(lab)
     if lab.repetitions < FEWEST:
