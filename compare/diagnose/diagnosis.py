@@ -213,6 +213,9 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
                 reason="something disagrees, but no listed effect and no simple formula describes it",
             )
         return replace(plain, reason="the data lie inside noise, scatter and stated calibration")
+    if alone is not None and not alone.reason and alone.gain - best.gain > FORM:
+        best, naming = _from_there(bench, naming, best, alone)
+        plain = replace(plain, naming=naming)
     left = naming.after.p < SURE
     if alone is not None and not alone.reason and alone.gain - best.gain > FORM and len(alone.terms) <= len(best.terms):
         return _unlisted(
@@ -250,6 +253,17 @@ def _forms(bench: Regioned, naming: Naming, progress: Progress) -> list[Candidat
             fitted = fit(bench, (term,), near=fitted, most=40, rounds=2)
         found.append(_candidate(naming, (term,), fitted))
     return found
+
+
+def _from_there(bench: Regioned, naming: Naming, best: Candidate, formula: Candidate) -> tuple[Candidate, Naming]:
+    """The best fitted again from where a formula went: a better way found is no merit of the formula."""
+    known = {u.name: float(v) for u, v in zip(best.fitted.unknowns, best.fitted.values, strict=True) if u.effect}
+    again = fit(bench, best.terms, near=formula.fitted, beside=known, most=25, rounds=2)
+    gained = best.fitted.deviance - again.deviance
+    if gained <= 0:
+        return best, naming
+    better = replace(best, fitted=again, gain=best.gain + gained / spread_of(naming.base, naming.location))
+    return better, replace(naming, best=better, after=locate(bench, again))
 
 
 def _more_to_say(bench: Regioned, best: Candidate) -> bool:
