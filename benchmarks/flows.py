@@ -102,8 +102,8 @@ def hopper_rows(beads: int, threads: int, pairs: int, seconds: float, seed: int,
     position, velocity = running_hopper(beads, seed)
     steps = max(40, int(2e6 * seconds / len(position)))
     state = liggghts.Hopper(
-        D6, BEAD_BEAD, BEAD_WALL, position, velocity, hopper_corners(), 60 / RPM, (BIN, -0.1, HEIGHT), STEP,
-        SKIN * D6.diameter, GRAVITY,
+        particle=D6, between=BEAD_BEAD, walls=BEAD_WALL, time_step=STEP, skin=SKIN * D6.diameter, gravity=GRAVITY,
+        position=position, velocity=velocity, corners=hopper_corners(), period=60 / RPM, reach=(BIN, -0.1, HEIGHT),
     )  # fmt: skip
     ours, theirs = [], []
     for _ in range(pairs):
@@ -155,8 +155,9 @@ def clump_rows(clumps: int, steps: int, seed: int) -> list[Row]:
         # thrown in as the spheres about them, a quarter of the room
         high = cube.diameter + clumps * 4 * math.pi / 6 * cube.diameter**3 / side**2
         theirs = liggghts.Clumps(
-            cube, BEAD_BEAD, BEAD_WALL, clumps, (side, side, high), bulk.time_step, SKIN * 2 * max(cube.radii), GRAVITY
-        )
+            particle=cube, between=BEAD_BEAD, walls=BEAD_WALL, time_step=bulk.time_step,
+            skin=SKIN * 2 * max(cube.radii), gravity=GRAVITY, count=clumps, size=(side, side, high),
+        )  # fmt: skip
         found, share = liggghts.speed(theirs, "type C", threads=1, steps=5 * steps, warm_up=fall)
         found *= 1e-6 / share
         rows += [
