@@ -179,9 +179,7 @@ flows.many_beads({beads})
 
 def many_beads(beads: int, steps: int = 3) -> None:
     """Beads a thousandth of a diameter into each other, so that all neighbours touch; prints this process' memory."""
-    import resource
-
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    before, _ = memory()
     side = math.ceil(beads ** (1 / 3))
     pitch = 0.9999 * D6.diameter
     k = np.arange(beads)
@@ -191,16 +189,15 @@ def many_beads(beads: int, steps: int = 3) -> None:
     bulk.add(places, overlap=0.01)
     del k, places
     bulk.run(steps)
-    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    sys.stdout.write(f"{before} {most} {memory_now()} {2 * bulk.contacts / beads:.2f}\n")
+    now, most = memory()
+    sys.stdout.write(f"{before} {most} {now} {2 * bulk.contacts / beads:.2f}\n")
 
 
-def memory_now() -> int:
-    """What this process holds in memory [kB]."""
-    for line in Path("/proc/self/status").read_text().splitlines():
-        if line.startswith("VmRSS"):
-            return int(line.split()[1])
-    return 0
+def memory() -> tuple[int, int]:
+    """What this process holds now and held at most [kB]; `getrusage` would count what its parent held as its own."""
+    lines = (line.split() for line in Path("/proc/self/status").read_text().splitlines())
+    held = {words[0]: int(words[1]) for words in lines if words[0] in ("VmRSS:", "VmHWM:")}
+    return held["VmRSS:"], held["VmHWM:"]
 
 
 def memory_rows(beads: int) -> list[Row]:
