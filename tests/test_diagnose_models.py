@@ -9,8 +9,8 @@ import pytest
 
 from rigtwin.compare.diagnose import along, collide, flight, labs, swing
 from rigtwin.compare.diagnose.double import _Contacts
-from rigtwin.compare.diagnose.naming import SECOND, _feigned
 from rigtwin.compare.diagnose.pendulum import pushing
+from rigtwin.compare.diagnose.price import SECOND, feigned
 from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.errors import BadInput
 from rigtwin.sim.effects import library, named, own_effect
@@ -137,10 +137,10 @@ def test_leftovers_gain_less_than_its_price_by_setting_a_stated_quantity_free(to
     gained = np.sum((leftover - column * held) ** 2) + (held[0] / stated) ** 2
     fewer = SimpleNamespace(fitted=SimpleNamespace(unknowns=[Unknown("camera_roll.angle", 0.0, 1e-3, sd=stated)]))
     more = SimpleNamespace(fitted=SimpleNamespace(std=lambda name: told * stated))
-    price = _feigned(fewer, more, [named("camera_roll")], left)
+    price = feigned(fewer, more, [named("camera_roll")], left)
     assert gained + SECOND < price + 1e-9
     assert price < 1.1 * (math.sqrt(gained) + math.sqrt(SECOND)) ** 2
-    assert _feigned(fewer, more, [named("camera_roll"), named("air_drag")], left) == math.inf
+    assert feigned(fewer, more, [named("camera_roll"), named("air_drag")], left) == math.inf
 
 
 def test_a_sphere_that_rolls_to_rest_stops_where_its_friction_says():

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from rigtwin.compare.diagnose.runs import hermite
-from rigtwin.compare.diagnose.swing import LEAST_RATE, Push
+from rigtwin.compare.diagnose.swing import LEAST_RATE, Push, runge_kutta
 from rigtwin.lab.records import Array
 
 PER_PERIOD = 50  # steps
@@ -70,7 +70,7 @@ def swing_and_hit(
         def second(angle: Array, rate: Array, mobile: Array = hit_once) -> Array:
             return mobile * push[1](angle, rate)
 
-        advance = _dry if dry else _runge_kutta
+        advance = _dry if dry else runge_kutta
         pushes: tuple[Push, Push] = (push[0], second)
         ends = _both(advance, pushes, a, b, u, v, step)
         distance, closing = gap(a, b, u, v, everyone)
@@ -120,7 +120,7 @@ def _dry(push: Push, angle: Array, rate: Array, h: Array) -> tuple[Array, Array]
     def one_way(a: Array, w: Array) -> Array:
         return np.where(stuck, 0.0, push(a, side * np.maximum(side * w, LEAST_RATE)))
 
-    angle_end, rate_end = _runge_kutta(one_way, angle, rate, h)
+    angle_end, rate_end = runge_kutta(one_way, angle, rate, h)
     turns = side * rate_end < 0
     if not turns.any():
         return angle_end, rate_end
@@ -135,17 +135,6 @@ def _dry(push: Push, angle: Array, rate: Array, h: Array) -> tuple[Array, Array]
         np.where(sticks, angle_end - gone, angle_end + 0.5 * (back - there) * since**2),
         np.where(sticks, 0.0, rate_end + (back - there) * since),
     )
-
-
-def _runge_kutta(change: Push, a: Array, w: Array, h: Array) -> tuple[Array, Array]:
-    k1 = change(a, w)
-    w2 = w + 0.5 * h * k1
-    k2 = change(a + 0.5 * h * w, w2)
-    w3 = w + 0.5 * h * k2
-    k3 = change(a + 0.5 * h * w2, w3)
-    w4 = w + h * k3
-    k4 = change(a + h * w3, w4)
-    return a + h / 6 * (w + 2 * w2 + 2 * w3 + w4), w + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
 
 def _first_zero(high: Array, low: Array, slope: Array, slope_end: Array) -> Array:

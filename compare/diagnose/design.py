@@ -221,8 +221,6 @@ def _duration(place: Any, setting: Setting, rig: str) -> float:
         return START + math.sqrt(
             2 * 0.4 / max(0.7 * place.lab.gravity * (math.sin(float(place.slope[0])) - 0.02), 0.02)
         )
-    if rig == "slide":
-        return min(setting.longer * float(np.ptp(place.time)), LONGEST)
     return min(setting.longer * float(np.ptp(place.time)), LONGEST)
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rigtwin.compare.diagnose.axes import check_axes
+from rigtwin.compare.diagnose.candidate import Candidate
 from rigtwin.compare.diagnose.design import CLEAR, REPETITIONS, Design, designs
 from rigtwin.compare.diagnose.double import DoubleBench
 from rigtwin.compare.diagnose.doubt import parameters
@@ -22,7 +23,7 @@ from rigtwin.compare.diagnose.fit import Fit, fit, screen
 from rigtwin.compare.diagnose.gap import Beside, Gap, beside, gap, names
 from rigtwin.compare.diagnose.labs import BULK, TrackedLab
 from rigtwin.compare.diagnose.locate import Disagreement, Location, Regioned, locate
-from rigtwin.compare.diagnose.naming import ALARM, FORM, Candidate, Naming, name_effects, spread_of
+from rigtwin.compare.diagnose.naming import ALARM, FORM, Naming, name_effects, spread_of
 from rigtwin.compare.diagnose.pendulum import PendulumBench
 from rigtwin.compare.diagnose.roll import LEVER, RollBench, one_material_of_many_sizes
 from rigtwin.compare.diagnose.sift import sifted

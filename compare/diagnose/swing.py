@@ -60,16 +60,16 @@ def half_swings(
         node_angle, node_rate = [theta], [omega_now]
         a, w = theta, omega_now
         for _ in range(STEPS - 1):
-            a, w = _runge_kutta(change, a, w, h)
+            a, w = runge_kutta(change, a, w, h)
             node_angle.append(a)
             node_rate.append(w)
         last = h
-        end_a, end_w = _runge_kutta(change, a, w, last)
+        end_a, end_w = runge_kutta(change, a, w, last)
         for _ in range(3):  # Newton to the moment of rest
             bend = change(end_a, end_w)
             correction = np.where(np.abs(bend) > 1e-9, -end_w / np.where(bend == 0, 1.0, bend), 0.0)
             last = np.clip(last + np.clip(correction, -0.7 * h, 0.7 * h), 0.05 * h, 6 * h)
-            end_a, end_w = _runge_kutta(change, a, w, last)
+            end_a, end_w = runge_kutta(change, a, w, last)
         node_angle.append(end_a)
         node_rate.append(np.zeros_like(end_w))
         steps.append(h)
@@ -92,7 +92,8 @@ def _duration(theta: Array, rate: Array, omega: Array, side: Array) -> Array:
     return np.maximum((math.pi - phase) / omega * slow, 1e-3)
 
 
-def _runge_kutta(change: Push, a: Array, w: Array, h: Array) -> tuple[Array, Array]:
+def runge_kutta(change: Push, a: Array, w: Array, h: Array) -> tuple[Array, Array]:
+    """Angle and rate a step `h` [s] later."""
     k1 = change(a, w)
     w2 = w + 0.5 * h * k1
     k2 = change(a + 0.5 * h * w, w2)

@@ -1,0 +1,101 @@
+"""A set of effects that is tried: its fit, what it gains, and why it cannot be."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rigtwin.compare.diagnose.fit import Fit
+from rigtwin.sim.effects import Effect
+from rigtwin.sim.effects.effect import WIDENING
+
+JITTER = 24.0  # deviance
+WHITE = 0.6  # of the squared differences of white noise
+BEYOND = 0.1  # of a coefficient's range above it, that its doubt excuses at most
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A set of effects and its fit."""
+
+    terms: tuple[Effect, ...]
+    fitted: Fit
+    gain: float
+    """Deviance of the baseline less its own, over the spread of the residuals; higher is better."""
+    reason: str = ""
+    """Why it is refused, empty where it is plausible."""
+    rough: Fit | None = None
+    """Its fit to a part of the data, where that was looked at first."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(term.name for term in self.terms)
+
+    @property
+    def groups(self) -> frozenset[str]:
+        return frozenset(term.group for term in self.terms)
+
+    @property
+    def score(self) -> float:
+        """Gain less the surprise of its coefficients where physics predicts them."""
+        return self.gain - sum(surprise(self.fitted, term) for term in self.terms)
+
+
+def best_of(candidates: Sequence[Candidate]) -> Candidate | None:
+    """The one with the highest score of those that are plausible."""
+    return max((one for one in candidates if not one.reason), key=lambda one: one.score, default=None)
+
+
+def front_of(candidates: Sequence[Candidate], count: int) -> list[Candidate]:
+    """The best of each family, plausible or nearly so."""
+    front: list[Candidate] = []
+    for one in sorted((c for c in candidates if not c.reason), key=lambda c: -c.score):
+        if all(one.groups != other.groups for other in front):
+            front.append(one)
+    return front[:count]
+
+
+def refused(fitted: Fit, terms: Sequence[Effect]) -> str:
+    """Why a fit's coefficients cannot be: out of their physical range, or not larger than their own doubt."""
+    for term in terms:
+        if term.geometry == "scatter":
+            if float(fitted.scatter[-1]) <= 1.02 * term.parameters[0].least:
+                return "rebounds scatter no more than those of a sphere"
+            continue
+        if term.geometry == "jitter":
+            least = term.parameters[0].least
+            if fitted.jitter < least:
+                return f"a jitter below {least:g} s is in any record"
+            if fitted.white < WHITE:
+                return "what is left goes on from frame to frame, which jitter does not"
+            continue
+        for parameter in term.parameters:
+            if parameter.assumed is not None:
+                continue
+            name = f"{term.name}.{parameter.name}"
+            value, std = fitted.value(name), fitted.std(name)
+            beyond = parameter.high + min(2 * std, BEYOND * (parameter.high - parameter.low))
+            if value < parameter.low - 2 * std or value > beyond:
+                return (
+                    f"{parameter.name} = {value:.3g} {parameter.unit} is not in {parameter.low:g} to {parameter.high:g}"
+                )
+            if abs(value) < parameter.least:
+                return f"{parameter.name} = {value:.3g} {parameter.unit} is no more than any lab has"
+            if abs(value) < 3.0 * std:
+                return f"{parameter.name} = {value:.3g} is within three of its standard deviations ({std:.2g}) of zero"
+    return ""
+
+
+def surprise(fitted: Fit, term: Effect) -> float:
+    """Twice the log of how much less likely a coefficient is than the predicted one; a factor of two costs one.
+
+    Noise that is not quite white looks like a little jitter: that has to gain more.
+    """
+    total = JITTER if term.geometry == "jitter" else 0.0
+    for parameter in term.parameters:
+        if parameter.predicted and term.geometry not in WIDENING:
+            value = abs(fitted.value(f"{term.name}.{parameter.name}"))
+            ratio = math.log(max(value, 1e-9) / parameter.predicted) / math.log(2)
+            total += min(ratio * ratio, 5.0)
+    return total
