@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
 
 from rigtwin.compare.diagnose.candidate import Candidate, best_of, front_of, refused
 from rigtwin.compare.diagnose.fit import Fit, fit, screen
@@ -109,11 +111,9 @@ class _Search:
                 if keys[-1] in self.done:
                     continue
                 terms = tuple(other if each is term else each for each in one.terms)
-                begun = {f"{other.name}.{other.parameters[0].name}": other.parameters[0].typical}
-                if near.per_row > LOST:
-                    self._add(fit(part, terms, start={**_values(near), **begun}, most=25, rounds=2))
-                else:
-                    self._add(fit(part, terms, near=near, beside=begun, most=25, rounds=2))
+                parameter = other.parameters[0]
+                begun = _begun(near, f"{other.name}.{parameter.name}", parameter.typical)
+                self._add(fit(part, terms, **begun, most=25, rounds=2))
         return self.polish([self.done[key] for key in keys])
 
     def settle(self, singles: list[Candidate]) -> list[Candidate]:
@@ -288,25 +288,28 @@ def near_names(fitted: Fit) -> tuple[str, ...]:
 def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit) -> Fit:
     newest = terms[-1]
     parameter = newest.parameters[0]
-    far = near.per_row > ROUGH
-    rounds = 1 if far else 2
-    most = 20 if far else 25  # the leading ones are fitted to the end afterwards
-    widens = newest.geometry in WIDENING
     name = f"{newest.name}.{parameter.name}"
-    fits = [] if newest.flat and not widens else [fit(bench, terms, near=near, most=most, rounds=rounds)]
-    lost = near.per_row > LOST
+    far, lost = near.per_row > ROUGH, near.per_row > LOST
+    # the leading ones are fitted to the end afterwards
+    fitted = partial(fit, bench, terms, most=20 if far else 25, rounds=1 if far else 2)
+    if newest.geometry in WIDENING:
+        return fitted(near=near)
+    fits = [] if newest.flat else [fitted(near=near)]
     starts = (*parameter.starts, *((parameter.typical,) if lost and parameter.typical not in parameter.starts else ()))
-    if (lost or newest.flat) and not widens:
-        for value in starts:
-            if lost:
-                fits.append(fit(bench, terms, start={**_values(near), name: value}, most=most, rounds=rounds))
-            else:
-                fits.append(fit(bench, terms, near=near, beside={name: value}, most=most, rounds=rounds))
-    elif not widens and fits[0].value(name) < parameter.low - 2 * fits[0].std(name):
+    if lost or newest.flat:
+        fits += [fitted(**_begun(near, name, value)) for value in starts]
+    elif fits[0].value(name) < parameter.low - 2 * fits[0].std(name):
         # there may be another minimum on the physical side: a clump that is held less once it slides, against one
         # that is held more and climbs the arm before it slides
-        fits.append(fit(bench, terms, near=near, beside={name: parameter.typical}, most=most, rounds=rounds))
+        fits.append(fitted(**_begun(near, name, parameter.typical)))
     return min(fits, key=lambda one: one.deviance)
+
+
+def _begun(near: Fit, name: str, value: float) -> dict[str, Any]:
+    """Where a fit begins that is to find its way from this value of an unknown."""
+    if near.per_row > LOST:
+        return {"start": {**_values(near), name: value}}
+    return {"near": near, "beside": {name: value}}
 
 
 def _values(near: Fit) -> dict[str, float]:
