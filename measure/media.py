@@ -64,8 +64,8 @@ class Video:
 
     @property
     def spoilt(self) -> str:
-        """Why nothing that moves is seen where it is; empty where it is."""
-        return sources.INTERLACED if sources.INTERLACED in self.warnings else ""
+        """Why nothing that moves can be trusted to be seen, where it is or to its end; empty where it can."""
+        return "; ".join(note for note in (sources.INTERLACED, sources.CUT_OFF) if note in self.warnings)
 
     def frames(self, first: int | None = None, last: int | None = None) -> Iterator[Frame]:
         """The pictures from `first` to `last`, the video's own where not given, in order."""
