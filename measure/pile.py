@@ -260,7 +260,7 @@ def _summit_scatter(tangent: float) -> float:
     Of grains laid at random, n to a grain's cube, n pi h^3 / (3 tan^2) lie within h of the tip on average, so that the
     depth of the first one is Weibull's with the exponent 3.
     """
-    depth = (3 * tangent**2 / (math.pi * GRAINS_PER_CUBE)) ** (1 / 3)
+    depth: float = (3 * tangent**2 / (math.pi * GRAINS_PER_CUBE)) ** (1 / 3)
     return depth * math.sqrt(math.gamma(5 / 3) - math.gamma(4 / 3) ** 2)
 
 
