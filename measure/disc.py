@@ -30,6 +30,7 @@ ENOUGH_BEADS = 300  # their share on one side of a line is known to 3 %
 POPULATION, ISLANDERS = 240, 120  # candidates searched together, of all and of one island
 ISLANDS = 4  # parts of the height in which the front rim may lie
 ISLAND_GENERATIONS, GENERATIONS = 25, 50
+SAMPLES = (20, 40)  # along a rim, on the islands and for the best of them all
 LEADERS = 12  # of the population, around which mutants are made
 CROSSED = 0.7  # share of a candidate's numbers that a mutant gives it
 ALIKE = 1e-3  # relative spread of the costs at which a search ends
@@ -120,7 +121,10 @@ def find_disc(
     given, `beads_across` the disc's diameter in bead diameters where it is known.
     """
     pictures = [edges(grey, blur=2.5), edges(grey, blur=1.5)]
-    costs = [_Cost(picture, alike, beads, focal_length, beads_across) for picture in pictures]
+    costs = [
+        _Cost(picture, alike, beads, focal_length, beads_across, samples)
+        for picture, samples in zip(pictures, SAMPLES, strict=True)
+    ]
     best = _candidate(_search(costs, _bounds(beads, roll)))
     fine = edges(grey, blur=1.2)
     candidate = _sharpened(grey, fine, best, focal_length)
@@ -339,6 +343,7 @@ class _Cost:
     beads: Beads
     focal_length: float
     beads_across: float | None
+    samples: int  # along a rim
 
     @cached_property
     def heap_reach(self) -> float:
@@ -355,7 +360,7 @@ class _Cost:
         template = _Template(*_candidate(places).astype(np.float32)[..., None])
         bead = self.beads.radius
         lower, left, right, upper, face, uneven, heap, spilled = _support(
-            self.picture, self.alike, template, bead, self.focal_length, 40
+            self.picture, self.alike, template, bead, self.focal_length, self.samples
         )
         x, y = self.some_centres[:, 0] - template.x, self.some_centres[:, 1] - template.y
         along = (x * np.cos(template.roll) + y * np.sin(template.roll)) / template.half
@@ -396,7 +401,7 @@ def _support(
     def on_face(share: float) -> Numbers:
         return np.asarray(upper + share * (lower - upper))
 
-    on, beyond = (np.linspace(*ends, 16, dtype=np.float32) for ends in ((-0.9, -0.1), (0.15, 0.9)))
+    on, beyond = (np.linspace(*ends, 8, dtype=np.float32) for ends in ((-0.9, -0.1), (0.15, 0.9)))
     walls = [(side * np.ones_like(part), template.thickness * part, None) for side in (-1, 1) for part in (on, beyond)]
     low, high, left, left_on, right, right_on, *uneven = _on_edges(
         picture,
