@@ -23,7 +23,6 @@ SPOKES = 24  # directions in which a circle's edge is looked for
 SURROUNDED = 0.5  # share of the spokes that must meet an edge; half of a bead in a heap is hidden
 WELL_SURROUNDED = 0.7  # beads at the front of a heap hide behind none
 NEARLY = 0.5  # share of the best score at which a larger radius is preferred
-FINE_RADIUS = 6.0  # [px], enough to tell a circle; larger ones are looked for in a smaller picture
 FEWEST_BEADS = 10
 SAMPLED = 300  # rows and columns at least, from which a picture's usual edges are learnt
 MOST_ROWS = 30_000  # that OpenCV reads at once are less than 32,767
@@ -80,20 +79,16 @@ def find_beads(grey: npt.NDArray[np.uint8], radii: tuple[float, float]) -> Beads
     ones inside beads, meet an edge on part of their rim only.  Shading puts the clearest edge inside a bead's rim,
     therefore the largest radius that does nearly as well as the best.
     """
-    small, zoom, picture = grey, 1.0, edges(grey)
+    picture = edges(grey)
     tried: list[tuple[float, Beads]] = []
     for radius in np.geomspace(*radii, num=max(2, round(np.log(radii[1] / radii[0]) / 0.12) + 1)):
-        while radius * zoom >= 2 * FINE_RADIUS and min(small.shape) > 4 * FINE_RADIUS:
-            small = np.asarray(cv2.resize(small, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-            zoom, picture = zoom / 2, edges(small)
-        here = float(radius * zoom)
         for sign in (1, -1):  # beads brighter, then darker than the gaps between them
-            group = _largest_group(_circles(picture, here, sign), 3.0 * here)
+            centre = _circles(picture, float(radius), sign)
+            group = _largest_group(centre, 3.0 * radius)
             if len(group) < FEWEST_BEADS:
                 continue
-            surrounded = _surrounded(picture, group, here, sign)
-            centre = (group + 0.5) / zoom - 0.5
-            tried.append((float(np.sum(np.maximum(surrounded - WELL_SURROUNDED, 0)) * radius), Beads(centre, radius)))
+            surrounded = _surrounded(picture, group, float(radius), sign)
+            tried.append((float(np.sum(np.maximum(surrounded - WELL_SURROUNDED, 0)) * radius), Beads(group, radius)))
     if not tried:
         return None
     best, leader = max(tried, key=lambda one: one[0])
