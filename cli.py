@@ -17,7 +17,7 @@ import typer
 from rigtwin import __version__
 from rigtwin.commands import measure, simulate
 from rigtwin.commands.ending import Work, finished
-from rigtwin.commands.options import Heaps, Json, Out, Quiet, Seed, Stiffness, Threads, out_option
+from rigtwin.commands.options import Heaps, Json, Out, Quiet, Seed, Stiffness, Threads, TimeStep, option, out_option
 from rigtwin.commands.show import print_json, show_comparison, show_diagnosis, show_reproduction
 from rigtwin.lab.units import MOST_PARTICLES
 
@@ -163,6 +163,48 @@ def diagnose(
     from rigtwin.compare.diagnose.run import diagnose_folder
 
     return partial(diagnose_folder, lab, _beside(lab, out), own=effect or (), only=only or ())
+
+
+@app.command(epilog="Example: rigtwin export liggghts --particle D6 --wall steel --out d6-steel.in")
+def export(
+    code: Annotated[Literal["edem", "liggghts"], typer.Argument(help="The code that shall compute: edem, liggghts.")],
+    *,
+    particle: simulate.ParticleName = "D6",
+    wall: simulate.WallName = "steel",
+    lab: simulate.LabFolder = None,
+    restitution: simulate.Restitution = None,
+    static_friction: simulate.StaticFriction = None,
+    rolling_friction: simulate.RollingFriction = None,
+    rolling: simulate.RollingModel = "C",
+    stiffness_factor: Stiffness = 1e-3,
+    time_step_fraction: TimeStep = 0.3,
+    out: Annotated[Path | None, option("--out", "FILE", "Write it here; standard output by default.")] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Particle, wall and contacts for another DEM code, in its conventions.
+
+    Rolling friction means different torques in different codes; the value here is the one that gives the same.
+    """
+    from rigtwin.compare.export import export as convert
+    from rigtwin.compare.results import write_together
+
+    cast = simulate.cast_of(particle, wall, lab, restitution, static_friction, rolling_friction)
+    made = convert(
+        code,
+        *cast,
+        rolling="type A" if rolling == "A" else "type C",
+        stiffness_factor=stiffness_factor or 1e-3,
+        time_step_fraction=time_step_fraction,
+    )
+    if out is not None:
+        write_together(out.parent, {out.name: made.text})
+    if as_json:
+        print_json(made.to_json())
+    elif out is None:
+        typer.echo(made.text, nl=False)
+    elif not quiet:
+        typer.echo(f"wrote {out}")
 
 
 @app.command(epilog="Example: rigtwin reproduce hlosta2020 --table 14 --repetitions 3")

@@ -118,7 +118,10 @@ def compare(beads: int, options: argparse.Namespace) -> list[Row]:
     position, size = settled_bed(beads, options.seed)
     beads = len(position)
     sys.stderr.write(f"{beads} beads settled in {time.perf_counter() - began:.0f} s\n")
-    peer = liggghts.Bed(D6, BEAD_BEAD, BEAD_WALL, position, size, STEP, SKIN * D6.diameter, GRAVITY)
+    peer = liggghts.Bed(
+        particle=D6, between=BEAD_BEAD, walls=BEAD_WALL, time_step=STEP, skin=SKIN * D6.diameter, gravity=GRAVITY,
+        position=position, size=size,
+    )  # fmt: skip
     pairs = options.pairs if beads <= 2 * BLOCK else max(1, options.pairs_large)
     steps = max(40, int(3e6 * options.seconds / beads))
     rows: list[Row] = []

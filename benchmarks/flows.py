@@ -102,8 +102,8 @@ def hopper_rows(beads: int, threads: int, pairs: int, seconds: float, seed: int,
     position, velocity = running_hopper(beads, seed)
     steps = max(40, int(2e6 * seconds / len(position)))
     state = liggghts.Hopper(
-        D6, BEAD_BEAD, BEAD_WALL, position, velocity, hopper_corners(), 60 / RPM, (BIN, -0.1, HEIGHT), STEP,
-        SKIN * D6.diameter, GRAVITY,
+        particle=D6, between=BEAD_BEAD, walls=BEAD_WALL, time_step=STEP, skin=SKIN * D6.diameter, gravity=GRAVITY,
+        position=position, velocity=velocity, corners=hopper_corners(), period=60 / RPM, reach=(BIN, -0.1, HEIGHT),
     )  # fmt: skip
     ours, theirs = [], []
     for _ in range(pairs):
@@ -155,8 +155,9 @@ def clump_rows(clumps: int, steps: int, seed: int) -> list[Row]:
         # thrown in as the spheres about them, a quarter of the room
         high = cube.diameter + clumps * 4 * math.pi / 6 * cube.diameter**3 / side**2
         theirs = liggghts.Clumps(
-            cube, BEAD_BEAD, BEAD_WALL, clumps, (side, side, high), bulk.time_step, SKIN * 2 * max(cube.radii), GRAVITY
-        )
+            particle=cube, between=BEAD_BEAD, walls=BEAD_WALL, time_step=bulk.time_step,
+            skin=SKIN * 2 * max(cube.radii), gravity=GRAVITY, count=clumps, size=(side, side, high),
+        )  # fmt: skip
         found, share = liggghts.speed(theirs, "type C", threads=1, steps=5 * steps, warm_up=fall)
         found *= 1e-6 / share
         rows += [
@@ -178,9 +179,7 @@ flows.many_beads({beads})
 
 def many_beads(beads: int, steps: int = 3) -> None:
     """Beads a thousandth of a diameter into each other, so that all neighbours touch; prints this process' memory."""
-    import resource
-
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    before, _ = memory()
     side = math.ceil(beads ** (1 / 3))
     pitch = 0.9999 * D6.diameter
     k = np.arange(beads)
@@ -190,16 +189,15 @@ def many_beads(beads: int, steps: int = 3) -> None:
     bulk.add(places, overlap=0.01)
     del k, places
     bulk.run(steps)
-    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    sys.stdout.write(f"{before} {most} {memory_now()} {2 * bulk.contacts / beads:.2f}\n")
+    now, most = memory()
+    sys.stdout.write(f"{before} {most} {now} {2 * bulk.contacts / beads:.2f}\n")
 
 
-def memory_now() -> int:
-    """What this process holds in memory [kB]."""
-    for line in Path("/proc/self/status").read_text().splitlines():
-        if line.startswith("VmRSS"):
-            return int(line.split()[1])
-    return 0
+def memory() -> tuple[int, int]:
+    """What this process holds now and held at most [kB]; `getrusage` would count what its parent held as its own."""
+    lines = (line.split() for line in Path("/proc/self/status").read_text().splitlines())
+    held = {words[0]: int(words[1]) for words in lines if words[0] in ("VmRSS:", "VmHWM:")}
+    return held["VmRSS:"], held["VmHWM:"]
 
 
 def memory_rows(beads: int) -> list[Row]:

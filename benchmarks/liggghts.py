@@ -31,18 +31,24 @@ LOOK = 0.05  # [s] between two looks at how its processes fare
 TIME = re.compile(r"Loop time of (\S+) on \d+ procs? for (\d+) steps with (\d+) atoms")
 
 
-@dataclass(frozen=True)
-class Bed:
-    """A box of equal beads, open at the top."""
+@dataclass(frozen=True, kw_only=True)
+class Peer:
+    """What its every deck needs; the walls are of the beads' material."""
 
     particle: Particle
     between: Contact
-    walls: Contact  # of the five planes, made of the beads' material
-    position: npt.NDArray[np.float64]  # [m], shape (n, 3)
-    size: tuple[float, float, float]  # [m]
+    walls: Contact
     time_step: float  # [s]
     skin: float  # [m]
     gravity: float  # [m/s^2]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bed(Peer):
+    """A box of equal beads, open at the top."""
+
+    position: npt.NDArray[np.float64]  # [m], shape (n, 3)
+    size: tuple[float, float, float]  # [m]
 
     def files(self, rolling: str, steps: int, warm_up: int) -> dict[str, str]:
         """What the program reads, by name; `in.run` is the deck."""
@@ -58,18 +64,12 @@ class Bed:
         return len(self.position)
 
 
-@dataclass(frozen=True)
-class Clumps:
+@dataclass(frozen=True, kw_only=True)
+class Clumps(Peer):
     """Equal clumps that it throws into a box itself: it takes no clumps from elsewhere."""
 
-    particle: Particle
-    between: Contact
-    walls: Contact  # of the five planes, made of the clumps' material
     count: int
     size: tuple[float, float, float]  # [m]
-    time_step: float  # [s]
-    skin: float  # [m]
-    gravity: float  # [m/s^2]
 
     def files(self, rolling: str, steps: int, warm_up: int) -> dict[str, str]:
         """What the program reads, by name; `in.run` is the deck."""
@@ -109,21 +109,15 @@ def _box_walls(rolling: str, x: float, y: float) -> str:
     )
 
 
-@dataclass(frozen=True)
-class Hopper:
+@dataclass(frozen=True, kw_only=True)
+class Hopper(Peer):
     """Flowing beads in a mesh that turns about z."""
 
-    particle: Particle
-    between: Contact
-    walls: Contact  # of the mesh, made of the beads' material
     position: npt.NDArray[np.float64]  # [m], shape (n, 3)
     velocity: npt.NDArray[np.float64]  # [m/s], shape (n, 3)
     corners: npt.NDArray[np.float64]  # [m], shape (triangles, 3, 3)
     period: float  # [s], of a turn
     reach: tuple[float, float, float]  # [m], of the domain: across, and its lower and upper end
-    time_step: float  # [s]
-    skin: float  # [m]
-    gravity: float  # [m/s^2]
 
     def files(self, rolling: str, steps: int, warm_up: int) -> dict[str, str]:
         """What the program reads, by name; `in.run` is the deck."""
@@ -358,7 +352,7 @@ def stl(corners: npt.NDArray[np.float64]) -> str:
 
 
 def _deck(
-    run: Bed | Hopper | Clumps,
+    run: Peer,
     rolling: str,
     walls: str,
     beads: str = "read_data beads.data\n",

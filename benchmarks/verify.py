@@ -18,6 +18,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
+from exported import exported
 from figures import Row, against, below, report
 from linear import linear
 from published import penetration, silo
@@ -585,7 +586,7 @@ def spin() -> list[Row]:
 
 CASES: tuple[Callable[[], list[Row]], ...] = (
     test_1, test_2, test_3, test_4, test_5, test_6, test_7, test_8, slope, pair, restitution, linear, rest, collapse,
-    spin, silo, penetration,
+    spin, silo, penetration, exported,
 )  # fmt: skip
 SEED = int(os.environ.get("SEED", "1"))
 

@@ -105,12 +105,12 @@ def bulk(*, wall: str, count: int | None = None) -> Callable[[Command], Command]
     def gather(**said: Any) -> Callable[[], tuple[Any, dict[str, Any]]]:
         asked = {name: value for name, value in said.items() if name not in casting}
         asked["rolling"] = f"type {asked['rolling']}"
-        return lambda: (_cast(**{name: said[name] for name in casting}), asked)
+        return lambda: (cast_of(**{name: said[name] for name in casting}), asked)
 
     return gathered("run", options, gather)
 
 
-def _cast(
+def cast_of(
     particle: str,
     wall: str,
     lab: Path | None,

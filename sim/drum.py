@@ -30,6 +30,7 @@ Array = npt.NDArray[np.float64]
 DEPTH = 0.5  # of the diameter, where the rig does not say
 FILL = 0.35  # of the volume, where the rig does not say
 PACKING = 0.6  # part of a bed's volume that is beads, by which a fill is counted out in beads
+FULLEST = 0.9  # part of the drum, beyond which nothing turns over
 STEADY_AFTER = 0.25  # turns
 CELL = 3.0  # bead diameters, side of the cells in which mixing is counted
 FEWEST = 5  # beads in a cell that counts
@@ -81,15 +82,18 @@ def run(
         count = max(1, round(fill * PACKING * volume / particle.volume))
     elif count < 1:
         raise BadInput(f"count: {count} beads make no bed; give at least 1.")
+    if (share := _share(count, rig, depth, particle)) > FULLEST:
+        raise BadInput(
+            f"count: {count} beads do not fit in, or could not turn; at most {int(count * FULLEST / share)} find room."
+        )
     bench = Bench(rig, particle, wall, contact, wall_contact, numerics)
     bulk = bench.bulk(_shapes(rig, depth), _domain(rig, depth, particle), open_domain=False)
-    course = _Course()
+    course = _Course(random=np.random.default_rng(seed))
     asked = {"count": count, "turns": turns, "interval": interval, "fill_limit": fill_limit}
     with bench.logbook(bulk, seed=seed, **asked) as logbook:
         if kept := logbook.resume():
-            course = _Course(**kept)
-        else:
-            _scatter(bulk, rig, depth, particle, count, seed)
+            course.go_on(kept)
+        _scatter(bulk, logbook, course, rig, depth, particle, count, progress)
         _settle(bulk, logbook, course, rig, particle, fill_limit, progress)
         _turn(bulk, logbook, course, rig, particle, turns, interval, progress)
     times, beads = np.array(course.times), bulk.beads()
@@ -170,8 +174,8 @@ def _filled_in(rig: Drum) -> tuple[float, float]:
     depth = DEPTH * rig.diameter if rig.depth is None else rig.depth
     fill = FILL if rig.fill is None else rig.fill
     positive(diameter=rig.diameter, depth=depth)
-    if not 0 < fill < 0.9:
-        raise BadInput(f"fill: {fill:g} of the drum must be above 0 and below 0.9.")
+    if not 0 < fill < FULLEST:
+        raise BadInput(f"fill: {fill:g} of the drum must be above 0 and below {FULLEST:g}.")
     return depth, fill
 
 
@@ -184,7 +188,16 @@ def _share(count: int, rig: Drum, depth: float, particle: Particle) -> float:
     return count * particle.volume / PACKING / volume
 
 
-def _scatter(bulk: Bulk, rig: Drum, depth: float, particle: Particle, count: int, seed: int) -> None:
+def _scatter(
+    bulk: Bulk,
+    logbook: Logbook,
+    course: _Course,
+    rig: Drum,
+    depth: float,
+    particle: Particle,
+    count: int,
+    progress: Progress,
+) -> None:
     half, deep = rig.diameter / 2, depth / 2
 
     def inside(points: Array, clear: float) -> npt.NDArray[np.bool_]:
@@ -192,7 +205,7 @@ def _scatter(bulk: Bulk, rig: Drum, depth: float, particle: Particle, count: int
         return np.asarray(free & (deep - np.abs(points[:, 1]) > clear))
 
     low = np.array([-half, -deep, -half])
-    fill.scatter(bulk, count, inside, (low, -low), particle, np.random.default_rng(seed))
+    fill.scatter_in_turns(bulk, logbook, course, count, inside, (low, -low), particle, progress)
 
 
 def _shapes(rig: Drum, depth: float) -> tuple[Shape, ...]:
@@ -214,8 +227,8 @@ def _domain(rig: Drum, depth: float, particle: Particle) -> tuple[list[float], l
 # ---------------------------------------------------------------------- the run
 
 
-@dataclass
-class _Course(fill.Filling):
+@dataclass(kw_only=True)
+class _Course(fill.Course):
     """How far filling and turning have come: with the beads, all that a run needs to go on."""
 
     low_at_first: list[int] = field(default_factory=list)  # the beads that lay in the lower half of the bed then

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Particle
@@ -34,6 +35,7 @@ TRIES = 20  # places tried for each particle that is due
 PATIENCE = 100  # looks in a row at which no particle found room
 REST_LOOKS = 3  # times in a row
 LOOSEST, TIGHTEST = 1.35, 1.02  # pitch of the lattice, in diameters
+HALF, NONE = np.full(3, 0.5), np.zeros((0, 3))
 THROWN = 0.2  # [m/s], standard deviation of each component; so that no lattice survives the fall
 
 
@@ -169,20 +171,71 @@ def scatter(
 
     A lattice as loose as fits, every bead moved off its site at random, filled from below.
     """
+    sites, shift = _sites(count, inside, box, particle)
+    if len(sites) < count:
+        raise _too_many(count, particle, len(sites))
+    _place(bulk, sites[:count], shift, particle, random)
+
+
+def scatter_in_turns(
+    bulk: Bulk,
+    logbook: Logbook,
+    course: Course,
+    count: int,
+    inside: Inside,
+    box: tuple[Array, Array],
+    particle: Particle,
+    progress: Progress,
+) -> None:
+    """As `scatter`, but what finds no room waits until those before it have fallen: clumps lie closer than lattices."""
+    steps = max(1, round(LOOK / bulk.time_step))
+    while course.placed < count:
+        taken = bulk.grains().position
+        phase = course.random.random(3) if len(taken) else HALF
+        new, shift = _sites(count - course.placed, inside, box, particle, taken, phase)
+        new = new[: count - course.placed]
+        if not len(new) and course.patience == PATIENCE:
+            raise _too_many(count, particle, course.placed)
+        if len(new):
+            _place(bulk, new, shift, particle, course.random)
+        course.patience = 0 if len(new) else course.patience + 1
+        course.placed += len(new)
+        if course.placed < count:
+            logbook.run(steps)
+            logbook.look(course.kept())
+            progress("filling", course.placed, count)
+
+
+def _sites(
+    count: int, inside: Inside, box: tuple[Array, Array], particle: Particle, taken: Array = NONE, phase: Array = HALF
+) -> tuple[Array, float]:
+    """Sites of the loosest lattice with `count` that are clear of `taken` centres, else of the tightest; lowest first.
+
+    The lattice begins a `phase` of its pitch behind the box's low corner.  Also how far [m] a site may be moved.
+    """
     for pitch in np.linspace(LOOSEST, TIGHTEST, 12) * particle.diameter:
-        shift = 0.45 * (pitch - particle.diameter)
-        steps = [np.arange(low + pitch / 2, high, pitch) for low, high in zip(*box, strict=True)]
+        shift = float(0.45 * (pitch - particle.diameter))
+        steps = [np.arange(low + part * pitch, high, pitch) for low, high, part in zip(*box, phase, strict=True)]
         sites = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
         sites = sites[inside(sites, particle.radius + shift)]
+        if len(taken) and len(sites):
+            near, _ = cKDTree(taken).query(sites, distance_upper_bound=particle.diameter + shift)
+            sites = sites[np.isinf(near)]
         if len(sites) >= count:
-            lowest = sites[np.argsort(sites[:, 2], kind="stable")[:count]]
-            places = lowest + random.uniform(-shift, shift, (count, 3)) / np.sqrt(3)
-            velocities = random.normal(0, THROWN, (count, 3))
-            turn = None if particle.shape is None else random.normal(size=(count, 4))
-            bulk.add(places, velocities, turn=turn)
-            return
-    raise BadInput(
-        f"count: {count} beads of {particle.diameter * 1e3:.3g} mm do not fit in; at most {len(sites)} find room."
+            break
+    return sites[np.argsort(sites[:, 2], kind="stable")], shift
+
+
+def _place(bulk: Bulk, sites: Array, shift: float, particle: Particle, random: np.random.Generator) -> None:
+    places = sites + random.uniform(-shift, shift, sites.shape) / np.sqrt(3)
+    velocities = random.normal(0, THROWN, sites.shape)
+    turn = None if particle.shape is None else random.normal(size=(len(sites), 4))
+    bulk.add(places, velocities, turn=turn)
+
+
+def _too_many(count: int, particle: Particle, room: int) -> BadInput:
+    return BadInput(
+        f"count: {count} beads of {particle.diameter * 1e3:.3g} mm do not fit in; at most {room} find room."
     )
 
 

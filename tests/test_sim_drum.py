@@ -7,6 +7,7 @@ import pytest
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.rigs import Drum
 from rigtwin.sim import drum
 
@@ -105,6 +106,22 @@ def test_a_broken_run_ends_with_the_bits_of_one_that_never_stopped(broken_off, r
     again = turned(**more)
     assert np.array_equal(again.centres, rough.centres)
     assert np.array_equal(again.mixing.value, rough.mixing.value)
+
+
+def test_pellets_too_long_to_find_room_together_come_in_one_after_another(broken_off, tmp_path):
+    pellet = hlosta2020.particle("P6x15_3s")
+
+    def pellets(**more) -> drum.Rotation:
+        numerics = {"seed": 3, "threads": 1, "stiffness_factor": 1e-4, "fill_limit": 0.02}
+        return drum.run(RIG, pellet, PMMA, ROUGH, ROUGH, count=36, turns=0.02, **numerics, **more)
+
+    whole = pellets()
+    assert len(whole.centres) == 36 * len(pellet.radii)
+    assert np.hypot(whole.centres[:, 0], whole.centres[:, 2]).max() < 0.035 - 0.9 * min(pellet.radii)
+    assert np.abs(whole.centres[:, 1]).max() < 0.01 - 0.9 * min(pellet.radii)
+    more = {"checkpoint": tmp_path / "pellets.npz", "checkpoint_interval": 0}
+    broken_off(pellets, 1, **more)  # while they still come in
+    assert np.array_equal(pellets(**more).centres, whole.centres)
 
 
 def test_what_the_rig_leaves_open_is_in_the_result():

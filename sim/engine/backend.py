@@ -26,7 +26,6 @@ from rigtwin.sim.engine.device import DEVICES, Device
 GRAIN = 512  # on CPUs Taichi gives a thread at least so many rounds of a parallel loop
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
-os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
 # kernels print nothing; otherwise Taichi tells a caller who replaced stdout of a shell
 os.environ.setdefault("TI_ENABLE_PYBUF", "0")
 
