@@ -327,10 +327,12 @@ def _formula(candidate: Candidate) -> str:
 
 
 def _closed(naming: Naming) -> float | None:
-    """Share of the located excess that the best closes."""
+    """Share of the excess that the best closes: of what repetitions have in common, or of all, whichever is less."""
     assert naming.best is not None
-    before, after = naming.location.statistic, naming.after.statistic
-    return None if before < 1.5 else 1 - max(after - 1.0, 0.0) / (before - 1.0)
+    common = naming.location.statistic, naming.after.statistic
+    every = naming.base.per_row, naming.best.fitted.per_row
+    shares = [1 - max(after - 1.0, 0.0) / (before - 1.0) for before, after in (common, every) if before >= 1.5]
+    return min(shares, default=None)
 
 
 def _next(diagnosis: Diagnosis) -> str:
