@@ -8,19 +8,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from rigtwin.compare.diagnose.labs import Condition, TrackedLab
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.records import Array, Track
 
-WINDOW = 0.05  # [s], through which a parabola is laid
-FEWEST = 7  # rows of such a window
-FALLING = 0.2  # of gravity: less says nothing of its direction
-PLAINLY = 3.0  # times as much along one axis as along the other
-ALWAYS, OFTEN = 0.95, 0.8  # shares of the rows
+WINDOWS = (0.06, 0.12)  # [s], through which a parabola is laid
+FEWEST = 6  # rows of such a window
+OF_A_PERIOD = 0.2  # longest window through the path of a pendulum
+BADLY = 0.2  # of what gravity bends a path within a window: an impact leaves more beside its parabola
+PLAINLY = 3.0  # times as near to one gravity as to the other, and times as many windows
+APART = 0.2  # of gravity, between what two directions of it would do
+SPEAKING = 3  # windows
+SELDOM = 0.05  # share of the rows
 HIGH = 0.3  # thread lengths
+OFF = 0.25  # thread lengths from where a thread's end can be
 NEAR, FAR = math.radians(5), math.radians(10)  # of a stated angle, and clearly off it
 
 EXCHANGED = "x_m and y_m look exchanged; x_m is level and y_m points up"
@@ -37,47 +43,87 @@ def check_axes(lab: TrackedLab) -> None:
         "roll": _descends,
     }[lab.rig]
     for condition in lab.conditions:
+        alone = replace(lab, conditions=(condition,))
         for number, repetition in enumerate(condition.repetitions):
             for track in repetition:
-                if fault := look(lab, condition, track):
+                if len(track.time) >= FEWEST and (fault := look(alone, condition, track)):
                     where = next(iter(condition.files[number : number + 1]), f"repetition {number + 1}")
                     raise BadInput(f"{lab.folder}: {condition.name}: {where}: {fault}.")
 
 
 def _falls(lab: TrackedLab, _condition: Condition, track: Track) -> str:
     """A bead in flight is accelerated downwards."""
-    across, up = np.median(_acceleration(track), axis=0) / lab.gravity
-    if abs(across) > max(FALLING, PLAINLY * abs(up)):
+    _, acceleration = _bent(track, lab.gravity)
+
+    def misfit(x: float, y: float) -> Array:
+        return np.asarray(np.hypot(*(acceleration / lab.gravity - [x, y]).T))
+
+    if any(_pulls(misfit(side, 0), misfit(0, -1)) for side in (-1, 1)):
         return f"the bead falls along x_m, {EXCHANGED}"
-    return f"the bead falls upwards, {UPSIDE_DOWN}" if up > max(FALLING, PLAINLY * abs(across)) else ""
+    return f"the bead falls upwards, {UPSIDE_DOWN}" if _pulls(misfit(0, 1), misfit(0, -1)) else ""
 
 
-def _acceleration(track: Track) -> Array:
-    """(windows, 2) [m/s^2], of parabolas through as many rows as there are in a window."""
-    step = float(np.median(np.diff(track.time)))
-    rows = min(max(math.ceil(WINDOW / step), FEWEST), len(track.time))
-    time = np.lib.stride_tricks.sliding_window_view(track.time, rows)[:: rows // 2 + 1]
-    place = np.lib.stride_tricks.sliding_window_view(track.position, rows, axis=0)[:: rows // 2 + 1]
-    s = (time - time.mean(axis=1, keepdims=True)) / step
-    weights = np.linalg.pinv(np.stack([np.ones_like(s), s, s * s], axis=-1))
-    return np.asarray(2 * np.einsum("ws,wks->wk", weights[:, 2], place) / step**2)
+def _hangs(lab: TrackedLab, _condition: Condition, track: Track) -> str:
+    """A bob is drawn down along its arc, wherever on it it is; the thread holds it across the arc."""
+    length, release = lab.setting("length_m")[0], abs(lab.setting("release_angle_deg")[0])
+    x, y = track.position.T
+    if float(np.median(abs(np.hypot(x, y) - length))) > OFF * length:
+        aloft = float(np.mean(y < 0)) < SELDOM
+        return "the bob does not hang below the origin; put the origin at the pivot" if aloft else ""
+    longest = OF_A_PERIOD * 2 * math.pi * math.sqrt(max(length, 0.0) / lab.gravity)
+    place, acceleration = _bent(track, lab.gravity, longest)
+    along = place[:, ::-1] * [-1, 1] / np.hypot(*place.T)[:, None]
 
+    def misfit(x: float, y: float) -> Array:
+        return np.asarray(abs(np.sum((acceleration / lab.gravity - [x, y]) * along, axis=1)))
 
-def _hangs(_lab: TrackedLab, condition: Condition, track: Track) -> str:
-    """A bob hangs below its pivot, whichever side it swings to."""
-    left, below = np.mean(track.position < 0, axis=0)
-    if below < OFTEN and left > ALWAYS:
+    if _pulls(misfit(-1, 0), misfit(0, -1), abs(along @ [-1, 1]) > APART):
         return f"the bob hangs to the left of its pivot, {EXCHANGED}"
-    high = float(np.median(track.position[:, 1])) / float(condition.settings.get("length_m") or math.inf)
-    if high > HIGH:
-        return f"the bob stands above its pivot, {UPSIDE_DOWN}"
-    return "the bob does not hang below the origin; put the origin at the pivot" if below < 1 - ALWAYS else ""
+    # a bob let go below the level never comes above it
+    stands = release < 90 and float(np.median(y)) > HIGH * length
+    stands = stands or _pulls(misfit(0, 1), misfit(0, -1), abs(along @ [0, 2]) > APART)
+    return f"the bob stands above its pivot, {UPSIDE_DOWN}" if stands else ""
 
 
-def _lies(_lab: TrackedLab, condition: Condition, track: Track) -> str:
-    """A clump lies on the arm, which rises to the right at the angle stated for the first frame."""
+def _pulls(this: Array, right: Array, apart: npt.NDArray[np.bool_] | bool = True) -> bool:
+    """Whether plainly more windows fit a gravity in this direction than in the right one."""
+    for_this = int(np.sum(apart & (PLAINLY * this < right)))
+    for_right = int(np.sum(apart & (PLAINLY * right < this)))
+    return for_this >= SPEAKING and for_this > PLAINLY * for_right
+
+
+def _bent(track: Track, gravity: float, longest: float = math.inf) -> tuple[Array, Array]:
+    """Places (windows, 2) [m] and accelerations [m/s^2] of the windows through which a parabola fits well."""
+    step = float(np.median(np.diff(track.time)))
+    sizes = {min(max(round(window / step) + 1, FEWEST), len(track.time)) for window in WINDOWS}
+    found = [_parabolas(track, rows, gravity, longest) for rows in sorted(sizes)]
+    return np.concatenate([place for place, _ in found]), np.concatenate([bend for _, bend in found])
+
+
+def _parabolas(track: Track, rows: int, gravity: float, longest: float) -> tuple[Array, Array]:
+    """The same, of windows of so many rows, each a quarter on from the one before."""
+    every = max(rows // 4, 1)
+    time = np.lib.stride_tricks.sliding_window_view(track.time, rows)[::every]
+    path = np.lib.stride_tricks.sliding_window_view(track.position, rows, axis=0)[::every]
+    place = path.mean(axis=-1)
+    left = path - place[..., None]
+    s = time - time.mean(axis=1, keepdims=True)
+    square = np.sum(s * s, axis=1, keepdims=True)
+    bow = s * s - square / rows - s * np.sum(s**3, axis=1, keepdims=True) / square
+    height = np.sum(bow * bow, axis=1)
+    left = left - s[:, None] * np.sum(left * s[:, None], axis=-1, keepdims=True) / square[:, None]
+    half = np.sum(left * bow[:, None], axis=-1) / height[:, None]
+    left = left - half[..., None] * bow[:, None]
+    beside = np.sqrt(np.sum(left**2, axis=-1).max(axis=1) / (rows - 3))
+    well = (beside < BADLY * gravity / 2 * np.sqrt(height / rows)) & (time[:, -1] - time[:, 0] <= longest)
+    return place[well], 2 * half[well]
+
+
+def _lies(lab: TrackedLab, condition: Condition, track: Track) -> str:
+    """A clump lies on the arm, which rises to the right from the angle stated for the moment zero."""
     x, y = np.median(track.position[:FEWEST], axis=0)
-    stated = math.radians(float(condition.settings.get("start_angle_deg") or 0.0))
+    tilted = lab.setting("tilt_rate_deg_s", 0.0)[0] * float(np.median(track.time[:FEWEST]))
+    stated = math.radians(lab.setting("start_angle_deg", 0.0)[0] + tilted)
     stated += math.atan2(condition.bead.radius, math.hypot(x, y))
     if abs(math.atan2(y, x) - stated) < FAR:
         return ""
@@ -86,14 +132,15 @@ def _lies(_lab: TrackedLab, condition: Condition, track: Track) -> str:
     return f"the clump lies below the hinge, {UPSIDE_DOWN}" if abs(math.atan2(-y, x) - stated) < NEAR else ""
 
 
-def _descends(_lab: TrackedLab, condition: Condition, track: Track) -> str:
+def _descends(lab: TrackedLab, condition: Condition, track: Track) -> str:
     """A bead rolls along the level, and down where it is not pushed."""
     way = np.median(track.position[-FEWEST:], axis=0) - np.median(track.position[:FEWEST], axis=0)
-    incline = math.radians(float(condition.settings.get("incline_angle_deg") or 0.0))
+    incline = math.radians(lab.setting("incline_angle_deg", 0.0)[0])
     along, up = abs(float(way[0])), float(way[1])
     if math.hypot(along, up) < condition.bead.diameter or incline > math.pi / 4 - FAR:
         return ""
     if abs(up) > along:
         return f"the bead rolls along y_m, {EXCHANGED}"
-    climbs = incline > FAR / 2 and not condition.settings.get("push_speed_m_s") and math.atan2(up, along) > incline / 2
+    pushed = lab.setting("push_speed_m_s", 0.0)[0] != 0
+    climbs = incline > FAR / 2 and not pushed and math.atan2(up, along) > incline / 2
     return f"the bead rolls upwards, {UPSIDE_DOWN}" if climbs else ""

@@ -122,7 +122,7 @@ class SlideBench(Runs):
         return Moved(x, y, vx, vy, soft)
 
     def quiet(self, name: str, terms: Sequence[Effect]) -> bool:
-        """The friction of each repetition is an unknown of its own: the law for it changes no motion."""
+        """The angle at each repetition's slip is an unknown of its own: the law for the friction changes no motion."""
         return name.startswith("static_friction.") and not any(term.onset is not None for term in terms)
 
     def touches(self, name: str) -> tuple[str, Array] | None:
