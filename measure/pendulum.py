@@ -56,9 +56,10 @@ Variant = Literal["double", "wall"]
 # The lit side of a bead turns with its place under the lamp: its centre, fitted as that of an evenly shaded disc,
 # shifts by some hundredths of the radius between the ends of a swing.
 SHADING = 0.03
-# The texture behind a bead, as the codec leaves it, shifts its centre by about the noise of a point: most of that goes
-# with the place and not with the frame, and does not average out.
-GROUND = 0.7
+# What the texture behind a bead and the codec shift its centre by, as a share of a point's noise, goes with the place
+# and not with the frame, and does not average out.  By maximum likelihood of the errors of beads in drawn films of
+# known truth (benchmarks/ground.py): 0.35 to 0.5, of which the larger; nothing and 0.7 are both excluded.
+GROUND = 0.5
 HEAD_ON = ("momentum", "contact_distance")  # checks that fail where the beads meet off centre or a track is wrong
 
 
@@ -86,7 +87,7 @@ def measure(
             clip, variant=variant, length=length, bead_diameter=bead_diameter, bead_mass=bead_mass, out=out
         )
     video = without_repeats(open_video(clip, camera), progress)
-    film = (_watch_wall if variant == "wall" else _watch)(video, camera, length, progress)
+    film = (_watch_wall if variant == "wall" else watch)(video, camera, length, progress)
     scale, scale_from = _scale(film, camera, length, bead_diameter)
     roll = -float(film.fit.swings["tilt"]) if camera.roll is None else camera.roll
     tracks, axis = _upright(film, _axis(video), scale, roll)
@@ -124,7 +125,7 @@ def measure(
 
 
 @dataclass(frozen=True)
-class _Film:
+class Film:
     """The beads followed through a clip, and their swings fitted in pixels (y up)."""
 
     beads: Beads
@@ -160,16 +161,17 @@ def _measure_record(
     )
 
 
-def _watch(video: Video, camera: Camera, length: float | None, progress: Progress) -> _Film:
+def watch(video: Video, camera: Camera, length: float | None, progress: Progress) -> Film:
+    """Both beads of a double pendulum in every frame, and their swings; `length` [m] only serves what is told."""
     beads = find_beads(video, camera.region, stated_length=length, progress=progress)
     times = video.times[beads.frames]
     fit = _fit_clip(video.path, _picture_tracks(beads, times), axis=_axis(video))
     places, velocities, again = _second_look(fit, beads, times)
     beads = relocate(video, beads, places, velocities, again)
-    return _Film(beads, times, fit)
+    return Film(beads, times, fit)
 
 
-def _watch_wall(video: Video, camera: Camera, length: float | None, progress: Progress) -> _Film:
+def _watch_wall(video: Video, camera: Camera, length: float | None, progress: Progress) -> Film:
     chase = find_wall_bead(video, camera.region, stated_length=length, progress=progress)
     beads = _one_bead(chase, video)
     times = video.times[beads.frames]
@@ -181,7 +183,7 @@ def _watch_wall(video: Video, camera: Camera, length: float | None, progress: Pr
         if again[0, k]
     }
     beads = _one_bead(look_again(chase, expected), video)
-    return _Film(beads, times, _fit_clip(video.path, _picture_tracks(beads, times), axis=_axis(video)))
+    return Film(beads, times, _fit_clip(video.path, _picture_tracks(beads, times), axis=_axis(video)))
 
 
 def _one_bead(chase: Chase, video: Video) -> Beads:
@@ -241,7 +243,7 @@ def _fit_clip(
         raise NothingToMeasure(f"{clip}: {error}") from None
 
 
-def _scale(film: _Film, camera: Camera, length: float | None, bead_diameter: float | None) -> tuple[float, str]:
+def _scale(film: Film, camera: Camera, length: float | None, bead_diameter: float | None) -> tuple[float, str]:
     """[m/px] and where it is from."""
     fit = film.fit
     if camera.given_scale is not None:
@@ -257,7 +259,7 @@ def _scale(film: _Film, camera: Camera, length: float | None, bead_diameter: flo
 
 
 def _upright(
-    film: _Film, axis: tuple[float, float], scale: float, roll: float
+    film: Film, axis: tuple[float, float], scale: float, roll: float
 ) -> tuple[tuple[Track, ...], tuple[float, float]]:
     """Tracks and the camera's axis in metres from where the last bead hangs, x to the right, y against gravity."""
     swings = film.fit.swings
@@ -295,7 +297,7 @@ def _roll_warning(fit: SwingFit, camera: Camera) -> tuple[str, ...]:
 
 
 def _write(
-    out: Path, video: Video, film: _Film, fit: SwingFit, found: Sequence[Quantity], *, progress: Progress
+    out: Path, video: Video, film: Film, fit: SwingFit, found: Sequence[Quantity], *, progress: Progress
 ) -> dict[str, Path]:
     clip = video.path
     out.mkdir(parents=True, exist_ok=True)

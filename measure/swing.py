@@ -587,21 +587,33 @@ def _inverse(information: Array) -> Array:
 def _shifts(swings: Swings, data: _Data) -> Array:
     """Ways in which the ground may shift the points seen, in units of their noise, shape (points, ways).
 
-    To either side and up or down: along a line, a parabola and a cubic over the places of the swing, and a bead at
-    rest, before a ground that was hidden so long, against one that moves; and with the square of the speed, as blur
-    weighs a bead's lit and dark side otherwise, and a codec keeps slow things by what it showed before.
+    To either side and up or down, each bead by itself.
     """
-    hit, reach = float(swings["time_0"]), float(swings["length_0"] * np.abs(np.sin(swings["release_angle"])))
     rows = []
     for bead, (track, weight, mask) in enumerate(zip(data.tracks, data.weights, data.used, strict=True)):
-        angle, speed = angles(swings, track.time[mask])
-        place = np.clip(float(swings[f"length_{bead}"]) * np.sin(angle[bead, :, 0]) / reach, -1, 1)
-        ways = np.polynomial.legendre.legvander(place, 3)[:, 1:]
-        waits = (track.time[mask] < hit) & (bead > 0)
-        blur = (speed[bead, :, 0] / np.max(np.abs(speed))) ** 2
-        ways = np.column_stack([ways, waits, blur]) * weight[mask][:, None]
+        ways = _ways(swings, bead, track.time[mask]) * weight[mask][:, None]
         rows += [np.hstack([ways, 0 * ways]), np.hstack([0 * ways, ways])]
     return np.concatenate(rows)
+
+
+def ground_ways(fit: SwingFit) -> list[Array]:
+    """Ways in which what lies behind a bead may shift its centre, of the points used of each, shape (points, ways)."""
+    swings, both = fit.swings, zip(fit.tracks, fit.used, strict=True)
+    return [_ways(swings, bead, track.time[mask]) for bead, (track, mask) in enumerate(both)]
+
+
+def _ways(swings: Swings, bead: int, time: Array) -> Array:
+    """Along a line, a parabola and a cubic over the places of the swing; rest; and the square of the speed.
+
+    A bead at rest hangs before a ground that was hidden so long, against one that moves; with the speed blur weighs a
+    bead's lit and dark side otherwise, and a codec keeps slow things by what it showed before.
+    """
+    hit, reach = float(swings["time_0"]), float(swings["length_0"] * np.abs(np.sin(swings["release_angle"])))
+    angle, speed = angles(swings, time)
+    place = np.clip(float(swings[f"length_{bead}"]) * np.sin(angle[bead, :, 0]) / reach, -1, 1)
+    waits = (time < hit) & (bead > 0)
+    blur = (speed[bead, :, 0] / np.max(np.abs(speed))) ** 2
+    return np.column_stack([np.polynomial.legendre.legvander(place, 3)[:, 1:], waits, blur])
 
 
 def _correlation(residuals: list[Array], used: Sequence[Mask]) -> float:
