@@ -19,6 +19,7 @@ import numpy.typing as npt
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.measure.exposure import Exposure, exposure_of
+from rigtwin.measure.glare import brightened_share
 from rigtwin.measure.grains import colour_cells, rare, shares
 from rigtwin.measure.media import Video
 from rigtwin.measure.rim import Rim, find_rim, rim_of_bed
@@ -101,6 +102,7 @@ class Bed:
     clearness: float  # [1], how much more the bed moves (or how much its colour differs) than noise explains
     shake: float  # [px], standard deviation
     shows_motion: bool
+    glare: float  # [1], share of the surface beneath which the bed is far brighter than elsewhere; NaN: not judged
 
 
 def follow_bed(
@@ -157,7 +159,10 @@ def follow_bed(
     inside = motion[rim.inside(motion.shape, 0.95)]
     clearness = float(np.percentile(inside, 95) / max(noise, 1e-6))
     shake = float(np.max(np.std(np.array(shakes), axis=0)))
-    return Bed(tuple(outlines), rim, rim_seen, turned, bead, lens, clearness, shake, True)
+    heights = np.array([outline.height for outline in outlines])
+    colours = [still.colour for still in samples]
+    glare = brightened_share(colours, outlines[0].x, heights, rim.centre, rim.radius, turned.roll, bead)
+    return Bed(tuple(outlines), rim, rim_seen, turned, bead, lens, clearness, shake, True, glare)
 
 
 def bed_in_photo(
@@ -179,7 +184,7 @@ def bed_in_photo(
         return None
     looks = _looks([still], bed, empty, np.zeros(grey.shape, dtype=np.float32), 1.0, bead)
     outline = _outline(still, looks, rim, turned.roll)
-    return Bed((outline,), rim, True, turned, bead, lens, clearness, 0.0, False)
+    return Bed((outline,), rim, True, turned, bead, lens, clearness, 0.0, False, math.nan)
 
 
 def _stills(video: Video, scene: Scene, lens: Cut, exposure: Exposure) -> Iterator[Still]:

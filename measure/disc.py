@@ -30,6 +30,7 @@ ENOUGH_BEADS = 300  # their share on one side of a line is known to 3 %
 POPULATION, ISLANDERS = 240, 120  # candidates searched together, of all and of one island
 ISLANDS = 4  # parts of the height in which the front rim may lie
 ISLAND_GENERATIONS, GENERATIONS = 25, 50
+SAMPLES = (20, 40)  # along a rim, on the islands and for the best of them all
 LEADERS = 12  # of the population, around which mutants are made
 CROSSED = 0.7  # share of a candidate's numbers that a mutant gives it
 ALIKE = 1e-3  # relative spread of the costs at which a search ends
@@ -40,6 +41,8 @@ FACE = 2.0  # weight of bead colour on the face: beads are no disc
 PLAIN = 1.5  # weight of edges on the face
 THICK = 1.5  # cost of a thickness of half the width: bases are plates
 EMPTY = 4.0  # cost of a base twice as wide as the heap
+LIT = 4.0  # [grey], by which a lit top is brighter than the face at least
+EDGE_ROWS = 8  # half pixels within which an edge as blurred as a lens makes it reaches its height
 SEEN_LARGER = 1.15  # circles are found on the clearest edge of a shaded bead, a little inside its rim
 SIZE_DOUBT = 0.2  # error of the logarithm of the circles' radius that is nothing unusual
 FOCAL_LENGTH = 2.0  # in widths of the photo: between a phone (0.75) and a macro lens (3 and more)
@@ -118,7 +121,10 @@ def find_disc(
     given, `beads_across` the disc's diameter in bead diameters where it is known.
     """
     pictures = [edges(grey, blur=2.5), edges(grey, blur=1.5)]
-    costs = [_Cost(picture, alike, beads, focal_length, beads_across) for picture in pictures]
+    costs = [
+        _Cost(picture, alike, beads, focal_length, beads_across, samples)
+        for picture, samples in zip(pictures, SAMPLES, strict=True)
+    ]
     best = _candidate(_search(costs, _bounds(beads, roll)))
     fine = edges(grey, blur=1.2)
     candidate = _sharpened(grey, fine, best, focal_length)
@@ -202,7 +208,6 @@ def _sharpened(grey: npt.NDArray[np.uint8], fine: Edges, candidate: Array, focal
     p = candidate.copy()
     for reach in (7.0, 5.0, 3.0):
         template = _Template(*p[:, None, None])
-        near = float(nearness(template.half, focal_length)[0, 0])
         down = np.linspace(-0.8, -0.15, 24) * p[5]
         left = _edge_offset(fine, template, -np.ones(24), down, (1.0, 0.0), reach)
         right = _edge_offset(fine, template, np.ones(24), down, (1.0, 0.0), reach)
@@ -214,10 +219,7 @@ def _sharpened(grey: npt.NDArray[np.uint8], fine: Edges, candidate: Array, focal
         move = _robust_fit(np.column_stack([np.ones_like(along), along, arc]), offset, strength)
         p[1], p[4] = p[1] + move[0], max(p[4] + move[2] / p[2], 0.0)
         p[3] += move[1] / p[2]
-        face = _face_height(grey, _Template(*p[:, None, None]), focal_length) / p[2]
-        p[5] = face / (
-            1 + near / (1 - near * near)
-        )  # the face is higher in the middle, by what the lower rim bulges more
+        p[5] *= _face_share(grey, _Template(*p[:, None, None]), focal_length)
     return p
 
 
@@ -261,29 +263,48 @@ def _robust_fit(design: Array, values: Array, weight: Array) -> Array:
     return answer
 
 
-def _face_height(grey: npt.NDArray[np.uint8], template: _Template, focal_length: float) -> float:
-    """How far [px] the plain face reaches up from the lower rim, along the middle of the disc.
+def _face_share(grey: npt.NDArray[np.uint8], template: _Template, focal_length: float) -> float:
+    """How tall the plain face is as a share of the template's, read along its whole front.
 
-    The front row of beads and its shadow hide the upper rim's edge; where columns stop looking like the face below
-    them, the face ends.
+    The front row of beads hides the upper rim's edge in part, and its shadow lies on the face.  Where at least every
+    fourth column shows a strip of the lit top the rim lies at the strip's lower edge; where none does, the face ends
+    where columns stop looking like the face below them.
     """
-    smooth = cv2.GaussianBlur(grey, (0, 0), 1.2)
-    along = np.linspace(-0.85, 0.85, 240)
+    along = np.linspace(-0.9, 0.9, 320)
     arc = np.sqrt(1 - along * along)
-    half = float(template.half[0, 0])
-    low = template.low * arc
-    guess = half * float((template.thickness + np.mean(low - template.bulge(focal_length) * arc))[0, 0])
-    rows = np.arange(2.0, max(1.8 * guess, guess + 10, 12), 0.5)  # [px] above the lower rim
-    x, y = template.pixel(along[None, :], low - rows[:, None] / half)
-    values = cv2.remap(smooth, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR).astype(np.float64)
+    half, low = float(template.half[0, 0]), template.low * arc
+    tall = template.thickness + low - template.bulge(focal_length) * arc  # the middle of a face is nearer
+    guess = half * float(np.max(tall))
+    rows = np.arange(2.0, max(1.8 * guess, guess + 10, 12), 0.5)  # [px] above the lower rim, at the tallest column
+    x, y = template.pixel(along[None, :], low - rows[:, None] / guess * tall)
+    # every column's own noise averages out, so that no smoothing need widen a strip of one or two pixels
+    values = cv2.remap(grey.astype(np.float32), x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR)
     plain = rows < max(0.5 * guess, 2.5)  # of the thinnest face its first row at least
-    change = np.median(np.abs(values - np.median(values[plain], axis=0)), axis=1)
-    usual, above = float(np.median(change[plain])), change[~plain]
-    # the beads' shadow on the rim is the first thing above the face, and fainter than the beads
-    starts = int(np.argmax(above > usual + min(0.5 * (float(above.max()) - usual), max(2 * usual, 6.0))))
-    nearby = above[starts : starts + 8]  # the edge itself is as wide as the blur: take its half height
-    edge = starts + int(np.argmax(nearby >= (usual + float(nearby.max())) / 2))
-    return float(rows[~plain][edge])
+    change = values - np.median(values[plain], axis=0)
+    dark, bright = np.percentile(change, (25, 75), axis=1) * np.array([[-1.0], [1.0]])
+    dark, bright = (each - np.median(each[plain]) for each in (dark, bright))
+    # shadows on the face are faint beside what follows it
+    ends, lit = _first_edge(dark, plain, 0.3 * float(dark.max())), _first_edge(bright, plain, LIT)
+    if lit is not None and dark[round(lit)] < dark.max() / 2:
+        ends = lit
+    return 1.0 if ends is None else float(np.interp(ends, np.arange(len(rows)), rows)) / guess
+
+
+def _first_edge(departure: Array, plain: npt.NDArray[np.bool_], least: float) -> float | None:
+    """Row at which a departure from the plain rows first reaches half of what it comes to, None where it stays."""
+    first, usual = int(np.sum(plain)), float(np.std(departure[plain]))
+    (clear,) = np.nonzero(departure[first:] > max(least, 4 * usual, 2.0))
+    if len(clear) == 0:
+        return None
+    start = first + int(clear[0])
+    level = float(departure[start : start + EDGE_ROWS].max()) / 2
+    row = start
+    while row > first and departure[row - 1] >= level:
+        row -= 1
+    while departure[row] < level:
+        row += 1
+    before = float(departure[row - 1])
+    return row - (float(departure[row]) - level) / max(float(departure[row]) - before, 1e-9)
 
 
 def _bounds(beads: Beads, roll: float | None) -> Array:
@@ -322,6 +343,7 @@ class _Cost:
     beads: Beads
     focal_length: float
     beads_across: float | None
+    samples: int  # along a rim
 
     @cached_property
     def heap_reach(self) -> float:
@@ -338,7 +360,7 @@ class _Cost:
         template = _Template(*_candidate(places).astype(np.float32)[..., None])
         bead = self.beads.radius
         lower, left, right, upper, face, uneven, heap, spilled = _support(
-            self.picture, self.alike, template, bead, self.focal_length, 40
+            self.picture, self.alike, template, bead, self.focal_length, self.samples
         )
         x, y = self.some_centres[:, 0] - template.x, self.some_centres[:, 1] - template.y
         along = (x * np.cos(template.roll) + y * np.sin(template.roll)) / template.half
@@ -379,7 +401,7 @@ def _support(
     def on_face(share: float) -> Numbers:
         return np.asarray(upper + share * (lower - upper))
 
-    on, beyond = (np.linspace(*ends, 16, dtype=np.float32) for ends in ((-0.9, -0.1), (0.15, 0.9)))
+    on, beyond = (np.linspace(*ends, 8, dtype=np.float32) for ends in ((-0.9, -0.1), (0.15, 0.9)))
     walls = [(side * np.ones_like(part), template.thickness * part, None) for side in (-1, 1) for part in (on, beyond)]
     low, high, left, left_on, right, right_on, *uneven = _on_edges(
         picture,

@@ -54,6 +54,7 @@ LOST = 0.25  # share of the bed's area by which a frame may differ from the medi
 FILL = (0.03, 0.7)  # share of the drum's cross-section; above, the bed has hardly a free surface
 MOST_BOW = 0.2  # sagitta over length of the surface; S-shapes are odd about the middle, the drum's own arc has 0.5
 HIGHEST_STEP = 4.0  # bead diameters over the width of one: a slope of 76 degrees
+GLARE = 0.05  # share of the surface under a reflection, from which on lines along parts of it are off
 SMEARED = 0.25  # share of frames that may be left out before the result is doubtful
 
 
@@ -584,6 +585,17 @@ def _checks_of_picture(bed: Bed) -> list[Check]:
             + ("." if bed.shake < 0.1 else "; it was followed and taken out."),
         ),
     ]
+    if math.isfinite(bed.glare):
+        checks.append(
+            Check(
+                "even_light",
+                bed.glare < GLARE,
+                bed.glare,
+                0.0,
+                f"beneath {100 * bed.glare:.0f} % of the surface the bed is far brighter than elsewhere"
+                + ("." if bed.glare < GLARE else ": a lamp's reflection hides it; turn the lamp or the camera."),
+            )
+        )
     if bed.shows_motion:
         checks.append(
             Check(

@@ -14,8 +14,10 @@ FEWEST = 15  # frames of the flow, to know what is usual
 JERKY = 0.4  # median deviation from the usual step, beyond which a flow stops and goes and two steps are nothing odd
 
 
-def timing_check(rates: npt.NDArray[np.float64]) -> Check:
-    """`rates`: how fast the bed falls from each frame to the next, by the frames' own times, in any unit, shape (n,).
+def timing_check(rates: npt.NDArray[np.float64]) -> Check | str:
+    """Whether frames are missing, or in words why that cannot be judged.
+
+    `rates`: how fast the bed falls from each frame to the next, by the frames' own times, in any unit, shape (n,).
 
     Where a frame was lost before the film was written anew, the bed falls twice as far in what counts as one.
     """
@@ -23,8 +25,7 @@ def timing_check(rates: npt.NDArray[np.float64]) -> Check:
     steps = rates / usual if usual > 0 else np.full(1, math.nan)
     uneven = float(np.median(np.abs(steps - 1)))
     if not uneven < JERKY:
-        message = "whether frames of the flow are missing is not seen: the bed falls in too few frames, or unevenly."
-        return Check("frame_timing", True, math.nan, 0.0, message)
+        return "whether frames of the flow are missing is not seen: the bed falls in too few frames, or unevenly."
     jumps = steps[steps > max(TWO_STEPS, 1 + 4 * uneven)]
     missing = int(np.sum(np.round(jumps) - 1))
     if missing == 0:

@@ -78,7 +78,7 @@ def fall_check(fall: FreeFall, scale: float, scale_doubt: float, rate: float) ->
     message = f"beads below the outlet fall with {found:.3g} ± {found * doubt:.2g} m/s²"
     if abs(math.log(found / GRAVITY)) < reach:
         # it grows with the square of the rate
-        told = f"a frame rate off by more than a factor of {math.exp(reach / 2):.2f} would show"
+        told = f"a frame rate off by less than a factor of {math.exp(reach / 2):.2f} would not show"
         return Check("frame_rate", True, found, GRAVITY, f"{message}: scale and frame rate fit together; {told}.")
     captured = rate / math.sqrt(found / GRAVITY)
     return Check(

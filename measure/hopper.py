@@ -21,7 +21,6 @@ from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, doubted, root_sum_of_squares
 from rigtwin.lab.records import Series
-from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.bead_size import size_seen, size_unseen
 from rigtwin.measure.frame_steps import timing_check
 from rigtwin.measure.freefall import fall_below, fall_check, outlet_check
@@ -104,7 +103,6 @@ def measure(
     cut = last.method == CUT
     evaluation = _evaluate(left, total_mass, opened, last, seen.residue, AREA_DOUBT)
     timing = _timing_check(seen, left, opened, last)
-    checks = (*_checks_of_picture(seen, gate, hidden), compression, timing, *evaluation.checks)
     spacing = bead_spacing(seen.scenery.full, seen.scenery.bed)
     scale, scale_from, scale_doubt = _scale(seen, camera, bead_diameter, bin_width, spacing)
     warnings = [*video.warnings, *evaluation.warnings]
@@ -120,19 +118,23 @@ def measure(
         "frames": len(seen.moments),
     }
     velocity = _outlet_velocity(seen, scale, scale_doubt)
-    quantities = _with_rate_judged(evaluation.quantities, timing)
+    quantities = evaluation.quantities
+    size: Check | str = ""
+    rate: Check | str = "frame rate not confirmed: without a scale the beads' fall does not show it."
     if isinstance(velocity, str):
         warnings.append(f"outlet velocity: none given, for {velocity}.")
-    if scale is None:
-        warnings.append("frame rate not confirmed: without a scale the beads' fall does not show it.")
-    else:
+    if scale is not None:
         size = _size_check(seen, scale, scale_from, scale_doubt, bead_diameter, spacing)
-        told = None if isinstance(velocity, str) else doubted(velocity, "" if size.passed else size.message)
+        told = None if isinstance(velocity, str) else doubted(velocity, _failed(size))
         width = view["slot_width_px"] * scale
         rate = _rate_check(seen, told, width, video.frame_rate, scale=scale, doubt=scale_doubt)
-        checks = (*checks, rate, size)
-        warnings += [check.message for check in (rate, size) if not math.isfinite(check.value)]
-        quantities = _with_rate_judged(quantities if told is None else (*quantities, told), rate)
+        quantities = quantities if told is None else (*quantities, told)
+    asked = (timing, rate, size)
+    warnings += [each for each in asked if isinstance(each, str) and each]
+    judged = [each for each in asked if isinstance(each, Check)]
+    checks = (*_checks_of_picture(seen, gate, hidden), compression, *evaluation.checks, *judged)
+    for clock in (timing, rate):
+        quantities = _with_times_doubted(quantities, _failed(clock))
     if cut:
         quantities = tuple(each if each.doubtful else doubted(each, CUT_SHORT) for each in quantities)
     result = Measurement(
@@ -524,7 +526,7 @@ def _scale(
 
 def _size_check(
     seen: Outflow, scale: float, source: str, doubt: float, bead_diameter: float | None, spacing: float | None
-) -> Check:
+) -> Check | str:
     """Whether beads are as large in the picture as the scale makes them, told by how far apart neighbours lie."""
     if bead_diameter is None or spacing is None or source == "bead diameter":
         missing = "give --bead-diameter" if bead_diameter is None else "give --bin-width or --scale"
@@ -536,8 +538,11 @@ def _size_check(
 
 def _rate_check(
     seen: Outflow, velocity: Quantity | None, width: float, rate: float, *, scale: float, doubt: float
-) -> Check:
-    """Whether time in the clip is that of gravity; `scale` [m/px] of the clip and its relative doubt."""
+) -> Check | str:
+    """Whether time in the clip is that of gravity, or in words why that is not known.
+
+    `scale` [m/px] of the clip and its relative doubt.
+    """
     time = np.array([moment.time for moment in seen.moments])
     # the front of a stream ends where beads come apart, the lowest bead where the first has reached the floor
     fronts = np.array([(moment.front, moment.lowest) for moment in seen.moments]).T - seen.scenery.slot.row
@@ -547,22 +552,24 @@ def _rate_check(
         return fall_check(fall, scale, doubt, rate)
     if velocity is not None:
         return outlet_check(velocity.value, width)
-    message = "frame rate not confirmed: no bead is seen to fall from the slot, times are as right as --frame-rate."
-    return Check("frame_rate", True, math.nan, GRAVITY, message)
+    return "frame rate not confirmed: no bead is seen to fall from the slot, times are as right as --frame-rate."
 
 
-def _timing_check(seen: Outflow, left: Series, opened: Instant, last: Instant) -> Check:
+def _timing_check(seen: Outflow, left: Series, opened: Instant, last: Instant) -> Check | str:
     time, share, _ = _share_left(left)
     hidden = np.array([moment.hidden for moment in seen.moments])
     flows = (time[1:] > opened.time) & (time[1:] <= last.time) & ~hidden[1:] & ~hidden[:-1]
     return timing_check((-np.diff(share) / np.diff(time))[flows])
 
 
-def _with_rate_judged(quantities: tuple[Quantity, ...], rate: Check) -> tuple[Quantity, ...]:
-    """What is counted in seconds hangs on the frame rate."""
-    if rate.passed:
-        return quantities
-    return tuple(doubted(one, rate.message) if "s" in one.unit.split("/") else one for one in quantities)
+def _failed(check: Check | str) -> str:
+    """What a check says against the numbers; nothing where it passed or could not be made."""
+    return check.message if isinstance(check, Check) and not check.passed else ""
+
+
+def _with_times_doubted(quantities: tuple[Quantity, ...], why: str) -> tuple[Quantity, ...]:
+    """What is counted in seconds hangs on the clip's clock: its frame rate, and that no frame is missing."""
+    return tuple(doubted(one, why) if "s" in one.unit.split("/") else one for one in quantities)
 
 
 def _checks_of_picture(seen: Outflow, gate: Opening | None, hidden: float) -> list[Check]:

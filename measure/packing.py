@@ -403,17 +403,7 @@ def _observe(
     }
     checks = _picture_checks(bed, scale, source, cylinder, bead)
     misfit = "; ".join(each.message for each in checks if not each.passed and each.check in STATED)
-    unconfirmed = _unconfirmed(bed, source, cylinder, bead)
-    checks.append(
-        Check(
-            "size_confirmed",
-            True,  # nothing speaks against it either
-            math.nan,
-            math.nan,
-            unconfirmed or "what is stated of the sizes is checked by what else the picture shows.",
-        )
-    )
-    return bed, Observation(profile, doubts, bed.flaw, misfit, unconfirmed), view, checks
+    return bed, Observation(profile, doubts, bed.flaw, misfit, _unconfirmed(bed, source, cylinder, bead)), view, checks
 
 
 def _unconfirmed(bed: Bed, source: str, cylinder: float | None, bead: float | None) -> str:
@@ -429,7 +419,7 @@ def _unconfirmed(bed: Bed, source: str, cylinder: float | None, bead: float | No
         what, advice, given = "bed height hangs", "--cylinder-diameter or --bead-diameter", "the given scale"
     else:
         return ""
-    return size_unseen(what, given, f"give {advice} too, or photograph a length gauge beside the cylinder").message
+    return size_unseen(what, given, f"give {advice} too, or photograph a length gauge beside the cylinder")
 
 
 def _scale(

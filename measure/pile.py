@@ -41,6 +41,7 @@ STATED_FOCAL_DOUBT = 0.1  # standard deviation of the logarithm of a focal lengt
 FULL_FRAME_DIAGONAL = 43.27  # [mm]
 EXIF_IFD, FOCAL_LENGTH_35MM = 0x8769, 0xA405  # EXIF 2.32, tables 4 and 9
 BEAD_DOUBT, BASE_DOUBT, GIVEN_DOUBT = 0.06, 0.01, 0.01  # relative, of a scale by beads, by the base's edges, or given
+GRAINS_PER_CUBE = 0.6 * 6 / math.pi  # of a grain's diameter, at the solid fraction of a loose bed
 DOUBTFUL_COVER = 0.83  # share of the heap that circles cover, below which its outline may belong to something else
 
 
@@ -243,14 +244,24 @@ def _definition_doubt(
             "grain roughness": rough,
             "window of the line": window,
         }
-    # which grain is the apex: a sixth of a grain, as heaps of one shape differ by; which one the foot: a quarter
     reach = heap.base_width / 2 if side == "mean" else abs(heap.apex[0] - heap.feet[slope.SIDES.index(side)])
     tangent = math.tan(math.radians(angles[name, method, side]))
-    per_grain = math.hypot(0.16, 0.0 if side == "mean" else 0.25 * tangent) * heap.grain / reach
+    # which grain is the foot: a quarter
+    per_grain = math.hypot(_summit_scatter(tangent), 0.0 if side == "mean" else 0.25 * tangent) * heap.grain / reach
     doubt = {"grain at apex and foot": math.degrees(per_grain / (1 + tangent * tangent))}
     if side != "mean":
         doubt["place of the apex"] = math.degrees(tangent / (1 + tangent * tangent) * heap.apex_spread / reach)
     return doubt
+
+
+def _summit_scatter(tangent: float) -> float:
+    """Standard deviation, in grains, of how far the highest grain of a cone of this slope lies below its tip.
+
+    Of grains laid at random, n to a grain's cube, n pi h^3 / (3 tan^2) lie within h of the tip on average, so that the
+    depth of the first one is Weibull's with the exponent 3.
+    """
+    depth: float = (3 * tangent**2 / (math.pi * GRAINS_PER_CUBE)) ** (1 / 3)
+    return depth * math.sqrt(math.gamma(5 / 3) - math.gamma(4 / 3) ** 2)
 
 
 def _flaw_of_profile(heap: slope.Heap, angles: Mapping[tuple[str, str, str], float]) -> str:

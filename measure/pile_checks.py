@@ -86,9 +86,8 @@ def size_checks(
         return (), ""
     if bead_diameter is None or scale_from == "bead diameter":
         advice = "--bead-diameter too" if bead_diameter is None else "--base-diameter too, with the whole base in view"
-        told = size_unseen(
+        return (), size_unseen(
             "heights, widths and the tip's radius (but no angle) hang", f"the scale from {scale_from}", f"give {advice}"
         )
-        return (told,), told.message
     ratio = 2 * found.bead_seen * scale / (NEARER * bead_diameter)
     return (size_seen(ratio, MISFIT, scale_from),), ""

@@ -223,9 +223,9 @@ def outline_of(
     if solid:
         evidence = np.where(_above_beads(columns, rows, u, h - 2.4 * beads.radius, beads.radius) == 0, 3.0, evidence)
     borders = _edge_map(level)
+    readings = np.stack([evidence + shift for shift in (0.0, 0.8, -0.8)])
     usual, looser, stricter = (
-        _bead_shaped(_cheapest_border(evidence + shift, borders, 0.35 * beads.radius), beads.radius)
-        for shift in (0.0, 0.8, -0.8)
+        _bead_shaped(border, beads.radius) for border in _cheapest_borders(readings, borders, 0.35 * beads.radius)
     )
     fine, clearness = _sub_pixel(borders, usual)
     # the foot of a heap is a bead's side, steep: what runs out flat is something behind it
@@ -338,35 +338,36 @@ def _edge_map(level: Image) -> Array:
     return np.asarray(np.clip(strength / max(float(np.percentile(strength, 95)), 1.0), 0, 1), dtype=np.float64)
 
 
-def _cheapest_border(evidence: Array, borders: Array, edge_reward: float) -> Array:
-    """Row of the border in every column: background above it, beads below, on edges where it can be.
+def _cheapest_borders(evidence: Array, borders: Array, edge_reward: float) -> Array:
+    """Row of the border in every column, shape (readings, columns): background above it, beads below, on edges where
+    it can be; `evidence` of shape (readings, rows, columns).
 
     Dynamic programming over the columns; a step between neighbours costs a part of what an edge gains, because the
     sides of beads are steep.  The exact minimum, found by two running minima per column.
     """
     gain = evidence / 3
-    total = gain.sum(axis=0)
-    above = np.cumsum(gain, axis=0) - gain
-    cost = 2 * above - total - edge_reward * borders
-    count, width = cost.shape
+    total = gain.sum(axis=1, keepdims=True)
+    above = np.cumsum(gain, axis=1) - gain
+    cost = np.ascontiguousarray(np.moveaxis(2 * above - total - edge_reward * borders, -1, 0))
+    width, readings, count = cost.shape
     step = 0.15 * np.arange(count)
-    best = cost[:, 0]
-    came_from = np.zeros((width, count), dtype=np.int64)
-    index = np.arange(count)
+    best = cost[0]
+    came_from = np.zeros(cost.shape, dtype=np.int32)
+    index = np.arange(count, dtype=np.int32)
     for column in range(1, width):
         down, up = best - step, best + step
-        least_down = np.minimum.accumulate(down)
-        least_up = np.minimum.accumulate(up[::-1])[::-1]
-        from_down = np.maximum.accumulate(np.where(down <= least_down, index, 0))
-        from_up = np.minimum.accumulate(np.where(up <= least_up, index, count - 1)[::-1])[::-1]
+        least_down = np.minimum.accumulate(down, axis=1)
+        least_up = np.minimum.accumulate(up[:, ::-1], axis=1)[:, ::-1]
+        from_down = np.maximum.accumulate(np.where(down <= least_down, index, 0), axis=1)
+        from_up = np.minimum.accumulate(np.where(up <= least_up, index, count - 1)[:, ::-1], axis=1)[:, ::-1]
         use_down = least_down + step <= least_up - step
         came_from[column] = np.where(use_down, from_down, from_up)
-        best = np.where(use_down, least_down + step, least_up - step) + cost[:, column]
-    border = np.empty(width)
-    row = int(np.argmin(best))
+        best = np.where(use_down, least_down + step, least_up - step) + cost[column]
+    border = np.empty((readings, width))
+    row = np.argmin(best, axis=1)
     for column in range(width - 1, -1, -1):
-        border[column] = row
-        row = int(came_from[column, row])
+        border[:, column] = row
+        row = came_from[column, np.arange(readings), row]
     return border
 
 

@@ -18,6 +18,7 @@ from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
 from rigtwin.lab.records import Profile
 from rigtwin.measure import drum
 from rigtwin.measure.bed import Outline, Still, _hides
+from rigtwin.measure.glare import brightened_share
 from rigtwin.measure.steady import mean_over_time
 
 Array = npt.NDArray[np.float64]
@@ -290,3 +291,30 @@ def test_an_outline_that_no_flowing_bed_has_fails_a_check(lift: str, failing: se
     outline = Outline(0, 0.0, x, height, height, height, 1.0, (0.0, 0.0))
     checks = drum._checks_of_shape(SimpleNamespace(outlines=(outline,) * 3, bead=8.0))  # type: ignore[arg-type]
     assert {check.check for check in checks if not check.passed} == failing
+
+
+@pytest.mark.parametrize(
+    ("light", "hidden"),
+    [
+        ("even", False),
+        ("falling off by 30 grey levels", False),
+        ("a lamp at the axis", True),
+        ("a lamp at the end", True),
+    ],
+)
+def test_a_lamp_mirrored_in_the_glass_is_told_from_light_that_falls_off(light: str, hidden: bool) -> None:
+    random = np.random.default_rng(4)
+    y, x = np.mgrid[:240, :240] - 120.0
+    lamp = {"a lamp at the axis": (0.0, 0.0), "a lamp at the end": (80.0, -40.0)}.get(light)
+    added = np.zeros_like(x) if lamp is None else 100 * np.exp(-(np.hypot(x - lamp[0], y - lamp[1]) ** 2) / 700)
+    if light.startswith("falling"):
+        added = 30 * (120 - x) / 240
+    border = np.arange(-110.0, 111.0)
+    heights = 0.5 * border + random.normal(0, 2, (6, len(border)))
+    pictures = []
+    for height in heights:
+        bed = -y < np.interp(x, border, height)
+        grey = np.where(bed, 90 + 30 * random.standard_normal(x.shape), 170) + added
+        pictures.append(cv2.merge([np.clip(grey, 0, 255).astype(np.uint8)] * 3))
+    share = brightened_share(pictures, border, heights, (120.0, 120.0), 118.0, 0.0, 8.0)
+    assert (share > drum.GLARE) == hidden
