@@ -28,7 +28,7 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.progress import silent
 from rigtwin.measure import pendulum
 from rigtwin.measure.media import open_video
-from rigtwin.measure.swing import ground_ways
+from rigtwin.measure.swing import fit_swings, ground_ways
 
 Array = npt.NDArray[np.float64]
 
@@ -45,8 +45,9 @@ def likelihoods(name: str, seed: int, folder: Path) -> Array:
     stage, _ = swung(case, rng)
     video = open_video(film(folder / "film.mp4", stage, case.footage, rng), Camera(frame_rate=case.footage.rate))
     seen = pendulum.watch(video, Camera(frame_rate=case.footage.rate), None, silent)
+    fit = fit_swings(pendulum.picture_tracks(seen.beads, seen.times))
     total = np.zeros(len(SHARES))
-    for bead, (track, used, ways) in enumerate(zip(seen.fit.tracks, seen.fit.used, ground_ways(seen.fit), strict=True)):
+    for bead, (track, used, ways) in enumerate(zip(fit.tracks, fit.used, ground_ways(fit), strict=True)):
         moments = track.time[used] + 0.5 * case.footage.exposure / case.footage.rate
         true, _ = stage.view.project(stage.places(moments))
         weight = np.median(track.sigma) / track.sigma[used]
@@ -61,7 +62,8 @@ def _likelihoods(error: Array, ways: Array, weight: Array, frame: Array) -> Arra
     """Of one coordinate [px] of one bead; the noise and a shift of all frames alike are left to the data."""
     off = error - np.median(error)
     sound = np.abs(off) < WILD * 1.4826 * np.median(np.abs(off)) + 1e-6
-    off, ways, weight, frame = off[sound] * weight[sound], ways[sound], weight[sound], frame[sound]
+    weight, frame = weight[sound], frame[sound]
+    off, ways = off[sound] * weight, ways[sound] * weight[:, None]
     white = np.linalg.inv(np.linalg.cholesky(SHARED ** np.abs(np.rint(frame[:, None] - frame))))
     off, ways, alike = white @ off, white @ ways, white @ weight
     found = []

@@ -300,6 +300,7 @@ def measure(
         checks = (*checks, roll_check(camera.roll, *gauge.fall))
     if bead_diameter is not None and not gauge.source.startswith("bead diameter"):
         checks = (*checks, size_check(2 * seen.radius * gauge.scale, _radius_doubt(seen), bead_diameter))
+    unconfirmed = (f"{RATE_UNCONFIRMED}; {gauge.cross_check}.",) if gauge.source == "gravity" else ()
     unjudged = RATE_UNJUDGED if gauge.source == "gravity" and camera.frame_rate is None else ""
     measurement = Measurement(
         rig="drop",
@@ -310,7 +311,7 @@ def measure(
             for quantity in evaluation.quantities
         ),
         checks=checks,
-        warnings=(*video.warnings, *evaluation.warnings, *(each.message for each in checks if each.unconfirmed)),
+        warnings=(*video.warnings, *evaluation.warnings, *unconfirmed),
         camera={
             "frame_rate_hz": video.frame_rate,
             "playback_rate_hz": video.playback_rate,
@@ -638,15 +639,16 @@ def _to_metres(pixels: Track, fitted: Bounces, gauge: _Gauge) -> Track:
 
 
 def _with_gravity_told(checks: tuple[Check, ...], gauge: _Gauge) -> tuple[Check, ...]:
-    gravity = checks[0]
+    """With what the bead's diameter says of gravity; without that check where gravity itself gave the scale."""
+    gravity, *others = checks
     if gauge.gravity is not None:
         value, doubt = gauge.gravity
         message = f"with the scale of the bead's diameter free flight gives g = {value:.2f} ± {doubt:.2f} m/s²"
         message += f" instead of {GRAVITY}: {gauge.contradiction}" if gauge.contradiction else ": they agree"
         gravity = replace(gravity, passed=not gauge.contradiction, value=value, message=message)
     elif gauge.source == "gravity":
-        gravity = replace(gravity, value=math.nan, message=RATE_UNCONFIRMED)
-    return (replace(gravity, message=f"{gravity.message.rstrip('.')}; {gauge.cross_check}."), *checks[1:])
+        return tuple(others)
+    return replace(gravity, message=f"{gravity.message.rstrip('.')}; {gauge.cross_check}."), *others
 
 
 def _view_checks(video: Video, seen: Chase, fitted: Bounces, repeats: frozenset[int]) -> tuple[Check, ...]:

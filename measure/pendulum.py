@@ -18,7 +18,7 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, doubted
+from rigtwin.lab.quantity import Detail, Evaluation, Measurement, Quantity, doubted
 from rigtwin.lab.records import Array, Track, read_tracks, write_tracks
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.channel import LUMA
@@ -60,6 +60,9 @@ SHADING = 0.03
 # and not with the frame, and does not average out.  By maximum likelihood of the errors of beads in drawn films of
 # known truth (benchmarks/ground.py): 0.35 to 0.5, of which the larger; nothing and 0.7 are both excluded.
 GROUND = 0.5
+UNCONFIRMED = (
+    "scale and frame rate not confirmed: the scale was taken from gravity; give --length or --scale for a check."
+)
 HEAD_ON = ("momentum", "contact_distance")  # checks that fail where the beads meet off centre or a track is wrong
 
 
@@ -100,8 +103,9 @@ def measure(
         shading=SHADING * scale * max(look.radius for look in film.beads.looks),
     )
     timing = timing_check(video)
-    checks = (*_without_circle(evaluation.checks, scale_from), timing)
-    unconfirmed = [check.message for check in checks if check.unconfirmed]
+    # gravity checks nothing where the scale is from it
+    by_gravity = scale_from == "gravity"
+    checks = (*(each for each in evaluation.checks if each.check != "gravity" or not by_gravity), timing)
     spoilt = "; ".join(filter(None, [video.spoilt, "" if timing.passed else timing.message]))
     quantities = tuple(doubted(quantity, spoilt) for quantity in evaluation.quantities)
     seen = {
@@ -117,7 +121,12 @@ def measure(
         source_sha256=sha256(clip),
         quantities=quantities,
         checks=checks,
-        warnings=(*video.warnings, *_roll_warning(film.fit, camera), *evaluation.warnings, *unconfirmed),
+        warnings=(
+            *video.warnings,
+            *_roll_warning(film.fit, camera),
+            *evaluation.warnings,
+            *([UNCONFIRMED] if by_gravity else ()),
+        ),
         camera=seen,
         tracks=tracks,
         files={} if out is None else _write(out, video, film, fit, quantities, progress=progress),
@@ -165,7 +174,7 @@ def watch(video: Video, camera: Camera, length: float | None, progress: Progress
     """Both beads of a double pendulum in every frame, and their swings; `length` [m] only serves what is told."""
     beads = find_beads(video, camera.region, stated_length=length, progress=progress)
     times = video.times[beads.frames]
-    fit = _fit_clip(video.path, _picture_tracks(beads, times), axis=_axis(video))
+    fit = _fit_clip(video.path, picture_tracks(beads, times), axis=_axis(video))
     places, velocities, again = _second_look(fit, beads, times)
     beads = relocate(video, beads, places, velocities, again)
     return Film(beads, times, fit)
@@ -175,7 +184,7 @@ def _watch_wall(video: Video, camera: Camera, length: float | None, progress: Pr
     chase = find_wall_bead(video, camera.region, stated_length=length, progress=progress)
     beads = _one_bead(chase, video)
     times = video.times[beads.frames]
-    fit = _fit_clip(video.path, _picture_tracks(beads, times), axis=_axis(video))
+    fit = _fit_clip(video.path, picture_tracks(beads, times), axis=_axis(video))
     places, velocities, again = _second_look(fit, beads, times)
     expected = {
         int(beads.frames[k]): ((float(x), float(y)), (float(u), float(v)))
@@ -183,7 +192,7 @@ def _watch_wall(video: Video, camera: Camera, length: float | None, progress: Pr
         if again[0, k]
     }
     beads = _one_bead(look_again(chase, expected), video)
-    return Film(beads, times, _fit_clip(video.path, _picture_tracks(beads, times), axis=_axis(video)))
+    return Film(beads, times, _fit_clip(video.path, picture_tracks(beads, times), axis=_axis(video)))
 
 
 def _one_bead(chase: Chase, video: Video) -> Beads:
@@ -198,7 +207,7 @@ def _one_bead(chase: Chase, video: Video) -> Beads:
     return Beads(frames, (images,), [look], chase.shutter.share, chase.scene, LUMA, where, looked, {})
 
 
-def _picture_tracks(beads: Beads, times: Array) -> tuple[Track, ...]:
+def picture_tracks(beads: Beads, times: Array) -> tuple[Track, ...]:
     """Tracks in pixels, y up."""
     tracks = []
     for body, images in zip("AB", beads.images, strict=False):
@@ -267,21 +276,10 @@ def _upright(
     back = np.array([[math.cos(roll), math.sin(roll)], [-math.sin(roll), math.cos(roll)]]) * scale
     tracks = tuple(
         replace(track, position=(track.position - rest) @ back, sigma=track.sigma * scale)
-        for track in _picture_tracks(film.beads, film.times)
+        for track in picture_tracks(film.beads, film.times)
     )
     x, y = (np.array(axis) - rest) @ back
     return tracks, (float(x), float(y))
-
-
-def _without_circle(checks: tuple[Check, ...], scale_from: str) -> tuple[Check, ...]:
-    """The gravity check says nothing where the scale is from gravity."""
-    if scale_from != "gravity":
-        return checks
-    message = (
-        "scale and frame rate not confirmed: the scale was taken from gravity; give --length or --scale for a check"
-    )
-    unjudged = Check("gravity", True, math.nan, GRAVITY, message)
-    return tuple(unjudged if each.check == "gravity" else each for each in checks)
 
 
 def _roll_warning(fit: SwingFit, camera: Camera) -> tuple[str, ...]:
