@@ -3,7 +3,7 @@
     python benchmarks/ground.py [--only HARDNESS ...] [--count N]
 
 Pendulums are drawn from `SEED` as in hard_footage.py.  The error of every bead in every frame, against the truth, is
-taken for a sum of the ways in which `rigtwin.measure.swing` lets the ground shift it, each with the same standard
+taken for a sum of the ways in which `rigtwin.measure.swing_fit` lets the ground shift it, each with the same standard
 deviation, and of noise that neighbouring frames share in part; the likelihood of that standard deviation is told.
 """
 
@@ -28,7 +28,7 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.progress import silent
 from rigtwin.measure import pendulum
 from rigtwin.measure.media import open_video
-from rigtwin.measure.swing import fit_swings, ground_ways
+from rigtwin.measure.swing_fit import fit_swings, ground_ways
 
 Array = npt.NDArray[np.float64]
 

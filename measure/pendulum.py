@@ -35,18 +35,8 @@ from rigtwin.measure.pendulum_checks import (
     timing_check,
 )
 from rigtwin.measure.repeats import without_repeats
-from rigtwin.measure.swing import (
-    Mask,
-    Outcome,
-    SwingFit,
-    Swings,
-    angles,
-    centres,
-    fit_swings,
-    positions,
-    states_at_collision,
-    turning_points,
-)
+from rigtwin.measure.swing import Swings, angles, centres, positions, states_at_collision, turning_points
+from rigtwin.measure.swing_fit import Mask, Outcome, SwingFit, fit_swings
 from rigtwin.measure.swing_pictures import picture_view, write_overlay, write_plot, write_still
 from rigtwin.measure.two_beads import Beads, find_beads, relocate
 from rigtwin.measure.wall_bead import find_wall_bead, images_by_frame
