@@ -434,7 +434,7 @@ def _misfits(fast: Sequence[Cut], tried: Array, room: float, scene: Scene, look:
     Else the emptier patch would win; `room` [px] is what the longest streak needs.  Each share is begun where the one
     before has put the beads.
     """
-    misfits = list[list[float]]()
+    misfits: list[list[float]] = []
     for share in tried.tolist():
         sightings = _fit_cuts(
             fast,
