@@ -271,7 +271,7 @@ def _since_contact(track: Track) -> Curve:
 
 def _angles(tracks: Sequence[Track], length: float, diameter: float) -> list[Curve]:
     """Per bead: time from the first collision [s] and angle [deg], from the horizontal way off the pivot."""
-    from rigtwin.measure.swing import fit_circle
+    from rigtwin.measure.swing_fit import fit_circle
 
     first = tracks[0]
     (pivot, _), _ = fit_circle(first.position)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,16 +26,15 @@ from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantit
 from rigtwin.lab.records import Track, read_tracks
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.drop_checks import (
-    contradiction,
     gravity_check,
-    other_rate,
     plane_check,
     residual_check,
     roll_check,
-    scales_agree,
     size_check,
     timing_check,
 )
+from rigtwin.measure.drop_gauge import Gauge, find_gauge, radius_doubt, to_metres
+from rigtwin.measure.falling import join_flights, likeness
 from rigtwin.measure.flights import (
     AirDrag,
     Bounces,
@@ -48,11 +47,9 @@ from rigtwin.measure.flights import (
 from rigtwin.measure.follow import Chase, chase_path, find_paths, learn_scene, look_again
 from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.repeats import repeated
-from rigtwin.measure.spots import SpotPath
 
 Array = npt.NDArray[np.float64]
 
-SCALE_DOUBT = 0.005  # relative, of a scale read off a rule in view
 FELT_SHAKE = 0.3  # [px], standard deviation, from which on what is left of a shake may count
 AS_WELL, AS_BRIGHT = 1.3, 0.7  # times the usual misfit and contrast, up and down to which a bead is seen whole
 STREAK_OFF = 0.5  # [px], of a bead's streak, from which on a frame is fitted again with the one that its flight makes
@@ -68,7 +65,6 @@ RATE_UNCONFIRMED = (
     "its square; give --bead-diameter or --scale"
 )
 GAIN = "a restitution above 1 cannot be: the track is wrong there"
-RIM_DOUBT = 0.12  # [px], where the rim of a bead's image is taken to be
 
 
 # ------------------------------------------------------------------------------------------------- record -> quantities
@@ -255,21 +251,6 @@ def _with_doubts(
 # ---------------------------------------------------------------------------------------------------- media -> record
 
 
-@dataclass(frozen=True)
-class _Gauge:
-    """How pixels become metres, and which way is down."""
-
-    scale: float  # [m/px]
-    doubt: float  # relative standard uncertainty of the scale
-    source: str
-    roll: float  # [rad], positive when the scene looks turned clockwise
-    roll_doubt: float  # [rad]
-    cross_check: str  # what the other scales say
-    gravity: tuple[float, float] | None  # [m/s^2] and its doubt, by a scale that does not come from gravity itself
-    contradiction: str  # what the two scales of gravity and of the bead's diameter say where they do not agree
-    fall: tuple[float, float]  # [rad], the roll that the bead's fall shows, and its doubt
-
-
 def measure(
     clip: Path,
     camera: Camera,
@@ -289,8 +270,8 @@ def measure(
     video = open_video(clip, camera)
     seen, pixels, repeats = _find_bead(video, camera, drag, bead_diameter, progress)
     fitted = _bounces(pixels, drag, str(clip))
-    gauge = _gauge(pixels, fitted, seen, camera, bead_diameter)
-    track = _to_metres(pixels, fitted, gauge)
+    gauge = find_gauge(pixels, fitted, seen, camera, bead_diameter)
+    track = to_metres(pixels, fitted, gauge)
     if bead_diameter is None:
         drag = AirDrag(2 * seen.radius * gauge.scale, bead_density)
     bounces = _bounces(track, drag, str(clip), in_metres=True)
@@ -299,7 +280,8 @@ def measure(
     if camera.roll is not None:
         checks = (*checks, roll_check(camera.roll, *gauge.fall))
     if bead_diameter is not None and not gauge.source.startswith("bead diameter"):
-        checks = (*checks, size_check(2 * seen.radius * gauge.scale, _radius_doubt(seen), bead_diameter))
+        checks = (*checks, size_check(2 * seen.radius * gauge.scale, radius_doubt(seen), bead_diameter))
+    unconfirmed = (f"{RATE_UNCONFIRMED}; {gauge.cross_check}.",) if gauge.source == "gravity" else ()
     unjudged = RATE_UNJUDGED if gauge.source == "gravity" and camera.frame_rate is None else ""
     measurement = Measurement(
         rig="drop",
@@ -310,7 +292,7 @@ def measure(
             for quantity in evaluation.quantities
         ),
         checks=checks,
-        warnings=(*video.warnings, *evaluation.warnings, *(each.message for each in checks if each.unconfirmed)),
+        warnings=(*video.warnings, *evaluation.warnings, *unconfirmed),
         camera={
             "frame_rate_hz": video.frame_rate,
             "playback_rate_hz": video.playback_rate,
@@ -371,11 +353,11 @@ def _find_bead(
     size = None
     if bead_diameter is not None and camera.given_scale is not None:
         size = bead_diameter / 2 / camera.given_scale
-    ranked = sorted(paths, key=lambda path: -_likeness(path, size))
-    joined = _join_flights(ranked, size)
+    ranked = sorted(paths, key=lambda path: -likeness(path, size))
+    joined = join_flights(ranked, size)
     ranked = ranked if joined is None else [joined, *ranked]
-    best_likeness = max((_likeness(path, size) for path in ranked), default=0.0)
-    likely = [path for path in ranked[:3] if _likeness(path, size) > 0.02 * best_likeness]
+    best_likeness = max((likeness(path, size) for path in ranked), default=0.0)
+    likely = [path for path in ranked[:3] if likeness(path, size) > 0.02 * best_likeness]
     if not likely and camera.region is not None:
         region = ",".join(f"{side:g}" for side in camera.region)
         raise NothingToMeasure(
@@ -410,87 +392,6 @@ def _find_bead(
             "of the bead, or narrow the search with --region."
         )
     return *best, moves.repeated
-
-
-@dataclass(frozen=True)
-class _Arc:
-    """A piece of a path without a kink, and how it accelerates."""
-
-    path: SpotPath
-    acceleration: float  # [px/frame^2], down
-    doubt: float  # standard uncertainty of it
-    weight: float  # how surely it is a bead in free flight: way times contrast
-
-
-def _join_flights(paths: list[SpotPath], size: float | None) -> SpotPath | None:
-    """One path from all arcs that fall alike: at a bounce, or behind a post, a bead is easily mixed up with its shadow.
-
-    Shadows and reflections on a plate move too, but only the bead always accelerates by the same gravity.
-    """
-    arcs = [arc for path in paths if _likeness(path, size) > 0 for piece in _arcs(path) for arc in _as_arc(piece)]
-    if not arcs:
-        return None
-    best = max(arcs, key=lambda arc: arc.weight)
-    frames: dict[int, int] = {}
-    chosen: list[SpotPath] = []
-    for arc in sorted(arcs, key=lambda arc: -arc.weight):
-        alike = abs(arc.acceleration - best.acceleration) < 0.1 * best.acceleration + 3 * arc.doubt
-        same = 0.6 < arc.path.radius / best.path.radius < 1.7
-        free = [k for k, frame in enumerate(arc.path.frames) if frame not in frames]
-        if alike and same and len(free) > 0.7 * len(arc.path.frames):
-            frames.update(dict.fromkeys(arc.path.frames, 1))
-            chosen.append(SpotPath(tuple(arc.path.frames[k] for k in free), tuple(arc.path.spots[k] for k in free)))
-    pairs = sorted(
-        (pair for path in chosen for pair in zip(path.frames, path.spots, strict=True)), key=lambda pair: pair[0]
-    )
-    return SpotPath(tuple(frame for frame, _ in pairs), tuple(spot for _, spot in pairs))
-
-
-def _arcs(path: SpotPath) -> list[SpotPath]:
-    """Pieces between kinks."""
-    y = path.centres[:, 1]
-    frames = np.array(path.frames)
-    speed = np.diff(y) / np.diff(frames)
-    kinks = np.flatnonzero(np.abs(np.diff(speed)) > 0.4 * path.radius + 0.15 * np.abs(speed[1:])) + 1
-    pieces = np.split(np.arange(len(y)), kinks)
-    return [
-        SpotPath(tuple(path.frames[k] for k in piece), tuple(path.spots[k] for k in piece))
-        for piece in pieces
-        if len(piece) >= 5
-    ]
-
-
-def _as_arc(path: SpotPath) -> list[_Arc]:
-    """The piece as an arc when it is a parabola bent downwards; resting frames before a release are left out."""
-    y, frames = path.centres[:, 1], np.array(path.frames, dtype=np.float64)
-    moving = np.flatnonzero(np.abs(y - y[0]) > 0.5 * path.radius)
-    first = 0 if np.ptp(y) < 2 * path.radius or not len(moving) else max(int(moving[0]) - 2, 0)
-    if len(y) - first < 5:
-        return []
-    t, y = frames[first:] - frames[first], y[first:]
-    bend, slope, base = np.polyfit(t, y, 2)
-    rms = float(np.std(y - np.polyval([bend, slope, base], t)))
-    doubt = 2 * 13.4 * max(rms, 0.1) / (float(np.ptp(t)) ** 2 * math.sqrt(len(t)))
-    if bend <= 0 or np.ptp(y) < path.radius or rms > 0.25 * path.radius + 0.01 * np.ptp(y) or doubt > bend:
-        return []
-    contrast = float(np.median([spot.contrast for spot in path.spots]))
-    whole = SpotPath(path.frames, path.spots)
-    return [_Arc(whole, 2 * float(bend), doubt, float(np.ptp(y)) * math.sqrt(contrast))]
-
-
-def _likeness(path: SpotPath, size: float | None) -> float:
-    """How much a path looks like a falling bead: long way up and down, steady steps, clear and of the right size."""
-    y = path.centres[:, 1]
-    if len(y) < 8:
-        return 0.0
-    steps = np.diff(y) / np.diff(np.array(path.frames))
-    smooth = np.abs(np.diff(steps)) < 0.5 * path.radius + 0.2 * np.abs(steps[1:]) + 1
-    way = float(np.sum(np.abs(np.diff(y))))
-    if np.ptp(y) < 3 * path.radius or np.mean(smooth) < 0.5:
-        return 0.0
-    fit = 1.0 if size is None else math.exp(-(math.log(path.radius / size) ** 2))
-    contrast = float(np.median([spot.contrast for spot in path.spots]))
-    return way * float(np.mean(smooth)) ** 4 * math.sqrt(contrast) * fit
 
 
 def _pixel_track(seen: Chase) -> Track:
@@ -553,100 +454,17 @@ def _streak_off(seen: Chase, taken: tuple[float, float], motion: tuple[float, fl
     return seen.shutter.share * math.dist(taken, motion) > STREAK_OFF
 
 
-def _gauge(pixels: Track, fitted: Bounces, seen: Chase, camera: Camera, bead_diameter: float | None) -> _Gauge:
-    """The best scale at hand, with what the others say, and the direction of gravity."""
-    roll, roll_doubt = fall = _roll(pixels, fitted)
-    told = (
-        f"gravity points {math.degrees(roll):+.2f} ± {math.degrees(roll_doubt):.2f} degrees off the picture's vertical"
-    )
-    if camera.roll is not None:
-        told += f", {math.degrees(camera.roll):+.2f} were given"
-        roll, roll_doubt = camera.roll, 0.0
-    size, parts = fitted.read(lambda at: at.size * math.cos(roll))
-    by_gravity = math.cos(roll) ** 2 / size
-    gravity_doubt = math.hypot(root_sum_of_squares(parts) / size, 4e-4)
-    if camera.given_scale is not None:
-        doubt = camera.scale_doubt(SCALE_DOUBT)
-        return _Gauge(camera.given_scale, doubt, camera.scale_from, roll, roll_doubt, told, None, "", fall)
-    if bead_diameter is None:
-        return _Gauge(by_gravity, gravity_doubt, "gravity", roll, roll_doubt, told, None, "", fall)
-    by_bead = bead_diameter / (2 * seen.radius)
-    bead_doubt = _radius_doubt(seen)
-    told += (
-        f"; the bead's diameter gives {by_bead * 1e3:.4g} mm/px (± {100 * bead_doubt:.1f} %), "
-        f"gravity {by_gravity * 1e3:.4g} mm/px"
-    )
-    ratio, ratio_doubt = by_bead / by_gravity, math.hypot(bead_doubt, gravity_doubt)
-    judged = GRAVITY * ratio, GRAVITY * ratio * ratio_doubt
-    if camera.frame_rate is None:
-        return _Gauge(by_bead, bead_doubt, "bead diameter", roll, roll_doubt, told, None, "", fall)
-    if scales_agree(ratio, ratio_doubt):
-        if gravity_doubt >= bead_doubt:
-            return _Gauge(by_bead, bead_doubt, "bead diameter", roll, roll_doubt, told, None, "", fall)
-        source = "gravity, agreeing with the bead's diameter"
-        return _Gauge(by_gravity, gravity_doubt, source, roll, roll_doubt, told, judged, "", fall)
-    off = contradiction(ratio, ratio_doubt, camera.frame_rate, bead_diameter)
-    # either may be right: the other one is two standard deviations off then
-    doubt = math.hypot(ratio_doubt, 0.5 * math.log(ratio))
-    if other_rate(camera.frame_rate, judged[0]) is not None:
-        return _Gauge(by_bead, doubt, "bead diameter, against gravity", roll, roll_doubt, told, judged, off, fall)
-    # no usual mix-up of rates explains it: rather the bead's rim was misjudged
-    return _Gauge(by_gravity, doubt, "gravity, against the bead's diameter", roll, roll_doubt, told, judged, off, fall)
-
-
-def _radius_doubt(seen: Chase) -> float:
-    """Relative; large where a lit or a dark side of the bead melts into what is behind it."""
-    contrasts = [abs(sighting.image.contrast) for sighting in seen.sightings]
-    contrast = max(float(np.median(contrasts)), 1.0)
-    shade = 0.0 if seen.look is None else math.hypot(*seen.look.light[1:3]) / contrast
-    return math.hypot(RIM_DOUBT / seen.radius, 0.01, 0.025 * min(shade, 4.0))
-
-
-def _roll(pixels: Track, fitted: Bounces) -> tuple[float, float]:
-    """Angle of the acceleration against the picture's vertical [rad]: x(t) bends as y(t) does, times its tangent."""
-    used = fitted.used
-    time, x = pixels.time[used], pixels.position[used, 0]
-    apexes, contacts = fitted.apex_times, fitted.contact_times
-    flight = np.searchsorted(contacts, time)
-    bend = -0.5 * GRAVITY * fitted.model.reader(fitted.parameters).size * (time - apexes[flight]) ** 2
-    columns = [bend]
-    for k in range(fitted.count + 1):
-        mine = (flight == k).astype(np.float64)
-        columns += [mine, mine * (time - apexes[k])]
-    design = np.stack(columns, axis=1)
-    keep = np.ones(len(x), dtype=bool)
-    for _ in range(3):
-        solution, *_ = np.linalg.lstsq(design[keep], x[keep], rcond=None)
-        off = x - design @ solution
-        keep = np.abs(off) < 4 * 1.4826 * np.median(np.abs(off[keep])) + 1e-9
-    variance = float(np.var(off[keep])) * np.linalg.pinv(design[keep].T @ design[keep])[0, 0]
-    # a bead off the camera's axis is seen at another scale higher up: bends x by a tenth of a degree or so
-    return math.atan(float(solution[0])), math.hypot(math.sqrt(variance), math.radians(0.2))
-
-
-def _to_metres(pixels: Track, fitted: Bounces, gauge: _Gauge) -> Track:
-    """Turned upright, scaled, with the first contact as origin."""
-    first = fitted.contact_times[0]
-    used = fitted.used
-    x0 = float(np.interp(first, pixels.time[used], pixels.position[used, 0]))
-    y0 = float(fitted.level(np.array([first]))[0])
-    x, y = pixels.position[:, 0] - x0, pixels.position[:, 1] - y0
-    cos, sin = math.cos(gauge.roll), math.sin(gauge.roll)
-    # a scene turned clockwise by the roll is turned back
-    upright = np.stack([cos * x - sin * y, sin * x + cos * y], axis=1)
-    return Track(pixels.time, gauge.scale * upright, gauge.scale * pixels.sigma)
-
-
-def _with_gravity_told(checks: tuple[Check, ...], gauge: _Gauge) -> tuple[Check, ...]:
-    gravity = checks[0]
+def _with_gravity_told(checks: tuple[Check, ...], gauge: Gauge) -> tuple[Check, ...]:
+    """With what the bead's diameter says of gravity; without that check where gravity itself gave the scale."""
+    gravity, *others = checks
     if gauge.gravity is not None:
         value, doubt = gauge.gravity
         message = f"with the scale of the bead's diameter free flight gives g = {value:.2f} ± {doubt:.2f} m/s²"
         message += f" instead of {GRAVITY}: {gauge.contradiction}" if gauge.contradiction else ": they agree"
         gravity = replace(gravity, passed=not gauge.contradiction, value=value, message=message)
     elif gauge.source == "gravity":
-        gravity = replace(gravity, value=math.nan, message=RATE_UNCONFIRMED)
-    return (replace(gravity, message=f"{gravity.message.rstrip('.')}; {gauge.cross_check}."), *checks[1:])
+        return tuple(others)
+    return replace(gravity, message=f"{gravity.message.rstrip('.')}; {gauge.cross_check}."), *others
 
 
 def _view_checks(video: Video, seen: Chase, fitted: Bounces, repeats: frozenset[int]) -> tuple[Check, ...]:

@@ -9,7 +9,8 @@ import numpy as np
 from rigtwin.lab.quantity import Check
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.media import Video
-from rigtwin.measure.swing import Outcome, SwingFit, frame_interval, turning_points
+from rigtwin.measure.swing import turning_points
+from rigtwin.measure.swing_fit import Outcome, SwingFit, frame_interval
 
 MOST_MISFIT = 1.4  # times the noise from frame to frame, that a track may leave the fitted swings by
 LEAST_MISFIT = 5e-4  # of the pendulum's length: textures behind a bead shift it by less, and slowly in high-speed films

@@ -18,7 +18,8 @@ from rigtwin.lab.wording import title
 from rigtwin.measure import overlay
 from rigtwin.measure.bead import BeadImage
 from rigtwin.measure.media import Image, Video
-from rigtwin.measure.swing import SwingFit, angles, turning_points
+from rigtwin.measure.swing import angles, turning_points
+from rigtwin.measure.swing_fit import SwingFit
 from rigtwin.measure.two_beads import Beads
 
 COLOURS = (overlay.ORANGE, overlay.SKY)

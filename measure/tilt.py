@@ -148,7 +148,7 @@ def _evaluation(
 ) -> Evaluation:
     """`geometry` and `timing` hold what a film adds to the doubt of the angle [rad] and of the time [s]."""
     geometry = geometry or {}
-    checks = (
+    judged = (
         _gravity_check(way, onset, variant),
         _variant_check(way, onset, variant),
         _creep_check(onset, bead_diameter),
@@ -156,6 +156,7 @@ def _evaluation(
         _residual_check(way, onset),
         _certainty_check(onset, way),
     )
+    checks = tuple(each for each in judged if isinstance(each, Check))
     failed = [check for check in checks if not check.passed and check.check != "gravity"]
     doubt = "; ".join(check.message for check in failed)
     name = FRICTION[variant]
@@ -186,7 +187,7 @@ def _evaluation(
                 doubtful=doubt,
             )
         )
-    warnings = tuple(check.message for check in checks if check.unconfirmed)
+    warnings = tuple(each for each in judged if isinstance(each, str))
     return Evaluation(tuple(quantities), checks, warnings)
 
 
@@ -194,13 +195,10 @@ def _quantity(name: str, value: float, unit: str, budget: dict[str, float], doub
     return Quantity(name, value, root_sum_of_squares(budget), unit, "onset", budget=budget, doubtful=doubt)
 
 
-def _gravity_check(way: Way, onset: Onset, variant: Variant) -> Check:
-    """Whether the body runs as gravity makes it run at this angle."""
+def _gravity_check(way: Way, onset: Onset, variant: Variant) -> Check | str:
+    """Whether the body runs as gravity makes it run at this angle, or why that is not known."""
     if not math.isfinite(way.scale_doubt):
-        message = (
-            "not confirmed: without a scale the acceleration of the run checks no frame rate; give the bead's diameter."
-        )
-        return Check("gravity", True, math.nan, 1.0, message)
+        return "frame rate not confirmed: without a scale the run's acceleration tells none; give the bead's diameter."
     doubt = _gain_doubt(way, onset)
     passed = abs(onset.gain - 1) < 3 * doubt
     how = "slides" if variant == "slide" else "rolls"
@@ -211,8 +209,8 @@ def _gravity_check(way: Way, onset: Onset, variant: Variant) -> Check:
     return Check("gravity", passed, onset.gain, 1.0, f"{found}: {ending}.")
 
 
-def _variant_check(way: Way, onset: Onset, variant: Variant) -> Check:
-    """Whether the run is rather that of a body that moves the other way."""
+def _variant_check(way: Way, onset: Onset, variant: Variant) -> Check | str:
+    """Whether the run is rather that of a body that moves the other way, or why that is not known."""
     instead: Variant = "roll" if variant == "slide" else "slide"
     odds = _log_odds(way, onset, variant) - _log_odds(way, onset, instead)
     believed = odds > -LIKELY
@@ -224,7 +222,7 @@ def _variant_check(way: Way, onset: Onset, variant: Variant) -> Check:
     elif odds > LIKELY:
         message = f"by {told_by} the body {variant}s, as stated."
     else:
-        message = (
+        return (
             f"not confirmed: neither acceleration nor friction in motion tells whether the body {variant}s, as stated; "
             f"that the coefficient is one of {'sliding' if variant == 'slide' else 'rolling'} hangs on --variant alone."
         )

@@ -18,7 +18,7 @@ from rigtwin.measure.follow import Chase, Movement, chase_path
 from rigtwin.measure.media import Video
 from rigtwin.measure.meeting import LOST, Path, Region, find_paths, lone_swing, with_beginning
 from rigtwin.measure.spots import SpotPath
-from rigtwin.measure.swing import fit_circle
+from rigtwin.measure.swing_fit import fit_circle
 from rigtwin.measure.two_beads import as_spots, sample_frames, still_scene
 
 Array = npt.NDArray[np.float64]

@@ -57,6 +57,13 @@ def test_centre_is_found_near_the_noise_limit_and_sigma_says_how_near(with_backg
     assert 0.6 < np.sqrt(np.mean(np.square(scaled))) < 1.6
 
 
+@pytest.mark.parametrize(("light", "seen"), [(170.0, True), (125.0, True), (77.0, False)])
+def test_what_is_far_fainter_than_the_bead_is_not_the_bead(light, seen):
+    look = Look(9.0, 0.8, np.array([170.0, 0.0, 0.0, 0.0]))
+    found = fit_bead(draw((36.3, 35.6), bead=light, noise=1.0), np.full((SIZE, SIZE), 60.0), (36, 36), 9.0, look=look)
+    assert (found is not None) == seen
+
+
 def test_textured_background_does_not_pull_the_centre():
     errors = []
     for seed in range(8):

@@ -14,7 +14,7 @@ from rigtwin.lab.camera import Camera, Moment
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.records import Track, write_tracks
 from rigtwin.measure.pendulum import evaluate, measure
-from rigtwin.measure.swing import fit_swings
+from rigtwin.measure.swing_fit import fit_swings
 
 GRAVITY = 9.81
 
