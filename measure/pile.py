@@ -517,9 +517,9 @@ def _flaw_of_picture(found: Silhouette) -> str:
     if found.disc is None:
         return "the base disc was not found, so the base line is taken from the outermost beads"
     if found.view.looking_down > STEEPEST_VIEW:
+        down = found.view.looking_down
         return (
-            f"the camera looks down on the heap by {found.view.looking_down:.0f} degrees, so that the outline is not its "
-            f"section; photograph it from less than {STEEPEST_VIEW:.0f}"
+            f"the camera looks down by {down:.0f} degrees and sees no section; film from less than {STEEPEST_VIEW:.0f}"
         )
     if found.disc.doubtful:
         return "the edges of the base disc are unclear, so the base line may be off"
