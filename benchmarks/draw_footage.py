@@ -17,8 +17,8 @@ Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.float32]
 Grey = npt.NDArray[np.uint8]
 
-PARTS = 8  # moments at which a moving bead is drawn in one exposure
-LENS = 0.7  # [px], standard deviation of the blur of lens and pixel
+PARTS = 8  # moments at which a moving bead is drawn in one exposure, at least
+LENS = 0.7  # [px], standard deviation of the blur of lens and pixel; what moves is drawn in steps no longer than this
 CLOCK = 24000  # [1/s], ticks of a stored time stamp
 
 
@@ -145,9 +145,8 @@ def _sway(count: int, size: float, rng: np.random.Generator) -> Array:
 
 
 def _picture(wall: Picture, stage: Stage, footage: Footage, begun: float, sway: Array) -> Picture:
-    moments = begun + (np.arange(PARTS) + 0.5) / PARTS * footage.exposure / footage.rate
-    places = stage.places(moments)
-    at, size = stage.view.project(places)
+    moments = begun + _parts(stage, footage, begun) * footage.exposure / footage.rate
+    at, size = stage.view.project(stage.places(moments))
     picture = wall.copy()
     if begun < stage.release:
         stage.held(picture, stage.view)
@@ -172,6 +171,15 @@ def _picture(wall: Picture, stage: Stage, footage: Footage, begun: float, sway: 
         size_of = (picture.shape[1], picture.shape[0])
         picture = cv2.warpAffine(picture, move, size_of, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(cv2.GaussianBlur(picture, (0, 0), LENS), dtype=np.float32)
+
+
+def _parts(stage: Stage, footage: Footage, begun: float) -> Array:
+    """The moments of an exposure at which it is drawn, as shares of it."""
+    coarse = (np.arange(PARTS) + 0.5) / PARTS
+    at, _ = stage.view.project(stage.places(begun + coarse * footage.exposure / footage.rate))
+    way = float(np.max(np.sum(np.linalg.norm(np.diff(at, axis=0), axis=-1), axis=0)))
+    count = max(PARTS, math.ceil(way / LENS))
+    return np.asarray((np.arange(count) + 0.5) / count)
 
 
 def _bead(picture: Picture, at: Array, radius: Array, moments: Array, footage: Footage) -> None:

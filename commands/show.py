@@ -266,9 +266,11 @@ def _show_quantities(console: Console, heading: str, quantities: Sequence[Quanti
 
 
 def _show_rest(console: Console, checks: Sequence[Check], warnings: Sequence[str], files: Mapping[str, Path]) -> None:
-    for passed, name, message in dict.fromkeys((check.passed, check.check, check.message) for check in checks):
-        mark = "[green]passed[/green]" if passed else "[red]failed[/red]"
-        console.print(f"{mark} {escape(name.replace('_', ' '))}: {escape(message)}")
+    told = {(check.check, check.message): check for check in checks}
+    for check in told.values():
+        mark = "[green]passed[/green]" if check.passed else "[red]failed[/red]"
+        mark = "[yellow]open[/yellow]" if check.unconfirmed else mark
+        console.print(f"{mark} {escape(check.check.replace('_', ' '))}: {escape(check.message)}")
     for warning in warnings:
         console.print(f"[yellow]warning:[/yellow] {escape(warning)}")
     for path in dict.fromkeys(files.values()):

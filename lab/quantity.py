@@ -107,10 +107,16 @@ class Check:
     expected: float
     message: str
 
+    @property
+    def unconfirmed(self) -> bool:
+        """Whether nothing speaks against what is checked, and nothing for it either."""
+        return self.passed and "not confirmed" in self.message
+
     def to_json(self) -> dict[str, Any]:
         return {
             "check": self.check,
             "passed": bool(self.passed),
+            "confirmed": bool(self.passed and not self.unconfirmed),
             "value": _finite(self.value),
             "expected": _finite(self.expected),
             "message": self.message,

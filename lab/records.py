@@ -28,6 +28,7 @@ class Track:
     position: Array  # [m], shape (n, 2), centre of the body
     sigma: Array  # [m], shape (n,), one standard deviation of each coordinate of the centre
     body: str = "bead"  # "bead"; "A" and "B" in the double pendulum
+    unseen: int = 0  # rows of its file in which the body was not seen
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,8 @@ def read_tracks(path: Path) -> tuple[Track, ...]:
     seen = np.isfinite(position).all(axis=1)
     tracks = []
     for body in dict.fromkeys(bodies.tolist()):
-        mine = (bodies == body) & seen
+        own = bodies == body
+        mine = own & seen
         if not mine.any():
             raise BadInput(f"{path}: particle {body!r} has no row with both x_m and y_m; leave it out.")
         if np.any(np.diff(time[mine]) <= 0):
@@ -97,7 +99,8 @@ def read_tracks(path: Path) -> tuple[Track, ...]:
                 f"{path}: time_s does not rise from row to row for particle {body!r}; "
                 "sort the rows, or name each body in a column 'particle'."
             )
-        tracks.append(Track(time=time[mine], position=position[mine], sigma=sigma[mine], body=str(body)))
+        gaps = int(np.sum(own & ~seen))
+        tracks.append(Track(time=time[mine], position=position[mine], sigma=sigma[mine], body=str(body), unseen=gaps))
     return tuple(tracks)
 
 

@@ -110,7 +110,7 @@ def fit_bead(
         prior = pixels.started_better(prior, places)
     fit = _fit_disc(pixels, prior)
     image = None if fit is None else _bead_image(patch, pixels, fit)
-    if fit is not None and look is not None and not pixels.confirm(fit.parameters):
+    if fit is not None and look is not None and not pixels.confirm(fit.parameters, look.light):
         return None
     return (
         None if fit is None or image is None else BeadFit(image, _look(fit, patch), _certainty(fit, patch), fit.misfit)
@@ -185,6 +185,7 @@ class _Fit:
     misfit: float  # [grey levels], mean absolute residual
 
 
+FAINTEST = 0.3  # of how a bead should stand out from what it hides, below which what is seen there is not the bead
 _SHAPES = 6
 _LIGHTS = 4
 _ROOM = 2.5  # [px], around the pixels near a bead, so that it may move a little before they are chosen anew
@@ -404,6 +405,11 @@ def _part(values: npt.NDArray[Any], share: float) -> float:
     return float(np.partition(values, place)[place])
 
 
+def _part_shown(model: Array, values: Array) -> float:
+    """How much of a model the values show: 1 for all of it."""
+    return float(model @ values) / (float(model @ model) + 1e-9)
+
+
 def _robust_weights(residual: Array, noise: Array) -> Array:
     """Weights of Geman and McClure, flat up to a few times the noise: pixels of an unknown thing count little."""
     return np.asarray(1 / (1 + (residual / (4 * noise)) ** 2) ** 2)
@@ -492,14 +498,18 @@ class _Pixels:
         self.arrange(parameters[:_SHAPES])
         return float(np.sum(np.abs(self.linearise(parameters)[1])))
 
-    def confirm(self, parameters: Array) -> bool:
-        """Whether the pixels show what the model says, and not just the scene."""
+    def confirm(self, parameters: Array, usual: Array) -> bool:
+        """Whether the pixels show what the model says, and not just the scene.
+
+        `usual` is the light of the bead wherever it is: a smear of lens or codec that is far fainter is not the bead.
+        """
         empty = parameters.copy()
         empty[_SHAPES + _LIGHTS :] = 0.0
-        _, residual = self.linearise(empty)
-        model = self.values - residual
-        power = float(model @ model)
-        return power > 0 and 0.5 < float(model @ self.values) / power < 2.0
+        rows, residual = self.linearise(empty)
+        values = self.values[: self._near]
+        model = values - residual[: self._near]
+        bead = model + (usual - parameters[_SHAPES : _SHAPES + _LIGHTS]) @ rows[_SHAPES : _SHAPES + _LIGHTS]
+        return 0.5 < _part_shown(model, values) < 2.0 and _part_shown(bead, values) > FAINTEST
 
     def linearise(self, parameters: Array) -> tuple[Array, Array]:
         """Derivatives of the model at the pixels near the bead, shape (parameters, near), and data minus model.

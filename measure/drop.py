@@ -54,12 +54,18 @@ Array = npt.NDArray[np.float64]
 
 SCALE_DOUBT = 0.005  # relative, of a scale read off a rule in view
 FELT_SHAKE = 0.3  # [px], standard deviation, from which on what is left of a shake may count
+AS_WELL, AS_BRIGHT = 1.3, 0.7  # times the usual misfit and contrast, up and down to which a bead is seen whole
+STREAK_OFF = 0.5  # [px], of a bead's streak, from which on a frame is fitted again with the one that its flight makes
 LEAST_LEFT = 0.02  # [px], what any codec leaves
 MOST_LEFT = 3.0  # times what a bead is seen to, that may be left in its track of a shaking camera
 MOST_SHAKE = 5.0  # [px], standard deviation, up to which a shaking camera only shifts its picture
 RATE_UNJUDGED = (
     "the scale is from gravity and the frame rate from the file: if the film plays slower than it was captured, "
     "heights are too large; give --frame-rate or --scale"
+)
+RATE_UNCONFIRMED = (
+    "frame rate not confirmed: the scale was taken from gravity, so that all lengths hang on --frame-rate alone, with "
+    "its square; give --bead-diameter or --scale"
 )
 GAIN = "a restitution above 1 cannot be: the track is wrong there"
 RIM_DOUBT = 0.12  # [px], where the rim of a bead's image is taken to be
@@ -304,7 +310,7 @@ def measure(
             for quantity in evaluation.quantities
         ),
         checks=checks,
-        warnings=(*video.warnings, *evaluation.warnings),
+        warnings=(*video.warnings, *evaluation.warnings, *(each.message for each in checks if each.unconfirmed)),
         camera={
             "frame_rate_hz": video.frame_rate,
             "playback_rate_hz": video.playback_rate,
@@ -491,12 +497,21 @@ def _pixel_track(seen: Chase) -> Track:
     """In pixels, y up."""
     frames = np.array([sighting.frame for sighting in seen.sightings])
     # where the bead was lost from sight, what is seen just before and after may be only a part of it
-    doubted = np.where(_beside_a_gap(frames, np.array(seen.path.frames)), 5.0, 1.0)
+    in_part = _beside_a_gap(frames, np.array(seen.path.frames)) & ~_as_usual(seen)
+    doubted = np.where(in_part, 5.0, 1.0)
     return Track(
         time=np.array([sighting.time for sighting in seen.sightings]),
         position=np.array([(sighting.image.x, -sighting.image.y) for sighting in seen.sightings]).reshape(-1, 2),
         sigma=doubted * np.array([sighting.image.sigma for sighting in seen.sightings]),
     )
+
+
+def _as_usual(seen: Chase) -> npt.NDArray[np.bool_]:
+    """Whether each sighting is of a bead as bright and as well explained as in most frames, shape (n,)."""
+    misfits = np.array([sighting.fit.misfit for sighting in seen.sightings])
+    contrasts = np.abs([sighting.image.contrast for sighting in seen.sightings])
+    explained = misfits < AS_WELL * np.median(misfits)
+    return np.asarray(explained & (contrasts > AS_BRIGHT * np.median(contrasts)))
 
 
 def _beside_a_gap(frames: npt.NDArray[np.intp], path: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
@@ -510,21 +525,32 @@ def _beside_a_gap(frames: npt.NDArray[np.intp], path: npt.NDArray[np.intp]) -> n
 def _expected(
     seen: Chase, pixels: Track, fitted: Bounces, video: Video
 ) -> dict[int, tuple[tuple[float, float], tuple[float, float]]]:
-    """Frames of the flights whose bead was lost or taken for something else, and where it should be."""
+    """Where the bead should be in the frames of the flights that are worth another look.
+
+    These are those whose bead was lost or taken for something else, and those fitted with another streak than the
+    flight makes: beside a bounce the way from frame to frame is not that within a frame.
+    """
     good = fitted.used
     known = {sighting.frame for sighting, used in zip(seen.sightings, good, strict=True) if used}
-    step = 1 / video.frame_rate
+    steps = {cut.frame: cut.step for cut in seen.cuts}
+    half = 1 / video.frame_rate / 2
     expected = {}
     for index in range(video.first, video.last + 1):
         time = float(video.times[index])
-        if index in known or not pixels.time[good][0] <= time <= pixels.time[good][-1]:
+        if not pixels.time[good][0] <= time <= pixels.time[good][-1]:
             continue
-        heights = fitted.curve(np.array([time - step / 2, time, time + step / 2]))
-        x = np.interp([time - step / 2, time, time + step / 2], pixels.time[good], pixels.position[good, 0])
-        if np.all(np.isfinite(heights)):
-            motion = (float(x[2] - x[0]), float(heights[0] - heights[2]))
+        moments = np.array([time - half, time, time + half])
+        heights = fitted.curve(moments)
+        x = np.interp(moments, pixels.time[good], pixels.position[good, 0])
+        motion = (float(x[2] - x[0]), float(heights[0] - heights[2]))
+        if np.all(np.isfinite(heights)) and (index not in known or _streak_off(seen, steps[index], motion)):
             expected[index] = ((float(x[1]), -float(heights[1])), motion)
     return expected
+
+
+def _streak_off(seen: Chase, taken: tuple[float, float], motion: tuple[float, float]) -> bool:
+    """Whether a frame was fitted with another streak than the bead's motion [px/frame] makes."""
+    return seen.shutter.share * math.dist(taken, motion) > STREAK_OFF
 
 
 def _gauge(pixels: Track, fitted: Bounces, seen: Chase, camera: Camera, bead_diameter: float | None) -> _Gauge:
@@ -619,8 +645,7 @@ def _with_gravity_told(checks: tuple[Check, ...], gauge: _Gauge) -> tuple[Check,
         message += f" instead of {GRAVITY}: {gauge.contradiction}" if gauge.contradiction else ": they agree"
         gravity = replace(gravity, passed=not gauge.contradiction, value=value, message=message)
     elif gauge.source == "gravity":
-        message = "the scale was taken from gravity, so this check cannot judge scale or frame rate"
-        gravity = replace(gravity, message=message)
+        gravity = replace(gravity, value=math.nan, message=RATE_UNCONFIRMED)
     return (replace(gravity, message=f"{gravity.message.rstrip('.')}; {gauge.cross_check}."), *checks[1:])
 
 

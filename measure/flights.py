@@ -35,6 +35,9 @@ PERSPECTIVE = 0.02  # relative change of scale over the drop height: a camera at
 LENS = 0.01  # the same, quadratic: 1 % of barrel at the picture's edge
 DRIFT = 0.04  # the plate's level, as a fraction of a flight's height: a bead that leaves the plane by 2 degrees
 DWELL = 1.2e-3  # [s], longest contact of a bead of unknown size
+# of the longest: median and standard deviation where moduli from that of rubber (1e7 Pa) to that of steel (2e11 Pa)
+# are alike likely order by order, for a contact lasts as the modulus to the power -0.4; most beads are hard: no mean
+USUAL_CONTACT, CONTACT_SPREAD = 0.14, 0.25
 SOFTEST = 1e7  # [Pa], effective modulus of the softest pair of bead and plate worth a drop: rubber
 USUAL_DENSITY = 1000.0  # [kg/m^3], of a bead that was not weighed
 NEWTON = 0.44  # drag coefficient of a fast sphere
@@ -42,6 +45,7 @@ DRAG = 0.10  # relative: sphere's drag coefficient for a bead with a hole or a s
 DRAG_FORM = 0.3  # relative: what a sphere's drag coefficient grows by from a fall to its rebound, where it is unknown
 DRAG_HELD = 0.05  # relative: what the fit may change of it, as a track's slow errors look much like drag
 LEAST_SEEN = 0.5  # share of a flight's frames that must show the bead on the fitted curve
+FEWEST_SEEN = 3  # frames of a flight that must, however short it is
 FREE_DRAG = 0.3  # [1/m], drag per mass where the bead is unknown: a wooden bead of 6 mm has 0.2
 
 
@@ -391,7 +395,7 @@ def fit_bounces(record: Heights, drag: AirDrag) -> Bounces | None:
 
 
 def _well_seen(time: Array, fitted: Bounces) -> int:
-    """Bounces up to the first whose flight shows the bead in less than half of its frames.
+    """Bounces up to the first whose flight shows the bead in less than half of its frames, or hardly ever.
 
     Where the bead was lost and other things were taken for it, turns of the track are no contacts, and a wrong flight
     spoils the one before it, for they share a contact.
@@ -402,7 +406,7 @@ def _well_seen(time: Array, fitted: Bounces) -> int:
         # a frame at either end stays out of the fit, for its exposure may hold the contact
         frames = (min(float(ends), end) - float(begins)) / step - 2
         seen = np.sum(fitted.used & (time > begins) & (time < ends))
-        if seen < LEAST_SEEN * frames:
+        if seen < max(LEAST_SEEN * frames, FEWEST_SEEN):
             return k
     return fitted.count
 
@@ -523,13 +527,23 @@ def _first_guess(
     n = model.count
     to_fall = _fall(drag, strength, 4 * float(metres[0])).fall.time_to(metres[:1])
     release = float(time[contacts[0]] - to_fall[0])
-    # moduli from that of rubber to that of steel, each order of magnitude alike, make contacts so long on the average
-    dwell = 0.25 * longest_contact(drag, float(metres[0]))
+    longest = longest_contact(drag, float(metres[0]))
     parameters = np.array(
-        [math.log(size), release, *metres, *levels, levels[-1], *np.zeros(n), 0.0, 0.0, dwell, strength]
+        [
+            math.log(size),
+            release,
+            *metres,
+            *levels,
+            levels[-1],
+            *np.zeros(n),
+            0.0,
+            0.0,
+            USUAL_CONTACT * longest,
+            strength,
+        ]
     )
     spread = np.full(model.length, np.inf)
-    spread[-4:] = PERSPECTIVE, LENS, dwell, doubt
+    spread[-4:] = PERSPECTIVE, LENS, CONTACT_SPREAD * longest, doubt
     return model, parameters, spread, stop
 
 

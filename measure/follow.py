@@ -20,7 +20,7 @@ from rigtwin.measure.bead import BeadFit, BeadImage, Look, Mask, common_look, fi
 from rigtwin.measure.channel import LUMA, Channel, best_channel, luma_is_clear
 from rigtwin.measure.media import Frame, Video
 from rigtwin.measure.scene import Background, Pose, Scene, rounded, shakes_of, stands_still
-from rigtwin.measure.shutter import CLOSER, LEAST_SHARE, NOT_TOLD, TRIED, Shutter, fast_frames, shutter_of
+from rigtwin.measure.shutter import CLOSER, LEAST_SHARE, NOT_TOLD, ROUGHLY, TRIED, Shutter, fast_frames, shutter_of
 from rigtwin.measure.spots import Box, Linker, Region, Search, Spot, SpotPath, Where, place_on
 
 Array = npt.NDArray[np.float64]
@@ -39,6 +39,11 @@ class Sighting:
     image: BeadImage
     shake: tuple[float, float]  # [px], add it to a scene position to draw on the frame
     fit: BeadFit = field(repr=False)
+
+    @property
+    def place(self) -> tuple[float, float]:
+        """[px]"""
+        return self.image.x, self.image.y
 
 
 @dataclass(frozen=True)
@@ -143,7 +148,7 @@ def chase(path: SpotPath, moves: Movement, scene: Scene, cuts: Sequence[Cut], pr
         look = common_look([sighting.fit for sighting in calm])
         radius = look.radius
         cuts, slow = (_moved_by(_off(calm, slow), some) for some in (cuts, slow))
-        shutter = told_shutter(cuts, path, scene, look, hidden)
+        shutter = told_shutter(cuts, path, scene, look, hidden, shutter)
     sightings = _fit_cuts(cuts, scene, radius, shutter=shutter, hidden=hidden, look=look, progress=progress)
     found = Chase(tuple(sightings), path, shakes, shutter, radius, scene, tuple(cuts), look, hidden)
     return found if look is None else _started_again(found)
@@ -409,28 +414,27 @@ def _onwards(last: Sequence[Sighting], frame: int) -> tuple[float, float] | None
     return 3 * (third.x - second.x) + first.x, 3 * (third.y - second.y) + first.y
 
 
-def told_shutter(cuts: Sequence[Cut], path: SpotPath, scene: Scene, look: Look, hidden: Mask | None) -> Shutter:
-    """The exposure whose streaks fit the fastest frames of a path best."""
+def told_shutter(
+    cuts: Sequence[Cut], path: SpotPath, scene: Scene, look: Look, hidden: Mask | None, known: Shutter = NOT_TOLD
+) -> Shutter:
+    """The exposure whose streaks fit the fastest frames of a path best; looked for near the one `known` where told."""
     ways = fast_frames(path)
     fast = [cut for cut in cuts if cut.frame in ways]
     if len(fast) < 3:
         return NOT_TOLD
-    told, tried = NOT_TOLD, TRIED
-    for _ in range(2):
-        misfits = _misfits(fast, tried, max(ways.values()) / 2, scene, look, hidden)
-        told = shutter_of(tried, misfits, np.array([ways[cut.frame] for cut in fast]))
-        if not told.told:
-            return NOT_TOLD
-        tried = np.maximum(told.share + CLOSER, LEAST_SHARE * np.arange(1, len(CLOSER) + 1))
-    return told
+    tried = np.maximum(known.share + CLOSER, LEAST_SHARE * np.arange(1, len(CLOSER) + 1)) if known.told else TRIED
+    misfits = _misfits(fast, tried, max(ways.values()) / 2, scene, look, hidden)
+    told = shutter_of(tried, misfits, np.array([ways[cut.frame] for cut in fast]))
+    return told if known.told else replace(told, doubt=math.hypot(told.doubt, ROUGHLY))
 
 
 def _misfits(fast: Sequence[Cut], tried: Array, room: float, scene: Scene, look: Look, hidden: Mask | None) -> Array:
     """[grey levels], with streaks of the shares in `tried`, shape (tried, cuts); the same pixels for all.
 
-    Else the emptier patch would win; `room` [px] is what the longest streak needs.
+    Else the emptier patch would win; `room` [px] is what the longest streak needs.  Each share is begun where the one
+    before has put the beads.
     """
-    misfits = []
+    misfits: list[list[float]] = []
     for share in tried.tolist():
         sightings = _fit_cuts(
             fast,
@@ -440,11 +444,13 @@ def _misfits(fast: Sequence[Cut], tried: Array, room: float, scene: Scene, look:
             hidden=hidden,
             look=look,
             room=room,
+            surely_near=bool(misfits),
             streaks_held=True,
             progress=silent,
         )
-        found = {sighting.frame: sighting.fit.misfit for sighting in sightings}
-        misfits.append([found.get(cut.frame, np.nan) for cut in fast])
+        found = {sighting.frame: sighting for sighting in sightings}
+        misfits.append([found[cut.frame].fit.misfit if cut.frame in found else np.nan for cut in fast])
+        fast = [replace(cut, near=found[cut.frame].place) if cut.frame in found else cut for cut in fast]
     return np.array(misfits)
 
 

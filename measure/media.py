@@ -24,6 +24,7 @@ from rigtwin.measure.lens import straight
 
 SMALLEST = 5  # [px], no rig fits into less
 FEWEST_KEYS = 9  # pictures at which decoding can begin, below which a film is read as a whole
+COARSE = 0.01  # of a frame's interval, above which the rounding of time stamps moves what is seen
 BEHIND_KEY = 6  # frames: what moves has moved on by then, and few pictures are decoded on the way there
 
 Grey = sources.Grey
@@ -64,8 +65,8 @@ class Video:
 
     @property
     def spoilt(self) -> str:
-        """Why nothing that moves is seen where it is; empty where it is."""
-        return sources.INTERLACED if sources.INTERLACED in self.warnings else ""
+        """Why nothing that moves can be trusted to be seen, where it is or to its end; empty where it can."""
+        return "; ".join(note for note in (sources.INTERLACED, sources.CUT_OFF) if note in self.warnings)
 
     def frames(self, first: int | None = None, last: int | None = None) -> Iterator[Frame]:
         """The pictures from `first` to `last`, the video's own where not given, in order."""
@@ -225,9 +226,10 @@ def _time_base(
     line = np.polyfit(index, times, 1)
     if np.max(np.abs(np.polyval(line, index) - times)) <= max(0.8 * tick, 0.02 * line[0]):
         return index / rate, []  # equal steps but for the rounding of the stamps
+    times = _unrounded(times - times[0], tick, stated)
+    steps = np.diff(times)
     middle = float(np.median(steps))
     odd = int(np.sum(np.abs(steps - middle) > 0.05 * middle))
-    times = times - times[0]
     plays_at = 1 / middle
     if given is None or any(abs(real / given - 1) < 0.03 for real in (stated, plays_at, 1 / float(line[0]))):
         # stamps of a file that plays as fast as it was captured are true times, dropped frames or not
@@ -238,6 +240,24 @@ def _time_base(
     return times, [
         f"time base: {odd} of {len(steps)} frame intervals differ by more than 5 % from {middle * 1e3:.2f} ms; {used}."
     ]
+
+
+def _unrounded(times: npt.NDArray[np.float64], tick: float, stated: float) -> npt.NDArray[np.float64]:
+    """Stamps in coarse ticks [s], from 0, put back to whole multiples of one interval where they all fit such ones.
+
+    Matroska counts milliseconds: a quarter of a frame at 240 Hz, in which a fast bead goes several pixels.
+    """
+    interval = float(np.median(np.diff(times)))
+    if tick < COARSE * interval:
+        return times
+    for _ in range(3):  # the median step itself is a whole number of ticks
+        places = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(np.diff(times) / interval), 1))])
+        interval, first = (float(each) for each in np.polyfit(places, times, 1))
+    off = np.max(np.abs(first + interval * places - times))
+    if off > 0.8 * tick:
+        return times
+    # the stated rate is the truer one where the stamps, each a tick off at most, cannot tell the two apart
+    return places * (1 / stated if abs(interval * stated - 1) < tick / times[-1] else interval)
 
 
 def _frame_of(moment: Moment | None, times: npt.NDArray[np.float64], default: int) -> int:

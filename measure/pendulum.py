@@ -100,6 +100,7 @@ def measure(
     )
     timing = timing_check(video)
     checks = (*_without_circle(evaluation.checks, scale_from), timing)
+    unconfirmed = [check.message for check in checks if check.unconfirmed]
     spoilt = "; ".join(filter(None, [video.spoilt, "" if timing.passed else timing.message]))
     quantities = tuple(doubted(quantity, spoilt) for quantity in evaluation.quantities)
     seen = {
@@ -115,7 +116,7 @@ def measure(
         source_sha256=sha256(clip),
         quantities=quantities,
         checks=checks,
-        warnings=(*video.warnings, *_roll_warning(film.fit, camera), *evaluation.warnings),
+        warnings=(*video.warnings, *_roll_warning(film.fit, camera), *evaluation.warnings, *unconfirmed),
         camera=seen,
         tracks=tracks,
         files={} if out is None else _write(out, video, film, fit, quantities, progress=progress),
@@ -274,8 +275,11 @@ def _without_circle(checks: tuple[Check, ...], scale_from: str) -> tuple[Check, 
     """The gravity check says nothing where the scale is from gravity."""
     if scale_from != "gravity":
         return checks
-    message = "the scale was taken from gravity, so this checks nothing; give --length or --scale for a real check"
-    return tuple(replace(c, passed=True, message=message) if c.check == "gravity" else c for c in checks)
+    message = (
+        "scale and frame rate not confirmed: the scale was taken from gravity; give --length or --scale for a check"
+    )
+    unjudged = Check("gravity", True, math.nan, GRAVITY, message)
+    return tuple(unjudged if each.check == "gravity" else each for each in checks)
 
 
 def _roll_warning(fit: SwingFit, camera: Camera) -> tuple[str, ...]:

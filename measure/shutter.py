@@ -19,7 +19,8 @@ Array = npt.NDArray[np.float64]
 
 LEAST_SHARE = 0.02  # no streak at all would mean that it is unknown
 TRIED = np.array([LEAST_SHARE, 0.15, 0.3, 0.45, 0.6, 0.8, 1.0])  # shares of the frame interval, first
-CLOSER = np.array([-0.08, 0.0, 0.08])  # then, about the best of them
+ROUGHLY = 0.04  # of the frame interval, that the best by so few of them may be off
+CLOSER = np.array([-0.16, -0.08, 0.0, 0.08, 0.16])  # then, about the best of them
 STILL = 0.01  # [px], smear of a bead at rest: none at all would mean that it is unknown
 LEAST_WAY = 2.0  # [px/frame], of a bead whose streak shows
 EVEN = 0.35  # change of the way from one frame to the next, relative; at a bounce it is larger

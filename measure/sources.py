@@ -23,6 +23,7 @@ import numpy.typing as npt
 from rigtwin.lab.camera import Lens
 from rigtwin.lab.errors import UnreadableMedia
 from rigtwin.measure.lens import straight
+from rigtwin.measure.wholeness import breaks_off
 
 Grey = npt.NDArray[np.uint8]
 Image = npt.NDArray[np.uint8]
@@ -34,6 +35,7 @@ FILMS = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".wmv", ".cine")
 STACKS = (".tif", ".tiff")
 PHOTRON = (".cihx", ".cih", ".mraw")
 INTERLACED = "the film is interlaced: every picture mixes two moments; deinterlace it first."
+CUT_OFF = "the file ends before the length that it states: a copy or a recording was broken off; copy it again."
 HEAD = 24  # pictures decoded to see whether packets and pictures have the same time stamps
 KEPT = 128 * 2**20  # [bytes], of decoded pictures that a film keeps, so that a short one is decoded once only
 
@@ -65,25 +67,6 @@ def source(path: Path) -> Source:
     return Film(path)
 
 
-def _broken_off(path: Path) -> bool:
-    """Whether a file of the MP4 family (ISO 14496-12) ends before the box that says where its frames are."""
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        place, seen = 0, False
-        while place + 8 <= size:
-            file.seek(place)
-            head = file.read(16)
-            length, name = int.from_bytes(head[:4], "big"), head[4:8]
-            if name == b"moov":
-                return place + length > size
-            seen |= name == b"ftyp"
-            length = int.from_bytes(head[8:16], "big") if length == 1 else length
-            if length < 8:
-                break
-            place += length
-    return seen
-
-
 class Film:
     """A video file that FFmpeg reads; a short one stays in memory as decoded."""
 
@@ -102,11 +85,12 @@ class Film:
         except (av.FFmpegError, StopIteration) as error:
             advice = (
                 "its end with the index is missing, as of a recording or a copy that was broken off; copy it again"
-                if _broken_off(path)
+                if breaks_off(path)
                 else "give a clip that a video player shows"
             )
             raise UnreadableMedia(f"{path}: cannot be decoded as a video ({_reason(error)}); {advice}.") from None
         self.shape = (first.shape[0], first.shape[1])
+        self.notes += (CUT_OFF,) if breaks_off(path) else ()
 
     def pictures(self, start: int = 0) -> Iterator[Picture]:
         for picture in self._reel.pictures(start):

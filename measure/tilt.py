@@ -25,7 +25,7 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, root_sum_of_squares
+from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, doubted, root_sum_of_squares
 from rigtwin.lab.records import Series, Track
 from rigtwin.measure.arm import Arm, find_arm, lay_over
 from rigtwin.measure.follow import learn_scene
@@ -186,7 +186,7 @@ def _evaluation(
                 doubtful=doubt,
             )
         )
-    warnings = tuple(check.message for check in checks if check.passed and check.message.startswith("not confirmed"))
+    warnings = tuple(check.message for check in checks if check.unconfirmed)
     return Evaluation(tuple(quantities), checks, warnings)
 
 
@@ -197,8 +197,10 @@ def _quantity(name: str, value: float, unit: str, budget: dict[str, float], doub
 def _gravity_check(way: Way, onset: Onset, variant: Variant) -> Check:
     """Whether the body runs as gravity makes it run at this angle."""
     if not math.isfinite(way.scale_doubt):
-        message = "no scale is known, so the acceleration of the run checks nothing; give the bead's diameter."
-        return Check("gravity", True, 1.0, 1.0, message)
+        message = (
+            "not confirmed: without a scale the acceleration of the run checks no frame rate; give the bead's diameter."
+        )
+        return Check("gravity", True, math.nan, 1.0, message)
     doubt = _gain_doubt(way, onset)
     passed = abs(onset.gain - 1) < 3 * doubt
     how = "slides" if variant == "slide" else "rolls"
@@ -372,7 +374,7 @@ def measure(
     evaluation = _evaluation(way, run, onset, variant, bead_diameter, geometry, timing)
     shape = _shape_check(film.body, variant)
     checks = (*evaluation.checks, shape, *_view_checks(film, gauge, video))
-    quantities = evaluation.quantities
+    quantities = tuple(doubted(each, video.spoilt) for each in evaluation.quantities)
     if not shape.passed:
         quantities = tuple(replace(q, doubtful=q.doubtful or shape.message) for q in quantities)
     if film.level is None and camera.roll is None:

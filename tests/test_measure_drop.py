@@ -417,7 +417,10 @@ def test_scales_from_rule_bead_and_gravity_agree(clip, measured):
     assert given.camera["scale_from"] == "given"
     assert gravity.camera["scale_from"] == "gravity"
     assert check(given, "gravity").passed
-    assert "cannot judge" in check(gravity, "gravity").message
+    told = check(gravity, "gravity")
+    assert "not confirmed" in told.message
+    assert math.isnan(told.value)
+    assert told.message in gravity.warnings
     assert gravity.camera["scale_m_per_px"] == pytest.approx(SCALE, rel=0.006)
     assert measured.camera["scale_m_per_px"] == pytest.approx(SCALE, rel=0.006)
     assert 2 * measured.camera["bead_radius_px"] * SCALE == pytest.approx(DIAMETER, rel=0.03)

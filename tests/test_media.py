@@ -98,6 +98,20 @@ def test_dropped_frames_of_a_slow_motion_file_are_stretched(tmp_path):
     assert video.times == pytest.approx(np.array(stamps) / 10000, abs=1e-6)
 
 
+def test_frames_missing_between_rounded_time_stamps_leave_the_others_on_time(tmp_path):
+    kept = np.array([k for k in range(60) if k % 7 not in (2, 5) and not 20 < k < 26])
+    stamps = [round(float(k) * 1000 / 240) for k in kept]
+    video = open_video(write_clip(tmp_path / "ms.mkv", stamps, rate=240), Camera(frame_rate=240.0))
+    assert video.times == pytest.approx(kept / 240, abs=1e-4)
+
+
+def test_rounded_time_stamps_of_a_wandering_clock_are_kept(tmp_path):
+    taken = np.cumsum(np.random.default_rng(3).uniform(20, 60, 30))
+    stamps = np.rint(taken - taken[0]).astype(int)
+    video = open_video(write_clip(tmp_path / "phone.mkv", stamps.tolist(), rate=25), Camera(frame_rate=25.0))
+    assert video.times == pytest.approx(stamps / 1000, abs=1e-6)
+
+
 def test_rounding_of_time_stamps_is_not_taken_for_uneven_frames(tmp_path):
     stamps = [round(k * 1000 / 240) for k in range(40)]  # 4, 4, 5, 4 ms
     video = open_video(write_clip(tmp_path / "ms.mkv", stamps, rate=240), Camera(frame_rate=240.0))

@@ -122,8 +122,8 @@ def test_a_photron_recording_that_cannot_be_read_is_named(tmp_path, files, words
         open_video(tmp_path / "clip.mraw", Camera())
 
 
-def film(path, pictures, **options):
-    with av.open(str(path), "w") as container:
+def film(path, pictures, *, layout=None, **options):
+    with av.open(str(path), "w", options=layout or {}) as container:
         stream = container.add_stream("libx264", rate=50, options=options)
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
         for picture in pictures:
@@ -150,15 +150,26 @@ def test_reordered_pictures_have_the_times_they_are_shown_at(tmp_path):
     assert np.all(np.diff([frame.grey.mean() for frame in video.frames()]) > 0)
 
 
-def test_a_film_cut_short_gives_what_decodes(tmp_path):
+@pytest.mark.parametrize(
+    ("name", "layout"),
+    [
+        ("clip.mkv", {}),
+        ("clip.avi", {}),
+        ("clip.mp4", {"movflags": "faststart"}),
+        ("clip.mp4", {"movflags": "frag_keyframe+empty_moov"}),
+    ],
+)
+def test_a_film_cut_short_gives_what_decodes_and_says_so(tmp_path, name, layout):
     rng = np.random.default_rng(2)
     noise = [rng.integers(0, 255, (48, 64, 3), dtype=np.uint8) for _ in range(30)]
-    whole = film(tmp_path / "clip.mkv", noise).read_bytes()
-    for share in (0.3, 0.6, 0.9):
-        cut = tmp_path / "cut.mkv"
-        cut.write_bytes(whole[: int(len(whole) * share)])
+    whole = film(tmp_path / name, noise, layout=layout, bf="0", g="5")
+    assert not open_video(whole, RATE).spoilt
+    for share in (0.6, 0.9):
+        cut = tmp_path / f"cut_{name}"
+        cut.write_bytes(whole.read_bytes()[: int(whole.stat().st_size * share)])
         video = open_video(cut, RATE)
         assert 2 < len(list(video.frames())) == video.frame_count < 30
+        assert "broken off" in video.spoilt
 
 
 def test_a_photo_of_a_phone_is_read(tmp_path):

@@ -36,6 +36,10 @@ def descend(
     low, high = np.array([u.low for u in unknowns]), np.array([u.high for u in unknowns])
     for _ in range(most):
         step_local, step_global = newton_step(unknowns, state, free, linear, damping)
+        # an unknown that stands at its limit stays there: the others must not count on its going further
+        held = ((state.values <= low) & (step_global < 0)) | ((state.values >= high) & (step_global > 0))
+        if held.any():
+            step_local, step_global = newton_step(unknowns, state, np.logical_and(free, ~held), linear, damping)
         trial = State(
             state.local + step_local,
             np.clip(state.values + step_global, low, high),

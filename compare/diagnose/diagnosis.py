@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from rigtwin.compare.diagnose.axes import check_axes
 from rigtwin.compare.diagnose.design import CLEAR, REPETITIONS, Design, designs
 from rigtwin.compare.diagnose.double import DoubleBench
 from rigtwin.compare.diagnose.doubt import parameters
@@ -136,6 +137,7 @@ def diagnose(
             "rolling resistance, static friction and cohesion apart, so nothing is named",
             next_experiment="the same material on a drop, a pendulum and an incline, which measure one parameter each",
         )
+    check_axes(lab)
     asked = lab.repetitions
     lab, left_out = sifted(lab)
     if lab.repetitions < FEWEST:
@@ -211,6 +213,9 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
                 reason="something disagrees, but no listed effect and no simple formula describes it",
             )
         return replace(plain, reason="the data lie inside noise, scatter and stated calibration")
+    if alone is not None and not alone.reason and alone.gain - best.gain > FORM:
+        best, naming = _from_there(bench, naming, best, alone)
+        plain = replace(plain, naming=naming)
     left = naming.after.p < SURE
     if alone is not None and not alone.reason and alone.gain - best.gain > FORM and len(alone.terms) <= len(best.terms):
         return _unlisted(
@@ -244,8 +249,21 @@ def _forms(bench: Regioned, naming: Naming, progress: Progress) -> list[Candidat
     for number, term in enumerate(terms):
         progress("formulas", number, len(terms))
         fitted = fit(bench, (term,), near=naming.base, most=15, rounds=2)
+        if not fitted.converged:  # a formula that is still on its way cannot be held against the listed effects
+            fitted = fit(bench, (term,), near=fitted, most=40, rounds=2)
         found.append(_candidate(naming, (term,), fitted))
     return found
+
+
+def _from_there(bench: Regioned, naming: Naming, best: Candidate, formula: Candidate) -> tuple[Candidate, Naming]:
+    """The best fitted again from where a formula went: a better way found is no merit of the formula."""
+    known = {u.name: float(v) for u, v in zip(best.fitted.unknowns, best.fitted.values, strict=True) if u.effect}
+    again = fit(bench, best.terms, near=formula.fitted, beside=known, most=25, rounds=2)
+    gained = best.fitted.deviance - again.deviance
+    if gained <= 0:
+        return best, naming
+    better = replace(best, fitted=again, gain=best.gain + gained / spread_of(naming.base, naming.location))
+    return better, replace(naming, best=better, after=locate(bench, again))
 
 
 def _more_to_say(bench: Regioned, best: Candidate) -> bool:

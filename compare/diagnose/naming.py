@@ -132,6 +132,28 @@ class _Search:
                 self._add(promise[number] if hopeless else _fit(part, (*terms, effect), start))
         return [self.done[key] for key in keys]
 
+    def siblings(self, one: Candidate, candidates: Sequence[Effect]) -> list[Candidate]:
+        """The set with each effect in turn in another form of its family.
+
+        Which form of a drag it is, is seen beside the other effects: alone it stood for them too.
+        """
+        part, near = self.bench, one.fitted
+        if one.rough is not None and self.rough is not None:
+            part, near = self.rough[0], one.rough
+        keys = []
+        for term in one.terms:
+            for other in (e for e in candidates if e.group == term.group and e.name not in one.names):
+                keys.append(frozenset((*one.names, other.name)) - {term.name})
+                if keys[-1] in self.done:
+                    continue
+                terms = tuple(other if each is term else each for each in one.terms)
+                begun = {f"{other.name}.{other.parameters[0].name}": other.parameters[0].typical}
+                if near.per_row > LOST:
+                    self._add(fit(part, terms, start={**_values(near), **begun}, most=25, rounds=2))
+                else:
+                    self._add(fit(part, terms, near=near, beside=begun, most=25, rounds=2))
+        return self.polish([self.done[key] for key in keys])
+
     def settle(self, singles: list[Candidate]) -> list[Candidate]:
         """Fit the baseline again from where the best candidate went: no effect may gain by a better way found."""
         if self.base.per_row > ROUGH or not singles:
@@ -266,6 +288,9 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
         more = _best(grown)
         if more is None or more.score - best.score < _price(best, more, rig):
             break
+        if locate(bench, more.fitted).p < 1e-3:
+            grown += search.siblings(more, candidates)
+            rounds[-1], more = tuple(grown), _best(grown) or more
         fewer = search.reduced(more, best)
         if fewer.score > best.score + NOTABLE and more.score - fewer.score < _price(fewer, more, rig):
             best, front = fewer, [fewer]  # as good with one effect less: the set is grown from there again
@@ -308,16 +333,20 @@ def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit) -> Fit:
     rounds = 1 if far else 2
     most = 20 if far else 25  # the leading ones are fitted to the end afterwards
     widens = newest.geometry in WIDENING
+    name = f"{newest.name}.{parameter.name}"
     fits = [] if newest.flat and not widens else [fit(bench, terms, near=near, most=most, rounds=rounds)]
     lost = near.per_row > LOST
     starts = (*parameter.starts, *((parameter.typical,) if lost and parameter.typical not in parameter.starts else ()))
     if (lost or newest.flat) and not widens:
-        name = f"{newest.name}.{parameter.name}"
         for value in starts:
             if lost:
                 fits.append(fit(bench, terms, start={**_values(near), name: value}, most=most, rounds=rounds))
             else:
                 fits.append(fit(bench, terms, near=near, beside={name: value}, most=most, rounds=rounds))
+    elif not widens and fits[0].value(name) < parameter.low - 2 * fits[0].std(name):
+        # there may be another minimum on the physical side: a clump that is held less once it slides, against one
+        # that is held more and climbs the arm before it slides
+        fits.append(fit(bench, terms, near=near, beside={name: parameter.typical}, most=most, rounds=rounds))
     return min(fits, key=lambda one: one.deviance)
 
 

@@ -1,7 +1,7 @@
 """What is left out of a lab before anything is fitted, each in one sentence that the report repeats.
 
-Single rows far off the path on either side of them, what follows a break of the path (a frame lost without a trace),
-and repetitions in which nothing rolled or slid.
+Rows that hold no position, single rows far off the path on either side of them, what follows a break of the path (a
+frame lost without a trace), and repetitions in which nothing rolled or slid.
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ SIDE = 5  # rows on either side of a moment, through which a parabola is laid
 FAR = 12.0  # typical errors of such a parabola, carried on by a row, that no noise reaches
 MOST = 0.02  # of the rows of a track: more outlying ones are noise of its own kind, and stay
 STAYS = 8.0  # noises: a bead that is not further off at the end than this has not moved
+TOLD = 3  # tracks that are named, of those in which rows hold no position
 CLEAR = 1.5  # bead diameters above the plate where no impact is near
 
 
 def sifted(lab: TrackedLab) -> tuple[TrackedLab, tuple[str, ...]]:
     """The lab without what cannot be used, and what that was.  Raises `BadInput` where nothing is left."""
     noise = noise_of(lab, [track for c in lab.conditions for repetition in c.repetitions for track in repetition])
-    said: list[str] = []
+    said = _unseen(lab)
     conditions = []
     for condition in lab.conditions:
         kept: list[tuple[Track, ...]] = []
@@ -43,6 +44,21 @@ def sifted(lab: TrackedLab) -> tuple[TrackedLab, tuple[str, ...]]:
     if not conditions:
         raise BadInput(f"{lab.folder}: nothing moves in any of the {lab.repetitions} repetitions; tilt further.")
     return replace(lab, conditions=tuple(conditions)), tuple(said)
+
+
+def _unseen(lab: TrackedLab) -> list[str]:
+    """Rows without a position, which the reading of the files left out, in one sentence."""
+    gaps = []
+    for condition in lab.conditions:
+        for number, repetition in enumerate(condition.repetitions):
+            where = next(iter(condition.files[number : number + 1]), f"{condition.name}, repetition {number + 1}")
+            gaps += [(track.unseen, track.unseen + len(track.time), where) for track in repetition if track.unseen]
+    if not gaps:
+        return []
+    gaps.sort(reverse=True)
+    most = ", ".join(f"{gap} of {rows} in {where}" for gap, rows, where in gaps[:TOLD])
+    others = f" and {sum(gap for gap, _, _ in gaps[TOLD:])} in {len(gaps) - TOLD} more" if len(gaps) > TOLD else ""
+    return [f"rows without a position left out: {most}{others}"]
 
 
 def _stayed(rig: str, condition: Condition, track: Track, noise: float) -> bool:

@@ -41,7 +41,8 @@ class SlideBench(Runs):
         stated = lab.geometry.get("sliding_friction_pw") or {}
         self.stated = {f"{c.bead.name}-{c.wall}": stated.get(c.wall) for c in self.conditions}
         count = len(self.conditions)
-        # where it lies on the arm, and the friction at which it slips this time
+        # where it lies on the arm, and the arm's stated angle at the moment when it slips.  The rows tell that moment
+        # to microseconds: its friction in this place would bend the way along which tilt and roll are traded.
         self.local_prior = np.stack([self.distance, np.full(count, 0.4)], axis=1)
         self.local_sd = np.stack([np.full(count, 2e-3), np.full(count, np.inf)], axis=1)
         self.local_step = np.array([1e-3, 1e-3])
@@ -57,7 +58,7 @@ class SlideBench(Runs):
         return [*own, rate, *self.beads.unknowns(), *camera_unknowns(self.lab, terms, {"plate_tilt": level})]
 
     def first_guess(self, values: Mapping[str, float]) -> Array:
-        """Slip from the moment the clump has moved, friction from the arm's angle then."""
+        """The arm's angle at the moment from which the clump has moved."""
         clock = 1.0 + values.get("frame_rate_error.relative", 0.0)
         guess = self.local_prior.copy()
         for r, span in enumerate(self.spans):
@@ -68,8 +69,7 @@ class SlideBench(Runs):
             gone = still - reach
             fast = np.flatnonzero(gone > 0.3 * float(gone.max()))[0]
             moved = np.flatnonzero(gone[: fast + 1] < max(6 * self.noise, 0.01 * float(gone.max())))[-1]
-            angle = self.start[r] + self.rate[r] * float(time[moved])
-            guess[r, 1] = math.tan(angle)
+            guess[r, 1] = self.start[r] + self.rate[r] * float(time[moved])
         return guess
 
     def move(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect], true: Array, seen: int) -> Moved:
@@ -77,12 +77,10 @@ class SlideBench(Runs):
         gravity, high = self.lab.gravity, self.radius
         rate = self.rate * (1 + values["tilt_rate"][:, None])
         start = self.start + values["plate_tilt.angle"][:, None]
-        place, static = local[..., 0], local[..., 1]
-        slip = np.arctan(np.maximum(static, 1e-3))
-        for _ in range(2):  # the arm's turning loads the clump a little
-            pressing = gravity * np.cos(slip) - high * rate**2
-            slip = np.arcsin(np.clip((static * pressing + place * rate**2) / gravity, 0.0, 0.999))
-        begin = (slip - start) / rate
+        place, begin = local[..., 0], (local[..., 1] - self.start) / self.rate
+        slip = start + rate * begin
+        # the arm's turning loads the clump a little
+        static = (gravity * np.sin(slip) - place * rate**2) / (gravity * np.cos(slip) - high * rate**2)
         soft = self._soft(static, slip, begin, values, terms)
         place, static, slip, begin = place[:seen], static[:seen], slip[:seen], begin[:seen]
         rate, start = rate[:seen], start[:seen]

@@ -1,0 +1,63 @@
+"""Whether a film's file is as long as it says it is: copies and recordings break off."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import BinaryIO
+
+MATROSKA = b"\x1a\x45\xdf\xa3"
+SEGMENT = b"\x18\x53\x80\x67"  # of Matroska: all pictures are in it
+STREAMED = (0, 0xFFFFFFFF)  # lengths of a RIFF file whose writer did not know them
+
+
+def breaks_off(path: Path) -> bool:
+    """Whether the file ends before a part of it that says how long it is; False where nothing says so.
+
+    Reads files of the MP4 family (ISO 14496-12), AVI (RIFF) and Matroska.
+    """
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(12)
+        if head[:4] == b"RIFF":
+            length = int.from_bytes(head[4:8], "little")
+            return length not in STREAMED and 8 + length > size
+        if head[:4] == MATROSKA:
+            return _segment_breaks_off(file, size)
+        return head[4:8] == b"ftyp" and _boxes_break_off(file, size)
+
+
+def _boxes_break_off(file: BinaryIO, size: int) -> bool:
+    """Of the MP4 family: boxes one behind the other, one of which says where the pictures are."""
+    place, indexed = 0, False
+    while place + 8 <= size:
+        file.seek(place)
+        head = file.read(16)
+        length = int.from_bytes(head[:4], "big")
+        indexed |= head[4:8] == b"moov"
+        if length == 1:
+            length = int.from_bytes(head[8:16], "big")
+        if length < 8:  # none: it reaches to the end of the file
+            break
+        place += length
+    return place > size or not indexed
+
+
+def _segment_breaks_off(file: BinaryIO, size: int) -> bool:
+    """Of Matroska: a head, then a segment."""
+    file.seek(len(MATROSKA))
+    head = _number(file)
+    file.seek(head or 0, 1)
+    if file.read(4) != SEGMENT:
+        return False
+    length = _number(file)
+    return length is not None and file.tell() + length > size
+
+
+def _number(file: BinaryIO) -> int | None:
+    """A number whose first byte tells by its leading zeros how many follow; None where it is left open."""
+    first = file.read(1)
+    if not first or first[0] == 0:
+        return None
+    more = 8 - first[0].bit_length()
+    value = int.from_bytes(bytes([first[0] ^ (0x80 >> more)]) + file.read(more), "big")
+    return None if value == (1 << 7 * (more + 1)) - 1 else value
