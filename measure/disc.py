@@ -27,9 +27,9 @@ LEAST_RIM = 0.5  # share of the lower rim that must lie on edges
 LEAST_WALL = 0.3  # likewise of both walls, less the edges that run on where a wall should end
 DOUBTFUL_SUPPORT = 0.8  # share of the outline on edges below which the find may be another edge
 ENOUGH_BEADS = 300  # their share on one side of a line is known to 3 %
-POPULATION, ISLANDERS = 240, 120  # candidates searched together, of all and of one island
+POPULATION, ISLANDERS = 160, 100  # candidates searched together, of all and of one island
 ISLANDS = 4  # parts of the height in which the front rim may lie
-ISLAND_GENERATIONS, GENERATIONS = 25, 50
+ISLAND_GENERATIONS, GENERATIONS = 25, 35
 SAMPLES = (20, 40)  # along a rim, on the islands and for the best of them all
 LEADERS = 12  # of the population, around which mutants are made
 CROSSED = 0.7  # share of a candidate's numbers that a mutant gives it
@@ -143,49 +143,55 @@ def _search(costs: Sequence[_Cost], bounds: Array) -> Array:
 
     Strong edges above or below the disc would otherwise draw the whole population to them.
     """
-    top, bottom = bounds[2]
-    sills = np.linspace(top, bottom, ISLANDS + 1)
-    found = []
-    for seed, (top, bottom) in enumerate(itertools.pairwise(sills)):
-        part = bounds.copy()
-        part[2] = top - 0.2 * (bottom - top), bottom
-        found.append(_evolved(costs[0], part, None, ISLAND_GENERATIONS, seed))
-    share = POPULATION // ISLANDS
-    best = np.concatenate([population[np.argsort(energies)[:share]] for population, energies in found])
-    population, energies = _evolved(costs[1], bounds, best, GENERATIONS, ISLANDS)
-    return np.asarray(population[np.argmin(energies)])
+    sills = np.linspace(bounds[2, 0], bounds[2, 1], ISLANDS + 1)
+    parts = np.repeat(bounds[None], ISLANDS, axis=0)
+    parts[:, 2] = np.column_stack([sills[:-1] - 0.2 * np.diff(sills), sills[1:]])
+    islands, energies = _evolved(costs[0], parts, None, ISLAND_GENERATIONS)
+    best = np.argsort(energies, axis=1)[:, : POPULATION // ISLANDS]
+    start = np.take_along_axis(islands, best[..., None], axis=1).reshape(1, -1, len(bounds))
+    population, energies = _evolved(costs[1], bounds[None], start, GENERATIONS)
+    return np.asarray(population[0, np.argmin(energies)])
 
 
 def _evolved(
-    cost: Callable[[Array], Array], bounds: Array, start: Array | None, generations: int, seed: int
+    cost: Callable[[Array], Array], bounds: Array, start: Array | None, generations: int
 ) -> tuple[Array, Array]:
-    """Population and its costs after differential evolution, best/1/bin (Storn and Price 1997), around several leaders
-    (Zhang and Sanderson 2009): around the best alone a population may settle on an edge that is not the disc's.
+    """Populations, shape (islands, candidates, numbers), and their costs after differential evolution, best/1/bin
+    (Storn and Price 1997), around several leaders of each (Zhang and Sanderson 2009): around the best alone a
+    population may settle on an edge that is not the disc's.
 
-    `start` is the first population, spread evenly over the bounds where it is None.  As
-    scipy.optimize.differential_evolution does it, which takes as long again as the costs themselves.
+    `bounds` of shape (islands, numbers, 2); `start` are the first populations, spread evenly over the bounds where they
+    are None.  All islands are judged in one call: that, not the candidates' number, is what takes its time.
     """
-    random = np.random.default_rng(seed)
-    low, span = bounds[:, 0], np.maximum(bounds[:, 1] - bounds[:, 0], 1e-12)
+    random = np.random.default_rng(len(bounds))
+    low, span = bounds[:, None, :, 0], np.maximum(np.diff(bounds, axis=2), 1e-12)[:, None, :, 0]
+    islands, size = bounds.shape[:2]
     if start is None:  # a Latin hypercube
-        rows = np.argsort(random.random((ISLANDERS, len(bounds))), axis=0)
+        rows = np.argsort(random.random((islands, ISLANDERS, size)), axis=1)
         population = (rows + random.random(rows.shape)) / ISLANDERS
     else:
         population = np.clip((start - low) / span, 0, 1)
-    energies = cost((low + span * population).T)
-    count, size = population.shape
+    count = population.shape[1]
+
+    def costs(of: Array) -> Array:
+        return cost((low + span * of).reshape(-1, size).T).reshape(islands, count)
+
+    def members(which: npt.NDArray[np.int64]) -> Array:
+        return np.asarray(np.take_along_axis(population, which[..., None], axis=1))
+
+    energies = costs(population)
     for _ in range(generations):
-        one, other = random.integers(0, count, (2, count))
-        leader = np.argsort(energies)[random.integers(0, LEADERS, count)]
-        mutant = population[leader] + random.uniform(0.5, 1) * (population[one] - population[other])
-        crossed = random.random((count, size)) < CROSSED
-        crossed[np.arange(count), random.integers(0, size, count)] = True
+        one, other = random.integers(0, count, (2, islands, count))
+        leader = np.take_along_axis(np.argsort(energies, axis=1), random.integers(0, LEADERS, (islands, count)), axis=1)
+        mutant = members(leader) + random.uniform(0.5, 1) * (members(one) - members(other))
+        crossed = random.random(population.shape) < CROSSED
+        np.put_along_axis(crossed, random.integers(0, size, (islands, count, 1)), True, axis=2)
         trial = np.where(crossed, mutant, population)
-        trial = np.where((trial < 0) | (trial > 1), random.random((count, size)), trial)
-        found = cost((low + span * trial).T)
+        trial = np.where((trial < 0) | (trial > 1), random.random(trial.shape), trial)
+        found = costs(trial)
         better = found <= energies
         population[better], energies[better] = trial[better], found[better]
-        if np.std(energies) <= ALIKE * abs(np.mean(energies)):
+        if np.all(np.std(energies, axis=1) <= ALIKE * np.abs(np.mean(energies, axis=1))):
             break
     return low + span * population, energies
 

@@ -49,7 +49,7 @@ class Edges:
     @cached_property
     def both(self) -> npt.NDArray[np.float32]:
         """[grey/px], along x and y, shape (height, width, 2)"""
-        return np.dstack([self.x, self.y])
+        return np.asarray(cv2.merge([self.x, self.y]), dtype=np.float32)
 
     @cached_property
     def points(self) -> tuple[Numbers, Numbers, Numbers, Numbers]:

@@ -133,8 +133,8 @@ def measure(
     warnings += [each for each in asked if isinstance(each, str) and each]
     judged = [each for each in asked if isinstance(each, Check)]
     checks = (*_checks_of_picture(seen, gate, hidden), compression, *evaluation.checks, *judged)
-    for clock in (timing, rate):
-        quantities = _with_times_doubted(quantities, _failed(clock))
+    for why in (_failed(timing), _failed(rate), video.spoilt):
+        quantities = _with_times_doubted(quantities, why)
     if cut:
         quantities = tuple(each if each.doubtful else doubted(each, CUT_SHORT) for each in quantities)
     result = Measurement(
@@ -568,7 +568,7 @@ def _failed(check: Check | str) -> str:
 
 
 def _with_times_doubted(quantities: tuple[Quantity, ...], why: str) -> tuple[Quantity, ...]:
-    """What is counted in seconds hangs on the clip's clock: its frame rate, and that no frame is missing."""
+    """What is counted in seconds hangs on the clip's clock: its rate, whole frames, and that none is missing."""
     return tuple(doubted(one, why) if "s" in one.unit.split("/") else one for one in quantities)
 
 

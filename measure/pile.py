@@ -42,6 +42,7 @@ FULL_FRAME_DIAGONAL = 43.27  # [mm]
 EXIF_IFD, FOCAL_LENGTH_35MM = 0x8769, 0xA405  # EXIF 2.32, tables 4 and 9
 BEAD_DOUBT, BASE_DOUBT, GIVEN_DOUBT = 0.06, 0.01, 0.01  # relative, of a scale by beads, by the base's edges, or given
 GRAINS_PER_CUBE = 0.6 * 6 / math.pi  # of a grain's diameter, at the solid fraction of a loose bed
+STEEPEST_VIEW = 10.0  # [deg]; heaps come out 1 degree too steep from 12, 2 from 20
 DOUBTFUL_COVER = 0.83  # share of the heap that circles cover, below which its outline may belong to something else
 
 
@@ -410,7 +411,7 @@ def _observe_photo(
         "scale_m_per_px": None if scale is None else scale * found.zoom,
         "scale_from": scale_from,
         "camera_roll_deg": math.degrees(found.view.roll),
-        "looking_down_deg": math.degrees(math.atan2(found.view.camera_height, found.view.camera_distance)),
+        "looking_down_deg": found.view.looking_down,
         "base_found": found.disc is not None,
     }
 
@@ -515,6 +516,11 @@ def _flaw_of_picture(found: Silhouette) -> str:
         return "beads were made out in only part of the heap"
     if found.disc is None:
         return "the base disc was not found, so the base line is taken from the outermost beads"
+    if found.view.looking_down > STEEPEST_VIEW:
+        down = found.view.looking_down
+        return (
+            f"the camera looks down by {down:.0f} degrees and sees no section; film from less than {STEEPEST_VIEW:.0f}"
+        )
     if found.disc.doubtful:
         return "the edges of the base disc are unclear, so the base line may be off"
     apart = np.abs(found.looser - found.stricter)

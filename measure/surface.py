@@ -6,6 +6,7 @@ point back to the plane through the disc's axis, as on a cone of the flank's slo
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import cv2
@@ -44,6 +45,11 @@ class View:
     radius: float  # of the base, in the scale of the plane through its axis; 0 when no disc is seen
     camera_height: float  # above the base plane
     camera_distance: float  # from the axis; infinite when not known
+
+    @property
+    def looking_down(self) -> float:
+        """[deg], from the level view"""
+        return math.degrees(math.atan2(self.camera_height, self.camera_distance))
 
     def to_picture(self, x: Array, height: Array) -> Array:
         """Picture points, shape (n, 2), of points given along and above the base line."""

@@ -166,7 +166,7 @@ DIAMETER = 0.006  # [m], of a bead
 OPENED = 8.3  # [frames]
 
 
-def film(path: Path, *, stays: bool = False, crf: int = 14) -> float:
+def film(path: Path, *, stays: bool = False, crf: int = 14, interlaced: bool = False) -> float:
     """A bed that leaves row by row through a slot; returns the frame at which the last bead's upper edge is at it."""
     random = np.random.default_rng(5)
     rows, columns = 9, 5
@@ -181,6 +181,8 @@ def film(path: Path, *, stays: bool = False, crf: int = 14) -> float:
     last = float(np.max(begins + np.sqrt(2 * drop / fall)))
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=int(RATE), options={"crf": str(crf)})
+        if interlaced:
+            stream.options |= {"x264-params": "interlaced=1"}
         stream.width, stream.height = SIZE
         stream.pix_fmt = "yuv420p"
         for k in range(frames):
@@ -267,6 +269,14 @@ def test_two_scales_that_contradict_make_velocities_doubtful(tmp_path: Path, fac
     told = [one for one in found.quantities if one.quantity == "outlet_velocity"]
     assert told
     assert all(("check --bead-diameter" in one.doubtful) != passed for one in told)
+
+
+def test_times_of_an_interlaced_film_are_doubtful_and_shares_are_not(tmp_path: Path) -> None:
+    film(tmp_path / "hopper.mp4", interlaced=True)
+    found = hopper.measure(tmp_path / "hopper.mp4", Camera(frame_rate=RATE), out=tmp_path / "out")
+    doubtful = {one.quantity for one in found.quantities if "interlaced" in one.doubtful}
+    assert {"opening_time", "last_particle_time", "discharge_time"} <= doubtful
+    assert "residue_fraction" not in doubtful
 
 
 def test_a_starved_clip_is_right_within_its_interval_or_doubtful(tmp_path: Path) -> None:

@@ -481,6 +481,13 @@ def test_two_degrees_of_camera_roll_do_not_change_the_angle(tmp_path: Path) -> N
         assert angle(one, name, "mean").value == pytest.approx(angle(other, name, "mean").value, abs=0.3)
 
 
+def test_a_view_from_high_above_is_told(tmp_path: Path) -> None:
+    scene = replace(SCENES["plain"], looking_down=16.0)
+    result = measured(photograph(tmp_path, scene), scene)
+    assert result.camera["looking_down_deg"] == pytest.approx(16.0, abs=2.0)
+    assert all("looks down" in one.doubtful for one in result.quantities)
+
+
 def test_beads_that_do_not_fit_the_stated_base_make_every_number_doubtful(tmp_path: Path) -> None:
     scene = Scene(seed=8)
     result = measure([photograph(tmp_path, scene)], Camera(), base_diameter=1.5 * scene.base * BEAD, bead_diameter=BEAD)
