@@ -37,7 +37,10 @@ def brightened_share(
         return math.nan
     x, border = x[seen], np.nanmedian(heights[:, seen], axis=0)
     # where a reflection pulls the border up or down, the line through the whole surface still lies near it
-    surface = np.minimum(border, _line(x, border))
+    line = _line(x, border)
+    if line is None:
+        return math.nan
+    surface = np.minimum(border, line)
     level = surface - np.linspace(*BENEATH, 8)[:, None] * bead
     cos, sin = math.cos(roll), math.sin(roll)
     at_x, at_y = centre[0] + x * cos + level * sin, centre[1] + x * sin - level * cos
@@ -51,9 +54,14 @@ def brightened_share(
     return float(np.mean(columns > np.percentile(columns, 25) + BRIGHTER))
 
 
-def _line(x: Array, height: Array) -> Array:
-    """The line of the median slope between columns of the surface's inner part (Theil 1950, Sen 1968)."""
+def _line(x: Array, height: Array) -> Array | None:
+    """The line of the median slope between columns of the surface's inner part (Theil 1950, Sen 1968).
+
+    None where none of these columns is seen.
+    """
     inner = np.flatnonzero(np.abs(x - (x[0] + x[-1]) / 2) < 0.4 * (x[-1] - x[0]))
+    if len(inner) < 2:
+        return None
     some = inner[:: max(1, len(inner) // PAIRS)]
     one, other = np.triu_indices(len(some), 1)
     slope = np.median((height[some][other] - height[some][one]) / (x[some][other] - x[some][one]))

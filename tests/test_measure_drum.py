@@ -318,3 +318,10 @@ def test_a_lamp_mirrored_in_the_glass_is_told_from_light_that_falls_off(light: s
         pictures.append(cv2.merge([np.clip(grey, 0, 255).astype(np.uint8)] * 3))
     share = brightened_share(pictures, border, heights, (120.0, 120.0), 118.0, 0.0, 8.0)
     assert (share > drum.GLARE) == hidden
+
+
+def test_a_surface_seen_at_both_ends_alone_tells_nothing_of_the_light() -> None:
+    x = np.concatenate([np.arange(-110.0, -100.0), np.arange(101.0, 111.0)])
+    picture = np.full((240, 240, 3), 90, np.uint8)
+    share = brightened_share([picture] * 3, x, np.tile(0.5 * x, (3, 1)), (120.0, 120.0), 118.0, 0.0, 8.0)
+    assert math.isnan(share)
