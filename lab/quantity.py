@@ -106,11 +106,8 @@ class Check:
     value: float
     expected: float
     message: str
-
-    @property
-    def unconfirmed(self) -> bool:
-        """Whether nothing speaks against what is checked, and nothing for it either."""
-        return self.passed and "not confirmed" in self.message
+    unconfirmed: bool = False
+    """Whether nothing speaks against what is checked, and nothing for it either."""
 
     def to_json(self) -> dict[str, Any]:
         return {

@@ -645,7 +645,7 @@ def _with_gravity_told(checks: tuple[Check, ...], gauge: _Gauge) -> tuple[Check,
         message += f" instead of {GRAVITY}: {gauge.contradiction}" if gauge.contradiction else ": they agree"
         gravity = replace(gravity, passed=not gauge.contradiction, value=value, message=message)
     elif gauge.source == "gravity":
-        gravity = replace(gravity, value=math.nan, message=RATE_UNCONFIRMED)
+        gravity = replace(gravity, value=math.nan, message=RATE_UNCONFIRMED, unconfirmed=gravity.passed)
     return (replace(gravity, message=f"{gravity.message.rstrip('.')}; {gauge.cross_check}."), *checks[1:])
 
 

@@ -21,7 +21,7 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, root_sum_of_squares
+from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, doubted, root_sum_of_squares
 from rigtwin.lab.records import Profile
 from rigtwin.measure.bed import Bed, Outline, bed_in_photo, follow_bed
 from rigtwin.measure.media import open_video, read_photo
@@ -93,7 +93,7 @@ def measure(
             "measure drum: the bead is larger than half of the drum; check --bead-diameter, --drum-diameter."
         )
     warnings: list[str] = []
-    rate = None
+    rate, spoilt = None, ""
     if clip.suffix.lower() in PHOTOS:
         photo = read_photo(clip, camera.lens)
         bed = bed_in_photo(photo, roll=camera.roll, bead_share=share, region=camera.region)
@@ -106,12 +106,12 @@ def measure(
     else:
         video = open_video(clip, camera)
         warnings += video.warnings
-        rate = video.frame_rate
+        rate, spoilt = video.frame_rate, video.spoilt
         bed = follow_bed(video, roll=camera.roll, bead_share=share, region=camera.region, progress=progress)
     scale, scale_from = _scale(bed, camera, drum_diameter)
     seen = _observation(bed, scale or 1.0, bead_diameter)
     evaluation = _evaluate(seen, speed)
-    quantities = _judged(evaluation.quantities, bed)
+    quantities = tuple(doubted(each, spoilt) for each in _judged(evaluation.quantities, bed))
     checks = (*_checks_of_picture(bed), *evaluation.checks)
     if scale is None:
         warnings.append("scale: not known, so profiles are left out; give --drum-diameter or --scale.")
@@ -592,7 +592,7 @@ def _checks_of_picture(bed: Bed) -> list[Check]:
                 bed.glare < GLARE,
                 bed.glare,
                 0.0,
-                f"beneath {100 * bed.glare:.0f} % of the surface the bed is far brighter than elsewhere"
+                f"light lies over {100 * bed.glare:.0f} % of the surface, brighter than elsewhere"
                 + ("." if bed.glare < GLARE else ": a lamp's reflection hides it; turn the lamp or the camera."),
             )
         )

@@ -135,6 +135,7 @@ def measure(
     checks = (*_checks_of_picture(seen, gate, hidden), compression, *evaluation.checks, *judged)
     for clock in (timing, rate):
         quantities = _with_times_doubted(quantities, _failed(clock))
+    quantities = tuple(doubted(each, video.spoilt) for each in quantities)
     if cut:
         quantities = tuple(each if each.doubtful else doubted(each, CUT_SHORT) for each in quantities)
     result = Measurement(

@@ -278,7 +278,7 @@ def _without_circle(checks: tuple[Check, ...], scale_from: str) -> tuple[Check, 
     message = (
         "scale and frame rate not confirmed: the scale was taken from gravity; give --length or --scale for a check"
     )
-    unjudged = Check("gravity", True, math.nan, GRAVITY, message)
+    unjudged = Check("gravity", True, math.nan, GRAVITY, message, unconfirmed=True)
     return tuple(unjudged if each.check == "gravity" else each for each in checks)
 
 

@@ -200,7 +200,7 @@ def _gravity_check(way: Way, onset: Onset, variant: Variant) -> Check:
         message = (
             "not confirmed: without a scale the acceleration of the run checks no frame rate; give the bead's diameter."
         )
-        return Check("gravity", True, math.nan, 1.0, message)
+        return Check("gravity", True, math.nan, 1.0, message, unconfirmed=True)
     doubt = _gain_doubt(way, onset)
     passed = abs(onset.gain - 1) < 3 * doubt
     how = "slides" if variant == "slide" else "rolls"
@@ -228,7 +228,7 @@ def _variant_check(way: Way, onset: Onset, variant: Variant) -> Check:
             f"not confirmed: neither acceleration nor friction in motion tells whether the body {variant}s, as stated; "
             f"that the coefficient is one of {'sliding' if variant == 'slide' else 'rolling'} hangs on --variant alone."
         )
-    return Check("variant", believed, onset.gain, 1.0, message)
+    return Check("variant", believed, onset.gain, 1.0, message, unconfirmed=believed and odds <= LIKELY)
 
 
 def _log_odds(way: Way, onset: Onset, moving: Variant) -> float:

@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 
 from rigtwin.cli import run
+from rigtwin.commands.show import show_measurement
+from rigtwin.compare.report import _check_lines
 from rigtwin.lab.entries import RIGS
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.quantity import Check, Measurement
 
 HEAVY = {
     "numpy",
@@ -456,3 +459,24 @@ def test_quiet_prints_nothing(capfd):
     arguments = ["simulate", "drop", "--drop-height", "100mm", "--frame-rate", "1kHz"]
     assert run([*arguments, "--out", "twin", "--quiet"]) == 0
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_check_that_nothing_confirms_is_open_wherever_it_is_told(capsys):
+    passed = Check("gravity", True, 9.8, 9.81, "scale and rate fit")
+    unjudged = Check("gravity", True, math.nan, 9.81, "the scale is from gravity", unconfirmed=True)
+    failed = Check("gravity", False, 9.0, 9.81, "the scale is wrong")
+    measurement = Measurement("drop", Path("clip.mp4"), "", (), (unjudged,), camera={"scale_m_per_px": None})
+    show_measurement(measurement, as_json=False, quiet=False)
+    assert "open gravity" in capsys.readouterr().out
+    assert measurement.to_json()["checks"][0]["confirmed"] is False
+    told = {
+        (line.verdict, line.message)
+        for repetitions in ([unjudged], [passed, unjudged], [passed, failed, unjudged], [passed])
+        for line in _check_lines([[one] for one in repetitions])
+    }
+    assert told == {
+        ("open", unjudged.message),
+        ("open in 1 of 2", unjudged.message),
+        ("failed in 1 of 3", failed.message),
+        ("passed", passed.message),
+    }
