@@ -184,7 +184,7 @@ def export(
 ) -> None:
     """Particle, wall and contacts for another DEM code, in its conventions.
 
-    Rolling friction means different torques in different codes; the value here is the one that gives the same.
+    Rolling friction means different torques in different codes; the value here is the one that gives the same limit.
     """
     from rigtwin.compare.export import export as convert
     from rigtwin.compare.results import write_together
@@ -199,6 +199,8 @@ def export(
     )
     if out is not None:
         write_together(out.parent, {out.name: made.text})
+    for warning in made.warnings:
+        typer.echo(f"rigtwin: {warning}", err=True)
     if as_json:
         print_json(made.to_json())
     elif out is None:

@@ -15,6 +15,7 @@ from rigtwin.compare.export import Export, export
 from rigtwin.lab.errors import RigtwinError
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.rigs import GRAVITY
+from rigtwin.sim.engine.contact import ROLLING
 
 SPEED, SPIN, DROP = 0.1, 50.0, 0.02  # [m/s], [rad/s], [m]
 LOAD = 0.1  # [N], that presses two spheres together
@@ -26,22 +27,24 @@ def exported() -> list[Row]:
         return []
     d6, steel = hlosta2020.particle("D6"), hlosta2020.material("steel")
     among, against_wall = hlosta2020.contact("D6", "D6"), hlosta2020.contact("D6", "steel")
-    made = export("liggghts", d6, steel, among, against_wall, rolling="type A", time_step_fraction=0.02)
+    made, elastic = (
+        export("liggghts", d6, steel, among, against_wall, rolling=rolling, time_step_fraction=0.02)
+        for rolling in ROLLING
+    )
+    slowing = 5 / 7 * against_wall.rolling_friction * GRAVITY
+    name = "exported to LIGGGHTS"
     return [
-        against(
-            "exported to LIGGGHTS: rolling on steel, slowing",
-            _rolling(made),
-            5 / 7 * against_wall.rolling_friction * GRAVITY,
-            relative=0.01,
-            unit="m/s2",
+        against(f"{name}: rolling on steel, slowing", _rolling(made), slowing, relative=0.01, unit="m/s2"),
+        *(
+            against(
+                f"{name}: {one.rolling}'s torque limit between two beads, over F_n R",
+                _pressed(one),
+                among.rolling_friction,
+                relative=0.01,
+            )
+            for one in (made, elastic)
         ),
-        against(
-            "exported to LIGGGHTS: torque limit between two beads, over F_n R",
-            _pressed(made),
-            among.rolling_friction,
-            relative=0.01,
-        ),
-        against("exported to LIGGGHTS: restitution on steel", _bounce(made), against_wall.restitution, absolute=0.005),
+        against(f"{name}: restitution on steel", _bounce(made), against_wall.restitution, absolute=0.005),
     ]
 
 
@@ -62,9 +65,10 @@ def _pressed(made: Export) -> float:
     apart = 2 * bead.radius - overlap
     start = [f"{-apart / 2!r} 0 0.05 0 0 0 0 {SPIN} 0", f"{apart / 2!r} 0 0.05 0 0 0 0 {-SPIN} 0"]
     steps = round(2e-4 / made.time_step)  # a third of the time in which they stop
-    spin = _run(made, start, "omegay", steps=steps, every=steps, held=True)
+    every = steps // 4
+    spin = _run(made, start, "omegay", steps=4 * every, every=every, held=True)[2:]  # the spring is taut by then
     inertia = 0.4 * bead.mass * bead.radius**2
-    return float((spin[0] - spin[-1]) / (steps * made.time_step) * inertia / (LOAD * bead.radius))
+    return float((spin[0] - spin[-1]) / (2 * every * made.time_step) * inertia / (LOAD * bead.radius))
 
 
 def _bounce(made: Export) -> float:
@@ -93,7 +97,7 @@ def _run(
     moving = [f"{i} {' '.join(s[3:])}" for i, s in enumerate(lines, 1)]
     data = ["beads", "", f"{len(lines)} atoms", "2 atom types", "-1 1 xlo xhi", "-1 1 ylo yhi", "-0.1 1 zlo zhi"]
     data += ["", "Atoms", "", *atoms, "", "Velocities", "", *moving]
-    model = "model hertz tangential history rolling_friction cdt"
+    model = f"model hertz tangential history rolling_friction {liggghts.ROLLING[made.rolling]}"
     deck = (
         "atom_style granular\natom_modify map array\nboundary f f f\nnewton off\ncommunicate single vel yes\n"
         "units si\nread_data beads.data\nneighbor 0.002 bin\nneigh_modify delay 0\ninclude exported.in\n"

@@ -14,8 +14,12 @@ from rigtwin.lab.materials import Contact, Material, Particle
 Code = Literal["edem", "liggghts"]
 
 CODES = get_args(Code)
-ARM: dict[Code, Arm] = {"edem": "own radius", "liggghts": "effective radius"}
+ARM: dict[Code, Arm] = {"edem": "own radius", "liggghts": "effective radius"}  # EDEM: "standard rolling friction"
 ROLLING = {"type A": "cdt", "type C": "epsd2"}  # as LIGGGHTS calls them
+DIFFERS = {
+    "type A": "cdt acts against the spin relative to the neighbour, type A against each sphere's own",
+    "type C": "below it epsd2's spring is a quarter of type C's between equal spheres, and has no dashpot",
+}
 LEAST = 0.05  # [1], restitution that LIGGGHTS takes; some 0.21 comes out
 SOFT, HARD = 5e6, 1e9  # [Pa], moduli between which LIGGGHTS asks for no confirmation
 
@@ -33,6 +37,7 @@ class Export:
     time_step: float  # [s]
     given: tuple[Contact, Contact]  # in ours
     stiffness_factor: float  # [1]
+    warnings: tuple[str, ...]
 
     @property
     def text(self) -> str:
@@ -54,6 +59,7 @@ class Export:
             "rolling_model": self.rolling,
             "stiffness_factor": self.stiffness_factor,
             "time_step_s": self.time_step,
+            "warnings": list(self.warnings),
         }
 
 
@@ -79,6 +85,7 @@ def export(
     if particle.shape is not None:
         raise BadInput(f"{particle.name}: is a clump of spheres; only single spheres are exported.")
     soft = replace(particle, material=particle.material.softened(stiffness_factor))
+    step, warnings = time_step([soft], time_step_fraction)
     return Export(
         code,
         soft,
@@ -86,9 +93,10 @@ def export(
         _converted(between, code, particle.radius, particle.radius),
         _converted(at_wall, code, particle.radius, math.inf),
         rolling,
-        time_step([soft], time_step_fraction)[0],
+        step,
         (between, at_wall),
         stiffness_factor,
+        warnings,
     )
 
 
@@ -124,8 +132,8 @@ def _for_liggghts(made: Export) -> str:
     """Commands for `include` behind `create_box 2 ...`: type 1 is the particle, type 2 the walls."""
     bead, wall = made.particle, made.wall
     moduli = (bead.material.youngs_modulus, wall.youngs_modulus)
-    confirmed = "soft_particles yes" if min(moduli) < SOFT else "hard_particles yes" if max(moduli) > HARD else ""
-    before = f"# it wants, before atom_style: {confirmed}\n" if confirmed else ""
+    confirmed = [word for word, odd in (("soft", min(moduli) < SOFT), ("hard", max(moduli) > HARD)) if odd]
+    before = "".join(f"# it wants, before atom_style: {word}_particles yes\n" for word in confirmed)
 
     def each(name: str, ours: float, theirs: float) -> str:
         return f"fix {name} all property/global {name} peratomtype {ours:.10g} {theirs:.10g}\n"
@@ -137,13 +145,15 @@ def _for_liggghts(made: Export) -> str:
     among, against = made.between, made.at_wall
     model = f"model hertz tangential history rolling_friction {ROLLING[made.rolling]}"
     return (
-        f"# {bead.name} (type 1), walls of {wall.name} (type 2), rigtwin {__version__}; SI\n"
+        f"# {bead.name} (type 1), walls of {wall.name} (type 2), rigtwin {__version__}, for LIGGGHTS 3.8; SI\n"
         "# include behind create_box 2\n"
         f"{before}"
         f"# spheres: diameter {bead.diameter:.10g} density {bead.effective_density:.10g}\n"
         f"# between {_told(made.given[0])}, at walls {_told(made.given[1])}; in LIGGGHTS:\n"
         "# restitution is smaller here, for it comes out larger than it was given where a contact may not pull;\n"
-        "# rolling friction is mu_r Fn R_eff here and not mu_r Fn R, R_eff being R / 2 between equal spheres: twice\n"
+        "# rolling friction is mu_r Fn R_eff here and not mu_r Fn R, R_eff being R / 2 between equal spheres: twice;\n"
+        f"# the torque's limit is the same, but\n# {DIFFERS[made.rolling]}\n"
+        + "".join(f"# {warning}\n" for warning in made.warnings)
         + each("youngsModulus", *moduli)
         + each("poissonsRatio", bead.material.poisson_ratio, wall.poisson_ratio)
         + pairs("coefficientRestitution", among.restitution, against.restitution)
@@ -175,10 +185,11 @@ def _for_edem(made: Export) -> str:
     ]
     lines = [
         f"{bead.name} and walls of {wall.name}, rigtwin {__version__}",
-        f"contact model: Hertz-Mindlin (no slip), rolling friction {made.rolling}",
+        "contact model: Hertz-Mindlin (no slip) with standard rolling friction, at most mu_r Fn R on each sphere",
         f"sphere: radius {1e3 * bead.radius:g} mm",
         *materials,
         *contacts,
         f"time step {made.time_step:g} s",
+        *made.warnings,
     ]
     return "\n".join(lines) + "\n"

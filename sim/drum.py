@@ -82,7 +82,7 @@ def run(
         count = max(1, round(fill * PACKING * volume / particle.volume))
     elif count < 1:
         raise BadInput(f"count: {count} beads make no bed; give at least 1.")
-    if (share := _share(count, rig, depth, particle)) > FULLEST:
+    elif (share := _share(count, rig, depth, particle)) > FULLEST:
         raise BadInput(
             f"count: {count} beads do not fit in, or could not turn; at most {int(count * FULLEST / share)} find room."
         )

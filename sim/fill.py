@@ -35,7 +35,7 @@ TRIES = 20  # places tried for each particle that is due
 PATIENCE = 100  # looks in a row at which no particle found room
 REST_LOOKS = 3  # times in a row
 LOOSEST, TIGHTEST = 1.35, 1.02  # pitch of the lattice, in diameters
-HALF, NONE = np.full(3, 0.5), np.zeros((0, 3))
+MIDDLE, NOTHING = np.full(3, 0.5), np.zeros((0, 3))
 THROWN = 0.2  # [m/s], standard deviation of each component; so that no lattice survives the fall
 
 
@@ -125,6 +125,8 @@ class Course(Filling):
         return {**super().kept(), "random": self.random.bit_generator.state}
 
     def go_on(self, kept: dict[str, Any]) -> None:
+        if "random" not in kept:
+            raise BadInput("The checkpoint was written by an earlier rigtwin; delete it or name another.")
         self.random.bit_generator.state = kept["random"]
         super().go_on({name: value for name, value in kept.items() if name != "random"})
 
@@ -191,7 +193,7 @@ def scatter_in_turns(
     steps = max(1, round(LOOK / bulk.time_step))
     while course.placed < count:
         taken = bulk.grains().position
-        phase = course.random.random(3) if len(taken) else HALF
+        phase = course.random.random(3) if len(taken) else MIDDLE
         new, shift = _sites(count - course.placed, inside, box, particle, taken, phase)
         new = new[: count - course.placed]
         if not len(new) and course.patience == PATIENCE:
@@ -207,7 +209,12 @@ def scatter_in_turns(
 
 
 def _sites(
-    count: int, inside: Inside, box: tuple[Array, Array], particle: Particle, taken: Array = NONE, phase: Array = HALF
+    count: int,
+    inside: Inside,
+    box: tuple[Array, Array],
+    particle: Particle,
+    taken: Array = NOTHING,
+    phase: Array = MIDDLE,
 ) -> tuple[Array, float]:
     """Sites of the loosest lattice with `count` that are clear of `taken` centres, else of the tightest; lowest first.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
@@ -241,7 +242,7 @@ class Logbook:
     def _now(self) -> tuple[dict[str, Any], State, float]:
         """What goes into a checkpoint."""
         books = {
-            "course": self._course,
+            "course": copy.deepcopy(self._course),  # its lists grow on
             "frames": self._film.frames if self._film else 0,
             "first_frame": self.first_frame if self._film else None,
             "history": list(self._history),

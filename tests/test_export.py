@@ -11,7 +11,7 @@ from rigtwin.cli import run
 from rigtwin.compare.export import export
 from rigtwin.lab.conventions import rolling_friction
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.materials import Contact
+from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.sim.engine.contact import damping_ratio
 
@@ -60,6 +60,22 @@ def test_liggghts_reads_pairs_of_types_in_order():
     assert said["coefficientFriction"] == ["peratomtypepair", "2", "0.44", "0.36", "0.36", "0.36"]
     assert [float(value) for value in said["youngsModulus"][1:]] == [11e6, 210e6]  # a thousandth
     assert "pair_style gran model hertz tangential history rolling_friction cdt" in lines
+
+
+def test_what_liggghts_wants_confirmed_is_said():
+    rubber = Particle("ball", Material("rubber", 1100, 1e7, 0.49), 6e-3)
+
+    def wants(factor):
+        text = export("liggghts", rubber, STEEL, AMONG, ON_STEEL, stiffness_factor=factor).text
+        return [word for word in ("soft", "hard") if f"{word}_particles yes" in text]
+
+    assert [wants(factor) for factor in (0.1, 1, 1e-3)] == [["soft", "hard"], ["hard"], ["soft"]]
+
+
+def test_a_step_that_is_doubtful_says_so():
+    made = export("edem", D6, STEEL, AMONG, ON_STEEL, time_step_fraction=0.5)
+    assert "50%" in made.warnings[0]
+    assert made.warnings[0] in made.text
 
 
 def test_what_no_code_can_be_told_is_refused():

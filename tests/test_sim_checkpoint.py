@@ -284,6 +284,28 @@ def test_a_bead_that_leaves_stops_the_run_and_the_last_good_state_is_kept(tmp_pa
     assert again.beads().position[1] == pytest.approx([0.03 + 1.5 * again.time, 0, 0.05])
 
 
+def test_what_came_after_the_look_that_is_kept_is_not_kept_with_it(tmp_path, monkeypatch):
+    def interrupted(run):
+        course = {"seen": []}
+        settings = {"trajectory_interval": 0.01, "checkpoint": tmp_path / "bed.npz", "checkpoint_interval": 1e9}
+        with Logbook(run, {"case": 1}, **settings) as book:
+            for interval in (0, 1e9, 1e9):  # only the first look is remembered
+                monkeypatch.setattr("rigtwin.sim.logbook.SNAPSHOT_INTERVAL", interval)
+                book.run(10)
+                course["seen"].append(run.steps)
+                book.look(course)
+            raise KeyboardInterrupt
+
+    run = bed(gravity=(0, 0, 0))
+    run.add([[0, 0, 0.01]])
+    with pytest.raises(KeyboardInterrupt):
+        interrupted(run)
+    again = bed(gravity=(0, 0, 0))
+    with logbook(again, tmp_path / "bed.npz") as book:
+        assert book.resume() == {"seen": [10]}
+    assert again.steps == 10
+
+
 def test_an_explosion_of_energy_keeps_the_last_state_in_which_all_was_finite(tmp_path):
     run = bed(FLOOR, time_step=20 * STEP)
     k = np.arange(80)
