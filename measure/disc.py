@@ -310,7 +310,8 @@ def _first_edge(departure: Array, plain: npt.NDArray[np.bool_], least: float) ->
     while departure[row] < level:
         row += 1
     before = float(departure[row - 1])
-    return row - (float(departure[row]) - level) / max(float(departure[row]) - before, 1e-9)
+    # the last plain row may depart as far as the level, too: the edge then lies there
+    return row - min((float(departure[row]) - level) / max(float(departure[row]) - before, 1e-9), 1.0)
 
 
 def _bounds(beads: Beads, roll: float | None) -> Array:

@@ -11,9 +11,15 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
+Single = npt.NDArray[np.float32]
 
-BENEATH = (0.5, 2.0)  # bead diameters under the surface, where there are beads whatever hides the surface itself
-BRIGHTER = 40.0  # [grey levels], above the darker columns of the bed; even light leaves them within 20
+APART = (0.5, 2.0)  # bead diameters from the surface, where there are beads, or none, whatever hides the surface itself
+# as drawn: beds of shaded beads in even light, and in one that changes by 40 % across the drum, have no column brighter
+# than the darker ones by as much; lighter beads in 20 to 50 % of the bed, and lamps, have
+BRIGHTER = 40.0  # [grey levels]
+ALSO_OVER = 10.0  # [grey levels]; above lighter beads less than 1, under lamps 18 and more, even before a wall of 235
+DULLED = 0.75  # times the usual contrast over brightness; of lighter beads 0.85 to 0.92, under lamps 0.39 to 0.66
+WHITE = 255.0  # [grey levels], what no light makes brighter
 INSIDE = 0.93  # of the drum's radius: further out the wall is seen
 PAIRS = 60  # columns, of which every pair gives a slope
 
@@ -27,7 +33,10 @@ def brightened_share(
     roll: float,
     bead: float,
 ) -> float:
-    """Share of the surface's length beneath which the bed is far brighter than elsewhere, in the mean of the pictures.
+    """Share of the surface's length at which light lies over the bed, in the mean of the pictures.
+
+    There the bed is far brighter than elsewhere, so is what is above it, and its beads stand out less; lighter beads
+    brighten nothing above them, and stand out from each other as dark ones do.
 
     `heights` [px] above the axis, one row per frame, at the columns `x` [px] right of it, in a picture turned by `roll`
     [rad]; `centre` and `radius` [px] of the drum.  NaN where too little of a surface is seen.
@@ -37,23 +46,51 @@ def brightened_share(
         return math.nan
     x, border = x[seen], np.nanmedian(heights[:, seen], axis=0)
     # where a reflection pulls the border up or down, the line through the whole surface still lies near it
-    surface = np.minimum(border, _line(x, border))
-    level = surface - np.linspace(*BENEATH, 8)[:, None] * bead
-    cos, sin = math.cos(roll), math.sin(roll)
-    at_x, at_y = centre[0] + x * cos + level * sin, centre[1] + x * sin - level * cos
-    mean = np.asarray(np.mean([cv2.cvtColor(each, cv2.COLOR_BGR2GRAY) for each in pictures], axis=0), np.float32)
-    light = cv2.remap(mean, at_x.astype(np.float32), at_y.astype(np.float32), cv2.INTER_LINEAR).astype(np.float64)
-    inner = np.hypot(x, level) < INSIDE * radius
-    deep = inner.sum(axis=0)
-    columns = np.sum(np.where(inner, light, 0), axis=0)[deep > 0] / deep[deep > 0]
-    if len(columns) < 8:
+    line = _line(x, border)
+    if line is None:
         return math.nan
-    return float(np.mean(columns > np.percentile(columns, 25) + BRIGHTER))
+    apart = np.linspace(*APART, 8)[:, None] * bead
+    beneath, over = np.minimum(border, line) - apart, np.maximum(border, line) + apart
+    cos, sin = math.cos(roll), math.sin(roll)
+
+    def along(picture: Single, level: Array) -> Array:
+        """Mean of a picture over the levels inside the drum, for every column; NaN where there are none."""
+        at_x, at_y = centre[0] + x * cos + level * sin, centre[1] + x * sin - level * cos
+        light = cv2.remap(picture, at_x.astype(np.float32), at_y.astype(np.float32), cv2.INTER_LINEAR)
+        inner = np.hypot(x, level) < INSIDE * radius
+        deep = inner.sum(axis=0)
+        return np.asarray(np.where(deep > 0, np.sum(np.where(inner, light, 0), axis=0) / np.maximum(deep, 1), np.nan))
+
+    greys = [np.asarray(cv2.cvtColor(each, cv2.COLOR_BGR2GRAY), np.float32) for each in pictures]
+    mean = np.asarray(np.mean(greys, axis=0), np.float32)
+    detail = np.mean([np.abs(each - cv2.GaussianBlur(each, (0, 0), bead / 2)) for each in greys], axis=0)
+    bed, empty = along(mean, beneath), along(mean, over)
+    contrast = along(np.asarray(detail / np.maximum(mean, 1), np.float32), beneath)
+    known = np.isfinite(bed)
+    if known.sum() < 8:
+        return math.nan
+    bright = bed > np.percentile(bed[known], 25) + BRIGHTER
+    lit = bright & _lies_over(empty, bright)
+    if not lit.any() or np.median(contrast[lit]) > DULLED * np.median(contrast[known & ~bright]):
+        return 0.0
+    return float(np.mean(lit[known]))
 
 
-def _line(x: Array, height: Array) -> Array:
-    """The line of the median slope between columns of the surface's inner part (Theil 1950, Sen 1968)."""
+def _lies_over(empty: Array, bright: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Columns in which what is not bed is brighter, too; all of them where it is too bright to show it."""
+    plain = empty[~bright & np.isfinite(empty)]
+    usual = float(np.median(plain)) if len(plain) else math.nan
+    return np.asarray((empty > usual + ALSO_OVER) | (usual > WHITE - ALSO_OVER))
+
+
+def _line(x: Array, height: Array) -> Array | None:
+    """The line of the median slope between columns of the surface's inner part (Theil 1950, Sen 1968).
+
+    None where none of these columns is seen.
+    """
     inner = np.flatnonzero(np.abs(x - (x[0] + x[-1]) / 2) < 0.4 * (x[-1] - x[0]))
+    if len(inner) < 2:
+        return None
     some = inner[:: max(1, len(inner) // PAIRS)]
     one, other = np.triu_indices(len(some), 1)
     slope = np.median((height[some][other] - height[some][one]) / (x[some][other] - x[some][one]))

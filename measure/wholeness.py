@@ -8,6 +8,7 @@ from typing import BinaryIO
 MATROSKA = b"\x1a\x45\xdf\xa3"
 SEGMENT = b"\x18\x53\x80\x67"  # of Matroska: all pictures are in it
 STREAMED = (0, 0xFFFFFFFF)  # lengths of a RIFF file whose writer did not know them
+INDEX, PICTURES, FRAGMENT = b"moov", b"mdat", b"moof"  # of the MP4 family
 
 
 def breaks_off(path: Path) -> bool:
@@ -20,26 +21,36 @@ def breaks_off(path: Path) -> bool:
         head = file.read(12)
         if head[:4] == b"RIFF":
             length = int.from_bytes(head[4:8], "little")
-            return length not in STREAMED and 8 + length > size
+            # the length leaves out the 8 bytes up to itself, which some writers forget
+            return length not in STREAMED and length > size
         if head[:4] == MATROSKA:
             return _segment_breaks_off(file, size)
         return head[4:8] == b"ftyp" and _boxes_break_off(file, size)
 
 
 def _boxes_break_off(file: BinaryIO, size: int) -> bool:
-    """Of the MP4 family: boxes one behind the other, one of which says where the pictures are."""
-    place, indexed = 0, False
+    """Of the MP4 family: boxes one behind the other, one of which says where the pictures are.
+
+    Behind these two there may follow what a camera appends, which need be no box.
+    """
+    place = 0
+    seen: set[bytes] = set()
     while place + 8 <= size:
         file.seek(place)
         head = file.read(16)
-        length = int.from_bytes(head[:4], "big")
-        indexed |= head[4:8] == b"moov"
+        length, kind = int.from_bytes(head[:4], "big"), head[4:8]
+        if not (kind.isascii() and kind.decode("ascii").isprintable()):
+            break
+        appended = seen >= {INDEX, PICTURES} and kind not in (INDEX, PICTURES, FRAGMENT)
+        seen.add(kind)
         if length == 1:
             length = int.from_bytes(head[8:16], "big")
         if length < 8:  # none: it reaches to the end of the file
             break
+        if place + length > size:
+            return not appended
         place += length
-    return place > size or not indexed
+    return INDEX not in seen
 
 
 def _segment_breaks_off(file: BinaryIO, size: int) -> bool:

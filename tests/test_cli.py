@@ -124,7 +124,7 @@ def test_help_loads_nothing_heavy():
         assert HEAVY.isdisjoint(loaded.split())
 
 
-COMMANDS = [[command] for command in ("demo", "init", "compare", "diagnose", "reproduce")] + [
+COMMANDS = [[command] for command in ("demo", "init", "compare", "diagnose", "reproduce", "export")] + [
     [group, rig] for group in ("measure", "simulate") for rig in RIGS
 ]
 

@@ -212,6 +212,13 @@ def test_a_filmed_drum_gives_the_slope_it_was_drawn_with(tmp_path: Path) -> None
     assert not angle.doubtful
 
 
+def test_a_film_broken_off_has_nothing_that_is_not_doubtful(tmp_path: Path) -> None:
+    clip = tmp_path / "drum.mkv"
+    film(clip, 30.0)
+    clip.write_bytes(clip.read_bytes()[: int(0.9 * clip.stat().st_size)])
+    assert all("broken off" in one.doubtful for one in measured(clip).quantities)
+
+
 def test_a_slow_drum_is_found_in_a_film_whose_noise_hides_the_motion_of_single_pixels(tmp_path: Path) -> None:
     film(tmp_path / "drum.mp4", 30.0, noise=26.0, turn=0.02)
     angle = find(measured(tmp_path / "drum.mp4"), drum.GRAPHICAL, drum.MIDDLE)
@@ -300,21 +307,37 @@ def test_an_outline_that_no_flowing_bed_has_fails_a_check(lift: str, failing: se
         ("falling off by 30 grey levels", False),
         ("a lamp at the axis", True),
         ("a lamp at the end", True),
+        ("lighter beads in 0.2 of the bed", False),
+        ("lighter beads in 0.35 of the bed", False),
+        ("lighter beads in 0.5 of the bed", False),
     ],
 )
-def test_a_lamp_mirrored_in_the_glass_is_told_from_light_that_falls_off(light: str, hidden: bool) -> None:
+@pytest.mark.parametrize("wall", [40, 170, 250])
+def test_a_lamp_mirrored_in_the_glass_is_told_from_uneven_light_and_lighter_beads(
+    light: str, hidden: bool, wall: int
+) -> None:
     random = np.random.default_rng(4)
     y, x = np.mgrid[:240, :240] - 120.0
     lamp = {"a lamp at the axis": (0.0, 0.0), "a lamp at the end": (80.0, -40.0)}.get(light)
     added = np.zeros_like(x) if lamp is None else 100 * np.exp(-(np.hypot(x - lamp[0], y - lamp[1]) ** 2) / 700)
     if light.startswith("falling"):
         added = 30 * (120 - x) / 240
+    tone = np.full_like(x, 90)
+    if light.startswith("lighter"):
+        tone[np.abs(x - 20) < 110 * float(light.split()[3])] += 80
     border = np.arange(-110.0, 111.0)
     heights = 0.5 * border + random.normal(0, 2, (6, len(border)))
     pictures = []
     for height in heights:
         bed = -y < np.interp(x, border, height)
-        grey = np.where(bed, 90 + 30 * random.standard_normal(x.shape), 170) + added
+        grey = np.where(bed, tone * (1 + random.standard_normal(x.shape) / 3), wall) + added
         pictures.append(cv2.merge([np.clip(grey, 0, 255).astype(np.uint8)] * 3))
     share = brightened_share(pictures, border, heights, (120.0, 120.0), 118.0, 0.0, 8.0)
     assert (share > drum.GLARE) == hidden
+
+
+def test_a_surface_seen_at_both_ends_alone_tells_nothing_of_the_light() -> None:
+    x = np.concatenate([np.arange(-110.0, -100.0), np.arange(101.0, 111.0)])
+    picture = np.full((240, 240, 3), 90, np.uint8)
+    share = brightened_share([picture] * 3, x, np.tile(0.5 * x, (3, 1)), (120.0, 120.0), 118.0, 0.0, 8.0)
+    assert math.isnan(share)

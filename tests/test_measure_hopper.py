@@ -257,6 +257,14 @@ def test_a_clip_that_ends_while_beads_leave_has_nothing_that_is_not_doubtful(tmp
         assert find(found, "discharge_time").value * RATE < last - OPENED
 
 
+def test_a_film_broken_off_has_nothing_that_is_not_doubtful(tmp_path: Path) -> None:
+    clip = tmp_path / "hopper.mkv"
+    film(clip)
+    clip.write_bytes(clip.read_bytes()[: int(0.97 * clip.stat().st_size)])
+    found = hopper.measure(clip, Camera(frame_rate=RATE), bead_diameter=0.006, out=tmp_path / "out")
+    assert all("broken off" in one.doubtful for one in found.quantities)
+
+
 # beads drawn in straight rows lie nearer to each other than those of a bed, by a seventh
 @pytest.mark.parametrize(("factor", "passed"), [(1.15, True), (0.8, False), (1.6, False)])
 def test_two_scales_that_contradict_make_velocities_doubtful(tmp_path: Path, factor: float, passed: bool) -> None:

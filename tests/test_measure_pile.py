@@ -18,6 +18,7 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
 from rigtwin.lab.records import Profile, read_profile, write_profile
+from rigtwin.measure.disc import _first_edge
 from rigtwin.measure.pile import evaluate, measure
 
 Array = npt.NDArray[np.float64]
@@ -625,3 +626,12 @@ def test_a_strip_of_noise_is_searched_at_a_size_that_does_not_take_minutes(tmp_p
     noise = np.random.default_rng(5).integers(0, 255, (9000, 500, 3), dtype=np.uint8)
     assert surface.find_heap(noise) is None
     assert sizes[0][0] <= surface.TALLEST * surface.COARSE
+
+
+def test_an_edge_lies_between_the_rows_where_it_is_reached() -> None:
+    plain = np.arange(30) < 20
+    step = np.where(plain, 0.0, 10.0)
+    assert _first_edge(step, plain, 4.0) == pytest.approx(19.5)
+    already = step + 0.01 * np.arange(30)
+    already[19] = 10.0  # the last plain row departs as far as those after it
+    assert _first_edge(already, plain, 4.0) == pytest.approx(19.0)

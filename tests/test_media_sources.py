@@ -172,6 +172,21 @@ def test_a_film_cut_short_gives_what_decodes_and_says_so(tmp_path, name, layout)
         assert "broken off" in video.spoilt
 
 
+@pytest.mark.parametrize("layout", [{}, {"movflags": "faststart"}, {"movflags": "frag_keyframe+empty_moov"}])
+@pytest.mark.parametrize("trailer", [b"recorded by a camera of 1080p50.", b"\xff" * 64, bytes(64), b"end"])
+def test_what_a_camera_appends_to_a_film_does_not_break_it_off(tmp_path, layout, trailer):
+    clip = film(tmp_path / "clip.mp4", plain(12), layout=layout)
+    clip.write_bytes(clip.read_bytes() + trailer)
+    assert not open_video(clip, RATE).spoilt
+
+
+def test_a_film_whose_length_counts_its_own_head_is_whole(tmp_path):
+    clip = film(tmp_path / "clip.avi", plain(12))
+    content = clip.read_bytes()
+    clip.write_bytes(content[:4] + len(content).to_bytes(4, "little") + content[8:])
+    assert not open_video(clip, RATE).spoilt
+
+
 def test_a_photo_of_a_phone_is_read(tmp_path):
     import pillow_heif
     from PIL import Image
