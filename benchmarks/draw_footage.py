@@ -178,7 +178,7 @@ def _parts(stage: Stage, footage: Footage, begun: float) -> Array:
     coarse = (np.arange(PARTS) + 0.5) / PARTS
     at, _ = stage.view.project(stage.places(begun + coarse * footage.exposure / footage.rate))
     way = float(np.max(np.sum(np.linalg.norm(np.diff(at, axis=0), axis=-1), axis=0)))
-    count = max(PARTS, math.ceil(way / LENS))
+    count = max(PARTS, math.ceil(way * PARTS / (PARTS - 1) / LENS))
     return np.asarray((np.arange(count) + 0.5) / count)
 
 

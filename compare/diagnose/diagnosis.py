@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rigtwin.compare.diagnose.axes import check_axes
-from rigtwin.compare.diagnose.candidate import Candidate
+from rigtwin.compare.diagnose.candidate import Candidate, refused
 from rigtwin.compare.diagnose.design import CLEAR, REPETITIONS, Design, designs
 from rigtwin.compare.diagnose.double import DoubleBench
 from rigtwin.compare.diagnose.doubt import parameters
@@ -261,7 +261,7 @@ def _from_there(bench: Regioned, naming: Naming, best: Candidate, formula: Candi
     known = {u.name: float(v) for u, v in zip(best.fitted.unknowns, best.fitted.values, strict=True) if u.effect}
     again = fit(bench, best.terms, near=formula.fitted, beside=known, most=25, rounds=2)
     gained = best.fitted.deviance - again.deviance
-    if gained <= 0:
+    if gained <= 0 or refused(again, best.terms):
         return best, naming
     better = replace(best, fitted=again, gain=best.gain + gained / spread_of(naming.base, naming.location))
     return better, replace(naming, best=better, after=locate(bench, again))
