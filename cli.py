@@ -182,7 +182,7 @@ def export(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Particle, wall and contacts for another DEM code, in its conventions.
+    """Write particle, wall and contacts for another DEM code.
 
     Rolling friction means different torques in different codes; the value here is the one that gives the same limit.
     """

@@ -133,9 +133,9 @@ def measure(
     warnings += [each for each in asked if isinstance(each, str) and each]
     judged = [each for each in asked if isinstance(each, Check)]
     checks = (*_checks_of_picture(seen, gate, hidden), compression, *evaluation.checks, *judged)
-    for clock in (timing, rate):
-        quantities = _with_times_doubted(quantities, _failed(clock))
-    quantities = tuple(doubted(each, video.spoilt) for each in quantities)
+    for why in (_failed(timing), _failed(rate), video.spoilt):
+        quantities = _with_times_doubted(quantities, why)
+    quantities = tuple(each if each.doubtful else doubted(each, video.broken_off) for each in quantities)
     if cut:
         quantities = tuple(each if each.doubtful else doubted(each, CUT_SHORT) for each in quantities)
     result = Measurement(

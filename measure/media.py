@@ -68,6 +68,11 @@ class Video:
         """Why nothing that moves can be trusted to be seen, where it is or to its end; empty where it can."""
         return "; ".join(note for note in (sources.INTERLACED, sources.CUT_OFF) if note in self.warnings)
 
+    @property
+    def broken_off(self) -> str:
+        """Why the film may not show all that was filmed; empty where it does."""
+        return sources.CUT_OFF if sources.CUT_OFF in self.warnings else ""
+
     def frames(self, first: int | None = None, last: int | None = None) -> Iterator[Frame]:
         """The pictures from `first` to `last`, the video's own where not given, in order."""
         first = self.first if first is None else max(first, self.first)
