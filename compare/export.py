@@ -56,7 +56,7 @@ class Export:
             "materials": [_moduli(self.particle.material), _moduli(self.wall)],
             "contacts": {"particle-particle": asdict(self.between), "particle-wall": asdict(self.at_wall)},
             "rolling_friction_arm": ARM[self.code],
-            "rolling_model": self.rolling,
+            "rolling_model": "standard" if self.code == "edem" else ROLLING[self.rolling],
             "stiffness_factor": self.stiffness_factor,
             "time_step_s": self.time_step,
             "warnings": list(self.warnings),
@@ -190,6 +190,8 @@ def _for_edem(made: Export) -> str:
         *materials,
         *contacts,
         f"time step {made.time_step:g} s",
+        f"the torque's limit is that of our {made.rolling}"
+        + (", which springs back below it: EDEM's standard model does not" if made.rolling == "type C" else ""),
         *made.warnings,
     ]
     return "\n".join(lines) + "\n"

@@ -102,7 +102,7 @@ class Bed:
     clearness: float  # [1], how much more the bed moves (or how much its colour differs) than noise explains
     shake: float  # [px], standard deviation
     shows_motion: bool
-    glare: float  # [1], share of the surface beneath which the bed is far brighter than elsewhere; NaN: not judged
+    glare: float  # [1], share of the surface over which light lies, brighter than elsewhere; NaN: not judged
 
 
 def follow_bed(

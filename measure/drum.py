@@ -592,7 +592,7 @@ def _checks_of_picture(bed: Bed) -> list[Check]:
                 bed.glare < GLARE,
                 bed.glare,
                 0.0,
-                f"beneath {100 * bed.glare:.0f} % of the surface the bed is far brighter than elsewhere"
+                f"light lies over {100 * bed.glare:.0f} % of the surface, brighter than elsewhere"
                 + ("." if bed.glare < GLARE else ": a lamp's reflection hides it; turn the lamp or the camera."),
             )
         )

@@ -135,7 +135,8 @@ def measure(
     checks = (*_checks_of_picture(seen, gate, hidden), compression, *evaluation.checks, *judged)
     for why in (_failed(timing), _failed(rate), video.spoilt):
         quantities = _with_times_doubted(quantities, why)
-    quantities = tuple(each if each.doubtful else doubted(each, video.broken_off) for each in quantities)
+    if why := video.broken_off:
+        quantities = tuple(each if why in each.doubtful else doubted(each, why) for each in quantities)
     if cut:
         quantities = tuple(each if each.doubtful else doubted(each, CUT_SHORT) for each in quantities)
     result = Measurement(

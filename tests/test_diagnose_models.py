@@ -144,13 +144,16 @@ def test_leftovers_gain_less_than_its_price_by_setting_a_stated_quantity_free(to
     assert feigned(fewer, more, [named("camera_roll"), named("air_drag")], left) == math.inf
 
 
-@pytest.mark.parametrize(("common", "every", "closed"), [(1.1, 1.1, 0.99), (1.1, 51.0, 0.5), (51.0, 1.1, 0.5)])
-def test_a_gap_is_closed_where_it_is_closed_in_common_and_in_each_repetition(common, every, closed):
+@pytest.mark.parametrize(
+    ("common", "every", "noise", "closed"),
+    [(1.1, 1.1, 1.0, 0.99), (1.1, 51.0, 1.0, 0.5), (51.0, 1.1, 1.0, 0.5), (1.0, 1.5, 1.5, 1.0)],
+)
+def test_a_gap_is_closed_where_it_is_closed_in_common_and_in_each_repetition(common, every, noise, closed):
     naming = SimpleNamespace(
         location=SimpleNamespace(statistic=101.0), after=SimpleNamespace(statistic=common),
         base=SimpleNamespace(per_row=101.0), best=SimpleNamespace(fitted=SimpleNamespace(per_row=every)),
     )  # fmt: skip
-    assert _closed(naming) == pytest.approx(closed, abs=0.01)
+    assert _closed(naming, noise) == pytest.approx(closed, abs=0.01)
 
 
 def test_a_sphere_that_rolls_to_rest_stops_where_its_friction_says():

@@ -153,11 +153,9 @@ def test_friction_in_motion_tells_how_a_body_moves_where_the_scale_does_not(stat
         angles, tracks = record(moving, angle_deg=12.0 if moving == "slide" else 5.0, seed=seed)
         way = tilt._way(angles, tracks, stated, 0.006, scale_doubt=doubt)
         check = tilt._variant_check(way, tilt._onset(way, "record")[1], stated)
-        confirmed = not isinstance(check, str)
-        if stated == moving:
-            assert not confirmed or check.passed
-        else:
-            assert not confirmed or not check.passed
+        assert isinstance(check, str) == (doubt == math.inf and moving == "roll")
+        if not isinstance(check, str):
+            assert check.passed == (stated == moving)
 
 
 def test_a_body_whose_friction_stays_the_same_is_said_to_be_unconfirmed_without_a_scale():

@@ -27,6 +27,7 @@ SPEAKING = 3  # windows
 SELDOM = 0.05  # share of the rows
 HIGH = 0.3  # thread lengths
 OFF = 0.25  # thread lengths from where a thread's end can be
+TINY = 1e-9  # [m]
 NEAR, FAR = math.radians(5), math.radians(10)  # of a stated angle, and clearly off it
 
 EXCHANGED = "x_m and y_m look exchanged; x_m is level and y_m points up"
@@ -72,7 +73,7 @@ def _hangs(lab: TrackedLab, _condition: Condition, track: Track) -> str:
         return "the bob does not hang below the origin; put the origin at the pivot" if aloft else ""
     longest = OF_A_PERIOD * 2 * math.pi * math.sqrt(max(length, 0.0) / lab.gravity)
     place, acceleration = _bent(track, lab.gravity, longest)
-    along = place[:, ::-1] * [-1, 1] / np.hypot(*place.T)[:, None]
+    along = place[:, ::-1] * [-1, 1] / np.maximum(np.hypot(*place.T), TINY)[:, None]
 
     def misfit(x: float, y: float) -> Array:
         return np.asarray(abs(np.sum((acceleration / lab.gravity - [x, y]) * along, axis=1)))

@@ -20,7 +20,7 @@ from rigtwin.compare.diagnose.double import DoubleBench
 from rigtwin.compare.diagnose.doubt import parameters
 from rigtwin.compare.diagnose.drop import DropBench
 from rigtwin.compare.diagnose.fit import Fit, fit, screen
-from rigtwin.compare.diagnose.gap import Beside, Gap, beside, gap, names
+from rigtwin.compare.diagnose.gap import Beside, Gap, beside, closed, gap, names, noise_floor
 from rigtwin.compare.diagnose.labs import BULK, TrackedLab
 from rigtwin.compare.diagnose.locate import Disagreement, Location, Regioned, locate
 from rigtwin.compare.diagnose.naming import ALARM, FORM, Naming, name_effects, spread_of
@@ -222,7 +222,7 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
         return _unlisted(
             plain, bench, naming, alone, f"a formula that is not listed does better than {names(best.terms)}"
         )
-    share = _closed(naming)
+    share = _closed(naming, noise_floor(bench, best.fitted))
     if left and share is not None and share < LEFT:
         why = f"{names(best.terms)} would close {100 * share:.0f} % of the gap and leave a disagreement"
         if alone is not None and not alone.reason and alone.gain > best.gain:
@@ -326,13 +326,16 @@ def _formula(candidate: Candidate) -> str:
     return "; ".join(parts)
 
 
-def _closed(naming: Naming) -> float | None:
-    """Share of the excess that the best closes: of what repetitions have in common, or of all, whichever is less."""
+def _closed(naming: Naming, noise: float) -> float | None:
+    """Share of the excess that the best closes: of what repetitions have in common, or of all, whichever is less.
+
+    `noise` is what the best would leave of all without any gap.
+    """
     assert naming.best is not None
-    common = naming.location.statistic, naming.after.statistic
-    every = naming.base.per_row, naming.best.fitted.per_row
-    shares = [1 - max(after - 1.0, 0.0) / (before - 1.0) for before, after in (common, every) if before >= 1.5]
-    return min(shares, default=None)
+    common = naming.location.statistic, naming.after.statistic, 1.0
+    every = naming.base.per_row, naming.best.fitted.per_row, noise
+    shares = [closed(*one) for one in (common, every) if one[0] >= 1.5 * one[2]]
+    return min((share for share in shares if share is not None), default=None)
 
 
 def _next(diagnosis: Diagnosis) -> str:

@@ -52,11 +52,15 @@ def closed(before: float | None, after: float | None, floor: float | None) -> fl
     return 1 - max(after - floor, 0.0) / (before - floor)
 
 
+def noise_floor(bench: Regioned, final: Fit) -> float:
+    """Squared deviation per coordinate [noise^2] that a model without any gap would leave."""
+    return _noise_level(bench, final) * _floor(bench, final)
+
+
 def gap(bench: Regioned, lab: TrackedLab, base: Fit, best: Fit | None) -> Gap:
     """The gap of the baseline and of the best model, in sample and held out."""
     final = best or base
-    level = _noise_level(bench, final)
-    floor = level * _floor(bench, final)
+    level, floor = _noise_level(bench, final), noise_floor(bench, final)
     inside = Gap(_size(bench, base, final.scatter), _size(bench, final, final.scatter), floor)
     if best is None:
         return inside
