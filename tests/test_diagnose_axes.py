@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from rigtwin.compare.diagnose.axes import check_axes
+from rigtwin.compare.diagnose.diagnosis import diagnose
 from rigtwin.compare.diagnose.labs import Bead, Camera, Condition, TrackedLab
 from rigtwin.compare.diagnose.sift import sifted
 from rigtwin.lab.errors import BadInput
@@ -71,6 +72,23 @@ def test_the_columns_of_a_track_are_told_where_they_are_exchanged_or_upside_down
         check_axes(lab_of(name, lambda place: place[:, ::-1]))
     with pytest.raises(BadInput, match=r"c/rep01.csv: .* y_m looks as if it counted downwards"):
         check_axes(lab_of(name, lambda place: place * [1, -1]))
+
+
+def test_times_in_milliseconds_are_refused():
+    lab = lab_of("drop", lambda place: place)
+    condition = lab.conditions[0]
+    slow = tuple(tuple(replace(track, time=1000 * track.time) for track in each) for each in condition.repetitions)
+    with pytest.raises(BadInput, match=r"c/rep01.csv: its rows are .* s apart"):
+        check_axes(replace(lab, conditions=(replace(condition, repetitions=slow),)))
+
+
+def test_a_lab_of_which_no_path_can_be_fitted_is_refused(monkeypatch):
+    def singular(*_arguments, **_settings):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr("rigtwin.compare.diagnose.diagnosis.fit", singular)
+    with pytest.raises(BadInput, match="the tracks are no drop's of the stated sizes"):
+        diagnose(lab_of("drop", lambda place: place))
 
 
 def test_a_pendulum_whose_origin_is_where_it_hangs_is_refused():

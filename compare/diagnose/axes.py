@@ -26,6 +26,7 @@ APART = 0.2  # of gravity, between what two directions of it would do
 SPEAKING = 3  # windows
 SELDOM = 0.05  # share of the rows
 HIGH = 0.3  # thread lengths
+LONG = 200.0  # frames between two rows, far below a time in milliseconds
 OFF = 0.25  # thread lengths from where a thread's end can be
 TINY = 1e-9  # [m]
 NEAR, FAR = math.radians(5), math.radians(10)  # of a stated angle, and clearly off it
@@ -47,9 +48,17 @@ def check_axes(lab: TrackedLab) -> None:
         alone = replace(lab, conditions=(condition,))
         for number, repetition in enumerate(condition.repetitions):
             for track in repetition:
-                if len(track.time) >= FEWEST and (fault := look(alone, condition, track)):
+                if len(track.time) >= FEWEST and (fault := _ticks(lab, track) or look(alone, condition, track)):
                     where = next(iter(condition.files[number : number + 1]), f"repetition {number + 1}")
                     raise BadInput(f"{lab.folder}: {condition.name}: {where}: {fault}.")
+
+
+def _ticks(lab: TrackedLab, track: Track) -> str:
+    """Rows follow one another about as fast as the camera's frames."""
+    step = float(np.median(np.diff(track.time)))
+    slow = step * lab.camera.frame_rate > LONG
+    each = f"its rows are {step:g} s apart, where the camera has a frame each {1 / lab.camera.frame_rate:g} s"
+    return f"{each}; time_s is in seconds" if slow else ""
 
 
 def _falls(lab: TrackedLab, _condition: Condition, track: Track) -> str:

@@ -13,6 +13,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from rigtwin.compare.diagnose.axes import check_axes
 from rigtwin.compare.diagnose.candidate import Candidate, refused
 from rigtwin.compare.diagnose.design import CLEAR, REPETITIONS, Design, designs
@@ -149,7 +151,7 @@ def diagnose(
         )
     bench = bench_of(lab)
     progress("baseline", 0, 1)
-    base = fit(bench, rounds=12)
+    base = _plain_fit(bench, lab)
     candidates = [effect for effect in (*(library() if listed is None else listed), *own) if acts(effect, lab)]
     naming = name_effects(bench, candidates, base, progress)
     naming = replace(naming, unseen=tuple(one for one in library() if lab.rig in one.rigs and not acts(one, lab)))
@@ -165,6 +167,17 @@ def diagnose(
         beside=_beside(verdict, sizes),
     )
     return replace(told, next_experiment=_next(told), seconds=time.process_time() - begun)
+
+
+def _plain_fit(bench: Regioned, lab: TrackedLab) -> Fit:
+    """The calibrated model without effects; raises `BadInput` where the tracks are none of this rig's at all."""
+    try:
+        return fit(bench, rounds=12)
+    except np.linalg.LinAlgError:
+        raise BadInput(
+            f"{lab.folder}: the tracks are no {lab.rig}'s of the stated sizes; check that time_s is in "
+            "seconds, x_m and y_m in metres, and the settings in lab.json."
+        ) from None
 
 
 def acts(effect: Effect, lab: TrackedLab) -> bool:
