@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import math
-import subprocess
-import tempfile
-from pathlib import Path
 
 import liggghts
 import numpy as np
 from figures import Row, against
 
 from rigtwin.compare.export import Export, export
-from rigtwin.lab.errors import RigtwinError
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.engine.contact import ROLLING
@@ -52,9 +48,9 @@ def _rolling(made: Export) -> float:
     """[m/s^2], of a bead that rolls on the plate without sliding."""
     radius = made.particle.radius
     start = f"0 0 {radius!r} {SPEED} 0 0 0 {SPEED / radius!r} 0"
-    looks = _run(made, [start], "vx", steps=round(0.1 / made.time_step), every=round(0.01 / made.time_step), floor=True)
-    late = looks[3:]  # it has settled on the plate
-    return float(-np.polyfit(np.arange(len(late)) * round(0.01 / made.time_step) * made.time_step, late, 1)[0])
+    every = round(0.01 / made.time_step)
+    late = _run(made, [start], "vx", steps=10 * every, every=every, floor=True)[3:]  # it has settled on the plate
+    return float(-np.polyfit(np.arange(len(late)) * every * made.time_step, late, 1)[0])
 
 
 def _pressed(made: Export) -> float:
@@ -109,13 +105,7 @@ def _run(
         'dump_modify look format "%d %20.15g"\n'
         f"run {steps}\n"
     )
-    with tempfile.TemporaryDirectory() as folder:
-        for name, text in {"beads.data": "\n".join(data) + "\n", "exported.in": made.text, "in.run": deck}.items():
-            (Path(folder) / name).write_text(text)
-        done = subprocess.run(["liggghts", "-in", "in.run"], capture_output=True, text=True, check=False, cwd=folder)
-        if done.returncode or "Loop time" not in done.stdout:
-            last = (done.stdout + done.stderr).strip().splitlines()[-1:]
-            raise RigtwinError(f"LIGGGHTS stopped with code {done.returncode}: {' '.join(last)}")
-        frames = (Path(folder) / "look.txt").read_text().split(f"ITEM: ATOMS id {watched}")[1:]
+    told = liggghts.looks({"beads.data": "\n".join(data) + "\n", "exported.in": made.text, "in.run": deck})
+    frames = told.split(f"ITEM: ATOMS id {watched}")[1:]
     rows = (line.split() for frame in frames for line in frame.split("ITEM:")[0].splitlines())
     return np.array([float(row[1]) for row in rows if row and row[0] == "1"])

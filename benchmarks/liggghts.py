@@ -21,12 +21,12 @@ import numpy as np
 import numpy.typing as npt
 from figures import Row, machine
 
+from rigtwin.compare.export import ROLLING
 from rigtwin.lab.errors import RigtwinError
 from rigtwin.lab.materials import Contact, Particle
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.engine.contact import Rolling
 
-ROLLING: dict[Rolling, str] = {"type A": "cdt", "type C": "epsd2"}
 LOOK = 0.05  # [s] between two looks at how its processes fare
 TIME = re.compile(r"Loop time of (\S+) on \d+ procs? for (\d+) steps with (\d+) atoms")
 
@@ -215,19 +215,24 @@ def plane_walls(planes: Mapping[str, tuple[str, float]]) -> str:
 
 def positions(scene: Scene, *, steps: int, every: int) -> list[npt.NDArray[np.float64]]:
     """Number (from 1) and place [m] of the spheres that are there, shape (n, 4): at first and each `every` steps."""
-    with tempfile.TemporaryDirectory() as folder:
-        for name, text in {**scene.deck(steps, every), **scene.files}.items():
-            (Path(folder) / name).write_text(text)
-        done = subprocess.run(["liggghts", "-in", "in.run"], capture_output=True, text=True, check=False, cwd=folder)
-        if done.returncode or "Loop time" not in done.stdout:
-            last = (done.stdout + done.stderr).strip().splitlines()[-1:]
-            raise RigtwinError(f"LIGGGHTS stopped with code {done.returncode}: {' '.join(last)}")
-        frames = (Path(folder) / "look.txt").read_text().split("ITEM: TIMESTEP\n")[1:]
+    frames = looks({**scene.deck(steps, every), **scene.files}).split("ITEM: TIMESTEP\n")[1:]
     found = []
     for frame in frames:
         rows = frame.split("ITEM: ATOMS id x y z")[1].split()
         found.append(np.array(rows, dtype=float).reshape(-1, 4))
     return found
+
+
+def looks(files: Mapping[str, str]) -> str:
+    """What it writes into look.txt when it runs in.run among these `files`."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name, text in files.items():
+            (Path(folder) / name).write_text(text)
+        done = subprocess.run(["liggghts", "-in", "in.run"], capture_output=True, text=True, check=False, cwd=folder)
+        if done.returncode or "Loop time" not in done.stdout:
+            last = (done.stdout + done.stderr).strip().splitlines()[-1:]
+            raise RigtwinError(f"LIGGGHTS stopped with code {done.returncode}: {' '.join(last)}")
+        return (Path(folder) / "look.txt").read_text()
 
 
 def installed(threads: int) -> bool:
