@@ -13,7 +13,7 @@ from rigtwin.sim.effects import Effect
 
 STEPS = 14  # per flight in a vacuum; the path between two steps is a cubic
 MOST = 60
-FINER = 4  # times as many steps where a force sets in within a small part of the flight
+FINER = 2  # times as many steps where a force sets in within a small part of the flight
 FINE = 16
 GRADED = 2.0 * np.arange(1, FINE + 1) / (FINE * (FINE + 1))
 """Parts of the first step, the finest at the plate, and in reverse of the last: for a force that is steep there."""

@@ -30,7 +30,8 @@ HOLDS = 0.8  # share of the excess that a formula must close on repetitions that
 WORSE = 0.05  # of a condition's gap, by which a formula may seem to widen it
 WHOLE = 0.95  # share of the excess beyond which no second term is asked for
 AT_ONCE = 24  # shapes that are looked at in one go
-LEADING = 3  # shapes that are fitted
+LEADING = 2  # of those that promise most, that are fitted
+PROMISING = 0.6  # ... and not less than this share of the most
 MOVING = 0.05  # of the highest speed, above which something counts as moving
 
 
@@ -67,7 +68,7 @@ def find_formula(
     first = _better(fixed, _shaped(bench, naming, naming.base, 0.0))
     if first is None or first.gain < FORM:
         return None
-    first = candidate(naming, first.terms, fit(bench, first.terms, near=first.fitted, most=40))
+    first = candidate(naming, first.terms, fit(bench, first.terms, near=first.fitted, most=15))
     if not _whole(bench, naming, first):
         second_terms = [(*first.terms, term) for term in nameless(lab.rig) if term.name not in first.names]
         glanced = zip(screen(bench, first.fitted, [terms[-1] for terms in second_terms]), second_terms, strict=True)
@@ -145,12 +146,12 @@ def _shaped(bench: Regioned, naming: Naming, near: Fit, gained: float) -> list[C
     glances = sorted((_glance(part, start, one) for one in kinds), key=lambda glance: -glance[0])
     found = []
     for promised, shape, begin in glances[:LEADING]:
-        if promised < 0.3 * glances[0][0] or promised <= 0:
+        if promised < PROMISING * glances[0][0] or promised <= 0:
             continue
         terms = (*near.terms, shape.effect)
-        rough = fit(part, terms, near=start, beside=begin, most=30, rounds=1)
+        rough = fit(part, terms, near=start, beside=begin, most=20, rounds=1)
         known = {u.name: float(v) for u, v in zip(rough.unknowns, rough.values, strict=True)}
-        fitted = fit(bench, terms, near=near, beside=known, most=30, rounds=2)
+        fitted = fit(bench, terms, near=near, beside=known, most=8, rounds=1)
         cost = 2 * math.log(len(shape.grid)) + 2 * len(shape.shaping)
         cost += max((naming.base.deviance - near.deviance) / spread_of(naming.base, naming.location) - gained, 0.0)
         found.append(candidate(naming, terms, fitted, cost))

@@ -15,7 +15,7 @@ import numpy as np
 from rigtwin.sim.effects.effect import Effect, Hook, Parameter
 
 E = 2.718281828459045
-EDGE = 25.0  # a band's width over that of its edges
+EDGE = 15.0  # a band's width over that of its edges
 REACHES = (0.005, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32)  # of the highest height
 EDGES = (-0.05, 0.05, 0.1, 0.18, 0.28, 0.4, 0.55, 0.75, 1.1)  # ... or the longest way, between any two of which it acts
 FEWEST_CYCLES, MOST_CYCLES = 0.7, 25.0  # in the longest motion
