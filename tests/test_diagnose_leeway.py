@@ -7,7 +7,7 @@ import pytest
 
 from rigtwin.compare.diagnose import naming
 from rigtwin.compare.diagnose.candidate import Candidate
-from rigtwin.compare.diagnose.leeway import bends
+from rigtwin.compare.diagnose.leeway import bends, gained_beside
 from rigtwin.compare.diagnose.naming import _plainest, _Search
 from rigtwin.sim.effects import library, named
 
@@ -59,6 +59,13 @@ def test_a_share_of_a_strong_first_effect_is_asked_only_of_what_its_law_may_have
         search.beside.clear()
         both = Candidate((*drag.terms, named("length_error")), fitted, 1e9 + gained)
         assert search.earned(drag, both) is earned
+
+
+def test_sets_of_which_one_is_no_part_of_the_other_are_not_weighed_so():
+    fewer, more = (
+        Candidate(tuple(map(named, names)), FITTED, 0.0) for names in (("air_drag",), ("pivot_friction", "scale_error"))
+    )
+    assert gained_beside(SimpleNamespace(), fewer, more) == 0.0
 
 
 def test_of_forms_that_fit_alike_the_one_that_takes_no_thin_plate_is_named(monkeypatch):

@@ -36,6 +36,8 @@ def gained_beside(bench: Regioned, fewer: Candidate, more: Candidate) -> float:
     From the information that is left on each new coefficient; of several the least.
     """
     new = [term for term in more.terms if term.name not in fewer.names]
+    if len(new) + len(fewer.terms) > len(more.terms):
+        return 0.0  # they are no two stages of one set
     left = locate(bench, more.fitted)
     if more.fitted.per_row > AWAY or left.p < LEFT or any(term.geometry in WIDENING for term in new):
         return 0.0
@@ -91,25 +93,21 @@ def _bent(term: Effect, hook: str, law: Hook, power: Power, own: Sequence[float]
 # how fast, how large, and where, from what a hook is given
 
 
-def _speed(hook: str, *motion: Any) -> Any:
-    squared = motion[0] ** 2 + motion[1] ** 2 if hook == "force" else motion[1] ** 2
-    return (squared + SLOW**2) ** 0.5 / SPEED
-
-
 def _one(hook: str, *motion: Any) -> Any:
     return 1.0
 
 
 def _faster(hook: str, *motion: Any) -> Any:
-    return _speed(hook, *motion)
+    squared = motion[0] ** 2 + motion[1] ** 2 if hook == "force" else motion[1] ** 2
+    return (squared + SLOW**2) ** 0.5 / SPEED
 
 
 def _slower(hook: str, *motion: Any) -> Any:
-    return 1.0 / _speed(hook, *motion)
+    return 1.0 / _faster(hook, *motion)
 
 
-def _heavier(hook: str, *motion: Any) -> Any:
-    return motion[2] if hook == "onset" else 1.0
+def _heavier(_hook: str, *motion: Any) -> Any:
+    return motion[2]  # the normal force
 
 
 def _sideways(hook: str, *motion: Any) -> Any:
