@@ -247,6 +247,7 @@ def figures(results: Sequence[Result]) -> list[Row]:
         _row("unlisted called unlisted", [r.answer.verdict == "unlisted" for r in unlisted], at_least=0.90),
         _row("unlisted taken for a listed effect", [r.answer.verdict == "named" for r in unlisted]),
         _row("pairs: both named", [_both(r) for r in pairs], at_least=0.85),
+        _row("pairs: both named, or one of those not told apart", [_both(r, sets=True) for r in pairs]),
         _row("pairs: one of them named", [any(map(r.right, r.answer.names)) for r in pairs], at_least=0.98),
         *(
             _row(
@@ -281,8 +282,11 @@ def _set_size(results: Sequence[Result]) -> Row:
     return Row("clear singles: mean set size", size, "1", None, "at most 1.5", size <= 1.5 if sizes else None)
 
 
-def _both(result: Result) -> bool:
-    return all(any(result.right(name, effect) for name in result.answer.names) for effect in result.true_effects)
+def _both(result: Result, *, sets: bool = False) -> bool:
+    """Whether each of two hidden effects is named, or with `sets` is among what a name is not told apart from."""
+    answer = result.answer
+    said = [*answer.names, *(name for group in answer.together for name in group if sets)]
+    return all(any(result.right(name, effect) for name in said) for effect in result.true_effects)
 
 
 def _closure(results: Sequence[Result], what: str, part: str, at_least: float) -> list[Row]:

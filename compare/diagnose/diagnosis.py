@@ -156,22 +156,35 @@ def diagnose(
     progress("baseline", 0, 1)
     base = _plain_fit(bench, lab)
     candidates = [effect for effect in (*(library() if listed is None else listed), *own) if acts(effect, lab)]
-    naming = name_effects(bench, candidates, base, progress)
-    naming = replace(naming, unseen=tuple(one for one in library() if lab.rig in one.rigs and not acts(one, lab)))
-    verdict, sizes = _judge(bench, lab, naming, progress), None
-    if verdict.verdict == "unlisted":
-        verdict, sizes = _with_formula(verdict, progress)
+    try:
+        naming = name_effects(bench, candidates, base, progress)
+        naming = replace(naming, unseen=tuple(one for one in library() if lab.rig in one.rigs and not acts(one, lab)))
+        verdict, sizes = _judge(bench, lab, naming, progress), None
+        if verdict.verdict == "unlisted":
+            verdict, sizes = _with_formula(verdict, progress)
+        told = _shown(bench, lab, verdict, sizes)
+    except (np.linalg.LinAlgError, ArithmeticError) as error:
+        raise BadInput(
+            f"{lab.folder}: the model with an effect added cannot be fitted to these tracks ({error}); check the "
+            "sizes, masses and settings in lab.json, and leave out repetitions in which hardly anything moves."
+        ) from error
+    broken = [f"{title}: not tried, for its equations have no solution for these tracks" for title in naming.broken]
+    told = replace(told, left_out=(*lab.misspelt, *left_out, *broken))
+    return replace(told, next_experiment=_next(told), seconds=time.process_time() - begun)
+
+
+def _shown(bench: Regioned, lab: TrackedLab, verdict: Diagnosis, sizes: Gap | None) -> Diagnosis:
+    """The verdict with the gap before and after, how stable the name is, what stands beside it and what would split."""
+    assert verdict.naming is not None
     chosen = verdict.chosen
-    sizes = sizes or gap(bench, lab, naming.base, chosen.fitted if chosen else None)
-    told = replace(
+    sizes = sizes or gap(bench, lab, verdict.naming.base, chosen.fitted if chosen else None)
+    return replace(
         verdict,
-        left_out=(*lab.misspelt, *left_out),
         gap=sizes,
         stability=_stability(verdict),
         designs=_designs(verdict),
         beside=_beside(verdict, sizes),
     )
-    return replace(told, next_experiment=_next(told), seconds=time.process_time() - begun)
 
 
 def _plain_fit(bench: Regioned, lab: TrackedLab) -> Fit:
@@ -255,7 +268,14 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
         why = "one lever arm does for all sizes what each bead's own rolling friction did: it goes with 1/d"
         return replace(plain, verdict="named", chosen=best, reason=why)
     rest = ", with a remainder that it does not explain" if left else ""
+    rest += _in_other_forms(naming, best)
     return replace(plain, verdict="named", chosen=best, reason=f"{names(best.terms)} explains the disagreement{rest}")
+
+
+def _in_other_forms(naming: Naming, best: Candidate) -> str:
+    """Which other laws of the same thing the data would take as well."""
+    others = dict.fromkeys(term.title for form in naming.forms for term in form.terms if term.name not in best.names)
+    return f"; which form it takes is not resolved: as well {' or '.join(others)}" if others else ""
 
 
 def _from_there(bench: Regioned, naming: Naming, best: Candidate, formula: Candidate) -> tuple[Candidate, Naming]:

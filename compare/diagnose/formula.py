@@ -149,9 +149,12 @@ def _shaped(bench: Regioned, naming: Naming, near: Fit, gained: float) -> list[C
         if promised < PROMISING * glances[0][0] or promised <= 0:
             continue
         terms = (*near.terms, shape.effect)
-        rough = fit(part, terms, near=start, beside=begin, most=20, rounds=1)
-        known = {u.name: float(v) for u, v in zip(rough.unknowns, rough.values, strict=True)}
-        fitted = fit(bench, terms, near=near, beside=known, most=8, rounds=1)
+        try:
+            rough = fit(part, terms, near=start, beside=begin, most=20, rounds=1)
+            known = {u.name: float(v) for u, v in zip(rough.unknowns, rough.values, strict=True)}
+            fitted = fit(bench, terms, near=near, beside=known, most=8, rounds=1)
+        except (np.linalg.LinAlgError, ArithmeticError):  # a shape that these tracks cannot have
+            continue
         cost = 2 * math.log(len(shape.grid)) + 2 * len(shape.shaping)
         cost += max((naming.base.deviance - near.deviance) / spread_of(naming.base, naming.location) - gained, 0.0)
         found.append(candidate(naming, terms, fitted, cost))

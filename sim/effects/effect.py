@@ -92,6 +92,10 @@ class Effect:
     even: bool = False
     """Whether the sign of its first parameter says nothing: a fit that ends below zero means the same above."""
 
+    special: bool = False
+    """Whether it takes what not every lab has, so that where the data do not tell it from another form of its family,
+    the other is named."""
+
     @property
     def group(self) -> str:
         """The family, or the name where there is none."""
