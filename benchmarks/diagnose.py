@@ -128,7 +128,7 @@ class Result:
         before, after = gap.get(f"{part}_before"), gap.get(f"{part}_after")
         floor = gap.get(f"{part}_noise_floor", gap.get("noise_floor", 1.0))
         if before is None or after is None:
-            return None if self.answer.names or self.answer.form else 0.0
+            return None if self.answer.names else 0.0
         return 1 - max(after - floor, 0.0) / (before - floor) if before > 1.05 * floor else None
 
     @property

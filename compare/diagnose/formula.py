@@ -65,7 +65,7 @@ def find_formula(
 ) -> Formula | None:
     """The formula that gains most on the baseline, of the fewest terms that do; None where none is significant."""
     progress("shapes of formulas", 0, 1)
-    first = _better(fixed, _shaped(bench, naming, naming.base, 0.0))
+    first = _better(fixed, _shaped(bench, naming, naming.base))
     if first is None or first.gain < FORM:
         return None
     first = candidate(naming, first.terms, fit(bench, first.terms, near=first.fitted, most=15))
@@ -76,7 +76,7 @@ def find_formula(
         grown = [
             candidate(naming, terms, fit(bench, terms, near=first.fitted, most=15, rounds=2)) for _, terms in likely
         ]
-        second = _better(grown, _shaped(bench, naming, first.fitted, first.gain))
+        second = _better(grown, _shaped(bench, naming, first.fitted))
         if second is not None and second.gain - first.gain > FORM:
             first = second
     return Formula(first, gap(bench, lab, naming.base, first.fitted))
@@ -132,8 +132,8 @@ def _whole(bench: Regioned, naming: Naming, one: Candidate) -> bool:
     return share is None or share >= WHOLE
 
 
-def _shaped(bench: Regioned, naming: Naming, near: Fit, gained: float) -> list[Candidate]:
-    """Terms of free shape on top of a fit that has gained so much; those that promise most are fitted."""
+def _shaped(bench: Regioned, naming: Naming, near: Fit) -> list[Candidate]:
+    """Terms of free shape on top of a fit; those that promise most are fitted."""
     rig = bench.lab.rig  # type: ignore[attr-defined]
     kinds = [
         one
@@ -156,7 +156,6 @@ def _shaped(bench: Regioned, naming: Naming, near: Fit, gained: float) -> list[C
         except (np.linalg.LinAlgError, ArithmeticError):  # a shape that these tracks cannot have
             continue
         cost = 2 * math.log(len(shape.grid)) + 2 * len(shape.shaping)
-        cost += max((naming.base.deviance - near.deviance) / spread_of(naming.base, naming.location) - gained, 0.0)
         found.append(candidate(naming, terms, fitted, cost))
     return found
 
