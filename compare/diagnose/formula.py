@@ -153,6 +153,8 @@ def _shaped(bench: Regioned, naming: Naming, near: Fit) -> list[Candidate]:
             rough = fit(part, terms, near=start, beside=begin, most=20, rounds=1)
             known = {u.name: float(v) for u, v in zip(rough.unknowns, rough.values, strict=True)}
             fitted = fit(bench, terms, near=near, beside=known, most=8, rounds=1)
+            if fitted.deviance > near.deviance:  # lost from the starts of the fit before: guessed anew
+                fitted = fit(bench, terms, near=near, start=known, most=20, rounds=1)
         except (np.linalg.LinAlgError, ArithmeticError):  # a shape that these tracks cannot have
             continue
         cost = 2 * math.log(len(shape.grid)) + 2 * len(shape.shaping)
