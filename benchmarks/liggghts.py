@@ -223,6 +223,14 @@ def positions(scene: Scene, *, steps: int, every: int) -> list[npt.NDArray[np.fl
     return found
 
 
+def final_positions(bed: Bed, rolling: Rolling, steps: int) -> npt.NDArray[np.float64]:
+    """Where the spheres are after `steps` [m], shape (n, 3)."""
+    files = bed.files(ROLLING[rolling], steps, 0)
+    files["in.run"] = f"dump look all custom {steps} look.txt id x y z\n".join(files["in.run"].rsplit("run 0\n", 1))
+    last = looks(files).split("ITEM: ATOMS id x y z")[-1]
+    return np.array(last.split(), dtype=float).reshape(-1, 4)[:, 1:]
+
+
 def looks(files: Mapping[str, str]) -> str:
     """What it writes into look.txt when it runs in.run among these `files`."""
     with tempfile.TemporaryDirectory() as folder:

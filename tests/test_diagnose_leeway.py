@@ -21,7 +21,7 @@ MOTION = {
 
 def test_a_quadratic_drag_bends_towards_one_that_is_linear_and_one_that_is_cubic():
     drag = named("air_drag")
-    slower, faster = bends(drag, FITTED, "drop", sizes=False)
+    slower, faster = bends(drag, FITTED, sizes=False)
     for term, power in ((slower, 1), (faster, 3)):
         single, double = (np.array(term.force(0.0, -v, 0.1, 3e-3, 1e-4, 0.1)) for v in (1.0, 2.0))
         assert double[1] == pytest.approx(2**power * single[1], rel=1e-6)
@@ -32,7 +32,7 @@ def test_a_quadratic_drag_bends_towards_one_that_is_linear_and_one_that_is_cubic
 
 
 def test_a_drag_on_beads_of_two_sizes_may_depend_on_the_size_in_another_way():
-    more = bends(named("air_drag"), FITTED, "drop", sizes=True)
+    more = bends(named("air_drag"), FITTED, sizes=True)
     assert len(more) == 5
     small, large = (more[2].force(0.0, -1.0, 0.1, radius, 1e-4, 1.0)[1] for radius in (2e-3, 4e-3))
     assert large == pytest.approx(8 * small)  # once more than the area
@@ -40,8 +40,7 @@ def test_a_drag_on_beads_of_two_sizes_may_depend_on_the_size_in_another_way():
 
 @pytest.mark.parametrize("effect", library(), ids=lambda effect: effect.name)
 def test_every_law_is_bent_in_proportion_to_the_coefficient_and_what_moves_the_rig_has_none(effect):
-    rig = "drop" if effect.restitution or effect.attraction else effect.rigs[0]
-    found = bends(effect, FITTED, rig, sizes=True)
+    found = bends(effect, FITTED, sizes=True)
     assert bool(found) == (not effect.geometry)
     for term in found:
         hook = next(name for name in MOTION if getattr(term, name) is not None)

@@ -2,7 +2,7 @@
 
 A strong effect whose law is known to a few percent leaves something behind, and a second name must not stand for
 that.  What a bent law leaves is the first effect times powers of the speed, the size, or the place in the picture, each
-with a free coefficient.  What is still gained beside all of these, the first effect's law cannot have left.
+with a free coefficient.  What is still gained beside all of these, no law of the first that is bent so can have left.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ def gained_beside(bench: Regioned, fewer: Candidate, more: Candidate) -> float:
     left = locate(bench, more.fitted)
     if more.fitted.per_row > AWAY or left.p < LEFT or any(term.geometry in WIDENING for term in new):
         return 0.0
-    rig, radius = bench.lab.rig, bench.radius  # type: ignore[attr-defined]
+    radius = bench.radius  # type: ignore[attr-defined]
     sizes = float(radius.max()) > OTHER_SIZE * float(radius.min())
-    bent = [one for term in fewer.terms for one in bends(term, more.fitted, rig, sizes=sizes)]
+    bent = [one for term in fewer.terms for one in bends(term, more.fitted, sizes=sizes)]
     free = fit(bench, (*more.terms, *bent), near=more.fitted, most=STEPS, rounds=1)
     stated = {unknown.name: unknown.sd for unknown in fewer.fitted.unknowns if math.isfinite(unknown.sd)}
     gains = []
@@ -54,14 +54,14 @@ def gained_beside(bench: Regioned, fewer: Candidate, more: Candidate) -> float:
     return min(gains) / max(1.0, left.spread)
 
 
-def bends(term: Effect, fitted: Fit, rig: str, *, sizes: bool) -> list[Effect]:
+def bends(term: Effect, fitted: Fit, *, sizes: bool) -> list[Effect]:
     """The ways in which an effect's law may be bent, each an effect of one free coefficient.
 
     What an effect is that moves the rig itself (a level, a length, a spin) has no law to bend.
     """
     own = [fitted.value(f"{term.name}.{parameter.name}") for parameter in term.parameters] if _has_law(term) else []
     if term.restitution is not None or term.attraction is not None:
-        return [one for one in nameless(rig) if one.restitution is not None]
+        return [one for one in nameless("drop") if one.restitution is not None]  # an impact is one in every rig
     found = []
     for hook, powers in _POWERS.items():
         law = getattr(term, hook)
