@@ -23,6 +23,7 @@ import numpy.typing as npt
 from scipy.optimize import brentq, least_squares
 
 from rigtwin.lab.rigs import GRAVITY
+from rigtwin.measure.aside import fly_aside
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -155,6 +156,7 @@ class Heights:
     time: Array  # [s], shape (n,)
     height: Array  # up, shape (n,)
     sigma: Array  # one standard deviation, shape (n,); only its course matters, its size is fitted
+    across: Array | None = None  # place to the side in a film, shape (n,): tells what the film does to places
 
 
 @dataclass(frozen=True)
@@ -460,7 +462,12 @@ def _fit(record: Heights, contacts: npt.NDArray[np.intp], drag: AirDrag, offset:
         if np.sum(outlier) > 0.35 * np.sum(inside):
             return None
     residual = record.height - model.curve(parameters, record.time)
-    sigma = sigma * math.sqrt(_repetition((residual / sigma)[used]))
+    excess = _repetition((residual / sigma)[used])
+    if record.across is not None:
+        contacts_seen = model.contacts(parameters)[: model.count]
+        aside = fly_aside(record.time[used], record.across[used], contacts_seen, model.apexes(parameters))
+        excess = max(excess, _unsteadiness(aside.off[aside.kept] / sigma[used][aside.kept]))
+    sigma = sigma * math.sqrt(excess)
     parameters, covariance = _solve(record, model, parameters, centre, spread, sigma, used)
     residual = record.height - model.curve(parameters, record.time)
     return Bounces(
@@ -488,6 +495,14 @@ def _repetition(ratio: Array) -> float:
     fades = next((lag for lag, each in enumerate(rho) if each < 1 / math.sqrt(len(values))), len(rho))
     neighbours = (1 + rho[0]) / (1 - rho[0])
     return float(np.clip(max(1 + 2 * sum(rho[:fades]), neighbours), 1.0, 25.0))
+
+
+def _unsteadiness(ratio: Array) -> float:
+    """Factor on the variance of heights by what a film leaves to the side, where a bead must fly straight.
+
+    A shake that a codec hides in the scene bends heights as gravity does, so that their own fit cannot see it.
+    """
+    return float(np.mean(ratio**2)) * _repetition(ratio)
 
 
 def _first_guess(

@@ -181,6 +181,20 @@ def test_noisier_tracks_have_wider_intervals():
     assert b.budget["tracking"] > 5 * a.budget["tracking"]
 
 
+def test_heights_are_known_no_better_than_places_aside_where_a_bead_flies_straight():
+    steady = track(noise=3e-5)
+    sway = 2.5e-4 * np.sin(2 * math.pi * steady.time / 0.23)
+    rng = np.random.default_rng(3)
+    across = 0.01 * steady.time + sway + rng.normal(0, 3e-5, len(sway))
+    record = flights.Heights(steady.time, steady.position[:, 1], steady.sigma)
+    doubts = [
+        flights.fit_bounces(replace(record, across=aside), flights.AirDrag()).read(lambda at: at.size)[1]
+        for aside in (None, across)
+    ]
+    known_to, told = (math.hypot(*parts.values()) for parts in doubts)
+    assert told > 1.3 * known_to
+
+
 def test_budget_adds_up():
     for quantity in drop.evaluate(track()).quantities:
         assert math.sqrt(sum(part**2 for part in quantity.budget.values())) == pytest.approx(quantity.std_uncertainty)
