@@ -25,6 +25,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, doubted, root_sum_of_squares
 from rigtwin.lab.records import Track, read_tracks
 from rigtwin.lab.rigs import GRAVITY
+from rigtwin.measure.air import AirDrag
 from rigtwin.measure.drop_checks import (
     gravity_check,
     plane_check,
@@ -37,7 +38,6 @@ from rigtwin.measure.drop_checks import (
 from rigtwin.measure.drop_gauge import Gauge, find_gauge, radius_doubt, to_metres
 from rigtwin.measure.falling import join_flights, likeness
 from rigtwin.measure.flights import (
-    AirDrag,
     Bounces,
     Heights,
     Reader,
