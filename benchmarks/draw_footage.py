@@ -34,6 +34,7 @@ class View:
     pitch: float = 0.0  # [rad], positive looks down
     yaw: float = 0.0  # [rad]
     roll: float = 0.0  # [rad], positive when the scene looks turned clockwise
+    bend: float = 0.0  # how much further from the middle the lens shows the picture's corners; a barrel's is negative
 
     def project(self, places: Array) -> tuple[Array, Array]:
         """Picture places [px] of points [m] (x, y away from the camera, z), shape (..., 3), and pixels per metre."""
@@ -45,8 +46,9 @@ class View:
         size = self.away / (self.away + y) / self.scale
         across, down = x * size, -z * size
         c, s = math.cos(self.roll), math.sin(self.roll)
-        u, v = middle[0] + c * across - s * down, middle[1] + s * across + c * down
-        return np.stack([u, v], axis=-1), size
+        off = np.stack([c * across - s * down, s * across + c * down], axis=-1)
+        bent = self.bend * np.sum((off / np.hypot(*middle)) ** 2, axis=-1)
+        return middle + (1 + bent[..., None]) * off, size * (1 + 2 * bent)
 
 
 @dataclass(frozen=True)

@@ -71,6 +71,10 @@ def _near_and_askew(view: View) -> View:
     return replace(view, away=0.35, pitch=math.radians(3), yaw=math.radians(2))
 
 
+def _barrelled(view: View) -> View:
+    return replace(view, bend=-0.1)
+
+
 def _from_afar(view: View) -> View:
     """The same picture, of which the beads fill less."""
     return replace(view, scale=3 * view.scale, origin=(view.origin[0], view.height / 2 + 40))
@@ -104,6 +108,7 @@ CASES: dict[str, Case] = {
     "highlight": Case(replace(CLEAN, shine=190.0, ground=95.0)),
     "shadow": Case(replace(CLEAN, shadow=0.5)),
     "perspective": Case(view=_near_and_askew),
+    "barrel lens": Case(view=_barrelled),
     "hand": Case(replace(CLEAN, hand=True)),
     "all at once": Case(
         replace(CLEAN, noise=6.0, crf=28, shadow=0.3, shake=0.7, shine=120.0, exposure=0.6), view=_rolled

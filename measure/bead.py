@@ -9,19 +9,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtr
 
+from rigtwin.measure.patch import Mask, Patch, cut_patch, start_from_moments, surroundings
 from rigtwin.measure.scene import middle_of
 
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.float32]
-Grey = npt.NDArray[np.uint8]
-Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -99,7 +96,7 @@ def fit_bead(
     margin = 0.8 * radius + 5.0 if look is None else 0.5 * radius + 4.0
     along = (abs(blur_guess[0]) / 2, abs(blur_guess[1]) / 2) if room is None else (room, room)
     reach = (radius + margin + along[0], radius + margin + along[1])
-    patch = _cut_patch(grey, background, near, reach, radius, hidden)
+    patch = cut_patch(grey, background, near, reach, radius, hidden)
     start = None if patch is None else _start(patch, blur_guess, look if surely_near else None)
     if patch is None or start is None:
         return None
@@ -148,23 +145,6 @@ def _soft_edge(depth: Picture) -> tuple[Picture, Picture]:
 
 
 @dataclass(frozen=True)
-class _Patch:
-    """Pixels around a guess, averaged down where the bead is larger than the fit needs."""
-
-    grey: Array  # difference to the background where there is one, shape (h, w)
-    behind: Array | None  # background, shape (h, w)
-    usable: Mask
-    origin: tuple[float, float]  # picture position of the patch's pixel (0, 0)
-    step: int  # picture pixels per patch pixel
-    near: tuple[float, float]  # in patch pixels, like the rest below
-    radius: float
-
-    def place(self, point: tuple[float, float]) -> tuple[float, float]:
-        """A place in the picture [px] in patch pixels."""
-        return (point[0] - self.origin[0]) / self.step, (point[1] - self.origin[1]) / self.step
-
-
-@dataclass(frozen=True)
 class _Prior:
     """Where the fit starts and what is known beforehand, one entry per parameter; spread infinite: nothing.
 
@@ -191,7 +171,6 @@ _LIGHTS = 4
 _ROOM = 2.5  # [px], around the pixels near a bead, so that it may move a little before they are chosen anew
 _EXACT = 0.02  # [px], spread of a blur that is known
 _MOST_STEPS = 18  # of the exposure integral: a longer smear has its information at its ends and sides
-_LARGEST_RADIUS = 10.0  # [px] beyond it a fit to block means loses nothing that matters and saves time
 _SETTLED = 0.1  # of the cost, that another step may gain at most; a gain of 1 would be one standard deviation
 _BEYOND = 1.3  # of a step: the weights follow the residuals only in the next turn, so each step is too short
 _DEEPEST = 6.0  # depth below the rim, in units of its softness, at which a pixel is covered all but 1e-9
@@ -201,101 +180,16 @@ _RIMS = (np.exp(-0.5 * _DEPTHS**2) / math.sqrt(2 * math.pi)).astype(np.float32)
 _COVER_STEPS, _RIM_STEPS = (np.append(np.diff(table), np.float32(0)) for table in (_COVERS, _RIMS))
 
 
-def _cut_patch(
-    grey: npt.NDArray[np.generic],
-    background: npt.NDArray[np.generic] | None,
-    near: tuple[float, float],
-    reach: tuple[float, float],
-    radius: float,
-    hidden: Mask | None,
-) -> _Patch | None:
-    height, width = grey.shape
-    if not (np.all(np.isfinite(near)) and radius > 0):
-        return None
-    left, right = max(math.floor(near[0] - reach[0]), 0), min(math.ceil(near[0] + reach[0]) + 1, width)
-    top, bottom = max(math.floor(near[1] - reach[1]), 0), min(math.ceil(near[1] + reach[1]) + 1, height)
-    if right - left < max(radius, 4) or bottom - top < max(radius, 4):
-        return None
-    window = np.s_[top:bottom, left:right]
-    values = np.asarray(grey[window], dtype=np.float64)
-    behind = None if background is None else np.asarray(background[window], dtype=np.float64)
-    usable = np.ones(values.shape, dtype=bool) if hidden is None else ~hidden[window]
-    if behind is not None:
-        values = values - behind
-    step = max(1, math.floor(radius / _LARGEST_RADIUS))
-    if step > 1:
-        values, usable = _block_mean(values, step), _block_mean(usable.astype(np.float64), step) > 0.99
-        behind = None if behind is None else _block_mean(behind, step)
-    first = (step - 1) / 2
-    return _Patch(
-        grey=values,
-        behind=behind,
-        usable=usable,
-        origin=(left + first, top + first),
-        step=step,
-        near=((near[0] - left - first) / step, (near[1] - top - first) / step),
-        radius=radius / step,
-    )
-
-
-def _block_mean(values: Array, step: int) -> Array:
-    height, width = (side // step for side in values.shape)
-    blocks = values[: height * step, : width * step].reshape(height, step, width, step)
-    return np.asarray(blocks.mean(axis=(1, 3)))
-
-
-def _start(patch: _Patch, blur_guess: tuple[float, float], look: Look | None) -> Array | None:
+def _start(patch: Patch, blur_guess: tuple[float, float], look: Look | None) -> Array | None:
     """x, y, blur x, blur y and contrast to start from."""
     if look is None:
-        return _start_from_moments(patch, blur_guess)
+        return start_from_moments(patch, blur_guess)
     behind = 0.0 if patch.behind is None else float(np.median(patch.behind))
     contrast = math.hypot(float(look.light[0]) - behind, 0.5 * math.hypot(*look.light[1:]))
     return np.array([*patch.near, *(np.array(blur_guess) / patch.step), max(contrast, 1.0)])
 
 
-def _start_from_moments(patch: _Patch, blur_guess: tuple[float, float]) -> Array | None:
-    """x, y, blur x, blur y and contrast, from the moments of the spot nearest to the guess."""
-    values = patch.grey - _surroundings(patch)
-    level = cv2.GaussianBlur(np.abs(values) * patch.usable, (0, 0), 0.8)
-    away_x = np.arange(values.shape[1])[None, :] - patch.near[0]
-    away_y = np.arange(values.shape[0])[:, None] - patch.near[1]
-    square = away_x * away_x + away_y * away_y
-    if float(square.min()) >= max(patch.radius, 2.0) ** 2:
-        return None
-    noise = 1.4826 * middle_of(np.abs(values - middle_of(values.ravel())).ravel())
-    threshold = max(0.4 * _part(level.ravel(), 0.97), 1.5 * noise, 1.0)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats((level > threshold).astype(np.uint8), connectivity=4)
-    nearness = level / (1 + square / patch.radius**2)
-    score = np.bincount(labels.ravel(), nearness.ravel(), minlength=count)
-    score[(stats[:, cv2.CC_STAT_AREA] < 3) | (np.arange(count) == 0)] = 0.0
-    best = int(np.argmax(score))
-    if score[best] == 0.0:
-        return None
-    y, x = np.nonzero(labels == best)
-    blur = np.array(blur_guess) / patch.step
-    if not np.any(blur):
-        blur = _blur_from_moments(x.astype(np.float64), y.astype(np.float64))
-    return np.array([x.mean(), y.mean(), *blur, _part(level[y, x], 0.8)])
-
-
-def _surroundings(patch: _Patch) -> float:
-    """Median grey along the rim of the patch: what is there without the bead."""
-    if patch.behind is not None:
-        return 0.0
-    rim = np.concatenate([patch.grey[0], patch.grey[-1], patch.grey[:, 0], patch.grey[:, -1]])
-    return float(np.median(rim))
-
-
-def _blur_from_moments(x: Array, y: Array) -> Array:
-    """Smear of a disc from the second moments of its image: lambda_1 - lambda_2 = L^2 / 12."""
-    if len(x) < 6:
-        return np.array([0.3, 0.3])
-    values, vectors = np.linalg.eigh(np.cov(np.stack([x, y])))
-    length = math.sqrt(12 * max(float(values[1] - values[0]), 0.0))
-    return np.asarray(max(length, 0.5) * vectors[:, 1])
-
-
-def _prior(pixels: _Pixels, start: Array, look: Look | None, patch: _Patch, blur_doubt: float | None) -> _Prior:
+def _prior(pixels: _Pixels, start: Array, look: Look | None, patch: Patch, blur_doubt: float | None) -> _Prior:
     """Wide where a bead may be anything, narrow where its look is known.
 
     The width only matters where the pixels say little: a blurred bead does not tell its radius from its blur.
@@ -399,12 +293,6 @@ def _noise(residual: Array, cover: Array) -> Array:
     return noise
 
 
-def _part(values: npt.NDArray[Any], share: float) -> float:
-    """The value that a share of all lies below, of many."""
-    place = min(round(share * (len(values) - 1)), len(values) - 1)
-    return float(np.partition(values, place)[place])
-
-
 def _part_shown(model: Array, values: Array) -> float:
     """How much of a model the values show: 1 for all of it."""
     return float(model @ values) / (float(model @ model) + 1e-9)
@@ -432,7 +320,7 @@ class _Pixels:
     would double the time.
     """
 
-    def __init__(self, patch: _Patch) -> None:
+    def __init__(self, patch: Patch) -> None:
         y, x = np.nonzero(patch.usable)
         self._size = patch.grey.shape
         self._index = y * self._size[1] + x
@@ -588,7 +476,7 @@ class _Pixels:
         return np.stack([np.ones_like(self.x), self.x / self._unit, self.y / self._unit])
 
 
-def _bead_image(patch: _Patch, pixels: _Pixels, fit: _Fit) -> BeadImage | None:
+def _bead_image(patch: Patch, pixels: _Pixels, fit: _Fit) -> BeadImage | None:
     """Back to picture pixels; None when what was found is no bead."""
     x, y, radius, _, blur_x, blur_y = fit.parameters[:_SHAPES]
     covariance = np.linalg.pinv(fit.normal)
@@ -597,7 +485,7 @@ def _bead_image(patch: _Patch, pixels: _Pixels, fit: _Fit) -> BeadImage | None:
     away = math.hypot(x - patch.near[0], y - patch.near[1])
     if len(covered) < 3 or away > 1.5 * patch.radius + 4 or sigma > 0.5 * radius:
         return None
-    spot = pixels.values[covered] - _surroundings(patch)
+    spot = pixels.values[covered] - surroundings(patch)
     if float(np.sqrt(np.mean(spot**2))) < 2.0 * fit.noise:
         return None
     step = patch.step
@@ -611,7 +499,7 @@ def _bead_image(patch: _Patch, pixels: _Pixels, fit: _Fit) -> BeadImage | None:
     )
 
 
-def _look(fit: _Fit, patch: _Patch) -> Look:
+def _look(fit: _Fit, patch: Patch) -> Look:
     return Look(
         float(fit.parameters[2] * patch.step),
         float(fit.parameters[3] * patch.step),
@@ -619,7 +507,7 @@ def _look(fit: _Fit, patch: _Patch) -> Look:
     )
 
 
-def _certainty(fit: _Fit, patch: _Patch) -> Array:
+def _certainty(fit: _Fit, patch: Patch) -> Array:
     """Information on the look once place, blur and scene of this frame are taken as unknown (Schur complement)."""
     mine = np.array([2, 3, *range(_SHAPES, _SHAPES + _LIGHTS)])
     other = np.array([k for k in range(len(fit.parameters)) if k not in mine])

@@ -25,6 +25,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, doubted, root_sum_of_squares
 from rigtwin.lab.records import Track, read_tracks
 from rigtwin.lab.rigs import GRAVITY
+from rigtwin.measure.air import AirDrag
 from rigtwin.measure.drop_checks import (
     gravity_check,
     plane_check,
@@ -32,11 +33,11 @@ from rigtwin.measure.drop_checks import (
     roll_check,
     size_check,
     timing_check,
+    view_checks,
 )
 from rigtwin.measure.drop_gauge import Gauge, find_gauge, radius_doubt, to_metres
 from rigtwin.measure.falling import join_flights, likeness
 from rigtwin.measure.flights import (
-    AirDrag,
     Bounces,
     Heights,
     Reader,
@@ -50,12 +51,8 @@ from rigtwin.measure.repeats import repeated
 
 Array = npt.NDArray[np.float64]
 
-FELT_SHAKE = 0.3  # [px], standard deviation, from which on what is left of a shake may count
 AS_WELL, AS_BRIGHT = 1.3, 0.7  # times the usual misfit and contrast, up and down to which a bead is seen whole
 STREAK_OFF = 0.5  # [px], of a bead's streak, from which on a frame is fitted again with the one that its flight makes
-LEAST_LEFT = 0.02  # [px], what any codec leaves
-MOST_LEFT = 3.0  # times what a bead is seen to, that may be left in its track of a shaking camera
-MOST_SHAKE = 5.0  # [px], standard deviation, up to which a shaking camera only shifts its picture
 RATE_UNJUDGED = (
     "the scale is from gravity and the frame rate from the file: if the film plays slower than it was captured, "
     "heights are too large; give --frame-rate or --scale"
@@ -102,8 +99,8 @@ def _rate(track: Track) -> float:
     return 1 / float(np.nanmedian(np.diff(track.time))) if len(track.time) > 1 else math.nan
 
 
-def _bounces(track: Track, drag: AirDrag, name: str, *, in_metres: bool = False) -> Bounces:
-    record = Heights(track.time, track.position[:, 1], track.sigma)
+def _bounces(track: Track, drag: AirDrag, name: str, *, in_metres: bool = False, filmed: bool = False) -> Bounces:
+    record = Heights(track.time, track.position[:, 1], track.sigma, track.position[:, 0] if filmed else None)
     fitted = _fit(record, drag) if len(record.time) > 12 else None
     if fitted is None:
         raise NothingToMeasure(f"{name}: {_why_no_bounce(record)}")
@@ -269,14 +266,14 @@ def measure(
         return _measure_record(clip, drag, out)
     video = open_video(clip, camera)
     seen, pixels, repeats = _find_bead(video, camera, drag, bead_diameter, progress)
-    fitted = _bounces(pixels, drag, str(clip))
+    fitted = _bounces(pixels, drag, str(clip), filmed=True)
     gauge = find_gauge(pixels, fitted, seen, camera, bead_diameter)
     track = to_metres(pixels, fitted, gauge)
     if bead_diameter is None:
         drag = AirDrag(2 * seen.radius * gauge.scale, bead_density)
-    bounces = _bounces(track, drag, str(clip), in_metres=True)
+    bounces = _bounces(track, drag, str(clip), in_metres=True, filmed=True)
     evaluation = _evaluation(track, bounces, scale_doubt=gauge.doubt, rate=video.frame_rate, repeats=len(repeats))
-    checks = _with_gravity_told(evaluation.checks, gauge) + _view_checks(video, seen, fitted, repeats)
+    checks = _with_gravity_told(evaluation.checks, gauge) + view_checks(video, seen, fitted, repeats)
     if camera.roll is not None:
         checks = (*checks, roll_check(camera.roll, *gauge.fall))
     if bead_diameter is not None and not gauge.source.startswith("bead diameter"):
@@ -465,33 +462,3 @@ def _with_gravity_told(checks: tuple[Check, ...], gauge: Gauge) -> tuple[Check, 
     elif gauge.source == "gravity":
         return tuple(others)
     return replace(gravity, message=f"{gravity.message.rstrip('.')}; {gauge.cross_check}."), *others
-
-
-def _view_checks(video: Video, seen: Chase, fitted: Bounces, repeats: frozenset[int]) -> tuple[Check, ...]:
-    times = np.array([sighting.time for sighting in seen.sightings])[fitted.used]
-    flights = (video.times >= times[0]) & (video.times <= times[-1])
-    flights[list(repeats)] = False
-    share = len(times) / max(int(np.sum(flights)), 1)
-    shake = float(np.max(np.std(seen.shakes, axis=0)))
-    seen_to = float(np.median([sighting.image.sigma for sighting in seen.sightings]))
-    left = f", but {fitted.noise:.2f} px are left where a bead is seen to {seen_to:.2f}: faint things lag in this clip."
-    followed = shake < FELT_SHAKE or fitted.noise < MOST_LEFT * max(seen_to, LEAST_LEFT)
-    return (
-        Check(
-            "bead_in_view",
-            share > 0.7,
-            share,
-            1.0,
-            f"the bead was measured in {100 * share:.0f} % of the {int(np.sum(flights))} frames of its flights"
-            + ("." if share > 0.7 else ": something hides it; the rest is filled by the fit."),
-        ),
-        Check(
-            "static_camera",
-            shake < MOST_SHAKE and followed,
-            shake,
-            0.0,
-            f"the scene shakes by {shake:.2f} px (standard deviation)"
-            + ("." if shake < 0.1 else "; it was followed and taken out" + (left if not followed else "."))
-            + (" Use a tripod: so large a shake turns and tilts the view as well." if shake >= MOST_SHAKE else ""),
-        ),
-    )

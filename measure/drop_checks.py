@@ -9,7 +9,10 @@ import numpy as np
 from rigtwin.lab.quantity import Check, root_sum_of_squares
 from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY
+from rigtwin.measure.aside import fly_aside
 from rigtwin.measure.flights import Bounces
+from rigtwin.measure.follow import Chase
+from rigtwin.measure.media import Video
 from rigtwin.measure.repeats import LEAST_SHARE
 
 # Capture rates that cameras offer [1/s]; a wrong rate is most often another one of these.
@@ -17,6 +20,9 @@ USUAL_RATES = (24, 25, 30, 48, 50, 60, 90, 100, 120, 200, 240, 250, 300, 400, 48
 # A rim's doubt is no scatter but how far shading may shift it: two scales further apart than twice that contradict.
 SCALES_APART = 2.0
 LEAST_APART = 0.06  # relative, that a stated diameter may be off: beads are not round to better
+LEAST_LEFT = 0.05  # [px], that a bead is not said to be seen better than
+MOST_LEFT = 2.5  # times what a bead is seen to, that its flights may leave of its track
+MOST_SHAKE = 5.0  # [px], standard deviation, up to which a shaking camera only shifts its picture
 ROLL_STATED_TO = math.radians(0.5)  # nobody reads a camera's lean better
 
 
@@ -165,3 +171,50 @@ def size_check(found: float, doubt: float, stated: float) -> Check:
     message = f"the bead's rim shows {found * 1e3:.2f} ± {found * doubt * 1e3:.2f} mm, {stated * 1e3:.2f} mm are stated"
     ending = "." if passed else ": the scale or the stated diameter is wrong, or something else was followed."
     return Check("bead_size", passed, found, stated, message + ending)
+
+
+def _left_of_flights(seen: Chase, fitted: Bounces) -> float:
+    """[px], root mean square, up and down or to the side, whichever is more."""
+    flights = [sighting for sighting, used in zip(seen.sightings, fitted.used, strict=True) if used]
+    times, across = (np.array(each) for each in zip(*((one.time, one.image.x) for one in flights), strict=True))
+    aside = fly_aside(times, across, fitted.contact_times, fitted.apex_times)
+    return max(fitted.noise, float(np.std(aside.off[aside.kept])))
+
+
+def view_checks(video: Video, seen: Chase, fitted: Bounces, repeats: frozenset[int]) -> tuple[Check, ...]:
+    """Whether the bead was seen through its flights, and whether the camera stood still or its shake is told.
+
+    `repeats` are frames that show the same as the one before.
+    """
+    times = np.array([sighting.time for sighting in seen.sightings])[fitted.used]
+    flights = (video.times >= times[0]) & (video.times <= times[-1])
+    flights[list(repeats)] = False
+    share = len(times) / max(int(np.sum(flights)), 1)
+    shake = float(np.max(np.std(seen.shakes, axis=0)))
+    seen_to = max(float(np.median([sighting.image.sigma for sighting in seen.sightings])), LEAST_LEFT)
+    left = _left_of_flights(seen, fitted)
+    followed = left < MOST_LEFT * seen_to
+    doubt = (
+        f"; but the bead leaves its flights by {left:.2f} px where it is seen to {seen_to:.2f}: a coarse codec keeps "
+        "faint things where they were, so that a shake does not show."
+    )
+    return (
+        Check(
+            "bead_in_view",
+            share > 0.7,
+            share,
+            1.0,
+            f"the bead was measured in {100 * share:.0f} % of the {int(np.sum(flights))} frames of its flights"
+            + ("." if share > 0.7 else ": something hides it; the rest is filled by the fit."),
+        ),
+        Check(
+            "static_camera",
+            shake < MOST_SHAKE and followed,
+            shake,
+            0.0,
+            f"the scene shakes by {shake:.2f} px (standard deviation)"
+            + ("" if shake < 0.1 else "; it was followed and taken out")
+            + ("." if followed else doubt)
+            + (" Use a tripod: so large a shake turns and tilts the view as well." if shake >= MOST_SHAKE else ""),
+        ),
+    )

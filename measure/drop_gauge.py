@@ -11,6 +11,7 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.quantity import root_sum_of_squares
 from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY
+from rigtwin.measure.aside import fly_aside
 from rigtwin.measure.drop_checks import contradiction, other_rate, scales_agree
 from rigtwin.measure.flights import Bounces
 from rigtwin.measure.follow import Chase
@@ -86,23 +87,10 @@ def radius_doubt(seen: Chase) -> float:
 def _roll(pixels: Track, fitted: Bounces) -> tuple[float, float]:
     """Angle of the acceleration against the picture's vertical [rad]: x(t) bends as y(t) does, times its tangent."""
     used = fitted.used
-    time, x = pixels.time[used], pixels.position[used, 0]
-    apexes, contacts = fitted.apex_times, fitted.contact_times
-    flight = np.searchsorted(contacts, time)
-    bend = -0.5 * GRAVITY * fitted.model.reader(fitted.parameters).size * (time - apexes[flight]) ** 2
-    columns = [bend]
-    for k in range(fitted.count + 1):
-        mine = (flight == k).astype(np.float64)
-        columns += [mine, mine * (time - apexes[k])]
-    design = np.stack(columns, axis=1)
-    keep = np.ones(len(x), dtype=bool)
-    for _ in range(3):
-        solution, *_ = np.linalg.lstsq(design[keep], x[keep], rcond=None)
-        off = x - design @ solution
-        keep = np.abs(off) < 4 * 1.4826 * np.median(np.abs(off[keep])) + 1e-9
-    variance = float(np.var(off[keep])) * np.linalg.pinv(design[keep].T @ design[keep])[0, 0]
+    aside = fly_aside(pixels.time[used], pixels.position[used, 0], fitted.contact_times, fitted.apex_times)
+    pull = GRAVITY * fitted.model.reader(fitted.parameters).size
     # a bead off the camera's axis is seen at another scale higher up: bends x by a tenth of a degree or so
-    return math.atan(float(solution[0])), math.hypot(math.sqrt(variance), math.radians(0.2))
+    return math.atan(aside.bend / pull), math.hypot(aside.bend_doubt / pull, math.radians(0.2))
 
 
 def to_metres(pixels: Track, fitted: Bounces, gauge: Gauge) -> Track:

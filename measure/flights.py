@@ -15,32 +15,26 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import brentq, least_squares
+from scipy.optimize import least_squares
 
 from rigtwin.lab.rigs import GRAVITY
+from rigtwin.measure.air import AirDrag, Fall, longest_contact, tables_of
+from rigtwin.measure.aside import fly_aside
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
-
-AIR_DENSITY = 1.2  # [kg/m^3], 20 degrees C
-AIR_VISCOSITY = 1.81e-5  # [Pa s]
 
 # One standard deviation of what is not known beforehand.
 PERSPECTIVE = 0.02  # relative change of scale over the drop height: a camera at 2.5 drop heights pitched by 3 degrees
 LENS = 0.01  # the same, quadratic: 1 % of barrel at the picture's edge
 DRIFT = 0.04  # the plate's level, as a fraction of a flight's height: a bead that leaves the plane by 2 degrees
-DWELL = 1.2e-3  # [s], longest contact of a bead of unknown size
 # of the longest: median and standard deviation where moduli from that of rubber (1e7 Pa) to that of steel (2e11 Pa)
 # are alike likely order by order, for a contact lasts as the modulus to the power -0.4; most beads are hard: no mean
 USUAL_CONTACT, CONTACT_SPREAD = 0.14, 0.25
-SOFTEST = 1e7  # [Pa], effective modulus of the softest pair of bead and plate worth a drop: rubber
-USUAL_DENSITY = 1000.0  # [kg/m^3], of a bead that was not weighed
-NEWTON = 0.44  # drag coefficient of a fast sphere
 DRAG = 0.10  # relative: sphere's drag coefficient for a bead with a hole or a seam
 DRAG_FORM = 0.3  # relative: what a sphere's drag coefficient grows by from a fall to its rebound, where it is unknown
 DRAG_HELD = 0.05  # relative: what the fit may change of it, as a track's slow errors look much like drag
@@ -50,111 +44,13 @@ FREE_DRAG = 0.3  # [1/m], drag per mass where the bead is unknown: a wooden bead
 
 
 @dataclass(frozen=True)
-class AirDrag:
-    """Deceleration of a sphere in still air: C_d = 24/Re (1 + 0.15 Re^0.687), at least 0.44.
-
-    Schiller and Naumann (1933), "A drag coefficient correlation"; 0.44 is Newton's regime.
-
-    Without the density its strength k is unknown, C_d/0.44 k v^2; without the diameter too C_d is taken as constant.
-    """
-
-    diameter: float | None = None  # [m]
-    density: float | None = None  # [kg/m^3]
-
-    @property
-    def known(self) -> bool:
-        return self.diameter is not None and self.density is not None
-
-    def deceleration(self, speed: Array, strength: float) -> Array:
-        """[m/s^2] at speeds [m/s]; `strength` multiplies the known law, or is k [1/m] of the unknown one."""
-        if self.diameter is None:
-            return np.asarray(strength * speed**2)
-        reynolds = np.maximum(AIR_DENSITY * speed * self.diameter / AIR_VISCOSITY, 1e-9)
-        coefficient = np.maximum(24 / reynolds * (1 + 0.15 * reynolds**0.687), NEWTON)
-        if self.density is None:
-            return np.asarray(strength * coefficient / NEWTON * speed**2)
-        return np.asarray(strength * 0.75 * coefficient * AIR_DENSITY * speed**2 / (self.density * self.diameter))
-
-
-def longest_contact(drag: AirDrag, height: float) -> float:
-    """How long a bead touches the plate at most after a fall of `height` [m], in seconds.
-
-    Hertz: 2.87 (m^2 / (R E^2 v))^(1/5) (Johnson 1985, section 11.4), with the modulus E of rubber.
-    """
-    if drag.diameter is None:
-        return DWELL
-    density = USUAL_DENSITY if drag.density is None else drag.density
-    radius, speed = drag.diameter / 2, math.sqrt(2 * GRAVITY * height)
-    mass = density * 4 / 3 * math.pi * radius**3
-    return float(2.87 * (mass**2 / (radius * SOFTEST**2 * speed)) ** 0.2)
-
-
-class Fall:
-    """Fall from rest and the time-reversed rise to rest, as tables over speed."""
-
-    _points = 1500
-
-    def __init__(self, drag: AirDrag, strength: float, highest: float) -> None:
-        """`highest` [m]: the tables reach at least this far."""
-        fastest = 1.4 * math.sqrt(2 * GRAVITY * highest)
-        terminal = self._terminal(drag, strength, fastest)
-        reach = -math.log1p(-min(fastest / terminal, 1 - 1e-6))
-        down = terminal * -np.expm1(-np.linspace(0, reach, self._points))
-        self.fall = _Table(down, GRAVITY - drag.deceleration(down, strength))
-        # drag shortens a rise: a bead may leave the plate faster than it could ever fall
-        up = np.linspace(0, 3 * fastest, self._points)
-        self.rise = _Table(up, GRAVITY + drag.deceleration(up, strength))
-
-    @staticmethod
-    def _terminal(drag: AirDrag, strength: float, fastest: float) -> float:
-        def surplus(speed: float) -> float:
-            return GRAVITY - float(drag.deceleration(np.array([speed]), strength)[0])
-
-        high = 100 * fastest
-        return high if surplus(high) > 0 else float(brentq(surplus, 1e-6, high))
-
-    def below_apex(self, time: Array) -> Array:
-        """[m], how far below its apex the bead is, `time` [s] counted from the apex."""
-        return np.where(time > 0, self.fall.distance_at(time), self.rise.distance_at(-time))
-
-
-class _Table:
-    def __init__(self, speed: Array, acceleration: Array) -> None:
-        self.speed = speed
-        # by speed, not by time: both integrals are smooth there, also near the terminal speed
-        self.time = _integral(speed, 1 / acceleration)
-        self.distance = _integral(speed, speed / acceleration)
-        # between table points the motion is uniformly accelerated: there squares and distances are linear to each other
-        self._time_square, self._speed_square = self.time**2, speed**2
-
-    def distance_at(self, time: Array) -> Array:
-        return np.interp(time**2, self._time_square, self.distance)
-
-    def time_to(self, distance: Array) -> Array:
-        """[s]"""
-        return np.sqrt(np.interp(distance, self.distance, self._time_square))
-
-    def speed_after(self, distance: float) -> float:
-        """[m/s]"""
-        return math.sqrt(float(np.interp(distance, self.distance, self._speed_square)))
-
-
-@lru_cache(maxsize=64)
-def _fall(drag: AirDrag, strength: float, highest: float) -> Fall:
-    return Fall(drag, strength, highest)
-
-
-def _integral(x: Array, y: Array) -> Array:
-    return np.concatenate([[0.0], np.cumsum((y[1:] + y[:-1]) / 2 * np.diff(x))])
-
-
-@dataclass(frozen=True)
 class Heights:
     """Height over time of a bouncing bead, in any unit of length."""
 
     time: Array  # [s], shape (n,)
     height: Array  # up, shape (n,)
     sigma: Array  # one standard deviation, shape (n,); only its course matters, its size is fitted
+    across: Array | None = None  # place to the side in a film, shape (n,): tells what the film does to places
 
 
 @dataclass(frozen=True)
@@ -315,7 +211,7 @@ class _Model:
     def fall(self, p: Array) -> Fall:
         # the reach of the tables goes in steps, so that most calls find them made
         highest = 2.0 ** math.ceil(math.log2(1.3 * float(np.max(self.split(p)[0]))))
-        return _fall(self.drag, max(float(p[-1]), 0.0), highest)
+        return tables_of(self.drag, max(float(p[-1]), 0.0), highest)
 
     def apexes(self, p: Array) -> Array:
         return np.asarray(self._times(p[None], self.fall(p))[0][0])
@@ -460,7 +356,12 @@ def _fit(record: Heights, contacts: npt.NDArray[np.intp], drag: AirDrag, offset:
         if np.sum(outlier) > 0.35 * np.sum(inside):
             return None
     residual = record.height - model.curve(parameters, record.time)
-    sigma = sigma * math.sqrt(_repetition((residual / sigma)[used]))
+    excess = _repetition((residual / sigma)[used])
+    if record.across is not None:
+        contacts_seen = model.contacts(parameters)[: model.count]
+        aside = fly_aside(record.time[used], record.across[used], contacts_seen, model.apexes(parameters))
+        excess = max(excess, _unsteadiness(aside.off[aside.kept] / sigma[used][aside.kept]))
+    sigma = sigma * math.sqrt(excess)
     parameters, covariance = _solve(record, model, parameters, centre, spread, sigma, used)
     residual = record.height - model.curve(parameters, record.time)
     return Bounces(
@@ -488,6 +389,14 @@ def _repetition(ratio: Array) -> float:
     fades = next((lag for lag, each in enumerate(rho) if each < 1 / math.sqrt(len(values))), len(rho))
     neighbours = (1 + rho[0]) / (1 - rho[0])
     return float(np.clip(max(1 + 2 * sum(rho[:fades]), neighbours), 1.0, 25.0))
+
+
+def _unsteadiness(ratio: Array) -> float:
+    """Factor on the variance of heights by what a film leaves to the side, where a bead must fly straight.
+
+    A shake that a codec hides in the scene bends heights as gravity does, so that their own fit cannot see it.
+    """
+    return float(np.mean(ratio**2)) * _repetition(ratio)
 
 
 def _first_guess(
@@ -525,7 +434,7 @@ def _first_guess(
     model = _Model(len(contacts), drag, float(min(stop, time[-1])), float(metres[0]))
     strength, doubt = (1.0, DRAG_HELD) if drag.known else (0.0, FREE_DRAG)
     n = model.count
-    to_fall = _fall(drag, strength, 4 * float(metres[0])).fall.time_to(metres[:1])
+    to_fall = tables_of(drag, strength, 4 * float(metres[0])).fall.time_to(metres[:1])
     release = float(time[contacts[0]] - to_fall[0])
     longest = longest_contact(drag, float(metres[0]))
     parameters = np.array(

@@ -16,9 +16,10 @@ import numpy.typing as npt
 
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.measure.album import Album
-from rigtwin.measure.bead import BeadFit, BeadImage, Look, Mask, common_look, fit_bead
+from rigtwin.measure.bead import BeadFit, BeadImage, Look, common_look, fit_bead
 from rigtwin.measure.channel import LUMA, Channel, best_channel, luma_is_clear
 from rigtwin.measure.media import Frame, Video
+from rigtwin.measure.patch import Mask
 from rigtwin.measure.scene import Background, Pose, Scene, rounded, shakes_of, stands_still
 from rigtwin.measure.shutter import CLOSER, LEAST_SHARE, NOT_TOLD, ROUGHLY, TRIED, Shutter, fast_frames, shutter_of
 from rigtwin.measure.spots import Box, Linker, Region, Search, Spot, SpotPath, Where, place_on

@@ -23,6 +23,7 @@ from rigtwin.measure.spots import inside_region
 Array = npt.NDArray[np.float64]
 Region = tuple[float, float, float, float]
 
+LEAST_LEAP = 0.5  # bead diameters, of one from the bead that hits over to the one that is hit
 LOST = 4  # frames after which a path that was not seen again has ended
 
 
@@ -225,14 +226,9 @@ def find_collision(paths: list[Path], video: Video, stated_length: float | None 
     Raises `NothingToMeasure` when there is none; `stated_length` [m] of the pendulum then helps to say what was seen.
     """
     moving = [path for path in paths if path.extent > 3 * float(np.median(path.sizes))]
-    if not moving:
+    best = _best_meeting([with_beginning(path, paths) for path in moving], moving) or _meeting_of_pieces(paths)
+    if best is None and not moving:
         raise NothingToMeasure(f"{video.path}: nothing like a bead moves in this clip; show the release and the hit.")
-    best, best_score = None, 0.0
-    for fall in [with_beginning(path, paths) for path in moving]:
-        for rise in moving:
-            score = _meeting(fall, rise)
-            if score > best_score:
-                best, best_score = (fall, rise), score
     if best is None:
         lone = lone_swing(moving, video, stated_length)
         raise NothingToMeasure(
@@ -242,6 +238,37 @@ def find_collision(paths: list[Path], video: Video, stated_length: float | None 
     fall, rise = best
     radius = float(np.median([*fall.sizes, *rise.sizes])) / 2 + 0.5
     return Collision(fall, rise, _rest_place(fall, rise, paths, radius), max(radius, 2.0))
+
+
+def _best_meeting(falls: list[Path], rises: list[Path], least_leap: float = -math.inf) -> tuple[Path, Path] | None:
+    best, best_score = None, 0.0
+    for fall in falls:
+        for rise in rises:
+            score = _meeting(fall, rise) if _leap(fall, rise) > least_leap else 0.0
+            if score > best_score:
+                best, best_score = (fall, rise), score
+    return best
+
+
+def _meeting_of_pieces(paths: list[Path]) -> tuple[Path, Path] | None:
+    """The same where a coarse codec moves the beads by jerks, which breaks their paths into pieces.
+
+    One bead's pieces meet as those of two do, but for the leap of a diameter from the one bead over to the other.
+    """
+    pieces = [path for path in paths if path.extent > 0.5 * float(np.median(path.sizes))]
+    falls, rises = (
+        [path for path in (joined(piece, paths) for piece in pieces) if path.extent > 2 * float(np.median(path.sizes))]
+        for joined in (with_beginning, _with_ending)
+    )
+    return _best_meeting(falls, rises, LEAST_LEAP)
+
+
+def _leap(fall: Path, rise: Path) -> float:
+    """How much further on `rise` begins than `fall` would have gone, in bead diameters."""
+    velocity = (fall.velocity(at_end=True) + rise.velocity(at_end=False)) / 2
+    further = rise.places[0] - fall.places[-1] - velocity * (rise.frames[0] - fall.frames[-1])
+    way = velocity / max(float(np.hypot(*velocity)), 1e-9)
+    return float(further @ way) / float(np.median([*fall.sizes, *rise.sizes]))
 
 
 def lone_swing(moving: list[Path], video: Video, stated_length: float | None) -> str:
@@ -310,6 +337,15 @@ def with_beginning(fall: Path, paths: list[Path]) -> Path:
         first = max(back, key=lambda path: path.extent + len(path.frames))
         own = 1 if first.frames[-1] == fall.frames[0] else 0
         fall = Path(first.frames + fall.frames[own:], first.places + fall.places[own:], first.sizes + fall.sizes[own:])
+
+
+def _with_ending(rise: Path, paths: list[Path]) -> Path:
+    """The rise with the pieces of path that it goes on in."""
+    return _backwards(with_beginning(_backwards(rise), [_backwards(path) for path in paths]))
+
+
+def _backwards(path: Path) -> Path:
+    return Path([-frame for frame in path.frames[::-1]], path.places[::-1], path.sizes[::-1])
 
 
 def _rest_place(fall: Path, rise: Path, paths: list[Path], radius: float) -> Array:

@@ -23,7 +23,7 @@ from rigtwin.lab.rigs import GRAVITY
 Array = npt.NDArray[np.float64]
 
 MOST_POINTS = 250  # a longer record is averaged down: the onset hangs on all of the run, not on single frames
-ROLLING_JUMP = 8.0  # -2 log of the odds that rolling friction falls when a ball starts to roll; sliding friction does
+ROLLING_JUMP = 12.0  # -2 log of the odds that rolling friction falls when a ball starts to roll; sliding friction does
 SLOW = 0.02  # speed of a creep over the mean speed of the run, one standard deviation
 CREEP_STARTS, CREEP_SHAPES = 6, 2  # how many beginnings of a creep are tried, and whether it is even or grows
 PARTS = 4  # of the angle's record

@@ -30,6 +30,7 @@ from rigtwin.measure.pendulum_checks import (
     doubts_of,
     gravity_check,
     length_check,
+    lens_check,
     momentum_check,
     residual_check,
     timing_check,
@@ -93,11 +94,11 @@ def measure(
         bead_mass,
         shading=SHADING * scale * max(look.radius for look in film.beads.looks),
     )
-    timing = timing_check(video)
+    timing, lens = timing_check(video), lens_check(fit)
     # gravity checks nothing where the scale is from it
     by_gravity = scale_from == "gravity"
-    checks = (*(each for each in evaluation.checks if each.check != "gravity" or not by_gravity), timing)
-    spoilt = "; ".join(filter(None, [video.spoilt, "" if timing.passed else timing.message]))
+    checks = (*(each for each in evaluation.checks if each.check != "gravity" or not by_gravity), timing, lens)
+    spoilt = "; ".join(filter(None, [video.spoilt, *(each.message for each in (timing, lens) if not each.passed)]))
     quantities = tuple(doubted(quantity, spoilt) for quantity in evaluation.quantities)
     seen = {
         "frame_rate_hz": video.frame_rate,

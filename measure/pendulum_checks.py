@@ -116,6 +116,18 @@ def residual_check(fit: SwingFit) -> Check:
     return Check("swing_residuals", passed, ratio, 1.0, message + meaning)
 
 
+def lens_check(fit: SwingFit) -> Check:
+    """Whether the camera's view bends more than a usual lens and a careful set-up make it."""
+    lens = 100 * float(fit.swings["lens"])
+    askew = 100 * math.hypot(float(fit.swings["perspective_x"]), float(fit.swings["perspective_y"]))
+    message = (
+        f"one pendulum length from the picture's middle things look {lens:+.1f} % larger through the lens, and up to "
+        f"{askew:.1f} % larger on one side"
+    )
+    meaning = ": photograph a board in the plane of the swing and give --board, or film from further away"
+    return Check("lens", not fit.bent, lens, 0.0, message + (meaning if fit.bent else ""))
+
+
 def timing_check(video: Video) -> Check:
     """Whether frames of the film repeat the one before them."""
     frames, doubled = video.last - video.first + 1, len(video.skipped)

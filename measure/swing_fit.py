@@ -37,6 +37,10 @@ PRIORS = {
     "perspective_y": (0.0, 0.014),
     "lens": (0.0, 0.003),
 }
+# A lens that bends lines shows in the tracks of a long swing: what it does to them is then taken from there, up to some
+# tenth at the picture's edge.
+BENT = {"perspective_x": (0.0, 0.05), "perspective_y": (0.0, 0.05), "lens": (0.0, 0.05)}
+MOST_BENT = 3.0  # standard deviations of what is known beforehand, that a usual camera's view may be fitted off by
 _CAUSES = {
     "damping": "damping",
     "drag": "damping",
@@ -69,6 +73,7 @@ class SwingFit:
     noise: float  # [m], standard deviation of one coordinate of a used point
     covariance: Array  # of the vector
     parts: dict[str, Array]  # parts of the covariance by cause; they add up to it
+    bent: bool = False  # whether the view bends more than a usual lens and a careful set-up make it
 
     def propagate(self, function: Callable[[Swings], dict[str, Array]]) -> dict[str, Outcome]:
         """What `function` derives from the swings (each of shape (batch,)), with its standard uncertainty by cause."""
@@ -107,14 +112,20 @@ def fit_swings(
     if axis is not None:
         first = replace(first, axis=((axis[0] - float(origin[0])) / unit, (axis[1] - float(origin[1])) / unit))
     fit = _fit(first, scaled, ground)
+    if axis is not None and _bends(fit.swings):
+        fit = _fit(fit.swings, scaled, ground, bent=True)
     while fit.swings.collisions < most_collisions:
         further = _with_next_collision(fit)
-        longer = None if further is None else _fit(further, scaled, ground)
+        longer = None if further is None else _fit(further, scaled, ground, bent=fit.bent)
         # where a later collision does not fit (the beads turn out of the plane, a track is lost) the earlier ones stand
         if longer is None or longer.noise > 1.5 * fit.noise:
             break
         fit = longer
     return _in_record_units(fit, tuple(tracks), origin, unit)
+
+
+def _bends(swings: Swings) -> bool:
+    return any(abs(float(swings[name]) - PRIORS[name][0]) > MOST_BENT * PRIORS[name][1] for name in BENT)
 
 
 def onset(track: Track) -> int | None:
@@ -246,10 +257,11 @@ def _slope(time: Array, angle: Array, start: float, span: float) -> float:
     return float(np.polynomial.Polynomial.fit(time[near], angle[near], degree).deriv()(start))
 
 
-def _fit(swings: Swings, tracks: tuple[Track, ...], ground: float) -> SwingFit:
+def _fit(swings: Swings, tracks: tuple[Track, ...], ground: float, *, bent: bool = False) -> SwingFit:
     """Least squares with the priors; frames of contact, held frames and wild points stay out."""
     from scipy.optimize import least_squares
 
+    priors = PRIORS | BENT if bent else PRIORS
     weights = [_weights(track) for track in tracks]
     wild = [~np.all(np.isfinite(track.position), axis=1) for track in tracks]
     noise = 0.01 * float(swings["length_0"])
@@ -263,7 +275,7 @@ def _fit(swings: Swings, tracks: tuple[Track, ...], ground: float) -> SwingFit:
         used, weighed_by = chosen, noise
         _enough(used, swings, tracks)
 
-        data = _Data(tracks, tuple(weights), tuple(used), noise)
+        data = _Data(tracks, tuple(weights), tuple(used), noise, priors)
         found = least_squares(
             _misses_at, swings.vector, jac=_slopes_at, args=(swings, data), method="lm", x_scale="jac", max_nfev=25
         )
@@ -275,9 +287,9 @@ def _fit(swings: Swings, tracks: tuple[Track, ...], ground: float) -> SwingFit:
         wild = [
             np.max(np.abs(r * w[:, None]), axis=1) > 6 * spread + 1e-9 for r, w in zip(residuals, weights, strict=True)
         ]
-    data = _Data(tracks, tuple(weights), tuple(used), noise)
+    data = _Data(tracks, tuple(weights), tuple(used), noise, priors)
     covariance, parts = _covariance(swings, data, residuals, ground)
-    return SwingFit(swings, tracks, tuple(used), tuple(residuals), noise, covariance, parts)
+    return SwingFit(swings, tracks, tuple(used), tuple(residuals), noise, covariance, parts, bent)
 
 
 def _weights(track: Track) -> Array:
@@ -334,6 +346,7 @@ class _Data:
     weights: tuple[Array, ...]  # relative, of every point
     used: tuple[Mask, ...]
     noise: float  # [m], of a point of weight 1
+    priors: dict[str, tuple[float, float]]  # mean and standard deviation of what is known beforehand
 
 
 def _misses_at(vector: Array, swings: Swings, data: _Data) -> Array:
@@ -360,7 +373,7 @@ def _misses(swings: Swings, data: _Data) -> Array:
         here = seen[bead, np.searchsorted(time, track.time[mask])]
         miss = (track.position[mask][:, None] - here) * (weight[mask][:, None, None] / data.noise)
         rows += [miss[..., 0], miss[..., 1]]
-    rows += [((swings[name] - mean) / deviation)[None] for name, (mean, deviation) in PRIORS.items()]
+    rows += [((swings[name] - mean) / deviation)[None] for name, (mean, deviation) in data.priors.items()]
     return np.concatenate(rows)
 
 
@@ -502,4 +515,5 @@ def _in_record_units(fit: SwingFit, tracks: tuple[Track, ...], origin: Array, un
         fit.noise * unit,
         fit.covariance * both,
         {cause: part * both for cause, part in fit.parts.items()},
+        fit.bent,
     )

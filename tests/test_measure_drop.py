@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from rigtwin.lab.camera import Camera, Lens
 from rigtwin.lab.errors import BadInput, NothingToMeasure, UnreadableMedia
 from rigtwin.lab.records import Track, write_tracks
-from rigtwin.measure import drop, drop_checks, flights, sources, spots
+from rigtwin.measure import air, drop, drop_checks, flights, sources, spots
 
 G = 9.81
 FPS = 240.0
@@ -179,6 +179,20 @@ def test_noisier_tracks_have_wider_intervals():
     clean, noisy = (drop.evaluate(track(noise=noise)) for noise in (2e-5, 4e-4))
     a, b = (pick(each.quantities, "restitution_wall", method="velocity", bounce=2) for each in (clean, noisy))
     assert b.budget["tracking"] > 5 * a.budget["tracking"]
+
+
+def test_heights_are_known_no_better_than_places_aside_where_a_bead_flies_straight():
+    steady = track(noise=3e-5)
+    sway = 2.5e-4 * np.sin(2 * math.pi * steady.time / 0.23)
+    rng = np.random.default_rng(3)
+    across = 0.01 * steady.time + sway + rng.normal(0, 3e-5, len(sway))
+    record = flights.Heights(steady.time, steady.position[:, 1], steady.sigma)
+    doubts = [
+        flights.fit_bounces(replace(record, across=aside), air.AirDrag()).read(lambda at: at.size)[1]
+        for aside in (None, across)
+    ]
+    known_to, told = (math.hypot(*parts.values()) for parts in doubts)
+    assert told > 1.3 * known_to
 
 
 def test_budget_adds_up():
@@ -445,11 +459,11 @@ def test_a_nominal_diameter_a_little_off_is_no_contradiction_and_neighbouring_fr
 
 
 def test_a_contact_is_longer_for_larger_beads_and_slower_falls():
-    small, large = flights.AirDrag(0.006, 2500.0), flights.AirDrag(0.012, 2500.0)
-    assert flights.longest_contact(large, 0.3) == pytest.approx(2 * flights.longest_contact(small, 0.3))
-    assert flights.longest_contact(small, 0.03) > flights.longest_contact(small, 0.3)
+    small, large = air.AirDrag(0.006, 2500.0), air.AirDrag(0.012, 2500.0)
+    assert air.longest_contact(large, 0.3) == pytest.approx(2 * air.longest_contact(small, 0.3))
+    assert air.longest_contact(small, 0.03) > air.longest_contact(small, 0.3)
     # Hertz for a glass bead of 6 mm on rubber, at 2.4 m/s: about half a millisecond
-    assert 3e-4 < flights.longest_contact(small, 0.3) < 7e-4
+    assert 3e-4 < air.longest_contact(small, 0.3) < 7e-4
 
 
 def test_a_bead_that_was_not_weighed_falls_by_the_drag_law_of_its_size():

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from rigtwin.lab.camera import Camera, Moment
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.records import Track, write_tracks
-from rigtwin.measure.pendulum import evaluate, measure
+from rigtwin.measure.pendulum import evaluate, judge, measure
+from rigtwin.measure.pendulum_checks import lens_check
 from rigtwin.measure.swing_fit import fit_swings
 
 GRAVITY = 9.81
@@ -266,6 +267,25 @@ def test_a_camera_that_looks_down_on_the_beads_sees_their_angles_where_its_axis_
     )
     assert known == pytest.approx(math.degrees(truth.release), abs=0.12)
     assert abs(guessed - math.degrees(truth.release)) > 0.3
+
+
+@pytest.mark.parametrize("barrel", [0.0, 0.1])
+def test_a_lens_that_bends_the_swing_is_told_and_fitted_along(barrel):
+    truth, axis = Truth(), np.array([-0.02, -0.12])
+    tracks = []
+    for track in tracks_of(truth, noise=2e-5):
+        away = track.position - axis
+        far = np.sum(away**2, axis=1, keepdims=True) / truth.length**2
+        tracks.append(replace(track, position=axis + (1 - barrel * far) * away))
+    fit = fit_swings(tracks, axis=tuple(axis))
+    assert fit.bent == (barrel > 0)
+    assert lens_check(fit).passed == (barrel == 0)
+    evaluation = judge(fit)
+    for one, true in (
+        (found(evaluation, "restitution_pair", "velocity", collision=1), truth.restitution),
+        (found(evaluation, "release_angle"), math.degrees(truth.release)),
+    ):
+        assert abs(one.value - true) < 2.5 * one.std_uncertainty
 
 
 def test_a_record_that_ends_before_the_beads_turn_is_doubtful_about_the_angles_only():

@@ -1,0 +1,122 @@
+"""How a bead falls through air, and how long it touches the plate that it falls on."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import brentq
+
+from rigtwin.lab.rigs import GRAVITY
+
+Array = npt.NDArray[np.float64]
+
+AIR_DENSITY = 1.2  # [kg/m^3], 20 degrees C
+AIR_VISCOSITY = 1.81e-5  # [Pa s]
+DWELL = 1.2e-3  # [s], longest contact of a bead of unknown size
+SOFTEST = 1e7  # [Pa], effective modulus of the softest pair of bead and plate worth a drop: rubber
+USUAL_DENSITY = 1000.0  # [kg/m^3], of a bead that was not weighed
+NEWTON = 0.44  # drag coefficient of a fast sphere
+
+
+@dataclass(frozen=True)
+class AirDrag:
+    """Deceleration of a sphere in still air: C_d = 24/Re (1 + 0.15 Re^0.687), at least 0.44.
+
+    Schiller and Naumann (1933), "A drag coefficient correlation"; 0.44 is Newton's regime.
+
+    Without the density its strength k is unknown, C_d/0.44 k v^2; without the diameter too C_d is taken as constant.
+    """
+
+    diameter: float | None = None  # [m]
+    density: float | None = None  # [kg/m^3]
+
+    @property
+    def known(self) -> bool:
+        return self.diameter is not None and self.density is not None
+
+    def deceleration(self, speed: Array, strength: float) -> Array:
+        """[m/s^2] at speeds [m/s]; `strength` multiplies the known law, or is k [1/m] of the unknown one."""
+        if self.diameter is None:
+            return np.asarray(strength * speed**2)
+        reynolds = np.maximum(AIR_DENSITY * speed * self.diameter / AIR_VISCOSITY, 1e-9)
+        coefficient = np.maximum(24 / reynolds * (1 + 0.15 * reynolds**0.687), NEWTON)
+        if self.density is None:
+            return np.asarray(strength * coefficient / NEWTON * speed**2)
+        return np.asarray(strength * 0.75 * coefficient * AIR_DENSITY * speed**2 / (self.density * self.diameter))
+
+
+def longest_contact(drag: AirDrag, height: float) -> float:
+    """How long a bead touches the plate at most after a fall of `height` [m], in seconds.
+
+    Hertz: 2.87 (m^2 / (R E^2 v))^(1/5) (Johnson 1985, section 11.4), with the modulus E of rubber.
+    """
+    if drag.diameter is None:
+        return DWELL
+    density = USUAL_DENSITY if drag.density is None else drag.density
+    radius, speed = drag.diameter / 2, math.sqrt(2 * GRAVITY * height)
+    mass = density * 4 / 3 * math.pi * radius**3
+    return float(2.87 * (mass**2 / (radius * SOFTEST**2 * speed)) ** 0.2)
+
+
+class Fall:
+    """Fall from rest and the time-reversed rise to rest, as tables over speed."""
+
+    _points = 1500
+
+    def __init__(self, drag: AirDrag, strength: float, highest: float) -> None:
+        """`highest` [m]: the tables reach at least this far."""
+        fastest = 1.4 * math.sqrt(2 * GRAVITY * highest)
+        terminal = self._terminal(drag, strength, fastest)
+        reach = -math.log1p(-min(fastest / terminal, 1 - 1e-6))
+        down = terminal * -np.expm1(-np.linspace(0, reach, self._points))
+        self.fall = _Table(down, GRAVITY - drag.deceleration(down, strength))
+        # drag shortens a rise: a bead may leave the plate faster than it could ever fall
+        up = np.linspace(0, 3 * fastest, self._points)
+        self.rise = _Table(up, GRAVITY + drag.deceleration(up, strength))
+
+    @staticmethod
+    def _terminal(drag: AirDrag, strength: float, fastest: float) -> float:
+        def surplus(speed: float) -> float:
+            return GRAVITY - float(drag.deceleration(np.array([speed]), strength)[0])
+
+        high = 100 * fastest
+        return high if surplus(high) > 0 else float(brentq(surplus, 1e-6, high))
+
+    def below_apex(self, time: Array) -> Array:
+        """[m], how far below its apex the bead is, `time` [s] counted from the apex."""
+        return np.where(time > 0, self.fall.distance_at(time), self.rise.distance_at(-time))
+
+
+class _Table:
+    def __init__(self, speed: Array, acceleration: Array) -> None:
+        self.speed = speed
+        # by speed, not by time: both integrals are smooth there, also near the terminal speed
+        self.time = _integral(speed, 1 / acceleration)
+        self.distance = _integral(speed, speed / acceleration)
+        # between table points the motion is uniformly accelerated: there squares and distances are linear to each other
+        self._time_square, self._speed_square = self.time**2, speed**2
+
+    def distance_at(self, time: Array) -> Array:
+        return np.interp(time**2, self._time_square, self.distance)
+
+    def time_to(self, distance: Array) -> Array:
+        """[s]"""
+        return np.sqrt(np.interp(distance, self.distance, self._time_square))
+
+    def speed_after(self, distance: float) -> float:
+        """[m/s]"""
+        return math.sqrt(float(np.interp(distance, self.distance, self._speed_square)))
+
+
+@lru_cache(maxsize=64)
+def tables_of(drag: AirDrag, strength: float, highest: float) -> Fall:
+    """A fall's tables, which take longer to make than to read: kept for whoever asks again."""
+    return Fall(drag, strength, highest)
+
+
+def _integral(x: Array, y: Array) -> Array:
+    return np.concatenate([[0.0], np.cumsum((y[1:] + y[:-1]) / 2 * np.diff(x))])
