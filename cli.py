@@ -17,7 +17,18 @@ import typer
 from rigtwin import __version__
 from rigtwin.commands import measure, simulate
 from rigtwin.commands.ending import Work, finished
-from rigtwin.commands.options import Heaps, Json, Out, Quiet, Seed, Stiffness, Threads, TimeStep, option, out_option
+from rigtwin.commands.options import (
+    Heaps,
+    Json,
+    Out,
+    Quiet,
+    Seed,
+    Stiffness,
+    Threads,
+    TimeStep,
+    file_option,
+    out_option,
+)
 from rigtwin.commands.show import print_json, show_comparison, show_diagnosis, show_reproduction
 from rigtwin.lab.units import MOST_PARTICLES
 
@@ -178,7 +189,7 @@ def export(
     rolling: simulate.RollingModel = "C",
     stiffness_factor: Stiffness = 1e-3,
     time_step_fraction: TimeStep = 0.3,
-    out: Annotated[Path | None, option("--out", "FILE", "Write it here; standard output by default.")] = None,
+    out: Annotated[Path | None, file_option("--out", "FILE", "Write it here; standard output by default.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:

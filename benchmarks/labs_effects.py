@@ -33,6 +33,9 @@ class Effect:
     unseen: bool = False  # a baseline with one number per bead and wall takes it up without a trace
     wall_only: bool = False  # among pendulums, needs one that strikes a wall
     listed: bool = True
+    terms: tuple[tuple[str, ...], ...] = ()
+    """Sets of terms of a formula, any of which is right, of an effect that is not listed: its own form, and what is
+    the same within the range that a lab sees."""
 
 
 def _by_rig(**sizes: tuple[float, float, float]) -> dict[str, tuple[float, float, float]]:
@@ -353,45 +356,57 @@ UNLISTED = (
         "magnetic_pull", ("magnetic", "magnet", "attraction"), "magnet",  # [m/s^2]
         _by_rig(drop=(0.1, 0.3, 1.2)), "a pull that decays over some centimetres above the plate",
         more={"magnet_reach": 0.04}, listed=False, also=("electrostatic_attraction",),
+        # a fitted reach of 40 mm, or one of those that are tried first, where the data do not tell it from that
+        terms=(("exp(-z / reach)",), ("exp(-z / 20 mm)",), ("exp(-z / 80 mm)",)),
     ),
     Effect(
         "lift", ("magnus", "lift"), "lift",  # [1/s]
         _by_rig(drop=(0.01, 0.03, 0.1)), "a sideways force in proportion to the speed, in flight", listed=False,
+        terms=(("e_z x v",),),
     ),
     Effect(
         "draught", ("wind", "draught", "side wind"), "wind",  # [m/s^2]
         _by_rig(drop=(0.05, 0.15, 0.5)), "a sideways force in one band of heights",
         more={"wind_low": 0.05, "wind_high": 0.4}, signed=True, listed=False,
+        terms=(("e_x where low < z < high",),),
     ),
     Effect(
         "amplitude_damping", ("theta^2 theta'", "nonlinear damping"), "odd_damping",  # [1/s]
         _by_rig(pendulum=(0.002, 0.01, 0.15)), "damping in proportion to theta^2 theta'", listed=False,
+        terms=(("a^2 w",),),
     ),
     Effect(
         "hardening", ("torsion", "nonlinear stiffness"), "torsion_cubed",  # [rad/s^2]
         _by_rig(pendulum=(0.01, 0.05, 0.8)), "a restoring torque in proportion to theta^3", listed=False,
+        terms=(("a^3",),),
     ),
     Effect(
         "periodic_draught", ("periodic force", "periodic wind"), "draught",  # [m/s^2]
         _by_rig(pendulum=(0.002, 0.008, 0.05)), "a sideways push that comes and goes with a period of its own",
         more={"draught_period": 0.73}, listed=False,
+        terms=(("sin(2 pi t / period) + d cos(2 pi t / period)",),),
     ),
     Effect(
         "vibrating_arm", ("vibration",), "vibration",
         _by_rig(slide=(0.02, 0.06, 0.2)), "the normal force swings at 3 Hz", listed=False,
+        # on arms of one friction a normal force that swings is a force along the arm that does
+        terms=(("sin(2 pi t / period) + d cos(2 pi t / period)",),),
     ),
     Effect(
         "lubricated_sliding", ("viscous sliding", "lubrication"), "viscous_sliding",  # [1/s]
         _by_rig(slide=(0.05, 0.2, 1.0)), "a drag that grows with the sliding speed", listed=False,
-        also=("velocity_dependent_friction",),
+        also=("velocity_dependent_friction",), terms=(("v",),),
     ),
     Effect(
         "rippled_track", ("ripple", "waviness"), "ripple",  # [m/s^2]
         _by_rig(roll=(0.03, 0.1, 0.3)), "a force that goes up and down with the place, every 20 cm", listed=False,
+        terms=(("sin(2 pi s / period) + d cos(2 pi s / period)",),),
     ),
     Effect(
         "sagging_track", ("sag", "curved plate"), "sag",  # [rad/m]
         _by_rig(roll=(0.005, 0.02, 0.1)), "a slope that grows along the track", listed=False,
+        # the slope of a sine is its angle
+        terms=(("s",),),
     ),
 )  # fmt: skip
 

@@ -46,12 +46,36 @@ def _folder(text: str) -> Path:
     from rigtwin.lab.errors import BadInput
 
     folder = Path(text)
-    standing = next((place for place in (folder, *folder.absolute().parents) if place.exists()), folder)
+    standing = _standing(folder)
     if not standing.is_dir():
         raise BadInput(f"--out: {standing} is a file, and results go into a folder; give --out another name.")
     if not os.access(standing, os.W_OK | os.X_OK):
         raise BadInput(f"--out: nothing may be written into {standing}; give --out a folder of your own.")
     return folder
+
+
+def file_option(flag: str, metavar: str, help_text: str) -> Any:
+    """An option that names a file to be written, refused before the work and not after it."""
+
+    def read(text: str) -> Path:
+        from rigtwin.lab.errors import BadInput
+
+        file = Path(text)
+        if file.is_dir():
+            raise BadInput(f"{flag}: {file} is a folder; give the name of a file.")
+        standing = _standing(file.absolute().parent)
+        if not standing.is_dir():
+            raise BadInput(f"{flag}: {standing} is a file, not a folder; name a file elsewhere.")
+        if not os.access(standing, os.W_OK | os.X_OK):
+            raise BadInput(f"{flag}: nothing may be written into {standing}; name a file elsewhere.")
+        return file
+
+    return option(flag, metavar, help_text, read)
+
+
+def _standing(place: Path) -> Path:
+    """This folder, or the nearest above it that is there."""
+    return next((above for above in (place, *place.absolute().parents) if above.exists()), place)
 
 
 def out_option(help_text: str) -> Any:

@@ -19,6 +19,7 @@ from rigtwin.commands.options import (
     Stiffness,
     Threads,
     TimeStep,
+    file_option,
     gathered,
     option,
     quantity,
@@ -64,10 +65,11 @@ ImpactSpeed = Annotated[
     quantity("--impact-speed", "speed", "1m/s", "Where linear springs are as stiff as Hertz's contacts; 1 m/s."),
 ]
 Kept = Annotated[
-    Path | None, option("--checkpoint", "FILE.npz", "Keep the run here, and go on from it where it was stopped.")
+    Path | None, file_option("--checkpoint", "FILE.npz", "Keep the run here, and go on from it where it was stopped.")
 ]
 Filmed = Annotated[
-    Path | None, option("--trajectory", "FILE.gsd", "Write the beads' motion for OVITO (.gsd) or ParaView (.vtkhdf).")
+    Path | None,
+    file_option("--trajectory", "FILE.gsd", "Write the beads' motion for OVITO (.gsd) or ParaView (.vtkhdf)."),
 ]
 
 UPSIDE_DOWN = math.radians(179)  # [rad], nearly; from the very top a pendulum never falls

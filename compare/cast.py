@@ -10,13 +10,13 @@ from rigtwin.lab.entries import suggestion
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import PARAMETERS, Contact, KnownContact, Material, Particle
 from rigtwin.lab.model import Model
-from rigtwin.lab.notebook import read_lab
+from rigtwin.lab.notebook import read_cast
 from rigtwin.lab.reference import hlosta2020
 
 
 def model_of(lab: Path | None) -> Model:
-    """The model of a lab folder, or an empty one."""
-    return Model() if lab is None else read_lab(lab).model
+    """The model of a lab folder, whose media need not be there yet, or an empty one."""
+    return Model() if lab is None else read_cast(lab)
 
 
 def particle(name: str, model: Model) -> Particle:

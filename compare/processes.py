@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -71,10 +72,18 @@ def _one_thread_each() -> Iterator[None]:
 
 
 def _start_worker() -> None:
-    """Ctrl-C ends a worker at once and without words; the main process does the talking."""
+    """Ctrl-C ends a worker at once and without words: the main process does the talking, and they end with it."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     import cv2
 
     cv2.setNumThreads(1)  # the pool already uses every core
+
+
+def _end_with_parent() -> None:
+    """A process that is killed cannot end its workers: they would compute for hours what nobody keeps."""
+    if parent := multiprocessing.parent_process():
+        parent.join()
+        os._exit(1)

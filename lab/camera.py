@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Literal, cast
 
 from rigtwin.lab.errors import BadInput, BadQuantity
-from rigtwin.lab.units import si
+from rigtwin.lab.units import LONGEST, si
 
 _BOARD = re.compile(
     r"(checkerboard|charuco|aruco)\s+(?:(\d{1,3})x(\d{1,3})\s+)?([\d.]+\s*[a-zµ]*)(?:/([\d.]+\s*[a-zµ]*))?\s+(\S.*)"
@@ -130,6 +130,8 @@ def known_length(text: str, *, name: str = "known_length") -> KnownLength:
     line = KnownLength(length, (coordinates[0], coordinates[1]), (coordinates[2], coordinates[3]))
     if length <= 0 or line.start == line.end:
         raise BadQuantity(f"{name}: {text!r} spans no length; give two different points and a positive length.")
+    if length > LONGEST:
+        raise BadQuantity(f"{name}: {text!r} is {length:g} m long; write the length with its unit, like '100mm:...'.")
     return line
 
 

@@ -137,6 +137,18 @@ def read_lab(folder: Path) -> Lab:
     )
 
 
+def read_cast(folder: Path) -> Model:
+    """Materials, particles and contacts of the lab in `folder` (or the lab.toml itself), its media unread.
+
+    Raises `BadLabFile` like `read_lab`.
+    """
+    document = read_document(folder / "lab.toml" if folder.is_dir() else folder)
+    inventory = Inventory(validated(document, LabFile))
+    if inventory.problems:
+        raise document.error(inventory.problems)
+    return Model(inventory.materials, inventory.particles, inventory.contacts)
+
+
 def new_lab(folder: Path) -> list[Path]:
     """Start a lab folder: a commented lab.toml with one experiment per rig, and a folder for each rig's media.
 

@@ -1,7 +1,8 @@
 """Quantities with units at the edges, SI floats inside.
 
 Files and options write ``"6.2 mm"``, ``"240 Hz"``, ``"568kg/m^3"``; `si` turns them into floats in SI.  A bare
-number is already SI.  pint is loaded on the first call, so a command's ``--help`` does not pay for it.
+number is already SI, but where it would be taken for another unit.  pint is loaded on the first call, so a command's
+``--help`` does not pay for it.
 """
 
 from __future__ import annotations
@@ -35,6 +36,8 @@ DIMENSIONS = {
 
 LONGEST = 10.0  # [m], no rig on a bench is larger: "300" was meant to be millimetres
 
+AMBIGUOUS = {"angular_speed": "radians a second or turns a minute"}  # a bare number of these is nobody's habit
+
 MOST_PARTICLES = 10_000_000  # more of them fit into no memory; a count that was meant to be smaller
 
 _ANGULAR = re.compile("radian|degree|turn|revolution|arcminute|arcsecond|grade")
@@ -43,8 +46,9 @@ _ANGULAR = re.compile("radian|degree|turn|revolution|arcminute|arcsecond|grade")
 def si(text: str | float | int, dimension: str, *, name: str = "value") -> float:
     """A quantity as a float in SI.
 
-    `text` is a number with a unit; a bare number is taken as SI.  Raises `BadQuantity` naming `name` when the
-    text is no quantity, is not finite, or has another dimension.
+    `text` is a number with a unit; a bare number is taken as SI, but for an angular speed, which a person writes in
+    turns a minute.  Raises `BadQuantity` naming `name` when the text is no quantity, is not finite, or has another
+    dimension.
 
     >>> si("6.2 mm", "length")
     0.0062
@@ -69,9 +73,12 @@ def _parse(text: str, unit: str, dimension: str, example: str, name: str) -> flo
     number = re.match(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", text)
     if number is None or not (unit_text := text[number.end() :].strip()):
         try:
-            return float(text)  # bare numbers, "inf" and "nan" included
+            bare = float(text)  # "inf" and "nan" included
         except ValueError:
             raise BadQuantity(f"{name}: {text!r} is not {_a(dimension)}; write it like {example!r}.") from None
+        if dimension in AMBIGUOUS:
+            raise BadQuantity(f"{name}: {either(text, dimension)}")
+        return bare
     if dimension == "frequency" and unit_text == "fps":  # feet per second elsewhere
         unit_text = "1/s"
     import pint
@@ -90,6 +97,11 @@ def _parse(text: str, unit: str, dimension: str, example: str, name: str) -> flo
     except Exception:  # pint raises its own, tokenizer and attribute errors for garbage text
         wrong = f"is not {_a(dimension)} (unknown unit {unit_text!r})"
     raise BadQuantity(f"{name}: {text!r} {wrong}; write it like {example!r}.")
+
+
+def either(number: object, dimension: str) -> str:
+    """Why a bare `number` of an ambiguous dimension is not taken."""
+    return f"{number!r} may be {AMBIGUOUS[dimension]}; write it with its unit, like {DIMENSIONS[dimension][1]!r}."
 
 
 def _a(dimension: str) -> str:

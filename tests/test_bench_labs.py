@@ -10,10 +10,14 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
 
+from diagnose import formula_terms
 from diagnose_labs import Case, chosen, plan, write
 from diagnose_names import means
-from labs_effects import ALL, PAIRS
+from labs_effects import ALL, PAIRS, UNLISTED
 from labs_motion import Bead, World, double, drop, pendulum, roll, slide
+
+from rigtwin.sim.effects.forms import nameless
+from rigtwin.sim.effects.shapes import Extent, shapes
 
 BEAD = Bead("D6", 0.006, 570, "wood", 11e9, 0.44)
 LIGHT = Bead("EPS12", 0.012, 28, "expanded polystyrene", 5e6, 0.1)
@@ -137,3 +141,12 @@ def test_a_name_is_matched_by_its_words_alone():
     assert means("Air-Drag", "air drag")
     assert not means("linear drag", "drag")
     assert means("frame_rate_error", "frame&rate&!shutter")
+
+
+@pytest.mark.parametrize("effect", UNLISTED, ids=lambda effect: effect.name)
+def test_the_right_terms_of_an_unlisted_effect_are_among_those_that_are_tried(effect):
+    for rig in effect.sizes:
+        tried = [*nameless(rig), *(one.effect for one in shapes(rig, Extent(1.0, 1.0, 1.0)))]
+        known = {term for one in tried for term in formula_terms(f"{one.title} with c = 1")}
+        assert effect.terms
+        assert all(term in known for terms in effect.terms for term in terms)

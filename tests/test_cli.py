@@ -247,6 +247,8 @@ def test_an_unknown_experiment_is_refused_with_the_known_ones(tmp_path, capfd):
         (["simulate", "drop", "--drop-height", "300mm", "--bounces", "1000000000"], "--bounces"),
         (["simulate", "drop", "--drop-height", "300mm", "--restitution", "1.2"], "at most 1"),
         (["simulate", "pendulum", "--length", "300mm", "--release-angle", "180deg"], "180 degrees, more than 179"),
+        (["simulate", "drum", "--drum-diameter", "140mm", "--speed", "3"], "write it with its unit, like '3 rpm'"),
+        (["measure", "drop", "x.mp4", "--known-length", "100:1,2,3,4"], "100 m long; write the length with its unit"),
         (["compare"], "LAB"),
         (["measure", "drop", "x.mp4", "--no-such-option"], "--no-such-option"),
     ],
@@ -378,6 +380,23 @@ def test_an_angle_without_its_unit_is_refused(capfd):
 def test_a_results_folder_that_is_a_file_is_refused_before_any_work(folder, tmp_path, capfd):
     (tmp_path / "taken.mp4").touch()
     refused(["measure", "drop", "x.mp4", "--out", folder], capfd, "--out", "taken.mp4 is a file", "another name")
+
+
+@pytest.mark.parametrize(("option", "file"), [("--checkpoint", "heap.npz"), ("--trajectory", "heap.gsd")])
+def test_a_file_that_cannot_be_written_is_refused_before_any_work(option, file, tmp_path, capfd):
+    (tmp_path / "taken").touch()
+    (tmp_path / file).mkdir()
+    asked = ["simulate", "pile", "--base-diameter", "90mm", option]
+    refused([*asked, f"taken/{file}"], capfd, option, "taken is a file")
+    refused([*asked, file], capfd, option, "is a folder")
+
+
+def test_a_lab_gives_its_contacts_before_its_media_are_there(tmp_path, capfd):
+    folder = lab_with(tmp_path)
+    (folder / "r01.csv").unlink()
+    assert run(["export", "liggghts", "--lab", str(folder)]) == 0
+    assert "coefficientRestitution" in capfd.readouterr().out
+    refused(["compare", str(folder)], capfd, "r01.csv", "there is no file")
 
 
 @pytest.mark.usefixtures("started_engine")

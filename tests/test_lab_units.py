@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rigtwin.lab.errors import BadQuantity
-from rigtwin.lab.units import DIMENSIONS, si
+from rigtwin.lab.units import AMBIGUOUS, DIMENSIONS, si
 
 # unit as written -> its dimension and what one of it is in SI, from the definitions of the units
 ONE_OF = {
@@ -49,11 +49,16 @@ def test_a_quantity_comes_out_in_si(value, unit, space, sign):
 @settings(deadline=None, derandomize=True)
 @given(
     value=st.floats(allow_nan=False, allow_infinity=False, allow_subnormal=False),
-    dimension=st.sampled_from(sorted(DIMENSIONS)),
+    dimension=st.sampled_from(sorted(DIMENSIONS.keys() - AMBIGUOUS.keys())),
 )
 def test_a_bare_number_is_si_already(value, dimension):
     assert si(value, dimension) == value
     assert si(repr(value), dimension) == value
+
+
+def test_a_bare_angular_speed_may_be_rpm_and_is_refused():
+    with pytest.raises(BadQuantity, match=r"--speed: '3' may be .* turns a minute; .* '3 rpm'"):
+        si("3", "angular_speed", name="--speed")
 
 
 @settings(deadline=None, derandomize=True)

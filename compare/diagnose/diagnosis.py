@@ -22,6 +22,7 @@ from rigtwin.compare.diagnose.double import DoubleBench
 from rigtwin.compare.diagnose.doubt import parameters
 from rigtwin.compare.diagnose.drop import DropBench
 from rigtwin.compare.diagnose.fit import Fit, fit, screen
+from rigtwin.compare.diagnose.formula import Formula, find_formula, fixed_forms
 from rigtwin.compare.diagnose.gap import Beside, Gap, beside, closed, gap, names, noise_floor
 from rigtwin.compare.diagnose.labs import BULK, TrackedLab
 from rigtwin.compare.diagnose.locate import Disagreement, Location, Regioned, locate
@@ -69,6 +70,8 @@ class Diagnosis:
     """Rows, repetitions and keys that were not used, each with the reason."""
     seconds: float = 0.0  # [s], CPU
     bench: Any = field(default=None, repr=False)
+    fixed: tuple[Candidate, ...] = field(default=(), repr=False)
+    """Formulas of one term of a fixed form, where they were fitted."""
 
     @property
     def where(self) -> tuple[Disagreement, ...]:
@@ -153,20 +156,35 @@ def diagnose(
     progress("baseline", 0, 1)
     base = _plain_fit(bench, lab)
     candidates = [effect for effect in (*(library() if listed is None else listed), *own) if acts(effect, lab)]
-    naming = name_effects(bench, candidates, base, progress)
-    naming = replace(naming, unseen=tuple(one for one in library() if lab.rig in one.rigs and not acts(one, lab)))
-    verdict = _judge(bench, lab, naming, progress)
+    try:
+        naming = name_effects(bench, candidates, base, progress)
+        naming = replace(naming, unseen=tuple(one for one in library() if lab.rig in one.rigs and not acts(one, lab)))
+        verdict, sizes = _judge(bench, lab, naming, progress), None
+        if verdict.verdict == "unlisted":
+            verdict, sizes = _with_formula(verdict, progress)
+        told = _shown(bench, lab, verdict, sizes)
+    except (np.linalg.LinAlgError, ArithmeticError) as error:
+        raise BadInput(
+            f"{lab.folder}: the model with an effect added cannot be fitted to these tracks ({error}); check the "
+            "sizes, masses and settings in lab.json, and leave out repetitions in which hardly anything moves."
+        ) from error
+    broken = [f"{title}: not tried, for its equations have no solution for these tracks" for title in naming.broken]
+    told = replace(told, left_out=(*lab.misspelt, *left_out, *broken))
+    return replace(told, next_experiment=_next(told), seconds=time.process_time() - begun)
+
+
+def _shown(bench: Regioned, lab: TrackedLab, verdict: Diagnosis, sizes: Gap | None) -> Diagnosis:
+    """The verdict with the gap before and after, how stable the name is, what stands beside it and what would split."""
+    assert verdict.naming is not None
     chosen = verdict.chosen
-    sizes = gap(bench, lab, naming.base, chosen.fitted if chosen else None)
-    told = replace(
+    sizes = sizes or gap(bench, lab, verdict.naming.base, chosen.fitted if chosen else None)
+    return replace(
         verdict,
-        left_out=(*lab.misspelt, *left_out),
         gap=sizes,
         stability=_stability(verdict),
         designs=_designs(verdict),
         beside=_beside(verdict, sizes),
     )
-    return replace(told, next_experiment=_next(told), seconds=time.process_time() - begun)
 
 
 def _plain_fit(bench: Regioned, lab: TrackedLab) -> Fit:
@@ -208,16 +226,16 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
     loud = location.p < SURE or max((one.score for one in naming.tried), default=0.0) > FORM
     if best is None and not loud:
         return replace(plain, reason="the data lie inside noise, scatter and stated calibration")
-    forms = _forms(bench, naming, progress) if best is None or _more_to_say(bench, best) else []
+    forms = fixed_forms(bench, naming, progress) if best is None or _more_to_say(bench, best) else []
+    plain = replace(plain, fixed=tuple(forms))
     alone = max(forms, key=lambda one: one.gain, default=None)
     if best is None:
         if alone is not None and alone.gain > FORM and not alone.reason:
-            return _unlisted(plain, bench, naming, alone, "no listed effect explains it with plausible coefficients")
+            why = "no listed effect explains it with plausible coefficients"
+            return replace(plain, verdict="unlisted", reason=why)
         if location.p < CERTAIN:
             return replace(
-                plain,
-                verdict="unlisted",
-                reason="data and twin disagree, and neither a listed effect nor a simple formula describes how",
+                plain, verdict="unlisted", reason="data and twin disagree, and no listed effect describes how"
             )
         refused = [one for one in naming.tried if one.score > FORM]
         if location.p < SURE or refused:
@@ -232,15 +250,12 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
         plain = replace(plain, naming=naming)
     left = naming.after.p < SURE
     if alone is not None and not alone.reason and alone.gain - best.gain > FORM and len(alone.terms) <= len(best.terms):
-        return _unlisted(
-            plain, bench, naming, alone, f"a formula that is not listed does better than {names(best.terms)}"
-        )
+        why = f"a formula that is not listed does better than {names(best.terms)}"
+        return replace(plain, verdict="unlisted", reason=why)
     share = _closed(naming, noise_floor(bench, best.fitted))
     if left and share is not None and share < LEFT:
         why = f"{names(best.terms)} would close {100 * share:.0f} % of the gap and leave a disagreement"
-        if alone is not None and not alone.reason and alone.gain > best.gain:
-            return _unlisted(plain, bench, naming, alone, why)
-        return replace(plain, verdict="unlisted", reason=why, form=_more_form(bench, best, naming))
+        return replace(plain, verdict="unlisted", reason=why)
     if naming.alike:
         others = "; ".join(names(other.terms) for other in naming.alike)
         return replace(
@@ -253,20 +268,14 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
         why = "one lever arm does for all sizes what each bead's own rolling friction did: it goes with 1/d"
         return replace(plain, verdict="named", chosen=best, reason=why)
     rest = ", with a remainder that it does not explain" if left else ""
+    rest += _in_other_forms(naming, best)
     return replace(plain, verdict="named", chosen=best, reason=f"{names(best.terms)} explains the disagreement{rest}")
 
 
-def _forms(bench: Regioned, naming: Naming, progress: Progress) -> list[Candidate]:
-    """Nameless terms alone, on the baseline."""
-    found = []
-    terms = nameless(bench.lab.rig)  # type: ignore[attr-defined]
-    for number, term in enumerate(terms):
-        progress("formulas", number, len(terms))
-        fitted = fit(bench, (term,), near=naming.base, most=15, rounds=2)
-        if not fitted.converged:  # a formula that is still on its way cannot be held against the listed effects
-            fitted = fit(bench, (term,), near=fitted, most=40, rounds=2)
-        found.append(_candidate(naming, (term,), fitted))
-    return found
+def _in_other_forms(naming: Naming, best: Candidate) -> str:
+    """Which other laws of the same thing the data would take as well."""
+    others = dict.fromkeys(term.title for form in naming.forms for term in form.terms if term.name not in best.names)
+    return f"; which form it takes is not resolved: as well {' or '.join(others)}" if others else ""
 
 
 def _from_there(bench: Regioned, naming: Naming, best: Candidate, formula: Candidate) -> tuple[Candidate, Naming]:
@@ -288,55 +297,30 @@ def _more_to_say(bench: Regioned, best: Candidate) -> bool:
     return any(best.fitted.deviance - one.deviance > 0.8 * FORM for one in screen(bench, best.fitted, terms))
 
 
-def _candidate(naming: Naming, terms: tuple[Effect, ...], fitted: Fit) -> Candidate:
-    spread = spread_of(naming.base, naming.location)
-    name = f"{terms[-1].name}.c"
-    weak = abs(fitted.value(name)) < 3 * fitted.std(name)
-    reason = "within three of its standard deviations of zero" if weak else ""
-    return Candidate(terms, fitted, (naming.base.deviance - fitted.deviance) / spread, reason)
+def _with_formula(verdict: Diagnosis, progress: Progress) -> tuple[Diagnosis, Gap | None]:
+    """An `unlisted` verdict with its formula, where one holds on data that it was not fitted to, and what it closes.
+
+    A formula that does not hold is no law: it is told as a hint alone, and no model gets it.
+    """
+    naming = verdict.naming
+    assert naming is not None
+    fixed = verdict.fixed or tuple(fixed_forms(verdict.bench, naming, progress))
+    found = find_formula(verdict.bench, verdict.lab, naming, fixed, progress)
+    if found is None or not found.holds:
+        return replace(verdict, reason=f"{verdict.reason}; {_no_law(found)}"), None
+    chosen = found.candidate
+    naming = replace(naming, after=locate(verdict.bench, chosen.fitted))
+    return replace(verdict, chosen=chosen, form=found.words, naming=naming), found.sizes
 
 
-def _unlisted(plain: Diagnosis, bench: Regioned, naming: Naming, first: Candidate, why: str) -> Diagnosis:
-    """The formula grown to a second term where that earns its place."""
-    best = fit(bench, first.terms, near=first.fitted, most=40)
-    grown = _candidate(naming, first.terms, best)
-    options = []
-    for term in nameless(plain.lab.rig):
-        if term.name not in first.names:
-            fitted = fit(bench, (*first.terms, term), near=best, most=15, rounds=2)
-            options.append(_candidate(naming, (*first.terms, term), fitted))
-    second = max((one for one in options if not one.reason), key=lambda one: one.gain, default=None)
-    if second is not None and second.gain - grown.gain > FORM:
-        grown = second
-    return replace(
-        plain,
-        verdict="unlisted",
-        reason=why,
-        chosen=grown,
-        form=_formula(grown),
-        naming=replace(naming, after=locate(bench, grown.fitted)),
+def _no_law(found: Formula | None) -> str:
+    """Why no formula is told, and the best one's share as a hint."""
+    if found is None or found.share is None or found.share <= 0:
+        return "no formula of the known terms describes how"
+    return (
+        f"no formula of the known terms closes the gap where it was not fitted; the best, no more than a hint, closes "
+        f"{100 * found.share:.0f} % of it: {found.words}"
     )
-
-
-def _more_form(bench: Regioned, best: Candidate, naming: Naming) -> str:
-    options = []
-    for term in nameless(bench.lab.rig):  # type: ignore[attr-defined]
-        fitted = fit(bench, (*best.terms, term), near=best.fitted, most=15, rounds=2)
-        options.append(_candidate(naming, (*best.terms, term), fitted))
-    top = max((one for one in options if not one.reason), key=lambda one: one.gain, default=None)
-    if top is None or top.gain - best.gain < FORM:
-        return ""
-    return _formula(replace(top, terms=top.terms[-1:]))
-
-
-def _formula(candidate: Candidate) -> str:
-    """The terms with their coefficients and doubts."""
-    parts = []
-    for term in candidate.terms:
-        name, unit = f"{term.name}.c", term.parameters[0].unit
-        value, std = candidate.fitted.value(name), candidate.fitted.std(name)
-        parts.append(f"{term.title} with c = {value:.4g} ± {std:.2g}{unit_of(unit)}")
-    return "; ".join(parts)
 
 
 def _closed(naming: Naming, noise: float) -> float | None:

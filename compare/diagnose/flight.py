@@ -13,6 +13,7 @@ from rigtwin.sim.effects import Effect
 
 STEPS = 14  # per flight in a vacuum; the path between two steps is a cubic
 MOST = 60
+FINER = 2  # times as many steps where a force sets in within a small part of the flight
 FINE = 16
 GRADED = 2.0 * np.arange(1, FINE + 1) / (FINE * (FINE + 1))
 """Parts of the first step, the finest at the plate, and in reverse of the last: for a force that is steep there."""
@@ -65,14 +66,15 @@ def fly(
         return ax, ay
 
     steep = any(term.steep for term in terms)
+    more = FINER if any(term.edged for term in terms) else 1
     rise = np.maximum(vy, 0.0)
-    h = (vy + np.sqrt(rise * rise + 2 * gravity * gap)) / gravity / STEPS
+    h = (vy + np.sqrt(rise * rise + 2 * gravity * gap)) / gravity / (more * STEPS)
     h = np.maximum(h, 1e-6)
     x, y = np.zeros_like(vx), np.zeros_like(vy)
     xs, ys, us, vs = [x], [y], [vx], [vy]
     u, v = vx, vy
     landed = np.full(vx.shape, -1)
-    for k in range(MOST):
+    for k in range(more * MOST):
         for share in GRADED if steep and k == 0 else (1.0,):
             x, y, u, v = _advance(pull, x, y, u, v, share * h)
         xs.append(x)
@@ -81,7 +83,7 @@ def fly(
         vs.append(v)
         touching = (landed < 0) & (gap + y * cosine - x * sine <= 0) & (v * cosine - u * sine < 0)
         landed[touching] = k
-        if k >= STEPS // 2 and (landed >= 0).all():
+        if k >= more * STEPS // 2 and (landed >= 0).all():
             break
     nodes = [np.stack(series) for series in (xs, ys, us, vs)]
     last = len(xs) - 2

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from rigtwin.compare.diagnose.candidate import Candidate, best_of, front_of, refused
 from rigtwin.compare.diagnose.fit import Fit, fit, screen
+from rigtwin.compare.diagnose.leeway import gained_beside
 from rigtwin.compare.diagnose.locate import Location, Regioned, locate
-from rigtwin.compare.diagnose.price import price
+from rigtwin.compare.diagnose.price import SECOND, price
 from rigtwin.compare.diagnose.subset import coarse, cut
 from rigtwin.sim.effects import Effect
 from rigtwin.sim.effects.effect import WIDENING
@@ -31,6 +34,7 @@ NOTABLE = 1.0  # deviance: less is rounding of the fits
 SPARED = 10.0  # deviance: 2 ln(1/0.007), a coefficient that falls to within a percent where it was foretold
 GLANCE = 6.0  # a candidate whose first step promises less than this is not fitted to the end
 ASTRAY = 0.5  # of the baseline's deviance: what it comes to from a candidate's place, where it had lost its way
+FURTHER = 2  # times that the fit of a leading candidate goes on where it has not converged
 ROUGH = 2.0  # chi2 per coordinate above which part of the data tells the candidates apart
 LOST = 20.0  # ... and above which a fit from the baseline may not find its way
 
@@ -50,6 +54,10 @@ class Naming:
     after: Location
     """Of the residuals of the best, or of the baseline where there is none."""
     rounds: tuple[tuple[Candidate, ...], ...] = ()
+    forms: tuple[Candidate, ...] = ()
+    """Sets of the same families as the best that explain the data equally well."""
+    broken: tuple[str, ...] = ()
+    """Sets that could not be fitted."""
     unseen: tuple[Effect, ...] = ()
     """Effects of the rig that no data of such a lab could show."""
 
@@ -64,6 +72,10 @@ class _Search:
     done: dict[frozenset[str], Candidate] = field(default_factory=dict)
     rough: tuple[Regioned, Fit] | None = None
     """A part of the data and the baseline's fit to it, where the baseline is far off."""
+    beside: dict[tuple[frozenset[str], frozenset[str]], float] = field(default_factory=dict)
+    """What sets gain over smaller ones whose laws may be bent."""
+    broken: dict[str, None] = field(default_factory=dict)
+    """Sets whose equations had no solution."""
 
     def begin(self) -> None:
         """Take a part of the data where the whole is not needed to tell the candidates apart."""
@@ -83,7 +95,7 @@ class _Search:
             for first in screen(self.bench, near, fresh):
                 # one step says nothing of an effect that has no slope at zero
                 dull = near.deviance - first.deviance < GLANCE and not first.terms[-1].flat
-                self._add(first if dull else _fit(self.bench, first.terms, near))
+                self._add(first) if dull else self._attempt(first.terms, partial(_fit, self.bench, first.terms, near))
         elif fresh:
             part, plain = self.rough
             start = plain
@@ -93,8 +105,9 @@ class _Search:
             keen = sorted(promise, key=lambda one: one.deviance)[:KEEN]
             for number, effect in enumerate(fresh):
                 hopeless = bool(promise) and all(promise[number] is not one for one in keen)
-                self._add(promise[number] if hopeless else _fit(part, (*terms, effect), start))
-        return [self.done[key] for key in keys]
+                more = (*terms, effect)
+                self._add(promise[number]) if hopeless else self._attempt(more, partial(_fit, part, more, start))
+        return [self.done[key] for key in keys if key in self.done]
 
     def siblings(self, one: Candidate, candidates: Sequence[Effect]) -> list[Candidate]:
         """The set with each effect in turn in another form of its family.
@@ -113,8 +126,8 @@ class _Search:
                 terms = tuple(other if each is term else each for each in one.terms)
                 parameter = other.parameters[0]
                 begun = _begun(near, f"{other.name}.{parameter.name}", parameter.typical)
-                self._add(fit(part, terms, **begun, most=25, rounds=2))
-        return self.polish([self.done[key] for key in keys])
+                self._attempt(terms, partial(fit, part, terms, **begun, most=25, rounds=2))
+        return self.polish([self.done[key] for key in keys if key in self.done])
 
     def settle(self, singles: list[Candidate]) -> list[Candidate]:
         """Fit the baseline again from where the best candidate went: no effect may gain by a better way found."""
@@ -131,6 +144,13 @@ class _Search:
         settled = [replace(one, gain=one.gain - better / self.spread) for one in singles]
         self.done.update({frozenset(one.names): one for one in settled})
         return settled
+
+    def _attempt(self, terms: tuple[Effect, ...], fitting: Callable[[], Fit]) -> None:
+        """Fit a candidate; one whose equations have no solution is left out, and told."""
+        try:
+            self._add(fitting())
+        except np.linalg.LinAlgError:
+            self.broken[" and ".join(term.title for term in terms)] = None
 
     def _add(self, fitted: Fit) -> None:
         rough = fitted if self.is_part(fitted) else None
@@ -188,6 +208,11 @@ class _Search:
             fitted = fit(self.bench, one.terms, near=near, most=25, rounds=2)
         else:
             fitted = fit(self.bench, one.terms, near=one.fitted, most=40)
+        for _ in range(FURTHER):
+            if fitted.converged:
+                break
+            # two calibration quantities that almost stand for each other: the way along their valley is long
+            fitted = fit(self.bench, one.terms, near=fitted, most=40)
         return Candidate(one.terms, fitted, self._gain(fitted), refused(fitted, one.terms), one.rough)
 
     def certified(self, one: Candidate) -> Candidate:
@@ -205,6 +230,24 @@ class _Search:
         tied = getattr(self.bench, "tied", None)
         return SPARED * tied(fitted.terms) if tied is not None else 0.0
 
+    def earned(self, fewer: Candidate, more: Candidate) -> bool:
+        """Whether what `more` has beyond `fewer` gains what it must, or enough whatever the law of `fewer`."""
+        gained = more.score - fewer.score
+        if gained < SECOND or gained >= price(fewer, more, self.bench.lab.rig):  # type: ignore[attr-defined]
+            return gained >= SECOND
+        key = frozenset(fewer.names), frozenset(more.names)
+        if key not in self.beside:
+            self.beside[key] = gained_beside(self.bench, fewer, more)
+        return self.beside[key] >= SECOND
+
+    def each_needed(self, candidate: Candidate) -> bool:
+        """Whether no term can be left out at less than the price of a term."""
+        for term in candidate.terms:
+            rest = self.done.get(frozenset(name for name in candidate.names if name != term.name))
+            if rest is not None and not self.earned(rest, candidate):
+                return False
+        return True
+
     def is_part(self, fitted: Fit) -> bool:
         """Whether a fit is to a part of the data alone."""
         return len(fitted.residual) != len(self.base.residual)
@@ -213,7 +256,6 @@ class _Search:
 def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell: Tell) -> Naming:
     """Forward selection over the library, from the fewest terms up, with pairs grown from the three best singles."""
     location = locate(bench, base)
-    rig = bench.lab.rig  # type: ignore[attr-defined]
     search = _Search(bench, base, spread_of(base, location))
     search.begin()
     tell("candidates", 0, len(candidates))
@@ -228,7 +270,8 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
             # the baseline had lost its way and a candidate found it: none may take credit for that
             return name_effects(bench, candidates, again, tell)
     if best is None or best.score < ALARM:
-        return Naming(base, location, tuple(search.done.values()), None, (), location, tuple(rounds))
+        none = Naming(base, location, tuple(search.done.values()), None, (), location, tuple(rounds))
+        return replace(none, broken=tuple(search.broken))
     front = [best]
     if best.fitted.per_row > 1.3 or locate(bench, best.fitted).p < 1e-3:
         # one effect does not do: the first of the pair need not be the best single
@@ -245,19 +288,19 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
         grown = search.polish(grown)
         rounds.append(tuple(grown))
         more = best_of(grown)
-        if more is None or more.score - best.score < price(best, more, rig):
+        if more is None or not search.earned(best, more):
             break
         if locate(bench, more.fitted).p < 1e-3:
             grown += search.siblings(more, candidates)
             rounds[-1], more = tuple(grown), best_of(grown) or more
         fewer = search.reduced(more, best)
-        if fewer.score > best.score + NOTABLE and more.score - fewer.score < price(fewer, more, rig):
+        if fewer.score > best.score + NOTABLE and not search.earned(fewer, more):
             best, front = fewer, [fewer]  # as good with one effect less: the set is grown from there again
-        elif _each_needed(more, search.done, rig):
+        elif search.each_needed(more):
             best, front, count = more, front_of(grown, 3), count + 1
         else:
             break
-    return _concluded(search, best, location, rounds)
+    return replace(_concluded(search, best, location, rounds), broken=tuple(search.broken))
 
 
 def _concluded(search: _Search, best: Candidate, location: Location, rounds: Sequence[tuple[Candidate, ...]]) -> Naming:
@@ -268,10 +311,34 @@ def _concluded(search: _Search, best: Candidate, location: Location, rounds: Seq
         if rest is None:
             return Naming(search.base, location, tuple(done.values()), None, (), location, tuple(rounds))
         chosen = search.certified(rest)
-    same_size = [one for one in done.values() if len(one.terms) == len(chosen.terms) and not one.reason]
-    near = [one for one in same_size if chosen.score - one.score < ALIKE and one.groups != chosen.groups]
+    chosen, forms = _plainest(search, chosen)
+    near = [one for one in _rivals(done, chosen) if one.groups != chosen.groups]
     after = locate(search.bench, chosen.fitted)
-    return Naming(search.base, location, tuple(done.values()), chosen, tuple(_apart(near)), after, tuple(rounds))
+    return Naming(
+        search.base, location, tuple(done.values()), chosen, tuple(_apart(near)), after, tuple(rounds), forms=forms
+    )
+
+
+def _rivals(done: Mapping[frozenset[str], Candidate], chosen: Candidate) -> list[Candidate]:
+    """Other plausible sets of as many effects that explain the data equally well."""
+    same_size = [one for one in done.values() if len(one.terms) == len(chosen.terms) and not one.reason]
+    return [one for one in same_size if chosen.score - one.score < ALIKE and one.names != chosen.names]
+
+
+def _plainest(search: _Search, chosen: Candidate) -> tuple[Candidate, tuple[Candidate, ...]]:
+    """Of the forms that one set of families takes equally well, the one that asks for the least, and the others."""
+    forms = [one for one in _rivals(search.done, chosen) if one.groups == chosen.groups]
+    plain = best_of([one for one in forms if _specials(one) < _specials(chosen)])
+    if plain is None:
+        return chosen, tuple(forms)
+    certified = search.certified(plain)
+    if certified.reason or chosen.score - certified.score >= ALIKE:
+        return chosen, tuple(one for one in forms if one is not plain)
+    return certified, (chosen, *(one for one in forms if one is not plain))
+
+
+def _specials(candidate: Candidate) -> int:
+    return sum(term.special for term in candidate.terms)
 
 
 def spread_of(base: Fit, location: Location) -> float:
@@ -319,12 +386,3 @@ def _values(near: Fit) -> dict[str, float]:
 def _apart(candidates: Sequence[Candidate]) -> list[Candidate]:
     """One of each family."""
     return front_of(candidates, len(candidates))
-
-
-def _each_needed(candidate: Candidate, done: dict[frozenset[str], Candidate], rig: str) -> bool:
-    """Whether no term can be left out at less than the price of a term."""
-    for term in candidate.terms:
-        rest = done.get(frozenset(name for name in candidate.names if name != term.name))
-        if rest is not None and candidate.score - rest.score < price(rest, candidate, rig):
-            return False
-    return True

@@ -30,6 +30,7 @@ class PendulumBench:
     bodies = 1
     onset = 0
     small = SMALL
+    drivable = True
     per_run = ("length", "which")
 
     def __init__(self, lab: TrackedLab) -> None:
@@ -96,12 +97,13 @@ class PendulumBench:
         if len(self.lengths) > 1:
             own = np.stack([values[f"length.{one:g}"] for one in self.lengths], axis=-1)
             length = length + own[:, self.which]
-        push, omega = pushing(length, self.mass, self.radius, self.lab.gravity, values, terms)
+        push, omega = pushing(length, self.mass, self.radius, self.lab.gravity, values, terms, local[..., 0])
         t0 = local[..., 0]
         since = true - t0[:, self.owner]
         until = np.array([since[:, span].max(axis=1) for span in self.spans]).T
         dry = any(term.torque is not None for term in terms)
-        swings = half_swings(local[..., 1], push, omega, until, dry=dry)
+        driven = any(term.drive is not None for term in terms)
+        swings = half_swings(local[..., 1], push, omega, until, dry=dry, driven=driven)
         angle, rate = angle_at(swings, since, self.owner)
         reach = length[:, self.owner]
         x, y = reach * np.sin(angle), -reach * np.cos(angle)
@@ -126,15 +128,16 @@ def pushing(
     gravity: float,
     values: Mapping[str, Array],
     terms: Sequence[Effect],
+    release: Array | float = 0.0,
 ) -> tuple[Push, Array]:
-    """Angular acceleration of a bob on its thread with the terms acting, and sqrt(g/L)."""
+    """Angular acceleration of a bob on its thread with the terms acting, and sqrt(g/L); `release` [s] on the clock."""
     thread = values.get("rod_mass.mass_per_length", np.zeros(len(length)))[:, None]
     inertia = mass * length**2 + thread * length**3 / 3
     weight = (mass + thread * length / 2) * gravity * length
     acting = [
         (term, [values[f"{term.name}.{p.name}"][:, None] for p in term.parameters])
         for term in terms
-        if term.force is not None or term.torque is not None
+        if term.force is not None or term.torque is not None or term.drive is not None
     ]
 
     pull = weight / inertia
@@ -145,7 +148,7 @@ def pushing(
     if not acting:
         return fall, np.sqrt(pull)
 
-    def push(angle: Array, rate: Array) -> Array:
+    def push(angle: Array, rate: Array, since: Array | float = 0.0) -> Array:
         sine = np.sin(angle)
         moment = -weight * sine
         cosine = np.cos(angle)
@@ -155,6 +158,9 @@ def pushing(
                 moment = moment + length * (fx * cosine + fy * sine)
             if term.torque is not None:
                 moment = moment + term.torque(angle, rate, length, mass, *own)
+            if term.drive is not None:
+                along = term.drive(release + since, length * angle, length * rate, *own)
+                moment = moment + mass * length * along
         return np.asarray(moment / inertia)
 
     return push, np.sqrt(pull)

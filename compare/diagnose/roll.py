@@ -33,6 +33,7 @@ class RollBench(Runs):
     bodies = 1
     onset = 0
     small = SMALL
+    drivable = True
     per_run = ("conditions", "slope", "push", "side", "pair", "bead")
 
     def __init__(self, lab: TrackedLab) -> None:
@@ -115,7 +116,7 @@ class RollBench(Runs):
         acting = [
             (term, [values[f"{term.name}.{p.name}"][:seen, None] for p in term.parameters])
             for term in terms
-            if term.force is not None or term.rolling is not None or term.torque is not None
+            if any(hook is not None for hook in (term.force, term.rolling, term.torque, term.drive))
         ]
 
         def pull(time: Array, place: Array, speed: Array) -> Array:
@@ -129,6 +130,8 @@ class RollBench(Runs):
                     extra = extra + term.force(speed, 0 * speed, 0.0, self.radius, self.mass, *own)[0] / self.mass
                 if term.torque is not None:
                     extra = extra + term.torque(place, speed, 1.0, 1.0, *own)
+                if term.drive is not None:
+                    extra = extra + term.drive(t0 + time, place, speed, *own)
             return np.asarray(ROLLS * (self.lab.gravity * (sine - mu * cosine) + extra))
 
         since = true - t0[:, self.owner]

@@ -26,6 +26,7 @@ class SlideBench(Runs):
     bodies = 1
     onset = -1
     small = STEADY
+    drivable = True
     per_run = ("conditions", "start", "rate", "waiting", "distance", "clump", "pair", "bead")
 
     def __init__(self, lab: TrackedLab) -> None:
@@ -79,15 +80,20 @@ class SlideBench(Runs):
         start = self.start + values["plate_tilt.angle"][:, None]
         place, begin = local[..., 0], (local[..., 1] - self.start) / self.rate
         slip = start + rate * begin
-        # the arm's turning loads the clump a little
-        static = (gravity * np.sin(slip) - place * rate**2) / (gravity * np.cos(slip) - high * rate**2)
+        # the arm's turning loads the clump a little, and what drives it along pulls at it before it slips too
+        driving = np.zeros_like(place)
+        for term in terms:
+            if term.drive is not None:
+                own = [values[f"{term.name}.{p.name}"][:, None] for p in term.parameters]
+                driving = driving + term.drive(begin, 0 * place, 0 * place, *own)
+        static = (gravity * np.sin(slip) - place * rate**2 + driving) / (gravity * np.cos(slip) - high * rate**2)
         soft = self._soft(static, slip, begin, values, terms)
         place, static, slip, begin = place[:seen], static[:seen], slip[:seen], begin[:seen]
         rate, start = rate[:seen], start[:seen]
         acting = [
             (term, [values[f"{term.name}.{p.name}"][:seen, None] for p in term.parameters])
             for term in terms
-            if term.torque is not None or term.sliding is not None or term.onset is not None
+            if any(hook is not None for hook in (term.torque, term.sliding, term.onset, term.drive))
         ]
         plain = self._plain(values)[:seen]
         at_slip = self.clump * gravity * np.cos(slip)
@@ -101,6 +107,8 @@ class SlideBench(Runs):
             for term, own in acting:
                 if term.torque is not None:
                     extra = extra + term.torque(way, speed, 1.0, 1.0, *own)
+                if term.drive is not None:
+                    extra = extra + term.drive(begin + time, way, speed, *own)
                 if term.onset is not None:
                     # what holds beside the weight holds while it slides too, and the weight's share changes
                     now = term.onset(plain, self.waiting, self.clump * pressing, *own)

@@ -18,8 +18,9 @@ from rigtwin.lab.records import Array
 STEPS = 30  # per half swing, which then loses 1e-8 of its amplitude a step; the path between two is a cubic
 LEAST_RATE = 1e-3  # [rad/s], dry friction acts fully from here on
 
-Push = Callable[[Array, Array], Array]
-"""Angular acceleration [rad/s^2] from angle and rate, without the dry sign at rest."""
+Push = Callable[..., Array]
+"""Angular acceleration [rad/s^2] from angle and rate, without the dry sign at rest; where something drives the bob,
+from the time [s] since its release too."""
 
 
 @dataclass(frozen=True)
@@ -33,11 +34,18 @@ class HalfSwings:
 
 
 def half_swings(
-    angle: Array, push: Push, omega: Array, until: Array, rate: Array | None = None, *, dry: bool = True
+    angle: Array,
+    push: Push,
+    omega: Array,
+    until: Array,
+    rate: Array | None = None,
+    *,
+    dry: bool = True,
+    driven: bool = False,
 ) -> HalfSwings:
     """Swing from `angle` at rest (or with `rate`) for at least `until` [s]; `omega` [1/s] is sqrt(g/L).
 
-    Without `dry` friction the bob never sticks.
+    Without `dry` friction the bob never sticks; where it is `driven` it is pushed by the time too, and never sticks.
     """
     begin = [np.zeros_like(angle)]
     steps, angles, rates = [], [], []
@@ -48,28 +56,29 @@ def half_swings(
         resting = np.abs(omega_now) < 1e-9
         side = np.where(resting, -np.sign(theta), np.sign(omega_now))
         side = np.where(side == 0, 1.0, side)
-        if dry:
+        if dry and not driven:
             stuck |= resting & (push(theta, side * LEAST_RATE) * side <= 0)
         live = np.where(stuck, 0.0, 1.0)
 
-        def held_back(a: Array, w: Array, side: Array = side, live: Array = live) -> Array:
-            return live * push(a, side * np.maximum(side * w, LEAST_RATE))
+        def held_back(a: Array, w: Array, *now: Array, side: Array = side, live: Array = live) -> Array:
+            return live * push(a, side * np.maximum(side * w, LEAST_RATE), *now)
 
         change = held_back if dry else push
         h = _duration(theta, omega_now, omega, side) / STEPS
         node_angle, node_rate = [theta], [omega_now]
         a, w = theta, omega_now
-        for _ in range(STEPS - 1):
-            a, w = runge_kutta(change, a, w, h)
+        for k in range(STEPS - 1):
+            a, w = runge_kutta(change, a, w, h, begin[-1] + k * h if driven else None)
             node_angle.append(a)
             node_rate.append(w)
         last = h
-        end_a, end_w = runge_kutta(change, a, w, last)
+        now = begin[-1] + (STEPS - 1) * h if driven else None
+        end_a, end_w = runge_kutta(change, a, w, last, now)
         for _ in range(3):  # Newton to the moment of rest
-            bend = change(end_a, end_w)
+            bend = change(end_a, end_w) if now is None else change(end_a, end_w, now + last)
             correction = np.where(np.abs(bend) > 1e-9, -end_w / np.where(bend == 0, 1.0, bend), 0.0)
             last = np.clip(last + np.clip(correction, -0.7 * h, 0.7 * h), 0.05 * h, 6 * h)
-            end_a, end_w = runge_kutta(change, a, w, last)
+            end_a, end_w = runge_kutta(change, a, w, last, now)
         node_angle.append(end_a)
         node_rate.append(np.zeros_like(end_w))
         steps.append(h)
@@ -92,15 +101,16 @@ def _duration(theta: Array, rate: Array, omega: Array, side: Array) -> Array:
     return np.maximum((math.pi - phase) / omega * slow, 1e-3)
 
 
-def runge_kutta(change: Push, a: Array, w: Array, h: Array) -> tuple[Array, Array]:
-    """Angle and rate a step `h` [s] later."""
-    k1 = change(a, w)
+def runge_kutta(change: Push, a: Array, w: Array, h: Array, time: Array | None = None) -> tuple[Array, Array]:
+    """Angle and rate a step `h` [s] later; `time` [s] is handed on to a push that depends on it."""
+    begin, middle, end = ((),) * 3 if time is None else ((time,), (time + 0.5 * h,), (time + h,))
+    k1 = change(a, w, *begin)
     w2 = w + 0.5 * h * k1
-    k2 = change(a + 0.5 * h * w, w2)
+    k2 = change(a + 0.5 * h * w, w2, *middle)
     w3 = w + 0.5 * h * k2
-    k3 = change(a + 0.5 * h * w2, w3)
+    k3 = change(a + 0.5 * h * w2, w3, *middle)
     w4 = w + h * k3
-    k4 = change(a + h * w3, w4)
+    k4 = change(a + h * w3, w4, *end)
     return a + h / 6 * (w + 2 * w2 + 2 * w3 + w4), w + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
 

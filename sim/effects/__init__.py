@@ -28,7 +28,7 @@ def library() -> tuple[Effect, ...]:
     """Every effect of this folder, in the order of their names."""
     found = []
     for module in pkgutil.iter_modules(__path__):
-        if module.name not in ("effect", "forms", "tried"):
+        if module.name not in ("effect", "forms", "shapes", "tried"):
             found.append(_effect_of(importlib.import_module(f"{__name__}.{module.name}"), module.name))
     return tuple(sorted(found, key=lambda effect: effect.name))
 

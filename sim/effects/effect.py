@@ -51,6 +51,8 @@ class Effect:
       [Pa] the effective ones; with ``neck(radius, modulus, *p)`` [m] it lasts until they are so far apart.
     - ``exposure(time, x, y, *p)``: the true time [s] at which a row stamped `time` was taken.
     - ``view(x, y, *p) -> (x, y)`` [m]: where the camera sees what is at x, y.
+    - ``drive(time, place, speed, *p)`` [m/s^2] along the path of a body that is held on one, a bob's arc or a track:
+      `time` [s] on the clock of the record, `place` [m] along the path.  The diagnosis alone knows it.
     """
 
     name: str
@@ -73,6 +75,7 @@ class Effect:
     neck: Hook | None = None
     exposure: Hook | None = None
     view: Hook | None = None
+    drive: Hook | None = None
     geometry: str = ""
     """Name of the rig's own quantity that the first parameter shifts: ``"level"``, ``"length"``, ``"release_spin"``,
     ``"rod_mass"``, ``"release_speed"``, ``"jitter"``, ``"scatter"``."""
@@ -81,11 +84,17 @@ class Effect:
 
     steep: bool = False
     """Whether its force on a bead in flight changes much within a radius of the plate."""
+    edged: bool = False
+    """Whether its force on a bead in flight rises or falls within a small part of the flight, anywhere on it."""
     flat: bool = False
     """Whether the effect has no slope at zero, so that a fit from there would stay there."""
 
     even: bool = False
     """Whether the sign of its first parameter says nothing: a fit that ends below zero means the same above."""
+
+    special: bool = False
+    """Whether it takes what not every lab has, so that where the data do not tell it from another form of its family,
+    the other is named."""
 
     @property
     def group(self) -> str:

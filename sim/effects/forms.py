@@ -11,6 +11,7 @@ from typing import Any
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.sim.effects.effect import Effect, Parameter
+from rigtwin.sim.effects.shapes import Extent, shapes
 
 E = 2.718281828459045
 PREFIX = "form:"
@@ -43,6 +44,14 @@ def with_v_cubed(vx: Any, vy: Any, gap: Any, radius: Any, mass: Any, c: Any) -> 
 
 def across_v(vx: Any, vy: Any, gap: Any, radius: Any, mass: Any, c: Any) -> Any:
     return -mass * c * vy, mass * c * vx
+
+
+def level_with_v(vx: Any, vy: Any, gap: Any, radius: Any, mass: Any, c: Any) -> Any:
+    return mass * c * vx, 0.0 * vy
+
+
+def sideways_with_height(vx: Any, vy: Any, gap: Any, radius: Any, mass: Any, c: Any) -> Any:
+    return mass * c * gap + 0.0 * vx, 0.0 * vy
 
 
 def with_height(vx: Any, vy: Any, gap: Any, radius: Any, mass: Any, c: Any) -> Any:
@@ -136,6 +145,8 @@ FLIGHT = {
     "v|v|": ("c v |v|", "1/m", 0.05, with_v_squared),
     "v^3": ("c v^3", "s/m^2", 0.02, with_v_cubed),
     "v_cross": ("c e_z x v", "1/s", 0.1, across_v),
+    "v_x": ("c v_x e_x", "1/s", 0.1, level_with_v),
+    "height_sideways": ("c z e_x", "1/s^2", 0.3, sideways_with_height),
     "height": ("c z", "1/s^2", 0.3, with_height),
     "height^2": ("c z^2", "1/(m s^2)", 0.5, with_height_squared),
     "near_5mm": ("c exp(-z / 5 mm)", "m/s^2", 1.0, within_5mm),
@@ -198,13 +209,13 @@ def nameless(rig: str) -> tuple[Effect, ...]:
 
 def form(name: str) -> Effect:
     """The nameless term of this name in a model file.  Raises `BadInput` where no twin can carry it."""
-    if name.removeprefix(PREFIX) in TRACK:
+    ways = {shape.effect.name for rig in ("pendulum", "roll", "slide") for shape in shapes(rig, Extent(1.0, 1.0, 1.0))}
+    if name.removeprefix(PREFIX) in TRACK or name in ways:
         raise BadInput(
-            f"effect {name}: an acceleration along a track was found in residuals, and no twin carries that yet; take "
-            "it out of the model file."
+            f"effect {name}: an acceleration along a track or by the clock was found in residuals, and no twin carries "
+            "that yet; take it out of the model file."
         )
-    for rig in ("drop", "double"):
-        for term in nameless(rig):
-            if term.name == name:
-                return term
+    for term in (*nameless("drop"), *nameless("double"), *(one.effect for one in shapes("drop", Extent(1, 1, 1)))):
+        if term.name == name:
+            return term
     raise BadInput(f"there is no formula {name!r}; known are {', '.join((*FLIGHT, *SWING, *IMPACT))}.")

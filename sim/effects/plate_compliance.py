@@ -22,5 +22,6 @@ EFFECT = Effect(
     source="Zener 1941",
     synonyms=("plate flexibility", "elastic plate", "plate vibration", "flexural waves", "base flexibility"),
     restitution=restitution,
+    special=True,
     splits="a plate twice as thick, or backed by a block: bending waves vanish, losses in the bead stay",
 )

@@ -143,9 +143,7 @@ class Checkpoint:
                 state = {name.removeprefix("state_"): file[name] for name in file.files if name != "words"}
             settings, course, now = words["settings"], words["course"], words["time_s"]
         except (OSError, ValueError, KeyError, EOFError, TypeError, BadZipFile):
-            raise BadInput(
-                f"{self.path} is not a checkpoint of rigtwin, or is damaged; delete it or name another."
-            ) from None
+            raise BadInput(f"{self.path} is not a checkpoint of rigtwin, or is damaged; name another file.") from None
         if settings != self._settings:
             raise BadInput(
                 f"The checkpoint {self.path} belongs to another run ({_difference(settings, self._settings)}); "

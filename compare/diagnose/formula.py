@@ -1,0 +1,193 @@
+"""The formula of a disagreement that no listed effect explains: nameless terms, and whether they hold where they were
+not fitted.
+
+Terms of a fixed form are fitted one by one.  Those of a free shape are first looked at on a grid of shapes, in a part
+of the data, by one Newton step each; the best of each kind is then fitted with its shape, and pays for the grid.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rigtwin.compare.diagnose.candidate import Candidate
+from rigtwin.compare.diagnose.fit import Fit, fit, screen
+from rigtwin.compare.diagnose.gap import Gap, closed, gap, noise_floor
+from rigtwin.compare.diagnose.labs import TrackedLab
+from rigtwin.compare.diagnose.locate import Regioned
+from rigtwin.compare.diagnose.naming import FORM, Naming, spread_of
+from rigtwin.compare.diagnose.subset import coarse, cut
+from rigtwin.lab.progress import Progress
+from rigtwin.lab.wording import unit_of
+from rigtwin.sim.effects import Effect
+from rigtwin.sim.effects.forms import nameless
+from rigtwin.sim.effects.shapes import Extent, Shape, shapes
+
+HOLDS = 0.8  # share of the excess that a formula must close on repetitions that it was not fitted to
+WORSE = 0.05  # of a condition's gap, by which a formula may seem to widen it
+WHOLE = 0.95  # share of the excess beyond which no second term is asked for
+AT_ONCE = 24  # shapes that are looked at in one go
+LEADING = 2  # of those that promise most, that are fitted
+PROMISING = 0.6  # ... and not less than this share of the most
+MOVING = 0.05  # of the highest speed, above which something counts as moving
+
+
+@dataclass(frozen=True)
+class Formula:
+    """The best formula, and whether it is told as the law."""
+
+    candidate: Candidate
+    sizes: Gap
+
+    @property
+    def share(self) -> float | None:
+        """Share of the excess gap that it closes where it was not fitted, or where all is fitted, with no such data."""
+        held = closed(self.sizes.held_out_before, self.sizes.held_out_after, self.sizes.held_out_noise_floor)
+        return self.sizes.closed if held is None else held
+
+    @property
+    def holds(self) -> bool:
+        """Whether it closes enough of the gap on held-out repetitions and widens none on a held-out condition."""
+        before, after = self.sizes.condition_before, self.sizes.condition_after
+        widens = before is not None and after is not None and after > (1 + WORSE) * before
+        return self.share is not None and self.share >= HOLDS and not widens
+
+    @property
+    def words(self) -> str:
+        return in_words(self.candidate)
+
+
+def find_formula(
+    bench: Regioned, lab: TrackedLab, naming: Naming, fixed: Sequence[Candidate], progress: Progress
+) -> Formula | None:
+    """The formula that gains most on the baseline, of the fewest terms that do; None where none is significant."""
+    progress("shapes of formulas", 0, 1)
+    first = _better(fixed, _shaped(bench, naming, naming.base))
+    if first is None or first.gain < FORM:
+        return None
+    first = candidate(naming, first.terms, fit(bench, first.terms, near=first.fitted, most=15))
+    if not _whole(bench, naming, first):
+        second_terms = [(*first.terms, term) for term in nameless(lab.rig) if term.name not in first.names]
+        glanced = zip(screen(bench, first.fitted, [terms[-1] for terms in second_terms]), second_terms, strict=True)
+        likely = sorted(glanced, key=lambda one: one[0].deviance)[:LEADING]
+        grown = [
+            candidate(naming, terms, fit(bench, terms, near=first.fitted, most=15, rounds=2)) for _, terms in likely
+        ]
+        second = _better(grown, _shaped(bench, naming, first.fitted))
+        if second is not None and second.gain - first.gain > FORM:
+            first = second
+    return Formula(first, gap(bench, lab, naming.base, first.fitted))
+
+
+def fixed_forms(bench: Regioned, naming: Naming, progress: Progress) -> list[Candidate]:
+    """Nameless terms of a fixed form alone, on the baseline."""
+    found = []
+    terms = nameless(bench.lab.rig)  # type: ignore[attr-defined]
+    for number, term in enumerate(terms):
+        progress("formulas", number, len(terms))
+        fitted = fit(bench, (term,), near=naming.base, most=15, rounds=2)
+        if not fitted.converged:  # a formula that is still on its way cannot be held against the listed effects
+            fitted = fit(bench, (term,), near=fitted, most=40, rounds=2)
+        found.append(candidate(naming, (term,), fitted))
+    return found
+
+
+def candidate(naming: Naming, terms: tuple[Effect, ...], fitted: Fit, cost: float = 0.0) -> Candidate:
+    """A formula's fit, and its gain less what its shape costs; refused where its last coefficient may be zero."""
+    spread = spread_of(naming.base, naming.location)
+    names = [f"{terms[-1].name}.{p.name}" for p in terms[-1].parameters if p.name in ("c", "d")]
+    weak = math.hypot(*(fitted.value(name) / fitted.std(name) for name in names)) < 3
+    reason = "within three of its standard deviations of zero" if weak else ""
+    return Candidate(terms, fitted, (naming.base.deviance - fitted.deviance) / spread - cost, reason)
+
+
+def in_words(formula: Candidate) -> str:
+    """The terms with their coefficients and doubts."""
+    parts = []
+    for term in formula.terms:
+        numbers = []
+        for parameter in term.parameters:
+            name = f"{term.name}.{parameter.name}"
+            value, std = formula.fitted.value(name), formula.fitted.std(name)
+            numbers.append(f"{parameter.name} = {value:.4g} ± {std:.2g}{unit_of(parameter.unit)}")
+        parts.append(f"{term.title} with {', '.join(numbers)}")
+    return "; ".join(parts)
+
+
+def _better(fixed: Sequence[Candidate], shaped: Sequence[Candidate]) -> Candidate | None:
+    """The best of a fixed form, unless a free shape does clearly better."""
+    plain = max((one for one in fixed if not one.reason), key=lambda one: one.gain, default=None)
+    free = max((one for one in shaped if not one.reason), key=lambda one: one.gain, default=None)
+    if plain is None or (free is not None and free.gain - plain.gain > FORM):
+        return free
+    return plain
+
+
+def _whole(bench: Regioned, naming: Naming, one: Candidate) -> bool:
+    """Whether a formula leaves hardly anything of the gap."""
+    share = closed(naming.base.per_row, one.fitted.per_row, noise_floor(bench, one.fitted))
+    return share is None or share >= WHOLE
+
+
+def _shaped(bench: Regioned, naming: Naming, near: Fit) -> list[Candidate]:
+    """Terms of free shape on top of a fit; those that promise most are fitted."""
+    rig = bench.lab.rig  # type: ignore[attr-defined]
+    kinds = [
+        one
+        for one in shapes(rig, _extent(bench, near))
+        if one.effect.name not in {term.name for term in near.terms}
+        and (one.effect.drive is None or getattr(bench, "drivable", False))
+    ]
+    part, chosen = coarse(bench)
+    start = cut(near, chosen)
+    glances = sorted((_glance(part, start, one) for one in kinds), key=lambda glance: -glance[0])
+    found = []
+    for promised, shape, begin in glances[:LEADING]:
+        if promised < PROMISING * glances[0][0] or promised <= 0:
+            continue
+        terms = (*near.terms, shape.effect)
+        try:
+            rough = fit(part, terms, near=start, beside=begin, most=20, rounds=1)
+            known = {u.name: float(v) for u, v in zip(rough.unknowns, rough.values, strict=True)}
+            fitted = fit(bench, terms, near=near, beside=known, most=8, rounds=1)
+            if fitted.deviance > near.deviance:  # lost from the starts of the fit before: guessed anew
+                fitted = fit(bench, terms, near=near, start=known, most=20, rounds=1)
+        except (np.linalg.LinAlgError, ArithmeticError):  # a shape that these tracks cannot have
+            continue
+        cost = 2 * math.log(len(shape.grid)) + 2 * len(shape.shaping)
+        found.append(candidate(naming, terms, fitted, cost))
+    return found
+
+
+def _glance(part: Regioned, start: Fit, shape: Shape) -> tuple[float, Shape, dict[str, float]]:
+    """What the best shape of the grid promises, and its numbers to begin a fit with."""
+    best, values = -math.inf, dict[str, float]()
+    for first in range(0, len(shape.grid), AT_ONCE):
+        numbers = range(first, min(first + AT_ONCE, len(shape.grid)))
+        terms = [shape.frozen(number) for number in numbers]
+        for number, term, seen in zip(numbers, terms, screen(part, start, terms), strict=True):
+            gain = start.deviance - seen.deviance
+            if math.isfinite(gain) and gain > best:
+                name = shape.effect.name
+                best = gain
+                values = {f"{name}.{one}": seen.value(f"{term.name}.{one}") for one in shape.linear}
+                values |= {f"{name}.{one}": v for one, v in zip(shape.shaping, shape.grid[number], strict=True)}
+    return best, shape, values
+
+
+def _extent(bench: Regioned, fitted: Fit) -> Extent:
+    """How long things move, over what stretch of the clock, and how far."""
+    speed = np.hypot(fitted.speed[:, 0], fitted.speed[:, 1])
+    moving = speed > MOVING * float(speed.max())
+    times, ways = [], []
+    for span in bench.spans:
+        inside = moving[span]
+        if inside.sum() > 2:
+            time, place = bench.time[span][inside], bench.rows[span][inside]
+            times.append((float(time.min()), float(time.max())))
+            ways.append(float(np.hypot(*np.ptp(place, axis=0))))
+    begin, end = np.array(times).T
+    return Extent(float(np.max(end - begin)), float(end.max() - begin.min()), max(ways))

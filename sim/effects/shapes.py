@@ -1,0 +1,159 @@
+"""Nameless terms whose shape is fitted: a band of heights, a decay, a period.
+
+Each has coefficients that it is linear in, and numbers of its shape that are looked for on a grid and then fitted.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from rigtwin.sim.effects.effect import Effect, Hook, Parameter
+
+E = 2.718281828459045
+EDGE = 15.0  # a band's width over that of its edges
+REACHES = (0.005, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32)  # of the highest height
+EDGES = (-0.05, 0.05, 0.1, 0.18, 0.28, 0.4, 0.55, 0.75, 1.1)  # ... or the longest way, between any two of which it acts
+FEWEST_CYCLES, MOST_CYCLES = 0.7, 25.0  # in the longest motion
+PER_CYCLE = 4.0  # periods looked at, per cycle that all motions together span
+MOST_PERIODS = 400
+TURN = 2.0 * np.pi
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A term with the numbers of its shape free, and where to begin with them."""
+
+    effect: Effect
+    linear: tuple[str, ...]
+    grid: tuple[tuple[float, ...], ...]
+
+    @property
+    def shaping(self) -> tuple[str, ...]:
+        """The parameters that the term is not linear in."""
+        return tuple(p.name for p in self.effect.parameters if p.name not in self.linear)
+
+    def frozen(self, number: int) -> Effect:
+        """The term in the shape of this place of the grid: linear in all its parameters."""
+        fixed = self.grid[number]
+        hook = "force" if self.effect.force is not None else "drive"
+        whole: Hook = getattr(self.effect, hook)
+        own = tuple(p for p in self.effect.parameters if p.name in self.linear)
+
+        def term(*given: Any) -> Any:
+            return whole(*given, *fixed)
+
+        return replace(self.effect, name=f"{self.effect.name}@{number}", parameters=own, **{hook: term})  # type: ignore[arg-type]
+
+
+# in flight
+
+
+def decay(vx: Any, vy: Any, gap: Any, radius: Any, mass: Any, c: Any, reach: Any) -> Any:
+    return 0.0 * vx, mass * c * E ** (-abs(gap) / (abs(reach) + 1e-6)) + 0.0 * vy
+
+
+def decay_sideways(vx: Any, vy: Any, gap: Any, radius: Any, mass: Any, c: Any, reach: Any) -> Any:
+    return mass * c * E ** (-abs(gap) / (abs(reach) + 1e-6)) + 0.0 * vx, 0.0 * vy
+
+
+def band(vx: Any, vy: Any, gap: Any, radius: Any, mass: Any, c: Any, low: Any, high: Any) -> Any:
+    edge = abs(high - low) / EDGE + 1e-5
+    inside = 1.0 / ((1.0 + E ** ((low - gap) / edge)) * (1.0 + E ** ((gap - high) / edge)))
+    return 0.0 * vx, mass * c * inside + 0.0 * vy
+
+
+def band_sideways(vx: Any, vy: Any, gap: Any, radius: Any, mass: Any, c: Any, low: Any, high: Any) -> Any:
+    edge = abs(high - low) / EDGE + 1e-5
+    inside = 1.0 / ((1.0 + E ** ((low - gap) / edge)) * (1.0 + E ** ((gap - high) / edge)))
+    return mass * c * inside + 0.0 * vx, 0.0 * vy
+
+
+# along a bob's arc or a track
+
+
+def in_time(time: Any, place: Any, speed: Any, c: Any, d: Any, period: Any) -> Any:
+    return c * np.sin(TURN * time / period) + d * np.cos(TURN * time / period)
+
+
+def in_place(time: Any, place: Any, speed: Any, c: Any, d: Any, period: Any) -> Any:
+    return c * np.sin(TURN * place / period) + d * np.cos(TURN * place / period)
+
+
+def stretch(time: Any, place: Any, speed: Any, c: Any, low: Any, high: Any) -> Any:
+    edge = abs(high - low) / EDGE + 1e-5
+    return c / ((1.0 + E ** ((low - place) / edge)) * (1.0 + E ** ((place - high) / edge)))
+
+
+@dataclass(frozen=True)
+class Extent:
+    """How far the motions of a lab reach."""
+
+    time: float  # [s], the longest motion
+    clock: float  # [s], from the first moment in which anything moves, in any record, to the last
+    way: float  # [m], the highest fall or the longest ride
+
+
+def shapes(rig: str, extent: Extent) -> tuple[Shape, ...]:
+    """The terms that can act in a rig."""
+    reaches = tuple((share * extent.way,) for share in REACHES)
+    edges = tuple((a * extent.way, b * extent.way) for a, b in itertools.combinations(EDGES, 2))
+    along, between = (_length("reach"),), (_length("low"), _length("high"))
+    if rig == "drop":
+        what = "force per mass c"
+        return (
+            _shape(rig, "decay", f"{what} exp(-z / reach)", along, reaches, steep=True, force=decay),
+            _shape(
+                rig, "decay_sideways", f"{what} exp(-z / reach) e_x", along, reaches, steep=True, force=decay_sideways
+            ),
+            _shape(rig, "band", f"{what} where low < z < high", between, edges, edged=True, force=band),
+            _shape(
+                rig, "band_sideways", f"{what} e_x where low < z < high", between, edges, edged=True,
+                force=band_sideways,
+            ),
+        )  # fmt: skip
+    if rig not in ("pendulum", "roll", "slide"):
+        return ()
+    what = "acceleration along the path c"
+    swings = f"{what} sin(2 pi {{0}} / period) + d cos(2 pi {{0}} / period)"
+    in_time_ = _shape(
+        rig, "period", swings.format("t"), (Parameter("period", "s", 1e-3, 1e3, 1e-2 * extent.time),),
+        _periods(extent.time, extent.clock), drive=in_time,
+    )  # fmt: skip
+    if rig == "pendulum":
+        return (in_time_,)
+    return (
+        in_time_,
+        _shape(
+            rig, "ripple", swings.format("s"), (Parameter("period", "m", 1e-3, 1e3, 1e-2 * extent.way),),
+            _periods(extent.way, extent.way), drive=in_place,
+        ),
+        _shape(rig, "stretch", f"{what} where low < s < high", between, edges, drive=stretch),
+    )  # fmt: skip
+
+
+def _periods(longest: float, span: float) -> tuple[tuple[float, ...], ...]:
+    """Periods of a periodogram: as fine as motions that span so much can tell them."""
+    first, step = FEWEST_CYCLES / longest, 1 / (PER_CYCLE * span)
+    count = min(int((MOST_CYCLES / longest - first) / step) + 1, MOST_PERIODS)
+    return tuple((1 / float(first + k * step),) for k in range(count))
+
+
+def _length(name: str) -> Parameter:
+    return Parameter(name, "m", -10.0, 10.0, 0.01)
+
+
+def _shape(
+    rig: str, name: str, title: str, shaping: Sequence[Parameter], grid: tuple[tuple[float, ...], ...], **hooks: Any
+) -> Shape:
+    linear = ("c", "d") if " d " in title else ("c",)
+    own = tuple(Parameter(one, "m/s^2", -1e9, 1e9, 0.05) for one in linear)
+    effect = Effect(
+        name=f"form:{name}", title=title, kind="physical", rigs=(rig,), parameters=(*own, *shaping), equation=title,
+        source="regression on the residual", **hooks,
+    )  # fmt: skip
+    return Shape(effect, linear, grid)

@@ -1,0 +1,85 @@
+"""Diagnosis: formulas of what no effect explains; their shapes against closed forms, and when one is told as a law."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from rigtwin.compare.diagnose import flight
+from rigtwin.compare.diagnose.formula import Formula
+from rigtwin.compare.diagnose.gap import Gap
+from rigtwin.compare.diagnose.pendulum import pushing
+from rigtwin.compare.diagnose.swing import angle_at, half_swings
+from rigtwin.lab.errors import BadInput
+from rigtwin.sim.effects import named
+from rigtwin.sim.effects.shapes import Extent, shapes
+
+G = 9.81
+EXTENT = Extent(time=2.0, clock=3.0, way=0.5)
+SHAPES = {f"{rig} {one.effect.name}": one for rig in ("drop", "pendulum", "roll") for one in shapes(rig, EXTENT)}
+GAP = Gap(5.0, 1.1, 1.0, 5.0, 1.2, 1.0, 8.0, 1.3, 1.0, "far")
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_shape_held_at_a_place_of_its_grid_is_the_term_with_those_numbers(name):
+    shape = SHAPES[name]
+    number = len(shape.grid) // 2
+    frozen, whole = shape.frozen(number), shape.effect
+    hook = "force" if whole.force is not None else "drive"
+    assert [p.name for p in whole.parameters] == [*shape.linear, *shape.shaping]
+    motion = [np.array([0.1, 0.2, 0.3])] * (5 if hook == "force" else 3)
+    sizes = [0.3, 0.2][: len(shape.linear)]
+    given = getattr(frozen, hook)(*motion, *sizes)
+    assert np.allclose(given, getattr(whole, hook)(*motion, *sizes, *shape.grid[number]))
+
+
+def test_a_bead_that_falls_through_a_draught_gains_its_push_times_the_time_in_it():
+    draught = SHAPES["drop form:band_sideways"].effect
+    start = np.zeros((1, 1, 1))
+    high, low, top, push = 0.5, 0.1, 0.3, 0.4
+    values = {f"{draught.name}.{n}": np.array([v]) for n, v in (("c", push), ("low", low), ("high", top))}
+    paths = flight.fly(
+        start, start, start + high, start, start + 1, radius=np.full((1, 1), 3e-3), mass=np.full((1, 1), 1e-4),
+        gravity=G, terms=(draught,), values=values,
+    )  # fmt: skip
+    through = math.sqrt(2 * (high - low) / G) - math.sqrt(2 * (high - top) / G)
+    assert paths.land_vx[0, 0, 0] == pytest.approx(push * through, rel=0.01)
+
+
+def test_a_bob_that_is_pushed_by_the_clock_swings_as_scipy_says():
+    push, period, length, release, angle = 0.05, 0.73, 0.4, 0.05, 0.3
+    term = SHAPES["pendulum form:period"].effect
+    values = {f"{term.name}.{n}": np.array([v]) for n, v in (("c", push), ("d", 0.0), ("period", period))}
+    one = np.ones((1, 1))
+    law, omega = pushing(length * one, np.ones(1), np.ones(1), G, values, (term,), release * one)
+    swings = half_swings(angle * one, law, omega, 4 * one, dry=False, driven=True)
+    time = np.linspace(0.0, 4.0, 50)
+    found = angle_at(swings, time[None], np.zeros(50, dtype=int))[0][0]
+
+    def motion(t, s):
+        return [s[1], -G / length * math.sin(s[0]) + push / length * math.sin(2 * math.pi * (t + release) / period)]
+
+    true = solve_ivp(motion, (0, 4), [angle, 0.0], t_eval=time, rtol=1e-9, atol=1e-11).y[0]
+    assert np.abs(found - true).max() < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("change", "holds"),
+    [
+        ({}, True),
+        ({"held_out_after": 2.5}, False),  # closes 62 % of what it was not fitted to
+        ({"condition_after": 12.0}, False),  # and this widens the gap of the condition held out
+        ({"held_out_before": None, "held_out_after": None, "held_out_noise_floor": None}, True),
+        ({"before": 1.0, "held_out_before": None}, False),  # there is no gap that it could close
+    ],
+)
+def test_only_a_formula_that_closes_the_gap_where_it_was_not_fitted_is_told(change, holds):
+    sizes = Gap(**{**GAP.to_json(), **change})
+    assert Formula(None, sizes).holds is holds
+
+
+def test_a_band_of_heights_is_read_from_a_model_file_and_a_push_by_the_clock_is_refused():
+    assert named("form:band_sideways").force is not None
+    with pytest.raises(BadInput, match="no twin carries"):
+        named("form:period")

@@ -1,0 +1,94 @@
+"""Diagnosis: a second name must not stand for what the first effect's law leaves, nor drown beside a strong first."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from rigtwin.compare.diagnose import naming
+from rigtwin.compare.diagnose.candidate import Candidate
+from rigtwin.compare.diagnose.leeway import bends, gained_beside
+from rigtwin.compare.diagnose.naming import _plainest, _Search
+from rigtwin.sim.effects import library, named
+
+FITTED = SimpleNamespace(value=lambda name: 0.4)
+MOTION = {
+    "force": (0.5, -2.0, 0.1, 3e-3, 1e-4), "torque": (0.3, 2.0, 0.25, 1e-3), "restitution": (0.6, 1.3, 3e-3, 1e-4),
+    "rolling": (0.02, 0.5, 3e-3), "sliding": (0.4, 0.5, 10.0), "onset": (0.4, 10.0, 0.02), "view": (0.1, 0.2),
+    "exposure": (1.0, 0.1, 0.2),
+}  # fmt: skip
+
+
+def test_a_quadratic_drag_bends_towards_one_that_is_linear_and_one_that_is_cubic():
+    drag = named("air_drag")
+    slower, faster = bends(drag, FITTED, "drop", sizes=False)
+    for term, power in ((slower, 1), (faster, 3)):
+        single, double = (np.array(term.force(0.0, -v, 0.1, 3e-3, 1e-4, 0.1)) for v in (1.0, 2.0))
+        assert double[1] == pytest.approx(2**power * single[1], rel=1e-6)
+        assert single[0] == 0.0
+    # at 1 m/s a bend is that share of the drag itself
+    plain = drag.force(0.0, -1.0, 0.1, 3e-3, 1e-4, 0.4)[1]
+    assert slower.force(0.0, -1.0, 0.1, 3e-3, 1e-4, 0.1)[1] == pytest.approx(0.1 * plain, rel=1e-6)
+
+
+def test_a_drag_on_beads_of_two_sizes_may_depend_on_the_size_in_another_way():
+    more = bends(named("air_drag"), FITTED, "drop", sizes=True)
+    assert len(more) == 5
+    small, large = (more[2].force(0.0, -1.0, 0.1, radius, 1e-4, 1.0)[1] for radius in (2e-3, 4e-3))
+    assert large == pytest.approx(8 * small)  # once more than the area
+
+
+@pytest.mark.parametrize("effect", library(), ids=lambda effect: effect.name)
+def test_every_law_is_bent_in_proportion_to_the_coefficient_and_what_moves_the_rig_has_none(effect):
+    rig = "drop" if effect.restitution or effect.attraction else effect.rigs[0]
+    found = bends(effect, FITTED, rig, sizes=True)
+    assert bool(found) == (not effect.geometry)
+    for term in found:
+        hook = next(name for name in MOTION if getattr(term, name) is not None)
+        nought, once, twice = (np.array(getattr(term, hook)(*MOTION[hook], c)) for c in (0.0, 0.01, 0.02))
+        assert twice - nought == pytest.approx(2 * (once - nought), rel=1e-6)
+
+
+def test_a_share_of_a_strong_first_effect_is_asked_only_of_what_its_law_may_have_left(monkeypatch):
+    """Beside 1e9 gained, 100 is a small share: it counts where the law of the first cannot have left it."""
+    search = _Search(SimpleNamespace(lab=SimpleNamespace(rig="pendulum")), None, 1.0)
+    fitted = SimpleNamespace(unknowns=(), std=lambda name: 1.0, value=lambda name: 0.44)
+    drag = Candidate((named("air_drag"),), fitted, 1e9)
+    for gained, beside, earned in ((100.0, 60.0, True), (100.0, 5.0, False), (15.0, 60.0, False), (2e3, 5.0, True)):
+        monkeypatch.setattr(naming, "gained_beside", lambda *_, beside=beside: beside)
+        search.beside.clear()
+        both = Candidate((*drag.terms, named("length_error")), fitted, 1e9 + gained)
+        assert search.earned(drag, both) is earned
+
+
+def test_sets_of_which_one_is_no_part_of_the_other_are_not_weighed_so():
+    fewer, more = (
+        Candidate(tuple(map(named, names)), FITTED, 0.0) for names in (("air_drag",), ("pivot_friction", "scale_error"))
+    )
+    assert gained_beside(SimpleNamespace(), fewer, more) == 0.0
+
+
+def test_of_forms_that_fit_alike_the_one_that_takes_no_thin_plate_is_named(monkeypatch):
+    plate, bead = (
+        Candidate((named(name),), SimpleNamespace(value=lambda _: 0.5), gain)
+        for name, gain in (("plate_compliance", 378.1), ("restitution_viscoelastic", 377.4))
+    )
+    done = {frozenset(one.names): one for one in (plate, bead)}
+    search = SimpleNamespace(done=done, certified=lambda one: one)
+    chosen, others = _plainest(search, plate)
+    assert chosen is bead
+    assert others == (plate,)
+    clear = Candidate(bead.terms, bead.fitted, 370.0)
+    search.done = {frozenset(one.names): one for one in (plate, clear)}
+    assert _plainest(search, plate) == (plate, ())
+
+
+def test_a_candidate_whose_equations_have_no_solution_is_left_out_and_told():
+    search = _Search(SimpleNamespace(), None, 1.0)
+
+    def singular():
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    search._attempt((named("air_drag"), named("plate_tilt")), singular)
+    assert search.done == {}
+    assert list(search.broken) == ["air drag and non-level plate"]
