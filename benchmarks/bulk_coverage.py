@@ -136,8 +136,11 @@ def hoppers(count: int, seed: int) -> list[Row]:
     return [coverage("hopper, discharge time", hits)]
 
 
-def _heaped(rng: np.random.Generator, slopes: tuple[float, float], foot: float) -> Profile:
-    """The outline of beads that fill a cone of two slopes [deg], its foot as many bead diameters from the axis."""
+def heaped(rng: np.random.Generator, slopes: tuple[float, float], foot: float) -> tuple[Profile, Array]:
+    """Beads that fill a cone of two slopes [deg], its foot as many bead diameters from the axis.
+
+    Their outline [m], and their centres [bead diameters].
+    """
     tangents = [math.tan(math.radians(slope)) for slope in slopes]
     side = np.arange(-foot - 1, foot + 2)
     places = np.stack(np.meshgrid(side, side, np.arange(0, foot, 0.82), indexing="ij"), axis=-1).reshape(-1, 3)
@@ -151,7 +154,7 @@ def _heaped(rng: np.random.Generator, slopes: tuple[float, float], foot: float) 
         near = slice(*np.searchsorted(x, (across - 0.5, across + 0.5)))
         cap = level + np.sqrt(np.maximum(0.25 - (x[near] - across) ** 2, 0))
         height[near] = np.maximum(height[near], cap)
-    return Profile(x * BEAD, height * BEAD, np.full(len(x), 1e-5))
+    return Profile(x * BEAD, height * BEAD, np.full(len(x), 1e-5)), places
 
 
 def piles(count: int, seed: int) -> list[Row]:
@@ -163,7 +166,7 @@ def piles(count: int, seed: int) -> list[Row]:
         left, right = (float(slope) for slope in rng.uniform(18, 35) + rng.uniform(-2, 2, 2))
         foot = float(rng.uniform(7.5, 20))
         heaps = [
-            pile.evaluate([_heaped(rng, (left, right), foot)], base_diameter=2 * foot * BEAD, bead_diameter=BEAD)
+            pile.evaluate([heaped(rng, (left, right), foot)[0]], base_diameter=2 * foot * BEAD, bead_diameter=BEAD)
             for _ in range(HEAPS)
         ]
         for key, name in angles.items():

@@ -94,20 +94,26 @@ class Stage:
 def film(path: Path, stage: Stage, footage: Footage, rng: np.random.Generator) -> Path:
     """Draw the film and store it as H.264."""
     count = int(stage.duration * footage.rate)
-    pictures = list(_pictures(stage, footage, count, rng))
-    kept = footage.kept(count, rng)
+    return stored(path, list(_pictures(stage, footage, count, rng)), footage, rng)
+
+
+def stored(path: Path, pictures: Sequence[Grey], footage: Footage, rng: np.random.Generator) -> Path:
+    """Pictures, grey or BGR, as a film of H.264."""
+    kept = footage.kept(len(pictures), rng)
     rate = Fraction(footage.stored_rate or footage.rate).limit_denominator(1001)
     options = {"crf": str(footage.crf), "preset": "veryfast", "threads": "1"}
     if footage.interlaced:
         options["x264-params"] = "tff=1"
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=rate, options=options)
-        stream.height, stream.width = pictures[0].shape
+        stream.height, stream.width = pictures[0].shape[:2]
         stream.pix_fmt = "yuv420p"
         if footage.stamped:
             stream.codec_context.time_base = Fraction(1, CLOCK)
         for k in kept:
-            frame = av.VideoFrame.from_ndarray(cv2.cvtColor(pictures[k], cv2.COLOR_GRAY2BGR), format="bgr24")
+            grey = pictures[k].ndim == 2
+            colour = cv2.cvtColor(pictures[k], cv2.COLOR_GRAY2BGR) if grey else pictures[k]
+            frame = av.VideoFrame.from_ndarray(colour, format="bgr24")
             if footage.stamped:
                 frame.pts, frame.time_base = round(k / footage.rate * CLOCK), Fraction(1, CLOCK)
             container.mux(stream.encode(frame))
@@ -117,12 +123,12 @@ def film(path: Path, stage: Stage, footage: Footage, rng: np.random.Generator) -
 
 def _pictures(stage: Stage, footage: Footage, count: int, rng: np.random.Generator) -> Iterator[Grey]:
     wall = _wall(stage, footage, rng)
-    sway = _sway(count, footage.shake, rng)
+    moved = sway(count, footage.shake, rng)
     for k in range(count):
         fields = [k / footage.rate]
         if footage.interlaced:
             fields.append((k + 0.5) / footage.rate)
-        seen = [_picture(wall, stage, footage, begun, sway[k]) for begun in fields]
+        seen = [_picture(wall, stage, footage, begun, moved[k]) for begun in fields]
         picture = seen[0]
         if footage.interlaced:
             picture[1::2] = seen[1][1::2]
@@ -140,7 +146,8 @@ def _wall(stage: Stage, footage: Footage, rng: np.random.Generator) -> Picture:
     return wall
 
 
-def _sway(count: int, size: float, rng: np.random.Generator) -> Array:
+def sway(count: int, size: float, rng: np.random.Generator) -> Array:
+    """[px], how a camera held by hand moves from frame to frame, shape (count, 2)."""
     k = np.arange(count)
     slow = np.stack([np.sin(k / 9.0), np.cos(k / 6.0)], axis=1) * size
     return np.asarray(slow + 0.4 * size * rng.standard_normal((count, 2)))

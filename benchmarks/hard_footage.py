@@ -49,7 +49,8 @@ class Case:
     bead: float | None = None  # [m], the bead's diameter where it is not the usual one
 
 
-def _all_but_a_tenth(count: int, rng: np.random.Generator) -> list[int]:
+def all_but_a_tenth(count: int, rng: np.random.Generator) -> list[int]:
+    """Frames of a film that are kept where a tenth of them got lost."""
     return sorted(rng.choice(count, int(0.9 * count), replace=False).tolist())
 
 
@@ -87,9 +88,9 @@ def _no_rate(camera: Camera) -> Camera:
 CASES: dict[str, Case] = {
     "clean": Case(),
     "occluder": Case(replace(CLEAN, bar=True)),
-    "variable frame rate": Case(replace(CLEAN, kept=_all_but_a_tenth, stamped=True)),
-    "variable rate, not stated": Case(replace(CLEAN, kept=_all_but_a_tenth, stamped=True), camera=_no_rate),
-    "dropped frames": Case(replace(CLEAN, kept=_all_but_a_tenth)),
+    "variable frame rate": Case(replace(CLEAN, kept=all_but_a_tenth, stamped=True)),
+    "variable rate, not stated": Case(replace(CLEAN, kept=all_but_a_tenth, stamped=True), camera=_no_rate),
+    "dropped frames": Case(replace(CLEAN, kept=all_but_a_tenth)),
     "one frame dropped": Case(replace(CLEAN, kept=_all_but_one)),
     "duplicated frames": Case(replace(CLEAN, kept=_each_sixth_again)),
     "2.5 degrees of roll": Case(view=_rolled),
@@ -237,6 +238,9 @@ class Reading:
         return f"{self.name:32s} {self.truth:9.5g} {self.value:10.5g} ± {self.doubt:<9.2g} {self.off:+7.2f}  {word}"
 
 
+Read = Callable[[str, str, int, Path], tuple[list[Reading], str]]
+
+
 def readings(rig: str, name: str, seed: int, folder: Path) -> tuple[list[Reading], str]:
     """What is measured of one clip, or why nothing is."""
     case, (stage_of, read) = cases_of(rig)[name], RIGS[rig]
@@ -247,10 +251,17 @@ def readings(rig: str, name: str, seed: int, folder: Path) -> tuple[list[Reading
         measured = read(path, case)
     except BadInput as error:
         return [], str(error).replace(str(path), path.name)
+    return compared(measured, truth, _key)
+
+
+def compared(
+    measured: Measurement, truth: Truth, key_of: Callable[[Quantity], tuple[str, str, object]]
+) -> tuple[list[Reading], str]:
+    """The numbers whose truth is known, and which checks failed."""
     failed = [check.check for check in measured.checks if not check.passed]
     found = []
     for quantity in measured.quantities:
-        key = _key(quantity)
+        key = key_of(quantity)
         if key in truth:
             told = " ".join(str(part) for part in key if part is not None)
             found.append(Reading(told, quantity.value, quantity.std_uncertainty, truth[key], bool(quantity.doubtful)))
@@ -258,18 +269,26 @@ def readings(rig: str, name: str, seed: int, folder: Path) -> tuple[list[Reading
 
 
 def hard(count: int, rigs: Sequence[str] = tuple(RIGS), only: Sequence[str] = ()) -> list[Row]:
-    """The table of all hardnesses, told on stderr number by number, and a row of each."""
+    """The table of all hardnesses of drops and pendulums."""
+    return [
+        row
+        for rig in rigs
+        for row in table(rig, [name for name in cases_of(rig) if not only or name in only], count, readings)
+    ]
+
+
+def table(rig: str, names: Sequence[str], count: int, read: Read) -> list[Row]:
+    """A row of each hardness, told on stderr number by number."""
     rows = []
     with tempfile.TemporaryDirectory() as folder:
-        for rig in rigs:
-            for name in (name for name in cases_of(rig) if not only or name in only):
-                seen, refused = list[Reading](), 0
-                for seed in range(SEED, SEED + count):
-                    found, note = readings(rig, name, seed, Path(folder))
-                    refused += not found
-                    seen += found
-                    sys.stderr.writelines(_told(rig, name, found, note))
-                rows.append(_row(rig, name, seen, refused))
+        for name in names:
+            seen, refused = list[Reading](), 0
+            for seed in range(SEED, SEED + count):
+                found, note = read(rig, name, seed, Path(folder))
+                refused += not found
+                seen += found
+                sys.stderr.writelines(_told(rig, name, found, note))
+            rows.append(_row(rig, name, seen, refused))
     return rows
 
 

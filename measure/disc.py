@@ -42,6 +42,7 @@ PLAIN = 1.5  # weight of edges on the face
 THICK = 1.5  # cost of a thickness of half the width: bases are plates
 EMPTY = 4.0  # cost of a base twice as wide as the heap
 LIT = 4.0  # [grey], by which a lit top is brighter than the face at least
+SHADOW = 0.3  # of what follows a face in darkness: shadows on the face itself are fainter
 EDGE_ROWS = 8  # half pixels within which an edge as blurred as a lens makes it reaches its height
 SEEN_LARGER = 1.15  # circles are found on the clearest edge of a shaded bead, a little inside its rim
 SIZE_DOUBT = 0.2  # error of the logarithm of the circles' radius that is nothing unusual
@@ -286,14 +287,23 @@ def _face_share(grey: npt.NDArray[np.uint8], template: _Template, focal_length: 
     # every column's own noise averages out, so that no smoothing need widen a strip of one or two pixels
     values = cv2.remap(grey.astype(np.float32), x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR)
     plain = rows < max(0.5 * guess, 2.5)  # of the thinnest face its first row at least
-    change = values - np.median(values[plain], axis=0)
+    light = np.median(values[plain], axis=0)
+    unlit = light < _usual(light) + LIT
+    change = (values - light)[:, unlit]
     dark, bright = np.percentile(change, (25, 75), axis=1) * np.array([[-1.0], [1.0]])
     dark, bright = (each - np.median(each[plain]) for each in (dark, bright))
-    # shadows on the face are faint beside what follows it
-    ends, lit = _first_edge(dark, plain, 0.3 * float(dark.max())), _first_edge(bright, plain, LIT)
-    if lit is not None and dark[round(lit)] < dark.max() / 2:
+    faint = SHADOW * float(dark.max())
+    ends, lit = _first_edge(dark, plain, faint), _first_edge(bright, plain, LIT)
+    # up to a lit top the face goes on in every fourth column; what is bright behind darker columns is a bead
+    if lit is not None and dark[round(lit)] < dark.max() / 2 and bright[: round(lit)].min() > -max(faint, LIT):
         ends = lit
     return 1.0 if ends is None else float(np.interp(ends, np.arange(len(rows)), rows)) / guess
+
+
+def _usual(light: Array) -> float:
+    """What the light of a face's columns hardly exceeds where no lamp's reflection lies over it."""
+    middle = float(np.median(light))
+    return middle + 3 * 1.4826 * float(np.median(np.abs(light - middle)))
 
 
 def _first_edge(departure: Array, plain: npt.NDArray[np.bool_], least: float) -> float | None:

@@ -50,6 +50,7 @@ TAIL = 0.02  # of the discharge, without a loss at the record's end, from which 
 BINS = 6  # parts of the steady flow whose rates are compared
 HIDDEN = 0.08  # share of the slot's width that may show no bead before something hides it
 RESIDUE = 0.02  # share of the bed that may stay behind before it is worth a warning
+UNSEEN = ("slot_in_view", "bed_clear")  # checks without which the times of what leaves are doubtful
 NEARBY = 4  # frames about an instant in which something in front of the hopper makes it doubtful
 # bits per pixel of a clip, below which its codec leaves what is faint as it was for a frame or so until it moved on;
 # beads that pour take ten times as many
@@ -133,7 +134,7 @@ def measure(
     warnings += [each for each in asked if isinstance(each, str) and each]
     judged = [each for each in asked if isinstance(each, Check)]
     checks = (*_checks_of_picture(seen, gate, hidden), compression, *evaluation.checks, *judged)
-    for why in (_failed(timing), _failed(rate), video.spoilt):
+    for why in (_failed(timing), _failed(rate), video.spoilt, *(_failed(one) for one in checks if one.check in UNSEEN)):
         quantities = _with_times_doubted(quantities, why)
     if why := video.broken_off:
         quantities = tuple(each if why in each.doubtful else doubted(each, why) for each in quantities)
@@ -570,7 +571,7 @@ def _failed(check: Check | str) -> str:
 
 
 def _with_times_doubted(quantities: tuple[Quantity, ...], why: str) -> tuple[Quantity, ...]:
-    """What is counted in seconds hangs on the clip's clock: its rate, whole frames, and that none is missing."""
+    """What is counted in seconds hangs on the clip's clock, and on a slot and beads that are seen."""
     return tuple(doubted(one, why) if "s" in one.unit.split("/") else one for one in quantities)
 
 

@@ -31,6 +31,7 @@ ENDS = 5  # frames at either end of the clip that show the full and the empty ho
 BEAD_SHARE = 0.06  # of the bed's width, a bead's diameter where none is made out
 CLEAR = 6.0  # times the noise by which bed and empty hopper must differ
 FLOWING = (0.2, 0.8)  # of the bed that is left, while the flow is steady
+DIP = 0.25  # of how much rows of beads look like beads: the row below them, of their lowest points alone, does less so
 SLOT_DOUBT = 0.12  # of a bead's diameter, where on the lowest beads the slot lies
 LEAST_BESIDE = 500  # [px^2], below which nothing is said of what is beside the bed
 PASSES = 0.03  # share of it that something in front must hide
@@ -298,18 +299,31 @@ def _above_slide(odds: Array, coloured: Mask, slot: Slot, bead: float) -> Slot:
     rows = np.flatnonzero(coloured.any(axis=1))
     first = max(round(slot.row - max(1.2 * bead, 0.1 * float(np.ptp(rows)) if len(rows) else 0.0)), 0)
     alike = odds[first : round(slot.row + 0.3 * bead) + 1, columns].mean(axis=1)
-    other = np.flatnonzero(alike < 0)
-    if len(other) == 0 or other[0] == 0:
+    ended, level = _end_of_beads(alike, max(round(0.3 * bead), 1))
+    if not ended:
         return replace(slot, sigma=0.4 * bead)
-    row = first + int(other[0])
+    row = first + ended
     seen = np.flatnonzero(coloured[max(row - round(0.4 * bead), 0) : row].any(axis=0))
     if len(seen) < 0.5 * (slot.right - slot.left):
         return replace(slot, sigma=0.4 * bead)
     # where between the last row of beads and the first of the slide the colour changes over
-    above, below = alike[other[0] - 1], alike[other[0]]
+    above, below = alike[ended - 1] - level, alike[ended] - level
     crossing = row - 1 + above / max(above - below, 1e-6)
     sigma = max(SLOT_DOUBT * bead, 0.7)
     return Slot(float(crossing), float(seen[0]) - 0.5, float(seen[-1]) + 0.5, sigma)
+
+
+def _end_of_beads(alike: Array, near: int) -> tuple[int, float]:
+    """First row, of log odds downwards, that does not look like beads, and the level it comes below; 0 where all do.
+
+    A slide of the beads' own colour follows them after a dip that need not reach even odds.
+    """
+    dip = DIP * float(np.median(alike[:near]))
+    low = np.flatnonzero(alike < max(dip, 0.0))
+    if len(low) == 0:
+        return 0, 0.0
+    even = np.flatnonzero(alike[low[0] : low[0] + near] < 0)
+    return (int(low[0] + even[0]), 0.0) if len(even) else (int(low[0]), dip)
 
 
 def _moment(frame: Steadied, before: Image | None, scenery: Scenery) -> Moment:

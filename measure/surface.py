@@ -30,7 +30,7 @@ from rigtwin.measure.grains import (
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
 
-FINEST = 1400  # [px], width of the picture that is measured
+FINEST = 1000  # [px], width of the picture that is measured; of 1400 the angles of the sample heap are no nearer
 TALLEST = 2.0  # height of a picture over its width above which its height sets the size instead
 COVERED = 0.8  # share of the area under the outline that circles must cover
 COARSE = 900  # [px], width of the picture that is searched for beads
@@ -144,8 +144,11 @@ def undo_view(x: Array, height: Array, view: View, slopes: tuple[float, float]) 
     if not np.isfinite(view.camera_distance):
         return x, height
     gradient = np.where(x < 0, slopes[0], slopes[1])
-    # the camera is pointed at the heap, so heights are foreshortened
-    height = height * np.hypot(1.0, view.camera_height / view.camera_distance)
+    # the camera is pointed at the heap's foot: heights are foreshortened, and what is high is nearer to it
+    down = math.radians(view.looking_down)
+    nearer = math.sin(down) * math.cos(down) / view.camera_distance
+    height = height / (math.cos(down) + nearer * height)
+    x = x * (1 - nearer * height)
     rho, z = np.abs(x), height.copy()
     for _ in range(4):
         behind = np.clip(((view.camera_height - z) / gradient - rho) / view.camera_distance, -0.5, 0.5)

@@ -9,6 +9,7 @@ MATROSKA = b"\x1a\x45\xdf\xa3"
 SEGMENT = b"\x18\x53\x80\x67"  # of Matroska: all pictures are in it
 STREAMED = (0, 0xFFFFFFFF)  # lengths of a RIFF file whose writer did not know them
 INDEX, PICTURES, FRAGMENT = b"moov", b"mdat", b"moof"  # of the MP4 family
+ANNOUNCING = (b"styp", b"sidx", b"ssix", b"prft", b"emsg", FRAGMENT)  # boxes of a fragment ahead of its pictures
 
 
 def breaks_off(path: Path) -> bool:
@@ -31,17 +32,20 @@ def breaks_off(path: Path) -> bool:
 def _boxes_break_off(file: BinaryIO, size: int) -> bool:
     """Of the MP4 family: boxes one behind the other, one of which says where the pictures are.
 
-    Behind these two there may follow what a camera appends, which need be no box.
+    Behind these two there may follow what a camera appends, which need be no box; not in a film written in fragments,
+    which goes on for as long as it announces another one.
     """
     place = 0
     seen: set[bytes] = set()
+    kind = b""
     while place + 8 <= size:
         file.seek(place)
         head = file.read(16)
         length, kind = int.from_bytes(head[:4], "big"), head[4:8]
         if not (kind.isascii() and kind.decode("ascii").isprintable()):
             break
-        appended = seen >= {INDEX, PICTURES} and kind not in (INDEX, PICTURES, FRAGMENT)
+        fragments = ANNOUNCING if FRAGMENT in seen else (FRAGMENT,)
+        appended = seen >= {INDEX, PICTURES} and kind not in (INDEX, PICTURES, *fragments)
         seen.add(kind)
         if length == 1:
             length = int.from_bytes(head[8:16], "big")
@@ -50,7 +54,8 @@ def _boxes_break_off(file: BinaryIO, size: int) -> bool:
         if place + length > size:
             return not appended
         place += length
-    return INDEX not in seen
+    head_cut = FRAGMENT in seen and 0 < size - place < 8
+    return INDEX not in seen or kind in ANNOUNCING or head_cut
 
 
 def _segment_breaks_off(file: BinaryIO, size: int) -> bool:

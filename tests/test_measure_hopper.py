@@ -18,6 +18,7 @@ from rigtwin.lab.records import Series
 from rigtwin.measure import freefall, hopper
 from rigtwin.measure.frame_steps import timing_check
 from rigtwin.measure.gate import find_opening
+from rigtwin.measure.outflow import _end_of_beads
 
 Array = npt.NDArray[np.float64]
 
@@ -371,3 +372,15 @@ def test_a_clip_in_which_nothing_leaves_is_refused(tmp_path: Path) -> None:
             container.mux(packet)
     with pytest.raises(NothingToMeasure):
         hopper.measure(tmp_path / "still.mp4", Camera(frame_rate=60.0), out=tmp_path / "out")
+
+
+@pytest.mark.parametrize("slide", [-2.5, 1.2])
+def test_beads_end_where_the_slide_begins_though_it_looks_like_beads(slide: float) -> None:
+    beads, gap = [2.4, 2.4, 2.5, 2.4, 1.9, 1.4], [0.4 if slide > 0 else -0.4, 0.1]
+    ended, level = _end_of_beads(np.array([*beads, *gap, slide, slide, slide, -3.0]), 3)
+    assert ended == len(beads)
+    assert level < 1.4
+
+
+def test_where_all_looks_like_beads_no_end_of_them_is_told() -> None:
+    assert _end_of_beads(np.full(12, 2.0), 3) == (0, 0.0)

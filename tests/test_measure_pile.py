@@ -18,8 +18,9 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
 from rigtwin.lab.records import Profile, read_profile, write_profile
-from rigtwin.measure.disc import _first_edge
+from rigtwin.measure.disc import _face_share, _first_edge, _Template
 from rigtwin.measure.pile import evaluate, measure
+from rigtwin.measure.surface import View, undo_view
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
@@ -408,11 +409,11 @@ def test_a_drawn_heap_is_measured_within_its_interval(name: str, tmp_path: Path)
     for quantity in MAIN:
         found = angle(result, quantity, "mean")
         wanted = angle(exact, quantity, "mean").value
-        assert found.value == pytest.approx(wanted, abs=1.0)
+        # a bead more or less in the window is worth a degree on one flank of so few grains
+        assert found.value == pytest.approx(wanted, abs=1.2)
         assert found.interval95[0] <= wanted <= found.interval95[1]
         assert not found.doubtful
     for side in ("left", "right"):
-        # one flank of so few grains: a bead more or less in the window is worth a degree
         assert angle(result, GRAPHICAL, side).value == pytest.approx(angle(exact, GRAPHICAL, side).value, abs=1.6)
 
 
@@ -635,3 +636,40 @@ def test_an_edge_lies_between_the_rows_where_it_is_reached() -> None:
     already = step + 0.01 * np.arange(30)
     already[19] = 10.0  # the last plain row departs as far as those after it
     assert _first_edge(already, plain, 4.0) == pytest.approx(19.0)
+
+
+@pytest.mark.parametrize("down", [1.0, 5.0, 9.0])
+def test_a_cone_seen_from_above_and_near_by_has_its_section_again(down: float) -> None:
+    foot, slope, distance = 1.0, math.tan(math.radians(28)), 6.5
+    eye = distance * math.tan(math.radians(down))
+    around, out = np.meshgrid(np.linspace(0, 2 * np.pi, 2881), np.linspace(0, foot, 601))
+    x, y, z = out * np.cos(around), out * np.sin(around), slope * (foot - out)
+    tilt = math.radians(down)
+    depth = (distance + y) * math.cos(tilt) - (z - eye) * math.sin(tilt)
+    up = (z - eye) * math.cos(tilt) + (distance + y) * math.sin(tilt)
+    per = distance / math.cos(tilt)  # what lies on the axis at the foot is drawn at its size
+    across, above = (per * x / depth).ravel(), (per * up / depth).ravel()
+    columns = np.linspace(-0.8, 0.8, 81)
+    outline = np.array([above[np.abs(across - column) < 0.004].max() for column in columns])
+    view = View((0.0, 0.0), 0.0, foot, eye, distance)
+    section_x, height = undo_view(columns, outline, view, (slope, slope))
+    assert np.abs(height - slope * (foot - np.abs(section_x))).max() < 0.004
+
+
+def test_a_lamp_on_the_front_of_the_base_does_not_move_the_base_line(tmp_path: Path) -> None:
+    scene = SCENES["plain"]
+    photo = draw(scene).astype(np.float64)
+    y, x = np.mgrid[: scene.size[0], : scene.size[1]]
+    photo += 200 * np.exp(-((x - 480) ** 2 + (y - 372) ** 2) / (2 * 30.0**2))[..., None]
+    cv2.imwrite(str(tmp_path / "lit.png"), np.clip(photo, 0, 255).astype(np.uint8))
+    found = angle(measured(tmp_path / "lit.png", scene), GEOMETRIC, "mean")
+    assert found.value == pytest.approx(angle(truth(scene), GEOMETRIC, "mean").value, abs=0.8)
+
+
+def test_bright_beads_behind_the_shadow_of_a_heap_are_no_lit_top() -> None:
+    grey = np.full((120, 300), 120, np.uint8)
+    grey[30:60] = 20  # the heap's shadow, on a face of 40 px that ends where it begins
+    grey[:30] = 200
+    flat = _Template(*(np.full((1, 1), number) for number in (150.0, 100.0, 120.0, 0.0, 0.0, 0.25)))
+    ends = 40.0 / (0.25 * 120.0)
+    assert _face_share(grey, flat, 600.0) == pytest.approx(ends, abs=0.05)
