@@ -38,6 +38,7 @@ bench-measure: $(READY)
 # SEED=7 COUNT=3 make bench-footage: other clips, three of each hardness
 bench-footage: $(READY)
 	$(BIN)/python benchmarks/hard_footage.py $(if $(COUNT),--count $(COUNT))
+	$(BIN)/python benchmarks/hard_bulk.py $(if $(COUNT),--count $(COUNT))
 
 # SEED=7 COUNT=40 make bench-diagnose: other labs, fewer of them
 bench-diagnose: $(READY)

@@ -1,6 +1,6 @@
 """How much rolling friction raises a poured bed, under both rolling laws, beside LIGGGHTS (tables 4 to 6 hang on it).
 
-D6 beads fall from a loose column into a box of 40 mm; both codes start from the same places.  The height is twice that
+D6 beads fall from a loose cloud into a box 40 mm wide; both codes start from the same places.  The height is twice that
 of the centre of mass.  LIGGGHTS' constant torque (cdt) is not held where a bead rests, but turns its spin back and
 forth; rigtwin's type A holds it, so that beads stay where they touch first.
 """
@@ -30,22 +30,25 @@ Array = npt.NDArray[np.float64]
 PUBLISHED = hlosta2020.particle("D6")
 BEAD = replace(PUBLISHED, material=PUBLISHED.material.softened(1e-3))
 AMONG, ON_WALL = hlosta2020.contact("D6", "D6"), hlosta2020.contact("D6", "PMMA")
-ACROSS, TALL, SIDE = 0.04, 0.45, 6  # [m], [m], of the box, and beads along a side of the column
-LOOSE = 2.5  # bead diameters between two layers of the column
-FALLING = 1.6  # [s], after which all is at rest
+ACROSS, TALL = 0.04, 0.45  # [m], of the box
+CROWDED = 0.3  # cubes around the beads, in parts of the space that they hang in
+FALLING = 1.5  # [s], after which all is at rest
 STEP = time_step([BEAD])[0]
 FRICTIONS = ((0.5, 0.01), (0.5, 1.0), (1.5, 0.01), (1.5, 1.0))  # static, rolling
 LAWS: tuple[Rolling, ...] = ("type C", "type A")
 
 
-def column(count: int, seed: int) -> Array:
-    """Places of beads that touch neither each other nor a wall."""
-    k = np.arange(count)
-    pitch = ACROSS / SIDE
-    at = np.stack([k % SIDE, k // SIDE % SIDE, k // SIDE**2], axis=1) * [pitch, pitch, LOOSE * BEAD.diameter]
-    at += [pitch / 2, pitch / 2, BEAD.diameter]
-    room = 0.45 * (pitch - BEAD.diameter)
-    return at + np.random.default_rng(seed).uniform(-1, 1, at.shape) * [room, room, 0.05 * BEAD.diameter]
+def cloud(count: int, seed: int) -> Array:
+    """Places of beads that hang at random in the box and touch neither each other nor a wall."""
+    rng = np.random.default_rng(seed)
+    edge = 1.05 * BEAD.radius
+    high = count * BEAD.diameter**3 / (CROWDED * ACROSS**2)
+    placed: list[Array] = []
+    while len(placed) < count:
+        at = rng.uniform([edge, edge, edge], [ACROSS - edge, ACROSS - edge, high])
+        if not placed or np.linalg.norm(np.array(placed) - at, axis=1).min() > 2 * edge:
+            placed.append(at)
+    return np.array(placed)
 
 
 def ours(start: Array, rolling: Rolling, contact: Contact) -> float:
@@ -77,7 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--count", type=int, default=500)
     parser.add_argument("--seed", type=int, default=3)
     options = parser.parse_args(arguments)
-    start = column(options.count, options.seed)
+    start = cloud(options.count, options.seed)
     rows = []
     for static, rolling in FRICTIONS:
         contact = replace(AMONG, static_friction=static, rolling_friction=rolling)
