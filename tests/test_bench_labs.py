@@ -16,7 +16,7 @@ from diagnose_names import means
 from labs_effects import ALL, PAIRS, UNLISTED
 from labs_motion import Bead, World, double, drop, pendulum, roll, slide
 
-from rigtwin.sim.effects.forms import nameless
+from rigtwin.sim.effects.forms import beside, nameless
 from rigtwin.sim.effects.shapes import Extent, shapes
 
 BEAD = Bead("D6", 0.006, 570, "wood", 11e9, 0.44)
@@ -146,7 +146,7 @@ def test_a_name_is_matched_by_its_words_alone():
 @pytest.mark.parametrize("effect", UNLISTED, ids=lambda effect: effect.name)
 def test_the_right_terms_of_an_unlisted_effect_are_among_those_that_are_tried(effect):
     for rig in effect.sizes:
-        tried = [*nameless(rig), *(one.effect for one in shapes(rig, Extent(1.0, 1.0, 1.0)))]
+        tried = [*nameless(rig), *beside(rig), *(one.effect for one in shapes(rig, Extent(1.0, 1.0, 1.0)))]
         known = {term for one in tried for term in formula_terms(f"{one.title} with c = 1")}
         assert effect.terms
         assert all(term in known for terms in effect.terms for term in terms)

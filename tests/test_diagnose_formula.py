@@ -13,6 +13,7 @@ from rigtwin.compare.diagnose.pendulum import pushing
 from rigtwin.compare.diagnose.swing import angle_at, half_swings
 from rigtwin.lab.errors import BadInput
 from rigtwin.sim.effects import named
+from rigtwin.sim.effects.forms import beside, nameless
 from rigtwin.sim.effects.shapes import Extent, shapes
 
 G = 9.81
@@ -77,6 +78,15 @@ def test_a_bob_that_is_pushed_by_the_clock_swings_as_scipy_says():
 def test_only_a_formula_that_closes_the_gap_where_it_was_not_fitted_is_told(change, holds):
     sizes = Gap(**{**GAP.to_json(), **change})
     assert Formula(None, sizes).holds is holds
+
+
+def test_terms_that_only_a_formula_asks_for_are_none_that_a_verdict_is_held_to():
+    more = {term.name for term in beside("drop")}
+    assert more == {"form:v_x", "form:height_sideways"}
+    assert not more & {term.name for term in nameless("drop")}
+    assert all(named(name).force is not None for name in more)
+    with pytest.raises(BadInput, match=r"known are .*form:band, .*form:v_x"):
+        named("form:no such")
 
 
 def test_a_band_of_heights_is_read_from_a_model_file_and_a_push_by_the_clock_is_refused():

@@ -226,7 +226,8 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
     loud = location.p < SURE or max((one.score for one in naming.tried), default=0.0) > FORM
     if best is None and not loud:
         return replace(plain, reason="the data lie inside noise, scatter and stated calibration")
-    forms = fixed_forms(bench, naming, progress) if best is None or _more_to_say(bench, best) else []
+    asked = best is None or _more_to_say(bench, best)
+    forms = fixed_forms(bench, naming, progress, nameless(lab.rig)) if asked else []
     plain = replace(plain, fixed=tuple(forms))
     alone = max(forms, key=lambda one: one.gain, default=None)
     if best is None:
@@ -304,7 +305,7 @@ def _with_formula(verdict: Diagnosis, progress: Progress) -> tuple[Diagnosis, Ga
     """
     naming = verdict.naming
     assert naming is not None
-    fixed = verdict.fixed or tuple(fixed_forms(verdict.bench, naming, progress))
+    fixed = verdict.fixed or tuple(fixed_forms(verdict.bench, naming, progress, nameless(verdict.lab.rig)))
     found = find_formula(verdict.bench, verdict.lab, naming, fixed, progress)
     if found is None or not found.holds:
         return replace(verdict, reason=f"{verdict.reason}; {_no_law(found)}"), None

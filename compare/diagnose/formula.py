@@ -23,7 +23,7 @@ from rigtwin.compare.diagnose.subset import coarse, cut
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.wording import unit_of
 from rigtwin.sim.effects import Effect
-from rigtwin.sim.effects.forms import nameless
+from rigtwin.sim.effects.forms import beside, nameless
 from rigtwin.sim.effects.shapes import Extent, Shape, shapes
 
 HOLDS = 0.8  # share of the excess that a formula must close on repetitions that it was not fitted to
@@ -63,14 +63,20 @@ class Formula:
 def find_formula(
     bench: Regioned, lab: TrackedLab, naming: Naming, fixed: Sequence[Candidate], progress: Progress
 ) -> Formula | None:
-    """The formula that gains most on the baseline, of the fewest terms that do; None where none is significant."""
+    """The formula that gains most on the baseline, of the fewest terms that do; None where none is significant.
+
+    `fixed` are the terms of a fixed form that the verdict was held to; more are asked here.
+    """
+    fixed = [*fixed, *fixed_forms(bench, naming, progress, beside(lab.rig))]
     progress("shapes of formulas", 0, 1)
     first = _better(fixed, _shaped(bench, naming, naming.base))
     if first is None or first.gain < FORM:
         return None
     first = candidate(naming, first.terms, fit(bench, first.terms, near=first.fitted, most=15))
     if not _whole(bench, naming, first):
-        second_terms = [(*first.terms, term) for term in nameless(lab.rig) if term.name not in first.names]
+        second_terms = [
+            (*first.terms, term) for term in (*nameless(lab.rig), *beside(lab.rig)) if term.name not in first.names
+        ]
         glanced = zip(screen(bench, first.fitted, [terms[-1] for terms in second_terms]), second_terms, strict=True)
         likely = sorted(glanced, key=lambda one: one[0].deviance)[:LEADING]
         grown = [
@@ -82,10 +88,9 @@ def find_formula(
     return Formula(first, gap(bench, lab, naming.base, first.fitted))
 
 
-def fixed_forms(bench: Regioned, naming: Naming, progress: Progress) -> list[Candidate]:
-    """Nameless terms of a fixed form alone, on the baseline."""
+def fixed_forms(bench: Regioned, naming: Naming, progress: Progress, terms: Sequence[Effect]) -> list[Candidate]:
+    """Nameless terms of a fixed form, each alone on the baseline."""
     found = []
-    terms = nameless(bench.lab.rig)  # type: ignore[attr-defined]
     for number, term in enumerate(terms):
         progress("formulas", number, len(terms))
         fitted = fit(bench, (term,), near=naming.base, most=15, rounds=2)
