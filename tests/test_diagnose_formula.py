@@ -1,6 +1,7 @@
 """Diagnosis: formulas of what no effect explains; their shapes against closed forms, and when one is told as a law."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 from rigtwin.compare.diagnose import flight
 from rigtwin.compare.diagnose.formula import Formula
-from rigtwin.compare.diagnose.gap import Gap
+from rigtwin.compare.diagnose.gap import Gap, _last_repetitions
 from rigtwin.compare.diagnose.pendulum import pushing
 from rigtwin.compare.diagnose.swing import angle_at, half_swings
 from rigtwin.lab.errors import BadInput
@@ -71,13 +72,39 @@ def test_a_bob_that_is_pushed_by_the_clock_swings_as_scipy_says():
         ({}, True),
         ({"held_out_after": 2.5}, False),  # closes 62 % of what it was not fitted to
         ({"condition_after": 12.0}, False),  # and this widens the gap of the condition held out
-        ({"held_out_before": None, "held_out_after": None, "held_out_noise_floor": None}, True),
-        ({"before": 1.0, "held_out_before": None}, False),  # there is no gap that it could close
+        ({"condition_before": None, "condition_after": None, "condition_noise_floor": None}, True),  # none held out
+        ({"condition_before": 1.0, "condition_after": 1.01}, True),  # no gap in it that could be closed
+        ({"condition_before": 1.0, "condition_after": 1.2}, False),
+        ({"condition_after": 8.3}, False),  # it closes nothing of it there
+        ({"condition_after": math.nan}, False),
+        ({"held_out_after": math.nan}, False),
+        ({"held_out_before": math.nan}, False),
+        ({"held_out_before": None, "held_out_after": None, "held_out_noise_floor": None}, False),  # none to judge by
+        ({"held_out_before": 0.9, "held_out_after": 9.0}, False),  # no gap there, and it opens one
+        ({"held_out_before": 0.9, "held_out_after": 0.9}, False),
     ],
 )
 def test_only_a_formula_that_closes_the_gap_where_it_was_not_fitted_is_told(change, holds):
     sizes = Gap(**{**GAP.to_json(), **change})
     assert Formula(None, sizes).holds is holds
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"held_out_after": 2.5}, "none closes the gap on repetitions"),
+        ({"held_out_before": None}, "none can be held against"),
+        ({"condition_after": 12.0}, "without widening it in far"),
+        ({"condition_after": 7.9}, "closes any of it in far"),
+    ],
+)
+def test_a_formula_says_why_it_is_no_law(change, why):
+    assert why in Formula(None, Gap(**{**GAP.to_json(), **change})).flaw
+
+
+def test_the_last_repetition_is_held_out_of_each_condition_that_has_two():
+    lab = SimpleNamespace(conditions=[SimpleNamespace(repetitions=[0] * count) for count in (3, 1, 2)])
+    assert _last_repetitions(lab) == [2, 5]
 
 
 def test_terms_that_only_a_formula_asks_for_are_none_that_a_verdict_is_held_to():

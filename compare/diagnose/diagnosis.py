@@ -316,11 +316,15 @@ def _with_formula(verdict: Diagnosis, progress: Progress) -> tuple[Diagnosis, Ga
 
 def _no_law(found: Formula | None) -> str:
     """Why no formula is told, and the best one's share as a hint."""
-    if found is None or found.share is None or found.share <= 0:
+    if found is None or (found.share is not None and not found.share > 0):
         return "no formula of the known terms describes how"
+    closes = found.sizes.closed if found.share is None else found.share
+    if closes is None or not closes > 0:
+        return "no formula of the known terms describes how"
+    where = "where it was fitted" if found.share is None else "on repetitions that it was not fitted to"
     return (
-        f"no formula of the known terms closes the gap where it was not fitted; the best, no more than a hint, closes "
-        f"{100 * found.share:.0f} % of it: {found.words}"
+        f"of the formulas of known terms {found.flaw}; the best, no more than a hint, closes {100 * closes:.0f} % of "
+        f"the gap {where}: {found.words}"
     )
 
 

@@ -27,7 +27,7 @@ from rigtwin.sim.effects.forms import beside, nameless
 from rigtwin.sim.effects.shapes import Extent, Shape, shapes
 
 HOLDS = 0.8  # share of the excess that a formula must close on repetitions that it was not fitted to
-WORSE = 0.05  # of a condition's gap, by which a formula may seem to widen it
+WORSE = 0.05  # of a condition's gap: what is less is the doubt of the gap itself, as its noise floor is estimated
 WHOLE = 0.95  # share of the excess beyond which no second term is asked for
 AT_ONCE = 24  # shapes that are looked at in one go
 LEADING = 2  # of those that promise most, that are fitted
@@ -44,20 +44,47 @@ class Formula:
 
     @property
     def share(self) -> float | None:
-        """Share of the excess gap that it closes where it was not fitted, or where all is fitted, with no such data."""
-        held = closed(self.sizes.held_out_before, self.sizes.held_out_after, self.sizes.held_out_noise_floor)
-        return self.sizes.closed if held is None else held
+        """Share of the excess gap that it closes on repetitions that it was not fitted to; None with no gap there."""
+        sizes = self.sizes
+        return _closes(sizes.held_out_before, sizes.held_out_after, sizes.held_out_noise_floor)
+
+    @property
+    def flaw(self) -> str:
+        """Why it is no law, for a sentence that goes on with what the best formula would close; empty where it is one.
+
+        It must close enough of the gap on held-out repetitions, and some of the gap of a held-out condition, where
+        there is one; where there is none it may not widen it.
+        """
+        share = self.share
+        if share is None:
+            return "none can be held against repetitions that it was not fitted to, for there is no gap in such"
+        if not share >= HOLDS:  # nor is what is no number a law
+            return "none closes the gap on repetitions that it was not fitted to"
+        before, after = self.sizes.condition_before, self.sizes.condition_after
+        if before is None or after is None:
+            return ""
+        gapes = _closes(before, after, self.sizes.condition_noise_floor) is not None
+        if not after <= (1 + WORSE) * before:
+            return f"none that closes it elsewhere does without widening it in {self.sizes.condition}, held out whole"
+        if gapes and not before - after > WORSE * before:
+            return f"none that closes it elsewhere closes any of it in {self.sizes.condition}, held out whole"
+        return ""
 
     @property
     def holds(self) -> bool:
-        """Whether it closes enough of the gap on held-out repetitions and widens none on a held-out condition."""
-        before, after = self.sizes.condition_before, self.sizes.condition_after
-        widens = before is not None and after is not None and after > (1 + WORSE) * before
-        return self.share is not None and self.share >= HOLDS and not widens
+        """Whether it is told as the law."""
+        return not self.flaw
 
     @property
     def words(self) -> str:
         return in_words(self.candidate)
+
+
+def _closes(before: float | None, after: float | None, floor: float | None) -> float | None:
+    """Share of the excess that is closed; None where nothing was held out or no gap is seen there."""
+    if before is None or after is None or floor is None or before <= (1 + WORSE) * floor:
+        return None
+    return closed(before, after, floor)
 
 
 def find_formula(
