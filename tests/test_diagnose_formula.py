@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from rigtwin.compare.diagnose import flight
-from rigtwin.compare.diagnose.formula import Formula
+from rigtwin.compare.diagnose.formula import Formula, _amiss, _extent
 from rigtwin.compare.diagnose.gap import Gap, _last_repetitions
 from rigtwin.compare.diagnose.pendulum import pushing
 from rigtwin.compare.diagnose.swing import angle_at, half_swings
@@ -100,6 +100,32 @@ def test_only_a_formula_that_closes_the_gap_where_it_was_not_fitted_is_told(chan
 )
 def test_a_formula_says_why_it_is_no_law(change, why):
     assert why in Formula(None, Gap(**{**GAP.to_json(), **change})).flaw
+
+
+@pytest.mark.parametrize("speed", [0.0, math.nan])
+def test_where_nothing_moves_there_is_no_shape_to_look_for(speed):
+    bench = SimpleNamespace(spans=[slice(0, 9)], time=np.arange(9.0), rows=np.zeros((9, 2)))
+    assert _extent(bench, SimpleNamespace(speed=np.full((9, 2), speed))) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "numbers", "good"),
+    [
+        ("drop form:band", {"c": (1.0, 0.1), "low": (0.1, 0.01), "high": (0.2, 0.01)}, True),
+        ("drop form:band", {"c": (1.0, 0.1), "low": (0.2, 0.01), "high": (0.1, 0.01)}, False),
+        ("drop form:band", {"c": (1.0, math.nan), "low": (0.1, 0.01), "high": (0.2, 0.01)}, False),
+        ("drop form:decay", {"c": (1.0, 0.1), "reach": (0.04, 0.01)}, True),
+        ("drop form:decay", {"c": (0.2, 0.1), "reach": (0.04, 0.01)}, False),
+        ("drop form:decay", {"c": (1.0, 0.1), "reach": (-0.04, 0.01)}, False),
+        ("roll form:period", {"c": (0.25, 0.1), "d": (0.25, 0.1), "period": (0.7, 0.1)}, True),
+        ("roll form:period", {"c": (0.1, 0.1), "d": (0.25, 0.1), "period": (0.7, 0.1)}, False),
+    ],
+)
+def test_a_term_that_may_be_zero_or_has_no_shape_is_refused(name, numbers, good):
+    term = SHAPES[name].effect
+    given = {f"{term.name}.{one}": pair for one, pair in numbers.items()}
+    fitted = SimpleNamespace(value=lambda one: given[one][0], std=lambda one: given[one][1])
+    assert (_amiss(fitted, term) == "") is good
 
 
 def test_the_last_repetition_is_held_out_of_each_condition_that_has_two():

@@ -32,6 +32,7 @@ WHOLE = 0.95  # share of the excess beyond which no second term is asked for
 AT_ONCE = 24  # shapes that are looked at in one go
 LEADING = 2  # of those that promise most, that are fitted
 PROMISING = 0.6  # ... and not less than this share of the most
+FROM_ZERO = 3.0  # standard deviations that each term's coefficients must be from zero, c and d of a period together
 MOVING = 0.05  # of the highest speed, above which something counts as moving
 
 
@@ -128,12 +129,26 @@ def fixed_forms(bench: Regioned, naming: Naming, progress: Progress, terms: Sequ
 
 
 def candidate(naming: Naming, terms: tuple[Effect, ...], fitted: Fit, cost: float = 0.0) -> Candidate:
-    """A formula's fit, and its gain less what its shape costs; refused where its last coefficient may be zero."""
+    """A formula's fit, and its gain less what its shape costs; refused where one of its terms cannot be."""
     spread = spread_of(naming.base, naming.location)
-    names = [f"{terms[-1].name}.{p.name}" for p in terms[-1].parameters if p.name in ("c", "d")]
-    weak = math.hypot(*(fitted.value(name) / fitted.std(name) for name in names)) < 3
-    reason = "within three of its standard deviations of zero" if weak else ""
+    reason = next((why for term in terms if (why := _amiss(fitted, term))), "")
     return Candidate(terms, fitted, (naming.base.deviance - fitted.deviance) / spread - cost, reason)
+
+
+def _amiss(fitted: Fit, term: Effect) -> str:
+    """Why a term of a formula cannot be: its coefficients may be zero, or its shape is none; empty where it can."""
+    shape = {p.name: fitted.value(f"{term.name}.{p.name}") for p in term.parameters}
+    of_doubt = 0.0
+    for name in shape.keys() & {"c", "d"}:
+        std = fitted.std(f"{term.name}.{name}")
+        of_doubt = math.hypot(of_doubt, shape[name] / std if std > 0 else math.nan)
+    if not of_doubt >= FROM_ZERO:
+        return "within three of its standard deviations of zero"
+    if "low" in shape and not shape["low"] < shape["high"]:
+        return "its band ends below where it begins"
+    if any(not shape[name] > 0 for name in shape.keys() & {"reach", "period"}):
+        return "a reach or a period that is not above zero"
+    return ""
 
 
 def in_words(formula: Candidate) -> str:
@@ -167,9 +182,10 @@ def _whole(bench: Regioned, naming: Naming, one: Candidate) -> bool:
 def _shaped(bench: Regioned, naming: Naming, near: Fit) -> list[Candidate]:
     """Terms of free shape on top of a fit; those that promise most are fitted."""
     rig = bench.lab.rig  # type: ignore[attr-defined]
+    extent = _extent(bench, near)
     kinds = [
         one
-        for one in shapes(rig, _extent(bench, near))
+        for one in (shapes(rig, extent) if extent else ())
         if one.effect.name not in {term.name for term in near.terms}
         and (one.effect.drive is None or getattr(bench, "drivable", False))
     ]
@@ -210,8 +226,8 @@ def _glance(part: Regioned, start: Fit, shape: Shape) -> tuple[float, Shape, dic
     return best, shape, values
 
 
-def _extent(bench: Regioned, fitted: Fit) -> Extent:
-    """How long things move, over what stretch of the clock, and how far."""
+def _extent(bench: Regioned, fitted: Fit) -> Extent | None:
+    """How long things move, over what stretch of the clock, and how far; None where nothing moves."""
     speed = np.hypot(fitted.speed[:, 0], fitted.speed[:, 1])
     moving = speed > MOVING * float(speed.max())
     times, ways = [], []
@@ -221,5 +237,7 @@ def _extent(bench: Regioned, fitted: Fit) -> Extent:
             time, place = bench.time[span][inside], bench.rows[span][inside]
             times.append((float(time.min()), float(time.max())))
             ways.append(float(np.hypot(*np.ptp(place, axis=0))))
+    if not times or max(ways) <= 0:
+        return None
     begin, end = np.array(times).T
     return Extent(float(np.max(end - begin)), float(end.max() - begin.min()), max(ways))
