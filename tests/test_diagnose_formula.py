@@ -49,6 +49,34 @@ def test_a_bead_that_falls_through_a_draught_gains_its_push_times_the_time_in_it
     assert paths.land_vx[0, 0, 0] == pytest.approx(push * through, rel=0.01)
 
 
+def fallen(place, low, top, *, finer=1, push=0.4, speed=0.0):
+    """The sideways speed at landing behind a draught between two heights."""
+    draught = SHAPES["drop form:band_sideways"].effect
+    start = np.zeros((1, 1, 1))
+    values = {f"{draught.name}.{n}": np.array([v]) for n, v in (("c", push), ("low", low), ("high", top))}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(flight, "STEPS", finer * flight.STEPS)
+        patch.setattr(flight, "MOST", finer * flight.MOST)
+        paths = flight.fly(
+            start, start + speed, start + place, start, start + 1, radius=np.full((1, 1), 3e-3),
+            mass=np.full((1, 1), 1e-4), gravity=G, terms=(draught,), values=values,
+        )  # fmt: skip
+    return paths.land_vx[0, 0, 0]
+
+
+@pytest.mark.parametrize(("place", "speed"), [(0.5, 0.0), (0.0, 2.5)])
+def test_every_band_that_is_looked_at_pushes_as_fine_steps_say(place, speed):
+    bands = SHAPES["drop form:band_sideways"].grid
+    found = np.array([fallen(place, *band, speed=speed) for band in bands])
+    true = np.array([fallen(place, *band, speed=speed, finer=6) for band in bands])
+    assert np.abs(found / true - 1).max() < 0.01
+
+
+@pytest.mark.parametrize("band", [(0.025, 0.05), (0.05, 0.09), (0.1, 0.14), (0.2, 0.21)])
+def test_a_narrow_band_pushes_as_fine_steps_say(band):
+    assert fallen(0.5, *band) == pytest.approx(fallen(0.5, *band, finer=6), rel=0.01)
+
+
 def test_a_bob_that_is_pushed_by_the_clock_swings_as_scipy_says():
     push, period, length, release, angle = 0.05, 0.73, 0.4, 0.05, 0.3
     term = SHAPES["pendulum form:period"].effect

@@ -30,6 +30,7 @@ HOLDS = 0.8  # share of the excess that a formula must close on repetitions that
 WORSE = 0.05  # of a condition's gap: what is less is the doubt of the gap itself, as its noise floor is estimated
 WHOLE = 0.95  # share of the excess beyond which no second term is asked for
 AT_ONCE = 24  # shapes that are looked at in one go
+AT_ONCE_EDGED = 12  # ... and of those with edges, all of which share the steps that the sharpest asks for
 LEADING = 2  # of those that promise most, that are fitted
 PROMISING = 0.6  # ... and not less than this share of the most
 FROM_ZERO = 3.0  # standard deviations that each term's coefficients must be from zero, c and d of a period together
@@ -213,8 +214,9 @@ def _shaped(bench: Regioned, naming: Naming, near: Fit) -> list[Candidate]:
 def _glance(part: Regioned, start: Fit, shape: Shape) -> tuple[float, Shape, dict[str, float]]:
     """What the best shape of the grid promises, and its numbers to begin a fit with."""
     best, values = -math.inf, dict[str, float]()
-    for first in range(0, len(shape.grid), AT_ONCE):
-        numbers = range(first, min(first + AT_ONCE, len(shape.grid)))
+    at_once = AT_ONCE if shape.effect.edges is None else AT_ONCE_EDGED
+    for first in range(0, len(shape.grid), at_once):
+        numbers = range(first, min(first + at_once, len(shape.grid)))
         terms = [shape.frozen(number) for number in numbers]
         for number, term, seen in zip(numbers, terms, screen(part, start, terms), strict=True):
             gain = start.deviance - seen.deviance

@@ -84,8 +84,9 @@ class Effect:
 
     steep: bool = False
     """Whether its force on a bead in flight changes much within a radius of the plate."""
-    edged: bool = False
-    """Whether its force on a bead in flight rises or falls within a small part of the flight, anywhere on it."""
+    edges: Hook | None = None
+    """``edges(*p) -> (lowest, width)`` [m] of a force on a bead in flight that sets in or ends anywhere on it: the
+    height of its lowest edge, and the length within which it grows by a factor e there."""
     flat: bool = False
     """Whether the effect has no slope at zero, so that a fit from there would stay there."""
 
