@@ -16,6 +16,7 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.sim.effects import named
 from rigtwin.sim.effects.forms import beside, nameless
 from rigtwin.sim.effects.shapes import Extent, shapes
+from rigtwin.sim.effects.tried import check
 
 G = 9.81
 EXTENT = Extent(time=2.0, clock=3.0, way=0.5)
@@ -168,6 +169,11 @@ def test_terms_that_only_a_formula_asks_for_are_none_that_a_verdict_is_held_to()
     assert all(named(name).force is not None for name in more)
     with pytest.raises(BadInput, match=r"known are .*form:band, .*form:v_x"):
         named("form:no such")
+
+
+def test_an_own_effect_that_pushes_by_the_clock_is_refused(tmp_path):
+    with pytest.raises(BadInput, match="has a drive"):
+        check(SHAPES["roll form:period"].effect, tmp_path / "own.py")
 
 
 def test_a_band_of_heights_is_read_from_a_model_file_and_a_push_by_the_clock_is_refused():

@@ -52,7 +52,7 @@ class Effect:
     - ``exposure(time, x, y, *p)``: the true time [s] at which a row stamped `time` was taken.
     - ``view(x, y, *p) -> (x, y)`` [m]: where the camera sees what is at x, y.
     - ``drive(time, place, speed, *p)`` [m/s^2] along the path of a body that is held on one, a bob's arc or a track:
-      `time` [s] on the clock of the record, `place` [m] along the path.  The diagnosis alone knows it.
+      `time` [s] on the clock of the record, `place` [m] along the path.  Only the diagnosis's own formulas have it.
     """
 
     name: str

@@ -20,7 +20,7 @@ REACHES = (0.005, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32)  # of the highest height
 EDGES = (-0.05, 0.05, 0.1, 0.18, 0.28, 0.4, 0.55, 0.75, 1.1)  # ... or the longest way, between any two of which it acts
 FEWEST_CYCLES, MOST_CYCLES = 0.7, 25.0  # in the longest motion
 PER_CYCLE = 4.0  # periods looked at, per cycle that all motions together span
-MOST_PERIODS = 400
+MOST_PERIODS = 400  # from the longest on: where a record is long against its motions, the shortest are not reached
 TURN = 2.0 * np.pi
 
 
