@@ -36,6 +36,10 @@ class Effect:
     terms: tuple[tuple[str, ...], ...] = ()
     """Sets of terms of a formula, any of which is right, of an effect that is not listed: its own form, and what is
     the same within the range that a lab sees."""
+    weak_terms: tuple[tuple[str, ...], ...] = ()
+    """... and what data cannot tell from them where the effect is weak."""
+    shape: Mapping[str, float] = field(default_factory=dict)
+    """True numbers of the shape of those terms, by the name that a formula gives them."""
 
 
 def _by_rig(**sizes: tuple[float, float, float]) -> dict[str, tuple[float, float, float]]:
@@ -356,8 +360,7 @@ UNLISTED = (
         "magnetic_pull", ("magnetic", "magnet", "attraction"), "magnet",  # [m/s^2]
         _by_rig(drop=(0.1, 0.3, 1.2)), "a pull that decays over some centimetres above the plate",
         more={"magnet_reach": 0.04}, listed=False, also=("electrostatic_attraction",),
-        # a fitted reach of 40 mm, or one of those that are tried first, where the data do not tell it from that
-        terms=(("exp(-z / reach)",), ("exp(-z / 20 mm)",), ("exp(-z / 80 mm)",)),
+        terms=(("exp(-z / reach)",),), weak_terms=(("exp(-z / 20 mm)",), ("exp(-z / 80 mm)",)), shape={"reach": 0.04},
     ),
     Effect(
         "lift", ("magnus", "lift"), "lift",  # [1/s]
@@ -368,7 +371,7 @@ UNLISTED = (
         "draught", ("wind", "draught", "side wind"), "wind",  # [m/s^2]
         _by_rig(drop=(0.05, 0.15, 0.5)), "a sideways force in one band of heights",
         more={"wind_low": 0.05, "wind_high": 0.4}, signed=True, listed=False,
-        terms=(("e_x where low < z < high",),),
+        terms=(("e_x where low < z < high",),), shape={"low": 0.05, "high": 0.4},
     ),
     Effect(
         "amplitude_damping", ("theta^2 theta'", "nonlinear damping"), "odd_damping",  # [1/s]
@@ -384,13 +387,13 @@ UNLISTED = (
         "periodic_draught", ("periodic force", "periodic wind"), "draught",  # [m/s^2]
         _by_rig(pendulum=(0.002, 0.008, 0.05)), "a sideways push that comes and goes with a period of its own",
         more={"draught_period": 0.73}, listed=False,
-        terms=(("sin(2 pi t / period) + d cos(2 pi t / period)",),),
+        terms=(("sin(2 pi t / period) + d cos(2 pi t / period)",),), shape={"period": 0.73},
     ),
     Effect(
         "vibrating_arm", ("vibration",), "vibration",
         _by_rig(slide=(0.02, 0.06, 0.2)), "the normal force swings at 3 Hz", listed=False,
         # on arms of one friction a normal force that swings is a force along the arm that does
-        terms=(("sin(2 pi t / period) + d cos(2 pi t / period)",),),
+        terms=(("sin(2 pi t / period) + d cos(2 pi t / period)",),), shape={"period": 1 / 3},
     ),
     Effect(
         "lubricated_sliding", ("viscous sliding", "lubrication"), "viscous_sliding",  # [1/s]
@@ -400,7 +403,7 @@ UNLISTED = (
     Effect(
         "rippled_track", ("ripple", "waviness"), "ripple",  # [m/s^2]
         _by_rig(roll=(0.03, 0.1, 0.3)), "a force that goes up and down with the place, every 20 cm", listed=False,
-        terms=(("sin(2 pi s / period) + d cos(2 pi s / period)",),),
+        terms=(("sin(2 pi s / period) + d cos(2 pi s / period)",),), shape={"period": 0.2},
     ),
     Effect(
         "sagging_track", ("sag", "curved plate"), "sag",  # [rad/m]

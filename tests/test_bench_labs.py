@@ -10,13 +10,13 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
 
-from diagnose import formula_terms
+from diagnose import Answer, Result, formula_terms
 from diagnose_labs import Case, chosen, plan, write
 from diagnose_names import means
 from labs_effects import ALL, PAIRS, UNLISTED
 from labs_motion import Bead, World, double, drop, pendulum, roll, slide
 
-from rigtwin.sim.effects.forms import nameless
+from rigtwin.sim.effects.forms import beside, nameless
 from rigtwin.sim.effects.shapes import Extent, shapes
 
 BEAD = Bead("D6", 0.006, 570, "wood", 11e9, 0.44)
@@ -146,7 +146,36 @@ def test_a_name_is_matched_by_its_words_alone():
 @pytest.mark.parametrize("effect", UNLISTED, ids=lambda effect: effect.name)
 def test_the_right_terms_of_an_unlisted_effect_are_among_those_that_are_tried(effect):
     for rig in effect.sizes:
-        tried = [*nameless(rig), *(one.effect for one in shapes(rig, Extent(1.0, 1.0, 1.0)))]
+        tried = [*nameless(rig), *beside(rig), *(one.effect for one in shapes(rig, Extent(1.0, 1.0, 1.0)))]
         known = {term for one in tried for term in formula_terms(f"{one.title} with c = 1")}
         assert effect.terms
-        assert all(term in known for terms in effect.terms for term in terms)
+        assert all(term in known for terms in (*effect.terms, *effect.weak_terms) for term in terms)
+    assert set(effect.more.values()) <= set(effect.shape.values())
+
+
+PULL = "force per mass c exp(-z / {}) with c = -0.3 ± 0.01 m/s^2"
+BAND = "force per mass c e_x where low < z < high with c = 0.1 ± 0.01 m/s^2, low = {} ± {} m, high = {} ± 0.01 m"
+GAP = {"held_out_before": 5.0, "held_out_after": 1.1, "held_out_noise_floor": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("effect", "strength", "form", "right"),
+    [
+        ("magnetic_pull", "strong", PULL.format("reach") + ", reach = 0.044 ± 0.001 m", True),
+        ("magnetic_pull", "strong", PULL.format("reach") + ", reach = 0.06 ± 0.001 m", False),
+        ("magnetic_pull", "strong", PULL.format("reach") + ", reach = 0.06 ± 0.01 m", True),  # within its doubt
+        ("magnetic_pull", "strong", PULL.format("reach") + ", reach = 0.06 ± nan m", False),
+        ("magnetic_pull", "strong", PULL.format("20 mm"), False),
+        ("magnetic_pull", "weak", PULL.format("20 mm"), True),
+        ("draught", "strong", BAND.format("0.08", "0.005", "0.39"), True),
+        ("draught", "strong", BAND.format("0.2", "0.005", "0.39"), False),
+        ("draught", "strong", "", False),
+    ],
+)
+def test_a_formula_is_right_by_its_terms_and_by_the_numbers_of_its_shape(effect, strength, form, right):
+    truth = {"effects": [effect], "strength": strength}
+    told = Result(truth, Answer("unlisted", form=form, gap=GAP))
+    assert told.right_terms is right
+    assert told.right_law is right
+    assert not Result(truth, Answer("unlisted", form=form, gap=GAP | {"held_out_after": 3.0})).right_law
+    assert not Result(truth, Answer("named", names=("air_drag",), gap=GAP)).right_law

@@ -226,7 +226,8 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
     loud = location.p < SURE or max((one.score for one in naming.tried), default=0.0) > FORM
     if best is None and not loud:
         return replace(plain, reason="the data lie inside noise, scatter and stated calibration")
-    forms = fixed_forms(bench, naming, progress) if best is None or _more_to_say(bench, best) else []
+    asked = best is None or _more_to_say(bench, best)
+    forms = fixed_forms(bench, naming, progress, nameless(lab.rig)) if asked else []
     plain = replace(plain, fixed=tuple(forms))
     alone = max(forms, key=lambda one: one.gain, default=None)
     if best is None:
@@ -304,7 +305,7 @@ def _with_formula(verdict: Diagnosis, progress: Progress) -> tuple[Diagnosis, Ga
     """
     naming = verdict.naming
     assert naming is not None
-    fixed = verdict.fixed or tuple(fixed_forms(verdict.bench, naming, progress))
+    fixed = verdict.fixed or tuple(fixed_forms(verdict.bench, naming, progress, nameless(verdict.lab.rig)))
     found = find_formula(verdict.bench, verdict.lab, naming, fixed, progress)
     if found is None or not found.holds:
         return replace(verdict, reason=f"{verdict.reason}; {_no_law(found)}"), None
@@ -315,11 +316,15 @@ def _with_formula(verdict: Diagnosis, progress: Progress) -> tuple[Diagnosis, Ga
 
 def _no_law(found: Formula | None) -> str:
     """Why no formula is told, and the best one's share as a hint."""
-    if found is None or found.share is None or found.share <= 0:
+    if found is None or (found.share is not None and not found.share > 0):
         return "no formula of the known terms describes how"
+    closes = found.sizes.closed if found.share is None else found.share
+    if closes is None or not closes > 0:
+        return "no formula of the known terms describes how"
+    where = "where it was fitted" if found.share is None else "on repetitions that it was not fitted to"
     return (
-        f"no formula of the known terms closes the gap where it was not fitted; the best, no more than a hint, closes "
-        f"{100 * found.share:.0f} % of it: {found.words}"
+        f"of the formulas of known terms {found.flaw}; the best, no more than a hint, closes {100 * closes:.0f} % of "
+        f"the gap {where}: {found.words}"
     )
 
 

@@ -13,7 +13,8 @@ from rigtwin.sim.effects import Effect
 
 STEPS = 14  # per flight in a vacuum; the path between two steps is a cubic
 MOST = 60
-FINER = 2  # times as many steps where a force sets in within a small part of the flight
+EDGES_PER_STEP = 4.0  # widths of an edge that a step may pass: the push of a band is then right to 1 %
+FINEST = 32  # times as many steps at most, so that a band that a fit makes ever narrower costs no more
 FINE = 16
 GRADED = 2.0 * np.arange(1, FINE + 1) / (FINE * (FINE + 1))
 """Parts of the first step, the finest at the plate, and in reverse of the last: for a force that is steep there."""
@@ -66,10 +67,10 @@ def fly(
         return ax, ay
 
     steep = any(term.steep for term in terms)
-    more = FINER if any(term.edged for term in terms) else 1
     rise = np.maximum(vy, 0.0)
-    h = (vy + np.sqrt(rise * rise + 2 * gravity * gap)) / gravity / (more * STEPS)
-    h = np.maximum(h, 1e-6)
+    h = (vy + np.sqrt(rise * rise + 2 * gravity * gap)) / gravity / STEPS
+    more = _finer(np.maximum(h, 1e-6), vy, gap, gravity, terms, values)
+    h = np.maximum(h / more, 1e-6)
     x, y = np.zeros_like(vx), np.zeros_like(vy)
     xs, ys, us, vs = [x], [y], [vx], [vy]
     u, v = vx, vy
@@ -113,6 +114,19 @@ def fly(
         land_x, land_y, land_vx, land_vy = _advance(pull, x, y, u, v, late)
         duration = duration + late
     return Paths(h, nodes[0], nodes[1], nodes[2], nodes[3], duration, land_x, land_y, land_vx, land_vy)
+
+
+def _finer(
+    h: Array, vy: Array, gap: Array, gravity: float, terms: Sequence[Effect], values: Mapping[str, Array]
+) -> int:
+    """How many times as many steps the forces with edges ask for, of those flights that come to an edge."""
+    most = 1.0
+    for term in terms:
+        if term.edges is not None:
+            low, width = term.edges(*(values[f"{term.name}.{p.name}"][:, None, None] for p in term.parameters))
+            squared = vy * vy + 2 * gravity * (gap - np.maximum(low, 0.0))  # of the speed at the lowest edge
+            most = max(most, float(np.max(np.sqrt(np.maximum(squared, 0.0)) * h / width / EDGES_PER_STEP, initial=1.0)))
+    return int(np.clip(np.ceil(most), 1, FINEST)) if np.isfinite(most) else 1
 
 
 def _advance(pull: Pull, x: Array, y: Array, u: Array, v: Array, h: Array) -> tuple[Array, Array, Array, Array]:

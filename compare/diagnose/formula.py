@@ -23,15 +23,17 @@ from rigtwin.compare.diagnose.subset import coarse, cut
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.wording import unit_of
 from rigtwin.sim.effects import Effect
-from rigtwin.sim.effects.forms import nameless
+from rigtwin.sim.effects.forms import beside, nameless
 from rigtwin.sim.effects.shapes import Extent, Shape, shapes
 
 HOLDS = 0.8  # share of the excess that a formula must close on repetitions that it was not fitted to
-WORSE = 0.05  # of a condition's gap, by which a formula may seem to widen it
+WORSE = 0.05  # of a condition's gap: what is less is the doubt of the gap itself, as its noise floor is estimated
 WHOLE = 0.95  # share of the excess beyond which no second term is asked for
 AT_ONCE = 24  # shapes that are looked at in one go
+AT_ONCE_EDGED = 12  # ... and of those with edges, all of which share the steps that the sharpest asks for
 LEADING = 2  # of those that promise most, that are fitted
 PROMISING = 0.6  # ... and not less than this share of the most
+FROM_ZERO = 3.0  # standard deviations that each term's coefficients must be from zero, c and d of a period together
 MOVING = 0.05  # of the highest speed, above which something counts as moving
 
 
@@ -44,33 +46,66 @@ class Formula:
 
     @property
     def share(self) -> float | None:
-        """Share of the excess gap that it closes where it was not fitted, or where all is fitted, with no such data."""
-        held = closed(self.sizes.held_out_before, self.sizes.held_out_after, self.sizes.held_out_noise_floor)
-        return self.sizes.closed if held is None else held
+        """Share of the excess gap that it closes on repetitions that it was not fitted to; None with no gap there."""
+        sizes = self.sizes
+        return _closes(sizes.held_out_before, sizes.held_out_after, sizes.held_out_noise_floor)
+
+    @property
+    def flaw(self) -> str:
+        """Why it is no law, for a sentence that goes on with what the best formula would close; empty where it is one.
+
+        It must close enough of the gap on held-out repetitions, and some of the gap of a held-out condition, where
+        there is one; where there is none it may not widen it.
+        """
+        share = self.share
+        if share is None:
+            return "none can be held against repetitions that it was not fitted to, for there is no gap in such"
+        if not share >= HOLDS:  # nor is what is no number a law
+            return "none closes the gap on repetitions that it was not fitted to"
+        before, after = self.sizes.condition_before, self.sizes.condition_after
+        if before is None or after is None:
+            return ""
+        gapes = _closes(before, after, self.sizes.condition_noise_floor) is not None
+        if not after <= (1 + WORSE) * before:
+            return f"none that closes it elsewhere does without widening it in {self.sizes.condition}, held out whole"
+        if gapes and not before - after > WORSE * before:
+            return f"none that closes it elsewhere closes any of it in {self.sizes.condition}, held out whole"
+        return ""
 
     @property
     def holds(self) -> bool:
-        """Whether it closes enough of the gap on held-out repetitions and widens none on a held-out condition."""
-        before, after = self.sizes.condition_before, self.sizes.condition_after
-        widens = before is not None and after is not None and after > (1 + WORSE) * before
-        return self.share is not None and self.share >= HOLDS and not widens
+        """Whether it is told as the law."""
+        return not self.flaw
 
     @property
     def words(self) -> str:
         return in_words(self.candidate)
 
 
+def _closes(before: float | None, after: float | None, floor: float | None) -> float | None:
+    """Share of the excess that is closed; None where nothing was held out or no gap is seen there."""
+    if before is None or after is None or floor is None or before <= (1 + WORSE) * floor:
+        return None
+    return closed(before, after, floor)
+
+
 def find_formula(
     bench: Regioned, lab: TrackedLab, naming: Naming, fixed: Sequence[Candidate], progress: Progress
 ) -> Formula | None:
-    """The formula that gains most on the baseline, of the fewest terms that do; None where none is significant."""
+    """The formula that gains most on the baseline, of the fewest terms that do; None where none is significant.
+
+    `fixed` are the terms of a fixed form that the verdict was held to; more are asked here.
+    """
+    fixed = [*fixed, *fixed_forms(bench, naming, progress, beside(lab.rig))]
     progress("shapes of formulas", 0, 1)
     first = _better(fixed, _shaped(bench, naming, naming.base))
     if first is None or first.gain < FORM:
         return None
     first = candidate(naming, first.terms, fit(bench, first.terms, near=first.fitted, most=15))
     if not _whole(bench, naming, first):
-        second_terms = [(*first.terms, term) for term in nameless(lab.rig) if term.name not in first.names]
+        second_terms = [
+            (*first.terms, term) for term in (*nameless(lab.rig), *beside(lab.rig)) if term.name not in first.names
+        ]
         glanced = zip(screen(bench, first.fitted, [terms[-1] for terms in second_terms]), second_terms, strict=True)
         likely = sorted(glanced, key=lambda one: one[0].deviance)[:LEADING]
         grown = [
@@ -82,10 +117,9 @@ def find_formula(
     return Formula(first, gap(bench, lab, naming.base, first.fitted))
 
 
-def fixed_forms(bench: Regioned, naming: Naming, progress: Progress) -> list[Candidate]:
-    """Nameless terms of a fixed form alone, on the baseline."""
+def fixed_forms(bench: Regioned, naming: Naming, progress: Progress, terms: Sequence[Effect]) -> list[Candidate]:
+    """Nameless terms of a fixed form, each alone on the baseline."""
     found = []
-    terms = nameless(bench.lab.rig)  # type: ignore[attr-defined]
     for number, term in enumerate(terms):
         progress("formulas", number, len(terms))
         fitted = fit(bench, (term,), near=naming.base, most=15, rounds=2)
@@ -96,12 +130,26 @@ def fixed_forms(bench: Regioned, naming: Naming, progress: Progress) -> list[Can
 
 
 def candidate(naming: Naming, terms: tuple[Effect, ...], fitted: Fit, cost: float = 0.0) -> Candidate:
-    """A formula's fit, and its gain less what its shape costs; refused where its last coefficient may be zero."""
+    """A formula's fit, and its gain less what its shape costs; refused where one of its terms cannot be."""
     spread = spread_of(naming.base, naming.location)
-    names = [f"{terms[-1].name}.{p.name}" for p in terms[-1].parameters if p.name in ("c", "d")]
-    weak = math.hypot(*(fitted.value(name) / fitted.std(name) for name in names)) < 3
-    reason = "within three of its standard deviations of zero" if weak else ""
+    reason = next((why for term in terms if (why := _amiss(fitted, term))), "")
     return Candidate(terms, fitted, (naming.base.deviance - fitted.deviance) / spread - cost, reason)
+
+
+def _amiss(fitted: Fit, term: Effect) -> str:
+    """Why a term of a formula cannot be: its coefficients may be zero, or its shape is none; empty where it can."""
+    shape = {p.name: fitted.value(f"{term.name}.{p.name}") for p in term.parameters}
+    of_doubt = 0.0
+    for name in shape.keys() & {"c", "d"}:
+        std = fitted.std(f"{term.name}.{name}")
+        of_doubt = math.hypot(of_doubt, shape[name] / std if std > 0 else math.nan)
+    if not of_doubt >= FROM_ZERO:
+        return "within three of its standard deviations of zero"
+    if "low" in shape and not shape["low"] < shape["high"]:
+        return "its band ends below where it begins"
+    if any(not shape[name] > 0 for name in shape.keys() & {"reach", "period"}):
+        return "a reach or a period that is not above zero"
+    return ""
 
 
 def in_words(formula: Candidate) -> str:
@@ -135,9 +183,10 @@ def _whole(bench: Regioned, naming: Naming, one: Candidate) -> bool:
 def _shaped(bench: Regioned, naming: Naming, near: Fit) -> list[Candidate]:
     """Terms of free shape on top of a fit; those that promise most are fitted."""
     rig = bench.lab.rig  # type: ignore[attr-defined]
+    extent = _extent(bench, near)
     kinds = [
         one
-        for one in shapes(rig, _extent(bench, near))
+        for one in (shapes(rig, extent) if extent else ())
         if one.effect.name not in {term.name for term in near.terms}
         and (one.effect.drive is None or getattr(bench, "drivable", False))
     ]
@@ -165,8 +214,9 @@ def _shaped(bench: Regioned, naming: Naming, near: Fit) -> list[Candidate]:
 def _glance(part: Regioned, start: Fit, shape: Shape) -> tuple[float, Shape, dict[str, float]]:
     """What the best shape of the grid promises, and its numbers to begin a fit with."""
     best, values = -math.inf, dict[str, float]()
-    for first in range(0, len(shape.grid), AT_ONCE):
-        numbers = range(first, min(first + AT_ONCE, len(shape.grid)))
+    at_once = AT_ONCE if shape.effect.edges is None else AT_ONCE_EDGED
+    for first in range(0, len(shape.grid), at_once):
+        numbers = range(first, min(first + at_once, len(shape.grid)))
         terms = [shape.frozen(number) for number in numbers]
         for number, term, seen in zip(numbers, terms, screen(part, start, terms), strict=True):
             gain = start.deviance - seen.deviance
@@ -178,8 +228,8 @@ def _glance(part: Regioned, start: Fit, shape: Shape) -> tuple[float, Shape, dic
     return best, shape, values
 
 
-def _extent(bench: Regioned, fitted: Fit) -> Extent:
-    """How long things move, over what stretch of the clock, and how far."""
+def _extent(bench: Regioned, fitted: Fit) -> Extent | None:
+    """How long things move, over what stretch of the clock, and how far; None where nothing moves."""
     speed = np.hypot(fitted.speed[:, 0], fitted.speed[:, 1])
     moving = speed > MOVING * float(speed.max())
     times, ways = [], []
@@ -189,5 +239,7 @@ def _extent(bench: Regioned, fitted: Fit) -> Extent:
             time, place = bench.time[span][inside], bench.rows[span][inside]
             times.append((float(time.min()), float(time.max())))
             ways.append(float(np.hypot(*np.ptp(place, axis=0))))
+    if not times or max(ways) <= 0:
+        return None
     begin, end = np.array(times).T
     return Extent(float(np.max(end - begin)), float(end.max() - begin.min()), max(ways))

@@ -176,9 +176,9 @@ def _floor(bench: Bench, fitted: Fit) -> float:
 
 
 def _last_repetitions(lab: TrackedLab) -> list[int]:
-    """Numbers of the last repetition of each condition; none where a condition has only one."""
-    counts = [len(condition.repetitions) for condition in lab.conditions]
-    return [] if min(counts) < 2 else (np.cumsum(counts) - 1).tolist()
+    """Numbers of the last repetition of each condition that has more than one."""
+    counts = np.array([len(condition.repetitions) for condition in lab.conditions])
+    return (np.cumsum(counts) - 1)[counts > 1].tolist()  # type: ignore[no-any-return]
 
 
 def _extreme_condition(lab: TrackedLab) -> int | None:

@@ -52,7 +52,7 @@ class Effect:
     - ``exposure(time, x, y, *p)``: the true time [s] at which a row stamped `time` was taken.
     - ``view(x, y, *p) -> (x, y)`` [m]: where the camera sees what is at x, y.
     - ``drive(time, place, speed, *p)`` [m/s^2] along the path of a body that is held on one, a bob's arc or a track:
-      `time` [s] on the clock of the record, `place` [m] along the path.  The diagnosis alone knows it.
+      `time` [s] on the clock of the record, `place` [m] along the path.  Only the diagnosis's own formulas have it.
     """
 
     name: str
@@ -84,8 +84,9 @@ class Effect:
 
     steep: bool = False
     """Whether its force on a bead in flight changes much within a radius of the plate."""
-    edged: bool = False
-    """Whether its force on a bead in flight rises or falls within a small part of the flight, anywhere on it."""
+    edges: Hook | None = None
+    """``edges(*p) -> (lowest, width)`` [m] of a force on a bead in flight that sets in or ends anywhere on it: the
+    height of its lowest edge, and the length within which it grows by a factor e there."""
     flat: bool = False
     """Whether the effect has no slope at zero, so that a fit from there would stay there."""
 

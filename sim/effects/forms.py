@@ -6,6 +6,7 @@ free coefficient: an effect like any other, so that a formula found in the resid
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -15,6 +16,8 @@ from rigtwin.sim.effects.shapes import Extent, shapes
 
 E = 2.718281828459045
 PREFIX = "form:"
+Kind = tuple[str, dict[str, tuple[str, str, float, Callable[..., Any]]], str]
+"""What the terms are of, the terms themselves, and the hook where they enter."""
 
 
 # in flight: force [N] from the velocity and the height of the lowest point
@@ -145,13 +148,15 @@ FLIGHT = {
     "v|v|": ("c v |v|", "1/m", 0.05, with_v_squared),
     "v^3": ("c v^3", "s/m^2", 0.02, with_v_cubed),
     "v_cross": ("c e_z x v", "1/s", 0.1, across_v),
-    "v_x": ("c v_x e_x", "1/s", 0.1, level_with_v),
-    "height_sideways": ("c z e_x", "1/s^2", 0.3, sideways_with_height),
     "height": ("c z", "1/s^2", 0.3, with_height),
     "height^2": ("c z^2", "1/(m s^2)", 0.5, with_height_squared),
     "near_5mm": ("c exp(-z / 5 mm)", "m/s^2", 1.0, within_5mm),
     "near_20mm": ("c exp(-z / 20 mm)", "m/s^2", 0.5, within_20mm),
     "near_80mm": ("c exp(-z / 80 mm)", "m/s^2", 0.3, within_80mm),
+}
+FLIGHT_BESIDE = {
+    "v_x": ("c v_x e_x", "1/s", 0.1, level_with_v),
+    "height_sideways": ("c z e_x", "1/s^2", 0.3, sideways_with_height),
 }
 SWING = {
     "sign(rate)": ("c sign(w)", "rad/s^2", 0.02, sign_of_rate),
@@ -182,14 +187,24 @@ TRACK = {
 
 @cache
 def nameless(rig: str) -> tuple[Effect, ...]:
-    """The terms that can act in a rig, as effects with one free coefficient."""
-    kinds = {
+    """The terms that can act in a rig, as effects with one free coefficient: those that every verdict is held to."""
+    kinds: dict[str, tuple[Kind, ...]] = {
         "drop": (("force per mass", FLIGHT, "force"), ("restitution", IMPACT, "restitution")),
         "pendulum": (("angular acceleration", SWING, "torque"),),
         "double": (("angular acceleration", SWING, "torque"), ("restitution", IMPACT, "restitution")),
         "roll": (("acceleration along the track", TRACK, "torque"),),
         "slide": (("acceleration along the track", TRACK, "torque"),),
     }
+    return _effects(rig, kinds.get(rig, ()))
+
+
+@cache
+def beside(rig: str) -> tuple[Effect, ...]:
+    """Further terms, that are asked only once no listed effect explains a disagreement."""
+    return _effects(rig, (("force per mass", FLIGHT_BESIDE, "force"),) if rig == "drop" else ())
+
+
+def _effects(rig: str, kinds: tuple[Kind, ...]) -> tuple[Effect, ...]:
     return tuple(
         Effect(
             name=PREFIX + name,
@@ -202,7 +217,7 @@ def nameless(rig: str) -> tuple[Effect, ...]:
             steep=name.startswith("near_"),
             **{hook: term},  # type: ignore[arg-type]
         )
-        for what, terms, hook in kinds.get(rig, ())
+        for what, terms, hook in kinds
         for name, (formula, unit, size, term) in terms.items()
     )
 
@@ -215,7 +230,8 @@ def form(name: str) -> Effect:
             f"effect {name}: an acceleration along a track or by the clock was found in residuals, and no twin carries "
             "that yet; take it out of the model file."
         )
-    for term in (*nameless("drop"), *nameless("double"), *(one.effect for one in shapes("drop", Extent(1, 1, 1)))):
-        if term.name == name:
-            return term
-    raise BadInput(f"there is no formula {name!r}; known are {', '.join((*FLIGHT, *SWING, *IMPACT))}.")
+    free = tuple(shape.effect for shape in shapes("drop", Extent(1.0, 1.0, 1.0)))
+    known = {term.name: term for term in (*free, *beside("drop"), *nameless("double"), *nameless("drop"))}
+    if name not in known:
+        raise BadInput(f"there is no formula {name!r}; known are {', '.join(known)}.")
+    return known[name]

@@ -20,7 +20,7 @@ REACHES = (0.005, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32)  # of the highest height
 EDGES = (-0.05, 0.05, 0.1, 0.18, 0.28, 0.4, 0.55, 0.75, 1.1)  # ... or the longest way, between any two of which it acts
 FEWEST_CYCLES, MOST_CYCLES = 0.7, 25.0  # in the longest motion
 PER_CYCLE = 4.0  # periods looked at, per cycle that all motions together span
-MOST_PERIODS = 400
+MOST_PERIODS = 400  # from the longest on: where a record is long against its motions, the shortest are not reached
 TURN = 2.0 * np.pi
 
 
@@ -47,7 +47,11 @@ class Shape:
         def term(*given: Any) -> Any:
             return whole(*given, *fixed)
 
-        return replace(self.effect, name=f"{self.effect.name}@{number}", parameters=own, **{hook: term})  # type: ignore[arg-type]
+        hooks: dict[str, Any] = {hook: term}
+        edges = self.effect.edges
+        if edges is not None:
+            hooks["edges"] = lambda *given: edges(*given, *fixed)
+        return replace(self.effect, name=f"{self.effect.name}@{number}", parameters=own, **hooks)
 
 
 # in flight
@@ -71,6 +75,10 @@ def band_sideways(vx: Any, vy: Any, gap: Any, radius: Any, mass: Any, c: Any, lo
     edge = abs(high - low) / EDGE + 1e-5
     inside = 1.0 / ((1.0 + E ** ((low - gap) / edge)) * (1.0 + E ** ((gap - high) / edge)))
     return mass * c * inside + 0.0 * vx, 0.0 * vy
+
+
+def edges_of_band(c: Any, low: Any, high: Any) -> Any:
+    return low + 0.0 * c, abs(high - low) / EDGE + 1e-5 + 0.0 * c
 
 
 # along a bob's arc or a track
@@ -101,7 +109,8 @@ class Extent:
 def shapes(rig: str, extent: Extent) -> tuple[Shape, ...]:
     """The terms that can act in a rig."""
     reaches = tuple((share * extent.way,) for share in REACHES)
-    edges = tuple((a * extent.way, b * extent.way) for a, b in itertools.combinations(EDGES, 2))
+    narrow_first = sorted(itertools.combinations(EDGES, 2), key=lambda pair: pair[1] - pair[0])
+    edges = tuple((a * extent.way, b * extent.way) for a, b in narrow_first)
     along, between = (_length("reach"),), (_length("low"), _length("high"))
     if rig == "drop":
         what = "force per mass c"
@@ -110,9 +119,9 @@ def shapes(rig: str, extent: Extent) -> tuple[Shape, ...]:
             _shape(
                 rig, "decay_sideways", f"{what} exp(-z / reach) e_x", along, reaches, steep=True, force=decay_sideways
             ),
-            _shape(rig, "band", f"{what} where low < z < high", between, edges, edged=True, force=band),
+            _shape(rig, "band", f"{what} where low < z < high", between, edges, edges=edges_of_band, force=band),
             _shape(
-                rig, "band_sideways", f"{what} e_x where low < z < high", between, edges, edged=True,
+                rig, "band_sideways", f"{what} e_x where low < z < high", between, edges, edges=edges_of_band,
                 force=band_sideways,
             ),
         )  # fmt: skip

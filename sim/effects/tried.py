@@ -34,6 +34,11 @@ def check(effect: Effect, path: Path) -> None:
     """
     if not effect.parameters:
         raise BadInput(f"{path}: effect {effect.name} has no parameter; give it at least one, whose size is fitted.")
+    if effect.drive is not None:
+        raise BadInput(
+            f"{path}: effect {effect.name} has a drive, which only formulas of the diagnosis can have; write it as a "
+            "force or a torque."
+        )
     typical = [parameter.typical for parameter in effect.parameters]
     for hook, motion in TRIED.items():
         function = getattr(effect, hook)
