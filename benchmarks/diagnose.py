@@ -66,6 +66,11 @@ class Answer:
         alike = [group for group in self.together if self.names[0] in group]
         return tuple(dict.fromkeys([self.names[0], *(name for group in alike for name in group)]))
 
+    @property
+    def undecided(self) -> set[str]:
+        """All names that it cannot tell from another, a second effect's among them."""
+        return {name for group in self.together for name in group}
+
 
 @dataclass(frozen=True)
 class Job:
@@ -97,7 +102,7 @@ class Result:
         after = self.after
         if after is None or after.verdict not in ("named", "indistinguishable"):
             return False
-        return len(after.candidates) < len(self.answer.candidates) and any(map(self.right, after.candidates))
+        return len(after.undecided) < len(self.answer.undecided) and any(map(self.right, after.candidates))
 
     @property
     def true_effects(self) -> list[str]:

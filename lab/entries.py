@@ -20,7 +20,7 @@ from pydantic_core import ErrorDetails
 from rigtwin.lab import camera
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.toml_lines import Key, dotted, key_lines
-from rigtwin.lab.units import AMBIGUOUS, DIMENSIONS, LONGEST, MOST_PARTICLES, either, si
+from rigtwin.lab.units import DIMENSIONS, LONGEST, MOST_PARTICLES, si
 
 HERE = Path()
 RIGS = ("drop", "pendulum", "tilt", "packing", "pile", "drum", "hopper")
@@ -104,8 +104,6 @@ def _edge(parse: Callable[[Any], Any]) -> PlainValidator:
 
 def _quantity(dimension: str, lowest: float = -math.inf, highest: float = math.inf, *, open_low: bool = True) -> Any:
     def parse(value: Any) -> float:
-        if dimension in AMBIGUOUS and isinstance(value, (int, float)):
-            raise BadInput(either(value, dimension))
         number = si(value, dimension)
         if number < lowest or number > highest or (open_low and number == lowest):
             bare = dimension != "number" and not isinstance(value, str)

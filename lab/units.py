@@ -61,7 +61,11 @@ def si(text: str | float | int, dimension: str, *, name: str = "value") -> float
     if isinstance(text, bool) or not isinstance(text, (str, int, float)):
         raise BadQuantity(f"{name}: {text!r} is not a quantity; write {_a(dimension)} like {example!r}.")
     try:
-        value = _parse(text.strip(), unit, dimension, example, name) if isinstance(text, str) else float(text)
+        value = (
+            _parse(text.strip(), unit, dimension, example, name)
+            if isinstance(text, str)
+            else _bare(text, dimension, name)
+        )
     except OverflowError:  # a whole number of more than 308 digits
         value = math.inf
     if not math.isfinite(value):
@@ -73,12 +77,9 @@ def _parse(text: str, unit: str, dimension: str, example: str, name: str) -> flo
     number = re.match(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", text)
     if number is None or not (unit_text := text[number.end() :].strip()):
         try:
-            bare = float(text)  # "inf" and "nan" included
+            return _bare(float(text), dimension, name)  # "inf" and "nan" included
         except ValueError:
             raise BadQuantity(f"{name}: {text!r} is not {_a(dimension)}; write it like {example!r}.") from None
-        if dimension in AMBIGUOUS:
-            raise BadQuantity(f"{name}: {either(text, dimension)}")
-        return bare
     if dimension == "frequency" and unit_text == "fps":  # feet per second elsewhere
         unit_text = "1/s"
     import pint
@@ -99,9 +100,13 @@ def _parse(text: str, unit: str, dimension: str, example: str, name: str) -> flo
     raise BadQuantity(f"{name}: {text!r} {wrong}; write it like {example!r}.")
 
 
-def either(number: object, dimension: str) -> str:
-    """Why a bare `number` of an ambiguous dimension is not taken."""
-    return f"{number!r} may be {AMBIGUOUS[dimension]}; write it with its unit, like {DIMENSIONS[dimension][1]!r}."
+def _bare(number: float, dimension: str, name: str) -> float:
+    """A number without a unit, in SI."""
+    if dimension in AMBIGUOUS and math.isfinite(number):
+        example = DIMENSIONS[dimension][1]
+        may_be = f"{number:g} may be {AMBIGUOUS[dimension]}"
+        raise BadQuantity(f"{name}: {may_be}; write it with its unit, like {example!r}.")
+    return float(number)
 
 
 def _a(dimension: str) -> str:

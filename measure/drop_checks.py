@@ -195,8 +195,8 @@ def view_checks(video: Video, seen: Chase, fitted: Bounces, repeats: frozenset[i
     left = _left_of_flights(seen, fitted)
     followed = left < MOST_LEFT * seen_to
     doubt = (
-        f"; but the bead leaves its flights by {left:.2f} px where it is seen to {seen_to:.2f}: a coarse codec keeps "
-        "faint things where they were, so that a shake does not show."
+        f"; but the bead leaves its flights by {left:.2f} px where it is seen to {seen_to:.2f}: the camera shook "
+        "where a coarse codec hides it, or the bead spins or drifts."
     )
     return (
         Check(

@@ -24,6 +24,7 @@ Array = npt.NDArray[np.float64]
 Region = tuple[float, float, float, float]
 
 LEAST_LEAP = 0.5  # bead diameters, of one from the bead that hits over to the one that is hit
+MOST_PIECES = 60  # of path, the farthest ones, among which a meeting is sought: noise has thousands
 LOST = 4  # frames after which a path that was not seen again has ended
 
 
@@ -244,8 +245,8 @@ def _best_meeting(falls: list[Path], rises: list[Path], least_leap: float = -mat
     best, best_score = None, 0.0
     for fall in falls:
         for rise in rises:
-            score = _meeting(fall, rise) if _leap(fall, rise) > least_leap else 0.0
-            if score > best_score:
+            score = _meeting(fall, rise)
+            if score > best_score and _leap(fall, rise) > least_leap:
                 best, best_score = (fall, rise), score
     return best
 
@@ -256,6 +257,7 @@ def _meeting_of_pieces(paths: list[Path]) -> tuple[Path, Path] | None:
     One bead's pieces meet as those of two do, but for the leap of a diameter from the one bead over to the other.
     """
     pieces = [path for path in paths if path.extent > 0.5 * float(np.median(path.sizes))]
+    pieces = sorted(pieces, key=lambda path: -path.extent)[:MOST_PIECES]
     falls, rises = (
         [path for path in (joined(piece, paths) for piece in pieces) if path.extent > 2 * float(np.median(path.sizes))]
         for joined in (with_beginning, _with_ending)

@@ -57,8 +57,9 @@ def test_a_bare_number_is_si_already(value, dimension):
 
 
 def test_a_bare_angular_speed_may_be_rpm_and_is_refused():
-    with pytest.raises(BadQuantity, match=r"--speed: '3' may be .* turns a minute; .* '3 rpm'"):
-        si("3", "angular_speed", name="--speed")
+    for bare in ("3", 3, 3.0):
+        with pytest.raises(BadQuantity, match=r"--speed: 3 may be .* turns a minute; .* '3 rpm'"):
+            si(bare, "angular_speed", name="--speed")
 
 
 @settings(deadline=None, derandomize=True)

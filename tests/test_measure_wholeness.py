@@ -1,4 +1,4 @@
-"""Films that break off: every cut of a film written in fragments is told, wherever it falls."""
+"""Films that break off: a film written in fragments tells where it is cut, but not at the end of a fragment."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rigtwin.measure.wholeness import breaks_off
 
 
 def fragmented(path: Path) -> bytes:
-    """A film in six fragments, each announced by its own boxes."""
+    """A film in fragments, each announced by its own boxes."""
     random = np.random.default_rng(3)
     options = {"movflags": "dash+frag_keyframe+empty_moov+default_base_moof"}
     with av.open(str(path), "w", options=options) as container:
