@@ -382,8 +382,12 @@ def test_a_condition_that_does_not_state_its_setting_is_refused_by_name(tmp_path
     time = np.arange(60) / 240
     rows = [f"{t:.6f},0,{0.3 - 4.905 * t * t:.6f}" for t in time]
     (tmp_path / "c" / "rep01.csv").write_text("\n".join(["time_s,x_m,y_m", *rows]))
+    lab = read_tracked_lab(tmp_path)
     with pytest.raises(BadInput, match="condition c: drop_height_m: is missing"):
-        read_tracked_lab(tmp_path).setting("drop_height_m")
+        lab.setting("drop_height_m")
+    lab.conditions[0].settings["drop_height_m"] = 300.0
+    with pytest.raises(BadInput, match="condition c: drop_height_m: 300 is in metres; was it meant in mm"):
+        lab.setting("drop_height_m")
 
 
 def test_a_folder_without_a_lab_is_refused(tmp_path):

@@ -18,6 +18,7 @@ import numpy as np
 
 from rigtwin.lab.errors import BadLabFile
 from rigtwin.lab.records import Track, read_tracks
+from rigtwin.lab.units import LONGEST
 
 LARGEST_BEAD = 0.5  # [m]
 TRACKED = ("drop", "pendulum", "double", "slide", "roll")
@@ -92,14 +93,17 @@ class TrackedLab:
         return sum(len(condition.repetitions) for condition in self.conditions)
 
     def setting(self, name: str, default: float | None = None) -> list[float]:
-        """A number that each condition states, one per repetition.  Raises `BadLabFile` where it is missing."""
+        """A number that each condition states, one per repetition.
+
+        Raises `BadLabFile` where it is missing, or a length that fits on no bench.
+        """
         values = []
         for condition in self.conditions:
-            value = condition.settings.get(name, default)
+            value, place = condition.settings.get(name, default), f"{self.folder / 'lab.json'}: condition"
             if isinstance(value, bool) or not isinstance(value, (int, float)):
-                raise BadLabFile(
-                    f"{self.folder / 'lab.json'}: condition {condition.name}: {name}: is missing or not a number."
-                )
+                raise BadLabFile(f"{place} {condition.name}: {name}: is missing or not a number.")
+            if name.endswith("_m") and value > LONGEST:
+                raise BadLabFile(f"{place} {condition.name}: {name}: {value:g} is in metres; was it meant in mm?")
             values += [float(value)] * len(condition.repetitions)
         return values
 
