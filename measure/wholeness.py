@@ -54,7 +54,9 @@ def _boxes_break_off(file: BinaryIO, size: int) -> bool:
         if place + length > size:
             return not appended
         place += length
-    head_cut = FRAGMENT in seen and 0 < size - place < 8
+    file.seek(place)
+    # what announces a fragment is shorter than 16 MiB: its length begins with a zero
+    head_cut = FRAGMENT in seen and 0 < size - place < 8 and file.read(1) == b"\0"
     return INDEX not in seen or kind in ANNOUNCING or head_cut
 
 
