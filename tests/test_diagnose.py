@@ -312,8 +312,8 @@ def test_a_wrong_clock_beside_a_strong_drag_is_named_too(tmp_path):
 
 def test_a_yield_speed_is_found_from_the_wrong_side_of_zero(tmp_path):
     bench = DropBench(read_tracked_lab(write_drops(tmp_path, 19, beads=("heavy",), repetitions=2, exponent=0.1)))
-    name = "restitution_yield.slowness"
-    above, below = (fit(bench, (named("restitution_yield"),), start={name: start}) for start in (1.5, -1.5))
+    name = "restitution_plastic_yield.slowness"
+    above, below = (fit(bench, (named("restitution_plastic_yield"),), start={name: start}) for start in (1.5, -1.5))
     assert below.value(name) == pytest.approx(above.value(name), rel=1e-3)
     assert below.deviance == pytest.approx(above.deviance, abs=1e-2)
 

@@ -12,7 +12,7 @@ def restitution(e: Any, speed: Any, radius: Any, mass: Any, slowness: Any) -> An
 
 
 EFFECT = Effect(
-    name="restitution_yield",
+    name="restitution_plastic_yield",
     title="velocity-dependent restitution (above a yield speed)",
     kind="physical",
     family="velocity_dependent_restitution",
