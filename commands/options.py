@@ -43,14 +43,10 @@ def quantity(
 
 def _folder(text: str) -> Path:
     """A folder for results, refused before an hour of work and not after it."""
-    from rigtwin.lab.errors import BadInput
-
     folder = Path(text)
-    standing = _standing(folder)
-    if not standing.is_dir():
-        raise BadInput(f"--out: {standing} is a file, and results go into a folder; give --out another name.")
-    if not os.access(standing, os.W_OK | os.X_OK):
-        raise BadInput(f"--out: nothing may be written into {standing}; give --out a folder of your own.")
+    _check_writable(
+        folder, "--out", "and results go into a folder; give --out another name", "give --out a folder of your own"
+    )
     return folder
 
 
@@ -63,19 +59,22 @@ def file_option(flag: str, metavar: str, help_text: str) -> Any:
         file = Path(text)
         if file.is_dir():
             raise BadInput(f"{flag}: {file} is a folder; give the name of a file.")
-        standing = _standing(file.absolute().parent)
-        if not standing.is_dir():
-            raise BadInput(f"{flag}: {standing} is a file, not a folder; name a file elsewhere.")
-        if not os.access(standing, os.W_OK | os.X_OK):
-            raise BadInput(f"{flag}: nothing may be written into {standing}; name a file elsewhere.")
+        elsewhere = "name a file elsewhere"
+        _check_writable(file.absolute().parent, flag, f"not a folder; {elsewhere}", elsewhere)
         return file
 
     return option(flag, metavar, help_text, read)
 
 
-def _standing(place: Path) -> Path:
-    """This folder, or the nearest above it that is there."""
-    return next((above for above in (place, *place.absolute().parents) if above.exists()), place)
+def _check_writable(folder: Path, flag: str, because: str, instead: str) -> None:
+    """Refuse a folder that cannot be made or written into: this one, or the nearest above it that is there."""
+    from rigtwin.lab.errors import BadInput
+
+    standing = next((above for above in (folder, *folder.absolute().parents) if above.exists()), folder)
+    if not standing.is_dir():
+        raise BadInput(f"{flag}: {standing} is a file, {because}.")
+    if not os.access(standing, os.W_OK | os.X_OK):
+        raise BadInput(f"{flag}: nothing may be written into {standing}; {instead}.")
 
 
 def out_option(help_text: str) -> Any:

@@ -258,11 +258,13 @@ def _meeting_of_pieces(paths: list[Path]) -> tuple[Path, Path] | None:
     """
     pieces = [path for path in paths if path.extent > 0.5 * float(np.median(path.sizes))]
     pieces = sorted(pieces, key=lambda path: -path.extent)[:MOST_PIECES]
-    falls, rises = (
-        [path for path in (joined(piece, paths) for piece in pieces) if path.extent > 2 * float(np.median(path.sizes))]
-        for joined in (with_beginning, _with_ending)
+    turned = [_backwards(path) for path in paths]
+    falls = [with_beginning(piece, paths) for piece in pieces]
+    rises = [_backwards(with_beginning(_backwards(piece), turned)) for piece in pieces]
+    far_falls, far_rises = (
+        [path for path in joined if path.extent > 2 * float(np.median(path.sizes))] for joined in (falls, rises)
     )
-    return _best_meeting(falls, rises, LEAST_LEAP)
+    return _best_meeting(far_falls, far_rises, LEAST_LEAP)
 
 
 def _leap(fall: Path, rise: Path) -> float:
@@ -339,11 +341,6 @@ def with_beginning(fall: Path, paths: list[Path]) -> Path:
         first = max(back, key=lambda path: path.extent + len(path.frames))
         own = 1 if first.frames[-1] == fall.frames[0] else 0
         fall = Path(first.frames + fall.frames[own:], first.places + fall.places[own:], first.sizes + fall.sizes[own:])
-
-
-def _with_ending(rise: Path, paths: list[Path]) -> Path:
-    """The rise with the pieces of path that it goes on in."""
-    return _backwards(with_beginning(_backwards(rise), [_backwards(path) for path in paths]))
 
 
 def _backwards(path: Path) -> Path:
