@@ -53,6 +53,7 @@ clean:
 $(READY): uv.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' \
 		|| { echo "rigtwin needs Python 3.11 to 3.13; name one with: make PYTHON=python3.11" >&2; exit 1; }
+	@echo "installing rigtwin into .venv, once: 1.2 GB, a minute or some"
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	test -x $(BIN)/uv || $(BIN)/python -m pip install --quiet --disable-pip-version-check 'uv==0.13.8'
 	UV_PROJECT_ENVIRONMENT=.venv UV_COMPILE_BYTECODE=1 $(BIN)/uv sync --frozen --inexact --quiet

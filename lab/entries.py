@@ -48,7 +48,7 @@ class Document:
         return self.lines[key]
 
     def error(self, problems: Iterable[Problem]) -> BadLabFile:
-        """One sentence on the first problem by line, and how many more there are.
+        """One sentence on the first problem by line, and in which lines there are more.
 
         A missing key comes last: it may be the misspelt one.
         """
@@ -57,7 +57,8 @@ class Document:
         )
         where = f"{self.path}, line {self.line(first.key)}: "
         key = f"{dotted(first.key)}: " if first.key else ""
-        more = f" (and {len(others)} more)" if others else ""
+        lines = ", ".join(map(str, sorted({self.line(other.key) for other in others})))
+        more = f" (and {len(others)} more, see line {lines})" if others else ""
         return BadLabFile(f"{where}{key}{first.what}{more}")
 
 

@@ -280,12 +280,13 @@ def test_a_text_that_never_ends_is_refused(folder):
     assert "not valid TOML" in message
 
 
-def test_of_several_slips_the_first_by_line_is_told_and_the_others_counted(folder):
-    message, _ = refusal(
+def test_of_several_slips_the_first_by_line_is_told_and_where_the_others_stand(folder):
+    message, text = refusal(
         folder, '[experiments.camera]\nframe_rate = "240 Hz"\nscale', "[experiments.camera]\nfps = 1\nscael"
     )
     assert "experiments[0].camera.fps" in message
-    assert message.endswith("(and 1 more)")
+    line = text.count("\n", 0, text.index("scael")) + 1
+    assert message.endswith(f"(and 1 more, see line {line})")
 
 
 def test_a_lab_without_experiments_is_refused(tmp_path):
