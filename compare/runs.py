@@ -77,7 +77,10 @@ def run_all(
                     failures[run.name] = str(error)
                 else:
                     kept[run.name] = found
-                    record = {"function": run.function, "settings": dict(run.settings), "result": found}
+                    record = {
+                        "rigtwin": __version__, "function": run.function, "settings": dict(run.settings),
+                        "result": found,
+                    }  # fmt: skip
                     results.write_together(folder, {run.file_name: results.document(results.plain(record))})
                 still -= run.cost
                 progress("running", whole - still, whole)

@@ -57,9 +57,13 @@ class Document:
         )
         where = f"{self.path}, line {self.line(first.key)}: "
         key = f"{dotted(first.key)}: " if first.key else ""
+        if not others:
+            return BadLabFile(f"{where}{key}{first.what}")
         lines = ", ".join(map(str, sorted({self.line(other.key) for other in others})))
-        more = f" (and {len(others)} more, see line {lines})" if others else ""
-        return BadLabFile(f"{where}{key}{first.what}{more}")
+        stop = "." if first.what.endswith(".") else ""
+        return BadLabFile(
+            f"{where}{key}{first.what.removesuffix('.')} (and {len(others)} more, see line {lines}){stop}"
+        )
 
 
 def read_document(path: Path) -> Document:

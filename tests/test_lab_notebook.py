@@ -286,7 +286,7 @@ def test_of_several_slips_the_first_by_line_is_told_and_where_the_others_stand(f
     )
     assert "experiments[0].camera.fps" in message
     line = text.count("\n", 0, text.index("scael")) + 1
-    assert message.endswith(f"(and 1 more, see line {line})")
+    assert message.removesuffix(".").endswith(f"(and 1 more, see line {line})")
 
 
 def test_a_lab_without_experiments_is_refused(tmp_path):
