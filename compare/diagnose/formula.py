@@ -9,17 +9,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rigtwin.compare.diagnose.candidate import Candidate
 from rigtwin.compare.diagnose.fit import Fit, fit, screen
-from rigtwin.compare.diagnose.gap import Gap, closed, gap, noise_floor
+from rigtwin.compare.diagnose.gap import Gap, closed, gap, held_out, noise_floor, seen_in
 from rigtwin.compare.diagnose.labs import TrackedLab
 from rigtwin.compare.diagnose.locate import Regioned
-from rigtwin.compare.diagnose.naming import FORM, Naming, spread_of
-from rigtwin.compare.diagnose.subset import coarse, cut
+from rigtwin.compare.diagnose.naming import FORM, ROUGH, Naming, spread_of
+from rigtwin.compare.diagnose.subset import coarse, cut, subset
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.wording import unit_of
 from rigtwin.sim.effects import Effect
@@ -31,8 +31,10 @@ WORSE = 0.05  # of a condition's gap: what is less is the doubt of the gap itsel
 WHOLE = 0.95  # share of the excess beyond which no second term is asked for
 AT_ONCE = 24  # shapes that are looked at in one go
 AT_ONCE_EDGED = 12  # ... and of those with edges, all of which share the steps that the sharpest asks for
-LEADING = 2  # of those that promise most, that are fitted
+LEADING = 2  # of those that promise most, that are fitted to part of the data
 PROMISING = 0.6  # ... and not less than this share of the most
+CLOSE = 0.9  # of what the best of these gains there: the others are not fitted to all
+LIKELY = 4  # terms of a fixed form that are fitted to all data
 FROM_ZERO = 3.0  # standard deviations that each term's coefficients must be from zero, c and d of a period together
 MOVING = 0.05  # of the highest speed, above which something counts as moving
 
@@ -94,35 +96,99 @@ def find_formula(
 ) -> Formula | None:
     """The formula that gains most on the baseline, of the fewest terms that do; None where none is significant.
 
-    `fixed` are the terms of a fixed form that the verdict was held to; more are asked here.
+    Its terms and shapes are chosen on the repetitions that it is not held against afterwards.  `fixed` are the terms
+    of a fixed form that the verdict was held to; more are asked here.
     """
-    fixed = [*fixed, *fixed_forms(bench, naming, progress, beside(lab.rig))]
+    ground = _ground(bench, lab, naming)
+    chosen = _chosen(ground, fixed, progress)
+    if chosen is None:
+        return None
+    whole = _on_all(bench, naming, ground, chosen)
+    return None if whole.reason or whole.gain < FORM else Formula(whole, gap(bench, lab, naming.base, whole.fitted))
+
+
+@dataclass(frozen=True)
+class _Ground:
+    """The repetitions that a formula is chosen on, and the baseline there."""
+
+    bench: Regioned
+    runs: Sequence[int]
+    naming: Naming
+
+
+def _ground(bench: Regioned, lab: TrackedLab, naming: Naming) -> _Ground:
+    """All that no formula is held against: neither a condition's last repetition nor the condition held out whole."""
+    apart = held_out(bench, lab)
+    runs = [run for run in range(len(bench.spans)) if run not in apart]
+    if not apart or not runs:
+        return _Ground(bench, range(len(bench.spans)), naming)
+    seen = subset(bench, runs)
+    return _Ground(seen, runs, replace(naming, base=fit(seen, near=cut(naming.base, runs), most=20, rounds=2)))
+
+
+def _chosen(ground: _Ground, fixed: Sequence[Candidate], progress: Progress) -> Candidate | None:
+    """The formula of one term, or of two where one leaves too much; None where none is significant."""
+    bench, naming = ground.bench, ground.naming
+    rig = bench.lab.rig  # type: ignore[attr-defined]
+    plain = [
+        candidate(naming, one.terms, fit(bench, one.terms, near=cut(one.fitted, ground.runs), most=15, rounds=1))
+        for one in fixed
+    ]
+    plain += fixed_forms(bench, naming, progress, beside(rig))
     progress("shapes of formulas", 0, 1)
-    first = _better(fixed, _shaped(bench, naming, naming.base))
+    first = _better(plain, _shaped(bench, naming, naming.base))
     if first is None or first.gain < FORM:
         return None
-    first = candidate(naming, first.terms, fit(bench, first.terms, near=first.fitted, most=15))
-    if not _whole(bench, naming, first):
-        second_terms = [
-            (*first.terms, term) for term in (*nameless(lab.rig), *beside(lab.rig)) if term.name not in first.names
-        ]
-        glanced = zip(screen(bench, first.fitted, [terms[-1] for terms in second_terms]), second_terms, strict=True)
-        likely = sorted(glanced, key=lambda one: one[0].deviance)[:LEADING]
-        grown = [
-            candidate(naming, terms, fit(bench, terms, near=first.fitted, most=15, rounds=2)) for _, terms in likely
-        ]
-        second = _better(grown, _shaped(bench, naming, first.fitted))
-        if second is not None and second.gain - first.gain > FORM:
-            first = second
-    return Formula(first, gap(bench, lab, naming.base, first.fitted))
+    if _whole(bench, naming, first):
+        return first
+    second = _with_second(ground, first)
+    return second if second is not None and second.gain - first.gain > FORM else first
+
+
+def _with_second(ground: _Ground, first: Candidate) -> Candidate | None:
+    """The best of two terms, one of which is the first."""
+    bench, naming = ground.bench, ground.naming
+    rig = bench.lab.rig  # type: ignore[attr-defined]
+    more = [term for term in (*nameless(rig), *beside(rig)) if term.name not in first.names]
+    likely = sorted(screen(bench, first.fitted, more), key=lambda one: one.deviance)[:LEADING]
+    grown = [
+        candidate(naming, one.terms, fit(bench, one.terms, near=first.fitted, most=15, rounds=2)) for one in likely
+    ]
+    return _better(grown, _shaped(bench, naming, first.fitted))
+
+
+def _on_all(bench: Regioned, naming: Naming, ground: _Ground, chosen: Candidate) -> Candidate:
+    """The chosen formula fitted to all repetitions, from where it went on those that it was chosen on."""
+    known = {
+        u.name: float(value)
+        for u, value in zip(chosen.fitted.unknowns, chosen.fitted.values, strict=True)
+        if seen_in(bench, u.name, ground.runs)
+    }
+    local = naming.base.local.copy()
+    local[list(ground.runs)] = chosen.fitted.local
+    near = replace(naming.base, local=local, scatter=chosen.fitted.scatter)
+    fitted = fit(bench, chosen.terms, near=near, beside=known, most=25)
+    return candidate(naming, chosen.terms, fitted)
 
 
 def fixed_forms(bench: Regioned, naming: Naming, progress: Progress, terms: Sequence[Effect]) -> list[Candidate]:
-    """Nameless terms of a fixed form, each alone on the baseline."""
+    """Nameless terms of a fixed form, each alone on the baseline: those that promise most, of all data.
+
+    Where the baseline is far off, part of the data tells which these are; near the noise, one Newton step does.
+    """
+    near, base = bench, naming.base
+    if base.per_row > ROUGH:
+        near, chosen = coarse(bench)
+        start = cut(base, chosen)
+        seen = [fit(near, (term,), near=start, most=20, rounds=1) for term in terms]
+    else:
+        seen = screen(bench, base, terms)
+    promising = sorted(zip(seen, terms, strict=True), key=lambda one: one[0].deviance)[:LIKELY]
     found = []
-    for number, term in enumerate(terms):
-        progress("formulas", number, len(terms))
-        fitted = fit(bench, (term,), near=naming.base, most=15, rounds=2)
+    for number, (glanced, term) in enumerate(promising):
+        progress("formulas", number, len(promising))
+        value = {u.name: glanced.value(u.name) for u in glanced.of(term.name)}
+        fitted = fit(bench, (term,), near=base, beside=value, most=15, rounds=2)
         if not fitted.converged:  # a formula that is still on its way cannot be held against the listed effects
             fitted = fit(bench, (term,), near=fitted, most=40, rounds=2)
         found.append(candidate(naming, (term,), fitted))
@@ -193,21 +259,29 @@ def _shaped(bench: Regioned, naming: Naming, near: Fit) -> list[Candidate]:
     part, chosen = coarse(bench)
     start = cut(near, chosen)
     glances = sorted((_glance(part, start, one) for one in kinds), key=lambda glance: -glance[0])
-    found = []
+    rough = []
     for promised, shape, begin in glances[:LEADING]:
         if promised < PROMISING * glances[0][0] or promised <= 0:
             continue
-        terms = (*near.terms, shape.effect)
         try:
-            rough = fit(part, terms, near=start, beside=begin, most=20, rounds=1)
-            known = {u.name: float(v) for u, v in zip(rough.unknowns, rough.values, strict=True)}
-            fitted = fit(bench, terms, near=near, beside=known, most=8, rounds=1)
-            if fitted.deviance > near.deviance:  # lost from the starts of the fit before: guessed anew
-                fitted = fit(bench, terms, near=near, start=known, most=20, rounds=1)
+            fitted = fit(part, (*near.terms, shape.effect), near=start, beside=begin, most=20, rounds=1)
         except (np.linalg.LinAlgError, ArithmeticError):  # a shape that these tracks cannot have
             continue
-        cost = 2 * math.log(len(shape.grid)) + 2 * len(shape.shaping)
-        found.append(candidate(naming, terms, fitted, cost))
+        rough.append((start.deviance - fitted.deviance - shape.cost, shape, fitted))
+    found = []
+    most = max((gain for gain, _, _ in rough), default=0.0)
+    for gain, shape, fitted in rough:
+        if gain <= 0 or gain < CLOSE * most:  # part of the data has told it apart from the best
+            continue
+        terms = fitted.terms
+        known = {u.name: float(v) for u, v in zip(fitted.unknowns, fitted.values, strict=True)}
+        try:
+            whole = fit(bench, terms, near=near, beside=known, most=8, rounds=1)
+            if whole.deviance > near.deviance:  # lost from the starts of the fit before: guessed anew
+                whole = fit(bench, terms, near=near, start=known, most=20, rounds=1)
+        except (np.linalg.LinAlgError, ArithmeticError):
+            continue
+        found.append(candidate(naming, terms, whole, shape.cost))
     return found
 
 

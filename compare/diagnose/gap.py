@@ -131,14 +131,26 @@ def _held_out(bench: Regioned, runs: Sequence[int], base: Fit, best: Fit) -> tup
         held = {
             u.name: float(v)
             for u, v in zip(trained.unknowns, trained.values, strict=True)
-            # a doubt of the held-out condition alone, such as its angle, is no part of the model
-            if (part := bench.touches(u.name)) is None or part[1][others].any()
+            if seen_in(bench, u.name, others)
         }
         judged = fit(unseen, whole.terms, near=cut(whole, runs, trained.values), held=held, most=15, rounds=1)
         if scatter is None:
             scatter, floor = judged.scatter, _floor(unseen, judged)
         sizes.append(_size(unseen, judged, scatter))
     return sizes[1], sizes[0], floor
+
+
+def held_out(bench: Regioned, lab: TrackedLab) -> set[int]:
+    """Numbers of the repetitions that a model is held against without having been fitted to them."""
+    one = _extreme_condition(lab)
+    return {*_last_repetitions(lab), *([] if one is None else np.flatnonzero(bench.condition == one).tolist())}
+
+
+def seen_in(bench: Bench, name: str, runs: Sequence[int]) -> bool:
+    """Whether an unknown acts in any of these repetitions: a doubt of the held-out condition alone, such as its angle,
+    is no part of the model."""
+    part = bench.touches(name)
+    return part is None or bool(part[1][list(runs)].any())
 
 
 def _size(bench: Bench, fitted: Fit, scatter: np.ndarray) -> float:

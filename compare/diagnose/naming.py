@@ -173,7 +173,7 @@ class _Search:
         result = {frozenset(one.names): one for one in candidates}
         while leading:
             for one in leading:
-                if one.rough is not None or not one.fitted.converged:
+                if (one.rough is not None or not one.fitted.converged) and (one is leading[0] or not _hopeless(one)):
                     result[frozenset(one.names)] = self._to_the_end(one)
             best = best_of(list(result.values()))
             leading = [best] if best is not None and self.is_part(best.fitted) else []
@@ -209,7 +209,7 @@ class _Search:
         else:
             fitted = fit(self.bench, one.terms, near=one.fitted, most=40)
         for _ in range(FURTHER):
-            if fitted.converged:
+            if fitted.converged or fitted.per_row > LOST:
                 break
             # two calibration quantities that almost stand for each other: the way along their valley is long
             fitted = fit(self.bench, one.terms, near=fitted, most=40)
@@ -345,6 +345,11 @@ def spread_of(base: Fit, location: Location) -> float:
     """By how much the residuals of repetitions scatter beyond the stated noise; gains are counted in it."""
     # a misfit differs from repetition to repetition too; only a fit near the noise tells of the noise
     return location.spread if base.per_row < 1.5 else 1.0
+
+
+def _hopeless(one: Candidate) -> bool:
+    """Whether a set of several effects is no description of the part of the data that it was fitted to."""
+    return len(one.terms) > 1 and one.rough is not None and one.rough.per_row > LOST
 
 
 def near_names(fitted: Fit) -> tuple[str, ...]:

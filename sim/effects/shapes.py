@@ -6,6 +6,7 @@ Each has coefficients that it is linear in, and numbers of its shape that are lo
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -36,6 +37,11 @@ class Shape:
     def shaping(self) -> tuple[str, ...]:
         """The parameters that the term is not linear in."""
         return tuple(p.name for p in self.effect.parameters if p.name not in self.linear)
+
+    @property
+    def cost(self) -> float:
+        """What a gain in deviance must pay for the search on the grid and the fit of the shape."""
+        return 2 * math.log(len(self.grid)) + 2 * len(self.shaping)
 
     def frozen(self, number: int) -> Effect:
         """The term in the shape of this place of the grid: linear in all its parameters."""
