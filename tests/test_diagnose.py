@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 
 import numpy as np
 import pytest
@@ -38,14 +39,14 @@ BEADS = {
 }
 
 
-def draw_drop(rng, bead, height, *, drag=0.0, clock=0.0, exponent=0.0, e=0.65):
+def draw_drop(rng, bead, height, *, drag=0.0, lift=0.0, clock=0.0, exponent=0.0, e=0.65):
     """One filmed drop: flights by SciPy, restitution scattered, noise on the centre."""
     radius, mass = BEADS[bead]["diameter_m"] / 2, BEADS[bead]["mass_g"] * 1e-3
     k = 0.5 * 1.2 * drag * math.pi * radius**2 / mass
 
     def motion(_t, s):
         speed = math.hypot(s[2], s[3])
-        return [s[2], s[3], -k * speed * s[2], -G - k * speed * s[3]]
+        return [s[2], s[3], -k * speed * s[2] - lift * s[3], -G - k * speed * s[3] + lift * s[2]]
 
     def land(_t, s):
         return s[1] - radius
@@ -265,6 +266,29 @@ def test_the_model_file_and_the_page_carry_the_named_effect(dragged, tmp_path):
     read = read_model(tmp_path / "model.toml")
     assert read.effects["air_drag"]["drag_coefficient"] == pytest.approx(0.5, abs=0.05)
     assert "air drag" in page(dragged)
+
+
+def test_a_force_across_the_speed_that_no_list_has_is_told_as_a_formula(tmp_path):
+    lab = write_drops(tmp_path / "lab", 41, beads=("heavy",), heights=(0.1, 0.3, 0.6), repetitions=3, lift=0.1)
+    diagnosis = verdict_on(lab, "air_drag", "camera_roll")
+    assert diagnosis.verdict == "unlisted"
+    assert diagnosis.chosen.names == ("form:v_cross",)
+    fitted = diagnosis.chosen.fitted
+    assert abs(fitted.value("form:v_cross.c") - 0.1) < 3 * fitted.std("form:v_cross.c")
+    assert diagnosis.gap.held_out_gain > 100
+
+
+def test_a_formula_of_the_first_repetitions_alone_is_no_law(tmp_path):
+    given = {"beads": ("heavy",), "heights": (0.1, 0.6), "repetitions": 6}
+    lab = write_drops(tmp_path / "lab", 42, **given, lift=0.1)
+    calm = write_drops(tmp_path / "calm", 43, **given)
+    for last in calm.glob("*/rep06.csv"):
+        shutil.copy(last, lab / last.relative_to(calm))
+    diagnosis = verdict_on(lab, "air_drag", "camera_roll")
+    assert diagnosis.verdict == "unlisted"
+    assert diagnosis.form == ""
+    assert diagnosis.chosen is None
+    assert "no more than a hint" in diagnosis.reason
 
 
 def test_a_wrong_frame_rate_is_the_cameras_fault(tmp_path):

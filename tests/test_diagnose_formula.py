@@ -21,7 +21,7 @@ from rigtwin.sim.effects.tried import check
 G = 9.81
 EXTENT = Extent(time=2.0, clock=3.0, way=0.5)
 SHAPES = {f"{rig} {one.effect.name}": one for rig in ("drop", "pendulum", "roll") for one in shapes(rig, EXTENT)}
-GAP = Gap(5.0, 1.1, 1.0, 5.0, 1.2, 1.0, 8.0, 1.3, 1.0, "far")
+GAP = Gap(5.0, 1.1, 1.0, 5.0, 1.2, 1.0, None, 8.0, 1.3, 1.0, "far")
 
 
 @pytest.mark.parametrize("name", SHAPES)
@@ -111,6 +111,10 @@ def test_a_bob_that_is_pushed_by_the_clock_swings_as_scipy_says():
         ({"held_out_before": None, "held_out_after": None, "held_out_noise_floor": None}, False),  # none to judge by
         ({"held_out_before": 0.9, "held_out_after": 9.0}, False),  # no gap there, and it opens one
         ({"held_out_before": 0.9, "held_out_after": 0.9}, False),
+        ({"held_out_before": 1.03, "held_out_after": 1.0, "held_out_gain": 90.0}, True),  # small, and there
+        ({"held_out_before": 1.03, "held_out_after": 1.0, "held_out_gain": 9.0}, False),
+        ({"held_out_before": 1.03, "held_out_after": 1.0, "held_out_gain": -90.0}, False),
+        ({"held_out_before": 1.03, "held_out_after": 1.0, "held_out_gain": math.nan}, False),
     ],
 )
 def test_only_a_formula_that_closes_the_gap_where_it_was_not_fitted_is_told(change, holds):

@@ -18,7 +18,7 @@ from rigtwin.compare.diagnose.fit import Fit, fit, screen
 from rigtwin.compare.diagnose.gap import Gap, closed, gap, held_out, noise_floor, seen_in
 from rigtwin.compare.diagnose.labs import TrackedLab
 from rigtwin.compare.diagnose.locate import Regioned
-from rigtwin.compare.diagnose.naming import FORM, ROUGH, Naming, spread_of
+from rigtwin.compare.diagnose.naming import ALARM, FORM, ROUGH, Naming, spread_of
 from rigtwin.compare.diagnose.subset import coarse, cut, subset
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.wording import unit_of
@@ -57,12 +57,13 @@ class Formula:
         """Why it is no law, for a sentence that goes on with what the best formula would close; empty where it is one.
 
         It must close enough of the gap on held-out repetitions, and some of the gap of a held-out condition, where
-        there is one; where there is none it may not widen it.
+        there is one; where there is none it may not widen it.  A gap that is too small to be seen in the mean over all
+        rows must show in the deviance.
         """
-        share = self.share
-        if share is None:
+        share, gain = self.share, self.sizes.held_out_gain
+        if share is None and not (gain is not None and gain >= ALARM):
             return "none can be held against repetitions that it was not fitted to, for there is no gap in such"
-        if not share >= HOLDS:  # nor is what is no number a law
+        if share is not None and not share >= HOLDS:  # nor is what is no number a law
             return "none closes the gap on repetitions that it was not fitted to"
         before, after = self.sizes.condition_before, self.sizes.condition_after
         if before is None or after is None:

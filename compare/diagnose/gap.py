@@ -32,6 +32,8 @@ class Gap:
     held_out_before: float | None = None
     held_out_after: float | None = None
     held_out_noise_floor: float | None = None
+    held_out_gain: float | None = None
+    """By how much the deviance of those repetitions falls [noise^2]: seen where the mean over all rows is not."""
     condition_before: float | None = None
     condition_after: float | None = None
     condition_noise_floor: float | None = None
@@ -66,12 +68,18 @@ def gap(bench: Regioned, lab: TrackedLab, base: Fit, best: Fit | None) -> Gap:
         return inside
     last = _last_repetitions(lab)
     if last:
-        before, after, floor = _held_out(bench, last, base, best)
-        inside = replace(inside, held_out_before=before, held_out_after=after, held_out_noise_floor=level * floor)
+        before, after, floor, gain = _held_out(bench, last, base, best)
+        inside = replace(
+            inside,
+            held_out_before=before,
+            held_out_after=after,
+            held_out_noise_floor=level * floor,
+            held_out_gain=gain / level,
+        )
     one = _extreme_condition(lab)
     if one is not None:
         runs = np.flatnonzero(bench.condition == one).tolist()
-        before, after, floor = _held_out(bench, runs, base, best)
+        before, after, floor, _ = _held_out(bench, runs, base, best)
         inside = replace(
             inside,
             condition_before=before,
@@ -120,11 +128,11 @@ def beside(
     return tuple(found)
 
 
-def _held_out(bench: Regioned, runs: Sequence[int], base: Fit, best: Fit) -> tuple[float, float, float]:
+def _held_out(bench: Regioned, runs: Sequence[int], base: Fit, best: Fit) -> tuple[float, float, float, float]:
     """Fitted on the other repetitions, judged on these, whose own release and impacts are all that is fitted there."""
     others = [r for r in range(len(bench.spans)) if r not in runs]
     seen, unseen = subset(bench, others), subset(bench, runs)
-    sizes = []
+    sizes, deviances = [], []
     scatter = None
     for whole in (best, base):
         trained = fit(seen, whole.terms, near=cut(whole, others), most=15, rounds=1)
@@ -137,7 +145,8 @@ def _held_out(bench: Regioned, runs: Sequence[int], base: Fit, best: Fit) -> tup
         if scatter is None:
             scatter, floor = judged.scatter, _floor(unseen, judged)
         sizes.append(_size(unseen, judged, scatter))
-    return sizes[1], sizes[0], floor
+        deviances.append(float(judged.by_run.sum()))
+    return sizes[1], sizes[0], floor, deviances[1] - deviances[0]
 
 
 def held_out(bench: Regioned, lab: TrackedLab) -> set[int]:
