@@ -31,7 +31,9 @@ MOST_ROUNDS = 6  # of growing a set, whatever is still gained
 KEEN = 5  # candidates beside a root that are fitted where the disagreement is large
 LEADING = 4  # candidates of each size that are fitted to the end on all data
 NOTABLE = 1.0  # deviance: less is rounding of the fits
-SPARED = 10.0  # deviance: 2 ln(1/0.007), a coefficient that falls to within a percent where it was foretold
+SPARED = 12.0
+"""Deviance, 2 ln(1/0.0025): a coefficient of which no more was known than its power of ten falls to within half a
+percent where it was foretold."""
 GLANCE = 6.0  # a candidate whose first step promises less than this is not fitted to the end
 ASTRAY = 0.5  # of the baseline's deviance: what it comes to from a candidate's place, where it had lost its way
 FURTHER = 2  # times that the fit of a leading candidate goes on where it has not converged

@@ -116,7 +116,8 @@ class RollBench(Runs):
         acting = [
             (term, [values[f"{term.name}.{p.name}"][:seen, None] for p in term.parameters])
             for term in terms
-            if any(hook is not None for hook in (term.force, term.rolling, term.torque, term.drive))
+            if term.name != LEVER
+            and any(hook is not None for hook in (term.force, term.rolling, term.torque, term.drive))
         ]
 
         def pull(time: Array, place: Array, speed: Array) -> Array:
@@ -139,11 +140,18 @@ class RollBench(Runs):
         motion = ride(start, np.maximum(push, 0.0), pull, until)
         place, speed = place_at(motion, since, self.owner)
         s, c = sine[:, self.owner], cosine[:, self.owner]
-        radius = (self.radius + 0.5 * self.beads.of("diameter", values, self.bead))[:seen, self.owner]
+        radii = self.radius + 0.5 * self.beads.of("diameter", values, self.bead)
+        radius = radii[:seen, self.owner]
         side = self.side[self.owner]
         x, y = side * (place * c + radius * s), radius * c - place * s
-        plain = np.stack([values[f"rolling_friction.{pair}"] for pair in self.pairs], axis=-1)[:, self.pair]
-        return Moved(x, y, side * speed[0] * c[0], -speed[0] * s[0], (frictions - plain)[..., None])
+        law = np.stack([values[f"rolling_friction.{pair}"] for pair in self.pairs], axis=-1)[:, self.pair]
+        for term in terms:
+            if term.name == LEVER and term.rolling is not None:
+                # the friction of each repetition is seen as a whole; what a lever arm makes of it is the same at any
+                # speed, and goes with the bead as it is, not as it is stated
+                own = [values[f"{term.name}.{p.name}"][:, None] for p in term.parameters]
+                law = term.rolling(law, 0.0, radii, *own)
+        return Moved(x, y, side * speed[0] * c[0], -speed[0] * s[0], (frictions - law)[..., None])
 
     def tied(self, terms: Sequence[Effect]) -> int:
         """How many coefficients of the baseline these terms make do without."""
@@ -151,7 +159,7 @@ class RollBench(Runs):
 
     def quiet(self, name: str, terms: Sequence[Effect]) -> bool:
         """The friction of each repetition is an unknown of its own: that of the pair changes no motion."""
-        return name.startswith("rolling_friction.")
+        return name.startswith(("rolling_friction.", f"{LEVER}."))
 
     def touches(self, name: str) -> tuple[str, Array] | None:
         """Frictions belong to a pair, angles to a condition, diameters to a bead."""
