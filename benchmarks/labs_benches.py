@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from labs_effects import HEAVY, LIGHT, MIDDLE
-from labs_motion import Bead, Path, World, double, drop, pendulum, roll, slide
+from labs_motion import Bead, Path, Plate, World, double, drop, pendulum, roll, slide
 
 BEADS = {
     bead.name: bead
@@ -140,7 +140,7 @@ def _drop(world: World, rng: np.random.Generator, wanted: Sequence[str]) -> Benc
 
     def condition(bead: Bead, real: Bead, wall: str, height: float, shift: float) -> Run:
         def move(r: np.random.Generator) -> Path:
-            return drop(real, wall, WALLS[wall][3], height + shift + r.normal(0, 2e-4), world, r)
+            return drop(real, wall, Plate(*WALLS[wall][:4]), height + shift + r.normal(0, 2e-4), world, r)
 
         def again(other: Bead, change: Change) -> Run:
             _meet(world, other, wall, rng)

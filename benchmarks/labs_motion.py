@@ -120,7 +120,29 @@ def buoyant(bead: Bead, hidden: Mapping[str, float]) -> tuple[float, float]:
 # --------------------------------------------------------------------------------------------------------- impacts
 
 
-def restitution_at(bead: Bead, base: float, speed: float, hidden: Mapping[str, float], thickness: float) -> float:
+@dataclass(frozen=True)
+class Plate:
+    """What a bead falls on."""
+
+    density: float  # [kg/m^3]
+    youngs_modulus: float  # [Pa]
+    poisson_ratio: float
+    thickness: float  # [m]
+
+
+BLOCK = Plate(7850, 210e9, 0.3, 1.0)
+
+
+def inelasticity(bead: Bead, plate: Plate, speed: float) -> float:
+    """Zener's (1941) of a sphere on a wide plate that carries its bending waves away; ln e = -1.72 times that."""
+    stiff = [one.youngs_modulus / (1 - one.poisson_ratio**2) for one in (bead, plate)]
+    both = 1 / (1 / stiff[0] + 1 / stiff[1])
+    waves = math.sqrt(plate.density * stiff[1])
+    size = (bead.radius / plate.thickness) ** 2
+    return math.pi**0.6 / math.sqrt(3) * size * bead.density**0.6 * both**0.4 * speed**0.2 / waves
+
+
+def restitution_at(bead: Bead, base: float, speed: float, hidden: Mapping[str, float], plate: Plate) -> float:
     """Mean restitution of an impact at this normal speed [m/s]."""
     e = base
     if share := hidden.get("fvisc", 0.0):
@@ -130,10 +152,8 @@ def restitution_at(bead: Bead, base: float, speed: float, hidden: Mapping[str, f
     if (threshold := hidden.get("yield_speed", 0.0)) and speed > threshold:
         e *= (speed / threshold) ** -0.25
     if strength := hidden.get("plate_loss", 0.0):
-        # Zener's inelasticity grows with (R / thickness)^2 v^(1/5); the base is that at 1 m/s
-        # and is a part of the base's whole loss
-        share = min(strength * (bead.radius / thickness) ** 2 * bead.density / 1000, -math.log(e))
-        e *= math.exp(-share * (speed**0.2 - 1))
+        # the base is that on a block: what bends away comes on top
+        e *= math.exp(-1.72 * strength * inelasticity(bead, plate, speed))
     if sticking := sticking_speed(bead, hidden):
         e = math.sqrt(max(e**2 - (sticking / speed) ** 2, 0.0))
     return min(max(e, 0.0), 0.99)
@@ -148,7 +168,7 @@ def sticking_speed(bead: Bead, hidden: Mapping[str, float]) -> float:
 
 
 def drop(
-    bead: Bead, wall: str, thickness: float, height: float, world: World, rng: np.random.Generator, *, bounces: int = 4
+    bead: Bead, wall: str, plate: Plate, height: float, world: World, rng: np.random.Generator, *, bounces: int = 4
 ) -> Path:
     """A bead released above a plate; origin on the plate, y up.  `height` [m] is that of its bottom."""
     hidden, path = world.hidden, Path()
@@ -176,7 +196,7 @@ def drop(
         if bounce == bounces:
             break
         state, begin = flight.y[:, -1].copy(), end
-        state, spin = _impact(bead, base, state, spin, (normal, along), wall, thickness, world, rng)
+        state, spin = _impact(bead, base, state, spin, (normal, along), wall, plate, world, rng)
         if state[2:] @ normal < REST_SPEED:
             path.add(begin, begin + float(rng.uniform(0.02, 0.1)), still((float(state[0]), float(state[1]))))
             break
@@ -216,7 +236,7 @@ def _flight(bead: Bead, hidden: Mapping[str, float], spin_sign: float) -> Callab
 
 
 def _impact(
-    bead: Bead, base: float, state: Array, spin: float, axes: tuple[Array, Array], wall: str, thickness: float,
+    bead: Bead, base: float, state: Array, spin: float, axes: tuple[Array, Array], wall: str, plate: Plate,
     world: World, rng: np.random.Generator,
 ) -> tuple[Array, float]:  # fmt: skip
     """Velocity and spin after a bounce: restitution along the normal, Coulomb friction up to rolling along it."""
@@ -225,7 +245,7 @@ def _impact(
     closing, slide = -float(state[2:] @ normal), float(state[2:] @ along)
     shape = hidden.get("odd_shape", 0.0)  # [rad], scatter of the true contact normal
     turned = rng.normal(0, shape) if shape else 0.0
-    e = restitution_at(bead, base, closing, hidden, thickness) + rng.normal(0, world.restitution_scatter)
+    e = restitution_at(bead, base, closing, hidden, plate) + rng.normal(0, world.restitution_scatter)
     e *= math.cos(turned) ** 2 - 2 * turned**2
     e = min(max(e, 0.0), 0.99)
     friction = world.sliding[wall] * (1 + e) * closing
@@ -300,7 +320,7 @@ def pendulum(
         if not wall or swing.status != 1:
             break
         closing = -float(swing.y[1, -1]) * length
-        e = restitution_at(bead, world.restitution[f"{bead.name}/{wall}"], closing, hidden, 0.01)
+        e = restitution_at(bead, world.restitution[f"{bead.name}/{wall}"], closing, hidden, BLOCK)
         e = min(max(e + rng.normal(0, world.restitution_scatter), 0.0), 0.99)
         if e * closing < REST_SPEED:
             duration = end  # what is left of the motion is too small to be followed: the record stops here
@@ -372,7 +392,7 @@ def _collide(
     reach = [float(t @ normal) for t in tangents]
     speeds = [state[1] * lengths[0], state[3] * lengths[1]]
     closing = speeds[0] * reach[0] - speeds[1] * reach[1]
-    e = restitution_at(bead, base, closing, world.hidden, 0.01) + rng.normal(0, world.restitution_scatter)
+    e = restitution_at(bead, base, closing, world.hidden, BLOCK) + rng.normal(0, world.restitution_scatter)
     offset = world.hidden.get("off_centre", 0.0) * rng.normal(1, 0.15)  # of a diameter, out of the plane
     square = max(1 - offset**2, 0.0)
     e = min(max(e, 0.0), 0.99)

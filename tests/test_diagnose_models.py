@@ -6,12 +6,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from rigtwin.compare.diagnose import along, collide, flight, labs, swing
 from rigtwin.compare.diagnose.diagnosis import _closed
 from rigtwin.compare.diagnose.double import _Contacts
 from rigtwin.compare.diagnose.pendulum import pushing
 from rigtwin.compare.diagnose.price import SECOND, feigned
+from rigtwin.compare.diagnose.runs import coefficients
 from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.errors import BadInput
 from rigtwin.sim.effects import library, named, own_effect
@@ -183,6 +185,54 @@ def test_every_effect_says_what_it_is_and_how_it_enters():
         for parameter in effect.parameters:
             assert parameter.low <= 0.0 <= parameter.high
             assert parameter.low < parameter.typical < parameter.high
+
+
+def bounced(speed, radius, density, thickness):
+    """Restitution of an elastic sphere of glass on a wide, free plate of glass: Zener's equation, integrated."""
+    modulus, plate_density = 70e9 / (1 - 0.22**2), 2600.0
+    mass = density * 4 / 3 * math.pi * radius**3
+    spring = 4 / 3 * (modulus / 2) * math.sqrt(radius)
+    # a force on a wide plate moves it at this speed per newton, and is not given back
+    yields = 1 / (8 * math.sqrt(modulus * thickness**3 / 12 * plate_density * thickness))
+
+    def motion(_t, s):
+        force = spring * max(s[0], 0.0) ** 1.5  # s[0]: the overlap, s[1]: the speed of the sphere, downwards
+        return [s[1] - yields * force, -force / mass]
+
+    def parts(_t, s):
+        return s[0]
+
+    parts.terminal, parts.direction = True, -1
+    last = 6 * (mass / spring) ** 0.4 * speed**-0.2  # [s], about twice the contact
+    run = solve_ivp(motion, (0, last), [1e-12, speed], events=parts, rtol=1e-9, atol=1e-14)
+    return -run.y[1, -1] / speed
+
+
+def test_the_loss_to_a_thin_plate_is_that_of_zeners_equation():
+    effect = named("plate_compliance")
+    glass = {"density_kg_m3": 2600, "youngs_modulus_Pa": 70e9, "poissons_ratio": 0.22}
+    for radius, density, thickness, speed in (
+        (3e-3, 1000.0, 0.010, 4.0), (6e-3, 1000.0, 0.012, 0.3), (3e-3, 7800.0, 0.010, 2.0), (2e-3, 500.0, 0.004, 3.0)
+    ):  # fmt: skip
+        mass = density * 4 / 3 * math.pi * radius**3
+        plate = effect.parameters[1].stated(glass, {**glass, "thickness_m": thickness})
+        slow, fast = (bounced(v, radius, density, thickness) for v in (1.0, speed))
+        told = effect.restitution(slow, speed, radius, mass, 1.0, plate)
+        assert math.log(told / slow) == pytest.approx(math.log(fast / slow), rel=0.03)
+
+
+def test_what_a_lab_states_of_a_plate_is_not_fitted_and_is_assumed_where_it_states_none():
+    effect, values = named("plate_compliance"), {"strength": 0.5, "plate": 0.005}
+    known = {f"plate_compliance.{name}": np.array([value]) for name, value in values.items()}
+    wood, glass = ({"youngs_modulus_Pa": modulus, "poissons_ratio": 0.3} for modulus in (11e9, 70e9))
+    bead = labs.Bead("wood", 6e-3, 1e-4, wood)
+    conditions = [labs.Condition(wall, bead, wall, {}, ()) for wall in ("thin", "thick")]
+    walls = {name: {**glass, "density_kg_m3": 2600, "thickness_m": h} for name, h in (("thin", 4e-3), ("thick", 8e-3))}
+    for stated, ratio in ((walls, [4.0, 1.0]), ({"thin": walls["thin"]}, [1.0])):
+        lab = labs.TrackedLab("", "drop", G, labs.Camera(240.0, 1e-4), {}, (), Path(), {"walls": stated})
+        strength, found = coefficients(effect, known, lab, conditions)
+        assert strength.ravel() == pytest.approx([0.5])
+        assert found.ravel() / found.ravel()[-1] == pytest.approx(ratio)
 
 
 def test_schiller_naumann_is_stokes_when_slow_and_newton_when_fast():

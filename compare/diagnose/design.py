@@ -167,7 +167,7 @@ def separation(bench: Regioned, setting: Setting, one: Fit, other: Fit) -> float
         place, values = laid_out(bench, setting, one)
         truth = lawful(place, one, values)
         place.rows = slopes(place, one.unknowns, one.terms, truth, values).position
-        return _left_over(place, other, truth, anew=setting.density != 1.0)
+        return _left_over(place, other, truth, anew=setting.density != 1.0 or setting.size != 1.0)
     except (np.linalg.LinAlgError, ValueError, FloatingPointError):
         return math.nan
 
@@ -244,7 +244,7 @@ def lawful(place: Any, fitted: Fit, values: Array) -> Array:
 def _left_over(place: Any, other: Fit, start: Array, *, anew: bool) -> float:
     """The other model fitted to the data in `place`, from what the present data say of it."""
     known = other.values
-    # of another material neither restitution nor friction is known beforehand
+    # of another bead neither restitution nor friction is known beforehand
     loose = [anew and u.name.startswith(OF_MATERIAL) for u in other.unknowns]
     covariance = other.covariance + np.diag(np.array(loose, dtype=float))
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))

@@ -16,7 +16,7 @@ from rigtwin.compare.diagnose.camera import camera_unknowns
 from rigtwin.compare.diagnose.collide import Encounter, angles_at, swing_and_hit
 from rigtwin.compare.diagnose.labs import TrackedLab
 from rigtwin.compare.diagnose.pendulum import OWN_LENGTH, pushing
-from rigtwin.compare.diagnose.runs import Runs, shared
+from rigtwin.compare.diagnose.runs import Runs, coefficients, shared
 from rigtwin.compare.diagnose.slopes import SMALL, Moved
 from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array
@@ -183,7 +183,7 @@ class DoubleBench(Runs):
         e = laws[..., None] + 0 * speed
         for term in terms:
             if term.restitution is not None:
-                own = [values[f"{term.name}.{p.name}"][:, None, None] for p in term.parameters]
+                own = coefficients(term, values, self.lab, self.conditions)
                 e = term.restitution(e, speed, self.radius[:, None], self.mass[:, None], *own)
         return np.where(self.active, local[..., 3:] - e, 0.0)
 

@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from rigtwin.compare.diagnose.fit import Fit
 from rigtwin.compare.diagnose.labs import Bead, TrackedLab
 from rigtwin.sim.effects import Effect
@@ -29,6 +31,11 @@ def parameters(lab: TrackedLab, fitted: Fit, terms: Sequence[Effect]) -> dict[st
                     "std": value / math.sqrt(2 * max(fitted.kicks, 1)),
                     "unit": "1",
                 }
+                continue
+            stated = [lab.stated_for(condition, parameter) for condition in lab.conditions]
+            known = [value for value in stated if value is not None]
+            if known and len(known) == len(stated):
+                found[parameter.name] = {"value": float(np.mean(known)), "std": 0.0, "unit": parameter.unit}
                 continue
             name = f"{term.name}.{parameter.name}"
             value = fitted.value(name)

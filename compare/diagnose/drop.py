@@ -17,7 +17,7 @@ import numpy as np
 from rigtwin.compare.diagnose import flight
 from rigtwin.compare.diagnose.camera import camera_unknowns, noise_of
 from rigtwin.compare.diagnose.labs import TrackedLab
-from rigtwin.compare.diagnose.runs import Beads, shared
+from rigtwin.compare.diagnose.runs import Beads, coefficients, shared
 from rigtwin.compare.diagnose.slopes import SMALL, Mechanics
 from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array, Track
@@ -34,7 +34,7 @@ class DropBench:
     bodies = 1
     onset = 0
     small = SMALL
-    per_run = ("pair", "friction", "events", "active", "bead")
+    per_run = ("conditions", "pair", "friction", "events", "active", "bead")
 
     def __init__(self, lab: TrackedLab) -> None:
         self.lab = lab
@@ -42,6 +42,7 @@ class DropBench:
             (c, condition, tracks[0]) for c, condition in enumerate(lab.conditions) for tracks in condition.repetitions
         ]
         self.condition = np.array([c for c, _, _ in runs])
+        self.conditions = [condition for _, condition, _ in runs]
         self.radius = np.array([condition.bead.radius for _, condition, _ in runs])
         self.mass = np.array([condition.bead.mass for _, condition, _ in runs])
         self.beads = Beads([condition for _, condition, _ in runs])
@@ -301,7 +302,7 @@ class DropBench:
         e = plain + 0 * speed_in
         for term in terms:
             if term.restitution is not None:
-                own = [values[f"{term.name}.{p.name}"][:, None, None] for p in term.parameters]
+                own = coefficients(term, values, self.lab, self.conditions)
                 e = term.restitution(e, speed_in, self.radius[:, None], self.mass[:, None], *own)
         spin = values.get("release_spin.spin", np.zeros(len(local)))[:, None] * self.radius
         sideways = np.zeros_like(e)

@@ -19,6 +19,7 @@ import numpy as np
 from rigtwin.lab.errors import BadLabFile
 from rigtwin.lab.records import Track, read_tracks
 from rigtwin.lab.units import LONGEST
+from rigtwin.sim.effects.effect import Parameter
 
 LARGEST_BEAD = 0.5  # [m]
 TRACKED = ("drop", "pendulum", "double", "slide", "roll")
@@ -106,6 +107,18 @@ class TrackedLab:
                 raise BadLabFile(f"{place} {condition.name}: {name}: {value:g} is in metres; was it meant in mm?")
             values += [float(value)] * len(condition.repetitions)
         return values
+
+    def stated_for(self, condition: Condition, parameter: Parameter) -> float | None:
+        """What the lab states of a parameter for the bead and the wall of a condition; None where it does not."""
+        walls = self.stated.get("walls")
+        wall = walls.get(condition.wall) if isinstance(walls, Mapping) else None
+        if parameter.stated is None or not isinstance(wall, Mapping):
+            return None
+        try:
+            value = parameter.stated(condition.bead.about, wall)
+        except (KeyError, TypeError, ZeroDivisionError):
+            return None
+        return value if isinstance(value, float) and parameter.low < value <= parameter.high else None
 
     def known(self, *names: str, default: float) -> float:
         """The first of the geometry's numbers of these names, else the default."""

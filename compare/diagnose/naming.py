@@ -24,6 +24,8 @@ ALARM = 16.0
 RIVAL = 0.3  # a single that gains less than this share of the best is no root for pairs
 ALIKE = 6.0
 """Candidates closer than this in deviance explain the data equally well."""
+AHEAD = 2.0
+"""Deviance, odds of e to one: what a form that takes what not every lab has must lead by to be told first."""
 FORM = 25.0
 """A nameless term must beat the listed effects by this much to call a disagreement unlisted."""
 MOST_TERMS = 3
@@ -313,8 +315,11 @@ def _concluded(search: _Search, best: Candidate, location: Location, rounds: Seq
         if rest is None:
             return Naming(search.base, location, tuple(done.values()), None, (), location, tuple(rounds))
         chosen = search.certified(rest)
-    chosen, forms = _plainest(search, chosen)
-    near = [one for one in _rivals(done, chosen) if one.groups != chosen.groups]
+    first = chosen
+    chosen, forms = _plainest(search, first)
+    # a thin plate is another cause than a loss in the bead, though the law of the impact is alike
+    apart = [first, *_rivals(done, first)]
+    near = [one for one in apart if one.groups != chosen.groups or _specials(one) != _specials(chosen)]
     after = locate(search.bench, chosen.fitted)
     return Naming(
         search.base, location, tuple(done.values()), chosen, tuple(_apart(near)), after, tuple(rounds), forms=forms
@@ -331,10 +336,10 @@ def _plainest(search: _Search, chosen: Candidate) -> tuple[Candidate, tuple[Cand
     """Of the forms that one set of families takes equally well, the one that asks for the least, and the others."""
     forms = [one for one in _rivals(search.done, chosen) if one.groups == chosen.groups]
     plain = best_of([one for one in forms if _specials(one) < _specials(chosen)])
-    if plain is None:
+    if plain is None or chosen.score - plain.score >= AHEAD:
         return chosen, tuple(forms)
     certified = search.certified(plain)
-    if certified.reason or chosen.score - certified.score >= ALIKE:
+    if certified.reason or chosen.score - certified.score >= AHEAD:
         return chosen, tuple(one for one in forms if one is not plain)
     return certified, (chosen, *(one for one in forms if one is not plain))
 

@@ -12,6 +12,7 @@ from rigtwin.compare.diagnose.camera import noise_of
 from rigtwin.compare.diagnose.labs import Condition, TrackedLab
 from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array, Track
+from rigtwin.sim.effects import Effect
 
 DIAMETER = 2e-5  # [m], how well a bead's diameter is known where nothing is stated
 
@@ -81,6 +82,23 @@ class Beads:
     def of(self, kind: str, values: Mapping[str, Array], runs: Any) -> Array:
         """[m], (settings, R): the unknowns of this kind in each repetition, `runs` their beads' numbers."""
         return np.stack([values[f"{kind}.{name}"] for name in self.names], axis=-1)[:, runs]
+
+
+def coefficients(
+    term: Effect, values: Mapping[str, Array], lab: TrackedLab, conditions: Sequence[Condition]
+) -> list[Array]:
+    """An effect's parameters at each impact, (settings, R, 1): what the lab states of bead and wall is not fitted.
+
+    `conditions`: that of each repetition.
+    """
+    found = []
+    for parameter in term.parameters:
+        stated = [lab.stated_for(condition, parameter) for condition in conditions]
+        if None not in stated:
+            found.append(np.array(stated, dtype=float)[None, :, None])
+        else:
+            found.append(values[f"{term.name}.{parameter.name}"][:, None, None])
+    return found
 
 
 def shared(condition: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -29,6 +29,9 @@ class Parameter:
     """What is smaller than this is in every lab, and is not named."""
     assumed: tuple[float, float] | None = None
     """Mean and standard deviation, in any lab, of what goes with the effect and is no measure of its strength."""
+    stated: Callable[[Mapping[str, Any], Mapping[str, Any]], float] | None = None
+    """What stands for it where a lab states enough of a bead and a wall, by their keys in lab.json; else the assumed
+    value does."""
     starts: tuple[float, ...] = ()
     """Further values from which a fit is started, where the way to the best one is not straight."""
     meaning: str = ""
