@@ -82,13 +82,15 @@ def test_times_in_milliseconds_are_refused():
         check_axes(replace(lab, conditions=(replace(condition, repetitions=slow),)))
 
 
-def test_a_lab_of_which_no_path_can_be_fitted_is_refused(monkeypatch):
-    def singular(*_arguments, **_settings):
-        raise np.linalg.LinAlgError("Singular matrix")
+@pytest.mark.parametrize("stage", ["bench_of", "fit", "name_effects"])
+@pytest.mark.parametrize("error", [np.linalg.LinAlgError, ValueError, FloatingPointError])
+def test_a_lab_to_which_nothing_can_be_fitted_is_refused_in_one_sentence_wherever_it_fails(monkeypatch, stage, error):
+    def failing(*_arguments, **_settings):
+        raise error("Singular matrix")
 
-    monkeypatch.setattr("rigtwin.compare.diagnose.diagnosis.fit", singular)
-    with pytest.raises(BadInput, match="the tracks are no drop's of the stated sizes"):
-        diagnose(lab_of("drop", lambda place: place))
+    monkeypatch.setattr(f"rigtwin.compare.diagnose.diagnosis.{stage}", failing)
+    with pytest.raises(BadInput, match=r"the model of a drop cannot be fitted to these tracks \(Singular matrix\)"):
+        diagnose(lab_of("drop", lambda place: place), listed=[])
 
 
 def test_a_pendulum_whose_origin_is_where_it_hangs_is_refused():

@@ -13,8 +13,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
-
 from rigtwin.compare.diagnose.axes import check_axes
 from rigtwin.compare.diagnose.candidate import Candidate, refused
 from rigtwin.compare.diagnose.design import CLEAR, REPETITIONS, Design, designs
@@ -152,21 +150,22 @@ def diagnose(
             f"{lab.folder}: {lab.repetitions} repetitions in all{still}; at least {FEWEST} are needed to tell an "
             "effect from scatter."
         )
-    bench = bench_of(lab)
-    progress("baseline", 0, 1)
-    base = _plain_fit(bench, lab)
     candidates = [effect for effect in (*(library() if listed is None else listed), *own) if acts(effect, lab)]
     try:
+        bench = bench_of(lab)
+        progress("baseline", 0, 1)
+        base = fit(bench, rounds=12)
         naming = name_effects(bench, candidates, base, progress)
         naming = replace(naming, unseen=tuple(one for one in library() if lab.rig in one.rigs and not acts(one, lab)))
         verdict, sizes = _judge(bench, lab, naming, progress), None
         if verdict.verdict == "unlisted":
             verdict, sizes = _with_formula(verdict, progress)
         told = _shown(bench, lab, verdict, sizes)
-    except (np.linalg.LinAlgError, ArithmeticError) as error:
+    except (ValueError, ArithmeticError) as error:  # a LinAlgError is a ValueError
         raise BadInput(
-            f"{lab.folder}: the model with an effect added cannot be fitted to these tracks ({error}); check the "
-            "sizes, masses and settings in lab.json, and leave out repetitions in which hardly anything moves."
+            f"{lab.folder}: the model of a {lab.rig} cannot be fitted to these tracks ({error}); check that time_s is "
+            "in seconds, x_m and y_m in metres, and the lab's sizes, masses and settings, and leave out repetitions "
+            "in which hardly anything moves.  Where all is right, RIGTWIN_DEBUG=1 shows where it failed."
         ) from error
     broken = [f"{title}: not tried, for its equations have no solution for these tracks" for title in naming.broken]
     told = replace(told, left_out=(*lab.misspelt, *left_out, *broken))
@@ -185,17 +184,6 @@ def _shown(bench: Regioned, lab: TrackedLab, verdict: Diagnosis, sizes: Gap | No
         designs=_designs(verdict),
         beside=_beside(verdict, sizes),
     )
-
-
-def _plain_fit(bench: Regioned, lab: TrackedLab) -> Fit:
-    """The calibrated model without effects; raises `BadInput` where the tracks are none of this rig's at all."""
-    try:
-        return fit(bench, rounds=12)
-    except np.linalg.LinAlgError:
-        raise BadInput(
-            f"{lab.folder}: the tracks are no {lab.rig}'s of the stated sizes; check that time_s is in "
-            "seconds, x_m and y_m in metres, and the settings in lab.json."
-        ) from None
 
 
 def acts(effect: Effect, lab: TrackedLab) -> bool:
