@@ -416,6 +416,7 @@ def test_a_formula_found_in_residuals_acts_in_the_engine_as_the_effect_that_it_d
     # a drag of k v|v| per mass falls as the closed form says; the others are compiled along and switched off
     k = 0.3
     effects = [active("form:v|v|", c=-k), active("form:near_20mm", c=0.0), active("form:e~bump", c=0.0)]
+    effects += [active("form:band", c=0.0, low=0.1, high=0.2), active("form:decay_sideways", c=0.0, reach=0.04)]
     times = np.linspace(0.05, 0.8, 10)
     motion = run([Body(BALL, (0, 0, 10))], times, effects=effects)
     fallen = np.log(np.cosh(math.sqrt(k * G) * times)) / k

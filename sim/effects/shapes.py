@@ -60,31 +60,42 @@ class Shape:
         return replace(self.effect, name=f"{self.effect.name}@{number}", parameters=own, **hooks)
 
 
+def near(place: Any, reach: Any) -> Any:
+    """1 at zero, and less by 1/e with each reach."""
+    return E ** (-abs(place) / (abs(reach) + 1e-6))
+
+
+def width_of_edge(low: Any, high: Any) -> Any:
+    return abs(high - low) / EDGE + 1e-5
+
+
+def between(place: Any, low: Any, high: Any) -> Any:
+    """1 from low to high and 0 elsewhere, with edges that a fit can move."""
+    edge = width_of_edge(low, high)
+    return 1.0 / ((1.0 + E ** ((low - place) / edge)) * (1.0 + E ** ((place - high) / edge)))
+
+
 # in flight
 
 
 def decay(vx: Any, vy: Any, gap: Any, radius: Any, mass: Any, c: Any, reach: Any) -> Any:
-    return 0.0 * vx, mass * c * E ** (-abs(gap) / (abs(reach) + 1e-6)) + 0.0 * vy
+    return 0.0 * vx, mass * c * near(gap, reach) + 0.0 * vy
 
 
 def decay_sideways(vx: Any, vy: Any, gap: Any, radius: Any, mass: Any, c: Any, reach: Any) -> Any:
-    return mass * c * E ** (-abs(gap) / (abs(reach) + 1e-6)) + 0.0 * vx, 0.0 * vy
+    return mass * c * near(gap, reach) + 0.0 * vx, 0.0 * vy
 
 
 def band(vx: Any, vy: Any, gap: Any, radius: Any, mass: Any, c: Any, low: Any, high: Any) -> Any:
-    edge = abs(high - low) / EDGE + 1e-5
-    inside = 1.0 / ((1.0 + E ** ((low - gap) / edge)) * (1.0 + E ** ((gap - high) / edge)))
-    return 0.0 * vx, mass * c * inside + 0.0 * vy
+    return 0.0 * vx, mass * c * between(gap, low, high) + 0.0 * vy
 
 
 def band_sideways(vx: Any, vy: Any, gap: Any, radius: Any, mass: Any, c: Any, low: Any, high: Any) -> Any:
-    edge = abs(high - low) / EDGE + 1e-5
-    inside = 1.0 / ((1.0 + E ** ((low - gap) / edge)) * (1.0 + E ** ((gap - high) / edge)))
-    return mass * c * inside + 0.0 * vx, 0.0 * vy
+    return mass * c * between(gap, low, high) + 0.0 * vx, 0.0 * vy
 
 
 def edges_of_band(c: Any, low: Any, high: Any) -> Any:
-    return low + 0.0 * c, abs(high - low) / EDGE + 1e-5 + 0.0 * c
+    return low + 0.0 * c, width_of_edge(low, high) + 0.0 * c
 
 
 # along a bob's arc or a track
@@ -99,8 +110,7 @@ def in_place(time: Any, place: Any, speed: Any, c: Any, d: Any, period: Any) -> 
 
 
 def stretch(time: Any, place: Any, speed: Any, c: Any, low: Any, high: Any) -> Any:
-    edge = abs(high - low) / EDGE + 1e-5
-    return c / ((1.0 + E ** ((low - place) / edge)) * (1.0 + E ** ((place - high) / edge)))
+    return c * between(place, low, high)
 
 
 @dataclass(frozen=True)
@@ -117,7 +127,7 @@ def shapes(rig: str, extent: Extent) -> tuple[Shape, ...]:
     reaches = tuple((share * extent.way,) for share in REACHES)
     narrow_first = sorted(itertools.combinations(EDGES, 2), key=lambda pair: pair[1] - pair[0])
     edges = tuple((a * extent.way, b * extent.way) for a, b in narrow_first)
-    along, between = (_length("reach"),), (_length("low"), _length("high"))
+    along, zone = (_length("reach"),), (_length("low"), _length("high"))
     if rig == "drop":
         what = "force per mass c"
         return (
@@ -125,9 +135,9 @@ def shapes(rig: str, extent: Extent) -> tuple[Shape, ...]:
             _shape(
                 rig, "decay_sideways", f"{what} exp(-z / reach) e_x", along, reaches, steep=True, force=decay_sideways
             ),
-            _shape(rig, "band", f"{what} where low < z < high", between, edges, edges=edges_of_band, force=band),
+            _shape(rig, "band", f"{what} where low < z < high", zone, edges, edges=edges_of_band, force=band),
             _shape(
-                rig, "band_sideways", f"{what} e_x where low < z < high", between, edges, edges=edges_of_band,
+                rig, "band_sideways", f"{what} e_x where low < z < high", zone, edges, edges=edges_of_band,
                 force=band_sideways,
             ),
         )  # fmt: skip
@@ -147,7 +157,7 @@ def shapes(rig: str, extent: Extent) -> tuple[Shape, ...]:
             rig, "ripple", swings.format("s"), (Parameter("period", "m", 1e-3, 1e3, 1e-2 * extent.way),),
             _periods(extent.way, extent.way), drive=in_place,
         ),
-        _shape(rig, "stretch", f"{what} where low < s < high", between, edges, drive=stretch),
+        _shape(rig, "stretch", f"{what} where low < s < high", zone, edges, drive=stretch),
     )  # fmt: skip
 
 
