@@ -100,6 +100,8 @@ def test_a_bob_that_is_pushed_by_the_clock_swings_as_scipy_says():
     [
         ({}, True),
         ({"held_out_after": 2.5}, False),  # closes 62 % of what it was not fitted to
+        ({"held_out_before": 2000.0, "held_out_after": 250.0}, False),  # closes 88 %, and is off by 16 times the noise
+        ({"held_out_before": 2000.0, "held_out_after": 5.0}, True),
         ({"condition_after": 12.0}, False),  # and this widens the gap of the condition held out
         ({"condition_before": None, "condition_after": None, "condition_noise_floor": None}, True),  # none held out
         ({"condition_before": 1.0, "condition_after": 1.01}, True),  # no gap in it that could be closed

@@ -27,6 +27,7 @@ from rigtwin.sim.effects.forms import beside, nameless
 from rigtwin.sim.effects.shapes import Extent, Shape, shapes
 
 HOLDS = 0.8  # share of the excess that a formula must close on repetitions that it was not fitted to
+LEAVES = 10.0  # noise floors that it may leave there: by three times the noise no path is described, whatever it closes
 WORSE = 0.05  # of a condition's gap: what is less is the doubt of the gap itself, as its noise floor is estimated
 WHOLE = 0.95  # share of the excess beyond which no second term is asked for
 AT_ONCE = 24  # shapes that are looked at in one go
@@ -56,15 +57,18 @@ class Formula:
     def flaw(self) -> str:
         """Why it is no law, for a sentence that goes on with what the best formula would close; empty where it is one.
 
-        It must close enough of the gap on held-out repetitions, and some of the gap of a held-out condition, where
-        there is one; where there is none it may not widen it.  A gap that is too small to be seen in the mean over all
-        rows must show in the deviance.
+        It must close enough of the gap on held-out repetitions and leave little there, and close some of the gap of a
+        held-out condition, where there is one; where there is none it may not widen it.  A gap that is too small to be
+        seen in the mean over all rows must show in the deviance.
         """
         share, gain = self.share, self.sizes.held_out_gain
         if share is None and not (gain is not None and gain >= ALARM):
             return "none can be held against repetitions that it was not fitted to, for there is no gap in such"
         if share is not None and not share >= HOLDS:  # nor is what is no number a law
             return "none closes the gap on repetitions that it was not fitted to"
+        left, floor = self.sizes.held_out_after, self.sizes.held_out_noise_floor
+        if left is not None and floor is not None and not left <= LEAVES * floor:
+            return "none describes repetitions that it was not fitted to"
         before, after = self.sizes.condition_before, self.sizes.condition_after
         if before is None or after is None:
             return ""
