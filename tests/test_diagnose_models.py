@@ -216,9 +216,8 @@ def test_the_loss_to_a_thin_plate_is_that_of_zeners_equation():
     ):  # fmt: skip
         mass = density * 4 / 3 * math.pi * radius**3
         plate = effect.parameters[1].stated(glass, {**glass, "thickness_m": thickness})
-        slow, fast = (bounced(v, radius, density, thickness) for v in (1.0, speed))
-        told = effect.restitution(slow, speed, radius, mass, 1.0, plate)
-        assert math.log(told / slow) == pytest.approx(math.log(fast / slow), rel=0.03)
+        told = effect.restitution(1.0, speed, radius, mass, 1.0, plate)
+        assert math.log(told) == pytest.approx(math.log(bounced(speed, radius, density, thickness)), rel=0.04)
 
 
 def test_what_a_lab_states_of_a_plate_is_not_fitted_and_is_assumed_where_it_states_none():

@@ -12,10 +12,10 @@ SIZE, DENSITY = 0.003, 1000.0  # [m], [kg/m^3], of the bead that `plate` speaks 
 
 
 def restitution(e: Any, speed: Any, radius: Any, mass: Any, strength: Any, plate: Any) -> Any:
-    """e' = e exp(-1.72 k lambda (v^(1/5) - 1)); `e` is the value at 1 m/s, lambda Zener's inelasticity there."""
+    """e' = e exp(-1.72 k lambda v^(1/5)); `e` is the value on a block, lambda Zener's inelasticity at 1 m/s."""
     density = mass / (SOLID * radius**3)
     inelasticity = plate * (radius / SIZE) ** 2 * (density / DENSITY) ** 0.6
-    return e * 2.718281828459045 ** (-PER_LOSS * strength * inelasticity * ((speed + 1e-9) ** 0.2 - 1.0))
+    return e * 2.718281828459045 ** (-PER_LOSS * strength * inelasticity * (speed + 1e-9) ** 0.2)
 
 
 def waves(bead: Mapping[str, Any], wall: Mapping[str, Any]) -> float:
@@ -40,7 +40,7 @@ EFFECT = Effect(
             "10 mm of glass",
         ),
     ),
-    equation="e = e_1 exp(-1.72 k lambda ((v / 1 m/s)^(1/5) - 1)), "
+    equation="e = e_0 exp(-1.72 k lambda (v / 1 m/s)^(1/5)), "
     "lambda = pi^(3/5)/sqrt(3) (R/h)^2 rho^(3/5) E*^(2/5) / (rho_p E_p/(1 - nu_p^2))^(1/2)",
     source="Zener 1941",
     synonyms=("plate flexibility", "elastic plate", "plate vibration", "flexural waves", "base flexibility"),
