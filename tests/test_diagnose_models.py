@@ -17,7 +17,8 @@ from rigtwin.compare.diagnose.runs import coefficients
 from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.errors import BadInput
 from rigtwin.sim.effects import library, named, own_effect
-from rigtwin.sim.effects.tried import check
+from rigtwin.sim.effects.forms import beside, nameless
+from rigtwin.sim.effects.tried import check, one_sided
 
 G = 9.81
 
@@ -268,7 +269,9 @@ def test_a_users_own_effect_takes_part(tmp_path):
         "EFFECT = Effect(name='wind', title='wind', kind='physical', rigs=('drop',),\n"
         "    parameters=(Parameter('acceleration', 'm/s^2', -5, 5, 0.1),), equation='a', source='own', force=force)\n"
     )
-    assert own_effect(path).name == "wind"
+    wind = own_effect(path)
+    assert wind.name == "wind"
+    assert wind.aimed  # it blows to one side, however a bead moves
 
 
 @pytest.mark.parametrize(
@@ -296,6 +299,13 @@ def test_an_own_effect_whose_functions_do_not_fit_is_refused(tmp_path, takes, gi
 @pytest.mark.parametrize("effect", library(), ids=lambda effect: effect.name)
 def test_every_effect_of_the_library_could_be_a_users_own(effect):
     check(effect, Path("library"))
+    assert one_sided(effect) == effect.aimed
+
+
+@pytest.mark.parametrize("rig", ["drop", "double"])
+def test_formulas_know_whether_they_push_to_a_side_of_their_own(rig):
+    for effect in (*nameless(rig), *beside(rig)):
+        assert one_sided(effect) == effect.aimed, effect.name
 
 
 @pytest.mark.parametrize("text", [None, "EFFECT = 3\n", "1/0\n"])

@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.sim.effects import Effect, Parameter
+from rigtwin.sim.effects.forms import form
 from rigtwin.sim.engine.bulk import Bulk
 from rigtwin.sim.engine.contact import damping_ratio
 from rigtwin.sim.engine.few_body import Body, run
@@ -175,6 +176,38 @@ def test_sjkr_holds_with_the_force_of_its_closed_form():
 def test_a_users_own_force_takes_part():
     motion = run([Body(BALL, (0, 0, 10))], np.array([0.5]), effects=only("steady_lift", 1e-4))
     assert motion.velocity[0, 0, 2] == pytest.approx(0.5 * (1e-4 / BALL.mass - G), rel=1e-9)
+
+
+def test_a_force_with_a_side_of_its_own_pushes_a_straight_fall_there_and_turns_no_other_way():
+    """A steady push along x and one across the velocity, against SciPy; a bead thrown along y feels no other push."""
+    push, turn = 0.5, 0.3
+
+    def fall(_, state):
+        _, _, vx, vz = state
+        return vx, vz, push - turn * vz, turn * vx - G
+
+    wanted = solve_ivp(fall, (0, 0.5), (0, 10, 0, 0), rtol=1e-10, atol=1e-12).y[:, -1]
+    effects = [active(form("form:constant_sideways"), c=push), active(form("form:v_cross"), c=turn)]
+    bodies = [Body(BALL, (0, 0, 10)), Body(BALL, (0, 5, 10), (0, 1, 0))]
+    motion = run(bodies, np.array([0.5]), effects=effects)
+    for body, y in ((0, 0.0), (1, 5.5)):
+        assert motion.position[0, body] == pytest.approx((wanted[0], y, wanted[1]), rel=1e-5)
+        assert motion.velocity[0, body] == pytest.approx((wanted[2], float(body), wanted[3]), rel=1e-5, abs=1e-9)
+
+
+def test_a_torque_with_a_side_of_its_own_moves_a_bob_at_rest_there_and_back():
+    length, push = 0.2, 3.0
+
+    def swing(_, state):
+        return state[1], push - G / length * math.sin(state[0])
+
+    times = np.array([0.2, 0.5, 0.8])  # there, and on the way back
+    wanted = solve_ivp(swing, (0, 0.8), (0, 0), t_eval=times, rtol=1e-10, atol=1e-12).y[0]
+    motion = run(
+        [Body(BALL, (0, 0, 1 - length), pivot=(0, 0, 1))], times, effects=[active(form("form:constant"), c=push)]
+    )
+    found = np.arctan2(motion.position[:, 0, 0], 1 - motion.position[:, 0, 2])
+    assert found == pytest.approx(wanted, rel=1e-4, abs=1e-6)
 
 
 def a_third(vx, vy, gap, radius, mass):

@@ -11,6 +11,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import pkgutil
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -18,7 +19,7 @@ from types import ModuleType
 from rigtwin.lab.errors import BadInput
 from rigtwin.sim.effects.effect import Effect, Parameter
 from rigtwin.sim.effects.forms import PREFIX, form
-from rigtwin.sim.effects.tried import check
+from rigtwin.sim.effects.tried import check, one_sided
 
 __all__ = ["Effect", "Parameter", "library", "named", "own_effect"]
 
@@ -58,7 +59,7 @@ def own_effect(path: Path) -> Effect:
         raise BadInput(f"{path}: cannot be run ({type(error).__name__}: {error}); correct the file.") from error
     effect = _effect_of(module, str(path))
     check(effect, path)
-    return effect
+    return replace(effect, aimed=effect.aimed or one_sided(effect))
 
 
 def _effect_of(module: ModuleType, name: str) -> Effect:

@@ -85,6 +85,9 @@ class Effect:
     splits: str = ""
     """The experiment that tells this effect from those that look alike."""
 
+    aimed: bool = False
+    """Whether its force in flight or its torque on a thread pushes to a side of its own, towards positive x for a
+    positive number, whichever way the bead moves."""
     steep: bool = False
     """Whether its force on a bead in flight changes much within a radius of the plate."""
     edges: Hook | None = None

@@ -158,6 +158,7 @@ FLIGHT_BESIDE = {
     "v_x": ("c v_x e_x", "1/s", 0.1, level_with_v),
     "height_sideways": ("c z e_x", "1/s^2", 0.3, sideways_with_height),
 }
+AIMED = (sideways, across_v, sideways_with_height, always, with_angle_squared)
 SWING = {
     "sign(rate)": ("c sign(w)", "rad/s^2", 0.02, sign_of_rate),
     "rate": ("c w", "1/s", 0.02, with_rate),
@@ -215,6 +216,7 @@ def _effects(rig: str, kinds: tuple[Kind, ...]) -> tuple[Effect, ...]:
             equation=formula,
             source="regression on the residual",
             steep=name.startswith("near_"),
+            aimed=term in AIMED,
             **{hook: term},  # type: ignore[arg-type]
         )
         for what, terms, hook in kinds

@@ -133,12 +133,13 @@ def shapes(rig: str, extent: Extent) -> tuple[Shape, ...]:
         return (
             _shape(rig, "decay", f"{what} exp(-z / reach)", along, reaches, steep=True, force=decay),
             _shape(
-                rig, "decay_sideways", f"{what} exp(-z / reach) e_x", along, reaches, steep=True, force=decay_sideways
+                rig, "decay_sideways", f"{what} exp(-z / reach) e_x", along, reaches, steep=True, aimed=True,
+                force=decay_sideways,
             ),
             _shape(rig, "band", f"{what} where low < z < high", zone, edges, edges=edges_of_band, force=band),
             _shape(
                 rig, "band_sideways", f"{what} e_x where low < z < high", zone, edges, edges=edges_of_band,
-                force=band_sideways,
+                aimed=True, force=band_sideways,
             ),
         )  # fmt: skip
     if rig not in ("pendulum", "roll", "slide"):

@@ -58,3 +58,21 @@ def check(effect: Effect, path: Path) -> None:
         for one in given if hook in PAIRS else (given,):
             if np.shape(one) not in ((), (3,)) or not np.all(np.isfinite(np.asarray(one, dtype=float))):
                 raise BadInput(f"{where} gives what is no finite number at its typical parameters; correct it.")
+
+
+def one_sided(effect: Effect) -> bool:
+    """Whether a mirror image of the motion does not feel the mirror image of the push: it has a side of its own."""
+    typical = [parameter.typical for parameter in effect.parameters]
+    for hook in ("force", "torque"):
+        function = getattr(effect, hook)
+        if function is None:
+            continue
+        first, second, *rest = TRIED[hook]
+        mirrored = (-first, second) if hook == "force" else (-first, -second)
+        there, back = (
+            np.asarray(given[0] if hook == "force" else given, dtype=float)
+            for given in (function(*motion, *rest, *typical) for motion in ((first, second), mirrored))
+        )
+        if not np.allclose(there, -back, rtol=1e-6, atol=1e-6 * float(np.abs(there).max())):
+            return True
+    return False

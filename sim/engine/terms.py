@@ -157,6 +157,12 @@ def _compiled(function: Callable[..., Any]) -> Any:
     return ti.func(bare)
 
 
+@ti.func
+def towards_x(up):
+    """Level, on the side of x: the lab's own side."""
+    return (ti.Vector([1.0, 0.0, 0.0]) - up[0] * up).normalized(1e-30)
+
+
 @ti.data_oriented
 class Terms:
     """Sums over the active effects, one function for each place where an effect can enter.
@@ -203,17 +209,20 @@ class Terms:
     def in_flight(self, velocity, gap, radius, mass, up, copy=0):
         """Force [N] on a sphere that moves at `velocity`, `gap` [m] above the nearest wall; `up` is a unit vector.
 
-        Effects are written for the plane of the motion, across and up: the plane here is that of `up` and the velocity.
+        Effects are written for a plane, across and up: the one of `up` and the velocity, or for those that push to a
+        side of their own that of `up` and x.
         """
         rise = velocity.dot(up)
-        across = velocity - rise * up
-        speed = across.norm()
-        along = across / ti.max(speed, 1e-30)
+        level = velocity - rise * up
         total = ti.Vector([0.0, 0.0, 0.0])
         for k in ti.static(range(len(self.forces))):
             row, count, function = ti.static(self.forces[k])
+            across = level
+            if ti.static(self.effects[row].aimed):
+                across = towards_x(up)
+            along = across / ti.max(across.norm(), 1e-30)
             sideways, upwards = function(
-                speed, rise, gap, radius, mass, *[self.values[copy, row, p] for p in ti.static(range(count))]
+                level.dot(along), rise, gap, radius, mass, *[self.values[copy, row, p] for p in ti.static(range(count))]
             )
             total += sideways * along + upwards * up
         return total
@@ -221,17 +230,23 @@ class Terms:
     @ti.func
     def on_thread(self, velocity, arm, length, mass, up, copy=0):
         """Force [N] on a sphere that hangs from a pivot at -`arm` (a unit vector), from torques about that pivot."""
-        rise = velocity.dot(up)
-        across = velocity - rise * up
-        speed = velocity.norm()
-        # the angle grows the way the bead moves; at the end of a swing there is no way, and no friction
-        angle = ti.atan2(arm.dot(across) / ti.max(across.norm(), 1e-30), -arm.dot(up))
-        rate = speed / length
-        total = 0.0
+        across = velocity - velocity.dot(up) * up
+        total = ti.Vector([0.0, 0.0, 0.0])
         for k in ti.static(range(len(self.torques))):
             row, count, function = ti.static(self.torques[k])
-            total += function(angle, rate, length, mass, *[self.values[copy, row, p] for p in ti.static(range(count))])
-        return total / length / ti.max(speed, 1e-30) * velocity
+            # the angle grows the way the bead moves; at the end of a swing there is no way, and no friction
+            side, speed = across / ti.max(across.norm(), 1e-30), velocity.norm()
+            way = velocity / ti.max(speed, 1e-30)
+            if ti.static(self.effects[row].aimed):
+                side = towards_x(up)
+                way = (arm.dot(side) * up - arm.dot(up) * side).normalized(1e-30)
+                speed = velocity.dot(way)
+            angle = ti.atan2(arm.dot(side), -arm.dot(up))
+            its = function(
+                angle, speed / length, length, mass, *[self.values[copy, row, p] for p in ti.static(range(count))]
+            )
+            total += its / length * way
+        return total
 
     @ti.func
     def damping_of_pair(self, damping, closing, radius_eff, mass_eff, copy=0):
