@@ -306,9 +306,9 @@ def _robust_weights(residual: Array, noise: Array) -> Array:
 def _correlation_excess(residual: Array) -> float:
     """How much neighbouring residuals repeat each other (compression, demosaicing): factor on the variance."""
     values = residual - residual.mean()
-    power = float(np.sum(values**2)) + 1e-12
-    across = float(np.sum(values[:, 1:] * values[:, :-1])) / power
-    down = float(np.sum(values[1:] * values[:-1])) / power
+    power = float(np.einsum("ij,ij", values, values)) + 1e-12
+    across = float(np.einsum("ij,ij", values[:, 1:], values[:, :-1])) / power
+    down = float(np.einsum("ij,ij", values[1:], values[:-1])) / power
     excess = (1 + across) / (1 - across) * (1 + down) / (1 - down)
     return float(np.clip(excess, 1.0, 16.0))
 
@@ -366,13 +366,14 @@ class _Pixels:
     def normal_equations(self, jacobian: Array, residual: Array, weights: Array) -> tuple[Array, Array]:
         """The weighted jacobian times itself, shape (parameters, parameters), and times the residual."""
         near, scene = self._near, np.s_[_SHAPES + _LIGHTS :]
-        weighted = jacobian * weights[:near]
-        information, pull = weighted @ jacobian.T, weighted @ residual[:near]
+        # one product of matrices: those with a vector alone are shared out among threads that wait for each other
+        both = (jacobian * weights[:near]) @ np.vstack([jacobian, residual[:near]]).T
+        information, pull = both[:, :-1].copy(), both[:, -1].copy()
         rows = self._scene_rows[:, near:]
         weighted = rows * weights[near:]
         information[scene, scene] += weighted @ rows.T
         pull[scene] += weighted @ residual[near:]
-        return np.asarray(information), np.asarray(pull)
+        return information, pull
 
     def started_better(self, prior: _Prior, places: Sequence[tuple[float, float]]) -> _Prior:
         """The prior with the bead set down at one of `places` where the pixels there look more like it.

@@ -223,12 +223,34 @@ def _scene_behind(path: SpotPath, layers: Mapping[int, Grey]) -> Scene:
     background = Background()
     for index, layer in layers.items():
         background.add(index, layer)
+    return background.scene(_bead_in(path, background.indices), reach=_reach(path))
+
+
+def _scene_within(path: SpotPath, layers: Mapping[int, Grey], box: Box, scene: Scene) -> Scene:
+    """The scene with what is behind the bead of a path, learnt from this part of frames that lie over it already."""
+    background = Background()
+    for index, layer in layers.items():
+        background.add(index, layer)
+    left, top, right, bottom = box
+    bead = {index: (x - left, y - top) for index, (x, y) in _bead_in(path, background.indices).items()}
+    part = background.scene(bead, reach=_reach(path), laid_over=True)
+    picture, noise = scene.picture.copy(), scene.noise.copy()
+    picture[top:bottom, left:right], noise[top:bottom, left:right] = part.picture, part.noise
+    return Scene(picture, noise)
+
+
+def _bead_in(path: SpotPath, indices: Sequence[int]) -> dict[int, tuple[float, float]]:
+    """Where the bead of a path is in some frames [px]."""
     frames, centres = np.array(path.frames), path.centres
-    bead = {
+    return {
         index: (float(np.interp(index, frames, centres[:, 0])), float(np.interp(index, frames, centres[:, 1])))
-        for index in background.indices
+        for index in indices
     }
-    return background.scene(bead, reach=1.6 * path.radius + 6)
+
+
+def _reach(path: SpotPath) -> float:
+    """[px], how far from its centre the bead may cover the scene."""
+    return 1.6 * path.radius + 6
 
 
 def _from_album(path: SpotPath, moves: Movement) -> tuple[Scene, list[Cut]] | None:
@@ -240,7 +262,7 @@ def _from_album(path: SpotPath, moves: Movement) -> tuple[Scene, list[Cut]] | No
     greys = album.greys(max(path.frames[0], begin), min(path.frames[-1], end))
     if not greys or not luma_is_clear(greys, path):
         return None
-    cuts = []
+    cuts: list[Cut] = []
     shape = moves.scene.picture.shape
     for index in range(begin, end + 1):
         near, step = where(index)
@@ -251,8 +273,14 @@ def _from_album(path: SpotPath, moves: Movement) -> tuple[Scene, list[Cut]] | No
             cuts.append(Cut(index, album.times[index], seen, box[0], box[1], near, step, (0.0, 0.0)))
         elif box is not None and path.frames[0] <= index <= path.frames[-1] and index in moves.poses:
             return None
-    layers = {index: rounded(moves.poses[index].seen(grey)) for index, grey in greys.items()}
-    return _scene_behind(path, layers), cuts
+    if not cuts:
+        return None
+    left, top = min(cut.left for cut in cuts), min(cut.top for cut in cuts)
+    right = max(cut.left + cut.grey.shape[1] for cut in cuts)
+    bottom = max(cut.top + cut.grey.shape[0] for cut in cuts)
+    within = (left, top, right, bottom)  # the rest of the frames need not be copied
+    layers = {index: rounded(moves.poses[index].seen(grey, within)) for index, grey in greys.items()}
+    return _scene_within(path, layers, within, moves.scene), cuts
 
 
 def _seen_and_cut(
@@ -425,15 +453,15 @@ def told_shutter(
         return NOT_TOLD
     tried = np.maximum(known.share + CLOSER, LEAST_SHARE * np.arange(1, len(CLOSER) + 1)) if known.told else TRIED
     misfits = _misfits(fast, tried, max(ways.values()) / 2, scene, look, hidden)
-    told = shutter_of(tried, misfits, np.array([ways[cut.frame] for cut in fast]))
+    told = shutter_of(tried[: len(misfits)], misfits, np.array([ways[cut.frame] for cut in fast]))
     return told if known.told else replace(told, doubt=math.hypot(told.doubt, ROUGHLY))
 
 
 def _misfits(fast: Sequence[Cut], tried: Array, room: float, scene: Scene, look: Look, hidden: Mask | None) -> Array:
-    """[grey levels], with streaks of the shares in `tried`, shape (tried, cuts); the same pixels for all.
+    """[grey levels], with streaks of the shares in `tried`, shape (shares, cuts); the same pixels for all.
 
     Else the emptier patch would win; `room` [px] is what the longest streak needs.  Each share is begun where the one
-    before has put the beads.
+    before has put the beads.  Once two in a row did worse than the best before them, no longer streak is tried.
     """
     misfits: list[list[float]] = []
     for share in tried.tolist():
@@ -452,6 +480,9 @@ def _misfits(fast: Sequence[Cut], tried: Array, room: float, scene: Scene, look:
         found = {sighting.frame: sighting for sighting in sightings}
         misfits.append([found[cut.frame].fit.misfit if cut.frame in found else np.nan for cut in fast])
         fast = [replace(cut, near=found[cut.frame].place) if cut.frame in found else cut for cut in fast]
+        seen = np.array(misfits)[:, np.all(np.isfinite(misfits), axis=0)]
+        if seen.size and int(np.argmin(np.median(seen, axis=1))) < len(seen) - 2:
+            break
     return np.array(misfits)
 
 

@@ -183,9 +183,33 @@ def _phone_photo(path: Path) -> Image:
     try:
         with Pictures.open(path) as photo:
             upright = ImageOps.exif_transpose(photo).convert("RGB")
-    except (UnidentifiedImageError, OSError, ValueError, SyntaxError):
+    except (UnidentifiedImageError, OSError, ValueError, SyntaxError) as error:
+        if "truncated" in str(error).lower():
+            raise UnreadableMedia(f"{path}: {_what_is_left(path)}; copy it again.") from None
         raise UnreadableMedia(f"{path}: cannot be decoded as a photo; give a JPEG, PNG, TIFF or HEIC file.") from None
     return np.ascontiguousarray(np.asarray(upright)[..., ::-1])
+
+
+def _what_is_left(path: Path) -> str:
+    """How much can be read of a photo whose file is cut off."""
+    from PIL import Image as Pictures
+    from PIL import ImageFile
+
+    before, ImageFile.LOAD_TRUNCATED_IMAGES = ImageFile.LOAD_TRUNCATED_IMAGES, True
+    try:
+        with Pictures.open(path) as photo:
+            rows = np.asarray(photo.convert("RGB"))
+    except (OSError, ValueError, SyntaxError):
+        return "the file is cut off, and nothing of the photo can be read"
+    finally:
+        ImageFile.LOAD_TRUNCATED_IMAGES = before
+    # what is missing is filled with one grey, or goes on as the last row that is there
+    seen = np.flatnonzero(np.any(rows != rows[-1], axis=(1, 2)))
+    there = int(seen[-1]) + 1 if len(seen) else 0
+    size = f"{rows.shape[1]} x {rows.shape[0]} px"
+    if there == 0:
+        return f"the file is cut off: a photo of {size}, of which only the head can be read"
+    return f"the file is cut off: a photo of {size}, of which only the upper {there} rows can be read"
 
 
 def _must_fit(path: Path, shape: tuple[int, ...], lens: Lens) -> None:

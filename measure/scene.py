@@ -240,10 +240,21 @@ class Background:
         """The frames kept, by frame number."""
         return dict(self._frames)
 
-    def scene(self, bead: Mapping[int, tuple[float, float]] | None = None, reach: float = 0.0) -> Scene:
-        """The still scene; `bead` maps frame numbers to bead centres [px], `reach` [px] is how far it may cover."""
+    def scene(
+        self,
+        bead: Mapping[int, tuple[float, float]] | None = None,
+        reach: float = 0.0,
+        *,
+        laid_over: bool = False,
+    ) -> Scene:
+        """The still scene; `bead` maps frame numbers to bead centres [px], `reach` [px] is how far it may cover.
+
+        `laid_over`: the frames lie over each other and are levelled already.
+        """
         layers = [self._frames[index] for index in self.indices]
         scene = _median_scene(layers)
+        if laid_over:
+            return scene if not bead else _without_bead(scene, layers, self.indices, bead, reach)
         poses = [scene.pose(layer) for layer in layers]
         if not stands_still(poses) or np.std([pose.gain for pose in poses]) > FLICKER:
             for _ in range(2):

@@ -179,6 +179,18 @@ def test_what_is_no_photo_is_named(tmp_path, content):
         read_photo(path)
 
 
+@pytest.mark.parametrize("kind", ["jpg", "png"])
+def test_of_a_photo_that_is_cut_off_it_is_said_how_much_is_there(tmp_path, kind):
+    image = np.random.default_rng(3).integers(0, 255, (300, 200, 3), dtype=np.uint8)
+    path = tmp_path / f"photo.{kind}"
+    content = cv2.imencode(f".{kind}", image)[1].tobytes()
+    path.write_bytes(content[: len(content) // 2])
+    with pytest.raises(UnreadableMedia, match=r"cut off: a photo of 200 x 300 px, .* upper (\d+) rows") as told:
+        read_photo(path)
+    rows = int(str(told.value).partition("upper ")[2].split()[0])
+    assert 120 < rows < 180  # noise takes as many bytes in every row
+
+
 def test_hash_is_that_of_the_content(tmp_path):
     path = tmp_path / "x"
     path.write_bytes(b"abc")
