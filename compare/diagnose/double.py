@@ -118,8 +118,9 @@ class DoubleBench(Runs):
         """Swing and strike all repetitions for a stack of settings."""
         reach = [self._lengths("A", values), self._lengths("A" if self.wall else "B", values)]
         gravity = self.lab.gravity
-        first, omega = pushing(reach[0], self.mass, self.radius, gravity, values, terms)
-        second, _ = pushing(reach[1], self.mass, self.radius, gravity, values, terms)
+        radius = self.radius + 0.5 * self._of_bead("diameter", values)
+        first, omega = pushing(reach[0], self.mass, radius, gravity, values, terms)
+        second, _ = pushing(reach[1], self.mass, radius, gravity, values, terms)
         since = true - local[..., 0][:, self.owner]
         until = np.array([np.maximum(since[:, span].max(axis=1), 1e-3) for span in self.spans]).T
         laws = self._laws(values)

@@ -39,17 +39,22 @@ def parameters(lab: TrackedLab, fitted: Fit, terms: Sequence[Effect]) -> dict[st
                 continue
             name = f"{term.name}.{parameter.name}"
             value = fitted.value(name)
-            std = math.hypot(fitted.std(name), value * _by_size(lab, term))
+            std = math.hypot(fitted.std(name), value * _by_size(lab, fitted, term))
             found[parameter.name] = {"value": value, "std": std, "unit": parameter.unit}
     return found
 
 
-def _by_size(lab: TrackedLab, term: Effect) -> float:
-    """Relative doubt of a force's coefficient from the stated doubt of the diameter of the bead that it moves most."""
+def _by_size(lab: TrackedLab, fitted: Fit, term: Effect) -> float:
+    """Relative doubt of a force's coefficient from the stated doubt of the diameter of the bead that it moves most.
+
+    Nothing where the diameter that the force acts on is an unknown of the fit: its doubt is in the coefficient's then.
+    """
     if term.force is None or len(term.parameters) != 1:
         return 0.0
     beads = {condition.bead.name: condition.bead for condition in lab.conditions}.values()
     bead = max(beads, key=lambda one: _force(term, one, one.radius) / one.mass)
+    if lab.rig != "drop" and any(unknown.name == f"diameter.{bead.name}" for unknown in fitted.unknowns):
+        return 0.0
     stated = bead.about.get("diameter_uncertainty_m", 0.0)
     plain = _force(term, bead, bead.radius)
     if not isinstance(stated, (int, float)) or plain == 0.0:

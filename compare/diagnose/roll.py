@@ -120,6 +120,8 @@ class RollBench(Runs):
             and any(hook is not None for hook in (term.force, term.rolling, term.torque, term.drive))
         ]
 
+        radii = self.radius + 0.5 * self.beads.of("diameter", values, self.bead)
+
         def pull(time: Array, place: Array, speed: Array) -> Array:
             mu = friction
             extra = np.zeros_like(speed)
@@ -128,7 +130,7 @@ class RollBench(Runs):
                     mu = term.rolling(mu, np.abs(speed), self.radius, *own)
                 if term.force is not None:
                     # the track is straight: the force along it depends on the speed alone
-                    extra = extra + term.force(speed, 0 * speed, 0.0, self.radius, self.mass, *own)[0] / self.mass
+                    extra = extra + term.force(speed, 0 * speed, 0.0, radii, self.mass, *own)[0] / self.mass
                 if term.torque is not None:
                     extra = extra + term.torque(place, speed, 1.0, 1.0, *own)
                 if term.drive is not None:
@@ -140,7 +142,6 @@ class RollBench(Runs):
         motion = ride(start, np.maximum(push, 0.0), pull, until)
         place, speed = place_at(motion, since, self.owner)
         s, c = sine[:, self.owner], cosine[:, self.owner]
-        radii = self.radius + 0.5 * self.beads.of("diameter", values, self.bead)
         radius = radii[:seen, self.owner]
         side = self.side[self.owner]
         x, y = side * (place * c + radius * s), radius * c - place * s
