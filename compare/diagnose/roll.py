@@ -130,7 +130,7 @@ class RollBench(Runs):
                     mu = term.rolling(mu, np.abs(speed), self.radius, *own)
                 if term.force is not None:
                     # the track is straight: the force along it depends on the speed alone
-                    extra = extra + term.force(speed, 0 * speed, 0.0, radii, self.mass, *own)[0] / self.mass
+                    extra = extra + term.force(speed, 0 * speed, 0.0, radii[:seen], self.mass, *own)[0] / self.mass
                 if term.torque is not None:
                     extra = extra + term.torque(place, speed, 1.0, 1.0, *own)
                 if term.drive is not None:
