@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from rigtwin.compare.diagnose import flight
-from rigtwin.compare.diagnose.formula import Formula, _amiss, _extent
+from rigtwin.compare.diagnose.formula import Formula, _amiss, _extent, _worth_all
 from rigtwin.compare.diagnose.gap import Gap, _last_repetitions
 from rigtwin.compare.diagnose.pendulum import pushing
 from rigtwin.compare.diagnose.swing import angle_at, half_swings
@@ -117,6 +117,7 @@ def test_a_bob_that_is_pushed_by_the_clock_swings_as_scipy_says():
         ({"held_out_before": 1.03, "held_out_after": 1.0, "held_out_gain": 9.0}, False),
         ({"held_out_before": 1.03, "held_out_after": 1.0, "held_out_gain": -90.0}, False),
         ({"held_out_before": 1.03, "held_out_after": 1.0, "held_out_gain": math.nan}, False),
+        ({"held_out_before": 1.03, "held_out_after": 1.2, "held_out_gain": 90.0}, False),  # widens the gap of its rows
     ],
 )
 def test_only_a_formula_that_closes_the_gap_where_it_was_not_fitted_is_told(change, holds):
@@ -128,7 +129,9 @@ def test_only_a_formula_that_closes_the_gap_where_it_was_not_fitted_is_told(chan
     ("change", "why"),
     [
         ({"held_out_after": 2.5}, "none closes the gap on repetitions"),
-        ({"held_out_before": None}, "none can be held against"),
+        ({"held_out_before": None, "held_out_after": None, "held_out_noise_floor": None}, "no condition has two"),
+        ({"held_out_before": 1.0, "held_out_after": 1.0}, "no gap in such"),
+        ({"held_out_before": 1.0, "held_out_after": 1.2, "held_out_gain": 90.0}, "widening the gap on repetitions"),
         ({"condition_after": 12.0}, "without widening it in far"),
         ({"condition_after": 7.9}, "closes any of it in far"),
     ],
@@ -161,6 +164,24 @@ def test_a_term_that_may_be_zero_or_has_no_shape_is_refused(name, numbers, good)
     given = {f"{term.name}.{one}": pair for one, pair in numbers.items()}
     fitted = SimpleNamespace(value=lambda one: given[one][0], std=lambda one: given[one][1])
     assert (_amiss(fitted, term) == "") is good
+
+
+@pytest.mark.parametrize(
+    ("deviances", "per_row", "kept"),
+    [
+        ((500.0, 510.0), 1.0, [0, 1]),  # a near tie goes on to all data
+        ((500.0, 540.0), 1.0, [0]),  # odds of e^20 to one
+        ((500.0, 540.0), 5.0, [0, 1]),  # ... which they are not where the best leaves five times the noise
+        ((980.0, 999.0), 1.0, [0]),  # 4 of all data for the 11 that the search on the grid costs
+        ((990.0, 997.0), 1.0, [0, 1]),  # 12 of all data
+        ((1001.0, 1002.0), 1.0, []),
+    ],
+)
+def test_shapes_go_on_to_all_data_unless_a_part_of_them_tells_them_apart(deviances, per_row, kept):
+    shape = SHAPES["drop form:band"]
+    rough = [(shape, SimpleNamespace(deviance=one, per_row=per_row)) for one in deviances]
+    left = _worth_all(rough, SimpleNamespace(deviance=1000.0), 4.0, 1.0)
+    assert left == [rough[number] for number in kept]
 
 
 def test_the_last_repetition_is_held_out_of_each_condition_that_has_two():

@@ -27,6 +27,8 @@ class Candidate:
     """Why it is refused, empty where it is plausible."""
     rough: Fit | None = None
     """Its fit to a part of the data, where that was looked at first."""
+    cost: float = 0.0
+    """What its gain has paid for the search of its shapes, where it is a formula with such."""
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -68,8 +68,6 @@ class Diagnosis:
     """Rows, repetitions and keys that were not used, each with the reason."""
     seconds: float = 0.0  # [s], CPU
     bench: Any = field(default=None, repr=False)
-    fixed: tuple[Candidate, ...] = field(default=(), repr=False)
-    """Formulas of one term of a fixed form, where they were fitted."""
 
     @property
     def where(self) -> tuple[Disagreement, ...]:
@@ -216,7 +214,6 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
         return replace(plain, reason="the data lie inside noise, scatter and stated calibration")
     asked = best is None or _more_to_say(bench, best)
     forms = fixed_forms(bench, naming, progress, nameless(lab.rig)) if asked else []
-    plain = replace(plain, fixed=tuple(forms))
     alone = max(forms, key=lambda one: one.gain, default=None)
     if best is None:
         if alone is not None and alone.gain > FORM and not alone.reason:
@@ -289,12 +286,15 @@ def _more_to_say(bench: Regioned, best: Candidate) -> bool:
 def _with_formula(verdict: Diagnosis, progress: Progress) -> tuple[Diagnosis, Gap | None]:
     """An `unlisted` verdict with its formula, where one holds on data that it was not fitted to, and what it closes.
 
-    A formula that does not hold is no law: it is told as a hint alone, and no model gets it.
+    A formula that does not hold is no law: it is told as a hint alone, and no model gets it.  Where the search itself
+    fails, the verdict stands without one.
     """
     naming = verdict.naming
     assert naming is not None
-    fixed = verdict.fixed or tuple(fixed_forms(verdict.bench, naming, progress, nameless(verdict.lab.rig)))
-    found = find_formula(verdict.bench, verdict.lab, naming, fixed, progress)
+    try:
+        found = find_formula(verdict.bench, verdict.lab, naming, progress)
+    except (ValueError, ArithmeticError) as error:  # a LinAlgError is a ValueError
+        return replace(verdict, reason=f"{verdict.reason}; no formula could be fitted to these tracks ({error})"), None
     if found is None or not found.holds:
         return replace(verdict, reason=f"{verdict.reason}; {_no_law(found)}"), None
     chosen = found.candidate

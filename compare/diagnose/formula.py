@@ -10,14 +10,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from rigtwin.compare.diagnose.candidate import Candidate
 from rigtwin.compare.diagnose.fit import Fit, fit, screen
-from rigtwin.compare.diagnose.gap import Gap, closed, gap, held_out, noise_floor, seen_in
+from rigtwin.compare.diagnose.gap import Gap, closed, gap, noise_floor, runs_held_out, seen_in
 from rigtwin.compare.diagnose.labs import TrackedLab
-from rigtwin.compare.diagnose.locate import Regioned
+from rigtwin.compare.diagnose.locate import Regioned, locate
 from rigtwin.compare.diagnose.naming import ALARM, FORM, ROUGH, Naming, spread_of
 from rigtwin.compare.diagnose.subset import coarse, cut, subset
 from rigtwin.lab.progress import Progress
@@ -34,8 +35,7 @@ AT_ONCE = 24  # shapes that are looked at in one go
 AT_ONCE_EDGED = 12  # ... and of those with edges, all of which share the steps that the sharpest asks for
 LEADING = 2  # of those that promise most, that are fitted to part of the data
 PROMISING = 0.6  # ... and not less than this share of the most
-CLOSE = 0.9  # of what the best of these gains there: the others are not fitted to all
-LIKELY = 4  # terms of a fixed form that are fitted to all data
+LIKELY = 4  # terms of a fixed form that are fitted to the end
 FROM_ZERO = 3.0  # standard deviations that each term's coefficients must be from zero, c and d of a period together
 MOVING = 0.05  # of the highest speed, above which something counts as moving
 
@@ -59,23 +59,27 @@ class Formula:
 
         It must close enough of the gap on held-out repetitions and leave little there, and close some of the gap of a
         held-out condition, where there is one; where there is none it may not widen it.  A gap that is too small to be
-        seen in the mean over all rows must show in the deviance.
+        seen in the mean over all rows must show in the deviance, and not widen.
         """
         share, gain = self.share, self.sizes.held_out_gain
+        gapes, left, floor = self.sizes.held_out_before, self.sizes.held_out_after, self.sizes.held_out_noise_floor
+        if gapes is None or left is None or floor is None:
+            return "none can be held against repetitions that it was not fitted to, for no condition has two"
         if share is None and not (gain is not None and gain >= ALARM):
             return "none can be held against repetitions that it was not fitted to, for there is no gap in such"
+        if share is None and not left <= (1 + WORSE) * gapes:
+            return "none does without widening the gap on repetitions that it was not fitted to"
         if share is not None and not share >= HOLDS:  # nor is what is no number a law
             return "none closes the gap on repetitions that it was not fitted to"
-        left, floor = self.sizes.held_out_after, self.sizes.held_out_noise_floor
-        if left is not None and floor is not None and not left <= LEAVES * floor:
+        if not left <= LEAVES * floor:
             return "none describes repetitions that it was not fitted to"
         before, after = self.sizes.condition_before, self.sizes.condition_after
         if before is None or after is None:
             return ""
-        gapes = _closes(before, after, self.sizes.condition_noise_floor) is not None
+        seen = _closes(before, after, self.sizes.condition_noise_floor) is not None
         if not after <= (1 + WORSE) * before:
             return f"none that closes it elsewhere does without widening it in {self.sizes.condition}, held out whole"
-        if gapes and not before - after > WORSE * before:
+        if seen and not before - after > WORSE * before:
             return f"none that closes it elsewhere closes any of it in {self.sizes.condition}, held out whole"
         return ""
 
@@ -96,16 +100,13 @@ def _closes(before: float | None, after: float | None, floor: float | None) -> f
     return closed(before, after, floor)
 
 
-def find_formula(
-    bench: Regioned, lab: TrackedLab, naming: Naming, fixed: Sequence[Candidate], progress: Progress
-) -> Formula | None:
+def find_formula(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress) -> Formula | None:
     """The formula that gains most on the baseline, of the fewest terms that do; None where none is significant.
 
-    Its terms and shapes are chosen on the repetitions that it is not held against afterwards.  `fixed` are the terms
-    of a fixed form that the verdict was held to; more are asked here.
+    Its terms and shapes are chosen on the repetitions that it is not held against afterwards.
     """
     ground = _ground(bench, lab, naming)
-    chosen = _chosen(ground, fixed, progress)
+    chosen = _chosen(ground, progress)
     if chosen is None:
         return None
     whole = _on_all(bench, naming, ground, chosen)
@@ -123,23 +124,20 @@ class _Ground:
 
 def _ground(bench: Regioned, lab: TrackedLab, naming: Naming) -> _Ground:
     """All that no formula is held against: neither a condition's last repetition nor the condition held out whole."""
-    apart = held_out(bench, lab)
+    apart = runs_held_out(bench, lab)
     runs = [run for run in range(len(bench.spans)) if run not in apart]
     if not apart or not runs:
         return _Ground(bench, range(len(bench.spans)), naming)
     seen = subset(bench, runs)
-    return _Ground(seen, runs, replace(naming, base=fit(seen, near=cut(naming.base, runs), most=20, rounds=2)))
+    base = fit(seen, near=cut(naming.base, runs), most=20, rounds=2)
+    return _Ground(seen, runs, replace(naming, base=base, location=locate(seen, base)))
 
 
-def _chosen(ground: _Ground, fixed: Sequence[Candidate], progress: Progress) -> Candidate | None:
+def _chosen(ground: _Ground, progress: Progress) -> Candidate | None:
     """The formula of one term, or of two where one leaves too much; None where none is significant."""
     bench, naming = ground.bench, ground.naming
     rig = bench.lab.rig  # type: ignore[attr-defined]
-    plain = [
-        candidate(naming, one.terms, fit(bench, one.terms, near=cut(one.fitted, ground.runs), most=15, rounds=1))
-        for one in fixed
-    ]
-    plain += fixed_forms(bench, naming, progress, beside(rig))
+    plain = fixed_forms(bench, naming, progress, (*nameless(rig), *beside(rig)))
     progress("shapes of formulas", 0, 1)
     first = _better(plain, _shaped(bench, naming, naming.base))
     if first is None or first.gain < FORM:
@@ -155,11 +153,10 @@ def _with_second(ground: _Ground, first: Candidate) -> Candidate | None:
     bench, naming = ground.bench, ground.naming
     rig = bench.lab.rig  # type: ignore[attr-defined]
     more = [term for term in (*nameless(rig), *beside(rig)) if term.name not in first.names]
-    likely = sorted(screen(bench, first.fitted, more), key=lambda one: one.deviance)[:LEADING]
-    grown = [
-        candidate(naming, one.terms, fit(bench, one.terms, near=first.fitted, most=15, rounds=2)) for one in likely
-    ]
-    return _better(grown, _shaped(bench, naming, first.fitted))
+    likely = sorted(_glanced(bench, first.fitted, more), key=lambda one: one.deviance)[:LEADING]
+    fits = [_attempt(bench, one.terms, near=first.fitted, most=15, rounds=2) for one in likely]
+    grown = [candidate(naming, one.terms, one, first.cost) for one in fits if one is not None]
+    return _better(grown, _shaped(bench, naming, first.fitted, first.cost))
 
 
 def _on_all(bench: Regioned, naming: Naming, ground: _Ground, chosen: Candidate) -> Candidate:
@@ -173,11 +170,31 @@ def _on_all(bench: Regioned, naming: Naming, ground: _Ground, chosen: Candidate)
     local[list(ground.runs)] = chosen.fitted.local
     near = replace(naming.base, local=local, scatter=chosen.fitted.scatter)
     fitted = fit(bench, chosen.terms, near=near, beside=known, most=25)
-    return candidate(naming, chosen.terms, fitted)
+    return candidate(naming, chosen.terms, fitted, chosen.cost)
+
+
+def _attempt(bench: Regioned, terms: tuple[Effect, ...], **how: Any) -> Fit | None:
+    """The fit of a formula; None where its equations have no solution for these tracks."""
+    try:
+        fitted = fit(bench, terms, **how)
+    except (np.linalg.LinAlgError, ArithmeticError):
+        return None
+    return fitted if math.isfinite(fitted.deviance) else None
+
+
+def _glanced(bench: Regioned, near: Fit, terms: Sequence[Effect]) -> list[Fit]:
+    """What each term promises on top of a fit, by one Newton step; those that have none are left out."""
+    try:
+        found = screen(bench, near, terms)
+    except (np.linalg.LinAlgError, ArithmeticError):
+        if len(terms) <= 1:
+            return []
+        return [fitted for term in terms for fitted in _glanced(bench, near, (term,))]  # one of them spoils it for all
+    return [fitted for fitted in found if math.isfinite(fitted.deviance)]
 
 
 def fixed_forms(bench: Regioned, naming: Naming, progress: Progress, terms: Sequence[Effect]) -> list[Candidate]:
-    """Nameless terms of a fixed form, each alone on the baseline: those that promise most, of all data.
+    """Nameless terms of a fixed form, each alone on the baseline: those that promise most.
 
     Where the baseline is far off, part of the data tells which these are; near the noise, one Newton step does.
     """
@@ -185,26 +202,30 @@ def fixed_forms(bench: Regioned, naming: Naming, progress: Progress, terms: Sequ
     if base.per_row > ROUGH:
         near, chosen = coarse(bench)
         start = cut(base, chosen)
-        seen = [fit(near, (term,), near=start, most=20, rounds=1) for term in terms]
+        attempts = [_attempt(near, (term,), near=start, most=20, rounds=1) for term in terms]
+        seen = [one for one in attempts if one is not None]
     else:
-        seen = screen(bench, base, terms)
-    promising = sorted(zip(seen, terms, strict=True), key=lambda one: one[0].deviance)[:LIKELY]
+        seen = _glanced(bench, base, terms)
+    promising = sorted(seen, key=lambda one: one.deviance)[:LIKELY]
     found = []
-    for number, (glanced, term) in enumerate(promising):
+    for number, glanced in enumerate(promising):
         progress("formulas", number, len(promising))
-        value = {u.name: glanced.value(u.name) for u in glanced.of(term.name)}
-        fitted = fit(bench, (term,), near=base, beside=value, most=15, rounds=2)
-        if not fitted.converged:  # a formula that is still on its way cannot be held against the listed effects
-            fitted = fit(bench, (term,), near=fitted, most=40, rounds=2)
-        found.append(candidate(naming, (term,), fitted))
+        value = {u.name: glanced.value(u.name) for u in glanced.of(glanced.terms[0].name)}
+        fitted = _attempt(bench, glanced.terms, near=base, beside=value, most=15, rounds=2)
+        if fitted is not None and not fitted.converged:
+            # a formula that is still on its way cannot be held against the listed effects
+            fitted = _attempt(bench, glanced.terms, near=fitted, most=40, rounds=2)
+        if fitted is not None:
+            found.append(candidate(naming, glanced.terms, fitted))
     return found
 
 
 def candidate(naming: Naming, terms: tuple[Effect, ...], fitted: Fit, cost: float = 0.0) -> Candidate:
-    """A formula's fit, and its gain less what its shape costs; refused where one of its terms cannot be."""
+    """A formula's fit, and its gain less what its shapes cost; refused where one of its terms cannot be."""
     spread = spread_of(naming.base, naming.location)
     reason = next((why for term in terms if (why := _amiss(fitted, term))), "")
-    return Candidate(terms, fitted, (naming.base.deviance - fitted.deviance) / spread - cost, reason)
+    gain = (naming.base.deviance - fitted.deviance) / spread - cost
+    return Candidate(terms, fitted, gain, reason, cost=cost)
 
 
 def _amiss(fitted: Fit, term: Effect) -> str:
@@ -251,8 +272,11 @@ def _whole(bench: Regioned, naming: Naming, one: Candidate) -> bool:
     return share is None or share >= WHOLE
 
 
-def _shaped(bench: Regioned, naming: Naming, near: Fit) -> list[Candidate]:
-    """Terms of free shape on top of a fit; those that promise most are fitted."""
+def _shaped(bench: Regioned, naming: Naming, near: Fit, cost: float = 0.0) -> list[Candidate]:
+    """Terms of free shape on top of a fit, whose own shapes cost something already; those that promise most are fitted.
+
+    Part of the data tells which these are.
+    """
     rig = bench.lab.rig  # type: ignore[attr-defined]
     extent = _extent(bench, near)
     kinds = [
@@ -262,32 +286,46 @@ def _shaped(bench: Regioned, naming: Naming, near: Fit) -> list[Candidate]:
         and (one.effect.drive is None or getattr(bench, "drivable", False))
     ]
     part, chosen = coarse(bench)
-    start = cut(near, chosen)
-    glances = sorted((_glance(part, start, one) for one in kinds), key=lambda glance: -glance[0])
+    plain = _attempt(part, near.terms, near=cut(near, chosen), most=20, rounds=1)
+    if plain is None or not kinds:
+        return []
+    glances = sorted((_glance(part, plain, one) for one in kinds), key=lambda glance: -glance[0])
     rough = []
     for promised, shape, begin in glances[:LEADING]:
         if promised < PROMISING * glances[0][0] or promised <= 0:
             continue
-        try:
-            fitted = fit(part, (*near.terms, shape.effect), near=start, beside=begin, most=20, rounds=1)
-        except (np.linalg.LinAlgError, ArithmeticError):  # a shape that these tracks cannot have
-            continue
-        rough.append((start.deviance - fitted.deviance - shape.cost, shape, fitted))
+        fitted = _attempt(part, (*near.terms, shape.effect), near=plain, beside=begin, most=20, rounds=1)
+        if fitted is not None:
+            rough.append((shape, fitted))
     found = []
-    most = max((gain for gain, _, _ in rough), default=0.0)
-    for gain, shape, fitted in rough:
-        if gain <= 0 or gain < CLOSE * most:  # part of the data has told it apart from the best
-            continue
+    spread = spread_of(naming.base, naming.location)
+    for shape, fitted in _worth_all(rough, plain, len(near.residual) / len(plain.residual), spread):
         terms = fitted.terms
         known = {u.name: float(v) for u, v in zip(fitted.unknowns, fitted.values, strict=True)}
-        try:
-            whole = fit(bench, terms, near=near, beside=known, most=8, rounds=1)
-            if whole.deviance > near.deviance:  # lost from the starts of the fit before: guessed anew
-                whole = fit(bench, terms, near=near, start=known, most=20, rounds=1)
-        except (np.linalg.LinAlgError, ArithmeticError):
-            continue
-        found.append(candidate(naming, terms, whole, shape.cost))
+        whole = _attempt(bench, terms, near=near, beside=known, most=8, rounds=1)
+        if whole is not None and whole.deviance > near.deviance:  # lost from the starts of the fit before: guessed anew
+            whole = _attempt(bench, terms, near=near, start=known, most=20, rounds=1)
+        if whole is not None:
+            found.append(candidate(naming, terms, whole, cost + shape.cost))
     return found
+
+
+def _worth_all(rough: Sequence[tuple[Shape, Fit]], plain: Fit, rows: float, spread: float) -> list[tuple[Shape, Fit]]:
+    """The shapes whose fits to part of the data say that they are worth a fit to all, which have `rows` times as many.
+
+    `plain` is the fit to that part without them.  Left out is what would not gain its cost, and what the part has told
+    apart from the best: by so much that, in units of what the best leaves, it is no chance.
+    """
+    if not rough:
+        return []
+    least = min((fitted for _, fitted in rough), key=lambda fitted: fitted.deviance)
+    unit = max(spread, least.per_row)
+    return [
+        (shape, fitted)
+        for shape, fitted in rough
+        if rows * (plain.deviance - fitted.deviance) / spread > shape.cost
+        and fitted.deviance - least.deviance <= FORM * unit
+    ]
 
 
 def _glance(part: Regioned, start: Fit, shape: Shape) -> tuple[float, Shape, dict[str, float]]:
@@ -295,12 +333,11 @@ def _glance(part: Regioned, start: Fit, shape: Shape) -> tuple[float, Shape, dic
     best, values = -math.inf, dict[str, float]()
     at_once = AT_ONCE if shape.effect.edges is None else AT_ONCE_EDGED
     for first in range(0, len(shape.grid), at_once):
-        numbers = range(first, min(first + at_once, len(shape.grid)))
-        terms = [shape.frozen(number) for number in numbers]
-        for number, term, seen in zip(numbers, terms, screen(part, start, terms), strict=True):
-            gain = start.deviance - seen.deviance
-            if math.isfinite(gain) and gain > best:
-                name = shape.effect.name
+        terms = [shape.frozen(number) for number in range(first, min(first + at_once, len(shape.grid)))]
+        for seen in _glanced(part, start, terms):
+            gain, term = start.deviance - seen.deviance, seen.terms[-1]
+            if gain > best:
+                name, number = shape.effect.name, first + terms.index(term)
                 best = gain
                 values = {f"{name}.{one}": seen.value(f"{term.name}.{one}") for one in shape.linear}
                 values |= {f"{name}.{one}": v for one, v in zip(shape.shaping, shape.grid[number], strict=True)}

@@ -149,7 +149,7 @@ def _held_out(bench: Regioned, runs: Sequence[int], base: Fit, best: Fit) -> tup
     return sizes[1], sizes[0], floor, deviances[1] - deviances[0]
 
 
-def held_out(bench: Regioned, lab: TrackedLab) -> set[int]:
+def runs_held_out(bench: Regioned, lab: TrackedLab) -> set[int]:
     """Numbers of the repetitions that a model is held against without having been fitted to them."""
     one = _extreme_condition(lab)
     return {*_last_repetitions(lab), *([] if one is None else np.flatnonzero(bench.condition == one).tolist())}
