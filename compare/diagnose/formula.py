@@ -62,12 +62,12 @@ class Formula:
         seen in the mean over all rows must show in the deviance, and not widen.
         """
         share, gain = self.share, self.sizes.held_out_gain
-        gapes, left, floor = self.sizes.held_out_before, self.sizes.held_out_after, self.sizes.held_out_noise_floor
-        if gapes is None or left is None or floor is None:
+        first, left, floor = self.sizes.held_out_before, self.sizes.held_out_after, self.sizes.held_out_noise_floor
+        if first is None or left is None or floor is None:
             return "none can be held against repetitions that it was not fitted to, for no condition has two"
         if share is None and not (gain is not None and gain >= ALARM):
             return "none can be held against repetitions that it was not fitted to, for there is no gap in such"
-        if share is None and not left <= (1 + WORSE) * gapes:
+        if share is None and not left <= (1 + WORSE) * first:
             return "none does without widening the gap on repetitions that it was not fitted to"
         if share is not None and not share >= HOLDS:  # nor is what is no number a law
             return "none closes the gap on repetitions that it was not fitted to"
@@ -130,7 +130,9 @@ def _ground(bench: Regioned, lab: TrackedLab, naming: Naming) -> _Ground:
         return _Ground(bench, range(len(bench.spans)), naming)
     seen = subset(bench, runs)
     base = fit(seen, near=cut(naming.base, runs), most=20, rounds=2)
-    return _Ground(seen, runs, replace(naming, base=base, location=locate(seen, base)))
+    # two repetitions do not tell how they scatter beyond the noise: gains are then counted in the scatter of all
+    location = locate(seen, base) if np.bincount(seen.condition).max() > 2 else naming.location
+    return _Ground(seen, runs, replace(naming, base=base, location=location))
 
 
 def _chosen(ground: _Ground, progress: Progress) -> Candidate | None:
