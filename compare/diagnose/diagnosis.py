@@ -13,6 +13,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from rigtwin.compare.diagnose.axes import check_axes
 from rigtwin.compare.diagnose.candidate import Candidate, refused
 from rigtwin.compare.diagnose.design import CLEAR, REPETITIONS, Design, designs
@@ -159,7 +161,7 @@ def diagnose(
         if verdict.verdict == "unlisted":
             verdict, sizes = _with_formula(verdict, progress)
         told = _shown(bench, lab, verdict, sizes)
-    except (ValueError, ArithmeticError) as error:  # a LinAlgError is a ValueError
+    except (np.linalg.LinAlgError, ArithmeticError) as error:  # any other ValueError is a fault of ours
         raise BadInput(
             f"{lab.folder}: the model of a {lab.rig} cannot be fitted to these tracks ({error}); check that time_s is "
             "in seconds, x_m and y_m in metres, and the lab's sizes, masses and settings, and leave out repetitions "

@@ -1,12 +1,13 @@
 """Bending waves in a thin plate carry energy away: larger loss for larger, denser and faster beads."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 from rigtwin.sim.effects.effect import Effect, Parameter
 
 SOLID = 4.1887902047863905  # 4 pi / 3
-PER_WAVE = 1.147304  # pi^(3/5) / sqrt(3)
+PER_WAVE = math.pi**0.6 / math.sqrt(3)
 PER_LOSS = 1.72  # -ln e of an inelasticity of one, from Zener's equation
 SIZE, DENSITY = 0.003, 1000.0  # [m], [kg/m^3], of the bead that `plate` speaks of
 
