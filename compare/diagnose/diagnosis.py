@@ -295,7 +295,7 @@ def _with_formula(verdict: Diagnosis, progress: Progress) -> tuple[Diagnosis, Ga
     assert naming is not None
     try:
         found = find_formula(verdict.bench, verdict.lab, naming, progress)
-    except (ValueError, ArithmeticError) as error:  # a LinAlgError is a ValueError
+    except (np.linalg.LinAlgError, ArithmeticError) as error:
         return replace(verdict, reason=f"{verdict.reason}; no formula could be fitted to these tracks ({error})"), None
     if found is None or not found.holds:
         return replace(verdict, reason=f"{verdict.reason}; {_no_law(found)}"), None
