@@ -8,7 +8,7 @@ import pytest
 from rigtwin.compare.diagnose import naming
 from rigtwin.compare.diagnose.candidate import Candidate
 from rigtwin.compare.diagnose.leeway import bends, gained_beside
-from rigtwin.compare.diagnose.naming import _plainest, _Search
+from rigtwin.compare.diagnose.naming import ALARM, _plainest, _Search, spared
 from rigtwin.sim.effects import library, named
 
 FITTED = SimpleNamespace(value=lambda name: 0.4)
@@ -91,3 +91,32 @@ def test_a_candidate_whose_equations_have_no_solution_is_left_out_and_told():
     search._attempt((named("air_drag"), named("plate_tilt")), singular)
     assert search.done == {}
     assert list(search.broken) == ["air drag and non-level plate"]
+
+
+@pytest.mark.parametrize(
+    ("repetitions", "scatter", "lever"),
+    [(2, 0.1, False), (3, 0.1, False), (2, 0.15, False), (15, 0.03, False), (15, 0.03, True)],
+)
+def test_frictions_of_three_sizes_are_tied_where_the_data_say_so_and_not_where_they_say_little(
+    repetitions, scatter, lever
+):
+    """Equal ones are no lever arm, however few and scattered the repetitions; those that go with 1/d are one."""
+    rng = np.random.default_rng(3)
+    sizes, draws, found = np.array([1.0, 1.25, 1.5]), 200, 0
+    for _ in range(draws):
+        seen = rng.normal(0.0 if not lever else -np.log(sizes)[:, None], scatter, (3, repetitions))
+        doubt = np.full(3, max(float(np.var(seen, axis=1).mean()), 1e-6) / repetitions)
+        tied = seen.mean(axis=1) + np.log(sizes)
+        lost = float(np.sum((tied - np.average(tied, weights=1 / doubt)) ** 2 / doubt))
+        base = SimpleNamespace(index=int, covariance=np.diag(doubt), values=np.ones(3))
+        found += spared(base, ("0", "1", "2")) - lost > ALARM
+    assert found >= 0.85 * draws if lever else found <= 0.01 * draws
+
+
+def test_frictions_that_share_their_doubt_are_worth_tying():
+    """An incline that is not quite as stated moves all of them alike: what is known of their ratios counts."""
+    apart, shared = 1e-4 * np.eye(3), 0.01 * np.ones((3, 3))
+    alone = SimpleNamespace(index=int, covariance=apart + 0.01 * np.eye(3), values=np.ones(3))
+    alike = SimpleNamespace(index=int, covariance=apart + shared, values=np.ones(3))
+    assert spared(alike, ("0", "1", "2")) > spared(alone, ("0", "1", "2")) + 10
+    assert spared(alone, ()) == 0.0

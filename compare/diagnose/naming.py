@@ -33,9 +33,8 @@ MOST_ROUNDS = 6  # of growing a set, whatever is still gained
 KEEN = 5  # candidates beside a root that are fitted where the disagreement is large
 LEADING = 4  # candidates of each size that are fitted to the end on all data
 NOTABLE = 1.0  # deviance: less is rounding of the fits
-SPARED = 12.0
-"""Deviance, 2 ln(1/0.0025): a coefficient of which no more was known than its power of ten falls to within half a
-percent where it was foretold."""
+DECADES = 3.0
+"""Powers of ten, any alike, in which a coefficient lies that only the data tell: rolling friction from 1e-4 to 0.1."""
 GLANCE = 6.0  # a candidate whose first step promises less than this is not fitted to the end
 ASTRAY = 0.5  # of the baseline's deviance: what it comes to from a candidate's place, where it had lost its way
 FURTHER = 2  # times that the fit of a leading candidate goes on where it has not converged
@@ -232,7 +231,7 @@ class _Search:
     def _spared(self, fitted: Fit) -> float:
         """What it is worth to make do without unknowns of the baseline."""
         tied = getattr(self.bench, "tied", None)
-        return SPARED * tied(fitted.terms) if tied is not None else 0.0
+        return spared(self.base, tied(fitted.terms)) if tied is not None else 0.0
 
     def earned(self, fewer: Candidate, more: Candidate) -> bool:
         """Whether what `more` has beyond `fewer` gains what it must, or enough whatever the law of `fewer`."""
@@ -346,6 +345,27 @@ def _plainest(search: _Search, chosen: Candidate) -> tuple[Candidate, tuple[Cand
 
 def _specials(candidate: Candidate) -> int:
     return sum(term.special for term in candidate.terms)
+
+
+def spared(base: Fit, names: Sequence[str]) -> float:
+    """Deviance that one coefficient is worth in the place of these, by Laplace's evidence.
+
+    Each could have lain anywhere in its range and is known to its doubt, which they share in part (an incline that is
+    not quite as stated); the one in their place is known as well as all of them together.  Data that say little of each
+    are no reason to tie them.
+    """
+    if not names:
+        return 0.0
+    at = [base.index(name) for name in names]
+    doubts = base.covariance[np.ix_(at, at)] / np.outer(base.values[at], base.values[at])  # of the logarithms
+    sign, volume = np.linalg.slogdet(doubts)
+    if sign <= 0:
+        return 0.0
+    together = float(np.linalg.solve(doubts, np.ones(len(at))).sum())  # one over the variance of the one in their place
+    if not together > 0:
+        return 0.0
+    wide = math.log(DECADES * math.log(10) / math.sqrt(2 * math.pi))
+    return max(2 * (len(at) - 1) * wide - float(volume) - math.log(together), 0.0)
 
 
 def spread_of(base: Fit, location: Location) -> float:

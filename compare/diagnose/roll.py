@@ -154,9 +154,10 @@ class RollBench(Runs):
                 law = term.rolling(law, 0.0, radii, *own)
         return Moved(x, y, side * speed[0] * c[0], -speed[0] * s[0], (frictions - law)[..., None])
 
-    def tied(self, terms: Sequence[Effect]) -> int:
-        """How many coefficients of the baseline these terms make do without."""
-        return len(self.pairs) - 1 if any(term.name == LEVER for term in terms) else 0
+    def tied(self, terms: Sequence[Effect]) -> list[str]:
+        """Coefficients of the baseline in whose place one of these terms has a single one."""
+        levers = any(term.name == LEVER for term in terms)
+        return [f"rolling_friction.{pair}" for pair in self.pairs] if levers else []
 
     def quiet(self, name: str, terms: Sequence[Effect]) -> bool:
         """The friction of each repetition is an unknown of its own: that of the pair changes no motion."""
