@@ -17,7 +17,7 @@ from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
-from labs_benches import DIAMETER_DOUBT, WALLS, Bench, Change, Run, set_up
+from labs_benches import DIAMETER_DOUBT, Bench, Change, Run, plate, set_up
 from labs_camera import Camera, film, ordinary
 from labs_effects import ALL, CONFOUNDED, LISTED, PAIRS, STRENGTHS, UNLISTED, Effect
 from labs_motion import GRAVITY, World
@@ -125,6 +125,8 @@ def write(
         samples += _write_run(further, lab, camera, world, rng)
         new = () if further.bead in bench.beads else (further.bead,)
         bench = replace(bench, runs=(*bench.runs, further), beads=(*bench.beads, *new))
+        if (wall := further.stated.get("wall")) not in (None, *bench.walls):
+            bench = replace(bench, walls=(*bench.walls, wall))
     (lab / "lab.json").write_text(json.dumps(_stated(name, bench, camera), indent=1) + "\n")
     truth = _truth(name, case, bench, camera, world, parameters) | {"samples": samples, "seed": list(seed)}
     (folder / "truth").mkdir(exist_ok=True)
@@ -154,7 +156,7 @@ def _further(bench: Bench, design: Mapping[str, Any]) -> Run:
             material = "steel" if density > 5000 else "expanded polystyrene"
         diameter = bead.diameter * change["size"]
         bead = replace(bead, name=f"{bead.name}_other", density=density, diameter=diameter, material=material)
-    return like.again(bead, Change(change["release"], change["state"], change["longer"]))
+    return like.again(bead, Change(change["release"], change["state"], change["longer"], change.get("thickness", 1.0)))
 
 
 def _write_track(file: FilePath, stamped: Any, bodies: Sequence[Any], kept: Any) -> int:
@@ -207,9 +209,10 @@ def _stated(name: str, bench: Bench, camera: Camera) -> dict[str, Any]:
 
 
 def _wall(name: str) -> dict[str, float]:
-    density, modulus, poisson, thickness, _friction = WALLS[name]
+    made = plate(name)
     return {
-        "density_kg_m3": density, "youngs_modulus_Pa": modulus, "poissons_ratio": poisson, "thickness_m": thickness
+        "density_kg_m3": made.density, "youngs_modulus_Pa": made.youngs_modulus, "poissons_ratio": made.poisson_ratio,
+        "thickness_m": made.thickness,
     }  # fmt: skip
 
 

@@ -63,6 +63,7 @@ class Change:
     release: float | None = None  # height [m] or angle [rad]
     state: Mapping[str, float] = field(default_factory=dict)
     longer: float = 1.0
+    thickness: float = 1.0  # times that of the plate
 
 
 SAME = Change()
@@ -111,6 +112,13 @@ def _pick(rng: np.random.Generator, wanted: Sequence[str], count: int) -> tuple[
     return tuple(BEADS[str(name)] for name in names)
 
 
+def plate(wall: str) -> Plate:
+    """A wall by its name; "glass x0.5" is half as thick."""
+    name, _, times = wall.partition(" x")
+    density, modulus, poisson, thickness, _friction = WALLS[name]
+    return Plate(density, modulus, poisson, thickness * float(times or 1))
+
+
 def _real(bead: Bead, rng: np.random.Generator) -> Bead:
     """The bead as it is: its diameter a little off, its mass as weighed."""
     diameter = bead.diameter + float(np.clip(rng.normal(0, DIAMETER_DOUBT / 2), -DIAMETER_DOUBT, DIAMETER_DOUBT))
@@ -140,13 +148,19 @@ def _drop(world: World, rng: np.random.Generator, wanted: Sequence[str]) -> Benc
 
     def condition(bead: Bead, real: Bead, wall: str, height: float, shift: float) -> Run:
         def move(r: np.random.Generator) -> Path:
-            return drop(real, wall, Plate(*WALLS[wall][:4]), height + shift + r.normal(0, 2e-4), world, r)
+            return drop(real, wall, plate(wall), height + shift + r.normal(0, 2e-4), world, r)
 
         def again(other: Bead, change: Change) -> Run:
             _meet(world, other, wall, rng)
             there = height if change.release is None else change.release
             body = real if other == bead else _real(other, rng)
-            return condition(other, body, wall, there, _off(rng, HEIGHT_DOUBT))
+            struck = wall
+            if change.thickness != 1:
+                struck = f"{wall} x{change.thickness:g}"
+                world.sliding[struck] = world.sliding[wall]
+                # a block of the same material
+                world.restitution[f"{other.name}/{struck}"] = world.restitution[f"{other.name}/{wall}"]
+            return condition(other, body, struck, there, _off(rng, HEIGHT_DOUBT))
 
         stated = {
             "name": f"{bead.name}_{wall}_h{round(height * 1000):04d}", "bead": bead.name, "wall": wall,

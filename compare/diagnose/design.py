@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from rigtwin.compare.diagnose.fit import Fit
+from rigtwin.compare.diagnose.labs import TrackedLab
 from rigtwin.compare.diagnose.linear import linear_at
 from rigtwin.compare.diagnose.locate import Regioned
 from rigtwin.compare.diagnose.slopes import slopes
@@ -47,12 +48,19 @@ class Setting:
     release: float | None = None
     """The height [m] or the angle [rad] of the release."""
     longer: float = 1.0
+    thickness: float = 1.0
+    """Times that of the plate, which is of the same material."""
+
+    @property
+    def elsewhere(self) -> bool:
+        """Whether another ball meets the plate, or the ball another plate."""
+        return self.density != 1.0 or self.size != 1.0 or self.thickness != 1.0
 
     @property
     def change(self) -> dict[str, Any]:
         """What differs from the condition that it starts from, by the names above."""
         everything = asdict(self)
-        return {name: everything[name] for name in ("density", "size", "state", "release", "longer")}
+        return {name: everything[name] for name in ("density", "size", "state", "release", "longer", "thickness")}
 
 
 @dataclass(frozen=True)
@@ -133,7 +141,7 @@ def settings(bench: Regioned) -> list[Setting]:
     rig = whole.lab.rig
     if rig == "drop":
         heights = (0.02, 0.05, 0.15, 0.5, 1.0, 2.0)
-        return [*(Setting(f"drops from {1000 * h:.0f} mm", release=h) for h in heights), *common]
+        return [*(Setting(f"drops from {1000 * h:.0f} mm", release=h) for h in heights), *common, *_plates(bench)]
     if rig in ("pendulum", "double"):
         angles = [Setting(f"release from {a} degrees", release=math.radians(a)) for a in (5, 10, 20, 45, 75)]
         long = [Setting("a record four times as long", longer=4.0)] if not hasattr(bench, "impacts") else []
@@ -161,13 +169,32 @@ def settings(bench: Regioned) -> list[Setting]:
     return [*waits, *rates, *weights]
 
 
+def _plates(bench: Regioned) -> list[Setting]:
+    """Other plates, where the lab says how thick its own is."""
+    whole: Any = bench
+    thick = _thickness(whole.lab, whole.conditions[_like(bench)].wall)
+    return [
+        Setting(f"a plate of the same material, {1000 * times * thick:.3g} mm thick", thickness=times)
+        for times in (0.5, 2.0, 4.0)
+        if thick is not None
+    ]
+
+
+def _thickness(lab: TrackedLab, wall: str) -> float | None:
+    """[m], of a wall; None where the lab does not state it."""
+    walls = lab.stated.get("walls")
+    stated = walls.get(wall) if isinstance(walls, Mapping) else None
+    thick = stated.get("thickness_m") if isinstance(stated, Mapping) else None
+    return float(thick) if isinstance(thick, (int, float)) and thick > 0 else None
+
+
 def separation(bench: Regioned, setting: Setting, one: Fit, other: Fit) -> float:
     """How many standard deviations the data of `one` would be from the best that `other` can do."""
     try:
         place, values = laid_out(bench, setting, one)
         truth = lawful(place, one, values)
         place.rows = slopes(place, one.unknowns, one.terms, truth, values).position
-        return _left_over(place, other, truth, anew=setting.density != 1.0 or setting.size != 1.0)
+        return _left_over(place, other, truth, anew=setting.elsewhere)
     except (np.linalg.LinAlgError, ValueError, FloatingPointError):
         return math.nan
 
@@ -184,6 +211,8 @@ def laid_out(bench: Regioned, setting: Setting, fitted: Fit) -> tuple[Any, Array
     place: Any = copy.copy(subset(bench, [_like(bench)]))
     place.radius = place.radius * setting.size
     place.mass = place.mass * setting.density * setting.size**3
+    if setting.thickness != 1.0:
+        place.lab = _with_plate(whole.lab, place.conditions[0].wall, setting.thickness)
     for name, value in setting.state.items():
         setattr(place, name, np.full(1, value))
     place.local_prior = place.local_prior.copy()
@@ -210,6 +239,13 @@ def laid_out(bench: Regioned, setting: Setting, fitted: Fit) -> tuple[Any, Array
     if hasattr(whole, "body"):
         place.body = np.tile(np.arange(bodies), len(grid))
     return place, fitted.values.copy()
+
+
+def _with_plate(lab: TrackedLab, wall: str, times: float) -> TrackedLab:
+    """The lab with that wall so many times as thick."""
+    walls = dict(lab.stated["walls"])
+    walls[wall] = {**walls[wall], "thickness_m": times * walls[wall]["thickness_m"]}
+    return replace(lab, stated={**lab.stated, "walls": walls})
 
 
 def _duration(place: Any, setting: Setting, rig: str) -> float:
@@ -244,7 +280,7 @@ def lawful(place: Any, fitted: Fit, values: Array) -> Array:
 def _left_over(place: Any, other: Fit, start: Array, *, anew: bool) -> float:
     """The other model fitted to the data in `place`, from what the present data say of it."""
     known = other.values
-    # of another bead neither restitution nor friction is known beforehand
+    # of another bead or plate neither restitution nor friction is known beforehand
     loose = [anew and u.name.startswith(OF_MATERIAL) for u in other.unknowns]
     covariance = other.covariance + np.diag(np.array(loose, dtype=float))
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
