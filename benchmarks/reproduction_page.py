@@ -1,18 +1,20 @@
-"""The tables, studies and pictures of docs/reproduction.md anew from the finished runs in docs/reproduction/runs.
+"""The tables, studies and pictures of docs/reproduction.md anew from the finished runs of a folder.
 
-    python benchmarks/reproduction_page.py [--from out/reproduce/hlosta2020]
+    python benchmarks/reproduction_page.py out/reproduce/hlosta2020
 
-What these runs give takes the place of everything from the first table on; what stands before it is written by hand,
-and the figures that it quotes are printed.  With `--from` that folder's finished runs are taken over first.
+Cells that these runs give take the place of those in docs/reproduction_cells.csv; the others there stay.  The page is
+written anew from its first table on; what stands before is written by hand, and the figures that it quotes are printed.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import json
-import shutil
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from rigtwin.compare import results
 from rigtwin.compare.figures import study_figure
@@ -23,11 +25,41 @@ from rigtwin.compare.runs import Done
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 FIRST = "\n## Table "  # what is written anew begins here
-HEIGHTS = {"tops": "bead_tops_height_mm", "mean surface": "surface_height_mm"}
 JUDGED = (7, 14, 15, 16)  # tables with an experiment
 
 
-def kept(runs: Path) -> Reproduction:
+Row = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Page(Reproduction):
+    """Cells with what was run before, where no run is there now."""
+
+    before: Mapping[tuple[int, str, str], Row] = field(default_factory=dict)
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        return [dict(row if row["ours"] is not None else self.before.get(_place(row), row)) for row in super().rows]
+
+
+def _place(row: Row) -> tuple[int, str, str]:
+    return int(row["table"]), str(row["row"]), str(row["quantity"])
+
+
+def run_before(cells: Path) -> dict[tuple[int, str, str], Row]:
+    """The rows of a table of cells."""
+    with cells.open(encoding="utf-8", newline="") as lines:
+        rows = [
+            {
+                name: text if name in ("row", "quantity", "unit") else float(text) if text else None
+                for name, text in row.items()
+            }
+            for row in csv.DictReader(lines)
+        ]
+    return {_place(row): {**row, "table": int(row["table"]), "runs": int(row["runs"])} for row in rows}
+
+
+def kept(runs: Path, before: Mapping[tuple[int, str, str], Row]) -> Page:
     """The paper's cells and studies with the finished runs of a folder, whichever version of rigtwin made them."""
     found = {}
     for file in sorted(runs.glob("*.json")):
@@ -37,7 +69,7 @@ def kept(runs: Path) -> Reproduction:
     piles, shown = studies(None, seed=1)
     asked = {run.name: _key(run.function, run.settings) for run in (*wanted.runs, *piles)}
     done = Done({name: found[key] for name, key in asked.items() if key in found}, {})
-    return Reproduction(wanted.cells, done, runs.parent, tuple(shown))
+    return Page(wanted.cells, done, runs.parent, tuple(shown), before=before)
 
 
 def written(text: str, reproduction: Reproduction) -> str:
@@ -64,19 +96,7 @@ def summary(reproduction: Reproduction) -> str:
             f"within a standard deviation of the {len(with_std)} experiments that have one: ours {inside['ours']}, "
             f"paper's DEM {inside['paper_dem']}",
             f"within 10 % of the paper's DEM: {near}",
-            *(f"swept beds by {name}: {_patterns(reproduction, key)}" for name, key in HEIGHTS.items()),
         )
-    )
-
-
-def _patterns(reproduction: Reproduction, key: str) -> str:
-    """How alike tables 4 to 6 are to the paper's where a bed's height is read so."""
-    cells = tuple(replace(cell, key=key) for cell in reproduction.cells if cell.off is not None)
-    return ", ".join(
-        f"table {score['table']} rank correlation {score['rank_correlation']:.2f}, "
-        f"mean distance {score['mean_difference']:.1f} points ({score['done']} of {score['cells']})"
-        for score in replace(reproduction, cells=cells).scores
-        if score["rank_correlation"] is not None
     )
 
 
@@ -86,17 +106,15 @@ def _key(function: str, settings: object) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("--from", dest="folder", type=Path, help="take over the finished runs of this folder first")
+    parser.add_argument("folder", type=Path, help="where `rigtwin reproduce` keeps its runs")
     given = parser.parse_args()
-    runs = DOCS / "reproduction" / "runs"
-    runs.mkdir(parents=True, exist_ok=True)
-    if given.folder is not None:
-        for file in (given.folder / "runs").glob("*.json"):
-            shutil.copy(file, runs)
-    reproduction = kept(runs)
-    text = (DOCS / "reproduction.md").read_text(encoding="utf-8")
-    (DOCS / "reproduction.md").write_text(written(text, reproduction), encoding="utf-8")
-    (DOCS / "reproduction" / "cells.csv").write_text(results.table(reproduction.rows, COLUMNS), encoding="utf-8")
+    page_file, cells = DOCS / "reproduction.md", DOCS / "reproduction_cells.csv"
+    if not any((given.folder / "runs").glob("*.json")):
+        parser.error(f"{given.folder / 'runs'}: no finished run; give the --out of `rigtwin reproduce`.")
+    reproduction = kept(given.folder / "runs", run_before(cells))
+    page_file.write_text(written(page_file.read_text(encoding="utf-8"), reproduction), encoding="utf-8")
+    run = [row for row in reproduction.rows if row["ours"] is not None]
+    cells.write_text(results.table(run, COLUMNS), encoding="utf-8")
     for study in reproduction.studies:
         if points := study.points(reproduction.done.results):
             picture = DOCS / "pictures" / f"study-{study.name}.svg"
