@@ -2,8 +2,9 @@
 
 `sizes` are (weak, moderate, strong) in the units of the number in `World.hidden`.  For a lab of the size drawn here
 weak means about 5 to 20 standard errors once everything that a lab may be wrong about is free, moderate 20 to 80,
-strong more.  Air drag and buoyancy keep their real size: there the beads make the strength.  So they and the plate do
-where it bends; no more is lost to it than a bead has, and its strong labs are not beyond 80.
+strong more.  Air drag and buoyancy keep their real size: there the beads make the strength.  Where the plate bends the
+beads make it too, but its loss is exaggerated: 6 to 12 times that of a wide, free plate of the stated thickness, as one
+of 0.3 to 0.4 of it would have.  No more is lost to it than a bead has, and its strong labs are not beyond 80.
 """
 
 from __future__ import annotations
@@ -148,7 +149,7 @@ LISTED = (
             "plate bending",
             "wall compliance",
         ),
-        "plate_loss",  # of what a wide, free plate of the stated thickness takes
+        "plate_loss",  # times what a wide, free plate of the stated thickness takes, about 1 in a real lab
         _by_rig(drop=(6.0, 6.0, 12.0)),
         "restitution falls with (R/h)^2 v^(1/5): large, dense and fast beads on a thin plate",
         beads={"weak": ("GL6", "ST5"), "moderate": ("D12",), "strong": ("D12",)},

@@ -31,6 +31,7 @@ OPTIONAL = (
     "pivot_spacing_uncertainty_m", "release_sideways_speed_m_s", "sliding_friction_pw", "diameter_uncertainty_m",
     "gravity_m_s2", "material", "wall", "push_speed_m_s", "incline_angle_deg", "start_angle_deg", "waiting_time_s",
     "clump_mass_g", "mass_g", "mass_kg", "density_kg_m3", "rig_geometry", "camera", "walls",
+    "thickness_m", "youngs_modulus_Pa", "poissons_ratio",
 )  # fmt: skip
 """Keys that have a default: misspelt, they would be missing without a word."""
 ALIKE = 0.9  # of two spellings, as difflib tells it
