@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rigtwin.compare.diagnose import naming
-from rigtwin.compare.diagnose.candidate import Candidate
+from rigtwin.compare.diagnose.candidate import Candidate, refused
 from rigtwin.compare.diagnose.leeway import bends, gained_beside
 from rigtwin.compare.diagnose.naming import ALARM, _plainest, _Search, spared
 from rigtwin.sim.effects import library, named
@@ -76,10 +76,43 @@ def test_of_forms_that_fit_alike_the_one_that_takes_no_thin_plate_is_named(monke
     search = SimpleNamespace(done=done, certified=lambda one: one)
     chosen, others = _plainest(search, plate)
     assert chosen is bead
-    assert others == (plate,)
+    assert others == [plate]
     clear = Candidate(bead.terms, bead.fitted, 370.0)
     search.done = {frozenset(one.names): one for one in (plate, clear)}
-    assert _plainest(search, plate) == (plate, ())
+    assert _plainest(search, plate) == (plate, [])
+
+
+def test_a_plain_form_that_was_not_fitted_to_the_end_is_before_it_is_left_behind():
+    """It seemed 5 behind and is 12 ahead: then the thin plate, and a drag as good as that, no longer do as well."""
+    plate, rough, fine, drag = (
+        Candidate((named(name),), SimpleNamespace(value=lambda _: 0.5), gain)
+        for name, gain in (
+            ("plate_compliance", 100.0), ("restitution_viscoelastic", 95.0), ("restitution_viscoelastic", 112.0),
+            ("adhesion_jkr", 99.0),
+        )
+    )  # fmt: skip
+    done = {frozenset(one.names): one for one in (plate, rough, drag)}
+
+    def certified(one):
+        done[frozenset(one.names)] = fine
+        return fine
+
+    assert _plainest(SimpleNamespace(done=done, certified=certified), plate) == (fine, [])
+
+
+def test_a_law_of_the_impact_under_which_beads_would_win_energy_is_refused():
+    def fitted(e, std):
+        unknowns = [SimpleNamespace(name="restitution.D6-glass"), SimpleNamespace(name="plate_compliance.strength")]
+        own = dict(zip([one.name for one in unknowns], ((e, std), (50.0, 5.0)), strict=True))
+        values = [value for value, _ in own.values()]
+        return SimpleNamespace(
+            unknowns=unknowns, values=values, value=lambda name: own[name][0], std=lambda name: own[name][1]
+        )
+
+    terms = (named("plate_compliance"),)
+    assert refused(fitted(1.1, 0.02), terms) == "restitution.D6-glass = 1.1 is above one"
+    assert refused(fitted(1.1, 0.08), terms) == ""
+    assert refused(fitted(0.9, 0.01), terms) == ""
 
 
 def test_a_candidate_whose_equations_have_no_solution_is_left_out_and_told():

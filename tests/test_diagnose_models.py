@@ -230,11 +230,18 @@ def test_what_a_lab_states_of_a_plate_is_not_fitted_and_is_assumed_where_it_stat
     conditions = [labs.Condition(wall, bead, wall, {}, ()) for wall in ("thin", "thick")]
     walls = {name: {**glass, "density_kg_m3": 2600, "thickness_m": h} for name, h in (("thin", 4e-3), ("thick", 8e-3))}
     thick = effect.parameters[1].stated(wood, walls["thick"])
-    for stated, plates in ((walls, [4 * thick, thick]), ({"thin": walls["thin"]}, [0.005])):
-        lab = labs.TrackedLab("", "drop", G, labs.Camera(240.0, 1e-4), {}, (), Path(), {"walls": stated})
+    for stated, plates in (
+        (walls, [4 * thick, thick]),
+        ({"thin": walls["thin"]}, [4 * thick, 0.005]),
+        ({}, [0.005, 0.005]),
+    ):
+        lab = labs.TrackedLab("", "drop", G, labs.Camera(240.0, 1e-4), {}, tuple(conditions), Path(), {"walls": stated})
         strength, found = coefficients(effect, known, lab, conditions)
         assert strength.ravel() == pytest.approx([0.5])
         assert found.ravel() == pytest.approx(plates)
+        told = list(lab.assumed([effect]))
+        assert len(told) == (1 if len(stated) == 1 else 0)
+        assert all("wood on thick; 0.005 is taken for plate there" in one for one in told)
 
 
 def test_schiller_naumann_is_stokes_when_slow_and_newton_when_fast():

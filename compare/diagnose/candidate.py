@@ -86,6 +86,14 @@ def refused(fitted: Fit, terms: Sequence[Effect]) -> str:
                 return f"{parameter.name} = {value:.3g} {parameter.unit} is no more than any lab has"
             if abs(value) < 3.0 * std:
                 return f"{parameter.name} = {value:.3g} is within three of its standard deviations ({std:.2g}) of zero"
+    return _wins(fitted) if any(term.restitution is not None for term in terms) else ""
+
+
+def _wins(fitted: Fit) -> str:
+    """The restitution that is above one, if one is: no law of the impact may be had at the price of energy won."""
+    for unknown, value in zip(fitted.unknowns, fitted.values, strict=True):
+        if unknown.name.startswith("restitution.") and value - 2 * fitted.std(unknown.name) > 1:
+            return f"{unknown.name} = {value:.3g} is above one"
     return ""
 
 

@@ -168,7 +168,7 @@ def diagnose(
             "in which hardly anything moves.  Where all is right, RIGTWIN_DEBUG=1 shows where it failed."
         ) from error
     broken = [f"{title}: not tried, for its equations have no solution for these tracks" for title in naming.broken]
-    told = replace(told, left_out=(*lab.misspelt, *left_out, *broken))
+    told = replace(told, left_out=(*lab.misspelt, *lab.assumed(candidates), *left_out, *broken))
     return replace(told, next_experiment=_next(told), seconds=time.process_time() - begun)
 
 

@@ -32,13 +32,16 @@ def parameters(lab: TrackedLab, fitted: Fit, terms: Sequence[Effect]) -> dict[st
                     "unit": "1",
                 }
                 continue
-            stated = [lab.stated_for(condition, parameter) for condition in lab.conditions]
-            known = [value for value in stated if value is not None]
-            if known and len(known) == len(stated):
-                found[parameter.name] = {"value": float(np.mean(known)), "std": 0.0, "unit": parameter.unit}
-                continue
             name = f"{term.name}.{parameter.name}"
             value = fitted.value(name)
+            stated = {f"{c.bead.name}-{c.wall}": lab.stated_for(c, parameter) for c in lab.conditions}
+            if any(one is not None for one in stated.values()):
+                each = {pair: value if one is None else one for pair, one in stated.items()}
+                mean = float(np.mean(list(each.values())))
+                found[parameter.name] = {"value": mean, "std": 0.0, "unit": parameter.unit}
+                if len(set(each.values())) > 1:
+                    found[parameter.name]["by_pair"] = each
+                continue
             std = math.hypot(fitted.std(name), value * _by_size(lab, fitted, term))
             found[parameter.name] = {"value": value, "std": std, "unit": parameter.unit}
     return found

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ import numpy as np
 from rigtwin.lab.errors import BadLabFile
 from rigtwin.lab.records import Track, read_tracks
 from rigtwin.lab.units import LONGEST
-from rigtwin.sim.effects.effect import Parameter
+from rigtwin.sim.effects.effect import Effect, Parameter
 
 LARGEST_BEAD = 0.5  # [m]
 TRACKED = ("drop", "pendulum", "double", "slide", "roll")
@@ -111,15 +112,40 @@ class TrackedLab:
 
     def stated_for(self, condition: Condition, parameter: Parameter) -> float | None:
         """What the lab states of a parameter for the bead and the wall of a condition; None where it does not."""
+        if parameter.stated is None:
+            return None
+        key = parameter.stated, condition.bead.name, condition.wall
+        if key not in self._known:
+            self._known[key] = self._stated(condition, parameter, parameter.stated)
+        return self._known[key]
+
+    @cached_property
+    def _known(self) -> dict[tuple[Any, str, str], float | None]:
+        """What was worked out before: a fit asks for it at every step."""
+        return {}
+
+    def _stated(self, condition: Condition, parameter: Parameter, rule: Callable[..., float]) -> float | None:
         walls = self.stated.get("walls")
         wall = walls.get(condition.wall) if isinstance(walls, Mapping) else None
-        if parameter.stated is None or not isinstance(wall, Mapping):
+        if not isinstance(wall, Mapping):
             return None
         try:
-            value = parameter.stated(condition.bead.about, wall)
+            value = rule(condition.bead.about, wall)
         except (KeyError, TypeError, ZeroDivisionError):
             return None
         return value if isinstance(value, float) and parameter.low < value <= parameter.high else None
+
+    def assumed(self, effects: Sequence[Effect]) -> Iterator[str]:
+        """Which beads and walls have to do with an assumed value where the lab states it of others."""
+        for effect in effects:
+            for parameter in effect.parameters:
+                stated = {(c.bead.name, c.wall): self.stated_for(c, parameter) for c in self.conditions}
+                lacking = [f"{bead} on {wall}" for (bead, wall), value in stated.items() if value is None]
+                if parameter.assumed is not None and 0 < len(lacking) < len(stated):
+                    yield (
+                        f"{effect.title}: too little is stated of {', '.join(lacking)}; {parameter.assumed[0]:g} is "
+                        f"taken for {parameter.name} there"
+                    )
 
     def known(self, *names: str, default: float) -> float:
         """The first of the geometry's numbers of these names, else the default."""

@@ -314,11 +314,10 @@ def _concluded(search: _Search, best: Candidate, location: Location, rounds: Seq
         if rest is None:
             return Naming(search.base, location, tuple(done.values()), None, (), location, tuple(rounds))
         chosen = search.certified(rest)
-    first = chosen
-    chosen, forms = _plainest(search, first)
+    chosen, others = _plainest(search, chosen)
+    forms = tuple(one for one in others if one.groups == chosen.groups)
     # a thin plate is another cause than a loss in the bead, though the law of the impact is alike
-    apart = [first, *_rivals(done, first)]
-    near = [one for one in apart if one.groups != chosen.groups or _specials(one) != _specials(chosen)]
+    near = [one for one in others if one.groups != chosen.groups or _specials(one) != _specials(chosen)]
     after = locate(search.bench, chosen.fitted)
     return Naming(
         search.base, location, tuple(done.values()), chosen, tuple(_apart(near)), after, tuple(rounds), forms=forms
@@ -331,16 +330,22 @@ def _rivals(done: Mapping[frozenset[str], Candidate], chosen: Candidate) -> list
     return [one for one in same_size if chosen.score - one.score < ALIKE and one.names != chosen.names]
 
 
-def _plainest(search: _Search, chosen: Candidate) -> tuple[Candidate, tuple[Candidate, ...]]:
-    """Of the forms that one set of families takes equally well, the one that asks for the least, and the others."""
-    forms = [one for one in _rivals(search.done, chosen) if one.groups == chosen.groups]
-    plain = best_of([one for one in forms if _specials(one) < _specials(chosen)])
-    if plain is None or chosen.score - plain.score >= AHEAD:
-        return chosen, tuple(forms)
-    certified = search.certified(plain)
-    if certified.reason or chosen.score - certified.score >= AHEAD:
-        return chosen, tuple(one for one in forms if one is not plain)
-    return certified, (chosen, *(one for one in forms if one is not plain))
+def _plainest(search: _Search, first: Candidate) -> tuple[Candidate, list[Candidate]]:
+    """Of the forms that one set of families takes equally well, the one that asks for the least, and all that explain
+    the data as well as the better of it and `first`."""
+
+    def plainer() -> list[Candidate]:
+        rivals = _rivals(search.done, first)
+        return [one for one in rivals if one.groups == first.groups and _specials(one) < _specials(first)]
+
+    for one in plainer():
+        # `first` was fitted to the end: against it a fit that was not would seem to be behind
+        search.certified(one)
+    plain = best_of(plainer())
+    chosen = plain if plain is not None and first.score - plain.score < AHEAD else first
+    most = max(first.score, chosen.score)
+    rivals = [one for one in (first, *_rivals(search.done, first)) if one.names != chosen.names]
+    return chosen, [one for one in rivals if most - one.score < ALIKE]
 
 
 def _specials(candidate: Candidate) -> int:

@@ -109,7 +109,12 @@ def _candidate_row_of(diagnosis: Diagnosis, term: Any) -> str:
 
 
 def _in_words(found: dict[str, dict[str, Any]]) -> str:
-    return "; ".join(f"{n} = {p['value']:.4g} ± {p['std']:.2g}{unit_of(p['unit'])}" for n, p in found.items())
+    def one(name: str, about: dict[str, Any]) -> str:
+        each = ", ".join(f"{value:.4g} for {pair}" for pair, value in about.get("by_pair", {}).items())
+        value = f"{about['value']:.4g} ± {about['std']:.2g}{unit_of(about['unit'])}"
+        return f"{name} = {value}{f' (mean of {each})' if each else ''}"
+
+    return "; ".join(one(name, about) for name, about in found.items())
 
 
 def _gaps(diagnosis: Diagnosis) -> list[dict[str, str]]:

@@ -87,17 +87,17 @@ class Beads:
 def coefficients(
     term: Effect, values: Mapping[str, Array], lab: TrackedLab, conditions: Sequence[Condition]
 ) -> list[Array]:
-    """An effect's parameters at each impact, (settings, R, 1): what the lab states of bead and wall is not fitted.
+    """An effect's parameters at each impact, (settings, R, 1): what the lab states of a bead and a wall is not fitted.
 
     `conditions`: that of each repetition.
     """
     found = []
     for parameter in term.parameters:
-        stated = [lab.stated_for(condition, parameter) for condition in conditions]
-        if None not in stated:
-            found.append(np.array(stated, dtype=float)[None, :, None])
-        else:
-            found.append(values[f"{term.name}.{parameter.name}"][:, None, None])
+        fitted = values[f"{term.name}.{parameter.name}"][:, None]
+        if parameter.stated is not None:
+            stated = np.array([lab.stated_for(condition, parameter) for condition in conditions], dtype=float)
+            fitted = np.where(np.isnan(stated), fitted, stated)
+        found.append(fitted[..., None])
     return found
 
 

@@ -100,8 +100,8 @@ class Effect:
     """Whether the sign of its first parameter says nothing: a fit that ends below zero means the same above."""
 
     special: bool = False
-    """Whether it takes what not every lab has, so that where the data do not tell it from another form of its family,
-    the other is named."""
+    """Whether it takes what not every lab has, so that it is named only where the data speak for it clearly before the
+    plain forms of its family; where they explain the data nearly as well, they are told beside it."""
 
     @property
     def group(self) -> str:
