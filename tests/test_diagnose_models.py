@@ -10,12 +10,14 @@ from scipy.integrate import solve_ivp
 
 from rigtwin.compare.diagnose import along, collide, flight, labs, swing
 from rigtwin.compare.diagnose.diagnosis import _closed
-from rigtwin.compare.diagnose.double import _Contacts
+from rigtwin.compare.diagnose.double import MOST_IMPACTS, DoubleBench, _Contacts
+from rigtwin.compare.diagnose.fit import fit
 from rigtwin.compare.diagnose.pendulum import pushing
 from rigtwin.compare.diagnose.price import SECOND, feigned
 from rigtwin.compare.diagnose.runs import coefficients
 from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.records import Track
 from rigtwin.sim.effects import library, named, own_effect
 from rigtwin.sim.effects.forms import beside, nameless
 from rigtwin.sim.effects.tried import check, one_sided
@@ -119,7 +121,9 @@ def test_slow_contacts_of_two_beads_are_found_wherever_in_a_step_they_fall():
     one, radius, length = np.ones_like(e), 2.5e-3, 0.25
     local = np.concatenate([0 * e, -1.05 * one, 0 * e, e, e, e], axis=1)[:, None]
     bench = SimpleNamespace(wall=False, radius=radius, impacts=3, active=np.ones((1, 3), dtype=bool))
-    contacts = _Contacts(bench, local, [length * one, length * one], e, 0.0, (0 * e, 0 * e))
+    contacts = _Contacts(
+        bench, local, [length * one, length * one], lambda speed: e[..., None] + 0 * speed, 0.0, (0 * e, 0 * e)
+    )
     push, omega = pushing(length * one, np.array([5e-4]), np.array([radius]), G, {}, ())
     motion = collide.swing_and_hit(
         (-1.05 * one, 0 * e), (push, push), 2 * math.pi / omega, 1.8 * one, contacts.gap, contacts.hit, 3
@@ -242,6 +246,47 @@ def test_what_a_lab_states_of_a_plate_is_not_fitted_and_is_assumed_where_it_stat
         told = list(lab.assumed([effect]))
         assert len(told) == (1 if len(stated) == 1 else 0)
         assert all("wood on thick; 0.005 is taken for plate there" in one for one in told)
+
+
+def struck(length, release, seconds, rng):
+    """A bob against an upright wall through its pivot that strikes with e = 0.7 v^(-0.1), filmed; and its impacts."""
+
+    def swing(_t, s):
+        return [s[1], -G / length * math.sin(s[0])]
+
+    def at_the_wall(_t, s):
+        return s[0]
+
+    at_the_wall.terminal, at_the_wall.direction = True, -1
+    time = np.arange(0, seconds, 1 / 240)
+    angle, at, state, count = np.full(len(time), release), 0.05, [release, 0.0], 0
+    while at < time[-1]:
+        run = solve_ivp(swing, (at, seconds), state, events=at_the_wall, rtol=1e-9, atol=1e-11, dense_output=True)
+        inside = (time >= at) & (time <= run.t[-1])
+        angle[inside] = run.sol(time[inside])[0]
+        rate, at, count = run.y[1, -1], float(run.t[-1]), count + len(run.t_events[0])
+        speed = length * abs(rate)
+        state = [1e-9, 0.7 * speed**-0.1 * abs(rate)]
+    place = length * np.column_stack([np.sin(angle), -np.cos(angle)])
+    return Track(time, place + rng.normal(0, 1e-4, place.shape), np.full(len(time), np.nan)), count
+
+
+def test_impacts_after_those_that_are_followed_one_by_one_obey_the_law_at_their_speed():
+    rng = np.random.default_rng(8)
+    bead = labs.Bead("b", 0.01, 5e-4)
+    conditions, most = [], 0
+    for length, angle, seconds in ((0.125, 15, 3.5), (0.25, 15, 2.0), (0.25, 50, 2.0)):
+        drawn = [struck(length, math.radians(angle), seconds, rng) for _ in range(2)]
+        most = max(most, *(count for _, count in drawn))
+        settings = {"length_m": length, "release_angle_deg": angle}
+        conditions.append(labs.Condition(f"{length}_{angle}", bead, "w", settings, tuple((one,) for one, _ in drawn)))
+    assert most > MOST_IMPACTS
+    lab = labs.TrackedLab("", "pendulum", G, labs.Camera(240.0, 1e-4), {}, tuple(conditions), Path())
+    fitted = fit(DoubleBench(lab), (named("restitution_plastic"),))
+    name = "restitution_plastic.exponent"
+    assert fitted.value(name) == pytest.approx(0.1, abs=3 * fitted.std(name))
+    assert fitted.std(name) < 0.01
+    assert fitted.value("restitution.b-w") == pytest.approx(0.7, abs=0.01)
 
 
 def test_schiller_naumann_is_stokes_when_slow_and_newton_when_fast():

@@ -7,13 +7,14 @@ to the left; the wall stands to the left of a bead released to the right.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from rigtwin.compare.diagnose.camera import camera_unknowns
-from rigtwin.compare.diagnose.collide import Encounter, angles_at, swing_and_hit
+from rigtwin.compare.diagnose.collide import angles_at, swing_and_hit
 from rigtwin.compare.diagnose.labs import TrackedLab
 from rigtwin.compare.diagnose.pendulum import OWN_LENGTH, pushing
 from rigtwin.compare.diagnose.runs import Runs, coefficients, shared
@@ -127,7 +128,8 @@ class DoubleBench(Runs):
         still: Any = (lambda a, w: 0 * a) if self.wall else second
         stands = values["wall.angle"][:, None] if self.wall else 0.0
         apart = self._of_bead("pivots", values)
-        contacts = _Contacts(self, local, reach, laws, stands, (apart, apart - self._of_bead("diameter", values)))
+        law = partial(self._law, laws, values, terms)
+        contacts = _Contacts(self, local, reach, law, stands, (apart, apart - self._of_bead("diameter", values)))
         motion = swing_and_hit(
             (local[..., 1], local[..., 2]),
             (first, still),
@@ -144,7 +146,7 @@ class DoubleBench(Runs):
         offset = 0.0 if self.wall else aside * (self.radius + 0.5 * apart)[:, self.owner]
         x, y = offset + thread * np.sin(angle), -thread * np.cos(angle)
         speed = thread[0] * rate[0]
-        soft = self._soft(local, values, terms, motion, laws)
+        soft = np.where(self.active, local[..., 3:] - law(np.moveaxis(motion.speeds, 0, -1)), 0.0)
         return Moved(x, y, speed * np.cos(angle[0]), speed * np.sin(angle[0]), soft)
 
     def quiet(self, name: str, terms: Sequence[Effect]) -> bool:
@@ -176,17 +178,14 @@ class DoubleBench(Runs):
     def _laws(self, values: Mapping[str, Array]) -> Array:
         return np.stack([values[f"restitution.{pair}"] for pair in self.pairs], axis=-1)[:, self.pair]
 
-    def _soft(
-        self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect], motion: Encounter, laws: Array
-    ) -> Array:
-        """How far each impact's restitution is from the law at its speed."""
-        speed = np.moveaxis(motion.speeds, 0, -1)
+    def _law(self, laws: Array, values: Mapping[str, Array], terms: Sequence[Effect], speed: Array) -> Array:
+        """The restitution at each of the speeds (settings, R, impacts) [m/s]."""
         e = laws[..., None] + 0 * speed
         for term in terms:
             if term.restitution is not None:
                 own = coefficients(term, values, self.lab, self.conditions)
                 e = term.restitution(e, speed, self.radius[:, None], self.mass[:, None], *own)
-        return np.where(self.active, local[..., 3:] - e, 0.0)
+        return e
 
 
 class _Contacts:
@@ -197,11 +196,11 @@ class _Contacts:
         bench: DoubleBench,
         local: Array,
         reach: list[Array],
-        laws: Array,
+        law: Callable[[Array], Array],
         stands: Array | float,
         room: tuple[Array, Array],
     ) -> None:
-        self.bench, self.local, self.reach, self.laws, self.stands = bench, local, reach, laws, stands
+        self.bench, self.local, self.reach, self.law, self.stands = bench, local, reach, law, stands
         # [m], beyond a stated diameter: from pivot to pivot, and between the beads when both hang straight
         self.apart, self.play = room
 
@@ -221,15 +220,23 @@ class _Contacts:
         at = np.minimum(count, impacts - 1)
         e = np.take_along_axis(self.local[..., 3:], at[..., None], axis=2)[..., 0]
         filmed = np.take_along_axis(np.broadcast_to(self.bench.active, (*count.shape, impacts)), at[..., None], axis=2)
-        e = np.where((count < impacts) & filmed[..., 0], e, self.laws)
+        followed = (count < impacts) & filmed[..., 0]
         if self.bench.wall:
-            return -e * u, v, np.abs(self.reach[0] * u)
+            speed = np.abs(self.reach[0] * u)
+            return -self._after(e, followed, speed) * u, v, speed
         x, y, distance = self._between(a, b)
         along_a = (x * np.cos(a) + y * np.sin(a)) / distance
         along_b = (x * np.cos(b) + y * np.sin(b)) / distance
         closing = self.reach[1] * v * along_b - self.reach[0] * u * along_a
+        e = self._after(e, followed, np.abs(closing))
         impulse = -(1 + e) * closing / (along_a**2 + along_b**2)
         return u - impulse * along_a / self.reach[0], v + impulse * along_b / self.reach[1], np.abs(closing)
+
+    def _after(self, own: Array, followed: Array, speed: Array) -> Array:
+        """The impact's own restitution; that of the law at its speed where it is not followed one by one."""
+        if followed.all():
+            return own
+        return np.where(followed, own, self.law(np.maximum(speed, 1e-3)[..., None])[..., 0])
 
     def _between(self, a: Array, b: Array) -> tuple[Array, Array, Array]:
         x = 2 * self.bench.radius + self.apart + self.reach[1] * np.sin(b) - self.reach[0] * np.sin(a)
