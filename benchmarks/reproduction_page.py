@@ -39,7 +39,8 @@ class Page(Reproduction):
 
     @property
     def rows(self) -> list[dict[str, Any]]:
-        return [dict(row if row["ours"] is not None else self.before.get(_place(row), row)) for row in super().rows]
+        both = [(row, self.before.get(_place(row), row)) for row in super().rows]
+        return [dict(row if row["runs"] >= before["runs"] else before) for row, before in both]
 
 
 def _place(row: Row) -> tuple[int, str, str]:
@@ -62,7 +63,7 @@ def run_before(cells: Path) -> dict[tuple[int, str, str], Row]:
 def kept(runs: Path, before: Mapping[tuple[int, str, str], Row]) -> Page:
     """The paper's cells and studies with the finished runs of a folder, whichever version of rigtwin made them."""
     found = {}
-    for file in sorted(runs.glob("*.json")):
+    for file in sorted(runs.glob("*.json"), key=lambda one: one.stat().st_mtime):  # the newest of several versions
         record = json.loads(file.read_text(encoding="utf-8"))
         found[_key(record["function"], record["settings"])] = record["result"]
     wanted = plan(None, quick=False, repetitions=None, seed=1)

@@ -190,6 +190,9 @@ def _phone_photo(path: Path) -> Image:
     return np.ascontiguousarray(np.asarray(upright)[..., ::-1])
 
 
+ORIENTATION = 274  # EXIF's tag of which way is up
+
+
 def _what_is_left(path: Path) -> str:
     """How much can be read of a photo whose file is cut off."""
     from PIL import Image as Pictures
@@ -198,6 +201,8 @@ def _what_is_left(path: Path) -> str:
     before, ImageFile.LOAD_TRUNCATED_IMAGES = ImageFile.LOAD_TRUNCATED_IMAGES, True
     try:
         with Pictures.open(path) as photo:
+            whole = bool(photo.info.get("progressive") or photo.info.get("interlace"))
+            turned = photo.getexif().get(ORIENTATION, 1) != 1
             rows = np.asarray(photo.convert("RGB"))
     except (OSError, ValueError, SyntaxError):
         return "the file is cut off, and nothing of the photo can be read"
@@ -207,6 +212,8 @@ def _what_is_left(path: Path) -> str:
     seen = np.flatnonzero(np.any(rows != rows[-1], axis=(1, 2)))
     there = int(seen[-1]) + 1 if len(seen) else 0
     size = f"{rows.shape[1]} x {rows.shape[0]} px"
+    if whole or turned or there >= len(rows) - 1:  # a coarse whole, a part to one side, or all but the end
+        return f"the file is cut off: a photo of {size}"
     if there == 0:
         return f"the file is cut off: a photo of {size}, of which only the head can be read"
     return f"the file is cut off: a photo of {size}, of which only the upper {there} rows can be read"

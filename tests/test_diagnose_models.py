@@ -18,7 +18,7 @@ from rigtwin.compare.diagnose.runs import coefficients
 from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.records import Track
-from rigtwin.sim.effects import library, named, own_effect
+from rigtwin.sim.effects import Effect, Parameter, library, named, own_effect
 from rigtwin.sim.effects.forms import beside, nameless
 from rigtwin.sim.effects.tried import check, one_sided
 
@@ -326,6 +326,25 @@ def test_a_users_own_effect_takes_part(tmp_path):
     wind = own_effect(path)
     assert wind.name == "wind"
     assert wind.aimed  # it blows to one side, however a bead moves
+
+
+def lifts_one_way(vx, vy, gap, radius, mass, c):
+    return 0.0 * vx, mass * c * vx + 0.0 * vy
+
+
+def blows_high_up(vx, vy, gap, radius, mass, c):
+    return mass * c * (gap > 0.5) + 0.0 * vx, 0.0 * vy
+
+
+def brakes(vx, vy, gap, radius, mass, c):
+    return -c * vx, -c * vy
+
+
+@pytest.mark.parametrize(("force", "aimed"), [(lifts_one_way, True), (blows_high_up, True), (brakes, False)])
+def test_a_push_that_the_mirror_changes_has_a_side_of_its_own(force, aimed):
+    parameters = (Parameter("c", "1", -1.0, 1.0, 0.1),)
+    effect = Effect("own", "own", "physical", ("drop",), parameters, "", "", force=force)
+    assert one_sided(effect) == aimed
 
 
 @pytest.mark.parametrize(

@@ -35,4 +35,5 @@ def test_another_plate_tells_a_loss_to_the_plate_from_one_in_the_bead(tmp_path):
     assert "plate of the same material" in alike.designs[0].words
     write(case, "further", (10250, 66), tmp_path, narrowed=True, design=alike.designs[0].to_json())
     told = diagnose(read_tracked_lab(tmp_path / "labs" / "further")).to_json()
+    assert told["verdict"] == "named"
     assert [effect["effect"] for effect in told["effects"]] == ["plate_compliance"]

@@ -23,6 +23,7 @@ from rigtwin.compare.diagnose.locate import Regioned
 from rigtwin.compare.diagnose.slopes import slopes
 from rigtwin.compare.diagnose.subset import subset
 from rigtwin.lab.records import Array
+from rigtwin.sim.effects import named
 from rigtwin.sim.effects.effect import WIDENING
 
 REPETITIONS = 5
@@ -170,22 +171,17 @@ def settings(bench: Regioned) -> list[Setting]:
 
 
 def _plates(bench: Regioned) -> list[Setting]:
-    """Other plates, where the lab says how thick its own is."""
+    """Other plates, where the lab says enough of its own that its thickness counts."""
     whole: Any = bench
-    thick = _thickness(whole.lab, whole.conditions[_like(bench)].wall)
+    lab, condition = whole.lab, whole.conditions[_like(bench)]
+    counting = [p for p in named("plate_compliance").parameters if lab.stated_for(condition, p) is not None]
+    if not counting:
+        return []
+    thick = float(lab.stated["walls"][condition.wall]["thickness_m"])
     return [
         Setting(f"a plate of the same material, {1000 * times * thick:.3g} mm thick", thickness=times)
         for times in (0.5, 2.0, 4.0)
-        if thick is not None
     ]
-
-
-def _thickness(lab: TrackedLab, wall: str) -> float | None:
-    """[m], of a wall; None where the lab does not state it."""
-    walls = lab.stated.get("walls")
-    stated = walls.get(wall) if isinstance(walls, Mapping) else None
-    thick = stated.get("thickness_m") if isinstance(stated, Mapping) else None
-    return float(thick) if isinstance(thick, (int, float)) and thick > 0 else None
 
 
 def separation(bench: Regioned, setting: Setting, one: Fit, other: Fit) -> float:
@@ -280,7 +276,7 @@ def lawful(place: Any, fitted: Fit, values: Array) -> Array:
 def _left_over(place: Any, other: Fit, start: Array, *, anew: bool) -> float:
     """The other model fitted to the data in `place`, from what the present data say of it."""
     known = other.values
-    # of another bead or plate neither restitution nor friction is known beforehand
+    # of another bead, and to be safe of another plate, neither restitution nor friction is known beforehand
     loose = [anew and u.name.startswith(OF_MATERIAL) for u in other.unknowns]
     covariance = other.covariance + np.diag(np.array(loose, dtype=float))
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))

@@ -362,6 +362,8 @@ def spared(base: Fit, names: Sequence[str]) -> float:
     if not names:
         return 0.0
     at = [base.index(name) for name in names]
+    if not np.all(base.values[at] > 0):  # at the end of its range: nothing is known of its logarithm
+        return 0.0
     doubts = base.covariance[np.ix_(at, at)] / np.outer(base.values[at], base.values[at])  # of the logarithms
     sign, volume = np.linalg.slogdet(doubts)
     if sign <= 0:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,7 @@ TRIED = {
     "exposure": (TIME, WAY, SPEED),
     "view": (WAY, SPEED),
 }
+HEIGHTS = (0.002, 0.05, 0.3, 0.7, 1.5)  # [m], at which a push is looked at from both sides
 PAIRS = ("force", "view")  # these give two numbers, the others one
 
 
@@ -63,16 +65,25 @@ def check(effect: Effect, path: Path) -> None:
 def one_sided(effect: Effect) -> bool:
     """Whether a mirror image of the motion does not feel the mirror image of the push: it has a side of its own."""
     typical = [parameter.typical for parameter in effect.parameters]
-    for hook in ("force", "torque"):
-        function = getattr(effect, hook)
-        if function is None:
-            continue
-        first, second, *rest = TRIED[hook]
-        mirrored = (-first, second) if hook == "force" else (-first, -second)
-        there, back = (
-            np.asarray(given[0] if hook == "force" else given, dtype=float)
-            for given in (function(*motion, *rest, *typical) for motion in ((first, second), mirrored))
-        )
-        if not np.allclose(there, -back, rtol=1e-6, atol=1e-6 * float(np.abs(there).max())):
-            return True
+    across, up = (one.ravel() for one in np.meshgrid(SPEED, SPEED))
+    for height in HEIGHTS:
+        place = np.full(across.shape, height), np.full(across.shape, RADIUS[0]), np.full(across.shape, MASS[0])
+        with np.errstate(all="ignore"):
+            if effect.force is not None:
+                there, back = (effect.force(side * across, up, *place, *typical) for side in (1.0, -1.0))
+                if not (_same(there[0], -back[0]) and _same(there[1], back[1])):
+                    return True
+            if effect.torque is not None:
+                one, other = (
+                    effect.torque(side * across, side * up, *place[:1], MASS[0], *typical) for side in (1, -1)
+                )
+                if not _same(one, -other):
+                    return True
     return False
+
+
+def _same(one: Any, other: Any) -> bool:
+    there, back = np.asarray(one, dtype=float), np.asarray(other, dtype=float)
+    if not (np.isfinite(there).all() and np.isfinite(back).all()):
+        return True  # what is no number says nothing
+    return np.allclose(there, back, rtol=1e-6, atol=1e-6 * float(np.abs(there).max(initial=0.0)))
