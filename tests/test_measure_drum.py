@@ -167,7 +167,7 @@ def film(
     slope = math.tan(math.radians(angle))
     rolled = cv2.getRotationMatrix2D(CENTRE, -roll, 1.0)  # OpenCV turns anticlockwise
     with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=30, options={"crf": "16"})
+        stream = container.add_stream("libx264", rate=30, options={"crf": "16", "x264-params": "mbtree=0"})
         stream.width, stream.height = SIZE
         stream.pix_fmt = "yuv420p"
         for k in range(frames):

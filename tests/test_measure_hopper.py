@@ -181,7 +181,7 @@ def film(path: Path, *, stays: bool = False, crf: int = 14, interlaced: bool = F
     drop = SLOT_ROW + BEAD - centres[:, 1]
     last = float(np.max(begins + np.sqrt(2 * drop / fall)))
     with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=int(RATE), options={"crf": str(crf)})
+        stream = container.add_stream("libx264", rate=int(RATE), options={"crf": str(crf), "x264-params": "mbtree=0"})
         if interlaced:
             stream.options |= {"x264-params": "interlaced=1"}
         stream.width, stream.height = SIZE

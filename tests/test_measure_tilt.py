@@ -21,6 +21,10 @@ G = 9.81
 FACTOR = {"slide": 1.0, "roll": 5 / 7}
 
 
+# x264 writes another film at every run where it spreads what it learns of later frames (mbtree, on some processors)
+X264 = {"crf": "16", "preset": "veryfast", "x264-params": "mbtree=0"}
+
+
 def way_down(times, alpha, onset, variant, drop=0.85):
     """Way [m] of a body that starts at `onset` on a plate at angle `alpha(t)`, friction falling to `drop` of itself."""
     fine = np.arange(0.0, times[-1] + 0.01, 1e-4)
@@ -216,7 +220,7 @@ def clip(path, *, variant, angle_deg, fps=50.0, rate_deg=3.0, roll_deg=0.0, nois
     background = cv2.GaussianBlur(rng.uniform(120, 200, (HEIGHT, WIDTH)).astype(np.float32), (0, 0), 9)
     background = np.clip(160 + 6 * (background - 160), 0, 255).astype(np.uint8)
     with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=round(fps), options={"crf": "16", "preset": "veryfast"})
+        stream = container.add_stream("libx264", rate=round(fps), options=X264)
         stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
         for turn, way in zip(alpha, down, strict=True):
             picture = draw(turn, way, roll=math.radians(roll_deg), ball=variant == "roll", background=background)
