@@ -220,23 +220,26 @@ def chase_path(video: Video, path: SpotPath, moves: Movement, progress: Progress
 
 def _scene_behind(path: SpotPath, layers: Mapping[int, Grey]) -> Scene:
     """What the frames, laid over each other, show behind the bead of a path."""
-    background = Background()
-    for index, layer in layers.items():
-        background.add(index, layer)
+    background = _background(layers)
     return background.scene(_bead_in(path, background.indices), reach=_reach(path))
 
 
 def _scene_within(path: SpotPath, layers: Mapping[int, Grey], box: Box, scene: Scene) -> Scene:
     """The scene with what is behind the bead of a path, learnt from this part of frames that lie over it already."""
-    background = Background()
-    for index, layer in layers.items():
-        background.add(index, layer)
+    background = _background(layers)
     left, top, right, bottom = box
     bead = {index: (x - left, y - top) for index, (x, y) in _bead_in(path, background.indices).items()}
     part = background.scene(bead, reach=_reach(path), laid_over=True)
     picture, noise = scene.picture.copy(), scene.noise.copy()
     picture[top:bottom, left:right], noise[top:bottom, left:right] = part.picture, part.noise
     return Scene(picture, noise)
+
+
+def _background(layers: Mapping[int, Grey]) -> Background:
+    background = Background()
+    for index, layer in layers.items():
+        background.add(index, layer)
+    return background
 
 
 def _bead_in(path: SpotPath, indices: Sequence[int]) -> dict[int, tuple[float, float]]:

@@ -190,19 +190,16 @@ def _phone_photo(path: Path) -> Image:
     return np.ascontiguousarray(np.asarray(upright)[..., ::-1])
 
 
-ORIENTATION = 274  # EXIF's tag of which way is up
-
-
 def _what_is_left(path: Path) -> str:
     """How much can be read of a photo whose file is cut off."""
+    from PIL import ExifTags, ImageFile
     from PIL import Image as Pictures
-    from PIL import ImageFile
 
     before, ImageFile.LOAD_TRUNCATED_IMAGES = ImageFile.LOAD_TRUNCATED_IMAGES, True
     try:
         with Pictures.open(path) as photo:
             whole = bool(photo.info.get("progressive") or photo.info.get("interlace"))
-            turned = photo.getexif().get(ORIENTATION, 1) != 1
+            turned = photo.getexif().get(ExifTags.Base.Orientation, 1) != 1
             rows = np.asarray(photo.convert("RGB"))
     except (OSError, ValueError, SyntaxError):
         return "the file is cut off, and nothing of the photo can be read"

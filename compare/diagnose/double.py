@@ -119,7 +119,8 @@ class DoubleBench(Runs):
         """Swing and strike all repetitions for a stack of settings."""
         reach = [self._lengths("A", values), self._lengths("A" if self.wall else "B", values)]
         gravity = self.lab.gravity
-        radius = self.radius + 0.5 * self._of_bead("diameter", values)
+        wider = self._of_bead("diameter", values)
+        radius = self.radius + 0.5 * wider
         first, omega = pushing(reach[0], self.mass, radius, gravity, values, terms)
         second, _ = pushing(reach[1], self.mass, radius, gravity, values, terms)
         since = true - local[..., 0][:, self.owner]
@@ -129,7 +130,7 @@ class DoubleBench(Runs):
         stands = values["wall.angle"][:, None] if self.wall else 0.0
         apart = self._of_bead("pivots", values)
         law = partial(self._law, laws, values, terms)
-        contacts = _Contacts(self, local, reach, law, stands, (apart, apart - self._of_bead("diameter", values)))
+        contacts = _Contacts(self, local, reach, law, stands, (apart, apart - wider))
         motion = swing_and_hit(
             (local[..., 1], local[..., 2]),
             (first, still),

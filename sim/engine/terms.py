@@ -214,13 +214,13 @@ class Terms:
         """
         rise = velocity.dot(up)
         level = velocity - rise * up
+        ahead = level / ti.max(level.norm(), 1e-30)
         total = ti.Vector([0.0, 0.0, 0.0])
         for k in ti.static(range(len(self.forces))):
             row, count, function = ti.static(self.forces[k])
-            across = level
+            along = ahead
             if ti.static(self.effects[row].aimed):
-                across = towards_x(up)
-            along = across / ti.max(across.norm(), 1e-30)
+                along = towards_x(up)
             sideways, upwards = function(
                 level.dot(along), rise, gap, radius, mass, *[self.values[copy, row, p] for p in ti.static(range(count))]
             )
