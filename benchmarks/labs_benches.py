@@ -36,6 +36,7 @@ WALLS = {  # density, modulus, Poisson ratio, thickness, sliding friction
     "steel": (7850, 210e9, 0.30, 0.006, 0.38),
 }
 RESTITUTION = {"expanded polystyrene": 0.75, "balsa": 0.5, "wood": 0.48, "ABS": 0.7, "glass": 0.8, "steel": 0.45}
+BETWEEN_PLATES = 0.01  # standard deviation between the restitutions of a bead on two plates of one material
 ROLLING = {
     "expanded polystyrene": 0.02, "balsa": 0.05, "wood": 0.05, "ABS": 0.02, "glass": 0.008, "steel": 0.005
 }  # fmt: skip
@@ -158,8 +159,9 @@ def _drop(world: World, rng: np.random.Generator, wanted: Sequence[str]) -> Benc
             if change.thickness != 1:
                 struck = f"{wall} x{change.thickness:g}"
                 world.sliding[struck] = world.sliding[wall]
-                # a block of the same material
-                world.restitution[f"{other.name}/{struck}"] = world.restitution[f"{other.name}/{wall}"]
+                # another piece of the same material: as lively, to what surfaces differ
+                alike = world.restitution[f"{other.name}/{wall}"] + float(rng.normal(0, BETWEEN_PLATES))
+                world.restitution[f"{other.name}/{struck}"] = min(alike, 0.95)
             return condition(other, body, struck, there, _off(rng, HEIGHT_DOUBT))
 
         stated = {

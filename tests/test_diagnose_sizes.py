@@ -1,5 +1,6 @@
 """What the stated doubt of a bead's diameter does to the coefficients that are fitted beside it."""
 
+import json
 import sys
 from pathlib import Path
 
@@ -37,3 +38,35 @@ def test_another_plate_tells_a_loss_to_the_plate_from_one_in_the_bead(tmp_path):
     told = diagnose(read_tracked_lab(tmp_path / "labs" / "further")).to_json()
     assert told["verdict"] == "named"
     assert [effect["effect"] for effect in told["effects"]] == ["plate_compliance"]
+
+
+def with_half_the_thickness(effect, seed, folder):
+    """A lab of one drop on two plates of one material, one half as thick, that hides this effect."""
+    change = {"density": 1.0, "size": 1.0, "state": {}, "release": None, "longer": 1.0, "thickness": 0.5}
+    case = Case("single", "drop", (effect,), "moderate")
+    write(case, "plain", seed, folder, narrowed=True)
+    document = json.loads((folder / "labs" / "plain" / "lab.json").read_text())
+    design = {"condition": document["conditions"][0]["name"], "change": change}
+    write(case, "both", seed, folder, narrowed=True, design=design)
+    return folder / "labs" / "both"
+
+
+def named_in(lab):
+    said = diagnose(read_tracked_lab(lab)).to_json()
+    return said["verdict"], [effect["effect"] for effect in said["effects"]]
+
+
+@pytest.mark.parametrize("effect", ["plate_compliance", "velocity_dependent_restitution"])
+def test_two_plates_of_one_material_tell_what_bends_away_from_what_the_bead_loses(effect, tmp_path):
+    verdict, names = named_in(with_half_the_thickness(effect, (10600, 10), tmp_path))
+    assert verdict == "named"
+    assert (names == ["plate_compliance"]) == (effect == "plate_compliance")
+
+
+def test_plates_of_which_the_lab_states_other_materials_are_not_tied(tmp_path):
+    """A density that is off by a millionth changes nothing but what is known: how lively either is then is free."""
+    lab = with_half_the_thickness("plate_compliance", (10600, 10), tmp_path)
+    document = json.loads((lab / "lab.json").read_text())
+    next(iter(document["walls"].values()))["density_kg_m3"] *= 1 + 1e-6
+    (lab / "lab.json").write_text(json.dumps(document))
+    assert named_in(lab)[0] == "indistinguishable"

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from rigtwin.compare.diagnose.drop import ONE_MATERIAL
 from rigtwin.compare.diagnose.fit import Fit
 from rigtwin.compare.diagnose.labs import TrackedLab
 from rigtwin.compare.diagnose.linear import linear_at
@@ -54,8 +55,8 @@ class Setting:
 
     @property
     def elsewhere(self) -> bool:
-        """Whether another ball meets the plate, or the ball another plate."""
-        return self.density != 1.0 or self.size != 1.0 or self.thickness != 1.0
+        """Whether another ball is used, of which neither restitution nor friction is known beforehand."""
+        return self.density != 1.0 or self.size != 1.0
 
     @property
     def change(self) -> dict[str, Any]:
@@ -190,7 +191,8 @@ def separation(bench: Regioned, setting: Setting, one: Fit, other: Fit) -> float
         place, values = laid_out(bench, setting, one)
         truth = lawful(place, one, values)
         place.rows = slopes(place, one.unknowns, one.terms, truth, values).position
-        return _left_over(place, other, truth, anew=setting.elsewhere)
+        anew = 1.0 if setting.elsewhere else ONE_MATERIAL if setting.thickness != 1.0 else 0.0
+        return _left_over(place, other, truth, anew=anew)
     except (np.linalg.LinAlgError, ValueError, FloatingPointError):
         return math.nan
 
@@ -273,12 +275,14 @@ def lawful(place: Any, fitted: Fit, values: Array) -> Array:
     return np.asarray(local)
 
 
-def _left_over(place: Any, other: Fit, start: Array, *, anew: bool) -> float:
-    """The other model fitted to the data in `place`, from what the present data say of it."""
+def _left_over(place: Any, other: Fit, start: Array, *, anew: float) -> float:
+    """The other model fitted to the data in `place`, from what the present data say of it.
+
+    `anew`: standard deviation by which restitution and friction may differ there from what they are here.
+    """
     known = other.values
-    # of another bead, and to be safe of another plate, neither restitution nor friction is known beforehand
-    loose = [anew and u.name.startswith(OF_MATERIAL) for u in other.unknowns]
-    covariance = other.covariance + np.diag(np.array(loose, dtype=float))
+    loose = [anew**2 if u.name.startswith(OF_MATERIAL) else 0.0 for u in other.unknowns]
+    covariance = other.covariance + np.diag(loose)
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     inner = covariance / np.outer(scale, scale)
     tie = np.linalg.inv(inner + 1e-9 * np.eye(len(scale))) / np.outer(scale, scale)

@@ -176,8 +176,12 @@ class DoubleBench(Runs):
             return np.zeros((1, 1))
         return self.beads.of(kind, values, self.bead)
 
+    def restitutions(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """That of each pair, before any effect."""
+        return {pair: values[f"restitution.{pair}"] for pair in self.pairs}
+
     def _laws(self, values: Mapping[str, Array]) -> Array:
-        return np.stack([values[f"restitution.{pair}"] for pair in self.pairs], axis=-1)[:, self.pair]
+        return np.stack(list(self.restitutions(values).values()), axis=-1)[:, self.pair]
 
     def _law(self, laws: Array, values: Mapping[str, Array], terms: Sequence[Effect], speed: Array) -> Array:
         """The restitution at each of the speeds (settings, R, impacts) [m/s]."""

@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +26,9 @@ from rigtwin.sim.effects import Effect, named
 
 SIDEWAYS = 0.006  # [m/s], of a release, where the lab states nothing
 LONGER = 1.3  # times the flight before: no bounce is that lively, whatever the plate's slope does
+ONE_MATERIAL = 0.015
+"""Standard deviation between the restitutions of a bead on two plates of one material, what bends away apart.  Assumed:
+two pieces differ in finish, and hardly by more than one impact differs from the next."""
 FRICTION = 0.35  # sliding friction where the lab states none; acts only on fast spin
 
 
@@ -50,6 +54,7 @@ class DropBench:
         height = np.array(lab.setting("drop_height_m"))
         self.pairs = list(dict.fromkeys(f"{c.bead.name}-{c.wall}" for _, c, _ in runs))
         self.pair = np.array([self.pairs.index(f"{c.bead.name}-{c.wall}") for _, c, _ in runs])
+        self.like = _alike(lab)
         stated = lab.geometry.get("sliding_friction_pw") or {}
         self.friction = np.array([float(stated.get(c.wall, FRICTION)) for _, c, _ in runs])
         self.noise = noise_of(lab, [track for _, _, track in runs])
@@ -104,7 +109,12 @@ class DropBench:
 
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
         """Restitution of each pair, the calibration quantities with their priors, and the terms' coefficients."""
-        own = [Unknown(f"restitution.{pair}", 0.5, 0.05, low=0.01, high=1.2) for pair in self.pairs]
+        own = [
+            Unknown(f"restitution.{pair}", 0.5, 0.05, low=0.01, high=1.2)
+            if like == number
+            else Unknown(f"restitution_beside.{pair}", 0.0, 0.05, sd=ONE_MATERIAL, low=-1.0, high=1.0)
+            for number, (pair, like) in enumerate(zip(self.pairs, self.like, strict=True))
+        ]
         level = math.radians(self.lab.known("plate_level_uncertainty_deg", default=0.1))
         priors = {"plate_tilt": level}
         return [*own, *self.beads.unknowns(), *camera_unknowns(self.lab, terms, priors)]
@@ -206,11 +216,13 @@ class DropBench:
         return Mechanics(x[0], y[0], u[0], v[0], soft, by_row, by_soft)
 
     def touches(self, name: str) -> tuple[str, Array] | None:
-        """Restitutions belong to a pair, diameters to a bead."""
+        """Restitutions belong to a pair, or to all of one material; diameters to a bead."""
         kind, _, rest = name.partition(".")
         if kind == "diameter":
             return kind, self.bead == self.beads.names.index(rest)
-        return (kind, self.pair == self.pairs.index(rest)) if kind == "restitution" else None
+        if kind == "restitution":
+            return kind, np.array(self.like)[self.pair] == self.pairs.index(rest)
+        return (kind, self.pair == self.pairs.index(rest)) if kind == "restitution_beside" else None
 
     def _in_flight(self, name: str, terms: Sequence[Effect]) -> bool:
         """Whether a global unknown changes how a bead flies, rather than the law of an impact or the picture."""
@@ -298,7 +310,7 @@ class DropBench:
         speed_in = np.maximum(land_vx * sine - land_vy * cosine, 1e-3)[..., :n]
         along_in = (land_vx * cosine + land_vy * sine)[..., :n]
         up, along = local[..., 4 : 4 + n], local[..., 4 + n : 4 + 2 * n]
-        plain = np.stack([values[f"restitution.{pair}"] for pair in self.pairs], axis=-1)[:, self.pair][..., None]
+        plain = np.stack(list(self.restitutions(values).values()), axis=-1)[:, self.pair, None]
         e = plain + 0 * speed_in
         for term in terms:
             if term.restitution is not None:
@@ -314,6 +326,25 @@ class DropBench:
             spin = spin + 2.5 * change
         bounce = np.where(self.active, up / speed_in - e, 0.0)
         return np.concatenate([bounce, np.where(self.active, sideways / speed_in, 0.0)], axis=2)
+
+    def restitutions(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """That of each pair, before any effect."""
+        found: dict[str, Any] = {}
+        for pair, like in zip(self.pairs, self.like, strict=True):
+            tied = self.pairs[like] in found
+            beside = f"restitution_beside.{pair}"
+            found[pair] = found[self.pairs[like]] + values[beside] if tied else values[f"restitution.{pair}"]
+        return found
+
+
+def _alike(lab: TrackedLab) -> list[int]:
+    """For each pair of bead and plate the first with this bead and a plate of the same material, or itself."""
+    pairs = list({f"{c.bead.name}-{c.wall}": (c.bead.name, c.wall) for c in lab.conditions}.values())
+    found: list[int] = []
+    for number, (bead, wall) in enumerate(pairs):
+        firsts = [k for k in range(number) if found[k] == k and pairs[k][0] == bead and lab.alike(pairs[k][1], wall)]
+        found.append(firsts[0] if firsts else number)
+    return found
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,7 @@ OPTIONAL = (
     "thickness_m", "youngs_modulus_Pa", "poissons_ratio",
 )  # fmt: skip
 """Keys that have a default: misspelt, they would be missing without a word."""
+PLATE = ("thickness_m", "density_kg_m3", "youngs_modulus_Pa", "poissons_ratio")
 ALIKE = 0.9  # of two spellings, as difflib tells it
 
 
@@ -134,6 +135,21 @@ class TrackedLab:
         except (KeyError, TypeError, ZeroDivisionError):
             return None
         return value if isinstance(value, float) and parameter.low < value <= parameter.high else None
+
+    def alike(self, one: str, other: str) -> bool:
+        """Whether the lab states of two walls that they are of one material and of another thickness.
+
+        Walls of which it says less may be of anything.
+        """
+        walls = self.stated.get("walls")
+        if not isinstance(walls, Mapping) or not isinstance(walls.get(one), Mapping):
+            return False
+        here, there = walls[one], walls.get(other)
+        if not isinstance(there, Mapping) or not all(
+            _is_number(wall.get(key)) for wall in (here, there) for key in PLATE
+        ):
+            return False
+        return all((here[key] == there[key]) != (key == "thickness_m") for key in PLATE)
 
     def assumed(self, effects: Sequence[Effect]) -> Iterator[str]:
         """Which beads and walls have to do with an assumed value where the lab states it of others."""
@@ -304,6 +320,10 @@ def _bead(document: Mapping[str, Any], raw: Mapping[str, Any], file: Path, where
     if not (diameter > 0 and mass > 0):
         raise BadLabFile(f"{file}: particles: {wanted}: needs diameter_m and mass_g (or density_kg_m3) above zero.")
     return Bead(str(wanted), diameter, mass, about)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def _text(table: Mapping[str, Any], key: str, file: Path) -> str:

@@ -68,13 +68,14 @@ def _contacts(diagnosis: Diagnosis) -> dict[Pair, KnownContact]:
     if diagnosis.naming is None:
         return {}
     fitted = diagnosis.chosen.fitted if diagnosis.chosen else diagnosis.naming.base
+    known = {unknown.name: value for unknown, value in zip(fitted.unknowns, fitted.values, strict=True)}
+    restitutions = diagnosis.bench.restitutions(known) if hasattr(diagnosis.bench, "restitutions") else {}
     found: dict[Pair, KnownContact] = {}
     for condition in diagnosis.lab.conditions:
         other = condition.wall or condition.bead.name
-        known = {unknown.name: float(value) for unknown, value in zip(fitted.unknowns, fitted.values, strict=True)}
-        restitution = known.get(f"restitution.{condition.bead.name}-{other}")
+        restitution = restitutions.get(f"{condition.bead.name}-{other}")
         if restitution is not None:
-            found[pair(condition.bead.name, other)] = KnownContact(min(max(restitution, 0.01), 1.0), None, None)
+            found[pair(condition.bead.name, other)] = KnownContact(min(max(float(restitution), 0.01), 1.0), None, None)
     return found
 
 
