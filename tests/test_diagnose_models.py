@@ -173,6 +173,16 @@ def test_a_sphere_that_rolls_to_rest_stops_where_its_friction_says():
     assert speed[0, 1] == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.parametrize(("friction", "drag"), [(0.1, 1.0), (0.1, 10.0), (0.01, 4.0), (0.4, 0.1)])
+def test_a_sphere_that_a_drag_slows_stops_where_and_when_its_equation_says(friction, drag):
+    """v' = -a - c v.  A drag many times the friction slows it at first: the stop is long after v/v' of the start."""
+    speed, one = 0.7, np.ones((1, 1))
+    motion = along.ride(0 * one, speed * one, lambda t, s, v: -friction - drag * v, 60 * one)
+    lasts = math.log(1 + drag * speed / friction) / drag
+    assert motion.end.item() == pytest.approx(lasts, rel=1e-4)
+    assert motion.place[-1].item() == pytest.approx((speed - friction * lasts) / drag, abs=1e-6)
+
+
 # ------------------------------------------------------------------------------------------------------- effects
 
 

@@ -12,6 +12,9 @@ from rigtwin.compare.diagnose.runs import hermite
 from rigtwin.lab.records import Array
 
 STEPS = 24
+LATE, LONGEST = 1.5, 8.0
+"""In steps: a last one that is longer is no step, and up to how long it tells about when the stop is."""
+MOST_ROUNDS = 12  # of looking for the stop, a third later each at most
 SLOW = 1e-3  # [m/s], a speed that counts as rest at the start
 
 Pull = Callable[[Array, Array, Array], Array]
@@ -36,9 +39,22 @@ def ride(place: Array, speed: Array, pull: Pull, until: Array, *, may_stop: bool
     slows = may_stop & (speed > SLOW) & (slowing > 1e-6)
     stops = np.where(slows & (speed / slowing < until), speed / slowing, np.inf)
     stopping = np.isfinite(stops)
-    h = np.maximum(np.where(stopping, stops, until), 1e-4) / STEPS
+    for _ in range(MOST_ROUNDS):
+        h = np.maximum(np.where(stopping, stops, until), 1e-4) / STEPS
+        places, speeds, last = _ridden(place, speed, pull, h, stopping)
+        # a drag wanes with the speed: the stop is later than the first deceleration says
+        late = stopping & (last > LATE * h)
+        if not late.any():
+            break
+        stops = np.where(late, (STEPS - 1) * h + np.minimum(last, LONGEST * h), stops)
+        stopping = stops < until
+    return Ride(h, (STEPS - 1) * h + last, np.stack(places), np.stack(speeds))
+
+
+def _ridden(place: Array, speed: Array, pull: Pull, h: Array, stopping: Any) -> tuple[list[Array], list[Array], Array]:
+    """Places and speeds after each step, and how long the last one takes, which ends where it stops."""
     places, speeds = [place], [speed]
-    t, s, v = zero, place, speed
+    t, s, v = np.zeros_like(place), place, speed
     for _ in range(STEPS - 1):
         s, v = _step(pull, t, s, v, h)
         t = t + h
@@ -53,7 +69,7 @@ def ride(place: Array, speed: Array, pull: Pull, until: Array, *, may_stop: bool
         end_s, end_v = _step(pull, t, s, v, last)
     places.append(end_s)
     speeds.append(np.where(stopping, 0.0, end_v))
-    return Ride(h, t + last, np.stack(places), np.stack(speeds))
+    return places, speeds, last
 
 
 def _step(pull: Pull, t: Array, s: Array, v: Array, h: Array) -> tuple[Array, Array]:

@@ -25,6 +25,7 @@ LEVER, TIED = "rolling_lever", 1e-6
 WIDEST = 1.5  # largest over smallest size, below which 1/d is hardly told from one coefficient for all
 FEWEST_SIZES = 3  # of one material, that fall on one lever arm by no accident
 ROLLS = 5 / 7  # of a force is left to a solid sphere that rolls
+EARLY = 0.4  # of the way: what tells where and how fast a bead began that a drag slows
 
 
 class RollBench(Runs):
@@ -80,6 +81,11 @@ class RollBench(Runs):
             moved = int(np.argmax(place > max(0.06 * float(place.max()), 6 * self.noise)))
             if self.push[r] > 0:
                 t0, bend, speed = self._pushed(time[moved:], place[moved:])
+                if self._misses(time[moved:], place[moved:]):
+                    # what slows it wanes with the speed: where it began is seen early, its friction late
+                    half = moved + int(np.argmax(place[moved:] > EARLY * place.max()))
+                    t0, _, speed = self._pushed(time[moved:half], place[moved:half])
+                    bend = self._pushed(time[half:], place[half:])[1]
                 guess[r, 2] = min(max(speed, 0.7 * self.push[r]), 1.3 * self.push[r])
                 guess[r, 0] = max(t0, 0.0)
                 guess[r, 3] = np.clip(-bend / ROLLS / gravity, 1e-3, 0.5)
@@ -90,6 +96,12 @@ class RollBench(Runs):
                 friction = math.tan(self.slope[r]) - bend / ROLLS / gravity / math.cos(self.slope[r])
                 guess[r, 3] = np.clip(friction, 1e-3, 0.5)
         return guess
+
+    def _misses(self, time: Array, place: Array) -> bool:
+        """Whether a parabola misses the moving part by far more than the noise."""
+        moving = place < 0.97 * place.max()
+        left = place[moving] - np.polyval(np.polyfit(time[moving], place[moving], 2), time[moving])
+        return float(np.std(left)) > 5 * self.noise
 
     @staticmethod
     def _pushed(time: Array, place: Array) -> tuple[float, float, float]:
