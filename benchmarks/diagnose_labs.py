@@ -156,7 +156,8 @@ def _further(bench: Bench, design: Mapping[str, Any]) -> Run:
             material = "steel" if density > 5000 else "expanded polystyrene"
         diameter = bead.diameter * change["size"]
         bead = replace(bead, name=f"{bead.name}_other", density=density, diameter=diameter, material=material)
-    return like.again(bead, Change(change["release"], change["state"], change["longer"], change.get("thickness", 1.0)))
+    run = like.again(bead, Change(change["release"], change["state"], change["longer"], change.get("thickness", 1.0)))
+    return replace(run, repetitions=design.get("repetitions", run.repetitions))
 
 
 def _write_track(file: FilePath, stamped: Any, bodies: Sequence[Any], kept: Any) -> int:

@@ -17,7 +17,7 @@ import numpy as np
 
 from rigtwin.compare.diagnose.axes import check_axes
 from rigtwin.compare.diagnose.candidate import Candidate, refused
-from rigtwin.compare.diagnose.design import CLEAR, REPETITIONS, Design, designs
+from rigtwin.compare.diagnose.design import CLEAR, Design, designs
 from rigtwin.compare.diagnose.double import DoubleBench
 from rigtwin.compare.diagnose.doubt import parameters
 from rigtwin.compare.diagnose.drop import DropBench
@@ -341,7 +341,7 @@ def _next(diagnosis: Diagnosis) -> str:
             return hints
         verb = "would tell them apart" if best.separation >= CLEAR else "would do most to tell them apart"
         return (
-            f"{best.words}, {REPETITIONS} repetitions, {verb}: {' and '.join(best.between)} then differ by "
+            f"{best.words}, {best.repetitions} repetitions, {verb}: {' and '.join(best.between)} then differ by "
             f"{best.separation:.1f} standard deviations; also: {hints}"
         )
     if diagnosis.verdict == "named" and diagnosis.chosen is not None:
