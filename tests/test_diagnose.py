@@ -11,9 +11,10 @@ from scipy.integrate import solve_ivp
 
 from rigtwin.compare.diagnose import formula
 from rigtwin.compare.diagnose.design import Setting, designs, separation
-from rigtwin.compare.diagnose.diagnosis import bench_of, diagnose
+from rigtwin.compare.diagnose.diagnosis import bench_of, diagnose, in_words
 from rigtwin.compare.diagnose.drop import DropBench, impacts
 from rigtwin.compare.diagnose.fit import fit
+from rigtwin.compare.diagnose.gap import beside, gap
 from rigtwin.compare.diagnose.labs import read_tracked_lab
 from rigtwin.compare.diagnose.locate import holm, locate
 from rigtwin.compare.diagnose.naming import Naming
@@ -671,3 +672,20 @@ def test_the_formulas_of_a_model_file_are_read_back_and_found_by_their_names(tmp
     effects = {"form:v|v|": {"c": -0.3}, "form:e~1/v": {"c": 0.01}}
     write_model(tmp_path / "model.toml", Model({}, {}, {}, effects))
     assert read_model(tmp_path / "model.toml").effects == effects
+
+
+def test_where_each_condition_has_one_repetition_it_is_told_that_nothing_was_tested(tmp_path):
+    bench = bench_of(read_tracked_lab(write_drops(tmp_path / "lab", 3, repetitions=1)))
+    assert in_words(locate(bench, fit(bench, rounds=2))).startswith("not tested")
+
+
+def test_an_effect_that_gains_nothing_closes_nothing_of_a_gap_in_restitution(tmp_path):
+    """The baseline's scatter between impacts has taken up part of the gap; all models are held against one scatter."""
+    lab = read_tracked_lab(write_drops(tmp_path / "lab", 4, exponent=0.1))
+    bench = bench_of(lab)
+    base = fit(bench, rounds=6)
+    best, other = (fit(bench, (named(name),), near=base) for name in ("restitution_viscoelastic", "buoyancy"))
+    sizes = gap(bench, lab, base, best)
+    (held,) = beside(bench, base, sizes, best, [(other, base.deviance - other.deviance)], "")
+    assert held.gain < 2
+    assert held.gap_after == pytest.approx(sizes.before, abs=0.002)

@@ -18,10 +18,10 @@ from rigtwin.lab.records import Array
 PER_PERIOD = 50  # steps
 MOST_EXTRA = 40  # contacts followed
 
-Gap = Callable[[Array, Array, Array, Array, Any], tuple[Array, Array]]
-"""Distance of the surfaces [m] and its rate [m/s] from angles and rates of both bobs, for some repetitions."""
-Hit = Callable[[Array, Array, Array, Array, Array, Any], tuple[Array, Array, Array]]
-"""Rates after an impact and its closing speed, from angles, rates, number of the impact, for some repetitions."""
+Gap = Callable[[Array, Array, Array, Array], tuple[Array, Array]]
+"""Distance of the surfaces [m] and its rate [m/s] from angles and rates of both bobs."""
+Hit = Callable[[Array, Array, Array, Array, Array], tuple[Array, Array, Array]]
+"""Rates after an impact and its closing speed, from angles, rates, number of the impact."""
 Advance = Callable[[Push, Array, Array, Array], tuple[Array, Array]]
 """Angle [rad] and rate [rad/s] after a step [s] under a push."""
 
@@ -61,7 +61,6 @@ def swing_and_hit(
     speeds = np.ones((impacts, *a.shape))
     step = np.broadcast_to(period / PER_PERIOD, a.shape)
     saved: list[tuple[Array, ...]] = []
-    everyone = np.arange(a.shape[1])
     # a step of the fit that went too far has no end; it is refused for what it predicts
     limit = int(np.nan_to_num(until / step, nan=0.0, posinf=0.0).max()) + MOST_EXTRA
     for _ in range(limit):
@@ -73,8 +72,8 @@ def swing_and_hit(
         advance = _dry if dry else runge_kutta
         pushes: tuple[Push, Push] = (push[0], second)
         ends = _both(advance, pushes, a, b, u, v, step)
-        distance, closing = gap(a, b, u, v, everyone)
-        distance_end, closing_end = gap(ends[0], ends[1], ends[2], ends[3], everyone)
+        distance, closing = gap(a, b, u, v)
+        distance_end, closing_end = gap(ends[0], ends[1], ends[2], ends[3])
         touching = (distance_end < 0) & (closing_end < 0)
         length = step.copy()
         if touching.any():
@@ -82,14 +81,14 @@ def swing_and_hit(
             length = np.where(touching, step * share, step)
             for _again in range(2):  # Newton, from a start within a thousandth of the step
                 ends = _both(advance, pushes, a, b, u, v, length)
-                off, speed_off = gap(ends[0], ends[1], ends[2], ends[3], everyone)
+                off, speed_off = gap(ends[0], ends[1], ends[2], ends[3])
                 length = np.where(touching, np.clip(length - off / np.minimum(speed_off, -1e-6), 1e-9, step), step)
             ends = _both(advance, pushes, a, b, u, v, length)
         saved.append((t, length, a, b, u, v, *ends))
         t = t + length
         a, b, u, v = ends
         if touching.any():
-            u2, v2, speed = hit(a, b, u, v, count, everyone)
+            u2, v2, speed = hit(a, b, u, v, count)
             u, v = np.where(touching, u2, u), np.where(touching, v2, v)
             for k in range(impacts):
                 speeds[k] = np.where(touching & (count == k), np.maximum(speed, 1e-3), speeds[k])

@@ -381,7 +381,7 @@ def _beside(diagnosis: Diagnosis, sizes: Gap) -> tuple[Beside, ...]:
     if naming is None or chosen is None or diagnosis.verdict not in ("named", "indistinguishable"):
         return ()
     tried = [(one.fitted, one.gain) for one in naming.tried]
-    return beside(diagnosis.bench, naming.base, sizes, chosen.terms, tried, diagnosis.lab.title)
+    return beside(diagnosis.bench, naming.base, sizes, chosen.fitted, tried, diagnosis.lab.title)
 
 
 def _stability(diagnosis: Diagnosis) -> Stability | None:
@@ -463,7 +463,7 @@ def _calibration(fitted: Fit) -> list[dict[str, Any]]:
 
 
 def _statistic(location: Location | None) -> dict[str, Any] | None:
-    if location is None:
+    if location is None or not location.tested:
         return None
     return {"S": location.statistic, "p": location.p, "regions": location.tested, "spread": location.spread}
 
@@ -472,6 +472,8 @@ def in_words(location: Location | None) -> str:
     """Where the disagreement is and where it is not, in one or two sentences."""
     if location is None:
         return "not located"
+    if not location.tested:
+        return "not tested: no region is seen in two repetitions of a condition"
     if not location.found:
         return f"nowhere: none of {location.tested} regions stands out of the noise"
     experiments = dict.fromkeys(one.experiment for one in location.found)

@@ -209,7 +209,7 @@ class _Contacts:
         # [m], beyond a stated diameter: from pivot to pivot, and between the beads when both hang straight
         self.apart, self.play = room
 
-    def gap(self, a: Array, b: Array, u: Array, v: Array, _who: Any) -> tuple[Array, Array]:
+    def gap(self, a: Array, b: Array, u: Array, v: Array) -> tuple[Array, Array]:
         if self.bench.wall:
             return self.reach[0] * np.sin(a - self.stands), self.reach[0] * u * np.cos(a - self.stands)
         x, y, _ = self._between(a, b)
@@ -220,7 +220,7 @@ class _Contacts:
         closing = right * np.cos(b) - left * np.cos(a) + y / aside * (right * np.sin(b) - left * np.sin(a))
         return x - aside, closing
 
-    def hit(self, a: Array, b: Array, u: Array, v: Array, count: Array, _who: Any) -> tuple[Array, Array, Array]:
+    def hit(self, a: Array, b: Array, u: Array, v: Array, count: Array) -> tuple[Array, Array, Array]:
         impacts = self.bench.impacts
         at = np.minimum(count, impacts - 1)
         e = np.take_along_axis(self.local[..., 3:], at[..., None], axis=2)[..., 0]

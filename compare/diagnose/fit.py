@@ -287,7 +287,7 @@ def _finished(
         linear.seen.position,
         converged,
         linear.soft,
-        _whiteness(linear.residual, getattr(bench, "bodies", 1)),
+        _whiteness(bench, linear.residual),
         leverage,
         state.jitter_std,
         int(np.sum(bench.scatter == len(state.scatter) - 1)),
@@ -311,6 +311,9 @@ def _by_run(bench: Bench, state: State, mask: Array, linear: Linear) -> Array:
     return np.asarray(found + np.linalg.slogdet(linear.a)[1])
 
 
-def _whiteness(residual: Array, bodies: int) -> float:
-    change = residual[bodies:] - residual[:-bodies]
-    return float(np.sum(change**2) / max(2 * np.sum(residual**2), 1e-300))
+def _whiteness(bench: Bench, residual: Array) -> float:
+    body = getattr(bench, "body", np.zeros(len(residual), dtype=int))
+    # the rows of one bead in one repetition follow each other
+    follows = (bench.owner[1:] == bench.owner[:-1]) & (body[1:] == body[:-1])
+    change = (residual[1:] - residual[:-1])[follows]
+    return float(np.mean(change**2) / max(2 * np.mean(residual**2), 1e-300)) if follows.any() else 1.0

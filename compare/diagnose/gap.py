@@ -1,7 +1,8 @@
 """How large the disagreement is, before and after: on the data used, and on repetitions and conditions held out.
 
 The gap is the mean squared deviation of rows and impacts in units of their noise, the pulls of the calibration
-included; 1 and less is noise.  Before and after use the same noise and the same scatter between impacts.
+included; 1 and less is noise.  All models are held against one noise and one scatter between impacts, those of the best
+model, save where an effect widens them: then each model is held against its own.
 """
 
 from __future__ import annotations
@@ -21,6 +22,12 @@ from rigtwin.sim.effects import Effect
 
 MOST_NOISE = 1.5  # times the white noise, as variance: more is a misfit that differs between repetitions
 
+ONE_NOISE = "before and after on the same noise and the same scatter between impacts"
+OWN_NOISE = {
+    "jitter": "before on the stated noise, after on the noise that the jitter widens",
+    "scatter": "before on the scatter of a sphere's impacts, after on the wider scatter that is the effect",
+}
+
 
 @dataclass(frozen=True)
 class Gap:
@@ -38,6 +45,7 @@ class Gap:
     condition_after: float | None = None
     condition_noise_floor: float | None = None
     condition: str = ""
+    noise: str = ONE_NOISE
 
     def to_json(self) -> dict[str, float | str | None]:
         return asdict(self)
@@ -63,7 +71,8 @@ def gap(bench: Regioned, lab: TrackedLab, base: Fit, best: Fit | None) -> Gap:
     """The gap of the baseline and of the best model, in sample and held out."""
     final = best or base
     level, floor = _noise_level(bench, final), noise_floor(bench, final)
-    inside = Gap(_size(bench, base, final.scatter), _size(bench, final, final.scatter), floor)
+    scatter = _shared_scatter(base, final)
+    inside = Gap(_size(bench, base, scatter), _size(bench, final, scatter), floor, noise=_noise_in_words(final))
     if best is None:
         return inside
     last = _last_repetitions(lab)
@@ -105,12 +114,12 @@ class Beside:
 
 
 def beside(
-    bench: Regioned, base: Fit, sizes: Gap, chosen: Sequence[Effect], tried: Sequence[tuple[Fit, float]], seed: str
+    bench: Regioned, base: Fit, sizes: Gap, best: Fit, tried: Sequence[tuple[Fit, float]], seed: str
 ) -> tuple[Beside, ...]:
     """The best other set of as many effects, and a single effect drawn by lot, both fitted like the winner."""
-    groups = {term.group for term in chosen}
+    groups = {term.group for term in best.terms}
     others = [one for one in tried if one[0].terms and not groups & {term.group for term in one[0].terms}]
-    same = [one for one in others if len(one[0].terms) == len(chosen)] or others
+    same = [one for one in others if len(one[0].terms) == len(best.terms)] or others
     if not same:
         return ()
     second = max(same, key=lambda one: one[1])
@@ -121,7 +130,7 @@ def beside(
     found = []
     for role, (near, _gain) in drawn:
         fitted = fit(bench, near.terms, near=replace(near, local=base.local, scatter=base.scatter), most=12, rounds=1)
-        size = _size(bench, fitted, base.scatter)
+        size = _size(bench, fitted, _shared_scatter(base, best))
         share = closed(sizes.before, size, sizes.noise_floor)
         names_ = tuple(term.name for term in near.terms)
         found.append(Beside(role, names_, base.deviance - fitted.deviance, size, share))
@@ -132,8 +141,7 @@ def _held_out(bench: Regioned, runs: Sequence[int], base: Fit, best: Fit) -> tup
     """Fitted on the other repetitions, judged on these, whose own release and impacts are all that is fitted there."""
     others = [r for r in range(len(bench.spans)) if r not in runs]
     seen, unseen = subset(bench, others), subset(bench, runs)
-    sizes, deviances = [], []
-    scatter = None
+    judges = []
     for whole in (best, base):
         trained = fit(seen, whole.terms, near=cut(whole, others), most=15, rounds=1)
         held = {
@@ -142,11 +150,11 @@ def _held_out(bench: Regioned, runs: Sequence[int], base: Fit, best: Fit) -> tup
             if seen_in(bench, u.name, others)
         }
         judged = fit(unseen, whole.terms, near=cut(whole, runs, trained.values), held=held, most=15, rounds=1)
-        if scatter is None:
-            scatter, floor = judged.scatter, _floor(unseen, judged)
-        sizes.append(_size(unseen, judged, scatter))
-        deviances.append(float(judged.by_run.sum()))
-    return sizes[1], sizes[0], floor, deviances[1] - deviances[0]
+        judges.append(judged)
+    after, before = judges
+    scatter = _shared_scatter(before, after)
+    gain = float(before.by_run.sum()) - float(after.by_run.sum())
+    return _size(unseen, before, scatter), _size(unseen, after, scatter), _floor(unseen, after), gain
 
 
 def runs_held_out(bench: Regioned, lab: TrackedLab) -> set[int]:
@@ -162,7 +170,24 @@ def seen_in(bench: Bench, name: str, runs: Sequence[int]) -> bool:
     return part is None or bool(part[1][list(runs)].any())
 
 
-def _size(bench: Bench, fitted: Fit, scatter: np.ndarray) -> float:
+def _widens(fitted: Fit) -> bool:
+    """Whether an effect of the model is the scatter between impacts itself."""
+    return any(term.geometry == "scatter" for term in fitted.terms)
+
+
+def _shared_scatter(base: Fit, best: Fit) -> np.ndarray:
+    """What all are held against: the best model's, for the baseline's has taken up part of the effect; the baseline's,
+    kept to that of spheres, where a wider scatter is the effect."""
+    return base.scatter if _widens(best) else best.scatter
+
+
+def _noise_in_words(fitted: Fit) -> str:
+    kinds = [term.geometry for term in fitted.terms if term.geometry in OWN_NOISE]
+    return "; ".join(OWN_NOISE[kind] for kind in kinds) or ONE_NOISE
+
+
+def _size(bench: Bench, fitted: Fit, shared: np.ndarray) -> float:
+    scatter = fitted.scatter if _widens(fitted) else shared
     inside = bench.scatter >= 0
     total = fitted.chi2 + sum(pull**2 for pull in fitted.pulls.values())
     if inside.any():

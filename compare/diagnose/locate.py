@@ -49,7 +49,7 @@ class Location:
     tested: int
     statistic: float
     """S: mean of z^2 over all regions; about 1 or less where nothing is left."""
-    p: float
+    p: float  # 1 where nothing could be tested
     spread: float
     """Between-repetition variance of region means over that of white noise; 1 for white noise."""
 
@@ -125,5 +125,5 @@ def _spread(bench: Regioned, means: Array, counts: Array) -> float:
                 values.append(np.sum(off**2, axis=0) / (len(here) - 1) * float(np.mean(counts[here, g])))
     if not values:
         return 1.0
-    # the median of a chi-square over its freedom is below one
+    # a region in which the model fails differently in each repetition has no say beyond this
     return max(1.0, float(np.mean(np.minimum(np.concatenate(values), 25.0))))

@@ -46,6 +46,7 @@ def page(diagnosis: Diagnosis) -> str:
         candidates=[_candidate_row(diagnosis.lab, one) for one in _leading(diagnosis)],
         added=_added(diagnosis),
         gaps=_gaps(diagnosis),
+        gap_noise=diagnosis.gap.noise if diagnosis.gap else "",
         calibration=diagnosis.to_json()["calibration"],
         statistic=diagnosis.to_json()["residual_statistic"],
         figure=_figure(diagnosis) if naming is not None else "",
