@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.compare.diagnose.labs import Condition, TrackedLab
+from rigtwin.compare.diagnose.labs import Condition, TrackedLab, start_of
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.records import Array, Track
 
@@ -51,6 +51,12 @@ def check_axes(lab: TrackedLab) -> None:
                 if len(track.time) >= FEWEST and (fault := _ticks(lab, track) or look(alone, condition, track)):
                     where = next(iter(condition.files[number : number + 1]), f"repetition {number + 1}")
                     raise BadInput(f"{lab.folder}: {condition.name}: {where}: {fault}.")
+            if lab.rig == "double" and start_of(repetition[0]) > 0:
+                where = next(iter(condition.files[number : number + 1]), f"repetition {number + 1}")
+                raise BadInput(
+                    f"{lab.folder}: {condition.name}: {where}: {repetition[0].body}, the bead that is let go, starts "
+                    "on the right; write x_m with the opposite sign, so that it starts on the left."
+                )
 
 
 def _ticks(lab: TrackedLab, track: Track) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 
 from rigtwin.compare.diagnose.labs import TrackedLab
 from rigtwin.compare.diagnose.unknowns import Unknown
+from rigtwin.lab.errors import BadInput
 from rigtwin.lab.records import Array, Track
 from rigtwin.sim.effects import Effect, named
 from rigtwin.sim.effects.effect import WIDENING
@@ -117,7 +118,15 @@ def noise_of(lab: TrackedLab, tracks: Sequence[Track]) -> float:
         # an impact is rough in itself
         calm = (third <= 5 * np.median(third, axis=0)).all(axis=1)
         rough.append(third[even[:-2] & even[1:-1] & even[2:] & calm].ravel())
-    found = float(np.median(np.concatenate(rough))) / 0.6745 / math.sqrt(20.0)
+    differences = np.concatenate(rough)
+    if not len(differences):
+        if lab.camera.noise > 0:
+            return lab.camera.noise
+        raise BadInput(
+            f"{lab.folder}: no four rows of any track are evenly spaced, so that the tracking noise cannot be read off "
+            "them; state tracking_noise_m under camera."
+        )
+    found = float(np.median(differences)) / 0.6745 / math.sqrt(20.0)
     if not math.isfinite(lab.camera.noise) or lab.camera.noise <= 0:
         return max(found, 1e-7)
     # stated values are rounded; far off they are not believed

@@ -155,6 +155,8 @@ def diagnose(
         bench = bench_of(lab)
         progress("baseline", 0, 1)
         base = fit(bench, rounds=12)
+        if not math.isfinite(base.deviance):
+            raise ArithmeticError("the misfit of the baseline is no number")
         naming = name_effects(bench, candidates, base, progress)
         naming = replace(naming, unseen=tuple(one for one in library() if lab.rig in one.rigs and not acts(one, lab)))
         verdict, sizes = _judge(bench, lab, naming, progress), None

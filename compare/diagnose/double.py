@@ -52,7 +52,7 @@ class DoubleBench(Runs):
         numbers = [k % self.bodies for k, (_, _, track) in enumerate(self.runs) for _ in track.time]
         self.body: Any = np.array(numbers)
         count = len(self.conditions)
-        doubt = math.radians(lab.known("release_angle_uncertainty_deg", default=0.3))
+        doubt = math.radians(lab.doubt("release_angle_uncertainty_deg", default=0.3))
         ends = np.array([float(self.time[span].max()) for span in self.spans])
         # a contact each half period, the first after a quarter
         half = math.pi * np.sqrt(self.length / lab.gravity)
@@ -81,7 +81,7 @@ class DoubleBench(Runs):
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
         """Restitution of each pair, the threads' lengths and the calibration with their priors."""
         own = [Unknown(f"restitution.{pair}", FIRST_GUESS, 0.05, low=0.01, high=1.2) for pair in self.pairs]
-        doubt = self.lab.known("length_uncertainty_m", default=5e-4)
+        doubt = self.lab.doubt("length_uncertainty_m", default=5e-4)
         bodies = "A" if self.wall else "AB"
         threads = [
             Unknown(f"length.{body}.{length:g}", 0.0, 1e-3, sd=OWN_LENGTH * doubt, low=-0.02, high=0.02)
@@ -89,10 +89,10 @@ class DoubleBench(Runs):
             for body in bodies
         ]
         if not self.wall:
-            set_up = self.lab.known("pivot_spacing_uncertainty_m", default=PIVOTS)
+            set_up = self.lab.doubt("pivot_spacing_uncertainty_m", default=PIVOTS)
             own += [*self.beads.unknowns(), *self.beads.unknowns("pivots", set_up)]
         if self.wall:
-            level = math.radians(self.lab.known("plate_level_uncertainty_deg", default=0.1))
+            level = math.radians(self.lab.doubt("plate_level_uncertainty_deg", default=0.1))
             own.append(Unknown("wall.angle", 0.0, 1e-3, sd=level, low=-0.1, high=0.1))
         return [*own, *threads, *camera_unknowns(self.lab, terms, {"length_error": doubt})]
 

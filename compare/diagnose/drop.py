@@ -55,8 +55,7 @@ class DropBench:
         self.pairs = list(dict.fromkeys(f"{c.bead.name}-{c.wall}" for _, c, _ in runs))
         self.pair = np.array([self.pairs.index(f"{c.bead.name}-{c.wall}") for _, c, _ in runs])
         self.like = _alike(lab)
-        stated = lab.geometry.get("sliding_friction_pw") or {}
-        self.friction = np.array([float(stated.get(c.wall, FRICTION)) for _, c, _ in runs])
+        self.friction = np.array([lab.on_wall("sliding_friction_pw", c.wall, default=FRICTION) for _, c, _ in runs])
         self.noise = noise_of(lab, [track for _, _, track in runs])
         events = [
             _on_the_plate(track, impacts(track.time, track.position[:, 1], self.noise), condition.bead.radius)
@@ -93,10 +92,10 @@ class DropBench:
             ],
             axis=1,
         )
-        tall = lab.known("drop_height_uncertainty_m", default=5e-4)
+        tall = lab.doubt("drop_height_uncertainty_m", default=5e-4)
         # an impact that was not filmed is tied to its prior alone
         unseen = np.where(self.active, np.inf, 1e-3)
-        aside = lab.known("release_sideways_speed_m_s", default=SIDEWAYS)
+        aside = lab.doubt("release_sideways_speed_m_s", default=SIDEWAYS)
         self.local_sd = np.concatenate([np.tile([10.0, 0.01, tall, aside], (repetitions, 1)), unseen, unseen], axis=1)
         self.local_sd[:, 2] *= shared(self.condition)
         self.local_step = np.array([1e-3, 1e-3, 1e-3, 1e-2, *([1e-2] * lost), *([1e-2] * lost)])
@@ -115,7 +114,7 @@ class DropBench:
             else Unknown(f"restitution_beside.{pair}", 0.0, 0.05, sd=ONE_MATERIAL, low=-1.0, high=1.0)
             for number, (pair, like) in enumerate(zip(self.pairs, self.like, strict=True))
         ]
-        level = math.radians(self.lab.known("plate_level_uncertainty_deg", default=0.1))
+        level = math.radians(self.lab.doubt("plate_level_uncertainty_deg", default=0.1))
         priors = {"plate_tilt": level}
         return [*own, *self.beads.unknowns(), *camera_unknowns(self.lab, terms, priors)]
 

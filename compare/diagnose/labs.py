@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
@@ -35,8 +35,17 @@ OPTIONAL = (
     "thickness_m", "youngs_modulus_Pa", "poissons_ratio",
 )  # fmt: skip
 """Keys that have a default: misspelt, they would be missing without a word."""
+BEAD = ("bead", "particle", "clump", "sphere")  # keys of a condition that name its bead
 PLATE = ("thickness_m", "density_kg_m3", "youngs_modulus_Pa", "poissons_ratio")
 ALIKE = 0.9  # of two spellings, as difflib tells it
+SETTINGS = (
+    "drop_height_m", "length_m", "release_angle_deg", "tilt_rate_deg_s", "start_angle_deg", "waiting_time_s",
+    "start_distance_m", "clump_mass_g", "incline_angle_deg", "push_speed_m_s",
+)  # fmt: skip
+"""Settings of a condition; what is the same in all of them may stand once, in rig_geometry."""
+EXACT = 1e-3  # of the doubt taken where none is stated: what is known so well is as good as known exactly
+DOUBTS = ("uncertainty", "noise", "sideways_speed")  # in the names of what cannot be below zero
+EARLY = 0.2  # [s], in which a clock that starts with the film has shown a row, some lost frames allowed for
 
 
 @dataclass(frozen=True)
@@ -163,13 +172,53 @@ class TrackedLab:
                         f"taken for {parameter.name} there"
                     )
 
-    def known(self, *names: str, default: float) -> float:
-        """The first of the geometry's numbers of these names, else the default."""
-        for name in names:
-            value = self.geometry.get(name)
-            if isinstance(value, (int, float)) and not isinstance(value, bool):
-                return float(value)
-        return default
+    def on_wall(self, name: str, wall: str, *, default: float) -> float:
+        """A number of the rig's geometry, stated once or in a table of the walls; the default where it is not."""
+        value = self.geometry.get(name)
+        if isinstance(value, Mapping):
+            value = value.get(wall)
+        if value is None:
+            return default
+        if not _is_number(value) or value < 0:
+            raise BadLabFile(
+                f"{self.folder / 'lab.json'}: rig_geometry: {name}: {value!r} is not a number of at least 0; state "
+                "one, or a table with one for each wall."
+            )
+        return float(value)
+
+    def doubt(self, name: str, *, default: float) -> float:
+        """Standard uncertainty that the rig's geometry states under this name, else the default; never zero."""
+        return stated_doubt(self.geometry, name, default)
+
+
+def stated_doubt(table: Mapping[str, Any], name: str, default: float) -> float:
+    """A standard uncertainty, the default where the table states none.
+
+    Zero says that a quantity is known exactly, which a fit can take for known very well.
+    """
+    value = table.get(name, default)
+    if not _is_number(value):
+        raise BadLabFile(f"{name}: {value!r} is not a number; state a standard uncertainty in the unit of the name.")
+    return max(float(value), EXACT * default)
+
+
+def on_the_bench(rig: str, repetition: tuple[Track, ...]) -> tuple[Track, ...]:
+    """A repetition as the models take it: of two beads the one that is let go first, on a clock that starts at zero.
+
+    Whichever bead a file lists first, the released one starts furthest from the middle.  A tilting arm's clock is left
+    as it is: its angle is stated for the moment zero.
+    """
+    if rig == "double":
+        repetition = tuple(sorted(repetition, key=lambda track: -abs(start_of(track))))
+    begin = min(float(track.time[0]) for track in repetition)
+    if rig == "slide" or 0 <= begin < EARLY:
+        return repetition
+    return tuple(replace(track, time=track.time - begin) for track in repetition)
+
+
+def start_of(track: Track) -> float:
+    """[m], x where a bead is before it is let go."""
+    return float(np.median(track.position[:5, 0]))
 
 
 def read_tracked_lab(path: Path) -> TrackedLab:
@@ -184,10 +233,17 @@ def read_tracked_lab(path: Path) -> TrackedLab:
         raise BadLabFile(f"{file}: conditions: is missing or empty; list one condition per setting of the rig.")
     gravity = _number({"gravity_m_s2": 9.81, **document}, "gravity_m_s2", file)
     camera = _camera(document, file, rig)
-    conditions = () if rig in BULK else tuple(_condition(document, raw, file, rig) for raw in raw_conditions)
     geometry = document.get("rig_geometry") or {}
     if not isinstance(geometry, dict):
         raise BadLabFile(f"{file}: rig_geometry: is not a table of names and values.")
+    conditions = () if rig in BULK else tuple(_condition(document, raw, file, rig) for raw in raw_conditions)
+    free = [one.name for one in conditions if not one.wall]
+    if rig == "pendulum" and 0 < len(free) < len(conditions):
+        striking = next(one.name for one in conditions if one.wall)
+        raise BadLabFile(
+            f"{file}: conditions: {free[0]} swings freely and {striking} strikes a wall; those are two experiments: "
+            "write a lab.json for each."
+        )
     return TrackedLab(
         title=str(document.get("case") or document.get("title") or file.parent.name),
         rig=rig,
@@ -215,7 +271,14 @@ def _document(file: Path) -> dict[str, Any]:
     if not isinstance(document, dict):
         raise BadLabFile(f"{file}: holds no table of names and values; write it as docs/tracked_lab.md shows.")
     _sane(document, "", file)
-    return document
+    return dict(_measured(document))
+
+
+def _measured(value: Any) -> Any:
+    """The document without what was not measured: null says so."""
+    if isinstance(value, dict):
+        return {key: _measured(entry) for key, entry in value.items() if entry is not None}
+    return [_measured(entry) for entry in value] if isinstance(value, list) else value
 
 
 def _sane(value: Any, key: str, file: Path) -> None:
@@ -228,7 +291,7 @@ def _sane(value: Any, key: str, file: Path) -> None:
             _sane(entry, key, file)
     elif isinstance(value, float) and not math.isfinite(value):
         raise BadLabFile(f"{file}: {key}: {value!r} is no number that was measured; leave it out where it is unknown.")
-    elif isinstance(value, (int, float)) and value < 0 and ("uncertainty" in key or "noise" in key):
+    elif isinstance(value, (int, float)) and value < 0 and any(kind in key for kind in DOUBTS):
         raise BadLabFile(f"{file}: {key}: {value!r} cannot be; an uncertainty is not below zero.")
 
 
@@ -277,11 +340,26 @@ def _condition(document: Mapping[str, Any], raw: Any, file: Path, rig: str) -> C
         raise BadLabFile(
             f"{file}: condition {name}: files: {pattern!r} holds no place for a number; write 'rep%02d.csv'."
         ) from None
-    tracks = tuple(read_tracks(file.parent / one) for one in files)
-    for one, repetition in zip(files, tracks, strict=True):
+    common = {key: value for key, value in (document.get("rig_geometry") or {}).items() if key in SETTINGS}
+    settings = common | {key: value for key, value in raw.items() if key not in ("name", "files", "repetitions")}
+    if rig == "roll" and not {"incline_angle_deg", "push_speed_m_s"} & settings.keys():
+        raise BadLabFile(
+            f"{file}: condition {name}: states neither incline_angle_deg nor push_speed_m_s; a bead rolls down an "
+            "incline or is pushed."
+        )
+    tracks = []
+    for one in files:
+        repetition = read_tracks(file.parent / one)
         _check(repetition, file.parent / one, rig)
-    settings = {key: value for key, value in raw.items() if key not in ("name", "files", "repetitions")}
-    return Condition(name, bead, str(raw.get("wall", "")), settings, tracks, tuple(files))
+        tracks.append(on_the_bench(rig, repetition))
+        bodies, others = ({track.body for track in each} for each in (tracks[-1], tracks[0]))
+        if rig == "double" and bodies != others:
+            raise BadLabFile(
+                f"{file.parent / one}: the beads are named {' and '.join(sorted(bodies))}, and "
+                f"{' and '.join(sorted(others))} in {files[0]}; name them alike in all repetitions."
+            )
+    wall = str(raw.get("wall", ""))
+    return Condition(name, bead, "" if wall.lower() == "none" else wall, settings, tuple(tracks), tuple(files))
 
 
 def _check(repetition: tuple[Track, ...], path: Path, rig: str) -> None:
@@ -300,11 +378,18 @@ def _bead(document: Mapping[str, Any], raw: Mapping[str, Any], file: Path, where
     particles = document.get("particles")
     if not isinstance(particles, dict) or not particles:
         raise BadLabFile(f"{file}: particles: is missing or empty; describe each bead there.")
-    wanted = next((raw[key] for key in ("bead", "particle", "clump", "sphere") if key in raw), None)
+    wanted = next((raw[key] for key in BEAD if key in raw), None)
     if wanted is None and len(particles) == 1:
         wanted = next(iter(particles))
     if "diameter_m" in particles and wanted is None:
         wanted, particles = "bead", {"bead": particles}
+    kinds = [value for key, value in raw.items() if any(kind in key.lower() for kind in BEAD)]
+    second = next((one for one in kinds if isinstance(one, str) and one in particles and one != wanted), None)
+    if document["rig"] == "double" and wanted is not None and second is not None:
+        raise BadLabFile(
+            f"{file}: condition {where}: names two kinds of beads, {wanted} and {second}; two pendulums are read with "
+            "two beads alike."
+        )
     about = particles.get(wanted) if isinstance(wanted, str) else None
     if not isinstance(about, dict):
         known = ", ".join(map(str, particles))

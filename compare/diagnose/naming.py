@@ -271,7 +271,8 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
         again = fit(bench, (), near=best.fitted, rounds=6)
         if again.deviance < ASTRAY * base.deviance:
             # the baseline had lost its way and a candidate found it: none may take credit for that
-            return name_effects(bench, candidates, again, tell)
+            told = name_effects(bench, candidates, again, tell)
+            return replace(told, broken=tuple(dict.fromkeys((*search.broken, *told.broken))))
     if best is None or best.score < ALARM:
         none = Naming(base, location, tuple(search.done.values()), None, (), location, tuple(rounds))
         return replace(none, broken=tuple(search.broken))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rigtwin.compare.diagnose.labs import Bead, Camera, Condition, TrackedLab
+from rigtwin.compare.diagnose.labs import Bead, Camera, Condition, TrackedLab, on_the_bench
 from rigtwin.compare.repetitions import Failure, measure_repetition
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.notebook import Experiment, Lab, read_lab
@@ -42,7 +42,7 @@ def tracked_lab(path: Path, only: Sequence[str] = (), progress: Progress = silen
     conditions, sigmas = [], []
     for number, experiment in enumerate(chosen):
         progress("tracks", number, len(chosen))
-        tracks = [_tracks(lab, experiment, views, rig) for views in experiment.repetitions]
+        tracks = [on_the_bench(rig, _tracks(lab, experiment, views, rig)) for views in experiment.repetitions]
         sigmas += [track.sigma for repetition in tracks for track in repetition]
         conditions.append(_condition(experiment, tracks, rig))
     stated = lab.uncertainty

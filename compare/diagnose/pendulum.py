@@ -60,7 +60,7 @@ class PendulumBench:
         self.condition_names = [condition.name for condition in lab.conditions]
         self.region, self.region_names = eighths(self.time, self.spans)
         repetitions = len(runs)
-        doubt = math.radians(lab.known("release_angle_uncertainty_deg", default=0.3))
+        doubt = math.radians(lab.doubt("release_angle_uncertainty_deg", default=0.3))
         self.local_prior = np.stack([np.zeros(repetitions), angle], axis=1)
         self.local_sd = np.stack([np.full(repetitions, 10.0), doubt * shared(self.condition)], axis=1)
         self.local_step = np.array([1e-3, 1e-2])
@@ -69,7 +69,7 @@ class PendulumBench:
 
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
         """The lengths and the calibration with their priors, and the terms' coefficients."""
-        doubt = self.lab.known("length_uncertainty_m", default=5e-4)
+        doubt = self.lab.doubt("length_uncertainty_m", default=5e-4)
         own = [
             Unknown(f"length.{length:g}", 0.0, 1e-3, sd=OWN_LENGTH * doubt, low=-0.02, high=0.02)
             for length in self.lengths

@@ -64,9 +64,9 @@ class RollBench(Runs):
         """Rolling friction of each pair, each condition's angle, the level and the calibration with their priors."""
         start, tie = (0.0, TIED) if any(term.name == LEVER for term in terms) else (0.03, math.inf)
         own = [Unknown(f"rolling_friction.{pair}", start, 3e-3, sd=tie, low=0.0, high=1.0) for pair in self.pairs]
-        doubt = math.radians(self.lab.known("incline_angle_uncertainty_deg", default=0.05))
+        doubt = math.radians(self.lab.doubt("incline_angle_uncertainty_deg", default=0.05))
         tips = [Unknown(f"angle.{name}", 0.0, 1e-3, sd=doubt) for name in self.condition_names]
-        level = math.radians(self.lab.known("plate_level_uncertainty_deg", default=0.1))
+        level = math.radians(self.lab.doubt("plate_level_uncertainty_deg", default=0.1))
         return [*own, *tips, *self.beads.unknowns(), *camera_unknowns(self.lab, terms, {"plate_tilt": level})]
 
     def first_guess(self, values: Mapping[str, float]) -> Array:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rigtwin.compare.diagnose.camera import noise_of
-from rigtwin.compare.diagnose.labs import Condition, TrackedLab
+from rigtwin.compare.diagnose.labs import Condition, TrackedLab, stated_doubt
 from rigtwin.compare.diagnose.unknowns import Unknown
 from rigtwin.lab.records import Array, Track
 from rigtwin.sim.effects import Effect
@@ -71,13 +71,12 @@ class Beads:
     def unknowns(self, kind: str = "diameter", doubt: float | None = None) -> list[Unknown]:
         """One for each bead, [m] beyond what is stated, known as well as `doubt` or as the diameter is."""
         return [
-            Unknown(f"{kind}.{name}", 0.0, 1e-3, sd=doubt or self._doubt(name), low=-2e-3, high=2e-3)
+            Unknown(f"{kind}.{name}", 0.0, 1e-3, sd=self._doubt(name) if doubt is None else doubt, low=-2e-3, high=2e-3)
             for name in self.names
         ]
 
     def _doubt(self, name: str) -> float:
-        stated = self.known[name].about.get("diameter_uncertainty_m")
-        return float(stated) if isinstance(stated, (int, float)) and stated > 0 else DIAMETER
+        return stated_doubt(self.known[name].about, "diameter_uncertainty_m", DIAMETER)
 
     def of(self, kind: str, values: Mapping[str, Array], runs: Any) -> Array:
         """[m], (settings, R): the unknowns of this kind in each repetition, `runs` their beads' numbers."""

@@ -39,8 +39,6 @@ class SlideBench(Runs):
         self.clump = np.where(np.isfinite(self.clump), self.clump, self.mass)
         self.pairs = list(dict.fromkeys(f"{c.bead.name}-{c.wall}" for c in self.conditions))
         self.pair = np.array([self.pairs.index(f"{c.bead.name}-{c.wall}") for c in self.conditions])
-        stated = lab.geometry.get("sliding_friction_pw") or {}
-        self.stated = {f"{c.bead.name}-{c.wall}": stated.get(c.wall) for c in self.conditions}
         count = len(self.conditions)
         # where it lies on the arm, and the arm's stated angle at the moment when it slips.  The rows tell that moment
         # to microseconds: its friction in this place would bend the way along which tilt and roll are traded.
@@ -54,8 +52,8 @@ class SlideBench(Runs):
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
         """Friction of each pair, the arm's rate and level and the calibration with their priors."""
         own = [Unknown(f"static_friction.{pair}", 0.4, 0.01, low=0.01, high=3.0) for pair in self.pairs]
-        rate = Unknown("tilt_rate", 0.0, 1e-3, sd=self.lab.known("tilt_rate_uncertainty_rel", default=0.002))
-        level = math.radians(self.lab.known("plate_level_uncertainty_deg", default=0.1))
+        rate = Unknown("tilt_rate", 0.0, 1e-3, sd=self.lab.doubt("tilt_rate_uncertainty_rel", default=0.002))
+        level = math.radians(self.lab.doubt("plate_level_uncertainty_deg", default=0.1))
         return [*own, rate, *self.beads.unknowns(), *camera_unknowns(self.lab, terms, {"plate_tilt": level})]
 
     def first_guess(self, values: Mapping[str, float]) -> Array:
