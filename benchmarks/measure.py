@@ -16,154 +16,20 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from bulk_coverage import CASES as BULK
-from figures import Row, against, below, report
+from centres import centres
+from figures import Row, below, report
 from measure_speed import speed
 from motions import BEAD, STEEL, bounces, swing, through_a_camera
 
 from rigtwin.lab.records import Track
 from rigtwin.measure import drop, pendulum
-from rigtwin.measure.bead import locate
 
 Array = npt.NDArray[np.float64]
-Centre = tuple[float, float] | None
 
-FINE = 4  # pictures are drawn on a grid this much finer
-CONTRAST, GROUND = 120.0, 60.0  # [grey levels]
-DISCS = (  # radius [px], blur [px], signal to noise, shading across the bead's surroundings [grey levels]
-    (5.0, 0.0, 20.0, 0.0),
-    (12.0, 0.0, 5.0, 0.0),
-    (12.0, 0.0, 20.0, 0.0),
-    (12.0, 0.0, 20.0, 40.0),
-    (12.0, 8.0, 20.0, 0.0),
-    (25.0, 20.0, 20.0, 0.0),
-)
 SEED = int(os.environ.get("SEED", "1"))
-
-
-# ------------------------------------------------------------------------------------------------------------- centres
-
-
-def draw(centre: Array, radius: float, blur: float, size: int, shading: float) -> Array:
-    """A disc smeared downwards by `blur` [px] before a shaded ground, through a lens of 0.7 px, without noise."""
-    fine = (np.arange(size * FINE) + 0.5) / FINE - 0.5
-    x, y = np.meshgrid(fine - centre[0], fine - centre[1])
-    steps = max(1, round(2 * blur))
-    cover = np.zeros_like(x)
-    for k in range(steps):
-        cover += np.clip((radius - np.hypot(x, y - ((k + 0.5) / steps - 0.5) * blur)) * FINE + 0.5, 0, 1)
-    seen = cover.reshape(size, FINE, size, FINE).mean(axis=(1, 3)) / steps
-    ground = GROUND + shading * (np.arange(size) / size - 0.5)[None]
-    return np.asarray(cv2.GaussianBlur(ground + CONTRAST * seen, (0, 0), 0.7))
-
-
-def bound(radius: float, blur: float, size: int, noise: float) -> Array:
-    """Cramer-Rao bound of x and y [px]: noise over the root of the summed squares of the picture's derivative."""
-    middle, step = np.array([size / 2 + 0.2, size / 2 + 0.3]), 0.25
-    rows = []
-    for move in np.eye(2) * step:
-        change = draw(middle + move, radius, blur, size, 0) - draw(middle - move, radius, blur, size, 0)
-        rows.append(noise / math.sqrt(float(np.sum((change / (2 * step)) ** 2))))
-    return np.array(rows)
-
-
-def by_hough(grey: npt.NDArray[np.uint8], radius: float) -> Centre:
-    low, high = max(round(0.7 * radius), 2), round(1.4 * radius) + 1
-    found = cv2.HoughCircles(grey, cv2.HOUGH_GRADIENT, 1, 20, param1=100, param2=10, minRadius=low, maxRadius=high)
-    if found is None:
-        return None
-    x, y, _ = found.reshape(-1, 3)[0]
-    return float(x), float(y)
-
-
-def by_otsu(grey: npt.NDArray[np.uint8], _: float) -> Centre:
-    _, mask = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
-    outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    m = cv2.moments(max(outlines, key=cv2.contourArea))
-    return (m["m10"] / m["m00"], m["m01"] / m["m00"]) if m["m00"] else None
-
-
-def by_contour(grey: npt.NDArray[np.uint8], _: float) -> Centre:
-    """Sub-pixel contour at half height and its area's centroid."""
-    from skimage.measure import find_contours
-
-    smooth = cv2.GaussianBlur(grey.astype(np.float64), (0, 0), 1.0)
-    outlines = find_contours(smooth, (np.percentile(smooth, 2) + np.percentile(smooth, 99)) / 2)
-    if not outlines:
-        return None
-    y, x = max(outlines, key=len).T
-    cross = x[:-1] * y[1:] - x[1:] * y[:-1]
-    area = cross.sum() / 2
-    if abs(area) < 1:
-        return None
-    return float(((x[:-1] + x[1:]) * cross).sum() / (6 * area)), float(((y[:-1] + y[1:]) * cross).sum() / (6 * area))
-
-
-def by_template(grey: npt.NDArray[np.uint8], radius: float) -> Centre:
-    """Correlation with a sharp ideal disc, and a parabola through its peak."""
-    side = 2 * math.ceil(radius + 4) + 1
-    ideal = draw(np.array([side // 2, side // 2]), radius, 0, side, 0).astype(np.float32)
-    score = cv2.matchTemplate(grey.astype(np.float32), ideal, cv2.TM_CCOEFF_NORMED)
-    row, column = np.unravel_index(int(np.argmax(score)), score.shape)
-    if not (0 < row < score.shape[0] - 1 and 0 < column < score.shape[1] - 1):
-        return None
-    cut = score[row - 1 : row + 2, column - 1 : column + 2]
-    x, y = (_peak(*line) for line in (cut[1], cut[:, 1]))
-    return float(column + x + side // 2), float(row + y + side // 2)
-
-
-def _peak(before: float, at: float, after: float) -> float:
-    bend = before - 2 * at + after
-    return float((before - after) / (2 * bend)) if bend else 0.0
-
-
-OTHERS: dict[str, Callable[[npt.NDArray[np.uint8], float], Centre]] = {
-    "sub-pixel contour": by_contour,
-    "template": by_template,
-    "Otsu and moments": by_otsu,
-    "Hough": by_hough,
-}
-
-
-def centres(count: int) -> list[Row]:
-    """Root mean square error of the centre, in multiples of the bound, and whether the stated sigma tells it."""
-    rows = []
-    for radius, blur, snr, shading in DISCS:
-        rng = np.random.default_rng(SEED)
-        size, noise = 2 * round(1.9 * radius + blur / 2 + 12), CONTRAST / snr
-        best = bound(radius, blur, size, math.hypot(noise, 1 / math.sqrt(12)))
-        errors: dict[str, list[Array]] = {name: [] for name in ("ours", *OTHERS)}
-        told = []
-        for _ in range(count):
-            centre = size / 2 + rng.uniform(-1, 1, 2)
-            ground = draw(np.array([-999.0, -999.0]), radius, 0, size, shading)
-            picture = draw(centre, radius, blur, size, shading) + rng.normal(0, noise, (size, size))
-            grey = np.clip(np.round(picture), 0, 255).astype(np.uint8)
-            near = centre + rng.uniform(-1, 1, 2)
-            found = locate(grey, ground, (float(near[0]), float(near[1])), radius)
-            if found is not None:
-                errors["ours"].append(np.array([found.x, found.y]) - centre)
-                told.append(errors["ours"][-1] / found.sigma)
-            for name, method in OTHERS.items():
-                other = method(grey, radius)
-                if other is not None and math.dist(other, centre) < radius:
-                    errors[name].append(np.array(other) - centre)
-        case = f"R {radius:g}, blur {blur:g}, SNR {snr:g}, shading {shading:g}"
-        for name, each in errors.items():
-            lost = f"{count - len(each)} of {count} lost"
-            ratio = float(np.sqrt(np.mean((np.array(each) / best) ** 2))) if each else math.inf
-            title = f"{case}: {name}, rms / bound"
-            row = Row(title, ratio, note=lost)
-            if name == "ours":
-                row = below(title, ratio, 1.2 if blur else 1.15, note=f"bound {best[0]:.4f} / {best[1]:.4f} px; {lost}")
-            rows.append(row)
-        rows.append(
-            against(f"{case}: rms of error / sigma", float(np.sqrt(np.mean(np.square(told)))), 1, relative=0.15)
-        )
-    return rows
 
 
 # --------------------------------------------------------------------------------------------------------------- drops
@@ -259,7 +125,14 @@ def _seeded(case: Callable[[int, int], list[Row]]) -> Callable[[int], list[Row]]
     return functools.update_wrapper(seeded, case)
 
 
-CASES: tuple[Callable[[int], list[Row]], ...] = (centres, drops, gravity, pendulums, *map(_seeded, BULK), speed)
+CASES: tuple[Callable[[int], list[Row]], ...] = (
+    _seeded(centres),
+    drops,
+    gravity,
+    pendulums,
+    *map(_seeded, BULK),
+    speed,
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

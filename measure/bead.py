@@ -6,6 +6,7 @@ to follow a bead through a clip.  Picture coordinates: x right, y down, centre o
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -43,13 +44,55 @@ class Look:
 
 
 @dataclass(frozen=True)
+class Shading:
+    """The light's slopes in one frame: their freedom costs more of the centre than that of all else together.
+
+    A bead brighter on its left looks much like one further left.
+    """
+
+    slopes: Array  # [grey levels per radius] in x and y, shape (2,)
+    covariance: Array  # of x, y [px] and the slopes, shape (4, 4)
+    usual: Array  # slopes that were held likely, shape (2,)
+    spread: Array  # and how far off, shape (2,)
+
+
+@dataclass(frozen=True)
 class BeadFit:
     """A located bead with what its pixels say of its look."""
 
     image: BeadImage
     look: Look
-    certainty: Array  # inverse covariance of (radius, edge, light), shape (6, 6)
     misfit: float  # [grey levels], mean absolute residual
+    shading: Shading
+    information: Array  # of all parameters, the pixels of a patch alone, shape (n, n)
+    step: int  # picture pixels per patch pixel
+
+    def certainty(self) -> Array:
+        """Inverse covariance of (radius, edge, light), shape (6, 6).
+
+        What is left of the information when place, blur and scene of this frame are unknown (Schur complement).
+        """
+        mine = np.array([2, 3, *range(_SHAPES, _SHAPES + _LIGHTS)])
+        other = np.array([k for k in range(len(self.information)) if k not in mine])
+        cross = self.information[np.ix_(mine, other)]
+        inside = self.information[np.ix_(other, other)] + np.diag(np.full(len(other), 1e-9))
+        schur = self.information[np.ix_(mine, mine)] - cross @ np.linalg.lstsq(inside, cross.T, rcond=None)[0]
+        unit = np.array([self.step, self.step, 1, 1, 1, 1])
+        return np.asarray(schur / np.outer(unit, unit))
+
+    def with_slopes(self, slopes: Array, spread: Array) -> BeadImage:
+        """The bead had it been known that the light's slopes are these, give or take `spread`.
+
+        No new fit: near its best, what is known beforehand shifts a fit of least squares in proportion.
+        """
+        known, light = self.shading, self.shading.covariance[:, 2:]
+        more = np.diag(1 / spread**2 - 1 / known.spread**2)
+        pull = (slopes - known.slopes) / spread**2 - (known.usual - known.slopes) / known.spread**2
+        gain = light @ np.linalg.inv(np.eye(2) + more @ light[2:])
+        x, y = (gain @ pull)[:2].tolist()
+        left = known.covariance - gain @ more @ light.T
+        sigma = math.sqrt(max(float(left[0, 0] + left[1, 1]) / 2, LEAST_SIGMA**2))
+        return replace(self.image, x=self.image.x + x, y=self.image.y + y, sigma=sigma)
 
 
 def locate(
@@ -107,11 +150,10 @@ def fit_bead(
         prior = pixels.started_better(prior, places)
     fit = _fit_disc(pixels, prior)
     image = None if fit is None else _bead_image(patch, pixels, fit)
-    if fit is not None and look is not None and not pixels.confirm(fit.parameters, look.light):
+    if fit is None or image is None or (look is not None and not pixels.confirm(fit.parameters, look.light)):
         return None
-    return (
-        None if fit is None or image is None else BeadFit(image, _look(fit, patch), _certainty(fit, patch), fit.misfit)
-    )
+    shading = _shading(fit, patch, prior)
+    return BeadFit(image, _look(fit, patch), fit.misfit, shading, fit.information, patch.step)
 
 
 def common_look(fits: Sequence[BeadFit]) -> Look:
@@ -122,8 +164,8 @@ def common_look(fits: Sequence[BeadFit]) -> Look:
     spread = 1.4826 * np.median(np.abs(table - middle), axis=0) + 1e-6
     inner = np.flatnonzero(np.max(np.abs(table - middle) / spread, axis=1) < 4).tolist()
     inner = inner if len(inner) >= 3 else list(range(len(fits)))
-    total = np.sum([fits[k].certainty for k in inner], axis=0)
-    pull = np.sum([fits[k].certainty @ table[k] for k in inner], axis=0)
+    certainty = np.array([fits[k].certainty() for k in inner])
+    total, pull = np.sum(certainty, axis=0), np.einsum("kij,kj->i", certainty, table[inner])
     mean = np.linalg.lstsq(total, pull, rcond=1e-10)[0]
     return Look(float(mean[0]), float(mean[1]), np.asarray(mean[2:]))
 
@@ -144,6 +186,11 @@ def _soft_edge(depth: Picture) -> tuple[Picture, Picture]:
     )
 
 
+def _summed(moments: Picture, values: Picture) -> Picture:
+    """Sums over the exposure, one for each row of `moments`; without the threads of a product of matrices."""
+    return np.asarray(np.einsum("ij,jk", moments, values))
+
+
 @dataclass(frozen=True)
 class _Prior:
     """Where the fit starts and what is known beforehand, one entry per parameter; spread infinite: nothing.
@@ -159,16 +206,18 @@ class _Prior:
 @dataclass(frozen=True)
 class _Fit:
     parameters: Array
-    normal: Array  # information of the pixels and the priors
+    covariance: Array  # by the pixels and what is known beforehand
     information: Array  # information of the pixels alone
     noise: float  # [grey levels], robust residual scatter
     misfit: float  # [grey levels], mean absolute residual
 
 
+LEAST_SIGMA = 0.004  # [px], for what is left of faults of the model
 FAINTEST = 0.3  # of how a bead should stand out from what it hides, below which what is seen there is not the bead
 _SHAPES = 6
 _LIGHTS = 4
 _ROOM = 2.5  # [px], around the pixels near a bead, so that it may move a little before they are chosen anew
+_AT_ONCE = 1000  # pixels in a product of matrices
 _EXACT = 0.02  # [px], spread of a blur that is known
 _MOST_STEPS = 18  # of the exposure integral: a longer smear has its information at its ends and sides
 _SETTLED = 0.1  # of the cost, that another step may gain at most; a gain of 1 would be one standard deviation
@@ -257,7 +306,7 @@ def _fit_disc(pixels: _Pixels, prior: _Prior) -> _Fit | None:
     excess = _correlation_excess(pixels.image(residual))
     return _Fit(
         parameters,
-        information / excess + np.diag(beforehand),
+        np.asarray(np.linalg.pinv(information / excess + np.diag(beforehand)), dtype=np.float64),
         information / excess,
         float(np.min(noise)),
         float(np.mean(np.abs(residual))),
@@ -266,7 +315,7 @@ def _fit_disc(pixels: _Pixels, prior: _Prior) -> _Fit | None:
 
 def _cost(residual: Array, weights: Array, parameters: Array, mean: Array, certain: Array) -> float:
     off = parameters - mean
-    return float(weights @ (residual * residual) + certain @ (off * off))
+    return float(np.einsum("i,i", weights, residual * residual) + certain @ (off * off))
 
 
 def _bounded(parameters: Array, before: Array, prior: _Prior) -> Array:
@@ -284,7 +333,8 @@ def _noise(residual: Array, cover: Array) -> Array:
 
     `cover` is how much of each of the first pixels the bead covers; of the others it covers nothing.
     """
-    off = np.abs(residual)
+    # of whole grey levels the median would be a whole number too: noise of 2.4 would count as 3
+    off = np.abs(residual + _between_levels(len(residual)))
     around = max(1.4826 * middle_of(off), 0.4)
     inside = off[: len(cover)][cover > 0.5]
     within = max(1.4826 * middle_of(inside), around) if len(inside) > 8 else around
@@ -293,9 +343,15 @@ def _noise(residual: Array, cover: Array) -> Array:
     return noise
 
 
+@functools.lru_cache(maxsize=8)
+def _between_levels(count: int) -> Array:
+    """[grey levels], evenly spread from one to the next."""
+    return np.arange(count) * (math.sqrt(5) - 1) / 2 % 1 - 0.5
+
+
 def _part_shown(model: Array, values: Array) -> float:
     """How much of a model the values show: 1 for all of it."""
-    return float(model @ values) / (float(model @ model) + 1e-9)
+    return float(np.einsum("i,i", model, values)) / (float(np.einsum("i,i", model, model)) + 1e-9)
 
 
 def _robust_weights(residual: Array, noise: Array) -> Array:
@@ -366,13 +422,15 @@ class _Pixels:
     def normal_equations(self, jacobian: Array, residual: Array, weights: Array) -> tuple[Array, Array]:
         """The weighted jacobian times itself, shape (parameters, parameters), and times the residual."""
         near, scene = self._near, np.s_[_SHAPES + _LIGHTS :]
-        # one product of matrices: those with a vector alone are shared out among threads that wait for each other
-        both = (jacobian * weights[:near]) @ np.vstack([jacobian, residual[:near]]).T
+        left, right = jacobian * weights[:near], np.vstack([jacobian, residual[:near]])
+        # large products, and those with a vector, would be shared out among threads that wait for each other
+        parts = [np.s_[:, first : first + _AT_ONCE] for first in range(0, near, _AT_ONCE)]
+        both = np.sum([left[part] @ right[part].T for part in parts], axis=0)
         information, pull = both[:, :-1].copy(), both[:, -1].copy()
         rows = self._scene_rows[:, near:]
         weighted = rows * weights[near:]
-        information[scene, scene] += weighted @ rows.T
-        pull[scene] += weighted @ residual[near:]
+        information[scene, scene] += np.einsum("ik,jk", weighted, rows)
+        pull[scene] += np.einsum("ik,k", weighted, residual[near:])
         return information, pull
 
     def started_better(self, prior: _Prior, places: Sequence[tuple[float, float]]) -> _Prior:
@@ -397,7 +455,8 @@ class _Pixels:
         rows, residual = self.linearise(empty)
         values = self.values[: self._near]
         model = values - residual[: self._near]
-        bead = model + (usual - parameters[_SHAPES : _SHAPES + _LIGHTS]) @ rows[_SHAPES : _SHAPES + _LIGHTS]
+        lights = np.s_[_SHAPES : _SHAPES + _LIGHTS]
+        bead = model + np.einsum("i,ik", usual - parameters[lights], rows[lights])
         return 0.5 < _part_shown(model, values) < 2.0 and _part_shown(bead, values) > FAINTEST
 
     def linearise(self, parameters: Array) -> tuple[Array, Array]:
@@ -412,7 +471,7 @@ class _Pixels:
         # the midpoint rule is exact enough once its step is about the width of the soft edge
         count = min(max(1, math.ceil(math.hypot(blur_x, blur_y) / (1.3 * max(edge, 0.7)))), _MOST_STEPS)
         when = (np.arange(count) + 0.5) / count - 0.5
-        scene = light[_LIGHTS:] @ self._scene_rows
+        scene = np.einsum("i,ik", light[_LIGHTS:], self._scene_rows)
         behind = scene[:near] if self.behind is None else self.behind[:near]
         # single precision is a hundredth of the least noise, and takes a third of the time
         behind = np.asarray(behind, dtype=np.float32)
@@ -424,7 +483,8 @@ class _Pixels:
         )
         square = dx * dx + dy * dy
         distance = np.sqrt(square)
-        depth = (np.float32(radius) - distance) * np.float32(1 / edge)
+        # the blunter an arc, the further inside it the half of its height
+        depth = (np.float32(radius - edge**2 / (2 * radius)) - distance) * np.float32(1 / edge)
         cover, rim = _soft_edge(depth)
         rim *= np.float32(1 / edge)
         over = (np.float32(base + bulge) - behind) - np.float32(bulge / unit**2) * square
@@ -434,9 +494,9 @@ class _Pixels:
         toward = rim / (distance + np.float32(1e-6))
         # what every pixel collects over the exposure: plain, and weighted with the moment
         moments = (np.stack([np.ones(count), when, when * when]) / count).astype(np.float32)
-        covered, early, spread = moments @ cover
-        squares = moments[0] @ (cover * square)
-        pull_x, pull_y = moments[:2] @ (toward * dx), moments[:2] @ (toward * dy)
+        covered, early, spread = _summed(moments, cover)
+        squares = _summed(moments[:1], cover * square)[0]
+        pull_x, pull_y = _summed(moments[:2], toward * dx), _summed(moments[:2], toward * dy)
         u, v = away_x * covered - blur_x * early, away_y * covered - blur_y * early  # times the unit
         early_u, early_v = away_x * early - blur_x * spread, away_y * early - blur_y * spread
         bend = 2 * bulge / unit**2
@@ -444,8 +504,8 @@ class _Pixels:
         # d(cover * lit)/d(centre): the rim moves, and the shading moves with the bead
         rows[0] = pull_x[0] - (slope_x / unit) * covered + bend * u
         rows[1] = pull_y[0] - (slope_y / unit) * covered + bend * v
-        rows[2] = moments[0] @ rim
-        rows[3] = -(moments[0] @ (rim * depth))
+        rows[2] = _summed(moments[:1], rim)[0]
+        rows[3] = -_summed(moments[:1], rim * (depth + np.float32(edge / radius)))[0]
         rows[4] = pull_x[1] - (slope_x / unit) * early + bend * early_u
         rows[5] = pull_y[1] - (slope_y / unit) * early + bend * early_v
         rows[6], rows[7], rows[8] = covered, u / unit, v / unit
@@ -480,8 +540,7 @@ class _Pixels:
 def _bead_image(patch: Patch, pixels: _Pixels, fit: _Fit) -> BeadImage | None:
     """Back to picture pixels; None when what was found is no bead."""
     x, y, radius, _, blur_x, blur_y = fit.parameters[:_SHAPES]
-    covariance = np.linalg.pinv(fit.normal)
-    sigma = math.sqrt(max(float(covariance[0, 0] + covariance[1, 1]) / 2, 1e-6))
+    sigma = math.sqrt(max(float(fit.covariance[0, 0] + fit.covariance[1, 1]) / 2, 1e-6))
     covered = pixels.near_path(fit.parameters[:_SHAPES] * np.array([1, 1, 0.7, 0, 1, 1]))
     away = math.hypot(x - patch.near[0], y - patch.near[1])
     if len(covered) < 3 or away > 1.5 * patch.radius + 4 or sigma > 0.5 * radius:
@@ -493,7 +552,7 @@ def _bead_image(patch: Patch, pixels: _Pixels, fit: _Fit) -> BeadImage | None:
     return BeadImage(
         x=float(patch.origin[0] + x * step),
         y=float(patch.origin[1] + y * step),
-        sigma=max(sigma, 0.004) * step,
+        sigma=max(sigma, LEAST_SIGMA) * step,
         radius=float(radius * step),
         blur=(float(blur_x * step), float(blur_y * step)),
         contrast=float(np.mean(spot)),
@@ -508,12 +567,9 @@ def _look(fit: _Fit, patch: Patch) -> Look:
     )
 
 
-def _certainty(fit: _Fit, patch: Patch) -> Array:
-    """Information on the look once place, blur and scene of this frame are taken as unknown (Schur complement)."""
-    mine = np.array([2, 3, *range(_SHAPES, _SHAPES + _LIGHTS)])
-    other = np.array([k for k in range(len(fit.parameters)) if k not in mine])
-    cross = fit.information[np.ix_(mine, other)]
-    inside = fit.information[np.ix_(other, other)] + np.diag(np.full(len(other), 1e-9))
-    schur = fit.information[np.ix_(mine, mine)] - cross @ np.linalg.lstsq(inside, cross.T, rcond=None)[0]
-    unit = np.array([patch.step, patch.step, 1, 1, 1, 1])
-    return np.asarray(schur / np.outer(unit, unit))
+def _shading(fit: _Fit, patch: Patch, prior: _Prior) -> Shading:
+    slopes = np.s_[_SHAPES + 1 : _SHAPES + 3]
+    chosen = np.array([0, 1, _SHAPES + 1, _SHAPES + 2])
+    unit = np.array([patch.step, patch.step, 1, 1])
+    covariance = fit.covariance[np.ix_(chosen, chosen)] * np.outer(unit, unit)
+    return Shading(fit.parameters[slopes].copy(), covariance, prior.mean[slopes].copy(), prior.spread[slopes].copy())

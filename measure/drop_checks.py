@@ -191,7 +191,7 @@ def view_checks(video: Video, seen: Chase, fitted: Bounces, repeats: frozenset[i
     flights[list(repeats)] = False
     share = len(times) / max(int(np.sum(flights)), 1)
     shake = float(np.max(np.std(seen.shakes, axis=0)))
-    seen_to = max(float(np.median([sighting.image.sigma for sighting in seen.sightings])), LEAST_LEFT)
+    seen_to = max(float(np.median([sighting.fit.image.sigma for sighting in seen.sightings])), LEAST_LEFT)
     left = _left_of_flights(seen, fitted)
     followed = left < MOST_LEFT * seen_to
     doubt = (

@@ -18,6 +18,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.measure.album import Album
 from rigtwin.measure.bead import BeadFit, BeadImage, Look, common_look, fit_bead
 from rigtwin.measure.channel import LUMA, Channel, best_channel, luma_is_clear
+from rigtwin.measure.light import in_steady_light
 from rigtwin.measure.media import Frame, Video
 from rigtwin.measure.patch import Mask
 from rigtwin.measure.scene import Background, Pose, Scene, rounded, shakes_of, stands_still
@@ -29,6 +30,8 @@ Grey = npt.NDArray[np.uint8]
 
 BADLY = 2.0  # times the usual misfit, from which on a fit may lie in a wrong place
 REST = 25  # frames of a bead at rest that are worth a look before and after it moves
+CREEPS = 0.25  # [px/frame], up to which a codec may repeat a bead where it was
+FEWEST_DIFFERENCES = 12  # of the places of five frames, from which their scatter is told
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,7 @@ class Sighting:
     time: float  # [s]
     image: BeadImage
     shake: tuple[float, float]  # [px], add it to a scene position to draw on the frame
-    fit: BeadFit = field(repr=False)
+    fit: BeadFit = field(repr=False)  # to this frame alone
 
     @property
     def place(self) -> tuple[float, float]:
@@ -152,7 +155,7 @@ def chase(path: SpotPath, moves: Movement, scene: Scene, cuts: Sequence[Cut], pr
         shutter = told_shutter(cuts, path, scene, look, hidden, shutter)
     sightings = _fit_cuts(cuts, scene, radius, shutter=shutter, hidden=hidden, look=look, progress=progress)
     found = Chase(tuple(sightings), path, shakes, shutter, radius, scene, tuple(cuts), look, hidden)
-    return found if look is None else _started_again(found)
+    return _steadied(found if look is None else _started_again(found))
 
 
 def _started_again(chase: Chase) -> Chase:
@@ -332,7 +335,39 @@ def look_again(chase: Chase, expected: Mapping[int, tuple[tuple[float, float], t
         (x, y), _ = expected[sighting.frame]
         if math.hypot(sighting.image.x - x, sighting.image.y - y) < 0.7 * chase.radius:
             renewed[sighting.frame] = sighting
-    return replace(chase, sightings=tuple(renewed[frame] for frame in sorted(renewed)))
+    return _steadied(replace(chase, sightings=tuple(renewed[frame] for frame in sorted(renewed))))
+
+
+def _steadied(chase: Chase) -> Chase:
+    """With what the frames of a clip say of each other: how the bead is lit, and how far its places scatter."""
+    frames = np.array([each.frame for each in chase.sightings])
+    images = in_steady_light([each.fit for each in chase.sightings], frames)
+    more = scatter(frames, images)
+    seen = [
+        replace(each, image=replace(image, sigma=more * image.sigma))
+        for each, image in zip(chase.sightings, images, strict=True)
+    ]
+    return replace(chase, sightings=tuple(seen))
+
+
+def scatter(frames: npt.NDArray[np.int64], images: Sequence[BeadImage]) -> float:
+    """How many times their sigma the places of a moving bead scatter from frame to frame; 1 where that is not told.
+
+    A codec smears the rim of a bead along with the noise, so that single frames seem surer than they are.  Of a flight
+    or a swing fourth differences leave nothing but the scatter; those across a bounce are few.
+    """
+    places, variance = (
+        np.array([each(image) for image in images]).reshape(len(images), -1)
+        for each in (lambda image: (image.x, image.y), lambda image: image.sigma**2)
+    )
+    if len(frames) < FEWEST_DIFFERENCES:
+        return 1.0
+    moves = np.hypot(*(places[4:] - places[:-4]).T) > 4 * CREEPS
+    told = moves & (frames[4:] - frames[:-4] == 4)
+    if np.count_nonzero(told) < FEWEST_DIFFERENCES:
+        return 1.0
+    expected = np.convolve(variance[:, 0], np.array([1, 4, 6, 4, 1]) ** 2, mode="valid")[:, None]
+    return max(1.4826 * float(np.median((np.abs(np.diff(places, 4, axis=0)) / np.sqrt(expected))[told])), 1.0)
 
 
 def _shows(cut: Cut, place: tuple[float, float]) -> bool:
@@ -432,8 +467,8 @@ def _fit_cuts(
             onwards=None if ahead is None else (ahead[0] - cut.left, ahead[1] - cut.top),
         )
         if fit is not None:
-            image = replace(fit.image, x=fit.image.x + cut.left, y=fit.image.y + cut.top)
-            found.append(Sighting(cut.frame, cut.time, image, cut.shake, fit))
+            fit = replace(fit, image=replace(fit.image, x=fit.image.x + cut.left, y=fit.image.y + cut.top))
+            found.append(Sighting(cut.frame, cut.time, fit.image, cut.shake, fit))
         progress("measuring the bead", done + 1, len(cuts))
     return found
 

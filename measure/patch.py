@@ -15,7 +15,7 @@ from rigtwin.measure.scene import middle_of
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-LARGEST_RADIUS = 10.0  # [px] beyond it a fit to block means loses nothing that matters and saves time
+LARGEST_RADIUS = 20.0  # [px] of twice as large a bead block means tell as much as matters and save time
 
 
 @dataclass(frozen=True)
