@@ -29,26 +29,37 @@ def in_steady_light(fits: Sequence[BeadFit], frames: npt.NDArray[np.int64]) -> l
     How far it is not (a bead with a grain that spins, say) is told by the clip itself, and a frame in which the light
     is far from that around (next to a bright plate) keeps its own.
     """
-    seen = np.array([fit.shading.slopes for fit in fits]).reshape(-1, 2)
-    doubt = np.array([np.diag(fit.shading.covariance)[2:] for fit in fits]).reshape(-1, 2)
-    around = [_others(k, frames) for k in range(len(frames))]
-    told = [k for k, others in enumerate(around) if len(others) >= FEWEST]
     images = [fit.image for fit in fits]
-    if not told:
+    others, count = _around(frames)
+    told = np.flatnonzero(count >= FEWEST)
+    if not len(told):
         return images
-    usual = np.array([np.median(seen[around[k]], axis=0) for k in told])
+    seen = np.array([fit.shading.slopes for fit in fits])
+    doubt = np.array([np.diag(fit.shading.covariance)[2:] for fit in fits])
+    usual = _medians(seen, others, count)[told]
     # a median of normal numbers is less certain than their mean by pi/2
-    unsure = np.array([math.pi / 2 * np.median(doubt[around[k]], axis=0) / len(around[k]) for k in told])
+    unsure = math.pi / 2 * _medians(doubt, others, count)[told] / count[told, None]
     off, expected = (seen[told] - usual) ** 2, doubt[told] + unsure
     restless = np.mean(np.minimum(off / expected, MOST), axis=0) / OF_NOISE - 1
     spread = unsure + np.maximum(restless, 0) * np.median(expected, axis=0)
     spread = np.where(off > JUMP**2 * (doubt[told] + spread), np.maximum(spread, off), spread)
-    for k, *known in zip(told, usual, np.sqrt(spread), strict=True):
+    for k, *known in zip(told.tolist(), usual, np.sqrt(spread), strict=True):
         images[k] = fits[k].with_slopes(*known)
     return images
 
 
-def _others(k: int, frames: npt.NDArray[np.int64]) -> npt.NDArray[np.intp]:
-    """The sightings in the frames around that of sighting `k`, without it."""
-    near = np.flatnonzero(np.abs(frames - frames[k]) <= AROUND)
-    return np.asarray(near[near != k])
+def _around(frames: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """The sightings in the frames around that of each, without it, shape (n, 2 AROUND), -1 for none; and how many."""
+    steps = np.array([step for step in range(-AROUND, AROUND + 1) if step])
+    others = np.arange(len(frames))[:, None] + steps
+    inside = (others >= 0) & (others < len(frames))
+    there = frames[np.where(inside, others, 0)]
+    inside &= np.abs(there - frames[:, None]) <= AROUND
+    return np.where(inside, others, -1), np.count_nonzero(inside, axis=1)
+
+
+def _medians(values: Array, others: npt.NDArray[np.intp], count: npt.NDArray[np.intp]) -> Array:
+    """Of what the others of each say, shape (n, 2)."""
+    ordered = np.sort(np.where(others[..., None] < 0, np.inf, values[others]), axis=1)
+    rows = np.arange(len(others))
+    return np.asarray((ordered[rows, np.maximum(count - 1, 0) // 2] + ordered[rows, count // 2]) / 2)
