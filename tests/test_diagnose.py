@@ -383,6 +383,16 @@ def test_rolling_friction_that_grows_with_speed_is_named(tmp_path):
     assert document["effects"][0]["effect"] == "rolling_speed"
 
 
+def test_the_model_file_of_a_rolling_bead_carries_its_rolling_friction(tmp_path):
+    lab = write_rolls(tmp_path / "lab", 16, slope=0.05)
+    found = verdict_on(lab, "rolling_speed", "scale_error", "plate_tilt")
+    write_model(tmp_path / "model.toml", model_of(found))
+    (contact,) = read_model(tmp_path / "model.toml").contacts.values()
+    fitted = found.chosen.fitted
+    assert contact.rolling_friction == pytest.approx(fitted.value(f"rolling_friction.{found.bench.pairs[0]}"))
+    assert contact.restitution is None
+
+
 def test_a_table_that_leans_is_told_from_a_rolled_camera_by_a_push_the_other_way(tmp_path):
     names = "plate_tilt", "camera_roll", "scale_error"
     one_way = verdict_on(write_rolls(tmp_path / "one", 4, tip=0.02), *names)

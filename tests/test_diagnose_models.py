@@ -91,13 +91,14 @@ def hung_free(start: float, moment: float, times: np.ndarray):
     push, omega = pushing(length, mass, np.array([3e-3]), G, values, (named("pivot_friction"),))
     exact = swing.half_swings(np.array([[start]]), push, omega, far)
 
-    def nothing_near(a, b, u, v, who):
+    def nothing_near(a, b, u, v):
         return 1.0 + 0 * a, 0 * a
 
+    def never(a, b, u, v, count):
+        raise AssertionError("nothing is near that could be struck")
+
     begin = np.array([[start]]), np.array([[0.0]])
-    stepped = collide.swing_and_hit(
-        begin, (push, push), 2 * math.pi / omega, far, nothing_near, nothing_near, 1, dry=True
-    )
+    stepped = collide.swing_and_hit(begin, (push, push), 2 * math.pi / omega, far, nothing_near, never, 1, dry=True)
     owner = np.zeros(len(times), dtype=int)
     return collide.angles_at(stepped, times[None], owner, owner)[0][0], swing.angle_at(exact, times[None], owner)[0][0]
 

@@ -12,10 +12,11 @@ from rigtwin.compare.diagnose.labs import read_tracked_lab
 from rigtwin.compare.diagnose.notebook import tracked_lab
 from rigtwin.compare.diagnose.page import page
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.materials import KnownContact, Material, Pair, Particle, pair
+from rigtwin.lab.materials import PARAMETERS, KnownContact, Material, Pair, Particle, pair
 from rigtwin.lab.model import Model, model_text
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.sim.effects import own_effect
+from rigtwin.sim.effects.forms import PREFIX, form
 
 
 def diagnose_folder(
@@ -31,10 +32,11 @@ def diagnose_folder(
         raise BadInput(f"{folder}: --only names experiments of a lab.toml; a lab.json is diagnosed whole.")
     lab = tracked_lab(folder, only, progress) if notebook else read_tracked_lab(folder)
     diagnosis = diagnose(lab, effects, progress)
+    left_out = "".join(f"# left out: {reason}\n" for reason in _not_carried(diagnosis).values())
     contents = {
         "diagnosis.json": results.document(diagnosis.to_json()),
         "diagnosis.html": page(diagnosis),
-        "model.toml": model_text(model_of(diagnosis)),
+        "model.toml": left_out + model_text(model_of(diagnosis)),
     }
     return diagnosis, results.write_together(out, contents)
 
@@ -69,23 +71,40 @@ def _contacts(diagnosis: Diagnosis) -> dict[Pair, KnownContact]:
         return {}
     fitted = diagnosis.chosen.fitted if diagnosis.chosen else diagnosis.naming.base
     known = {unknown.name: value for unknown, value in zip(fitted.unknowns, fitted.values, strict=True)}
-    restitutions = diagnosis.bench.restitutions(known) if hasattr(diagnosis.bench, "restitutions") else {}
+    if hasattr(diagnosis.bench, "restitutions"):
+        known |= {f"restitution.{name}": value for name, value in diagnosis.bench.restitutions(known).items()}
     found: dict[Pair, KnownContact] = {}
     for condition in diagnosis.lab.conditions:
-        other = condition.wall or condition.bead.name
-        restitution = restitutions.get(f"{condition.bead.name}-{other}")
-        if restitution is not None:
-            found[pair(condition.bead.name, other)] = KnownContact(min(max(float(restitution), 0.01), 1.0), None, None)
+        bead, other = condition.bead.name, condition.wall or condition.bead.name
+        fits = {name: float(known[key]) for name in PARAMETERS if (key := f"{name}.{bead}-{other}") in known}
+        if "restitution" in fits:  # a fit may leave by its noise what a contact can have
+            fits["restitution"] = min(max(fits["restitution"], 0.01), 1.0)
+        if fits:
+            found[pair(bead, other)] = KnownContact(**fits)
     return found
 
 
 def _named(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
     if diagnosis.chosen is None:
         return {}
+    left_out = _not_carried(diagnosis)
     return {
         term.name: {
             name: float(one["value"])
             for name, one in parameters(diagnosis.lab, diagnosis.chosen.fitted, (term,)).items()
         }
         for term in diagnosis.chosen.terms
+        if term.name not in left_out
     }
+
+
+def _not_carried(diagnosis: Diagnosis) -> dict[str, str]:
+    """The formulas that no twin carries yet, and why: a model.toml with them could not be read."""
+    reasons = {}
+    for term in diagnosis.chosen.terms if diagnosis.chosen else ():
+        if term.name.startswith(PREFIX):
+            try:
+                form(term.name)
+            except BadInput as problem:
+                reasons[term.name] = str(problem)
+    return reasons
