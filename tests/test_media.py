@@ -105,6 +105,50 @@ def test_frames_missing_between_rounded_time_stamps_leave_the_others_on_time(tmp
     assert video.times == pytest.approx(kept / 240, abs=1e-4)
 
 
+@pytest.mark.parametrize("name", ["clip.avi", "clip.mkv", "clip.mp4"])
+@pytest.mark.parametrize("lost", [{20}, set(range(3, 40, 4)), {5, 6, 17, 30}])
+def test_lost_frames_are_told_in_any_file_even_where_a_tick_is_one_frame(tmp_path, name, lost):
+    kept = np.array([k for k in range(40) if k not in lost])
+    clip = tmp_path / name
+    unit = 1000 if name == "clip.mkv" else 240
+    write_clip(clip, np.rint(kept * unit / 240).astype(int).tolist(), rate=240, tick=unit, codec="mpeg4")
+    video = open_video(clip, Camera(frame_rate=240.0))
+    missing = int(kept[-1]) + 1 - len(kept)
+    assert video.times == pytest.approx(kept / 240, abs=2e-4)
+    assert any(f"; {missing} frame" in line for line in video.warnings)
+
+
+@pytest.mark.parametrize("rate", [240, 333, 600, 700, 1000])
+@pytest.mark.parametrize("given", [True, False])
+def test_a_clock_of_milliseconds_is_no_lost_frame_however_fast_the_film(tmp_path, rate, given):
+    stamps = [round(k * 1000 / rate) for k in range(40)]
+    clip = write_clip(tmp_path / "ms.mkv", stamps, rate=rate)
+    video = open_video(clip, Camera(frame_rate=float(rate) if given else None))
+    assert video.times == pytest.approx(np.arange(40) / rate)
+    assert len(video.warnings) == (not given)
+
+
+@pytest.mark.parametrize("slower", [1, 8])  # in real time, and stored at 30 Hz
+@pytest.mark.parametrize("name", ["clip.mkv", "clip.mp4"])
+def test_a_film_that_loses_every_second_frame_later_on_keeps_its_pace(tmp_path, name, slower):
+    taken = np.array([*range(12), *range(12, 50, 2)])
+    stamps = np.rint(taken * slower * 1000 / 240).astype(int).tolist()
+    video = open_video(write_clip(tmp_path / name, stamps, rate=240 // slower), Camera(frame_rate=240.0))
+    assert video.times == pytest.approx(taken / 240, abs=1e-3)
+    assert any("are missing" in line for line in video.warnings)
+
+
+def test_time_stamps_are_believed_where_the_head_of_the_file_states_another_rate(tmp_path):
+    clip = write_clip(tmp_path / "head.mkv", [round(k * 1000 / 30) for k in range(40)], rate=240)
+    video = open_video(clip, Camera())
+    assert video.times == pytest.approx(np.arange(40) / 30, rel=2e-3)
+    assert (video.frame_rate, video.playback_rate) == pytest.approx((30, 30), rel=2e-3)
+    assert any("head states 240 Hz" in line for line in video.warnings)
+    fast = open_video(clip, Camera(frame_rate=240.0))
+    assert fast.times == pytest.approx(np.arange(40) / 240)
+    assert any("plays at 30 Hz" in line and "high-speed" in line for line in fast.warnings)
+
+
 def test_rounded_time_stamps_of_a_wandering_clock_are_kept(tmp_path):
     taken = np.cumsum(np.random.default_rng(3).uniform(20, 60, 30))
     stamps = np.rint(taken - taken[0]).astype(int)
