@@ -7,6 +7,7 @@ repetition gave.  All three print as the JSON documents that `rigtwin measure --
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -115,6 +116,16 @@ class Check:
             "expected": _finite(self.expected),
             "message": self.message,
         }
+
+
+def failed(checks: Iterable[Check], among: Collection[str]) -> str:
+    """What failed checks say against a number that rests on those named; empty where all of them passed.
+
+    >>> shaken = Check("static_camera", False, 5.0, 0.0, "the camera shook")
+    >>> failed([shaken], {"static_camera", "gravity"}), failed([shaken], {"gravity"})
+    ('the camera shook', '')
+    """
+    return "; ".join(dict.fromkeys(check.message for check in checks if not check.passed and check.check in among))
 
 
 @dataclass(frozen=True)

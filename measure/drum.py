@@ -21,7 +21,7 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, doubted, root_sum_of_squares
+from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, doubted, failed, root_sum_of_squares
 from rigtwin.lab.records import Profile
 from rigtwin.measure.bed import Bed, Outline, bed_in_photo, follow_bed
 from rigtwin.measure.media import open_video, read_photo
@@ -55,6 +55,8 @@ FILL = (0.03, 0.7)  # share of the drum's cross-section; above, the bed has hard
 MOST_BOW = 0.2  # sagitta over length of the surface; S-shapes are odd about the middle, the drum's own arc has 0.5
 HIGHEST_STEP = 4.0  # bead diameters over the width of one: a slope of 76 degrees
 GLARE = 0.05  # share of the surface under a reflection, from which on lines along parts of it are off
+UNSTEADY = 0.5  # share of odd frame intervals, from which on a file's own times are not believed
+RESTS_ON = ("surface_in_view", "steady_flow", "frame_timing")  # checks of the record that every angle rests on
 SMEARED = 0.25  # share of frames that may be left out before the result is doubtful
 
 
@@ -234,8 +236,7 @@ def _evaluate(seen: Observation, speed: float | None) -> Evaluation:
     else:
         quantities += _of_avalanches(avalanches, quantities[0].budget)
     checks = _checks(seen, main, first, last, means.get((GRAPHICAL, MIDDLE)))
-    if failed := "; ".join(each.message for each in checks if not each.passed and each.check == "surface_in_view"):
-        quantities = [replace(one, doubtful=failed) for one in quantities]
+    quantities = [doubted(one, failed(checks, RESTS_ON)) for one in quantities]
     if last - first + 1 < len(seen.times):
         warnings.append(
             f"steady part: {seen.times[first]:.3f} s to {seen.times[last]:.3f} s; before and after it the surface lies "
@@ -387,7 +388,7 @@ def _checks(seen: Observation, main: Array, first: int, last: int, mean: Mean | 
         checks.append(
             Check(
                 "frame_timing",
-                odd < 0.05,
+                odd < UNSTEADY,
                 odd,
                 0.0,
                 f"{100 * odd:.0f} % of the frame intervals differ by more than a quarter from the usual one; "
@@ -510,10 +511,8 @@ def _profile(
 
 
 def _judged(quantities: tuple[Quantity, ...], bed: Bed) -> tuple[Quantity, ...]:
-    doubts = [check.message for check in _checks_of_picture(bed) if not check.passed]
-    if not doubts:
-        return quantities
-    return tuple(replace(one, doubtful="; ".join(filter(None, (one.doubtful, *doubts)))) for one in quantities)
+    doubts = "; ".join(check.message for check in _checks_of_picture(bed) if not check.passed)
+    return tuple(doubted(one, doubts) for one in quantities)
 
 
 def _checks_of_shape(bed: Bed) -> list[Check]:

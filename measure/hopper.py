@@ -50,7 +50,7 @@ TAIL = 0.02  # of the discharge, without a loss at the record's end, from which 
 BINS = 6  # parts of the steady flow whose rates are compared
 HIDDEN = 0.08  # share of the slot's width that may show no bead before something hides it
 RESIDUE = 0.02  # share of the bed that may stay behind before it is worth a warning
-UNSEEN = ("slot_in_view", "bed_clear")  # checks without which the times of what leaves are doubtful
+UNSEEN = ("slot_in_view", "bed_clear", "static_camera")  # checks without which the times of what leaves are doubtful
 NEARBY = 4  # frames about an instant in which something in front of the hopper makes it doubtful
 # bits per pixel of a clip, below which its codec leaves what is faint as it was for a frame or so until it moved on;
 # beads that pour take ten times as many

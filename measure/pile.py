@@ -20,7 +20,7 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, doubted, root_sum_of_squares
+from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, doubted, failed, root_sum_of_squares
 from rigtwin.lab.records import Profile, read_profile
 from rigtwin.measure import slope
 from rigtwin.measure.disc import FOCAL_DOUBT, Disc
@@ -141,6 +141,7 @@ def _evaluate(
     checks: list[Check] = []
     warnings: list[str] = []
     doubtful: list[bool] = []
+    judged: list[Quantity] = []
     for number, seen in enumerate(observations):
         grain = bead_diameter or seen.grain
         heap = slope.find_parts(seen.profile, base_diameter, grain)
@@ -159,7 +160,11 @@ def _evaluate(
         warnings += [whose + doubt for doubt in doubts]
         if seen.unconfirmed and seen.unconfirmed not in warnings:
             warnings.append(seen.unconfirmed)
-        checks += [*seen.checks, *heap_checks(seen.profile, heap, base_diameter, bead_diameter)]
+        of_heap = heap_checks(seen.profile, heap, base_diameter, bead_diameter)
+        checks += [*seen.checks, *of_heap]
+        # their mean takes out what a leaning base or camera does to each
+        uneven = failed(of_heap, ("flanks_agree",))
+        judged += [doubted(one, uneven) if one.detail.get("side") in slope.SIDES else one for one in found]
     if len(observations) > 1:
         agree = views_checks(quantities, LINE)
         checks += agree
@@ -169,7 +174,9 @@ def _evaluate(
             warnings.append(f"left out of the mean over views, because doubtful: {left_out}.")
             if doubtful.count(False) == 1:
                 odd.append(f"one view alone is sound, and none confirms it; left out: {left_out}")
-        quantities = [doubted(one, "; ".join(odd)) for one in _over_views(quantities)] + quantities
+        quantities = [doubted(one, "; ".join(odd)) for one in _over_views(quantities)] + judged
+    else:
+        quantities = judged
     return Evaluation(tuple(quantities), tuple(checks), tuple(warnings))
 
 

@@ -25,7 +25,7 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, doubted, root_sum_of_squares
+from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, doubted, failed, root_sum_of_squares
 from rigtwin.lab.records import Series, Track
 from rigtwin.measure.arm import Arm, find_arm, lay_over
 from rigtwin.measure.follow import learn_scene
@@ -54,6 +54,27 @@ SAME_FRICTION = 0.02  # relative, how far friction of what rolls may be off at i
 CLUMP = 2.3  # length over height of a body on the plate, from which on it is no single bead, smeared by what it crept
 WRONG_SCALE = 0.3  # relative misfit of the acceleration from which on the scale is not believed
 NOMINAL = 3e-4  # [m/px], where no scale is known: only a unit
+UNSTEADY = 0.5  # share of odd frame intervals, from which on a file's own times are not believed
+# checks that every number rests on
+BEHIND_ALL = {
+    "variant",
+    "creep",
+    "steady_rise",
+    "run_residuals",
+    "onset_certainty",
+    "shape",
+    "arm_in_view",
+    "still_camera",
+}
+# and those that it rests on besides: an angle needs no clock and no scale, a moment no horizontal
+RESTS_ON = {
+    "static_friction": BEHIND_ALL | {"level"},
+    "static_friction_angle": BEHIND_ALL | {"level"},
+    "rolling_friction": BEHIND_ALL | {"level"},
+    "rolling_friction_angle": BEHIND_ALL | {"level"},
+    "onset_time": BEHIND_ALL | {"gravity", "frame_timing"},
+    "kinetic_friction": BEHIND_ALL | {"gravity", "frame_timing", "level"},
+}
 
 
 # ------------------------------------------------------------------------------------------------- record -> quantities
@@ -157,19 +178,15 @@ def _evaluation(
         _certainty_check(onset, way),
     )
     checks = tuple(each for each in judged if isinstance(each, Check))
-    failed = [check for check in checks if not check.passed and check.check != "gravity"]
-    doubt = "; ".join(check.message for check in failed)
     name = FRICTION[variant]
     budget = {"onset": onset.angle_sigma, **geometry}
-    if failed:
-        budget["failed check"] = 2 * root_sum_of_squares(budget)
     slope = 1 + math.tan(onset.angle) ** 2
     degrees = {part: math.degrees(value) for part, value in budget.items()}
     tangent = {part: slope * value for part, value in budget.items()}
     quantities = [
-        _quantity(name, math.tan(onset.angle), "1", tangent, doubt),
-        _quantity(f"{name}_angle", math.degrees(onset.angle), "deg", degrees, doubt),
-        _quantity("onset_time", onset.time, "s", {"onset": onset.time_sigma, **(timing or {})}, doubt),
+        _quantity(name, math.tan(onset.angle), "1", tangent),
+        _quantity(f"{name}_angle", math.degrees(onset.angle), "deg", degrees),
+        _quantity("onset_time", onset.time, "s", {"onset": onset.time_sigma, **(timing or {})}),
     ]
     if variant == "slide" and math.isfinite(way.scale_doubt):
         # the acceleration, which the friction of the moving body falls short of the slope by, goes with the scale
@@ -184,15 +201,18 @@ def _evaluation(
                 "1",
                 "acceleration",
                 budget=moving,
-                doubtful=doubt,
             )
         )
     warnings = tuple(each for each in judged if isinstance(each, str))
-    return Evaluation(tuple(quantities), checks, warnings)
+    return Evaluation(_judged(quantities, checks), checks, warnings)
 
 
-def _quantity(name: str, value: float, unit: str, budget: dict[str, float], doubt: str) -> Quantity:
-    return Quantity(name, value, root_sum_of_squares(budget), unit, "onset", budget=budget, doubtful=doubt)
+def _judged(quantities: Sequence[Quantity], checks: Sequence[Check]) -> tuple[Quantity, ...]:
+    return tuple(doubted(quantity, failed(checks, RESTS_ON[quantity.quantity])) for quantity in quantities)
+
+
+def _quantity(name: str, value: float, unit: str, budget: dict[str, float]) -> Quantity:
+    return Quantity(name, value, root_sum_of_squares(budget), unit, "onset", budget=budget)
 
 
 def _gravity_check(way: Way, onset: Onset, variant: Variant) -> Check | str:
@@ -370,14 +390,9 @@ def measure(
     # an exposure lasts up to a frame, and a time stamp tells its start
     timing = {"exposure": 0.2 / video.frame_rate}
     evaluation = _evaluation(way, run, onset, variant, bead_diameter, geometry, timing)
-    shape = _shape_check(film.body, variant)
-    checks = (*evaluation.checks, shape, *_view_checks(film, gauge, video))
-    quantities = tuple(doubted(each, video.spoilt) for each in evaluation.quantities)
-    if not shape.passed:
-        quantities = tuple(replace(q, doubtful=q.doubtful or shape.message) for q in quantities)
-    if film.level is None and camera.roll is None:
-        reason = checks[-1].message
-        quantities = tuple(replace(q, doubtful=q.doubtful or reason) if q.unit != "s" else q for q in quantities)
+    of_film = (_shape_check(film.body, variant), *_view_checks(film, gauge, video))
+    checks = (*evaluation.checks, *of_film)
+    quantities = _judged([doubted(each, video.spoilt) for each in evaluation.quantities], of_film)
     measurement = Measurement(
         rig="tilt",
         source=clip,
@@ -564,13 +579,10 @@ def _view_checks(film: Film, gauge: Gauge, video: Video) -> tuple[Check, ...]:
     )
     steps = np.diff(video.times[video.first : video.last + 1])
     odd = int(np.sum(np.abs(steps - np.median(steps)) > 0.5 * np.median(steps)))
-    timing = Check(
-        "frame_timing",
-        odd < 0.05 * len(steps),
-        float(odd),
-        0.0,
-        f"{odd} of {len(steps)} frame intervals are odd" + ("." if odd == 0 else "; the file's own times were used."),
-    )
+    steady = odd < UNSTEADY * len(steps)
+    message = f"{odd} of {len(steps)} frame intervals are odd" + ("; the file's own times were used" if odd else "")
+    ending = "." if steady else ", but so many may be wrong: use the camera's original file."
+    timing = Check("frame_timing", steady, float(odd), 0.0, message + ending)
     shake = float(np.std(film.shakes, axis=0).max())
     still = Check(
         "still_camera",

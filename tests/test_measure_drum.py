@@ -99,7 +99,16 @@ def test_dropped_frames_do_not_pull_the_mean() -> None:
     kept = (np.sin(2 * np.pi * times) < 0) | (np.arange(400) % 10 == 0)
     found = drum.evaluate([profile(a) for a in angles[kept]], times[kept], drum_diameter=2 * RADIUS)
     assert find(found, drum.GRAPHICAL, drum.MIDDLE).value == pytest.approx(30.0, abs=0.35)
+    assert next(check for check in found.checks if check.check == "frame_timing").value > 0.05
+    assert not find(found, drum.GRAPHICAL, drum.MIDDLE).doubtful
+
+
+def test_times_that_jump_about_make_every_number_doubtful() -> None:
+    random = np.random.default_rng(6)
+    times, angles = np.cumsum(random.exponential(1 / 30, 200)), 30 + 0.8 * correlated(random, 200, 0.5)
+    found = drum.evaluate([profile(a) for a in angles], times, drum_diameter=2 * RADIUS)
     assert not next(check for check in found.checks if check.check == "frame_timing").passed
+    assert all("frame intervals" in one.doubtful for one in found.quantities)
 
 
 def test_the_start_of_the_drum_is_left_out() -> None:

@@ -135,6 +135,14 @@ def test_every_budget_adds_up_to_the_stated_uncertainty() -> None:
     assert mean.std_uncertainty < 1.5  # an uneven heap: its mean is known better than its sides differ
 
 
+def test_flanks_that_differ_by_more_than_their_grains_make_sides_doubtful_and_no_mean() -> None:
+    uneven = evaluate([triangle(22, 31, grain=0.0005)], bead_diameter=0.0005)
+    even = evaluate([triangle(28, 28.5, grain=0.0005)], bead_diameter=0.0005)
+    for side, doubtful in (("left", True), ("right", True), ("mean", False)):
+        assert bool(angle(uneven, GRAPHICAL, side).doubtful) == doubtful
+        assert not angle(even, GRAPHICAL, side).doubtful
+
+
 def test_several_views_are_averaged_over_views_and_sides() -> None:
     slopes = [(24.0, 30.0), (26.0, 28.0), (27.0, 29.0)]
     profiles = [replace(triangle(*pair), view=f"view {k}") for k, pair in enumerate(slopes)]

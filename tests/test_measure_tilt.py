@@ -1,6 +1,7 @@
 """Friction from tilted plates whose onset is known: made-up records with a closed form, and drawn clips."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import av
@@ -276,3 +277,16 @@ def test_how_fast_the_plate_turns_is_no_doubt_of_its_angle() -> None:
 def test_the_times_of_a_record_are_not_doubted_for_an_exposure():
     found = pick(tilt.evaluate(*record("slide", angle_deg=20), variant="slide"), "onset_time")
     assert set(found.budget) == {"onset"}
+
+
+@pytest.mark.parametrize("stretch", [1.0, 8.0, 1000 / 30])
+def test_a_film_played_too_slowly_spoils_moments_and_speeds_but_not_the_angle(stretch):
+    angle, tracks = record("slide", angle_deg=22, seed=5)
+    slow = [replace(track, time=track.time * stretch) for track in tracks]
+    result = tilt.evaluate(replace(angle, time=angle.time * stretch), slow, variant="slide", bead_diameter=6e-3)
+    gravity = next(check for check in result.checks if check.check == "gravity")
+    assert gravity.passed == (stretch == 1.0)
+    for name in ("onset_time", "kinetic_friction"):
+        assert bool(pick(result, name).doubtful) == (stretch > 1)
+    found = pick(result, "static_friction_angle")
+    assert abs(found.value - 22) < 4 * found.std_uncertainty
