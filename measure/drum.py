@@ -25,6 +25,7 @@ from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantit
 from rigtwin.lab.records import Profile
 from rigtwin.measure.bed import Bed, Outline, bed_in_photo, follow_bed
 from rigtwin.measure.media import open_video, read_photo
+from rigtwin.measure.repeats import at_its_pace
 from rigtwin.measure.steady import Avalanches, Mean, find_avalanches, mean_over_time, steady_part
 
 Array = npt.NDArray[np.float64]
@@ -106,7 +107,7 @@ def measure(
             )
         warnings.append("a single picture shows one moment of the flow; film the drum for a mean over time.")
     else:
-        video = open_video(clip, camera)
+        video = at_its_pace(open_video(clip, camera), progress)
         warnings += video.warnings
         rate, spoilt = video.frame_rate, video.spoilt
         bed = follow_bed(video, roll=camera.roll, bead_share=share, region=camera.region, progress=progress)

@@ -27,6 +27,7 @@ from rigtwin.measure.freefall import fall_below, fall_check, outlet_check
 from rigtwin.measure.gate import Opening, find_opening, slot_edges
 from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.outflow import Outflow, bin_walls, follow_outflow
+from rigtwin.measure.repeats import at_its_pace
 from rigtwin.measure.spacing import NEIGHBOURS_DOUBT, bead_spacing, size_of_beads
 
 Array = npt.NDArray[np.float64]
@@ -86,7 +87,7 @@ def measure(
     for name, value in (("bead diameter", bead_diameter), ("total mass", total_mass), ("bin width", bin_width)):
         if value is not None and not (math.isfinite(value) and value > 0):
             raise BadInput(f"hopper: {name} must be positive, got {value:g}.")
-    video = open_video(clip, camera)
+    video = at_its_pace(open_video(clip, camera), progress)
     bead = bead_diameter / camera.given_scale if bead_diameter and camera.given_scale else None
     seen = follow_outflow(video, roll=camera.roll, region=camera.region, bead=bead, progress=progress)
     edges = _edges(seen)

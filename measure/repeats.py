@@ -12,13 +12,15 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.measure.media import Video
+from rigtwin.measure.media import SAME_RATE, Video
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
 COARSE = 4  # pixels of a frame in one of the coarser picture, across
 LARGE = 1_000_000  # [px], of a picture
+SELDOM = 6  # frames: the slowest of the usual doublings is every sixth
+CLOSE = 0.1  # by which the share that is found may differ from the one that two rates tell
 LEAST_SHARE = 0.15  # of the moving frames: single ones may be a bead that passes the same place up and down
 
 
@@ -59,7 +61,28 @@ def without_repeats(video: Video, progress: Progress = silent) -> Video:
     for frame in video.frames():
         repeats.add(frame.index, coarse(frame.grey))
         progress("looking for doubled frames", frame.index - video.first + 1, video.last - video.first + 1)
-    return replace(video, skipped=video.skipped | repeats.frames())
+    return _by_those_that_remain(video, repeats.frames())
+
+
+def at_its_pace(video: Video, progress: Progress = silent) -> Video:
+    """The video without doubled frames, looked for only where it plays faster than it is said to be captured."""
+    return without_repeats(video, progress) if video.frame_rate < (1 - SAME_RATE) * video.playback_rate else video
+
+
+def _by_those_that_remain(video: Video, doubled: frozenset[int]) -> Video:
+    skipped = video.skipped | doubled
+    apart = np.diff(sorted(doubled))
+    apart = apart[apart <= SELDOM]  # where nothing moves they are not seen
+    if len(apart) == 0 or abs(video.frame_rate / video.playback_rate - 1) < SAME_RATE:
+        return replace(video, skipped=skipped)  # a file that plays as fast as it was captured has true time stamps
+    share, stored = 1 / float(np.mean(apart)), 1 - video.frame_rate / video.playback_rate
+    # a few are missed where little moves: the two rates tell the share to the digit where it is about that
+    share = stored if abs(share - stored) < CLOSE else 1 / float(np.median(apart))
+    note = (
+        f"doubled frames: about {100 * share:.0f} % repeat the one before and were left out; the time runs by those "
+        "that remain, at the capture rate as given."
+    )
+    return replace(video, skipped=skipped, times=video.times * (1 - share), warnings=(*video.warnings, note))
 
 
 def repeated(changes: Array, *, noise: float = 0.0) -> npt.NDArray[np.bool_]:
@@ -79,5 +102,5 @@ def repeated(changes: Array, *, noise: float = 0.0) -> npt.NDArray[np.bool_]:
     marked = moving & (changes < np.maximum(0.15 * around, calm))
     if np.sum(marked) <= max(LEAST_SHARE * np.sum(moving), 3):
         return none
-    # the tops of flights come seldom; the slowest of the usual doublings is every sixth frame
-    return marked if float(np.median(np.diff(np.flatnonzero(marked)))) <= 6 else none
+    # the tops of flights come seldom
+    return marked if float(np.median(np.diff(np.flatnonzero(marked)))) <= SELDOM else none

@@ -33,6 +33,7 @@ from rigtwin.measure.level import Level, find_level
 from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.onset import LEAST_DOUBT, Onset, Run, Way, find_onset, find_run, jitter, smooth_angle
 from rigtwin.measure.passenger import RIM, Passenger, Step, find_passenger, follow, glare
+from rigtwin.measure.repeats import at_its_pace
 from rigtwin.measure.scene import Scene
 
 Array = npt.NDArray[np.float64]
@@ -371,7 +372,7 @@ def measure(
     camera's roll is given.  Raises `NothingToMeasure` when no straight arm turns or nothing moves on it.
     """
     _check_variant(variant)
-    video = open_video(clip, camera)
+    video = at_its_pace(open_video(clip, camera), progress)
     film = _watch(video, camera, progress)
     gauge = _gauge(film, camera, bead_diameter, arm_length)
     angle, track = _record(film, gauge)

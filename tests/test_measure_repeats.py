@@ -7,7 +7,7 @@ import pytest
 
 from rigtwin.lab.camera import Camera
 from rigtwin.measure.media import open_video
-from rigtwin.measure.repeats import Repeats, coarse, repeated, without_repeats
+from rigtwin.measure.repeats import Repeats, at_its_pace, coarse, repeated, without_repeats
 
 
 def frames_of_a_bouncing_bead(count, *, noise=2.0, seed=0):
@@ -62,17 +62,28 @@ def test_a_bead_that_rests_repeats_nothing():
     assert not np.any(repeated(rng.uniform(0.5, 2.5, 100), noise=2.0))
 
 
-def test_a_doubled_clip_is_read_without_its_doubled_frames(tmp_path):
-    path = tmp_path / "doubled.mp4"
+def doubled_clip(path, count):
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=60, options={"crf": "18", "preset": "ultrafast"})
         stream.width, stream.height, stream.pix_fmt = 80, 240, "yuv420p"
-        for grey in frames_of_a_bouncing_bead(40):
+        for grey in frames_of_a_bouncing_bead(count):
             for _ in range(2):
                 container.mux(stream.encode(av.VideoFrame.from_ndarray(np.stack([grey] * 3, axis=-1), format="bgr24")))
         container.mux(stream.encode())
-    video = open_video(path, Camera(frame_rate=60))
+    return path
+
+
+def test_a_doubled_clip_is_read_without_its_doubled_frames(tmp_path):
+    video = open_video(doubled_clip(tmp_path / "doubled.mp4", 40), Camera(frame_rate=60))
     read = [frame.index for frame in without_repeats(video).frames()]
     assert len(read) < 46
     assert set(range(0, 80, 2)) <= set(read) | {0}
     assert len(list(video.frames())) == 80
+
+
+@pytest.mark.parametrize("rate", [30.0, 60.0])  # that of the capture, and that of the file
+def test_a_doubled_clip_lasts_as_long_as_what_was_filmed(tmp_path, rate):
+    """40 pictures taken at 30 Hz and stored at 60, each twice."""
+    video = at_its_pace(open_video(doubled_clip(tmp_path / "doubled.mp4", 40), Camera(frame_rate=rate)))
+    assert [frame.time for frame in video.frames()][-1] == pytest.approx(39 / 30, abs=0.05)
+    assert any("doubled frames: about 50 %" in line for line in video.warnings) == (rate == 30.0)
