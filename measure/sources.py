@@ -6,7 +6,9 @@ order, one at a time.  FFmpeg (through PyAV) reads the video files, Phantom's ``
 
 from __future__ import annotations
 
+import lzma
 import re
+import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -36,7 +38,9 @@ STACKS = (".tif", ".tiff")
 PHOTRON = (".cihx", ".cih", ".mraw")
 INTERLACED = "the film is interlaced: every picture mixes two moments; deinterlace it first."
 CUT_OFF = "the file ends before the length that it states: a copy or a recording was broken off; copy it again."
+SQUARE = 0.001  # relative, by which a pixel's sides may differ: a pixel in a thousand
 HEAD = 24  # pictures decoded to see whether packets and pictures have the same time stamps
+BROKEN_PAGE = (zlib.error, lzma.LZMAError, ValueError, IndexError, KeyError, RuntimeError, OSError)  # of a TIFF file
 KEPT = 128 * 2**20  # [bytes], of decoded pictures that a film keeps, so that a short one is decoded once only
 
 
@@ -80,6 +84,7 @@ class Film:
                 stream = container.streams.video[0]
                 self.rate = float(stream.average_rate or 0)
                 self.tick = float(stream.time_base or 0)
+                self.squeeze = float(stream.sample_aspect_ratio or stream.codec_context.sample_aspect_ratio or 1)
                 self.stamps, self.notes = self._stamps(container, stream)
             first, _colour = next(self.pictures())
         except (av.FFmpegError, StopIteration) as error:
@@ -91,10 +96,15 @@ class Film:
             raise UnreadableMedia(f"{path}: cannot be decoded as a video ({_reason(error)}); {advice}.") from None
         self.shape = (first.shape[0], first.shape[1])
         self.notes += (CUT_OFF,) if breaks_off(path) else ()
+        if not _square(self.squeeze):
+            self.notes += (
+                f"the film's pixels are {self.squeeze:.4g} times as wide as high: the pictures were stretched to "
+                f"{self.shape[1]} x {self.shape[0]} px, in which they are square.",
+            )
 
     def pictures(self, start: int = 0) -> Iterator[Picture]:
         for picture in self._reel.pictures(start):
-            yield _upright(picture, _luma(picture)), _colour_of(picture)
+            yield _upright(picture, _squared(_luma(picture), self.squeeze)), _colour_of(picture, self.squeeze)
 
     def cheap(self, first: int, last: int) -> list[int]:
         return [key for key in self._reel.keys if first <= key <= last] if self._reel.too_long else []
@@ -116,11 +126,12 @@ class Film:
             known.sort()
             bytes_each = 1.5 * stream.width * stream.height  # at least
             self._reel.too_long = bytes_each * len(known) > KEPT
-            head = list(islice(self._reel.pictures(), HEAD))
-            if [picture.pts for picture in head] == known[: len(head)]:
+            # not the pictures themselves: at 4096 x 2160 px they fill some hundred megabytes
+            head = [(picture.pts, picture.interlaced_frame) for picture in islice(self._reel.pictures(), HEAD)]
+            if [pts for pts, _ in head] == known[: len(head)]:
                 place = {pts: index for index, pts in enumerate(known)}
                 self._reel.points, self._reel.keys = known, sorted(place[pts] for pts in keys)
-                return [stamp * self.tick for stamp in known], _combed([picture.interlaced_frame for picture in head])
+                return [stamp * self.tick for stamp in known], _combed([interlaced for _, interlaced in head])
         return self._decoded_stamps()
 
     def _decoded_stamps(self) -> tuple[list[float | None], tuple[str, ...]]:
@@ -254,14 +265,17 @@ class Stack:
         try:
             with tifffile.TiffFile(path) as file:
                 count = len(file.pages)
+                stated = max([int(one["shape"][0]) for one in file.shaped_metadata or () if "shape" in one], default=0)
                 first = np.asarray(file.pages[0].asarray())
-        except (tifffile.TiffFileError, ValueError, IndexError):
+        except (*BROKEN_PAGE, tifffile.TiffFileError):
             raise UnreadableMedia(f"{path}: cannot be decoded as a TIFF file; give a clip or a stack.") from None
         if count < 3:
             raise UnreadableMedia(f"{path}: holds {count} pictures; a measurement needs a clip.")
         self.shape = (first.shape[0], first.shape[1])
         self.stamps: list[float | None] = [None] * count
         self.shift, self.notes = _bit_shift(first)
+        if count < stated:
+            self.notes += (f"{path.name} holds {count} of {stated} pictures; used those.", CUT_OFF)
 
     def cheap(self, first: int, last: int) -> list[int]:
         return list(range(first, last + 1))
@@ -271,8 +285,13 @@ class Stack:
 
         with tifffile.TiffFile(self.path) as file:
             for number in range(start, len(self.stamps)):
-                page = file.pages[number]
-                image = np.asarray(page.asarray())
+                try:
+                    image = np.asarray(file.pages[number].asarray())
+                except (*BROKEN_PAGE, tifffile.TiffFileError):
+                    raise UnreadableMedia(
+                        f"{self.path}: is damaged after picture {number - 1}; copy it again, or end the measurement "
+                        f"before it with --end {number - 1}f."
+                    ) from None
                 yield _eight_bit(image[..., 2::-1] if image.ndim == 3 else image, self.shift)
 
 
@@ -446,8 +465,24 @@ def _luma(picture: av.VideoFrame) -> Grey:
     return np.asarray(picture.to_ndarray(format="gray"), dtype=np.uint8)
 
 
-def _colour_of(picture: av.VideoFrame) -> Callable[[], Image]:
-    return lambda: _upright(picture, np.asarray(picture.to_ndarray(format="bgr24"), dtype=np.uint8))
+def _colour_of(picture: av.VideoFrame, squeeze: float) -> Callable[[], Image]:
+    def in_colour() -> Image:
+        return _upright(picture, _squared(np.asarray(picture.to_ndarray(format="bgr24"), dtype=np.uint8), squeeze))
+
+    return in_colour
+
+
+def _square(squeeze: float) -> bool:
+    return abs(squeeze - 1) < SQUARE
+
+
+def _squared(image: npt.NDArray[np.uint8], squeeze: float) -> npt.NDArray[np.uint8]:
+    """Pixels `squeeze` times as wide as high made square, as a player shows them; none are thrown together."""
+    if _square(squeeze):
+        return image
+    height, width = image.shape[:2]
+    size = (round(width * squeeze), height) if squeeze > 1 else (width, round(height / squeeze))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
 
 
 def _upright(picture: av.VideoFrame, image: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:

@@ -1,5 +1,7 @@
 """Clips that are no ordinary video file: stills, stacks, Photron recordings, interlaced films; photos from phones."""
 
+from fractions import Fraction
+
 import av
 import cv2
 import numpy as np
@@ -130,6 +132,49 @@ def film(path, pictures, *, layout=None, **options):
             container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")))
         container.mux(stream.encode())
     return path
+
+
+@pytest.mark.parametrize(("squeeze", "size"), [("4/3", (64, 48)), ("3/4", (48, 48)), ("1/1", (48, 36))])
+def test_a_film_whose_pixels_are_not_square_is_shown_as_a_player_shows_it(tmp_path, squeeze, size):
+    """A disc squeezed to fit the pixels comes out round."""
+    across, down = (int(side) for side in squeeze.split("/"))
+    wide, high = (size[0] * down // across, size[1]) if across > down else (size[0], size[1] * across // down)
+    big = np.full((size[1] * 8, size[0] * 8, 3), 60, np.uint8)
+    cv2.circle(big, (size[0] * 4, size[1] * 4), 8 * 12, (200, 200, 200), cv2.FILLED)
+    stored = cv2.resize(big, (wide, high), interpolation=cv2.INTER_AREA)
+    with av.open(str(tmp_path / "clip.mp4"), "w") as container:
+        stream = container.add_stream("libx264", rate=50)
+        stream.width, stream.height, stream.pix_fmt = wide, high, "yuv420p"
+        stream.codec_context.sample_aspect_ratio = Fraction(squeeze)
+        for _ in range(6):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(stored, format="bgr24")))
+        container.mux(stream.encode())
+    video = open_video(tmp_path / "clip.mp4", Camera(frame_rate=50.0))
+    assert (video.width, video.height) == size
+    frame = next(video.frames())
+    for picture in (frame.grey, frame.colour[..., 1]):
+        rows, columns = np.nonzero(picture > 130)
+        assert (np.ptp(rows), np.ptp(columns)) == pytest.approx((23, 23), abs=2)
+    assert any("times as wide as high" in line for line in video.warnings) == (squeeze != "1/1")
+
+
+@pytest.mark.parametrize("left", [0.6, 0.9])
+@pytest.mark.parametrize("packed", ["zlib", None])
+def test_a_stack_that_is_cut_off_says_how_much_is_left_or_where_it_breaks(tmp_path, left, packed):
+    whole = tmp_path / "whole.tif"
+    noise = np.random.default_rng(5).integers(0, 255, (10, 40, 50), dtype=np.uint8)
+    tifffile.imwrite(whole, noise, compression=packed)
+    content = whole.read_bytes()
+    cut = tmp_path / "cut.tif"
+    cut.write_bytes(content[: round(left * len(content))])
+    try:
+        video = open_video(cut, RATE)
+        told = video.broken_off
+        assert len(list(video.frames())) < 10
+    except UnreadableMedia as broken:
+        told = str(broken)
+    assert told
+    assert "\n" not in told
 
 
 def plain(count):
