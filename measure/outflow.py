@@ -110,6 +110,8 @@ def follow_outflow(
     scenery = _scenery(video, scene, lens, turn, None if bead is None else bead * lens.zoom)
     moments, strips = [], []
     before: Image | None = None
+    there = [index for index in range(video.first, video.last + 1) if index not in video.skipped]
+    usual = float(np.median(np.diff(video.times[there])))
     outlet = _windows(scenery)
     beside = _beside(scenery)
     count = video.last - video.first + 1
@@ -118,7 +120,9 @@ def follow_outflow(
         moments.append(replace(moment, hidden=_hides(frame.colour, scenery, beside)))
         strips.append(slide_strip(frame.colour, scenery))
         share = moments[-1].left / max(float(np.median([moment.left for moment in moments[:ENDS]])), 1.0)
-        if before is not None and FLOWING[0] < share < FLOWING[1]:
+        # across a lost frame beads go twice as far
+        neighbours = before is not None and abs(moment.time - moments[-2].time - usual) < 0.5 * usual
+        if before is not None and neighbours and FLOWING[0] < share < FLOWING[1]:
             outlet.add(_grey(before), _grey(frame.colour))
         before = frame.colour
         progress("watching the hopper empty", len(moments), count)
