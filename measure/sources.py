@@ -237,6 +237,7 @@ class Stills:
         first = _still(self.files[0])
         self.shape = (first.shape[0], first.shape[1])
         self.stamps: list[float | None] = [None] * len(self.files)
+        _must_be_whole(self.files[0], first)
         self.shift, self.notes = _bit_shift(first)
 
     def cheap(self, first: int, last: int) -> list[int]:
@@ -273,6 +274,7 @@ class Stack:
             raise UnreadableMedia(f"{path}: holds {count} pictures; a measurement needs a clip.")
         self.shape = (first.shape[0], first.shape[1])
         self.stamps: list[float | None] = [None] * count
+        _must_be_whole(path, first)
         self.shift, self.notes = _bit_shift(first)
         if count < stated:
             self.notes += (f"{path.name} holds {count} of {stated} pictures; used those.", CUT_OFF)
@@ -417,6 +419,12 @@ def _still(path: Path) -> npt.NDArray[Any]:
     if image is None:
         raise UnreadableMedia(f"{path}: cannot be decoded as a picture; take it out of the folder or save it again.")
     return np.asarray(image)
+
+
+def _must_be_whole(path: Path, first: npt.NDArray[Any]) -> None:
+    # cut to their lowest eight bits they would be read as something else
+    if first.dtype not in (np.uint8, np.uint16):
+        raise UnreadableMedia(f"{path}: its pixels are {first.dtype} numbers; save it with 8 or 16 bits, unsigned.")
 
 
 def _bit_shift(first: npt.NDArray[Any]) -> tuple[int, tuple[str, ...]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 from pathlib import Path
 
 import av
@@ -13,12 +14,15 @@ import pytest
 
 from rigtwin.lab.camera import Camera, Moment
 from rigtwin.lab.errors import BadInput, NothingToMeasure
+from rigtwin.lab.progress import silent
 from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity
 from rigtwin.lab.records import Series
 from rigtwin.measure import freefall, hopper
 from rigtwin.measure.frame_steps import timing_check
 from rigtwin.measure.gate import find_opening
-from rigtwin.measure.outflow import _end_of_beads
+from rigtwin.measure.hopper import outlet_profile
+from rigtwin.measure.media import open_video
+from rigtwin.measure.outflow import _end_of_beads, follow_outflow
 
 Array = npt.NDArray[np.float64]
 
@@ -167,7 +171,9 @@ DIAMETER = 0.006  # [m], of a bead
 OPENED = 8.3  # [frames]
 
 
-def film(path: Path, *, stays: bool = False, crf: int = 14, interlaced: bool = False) -> float:
+def film(
+    path: Path, *, stays: bool = False, crf: int = 14, interlaced: bool = False, lost: frozenset[int] = frozenset()
+) -> float:
     """A bed that leaves row by row through a slot; returns the frame at which the last bead's upper edge is at it."""
     random = np.random.default_rng(5)
     rows, columns = 9, 5
@@ -206,7 +212,11 @@ def film(path: Path, *, stays: bool = False, crf: int = 14, interlaced: bool = F
                 spot = (round(16 * (x - 1.5)), round(16 * (at - 1.5)))
                 cv2.circle(picture, spot, 20, (120, 170, 240), -1, cv2.LINE_AA, 4)
             noisy = np.clip(picture + random.normal(0, 2, picture.shape), 0, 255).astype(np.uint8)
-            for packet in stream.encode(av.VideoFrame.from_ndarray(noisy, format="bgr24")):
+            if k in lost:
+                continue
+            frame = av.VideoFrame.from_ndarray(noisy, format="bgr24")
+            frame.pts, frame.time_base = k, Fraction(1, int(RATE))
+            for packet in stream.encode(frame):
                 container.mux(packet)
         for packet in stream.encode():
             container.mux(packet)
@@ -228,6 +238,16 @@ def test_a_filmed_discharge_gives_both_ends_within_a_frame(tmp_path: Path) -> No
     assert found.camera["slide_goes"] == "right"
     assert all(path.exists() for path in found.files.values())
     assert not any(one.doubtful for one in found.quantities)
+
+
+def test_lost_frames_make_the_beads_no_faster_at_the_outlet(tmp_path: Path) -> None:
+    speeds = []
+    for name, lost in (("whole.mp4", frozenset[int]()), ("lost.mp4", frozenset(range(14, 70, 3)))):
+        film(tmp_path / name, lost=lost)
+        video = open_video(tmp_path / name, Camera(frame_rate=RATE))
+        seen = follow_outflow(video, roll=0.0, region=None, bead=2 * BEAD, progress=silent)
+        speeds.append(float(np.nanmean(outlet_profile(seen, 1.0)[1])))
+    assert speeds[1] == pytest.approx(speeds[0], rel=0.1)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -158,6 +158,13 @@ def test_a_film_whose_pixels_are_not_square_is_shown_as_a_player_shows_it(tmp_pa
     assert any("times as wide as high" in line for line in video.warnings) == (squeeze != "1/1")
 
 
+@pytest.mark.parametrize("dtype", [np.float32, np.int16, np.uint32])
+def test_a_stack_of_other_numbers_than_bytes_and_words_is_refused(tmp_path, dtype):
+    tifffile.imwrite(tmp_path / "clip.tif", np.stack([ramp(k, 4000) for k in range(5)]).astype(dtype))
+    with pytest.raises(UnreadableMedia, match="save it with 8 or 16 bits"):
+        open_video(tmp_path / "clip.tif", RATE)
+
+
 @pytest.mark.parametrize("left", [0.6, 0.9])
 @pytest.mark.parametrize("packed", ["zlib", None])
 def test_a_stack_that_is_cut_off_says_how_much_is_left_or_where_it_breaks(tmp_path, left, packed):
