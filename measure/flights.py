@@ -152,11 +152,17 @@ def _lows(y: Array, prominence: float) -> npt.NDArray[np.intp]:
 
 
 def third_difference_noise(record: Heights) -> float:
-    """Scatter of a record that needs no model: parabolas have no third difference; contacts are outvoted."""
-    steps = np.diff(record.time)
-    regular = np.abs(steps - np.median(steps)) < 0.02 * np.median(steps)
-    third = np.abs(np.diff(record.height, 3))[regular[2:] & regular[1:-1] & regular[:-2]]
-    return float(np.median(third)) / 0.6745 / math.sqrt(20) if len(third) > 3 else 0.0
+    """Scatter of a record that needs no model: parabolas have no third difference; contacts are outvoted.
+
+    Differences are divided by the frames' own times, so that frames may come unevenly or be missing.
+    """
+    time, height = (np.lib.stride_tricks.sliding_window_view(each, 4) for each in (record.time, record.height))
+    # ones on the diagonal leave the products as they are
+    apart = (time[:, :, None] - time[:, None, :]) / np.median(np.diff(record.time)) + np.eye(4)
+    known = np.all(apart != 0, axis=(1, 2))
+    weights = 1 / np.prod(apart[known], axis=2)
+    third = np.abs(np.sum(weights * height[known], axis=1)) / np.sqrt(np.sum(weights**2, axis=1))
+    return float(np.median(third)) / 0.6745 if len(third) > 3 else 0.0
 
 
 def _part(record: Heights, used: Mask) -> Heights:

@@ -260,6 +260,19 @@ def test_the_gravity_check_tells_a_wrong_scale_from_slow_motion_and_leaves_clean
     assert told["clean"] == told["the scale"] == told["slow motion"] == 4, told
 
 
+@pytest.mark.parametrize(("jitter", "lost"), [(0.1, 0.0), (0.0, 0.3), (0.05, 0.3)])
+def test_frames_that_come_unevenly_or_are_missing_spoil_nothing_where_their_times_are_true(jitter, lost):
+    random = np.random.default_rng(8)
+    times = np.arange(0.0, 0.95, 1 / FPS)
+    times = np.sort(times + random.uniform(-jitter, jitter, len(times)) / FPS)[random.random(len(times)) >= lost]
+    noise = 5e-5
+    position = np.column_stack([0 * times, fall(times)]) + noise * random.standard_normal((len(times), 2))
+    result = drop.evaluate(Track(times, position, np.full(len(times), noise)))
+    found = pick(result.quantities, "restitution_wall", method="height", bounce=1)
+    assert not found.doubtful
+    assert abs(found.value - 0.7) < 4 * found.std_uncertainty < 0.01
+
+
 def test_blank_points_of_a_record_are_left_out():
     made = track()
     holed = made.position.copy()
