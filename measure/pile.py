@@ -25,7 +25,7 @@ from rigtwin.lab.records import Profile, read_profile
 from rigtwin.measure import slope
 from rigtwin.measure.disc import FOCAL_DOUBT, Disc
 from rigtwin.measure.media import read_photo
-from rigtwin.measure.pile_checks import heap_checks, size_checks, views_checks
+from rigtwin.measure.pile_checks import BASE_DOUBT, base_check, heap_checks, size_checks, views_checks
 from rigtwin.measure.surface import Silhouette, View, find_heap, undo_view
 
 Array = npt.NDArray[np.float64]
@@ -40,9 +40,10 @@ FLAWED = 3.0  # [deg], added to the doubt of an angle whose outline cannot be re
 STATED_FOCAL_DOUBT = 0.1  # standard deviation of the logarithm of a focal length that the photo states
 FULL_FRAME_DIAGONAL = 43.27  # [mm]
 EXIF_IFD, FOCAL_LENGTH_35MM = 0x8769, 0xA405  # EXIF 2.32, tables 4 and 9
-BEAD_DOUBT, BASE_DOUBT, GIVEN_DOUBT = 0.06, 0.01, 0.01  # relative, of a scale by beads, by the base's edges, or given
+BEAD_DOUBT, GIVEN_DOUBT = 0.06, 0.01  # relative, of a scale by beads, or given
 GRAINS_PER_CUBE = 0.6 * 6 / math.pi  # of a grain's diameter, at the solid fraction of a loose bed
 STEEPEST_VIEW = 10.0  # [deg]; heaps come out 1 degree too steep from 12, 2 from 20
+COVERED_BASE = 0.9  # share of a stated base that a heap must cover, below which the base is not its own
 DOUBTFUL_COVER = 0.83  # share of the heap that circles cover, below which its outline may belong to something else
 
 
@@ -155,7 +156,7 @@ def _evaluate(
             found = [replace(one, detail={**one.detail, "view": seen.profile.view}) for one in found]
         quantities += found
         doubts = sorted({one.doubtful for one in found if one.doubtful})
-        doubtful.append(bool(doubts))
+        doubtful.append(any(one.doubtful for one in found if one.quantity == GRAPHICAL))
         whose = f"{seen.profile.view}: " if len(observations) > 1 else ""
         warnings += [whose + doubt for doubt in doubts]
         if seen.unconfirmed and seen.unconfirmed not in warnings:
@@ -211,6 +212,7 @@ def _quantities_of_view(
     }
     flaw = seen.flaw or _flaw_of_profile(heap, angles)
     limited = _base_limited(seen.profile, heap, base_diameter)
+    bare = "" if limited else _bare_base(heap)
     grainy = {side: (slope.roughness_doubt(heap, side), slope.window_doubt(heap, side)) for side in slope.SIDES}
     quantities = []
     for (name, method, side), angle in angles.items():
@@ -219,6 +221,10 @@ def _quantities_of_view(
             for part, pair in varied.items()
         }
         budget |= _definition_doubt(heap, grainy, angles, name, method, side)
+        if name == GEOMETRIC and side == "mean" and base_diameter is not None and seen.profile.base is None:
+            # a measured height, or area, over a stated base or its square
+            slant = math.sin(2 * math.radians(angle)) * (0.5 if method == "apex" else 1.0)
+            budget["scale"] = math.degrees(slant * seen.scale_doubt)
         if flaw:
             budget["unreliable outline"] = FLAWED
         budget = {part: value for part, value in budget.items() if math.isfinite(value) and value > 0}
@@ -228,11 +234,13 @@ def _quantities_of_view(
             detail["left_minus_right_deg"] = round(angles[name, method, "left"] - angles[name, method, "right"], 4)
         if name == GEOMETRIC:
             detail["base_limited"] = limited
-        quantities.append(Quantity(name, angle, root_sum_of_squares(budget), "deg", method, 1, detail, budget, flaw))
+        one = Quantity(name, angle, root_sum_of_squares(budget), "deg", method, 1, detail, budget, flaw)
+        quantities.append(doubted(one, bare if name == GEOMETRIC and side == "mean" else ""))
     order = [(GRAPHICAL, LINE), (GEOMETRIC, "apex"), (GEOMETRIC, "equal area"), (GRAPHICAL, NARROWER)]
     place = {key: rank for rank, key in enumerate(order)}
     quantities.sort(key=lambda one: place.get((one.quantity, one.method), len(order)))
-    return quantities + _lengths(seen, heap, grain, flaw)
+    wrong_size = failed(seen.checks, ("base_diameter",))
+    return quantities + [doubted(one, wrong_size) for one in _lengths(seen, heap, grain, flaw)]
 
 
 def _definition_doubt(
@@ -313,6 +321,17 @@ def _base_limited(profile: Profile, heap: slope.Heap, base_diameter: float | Non
         gaps = (heap.feet[0] - profile.base[0], profile.base[1] - heap.feet[1])
         return max(gaps) < heap.grain
     return base_diameter is not None and heap.feet[1] - heap.feet[0] > base_diameter - 2 * heap.grain
+
+
+def _bare_base(heap: slope.Heap) -> str:
+    """What speaks against an angle over a base that the heap does not cover; nothing where that is its own width."""
+    share = (heap.feet[1] - heap.feet[0]) / heap.base_width
+    if share > COVERED_BASE:
+        return ""
+    return (
+        f"the heap covers {100 * share:.0f} % of the stated base, over which its geometric angle comes out too small; "
+        "pour more, or leave --base-diameter out"
+    )
 
 
 def _over_views(quantities: Sequence[Quantity]) -> list[Quantity]:
@@ -404,7 +423,10 @@ def _observe_photo(
     unit = scale if scale is not None else 1.0
     profile = _profile(found, found.view, found.height, unit, name)
     sizes, unconfirmed = size_checks(found, scale, scale_from, bead_diameter)
-    misfit = "; ".join(check.message for check in sizes if not check.passed)
+    misfit = failed(sizes, [check.check for check in sizes])
+    if base_diameter is not None and scale is not None and found.disc is not None and scale_from != "base diameter":
+        across = 2 * found.view.radius * scale
+        sizes = (*sizes, base_check(across, _scale_doubt(scale_from, camera), base_diameter, scale_from))
     seen = Observation(
         profile,
         _variants(found, unit, name, FOCAL_DOUBT if focal_length is None else STATED_FOCAL_DOUBT),

@@ -13,6 +13,7 @@ from rigtwin.measure.surface import Silhouette
 from rigtwin.measure.views import views_check
 
 ADVISED_RATIO = 25  # base over bead diameter (Hlosta et al. 2020, section 2.1.5 advises more)
+BASE_DOUBT = 0.01  # relative, of the base's edges in the picture
 NEARER = 1.08  # the beads in front, clearest of all, are nearer to the camera than the base's axis
 
 
@@ -91,3 +92,13 @@ def size_checks(
         )
     ratio = 2 * found.bead_seen * scale / (NEARER * bead_diameter)
     return (size_seen(ratio, MISFIT, scale_from),), ""
+
+
+def base_check(seen: float, scale_doubt: float, stated: float, scale_from: str) -> Check:
+    """Whether the base looks as wide as stated [m], where the scale is not from it; angles need neither."""
+    passed = abs(seen / stated - 1) < 3 * math.hypot(scale_doubt, BASE_DOUBT)
+    message = (
+        f"by the scale from {scale_from} the base is {seen * 1e3:.1f} mm wide, {stated * 1e3:.1f} mm are stated"
+        f"{'.' if passed else ': the scale or the stated base is wrong, and heights and widths with it.'}"
+    )
+    return Check("base_diameter", passed, seen, stated, message)

@@ -40,7 +40,7 @@ class Heap:
     height: Array  # no gaps
     apex: tuple[float, float]  # x and height
     feet: tuple[float, float]  # x of the outermost points of the outline
-    base_width: float  # the dish's diameter where it is stated, else the distance of the feet
+    base_width: float  # the dish's diameter where one is stated, as the picture shows it, else the distance of the feet
     grain: float  # bead diameter
     apex_spread: float  # how far apart the places are that could as well be called the apex
 
@@ -66,7 +66,11 @@ def find_parts(profile: Profile, base_diameter: float | None, grain: float | Non
         return None
     apex_x = float(np.mean(even[level >= summit]))
     spread = float(np.std(even[level >= summit - 0.1 * size]))
-    return Heap(even, level, (apex_x, summit), feet, base_diameter or feet[1] - feet[0], size, spread)
+    width = base_diameter or feet[1] - feet[0]
+    if base_diameter is not None and profile.base is not None:
+        # height and base of the same picture: their ratio needs no scale
+        width = profile.base[1] - profile.base[0]
+    return Heap(even, level, (apex_x, summit), feet, width, size, spread)
 
 
 def flank_line(heap: Heap, side: str, window: tuple[float, float] = WINDOW) -> Line | None:

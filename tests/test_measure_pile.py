@@ -135,6 +135,26 @@ def test_every_budget_adds_up_to_the_stated_uncertainty() -> None:
     assert mean.std_uncertainty < 1.5  # an uneven heap: its mean is known better than its sides differ
 
 
+def test_a_base_seen_in_the_same_picture_makes_geometric_angles_free_of_the_scale() -> None:
+    heap = triangle(30, 30, grain=0.002)
+    across = float(np.ptp(heap.x))
+    angles = []
+    for wrong in (1.0, 1.05):
+        base = (-wrong * across / 2, wrong * across / 2)
+        seen = Profile(heap.x * wrong, heap.height * wrong, heap.sigma, base)
+        result = evaluate([seen], base_diameter=across, bead_diameter=0.002)
+        angles.append([angle(result, GEOMETRIC, "mean", method).value for method in ("apex", "equal area")])
+    assert angles[0] == pytest.approx(angles[1], abs=0.05)
+
+
+def test_a_heap_narrower_than_the_stated_base_has_no_angle_over_it_without_doubt() -> None:
+    heap = triangle(30, 30, grain=0.002)
+    for wider, doubtful in ((1.0, False), (1.3, True)):
+        result = evaluate([heap], base_diameter=wider * float(np.ptp(heap.x)), bead_diameter=0.002)
+        assert bool(angle(result, GEOMETRIC, "mean").doubtful) == doubtful
+        assert not angle(result, GRAPHICAL, "mean").doubtful
+
+
 def test_flanks_that_differ_by_more_than_their_grains_make_sides_doubtful_and_no_mean() -> None:
     uneven = evaluate([triangle(22, 31, grain=0.0005)], bead_diameter=0.0005)
     even = evaluate([triangle(28, 28.5, grain=0.0005)], bead_diameter=0.0005)
@@ -510,6 +530,23 @@ def test_a_wrong_base_makes_heights_doubtful_where_the_bead_is_stated(tmp_path: 
     photo = photograph(tmp_path, scene)
     wrong = {"base_diameter": factor * scene.base * BEAD, "bead_diameter": BEAD}
     assert all(one.doubtful for one in measure([photo], Camera(), **wrong).quantities if one.unit == "m")
+
+
+@pytest.mark.parametrize(("factor", "passed"), [(1.0, True), (1.08, False)])
+def test_a_scale_that_the_base_contradicts_makes_lengths_doubtful_and_no_angle(
+    factor: float, passed: bool, tmp_path: Path
+) -> None:
+    scene = SCENES["plain"]
+    path = photograph(tmp_path, scene)
+    right = measured(path, scene)
+    scale = factor * right.camera["scale_m_per_px"]
+    base = scene.base * BEAD
+    result = measure([path], Camera(scale=scale), base_diameter=base)
+    (check,) = [one for one in result.checks if one.check == "base_diameter"]
+    assert check.passed == passed
+    assert all(bool(one.doubtful) != passed for one in result.quantities if one.unit == "m")
+    now, before = (angle(each, GEOMETRIC, "mean") for each in (result, right))
+    assert now.value == pytest.approx(before.value, abs=0.1)
 
 
 def test_heights_that_hang_on_the_base_alone_say_so(tmp_path: Path) -> None:
