@@ -93,6 +93,8 @@ class Camera:
                 raise BadInput(f"the camera's {name.replace('_', ' ')} must be positive, got {value:g}.")
         if self.frame_rate is not None and self.frame_rate > FASTEST:
             raise BadInput(f"the camera's frame rate cannot be {self.frame_rate:g} Hz; write it like '240 Hz'.")
+        if self.scale is not None and self.known_length is not None:
+            raise BadInput("a scale and a known length are both given; leave one of them out.")
         if self.board is not None and self.lens is None and self.given_scale is not None:
             raise BadInput("a board and a scale are both given; leave one of them out.")
         start, end = self.start, self.end

@@ -455,10 +455,13 @@ def _observe_photo(
 
 def _focal_length(photo: Path, image: npt.NDArray[np.uint8]) -> float | None:
     """Focal length [px] by the photo's own note of its 35 mm equivalent, which goes by the diagonal (CIPA DCG-001)."""
-    from PIL import Image
+    from PIL import Image, UnidentifiedImageError
 
-    with Image.open(photo) as file:
-        equivalent = file.getexif().get_ifd(EXIF_IFD).get(FOCAL_LENGTH_35MM)
+    try:
+        with Image.open(photo) as file:
+            equivalent = file.getexif().get_ifd(EXIF_IFD).get(FOCAL_LENGTH_35MM)
+    except (UnidentifiedImageError, Image.DecompressionBombError):  # of a kind, or a size, that OpenCV alone reads
+        return None
     if not equivalent:
         return None
     return float(equivalent) / FULL_FRAME_DIAGONAL * math.hypot(*image.shape[:2])

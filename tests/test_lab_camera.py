@@ -21,9 +21,9 @@ def test_a_known_length_gives_the_same_scale_in_any_direction(x, y, distance, an
     assert Camera(known_length=line).given_scale == line.scale
 
 
-def test_a_given_scale_goes_before_a_known_length():
-    camera = Camera(scale=2e-4, known_length=known_length("100mm:0,0,100,0"))
-    assert camera.given_scale == 2e-4
+def test_a_scale_and_a_known_length_are_not_both_taken():
+    with pytest.raises(BadInput, match="leave one of them out"):
+        Camera(scale=1e-3, known_length=known_length("100mm:0,0,500,0"))
 
 
 def test_a_camera_of_which_nothing_is_said_has_no_scale():
