@@ -142,7 +142,6 @@ def _evaluate(
     checks: list[Check] = []
     warnings: list[str] = []
     doubtful: list[bool] = []
-    judged: list[Quantity] = []
     for number, seen in enumerate(observations):
         grain = bead_diameter or seen.grain
         heap = slope.find_parts(seen.profile, base_diameter, grain)
@@ -161,11 +160,7 @@ def _evaluate(
         warnings += [whose + doubt for doubt in doubts]
         if seen.unconfirmed and seen.unconfirmed not in warnings:
             warnings.append(seen.unconfirmed)
-        of_heap = heap_checks(seen.profile, heap, base_diameter, bead_diameter)
-        checks += [*seen.checks, *of_heap]
-        # their mean takes out what a leaning base or camera does to each
-        uneven = failed(of_heap, ("flanks_agree",))
-        judged += [doubted(one, uneven) if one.detail.get("side") in slope.SIDES else one for one in found]
+        checks += [*seen.checks, *heap_checks(seen.profile, heap, base_diameter, bead_diameter)]
     if len(observations) > 1:
         agree = views_checks(quantities, LINE)
         checks += agree
@@ -175,9 +170,7 @@ def _evaluate(
             warnings.append(f"left out of the mean over views, because doubtful: {left_out}.")
             if doubtful.count(False) == 1:
                 odd.append(f"one view alone is sound, and none confirms it; left out: {left_out}")
-        quantities = [doubted(one, "; ".join(odd)) for one in _over_views(quantities)] + judged
-    else:
-        quantities = judged
+        quantities = [doubted(one, "; ".join(odd)) for one in _over_views(quantities)] + quantities
     return Evaluation(tuple(quantities), tuple(checks), tuple(warnings))
 
 

@@ -155,14 +155,6 @@ def test_a_heap_narrower_than_the_stated_base_has_no_angle_over_it_without_doubt
         assert not angle(result, GRAPHICAL, "mean").doubtful
 
 
-def test_flanks_that_differ_by_more_than_their_grains_make_sides_doubtful_and_no_mean() -> None:
-    uneven = evaluate([triangle(22, 31, grain=0.0005)], bead_diameter=0.0005)
-    even = evaluate([triangle(28, 28.5, grain=0.0005)], bead_diameter=0.0005)
-    for side, doubtful in (("left", True), ("right", True), ("mean", False)):
-        assert bool(angle(uneven, GRAPHICAL, side).doubtful) == doubtful
-        assert not angle(even, GRAPHICAL, side).doubtful
-
-
 def test_several_views_are_averaged_over_views_and_sides() -> None:
     slopes = [(24.0, 30.0), (26.0, 28.0), (27.0, 29.0)]
     profiles = [replace(triangle(*pair), view=f"view {k}") for k, pair in enumerate(slopes)]
