@@ -32,7 +32,9 @@ verify: $(READY)
 bench: $(READY)
 	$(BIN)/python benchmarks/engine.py
 
+# trackpy, which stands in its table, comes with the group `bench`
 bench-measure: $(READY)
+	UV_PROJECT_ENVIRONMENT=.venv $(BIN)/uv sync --frozen --inexact --quiet --group bench
 	$(BIN)/python benchmarks/measure.py
 
 # SEED=7 COUNT=3 make bench-footage: other clips, three of each hardness

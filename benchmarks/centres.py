@@ -124,6 +124,14 @@ def by_contour(grey: npt.NDArray[np.uint8], _: float) -> Centre:
     return float(((x[:-1] + x[1:]) * cross).sum() / (6 * area)), float(((y[:-1] + y[1:]) * cross).sum() / (6 * area))
 
 
+def by_trackpy(grey: npt.NDArray[np.uint8], radius: float) -> Centre:
+    """trackpy's band pass and centroid of light, in a window a little wider than the bead."""
+    import trackpy
+
+    found = trackpy.locate(grey, 2 * math.ceil(radius) + 3, max_iterations=50, topn=1, engine="python")
+    return (float(found.x.iloc[0]), float(found.y.iloc[0])) if len(found) else None
+
+
 def by_template(grey: npt.NDArray[np.uint8], radius: float) -> Centre:
     """Correlation with a sharp ideal disc, and a parabola through its peak."""
     side = 2 * math.ceil(radius + 4) + 1
@@ -143,6 +151,7 @@ def _peak(before: float, at: float, after: float) -> float:
 
 
 OTHERS: dict[str, Callable[[npt.NDArray[np.uint8], float], Centre]] = {
+    "trackpy": by_trackpy,
     "sub-pixel contour": by_contour,
     "template": by_template,
     "Otsu and moments": by_otsu,
