@@ -25,6 +25,7 @@ from measure_speed import speed
 from motions import BEAD, STEEL, bounces, swing, through_a_camera
 
 from rigtwin.lab.records import Track
+from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure import drop, pendulum
 
 Array = npt.NDArray[np.float64]
@@ -41,8 +42,10 @@ def random_drop(rng: np.random.Generator) -> tuple[Track, dict[str, list[float]]
     times = np.arange(200) / 240
     noise = float(10 ** rng.uniform(-4.6, -3.8))
     drag = float(rng.normal(1.0, 0.1))  # a bead with a hole or a seam
-    dwell = float(10 ** rng.uniform(-5, -3))
     height, release = float(rng.uniform(0.15, 0.4)), float(rng.uniform(0.02, 0.04))
+    # Hertz, Johnson 1985 section 11.4: a bead of steel on anything from rubber to steel
+    modulus, mass, radius = float(10 ** rng.uniform(7, 11)), STEEL * math.pi / 6 * BEAD**3, BEAD / 2
+    dwell = 2.87 * (mass**2 / (radius * modulus**2 * math.sqrt(2 * GRAVITY * height))) ** 0.2
     heights, apexes = bounces(times, height, e, release, drag=drag, dwell=dwell)
     seen = through_a_camera(np.stack([0.01 * times, heights], axis=1), rng)
     position = seen + rng.normal(0, noise, seen.shape)
