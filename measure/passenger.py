@@ -19,7 +19,6 @@ from rigtwin.measure.arm import Arm
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.float32]
 
-RIM = 2.5  # [px], by which a body's picture is larger than what was seen to leave
 SATURATED = 225.0  # [grey levels], least of what may be
 GLARE_SIZE = 0.012  # of the picture's longer side, of a saturated patch that is a lamp's
 LEAST_SEEN = 0.35  # share of the body's picture that must not be hidden

@@ -17,7 +17,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -32,7 +31,7 @@ from rigtwin.measure.follow import learn_scene
 from rigtwin.measure.level import Level, find_level
 from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.onset import LEAST_DOUBT, Onset, Run, Way, find_onset, find_run, jitter, smooth_angle
-from rigtwin.measure.passenger import RIM, Passenger, Step, find_passenger, follow, glare
+from rigtwin.measure.passenger import Passenger, Step, find_passenger, follow, glare
 from rigtwin.measure.repeats import at_its_pace
 from rigtwin.measure.scene import Scene
 
@@ -511,8 +510,8 @@ def _gauge(film: Film, camera: Camera, bead_diameter: float | None, arm_length: 
         # the arm's front is nearer to the camera than the body on its middle
         return Gauge(arm_length / tip, 0.05, "arm length", roll, roll_sigma, roll_from)
     if bead_diameter is not None:
-        across = _bead_pixels(film.body)
-        return Gauge(bead_diameter / across, BEAD_DOUBT, "bead diameter", roll, roll_sigma, roll_from)
+        # a clump is one bead high; what glare leaves of its picture has notches, which no circle may be fitted between
+        return Gauge(bead_diameter / film.body.size[1], BEAD_DOUBT, "bead diameter", roll, roll_sigma, roll_from)
     return Gauge(NOMINAL, math.inf, "not known", roll, roll_sigma, roll_from)
 
 
@@ -528,16 +527,6 @@ def _horizontal(film: Film, camera: Camera) -> tuple[float, float, str]:
         return 0.0, NO_LEVEL, "not known"
     slope, sigma = film.level.at(row)
     return slope, sigma, "base plate"
-
-
-def _bead_pixels(body: Passenger) -> float:
-    """Diameter of a bead [px]: the largest circle that fits into the body's picture, a clump being one bead high."""
-    from scipy.ndimage import binary_fill_holes
-
-    filled = np.asarray(binary_fill_holes(body.weight > 0)).astype(np.uint8)
-    mask = cv2.copyMakeBorder(filled, 2, 2, 2, 2, cv2.BORDER_CONSTANT, value=0)
-    inscribed = float(np.max(cv2.distanceTransform(mask, cv2.DIST_L2, 5)))
-    return 2 * max(inscribed - RIM, 1.0)
 
 
 def _shape_check(body: Passenger, variant: Variant) -> Check:
