@@ -170,8 +170,11 @@ def read_photo(path: Path, lens: Lens | None = None) -> Image:
     """
     _must_exist(path, "photo")
     # decode from memory: imread reports a broken file on stderr by itself, and once more to us as None
-    image = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_COLOR)
-    photo = _phone_photo(path) if image is None else np.asarray(image, dtype=np.uint8)
+    stored = np.fromfile(path, dtype=np.uint8)
+    image = cv2.imdecode(stored, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    if image is not None and image.dtype not in (np.uint8, np.uint16):
+        image = cv2.imdecode(stored, cv2.IMREAD_COLOR)
+    photo = _phone_photo(path) if image is None else sources.dropped(image, sources.bit_shift([image])[0])
     if lens is None:
         return photo
     _must_fit(path, photo.shape, lens)

@@ -10,6 +10,7 @@ import lzma
 import re
 import zlib
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
@@ -40,6 +41,8 @@ INTERLACED = "the film is interlaced: every picture mixes two moments; deinterla
 CUT_OFF = "the file ends before the length that it states: a copy or a recording was broken off; copy it again."
 SQUARE = 0.005  # relative, by which the sides of a pixel may differ: less is the rounding of a film made smaller
 HEAD = 24  # pictures decoded to see whether packets and pictures have the same time stamps
+LOOKED_AT = 5  # pictures of a folder or a stack, to see how many bits they use
+DEEP_GREY = ("gray16le", "gray16be")
 BROKEN_PAGE = (zlib.error, lzma.LZMAError, ValueError, IndexError, KeyError, RuntimeError, OSError)  # of a TIFF file
 KEPT = 128 * 2**20  # [bytes], of decoded pictures that a film keeps, so that a short one is decoded once only
 
@@ -86,6 +89,10 @@ class Film:
                 self.tick = float(stream.time_base or 0)
                 self.squeeze = float(stream.sample_aspect_ratio or stream.codec_context.sample_aspect_ratio or 1)
                 self.stamps, self.notes = self._stamps(container, stream)
+            self.shift, told = 8, tuple[str, ...]()
+            if next(self._reel.pictures()).format.name in DEEP_GREY:
+                self.shift, told = bit_shift([each.to_ndarray() for each in islice(self._reel.pictures(), HEAD)])
+            self.notes += told
             first, _colour = next(self.pictures())
         except (av.FFmpegError, StopIteration) as error:
             advice = (
@@ -104,7 +111,7 @@ class Film:
 
     def pictures(self, start: int = 0) -> Iterator[Picture]:
         for picture in self._reel.pictures(start):
-            yield _upright(picture, _squared(_luma(picture), self.squeeze)), _colour_of(picture, self.squeeze)
+            yield _upright(picture, _squared(_luma(picture, self.shift), self.squeeze)), _colour_of(picture, self.squeeze)
 
     def cheap(self, first: int, last: int) -> list[int]:
         return [key for key in self._reel.keys if first <= key <= last] if self._reel.too_long else []
@@ -238,7 +245,7 @@ class Stills:
         self.shape = (first.shape[0], first.shape[1])
         self.stamps: list[float | None] = [None] * len(self.files)
         _must_be_whole(self.files[0], first)
-        self.shift, self.notes = _bit_shift(first)
+        self.shift, self.notes = bit_shift([_still(self.files[number]) for number in _spread(len(self.files))])
 
     def cheap(self, first: int, last: int) -> list[int]:
         return list(range(first, last + 1))
@@ -268,6 +275,10 @@ class Stack:
                 count = len(file.pages)
                 stated = max([int(one["shape"][0]) for one in file.shaped_metadata or () if "shape" in one], default=0)
                 first = np.asarray(file.pages[0].asarray())
+                some = [first]
+                for number in _spread(count)[1:]:
+                    with suppress(*BROKEN_PAGE, tifffile.TiffFileError):  # told where the pictures are read
+                        some.append(np.asarray(file.pages[number].asarray()))
         except (*BROKEN_PAGE, tifffile.TiffFileError):
             raise UnreadableMedia(f"{path}: cannot be decoded as a TIFF file; give a clip or a stack.") from None
         if count < 3:
@@ -275,7 +286,7 @@ class Stack:
         self.shape = (first.shape[0], first.shape[1])
         self.stamps: list[float | None] = [None] * count
         _must_be_whole(path, first)
-        self.shift, self.notes = _bit_shift(first)
+        self.shift, self.notes = bit_shift(some)
         if count < stated:
             self.notes += (f"{path.name} holds {count} of {stated} pictures; used those.", CUT_OFF)
 
@@ -427,21 +438,29 @@ def _must_be_whole(path: Path, first: npt.NDArray[Any]) -> None:
         raise UnreadableMedia(f"{path}: its pixels are {first.dtype} numbers; save it with 8 or 16 bits, unsigned.")
 
 
-def _bit_shift(first: npt.NDArray[Any]) -> tuple[int, tuple[str, ...]]:
-    """How many low bits to drop: a 12-bit sensor fills only a part of a 16-bit file."""
-    if first.dtype != np.uint16:
+def bit_shift(some: Sequence[npt.NDArray[Any]]) -> tuple[int, tuple[str, ...]]:
+    """How many low bits to drop, told by some of the pictures: a 12-bit sensor fills only a part of a 16-bit file."""
+    if any(image.dtype != np.uint16 for image in some):
         return 0, ()
-    used = max(8, int(first.max()).bit_length())
+    used = max(8, *(int(image.max()).bit_length() for image in some))
     bits = next(width for width in (8, 10, 12, 14, 16) if width >= used)
     return bits - 8, (
-        f"16-bit pictures that use {bits} bits (told from the first): read as such.",
+        f"16-bit pictures that use {bits} bits (told by {len(some)} of them): read as such.",
     ) if bits < 16 else ()
 
 
+def _spread(count: int) -> list[int]:
+    """Numbers of some pictures of `count`: the first may be dim."""
+    return sorted(set(np.linspace(0, count - 1, LOOKED_AT).round().astype(int).tolist()))
+
+
+def dropped(image: npt.NDArray[Any], shift: int) -> npt.NDArray[np.uint8]:
+    """A picture without its low bits; what is brighter than all that `shift` was told by is white."""
+    return np.ascontiguousarray(np.minimum(image >> shift, 255) if image.dtype == np.uint16 else image, dtype=np.uint8)
+
+
 def _eight_bit(image: npt.NDArray[Any], shift: int) -> Picture:
-    if image.dtype == np.uint16:
-        image = np.minimum(image >> shift, 255)
-    small = np.ascontiguousarray(image, dtype=np.uint8)
+    small = dropped(image, shift)
     if small.ndim == 2:
         return small, lambda: np.asarray(cv2.cvtColor(small, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
     return np.asarray(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY), dtype=np.uint8), lambda: small
@@ -462,14 +481,19 @@ def _combed(interlaced: Sequence[bool]) -> tuple[str, ...]:
     return (INTERLACED,) if sum(interlaced) > len(interlaced) / 2 else ()
 
 
-def _luma(picture: av.VideoFrame) -> Grey:
-    """The luma plane itself where it is stored with 8 bits: no colour conversion, no rounding."""
+def _luma(picture: av.VideoFrame, shift: int) -> Grey:
+    """The luma plane itself where it is stored with 8 bits: no colour conversion, no rounding.
+
+    Of grey pictures of 16 bits `shift` low bits are dropped.
+    """
     if picture.format.name.startswith(("yuv4", "yuvj4", "nv12", "nv21", "gray")) and all(
         component.bits == 8 for component in picture.format.components
     ):
         plane = picture.planes[0]
         rows: Grey = np.frombuffer(memoryview(plane), dtype=np.uint8).reshape(-1, plane.line_size)
         return rows[: picture.height, : picture.width]  # the decoder's own memory, which the array keeps alive
+    if picture.format.name in DEEP_GREY and shift < 8:
+        return dropped(picture.to_ndarray(), shift)
     return np.asarray(picture.to_ndarray(format="gray"), dtype=np.uint8)
 
 

@@ -68,6 +68,26 @@ def test_twelve_bits_in_sixteen_are_not_read_as_black(tmp_path):
         assert np.abs(frame.grey - ramp(k, 255)).max() <= 1.5
 
 
+def test_a_dim_first_picture_does_not_make_the_others_white(tmp_path):
+    dim, bright = np.full((4, 20, 30), 40, np.uint16), np.linspace(0, 4095, 4 * 20 * 30, dtype=np.uint16)
+    tifffile.imwrite(tmp_path / "dim.tif", np.concatenate([dim, bright.reshape(4, 20, 30)]))
+    np.testing.assert_array_equal(greys(tmp_path / "dim.tif")[-1], bright.reshape(4, 20, 30)[-1] >> 4)
+
+
+def test_twelve_bits_of_a_grey_film_and_of_a_photo_fill_the_grey_levels(tmp_path):
+    deep = np.linspace(0, 4095, 40 * 60, dtype=np.uint16).reshape(40, 60)
+    with av.open(str(tmp_path / "deep.mkv"), "w") as out:
+        stream = out.add_stream("ffv1", rate=240, width=60, height=40, pix_fmt="gray16le")
+        for _ in range(5):
+            out.mux(stream.encode(av.VideoFrame.from_ndarray(deep, format="gray16le")))
+        out.mux(stream.encode())
+    video = open_video(tmp_path / "deep.mkv", RATE)
+    assert any("12 bits" in warning for warning in video.warnings)
+    np.testing.assert_array_equal(next(iter(video.frames())).grey, deep >> 4)
+    cv2.imwrite(str(tmp_path / "deep.png"), deep)
+    np.testing.assert_array_equal(read_photo(tmp_path / "deep.png")[..., 0], deep >> 4)
+
+
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 def test_a_stack_of_stills_is_a_clip(tmp_path, dtype):
     top = np.iinfo(dtype).max
