@@ -111,7 +111,10 @@ class Film:
 
     def pictures(self, start: int = 0) -> Iterator[Picture]:
         for picture in self._reel.pictures(start):
-            yield _upright(picture, _squared(_luma(picture, self.shift), self.squeeze)), _colour_of(picture, self.squeeze)
+            yield (
+                _upright(picture, _squared(_luma(picture, self.shift), self.squeeze)),
+                _colour_of(picture, self.squeeze),
+            )
 
     def cheap(self, first: int, last: int) -> list[int]:
         return [key for key in self._reel.keys if first <= key <= last] if self._reel.too_long else []
