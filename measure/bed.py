@@ -23,7 +23,7 @@ from rigtwin.measure.glare import brightened_share
 from rigtwin.measure.grains import colour_cells, rare, shares
 from rigtwin.measure.media import Video
 from rigtwin.measure.rim import Rim, find_rim, rim_of_bed
-from rigtwin.measure.scene import Scene
+from rigtwin.measure.scene import Pose, Scene
 from rigtwin.measure.still import Cut, Steadied, apart, cut_for, steadied, still_scene
 from rigtwin.measure.upright import Upright, upright
 
@@ -58,7 +58,7 @@ class Still:
     time: float  # [s]
     colour: Image  # BGR
     change: Map  # [grey levels], mean absolute difference to the frames before and after
-    shake: tuple[float, float]  # [px]
+    pose: Pose
     hidden: bool = False  # something passes in front of the scene
 
 
@@ -100,7 +100,7 @@ class Bed:
     bead: float  # [px]
     lens: Cut
     clearness: float  # [1], how much more the bed moves (or how much its colour differs) than noise explains
-    shake: float  # [px], standard deviation
+    poses: tuple[Pose, ...]  # of the clip's frames
     shows_motion: bool
     glare: float  # [1], share of the surface over which light lies, brighter than elsewhere; NaN: not judged
 
@@ -120,14 +120,14 @@ def follow_bed(
     lens = cut_for(video.width, video.height, region)
     scene = still_scene(video, lens)
     wanted = set(np.unique(np.linspace(video.first, video.last, SAMPLES).round().astype(int)).tolist())
-    samples, shakes = [], []
+    samples, poses = [], []
     count = video.last - video.first + 1
     exposure = exposure_of(scene.picture)
     for still in _stills(video, scene, lens, exposure):
-        shakes.append(still.shake)
+        poses.append(still.pose)
         if still.index in wanted:
             samples.append(still)
-        progress("learning what bed and drum look like", len(shakes), count)
+        progress("learning what bed and drum look like", len(poses), count)
     picture = exposure.applied(np.clip(scene.picture, 0, 255).astype(np.uint8)).astype(np.float32)
     motion, noise, rim, rim_seen = _drum_in(samples, scene.picture)
     if rim is not None:
@@ -158,11 +158,10 @@ def follow_bed(
         progress("following the bed's surface", len(outlines), count)
     inside = motion[rim.inside(motion.shape, 0.95)]
     clearness = float(np.percentile(inside, 95) / max(noise, 1e-6))
-    shake = float(np.max(np.std(np.array(shakes), axis=0)))
     heights = np.array([outline.height for outline in outlines])
     colours = [still.colour for still in samples]
     glare = brightened_share(colours, outlines[0].x, heights, rim.centre, rim.radius, turned.roll, bead)
-    return Bed(tuple(outlines), rim, rim_seen, turned, bead, lens, clearness, shake, True, glare)
+    return Bed(tuple(outlines), rim, rim_seen, turned, bead, lens, clearness, tuple(poses), True, glare)
 
 
 def bed_in_photo(
@@ -178,13 +177,13 @@ def bed_in_photo(
         return None
     turned = _upright(np.asarray(grey, dtype=np.float32), rim, roll)
     bead = (bead_share or GRAIN_SHARE) * 2 * rim.radius
-    still = Still(0, 0.0, image, np.zeros(grey.shape, dtype=np.float32), (0.0, 0.0))
+    still = Still(0, 0.0, image, np.zeros(grey.shape, dtype=np.float32), Pose())
     bed, empty, clearness = _two_colours(image, rim, bead)
     if bed is None or empty is None:
         return None
     looks = _looks([still], bed, empty, np.zeros(grey.shape, dtype=np.float32), 1.0, bead)
     outline = _outline(still, looks, rim, turned.roll)
-    return Bed((outline,), rim, True, turned, bead, lens, clearness, 0.0, False, math.nan)
+    return Bed((outline,), rim, True, turned, bead, lens, clearness, (), False, math.nan)
 
 
 def _stills(video: Video, scene: Scene, lens: Cut, exposure: Exposure) -> Iterator[Still]:
@@ -215,7 +214,7 @@ def _blur_against_noise(frame: Image, picture: Map) -> float:
 
 def _still(now: Steadied, others: list[Steadied]) -> Still:
     change = np.mean(np.stack([apart(now.colour, other.colour) for other in others]), axis=0, dtype=np.float32)
-    return Still(now.index, now.time, now.colour, np.asarray(change, dtype=np.float32), now.shake)
+    return Still(now.index, now.time, now.colour, np.asarray(change, dtype=np.float32), now.pose)
 
 
 def _drum_in(samples: list[Still], picture: Map) -> tuple[Map, float, Rim | None, bool]:
@@ -376,7 +375,7 @@ def _outline(still: Still, looks: Looks, rim: Rim, roll: float) -> Outline:
         reach - looser,
         reach - stricter,
         area,
-        still.shake,
+        still.pose.shake,
     )
 
 

@@ -12,6 +12,7 @@ from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.aside import fly_aside
 from rigtwin.measure.flights import Bounces
 from rigtwin.measure.follow import Chase
+from rigtwin.measure.in_view import bead_in_view, static_camera
 from rigtwin.measure.media import Video
 from rigtwin.measure.repeats import LEAST_SHARE
 
@@ -192,31 +193,16 @@ def view_checks(video: Video, seen: Chase, fitted: Bounces, repeats: frozenset[i
     flights = (video.times >= times[0]) & (video.times <= times[-1])
     flights[list(repeats)] = False
     share = len(times) / max(int(np.sum(flights)), 1)
-    shake = float(np.max(np.std(seen.shakes, axis=0)))
-    seen_to = max(float(np.median([sighting.fit.image.sigma for sighting in seen.sightings])), LEAST_LEFT)
+    seen_to = max(float(np.median([sighting.image.sigma for sighting in seen.sightings])), LEAST_LEFT)
     left = _left_of_flights(seen, fitted)
-    followed = left < MOST_LEFT * seen_to
     doubt = (
         f"; but the bead leaves its flights by {left:.2f} px where it is seen to {seen_to:.2f}: the camera shook "
-        "where a coarse codec hides it, or the bead spins or drifts."
+        "where a coarse codec hides it, or the bead spins or drifts"
     )
+    followed = left < MOST_LEFT * seen_to
     return (
-        Check(
-            "bead_in_view",
-            share > 0.7,
-            share,
-            1.0,
-            f"the bead was measured in {100 * share:.0f} % of the {int(np.sum(flights))} frames of its flights"
-            + ("." if share > 0.7 else ": something hides it; the rest is filled by the fit."),
-        ),
-        Check(
-            "static_camera",
-            shake < MOST_SHAKE and followed,
-            shake,
-            0.0,
-            f"the scene shakes by {shake:.2f} px (standard deviation)"
-            + ("" if shake < 0.1 else "; it was followed and taken out")
-            + ("." if followed else doubt)
-            + (" Use a tripod: so large a shake turns and tilts the view as well." if shake >= MOST_SHAKE else ""),
+        bead_in_view(share, int(np.sum(flights)), "its flights"),
+        static_camera(
+            seen.poses, MOST_SHAKE, vouched="the bead's flights show no shake", doubt="" if followed else doubt
         ),
     )

@@ -24,6 +24,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, doubted, failed, root_sum_of_squares
 from rigtwin.lab.records import Profile
 from rigtwin.measure.bed import Bed, Outline, bed_in_photo, follow_bed
+from rigtwin.measure.in_view import static_camera
 from rigtwin.measure.media import open_video, read_photo
 from rigtwin.measure.repeats import at_its_pace
 from rigtwin.measure.steady import Avalanches, Mean, find_avalanches, mean_over_time, steady_part
@@ -576,14 +577,7 @@ def _checks_of_picture(bed: Bed) -> list[Check]:
             + ("." if FILL[0] < fill < FILL[1] else ": so little, or so much, does not flow over the axis."),
         ),
         *_checks_of_shape(bed),
-        Check(
-            "static_camera",
-            bed.shake < 3.0,
-            bed.shake,
-            0.0,
-            f"the scene shakes by {bed.shake:.2f} px (standard deviation)"
-            + ("." if bed.shake < 0.1 else "; it was followed and taken out."),
-        ),
+        *([static_camera(bed.poses)] if bed.poses else []),
     ]
     if math.isfinite(bed.glare):
         checks.append(

@@ -56,13 +56,18 @@ class Chase:
 
     sightings: tuple[Sighting, ...]
     path: SpotPath
-    shakes: Array  # [px], of every frame, shape (frames, 2)
+    poses: tuple[Pose, ...]  # of every frame
     shutter: Shutter
     radius: float  # [px]
     scene: Scene = field(repr=False)
     cuts: tuple[Cut, ...] = field(repr=False)
     look: Look | None = field(repr=False)
     hidden: Mask | None = field(repr=False)
+
+    @property
+    def shakes(self) -> Array:
+        """[px], of the camera in every frame, shape (frames, 2)"""
+        return shakes_of(self.poses)
 
 
 def learn_scene(video: Video, *, quickly: bool = False) -> Background:
@@ -100,11 +105,6 @@ class Movement:
             return known
         return self.scene.pose(frame.grey, (0.0, 0.0) if known is None else known.shake)
 
-    @property
-    def shakes(self) -> Array:
-        """[px], of the camera in every frame, shape (frames, 2)"""
-        return shakes_of(list(self.poses.values()))
-
 
 def find_paths(video: Video, scene: Scene, region: Region | None, progress: Progress = silent) -> Movement:
     """Paths of everything that moves, and the camera's shake."""
@@ -132,13 +132,13 @@ def chase(path: SpotPath, moves: Movement, scene: Scene, cuts: Sequence[Cut], pr
     the bead's path; the second fits again knowing these.
     """
     cuts = [cut for cut in cuts if cut.frame not in moves.repeated]
-    shakes = moves.shakes
+    poses = tuple(moves.poses.values())
     moving = [cut for cut in cuts if path.frames[0] <= cut.frame <= path.frames[-1]]
     few = moving[:: max(1, len(moving) // 40)]
     first = _fit_cuts(few, scene, path.radius, progress=progress)
     good = [sighting for sighting in first if sighting.fit.image.sigma < max(0.3, 0.04 * path.radius)]
     if len(good) < 5:
-        return Chase(tuple(first), path, shakes, NOT_TOLD, path.radius, scene, tuple(cuts), None, None)
+        return Chase(tuple(first), path, poses, NOT_TOLD, path.radius, scene, tuple(cuts), None, None)
     shutter = NOT_TOLD
     hidden = _occluders(cuts, good, path.radius, scene)
     radius = float(np.median([sighting.image.radius for sighting in good]))
@@ -154,7 +154,7 @@ def chase(path: SpotPath, moves: Movement, scene: Scene, cuts: Sequence[Cut], pr
         cuts, slow = (_moved_by(_off(calm, slow), some) for some in (cuts, slow))
         shutter = told_shutter(cuts, path, scene, look, hidden, shutter)
     sightings = _fit_cuts(cuts, scene, radius, shutter=shutter, hidden=hidden, look=look, progress=progress)
-    found = Chase(tuple(sightings), path, shakes, shutter, radius, scene, tuple(cuts), look, hidden)
+    found = Chase(tuple(sightings), path, poses, shutter, radius, scene, tuple(cuts), look, hidden)
     return _steadied(found if look is None else _started_again(found))
 
 
@@ -276,7 +276,7 @@ def _from_album(path: SpotPath, moves: Movement) -> tuple[Scene, list[Cut]] | No
         part = None if box is None else album.cut(index, box)
         if part is not None and box is not None:
             seen = moves.poses[index].seen(part)
-            cuts.append(Cut(index, album.times[index], seen, box[0], box[1], near, step, (0.0, 0.0)))
+            cuts.append(Cut(index, album.times[index], seen, box[0], box[1], near, step, moves.poses[index]))
         elif box is not None and path.frames[0] <= index <= path.frames[-1] and index in moves.poses:
             return None
     if not cuts:
@@ -387,7 +387,7 @@ class Cut:
     top: int
     near: tuple[float, float]  # [px], in the scene
     step: tuple[float, float]  # [px/frame], motion
-    shake: tuple[float, float]
+    pose: Pose
 
 
 def _cut_out(video: Video, path: SpotPath, scene: Scene, channel: Channel, progress: Progress) -> list[Cut]:
@@ -409,7 +409,7 @@ def _cut(frame: Frame, grey: Grey, pose: Pose, path: SpotPath, where: Where) -> 
     box = _inside(_around(path, near, step), grey.shape)
     if box is None:
         return []
-    return [Cut(frame.index, frame.time, pose.seen(grey, box), *box[:2], near, step, pose.shake)]
+    return [Cut(frame.index, frame.time, pose.seen(grey, box), *box[:2], near, step, pose)]
 
 
 def _inside(box: Box, shape: tuple[int, ...]) -> Box | None:
@@ -468,7 +468,7 @@ def _fit_cuts(
         )
         if fit is not None:
             fit = replace(fit, image=replace(fit.image, x=fit.image.x + cut.left, y=fit.image.y + cut.top))
-            found.append(Sighting(cut.frame, cut.time, fit.image, cut.shake, fit))
+            found.append(Sighting(cut.frame, cut.time, fit.image, cut.pose.shake, fit))
         progress("measuring the bead", done + 1, len(cuts))
     return found
 

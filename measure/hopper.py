@@ -25,6 +25,7 @@ from rigtwin.measure.bead_size import size_seen, size_unseen
 from rigtwin.measure.frame_steps import timing_check
 from rigtwin.measure.freefall import fall_below, fall_check, outlet_check
 from rigtwin.measure.gate import Opening, find_opening, slot_edges
+from rigtwin.measure.in_view import static_camera
 from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.outflow import Outflow, bin_walls, follow_outflow
 from rigtwin.measure.repeats import at_its_pace
@@ -606,12 +607,5 @@ def _checks_of_picture(seen: Outflow, gate: Opening | None, hidden: float) -> li
             f"bed and empty hopper differ by {4 * seen.scenery.level:.0f} grey levels at a noise of "
             f"{seen.scenery.noise:.1f}" + ("." if clear >= 1.5 else ": too little to tell every bead."),
         ),
-        Check(
-            "static_camera",
-            seen.shake < 3.0,
-            seen.shake,
-            0.0,
-            f"the scene shakes by {seen.shake:.2f} px (standard deviation)"
-            + ("." if seen.shake < 0.1 else "; it was followed and taken out."),
-        ),
+        static_camera([moment.pose for moment in seen.moments]),
     ]

@@ -71,7 +71,9 @@ def _write_video(
             if moment is not None:
                 ends = np.array([[edges[0], row], [edges[1], row]])
                 turned = cv2.transform(ends.reshape(-1, 1, 2), seen.scenery.turn).reshape(-1, 2)
-                (ax, ay), (bx, by) = seen.lens.in_clip(np.asarray(turned + np.array(moment.shake), dtype=np.float64))
+                (ax, ay), (bx, by) = seen.lens.in_clip(
+                    np.asarray(turned + np.array(moment.pose.shake), dtype=np.float64)
+                )
                 isopen = opened.value <= frame.time
                 colour = overlay.GREEN if isopen and frame.time <= last.value else overlay.RED
                 overlay.draw_line(picture, (float(ax), float(ay)), (float(bx), float(by)), colour)

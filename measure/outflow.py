@@ -19,7 +19,7 @@ from rigtwin.lab.progress import Progress
 from rigtwin.measure.grains import colour_cells, find_beads, rare, shares
 from rigtwin.measure.media import Video
 from rigtwin.measure.piv import Displacements, MeanCorrelation, without_outliers
-from rigtwin.measure.scene import Scene
+from rigtwin.measure.scene import Pose, Scene
 from rigtwin.measure.still import Cut, Region, Steadied, apart, cut_for, steadied, still_scene
 from rigtwin.measure.upright import Upright, upright
 
@@ -75,7 +75,7 @@ class Moment:
     front: float  # [px], row of the lowest bead below the slot that hangs together with the bed; NaN where none
     lowest: float  # [px], row of the lowest bead below the slot; NaN where none
     change: float  # [grey levels], how much the bed's lower part changed since the frame before
-    shake: tuple[float, float]
+    pose: Pose
     hidden: bool = False  # something passes in front of the scene
 
 
@@ -89,7 +89,6 @@ class Outflow:
     upright: Upright
     lens: Cut
     residue: float  # share of the bed's area that is still there at the end
-    shake: float  # [px], standard deviation
     interval: float  # [s], between frames
     outlet: Displacements  # of the beads in the slot from frame to frame, mean over the steady flow
 
@@ -126,7 +125,6 @@ def follow_outflow(
             outlet.add(_grey(before), _grey(frame.colour))
         before = frame.colour
         progress("watching the hopper empty", len(moments), count)
-    shakes = np.array([moment.shake for moment in moments])
     return Outflow(
         tuple(moments),
         np.stack(strips),
@@ -134,7 +132,6 @@ def follow_outflow(
         turned,
         lens,
         _residue(scenery),
-        float(shakes.std(axis=0).max()),
         float(np.median(np.diff([moment.time for moment in moments]))),
         without_outliers(outlet.displacements()),
     )
@@ -363,7 +360,7 @@ def _moment(frame: Steadied, before: Image | None, scenery: Scenery) -> Moment:
         slot.row + hanging if hanging > 0 else math.nan,
         slot.row + lowest if filled.any() else math.nan,
         change,
-        frame.shake,
+        frame.pose,
     )
 
 

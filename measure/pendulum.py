@@ -34,6 +34,7 @@ from rigtwin.measure.pendulum_checks import (
     momentum_check,
     residual_check,
     timing_check,
+    view_checks,
 )
 from rigtwin.measure.repeats import without_repeats
 from rigtwin.measure.swing import Swings, angles, centres, positions, states_at_collision, turning_points
@@ -95,10 +96,12 @@ def measure(
         shading=SHADING * scale * max(look.radius for look in film.beads.looks),
     )
     timing, lens = timing_check(video), lens_check(fit)
+    views = view_checks(film.beads, evaluation.checks)
     # gravity checks nothing where the scale is from it
     by_gravity = scale_from == "gravity"
-    checks = (*(each for each in evaluation.checks if each.check != "gravity" or not by_gravity), timing, lens)
-    spoilt = "; ".join(filter(None, [video.spoilt, *(each.message for each in (timing, lens) if not each.passed)]))
+    checks = (*(each for each in evaluation.checks if each.check != "gravity" or not by_gravity), timing, lens, *views)
+    failed = [each.message for each in (timing, lens, *views) if not each.passed]
+    spoilt = "; ".join(filter(None, [video.spoilt, *failed]))
     quantities = tuple(doubted(quantity, spoilt) for quantity in evaluation.quantities)
     seen = {
         "frame_rate_hz": video.frame_rate,
@@ -190,13 +193,15 @@ def _watch_wall(video: Video, camera: Camera, length: float | None, progress: Pr
 def _one_bead(chase: Chase, video: Video) -> Beads:
     frames = np.array([index for index in range(video.first, video.last + 1) if index not in video.skipped])
     images = images_by_frame(chase, frames)
-    shakes = {cut.frame: cut.shake for cut in chase.cuts}
+    # where the bead rests for long its frames are not cut out, and the nearest that is tells the pose
+    cut = np.array([cut.frame for cut in chase.cuts])
+    nearest = np.clip(np.searchsorted(cut, frames), 0, len(cut) - 1)
+    poses = tuple(chase.cuts[k].pose for k in nearest.tolist())
     look = chase.look
     if look is None:
         raise NothingToMeasure(f"{video.path}: what moves in this clip does not look like a bead.")
-    looked = np.array([[image is not None for image in images]])
-    where = np.array([shakes.get(int(frame), (0.0, 0.0)) for frame in frames])
-    return Beads(frames, (images,), [look], chase.shutter.share, chase.scene, LUMA, where, looked, {})
+    looked = np.ones((1, len(frames)), dtype=bool)
+    return Beads(frames, (images,), [look], chase.shutter.share, chase.scene, LUMA, poses, looked, {})
 
 
 def picture_tracks(beads: Beads, times: Array) -> tuple[Track, ...]:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from rigtwin.lab.quantity import Check
 from rigtwin.lab.rigs import GRAVITY
+from rigtwin.measure.in_view import bead_in_view, static_camera
 from rigtwin.measure.media import Video
 from rigtwin.measure.swing import turning_points
 from rigtwin.measure.swing_fit import Outcome, SwingFit, frame_interval
+from rigtwin.measure.two_beads import Beads
 
 MOST_MISFIT = 1.4  # times the noise from frame to frame, that a track may leave the fitted swings by
 LEAST_MISFIT = 5e-4  # of the pendulum's length: textures behind a bead shift it by less, and slowly in high-speed films
@@ -135,6 +138,23 @@ def timing_check(video: Video) -> Check:
     if doubled:
         message = f"doubled frames: {message} and were left out: use the camera's original file"
     return Check("frame_timing", not doubled, doubled, 0.0, message)
+
+
+def view_checks(beads: Beads, others: Sequence[Check]) -> tuple[Check, Check]:
+    """Whether the beads were seen all along their swings, and whether the camera stood still or its shake was followed.
+
+    `others` are the checks of the fit: swings that fit show a still camera where nothing else in the picture does.
+    """
+    shares, count = [], 0
+    for images, looked in zip(beads.images, beads.looked, strict=True):
+        seen = np.array([image is not None for image in images])
+        found = np.flatnonzero(seen)
+        during = (beads.frames >= beads.frames[found[0]]) & (beads.frames <= beads.frames[found[-1]]) & (looked | seen)
+        shares.append(float(np.mean(seen[during])))
+        count = max(count, int(np.sum(during)))
+    fits = all(check.passed for check in others if check.check == "swing_residuals")
+    vouched = "the fitted swings show no shake" if fits else ""
+    return bead_in_view(min(shares), count, "its swings"), static_camera(beads.poses, vouched=vouched)
 
 
 def length_check(found: Outcome, stated: float) -> Check:

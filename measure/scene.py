@@ -20,6 +20,12 @@ Grey = npt.NDArray[np.uint8]
 Mask = npt.NDArray[np.bool_]
 
 STEADY = 0.03  # [px], a shake that moving the picture back would blur more than it helps
+FAR = 0.12  # of the picture's longer side, up to which a shake is believed
+NEAR = 1.5  # [px], within which a coarse and a fine look at a shake agree
+SHARP = 0.12  # of the misfit some pixels beside it, that a frame in its place may leave; in a wrong one it leaves more
+FEWEST = 60  # pixels at edges by which a frame is laid over the scene
+AS_NOISE = 2.0  # times the scene's noise, that it may leave as well
+COARSE = 480  # [px], longer side of the picture in which a large shake is looked for
 FLICKER = 0.01  # relative change of brightness above which a frame is levelled with an offset as well
 
 
@@ -37,6 +43,8 @@ class Pose:
     gain: float = 1.0
     offset: float = 0.0  # [grey levels]
     doubt: tuple[float, float] = (0.0, 0.0)  # [px], half of what two halves of the scene disagree by on the shake
+    misfit: float = math.inf  # [grey levels], median of what it leaves at the scene's edges
+    placed: bool = True  # else the picture does not tell where the frame lies, and the shake is a guess
 
     def seen(self, grey: Grey, box: tuple[int, int, int, int] | None = None) -> Picture:
         """A part of the frame (left, top, right, bottom; all where None), moved back and levelled to the scene's."""
@@ -60,6 +68,9 @@ class Pose:
         return replace(self, shake=(0.0, 0.0), doubt=(0.0, 0.0))
 
 
+LOST = Pose(placed=False)
+
+
 def shakes_of(poses: Sequence[Pose]) -> Array:
     """[px], shape (n, 2)"""
     return np.array([pose.shake for pose in poses]).reshape(-1, 2)
@@ -67,6 +78,9 @@ def shakes_of(poses: Sequence[Pose]) -> Array:
 
 def stands_still(poses: Sequence[Pose]) -> bool:
     """Whether the shake is no more than its own error: taking it out would only add that error to every place."""
+    poses = [pose for pose in poses if pose.placed]
+    if not poses:
+        return True
     shakes, doubts = shakes_of(poses), np.array([pose.doubt for pose in poses]).reshape(-1, 2)
     found = np.mean((shakes - np.median(shakes, axis=0)) ** 2, axis=0)
     return bool(np.all(found < np.maximum(2 * np.mean(doubts**2, axis=0), STEADY**2)))
@@ -110,15 +124,98 @@ class Scene:
         `start` is a guess of the shake, e.g. that of the frame before.
         """
         pose = self.pose(grey, start)
-        return View(pose.seen(grey), pose.shake, pose.gain)
+        return View(pose.seen(grey), pose)
 
     def pose(self, grey: Grey, start: tuple[float, float] = (0.0, 0.0), *, quickly: bool = False) -> Pose:
         """Where a frame lies; `quickly` by a quarter of the edges, which doubles the error of the shake."""
         near = np.array(start) if max(map(abs, start)) > STEADY else np.zeros(2)
-        pose = self._placed(grey, near, self._few_anchors, to=STEADY) if quickly else Pose()
-        if pose == Pose():  # too few edges tell nothing, which is not that the camera stands still
+        if not self.textured:
+            return LOST
+        pose = self._placed(grey, near, self._few_anchors, to=STEADY) if quickly else None
+        if pose is None or not self._sharp(grey, pose):
             pose = self._placed(grey, near, self._anchors)
+            if pose is None or not self._sharp(grey, pose):
+                guess = Pose((float(near[0]), float(near[1])), misfit=self._misfit(grey, near))
+                pose = self._placed_from_afar(grey, guess, pose)
+        if not pose.placed:
+            return pose
         return pose if abs(pose.gain - 1) < FLICKER else self._lit(grey, pose)
+
+    def _placed_from_afar(self, grey: Grey, guess: Pose, fine: Pose | None) -> Pose:
+        """Where a frame lies that the search from a guess did not place: there still, or far from it."""
+        # a plate that turns pulls at a scene of few edges, which lies where it lay none the less
+        if fine is None and self._sharp(grey, guess):
+            return guess
+        for rough in (self._by_phase(grey), self._by_likeness(grey)):
+            # what both ways find is believed, however little stands out
+            if fine is not None and math.dist(rough, fine.shake) < NEAR:
+                return fine
+            pose = self._placed(grey, rough, self._anchors)
+            if pose is not None and self._sharp(grey, pose):
+                return pose
+        return replace(guess, placed=False)
+
+    @property
+    def textured(self) -> bool:
+        """Whether it has edges enough to lay a frame over it."""
+        return len(self._anchors.x) >= FEWEST
+
+    def _sharp(self, grey: Grey, pose: Pose) -> bool:
+        """Whether the frame fits there and not some pixels beside: many wrong places fit somewhat."""
+        if pose.misfit < SHARP * pose.gain * self._contrast:
+            return True
+        if 1.4826 * pose.misfit > AS_NOISE * self._noise_at_edges:
+            return False
+        return pose.misfit < 0.95 * self._beside(grey, pose)
+
+    def _misfit(self, grey: Grey, shift: Array, gain: float = 1.0) -> float:
+        anchors = self._few_anchors
+        return middle_of(np.abs(anchors.seen(grey, shift) + gain * anchors.rows[2]))
+
+    def _beside(self, grey: Grey, pose: Pose) -> float:
+        """What is left [grey levels] some pixels beside a pose."""
+        whole = np.round(pose.shake)
+        steps = ((6, 2), (-2, 6), (-6, -2), (2, -6))
+        return float(np.mean([self._misfit(grey, whole + step, pose.gain) for step in steps]))
+
+    @cached_property
+    def _contrast(self) -> float:
+        """What the scene itself leaves [grey levels] some pixels beside its place."""
+        return self._beside(rounded(self.picture), Pose())
+
+    @cached_property
+    def _noise_at_edges(self) -> float:
+        return float(np.median(self.noise[self._few_anchors.y, self._few_anchors.x]))
+
+    def _by_phase(self, grey: Grey) -> Array:
+        """Shift of a frame [px] to about a pixel, however far: the phase correlation of small pictures."""
+        small, window, step = self._small
+        frame = cv2.resize(grey, (small.shape[1], small.shape[0]), interpolation=cv2.INTER_AREA).astype(np.float32)
+        # OpenCV 5 lays the window over the pictures that it is given
+        (x, y), _ = cv2.phaseCorrelate(small.copy(), frame, window)
+        return np.array([x, y]) * step
+
+    def _by_likeness(self, grey: Grey) -> Array:
+        """The same from where it is most alike: of soft or few edges the phase tells too little."""
+        small, _, step = self._small
+        height, width = small.shape
+        frame = cv2.resize(grey, (width, height), interpolation=cv2.INTER_AREA).astype(np.float32)
+        far = round(FAR * max(width, height))
+        # the whole frame, for its middle may be plain
+        wide = cv2.copyMakeBorder(small, far, far, far, far, cv2.BORDER_REPLICATE)
+        likeness = cv2.matchTemplate(wide, frame, cv2.TM_CCOEFF_NORMED)
+        _, _, _, (x, y) = cv2.minMaxLoc(likeness)
+        return np.array([far - x, far - y]) * step
+
+    @cached_property
+    def _small(self) -> tuple[Picture, Picture, Array]:
+        """The picture made small, a window that hides its borders, and the size of its pixels [px]."""
+        height, width = self.picture.shape
+        share = min(1.0, COARSE / max(height, width))
+        size = (round(width * share), round(height * share))
+        small = np.asarray(cv2.resize(self.picture, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+        window = np.asarray(cv2.createHanningWindow(size, cv2.CV_32F), dtype=np.float32)
+        return small, window, np.array([width / size[0], height / size[1]])
 
     def _lit(self, grey: Grey, pose: Pose) -> Pose:
         """Gain and offset of a flickering frame: black is not 0 in most videos, so a gain alone would not level it."""
@@ -137,7 +234,7 @@ class Scene:
                 break
             gain = float(np.average((wanted - middle) * seen, weights=weights)) / power
             offset = float(np.average(seen - gain * wanted, weights=weights))
-        return replace(pose, gain=gain, offset=offset)
+        return replace(pose, gain=gain, offset=offset) if 0.5 < gain < 2 else replace(LOST, shake=pose.shake)
 
     @cached_property
     def _anchors(self) -> _Anchors:
@@ -164,18 +261,19 @@ class Scene:
     def _few_anchors(self) -> _Anchors:
         return self._anchors.some(4)
 
-    def _placed(self, grey: Grey, start: Array, anchors: _Anchors, to: float = 0.003) -> Pose:
+    def _placed(self, grey: Grey, start: Array, anchors: _Anchors, to: float = 0.003) -> Pose | None:
         """Shift of a frame against the scene [px] and its gain, by Gauss-Newton on the strongest edges.
 
-        Steps shorter than `to` [px] are the last.
+        Steps shorter than `to` [px] are the last; None where they do not come to an end, or tell too little.
         """
-        if len(anchors.x) < 60:
-            return Pose()
+        if len(anchors.x) < FEWEST:
+            return None
         rows = anchors.rows
         shift, gain = start, 1.0
-        for _ in range(5):
+        for _ in range(8):
             error = anchors.seen(grey, shift) + gain * rows[2]
-            spread = 1.4826 * middle_of(np.abs(error)) + 0.3
+            misfit = middle_of(np.abs(error))
+            spread = 1.4826 * misfit + 0.3
             weights = 1 / (1 + (error / (2 * spread)) ** 2) ** 2  # a moving bead or hand must not pull the scene along
             weighted = rows * weights
             inverse = _inverse(weighted @ rows.T)
@@ -185,11 +283,13 @@ class Scene:
             if np.max(np.abs(change[:2])) < to:
                 break
         covariance = inverse * spread**2
-        if max(covariance[0, 0], covariance[1, 1]) > 0.05**2 or np.max(np.abs(shift)) > 40 or not 0.5 < gain < 2:
-            return Pose()  # too little texture to tell
+        if max(covariance[0, 0], covariance[1, 1]) > 0.05**2 or np.max(np.abs(change[:2])) > STEADY:
+            return None  # too little texture to tell, or too far away
+        if np.max(np.abs(shift)) > max(FAR * max(grey.shape), 40) or not 0.5 < gain < 2:
+            return None
         one, other = (_change(rows[:, half], weighted[:, half], error[half]) for half in (anchors.half, ~anchors.half))
         doubt = np.abs(one - other) / 2
-        return Pose((float(shift[0]), float(shift[1])), gain, 0.0, (float(doubt[0]), float(doubt[1])))
+        return Pose((float(shift[0]), float(shift[1])), gain, 0.0, (float(doubt[0]), float(doubt[1])), misfit)
 
 
 def _change(rows: Array, weighted: Array, error: Array) -> Array:
@@ -207,8 +307,12 @@ class View:
     """One frame laid over the scene."""
 
     grey: Picture  # [grey levels], shape (height, width), in the scene's pixels
-    shake: tuple[float, float]  # [px], where the scene's origin lies in the frame
-    gain: float = 1.0  # how bright the frame is against the scene
+    pose: Pose
+
+    @property
+    def shake(self) -> tuple[float, float]:
+        """[px], where the scene's origin lies in the frame"""
+        return self.pose.shake
 
 
 class Background:
@@ -251,16 +355,47 @@ class Background:
 
         `laid_over`: the frames lie over each other and are levelled already.
         """
-        layers = [self._frames[index] for index in self.indices]
+        indices, layers = self.indices, [self._frames[index] for index in self.indices]
         scene = _median_scene(layers)
         if laid_over:
-            return scene if not bead else _without_bead(scene, layers, self.indices, bead, reach)
+            return scene if not bead else _without_bead(scene, layers, indices, bead, reach)
         poses = [scene.pose(layer) for layer in layers]
+        if _shaken_far(poses):
+            # the median of frames that lie apart shows nothing well: start from one of them
+            scene, indices, layers, poses = _of_those_that_fit(scene, indices, layers)
         if not stands_still(poses) or np.std([pose.gain for pose in poses]) > FLICKER:
             for _ in range(2):
                 scene = _median_scene(_laid_over(scene, layers))
             layers = _laid_over(scene, layers)
-        return scene if not bead else _without_bead(scene, layers, self.indices, bead, reach)
+        return scene if not bead else _without_bead(scene, layers, indices, bead, reach)
+
+
+def _shaken_far(poses: Sequence[Pose]) -> bool:
+    return any(not pose.placed for pose in poses) or float(np.ptp(shakes_of(poses), axis=0).max()) > NEAR
+
+
+def _of_those_that_fit(
+    scene: Scene, indices: tuple[int, ...], layers: list[Grey]
+) -> tuple[Scene, tuple[int, ...], list[Grey], list[Pose]]:
+    """A sharper scene of the frames that lie over the middle one, these frames and how they lie.
+
+    Where most do not, all is as it was.
+    """
+    middle = layers[len(layers) // 2]
+    # the spread over time is the shake's, not the noise's
+    grain = 1.4826 * float(np.mean(cv2.absdiff(middle, cv2.medianBlur(middle, 3)))) + 0.3
+    one = Scene(middle.astype(np.float32), np.full(middle.shape, grain, dtype=np.float32))
+    poses = [one.pose(layer) for layer in layers]
+    kept = [k for k, pose in enumerate(poses) if pose.placed]
+    if 2 * len(kept) <= len(layers):
+        return scene, indices, layers, [scene.pose(layer) for layer in layers]
+    # the camera's usual place is the scene's
+    x, y = np.median(shakes_of([poses[k] for k in kept]), axis=0).tolist()
+    moved = [replace(poses[k], shake=(poses[k].shake[0] - x, poses[k].shake[1] - y)) for k in kept]
+    chosen = [layers[k] for k in kept]
+    laid = [rounded(pose.seen(layer)) for pose, layer in zip(moved, chosen, strict=True)]
+    sharper = _median_scene(laid)
+    return sharper, tuple(indices[k] for k in kept), chosen, [sharper.pose(layer) for layer in chosen]
 
 
 def _laid_over(scene: Scene, layers: Sequence[Grey]) -> list[Grey]:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.measure.media import Video
-from rigtwin.measure.scene import Background, Scene
+from rigtwin.measure.scene import Background, Pose, Scene
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
@@ -49,7 +49,12 @@ class Steadied:
     index: int
     time: float  # [s]
     colour: Image  # BGR
-    shake: tuple[float, float]  # [px], add it to a place in the still scene to draw on the frame
+    pose: Pose
+
+    @property
+    def shake(self) -> tuple[float, float]:
+        """[px], add it to a place in the still scene to draw on the frame"""
+        return self.pose.shake
 
 
 def cut_for(width: int, height: int, region: Region | None = None) -> Cut:
@@ -71,8 +76,9 @@ def steadied(video: Video, scene: Scene, lens: Cut) -> Iterator[Steadied]:
     """Every frame of the clip, in order."""
     shake = (0.0, 0.0)
     for frame in video.frames():
-        shake = scene.pose(lens.seen(frame.grey), shake).shake
-        yield Steadied(frame.index, frame.time, _moved(lens.seen(frame.colour), shake), shake)
+        pose = scene.pose(lens.seen(frame.grey), shake)
+        shake = pose.shake
+        yield Steadied(frame.index, frame.time, _moved(lens.seen(frame.colour), shake), pose)
 
 
 def _moved(picture: Image, shake: tuple[float, float]) -> Image:

@@ -28,12 +28,13 @@ from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, doubt
 from rigtwin.lab.records import Series, Track
 from rigtwin.measure.arm import Arm, find_arm, lay_over
 from rigtwin.measure.follow import learn_scene
+from rigtwin.measure.in_view import static_camera
 from rigtwin.measure.level import Level, find_level
 from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.onset import LEAST_DOUBT, Onset, Run, Way, find_onset, find_run, jitter, smooth_angle
 from rigtwin.measure.passenger import Passenger, Step, find_passenger, follow, glare
 from rigtwin.measure.repeats import at_its_pace
-from rigtwin.measure.scene import Scene
+from rigtwin.measure.scene import Pose, Scene
 
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.float32]
@@ -64,7 +65,7 @@ BEHIND_ALL = {
     "onset_certainty",
     "shape",
     "arm_in_view",
-    "still_camera",
+    "static_camera",
 }
 # and those that it rests on besides: an angle needs no clock and no scale, a moment no horizontal
 RESTS_ON = {
@@ -337,7 +338,7 @@ class Film:
     directions: Array  # [rad], of the arm in the picture, NaN where it is not seen, shape (n,)
     sigmas: Array  # [rad], of the directions
     steps: tuple[Step | None, ...]  # the body against its place at rest
-    shakes: Array  # [px], of the camera, shape (n, 2)
+    poses: tuple[Pose, ...]  # of the frames over the still scene
     uphill: int  # +1 where the arm rises to the right
     picture: Picture = field(repr=False)  # the still scene
 
@@ -451,7 +452,7 @@ def _follow(
     video: Video, scene: Scene, arm: Arm, level: Level | None, body: Passenger, uphill: int, progress: Progress
 ) -> Film:
     """Arm and body in every frame, each predicted from the frames before."""
-    numbers, directions, sigmas, steps, shakes = [], [], [], [], []
+    numbers, directions, sigmas, steps, poses = [], [], [], [], []
     shake = (0.0, 0.0)
     known = sorted(arm.directions)
     sampled = np.array([arm.directions[n] for n in known])
@@ -482,7 +483,7 @@ def _follow(
         directions.append(math.nan if turn is None else turn.direction)
         sigmas.append(math.nan if turn is None else turn.sigma)
         steps.append(step)
-        shakes.append(shake)
+        poses.append(view.pose)
         progress("following arm and body", frame.index - video.first + 1, video.last - video.first + 1)
     index = np.array(numbers)
     return Film(
@@ -494,7 +495,7 @@ def _follow(
         np.array(directions),
         np.array(sigmas),
         tuple(steps),
-        np.array(shakes),
+        tuple(poses),
         uphill,
         scene.picture,
     )
@@ -573,14 +574,7 @@ def _view_checks(film: Film, gauge: Gauge, video: Video) -> tuple[Check, ...]:
     message = f"{odd} of {len(steps)} frame intervals are odd" + ("; the file's own times were used" if odd else "")
     ending = "." if steady else ", but so many may be wrong: use the camera's original file."
     timing = Check("frame_timing", steady, float(odd), 0.0, message + ending)
-    shake = float(np.std(film.shakes, axis=0).max())
-    still = Check(
-        "still_camera",
-        shake < 3.0,
-        shake,
-        0.0,
-        f"the camera shakes by {shake:.2f} px; it is taken out" + ("." if shake < 3.0 else ", but use a tripod."),
-    )
+    still = static_camera(film.poses)
     degrees, doubt = math.degrees(gauge.roll), math.degrees(gauge.roll_sigma)
     if gauge.roll_from == "not known":
         message = "no level edge of a base plate is seen, so the camera is taken to be upright; give --camera-roll."

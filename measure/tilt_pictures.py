@@ -119,7 +119,7 @@ def _write_video(
 
 def _mark(picture: Image, film: Film, k: int) -> None:
     """Arm, its pivot, the level edges and the body in one frame."""
-    shake = film.shakes[k]
+    shake = np.array(film.poses[k].shake)
     for line in () if film.level is None else film.level.lines:
         draw_line(picture, _moved(line.start, shake), _moved(line.end, shake), SKY)
     direction = film.directions[k]

@@ -24,7 +24,7 @@ from rigtwin.measure.channel import Channel, best_channel
 from rigtwin.measure.follow import frames_of
 from rigtwin.measure.media import Frame, Grey, Video
 from rigtwin.measure.meeting import Collision, Path, Region, find_collision, find_paths, hanging_place
-from rigtwin.measure.scene import Background, Scene
+from rigtwin.measure.scene import Background, Pose, Scene, shakes_of
 from rigtwin.measure.spots import Spot, SpotPath
 
 Array = npt.NDArray[np.float64]
@@ -44,9 +44,14 @@ class Beads:
     exposure: float  # share of the frame interval
     scene: Scene
     channel: Channel
-    shakes: Array  # [px], where the scene's origin lies in each frame, shape (n, 2)
+    poses: tuple[Pose, ...]  # of each frame over the scene
     looked: npt.NDArray[np.bool_]  # where each bead was looked for, shape (2, n)
     greys: dict[int, Grey]  # the frames from which the scene was learnt
+
+    @property
+    def shakes(self) -> Array:
+        """[px], where the scene's origin lies in each frame, shape (n, 2)"""
+        return shakes_of(self.poses)
 
 
 def find_beads(
@@ -84,7 +89,7 @@ def find_beads(
         exposure,
         scene,
         channel,
-        np.array(walk.shakes),
+        tuple(walk.poses),
         np.array(walk.looked, dtype=bool).T,
         greys,
     )
@@ -238,7 +243,7 @@ class _Walk:
     def __init__(self, scene: Scene, collision: Collision, looks: list[Look], exposure: float, first: int) -> None:
         self.scene, self.collision, self.looks, self.exposure = scene, collision, looks, exposure
         self.frames: list[int] = []
-        self.shakes: list[tuple[float, float]] = []
+        self.poses: list[Pose] = []
         self.a: list[BeadImage | None] = []
         self.b: list[BeadImage | None] = []
         self.looked: list[list[bool]] = []
@@ -255,7 +260,7 @@ class _Walk:
         self._rest_steps = (max(1, round((self._release - first) / 10)), max(1, round((self._hit - first) / 25)))
 
     def step(self, index: int, grey: Grey) -> None:
-        view = self.scene.view(grey, self.shakes[-1] if self.shakes else (0.0, 0.0))
+        view = self.scene.view(grey, self.poses[-1].shake if self.poses else (0.0, 0.0))
         (expected_a, speed_a), (expected_b, speed_b) = self._expect_a(index), self._expect_b(index)
         # in its swing B is well known beforehand; just after the collision A is not
         b, a = None, None
@@ -270,7 +275,7 @@ class _Walk:
             a = self._see(view.grey, expected_a, speed_a, 0, beside)
         self.looked.append(looked)
         self.frames.append(index)
-        self.shakes.append(view.shake)
+        self.poses.append(view.pose)
         self.a.append(a)
         self.b.append(b)
 
@@ -344,8 +349,7 @@ def relocate(video: Video, beads: Beads, places: Array, velocities: Array, again
         k = numbers[frame.index]
         if not np.any(again[:, k]):
             continue
-        shake = (float(beads.shakes[k, 0]), float(beads.shakes[k, 1]))
-        grey = beads.scene.view(beads.channel.grey(frame), shake).grey
+        grey = beads.scene.view(beads.channel.grey(frame), beads.poses[k].shake).grey
         for bead in np.flatnonzero(again[:, k]):
             look, place, blur = beads.looks[bead], places[bead, k], velocities[bead, k] * beads.exposure
             image = _locate_beside(

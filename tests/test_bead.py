@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from rigtwin.measure.bead import BeadImage, Look, fit_bead, locate
 from rigtwin.measure.follow import scatter
+from rigtwin.measure.in_view import static_camera
 from rigtwin.measure.light import in_steady_light
 from rigtwin.measure.scene import Background, stands_still
 
@@ -215,6 +216,53 @@ def test_a_camera_that_stands_still_is_told_from_one_that_sways(sway):
         noisy = np.clip(np.round(moved + rng.normal(0, 1, wall.shape)), 0, 255).astype(np.uint8)
         poses.append(scene.pose(noisy))
     assert stands_still(poses) == (sway == 0.0)
+
+
+def drawn_wall(rng, size=(340, 420)):
+    """Boxes of many sizes and greys."""
+    wall = np.full(size, 90, dtype=np.float32)
+    for _ in range(40):
+        x, y, wide, high = (int(value) for value in rng.integers((0, 0, 15, 15), (420, 340, 120, 100)))
+        cv2.rectangle(wall, (x, y), (x + wide, y + high), float(rng.integers(40, 220)), cv2.FILLED)
+    return cv2.GaussianBlur(wall, (0, 0), 1.0)
+
+
+@pytest.mark.parametrize("kind", ["jerks", "swings"])
+def test_a_shake_far_wider_than_an_edge_is_followed_to_a_third_of_a_pixel(kind):
+    rng = np.random.default_rng(21)
+    wall, time = drawn_wall(rng), np.arange(42) / 60
+    jerks = rng.normal(0, 5, (42, 2))
+    swings = np.column_stack([20 * np.sin(8.2 * time), 12 * np.sin(12 * time + 1)])
+    true = jerks if kind == "jerks" else swings
+    background, frames = Background(), []
+    for index, (x, y) in enumerate(true):
+        turn = np.array([[1, 0, 50 - x], [0, 1, 50 - y]], dtype=np.float32)
+        seen = cv2.warpAffine(wall, turn, (320, 240), flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP)
+        frames.append(np.clip(seen + rng.normal(0, 2, seen.shape), 0, 255).astype(np.uint8))
+        if index % 2 == 0:
+            background.add(index, frames[-1])
+    scene, poses = background.scene(), []
+    for frame in frames:
+        poses.append(scene.pose(frame, poses[-1].shake if poses else (0.0, 0.0)))
+    assert all(pose.placed for pose in poses)
+    off = np.array([pose.shake for pose in poses]) - true
+    assert np.sqrt(np.mean((off - np.median(off, axis=0)) ** 2)) < 0.3
+    check = static_camera(poses, most=50)
+    assert check.value == pytest.approx(np.std(true, axis=0).max(), rel=0.03)
+
+
+@pytest.mark.parametrize("what", ["a plain wall", "another place"])
+def test_a_camera_of_which_nothing_is_seen_is_not_said_to_stand_still(what):
+    rng = np.random.default_rng(22)
+    background, wall = Background(), drawn_wall(rng) if what == "another place" else np.full((340, 420), 90.0)
+    for index in range(9):
+        background.add(index, np.clip(wall + rng.normal(0, 2, wall.shape), 0, 255).astype(np.uint8))
+    later = drawn_wall(rng) if what == "another place" else wall
+    poses = [background.scene().pose(later.astype(np.uint8)) for _ in range(3)]
+    assert not any(pose.placed for pose in poses)
+    check = static_camera(poses)
+    assert not check.passed
+    assert "not seen" in check.message
 
 
 def test_a_flickering_lamp_is_levelled_although_black_is_not_zero():
