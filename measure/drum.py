@@ -24,7 +24,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, doubted, failed, root_sum_of_squares
 from rigtwin.lab.records import Profile
 from rigtwin.measure.bed import Bed, Outline, bed_in_photo, follow_bed
-from rigtwin.measure.in_view import static_camera
+from rigtwin.measure.in_view import camera_by_scene
 from rigtwin.measure.media import open_video, read_photo
 from rigtwin.measure.repeats import at_its_pace
 from rigtwin.measure.steady import Avalanches, Mean, find_avalanches, mean_over_time, steady_part
@@ -117,6 +117,8 @@ def measure(
     evaluation = _evaluate(seen, speed)
     quantities = tuple(doubted(one, spoilt) for one in _judged(evaluation.quantities, bed))
     checks = (*_checks_of_picture(bed), *evaluation.checks)
+    if isinstance(still := camera_by_scene(bed.poses), str) and bed.poses:
+        warnings.append(still)
     if scale is None:
         warnings.append("scale: not known, so profiles are left out; give --drum-diameter or --scale.")
     if bed.upright.edges.size == 0 and camera.roll is None:
@@ -577,7 +579,7 @@ def _checks_of_picture(bed: Bed) -> list[Check]:
             + ("." if FILL[0] < fill < FILL[1] else ": so little, or so much, does not flow over the axis."),
         ),
         *_checks_of_shape(bed),
-        *([static_camera(bed.poses)] if bed.poses else []),
+        *(check for check in [camera_by_scene(bed.poses)] if isinstance(check, Check) and bed.poses),
     ]
     if math.isfinite(bed.glare):
         checks.append(

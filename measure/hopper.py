@@ -25,7 +25,7 @@ from rigtwin.measure.bead_size import size_seen, size_unseen
 from rigtwin.measure.frame_steps import timing_check
 from rigtwin.measure.freefall import fall_below, fall_check, outlet_check
 from rigtwin.measure.gate import Opening, find_opening, slot_edges
-from rigtwin.measure.in_view import static_camera
+from rigtwin.measure.in_view import camera_by_scene
 from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.outflow import Outflow, bin_walls, follow_outflow
 from rigtwin.measure.repeats import at_its_pace
@@ -132,7 +132,7 @@ def measure(
         width = view["slot_width_px"] * scale
         rate = _rate_check(seen, told, width, video.frame_rate, scale=scale, doubt=scale_doubt)
         quantities = quantities if told is None else (*quantities, told)
-    asked = (timing, rate, size)
+    asked = (timing, rate, size, camera_by_scene([moment.pose for moment in seen.moments]))
     warnings += [each for each in asked if isinstance(each, str) and each]
     judged = [each for each in asked if isinstance(each, Check)]
     checks = (*_checks_of_picture(seen, gate, hidden), compression, *evaluation.checks, *judged)
@@ -607,5 +607,4 @@ def _checks_of_picture(seen: Outflow, gate: Opening | None, hidden: float) -> li
             f"bed and empty hopper differ by {4 * seen.scenery.level:.0f} grey levels at a noise of "
             f"{seen.scenery.noise:.1f}" + ("." if clear >= 1.5 else ": too little to tell every bead."),
         ),
-        static_camera([moment.pose for moment in seen.moments]),
     ]

@@ -8,11 +8,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from rigtwin.lab.quantity import Check
-from rigtwin.measure.scene import Pose, shakes_of
+from rigtwin.measure.scene import LOST, Pose, shakes_of
 
 MOST_SHAKE = 3.0  # [px], standard deviation, up to which a shaking camera only shifts its picture
 MOST_LOST = 0.1  # of the frames, that may not be found in the scene: a hand passes, a lamp goes on
+UNSEEN = "not seen whether the camera stood still: nothing in the picture stands out that stays in its place"
+ADVICE = "film something fixed and sharp with it, the rig's stand say"
 LEAST_SEEN = 0.7  # of the frames of its path, in which a bead must be measured
+
+
+def camera_by_scene(poses: Sequence[Pose]) -> Check | str:
+    """`static_camera` by the scene alone, or in words that a picture without edges cannot tell."""
+    if all(pose == LOST for pose in poses):
+        return f"{UNSEEN}; {ADVICE}."
+    return static_camera(poses)
 
 
 def static_camera(poses: Sequence[Pose], most: float = MOST_SHAKE, *, vouched: str = "", doubt: str = "") -> Check:
@@ -23,9 +32,8 @@ def static_camera(poses: Sequence[Pose], most: float = MOST_SHAKE, *, vouched: s
     placed = [pose for pose in poses if pose.placed]
     lost = 1 - len(placed) / max(len(poses), 1)
     if not placed:
-        found = "not seen whether the camera stood still: nothing in the picture stands out that stays in its place"
-        ending = vouched or "film something fixed and sharp with it, the rig's stand say"
-        return Check("static_camera", bool(vouched) and not doubt, math.nan, 0.0, f"{found}; {ending}{doubt}.")
+        message = f"{UNSEEN}; {vouched or ADVICE}{doubt}."
+        return Check("static_camera", bool(vouched) and not doubt, math.nan, 0.0, message)
     shake = float(np.max(np.std(shakes_of(placed), axis=0)))
     ending = ("" if shake < 0.1 else "; it was followed and taken out") + doubt
     if lost > MOST_LOST:

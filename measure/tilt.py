@@ -28,7 +28,7 @@ from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, doubt
 from rigtwin.lab.records import Series, Track
 from rigtwin.measure.arm import Arm, find_arm, lay_over
 from rigtwin.measure.follow import learn_scene
-from rigtwin.measure.in_view import static_camera
+from rigtwin.measure.in_view import camera_by_scene
 from rigtwin.measure.level import Level, find_level
 from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.onset import LEAST_DOUBT, Onset, Run, Way, find_onset, find_run, jitter, smooth_angle
@@ -391,7 +391,12 @@ def measure(
     # an exposure lasts up to a frame, and a time stamp tells its start
     timing = {"exposure": 0.2 / video.frame_rate}
     evaluation = _evaluation(way, run, onset, variant, bead_diameter, geometry, timing)
-    of_film = (_shape_check(film.body, variant), *_view_checks(film, gauge, video))
+    still = camera_by_scene(film.poses)
+    of_film = (
+        _shape_check(film.body, variant),
+        *_view_checks(film, gauge, video),
+        *([still] if isinstance(still, Check) else []),
+    )
     checks = (*evaluation.checks, *of_film)
     quantities = _judged([doubted(each, video.spoilt) for each in evaluation.quantities], of_film)
     measurement = Measurement(
@@ -400,7 +405,7 @@ def measure(
         source_sha256=sha256(clip),
         quantities=quantities,
         checks=checks,
-        warnings=(*video.warnings, *evaluation.warnings),
+        warnings=(*video.warnings, *evaluation.warnings, *([still] if isinstance(still, str) else [])),
         camera={
             "frame_rate_hz": video.frame_rate,
             "playback_rate_hz": video.playback_rate,
@@ -574,13 +579,12 @@ def _view_checks(film: Film, gauge: Gauge, video: Video) -> tuple[Check, ...]:
     message = f"{odd} of {len(steps)} frame intervals are odd" + ("; the file's own times were used" if odd else "")
     ending = "." if steady else ", but so many may be wrong: use the camera's original file."
     timing = Check("frame_timing", steady, float(odd), 0.0, message + ending)
-    still = static_camera(film.poses)
     degrees, doubt = math.degrees(gauge.roll), math.degrees(gauge.roll_sigma)
     if gauge.roll_from == "not known":
         message = "no level edge of a base plate is seen, so the camera is taken to be upright; give --camera-roll."
-        return arm, timing, still, Check("level", False, 0.0, 0.0, message)
+        return arm, timing, Check("level", False, 0.0, 0.0, message)
     where = (
         "as given" if gauge.roll_from == "given" else f"from {len(film.level.lines) if film.level else 0} level edges"
     )
     message = f"the horizontal runs at {degrees:+.2f} ± {doubt:.2f} deg in the picture, {where}."
-    return arm, timing, still, Check("level", True, degrees, 0.0, message)
+    return arm, timing, Check("level", True, degrees, 0.0, message)
