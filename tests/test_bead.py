@@ -291,3 +291,12 @@ def test_the_still_scene_is_the_median_over_time(count):
     for index, frame in enumerate(frames):
         background.add(index, frame)
     assert np.array_equal(background.scene().picture, np.median(frames, axis=0).astype(np.float32))
+
+
+def test_a_bead_that_may_have_gone_on_out_of_the_picture_is_not_found():
+    """Where no pixel is near, nothing speaks against a bead."""
+    look = Look(radius=9.0, edge=0.75, light=np.array([170.0, 0.0, 0.0, 0.0]))
+    still = np.full((SIZE, SIZE), 60.0)
+    empty = np.round(still + 4 * np.random.default_rng(0).standard_normal(still.shape))
+    found = fit_bead(empty, still, (36, 36), 9.0, look=look, surely_near=True, onwards=(300.0, 36.0))
+    assert found is None

@@ -270,3 +270,12 @@ def test_the_noise_of_unevenly_filmed_rows_is_the_stated_one_or_is_asked_for(dro
     change(drops, {"camera": {"frame_rate_hz": 240}})
     with pytest.raises(BadInput, match=r"evenly spaced.*state tracking_noise_m"):
         bench_of(read_tracked_lab(drops))
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("length_m", -0.25), ("length_m", 0), ("length_m", "250mm"), ("release_angle_deg", 400)],
+)
+def test_a_setting_that_cannot_be_is_refused_by_its_name(pendulums, key, value):
+    with pytest.raises(BadLabFile, match=f"{key}.*cannot be"):
+        read_tracked_lab(condition(pendulums, **{key: value}))

@@ -45,6 +45,12 @@ SETTINGS = (
 """Settings of a condition; what is the same in all of them may stand once, in rig_geometry."""
 EXACT = 1e-3  # of the doubt taken where none is stated: what is known so well is as good as known exactly
 DOUBTS = ("uncertainty", "noise", "sideways_speed")  # in the names of what cannot be below zero
+RANGES = {  # smallest and largest that can be, neither of which is
+    **dict.fromkeys(("drop_height_m", "length_m", "thickness_m", "youngs_modulus_Pa", "clump_mass_g"), (0.0, math.inf)),
+    "poissons_ratio": (-1.0, 0.6),
+    "release_angle_deg": (-180.0, 180.0),
+}
+TABLES = ("walls", "rig_geometry")
 EARLY = 0.2  # [s], in which a clock that starts with the film has shown a row, some lost frames allowed for
 
 
@@ -270,6 +276,9 @@ def _document(file: Path) -> dict[str, Any]:
         raise BadLabFile(f"{file}: is not valid JSON ({error}); correct it there.") from None
     if not isinstance(document, dict):
         raise BadLabFile(f"{file}: holds no table of names and values; write it as docs/tracked_lab.md shows.")
+    for key in TABLES:
+        if document.get(key) is not None and not isinstance(document[key], dict):
+            raise BadLabFile(f"{file}: {key}: is not a table of names and values.")
     _sane(document, "", file)
     return dict(_measured(document))
 
@@ -289,6 +298,11 @@ def _sane(value: Any, key: str, file: Path) -> None:
     elif isinstance(value, list):
         for entry in value:
             _sane(entry, key, file)
+    elif key in RANGES and value is not None:
+        least, most = RANGES[key]
+        if not (isinstance(value, (int, float)) and least < value < most):
+            between = "above zero" if most == math.inf else f"between {least:g} and {most:g}"
+            raise BadLabFile(f"{file}: {key}: {value!r} cannot be; state a number {between}, in the unit of the name.")
     elif isinstance(value, float) and not math.isfinite(value):
         raise BadLabFile(f"{file}: {key}: {value!r} is no number that was measured; leave it out where it is unknown.")
     elif isinstance(value, (int, float)) and value < 0 and any(kind in key for kind in DOUBTS):
