@@ -7,7 +7,7 @@ import pytest
 
 from rigtwin.measure.bead import Look
 from rigtwin.measure.follow import Cut, told_shutter
-from rigtwin.measure.scene import Scene
+from rigtwin.measure.scene import Pose, Scene
 from rigtwin.measure.shutter import TRIED, Shutter, fast_frames, shutter_of
 from rigtwin.measure.spots import Spot, SpotPath
 
@@ -36,7 +36,7 @@ def film(path, share, *, empty=(), seed=0):
             picture += cover * 70
         grey = (picture + noise.normal(0, 2.0, SIZE)).astype(np.float32)
         step = (float(step[0]), float(step[1]))
-        cuts.append(Cut(path.frames[k], k / 240, grey, 0, 0, (float(x), float(y)), step, (0.0, 0.0)))
+        cuts.append(Cut(path.frames[k], k / 240, grey, 0, 0, (float(x), float(y)), step, Pose()))
     return cuts
 
 
