@@ -156,6 +156,8 @@ def third_difference_noise(record: Heights) -> float:
 
     Differences are divided by the frames' own times, so that frames may come unevenly or be missing.
     """
+    if len(record.time) < 4:
+        return 0.0
     time, height = (np.lib.stride_tricks.sliding_window_view(each, 4) for each in (record.time, record.height))
     # ones on the diagonal leave the products as they are
     apart = (time[:, :, None] - time[:, None, :]) / np.median(np.diff(record.time)) + np.eye(4)

@@ -31,7 +31,7 @@ Grey = npt.NDArray[np.uint8]
 BADLY = 2.0  # times the usual misfit, from which on a fit may lie in a wrong place
 REST = 25  # frames of a bead at rest that are worth a look before and after it moves
 CREEPS = 0.25  # [px/frame], up to which a codec may repeat a bead where it was
-FEWEST_DIFFERENCES = 12  # of the places of five frames, from which their scatter is told
+FEWEST_DIFFERENCES = 12  # of the places of seven frames, from which their scatter is told
 
 
 @dataclass(frozen=True)
@@ -354,20 +354,20 @@ def scatter(frames: npt.NDArray[np.int64], images: Sequence[BeadImage]) -> float
     """How many times their sigma the places of a moving bead scatter from frame to frame; 1 where that is not told.
 
     A codec smears the rim of a bead along with the noise, so that single frames seem surer than they are.  Of a flight
-    or a swing fourth differences leave nothing but the scatter; those across a bounce are few.
+    or a swing sixth differences leave nothing but the scatter, at 25 frames a second too; few are across a bounce.
     """
+    if len(frames) < FEWEST_DIFFERENCES:
+        return 1.0
     places, variance = (
         np.array([each(image) for image in images]).reshape(len(images), -1)
         for each in (lambda image: (image.x, image.y), lambda image: image.sigma**2)
     )
-    if len(frames) < FEWEST_DIFFERENCES:
-        return 1.0
-    moves = np.hypot(*(places[4:] - places[:-4]).T) > 4 * CREEPS
-    told = moves & (frames[4:] - frames[:-4] == 4)
+    moves = np.hypot(*(places[6:] - places[:-6]).T) > 6 * CREEPS
+    told = moves & (frames[6:] - frames[:-6] == 6)
     if np.count_nonzero(told) < FEWEST_DIFFERENCES:
         return 1.0
-    expected = np.convolve(variance[:, 0], np.array([1, 4, 6, 4, 1]) ** 2, mode="valid")[:, None]
-    return max(1.4826 * float(np.median((np.abs(np.diff(places, 4, axis=0)) / np.sqrt(expected))[told])), 1.0)
+    expected = np.convolve(variance[:, 0], np.array([1, 6, 15, 20, 15, 6, 1]) ** 2, mode="valid")[:, None]
+    return max(1.4826 * float(np.median((np.abs(np.diff(places, 6, axis=0)) / np.sqrt(expected))[told])), 1.0)
 
 
 def _shows(cut: Cut, place: tuple[float, float]) -> bool:

@@ -191,15 +191,15 @@ def _watch_wall(video: Video, camera: Camera, length: float | None, progress: Pr
 
 
 def _one_bead(chase: Chase, video: Video) -> Beads:
-    frames = np.array([index for index in range(video.first, video.last + 1) if index not in video.skipped])
-    images = images_by_frame(chase, frames)
-    # where the bead rests for long its frames are not cut out, and the nearest that is tells the pose
-    cut = np.array([cut.frame for cut in chase.cuts])
-    nearest = np.clip(np.searchsorted(cut, frames), 0, len(cut) - 1)
-    poses = tuple(chase.cuts[k].pose for k in nearest.tolist())
     look = chase.look
     if look is None:
         raise NothingToMeasure(f"{video.path}: what moves in this clip does not look like a bead.")
+    frames = np.array([index for index in range(video.first, video.last + 1) if index not in video.skipped])
+    images = images_by_frame(chase, frames)
+    # where the bead rests for long its frames are not cut out, and the next that is tells the pose
+    cut = np.array([cut.frame for cut in chase.cuts])
+    following = np.clip(np.searchsorted(cut, frames), 0, len(cut) - 1)
+    poses = tuple(chase.cuts[k].pose for k in following.tolist())
     looked = np.ones((1, len(frames)), dtype=bool)
     return Beads(frames, (images,), [look], chase.shutter.share, chase.scene, LUMA, poses, looked, {})
 

@@ -149,6 +149,9 @@ def view_checks(beads: Beads, others: Sequence[Check]) -> tuple[Check, Check]:
     for images, looked in zip(beads.images, beads.looked, strict=True):
         seen = np.array([image is not None for image in images])
         found = np.flatnonzero(seen)
+        if not len(found):
+            shares.append(0.0)
+            continue
         during = (beads.frames >= beads.frames[found[0]]) & (beads.frames <= beads.frames[found[-1]]) & (looked | seen)
         shares.append(float(np.mean(seen[during])))
         count = max(count, int(np.sum(during)))

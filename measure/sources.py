@@ -113,7 +113,7 @@ class Film:
         for picture in self._reel.pictures(start):
             yield (
                 _upright(picture, _squared(_luma(picture, self.shift), self.squeeze)),
-                _colour_of(picture, self.squeeze),
+                _colour_of(picture, self.squeeze, self.shift),
             )
 
     def cheap(self, first: int, last: int) -> list[int]:
@@ -500,9 +500,13 @@ def _luma(picture: av.VideoFrame, shift: int) -> Grey:
     return np.asarray(picture.to_ndarray(format="gray"), dtype=np.uint8)
 
 
-def _colour_of(picture: av.VideoFrame, squeeze: float) -> Callable[[], Image]:
+def _colour_of(picture: av.VideoFrame, squeeze: float, shift: int) -> Callable[[], Image]:
     def in_colour() -> Image:
-        return _upright(picture, _squared(np.asarray(picture.to_ndarray(format="bgr24"), dtype=np.uint8), squeeze))
+        if picture.format.name in DEEP_GREY:
+            shown = cv2.cvtColor(_luma(picture, shift), cv2.COLOR_GRAY2BGR)
+        else:
+            shown = picture.to_ndarray(format="bgr24")
+        return _upright(picture, _squared(np.asarray(shown, dtype=np.uint8), squeeze))
 
     return in_colour
 

@@ -1,5 +1,7 @@
 """Sub-pixel bead centres and the still scene behind them, on pictures drawn with known truth."""
 
+import math
+
 import cv2
 import numpy as np
 import pytest
@@ -145,6 +147,19 @@ def test_sigma_grows_to_what_the_places_of_a_falling_bead_scatter(times):
         BeadImage(float(a), float(b), 0.02, 9.0, (0.0, 1.0), 90.0) for a, b in zip(x + off[0], y + off[1], strict=True)
     ]
     assert scatter(frames, images) == pytest.approx(max(times, 1.0), rel=0.2)
+
+
+@pytest.mark.parametrize("rate", [25, 60, 240])
+def test_a_swing_filmed_slowly_is_not_taken_for_scatter(rate):
+    rng, frames = np.random.default_rng(6), np.arange(2 * rate + 30)
+    angle = 0.6 * np.cos(math.sqrt(9.81 / 0.25) * frames / rate)
+    places = 500 * np.stack([np.sin(angle), np.cos(angle)], axis=1) + rng.normal(0, 0.03, (len(frames), 2))
+    images = [BeadImage(float(x), float(y), 0.03, 9.0, (0.0, 1.0), 90.0) for x, y in places]
+    assert scatter(frames, images) == pytest.approx(1.0, abs=0.3)
+
+
+def test_no_places_tell_no_scatter():
+    assert scatter(np.arange(0), []) == 1.0
 
 
 @pytest.mark.parametrize("scene", [None, np.full((SIZE, SIZE), 60.0), TEXTURE])

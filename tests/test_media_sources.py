@@ -83,7 +83,9 @@ def test_twelve_bits_of_a_grey_film_and_of_a_photo_fill_the_grey_levels(tmp_path
         out.mux(stream.encode())
     video = open_video(tmp_path / "deep.mkv", RATE)
     assert any("12 bits" in warning for warning in video.warnings)
-    np.testing.assert_array_equal(next(iter(video.frames())).grey, deep >> 4)
+    frame = next(iter(video.frames()))
+    np.testing.assert_array_equal(frame.grey, deep >> 4)
+    np.testing.assert_array_equal(frame.colour[..., 1], deep >> 4)
     cv2.imwrite(str(tmp_path / "deep.png"), deep)
     np.testing.assert_array_equal(read_photo(tmp_path / "deep.png")[..., 0], deep >> 4)
 
