@@ -92,7 +92,7 @@ def bound(radius: float, blur: float, size: int, noise: float, *, light_known: b
     return np.asarray(np.sqrt(np.diag(np.linalg.inv(change @ change.T)))[:2])
 
 
-def by_hough(grey: npt.NDArray[np.uint8], radius: float) -> Centre:
+def by_hough(grey: Grey, radius: float) -> Centre:
     low, high = max(round(0.7 * radius), 2), round(1.4 * radius) + 1
     found = cv2.HoughCircles(grey, cv2.HOUGH_GRADIENT, 1, 20, param1=100, param2=10, minRadius=low, maxRadius=high)
     if found is None:
@@ -101,14 +101,14 @@ def by_hough(grey: npt.NDArray[np.uint8], radius: float) -> Centre:
     return float(x), float(y)
 
 
-def by_otsu(grey: npt.NDArray[np.uint8], _: float) -> Centre:
+def by_otsu(grey: Grey, _: float) -> Centre:
     _, mask = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     m = cv2.moments(max(outlines, key=cv2.contourArea))
     return (m["m10"] / m["m00"], m["m01"] / m["m00"]) if m["m00"] else None
 
 
-def by_contour(grey: npt.NDArray[np.uint8], _: float) -> Centre:
+def by_contour(grey: Grey, _: float) -> Centre:
     """Sub-pixel contour at half height and its area's centroid."""
     from skimage.measure import find_contours
 
@@ -124,7 +124,7 @@ def by_contour(grey: npt.NDArray[np.uint8], _: float) -> Centre:
     return float(((x[:-1] + x[1:]) * cross).sum() / (6 * area)), float(((y[:-1] + y[1:]) * cross).sum() / (6 * area))
 
 
-def by_trackpy(grey: npt.NDArray[np.uint8], radius: float) -> Centre:
+def by_trackpy(grey: Grey, radius: float) -> Centre:
     """trackpy's band pass and centroid of light, in a window a little wider than the bead."""
     import trackpy
 
@@ -132,7 +132,7 @@ def by_trackpy(grey: npt.NDArray[np.uint8], radius: float) -> Centre:
     return (float(found.x.iloc[0]), float(found.y.iloc[0])) if len(found) else None
 
 
-def by_template(grey: npt.NDArray[np.uint8], radius: float) -> Centre:
+def by_template(grey: Grey, radius: float) -> Centre:
     """Correlation with a sharp ideal disc, and a parabola through its peak."""
     side = 2 * math.ceil(radius + 4) + 1
     ideal = draw(np.array([side // 2, side // 2]), radius, 0, side, 0).astype(np.float32)
@@ -150,7 +150,7 @@ def _peak(before: float, at: float, after: float) -> float:
     return float((before - after) / (2 * bend)) if bend else 0.0
 
 
-OTHERS: dict[str, Callable[[npt.NDArray[np.uint8], float], Centre]] = {
+OTHERS: dict[str, Callable[[Grey, float], Centre]] = {
     "trackpy": by_trackpy,
     "sub-pixel contour": by_contour,
     "template": by_template,

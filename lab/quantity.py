@@ -118,14 +118,15 @@ class Check:
         }
 
 
-def failed(checks: Iterable[Check], among: Collection[str]) -> str:
-    """What failed checks say against a number that rests on those named; empty where all of them passed.
+def failed(checks: Iterable[Check], among: Collection[str] | None = None) -> str:
+    """What failed checks say against a number that rests on those named, or on all; empty where they passed.
 
     >>> shaken = Check("static_camera", False, 5.0, 0.0, "the camera shook")
     >>> failed([shaken], {"static_camera", "gravity"}), failed([shaken], {"gravity"})
     ('the camera shook', '')
     """
-    return "; ".join(dict.fromkeys(check.message for check in checks if not check.passed and check.check in among))
+    told = (each for each in checks if not each.passed and (among is None or each.check in among))
+    return "; ".join(dict.fromkeys(check.message for check in told))
 
 
 @dataclass(frozen=True)

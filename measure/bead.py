@@ -424,9 +424,9 @@ class _Pixels:
         near, scene = self._near, np.s_[_SHAPES + _LIGHTS :]
         left, right = jacobian * weights[:near], np.vstack([jacobian, residual[:near]])
         # large products, and those with a vector, would be shared out among threads that wait for each other
-        parts = [np.s_[:, first : first + _AT_ONCE] for first in range(0, near, _AT_ONCE)]
         both = np.zeros((len(left), len(right)))  # no pixel is near a bead that left the picture
-        for part in parts:
+        for first in range(0, near, _AT_ONCE):
+            part = np.s_[:, first : first + _AT_ONCE]
             both += left[part] @ right[part].T
         information, pull = both[:, :-1].copy(), both[:, -1].copy()
         rows = self._scene_rows[:, near:]

@@ -22,7 +22,7 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, doubted, root_sum_of_squares
+from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, doubted, failed, root_sum_of_squares
 from rigtwin.lab.records import Track, read_tracks
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.air import AirDrag
@@ -240,9 +240,9 @@ def _with_doubts(
     # the bead's size is in the air's drag where that is known and not fitted
     of_size = in_metres or (quantity.method == "velocity" and drag.known)
     rests_on = {"bead_in_view": True, "static_camera": True, "camera_roll": in_metres, "bead_size": of_size}
-    failed = [check.message for check in checks if not check.passed and rests_on.get(check.check, False)]
-    failed += [film, lengths if in_metres else "", scales if of_size else ""]
-    return doubted(quantity, "; ".join(filter(None, failed)))
+    seen = failed(checks, [name for name, rests in rests_on.items() if rests])
+    doubts = [seen, film, lengths if in_metres else "", scales if of_size else ""]
+    return doubted(quantity, "; ".join(filter(None, doubts)))
 
 
 # ---------------------------------------------------------------------------------------------------- media -> record

@@ -196,13 +196,14 @@ def view_checks(video: Video, seen: Chase, fitted: Bounces, repeats: frozenset[i
     seen_to = max(float(np.median([sighting.image.sigma for sighting in seen.sightings])), LEAST_LEFT)
     left = _left_of_flights(seen, fitted)
     doubt = (
-        f"; but the bead leaves its flights by {left:.2f} px where it is seen to {seen_to:.2f}: the camera shook "
-        "where a coarse codec hides it, or the bead spins or drifts"
+        ""
+        if left < MOST_LEFT * seen_to
+        else (
+            f"; but the bead leaves its flights by {left:.2f} px where it is seen to {seen_to:.2f}: the camera shook "
+            "where a coarse codec hides it, or the bead spins or drifts"
+        )
     )
-    followed = left < MOST_LEFT * seen_to
     return (
         bead_in_view(share, int(np.sum(flights)), "its flights"),
-        static_camera(
-            seen.poses, MOST_SHAKE, vouched="the bead's flights show no shake", doubt="" if followed else doubt
-        ),
+        static_camera(seen.poses, MOST_SHAKE, vouched="the bead's flights show no shake", doubt=doubt),
     )

@@ -24,6 +24,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, doubted, failed, root_sum_of_squares
 from rigtwin.lab.records import Profile
 from rigtwin.measure.bed import Bed, Outline, bed_in_photo, follow_bed
+from rigtwin.measure.frame_steps import UNSTEADY
 from rigtwin.measure.in_view import camera_by_scene
 from rigtwin.measure.media import open_video, read_photo
 from rigtwin.measure.repeats import at_its_pace
@@ -57,7 +58,6 @@ FILL = (0.03, 0.7)  # share of the drum's cross-section; above, the bed has hard
 MOST_BOW = 0.2  # sagitta over length of the surface; S-shapes are odd about the middle, the drum's own arc has 0.5
 HIGHEST_STEP = 4.0  # bead diameters over the width of one: a slope of 76 degrees
 GLARE = 0.05  # share of the surface under a reflection, from which on lines along parts of it are off
-UNSTEADY = 0.5  # share of odd frame intervals, from which on a file's own times are not believed
 RESTS_ON = ("surface_in_view", "steady_flow", "frame_timing")  # checks of the record that every angle rests on
 SMEARED = 0.25  # share of frames that may be left out before the result is doubtful
 
@@ -115,10 +115,12 @@ def measure(
     scale, scale_from = _scale(bed, camera, drum_diameter)
     seen = _observation(bed, scale or 1.0, bead_diameter)
     evaluation = _evaluate(seen, speed)
-    quantities = tuple(doubted(one, spoilt) for one in _judged(evaluation.quantities, bed))
-    checks = (*_checks_of_picture(bed), *evaluation.checks)
-    if isinstance(still := camera_by_scene(bed.poses), str) and bed.poses:
+    still = camera_by_scene(bed.poses) if bed.poses else ""
+    if isinstance(still, str) and still:
         warnings.append(still)
+    of_picture = _checks_of_picture(bed, still)
+    quantities = tuple(doubted(doubted(one, failed(of_picture)), spoilt) for one in evaluation.quantities)
+    checks = (*of_picture, *evaluation.checks)
     if scale is None:
         warnings.append("scale: not known, so profiles are left out; give --drum-diameter or --scale.")
     if bed.upright.edges.size == 0 and camera.roll is None:
@@ -514,11 +516,6 @@ def _profile(
     return Profile(outline.x * unit, height * unit, np.full(len(height), 0.7 * unit), None, "end")
 
 
-def _judged(quantities: tuple[Quantity, ...], bed: Bed) -> tuple[Quantity, ...]:
-    doubts = "; ".join(check.message for check in _checks_of_picture(bed) if not check.passed)
-    return tuple(doubted(one, doubts) for one in quantities)
-
-
 def _checks_of_shape(bed: Bed) -> list[Check]:
     """Whether the median outline can be the surface of flowing beads."""
     heights = np.array([outline.height for outline in bed.outlines])
@@ -555,7 +552,7 @@ def _checks_of_shape(bed: Bed) -> list[Check]:
     ]
 
 
-def _checks_of_picture(bed: Bed) -> list[Check]:
+def _checks_of_picture(bed: Bed, still: Check | str) -> list[Check]:
     seen = [outline.area for outline in bed.outlines if not outline.hidden]
     areas = np.array(seen if 2 * len(seen) >= len(bed.outlines) else [outline.area for outline in bed.outlines])
     swing = float(np.std(areas) / max(float(np.mean(areas)), 1.0))
@@ -579,7 +576,7 @@ def _checks_of_picture(bed: Bed) -> list[Check]:
             + ("." if FILL[0] < fill < FILL[1] else ": so little, or so much, does not flow over the axis."),
         ),
         *_checks_of_shape(bed),
-        *(check for check in [camera_by_scene(bed.poses)] if isinstance(check, Check) and bed.poses),
+        *([still] if isinstance(still, Check) else []),
     ]
     if math.isfinite(bed.glare):
         checks.append(

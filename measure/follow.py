@@ -358,15 +358,13 @@ def scatter(frames: npt.NDArray[np.int64], images: Sequence[BeadImage]) -> float
     """
     if len(frames) < FEWEST_DIFFERENCES:
         return 1.0
-    places, variance = (
-        np.array([each(image) for image in images]).reshape(len(images), -1)
-        for each in (lambda image: (image.x, image.y), lambda image: image.sigma**2)
-    )
+    places = np.array([(image.x, image.y) for image in images])
+    variance = np.array([image.sigma**2 for image in images])
     moves = np.hypot(*(places[6:] - places[:-6]).T) > 6 * CREEPS
     told = moves & (frames[6:] - frames[:-6] == 6)
     if np.count_nonzero(told) < FEWEST_DIFFERENCES:
         return 1.0
-    expected = np.convolve(variance[:, 0], np.array([1, 6, 15, 20, 15, 6, 1]) ** 2, mode="valid")[:, None]
+    expected = np.convolve(variance, np.array([1, 6, 15, 20, 15, 6, 1]) ** 2, mode="valid")[:, None]
     return max(1.4826 * float(np.median((np.abs(np.diff(places, 6, axis=0)) / np.sqrt(expected))[told])), 1.0)
 
 

@@ -1,4 +1,4 @@
-"""Whether frames are missing from a film of a steady flow, where the file itself does not say so."""
+"""Whether the frames of a film follow each other as its times say, above all where the file does not say so itself."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.quantity import Check
 
+UNSTEADY = 0.5  # share of odd frame intervals, from which on a file's own times are not believed
 TWO_STEPS = 1.7  # times the usual step: nearer to two frames than to one, with what is uneven in a flow of beads
 FEWEST = 15  # frames of the flow, to know what is usual
 JERKY = 0.4  # median deviation from the usual step, beyond which a flow stops and goes and two steps are nothing odd

@@ -310,12 +310,10 @@ def _played(step: float, stated: float, doubt: float, mean: float = 0.0) -> tupl
 
     The stated rate is the sharper one as long as the stamps do not contradict it.
     """
-    if stated > 0 and (
-        abs(step * stated - 1) <= WRONG_HEADER + doubt or (mean and abs(stated / mean - 1) <= SAME_RATE)
-    ):
-        return stated, []
     if not stated > 0:
         return 1 / step, []
+    if abs(step * stated - 1) <= WRONG_HEADER + doubt or (mean and abs(stated / mean - 1) <= SAME_RATE):
+        return stated, []
     return 1 / step, [
         f"time base: the file's head states {stated:.4g} Hz, its time stamps are {step * 1e3:.2f} ms apart, which is "
         f"{1 / step:.4g} Hz; the time stamps were believed."

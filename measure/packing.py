@@ -25,7 +25,7 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, doubted, root_sum_of_squares
+from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, doubted, failed, root_sum_of_squares
 from rigtwin.lab.records import Profile, read_profile
 from rigtwin.measure.bead_size import MISFIT, size_seen, size_unseen
 from rigtwin.measure.glass import Bed, find_bed
@@ -402,7 +402,7 @@ def _observe(
         "bead_radius_px": bed.bead_radius,
     }
     checks = _picture_checks(bed, scale, source, cylinder, bead)
-    misfit = "; ".join(each.message for each in checks if not each.passed and each.check in STATED)
+    misfit = failed(checks, STATED)
     return bed, Observation(profile, doubts, bed.flaw, misfit, _unconfirmed(bed, source, cylinder, bead)), view, checks
 
 

@@ -18,7 +18,7 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Detail, Evaluation, Measurement, Quantity, doubted
+from rigtwin.lab.quantity import Detail, Evaluation, Measurement, Quantity, doubted, failed
 from rigtwin.lab.records import Array, Track, read_tracks, write_tracks
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.channel import LUMA
@@ -100,8 +100,7 @@ def measure(
     # gravity checks nothing where the scale is from it
     by_gravity = scale_from == "gravity"
     checks = (*(each for each in evaluation.checks if each.check != "gravity" or not by_gravity), timing, lens, *views)
-    failed = [each.message for each in (timing, lens, *views) if not each.passed]
-    spoilt = "; ".join(filter(None, [video.spoilt, *failed]))
+    spoilt = "; ".join(filter(None, [video.spoilt, failed((timing, lens, *views))]))
     quantities = tuple(doubted(quantity, spoilt) for quantity in evaluation.quantities)
     seen = {
         "frame_rate_hz": video.frame_rate,

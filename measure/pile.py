@@ -416,7 +416,7 @@ def _observe_photo(
     unit = scale if scale is not None else 1.0
     profile = _profile(found, found.view, found.height, unit, name)
     sizes, unconfirmed = size_checks(found, scale, scale_from, bead_diameter)
-    misfit = failed(sizes, [check.check for check in sizes])
+    misfit = failed(sizes)
     if base_diameter is not None and scale is not None and found.disc is not None and scale_from != "base diameter":
         across = 2 * found.view.radius * scale
         sizes = (*sizes, base_check(across, _scale_doubt(scale_from, camera), base_diameter, scale_from))

@@ -9,11 +9,11 @@ from __future__ import annotations
 import lzma
 import re
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any, Protocol
 from xml.etree import ElementTree as Xml
@@ -89,11 +89,12 @@ class Film:
                 self.tick = float(stream.time_base or 0)
                 self.squeeze = float(stream.sample_aspect_ratio or stream.codec_context.sample_aspect_ratio or 1)
                 self.stamps, self.notes = self._stamps(container, stream)
-            self.shift, told = 8, tuple[str, ...]()
-            if next(self._reel.pictures()).format.name in DEEP_GREY:
-                self.shift, told = bit_shift([each.to_ndarray() for each in islice(self._reel.pictures(), HEAD)])
-            self.notes += told
-            first, _colour = next(self.pictures())
+            head = next(self._reel.pictures())
+            self.shift = 8
+            if head.format.name in DEEP_GREY:
+                self.shift, told = bit_shift(each.to_ndarray() for each in islice(self._reel.pictures(), HEAD))
+                self.notes += told
+            first, _colour = self._shown(head)
         except (av.FFmpegError, StopIteration) as error:
             advice = (
                 "its end with the index is missing, as of a recording or a copy that was broken off; copy it again"
@@ -110,11 +111,11 @@ class Film:
             )
 
     def pictures(self, start: int = 0) -> Iterator[Picture]:
-        for picture in self._reel.pictures(start):
-            yield (
-                _upright(picture, _squared(_luma(picture, self.shift), self.squeeze)),
-                _colour_of(picture, self.squeeze, self.shift),
-            )
+        return map(self._shown, self._reel.pictures(start))
+
+    def _shown(self, picture: av.VideoFrame) -> Picture:
+        grey = _upright(picture, _squared(_luma(picture, self.shift), self.squeeze))
+        return grey, _colour_of(picture, self.squeeze, self.shift)
 
     def cheap(self, first: int, last: int) -> list[int]:
         return [key for key in self._reel.keys if first <= key <= last] if self._reel.too_long else []
@@ -248,7 +249,8 @@ class Stills:
         self.shape = (first.shape[0], first.shape[1])
         self.stamps: list[float | None] = [None] * len(self.files)
         _must_be_whole(self.files[0], first)
-        self.shift, self.notes = bit_shift([_still(self.files[number]) for number in _spread(len(self.files))])
+        others = (_still(self.files[number]) for number in _spread(len(self.files))[1:])
+        self.shift, self.notes = bit_shift(chain([first], others))
 
     def cheap(self, first: int, last: int) -> list[int]:
         return list(range(first, last + 1))
@@ -441,14 +443,20 @@ def _must_be_whole(path: Path, first: npt.NDArray[Any]) -> None:
         raise UnreadableMedia(f"{path}: its pixels are {first.dtype} numbers; save it with 8 or 16 bits, unsigned.")
 
 
-def bit_shift(some: Sequence[npt.NDArray[Any]]) -> tuple[int, tuple[str, ...]]:
-    """How many low bits to drop, told by some of the pictures: a 12-bit sensor fills only a part of a 16-bit file."""
-    if any(image.dtype != np.uint16 for image in some):
-        return 0, ()
-    used = max(8, *(int(image.max()).bit_length() for image in some))
+def bit_shift(some: Iterable[npt.NDArray[Any]]) -> tuple[int, tuple[str, ...]]:
+    """How many low bits to drop, told by some of the pictures: a 12-bit sensor fills only a part of a 16-bit file.
+
+    One picture after the other is looked at: together they may fill some hundred megabytes.
+    """
+    brightest = []
+    for image in some:
+        if image.dtype != np.uint16:
+            return 0, ()
+        brightest.append(int(image.max()))
+    used = max(8, max(brightest).bit_length())
     bits = next(width for width in (8, 10, 12, 14, 16) if width >= used)
     return bits - 8, (
-        f"16-bit pictures that use {bits} bits (told by {len(some)} of them): read as such.",
+        f"16-bit pictures that use {bits} bits (told by {len(brightest)} of them): read as such.",
     ) if bits < 16 else ()
 
 

@@ -28,6 +28,7 @@ from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, doubt
 from rigtwin.lab.records import Series, Track
 from rigtwin.measure.arm import Arm, find_arm, lay_over
 from rigtwin.measure.follow import learn_scene
+from rigtwin.measure.frame_steps import UNSTEADY
 from rigtwin.measure.in_view import camera_by_scene
 from rigtwin.measure.level import Level, find_level
 from rigtwin.measure.media import Video, open_video
@@ -55,7 +56,6 @@ SAME_FRICTION = 0.02  # relative, how far friction of what rolls may be off at i
 CLUMP = 2.3  # length over height of a body on the plate, from which on it is no single bead, smeared by what it crept
 WRONG_SCALE = 0.3  # relative misfit of the acceleration from which on the scale is not believed
 NOMINAL = 3e-4  # [m/px], where no scale is known: only a unit
-UNSTEADY = 0.5  # share of odd frame intervals, from which on a file's own times are not believed
 # checks that every number rests on
 BEHIND_ALL = {
     "variant",

@@ -329,10 +329,9 @@ class DropBench:
     def restitutions(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """That of each pair, before any effect."""
         found: dict[str, Any] = {}
-        for pair, like in zip(self.pairs, self.like, strict=True):
-            tied = self.pairs[like] in found
-            beside = f"restitution_beside.{pair}"
-            found[pair] = found[self.pairs[like]] + values[beside] if tied else values[f"restitution.{pair}"]
+        for number, (pair, like) in enumerate(zip(self.pairs, self.like, strict=True)):
+            first = values[f"restitution.{self.pairs[like]}"]
+            found[pair] = first if like == number else first + values[f"restitution_beside.{pair}"]
         return found
 
 

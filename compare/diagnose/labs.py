@@ -119,7 +119,7 @@ class TrackedLab:
         values = []
         for condition in self.conditions:
             value, place = condition.settings.get(name, default), f"{self.folder / 'lab.json'}: condition"
-            if isinstance(value, bool) or not isinstance(value, (int, float)):
+            if not _is_number(value):
                 raise BadLabFile(f"{place} {condition.name}: {name}: is missing or not a number.")
             if name.endswith("_m") and value > LONGEST:
                 raise BadLabFile(f"{place} {condition.name}: {name}: {value:g} is in metres; was it meant in mm?")
@@ -239,9 +239,7 @@ def read_tracked_lab(path: Path) -> TrackedLab:
         raise BadLabFile(f"{file}: conditions: is missing or empty; list one condition per setting of the rig.")
     gravity = _number({"gravity_m_s2": 9.81, **document}, "gravity_m_s2", file)
     camera = _camera(document, file, rig)
-    geometry = document.get("rig_geometry") or {}
-    if not isinstance(geometry, dict):
-        raise BadLabFile(f"{file}: rig_geometry: is not a table of names and values.")
+    geometry = document.get("rig_geometry", {})
     conditions = () if rig in BULK else tuple(_condition(document, raw, file, rig) for raw in raw_conditions)
     free = [one.name for one in conditions if not one.wall]
     if rig == "pendulum" and 0 < len(free) < len(conditions):
@@ -276,11 +274,12 @@ def _document(file: Path) -> dict[str, Any]:
         raise BadLabFile(f"{file}: is not valid JSON ({error}); correct it there.") from None
     if not isinstance(document, dict):
         raise BadLabFile(f"{file}: holds no table of names and values; write it as docs/tracked_lab.md shows.")
+    document = dict(_measured(document))
     for key in TABLES:
-        if document.get(key) is not None and not isinstance(document[key], dict):
+        if not isinstance(document.get(key, {}), dict):
             raise BadLabFile(f"{file}: {key}: is not a table of names and values.")
     _sane(document, "", file)
-    return dict(_measured(document))
+    return document
 
 
 def _measured(value: Any) -> Any:
@@ -298,7 +297,7 @@ def _sane(value: Any, key: str, file: Path) -> None:
     elif isinstance(value, list):
         for entry in value:
             _sane(entry, key, file)
-    elif key in RANGES and value is not None:
+    elif key in RANGES:
         least, most = RANGES[key]
         if not (isinstance(value, (int, float)) and least < value < most):
             between = "above zero" if most == math.inf else f"between {least:g} and {most:g}"
@@ -354,7 +353,7 @@ def _condition(document: Mapping[str, Any], raw: Any, file: Path, rig: str) -> C
         raise BadLabFile(
             f"{file}: condition {name}: files: {pattern!r} holds no place for a number; write 'rep%02d.csv'."
         ) from None
-    common = {key: value for key, value in (document.get("rig_geometry") or {}).items() if key in SETTINGS}
+    common = {key: value for key, value in document.get("rig_geometry", {}).items() if key in SETTINGS}
     settings = common | {key: value for key, value in raw.items() if key not in ("name", "files", "repetitions")}
     if rig == "roll" and not {"incline_angle_deg", "push_speed_m_s"} & settings.keys():
         raise BadLabFile(
@@ -436,7 +435,7 @@ def _number(table: Mapping[str, Any], key: str, file: Path, *, default: float | 
     value = table.get(key, default)
     if value is None:
         raise BadLabFile(f"{file}: {key}: is missing; state it as a number.")
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
+    if not _is_number(value):
         raise BadLabFile(f"{file}: {key}: {value!r} is not a number.")
     if default is None and not value > 0:
         raise BadLabFile(f"{file}: {key}: {value!r} cannot be; it must be above zero.")
