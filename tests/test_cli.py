@@ -54,7 +54,7 @@ def empty_video(tmp_path):
     path = tmp_path / "wall.mp4"
     rng = np.random.default_rng(3)
     with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=60)
+        stream = container.add_stream("libx264", rate=60, options={"x264-params": "mbtree=0"})
         stream.width, stream.height, stream.pix_fmt = 160, 120, "yuv420p"
         wall = np.full((120, 160, 3), 128) + rng.normal(0, 4, (120, 160, 1))
         for _ in range(40):

@@ -16,7 +16,7 @@ def fragmented(path: Path) -> bytes:
     random = np.random.default_rng(3)
     options = {"movflags": "dash+frag_keyframe+empty_moov+default_base_moof"}
     with av.open(str(path), "w", options=options) as container:
-        stream = container.add_stream("libx264", rate=30, options={"g": "5"})
+        stream = container.add_stream("libx264", rate=30, options={"g": "5", "x264-params": "mbtree=0"})
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
         for _ in range(30):
             picture = random.integers(0, 255, (48, 64, 3), dtype=np.uint8)
@@ -55,7 +55,7 @@ def test_a_film_cut_in_what_announces_its_next_fragment_breaks_off(tmp_path: Pat
 def test_what_a_camera_appends_to_a_film_need_be_no_box(tmp_path: Path) -> None:
     plain = tmp_path / "plain.mp4"
     with av.open(str(plain), "w") as container:
-        stream = container.add_stream("libx264", rate=30)
+        stream = container.add_stream("libx264", rate=30, options={"x264-params": "mbtree=0"})
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
         container.mux(stream.encode(av.VideoFrame.from_ndarray(np.zeros((48, 64, 3), np.uint8), format="rgb24")))
         container.mux(stream.encode())

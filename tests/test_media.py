@@ -20,7 +20,8 @@ def write_clip(
 ) -> Path:
     """Frame k is a grey of 10 + 5 k shown from `stamps[k]` / `tick` seconds; every `group` frames a new group."""
     with av.open(str(path), "w") as container:
-        stream = container.add_stream(codec, rate=rate)
+        options = {"x264-params": "mbtree=0"} if codec == "libx264" else {}
+        stream = container.add_stream(codec, rate=rate, options=options)
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
         stream.codec_context.time_base = Fraction(1, tick)
         stream.codec_context.gop_size = group

@@ -148,7 +148,7 @@ def test_a_photron_recording_that_cannot_be_read_is_named(tmp_path, files, words
 
 def film(path, pictures, *, layout=None, **options):
     with av.open(str(path), "w", options=layout or {}) as container:
-        stream = container.add_stream("libx264", rate=50, options=options)
+        stream = container.add_stream("libx264", rate=50, options={"x264-params": "mbtree=0"} | options)
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
         for picture in pictures:
             container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")))
@@ -292,7 +292,7 @@ def test_a_folder_of_videos_says_what_to_give_instead(tmp_path):
 def test_a_video_without_its_end_is_said_to_be_broken_off(tmp_path):
     whole, part = tmp_path / "whole.mp4", tmp_path / "part.mp4"
     with av.open(str(whole), "w") as container:
-        stream = container.add_stream("libx264", rate=30)
+        stream = container.add_stream("libx264", rate=30, options={"x264-params": "mbtree=0"})
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
         for k in range(20):
             picture = np.full((48, 64, 3), 10 * k, np.uint8)
