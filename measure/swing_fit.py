@@ -116,9 +116,14 @@ def fit_swings(
         fit = _fit(fit.swings, scaled, ground, bent=True)
     while fit.swings.collisions < most_collisions:
         further = _with_next_collision(fit)
-        longer = None if further is None else _fit(further, scaled, ground, bent=fit.bent)
+        if further is None:
+            break
         # where a later collision does not fit (the beads turn out of the plane, a track is lost) the earlier ones stand
-        if longer is None or longer.noise > 1.5 * fit.noise:
+        try:
+            longer = _fit(further, scaled, ground, bent=fit.bent)
+        except NothingToMeasure:
+            break
+        if longer.noise > 1.5 * fit.noise:
             break
         fit = longer
     return _in_record_units(fit, tuple(tracks), origin, unit)
@@ -280,6 +285,12 @@ def _fit(swings: Swings, tracks: tuple[Track, ...], ground: float, *, bent: bool
             _misses_at, swings.vector, jac=_slopes_at, args=(swings, data), method="lm", x_scale="jac", max_nfev=25
         )
         swings = swings.batch(found.x)
+        if not (float(swings["gravity"]) > 0 and np.all(swings.per_bead("length") > 0)):
+            raise NothingToMeasure(
+                "The swing does not show the pull of gravity: too little of it, or something else than the beads, was "
+                "followed; film larger, from before the release to past the collision, or narrow the search with "
+                "--region."
+            )
         residuals = _residuals(swings, tracks)
         scaled = np.concatenate([(r * w[:, None])[u] for r, w, u in zip(residuals, weights, used, strict=True)])
         spread = 1.4826 * float(np.median(np.abs(scaled)))

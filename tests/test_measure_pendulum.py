@@ -97,6 +97,15 @@ def test_the_restitution_put_into_the_swing_comes_back_free_of_damping_and_drag(
     assert low < 0.62 < high
 
 
+@pytest.mark.parametrize(
+    ("release", "noise", "duration", "seed"), [(34.7, 2.68e-3, 0.41, 38), (42.1, 3.63e-3, 0.51, 45)]
+)
+def test_a_swing_that_drowns_in_noise_is_refused_in_a_sentence(release, noise, duration, seed):
+    tracks = tracks_of(Truth(release=math.radians(release)), frame_rate=120, duration=duration, noise=noise, seed=seed)
+    with pytest.raises(NothingToMeasure, match="pull of gravity"):
+        fit_swings(tuple(tracks))
+
+
 def test_release_and_rebound_angles_are_those_of_the_swing():
     truth = Truth()
     times = np.arange(0, 0.6, 1 / 960)
