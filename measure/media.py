@@ -91,9 +91,7 @@ class Video:
                     return  # a damaged rest of the file is never touched
         except av.FFmpegError:
             pass
-        raise UnreadableMedia(
-            f"{self.path}: is damaged after picture {index}; end the measurement before it with --end {index}f."
-        )
+        raise self._damaged(index)
 
     def spread(self, count: int, *, quickly: bool = False) -> set[int]:
         """`count` frames spread evenly from `first` to `last`; `quickly`: about as many that are soon read."""
@@ -111,13 +109,21 @@ class Video:
 
     def single(self, indices: Collection[int]) -> list[Frame]:
         """Some frames, in order; what lies between them is read only where that is quicker than to skip it."""
-        keys = np.array([self.first, *self.source.cheap(self.first, self.last)])
-        groups: dict[int, list[int]] = {}
-        for index in sorted(indices):
-            groups.setdefault(int(np.searchsorted(keys, index, side="right")), []).append(index)
-        return [
-            frame for group in groups.values() for frame in self.frames(group[0], group[-1]) if frame.index in indices
-        ]
+        wanted = [k for k in sorted(indices) if self.first <= k <= self.last and k not in self.skipped]
+        found = list[Frame]()
+        try:
+            for index, (grey, in_colour) in zip(wanted, self.source.at(wanted), strict=False):
+                found.append(Frame(index, float(self.times[index]), grey, in_colour))
+        except av.FFmpegError:
+            pass
+        if len(found) < len(wanted):
+            raise self._damaged(found[-1].index if found else self.first)
+        return found
+
+    def _damaged(self, index: int) -> UnreadableMedia:
+        return UnreadableMedia(
+            f"{self.path}: is damaged after picture {index}; end the measurement before it with --end {index}f."
+        )
 
 
 def open_video(path: Path, camera: Camera) -> Video:
@@ -127,6 +133,7 @@ def open_video(path: Path, camera: Camera) -> Video:
     and none was given, or when the time window holds too few frames.
     """
     _must_exist(path, "video")
+    cv2.setNumThreads(1)  # the decoder uses every core; OpenCV's threads would spend more on waiting than on pictures
     film = sources.source(path)
     if camera.lens is not None:
         _must_fit(path, film.shape, camera.lens)

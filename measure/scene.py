@@ -93,11 +93,13 @@ class _Anchors:
     x: npt.NDArray[np.intp]
     y: npt.NDArray[np.intp]
     rows: Array  # slope in x, slope in y, minus the grey level; shape (3, n)
-    half: Mask  # which of two halves of the picture, in checks, each lies in
+    halves: tuple[slice, slice]  # those in one half and in the other of the picture, in checks
 
-    def some(self, every: int) -> _Anchors:
-        chosen = np.s_[::every]
-        return _Anchors(self.x[chosen], self.y[chosen], self.rows[:, chosen], self.half[chosen])
+    @classmethod
+    def of(cls, x: npt.NDArray[np.intp], y: npt.NDArray[np.intp], rows: Array, half: Mask) -> _Anchors:
+        """`half` says of each pixel whether it lies in the first half."""
+        order, first = np.argsort(~half, kind="stable"), int(np.sum(half))
+        return cls(x[order], y[order], rows[:, order], (slice(first), slice(first, None)))
 
     def seen(self, grey: Grey, shift: Array) -> Array:
         """Grey levels of a frame at the anchors moved by `shift` [px]."""
@@ -117,6 +119,11 @@ class Scene:
 
     picture: Picture  # [grey levels], shape (height, width)
     noise: Picture  # [grey levels], one standard deviation of every pixel over time, same shape
+
+    @cached_property
+    def usual_noise(self) -> float:
+        """[grey levels], of most pixels"""
+        return float(np.median(self.noise[::8, ::8]))
 
     def view(self, grey: Grey, start: tuple[float, float] = (0.0, 0.0)) -> View:
         """A frame laid over the scene: moved back by the camera's shake, levelled to the scene's brightness.
@@ -237,7 +244,8 @@ class Scene:
         return replace(pose, gain=gain, offset=offset) if 0.5 < gain < 2 else replace(LOST, shake=pose.shake)
 
     @cached_property
-    def _anchors(self) -> _Anchors:
+    def _edges(self) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], Array, Mask]:
+        """Columns and rows of the strongest edges, what `_Anchors` knows of them, and in which half each lies."""
         smooth = cv2.GaussianBlur(self.picture, (0, 0), 1.0)
         slope_x = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)
         slope_y = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)
@@ -249,17 +257,24 @@ class Scene:
         for i, rows in enumerate(np.array_split(np.arange(strength.shape[0]), 6)):
             for j, columns in enumerate(np.array_split(np.arange(strength.shape[1]), 6)):
                 block = strength[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-                best = np.argsort(block, axis=None)[-100:]
+                few = min(100, block.size)
+                best = np.argpartition(block, -few, axis=None)[-few:]
+                best = best[np.argsort(block.ravel()[best])]
                 y, x = np.unravel_index(best[block.ravel()[best] > 0.5], block.shape)
                 chosen.append(np.stack([x + columns[0], y + rows[0]]))
                 half.append(np.full(len(x), (i + j) % 2 == 0))
         x, y = np.concatenate(chosen, axis=1)
         slopes = np.stack([slope_x[y, x], slope_y[y, x], -self.picture[y, x]]).astype(np.float64)
-        return _Anchors(x, y, slopes, np.concatenate(half))
+        return x, y, slopes, np.concatenate(half)
+
+    @cached_property
+    def _anchors(self) -> _Anchors:
+        return _Anchors.of(*self._edges)
 
     @cached_property
     def _few_anchors(self) -> _Anchors:
-        return self._anchors.some(4)
+        x, y, rows, half = self._edges
+        return _Anchors.of(x[::4], y[::4], rows[:, ::4], half[::4])
 
     def _placed(self, grey: Grey, start: Array, anchors: _Anchors, to: float = 0.003) -> Pose | None:
         """Shift of a frame against the scene [px] and its gain, by Gauss-Newton on the strongest edges.
@@ -276,30 +291,30 @@ class Scene:
             spread = 1.4826 * misfit + 0.3
             weights = 1 / (1 + (error / (2 * spread)) ** 2) ** 2  # a moving bead or hand must not pull the scene along
             weighted = rows * weights
-            inverse = _inverse(weighted @ rows.T)
-            change = -inverse @ (weighted @ error)
-            shift = shift + np.clip(change[:2], -3, 3)
-            gain += float(change[2])
-            if np.max(np.abs(change[:2])) < to:
+            normals = [weighted[:, half] @ rows[:, half].T for half in anchors.halves]
+            pulls = [weighted[:, half] @ error[half] for half in anchors.halves]
+            # of all anchors, and of each half alone
+            inverses = _inverses(np.array([normals[0] + normals[1], *normals]))
+            changes = -(inverses @ np.array([pulls[0] + pulls[1], *pulls])[:, :, None])[:, :, 0]
+            across, down, brighter = changes[0].tolist()
+            shift = shift + np.clip(changes[0, :2], -3, 3)
+            gain += brighter
+            if max(abs(across), abs(down)) < to:
                 break
-        covariance = inverse * spread**2
-        if max(covariance[0, 0], covariance[1, 1]) > 0.05**2 or np.max(np.abs(change[:2])) > STEADY:
+        worst = max(inverses[0, 0, 0], inverses[0, 1, 1]) * spread**2
+        if worst > 0.05**2 or max(abs(across), abs(down)) > STEADY:
             return None  # too little texture to tell, or too far away
-        if np.max(np.abs(shift)) > max(FAR * max(grey.shape), 40) or not 0.5 < gain < 2:
+        x, y = shift.tolist()
+        if max(abs(x), abs(y)) > max(FAR * max(grey.shape), 40) or not 0.5 < gain < 2:
             return None
-        one, other = (_change(rows[:, half], weighted[:, half], error[half]) for half in (anchors.half, ~anchors.half))
-        doubt = np.abs(one - other) / 2
-        return Pose((float(shift[0]), float(shift[1])), gain, 0.0, (float(doubt[0]), float(doubt[1])), misfit)
+        doubt = np.abs(changes[1] - changes[2]) / 2
+        return Pose((x, y), gain, 0.0, (float(doubt[0]), float(doubt[1])), misfit)
 
 
-def _change(rows: Array, weighted: Array, error: Array) -> Array:
-    """Shift [px] that these rows alone would still ask for."""
-    return np.asarray(-(_inverse(weighted @ rows.T) @ (weighted @ error))[:2])
-
-
-def _inverse(normal: Array) -> Array:
-    """Of a small matrix; where it is singular, large."""
-    return np.asarray(np.linalg.inv(normal + 1e-12 * np.trace(normal) * np.eye(len(normal)) + 1e-300))
+def _inverses(normals: Array) -> Array:
+    """Of small matrices, shape (n, 3, 3); of singular ones large."""
+    traces = np.trace(normals, axis1=1, axis2=2)
+    return np.asarray(np.linalg.inv(normals + (1e-12 * traces)[:, None, None] * np.eye(3) + 1e-300))
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,9 @@ from __future__ import annotations
 import lzma
 import re
 import zlib
+from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain, islice
@@ -59,6 +60,9 @@ class Source(Protocol):
     def pictures(self, start: int = 0) -> Iterator[Picture]:
         """All pictures from number `start` on; one pass over the file."""
 
+    def at(self, numbers: Sequence[int]) -> Iterator[Picture]:
+        """The pictures of these numbers, in order; what lies between is read only where that is quicker."""
+
     def cheap(self, first: int, last: int) -> list[int]:
         """Numbers of the pictures from `first` to `last` that are read without reading others, where that matters."""
 
@@ -89,7 +93,7 @@ class Film:
                 self.tick = float(stream.time_base or 0)
                 self.squeeze = float(stream.sample_aspect_ratio or stream.codec_context.sample_aspect_ratio or 1)
                 self.stamps, self.notes = self._stamps(container, stream)
-            head = next(self._reel.pictures())
+            head = next(self._reel.at([0]))
             self.shift = 8
             if head.format.name in DEEP_GREY:
                 self.shift, told = bit_shift(each.to_ndarray() for each in islice(self._reel.pictures(), HEAD))
@@ -112,6 +116,9 @@ class Film:
 
     def pictures(self, start: int = 0) -> Iterator[Picture]:
         return map(self._shown, self._reel.pictures(start))
+
+    def at(self, numbers: Sequence[int]) -> Iterator[Picture]:
+        return map(self._shown, self._reel.at(numbers))
 
     def _shown(self, picture: av.VideoFrame) -> Picture:
         grey = _upright(picture, _squared(_luma(picture, self.shift), self.squeeze))
@@ -189,6 +196,31 @@ class _Reel:
             start = max(start, index)
             yield from decoder if decoder is not None and index == start else self._decoded(start)
 
+    def at(self, numbers: Sequence[int]) -> Iterator[av.VideoFrame]:
+        """The pictures of these numbers, which rise, each from the key picture before it on where the film is long."""
+        if self.too_long and self.keys:
+            # of threads that decode ahead of each other most of the work would be thrown away at the next key picture
+            with _opened(self._path, "SLICE") as (container, stream):
+                decoded, begun = container.decode(stream), -1
+                for done, number in enumerate(numbers):
+                    key = self.keys[max(bisect_right(self.keys, number) - 1, 0)]
+                    if key > begun:
+                        container.seek(self.points[key], stream=stream, backward=True)
+                        decoded = container.decode(stream)
+                    begun, wanted = number, self.points[number]
+                    picture = next((each for each in decoded if each.pts is not None and each.pts >= wanted), None)
+                    if picture is None or picture.pts != wanted:  # the file seeks elsewhere
+                        numbers = numbers[done:]
+                        break
+                    yield picture
+                else:
+                    return
+        for index, picture in enumerate(self.pictures(numbers[0]), start=numbers[0]):
+            if index in numbers:
+                yield picture
+            if index == numbers[-1]:
+                return
+
     def _keep_next(self) -> bool:
         """Decode and keep one picture more; False where the film ends or is too long to be kept."""
         if self._ended:
@@ -252,6 +284,9 @@ class Stills:
         others = (_still(self.files[number]) for number in _spread(len(self.files))[1:])
         self.shift, self.notes = bit_shift(chain([first], others))
 
+    def at(self, numbers: Sequence[int]) -> Iterator[Picture]:
+        return (next(self.pictures(number)) for number in numbers)
+
     def cheap(self, first: int, last: int) -> list[int]:
         return list(range(first, last + 1))
 
@@ -295,6 +330,9 @@ class Stack:
         if count < stated:
             self.notes += (f"{path.name} holds {count} of {stated} pictures; used those.", CUT_OFF)
 
+    def at(self, numbers: Sequence[int]) -> Iterator[Picture]:
+        return (next(self.pictures(number)) for number in numbers)
+
     def cheap(self, first: int, last: int) -> list[int]:
         return list(range(first, last + 1))
 
@@ -325,8 +363,14 @@ class Straight:
         return self.taken.cheap(first, last)
 
     def pictures(self, start: int = 0) -> Iterator[Picture]:
-        for grey, in_colour in self.taken.pictures(start):
-            yield straight(grey, self.lens), partial(_straight_colour, in_colour, self.lens)
+        return map(self._straightened, self.taken.pictures(start))
+
+    def at(self, numbers: Sequence[int]) -> Iterator[Picture]:
+        return map(self._straightened, self.taken.at(numbers))
+
+    def _straightened(self, picture: Picture) -> Picture:
+        grey, in_colour = picture
+        return straight(grey, self.lens), partial(_straight_colour, in_colour, self.lens)
 
 
 def _straight_colour(in_colour: Callable[[], Image], lens: Lens) -> Image:
@@ -364,6 +408,9 @@ class Photron:
         self.shape = (header.height, header.width)
         self.rate = header.rate
         self.stamps: list[float | None] = [k / header.rate for k in range(min(whole, header.count))]
+
+    def at(self, numbers: Sequence[int]) -> Iterator[Picture]:
+        return (next(self.pictures(number)) for number in numbers)
 
     def cheap(self, first: int, last: int) -> list[int]:
         return list(range(first, last + 1))
@@ -479,12 +526,19 @@ def _eight_bit(image: npt.NDArray[Any], shift: int) -> Picture:
 
 def _decode(path: Path, start: int | None = None) -> Iterator[av.VideoFrame]:
     """All pictures, or those from the key picture with time stamp `start` on."""
-    with av.open(str(path)) as container:
-        stream = container.streams.video[0]
-        stream.thread_type = "AUTO"
+    with _opened(path, "AUTO") as (container, stream):
         if start is not None:
             container.seek(start, stream=stream, backward=True)
         yield from container.decode(stream)
+
+
+@contextmanager
+def _opened(path: Path, threads: str) -> Iterator[tuple[Any, Any]]:
+    """The file and its film, to be decoded by threads that share out pictures, their slices, or what is best."""
+    with av.open(str(path)) as container:
+        stream = container.streams.video[0]
+        stream.thread_type = threads
+        yield container, stream
 
 
 def _combed(interlaced: Sequence[bool]) -> tuple[str, ...]:

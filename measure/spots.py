@@ -187,11 +187,12 @@ class Search:
     def _noise_left(self, grey: Grey, pose: Pose) -> float:
         """As `moving_spots` finds it, from a few rows of the frame."""
         scene, width = self.scene, grey.shape[1]
-        ratios = []
-        for row in self._strips.tolist():
-            strip = pose.seen(grey, (0, row, width, row + 3)) - scene.picture[row : row + 3]
-            ratios.append(np.abs(cv2.blur(strip, (3, 3)))[1, ::3] / scene.noise[row + 1, ::3])
-        return _noise_left(np.array(ratios), scene)
+        strips = [(row, row + 3) for row in self._strips.tolist()]
+        seen = np.concatenate([pose.seen(grey, (0, top, width, end)) for top, end in strips])
+        usual = np.concatenate([scene.picture[top:end] for top, end in strips])
+        # of each strip the middle row, whose neighbours are its own
+        difference = cv2.blur(seen - usual, (3, 3))[1::3, ::3]
+        return _noise_left(difference / scene.noise[self._strips + 1, ::3], scene)
 
 
 def _noise_left(ratios: npt.NDArray[np.floating], scene: Scene) -> float:
@@ -202,7 +203,7 @@ def _noise_left(ratios: npt.NDArray[np.floating], scene: Scene) -> float:
     flat = np.abs(ratios).ravel()
     middle, far = round(0.5 * (len(flat) - 1)), round(0.95 * (len(flat) - 1))
     ordered = np.partition(flat, (middle, far))
-    widest = min(float(ordered[far]) / 1.96, MOST_COMPRESSED / float(np.median(scene.noise[::8, ::8])))
+    widest = min(float(ordered[far]) / 1.96, MOST_COMPRESSED / scene.usual_noise)
     return max(float(ordered[middle]) / 0.6745, widest)
 
 
