@@ -4,6 +4,7 @@ import json
 import math
 import shutil
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -273,6 +274,31 @@ def test_the_model_file_and_the_page_carry_the_named_effect(dragged, tmp_path):
     assert "air drag" in page(dragged)
 
 
+FIVE_HEIGHTS = (0.1, 0.2, 0.3, 0.45, 0.6)
+
+
+def test_runs_of_one_repetition_each_are_told_from_noise_by_their_rows(tmp_path):
+    once = partial(write_drops, heights=FIVE_HEIGHTS, repetitions=1)
+    nothing = verdict_on(once(tmp_path / "nothing", 71), "air_drag", "scale_error", "frame_rate_error")
+    assert nothing.verdict == "none"
+    drag = verdict_on(once(tmp_path / "drag", 72, drag=0.5), "air_drag", "scale_error", "frame_rate_error")
+    assert drag.verdict == "named"
+    assert drag.chosen.names == ("air_drag",)
+    assert "no condition was repeated" in drag.reason
+
+
+def test_what_differs_from_run_to_run_is_no_effect_where_nothing_was_repeated(tmp_path):
+    rng = np.random.default_rng(73)
+    lab = write_drops(tmp_path / "lab", 74, beads=("light",), heights=FIVE_HEIGHTS, repetitions=1, drag=0.5)
+    for file in lab.glob("*/rep01.csv"):  # each film with a scale and a clock of its own
+        time, *place = np.loadtxt(file, delimiter=",", skiprows=1).T
+        write_track(file, time * rng.normal(1, 0.1), np.transpose(place) * rng.normal(1, 0.1))
+    diagnosis = verdict_on(lab, "air_drag", "frame_rate_error")
+    assert diagnosis.verdict == "undecided"
+    assert diagnosis.chosen is None
+    assert "no condition was repeated" in diagnosis.reason
+
+
 @pytest.fixture(scope="module")
 def lifted(tmp_path_factory):
     lab = tmp_path_factory.mktemp("lifted") / "lab"
@@ -494,6 +520,22 @@ def test_a_condition_that_does_not_state_its_setting_is_refused_by_name(tmp_path
     lab.conditions[0].settings["drop_height_m"] = 300.0
     with pytest.raises(BadInput, match="condition c: drop_height_m: 300 is in metres; was it meant in mm"):
         lab.setting("drop_height_m")
+
+
+@pytest.mark.parametrize(
+    ("unit", "says"), [(1.0, ""), (1e3, "are the columns in metres"), (1e-3, "was it meant in mm")]
+)
+def test_a_fall_from_a_bridge_is_no_length_in_millimetres(tmp_path, unit, says):
+    conditions = [{"name": "c", "bead": "heavy", "drop_height_m": 45.0, "repetitions": 1}]
+    write_lab(tmp_path, "drop", conditions, {})
+    (tmp_path / "c").mkdir()
+    time = np.arange(0, 3, 1 / 15)
+    write_track(tmp_path / "c" / "rep01.csv", time, unit * np.column_stack([0 * time, 45 - G / 2 * time**2]))
+    if says:
+        with pytest.raises(BadInput, match=says):
+            read_tracked_lab(tmp_path).setting("drop_height_m")
+    else:
+        assert read_tracked_lab(tmp_path).setting("drop_height_m") == [45.0]
 
 
 def test_a_folder_without_a_lab_is_refused(tmp_path):

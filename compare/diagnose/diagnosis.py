@@ -43,6 +43,7 @@ MOST_RIVALS = 3  # of a set, that the next experiment is computed for
 FEWEST = 5  # repetitions in a lab, below which nothing is named
 SURE = 1e-4  # of the residual statistic, below which something is left over
 CERTAIN = 1e-8  # ... below which it is sure that something disagrees, whatever it is
+CLEARLY = 1.5  # times the noise floor: a gap of which a share can be told
 STATED = math.sqrt(ALARM)  # stated uncertainties that a calibration quantity must be off by, to be named
 LEFT = 0.9  # share of the excess gap that a name must close where something is left over
 
@@ -213,7 +214,7 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
     """Verdict from what was tried; nameless terms are asked whether the listed ones suffice."""
     best, location = naming.best, naming.location
     plain = Diagnosis(lab, "none", "", location, naming, bench=bench)
-    loud = location.p < SURE or max((one.score for one in naming.tried), default=0.0) > FORM
+    loud = _remains(bench, location, naming.base) or max((one.score for one in naming.tried), default=0.0) > FORM
     if best is None and not loud:
         return replace(plain, reason="the data lie inside noise, scatter and stated calibration")
     asked = best is None or _more_to_say(bench, best)
@@ -227,39 +228,44 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
             return replace(
                 plain, verdict="unlisted", reason="data and twin disagree, and no listed effect describes how"
             )
-        refused = [one for one in naming.tried if one.score > FORM]
-        if location.p < SURE or refused:
-            return replace(
-                plain,
-                verdict="undecided",
-                reason="something disagrees, but no listed effect and no simple formula describes it",
-            )
-        return replace(plain, reason="the data lie inside noise, scatter and stated calibration")
+        why = "something disagrees, but no listed effect and no simple formula describes it"
+        return replace(plain, verdict="undecided", reason=why + _by_chance(location))
     if alone is not None and not alone.reason and alone.gain - best.gain > FORM:
         best, naming = _from_there(bench, naming, best, alone)
         plain = replace(plain, naming=naming)
-    left = naming.after.p < SURE
+    left = _remains(bench, naming.after, best.fitted)
     if alone is not None and not alone.reason and alone.gain - best.gain > FORM and len(alone.terms) <= len(best.terms):
         why = f"a formula that is not listed does better than {names(best.terms)}"
         return replace(plain, verdict="unlisted", reason=why)
     share = _closed(naming, noise_floor(bench, best.fitted))
     if left and share is not None and share < LEFT:
         why = f"{names(best.terms)} would close {100 * share:.0f} % of the gap and leave a disagreement"
-        return replace(plain, verdict="unlisted", reason=why)
+        verdict = "unlisted" if naming.after.tested else "undecided"
+        return replace(plain, verdict=verdict, reason=why + _by_chance(naming.after))
     if naming.alike:
         others = "; ".join(names(other.terms) for other in naming.alike)
         return replace(
             plain,
             verdict="indistinguishable",
             chosen=best,
-            reason=f"{names(best.terms)} explains the data, and equally well: {others}",
+            reason=f"{names(best.terms)} explains the data, and equally well: {others}{_by_chance(naming.after)}",
         )
     if LEVER in best.names and len(best.terms) == 1:
         why = "one lever arm does for all sizes what each bead's own rolling friction did: it goes with 1/d"
         return replace(plain, verdict="named", chosen=best, reason=why)
     rest = ", with a remainder that it does not explain" if left else ""
-    rest += _in_other_forms(naming, best)
+    rest += _in_other_forms(naming, best) + _by_chance(naming.after)
     return replace(plain, verdict="named", chosen=best, reason=f"{names(best.terms)} explains the disagreement{rest}")
+
+
+def _remains(bench: Regioned, location: Location, fitted: Fit) -> bool:
+    """Whether something is left over: by what repetitions have in common, by all rows where nothing was repeated."""
+    return location.p < SURE or (not location.tested and fitted.per_row > CLEARLY * noise_floor(bench, fitted))
+
+
+def _by_chance(location: Location) -> str:
+    told = "; no condition was repeated, so nothing tells what a single run does by chance: film repetitions"
+    return "" if location.tested else told
 
 
 def _in_other_forms(naming: Naming, best: Candidate) -> str:
@@ -328,7 +334,7 @@ def _closed(naming: Naming, noise: float) -> float | None:
     assert naming.best is not None
     common = naming.location.statistic, naming.after.statistic, 1.0
     every = naming.base.per_row, naming.best.fitted.per_row, noise
-    shares = [closed(*one) for one in (common, every) if one[0] >= 1.5 * one[2]]
+    shares = [closed(*one) for one in (common, every) if one[0] >= CLEARLY * one[2]]
     return min((share for share in shares if share is not None), default=None)
 
 

@@ -56,6 +56,7 @@ class Fit:
     """Impacts that the last of `scatter` speaks of."""
     by_run: Array = field(default_factory=lambda: np.zeros(0))
     """(R,), each repetition's share of the deviance; the priors of the global unknowns are the rest of it."""
+    frame: float = math.nan  # [s], from row to row
 
     @property
     def per_row(self) -> float:
@@ -292,7 +293,14 @@ def _finished(
         state.jitter_std,
         int(np.sum(bench.scatter == len(state.scatter) - 1)),
         by_run,
+        _frame(bench),
     )
+
+
+def _frame(bench: Bench) -> float:
+    """[s], from row to row, as most are."""
+    steps = np.diff(bench.time)
+    return float(np.median(steps[steps > 0])) if np.any(steps > 0) else math.nan
 
 
 def _by_run(bench: Bench, state: State, mask: Array, linear: Linear) -> Array:

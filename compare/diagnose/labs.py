@@ -51,6 +51,8 @@ RANGES = {  # smallest and largest that can be, neither of which is
     "release_angle_deg": (-180.0, 180.0),
 }
 TABLES = ("walls", "rig_geometry")
+BEYOND = 30.0  # times as long as what is seen of a motion: 300 mm and what is seen of them are 1000 apart
+FARTHEST, FASTEST = 100.0, 60.0  # [m] from the origin, and [m/s]: a fall from 180 m
 EARLY = 0.2  # [s], in which a clock that starts with the film has shown a row, some lost frames allowed for
 
 
@@ -114,14 +116,14 @@ class TrackedLab:
     def setting(self, name: str, default: float | None = None) -> list[float]:
         """A number that each condition states, one per repetition.
 
-        Raises `BadLabFile` where it is missing, or a length that fits on no bench.
+        Raises `BadLabFile` where it is missing, or a length that fits neither on a bench nor what its tracks show.
         """
         values = []
         for condition in self.conditions:
             value, place = condition.settings.get(name, default), f"{self.folder / 'lab.json'}: condition"
             if not _is_number(value):
                 raise BadLabFile(f"{place} {condition.name}: {name}: is missing or not a number.")
-            if name.endswith("_m") and value > LONGEST:
+            if name.endswith("_m") and value > LONGEST and value > BEYOND * _furthest(condition):
                 raise BadLabFile(f"{place} {condition.name}: {name}: {value:g} is in metres; was it meant in mm?")
             values += [float(value)] * len(condition.repetitions)
         return values
@@ -383,8 +385,22 @@ def _check(repetition: tuple[Track, ...], path: Path, rig: str) -> None:
     for track in repetition:
         if len(track.time) < 20:
             raise BadLabFile(f"{path}: only {len(track.time)} rows; at least 20 are needed to see a motion.")
-        if float(np.max(np.abs(track.position))) > 100:
-            raise BadLabFile(f"{path}: a position is more than 100 m from the origin; are the columns in metres?")
+        if (far := _furthest_of(track)) > FARTHEST:
+            raise BadLabFile(f"{path}: a position is {far:.0f} m from the origin; are the columns in metres?")
+        speeds = np.hypot(*np.diff(track.position, axis=0).T) / np.diff(track.time)
+        if (fast := float(np.median(speeds))) > FASTEST:
+            raise BadLabFile(
+                f"{path}: the bead moves at {fast:.0f} m/s; are the columns in metres, and time_s in seconds?"
+            )
+
+
+def _furthest(condition: Condition) -> float:
+    """[m] from the origin that a bead of the condition is seen at."""
+    return max(_furthest_of(track) for repetition in condition.repetitions for track in repetition)
+
+
+def _furthest_of(track: Track) -> float:
+    return float(np.max(np.abs(track.position)))
 
 
 def _bead(document: Mapping[str, Any], raw: Mapping[str, Any], file: Path, where: str) -> Bead:

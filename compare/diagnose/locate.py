@@ -115,15 +115,16 @@ def _region_means(bench: Regioned, fitted: Fit) -> tuple[Array, Array]:
 
 def _spread(bench: Regioned, means: Array, counts: Array) -> float:
     """Variance between repetitions of a region's mean, times its rows: 1 for white noise, more for correlated."""
-    values = []
-    for c in range(len(bench.condition_names)):
-        mine = np.flatnonzero(bench.condition == c)
-        for g in range(counts.shape[1]):
-            here = mine[counts[mine, g] >= 3]
-            if len(here) >= 3:
-                off = means[here, g] - means[here, g].mean(0)
-                values.append(np.sum(off**2, axis=0) / (len(here) - 1) * float(np.mean(counts[here, g])))
-    if not values:
+    seen = counts >= 3  # (R, regions)
+    mine = [np.flatnonzero(bench.condition == c) for c in range(len(bench.condition_names))]
+    regions = [(rows[seen[rows, g]], g) for rows in mine for g in range(counts.shape[1])]
+    # two say little of how they scatter: they are asked where no condition has more
+    repeated = [one for one in regions if len(one[0]) >= 3] or [one for one in regions if len(one[0]) == 2]
+    if not repeated:
         return 1.0
+    values = []
+    for here, g in repeated:
+        off = means[here, g] - means[here, g].mean(0)
+        values.append(np.sum(off**2, axis=0) / (len(here) - 1) * float(np.mean(counts[here, g])))
     # a region in which the model fails differently in each repetition has no say beyond this
     return max(1.0, float(np.mean(np.minimum(np.concatenate(values), 25.0))))
