@@ -229,7 +229,7 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
                 plain, verdict="unlisted", reason="data and twin disagree, and no listed effect describes how"
             )
         why = "something disagrees, but no listed effect and no simple formula describes it"
-        return replace(plain, verdict="undecided", reason=why + _by_chance(location))
+        return replace(plain, verdict="undecided", reason=why + _by_chance(bench))
     if alone is not None and not alone.reason and alone.gain - best.gain > FORM:
         best, naming = _from_there(bench, naming, best, alone)
         plain = replace(plain, naming=naming)
@@ -240,32 +240,39 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
     share = _closed(naming, noise_floor(bench, best.fitted))
     if left and share is not None and share < LEFT:
         why = f"{names(best.terms)} would close {100 * share:.0f} % of the gap and leave a disagreement"
-        verdict = "unlisted" if naming.after.tested else "undecided"
-        return replace(plain, verdict=verdict, reason=why + _by_chance(naming.after))
+        verdict = "unlisted" if naming.after.p < SURE else "undecided"
+        return replace(plain, verdict=verdict, reason=why + _by_chance(bench))
     if naming.alike:
         others = "; ".join(names(other.terms) for other in naming.alike)
         return replace(
             plain,
             verdict="indistinguishable",
             chosen=best,
-            reason=f"{names(best.terms)} explains the data, and equally well: {others}{_by_chance(naming.after)}",
+            reason=f"{names(best.terms)} explains the data, and equally well: {others}{_by_chance(bench)}",
         )
     if LEVER in best.names and len(best.terms) == 1:
         why = "one lever arm does for all sizes what each bead's own rolling friction did: it goes with 1/d"
         return replace(plain, verdict="named", chosen=best, reason=why)
     rest = ", with a remainder that it does not explain" if left else ""
-    rest += _in_other_forms(naming, best) + _by_chance(naming.after)
+    rest += _in_other_forms(naming, best) + _by_chance(bench)
     return replace(plain, verdict="named", chosen=best, reason=f"{names(best.terms)} explains the disagreement{rest}")
 
 
 def _remains(bench: Regioned, location: Location, fitted: Fit) -> bool:
-    """Whether something is left over: by what repetitions have in common, by all rows where nothing was repeated."""
-    return location.p < SURE or (not location.tested and fitted.per_row > CLEARLY * noise_floor(bench, fitted))
+    """Whether something is left over: by what repetitions have in common, by all rows where some runs stand alone."""
+    return location.p < SURE or (_once(bench) > 0 and fitted.per_row > CLEARLY * noise_floor(bench, fitted))
 
 
-def _by_chance(location: Location) -> str:
-    told = "; no condition was repeated, so nothing tells what a single run does by chance: film repetitions"
-    return "" if location.tested else told
+def _once(bench: Regioned) -> int:
+    """How many conditions were not repeated."""
+    return int(np.sum(np.bincount(bench.condition) == 1))
+
+
+def _by_chance(bench: Regioned) -> str:
+    """What the lab cannot tell for want of repetitions."""
+    once, every = _once(bench), len(bench.condition_names)
+    which = "no condition was" if once == every else f"{once} of {every} conditions were not"
+    return f"; {which} repeated, so what a run does by chance is not told from an effect there" if once else ""
 
 
 def _in_other_forms(naming: Naming, best: Candidate) -> str:
