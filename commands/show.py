@@ -234,6 +234,8 @@ def _tell_diagnosis(console: Console, diagnosis: Diagnosis, files: Mapping[str, 
     if diagnosis.gap is not None:
         gap = diagnosis.gap
         console.print(f"gap: {gap.before:.4g} before, {gap.after:.4g} after, noise alone {gap.noise_floor:.4g}")
+    if diagnosis.stability is not None:
+        console.print(f"stable: {escape(diagnosis.stability.in_words())}")
     if diagnosis.next_experiment:
         console.print(f"next: {escape(diagnosis.next_experiment)}")
     for path in files.values():

@@ -272,6 +272,19 @@ def test_the_model_file_and_the_page_carry_the_named_effect(dragged, tmp_path):
     read = read_model(tmp_path / "model.toml")
     assert read.effects["air_drag"]["drag_coefficient"] == pytest.approx(0.5, abs=0.05)
     assert "air drag" in page(dragged)
+    assert dragged.stability.in_words() in page(dragged)
+
+
+def test_a_model_file_says_what_of_it_the_lab_does_not_state(tmp_path):
+    lab = write_drops(tmp_path / "lab", 75, beads=("heavy",), repetitions=3)
+    stated = json.loads((lab / "lab.json").read_text())
+    stated["particles"]["heavy"]["youngs_modulus_Pa"] = 2e9
+    (lab / "lab.json").write_text(json.dumps(stated))
+    _, files = diagnose_folder(lab, tmp_path / "out")
+    text = files["model.toml"].read_text()
+    assert "# assumed, for lab.json does not state it of heavy: poissons_ratio = 0.3\n" in text
+    assert "heavy: youngs_modulus" not in text
+    assert read_model(files["model.toml"]).particles["heavy"].material.youngs_modulus == 2e9
 
 
 FIVE_HEIGHTS = (0.1, 0.2, 0.3, 0.45, 0.6)
@@ -497,6 +510,7 @@ def test_a_bulk_rig_is_left_undecided_with_the_reason(tmp_path):
         ({"gravity_m_s2": -9.81}, "gravity_m_s2: -9.81 cannot be"),
         ({"particles": {"heavy": {"diameter_m": 6.2, "mass_g": 0.07}}}, "6.2 is in metres; was it meant in mm"),
         ({"conditions": [{"name": "c", "bead": "heavy", "repetitions": 2}]}, "no such file"),
+        ({"conditions": [{"name": "c", "bead": "heavy", "repetitions": 1}] * 2}, "two are named 'c'"),
         ({"conditions": [{"name": "c", "bead": "gold", "repetitions": 2}]}, "bead 'gold' is not under particles"),
     ],
 )

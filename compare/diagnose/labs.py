@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
@@ -239,6 +240,19 @@ def read_tracked_lab(path: Path) -> TrackedLab:
     raw_conditions = document.get("conditions")
     if not isinstance(raw_conditions, list) or not raw_conditions:
         raise BadLabFile(f"{file}: conditions: is missing or empty; list one condition per setting of the rig.")
+    twice = next(
+        (
+            name
+            for name, count in Counter(str(raw.get("name")) for raw in raw_conditions if isinstance(raw, dict)).items()
+            if count > 1
+        ),
+        None,
+    )
+    if twice is not None:
+        raise BadLabFile(
+            f"{file}: conditions: two are named {twice!r}; one condition holds all repetitions of a setting, and each "
+            "setting has a name of its own."
+        )
     gravity = _number({"gravity_m_s2": 9.81, **document}, "gravity_m_s2", file)
     camera = _camera(document, file, rig)
     geometry = document.get("rig_geometry", {})

@@ -40,7 +40,7 @@ def page(diagnosis: Diagnosis) -> str:
         next_experiment=diagnosis.next_experiment,
         designs=diagnosis.designs[:8],
         beside=[_beside_row(one) for one in diagnosis.beside],
-        stability=_stable(diagnosis),
+        stability=diagnosis.stability.in_words() if diagnosis.stability else "",
         where=in_words(diagnosis.location),
         regions=diagnosis.where[:12],
         candidates=[_candidate_row(diagnosis.lab, one) for one in _leading(diagnosis)],
@@ -52,18 +52,6 @@ def page(diagnosis: Diagnosis) -> str:
         figure=_figure(diagnosis) if naming is not None else "",
         tried=len(naming.tried) if naming is not None else 0,
         seconds=diagnosis.seconds,
-    )
-
-
-def _stable(diagnosis: Diagnosis) -> str:
-    """How often the name would have come out of other repetitions, in a sentence."""
-    one = diagnosis.stability
-    if one is None:
-        return ""
-    other = f" (else {one.rival})" if one.rival else ""
-    return (
-        f"With the repetitions drawn anew {one.resamples} times it stays first in {100 * one.first:.0f} %{other} and "
-        f"above the alarm in {100 * one.alarm:.0f} %; with one repetition left out, in {100 * one.left_out:.0f} %."
     )
 
 

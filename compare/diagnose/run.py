@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rigtwin.compare import results
 from rigtwin.compare.diagnose.diagnosis import Diagnosis, diagnose
 from rigtwin.compare.diagnose.doubt import parameters
-from rigtwin.compare.diagnose.labs import read_tracked_lab
+from rigtwin.compare.diagnose.labs import TrackedLab, read_tracked_lab
 from rigtwin.compare.diagnose.notebook import tracked_lab
 from rigtwin.compare.diagnose.page import page
 from rigtwin.lab.errors import BadInput
@@ -17,6 +18,9 @@ from rigtwin.lab.model import Model, model_text
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.sim.effects import own_effect
 from rigtwin.sim.effects.forms import PREFIX, form
+
+ASSUMED = {"density_kg_m3": 1000.0, "youngs_modulus_Pa": 1e9, "poissons_ratio": 0.3}
+"""What a material is taken to have where the lab states nothing."""
 
 
 def diagnose_folder(
@@ -32,11 +36,12 @@ def diagnose_folder(
         raise BadInput(f"{folder}: --only names experiments of a lab.toml; a lab.json is diagnosed whole.")
     lab = tracked_lab(folder, only, progress) if notebook else read_tracked_lab(folder)
     diagnosis = diagnose(lab, effects, progress)
-    left_out = "".join(f"# left out: {reason}\n" for reason in _not_carried(diagnosis).values())
+    model = model_of(diagnosis)
+    remarks = [f"left out: {reason}" for reason in _not_carried(diagnosis).values()] + _assumed(diagnosis.lab)
     contents = {
         "diagnosis.json": results.document(diagnosis.to_json()),
         "diagnosis.html": page(diagnosis),
-        "model.toml": left_out + model_text(model_of(diagnosis)),
+        "model.toml": "".join(f"# {remark}\n" for remark in remarks) + model_text(model),
     }
     return diagnosis, results.write_together(out, contents)
 
@@ -48,22 +53,37 @@ def model_of(diagnosis: Diagnosis) -> Model:
     particles: dict[str, Particle] = {}
     for condition in lab.conditions:
         bead = condition.bead
-        solid = _material(f"{bead.about.get('material') or 'material'} of {bead.name}", dict(bead.about))
+        solid = _material(f"{bead.about.get('material') or 'material'} of {bead.name}", bead.about)
         materials[solid.name] = solid
-        particles[bead.name] = Particle(bead.name, solid, bead.diameter, float(bead.mass / (0.5236 * bead.diameter**3)))
+        particles[bead.name] = Particle(
+            bead.name, solid, bead.diameter, float(bead.mass / (math.pi / 6 * bead.diameter**3))
+        )
         about = (lab.stated.get("walls") or {}).get(condition.wall)
         if isinstance(about, dict):
             materials[condition.wall] = _material(condition.wall, about)
     return Model(materials, particles, _contacts(diagnosis), _named(diagnosis))
 
 
-def _material(name: str, about: dict[str, object]) -> Material:
-    def number(key: str, default: float) -> float:
-        value = about.get(key)
-        return float(value) if isinstance(value, (int, float)) else default
+def _material(name: str, about: Mapping[str, object]) -> Material:
+    return Material(name, *(_known(about, key, default) for key, default in ASSUMED.items()))
 
-    density = number("density_kg_m3", 1000.0)
-    return Material(name, density, number("youngs_modulus_Pa", 1e9), number("poissons_ratio", 0.3))
+
+def _known(about: Mapping[str, object], key: str, default: float) -> float:
+    value = about.get(key)
+    return float(value) if isinstance(value, (int, float)) else default
+
+
+def _assumed(lab: TrackedLab) -> list[str]:
+    """What the model has that the lab does not state, by bead and wall."""
+    walls = lab.stated.get("walls") or {}
+    stated = {condition.bead.name: condition.bead.about for condition in lab.conditions}
+    stated |= {condition.wall: walls[condition.wall] for condition in lab.conditions if condition.wall in walls}
+    return [
+        f"assumed, for lab.json does not state it of {name}: {key} = {default:g}"
+        for name, about in stated.items()
+        for key, default in ASSUMED.items()
+        if key not in about and not (key == "density_kg_m3" and ("mass_g" in about or "mass_kg" in about))
+    ]
 
 
 def _contacts(diagnosis: Diagnosis) -> dict[Pair, KnownContact]:

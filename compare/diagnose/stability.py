@@ -35,6 +35,15 @@ class Stability:
     def to_json(self) -> dict[str, object]:
         return asdict(self)
 
+    def in_words(self) -> str:
+        """How often the name would have come out of other repetitions."""
+        other = f" (else {self.rival})" if self.rival else ""
+        return (
+            f"with the repetitions drawn anew {self.resamples} times it stays first in {100 * self.first:.0f} %{other} "
+            f"and above the alarm in {100 * self.alarm:.0f} %; with one repetition left out, in "
+            f"{100 * self.left_out:.0f} %"
+        )
+
 
 @dataclass(frozen=True)
 class Claim:
