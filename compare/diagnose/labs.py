@@ -240,22 +240,10 @@ def read_tracked_lab(path: Path) -> TrackedLab:
     raw_conditions = document.get("conditions")
     if not isinstance(raw_conditions, list) or not raw_conditions:
         raise BadLabFile(f"{file}: conditions: is missing or empty; list one condition per setting of the rig.")
-    twice = next(
-        (
-            name
-            for name, count in Counter(str(raw.get("name")) for raw in raw_conditions if isinstance(raw, dict)).items()
-            if count > 1
-        ),
-        None,
-    )
-    if twice is not None:
-        raise BadLabFile(
-            f"{file}: conditions: two are named {twice!r}; one condition holds all repetitions of a setting, and each "
-            "setting has a name of its own."
-        )
     gravity = _number({"gravity_m_s2": 9.81, **document}, "gravity_m_s2", file)
     camera = _camera(document, file, rig)
     geometry = document.get("rig_geometry", {})
+    _read_once(file, raw_conditions)
     conditions = () if rig in BULK else tuple(_condition(document, raw, file, rig) for raw in raw_conditions)
     free = [one.name for one in conditions if not one.wall]
     if rig == "pendulum" and 0 < len(free) < len(conditions):
@@ -275,6 +263,17 @@ def read_tracked_lab(path: Path) -> TrackedLab:
         stated=document,
         misspelt=tuple(dict.fromkeys(_misspelt(document))),
     )
+
+
+def _read_once(file: Path, conditions: Sequence[Any]) -> None:
+    """Refuse conditions that would read the same files."""
+    tables = [raw for raw in conditions if isinstance(raw, dict)]
+    for (name, files), count in Counter((str(raw.get("name", "")), str(raw.get("files"))) for raw in tables).items():
+        if name and count > 1:
+            raise BadLabFile(
+                f"{file}: conditions: two are named {name!r} and read the same files; one condition holds all "
+                "repetitions of a setting, and each setting has a name of its own."
+            )
 
 
 def _document(file: Path) -> dict[str, Any]:
