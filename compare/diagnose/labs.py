@@ -268,7 +268,7 @@ def read_tracked_lab(path: Path) -> TrackedLab:
 def _read_once(file: Path, conditions: Sequence[Any]) -> None:
     """Refuse conditions that would read the same files."""
     tables = [raw for raw in conditions if isinstance(raw, dict)]
-    for (name, files), count in Counter((str(raw.get("name", "")), str(raw.get("files"))) for raw in tables).items():
+    for (name, _), count in Counter((str(raw.get("name", "")), str(raw.get("files"))) for raw in tables).items():
         if name and count > 1:
             raise BadLabFile(
                 f"{file}: conditions: two are named {name!r} and read the same files; one condition holds all "
