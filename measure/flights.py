@@ -354,6 +354,8 @@ def _fit(record: Heights, contacts: npt.NDArray[np.intp], drag: AirDrag, offset:
         if not (np.array_equal(used, before) and abs(scatter - 1) < 0.02):  # else the same fit again
             # what is taken for an outlier changes more than the last digits would
             parameters, _ = _solve(record, model, parameters, centre, spread, sigma, used, to=1e-5)
+            # free flight tells a strong lens by itself: what it shows is not pulled back to what is usual
+            spread[-4:-2] = np.maximum(spread[-4:-2], np.abs(parameters[-4:-2]))
         residual = record.height - model.curve(parameters, record.time)
         ratio = residual / sigma
         scatter = 1.4826 * float(np.median(np.abs(ratio[used])))

@@ -332,6 +332,19 @@ def test_a_bead_that_leaves_faster_than_it_came_is_doubtful_from_the_bounce_befo
     assert pick(found, "rebound_height", bounce=3).doubtful
 
 
+@pytest.mark.parametrize("bend", [-0.25, 0.2])
+def test_the_flights_show_a_lens_that_bends_the_picture(bend):
+    """A lens that shows places a tenth of a metre off its axis so much further out or in."""
+    bare = track(noise=3e-5, seed=5, height=0.12, duration=0.6)
+    off = (bare.position - [0, 0.06]) / 0.1
+    seen = replace(bare, position=[0, 0.06] + 0.1 * off * (1 + bend * np.sum(off**2, axis=1, keepdims=True)))
+    result = drop.evaluate(seen, bead_diameter=0.006, bead_density=7800.0)
+    for bounce in (1, 2):
+        e = pick(result.quantities, "restitution_wall", method="velocity", bounce=bounce)
+        assert e.value == pytest.approx(0.7, abs=min(2 * e.std_uncertainty, 0.001))
+        assert not e.doubtful
+
+
 def test_a_bead_that_bounces_aside_is_named():
     result = drop.evaluate(track(sideways=0.6))
     assert not check(result, "out_of_plane").passed
