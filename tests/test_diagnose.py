@@ -252,6 +252,20 @@ def test_a_lab_with_nothing_hidden_gets_none(tmp_path):
     assert diagnosis.gap.before == pytest.approx(diagnosis.gap.noise_floor, abs=0.15)
 
 
+def test_a_bead_that_lies_where_it_fell_hides_nothing(tmp_path):
+    lab = write_drops(tmp_path / "lab", 76, beads=("heavy",), heights=(0.1, 0.2, 0.4), repetitions=3)
+    rng, radius = np.random.default_rng(77), BEADS["heavy"]["diameter_m"] / 2
+    for file in lab.glob("*/*.csv"):
+        height = int(file.parent.name.removeprefix("heavy_")) / 1000
+        time = np.arange(0, 0.5, 1 / 240)
+        fall = np.maximum(time - rng.uniform(0.01, 0.04), 0)
+        place = np.column_stack([0 * time, radius + np.maximum(height - G / 2 * fall**2, 0)])
+        write_track(file, time, place + rng.normal(0, 1.5e-4, place.shape))
+    diagnosis = verdict_on(lab, "air_drag", "plate_compliance", "restitution_viscoelastic", "adhesion")
+    assert diagnosis.verdict == "none"
+    assert diagnosis.gap.before == pytest.approx(diagnosis.gap.noise_floor, abs=0.15)
+
+
 def test_air_drag_is_named_with_its_coefficient(dragged):
     document = dragged.to_json()
     assert document["verdict"] == "named"

@@ -26,6 +26,7 @@ from rigtwin.sim.effects import Effect, named
 
 SIDEWAYS = 0.006  # [m/s], of a release, where the lab states nothing
 LONGER = 1.3  # times the flight before: no bounce is that lively, whatever the plate's slope does
+RISES = 8.0  # noises: a bead that is seen to move less after an impact lies there
 ONE_MATERIAL = 0.015
 """Standard deviation between the restitutions of a bead on two plates of one material, what bends away apart.  Assumed:
 two pieces differ in finish, and hardly by more than one impact differs from the next."""
@@ -64,7 +65,7 @@ class DropBench:
         runs_events = list(zip(runs, events, strict=True))
         events = [_in_flight_after(track, found, self.noise) for (_, _, track), found in runs_events]
         ends = [
-            _last_moment(track, found, cut, self.noise)
+            _last_moment(track, found, cut, self.noise, lab.gravity)
             for (_, _, track), found, (_, cut) in zip(runs, events, runs_events, strict=True)
         ]
         kept = [track.time <= end for (_, _, track), end in zip(runs, ends, strict=True)]
@@ -446,16 +447,21 @@ def _in_flight_after(track: Track, found: Sequence[float], noise: float) -> list
     kept = list(found)
     while len(kept) > 1:
         height = track.position[track.time > kept[-1], 1]
-        if len(height) > 2 and float(np.ptp(height)) > 8 * noise:
+        if len(height) > 2 and float(np.ptp(height)) > RISES * noise:
             break
         kept.pop()
     return kept
 
 
-def _last_moment(track: Track, found: Sequence[float], every: Sequence[float], noise: float) -> float:
+def _last_moment(track: Track, found: Sequence[float], every: Sequence[float], noise: float, gravity: float) -> float:
     """[s] the end of what is used: before the bead can have touched again unseen."""
     time = track.time
     end = float(time[-1])
+    if found:
+        lying = track.position[time > found[-1] + float(np.median(np.diff(time))), 1]
+        if len(lying) > 2 and float(np.ptp(lying)) <= RISES * noise:
+            # for so long a flight of no height is not told from a bead that lies there
+            return found[-1] + math.sqrt(4 * noise / gravity)
     if len(every) > len(found):
         return every[len(found)]
     after = time > found[-1] if found else np.zeros(len(time), dtype=bool)
