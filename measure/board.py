@@ -52,7 +52,7 @@ def straightened(camera: Camera) -> Camera:
 
 def read_board(board: Board) -> Lens:
     """Find the board in its photo and fit plane and lens."""
-    photo = read_photo(board.photo)
+    photo, _ = read_photo(board.photo)
     grey = np.asarray(cv2.cvtColor(photo, cv2.COLOR_BGR2GRAY), np.uint8)
     on_board, seen = _FINDERS[board.kind](grey, board)
     return _fitted(board, on_board, seen, (grey.shape[1], grey.shape[0]))

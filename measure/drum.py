@@ -99,7 +99,8 @@ def measure(
     warnings: list[str] = []
     rate, spoilt = None, ""
     if clip.suffix.lower() in PHOTOS:
-        photo = read_photo(clip, camera.lens)
+        photo, odd = read_photo(clip, camera.lens)
+        warnings += odd
         bed = bed_in_photo(photo, roll=camera.roll, bead_share=share, region=camera.region)
         if bed is None:
             raise NothingToMeasure(

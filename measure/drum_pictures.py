@@ -34,7 +34,7 @@ def write_pictures(
         _write_video(files["overlay"], files["still"], measurement.source, bed, camera, text, progress)
     else:
         files["overlay"] = files["still"]
-        picture = read_photo(measurement.source, camera.lens)
+        picture, _ = read_photo(measurement.source, camera.lens)
         _mark(picture, bed, bed.outlines[0], text)
         overlay.save_picture(files["still"], picture)
     files["plot"] = _write_plot(out / f"{stem}-plot.svg", measurement, bed, scale)

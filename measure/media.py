@@ -170,10 +170,10 @@ def open_video(path: Path, camera: Camera) -> Video:
     return Video(path, width, height, len(times), rate, plays_at, times, first, last, film, (*warnings, *oddities))
 
 
-def read_photo(path: Path, lens: Lens | None = None) -> Image:
+def read_photo(path: Path, lens: Lens | None = None) -> tuple[Image, tuple[str, ...]]:
     """A photo as BGR, shape (height, width, 3), 8 bit, with its EXIF orientation applied, straightened by `lens`.
 
-    Raises `UnreadableMedia`.
+    And what is odd about it.  Raises `UnreadableMedia`.
     """
     _must_exist(path, "photo")
     # decode from memory: imread reports a broken file on stderr by itself, and once more to us as None
@@ -181,11 +181,21 @@ def read_photo(path: Path, lens: Lens | None = None) -> Image:
     image = cv2.imdecode(stored, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
     if image is not None and image.dtype not in (np.uint8, np.uint16):
         image = cv2.imdecode(stored, cv2.IMREAD_COLOR)
-    photo = _phone_photo(path) if image is None else sources.dropped(image, sources.bit_shift([image])[0])
-    if lens is None:
-        return photo
-    _must_fit(path, photo.shape, lens)
-    return straight(photo, lens)
+    notes: tuple[str, ...] = ()
+    if image is None:
+        photo = _phone_photo(path)
+    else:
+        shift, told = sources.bit_shift([image])
+        photo = sources.dropped(image, shift)
+        if told:
+            notes = (
+                f"{path.name}: none of its 16-bit pixels is brighter than {image.max()}, so it was read as of "
+                f"{shift + 8} bits, {2 ** (8 - shift)} times brighter; if the photo is just dim, expose it longer.",
+            )
+    if lens is not None:
+        _must_fit(path, photo.shape, lens)
+        photo = straight(photo, lens)
+    return photo, notes
 
 
 def _phone_photo(path: Path) -> Image:

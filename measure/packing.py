@@ -140,7 +140,7 @@ def _evaluate(
     if mass is not None and cylinder is not None:
         densities = [_density(height, mass, cylinder) for height in found[:2]]
         checks.append(_density_check(densities[0].value, solid))
-        found += [doubted(one, "" if checks[-1].passed else checks[-1].message) for one in densities]
+        found += [doubted(one, failed(checks, ["bulk_density", "cylinder_bead_ratio"])) for one in densities]
     else:
         missing = "total_mass" if mass is None else "cylinder_diameter"
         warnings.append(f"bulk density is left out; give --{missing.replace('_', '-')}.")
@@ -328,6 +328,7 @@ def measure(
         raise BadInput(f"measure packing: cylinder_diameter must be positive, got {cylinder_diameter:g}.")
     seen, views, checks = [], [], []
     beds: list[tuple[Image, Bed] | None] = []
+    warnings: list[str] = []
     for number, photo in enumerate(photos):
         progress("looking for the bed", number, len(photos))
         if photo.suffix.lower() == ".csv":
@@ -335,7 +336,8 @@ def measure(
             views.append({"scale_m_per_px": None, "scale_from": "profile table", "camera_roll_deg": None})
             beds.append(None)
             continue
-        image = read_photo(photo, camera.lens)
+        image, odd = read_photo(photo, camera.lens)
+        warnings += odd
         bed, observation, view, found = _observe(photo, image, camera, cylinder_diameter, bead_diameter)
         seen.append(observation)
         views.append(view)
@@ -349,7 +351,7 @@ def measure(
         source_sha256=sha256(photos[0]),
         quantities=evaluation.quantities,
         checks=(*checks, *evaluation.checks),
-        warnings=evaluation.warnings,
+        warnings=(*warnings, *evaluation.warnings),
         camera=views[0] if len(views) == 1 else {**views[0], "views": views},
         profiles=tuple(each.profile for each in seen),
     )

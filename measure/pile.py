@@ -25,7 +25,14 @@ from rigtwin.lab.records import Profile, read_profile
 from rigtwin.measure import slope
 from rigtwin.measure.disc import FOCAL_DOUBT, Disc
 from rigtwin.measure.media import read_photo
-from rigtwin.measure.pile_checks import BASE_DOUBT, base_check, heap_checks, size_checks, views_checks
+from rigtwin.measure.pile_checks import (
+    BASE_DOUBT,
+    base_check,
+    heap_checks,
+    narrow_base,
+    size_checks,
+    views_checks,
+)
 from rigtwin.measure.surface import Silhouette, View, find_heap, undo_view
 
 Array = npt.NDArray[np.float64]
@@ -58,6 +65,7 @@ class Observation:
     checks: tuple[Check, ...] = ()  # of the photo
     scale_doubt: float = 0.0  # relative
     unconfirmed: str = ""  # the stated size on which lengths hang and which nothing in the picture checks
+    notes: tuple[str, ...] = ()  # what is odd about the photo's file
 
 
 def measure(
@@ -142,6 +150,7 @@ def _evaluate(
     checks: list[Check] = []
     warnings: list[str] = []
     doubtful: list[bool] = []
+    uneven: list[str] = []  # what is said against the flanks of every view
     for number, seen in enumerate(observations):
         grain = bead_diameter or seen.grain
         heap = slope.find_parts(seen.profile, base_diameter, grain)
@@ -150,17 +159,20 @@ def _evaluate(
                 f"profile {number + 1} ({seen.profile.view}) holds no heap above its base line; "
                 "check that height_m is measured upwards from the base."
             )
+        of_heap = heap_checks(seen.profile, heap)
         found = _quantities_of_view(seen, heap, base_diameter, grain)
         if len(observations) > 1:
             found = [replace(one, detail={**one.detail, "view": seen.profile.view}) for one in found]
         quantities += found
         doubts = sorted({one.doubtful for one in found if one.doubtful})
         doubtful.append(any(one.doubtful for one in found if one.quantity == GRAPHICAL))
+        uneven.append(failed(of_heap, ["flanks_agree"]))
+        warnings += seen.notes
         whose = f"{seen.profile.view}: " if len(observations) > 1 else ""
         warnings += [whose + doubt for doubt in doubts]
         if seen.unconfirmed and seen.unconfirmed not in warnings:
             warnings.append(seen.unconfirmed)
-        checks += [*seen.checks, *heap_checks(seen.profile, heap, base_diameter, bead_diameter)]
+        checks += [*seen.checks, *of_heap]
     if len(observations) > 1:
         agree = views_checks(quantities, LINE)
         checks += agree
@@ -170,8 +182,20 @@ def _evaluate(
             warnings.append(f"left out of the mean over views, because doubtful: {left_out}.")
             if doubtful.count(False) == 1:
                 odd.append(f"one view alone is sound, and none confirms it; left out: {left_out}")
-        quantities = [doubted(one, "; ".join(odd)) for one in _over_views(quantities)] + quantities
+        # a mean over views has the scatter of its sides in its budget; it is doubtful where no view is even
+        over = [doubted(one, "; ".join(odd)) for one in _over_views(quantities)]
+        all_uneven = "; ".join(uneven) if all(uneven) else ""
+        quantities = [*_leaning(over, "all", all_uneven), *quantities]
+    for seen, message in zip(observations, uneven, strict=True):
+        quantities = _leaning(quantities, seen.profile.view if len(observations) > 1 else None, message)
+    if base_diameter is not None and bead_diameter is not None:
+        warnings += narrow_base(base_diameter, bead_diameter)
     return Evaluation(tuple(quantities), tuple(checks), tuple(warnings))
+
+
+def _leaning(quantities: Sequence[Quantity], view: str | None, why: str) -> list[Quantity]:
+    """The quantities, of which the angles of one view are doubtful because its flanks do not agree."""
+    return [doubted(one, why if one.unit == "deg" and one.detail.get("view") == view else "") for one in quantities]
 
 
 def _angles(profile: Profile, base_diameter: float | None, grain: float | None) -> dict[tuple[str, str, str], float]:
@@ -403,7 +427,7 @@ def _observe_table(path: Path, name: str, base_diameter: float | None) -> tuple[
 def _observe_photo(
     photo: Path, name: str, camera: Camera, base_diameter: float | None, bead_diameter: float | None
 ) -> tuple[Observation, dict[str, Any], _Draw]:
-    image = read_photo(photo, camera.lens)
+    image, odd = read_photo(photo, camera.lens)
     ratio = base_diameter / bead_diameter if base_diameter and bead_diameter else None
     focal_length = _focal_length(photo, image)
     found = find_heap(image, roll=camera.roll, region=camera.region, beads_across=ratio, focal_length=focal_length)
@@ -428,6 +452,7 @@ def _observe_photo(
         sizes,
         _scale_doubt(scale_from, camera),
         unconfirmed,
+        odd,
     )
     view = {
         "scale_m_per_px": None if scale is None else scale * found.zoom,

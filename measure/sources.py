@@ -6,6 +6,7 @@ order, one at a time.  FFmpeg (through PyAV) reads the video files, Phantom's ``
 
 from __future__ import annotations
 
+import logging
 import lzma
 import re
 import zlib
@@ -28,6 +29,9 @@ from rigtwin.lab.camera import Lens
 from rigtwin.lab.errors import UnreadableMedia
 from rigtwin.measure.lens import straight
 from rigtwin.measure.wholeness import breaks_off
+
+# what is odd about a stack is told in our own words, and not on stderr besides
+logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
 Grey = npt.NDArray[np.uint8]
 Image = npt.NDArray[np.uint8]
@@ -275,7 +279,7 @@ class Stills:
                 else "give a video, or a folder of numbered pictures"
             )
             raise UnreadableMedia(
-                f"{path}: is a folder with {len(self.files)} pictures ({', '.join(STILLS)}); {advice}."
+                f"{path}: is a folder with {_pictures(len(self.files))} ({', '.join(STILLS)}); {advice}."
             )
         first = _still(self.files[0])
         self.shape = (first.shape[0], first.shape[1])
@@ -322,13 +326,13 @@ class Stack:
         except (*BROKEN_PAGE, tifffile.TiffFileError):
             raise UnreadableMedia(f"{path}: cannot be decoded as a TIFF file; give a clip or a stack.") from None
         if count < 3:
-            raise UnreadableMedia(f"{path}: holds {count} pictures; a measurement needs a clip.")
+            raise UnreadableMedia(f"{path}: holds {_pictures(count)}; a measurement needs a clip.")
         self.shape = (first.shape[0], first.shape[1])
         self.stamps: list[float | None] = [None] * count
         _must_be_whole(path, first)
         self.shift, self.notes = bit_shift(some)
         if count < stated:
-            self.notes += (f"{path.name} holds {count} of {stated} pictures; used those.", CUT_OFF)
+            self.notes += (f"{path.name} holds {count} of {_pictures(stated)}; used those.", CUT_OFF)
 
     def at(self, numbers: Sequence[int]) -> Iterator[Picture]:
         return (next(self.pictures(number)) for number in numbers)
@@ -404,7 +408,7 @@ class Photron:
         whole = self.raw.stat().st_size // size
         self.notes: tuple[str, ...] = ()
         if whole < header.count:
-            self.notes = (f"{self.raw.name} holds {whole} of {header.count} pictures; used those.",)
+            self.notes = (f"{self.raw.name} holds {whole} of {_pictures(header.count)}; used those.",)
         self.shape = (header.height, header.width)
         self.rate = header.rate
         self.stamps: list[float | None] = [k / header.rate for k in range(min(whole, header.count))]
@@ -488,6 +492,10 @@ def _must_be_whole(path: Path, first: npt.NDArray[Any]) -> None:
     # cut to their lowest eight bits they would be read as something else
     if first.dtype not in (np.uint8, np.uint16):
         raise UnreadableMedia(f"{path}: its pixels are {first.dtype} numbers; save it with 8 or 16 bits, unsigned.")
+
+
+def _pictures(count: int) -> str:
+    return "1 picture" if count == 1 else f"{count} pictures"
 
 
 def bit_shift(some: Iterable[npt.NDArray[Any]]) -> tuple[int, tuple[str, ...]]:

@@ -188,6 +188,15 @@ def test_heaps_of_one_angle_and_two_heights_are_no_views_of_one() -> None:
     )
 
 
+def test_angles_of_flanks_that_do_not_agree_are_doubtful_in_their_view_and_no_lengths() -> None:
+    even, uneven = (replace(triangle(30, right), view=name) for name, right in (("even", 30), ("uneven", 40)))
+    alone = evaluate([uneven])
+    both = evaluate([even, uneven])
+    for quantity in (*alone.quantities, *both.quantities):
+        of_uneven = quantity.detail.get("view", "uneven") == "uneven"
+        assert bool(quantity.doubtful) == (of_uneven and quantity.unit == "deg"), quantity
+
+
 def bumpy(slope: float, **shape: float) -> Profile:
     """A heap whose left flank goes up and down by more than a bead: nothing that an outline of one can be."""
     heap = triangle(slope, slope, **shape)

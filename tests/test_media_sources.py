@@ -87,7 +87,10 @@ def test_twelve_bits_of_a_grey_film_and_of_a_photo_fill_the_grey_levels(tmp_path
     np.testing.assert_array_equal(frame.grey, deep >> 4)
     np.testing.assert_array_equal(frame.colour[..., 1], deep >> 4)
     cv2.imwrite(str(tmp_path / "deep.png"), deep)
-    np.testing.assert_array_equal(read_photo(tmp_path / "deep.png")[..., 0], deep >> 4)
+    photo, odd = read_photo(tmp_path / "deep.png")
+    np.testing.assert_array_equal(photo[..., 0], deep >> 4)
+    assert "12 bits" in odd[0]
+    assert "16 times brighter" in odd[0]
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
@@ -268,7 +271,7 @@ def test_a_photo_of_a_phone_is_read(tmp_path):
     picture = np.zeros((64, 96, 3), dtype=np.uint8)
     picture[:, 48:, 0] = 200  # red to the right
     pillow_heif.from_pillow(Image.fromarray(picture)).save(tmp_path / "photo.heic", quality=95)
-    read = read_photo(tmp_path / "photo.heic")
+    read, _ = read_photo(tmp_path / "photo.heic")
     assert read.shape == (64, 96, 3)
     assert read[:, 60:, 2].mean() > 150
     assert read[:, :40].mean() < 60
