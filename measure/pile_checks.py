@@ -22,8 +22,8 @@ def narrow_base(base: float, bead: float) -> list[str]:
     if base > ADVISED_RATIO * bead:
         return []
     return [
-        f"the base is {base / bead:.1f} bead diameters wide; take one of more than {ADVISED_RATIO}, or repeat the heap: "
-        "on a smaller base single beads set the angle."
+        f"the base is {base / bead:.1f} bead diameters wide; more than {ADVISED_RATIO} are advised: on a smaller one "
+        "single beads set the angle, so repeat the heap."
     ]
 
 
