@@ -81,12 +81,22 @@ class Collision:
     rest: Array  # [px], where B hangs
     radius: float  # [px]
 
+    @property
+    def weight(self) -> float:
+        """How much of what moves in the film the two paths are."""
+        return weight_of(self.fall) + weight_of(self.rise)
+
     def of_every(self, every: int, first: int) -> Collision:
         """The same in frames of the clip, where paths counted `every` so many from the `first` on."""
         fall, rise = (
             Path([first + every * k for k in path.frames], path.places, path.sizes) for path in (self.fall, self.rise)
         )
         return Collision(fall, rise, self.rest, self.radius)
+
+
+def weight_of(path: Path) -> float:
+    """How far something moves, and how large it is."""
+    return path.extent * math.sqrt(float(np.median(path.sizes)))
 
 
 def find_paths(
@@ -221,13 +231,18 @@ def _unbroken(path: Path) -> list[Path]:
     return [path.part(a, b) for a, b in pairwise(edges) if b - a >= 4]
 
 
-def find_collision(paths: list[Path], video: Video, stated_length: float | None = None) -> Collision:
+def find_collision(
+    paths: list[Path], video: Video, stated_length: float | None = None, *, in_pieces: bool
+) -> Collision:
     """The pair of paths of which one ends, fast, where and when the other begins in the same direction.
 
-    Raises `NothingToMeasure` when there is none; `stated_length` [m] of the pendulum then helps to say what was seen.
+    With `in_pieces` also of paths that are broken.  Raises `NothingToMeasure` when there is none; `stated_length` [m]
+    of the pendulum then helps to say what was seen.
     """
     moving = [path for path in paths if path.extent > 3 * float(np.median(path.sizes))]
-    best = _best_meeting([with_beginning(path, paths) for path in moving], moving) or _meeting_of_pieces(paths)
+    best = _best_meeting([with_beginning(path, paths) for path in moving], moving)
+    if best is None and in_pieces:
+        best = _meeting_of_pieces(paths)
     if best is None and not moving:
         raise NothingToMeasure(f"{video.path}: nothing like a bead moves in this clip; show the release and the hit.")
     if best is None:

@@ -8,7 +8,6 @@ Picture coordinates: x right, y down, centre of the top-left pixel (0, 0).
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -23,7 +22,7 @@ from rigtwin.measure.bead import BeadFit, BeadImage, Look, common_look, fit_bead
 from rigtwin.measure.channel import Channel, best_channel
 from rigtwin.measure.follow import frames_of
 from rigtwin.measure.media import Frame, Grey, Video
-from rigtwin.measure.meeting import Collision, Path, Region, find_collision, find_paths, hanging_place
+from rigtwin.measure.meeting import Collision, Path, Region, find_collision, find_paths, hanging_place, weight_of
 from rigtwin.measure.scene import Background, Pose, Scene, shakes_of
 from rigtwin.measure.spots import Spot, SpotPath
 
@@ -105,18 +104,33 @@ def _collision(
 ) -> Collision:
     """The collision; where none is seen, again in the frames of films several times slower.
 
-    In a high-speed film the beads' one spot creeps from the one over to the other without a leap.
+    In a high-speed film the beads' one spot creeps from the one over to the other without a leap, while glimpses of
+    their threads seem to meet.  Pieces of paths are put together only where no whole ones meet.
     """
-    try:
-        return find_collision(find_paths(video, scene, samples, region, progress), video, stated_length)
-    except NothingToMeasure as of_all:
-        for every in SPARSER:
-            if video.last - video.first < every * FEWEST:
+    seen: dict[int, list[Path]] = {}
+    refused: NothingToMeasure | None = None
+    for in_pieces in (False, True):
+        best: Collision | None = None
+        for every in (1, *SPARSER):
+            if every > 1 and video.last - video.first < every * FEWEST:
                 break
-            paths = find_paths(video, scene, samples, region, progress, every=every)
-            with contextlib.suppress(NothingToMeasure):
-                return find_collision(paths, video, stated_length).of_every(every, video.first)
-        raise of_all  # what it says of periods counts all frames
+            if every not in seen:
+                seen[every] = find_paths(video, scene, samples, region, progress, every=every)
+            try:
+                found = find_collision(seen[every], video, stated_length, in_pieces=in_pieces)
+            except NothingToMeasure as error:
+                refused = refused or error  # what is said of periods counts all frames
+                continue
+            found = found if every == 1 else found.of_every(every, video.first)
+            if found.weight > max(weight_of(path) for path in seen[every]):
+                return found
+            # something larger moves further, the beads themselves perhaps
+            if best is None or found.weight > best.weight:
+                best = found
+        if best is not None:
+            return best
+    assert refused is not None
+    raise refused
 
 
 def still_scene(greys: dict[int, Grey]) -> Scene:

@@ -13,16 +13,24 @@ from rigtwin.measure import two_beads
 from rigtwin.measure.meeting import Collision, Path
 
 
-def found(monkeypatch: pytest.MonkeyPatch, frames: int, shows: int) -> Collision:
-    """What is made of a film of `frames` in which a collision shows in one of `shows` frames."""
+def straight(frames: list[int], step: float) -> Path:
+    return Path(frames, [np.array([step * k, 0.0]) for k in range(len(frames))], [9.0] * len(frames))
 
-    def paths(*_: object, every: int = 1) -> int:
-        return every
 
-    def collision(every: int, *_: object) -> Collision:
-        if every != shows:
+def found(monkeypatch: pytest.MonkeyPatch, frames: int, shows: dict[int, float]) -> Collision:
+    """What is made of a film of `frames` in which, looked at so sparsely, paths of so large steps [px] meet.
+
+    Something moves by 30 px.
+    """
+
+    def paths(*_: object, every: int = 1) -> list[Path]:
+        return [straight([every, 2 * every], 30.0)]
+
+    def collision(paths: list[Path], *_: object, in_pieces: bool) -> Collision:
+        every = paths[0].frames[0]
+        if every not in shows:
             raise NothingToMeasure(f"none in one of {every}")
-        path = Path([0, 1, 2], [np.zeros(2)] * 3, [9.0] * 3)
+        path = straight([0, 1, 2], shows[every])
         return Collision(path, path, np.zeros(2), 4.5)
 
     monkeypatch.setattr(two_beads, "find_paths", paths)
@@ -36,7 +44,7 @@ def test_a_collision_that_shows_in_fewer_frames_is_told_in_the_films_own(
     monkeypatch: pytest.MonkeyPatch, shows: int
 ) -> None:
     first = 0 if shows == 1 else 5  # paths of all frames count the clip's own already
-    assert found(monkeypatch, 2000, shows).rise.frames == [first, first + shows, first + 2 * shows]
+    assert found(monkeypatch, 2000, {shows: 20.0}).rise.frames == [first, first + shows, first + 2 * shows]
 
 
 @pytest.mark.parametrize(("frames", "shows"), [(2000, 0), (500, 16), (200, 4)])
@@ -44,4 +52,9 @@ def test_where_no_frames_show_a_collision_the_error_speaks_of_all_of_them(
     monkeypatch: pytest.MonkeyPatch, frames: int, shows: int
 ) -> None:
     with pytest.raises(NothingToMeasure, match=r"one of 1$"):
-        found(monkeypatch, frames, shows)
+        found(monkeypatch, frames, {shows: 20.0})
+
+
+def test_glimpses_of_threads_that_seem_to_meet_do_not_outdo_the_beads(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert found(monkeypatch, 2000, {1: 2.0, 4: 20.0}).fall.extent == 40
+    assert found(monkeypatch, 2000, {1: 2.0}).fall.extent == 4  # something large moves besides, a hand say

@@ -35,7 +35,7 @@ def swings(*, leap=SIZE):
 @pytest.mark.parametrize(("before", "after"), [((40,), (38,)), ((20, 8, 6, 6), (6, 8, 10, 14))])
 def test_the_hit_is_found_also_where_no_piece_of_a_path_is_long(before, after):
     fall, came, rise, went = swings()
-    found = find_collision([*pieces(fall, came, before), *pieces(rise, went, after)], Clip())
+    found = find_collision([*pieces(fall, came, before), *pieces(rise, went, after)], Clip(), in_pieces=True)
     assert (found.fall.frames[0], found.fall.frames[-1]) == (fall[0], fall[-1])
     assert found.rise.frames[0] == rise[0]
 
@@ -43,4 +43,4 @@ def test_the_hit_is_found_also_where_no_piece_of_a_path_is_long(before, after):
 def test_one_bead_whose_path_is_broken_hits_nothing():
     fall, came, rise, went = swings(leap=0.0)
     with pytest.raises(NothingToMeasure, match="no bead is seen to hit"):
-        find_collision([*pieces(fall, came, (34, 6)), *pieces(rise, went, (6, 8, 10, 14))], Clip())
+        find_collision([*pieces(fall, came, (34, 6)), *pieces(rise, went, (6, 8, 10, 14))], Clip(), in_pieces=True)
