@@ -146,11 +146,11 @@ def fit_bead(
     pixels = _Pixels(patch)
     prior = _prior(pixels, start, look, patch, blur_doubt)
     if look is not None:
-        places = [patch.near] if onwards is None else [patch.near, patch.place(onwards)]
-        prior = pixels.started_better(prior, places)
-    fit = _fit_disc(pixels, prior)
+        places = [] if surely_near else [patch.near]
+        prior = pixels.started_better(prior, places if onwards is None else [*places, patch.place(onwards)])
+    fit = _fit_disc(pixels, prior, None if look is None else look.light)
     image = None if fit is None else _bead_image(patch, pixels, fit)
-    if fit is None or image is None or (look is not None and not pixels.confirm(fit.parameters, look.light)):
+    if fit is None or image is None:
         return None
     shading = _shading(fit, patch, prior)
     return BeadFit(image, _look(fit, patch), fit.misfit, shading, fit.information, patch.step)
@@ -175,15 +175,8 @@ def _soft_edge(depth: Picture) -> tuple[Picture, Picture]:
 
     Looked up in tables: the functions themselves would take most of the time of a fit.
     """
-    places = (np.clip(depth, -_DEEPEST, _DEEPEST) + np.float32(_DEEPEST)) * np.float32(
-        (len(_DEPTHS) - 1) / (2 * _DEEPEST)
-    )
-    whole = places.astype(np.int32)
-    places -= whole
-    return (
-        _COVERS.take(whole) + places * _COVER_STEPS.take(whole),
-        _RIMS.take(whole) + places * _RIM_STEPS.take(whole),
-    )
+    places = (depth * np.float32(1 / _DEPTH_STEP) + np.float32(_DEEPEST / _DEPTH_STEP + 0.5)).astype(np.int32)
+    return _COVERS.take(places, mode="clip"), _RIMS.take(places, mode="clip")
 
 
 def _summed(moments: Picture, values: Picture) -> Picture:
@@ -217,16 +210,18 @@ FAINTEST = 0.3  # of how a bead should stand out from what it hides, below which
 _SHAPES = 6
 _LIGHTS = 4
 _ROOM = 2.5  # [px], around the pixels near a bead, so that it may move a little before they are chosen anew
+_POWERS = np.arange(3)[:, None]
 _AT_ONCE = 1000  # pixels in a product of matrices
 _EXACT = 0.02  # [px], spread of a blur that is known
 _MOST_STEPS = 18  # of the exposure integral: a longer smear has its information at its ends and sides
 _SETTLED = 0.1  # of the cost, that another step may gain at most; a gain of 1 would be one standard deviation
 _BEYOND = 1.3  # of a step: the weights follow the residuals only in the next turn, so each step is too short
+_HOPELESS = 8  # turns in which a bead that is there has been reached, a diameter away or less
 _DEEPEST = 6.0  # depth below the rim, in units of its softness, at which a pixel is covered all but 1e-9
-_DEPTHS = np.linspace(-_DEEPEST, _DEEPEST, 769)
+_DEPTH_STEP = 2.0**-10  # of the tables: how much of a pixel is covered is right to 0.0002
+_DEPTHS = np.arange(-_DEEPEST, _DEEPEST + _DEPTH_STEP, _DEPTH_STEP)
 _COVERS = ndtr(_DEPTHS).astype(np.float32)
 _RIMS = (np.exp(-0.5 * _DEPTHS**2) / math.sqrt(2 * math.pi)).astype(np.float32)
-_COVER_STEPS, _RIM_STEPS = (np.append(np.diff(table), np.float32(0)) for table in (_COVERS, _RIMS))
 
 
 def _start(patch: Patch, blur_guess: tuple[float, float], look: Look | None) -> Array | None:
@@ -262,8 +257,11 @@ def _prior(pixels: _Pixels, start: Array, look: Look | None, patch: Patch, blur_
     return _Prior(mean, np.array([*spread, *light_spread, *np.full(len(scene), np.inf)]))
 
 
-def _fit_disc(pixels: _Pixels, prior: _Prior) -> _Fit | None:
-    """Levenberg-Marquardt on all parameters together, weights and noise renewed at every turn."""
+def _fit_disc(pixels: _Pixels, prior: _Prior, usual: Array | None) -> _Fit | None:
+    """Levenberg-Marquardt on all parameters together, weights and noise renewed at every turn.
+
+    None where no bead is seen, of the light that is `usual` where that is known.
+    """
     parameters = prior.mean.copy()
     pixels.arrange(parameters[:_SHAPES])
     jacobian, residual = pixels.linearise(parameters)
@@ -273,6 +271,8 @@ def _fit_disc(pixels: _Pixels, prior: _Prior) -> _Fit | None:
     for turn in range(14):
         if pixels.arrange(parameters[:_SHAPES]):
             jacobian, residual = pixels.linearise(parameters)
+        if turn == _HOPELESS and usual is not None and not pixels.confirm(parameters, jacobian, residual, usual):
+            return None
         noise = _noise(residual, jacobian[_SHAPES])
         weights = _robust_weights(residual, noise) / noise**2
         # pixels that repeat each other say less of the shape than they seem to: what is known before counts for more
@@ -302,6 +302,8 @@ def _fit_disc(pixels: _Pixels, prior: _Prior) -> _Fit | None:
         if gained < _SETTLED and turn >= 2:
             break
     if not np.all(np.isfinite(parameters)):
+        return None
+    if usual is not None and not pixels.confirm(parameters, jacobian, residual, usual):
         return None
     excess = _correlation_excess(pixels.image(residual))
     return _Fit(
@@ -366,7 +368,7 @@ def _correlation_excess(residual: Array) -> float:
     across = float(np.einsum("ij,ij", values[:, 1:], values[:, :-1])) / power
     down = float(np.einsum("ij,ij", values[1:], values[:-1])) / power
     excess = (1 + across) / (1 - across) * (1 + down) / (1 - down)
-    return float(np.clip(excess, 1.0, 16.0))
+    return min(max(excess, 1.0), 16.0)
 
 
 class _Pixels:
@@ -441,24 +443,21 @@ class _Pixels:
         The brightest part of a shaded bead, of which the moments tell, may lie half a radius off its centre.
         """
         there = [replace(prior, mean=np.concatenate([place, prior.mean[2:]])) for place in places]
-        return min(prior, *there, key=lambda each: self._misfit(each.mean))
+        return min([prior, *there], key=lambda each: self._misfit(each.mean)) if there else prior
 
     def _misfit(self, parameters: Array) -> float:
         self.arrange(parameters[:_SHAPES])
         return float(np.sum(np.abs(self.linearise(parameters)[1])))
 
-    def confirm(self, parameters: Array, usual: Array) -> bool:
+    def confirm(self, parameters: Array, jacobian: Array, residual: Array, usual: Array) -> bool:
         """Whether the pixels show what the model says, and not just the scene.
 
         `usual` is the light of the bead wherever it is: a smear of lens or codec that is far fainter is not the bead.
         """
-        empty = parameters.copy()
-        empty[_SHAPES + _LIGHTS :] = 0.0
-        rows, residual = self.linearise(empty)
-        values = self.values[: self._near]
-        model = values - residual[: self._near]
-        lights = np.s_[_SHAPES : _SHAPES + _LIGHTS]
-        bead = model + np.einsum("i,ik", usual - parameters[lights], rows[lights])
+        near, lights, scene = self._near, np.s_[_SHAPES : _SHAPES + _LIGHTS], np.s_[_SHAPES + _LIGHTS :]
+        values = self.values[:near]
+        model = values - residual[:near] - np.einsum("i,ik", parameters[scene], jacobian[scene])
+        bead = model + np.einsum("i,ik", usual - parameters[lights], jacobian[lights])
         return 0.5 < _part_shown(model, values) < 2.0 and _part_shown(bead, values) > FAINTEST
 
     def linearise(self, parameters: Array) -> tuple[Array, Array]:
@@ -495,7 +494,7 @@ class _Pixels:
         rim *= over
         toward = rim / (distance + np.float32(1e-6))
         # what every pixel collects over the exposure: plain, and weighted with the moment
-        moments = (np.stack([np.ones(count), when, when * when]) / count).astype(np.float32)
+        moments = (when**_POWERS / count).astype(np.float32)
         covered, early, spread = _summed(moments, cover)
         squares = _summed(moments[:1], cover * square)[0]
         pull_x, pull_y = _summed(moments[:2], toward * dx), _summed(moments[:2], toward * dy)

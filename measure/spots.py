@@ -143,7 +143,8 @@ class Search:
         """The spots of the next frame, the strongest first."""
         small = coarse(frame.grey)
         self.repeats.add(frame.index, small)
-        pose = self.scene.pose(frame.grey, self.poses[-1].shake if self.poses else (0.0, 0.0), quickly=self._large)
+        before = self.poses[-1] if self.poses else Pose()
+        pose = self.scene.next_pose(frame.grey, before) if self._large else self.scene.pose(frame.grey, before.shake)
         self.poses.append(pose)
         windows = self._windows(small, pose) if self._large else None
         if windows is not None:

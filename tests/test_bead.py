@@ -12,7 +12,7 @@ from rigtwin.measure.bead import BeadImage, Look, fit_bead, locate
 from rigtwin.measure.follow import scatter
 from rigtwin.measure.in_view import camera_by_scene, static_camera
 from rigtwin.measure.light import in_steady_light
-from rigtwin.measure.scene import Background, stands_still
+from rigtwin.measure.scene import Background, Pose, stands_still
 
 SIZE = 72
 FINE = 6  # drawn on a grid this much finer, then averaged
@@ -242,8 +242,9 @@ def drawn_wall(rng, size=(340, 420)):
     return cv2.GaussianBlur(wall, (0, 0), 1.0)
 
 
+@pytest.mark.parametrize("quickly", [False, True])
 @pytest.mark.parametrize("kind", ["jerks", "swings"])
-def test_a_shake_far_wider_than_an_edge_is_followed_to_a_third_of_a_pixel(kind):
+def test_a_shake_far_wider_than_an_edge_is_followed_to_a_third_of_a_pixel(kind, quickly):
     rng = np.random.default_rng(21)
     wall, time = drawn_wall(rng), np.arange(42) / 60
     jerks = rng.normal(0, 5, (42, 2))
@@ -258,7 +259,8 @@ def test_a_shake_far_wider_than_an_edge_is_followed_to_a_third_of_a_pixel(kind):
             background.add(index, frames[-1])
     scene, poses = background.scene(), []
     for frame in frames:
-        poses.append(scene.pose(frame, poses[-1].shake if poses else (0.0, 0.0)))
+        before = poses[-1] if poses else Pose()
+        poses.append(scene.next_pose(frame, before) if quickly else scene.pose(frame, before.shake))
     assert all(pose.placed for pose in poses)
     off = np.array([pose.shake for pose in poses]) - true
     assert np.sqrt(np.mean((off - np.median(off, axis=0)) ** 2)) < 0.3
