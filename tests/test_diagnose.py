@@ -524,7 +524,10 @@ def test_a_bulk_rig_is_left_undecided_with_the_reason(tmp_path):
         ({"gravity_m_s2": -9.81}, "gravity_m_s2: -9.81 cannot be"),
         ({"particles": {"heavy": {"diameter_m": 6.2, "mass_g": 0.07}}}, "6.2 is in metres; was it meant in mm"),
         ({"conditions": [{"name": "c", "bead": "heavy", "repetitions": 2}]}, "no such file"),
-        ({"conditions": [{"name": "c", "bead": "heavy", "repetitions": 1}] * 2}, "two are named 'c'"),
+        ({"conditions": [{"name": "c", "bead": "heavy"}]}, "condition c: repetitions: is missing"),
+        ({"gravity_m_s2": 981}, "gravity_m_s2: 981 cannot be"),
+        ({"gravity_m_s2": 10**400}, "gravity_m_s2: 1000.* cannot be"),
+        ({"particles": {"heavy": {"diameter_m": 0.006, "mass_g": 120}}}, "more than any metal"),
         ({"conditions": [{"name": "c", "bead": "gold", "repetitions": 2}]}, "bead 'gold' is not under particles"),
     ],
 )
@@ -564,6 +567,37 @@ def test_a_fall_from_a_bridge_is_no_length_in_millimetres(tmp_path, unit, says):
             read_tracked_lab(tmp_path).setting("drop_height_m")
     else:
         assert read_tracked_lab(tmp_path).setting("drop_height_m") == [45.0]
+
+
+def test_two_conditions_that_read_one_file_are_refused(tmp_path):
+    lab = write_drops(tmp_path / "lab", 79, beads=("heavy",), heights=(0.1, 0.3), repetitions=1)
+    document = json.loads((lab / "lab.json").read_text())
+    document["conditions"][1]["files"] = "heavy_100/rep%02d.csv"
+    (lab / "lab.json").write_text(json.dumps(document))
+    with pytest.raises(BadInput, match=r"heavy_100 and heavy_300 both read heavy_100/rep01\.csv"):
+        read_tracked_lab(lab)
+
+
+@pytest.mark.parametrize("stated", [0.2, 0.04])
+def test_a_height_that_the_tracks_contradict_is_refused(tmp_path, stated):
+    lab = write_drops(tmp_path / "lab", 78, beads=("heavy",), heights=(0.1, 0.3), repetitions=3)
+    document = json.loads((lab / "lab.json").read_text())
+    document["conditions"][0]["drop_height_m"] = stated
+    (lab / "lab.json").write_text(json.dumps(document))
+    with pytest.raises(BadInput, match=f"heavy_100: drop_height_m: {stated} is stated, but the tracks begin 0.1"):
+        diagnose(read_tracked_lab(lab))
+
+
+def test_beads_that_never_fall_are_left_out_and_a_coordinate_that_was_not_measured_is_no_noise(tmp_path):
+    lab = write_drops(tmp_path / "lab", 80, beads=("heavy",), heights=(0.1, 0.3), repetitions=3)
+    for file in lab.glob("*/*.csv"):
+        time, x, y = np.loadtxt(file, delimiter=",", skiprows=1).T
+        write_track(file, time, np.column_stack([0 * x, y]))
+    assert DropBench(read_tracked_lab(lab)).noise == pytest.approx(1.5e-4, rel=0.2)
+    for file in lab.glob("*/*.csv"):
+        write_track(file, time, np.column_stack([0 * time, 0 * time + int(file.parent.name[6:]) / 1000]))
+    with pytest.raises(BadInput, match="nothing moves in any of the 6 repetitions"):
+        diagnose(read_tracked_lab(lab))
 
 
 def test_a_folder_without_a_lab_is_refused(tmp_path):

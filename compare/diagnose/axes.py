@@ -27,6 +27,7 @@ SPEAKING = 3  # windows
 SELDOM = 0.05  # share of the rows
 HIGH = 0.3  # thread lengths
 LONG = 200.0  # frames between two rows, far below a time in milliseconds
+HIGHER = 0.3  # of a stated height: no lab is as unsure of its scale
 OFF = 0.25  # thread lengths from where a thread's end can be
 TINY = 1e-9  # [m]
 NEAR, FAR = math.radians(5), math.radians(10)  # of a stated angle, and clearly off it
@@ -57,6 +58,20 @@ def check_axes(lab: TrackedLab) -> None:
                     f"{lab.folder}: {condition.name}: {where}: {repetition[0].body}, the bead that is let go, starts "
                     "on the right; write x_m with the opposite sign, so that it starts on the left."
                 )
+        if lab.rig == "drop" and "drop_height_m" in condition.settings:
+            _check_height(alone, condition)
+
+
+def _check_height(lab: TrackedLab, condition: Condition) -> None:
+    """Raises `BadInput` where the beads of a condition do not begin where it says that they are let go."""
+    stated, bead = lab.setting("drop_height_m")[0], condition.bead
+    tops = [float(repetition[0].position[:, 1].max()) - bead.radius for repetition in condition.repetitions]
+    seen = float(np.median(tops))
+    if abs(seen - stated) > HIGHER * stated + bead.diameter:
+        raise BadInput(
+            f"{lab.folder}: {condition.name}: drop_height_m: {stated:g} is stated, but the tracks begin {seen:.3g} m "
+            "above the plate; correct it, or the scale of the tracks, or put their origin in the plate's surface."
+        )
 
 
 def _ticks(lab: TrackedLab, track: Track) -> str:

@@ -108,13 +108,15 @@ def _once(hook: str, terms: Sequence[Effect]) -> list[Effect]:
 def noise_of(lab: TrackedLab, tracks: Sequence[Track]) -> float:
     """[m] one standard deviation of a coordinate: stated, refined by the roughness of the tracks themselves.
 
-    Third differences remove any smooth motion; the median stays clear of impacts.
+    Third differences remove any smooth motion; the median stays clear of impacts.  A coordinate that never changes was
+    not measured.
     """
     rough = []
     for track in tracks:
+        seen = track.position[:, np.ptp(track.position, axis=0) > 0]
         gap = np.diff(track.time)
         even = np.abs(gap - np.median(gap)) < 0.2 * np.median(gap)
-        third = np.abs(np.diff(track.position, 3, axis=0))
+        third = np.abs(np.diff(seen, 3, axis=0))
         # an impact is rough in itself
         calm = (third <= 5 * np.median(third, axis=0)).all(axis=1)
         rough.append(third[even[:-2] & even[1:-1] & even[2:] & calm].ravel())

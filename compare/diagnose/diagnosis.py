@@ -403,6 +403,8 @@ def _stability(diagnosis: Diagnosis) -> Stability | None:
     naming, chosen = diagnosis.naming, diagnosis.chosen
     if naming is None or chosen is None or diagnosis.verdict not in ("named", "indistinguishable"):
         return None
+    if _once(diagnosis.bench) == len(diagnosis.bench.condition_names):
+        return None  # there are no other repetitions to draw
     same_size = [one for one in naming.tried if len(one.terms) == len(chosen.terms) and not one.reason]
     rivals = [one for one in same_size if one.groups != chosen.groups]
     spread = spread_of(naming.base, naming.location)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
@@ -19,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from rigtwin.lab.errors import BadLabFile
+from rigtwin.lab.materials import no_bead_has
 from rigtwin.lab.records import Track, read_tracks
 from rigtwin.lab.units import LONGEST
 from rigtwin.sim.effects.effect import Effect, Parameter
@@ -50,10 +50,12 @@ RANGES = {  # smallest and largest that can be, neither of which is
     **dict.fromkeys(("drop_height_m", "length_m", "thickness_m", "youngs_modulus_Pa", "clump_mass_g"), (0.0, math.inf)),
     "poissons_ratio": (-1.0, 0.6),
     "release_angle_deg": (-180.0, 180.0),
+    "gravity_m_s2": (0.0, 100.0),
 }
 TABLES = ("walls", "rig_geometry")
 BEYOND = 30.0  # times as long as what is seen of a motion: 300 mm and what is seen of them are 1000 apart
 FARTHEST, FASTEST = 100.0, 60.0  # [m] from the origin, and [m/s]: a fall from 180 m
+LARGEST = 1e300  # of any number: what a float can hold
 EARLY = 0.2  # [s], in which a clock that starts with the film has shown a row, some lost frames allowed for
 
 
@@ -123,7 +125,9 @@ class TrackedLab:
         for condition in self.conditions:
             value, place = condition.settings.get(name, default), f"{self.folder / 'lab.json'}: condition"
             if not _is_number(value):
-                raise BadLabFile(f"{place} {condition.name}: {name}: is missing or not a number.")
+                meant = [] if name in condition.settings else get_close_matches(name, condition.settings, n=1)
+                hint = f"; was {meant[0]} meant to be it?" if meant else "."
+                raise BadLabFile(f"{place} {condition.name}: {name}: is missing or not a number{hint}")
             if name.endswith("_m") and value > LONGEST and value > BEYOND * _furthest(condition):
                 raise BadLabFile(f"{place} {condition.name}: {name}: {value:g} is in metres; was it meant in mm?")
             values += [float(value)] * len(condition.repetitions)
@@ -243,7 +247,6 @@ def read_tracked_lab(path: Path) -> TrackedLab:
     gravity = _number({"gravity_m_s2": 9.81, **document}, "gravity_m_s2", file)
     camera = _camera(document, file, rig)
     geometry = document.get("rig_geometry", {})
-    _read_once(file, raw_conditions)
     conditions = () if rig in BULK else tuple(_condition(document, raw, file, rig) for raw in raw_conditions)
     free = [one.name for one in conditions if not one.wall]
     if rig == "pendulum" and 0 < len(free) < len(conditions):
@@ -252,6 +255,7 @@ def read_tracked_lab(path: Path) -> TrackedLab:
             f"{file}: conditions: {free[0]} swings freely and {striking} strikes a wall; those are two experiments: "
             "write a lab.json for each."
         )
+    _read_once(file, conditions)
     return TrackedLab(
         title=str(document.get("case") or document.get("title") or file.parent.name),
         rig=rig,
@@ -265,15 +269,17 @@ def read_tracked_lab(path: Path) -> TrackedLab:
     )
 
 
-def _read_once(file: Path, conditions: Sequence[Any]) -> None:
-    """Refuse conditions that would read the same files."""
-    tables = [raw for raw in conditions if isinstance(raw, dict)]
-    for (name, _), count in Counter((str(raw.get("name", "")), str(raw.get("files"))) for raw in tables).items():
-        if name and count > 1:
-            raise BadLabFile(
-                f"{file}: conditions: two are named {name!r} and read the same files; one condition holds all "
-                "repetitions of a setting, and each setting has a name of its own."
-            )
+def _read_once(file: Path, conditions: Sequence[Condition]) -> None:
+    """Refuse conditions that read the same files."""
+    owners: dict[Path, Condition] = {}
+    for condition in conditions:
+        for one in condition.files:
+            owner = owners.setdefault((file.parent / one).resolve(), condition)
+            if owner is not condition:
+                raise BadLabFile(
+                    f"{file}: conditions: {owner.name} and {condition.name} both read {one}; one condition holds all "
+                    "repetitions of a setting, and each setting has a name and files of its own."
+                )
 
 
 def _document(file: Path) -> dict[str, Any]:
@@ -317,7 +323,7 @@ def _sane(value: Any, key: str, file: Path) -> None:
         if not (isinstance(value, (int, float)) and least < value < most):
             between = "above zero" if most == math.inf else f"between {least:g} and {most:g}"
             raise BadLabFile(f"{file}: {key}: {value!r} cannot be; state a number {between}, in the unit of the name.")
-    elif isinstance(value, float) and not math.isfinite(value):
+    elif isinstance(value, (int, float)) and not abs(value) <= LARGEST:
         raise BadLabFile(f"{file}: {key}: {value!r} is no number that was measured; leave it out where it is unknown.")
     elif isinstance(value, (int, float)) and value < 0 and any(kind in key for kind in DOUBTS):
         raise BadLabFile(f"{file}: {key}: {value!r} cannot be; an uncertainty is not below zero.")
@@ -345,7 +351,7 @@ def _camera(document: Mapping[str, Any], file: Path, rig: str) -> Camera:
     scale = _number(raw, "scale_m_per_px", file, default=math.nan)
     noise = _number(raw, "tracking_noise_px", file, default=math.nan) * scale
     return Camera(
-        frame_rate=_number(raw, "frame_rate_hz", file),
+        frame_rate=_number(raw, "frame_rate_hz", file, where="camera: "),
         noise=_number(raw, "tracking_noise_m", file, default=noise),
         scale_rel=_number(raw, "scale_uncertainty_rel", file, default=0.002),
         clock_rel=_number(raw, "frame_rate_uncertainty_rel", file, default=1e-4),
@@ -358,12 +364,14 @@ def _condition(document: Mapping[str, Any], raw: Any, file: Path, rig: str) -> C
         raise BadLabFile(f"{file}: conditions: each must be a table with a name.")
     name = _text(raw, "name", file)
     bead = _bead(document, raw, file, name)
-    count = raw.get("repetitions", 0)
+    if "repetitions" not in raw:
+        raise BadLabFile(f"{file}: condition {name}: repetitions: is missing; say how many files there are of it.")
+    count = raw["repetitions"]
     if not isinstance(count, int) or isinstance(count, bool) or count < 1:
         raise BadLabFile(f"{file}: condition {name}: repetitions: {count!r} is not a whole number of at least 1.")
     pattern = str(raw.get("files") or f"{name}/rep%02d.csv")
     try:
-        files = [pattern % number for number in range(1, count + 1)]
+        first = pattern % 1
     except (TypeError, ValueError):
         raise BadLabFile(
             f"{file}: condition {name}: files: {pattern!r} holds no place for a number; write 'rep%02d.csv'."
@@ -375,8 +383,10 @@ def _condition(document: Mapping[str, Any], raw: Any, file: Path, rig: str) -> C
             f"{file}: condition {name}: states neither incline_angle_deg nor push_speed_m_s; a bead rolls down an "
             "incline or is pushed."
         )
-    tracks = []
-    for one in files:
+    tracks: list[tuple[Track, ...]] = []
+    files = []
+    for number in range(1, count + 1):  # which a slip of the pen makes too many to list
+        files.append(one := pattern % number)
         repetition = read_tracks(file.parent / one)
         _check(repetition, file.parent / one, rig)
         tracks.append(on_the_bench(rig, repetition))
@@ -384,7 +394,7 @@ def _condition(document: Mapping[str, Any], raw: Any, file: Path, rig: str) -> C
         if rig == "double" and bodies != others:
             raise BadLabFile(
                 f"{file.parent / one}: the beads are named {' and '.join(sorted(bodies))}, and "
-                f"{' and '.join(sorted(others))} in {files[0]}; name them alike in all repetitions."
+                f"{' and '.join(sorted(others))} in {first}; name them alike in all repetitions."
             )
     wall = str(raw.get("wall", ""))
     return Condition(name, bead, "" if wall.lower() == "none" else wall, settings, tuple(tracks), tuple(files))
@@ -446,6 +456,8 @@ def _bead(document: Mapping[str, Any], raw: Mapping[str, Any], file: Path, where
         mass = density * math.pi / 6 * diameter**3
     if not (diameter > 0 and mass > 0):
         raise BadLabFile(f"{file}: particles: {wanted}: needs diameter_m and mass_g (or density_kg_m3) above zero.")
+    if odd := no_bead_has(mass / (math.pi / 6 * diameter**3)):
+        raise BadLabFile(f"{file}: particles: {wanted}: {odd}")
     return Bead(str(wanted), diameter, mass, about)
 
 
@@ -460,8 +472,8 @@ def _text(table: Mapping[str, Any], key: str, file: Path) -> str:
     return value
 
 
-def _number(table: Mapping[str, Any], key: str, file: Path, *, default: float | None = None) -> float:
-    value = table.get(key, default)
+def _number(table: Mapping[str, Any], key: str, file: Path, *, default: float | None = None, where: str = "") -> float:
+    value, key = table.get(key, default), where + key
     if value is None:
         raise BadLabFile(f"{file}: {key}: is missing; state it as a number.")
     if not _is_number(value):

@@ -42,7 +42,7 @@ def sifted(lab: TrackedLab) -> tuple[TrackedLab, tuple[str, ...]]:
         if kept:
             conditions.append(replace(condition, repetitions=tuple(kept), files=tuple(files)))
     if not conditions:
-        raise BadInput(f"{lab.folder}: nothing moves in any of the {lab.repetitions} repetitions; tilt further.")
+        raise BadInput(f"{lab.folder}: nothing moves in any of the {lab.repetitions} repetitions; check the tracks.")
     return replace(lab, conditions=tuple(conditions)), tuple(said)
 
 
@@ -62,13 +62,13 @@ def _unseen(lab: TrackedLab) -> list[str]:
 
 
 def _stayed(rig: str, condition: Condition, track: Track, noise: float) -> bool:
-    """Whether a bead on an incline, or a clump on the arm, never started."""
+    """Whether a bead never fell or swung, one on an incline never rolled, a clump on the arm never slid."""
     if rig == "slide":
         way = np.hypot(track.position[:, 0], track.position[:, 1])  # the arm itself moves
     elif rig == "roll" and not condition.settings.get("push_speed_m_s"):
         way = track.position[:, 0]
     else:
-        return False
+        return bool(np.ptp(track.position, axis=0).max() <= STAYS * noise)
     return bool(abs(np.median(way[-SIDE:]) - np.median(way[:SIDE])) < STAYS * noise)
 
 
