@@ -596,7 +596,7 @@ def test_beads_that_never_fall_are_left_out_and_a_coordinate_that_was_not_measur
     assert DropBench(read_tracked_lab(lab)).noise == pytest.approx(1.5e-4, rel=0.2)
     for file in lab.glob("*/*.csv"):
         write_track(file, time, np.column_stack([0 * time, 0 * time + int(file.parent.name[6:]) / 1000]))
-    with pytest.raises(BadInput, match="nothing moves in any of the 6 repetitions"):
+    with pytest.raises(BadInput, match=r"nothing moves by more than 8 times the tracking noise .* in any of the 6 rep"):
         diagnose(read_tracked_lab(lab))
 
 

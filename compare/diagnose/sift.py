@@ -42,7 +42,10 @@ def sifted(lab: TrackedLab) -> tuple[TrackedLab, tuple[str, ...]]:
         if kept:
             conditions.append(replace(condition, repetitions=tuple(kept), files=tuple(files)))
     if not conditions:
-        raise BadInput(f"{lab.folder}: nothing moves in any of the {lab.repetitions} repetitions; check the tracks.")
+        raise BadInput(
+            f"{lab.folder}: nothing moves by more than {STAYS:g} times the tracking noise of {noise:.2g} m in any of "
+            f"the {lab.repetitions} repetitions; check the tracks, and tracking_noise_m where it is stated."
+        )
     return replace(lab, conditions=tuple(conditions)), tuple(said)
 
 
