@@ -164,8 +164,8 @@ class Scene:
         pose = replace(pose, beside=before.beside * pose.gain / before.gain)
         if pose.misfit > AS_BEFORE * pose.beside:
             pose = replace(pose, beside=self._beside(grey, pose))
-            if not self._sharp(grey, pose):
-                return self.pose(grey, before.shake)
+        if not self._sharp(grey, pose):
+            return self.pose(grey, before.shake)
         return self._levelled(grey, pose)
 
     def _levelled(self, grey: Grey, pose: Pose) -> Pose:

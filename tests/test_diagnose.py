@@ -11,6 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from rigtwin.compare.diagnose import formula
+from rigtwin.compare.diagnose.axes import check_axes, check_heights
 from rigtwin.compare.diagnose.design import Setting, designs, separation
 from rigtwin.compare.diagnose.diagnosis import bench_of, diagnose, in_words
 from rigtwin.compare.diagnose.drop import DropBench, impacts
@@ -296,7 +297,7 @@ def test_a_model_file_says_what_of_it_the_lab_does_not_state(tmp_path):
     (lab / "lab.json").write_text(json.dumps(stated))
     _, files = diagnose_folder(lab, tmp_path / "out")
     text = files["model.toml"].read_text()
-    assert "# assumed, for lab.json does not state it of heavy: poissons_ratio = 0.3\n" in text
+    assert "# assumed, for the lab does not state it of heavy: poissons_ratio = 0.3\n" in text
     assert "heavy: youngs_modulus" not in text
     assert read_model(files["model.toml"]).particles["heavy"].material.youngs_modulus == 2e9
 
@@ -584,8 +585,18 @@ def test_a_height_that_the_tracks_contradict_is_refused(tmp_path, stated):
     document = json.loads((lab / "lab.json").read_text())
     document["conditions"][0]["drop_height_m"] = stated
     (lab / "lab.json").write_text(json.dumps(document))
-    with pytest.raises(BadInput, match=f"heavy_100: drop_height_m: {stated} is stated, but the tracks begin 0.1"):
+    with pytest.raises(BadInput, match=f"heavy_100: drop_height_m: {stated} is stated, but the tracks fall from 0.1"):
         diagnose(read_tracked_lab(lab))
+
+
+def test_a_film_that_begins_in_the_fall_does_not_contradict_the_height(tmp_path):
+    lab = write_drops(tmp_path / "lab", 81, beads=("heavy",), heights=(0.4, 0.6), repetitions=3)
+    for file in lab.glob("*/*.csv"):
+        time, x, y = np.loadtxt(file, delimiter=",", skiprows=1).T
+        seen = np.arange(len(y)) >= np.argmax(y < 0.2)
+        write_track(file, time[seen], np.column_stack([x, y])[seen])
+    check_axes(read_tracked_lab(lab))
+    check_heights(read_tracked_lab(lab))
 
 
 def test_beads_that_never_fall_are_left_out_and_a_coordinate_that_was_not_measured_is_no_noise(tmp_path):

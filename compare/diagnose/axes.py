@@ -58,20 +58,27 @@ def check_axes(lab: TrackedLab) -> None:
                     f"{lab.folder}: {condition.name}: {where}: {repetition[0].body}, the bead that is let go, starts "
                     "on the right; write x_m with the opposite sign, so that it starts on the left."
                 )
-        if lab.rig == "drop" and "drop_height_m" in condition.settings:
-            _check_height(alone, condition)
 
 
-def _check_height(lab: TrackedLab, condition: Condition) -> None:
-    """Raises `BadInput` where the beads of a condition do not begin where it says that they are let go."""
-    stated, bead = lab.setting("drop_height_m")[0], condition.bead
-    tops = [float(repetition[0].position[:, 1].max()) - bead.radius for repetition in condition.repetitions]
-    seen = float(np.median(tops))
-    if abs(seen - stated) > HIGHER * stated + bead.diameter:
-        raise BadInput(
-            f"{lab.folder}: {condition.name}: drop_height_m: {stated:g} is stated, but the tracks begin {seen:.3g} m "
-            "above the plate; correct it, or the scale of the tracks, or put their origin in the plate's surface."
-        )
+def check_heights(lab: TrackedLab) -> None:
+    """Raises `BadInput` where the beads of a condition do not come from where it says that they are let go."""
+    for condition in lab.conditions if lab.rig == "drop" else ():
+        stated, bead = replace(lab, conditions=(condition,)).setting("drop_height_m")[0], condition.bead
+        falls = [_let_go(repetition[0], lab.gravity) for repetition in condition.repetitions]
+        seen = float(np.median(falls)) - bead.radius
+        if abs(seen - stated) > HIGHER * stated + bead.diameter:
+            raise BadInput(
+                f"{lab.folder}: {condition.name}: drop_height_m: {stated:g} is stated, but the tracks fall from "
+                f"{seen:.3g} m above the plate; correct it, or the scale of the tracks, or put their origin in the "
+                "plate's surface."
+            )
+
+
+def _let_go(track: Track, gravity: float) -> float:
+    """[m], the height from which a bead falls, above the picture where it is seen to come in with a speed."""
+    time, height = track.time[:FEWEST], track.position[:FEWEST, 1]
+    speed = float(np.polyfit(time - time[0], height, 1)[0])
+    return max(float(track.position[:, 1].max()), float(height.mean()) + speed**2 / (2 * gravity))
 
 
 def _ticks(lab: TrackedLab, track: Track) -> str:

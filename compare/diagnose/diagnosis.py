@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from rigtwin.compare.diagnose.axes import check_axes
+from rigtwin.compare.diagnose.axes import check_axes, check_heights
 from rigtwin.compare.diagnose.candidate import Candidate, refused
 from rigtwin.compare.diagnose.design import CLEAR, Design, designs
 from rigtwin.compare.diagnose.double import DoubleBench
@@ -145,6 +145,7 @@ def diagnose(
     check_axes(lab)
     asked = lab.repetitions
     lab, left_out = sifted(lab)
+    check_heights(lab)
     if lab.repetitions < FEWEST:
         still = f", {asked - lab.repetitions} more in which nothing moved" if asked > lab.repetitions else ""
         raise BadInput(
@@ -259,8 +260,9 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
 
 
 def _remains(bench: Regioned, location: Location, fitted: Fit) -> bool:
-    """Whether something is left over: by what repetitions have in common, by all rows where some runs stand alone."""
-    return location.p < SURE or (_once(bench) > 0 and fitted.per_row > CLEARLY * noise_floor(bench, fitted))
+    """Whether something is left over: by what repetitions have in common, by the rows where nothing was repeated."""
+    alone = _once(bench) == len(bench.condition_names)
+    return location.p < SURE or (alone and fitted.per_row > CLEARLY * noise_floor(bench, fitted))
 
 
 def _once(bench: Regioned) -> int:

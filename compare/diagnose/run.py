@@ -79,7 +79,7 @@ def _assumed(lab: TrackedLab) -> list[str]:
     stated = {condition.bead.name: condition.bead.about for condition in lab.conditions}
     stated |= {condition.wall: walls[condition.wall] for condition in lab.conditions if condition.wall in walls}
     return [
-        f"assumed, for lab.json does not state it of {name}: {key} = {default:g}"
+        f"assumed, for the lab does not state it of {name}: {key} = {default:g}"
         for name, about in stated.items()
         for key, default in ASSUMED.items()
         if key not in about and not (key == "density_kg_m3" and ("mass_g" in about or "mass_kg" in about))
