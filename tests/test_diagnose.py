@@ -663,7 +663,9 @@ def test_a_lab_toml_of_tracked_drops_is_diagnosed_as_its_lab_json_is(tmp_path):
     lab = tracked_lab(tmp_path)
     assert (lab.rig, lab.repetitions, lab.camera.clock_rel) == ("drop", 12, 1e-4)
     assert lab.camera.noise == pytest.approx(1.5e-4)
-    assert diagnose(lab).chosen.names == ("frame_rate_error",)
+    diagnosis = diagnose(lab)
+    assert diagnosis.chosen.names == ("frame_rate_error",)
+    assert {bead.material.youngs_modulus for bead in model_of(diagnosis).particles.values()} == {3e9}
     with pytest.raises(BadInput, match="no experiment 'drop-9'"):
         tracked_lab(tmp_path, ["drop-9"])
 

@@ -127,7 +127,12 @@ def _moved(track: Track, shift: Array) -> Track:
 def _condition(experiment: Experiment, tracks: Sequence[tuple[Track, ...]], rig: str) -> Condition:
     particle = experiment.particle
     mass = particle.effective_density * math.pi / 6 * particle.diameter**3
-    bead = Bead(particle.name, particle.diameter, mass, {"material": particle.material.name})
+    solid = particle.material
+    about = {
+        "material": solid.name, "density_kg_m3": solid.density, "youngs_modulus_Pa": solid.youngs_modulus,
+        "poissons_ratio": solid.poisson_ratio,
+    }  # fmt: skip
+    bead = Bead(particle.name, particle.diameter, mass, about)
     starts = np.array([repetition[0].position[:5].mean(axis=0) for repetition in tracks])
     settings: dict[str, float] = {}
     if isinstance(experiment.rig, DropSettings):
