@@ -10,6 +10,7 @@ import logging
 import lzma
 import re
 import zlib
+from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -264,7 +265,20 @@ class _Reel:
         yield from pictures
 
 
-class Stills:
+class _Apart(ABC):
+    """Pictures that are stored apart: each is read without the others."""
+
+    @abstractmethod
+    def pictures(self, start: int = 0) -> Iterator[Picture]: ...
+
+    def at(self, numbers: Sequence[int]) -> Iterator[Picture]:
+        return (next(self.pictures(number)) for number in numbers)
+
+    def cheap(self, first: int, last: int) -> list[int]:
+        return list(range(first, last + 1))
+
+
+class Stills(_Apart):
     """A folder of numbered pictures."""
 
     rate = tick = 0.0
@@ -288,12 +302,6 @@ class Stills:
         others = (_still(self.files[number]) for number in _spread(len(self.files))[1:])
         self.shift, self.notes = bit_shift(chain([first], others))
 
-    def at(self, numbers: Sequence[int]) -> Iterator[Picture]:
-        return (next(self.pictures(number)) for number in numbers)
-
-    def cheap(self, first: int, last: int) -> list[int]:
-        return list(range(first, last + 1))
-
     def pictures(self, start: int = 0) -> Iterator[Picture]:
         for file in self.files[start:]:
             image = _still(file)
@@ -305,7 +313,7 @@ class Stills:
             yield _eight_bit(image, self.shift)
 
 
-class Stack:
+class Stack(_Apart):
     """A TIFF file of many pictures."""
 
     rate = tick = 0.0
@@ -333,12 +341,6 @@ class Stack:
         self.shift, self.notes = bit_shift(some)
         if count < stated:
             self.notes += (f"{path.name} holds {count} of {_pictures(stated)}; used those.", CUT_OFF)
-
-    def at(self, numbers: Sequence[int]) -> Iterator[Picture]:
-        return (next(self.pictures(number)) for number in numbers)
-
-    def cheap(self, first: int, last: int) -> list[int]:
-        return list(range(first, last + 1))
 
     def pictures(self, start: int = 0) -> Iterator[Picture]:
         import tifffile
@@ -391,7 +393,7 @@ class _PhotronHeader:
     used: int  # of these, filled by the sensor
 
 
-class Photron:
+class Photron(_Apart):
     """A Photron recording: a header (.cihx or .cih) beside the raw pictures (.mraw); 8, 12 (packed) or 16 bits."""
 
     tick = 0.0
@@ -412,12 +414,6 @@ class Photron:
         self.shape = (header.height, header.width)
         self.rate = header.rate
         self.stamps: list[float | None] = [k / header.rate for k in range(min(whole, header.count))]
-
-    def at(self, numbers: Sequence[int]) -> Iterator[Picture]:
-        return (next(self.pictures(number)) for number in numbers)
-
-    def cheap(self, first: int, last: int) -> list[int]:
-        return list(range(first, last + 1))
 
     def pictures(self, start: int = 0) -> Iterator[Picture]:
         header = self.header

@@ -261,8 +261,7 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
 
 def _remains(bench: Regioned, location: Location, fitted: Fit) -> bool:
     """Whether something is left over: by what repetitions have in common, by the rows where nothing was repeated."""
-    alone = _once(bench) == len(bench.condition_names)
-    return location.p < SURE or (alone and fitted.per_row > CLEARLY * noise_floor(bench, fitted))
+    return location.p < SURE or (_all_once(bench) and fitted.per_row > CLEARLY * noise_floor(bench, fitted))
 
 
 def _once(bench: Regioned) -> int:
@@ -270,10 +269,14 @@ def _once(bench: Regioned) -> int:
     return int(np.sum(np.bincount(bench.condition) == 1))
 
 
+def _all_once(bench: Regioned) -> bool:
+    return _once(bench) == len(bench.condition_names)
+
+
 def _by_chance(bench: Regioned) -> str:
     """What the lab cannot tell for want of repetitions."""
-    once, every = _once(bench), len(bench.condition_names)
-    which = "no condition was" if once == every else f"{once} of {every} conditions were not"
+    once = _once(bench)
+    which = "no condition was" if _all_once(bench) else f"{once} of {len(bench.condition_names)} conditions were not"
     return f"; {which} repeated, so what a run does by chance is not told from an effect there" if once else ""
 
 
@@ -405,7 +408,7 @@ def _stability(diagnosis: Diagnosis) -> Stability | None:
     naming, chosen = diagnosis.naming, diagnosis.chosen
     if naming is None or chosen is None or diagnosis.verdict not in ("named", "indistinguishable"):
         return None
-    if _once(diagnosis.bench) == len(diagnosis.bench.condition_names):
+    if _all_once(diagnosis.bench):
         return None  # there are no other repetitions to draw
     same_size = [one for one in naming.tried if len(one.terms) == len(chosen.terms) and not one.reason]
     rivals = [one for one in same_size if one.groups != chosen.groups]

@@ -72,6 +72,11 @@ class Bead:
     def radius(self) -> float:
         return self.diameter / 2
 
+    @property
+    def density(self) -> float:
+        """[kg/m^3] of a ball of this size and mass."""
+        return self.mass / (math.pi / 6 * self.diameter**3)
+
 
 @dataclass(frozen=True)
 class Camera:
@@ -456,9 +461,10 @@ def _bead(document: Mapping[str, Any], raw: Mapping[str, Any], file: Path, where
         mass = density * math.pi / 6 * diameter**3
     if not (diameter > 0 and mass > 0):
         raise BadLabFile(f"{file}: particles: {wanted}: needs diameter_m and mass_g (or density_kg_m3) above zero.")
-    if odd := no_bead_has(mass / (math.pi / 6 * diameter**3)):
+    bead = Bead(str(wanted), diameter, mass, about)
+    if odd := no_bead_has(bead.density):
         raise BadLabFile(f"{file}: particles: {wanted}: {odd}")
-    return Bead(str(wanted), diameter, mass, about)
+    return bead
 
 
 def _is_number(value: Any) -> bool:

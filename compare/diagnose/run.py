@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -55,9 +54,7 @@ def model_of(diagnosis: Diagnosis) -> Model:
         bead = condition.bead
         solid = _material(f"{bead.about.get('material') or 'material'} of {bead.name}", bead.about)
         materials[solid.name] = solid
-        particles[bead.name] = Particle(
-            bead.name, solid, bead.diameter, float(bead.mass / (math.pi / 6 * bead.diameter**3))
-        )
+        particles[bead.name] = Particle(bead.name, solid, bead.diameter, bead.density)
         about = (lab.stated.get("walls") or {}).get(condition.wall)
         if isinstance(about, dict):
             materials[condition.wall] = _material(condition.wall, about)
