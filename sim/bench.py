@@ -158,7 +158,8 @@ class Bench:
             "contact_law": linear if self.contact_law == "linear" else self.contact_law,
             "stiffness_factor": f"{self.stiffness_factor:g} of the real Young's moduli of beads and walls",
             "time_step": f"{100 * self.numerics.get('time_step_fraction', USUAL):g}% of Rayleigh's",
-            "rolling_resistance": f"{self.rolling}, torque limit mu_r Fn R on each bead",
+            "rolling_resistance": f"{self.rolling}, torque limit mu_r Fn R on each bead"
+            + (", R from a contact to the centre of mass" if self.rolling == "type A" else ""),
             **effects,
         }
 

@@ -98,20 +98,41 @@ def test_a_spinning_top_stops_when_the_closed_form_says_and_stays_stopped(where)
 
 
 def test_a_dumbbell_that_spins_lying_flat_stops_when_the_closed_form_says():
-    # without friction only rolling resistance is left; each sphere carries half the weight
-    spin, r = 20.0, 2e-3
+    # without friction only rolling resistance is left; each sphere carries half the weight, as far from the middle
+    spin, r, half_length = 20.0, 2e-3, 1.5e-3
     smooth = Contact(0.5, 0.0, MU_R)
     bed = bench(
         floor(smooth), particle=DUMBBELL, contact=smooth, time_step=0.3 * DUMBBELL.rayleigh_time_step
     )  # fmt: skip
     bed.add([[0, 0, lying(DUMBBELL, r, carriers=2)]], spin=[[0, 0, spin]])
-    rate = MU_R * G * r / DUMBBELL.shape.gyration[2]
+    rate = MU_R * G * math.hypot(r, half_length) / DUMBBELL.shape.gyration[2]
     stop, step = spin / rate, bed.time_step
     bed.run(round(0.5 * stop / step))
     assert bed.grains().spin[0] == pytest.approx([0, 0, spin - rate * bed.time], abs=0.01 * rate * step)
     bed.run(round(0.5 * stop / step) + 2)
     assert np.array_equal(bed.grains().spin[0], np.zeros(3))
     assert bed.budget().kinetic < 1e-20
+
+
+def test_a_dumbbell_that_spins_upright_on_a_sphere_is_braked_by_the_distance_to_its_middle():
+    # the contact lies on the axis: a distance from the axis would brake nothing, the sphere's own radius too little
+    smooth = Contact(0.3, 0.0, MU_R)
+    step = 0.2 * DUMBBELL.rayleigh_time_step
+    bed = Bulk(
+        [D6, DUMBBELL], smooth, [floor(smooth)], low=(-0.1,) * 3, high=(0.1,) * 3, time_step=step, threads=1,
+        rolling="type A",
+    )  # fmt: skip
+    bed.add([[0, 0, D6.radius]])
+    above = 2 * D6.radius + 3.5e-3
+    upright = [math.sqrt(0.5), 0.0, -math.sqrt(0.5), 0.0]
+    bed.add([[0, 0, above]], spin=[[0, 0, 300.0]], turn=[upright], kind=1)
+    seen = []
+    for time in (0.02, 0.04):
+        bed.run(round(time / step) - bed.steps)
+        seen.append((bed.time, bed.grains().spin[1, 2]))
+    (begun, fast), (ended, slow) = seen
+    assert np.abs(bed.grains().position[:, :2]).max() < 1e-9
+    assert (fast - slow) / (ended - begun) == pytest.approx(MU_R * G * 3.5e-3 / DUMBBELL.shape.gyration[0], rel=5e-3)
 
 
 def shaken(particle=D6, count=150, **more) -> Bulk:

@@ -264,9 +264,12 @@ class Arena(Neighbours, Team):
         velocity = ti.Vector([motion[0], motion[1], motion[2]])
         turning = ti.Vector([spin[0], spin[1], spin[2]])
         radius, mass, inertia = place[3], motion[3], spin[3]
+        lever = ti.Vector([0.0, 0.0, 0.0])
+        if ti.static(self.rigid and self.constant_torque):
+            lever = self.lever(i)
         drag, hold, grip, deepest = self.walls.press(
-            thread, self.counts[LIVE_LIST], i, self.tag[i][1], position, velocity, turning, radius, mass, inertia, step,
-            alike, mechanics,
+            thread, self.counts[LIVE_LIST], i, self.tag[i][1], position, velocity, turning, radius, mass, inertia,
+            lever, step, alike, mechanics,
         )  # fmt: skip
         force += drag
         torque += hold

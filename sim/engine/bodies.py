@@ -16,7 +16,7 @@ import numpy.typing as npt
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Particle
 from rigtwin.sim.engine.backend import ti
-from rigtwin.sim.engine.contact import what_turned
+from rigtwin.sim.engine.contact import reach, what_turned
 
 # an exported bead: position 3, velocity 3, spin 3, radius, mass, inertia, acceleration 3, angular 3, ident, kind,
 # largest overlap; velocity and spin half a step back
@@ -188,6 +188,21 @@ class RigidBodies:
         self.member_first[0] = 0
 
     # ------------------------------------------------------------------ the step
+
+    @ti.func
+    def lever(self, i):
+        """From the centre of mass of its body to bead `i` [m]; none for a bead that is no part of a body."""
+        lever = ti.Vector([0.0, 0.0, 0.0])
+        b = self.body[i]
+        if b >= 0:
+            for c in ti.static(range(3)):
+                lever[c] = self.place[i][c] - self.body_place[b][c]
+        return lever
+
+    @ti.func
+    def reach(self, i, normal):
+        """How far from the centre of mass bead `i` is touched towards `normal`, in radii of the bead."""
+        return reach(self.lever(i), self.place[i][3], normal)
 
     @ti.func
     def sum_of_beads(self, b, middle):

@@ -60,8 +60,8 @@ class Steps:
         for i in range(begin, end):
             radius, mass, inertia = self.body[i][0], self.body[i][1], self.body[i][2]
             force, torque, grip, deepest = self.walls.press(
-                0, 0, i, self.kind[i], self.position[i], self.half[i], self.half_spin[i], radius, mass, inertia, step,
-                False, mechanics,
+                0, 0, i, self.kind[i], self.position[i], self.half[i], self.half_spin[i], radius, mass, inertia,
+                ti.Vector([0.0, 0.0, 0.0]), step, False, mechanics,
             )  # fmt: skip
             self.push[i] = self.push[i] + force / mass
             self.twist[i] = self.twist[i] + torque / inertia

@@ -62,6 +62,7 @@ class Pairs:
     """The part of an arena that works out pairs."""
 
     terms: Terms
+    rigid: bool
     constant_torque: bool
     place: ti.Field
     motion: ti.Field
@@ -285,9 +286,14 @@ class Pairs:
             grip, depth = on_j[0], on_j[1]
             for c in ti.static(range(3)):
                 self.history[live, p][c] = slip[c]
+            grip_j = grip
             if ti.static(self.constant_torque):
                 for c in ti.static(range(3)):
                     on_j[c] = -on_i[c]
+                if ti.static(self.rigid):
+                    normal = self.three(BETWEEN, k).normalized()
+                    grip_j *= self.reach(j, -normal)
+                    grip *= self.reach(i, normal)
             else:
                 roll = self.result[NEW_ROLL][k]
                 depth = roll[3]
@@ -300,7 +306,7 @@ class Pairs:
                 self.given[i][4 + c] = given[4 + c] + on_both[c]
             if ti.static(self.constant_torque):
                 self.given[i][6] = given[6] + grip
-            self.hand_to_other(live, p, j, on_j, on_both, grip, own <= j < stop)
+            self.hand_to_other(live, p, j, on_j, on_both, grip_j, own <= j < stop)
             deepest = ti.max(deepest, depth)
         if deepest > 0.0:
             # which of the packet's beads keeps it does not matter: only the largest of all is asked for

@@ -24,6 +24,7 @@ from rigtwin.sim.engine.contact import (
     STIFFNESS,
     contact_constants,
     contact_forces,
+    reach,
 )
 from rigtwin.sim.engine.elements import ELEMENT_SIZE, OF_WALL, towards_element
 from rigtwin.sim.engine.terms import Terms
@@ -340,8 +341,8 @@ class WallContacts:
 
     @ti.func
     def press(
-        self, thread, live, i, kind, position, velocity, turning, radius, mass, inertia, step, alike: ti.template(),
-        mechanics: ti.template(),
+        self, thread, live, i, kind, position, velocity, turning, radius, mass, inertia, lever, step,
+        alike: ti.template(), mechanics: ti.template(),
     ):  # fmt: skip
         """Force of the walls on bead `i`, torque about its centre, grip of type A, and the deepest overlap."""
         force = ti.Vector([0.0, 0.0, 0.0])
@@ -387,7 +388,7 @@ class WallContacts:
                     self.touching[live, q] = 1
                     force += drag
                     torque += distance * normal.cross(drag) + hold
-                    grip += own_grip
+                    grip += own_grip * reach(lever, radius, normal)
                     deepest = ti.max(deepest, radius - distance)
                     if self.state[thread, w] == MOVES:
                         self.work[i] = self.work[i] + step * (drag.dot(surface) + hold.dot(wall_spin))
