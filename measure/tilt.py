@@ -55,6 +55,7 @@ LEAST_KINETIC = 0.5  # kinetic friction over static, of what slides
 SAME_FRICTION = 0.02  # relative, how far friction of what rolls may be off at its start
 CLUMP = 2.3  # length over height of a body on the plate, from which on it is no single bead, smeared by what it crept
 WRONG_SCALE = 0.3  # relative misfit of the acceleration from which on the scale is not believed
+RESIDUALS = 6  # times the noise, that a body may leave the fitted run by
 NOMINAL = 3e-4  # [m/px], where no scale is known: only a unit
 # checks that every number rests on
 BEHIND_ALL = {
@@ -302,8 +303,8 @@ def _rise_check(way: Way, onset: Onset) -> Check:
 def _residual_check(way: Way, onset: Onset) -> Check:
     expected = max(jitter(way.down[onset.used]), 1.5e-5 * float(np.ptp(way.down)), 1e-7)
     ratio = onset.noise / expected
-    passed = ratio < 6
-    meaning = "as its frame-to-frame noise tells" if ratio < 3 else "more than its frame-to-frame noise"
+    passed = ratio < RESIDUALS
+    meaning = "as its frame-to-frame noise tells" if ratio < 3 else f"where up to {RESIDUALS} times are let pass"
     ending = "." if passed else ": it does not run freely; look at the plot before trusting the onset."
     return Check(
         "run_residuals",
