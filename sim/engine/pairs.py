@@ -72,6 +72,7 @@ class Pairs:
     numbers: ti.Field
     constants: ti.Field
     pair_law: ti.Field
+    reach: Any  # of a contact, told by `RigidBodies`
 
     def __init__(self, capacity: int, pair_capacity: int, packets: int, terms: Terms) -> None:
         # two lists, of which LIVE_LIST is in force and the other is the last one or the next one
