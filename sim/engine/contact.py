@@ -264,8 +264,8 @@ def contact_forces(
     Rolling resistance, torque limit mu_r F_n R on each sphere (EDEM's convention): type A acts against each body's
     own spin, which it stops but never turns back; for a clump R is the distance from the contact to its centre of mass
     (see `reach`).  Only a body knows what else turns it, so a contact gives its share of the limit, mu_r F_n, and
-    whatever moves the body brakes it once with the sum of all (see `braked`).  Type C is an
-    elastic-plastic spring-dashpot against the relative rolling (Ai et al. 2011) with spring S_t R^2.
+    whatever moves the body brakes it once with the sum of all (see `braked`).  Type C is an elastic-plastic
+    spring-dashpot against the relative rolling (Ai et al. 2011) with spring S_t R^2.
 
     Returns force on i (on j the opposite), torque of type C on i (on j the opposite), mu_r F_n of type A, new slip, new
     roll.

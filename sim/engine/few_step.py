@@ -65,7 +65,8 @@ class Steps:
             )  # fmt: skip
             self.push[i] = self.push[i] + force / mass
             self.twist[i] = self.twist[i] + torque / inertia
-            self.brake[i] = self.brake[i] + grip * radius / inertia
+            if ti.static(mechanics.constant_torque):
+                self.brake[i] = self.brake[i] + grip * radius / inertia
             for q in range(self.walls.first[0, i], self.walls.first[0, i + 1]):
                 wall = int(self.walls.elements[self.walls.near[0, q], OF_WALL])
                 closing = self.half[i].norm() + slack + self.walls.motion[wall, WANDERS]
@@ -102,8 +103,9 @@ class Steps:
                         self.push[j] = self.push[j] - force / mass_j
                         self.twist[i] = self.twist[i] + (lever * turn + torque) / inertia
                         self.twist[j] = self.twist[j] + (lever_j * turn - torque) / inertia_j
-                        self.brake[i] = self.brake[i] + grip * radius / inertia
-                        self.brake[j] = self.brake[j] + grip * radius_j / inertia_j
+                        if ti.static(mechanics.constant_torque):
+                            self.brake[i] = self.brake[i] + grip * radius / inertia
+                            self.brake[j] = self.brake[j] + grip * radius_j / inertia_j
                     else:
                         self.pair_slip[p] = ti.Vector([0.0, 0.0, 0.0])
                         self.pair_roll[p] = ti.Vector([0.0, 0.0, 0.0])
