@@ -136,6 +136,7 @@ class Bench:
             "time_step_fraction": self.numerics.get("time_step_fraction", USUAL),
             "device": bulk.device,  # the last bits are another one's
             "rolling": self.rolling,
+            **self._lever(),
             "contact_law": self.contact_law,
             "impact_speed": self.impact_speed,
             "effects": {name: dict(values) for name, values in self.numerics.get("effects", NO_EFFECTS).items()},
@@ -170,6 +171,12 @@ class Bench:
         if bulk.largest_overlap > OVERLAP_LIMIT:
             said.append(pressed(bulk.largest_overlap, logbook.history.largest_overlap))
         return tuple(said)
+
+    def _lever(self) -> dict[str, str]:
+        """What tells a clump's run under type A from earlier ones, whose lever was the radius of the touched sphere."""
+        if self.rolling != "type A" or self.particle.shape is None:
+            return {}
+        return {"rolling_lever": "from a contact to the centre of mass"}
 
     def _effects(self) -> tuple[tuple[Active, ...], tuple[str, ...]]:
         """Effects of the model that act here, and what is to be said of those that do not."""

@@ -1,5 +1,6 @@
 """A run that was broken off goes on as if nothing had happened, to the bit; a run that fails keeps its last state."""
 
+import json
 import os
 import subprocess
 import sys
@@ -10,8 +11,9 @@ import numpy as np
 import pytest
 
 from rigtwin.lab.errors import BadInput, SimulationFailed
-from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.materials import Contact, Material, Particle, clumped
 from rigtwin.lab.rigs import Pile
+from rigtwin.lab.shapes import row
 from rigtwin.sim import pile
 from rigtwin.sim.engine import bulk as engine
 from rigtwin.sim.engine.bulk import Bulk
@@ -325,3 +327,34 @@ def test_a_failure_before_the_first_checkpoint_names_none(tmp_path):
     run.add([[0.055, 0, 0.05]], [[10.0, 0, 0]])
     assert "kept" not in failing(run, tmp_path / "bed.npz")
     assert not (tmp_path / "bed.npz").exists()
+
+
+@pytest.fixture
+def pellets_of_before(broken_off, tmp_path):
+    """A broken run of pellets, its checkpoint as it was written before the rolling lever was said."""
+
+    def written(rolling):
+        kept = tmp_path / "pellets.npz"
+        broken_off(pellets, 2, checkpoint=kept, checkpoint_interval=0, rolling=rolling)
+        with np.load(kept) as file:
+            arrays = dict(file)
+        words = json.loads(str(arrays["words"]))
+        words["settings"].pop("rolling_lever", None)
+        np.savez(kept, **{**arrays, "words": np.array(json.dumps(words))})
+        return kept
+
+    return written
+
+
+def pellets(**more) -> pile.Heap:
+    pellet = clumped("pellet", ASH, row(3, 2e-3, 2e-3), mass=60e-6)
+    return pile.run(BOWL, pellet, STEEL, BEADS, BASE, **{"count": 20, "seed": 5, "settle_limit": 0.1} | more)
+
+
+def test_clumps_under_type_a_do_not_go_on_from_a_checkpoint_with_the_lever_of_before(pellets_of_before):
+    with pytest.raises(BadInput, match=r"another run \(rolling_lever: not said there, from a contact to the centre"):
+        pellets(checkpoint=pellets_of_before("type A"), rolling="type A")
+
+
+def test_clumps_under_type_c_go_on_from_a_checkpoint_of_before(pellets_of_before):
+    assert pellets(checkpoint=pellets_of_before("type C"), rolling="type C").asked == 20

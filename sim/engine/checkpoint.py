@@ -159,4 +159,5 @@ def _difference(there: Any, here: Any, name: str = "") -> str:
         for key in [*here, *(key for key in there if key not in here)]:
             if there.get(key) != here.get(key):
                 return _difference(there.get(key), here.get(key), f"{name}.{key}" if name else key)
-    return f"{name}: {there} there, {here} here"
+    said = ["not said" if value is None else value for value in (there, here)]
+    return f"{name}: {said[0]} there, {said[1]} here"
