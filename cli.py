@@ -233,6 +233,7 @@ def reproduce(
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="A representative part, in minutes.")] = False,
     kept: Annotated[bool, typer.Option("--kept", help="Run nothing; show what earlier runs gave.")] = False,
+    rolling: simulate.RollingModel = "A",
     repetitions: Annotated[
         int | None, typer.Option("--repetitions", min=1, help="Runs with different seeds per cell or point of a study.")
     ] = None,
@@ -253,6 +254,7 @@ def reproduce(
         study=study,
         quick=quick,
         only_kept=kept,
+        rolling="type A" if rolling == "A" else "type C",
         repetitions=repetitions,
         seed=seed,
         workers=workers,

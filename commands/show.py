@@ -179,21 +179,21 @@ def _tell_reproduction(console: Console, reproduction: Reproduction) -> None:
     from rigtwin.compare.reproduce.reproduction import number
     from rigtwin.lab.wording import percent, title
 
-    for score in reproduction.scores:
-        table = Table(title=f"Table {score['table']}", title_justify="left")
+    for score, rows in zip(reproduction.scores, reproduction.tables.values(), strict=True):
+        law = score["rolling_model"]
+        table = Table(title=f"Table {score['table']}, rolling resistance of {law}", title_justify="left")
         for column in ("cell", "quantity", "paper experiment", "paper DEM", "ours", "paper DEM off", "ours off"):
             table.add_column(column, justify="left" if column in ("cell", "quantity") else "right")
-        for row in reproduction.rows:
-            if row["table"] == score["table"]:
-                table.add_row(
-                    row["row"],
-                    f"{title(row['quantity'])} [dim]{escape(row['unit'])}[/dim]",
-                    number(row["paper_experiment"], row["paper_experiment_std"]),
-                    number(row["paper_dem"], row["paper_dem_std"]),
-                    number(row["ours"], row["ours_std"]),
-                    percent(row["paper_dem_percent_deviation"], None),
-                    percent(row["ours_percent_deviation"], None),
-                )
+        for row in rows:
+            table.add_row(
+                row["row"],
+                f"{title(row['quantity'])} [dim]{escape(row['unit'])}[/dim]",
+                number(row["paper_experiment"], row["paper_experiment_std"]),
+                number(row["paper_dem"], row["paper_dem_std"]),
+                number(row["ours"], row["ours_std"]),
+                percent(row["paper_dem_percent_deviation"], None),
+                percent(row["ours_percent_deviation"], None),
+            )
         console.print(table)
         if score["judged"]:
             console.print(

@@ -2,11 +2,16 @@
 
 import csv
 import json
+import sys
+from pathlib import Path
 
 import pytest
 
+sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
+import reproduction_page
+
 from rigtwin.cli import run
-from rigtwin.compare.reproduce import cost
+from rigtwin.compare.reproduce import cost, rigs
 from rigtwin.compare.reproduce import reproduction as module
 from rigtwin.compare.reproduce.reproduction import Reproduction, number, page
 from rigtwin.compare.reproduce.studies import studies
@@ -73,6 +78,8 @@ def test_ours_stands_beside_the_paper(filled, tmp_path, capsys):
     html = (tmp_path / "report.html").read_text()
     assert html.count("<tr>") == score["cells"] + 1
     assert "without a rim no pile stands" in html
+    assert "type A" in first["rolling_model"]
+    assert "own spin, R from the contact to its centre of mass (type A)" in html
 
 
 def test_a_page_without_any_result_can_be_written(tmp_path):
@@ -167,3 +174,74 @@ def test_progress_counts_the_cost_of_what_is_done(tmp_path):
     seen = []
     run_all(runs, tmp_path, progress=lambda _stage, done, whole: seen.append((done, whole)))
     assert seen == [(10.0, 40.0), (40.0, 40.0)]
+
+
+def test_each_rolling_law_has_runs_of_its_own_and_type_c_those_of_before():
+    by_law = {law: plan(None, quick=False, repetitions=1, seed=1, rolling=law) for law in ("type A", "type C")}
+    by_default = plan(None, quick=False, repetitions=1, seed=1)
+    assert by_default == by_law["type A"]
+    for law, planned in by_law.items():
+        assert {cell.rolling for cell in planned.cells} == {law}
+        assert {name for cell in planned.cells for name in cell.runs} == {item.name for item in planned.runs}
+    assert all(item.settings["rolling"] == "type A" for item in by_law["type A"].runs)
+    # as they were named and told before there was a choice, so that what was kept then is found
+    before = {item.name: item.settings for item in by_law["type C"].runs}
+    assert before["slot_hopper-D12-seed1"] == {"particle": "D12", "seed": 1, "count": 630, "outlet": 0.05}
+    assert not {item.name for item in by_law["type A"].runs} & set(before)
+
+
+@pytest.mark.parametrize("law", ["type A", "type C"])
+def test_the_twin_rolls_by_the_law_that_the_table_names(law, monkeypatch):
+    from rigtwin.compare import bulk_twins
+
+    class Asked(Exception):
+        pass
+
+    def twin(*_, rolling, **__):
+        raise Asked(rolling)
+
+    for name in ("pile_twin", "packing_twin", "drum_twin", "hopper_twin"):
+        monkeypatch.setattr(bulk_twins, name, twin)
+    runs, _ = studies(None, repetitions=1, seed=1, rolling=law)
+    for item in (*plan(None, quick=True, repetitions=1, seed=1, rolling=law).runs, *runs[:1]):
+        with pytest.raises(Asked, match=law):
+            getattr(rigs, item.function.partition(":")[2])(**item.settings)
+
+
+def test_the_law_of_the_tables_is_an_option(tmp_path, capsys):
+    for option, law in (([], "type A"), (["--rolling-model", "C"], "type C")):
+        asked = ["reproduce", "hlosta2020", "--table", "16", "--kept", *option, "--json", "--out", str(tmp_path)]
+        assert run(asked) == 0
+        document = json.loads(capsys.readouterr().out)
+        assert {cell["rolling_model"] for cell in document["cells"]} == {law}
+        assert {score["rolling_model"] for score in document["scores"]} == {law}
+        assert law in document["assumptions"]["rolling"]
+
+
+def test_runs_and_cells_that_name_no_law_are_read_as_type_c(tmp_path):
+    (tmp_path / "runs").mkdir()
+    kept = {"rolling": "type A", "seconds": 1.0}, {"seconds": 2.0}
+    for k, one in enumerate(kept):
+        settings = {"particle": "D12", "seed": 1, "count": 630, "outlet": 0.05}
+        law = {"rolling": one["rolling"]} if "rolling" in one else {}
+        record = {
+            "rigtwin": "0.1.0", "function": "rigtwin.compare.reproduce.rigs:slot_hopper",
+            "settings": settings | law, "result": {"discharge_time_s": one["seconds"]},
+        }  # fmt: skip
+        (tmp_path / "runs" / f"{k}.json").write_text(json.dumps(record))
+    cells = tmp_path / "cells.csv"
+    cells.write_text(
+        "table,row,quantity,unit,paper_experiment,paper_experiment_std,paper_dem,paper_dem_std,ours,ours_std,runs,"
+        "paper_dem_percent_deviation,ours_percent_deviation,ours_against_paper_dem_percent\n"
+        "16,D6,discharge_time,s,2.72,,2.71,,2.88,,1,-0.37,6.1,6.5\n"
+    )
+    page_of_both = reproduction_page.kept(tmp_path / "runs", reproduction_page.run_before(cells))
+    ours = {(row["row"], row["rolling_model"]): row["ours"] for row in page_of_both.rows if row["table"] == 16}
+    assert (ours["D12", "type A"], ours["D12", "type C"]) == (1.0, 2.0)
+    assert (ours["D6", "type A"], ours["D6", "type C"]) == (None, 2.88)
+    text = page(page_of_both, "reproduction.md")
+    assert text.count("## Table 16, rolling type ") == 2
+    assert "1 of 7 cells run" in text.partition("## Table 16, rolling type A")[2][:40]
+    assert "2 of 7 cells run" in text.partition("## Table 16, rolling type C")[2][:40]
+    said = reproduction_page.summary(page_of_both)
+    assert "type A, the 1 cells run under both laws" in said

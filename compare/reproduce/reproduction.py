@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare import results
 from rigtwin.compare.filled import filled
@@ -17,9 +17,12 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.wording import title
 
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.contact import Rolling
+
 COLUMNS = (
-    "table", "row", "quantity", "unit", "paper_experiment", "paper_experiment_std", "paper_dem", "paper_dem_std",
-    "ours", "ours_std", "runs", "paper_dem_percent_deviation", "ours_percent_deviation",
+    "table", "row", "quantity", "unit", "rolling_model", "paper_experiment", "paper_experiment_std", "paper_dem",
+    "paper_dem_std", "ours", "ours_std", "runs", "paper_dem_percent_deviation", "ours_percent_deviation",
     "ours_against_paper_dem_percent",
 )  # fmt: skip
 
@@ -40,15 +43,23 @@ class Reproduction:
         return [cell.row_of(self.done.results) for cell in self.cells]
 
     @property
+    def tables(self) -> dict[tuple[int, Rolling], list[dict[str, Any]]]:
+        """The rows of each table, under each rolling law that it was run with."""
+        found: dict[tuple[int, Rolling], list[dict[str, Any]]] = {}
+        for row in self.rows:
+            found.setdefault((row["table"], row["rolling_model"]), []).append(row)
+        return found
+
+    @property
     def scores(self) -> list[dict[str, Any]]:
-        """Per table: cells done, and in how many we lie no further from the experiment than the paper's DEM does."""
+        """Per table and rolling law: cells done, and in how many we lie no further off than the paper's DEM does."""
         found = []
-        for number in dict.fromkeys(cell.table for cell in self.cells):
-            mine = [row for row in self.rows if row["table"] == number]
+        for (number, law), mine in self.tables.items():
             judged = [row for row in mine if row["ours"] is not None and row["paper_dem_percent_deviation"] is not None]
             found.append(
                 {
                     "table": number,
+                    "rolling_model": law,
                     "cells": len(mine),
                     "done": sum(row["ours"] is not None for row in mine),
                     "judged": len(judged),
@@ -64,7 +75,9 @@ class Reproduction:
     def assumptions(self) -> Mapping[str, str]:
         """What the paper leaves unsaid in these cells, and what was taken instead."""
         names = dict.fromkeys(name for cell in self.cells for name in cell.assumed)
-        return {name: rigs.ASSUMED[name] for name in names}
+        laws = dict.fromkeys([cell.rolling for cell in self.cells] + [study.rolling for study in self.studies])
+        rolled = {"rolling": "; ".join(rigs.ROLLED[law] for law in laws)} if laws else {}
+        return {name: rigs.ASSUMED[name] for name in names} | rolled
 
     def to_json(self) -> dict[str, Any]:
         """The document of `rigtwin reproduce --json`."""
@@ -100,6 +113,7 @@ def reproduce(
     study: Sequence[str] | None = None,
     quick: bool = False,
     only_kept: bool = False,
+    rolling: Rolling = "type A",
     repetitions: int | None = None,
     seed: int = 1,
     workers: int | None = None,
@@ -108,12 +122,15 @@ def reproduce(
     """Fill the paper's tables (all that are reproduced, or those named) and write them into `out`.
 
     `study` names influence studies; without tables or studies named, and not `quick`, all of both are run.
-    `repetitions` runs with different seeds fill a cell or a study's point; finished runs are kept in ``out/runs`` and
-    not run again, and with `only_kept` nothing else is shown.  Raises `BadInput` for an unknown table or study.
+    `rolling` is the law by which all runs resist rolling; each law's runs are kept beside the other's.  `repetitions`
+    runs with different seeds fill a cell or a study's point; finished runs are kept in ``out/runs`` and not run again,
+    and with `only_kept` nothing else is shown.  Raises `BadInput` for an unknown table or study.
     """
-    wanted = Plan((), ()) if study and not tables else plan(tables, quick=quick, repetitions=repetitions, seed=seed)
+    wanted = Plan((), ())
+    if tables or not study:
+        wanted = plan(tables, quick=quick, repetitions=repetitions, seed=seed, rolling=rolling)
     asked = (study or ()) if study or tables or quick else None
-    runs, shown = studies(asked, repetitions=repetitions, seed=seed)
+    runs, shown = studies(asked, repetitions=repetitions, seed=seed, rolling=rolling)
     every = {run.name: run for run in (*wanted.runs, *runs)}
     done = run_all(tuple(every.values()), out / "runs", workers=workers, only_kept=only_kept, progress=progress)
     reproduction = Reproduction(wanted.cells, done, out, tuple(shown))
@@ -145,10 +162,7 @@ def page(reproduction: Reproduction, template: str = "reproduction.html") -> str
         title=title,
         studies=drawn,
         citation=hlosta2020.CITATION,
-        tables={
-            score["table"]: (score, [row for row in reproduction.rows if row["table"] == score["table"]])
-            for score in reproduction.scores
-        },
+        tables=list(zip(reproduction.scores, reproduction.tables.values(), strict=True)),
         assumptions=reproduction.assumptions,
         failures=reproduction.done.failures,
     )

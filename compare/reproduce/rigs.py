@@ -1,12 +1,14 @@
 """The paper's rigs as runs: each function runs one twin and returns plain numbers.
 
 All parameters are the paper's calibrated ones (tables A2 to A7, stiffness reduced to a thousandth); what the paper
-leaves unsaid is an argument with the inferred value as its default, and `ASSUMED` says where it comes from.
+leaves unsaid is an argument with the inferred value as its default, and `ASSUMED` says where it comes from.  The
+rolling law is "type C" where a run does not say it: so were those made that were kept before there was a choice.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +19,7 @@ from rigtwin.lab.rigs import Drum, Hopper, Packing, Pile
 
 if TYPE_CHECKING:
     from rigtwin.compare.bulk_twins import Cast
+    from rigtwin.sim.engine.contact import Rolling
 
 RIM = 10e-3  # [m]
 CYLINDER = 65e-3  # [m]
@@ -49,6 +52,13 @@ ASSUMED = {
     "emptied particles is to be read; the steady flow stands beside it",
     "piled": "1.6 times as many particles are poured as bowl and heap hold; the surplus falls over the rim",
 }
+ROLLED: Mapping[Rolling, str] = {
+    "type A": "rolling friction is a constant torque mu_r F_n R against a particle's own spin, R from the contact to "
+    "its centre of mass (type A): the standard rolling friction of EDEM, the paper's code, as its manual has it; the "
+    "paper names none",
+    "type C": "rolling friction is a spring and a dashpot up to the torque mu_r F_n R (type C), which is not the "
+    "standard one of EDEM, the paper's code: --rolling-model A takes that",
+}
 
 
 def piling(
@@ -60,6 +70,7 @@ def piling(
     rim: float = RIM,
     count: int | None = None,
     outlet_height: float | None = None,
+    rolling: Rolling = "type C",
 ) -> dict[str, Any]:
     """Angles of repose [deg] of one pile, means over four views and both sides (tables 14 and 15).
 
@@ -79,6 +90,7 @@ def piling(
         count=count or piled_count(base_diameter, rim, bead.mass / bead.effective_density),
         seed=seed,
         threads=1,
+        rolling=rolling,
     )
     above = [replace(profile, height=np.maximum(profile.height - rim, 0.0)) for profile in twin.profiles]
     seen = pile.evaluate(above, base_diameter=base_diameter, bead_diameter=bead.diameter)
@@ -95,12 +107,14 @@ def packing(
     cylinder: float = CYLINDER,
     static_friction: float | None = None,
     rolling_friction: float | None = None,
+    rolling: Rolling = "type C",
 ) -> dict[str, Any]:
     """Height [m] of the bed that `count` particles make in the cylinder (tables 4 to 7)."""
     from rigtwin.compare.bulk_twins import cylinder_for, packing_twin
 
     cast = _cast(particle, "PMMA", static_friction, rolling_friction)
-    twin = packing_twin(cylinder_for(Packing(cylinder), cast.particle, count), cast, count=count, seed=seed, threads=1)
+    rig = cylinder_for(Packing(cylinder), cast.particle, count)
+    twin = packing_twin(rig, cast, count=count, seed=seed, threads=1, rolling=rolling)
     heights = {item.method: item.value for item in twin.evaluation.quantities if item.quantity == "bed_height"}
     kept = ("packing_fraction", "seconds_per_particle", "missed")
     return {
@@ -113,28 +127,41 @@ def packing(
 
 
 def drum(
-    particle: str, *, speed: float, seed: int, turns: float = TURNS, depth: float = DEPTH, fill: float = FILL
+    particle: str,
+    *,
+    speed: float,
+    seed: int,
+    turns: float = TURNS,
+    depth: float = DEPTH,
+    fill: float = FILL,
+    rolling: Rolling = "type C",
 ) -> dict[str, Any]:
     """Dynamic angles of repose [deg] in the drum that turns at `speed` [rad/s] (tables 14 and 15)."""
     from rigtwin.compare.bulk_twins import drum_twin
 
     rig = Drum(DRUM, speed, depth, fill)
-    twin = drum_twin(rig, _cast(particle, "PMMA"), seed=seed, turns=turns, threads=1)
+    twin = drum_twin(rig, _cast(particle, "PMMA"), seed=seed, turns=turns, threads=1, rolling=rolling)
     return {**_angles(twin.evaluation), "mixing_index": twin.settings["mixing_index"], **_course(twin)}
 
 
-def slot_hopper(particle: str, *, outlet: float, count: int, seed: int) -> dict[str, Any]:
+def slot_hopper(particle: str, *, outlet: float, count: int, seed: int, rolling: Rolling = "type C") -> dict[str, Any]:
     """Discharge time [s] of the slot hopper (table 16)."""
     from rigtwin.compare.bulk_twins import hopper_twin
 
     rig = Hopper(outlet, "slot", slot_length=SLOT)
-    twin = hopper_twin(rig, _cast(particle, "PMMA"), count=count, seed=seed, threads=1)
+    twin = hopper_twin(rig, _cast(particle, "PMMA"), count=count, seed=seed, threads=1, rolling=rolling)
     last = twin.settings["last_bead_s"]
     return {**({} if last is None else {"discharge_time_s": last}), **_course(twin)}
 
 
 def conical_hopper(
-    *, shear_modulus: float, outlet: float = OUTLET, count: int = 15000, seed: int = 1, seconds: float = 5.0
+    *,
+    shear_modulus: float,
+    outlet: float = OUTLET,
+    count: int = 15000,
+    seed: int = 1,
+    seconds: float = 5.0,
+    rolling: Rolling = "type C",
 ) -> dict[str, Any]:
     """Emptied D6 beads and mass flow [g/s] of the conical hopper at a shear modulus [Pa] (table 13)."""
     import numpy as np
@@ -145,7 +172,14 @@ def conical_hopper(
     bead = cast.particle
     factor = shear_modulus / bead.material.shear_modulus
     twin = hopper_twin(
-        Hopper(outlet), cast, count=count, seed=seed, duration=seconds, stiffness_factor=factor, threads=1
+        Hopper(outlet),
+        cast,
+        count=count,
+        seed=seed,
+        duration=seconds,
+        stiffness_factor=factor,
+        threads=1,
+        rolling=rolling,
     )
     emptied, steady = twin.settings["emptied"], twin.settings["mass_flow_rate_kg_s"]
     (left,) = twin.series

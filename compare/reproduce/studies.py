@@ -7,14 +7,18 @@ contain approximately 4000 particles" and that evaluations differ.  Each study p
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import fmean, stdev
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare.reproduce import cost
+from rigtwin.compare.reproduce.tables import under
 from rigtwin.compare.runs import Run
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.reference import hlosta2020
+
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.contact import Rolling
 
 Results = Mapping[str, dict[str, Any]]
 Points = Mapping[str, Sequence[tuple[float | str, float, float | None, int]]]
@@ -43,6 +47,7 @@ class Study:
     x_label: str
     places: Mapping[float | str, tuple[str, ...]]  # the varied value, or the base in words -> names of its runs
     readings: Mapping[str, str]  # what is read -> key in the results
+    rolling: Rolling = "type A"  # the law by which the piles resist rolling
 
     def points(self, results: Results) -> Points:
         """What the finished runs gave."""
@@ -56,7 +61,9 @@ class Study:
         return found
 
 
-def studies(names: Sequence[str] | None, *, repetitions: int | None = None, seed: int) -> tuple[list[Run], list[Study]]:
+def studies(
+    names: Sequence[str] | None, *, repetitions: int | None = None, seed: int, rolling: Rolling = "type A"
+) -> tuple[list[Run], list[Study]]:
     """The runs of the studies `names` (all by default) and how to read them; a point is the mean of `repetitions`."""
     seeds = range(seed, seed + (repetitions or REPETITIONS))
     runs: dict[str, Run] = {}
@@ -65,8 +72,10 @@ def studies(names: Sequence[str] | None, *, repetitions: int | None = None, seed
         if name not in STUDIES:
             raise BadInput(f"--study: there is no study {name!r}; there are {', '.join(STUDIES)}.")
         study, needed = STUDIES[name](seeds)
-        found.append(study)
-        runs.update({run.name: run for run in needed})
+        mine = {run.name: under(rolling, run) for run in needed}
+        places = {place: tuple(mine[run].name for run in named) for place, named in study.places.items()}
+        found.append(replace(study, places=places, rolling=rolling))
+        runs.update({run.name: run for run in mine.values()})
     return list(runs.values()), found
 
 

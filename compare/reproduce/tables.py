@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import fmean, stdev
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare.reproduce import cost, rigs
 from rigtwin.compare.runs import Run
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.reference import hlosta2020
+
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.contact import Rolling
 
 Results = Mapping[str, dict[str, Any]]
 
@@ -32,6 +35,7 @@ class Cell:
     key: str  # of the number in their results
     assumed: tuple[str, ...] = ()
     off: float | None = None  # the cell is how far that number is from this one, in percent and without its sign
+    rolling: Rolling = "type A"  # the law by which the runs resist rolling
 
     def ours(self, results: Results) -> list[float]:
         """What the finished runs gave."""
@@ -48,6 +52,7 @@ class Cell:
             "row": self.row,
             "quantity": self.quantity,
             "unit": self.unit,
+            "rolling_model": self.rolling,
             "paper_experiment": self.experiment,
             "paper_experiment_std": self.experiment_std,
             "paper_dem": self.paper_dem,
@@ -69,7 +74,14 @@ class Plan:
     cells: tuple[Cell, ...]
 
 
-def plan(numbers: Sequence[int] | None, *, quick: bool, repetitions: int | None, seed: int) -> Plan:
+def plan(
+    numbers: Sequence[int] | None,
+    *,
+    quick: bool,
+    repetitions: int | None,
+    seed: int,
+    rolling: Rolling = "type A",
+) -> Plan:
     """All runs that the tables `numbers` need (all tables by default); `quick` takes a representative part."""
     for number in numbers or ():
         if number not in TABLES:
@@ -78,9 +90,21 @@ def plan(numbers: Sequence[int] | None, *, quick: bool, repetitions: int | None,
     cells: list[Cell] = []
     for number in numbers or TABLES:
         for needed, cell in TABLES[number](number, quick, repetitions, seed):
-            runs.update({run.name: run for run in needed})
-            cells.append(cell)
+            mine = [under(rolling, run) for run in needed]
+            runs.update({run.name: run for run in mine})
+            cells.append(replace(cell, rolling=rolling, runs=tuple(run.name for run in mine)))
     return Plan(tuple(runs.values()), tuple(cells))
+
+
+def under(rolling: Rolling, run: Run) -> Run:
+    """The run under a rolling law.
+
+    Under type C it is named as it was before there was a choice: what was kept then is found, and read as such.
+    """
+    if rolling == "type C":
+        return run
+    name = f"{rolling.replace(' ', '_')}-{run.name}"
+    return replace(run, name=name, settings={**run.settings, "rolling": rolling})
 
 
 _RIGS = "rigtwin.compare.reproduce.rigs"
