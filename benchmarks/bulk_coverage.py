@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 from figures import Row
+from scipy.integrate import cumulative_trapezoid
 
 from rigtwin.lab.quantity import Quantity
 from rigtwin.lab.records import Profile, Series, Track
@@ -38,14 +39,14 @@ def _tilted(rng: np.random.Generator, variant: tilt.Variant) -> tuple[Series, Tr
     degrees = float(rng.uniform(8, 35) if variant == "slide" else rng.uniform(1.5, 8))
     rate, noise, fps = float(rng.uniform(0.8, 5)), float(10 ** rng.uniform(-5, -4)), float(rng.choice([30, 60, 120]))
     onset = 1.5 + float(rng.uniform(0, 1 / fps))
-    fine = np.arange(0, 4.5, 2e-4)
+    fine = np.arange(onset, 4.5, 2e-4)  # from the onset on: half a step late is more than the doubt of a good record
     angle = np.radians(degrees + rate * (fine - onset))
     friction = math.tan(math.radians(degrees)) * (float(rng.uniform(0.75, 0.95)) if variant == "slide" else 1.0)
-    push = tilt.FACTOR[variant] * GRAVITY * (np.sin(angle) - friction * np.cos(angle)) * (fine >= onset)
-    down = np.cumsum(np.cumsum(push) * 2e-4) * 2e-4
-    fine, angle, down = (each[down < 0.08] for each in (fine, angle, down))
+    push = tilt.FACTOR[variant] * GRAVITY * (np.sin(angle) - friction * np.cos(angle))
+    down = cumulative_trapezoid(cumulative_trapezoid(push, fine, initial=0), fine, initial=0)
+    fine, down = fine[down < 0.08], down[down < 0.08]
     times = np.arange(0, fine[-1], 1 / fps)
-    turn, way = np.interp(times, fine, angle), np.interp(times, fine, down)
+    turn, way = np.radians(degrees + rate * (times - onset)), np.interp(times, fine, down)
     along = 0.12 - way + rng.normal(0, noise, len(times))
     place = np.column_stack([along * np.cos(turn), along * np.sin(turn)])
     seen = turn + np.radians(0.01) * rng.standard_normal(len(times))

@@ -13,7 +13,8 @@ are needed is weighed by the data (Schwarz's criterion), and the doubt of the on
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -97,7 +98,7 @@ def find_onset(way: Way, run: Run) -> Onset | None:
     table = _window(way, run)
     if table is None:
         return None
-    found, noise = _search(table, _everywhere(table)), FLOOR
+    found, noise = _search(table), FLOOR
     for _ in range(2):
         if found is None:
             return None
@@ -106,7 +107,7 @@ def find_onset(way: Way, run: Run) -> Onset | None:
         kept = np.abs(scaled) < 4.5 * noise
         noise = max(float(np.sqrt(np.mean(scaled[kept] ** 2))), FLOOR)
         table = table.with_noise(noise * math.sqrt(_repeat(scaled[kept])), kept)
-        found = _search(table, _around(table, found, wider=4.0))
+        found = _search(table, found)
     return None if found is None else _summary(way, table, found, noise)
 
 
@@ -178,10 +179,23 @@ class _Candidates:
     variance: Array  # of the answer, NaN where the candidate has no such column
     creep_from: Array  # [s], NaN without creep
     miss: Array  # (seen - fitted) / sigma, shape (n, points)
+    spacing: Array  # [s], to the next onset that was tried: the stretch that a candidate stands for
+
+    @classmethod
+    def joined(cls, parts: Sequence[_Candidates]) -> _Candidates:
+        """All of them as one."""
+        return cls(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(cls)))
+
+    def of_kind(self, creeps: bool) -> _Candidates | None:
+        """Those with a creep, or those without; None where none is possible."""
+        chosen = np.isfinite(self.creep_from) == creeps
+        if not np.any(np.isfinite(self.cost[chosen])):
+            return None
+        return _Candidates(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
     @property
     def weight(self) -> Array:
-        likely = np.exp(-(self.cost - np.min(self.cost)) / 2)
+        likely = self.spacing * np.exp(-(self.cost - np.min(self.cost)) / 2)
         return np.asarray(likely / likely.sum())
 
     @property
@@ -255,23 +269,33 @@ def _everywhere(table: _Table) -> Array:
 
 
 def _around(table: _Table, found: _Candidates, wider: float = 1.0) -> Array:
-    """Onsets to try between the likely ones."""
+    """Onsets to try between the likely ones of one kind."""
     near = found.onset[found.cost < np.min(found.cost) + 16]
-    width = wider * float(np.diff(np.unique(found.onset))[0])
+    width = wider * float(found.spacing[0])
     return np.linspace(max(near.min() - width, table.early), min(near.max() + width, table.late), 32)
 
 
-def _search(table: _Table, onsets: Array) -> _Candidates | None:
-    """Every likely combination of onset, creep and jump in friction."""
-    found = _tried(table, onsets)
-    for _ in range(2):
-        if not np.any(np.isfinite(found.cost)):
-            return None
-        found = _tried(table, _around(table, found))
-    return found if np.any(np.isfinite(found.cost)) else None
+def _search(table: _Table, before: _Candidates | None = None) -> _Candidates | None:
+    """Every likely combination of onset, creep and jump in friction, looked for where they were likely `before`.
+
+    With and without a creep each has a valley of its own: a coarse step that misses the narrow one of the simple motion
+    may still fall into the wide one of the motion with more freedom, from which no finer step leads back.
+    """
+    kinds = []
+    for creeps in (False, True):
+        earlier = None if before is None else before.of_kind(creeps)
+        onsets = _everywhere(table) if earlier is None else _around(table, earlier, wider=4.0)
+        found = _tried(table, onsets, creeps)
+        for _ in range(2):
+            if not np.any(np.isfinite(found.cost)):
+                break
+            found = _tried(table, _around(table, found), creeps)
+        if np.any(np.isfinite(found.cost)):
+            kinds.append(found)
+    return _Candidates.joined(kinds) if kinds else None
 
 
-def _tried(table: _Table, onsets: Array) -> _Candidates:
+def _tried(table: _Table, onsets: Array, creeps: bool) -> _Candidates:
     """All candidates of these onsets, by linear least squares; what cannot be has infinite cost."""
     time = table.time
     alpha = np.interp(onsets, time, table.angle)
@@ -281,7 +305,9 @@ def _tried(table: _Table, onsets: Array) -> _Candidates:
     always = np.broadcast_to(np.stack([np.ones_like(time), table.angle - table.angle[0]]), (len(onsets), 2, len(time)))
     moving = np.stack([pull * (sine - np.tan(alpha)[:, None] * cosine), pull * cosine], axis=1)
     plain = np.concatenate([always, moving], axis=1)
-    parts = [_solved(table, onsets, plain[:, : 3 + jump], math.nan) for jump in (0, 1)]
+    if not creeps:
+        return _Candidates.joined([_solved(table, onsets, plain[:, : 3 + jump], math.nan) for jump in (0, 1)])
+    parts = []
     for start in np.linspace(time[0], onsets[-1], CREEP_STARTS, endpoint=False):
         since = np.maximum(time - start, 0)
         until = np.maximum(onsets - start, 1e-9)[:, None]
@@ -289,11 +315,11 @@ def _tried(table: _Table, onsets: Array) -> _Candidates:
         for creep in (np.broadcast_to(since, grown.shape), grown):
             columns = np.concatenate([plain[:, :3], creep[:, None], plain[:, 3:]], axis=1)
             parts += [_solved(table, onsets, columns[:, : 4 + jump], float(start)) for jump in (0, 1)]
-    return _Candidates(*(np.concatenate(values) for values in zip(*parts, strict=True)))
+    return _Candidates.joined(parts)
 
 
-def _solved(table: _Table, onsets: Array, columns: Array, creep_from: float) -> tuple[Array, ...]:
-    """Onset, cost, answer, its variances (NaN where the column is missing) and start of the creep.
+def _solved(table: _Table, onsets: Array, columns: Array, creep_from: float) -> _Candidates:
+    """The candidates of one combination.
 
     Columns: rest, axis, gain, then creep where it has a start, then jump where there is one.
     """
@@ -328,7 +354,15 @@ def _solved(table: _Table, onsets: Array, columns: Array, creep_from: float) -> 
     possible = (full[:, 2] > 0) & np.all(full[:, 3:] >= 0, axis=1)
     if creeps:
         possible &= creep_from < onsets - 3 * table.step
-    return onsets, np.where(possible, cost, np.inf), full, variance, np.full(len(onsets), creep_from), miss
+    return _Candidates(
+        onsets,
+        np.where(possible, cost, np.inf),
+        full,
+        variance,
+        np.full(len(onsets), creep_from),
+        miss,
+        np.full(len(onsets), onsets[1] - onsets[0]),
+    )
 
 
 def _repeat(residual: Array) -> float:
@@ -353,7 +387,7 @@ def _summary(way: Way, table: _Table, found: _Candidates, noise: float) -> Onset
         return mean, math.sqrt(max(float(weight @ ((values - mean) ** 2 + own)), 0.0))
 
     time, time_sigma = average(found.onset)
-    grid = float(np.diff(np.unique(found.onset))[0])
+    grid = float(found.spacing[found.best])
     angles = np.interp(found.onset, table.time, table.angle)
     angle, angle_sigma = average(angles)
     near = np.abs(table.time - time) < max(8 * table.step, 0.05)

@@ -111,6 +111,16 @@ def test_creep_before_the_onset_is_reported_and_left_out():
     assert pick(result, "static_friction_angle").value == pytest.approx(18.0, abs=0.1)
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("angle", [9.5, 14.0])
+def test_a_sharp_onset_in_a_quiet_film_is_not_taken_for_a_creep_and_a_later_onset(angle, seed):
+    """The onset of the simple motion is a narrow valley there, which a coarse search steps over."""
+    angles, tracks = record("slide", angle_deg=angle, rate_deg=4.5, fps=120, noise=1.3e-5, seed=seed)
+    result = tilt.evaluate(angles, tracks, variant="slide", bead_diameter=0.006)
+    assert pick(result, "onset_time").value == pytest.approx(1.3, abs=1.5e-3)
+    assert next(check for check in result.checks if check.check == "creep").value == 0
+
+
 def test_the_angle_hangs_on_no_scale_but_the_check_of_gravity_does():
     right = tilt.evaluate(*record("roll", angle_deg=4.0), variant="roll", bead_diameter=0.006)
     wrong = tilt.evaluate(*record("roll", angle_deg=4.0, size=1.3), variant="roll", bead_diameter=0.006)
