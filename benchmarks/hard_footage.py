@@ -50,8 +50,8 @@ class Case:
 
 
 def all_but_a_tenth(count: int, rng: np.random.Generator) -> list[int]:
-    """Frames of a film that are kept where a tenth of them got lost."""
-    return sorted(rng.choice(count, int(0.9 * count), replace=False).tolist())
+    """Frames of a film that are kept where a tenth of them got lost; times count from the first."""
+    return sorted({0, *rng.choice(count, int(0.9 * count), replace=False).tolist()})
 
 
 def _all_but_one(count: int, rng: np.random.Generator) -> list[int]:

@@ -15,6 +15,7 @@ from scipy.ndimage import uniform_filter1d
 
 Array = npt.NDArray[np.float64]
 Strips = npt.NDArray[np.uint8]
+Mask = npt.NDArray[np.bool_]
 
 STILL = 5  # frames before the first change, from which the noise is learnt
 ROWS = 0.4  # of the rows that show the slide, how many must have lost it
@@ -50,14 +51,16 @@ def slot_edges(beads: npt.NDArray[np.bool_], left: float, right: float) -> tuple
     return float(columns[0]) - 0.5, float(columns[-1]) + 0.5
 
 
-def find_opening(strips: Strips, left: float, right: float, before: int) -> Opening | None:
+def find_opening(strips: Strips, left: float, right: float, before: int, masked: Mask | None = None) -> Opening | None:
     """When the slide's trailing edge passes the slot's near edge; None when nothing changes in the slot.
 
     `strips`, shape (frames, width, 3 x rows), runs to when the hopper is empty.  `left` and `right` are the slot's
-    edges [px], `before` a frame at which the slot is open for sure.
+    edges [px], `before` a frame at which the slot is open for sure, `masked` where something is in front of the slide,
+    shape (frames, width).
     """
     level = strips[: before + LASTING + 1].astype(np.float64)
-    changed = _first_changes(level, np.median(strips[-STILL:], axis=0).astype(np.float64))
+    masked = np.zeros(level.shape[:2], dtype=bool) if masked is None else masked[: len(level)]
+    changed = _first_changes(level, np.median(strips[-STILL:], axis=0).astype(np.float64), masked)
     width = right - left
     slot = np.arange(max(math.ceil(left), 0), min(math.floor(right), level.shape[1] - 1) + 1)
     seen = slot[np.isfinite(changed[slot]) & (changed[slot] <= before + 1)]
@@ -82,7 +85,7 @@ def find_opening(strips: Strips, left: float, right: float, before: int) -> Open
     return Opening(at, sigma, "trailing edge of the slide", direction, speed)
 
 
-def _first_changes(level: Array, empty: Array) -> Array:
+def _first_changes(level: Array, empty: Array, masked: Mask) -> Array:
     """The frame in which every column loses for good what it showed at first; infinite where that is not to be seen.
 
     What comes next is what the empty hopper shows, and soon beads.  The change counts from where it is half done, for a
@@ -93,14 +96,19 @@ def _first_changes(level: Array, empty: Array) -> Array:
         level, empty = (uniform_filter1d(each, wide, axis=-2) for each in (level, empty))
     start = np.median(level[:STILL], axis=0)
     away, step = _by_row(level - start), _by_row((empty - start)[None])[0]
-    noise = max(float(np.percentile(away[:STILL], 90)), 1.0)
+    # of most of these frames: something may pass in one of them
+    noise = max(float(np.median(np.percentile(away[:STILL], 90, axis=(1, 2)))), 1.0)
     shown = step > 4 * noise
     gone = (away > np.maximum(0.5 * step, 2.5 * noise)) & shown
     # beads that rest on the slide fill its uppermost rows and stay for a while: not all rows need to change
     above = (gone.sum(axis=2) >= ROWS * shown.sum(axis=1)) & (shown.sum(axis=1) > 0)
     count = len(above) - LASTING + 1
+    above[masked] = False
     lasting = np.all([above[k : count + k] for k in range(LASTING)], axis=0)
-    return np.asarray(np.where(lasting.any(axis=0), np.argmax(lasting, axis=0), np.inf), dtype=np.float64)
+    first = np.argmax(lasting, axis=0)
+    # what changes behind a hand is not known to a frame
+    seen = lasting.any(axis=0) & ~masked[np.maximum(first - 1, 0), np.arange(len(first))]
+    return np.asarray(np.where(seen, first, np.inf), dtype=np.float64)
 
 
 def _smoothing(level: Array) -> int:

@@ -366,10 +366,18 @@ def _rates(
 
 
 def _left(seen: Outflow) -> Series:
-    area = np.array([moment.left for moment in seen.moments])
-    full = float(np.median(area[:5]))
     time = np.array([moment.time for moment in seen.moments])
+    area = np.array([moment.left for moment in seen.moments])
+    clear = ~_covered(seen)
+    if clear.any():
+        area = np.interp(time, time[clear], area[clear])
+    full = float(np.median(area[:5]))
     return Series(time, area / max(full, 1.0), "fraction left in the hopper", "1")
+
+
+def _covered(seen: Outflow) -> npt.NDArray[np.bool_]:
+    """In which frames something is in front of the bed or the slot."""
+    return np.array([moment.covered for moment in seen.moments])
 
 
 def _edges(seen: Outflow) -> tuple[float, float]:
@@ -390,16 +398,15 @@ def _beads_in_slot(seen: Outflow) -> npt.NDArray[np.bool_]:
     empty = seen.strips[-5:].astype(np.float64).mean(axis=0)
     level = max(seen.scenery.level, 8.0)
     strips = seen.strips.astype(np.float64)
-    return np.asarray(
-        (np.abs(strips - empty).mean(axis=2) > 0.6 * level) & (np.abs(strips - full).mean(axis=2) > 0.6 * level)
-    )
+    beads = (np.abs(strips - empty).mean(axis=2) > 0.6 * level) & (np.abs(strips - full).mean(axis=2) > 0.6 * level)
+    return np.asarray(beads & ~seen.masked)
 
 
 def _gate(seen: Outflow, edges: tuple[float, float]) -> Opening | None:
     area = np.array([moment.left for moment in seen.moments])
     full = float(np.median(area[:5]))
-    gone = np.flatnonzero(area < 0.9 * full)
-    return find_opening(seen.strips, *edges, int(gone[0]) if len(gone) else len(area) - 1)
+    gone = np.flatnonzero((area < 0.9 * full) & ~_covered(seen))
+    return find_opening(seen.strips, *edges, int(gone[0]) if len(gone) else len(area) - 1, seen.masked)
 
 
 def _opened(seen: Outflow, gate: Opening | None) -> Instant:
@@ -443,7 +450,7 @@ def _opened_by_flow(seen: Outflow, time: Array) -> Instant:
     change = np.array([moment.change for moment in seen.moments])
     usual = change[1:6]
     level = float(np.median(usual)) + 6 * float(np.std(usual)) + 1.0
-    moving = np.flatnonzero((change > level) & (np.roll(change, -1) > level))
+    moving = np.flatnonzero((change > level) & (np.roll(change, -1) > level) & ~_covered(seen))
     if len(moving) == 0:
         raise NothingToMeasure("hopper: the bed does not begin to move in this clip; begin it before the opening.")
     first = int(moving[0])
@@ -462,8 +469,10 @@ def _last_particle(seen: Outflow, edges: tuple[float, float]) -> Instant:
     # a bed that ends wider than the slot that beads pass through was seen to end elsewhere: walls of a hopper slope
     wider = seen.scenery.slot.right - seen.scenery.slot.left - (edges[1] - edges[0]) - 0.5 * seen.scenery.bead
     slot_sigma = math.hypot(seen.scenery.slot.sigma, 0.5 * max(wider, 0.0))
-    top = np.array([moment.top for moment in seen.moments])
-    time = np.array([moment.time for moment in seen.moments])
+    clear = ~_covered(seen)
+    shown = np.flatnonzero(clear) if clear.sum() > len(clear) / 2 else np.arange(len(clear))
+    top = np.array([moment.top for moment in seen.moments])[shown]
+    time = np.array([moment.time for moment in seen.moments])[shown]
     above = np.flatnonzero(top < slot)
     if len(above) == 0 or above[-1] >= len(top) - 2:
         return Instant(
@@ -473,15 +482,15 @@ def _last_particle(seen: Outflow, edges: tuple[float, float]) -> Instant:
             CUT_SHORT,
         )
     k = int(above[-1])
-    below = top[k + 1]
-    if math.isfinite(below) and below - top[k] < 4 * seen.scenery.bead:
+    below, frames = top[k + 1], int(shown[k + 1] - shown[k])
+    if frames == 1 and math.isfinite(below) and below - top[k] < 4 * seen.scenery.bead:
         part = (slot - top[k]) / (below - top[k])
         speed = below - top[k]
         budget = {"passage": CROSSING * seen.interval}
         budget["slot's height"] = slot_sigma / max(speed, 1.0) * seen.interval
     else:
         part = 0.5
-        budget = {"passage": 0.3 * seen.interval}
+        budget = {"passage": 0.3 * frames * seen.interval}
     budget["slot's height"] = min(budget.get("slot's height", 0.0), 3 * seen.interval)
     budget["exposure"] = EXPOSURE * seen.interval
     return Instant(float(time[k] + part * (time[k + 1] - time[k])), budget, "upper edge of the last bead at the slot")
@@ -562,7 +571,8 @@ def _rate_check(
 
 def _timing_check(seen: Outflow, left: Series, opened: Instant, last: Instant) -> Check | str:
     time, share, _ = _share_left(left)
-    hidden = np.array([moment.hidden for moment in seen.moments])
+    # a hand reaches over the bed's edge before it is told, and a little longer
+    hidden = np.convolve([moment.hidden for moment in seen.moments], np.ones(5), "same") > 0.5
     flows = (time[1:] > opened.time) & (time[1:] <= last.time) & ~hidden[1:] & ~hidden[:-1]
     return timing_check((-np.diff(share) / np.diff(time))[flows])
 

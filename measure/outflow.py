@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,6 +17,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress
+from rigtwin.measure.foreign import Usual, crosses, foreign, usual_sight
 from rigtwin.measure.grains import colour_cells, find_beads, rare, shares
 from rigtwin.measure.media import Video
 from rigtwin.measure.piv import Displacements, MeanCorrelation, without_outliers
@@ -35,6 +37,9 @@ DIP = 0.25  # of how much rows of beads look like beads: the row below them, of 
 SLOT_DOUBT = 0.12  # of a bead's diameter, where on the lowest beads the slot lies
 LEAST_BESIDE = 500  # [px^2], below which nothing is said of what is beside the bed
 PASSES = 0.03  # share of it that something in front must hide
+AROUND = 3.0  # bead diameters above and below the slot, and one to its sides, that a hand must keep clear of
+ALIKE = 0.5  # overlap of their colours (Bhattacharyya) above which two regions are parts of one bed
+ALIKE_BLUR = 2.0  # [px]
 LEAST_BEAD = 0.2  # of a bead's disc, the area below which a patch is no bead
 
 
@@ -76,7 +81,8 @@ class Moment:
     lowest: float  # [px], row of the lowest bead below the slot; NaN where none
     change: float  # [grey levels], how much the bed's lower part changed since the frame before
     pose: Pose
-    hidden: bool = False  # something passes in front of the scene
+    covered: bool  # something is in front of the bed or the slot
+    hidden: bool = False  # something passes in front of the scene, be it beside the bed
 
 
 @dataclass(frozen=True)
@@ -85,6 +91,7 @@ class Outflow:
 
     moments: tuple[Moment, ...]
     strips: npt.NDArray[np.uint8]  # what the slide's level shows, shape (frames, width, colours of the rows)
+    masked: Mask  # where something is in front of that, shape (frames, width)
     scenery: Scenery
     upright: Upright
     lens: Cut
@@ -107,17 +114,21 @@ def follow_outflow(
     about = (width / 2, height / 2)
     turn = np.asarray(cv2.getRotationMatrix2D(about, -math.degrees(turned.roll), 1.0), dtype=np.float64)
     scenery = _scenery(video, scene, lens, turn, None if bead is None else bead * lens.zoom)
-    moments, strips = [], []
+    moments, strips, masked = [], [], []
     before: Image | None = None
     there = [index for index in range(video.first, video.last + 1) if index not in video.skipped]
     usual = float(np.median(np.diff(video.times[there])))
     outlet = _windows(scenery)
     beside = _beside(scenery)
+    rows, sight = _usual_sight(scene, scenery)
     count = video.last - video.first + 1
     for frame in _upright_frames(video, scene, lens, turn):
-        moment = _moment(frame, before, scenery)
-        moments.append(replace(moment, hidden=_hides(frame.colour, scenery, beside)))
+        strange, crossed = _strange(frame.colour, rows, sight)
+        moment = _moment(frame, before, scenery, strange)
+        moment = replace(moment, covered=moment.covered or crossed)
+        moments.append(replace(moment, hidden=moment.covered or _hides(frame.colour, scenery, beside)))
         strips.append(slide_strip(frame.colour, scenery))
+        masked.append(strange[_strip_rows(scenery)].any(axis=0) | crossed)
         share = moments[-1].left / max(float(np.median([moment.left for moment in moments[:ENDS]])), 1.0)
         # across a lost frame beads go twice as far
         neighbours = before is not None and abs(moment.time - moments[-2].time - usual) < 0.5 * usual
@@ -128,6 +139,7 @@ def follow_outflow(
     return Outflow(
         tuple(moments),
         np.stack(strips),
+        np.stack(masked),
         scenery,
         turned,
         lens,
@@ -190,21 +202,55 @@ def bead_mask(picture: Image, scenery: Scenery) -> Mask:
 
 def slide_strip(picture: Image, scenery: Scenery) -> Image:
     """The rows in which the slide lies, the colours of a column side by side, shape (width, 3 x rows)."""
-    top = round(scenery.slot.row + 1)
-    rows = picture[top : top + int(np.clip(round(0.6 * scenery.bead), 4, 12))]
+    rows = picture[_strip_rows(scenery)]
     return np.ascontiguousarray(rows.transpose(1, 0, 2).reshape(picture.shape[1], -1))
 
 
+def _strip_rows(scenery: Scenery) -> slice:
+    top = round(scenery.slot.row + 1)
+    return slice(top, top + int(np.clip(round(0.6 * scenery.bead), 4, 12)))
+
+
+def _usual_sight(scene: Scene, scenery: Scenery) -> tuple[slice, Usual]:
+    """What the rows about bed and slot may show."""
+    slot, bead = scenery.slot, scenery.bead
+    first = max(round(int(np.argmax(scenery.bed.any(axis=1))) - AROUND * bead), 0)
+    rows = slice(first, round(slot.row + AROUND * bead))
+    mostly = scene.picture if _straight(scenery.turn) else _turned(scene.picture, scenery.turn)
+    return rows, usual_sight(
+        scenery.full[rows],
+        scenery.empty[rows],
+        mostly[rows],
+        scenery.bed[rows],
+        slot_row=slot.row - first,
+        bead=bead,
+        noise=scenery.noise,
+    )
+
+
+def _strange(picture: Image, rows: slice, usual: Usual) -> tuple[Mask, bool]:
+    """Where something else is in front of an upright picture, and whether it comes near from the side."""
+    strange = np.zeros(picture.shape[:2], dtype=bool)
+    part = np.ascontiguousarray(picture[rows])
+    strange[rows] = foreign(part, usual)
+    return strange, crosses(part, usual)
+
+
 def _upright_frames(video: Video, scene: Scene, lens: Cut, turn: Array) -> Iterator[Steadied]:
-    straight = np.allclose(turn, np.eye(2, 3), atol=1e-4)
+    straight = _straight(turn)
     for frame in steadied(video, scene, lens):
         yield frame if straight else replace(frame, colour=_turned(frame.colour, turn))
 
 
-def _turned(picture: Image, turn: Array) -> Image:
+def _straight(turn: Array) -> bool:
+    return np.allclose(turn, np.eye(2, 3), atol=1e-4)
+
+
+def _turned(picture: npt.NDArray[Any], turn: Array) -> npt.NDArray[Any]:
     size = (picture.shape[1], picture.shape[0])
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    return np.asarray(cv2.warpAffine(picture, turn, size, flags=flags, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+    turned = cv2.warpAffine(picture, turn, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(turned, dtype=picture.dtype)
 
 
 def _scenery(video: Video, scene: Scene, lens: Cut, turn: Array, bead: float | None) -> Scenery:
@@ -218,7 +264,7 @@ def _scenery(video: Video, scene: Scene, lens: Cut, turn: Array, bead: float | N
     noise = max(float(np.median(apart(lasts[0], lasts[-1]))) / 1.4, 0.7)
     differs = np.asarray(cv2.GaussianBlur(apart(full, empty), (0, 0), 1.5), dtype=np.uint8)
     level = max(CLEAR / 2 * noise, 0.5 * _otsu(differs))
-    bed = _bed(np.asarray(differs > level))
+    bed = _bed(np.asarray(differs > level), full)
     if bed is None:
         raise NothingToMeasure(
             f"{video.path}: the picture shows no bed that has gone at the end; give a clip that begins before the slot "
@@ -264,7 +310,7 @@ def _otsu(values: npt.NDArray[np.uint8]) -> float:
     return float(level)
 
 
-def _bed(differs: Mask) -> Mask | None:
+def _bed(differs: Mask, full: Image) -> Mask | None:
     """The upper one of the two large regions that changed: the bed that left; the lower is where it went."""
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (7, 7))
     marked = cv2.morphologyEx(differs.astype(np.uint8), cv2.MORPH_CLOSE, kernel)
@@ -277,9 +323,12 @@ def _bed(differs: Mask) -> Mask | None:
     if not large:
         return None
     upper = min(large, key=lambda k: centres[k][1])
-    # a bar in front of the hopper parts the bed in two
+    # a bar in front of the hopper parts the bed in two; a hand at the slide that has left the view is no part of it
     reach = 0.5 * stats[upper, cv2.CC_STAT_HEIGHT]
-    return np.isin(labels, [k for k in large if abs(centres[k][1] - centres[upper][1]) < reach])
+    cells = colour_cells(full, ALIKE_BLUR)
+    beads = np.sqrt(shares(cells[labels == upper]))
+    parts = [k for k in large if abs(centres[k][1] - centres[upper][1]) < reach]
+    return np.isin(labels, [k for k in parts if float(beads @ np.sqrt(shares(cells[labels == k]))) > ALIKE])
 
 
 def _slot(bed: Mask, bead: float) -> Slot:
@@ -327,9 +376,9 @@ def _end_of_beads(alike: Array, near: int) -> tuple[int, float]:
     return (int(low[0] + even[0]), 0.0) if len(even) else (int(low[0]), dip)
 
 
-def _moment(frame: Steadied, before: Image | None, scenery: Scenery) -> Moment:
+def _moment(frame: Steadied, before: Image | None, scenery: Scenery, strange: Mask) -> Moment:
     slot, bead = scenery.slot, scenery.bead
-    mask = bead_mask(frame.colour, scenery)
+    mask = bead_mask(frame.colour, scenery) & ~strange
     row = round(slot.row)
     reach = cv2.dilate(scenery.bed.astype(np.uint8), np.ones((round(bead) | 1, round(bead) | 1), np.uint8)) > 0
     reach[row:] = False
@@ -361,7 +410,16 @@ def _moment(frame: Steadied, before: Image | None, scenery: Scenery) -> Moment:
         slot.row + lowest if filled.any() else math.nan,
         change,
         frame.pose,
+        _covers(strange, scenery),
     )
+
+
+def _covers(strange: Mask, scenery: Scenery) -> bool:
+    """Whether something is in front of the bed or the slot; it may come near from the side, to pull the slide."""
+    slot, bead = scenery.slot, scenery.bead
+    rows = slice(max(round(slot.row - AROUND * bead), 0), round(slot.row + AROUND * bead))
+    columns = slice(max(round(slot.left - bead), 0), round(slot.right + bead))
+    return bool((strange & scenery.bed).any() or strange[rows, columns].any())
 
 
 def _beside(scenery: Scenery) -> Mask:
@@ -377,7 +435,8 @@ def _hides(picture: Image, scenery: Scenery, beside: Mask) -> bool:
     """Whether something is in front of a part of what should stand still."""
     if beside.sum() < LEAST_BESIDE:
         return False
-    off = cv2.GaussianBlur(apart(picture, scenery.full), (0, 0), 2.0)[beside]
+    # what is there before or after does not pass
+    off = cv2.GaussianBlur(cv2.min(apart(picture, scenery.full), apart(picture, scenery.empty)), (0, 0), 2.0)[beside]
     # a lamp that flickers moves all pixels alike
     return bool(np.mean(off > 15 + CLEAR * scenery.noise + np.median(off)) > PASSES)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 
@@ -139,10 +140,9 @@ def test_bad_records_are_told_in_a_sentence() -> None:
         hopper.evaluate(record, total_mass=-1.0)
 
 
-@pytest.mark.parametrize("direction", [1, -1])
-def test_a_slide_frees_the_slot_between_two_frames_at_the_moment_its_edge_says(direction: int) -> None:
+def sliding(direction: int, opened: float, speed: float, left: float, right: float) -> npt.NDArray[np.uint8]:
+    """What the rows of a slide show that frees a slot; beads fill it from frame 20 to 33."""
     random = np.random.default_rng(8)
-    opened, speed, left, right = 12.37, 17.0, 100.0, 170.0
     strips = np.empty((40, 280, 12), np.uint8)
     x = np.arange(280.0)
     near = left if direction > 0 else right
@@ -150,15 +150,35 @@ def test_a_slide_frees_the_slot_between_two_frames_at_the_moment_its_edge_says(d
         edge = near + direction * speed * (k - opened)
         ends = sorted((edge, edge + direction * 300))
         slide = np.clip(np.minimum(x + 0.5 - ends[0], ends[1] - x + 0.5), 0, 1)
-        # once the slot is open beads fill it
         beads = ((x > left) & (x < right) & (k > 19)).astype(float) * 60 * (k < 34)
         grey = 90 * slide + 170 * (1 - slide) - beads
         strips[k] = np.clip(grey[:, None] + random.normal(0, 2, (280, 12)), 0, 255).astype(np.uint8)
+    return strips
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_slide_frees_the_slot_between_two_frames_at_the_moment_its_edge_says(direction: int) -> None:
+    opened, speed, left, right = 12.37, 17.0, 100.0, 170.0
+    strips = sliding(direction, opened, speed, left, right)
     found = find_opening(strips, left - 0.5, right + 0.5, 22)
     assert found is not None
     assert found.direction == direction
     assert found.frame == pytest.approx(opened, abs=0.12)
     assert found.speed == pytest.approx(speed, rel=0.05)
+
+
+def test_what_passes_in_front_of_the_slide_does_not_open_the_slot() -> None:
+    opened, left, right = 12.37, 100.0, 170.0
+    strips = sliding(1, opened, 17.0, left, right)
+    hand = np.zeros(strips.shape[:2], bool)
+    hand[6:11, 130:] = True
+    strips[hand] = 165
+    found = find_opening(strips, left - 0.5, right + 0.5, 22, hand)
+    assert found is not None
+    assert found.frame == pytest.approx(opened, abs=0.15)
+    # a slide that goes behind the hand is not seen to free the slot
+    hand[10:20] = True
+    assert find_opening(strips, left - 0.5, right + 0.5, 22, hand) is None
 
 
 # ------------------------------------------------------------------------------------------------------------- films
@@ -172,9 +192,19 @@ OPENED = 8.3  # [frames]
 
 
 def film(
-    path: Path, *, stays: bool = False, crf: int = 14, interlaced: bool = False, lost: frozenset[int] = frozenset()
+    path: Path,
+    *,
+    stays: bool = False,
+    crf: int = 14,
+    interlaced: bool = False,
+    lost: frozenset[int] = frozenset(),
+    hand: Callable[[int], tuple[float, float]] | None = None,
+    skin: tuple[int, int, int] = (140, 165, 215),
 ) -> float:
-    """A bed that leaves row by row through a slot; returns the frame at which the last bead's upper edge is at it."""
+    """A bed that leaves row by row through a slot; returns the frame at which the last bead's upper edge is at it.
+
+    `hand` tells where a hand of the colour `skin` is in a frame [px].
+    """
     random = np.random.default_rng(5)
     rows, columns = 9, 5
     centres = np.array(
@@ -211,6 +241,9 @@ def film(
                 )
                 spot = (round(16 * (x - 1.5)), round(16 * (at - 1.5)))
                 cv2.circle(picture, spot, 20, (120, 170, 240), -1, cv2.LINE_AA, 4)
+            if hand is not None:
+                middle = (round(hand(k)[0]), round(hand(k)[1]))
+                cv2.ellipse(picture, middle, (40, 26), 20, 0, 360, skin, -1, cv2.LINE_AA)
             noisy = np.clip(picture + random.normal(0, 2, picture.shape), 0, 255).astype(np.uint8)
             if k in lost:
                 continue
@@ -238,6 +271,41 @@ def test_a_filmed_discharge_gives_both_ends_within_a_frame(tmp_path: Path) -> No
     assert found.camera["slide_goes"] == "right"
     assert all(path.exists() for path in found.files.values())
     assert not any(one.doubtful for one in found.quantities)
+
+
+def handled(
+    path: Path, hand: Callable[[int], tuple[float, float]], skin: tuple[int, int, int] = (140, 165, 215)
+) -> tuple[list[Quantity], float]:
+    """Opening, last particle and discharge time [frames] of a film with a hand in it, and the true last frame."""
+    last = film(path, hand=hand, skin=skin)
+    found = hopper.measure(path, Camera(frame_rate=RATE), bead_diameter=DIAMETER, out=path.with_suffix(""))
+    return [find(found, f"{name}_time") for name in ("opening", "last_particle", "discharge")], last
+
+
+@pytest.mark.parametrize("skin", [(140, 165, 215), (45, 45, 50), (60, 105, 195), (175, 175, 172)])
+def test_a_hand_before_the_slot_does_not_open_it(tmp_path: Path, skin: tuple[int, int, int]) -> None:
+    # over the slot's right half until shortly before the slide moves, whether it looks like skin, a glove, beads or not
+    times, last = handled(
+        tmp_path / "hand.mp4", lambda k: (265.0 - 110 * math.exp(-(((k - 4) / 1.5) ** 2)), 155.0), skin
+    )
+    opening, end, lasted = times
+    assert opening.value * RATE == pytest.approx(OPENED, abs=0.5)
+    assert "in front of the hopper" in opening.doubtful
+    assert end.value * RATE == pytest.approx(last, abs=0.5)
+    assert lasted.doubtful
+
+
+def test_a_hand_before_the_last_bead_makes_its_time_doubtful(tmp_path: Path) -> None:
+    times, last = handled(tmp_path / "hand.mp4", lambda k: (155.0 if 38 < k < 60 else 265.0, 155.0))
+    low, high = times[1].interval95
+    assert times[1].doubtful
+    assert low * RATE < last < high * RATE
+
+
+def test_a_hand_that_pulls_the_slide_from_afar_is_no_trouble(tmp_path: Path) -> None:
+    times, last = handled(tmp_path / "hand.mp4", lambda k: (220.0 + 14 * max(k - OPENED, -2), 155.0))
+    assert times[2].value * RATE == pytest.approx(last - OPENED, abs=0.7)
+    assert not any(time.doubtful for time in times)
 
 
 def test_lost_frames_make_the_beads_no_faster_at_the_outlet(tmp_path: Path) -> None:
