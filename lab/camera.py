@@ -19,6 +19,7 @@ _BOARD = re.compile(
 )
 SHORTEST_LINE = 10.0  # [px], below it a plumb line says nothing of the vertical
 WIDEST_SQUARE = 1.0  # [m], of a board; "10" was meant to be millimetres
+WIDEST_PIXEL = 0.1  # [m], of which a picture shows some hundred metres; "0.3" was meant to be millimetres
 FASTEST = 1e8  # [1/s], no camera films faster; a larger rate is a slip of the pen
 
 
@@ -93,6 +94,11 @@ class Camera:
                 raise BadInput(f"the camera's {name.replace('_', ' ')} must be positive, got {value:g}.")
         if self.frame_rate is not None and self.frame_rate > FASTEST:
             raise BadInput(f"the camera's frame rate cannot be {self.frame_rate:g} Hz; write it like '240 Hz'.")
+        if self.given_scale is not None and self.given_scale > WIDEST_PIXEL:
+            raise BadInput(
+                f"the camera's scale cannot be {self.given_scale:g} m in a pixel; write it like '0.2 mm/px', or a "
+                "known length with the pixels that it spans."
+            )
         if self.scale is not None and self.known_length is not None:
             raise BadInput("a scale and a known length are both given; leave one of them out.")
         if self.board is not None and self.lens is None and self.given_scale is not None:

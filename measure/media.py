@@ -117,7 +117,10 @@ class Video:
         except av.FFmpegError:
             pass
         if len(found) < len(wanted):
-            raise self._damaged(found[-1].index if found else self.first)
+            last = found[-1].index if found else self.first
+            for frame in self.frames(last):  # which says where the damage is, not which picture was wanted before it
+                last = frame.index
+            raise self._damaged(last)
         return found
 
     def _damaged(self, index: int) -> UnreadableMedia:

@@ -13,7 +13,7 @@ A profile of `measure` runs across the cylinder, x = 0 on its axis; heights are 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -63,6 +63,8 @@ STATED = ("gauge", "bead_size", "walls", "scale")
 NEARER = 1.05  # the beads in front are nearer to the camera than the axis by a fifteenth or so, those beside them less
 BEAD_DOUBT = MISFIT / 2  # relative, of a scale read off the beads, whose look nothing else checks then
 MOST_BEYOND = 0.08  # share of the beads seen that may lie outside of the walls: reflections in the glass
+# relative standard uncertainties of what a person has weighed and gauged; a twin's mass and cylinder are exact
+BY_HAND = {"mass": 0.002, "cylinder diameter": 0.003}
 ADVISED_RATIO = 5.0  # cylinder over bead diameter
 
 
@@ -94,7 +96,7 @@ def evaluate(
     `cylinder_diameter` [m] is the inner one, `total_mass` [kg], `bead_diameter` [m], `bead_density` [kg/m^3].
     """
     seen = [Observation(profile) for profile in profiles]
-    return _evaluate(seen, cylinder_diameter, total_mass, bead_diameter, bead_density)
+    return _evaluate(seen, cylinder_diameter, total_mass, bead_diameter, bead_density, {})
 
 
 def _evaluate(
@@ -103,7 +105,9 @@ def _evaluate(
     mass: float | None,
     bead: float | None,
     solid: float | None,
+    stated: Mapping[str, float],
 ) -> Evaluation:
+    """`stated` are the relative standard uncertainties of mass and cylinder, where they are not exact."""
     if not seen:
         raise BadInput("measure packing: no profile given; give at least one outline of the bed.")
     for name, value in (
@@ -138,7 +142,7 @@ def _evaluate(
         )
     warnings = list(dict.fromkeys(each.unconfirmed for each in seen if each.unconfirmed))
     if mass is not None and cylinder is not None:
-        densities = [_density(height, mass, cylinder) for height in found[:2]]
+        densities = [_density(height, mass, cylinder, stated) for height in found[:2]]
         checks.append(_density_check(densities[0].value, solid))
         found += [doubted(one, failed(checks, ["bulk_density", "cylinder_bead_ratio"])) for one in densities]
     else:
@@ -214,10 +218,12 @@ def _height(value: float, method: str, budget: dict[str, float], count: int, fla
     return Quantity("bed_height", value, root_sum_of_squares(budget), "m", method, count, {}, budget, flaw)
 
 
-def _density(height: Quantity, mass: float, cylinder: float) -> Quantity:
+def _density(height: Quantity, mass: float, cylinder: float, stated: Mapping[str, float]) -> Quantity:
     """Mass over the filled volume, pi/4 D^2 h."""
     value = mass / (math.pi / 4 * cylinder**2 * height.value)
+    power = {"mass": 1, "cylinder diameter": 2}
     budget = {name: value * part / height.value for name, part in height.budget.items()}
+    budget |= {name: value * power[name] * part for name, part in stated.items()}
     sigma = root_sum_of_squares(budget)
     return Quantity(
         "bulk_density", value, sigma, "kg/m^3", height.method, height.n, budget=budget, doubtful=height.doubtful
@@ -344,7 +350,7 @@ def measure(
         checks += found
         beds.append((image, bed))
     progress("looking for the bed", len(photos), len(photos))
-    evaluation = _evaluate(seen, cylinder_diameter, total_mass, bead_diameter, bead_density)
+    evaluation = _evaluate(seen, cylinder_diameter, total_mass, bead_diameter, bead_density, BY_HAND)
     measurement = Measurement(
         rig="packing",
         source=photos[0],

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -113,7 +114,8 @@ def fit_swings(
         first = replace(first, axis=((axis[0] - float(origin[0])) / unit, (axis[1] - float(origin[1])) / unit))
     fit = _fit(first, scaled, ground)
     if axis is not None and _bends(fit.swings):
-        fit = _fit(fit.swings, scaled, ground, bent=True)
+        with suppress(NothingToMeasure):  # then the straight one stands
+            fit = _fit(fit.swings, scaled, ground, bent=True)
     while fit.swings.collisions < most_collisions:
         further = _with_next_collision(fit)
         if further is None:

@@ -282,6 +282,18 @@ def test_a_scale_read_off_the_beads_alone_is_as_doubtful_as_their_soft_rims(tmp_
     assert low < truth < high
 
 
+def test_what_was_weighed_and_gauged_by_hand_is_doubted_and_what_a_twin_knows_is_not(tmp_path):
+    photo = tmp_path / "bed.png"
+    draw(photo)
+    stated = {"cylinder_diameter": CYLINDER, "total_mass": 0.1, "bead_diameter": BEAD}
+    filmed = pick(packing.measure([photo], Camera(), **stated), "bulk_density")
+    exact = pick(packing.evaluate([flat(0.07)], **stated), "bulk_density")
+    # the volume goes with the square of the diameter
+    assert filmed.budget["mass"] == pytest.approx(0.002 * filmed.value)
+    assert filmed.budget["cylinder diameter"] == pytest.approx(2 * 0.003 * filmed.value)
+    assert not {"mass", "cylinder diameter"} & set(exact.budget)
+
+
 def test_a_dark_photo_gives_the_same_height(tmp_path):
     photo, dark = tmp_path / "bed.png", tmp_path / "dark.png"
     truth = draw(photo)

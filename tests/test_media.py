@@ -68,6 +68,22 @@ def test_any_part_of_a_film_is_read_alike_kept_in_memory_or_not(tmp_path, monkey
             assert all(index % spacing == 0 for index in chosen)
 
 
+def test_a_damage_is_told_where_it_is_however_few_pictures_are_wanted(tmp_path, monkeypatch):
+    monkeypatch.setattr(sources, "KEPT", 0)
+    clip = write_clip(tmp_path / "clip.mp4", [40 * k for k in range(40)], rate=25, group=10)
+    with av.open(str(clip)) as container:
+        packets = sorted((packet.pts, packet.pos, packet.size) for packet in container.demux(video=0) if packet.size)
+    _, place, size = packets[31]
+    content = bytearray(clip.read_bytes())
+    content[place : place + size] = b"\xff" * size
+    clip.write_bytes(content)
+    video = open_video(clip, Camera(frame_rate=25.0))
+    for wanted in ([5, 38], [0, 20, 38]):
+        with pytest.raises(UnreadableMedia, match=r"damaged after picture 30; .* --end 30f"):
+            video.single(wanted)
+    assert [frame.index for frame in video.single([5, 30])] == [5, 30]
+
+
 def test_two_readers_of_one_film_do_not_disturb_each_other(tmp_path):
     video = open_video(regular(tmp_path), Camera())
     both = zip(video.frames(), video.frames(), strict=True)
