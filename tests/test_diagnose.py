@@ -744,6 +744,21 @@ def test_a_key_of_lab_json_that_is_nearly_a_known_one_is_told_and_remarks_are_no
     assert said[1].startswith("plate_levl_uncertainty_deg: ")
 
 
+def test_an_uncertainty_without_its_unit_and_a_wall_of_another_name_are_told(tmp_path):
+    file = write_drops(tmp_path, 5, beads=("heavy",), heights=(0.6,), repetitions=1) / "lab.json"
+    document = json.loads(file.read_text())
+    wall = document["conditions"][0]["wall"]
+    document["camera"] = {"frame_rate_hz": 240, "scale_uncertainty": 0.01}
+    document["walls"] = {f"{wall}s": {"thickness_m": 0.01}, "another": {"thickness_m": 0.02}}
+    file.write_text(json.dumps(document))
+    first, second = read_tracked_lab(file).misspelt
+    assert first.startswith("scale_uncertainty: is not read; was scale_uncertainty_rel meant?")
+    assert second == f"walls: {wall}s: is not read, for no condition has this wall; was {wall} meant?"
+    document["walls"][wall] = {"thickness_m": 0.01}
+    file.write_text(json.dumps(document))
+    assert read_tracked_lab(file).misspelt == (first,)
+
+
 def test_a_bead_that_never_rolled_says_nothing_and_a_lab_of_such_is_refused(tmp_path):
     folder = write_rolls(tmp_path / "a", 3)
     conditions = read_tracked_lab(folder).conditions

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import cached_property
@@ -261,6 +261,7 @@ def read_tracked_lab(path: Path) -> TrackedLab:
             "write a lab.json for each."
         )
     _read_once(file, conditions)
+    used = {condition.wall for condition in conditions if condition.wall}
     return TrackedLab(
         title=str(document.get("case") or document.get("title") or file.parent.name),
         rig=rig,
@@ -270,7 +271,7 @@ def read_tracked_lab(path: Path) -> TrackedLab:
         conditions=conditions,
         folder=file.parent,
         stated=document,
-        misspelt=tuple(dict.fromkeys(_misspelt(document))),
+        misspelt=tuple(dict.fromkeys((*_misspelt(document), *_misnamed(document.get("walls") or {}, used)))),
     )
 
 
@@ -341,10 +342,22 @@ def _misspelt(table: Any) -> Iterator[str]:
             yield from _misspelt(entry)
     elif isinstance(table, dict):
         for key, value in table.items():
-            meant = get_close_matches(key, OPTIONAL, n=1, cutoff=ALIKE)
+            meant = get_close_matches(key, OPTIONAL, n=1, cutoff=ALIKE) or [
+                one
+                for one in OPTIONAL
+                if one.rpartition("_")[0] == key and "uncertainty" in key  # less its unit
+            ]
             if meant and key not in OPTIONAL and meant[0] not in table and isinstance(value, (int, float, dict)):
                 yield f"{key}: is not read; was {meant[0]} meant? Its default stands"
             yield from _misspelt(value)
+
+
+def _misnamed(walls: Mapping[str, Any], used: Collection[str]) -> Iterator[str]:
+    """Tables of walls that no condition names, each beside a wall like it that has no table."""
+    bare = sorted(set(used) - set(walls))
+    for name in sorted(set(walls) - set(used)):
+        for meant in get_close_matches(name, bare, n=1):
+            yield f"walls: {name}: is not read, for no condition has this wall; was {meant} meant?"
 
 
 def _camera(document: Mapping[str, Any], file: Path, rig: str) -> Camera:
