@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +27,7 @@ from rigtwin.lab.records import Track, read_tracks
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.air import AirDrag
 from rigtwin.measure.drop_checks import (
+    fall_check,
     gravity_check,
     plane_check,
     residual_check,
@@ -46,6 +47,7 @@ from rigtwin.measure.flights import (
     third_difference_noise,
 )
 from rigtwin.measure.follow import Chase, chase_path, find_paths, learn_scene, look_again
+from rigtwin.measure.lost_frames import Loss, find_losses, in_time
 from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.repeats import repeated
 
@@ -61,6 +63,7 @@ RATE_UNCONFIRMED = (
     "frame rate not confirmed: the scale was taken from gravity, so that all lengths hang on --frame-rate alone, with "
     "its square; give --bead-diameter or --scale"
 )
+HEIGHTS_REST_ON = ("first_fall", "lost_frames", "gravity", "flight_residuals", "out_of_plane")
 GAIN = "a restitution above 1 cannot be: the track is wrong there"
 
 
@@ -74,13 +77,17 @@ def evaluate(track: Track, *, bead_diameter: float | None = None, bead_density: 
     of NaN means unknown: the noise is taken from the residuals.  Raises `NothingToMeasure` when there is no bounce.
     """
     rate = _rate(track)
-    track, repeats = _readable(track)
-    bounces = _bounces(track, AirDrag(bead_diameter, bead_density), str(track.body), in_metres=True)
-    return _evaluation(track, bounces, scale_doubt=0.0, rate=rate, repeats=repeats)
+    drag = AirDrag(bead_diameter, bead_density)
+    track, repeats, losses = _readable(track, drag)
+    bounces = _bounces(track, drag, str(track.body), in_metres=True)
+    return _evaluation(track, bounces, scale_doubt=0.0, rate=rate, repeats=repeats, losses=losses)
 
 
-def _readable(track: Track) -> tuple[Track, int]:
-    """The track without points that are blank or repeat the one before, and how many of these there were."""
+def _readable(track: Track, drag: AirDrag) -> tuple[Track, int, tuple[Loss, ...]]:
+    """The track without points that are blank or repeat the one before, and how many of these there were.
+
+    Its times are true then, also where frames were lost.
+    """
     finite = np.isfinite(track.time) & np.all(np.isfinite(track.position), axis=1)
     time, position = track.time[finite], track.position[finite]
     again = np.zeros(len(time), dtype=bool)
@@ -91,7 +98,8 @@ def _readable(track: Track) -> tuple[Track, int]:
         lengths[1:-1][~onwards] = np.max(lengths)
         again[1:] = repeated(lengths)
     kept = Track(time[~again], position[~again], track.sigma[finite][~again], track.body)
-    return kept, int(np.sum(again))
+    losses = find_losses(_record(kept), lambda record: _fit(record, drag))
+    return replace(kept, time=in_time(kept.time, losses)), int(np.sum(again)), losses
 
 
 def _rate(track: Track) -> float:
@@ -100,7 +108,7 @@ def _rate(track: Track) -> float:
 
 
 def _bounces(track: Track, drag: AirDrag, name: str, *, in_metres: bool = False, filmed: bool = False) -> Bounces:
-    record = Heights(track.time, track.position[:, 1], track.sigma, track.position[:, 0] if filmed else None)
+    record = _record(track, filmed=filmed)
     fitted = _fit(record, drag) if len(record.time) > 12 else None
     if fitted is None:
         raise NothingToMeasure(f"{name}: {_why_no_bounce(record)}")
@@ -108,6 +116,10 @@ def _bounces(track: Track, drag: AirDrag, name: str, *, in_metres: bool = False,
         # the air's drag on the bead is known in true metres and seconds only
         return fit_bounces(record, AirDrag()) or fitted
     return fitted
+
+
+def _record(track: Track, *, filmed: bool = False) -> Heights:
+    return Heights(track.time, track.position[:, 1], track.sigma, track.position[:, 0] if filmed else None)
 
 
 def _fit(record: Heights, drag: AirDrag) -> Bounces | None:
@@ -132,22 +144,27 @@ def _why_no_bounce(record: Heights) -> str:
     )
 
 
-def _evaluation(track: Track, bounces: Bounces, *, scale_doubt: float, rate: float, repeats: int = 0) -> Evaluation:
-    """`repeats` frames that showed the same as the one before have been left out of the track."""
+def _evaluation(
+    track: Track, bounces: Bounces, *, scale_doubt: float, rate: float, repeats: int, losses: tuple[Loss, ...]
+) -> Evaluation:
+    """`repeats` frames that showed the same as the one before have been left out, `losses` are mended in the times."""
     share = repeats / max(repeats + len(track.time), 1)
     checks = (
         gravity_check(bounces, scale_doubt, rate, share),
         residual_check(bounces),
         plane_check(track, bounces),
-        timing_check(track, bounces, repeats),
+        fall_check(track, bounces),
+        timing_check(track, bounces, repeats, losses),
     )
     failed = {check.check: check.message for check in checks if not check.passed}
+    if not all(loss.sure for loss in losses):
+        failed["lost_frames"] = failed["frame_timing"]
     quantities = [*_restitutions(bounces, failed), *_heights(bounces, scale_doubt, failed)]
     return Evaluation(tuple(quantities), checks)
 
 
 def _restitutions(bounces: Bounces, failed: dict[str, str]) -> list[Quantity]:
-    doubt = "; ".join(failed[name] for name in ("flight_residuals", "frame_timing") if name in failed)
+    doubt = "; ".join(failed[name] for name in ("first_fall", "flight_residuals", "frame_timing") if name in failed)
     height_doubt = "; ".join(text for text in (doubt, failed.get("out_of_plane", "")) if text)
     speed_doubt = doubt
     if "gravity" in failed and abs(bounces.read(lambda at: at.size)[0] - 1) > 0.1:
@@ -174,11 +191,14 @@ def _restitutions(bounces: Bounces, failed: dict[str, str]) -> list[Quantity]:
 
 
 def _wrong_from(bounces: Bounces) -> float:
-    """The bounce before the first that seems to leave the plate faster than it came: they share a contact."""
+    """The bounce before the first that seems to leave the plate faster than it came: they share a contact.
+
+    0 where that is the first of all: then the fall to it is not to be trusted either.
+    """
     for k in range(1, bounces.count + 1):
         value, parts = bounces.read(_speed_ratio(k))
         if value - 2 * root_sum_of_squares(parts) > 1:
-            return max(k - 1, 1)
+            return k - 1
     return math.inf
 
 
@@ -204,7 +224,7 @@ def _apex_height(bounce: int) -> Callable[[Reader], float]:
 
 
 def _heights(bounces: Bounces, scale_doubt: float, failed: dict[str, str]) -> list[Quantity]:
-    doubt = "; ".join(failed[name] for name in ("gravity", "flight_residuals", "out_of_plane") if name in failed)
+    doubt = "; ".join(failed[name] for name in HEIGHTS_REST_ON if name in failed)
     found, wrong_from = [], _wrong_from(bounces)
     for k in range(bounces.count + 1):
         value, parts = bounces.read(_apex_height(k))
@@ -266,14 +286,22 @@ def measure(
     if clip.suffix.lower() == ".csv":
         return _measure_record(clip, drag, out)
     video = open_video(clip, camera)
-    seen, pixels, repeats = _find_bead(video, camera, drag, bead_diameter, progress)
+    found = _find_bead(video, camera, drag, bead_diameter, progress)
+    video, seen, pixels, repeats = found.video, found.seen, found.pixels, found.repeats
     fitted = _bounces(pixels, drag, str(clip), filmed=True)
     gauge = find_gauge(pixels, fitted, seen, camera, bead_diameter)
     track = to_metres(pixels, fitted, gauge)
     if bead_diameter is None:
         drag = AirDrag(2 * seen.radius * gauge.scale, bead_density)
     bounces = _bounces(track, drag, str(clip), in_metres=True, filmed=True)
-    evaluation = _evaluation(track, bounces, scale_doubt=gauge.doubt, rate=video.frame_rate, repeats=len(repeats))
+    evaluation = _evaluation(
+        track,
+        bounces,
+        scale_doubt=gauge.doubt,
+        rate=video.frame_rate,
+        repeats=len(repeats),
+        losses=found.losses,
+    )
     checks = _with_gravity_told(evaluation.checks, gauge) + view_checks(video, seen, fitted, repeats)
     if camera.roll is not None:
         checks = (*checks, roll_check(camera.roll, *gauge.fall))
@@ -316,9 +344,9 @@ def measure(
 def _measure_record(path: Path, drag: AirDrag, out: Path | None) -> Measurement:
     tracks = read_tracks(path)
     longest = max(tracks, key=lambda each: len(each.time))
-    track, repeats = _readable(longest)
+    track, repeats, losses = _readable(longest, drag)
     bounces = _bounces(track, drag, str(path), in_metres=True)
-    evaluation = _evaluation(track, bounces, scale_doubt=0.0, rate=_rate(longest), repeats=repeats)
+    evaluation = _evaluation(track, bounces, scale_doubt=0.0, rate=_rate(longest), repeats=repeats, losses=losses)
     warnings = evaluation.warnings
     if len(tracks) > 1:
         warnings = (*warnings, f"{path.name} holds {len(tracks)} bodies; evaluated {track.body!r}, the longest.")
@@ -341,9 +369,18 @@ def _measure_record(path: Path, drag: AirDrag, out: Path | None) -> Measurement:
     return replace(measurement, files={"plot": write_plot(out, measurement, bounces)})
 
 
-def _find_bead(
-    video: Video, camera: Camera, drag: AirDrag, bead_diameter: float | None, progress: Progress
-) -> tuple[Chase, Track, frozenset[int]]:
+@dataclass(frozen=True)
+class _Found:
+    """The bead of a clip."""
+
+    video: Video  # with true times, where frames were lost
+    seen: Chase
+    pixels: Track
+    repeats: frozenset[int]  # frames that show the same as the one before
+    losses: tuple[Loss, ...] = ()
+
+
+def _find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float | None, progress: Progress) -> _Found:
     """The bead among all that moves: the thing that falls and bounces."""
     scene = learn_scene(video, quickly=True).scene()
     moves = find_paths(video, scene, camera.region, progress)
@@ -369,27 +406,40 @@ def _find_bead(
         )
     best, bouncing = None, []
     for path in likely:
-        seen = chase_path(video, path, moves, progress)
-        pixels = _pixel_track(seen)
-        if len(pixels.time) > 8 and best is None:
-            best = seen, pixels
-        fitted = _fit(Heights(pixels.time, pixels.position[:, 1], pixels.sigma), drag)
+        found = _in_true_time(video, chase_path(video, path, moves, progress), moves.repeated, drag)
+        if len(found.pixels.time) > 8 and best is None:
+            best = found
+        fitted = _fit(_record(found.pixels), drag)
         if fitted is not None:
-            bouncing.append((residual_check(fitted), seen, pixels, fitted))
+            bouncing.append((residual_check(fitted), found, fitted))
             if bouncing[-1][0].passed:
                 break
     if bouncing:
         # what else moves may seem to bounce as well, but hardly in free flight
-        _, seen, pixels, fitted = min(bouncing, key=lambda each: (not each[0].passed, each[0].value))
-        expected = _expected(seen, pixels, fitted, video)
-        better = look_again(seen, {index: at for index, at in expected.items() if index not in moves.repeated})
-        return better, _pixel_track(better), moves.repeated
+        _, found, fitted = min(bouncing, key=lambda each: (not each[0].passed, each[0].value))
+        expected = _expected(found.seen, found.pixels, fitted, found.video)
+        better = look_again(found.seen, {index: at for index, at in expected.items() if index not in moves.repeated})
+        return replace(found, seen=better, pixels=_pixel_track(better))
     if best is None:
         raise NothingToMeasure(
             f"{video.path}: something moves, but no bead could be made out in it; use a larger or better lit picture "
             "of the bead, or narrow the search with --region."
         )
-    return *best, moves.repeated
+    return best
+
+
+def _in_true_time(video: Video, seen: Chase, repeats: frozenset[int], drag: AirDrag) -> _Found:
+    """The bead of a path; where its flights show that frames were lost, the times of all that comes after are moved."""
+    pixels = _pixel_track(seen)
+    losses = find_losses(_record(pixels), lambda record: _fit(record, drag))
+    if not losses:
+        return _Found(video, seen, pixels, repeats)
+    times = in_time(video.times, tuple(replace(loss, index=seen.sightings[loss.index].frame) for loss in losses))
+    video = replace(video, times=times)
+    sightings = tuple(replace(sighting, time=float(times[sighting.frame])) for sighting in seen.sightings)
+    cuts = tuple(replace(cut, time=float(times[cut.frame])) for cut in seen.cuts)
+    seen = replace(seen, sightings=sightings, cuts=cuts)
+    return _Found(video, seen, _pixel_track(seen), repeats, losses)
 
 
 def _pixel_track(seen: Chase) -> Track:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from rigtwin.lab.quantity import Check, root_sum_of_squares
 from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.aside import fly_aside
-from rigtwin.measure.flights import Bounces
+from rigtwin.measure.flights import FEWEST_SEEN, LEAST_SEEN, Bounces
 from rigtwin.measure.follow import Chase
 from rigtwin.measure.in_view import bead_in_view, static_camera
+from rigtwin.measure.lost_frames import Loss
 from rigtwin.measure.media import Video
 from rigtwin.measure.repeats import LEAST_SHARE
 
@@ -25,6 +28,9 @@ LEAST_LEFT = 0.05  # [px], that a bead is not said to be seen better than
 MOST_LEFT = 2.5  # times what a bead is seen to, that its flights may leave of its track
 MOST_SHAKE = 5.0  # [px], standard deviation, up to which a shaking camera only shifts its picture
 ROLL_STATED_TO = math.radians(0.5)  # nobody reads a camera's lean better
+
+RISEN = 0.03  # of the fall, below its top, from which on a bead that rises to it is told from one that is held there
+MIRRORED = 0.15  # of the way below the top, up to which a rise is the fall backwards
 
 
 def gravity_check(bounces: Bounces, scale_doubt: float, rate: float, repeated_share: float) -> Check:
@@ -130,8 +136,31 @@ def plane_check(track: Track, bounces: Bounces) -> Check:
     return Check("out_of_plane", passed, value, 0.0, message + ending)
 
 
-def timing_check(track: Track, bounces: Bounces, repeats: int) -> Check:
-    """Frames missing or repeated while the bead flies; `repeats` more have been left out beforehand."""
+def fall_check(track: Track, bounces: Bounces) -> Check:
+    """Whether the fall to the first bounce is the drop, and was seen; else heights and bounces are not those meant."""
+    apex, contact = float(bounces.apex_times[0]), float(bounces.contact_times[0])
+    time, height = track.time, track.position[:, 1]
+    step = float(np.median(np.diff(time)))
+    frames = int((contact - max(apex, float(time[0]))) / step)
+    seen = int(np.sum(bounces.used & (time < contact)))
+    # a bead that rises to where its fall begins, as it falls from there, comes from a bounce
+    before = (time > 2 * apex - contact) & (time < apex)
+    mirrored = bounces.curve(2 * apex - time[before])
+    top = float(bounces.level(np.array([contact]))[0]) + bounces.span
+    below = top - mirrored
+    told = below > RISEN * bounces.span
+    off = np.abs(height[before] - mirrored)[told] / below[told]
+    rises = len(off) >= FEWEST_SEEN and float(np.median(off)) < MIRRORED
+    message = f"the fall to the first bounce shows the bead in {seen} of its {frames} frames"
+    if rises:
+        message = "the bead is first seen as it rises from a bounce: what is called the drop here is a later flight"
+    passed = not rises and seen >= max(LEAST_SEEN * frames, FEWEST_SEEN)
+    ending = "." if passed else ": film the bead from its release on, or look whether it was lost from sight."
+    return Check("first_fall", passed, float(seen), float(frames), message + ending)
+
+
+def timing_check(track: Track, bounces: Bounces, repeats: int, losses: Sequence[Loss] = ()) -> Check:
+    """Frames missing or repeated while the bead flies; `repeats` more were left out, `losses` mended beforehand."""
     time = track.time
     steps = np.diff(time)
     usual = float(np.median(steps))
@@ -144,15 +173,22 @@ def timing_check(track: Track, bounces: Bounces, repeats: int) -> Check:
     again = int(np.sum(inside & still))
     whole = max(float(np.sum(inside)), 1.0)
     # the frames' own times hold where others were lost; whether the bead is in those that are there is another check
-    passed = again == 0 and repeats == 0 and missing < whole
+    passed = again == 0 and repeats == 0 and missing < whole and all(loss.sure for loss in losses)
     message = (
         f"{int(missing)} of {int(whole + missing)} frames of the flights are missing or without the bead, "
         f"{again} are repeated"
     )
     if repeats:
         message = f"doubled frames: {repeats} of {repeats + len(time)} repeat the one before and were left out"
+    message += "".join(f"; {_told(loss, time)}" for loss in losses)
     ending = "." if passed else ": film with a fixed frame rate, or use the camera's original file."
     return Check("frame_timing", passed, missing + again + repeats, 0.0, message + ending)
+
+
+def _told(loss: Loss, time: npt.NDArray[np.float64]) -> str:
+    what = "a frame is shown twice" if loss.frames < 0 else f"{loss.frames} frame{'s' * (loss.frames > 1)} lost"
+    why = "the flights meet on a level plate" if loss.at_contact else "a flight is whole"
+    return f"{what} at {time[loss.index]:.3f} s, which the times do not tell: {why} once that is put right"
 
 
 def roll_check(given: float, fall: float, doubt: float) -> Check:

@@ -22,6 +22,8 @@ LARGE = 1_000_000  # [px], of a picture
 SELDOM = 6  # frames: the slowest of the usual doublings is every sixth
 CLOSE = 0.1  # by which the share that is found may differ from the one that two rates tell
 LEAST_SHARE = 0.15  # of the moving frames: single ones may be a bead that passes the same place up and down
+RHYTHM = 0.5  # share of the gaps between them that are one and the same, from which on they follow a rhythm
+IN_RHYTHM = 0.5  # share of those in a rhythm that is seen: a codec changes some, and slow steps hide some
 
 
 def coarse(grey: Grey) -> Grey:
@@ -100,7 +102,10 @@ def repeated(changes: Array, *, noise: float = 0.0) -> npt.NDArray[np.bool_]:
     moving = around > 4 * calm
     # at the top of a flight steps shrink evenly: half a step beside two and a half is the nearest they come to this
     marked = moving & (changes < np.maximum(0.15 * around, calm))
-    if np.sum(marked) <= max(LEAST_SHARE * np.sum(moving), 3):
+    gaps = np.diff(np.flatnonzero(marked))
+    if len(gaps) < 3:
         return none
+    usual = float(np.median(gaps))
+    least = IN_RHYTHM / usual if float(np.mean(gaps == usual)) > RHYTHM else LEAST_SHARE
     # the tops of flights come seldom
-    return marked if float(np.median(np.diff(np.flatnonzero(marked)))) <= SELDOM else none
+    return marked if usual <= SELDOM and np.sum(marked) > least * np.sum(moving) else none

@@ -50,6 +50,15 @@ def test_doubled_frames_are_found_whatever_their_rhythm(pattern):
     assert len(marked - again) <= 2
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_rhythm_tells_repeated_frames_where_a_codec_hides_some_of_them(seed):
+    rng = np.random.default_rng(seed)
+    steps = 8 + 6 * np.abs(np.sin(np.arange(183) / 11)) + rng.uniform(0, 1, 183)
+    steps[5:180:6] = np.where(np.isin(np.arange(30), rng.choice(30, 6, replace=False)), 6.0, 0.3)
+    marked = repeated(steps)
+    assert np.array_equal(np.flatnonzero(marked), np.flatnonzero(steps < 1))
+
+
 def test_the_tops_of_slow_film_are_no_doubled_frames():
     """Ten frames from contact to contact: at every second top the bead hardly moves for one frame."""
     rng = np.random.default_rng(2)
