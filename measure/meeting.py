@@ -25,6 +25,10 @@ Region = tuple[float, float, float, float]
 
 LEAST_LEAP = 0.5  # bead diameters, of one from the bead that hits over to the one that is hit
 MOST_PIECES = 60  # of path, the farthest ones, among which a meeting is sought: noise has thousands
+INNER = 0.7  # of a bead's radius, within which it is all bead
+ONE_SIDED = (
+    0.6  # of how much beads differ from the scene, what is left when brighter and darker weigh against each other
+)
 LOST = 4  # frames after which a path that was not seen again has ended
 
 
@@ -378,17 +382,47 @@ def _rest_place(fall: Path, rise: Path, paths: list[Path], radius: float) -> Arr
     return rise.places[0] - 2 * velocity
 
 
+def _contrast(greys: dict[int, Grey], collision: Collision) -> int:
+    """1 where moving beads are brighter than the scene, -1 where they are darker, 0 where they are both or neither."""
+    still = np.median(np.stack(list(greys.values())), axis=0)
+    apart = []
+    for path in (collision.fall, collision.rise):
+        for index in (index for index in greys if path.frames[0] <= index <= path.frames[-1]):
+            x, y = np.rint(path.at(index)).astype(int).tolist()
+            disc = np.zeros(still.shape, dtype=np.uint8)
+            cv2.circle(disc, (x, y), max(round(INNER * collision.radius), 1), 1, cv2.FILLED)
+            apart.append((greys[index] - still)[disc > 0])
+    off = np.concatenate(apart) if apart else np.zeros(1)
+    # over the places where it moves a bead's lit and dark side may stand out either way
+    one_sided = abs(float(np.mean(off))) > ONE_SIDED * float(np.mean(np.abs(off)))
+    return int(np.sign(np.mean(off))) if one_sided else 0
+
+
+def _left_by_bead(before: Grey, after: Grey, contrast: int) -> npt.NDArray[np.float32]:
+    """How much of a bead [grey levels] each place showed before and no more after, of frames of shape (n, ...)."""
+    usual = np.median(before, axis=0)
+    if contrast == 0:
+        return np.asarray(np.abs(usual - np.median(after, axis=0)), dtype=np.float32)
+    least = np.percentile(after, 50 - 30 * contrast, axis=0)
+    change = contrast * (usual - least)
+    # by its noise alone every place shows some
+    return np.asarray(np.maximum(change - np.median(change), 0), dtype=np.float32)
+
+
 def hanging_place(greys: dict[int, Grey], collision: Collision) -> Array:
     """Where B hung: what the frames before the collision show there and those after it do not.
 
-    A may have come to rest one diameter before it: of two such places, B's is the one further on.
+    A may have come to rest one diameter before it: of two such places, B's is the one further on.  Or A hides a part of
+    it in most frames after the collision: where beads are known to be brighter or darker than the scene, the frames
+    that show least of a bead count, and the place that has lost most, for what A covers now and B's shadow lose less.
     """
     hit, radius = collision.rise.frames[0], collision.radius
     before = [grey for index, grey in greys.items() if index < collision.fall.frames[-1] - 1]
     after = [grey for index, grey in greys.items() if index > hit + 1]
     if len(before) < 3 or len(after) < 3:
         return collision.rest
-    change = np.abs(np.median(np.stack(before), axis=0) - np.median(np.stack(after), axis=0)).astype(np.float32)
+    contrast = _contrast(greys, collision)
+    change = _left_by_bead(np.stack(before), np.stack(after), contrast)
     reach = math.ceil(radius)
     v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     disc = (np.hypot(u, v) <= radius).astype(np.float32)
@@ -403,5 +437,5 @@ def hanging_place(greys: dict[int, Grey], collision: Collision) -> Array:
     peaks = np.where(behind, filled[y, x], 0)
     if len(peaks) == 0 or np.max(peaks) < 4:
         return collision.rest
-    best = np.argmax(np.where(peaks > 0.6 * np.max(peaks), along, -np.inf))
+    best = np.argmax(peaks if contrast else np.where(peaks > 0.6 * np.max(peaks), along, -np.inf))
     return np.array([x[best], y[best]], dtype=np.float64)
