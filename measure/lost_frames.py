@@ -69,20 +69,21 @@ def _better(record: Heights, bounces: Bounces | None, fit: Fit) -> tuple[Loss, B
     if len(record.time) <= 12:
         return None
     noise = _noise(record)
+    before = _left(bounces, noise)
     found: list[tuple[float, Loss, Bounces]] = []
     for loss in [*_within_flights(record, noise), *(() if bounces is None else _at_contacts(record, bounces))]:
         fitted = fit(replace(record, time=in_time(record.time, (loss,))))
         if fitted is None:
             continue
-        gained = _left(bounces, noise) - _left(fitted, noise)
-        if loss.at_contact and bounces is not None and _meet(fitted, bounces) and gained > -GAINED:
+        left = _left(fitted, noise)
+        if loss.at_contact and bounces is not None and _meet(fitted, bounces) and left < before + GAINED:
             # one step of the plate may be that of a bead that leaves the plane, several hardly
-            found.append((gained, replace(loss, sure=fitted.count > 2), fitted))
-        elif gained > GAINED and _left(bounces, noise) > TORN * _left(fitted, noise):
-            found.append((gained, replace(loss, at_contact=False), fitted))
+            found.append((left, replace(loss, sure=fitted.count > 2), fitted))
+        elif left < before - GAINED and left < before / TORN:
+            found.append((left, replace(loss, at_contact=False), fitted))
     if not found:
         return None
-    _, loss, fitted = max(found, key=lambda each: each[0])
+    _, loss, fitted = min(found, key=lambda each: each[0])
     return loss, fitted
 
 

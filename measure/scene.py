@@ -25,6 +25,7 @@ NEAR = 1.5  # [px], within which a coarse and a fine look at a shake agree
 SHARP = 0.12  # of the misfit some pixels beside it, that a frame in its place may leave; in a wrong one it leaves more
 AS_BEFORE = 0.9  # of what frames before left some pixels beside their place, that one in its place leaves at most
 FEWEST = 60  # pixels at edges by which a frame is laid over the scene
+STRONGEST = 300  # pixels, at the strongest edges of all
 AS_NOISE = 2.0  # times the scene's noise, that it may leave as well
 COARSE = 480  # [px], longer side of the picture in which a large shake is looked for
 FLICKER = 0.01  # relative change of brightness above which a frame is levelled with an offset as well
@@ -47,6 +48,7 @@ class Pose:
     misfit: float = math.inf  # [grey levels], median of what it leaves at the scene's edges
     placed: bool = True  # else the picture does not tell where the frame lies, and the shake is a guess
     beside: float = 0.0  # [grey levels], likewise left some pixels beside; 0 where that was not looked at
+    strongest_off: tuple[float, float] = (0.0, 0.0)  # [px], how far the scene's strongest edges lie off it
 
     def seen(self, grey: Grey, box: tuple[int, int, int, int] | None = None) -> Picture:
         """A part of the frame (left, top, right, bottom; all where None), moved back and levelled to the scene's."""
@@ -298,6 +300,29 @@ class Scene:
     def _few_anchors(self) -> _Anchors:
         x, y, rows, half = self._edges
         return _Anchors.of(x[::4], y[::4], rows[:, ::4], half[::4])
+
+    @cached_property
+    def _strongest(self) -> _Anchors:
+        x, y, rows, half = self._edges
+        best = np.argsort(np.sum(rows[:2] ** 2, axis=0))[-STRONGEST:]
+        return _Anchors.of(x[best], y[best], rows[:, best], half[best])
+
+    def with_strongest(self, grey: Grey, pose: Pose) -> Pose:
+        """With how far the strongest edges lie off it: where a camera shakes, a coarse codec redraws them alone.
+
+        Across the edges only: along them nothing is seen.
+        """
+        anchors = self._strongest
+        if not pose.placed or len(anchors.x) < FEWEST:
+            return pose
+        slopes = anchors.rows[:2]
+        error = anchors.seen(grey, np.array(pose.shake)) - pose.offset + pose.gain * anchors.rows[2]
+        spread = 1.4826 * middle_of(np.abs(error)) + 0.3
+        weighted = slopes / (1 + (error / (2 * spread)) ** 2) ** 2
+        equations = weighted @ slopes.T
+        equations += 0.1 * np.trace(equations) * np.eye(2)
+        x, y = (-np.linalg.solve(equations, weighted @ error)).tolist()
+        return replace(pose, strongest_off=(x, y))
 
     def _placed(self, grey: Grey, start: Array, anchors: _Anchors, to: float = 0.003) -> Pose | None:
         """Shift of a frame against the scene [px] and its gain, by Gauss-Newton on the strongest edges.

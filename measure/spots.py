@@ -145,7 +145,7 @@ class Search:
         self.repeats.add(frame.index, small)
         before = self.poses[-1] if self.poses else Pose()
         pose = self.scene.next_pose(frame.grey, before) if self._large else self.scene.pose(frame.grey, before.shake)
-        self.poses.append(pose)
+        self.poses.append(self.scene.with_strongest(frame.grey, pose))
         windows = self._windows(small, pose) if self._large else None
         if windows is not None:
             return self._in_windows(frame.grey, pose, windows, most)
