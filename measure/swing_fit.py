@@ -443,17 +443,32 @@ def ground_ways(fit: SwingFit) -> list[Array]:
 
 
 def _ways(swings: Swings, bead: int, time: Array) -> Array:
-    """Along a line, a parabola and a cubic over the places of the swing; rest; and the square of the speed.
+    """Along a line, a parabola and a cubic over the places of the swing; rest; the square of the speed; and in time.
 
     A bead at rest hangs before a ground that was hidden so long, against one that moves; with the speed blur weighs a
-    bead's lit and dark side otherwise, and a codec keeps slow things by what it showed before.
+    bead's lit and dark side otherwise, and a codec keeps slow things by what it showed before.  What it keeps drifts,
+    too, from the release or a collision to the next one: along a line and a parabola.
     """
     hit, reach = float(swings["time_0"]), float(swings["length_0"] * np.abs(np.sin(swings["release_angle"])))
     angle, speed = angles(swings, time)
     place = np.clip(float(swings[f"length_{bead}"]) * np.sin(angle[bead, :, 0]) / reach, -1, 1)
     waits = (time < hit) & (bead > 0)
     blur = (speed[bead, :, 0] / np.max(np.abs(speed))) ** 2
-    return np.column_stack([np.polynomial.legendre.legvander(place, 3)[:, 1:], waits, blur])
+    drifts = _drifts(time, [float(swings[f"time_{k}"]) for k in range(swings.collisions)])
+    drifts[waits] = 0
+    return np.column_stack([np.polynomial.legendre.legvander(place, 3)[:, 1:], waits, blur, drifts])
+
+
+def _drifts(time: Array, cuts: list[float]) -> Array:
+    """A line and a parabola in time over every stretch between the cuts, each of which is 0 elsewhere."""
+    columns = np.zeros((len(time), 2 * (len(cuts) + 1)))
+    stretch = np.searchsorted(cuts, time)
+    for k in np.unique(stretch):
+        mine = stretch == k
+        since = time[mine] - time[mine][0]
+        along = 2 * since / max(float(since[-1]), 1e-9) - 1
+        columns[mine, 2 * k : 2 * k + 2] = np.polynomial.legendre.legvander(along, 2)[:, 1:]
+    return columns
 
 
 def _correlation(residuals: list[Array], used: Sequence[Mask]) -> float:

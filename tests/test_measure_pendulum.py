@@ -226,6 +226,27 @@ def test_the_stated_interval_holds_the_truth_as_often_as_it_says():
     assert 0.5 < np.std(misses) < 1.6  # nor are the intervals idly wide
 
 
+def test_a_codec_may_let_a_bead_drift_between_release_and_collision_by_what_the_interval_allows():
+    truth, noise, ground = Truth(restitution=0.7), 5e-5, 1.0
+    tracks = tracks_of(truth, noise=noise)
+    hit = tracks[1].time[np.argmax(swing(truth, tracks[1].time)[0][:, 1] > 0)]
+
+    def restitution(seen):
+        fit = fit_swings(seen, ground=ground)
+        return found(judge(fit, None, None, None), "restitution_pair", "velocity")
+
+    e, moves = restitution(tracks), []
+    for bead, track in enumerate(tracks):
+        for stretch in ((track.time > truth.released) & (track.time < hit), track.time >= hit)[bead:]:
+            along = np.linspace(-1, 1, np.sum(stretch))
+            for shape, axis in ((shape, axis) for shape in (along, 1.5 * along**2 - 0.5) for axis in (0, 1)):
+                drifted = track.position.copy()
+                drifted[stretch, axis] += ground * noise * shape
+                seen = [*tracks[:bead], replace(track, position=drifted), *tracks[bead + 1 :]]
+                moves.append(restitution(seen).value - e.value)
+    assert np.sqrt(np.sum(np.square(moves))) < e.budget["ground"]
+
+
 def test_missing_frames_and_wild_points_do_not_matter():
     tracks = tracks_of(Truth())
     rng = np.random.default_rng(1)
