@@ -204,7 +204,7 @@ def export(
     made = convert(
         code,
         *cast,
-        rolling="type A" if rolling == "A" else "type C",
+        rolling=simulate.rolling_law(rolling),
         stiffness_factor=stiffness_factor or 1e-3,
         time_step_fraction=time_step_fraction,
     )
@@ -254,7 +254,7 @@ def reproduce(
         study=study,
         quick=quick,
         only_kept=kept,
-        rolling="type A" if rolling == "A" else "type C",
+        rolling=simulate.rolling_law(rolling),
         repetitions=repetitions,
         seed=seed,
         workers=workers,

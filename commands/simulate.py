@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import typer
 
@@ -25,6 +25,9 @@ from rigtwin.commands.options import (
     quantity,
 )
 from rigtwin.lab.units import MOST_PARTICLES
+
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.contact import Rolling
 
 app = typer.Typer(help="Run the twin of one rig.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -54,8 +57,12 @@ TwinRate = Annotated[
 Duration = Annotated[float | None, quantity("--duration", "time", "1.5s", "How long the twin is watched.")]
 Count = Annotated[int, typer.Option("--count", min=1, max=MOST_PARTICLES, help="Number of particles.")]
 RollingModel = Annotated[
-    Literal["A", "C"],
-    typer.Option("--rolling-model", help="Rolling resistance: constant torque (A) or elastic-plastic spring (C)."),
+    Literal["A", "A-explicit", "C"],
+    typer.Option(
+        "--rolling-model",
+        help="Rolling resistance: constant torque (A), the same that stops only the spin it meets (A-explicit), or "
+        "elastic-plastic spring (C).",
+    ),
 ]
 ContactLaw = Annotated[
     Literal["Hertz-Mindlin", "linear"], typer.Option("--contact-law", help="Springs and dashpots of the contacts.")
@@ -106,10 +113,15 @@ def bulk(*, wall: str, count: int | None = None) -> Callable[[Command], Command]
 
     def gather(**said: Any) -> Callable[[], tuple[Any, dict[str, Any]]]:
         asked = {name: value for name, value in said.items() if name not in casting}
-        asked["rolling"] = f"type {asked['rolling']}"
+        asked["rolling"] = rolling_law(asked["rolling"])
         return lambda: (cast_of(**{name: said[name] for name in casting}), asked)
 
     return gathered("run", options, gather)
+
+
+def rolling_law(said: str) -> Rolling:
+    """The law that an option means by "A", "A-explicit" or "C"."""
+    return cast("Rolling", f"type {said.replace('-', ' ')}")
 
 
 def cast_of(

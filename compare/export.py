@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from rigtwin import __version__
 from rigtwin.lab.conventions import Arm, rolling_friction
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
 
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.contact import Rolling
+
 Code = Literal["edem", "liggghts"]
 
 CODES = get_args(Code)
 ARM: dict[Code, Arm] = {"edem": "own radius", "liggghts": "effective radius"}  # EDEM: "standard rolling friction"
-ROLLING = {"type A": "cdt", "type C": "epsd2"}  # as LIGGGHTS calls them
+ROLLING: dict[Rolling, str] = {"type A": "cdt", "type A explicit": "cdt", "type C": "epsd2"}  # as LIGGGHTS calls them
 DIFFERS = {
     "type A": "cdt acts against the spin relative to the neighbour, type A against each sphere's own",
+    "type A explicit": "cdt acts against the spin relative to the neighbour, type A against each sphere's own",
     "type C": "below it epsd2's spring is a quarter of type C's between equal spheres, and has no dashpot",
 }
 LEAST = 0.05  # [1], restitution that LIGGGHTS takes; some 0.21 comes out
@@ -33,7 +37,7 @@ class Export:
     wall: Material  # as soft as the model's
     between: Contact  # in the code's conventions
     at_wall: Contact  # in the code's conventions
-    rolling: Literal["type A", "type C"]
+    rolling: Rolling
     time_step: float  # [s]
     given: tuple[Contact, Contact]  # in ours
     stiffness_factor: float  # [1]
@@ -70,7 +74,7 @@ def export(
     between: Contact,
     at_wall: Contact,
     *,
-    rolling: Literal["type A", "type C"] = "type C",
+    rolling: Rolling = "type C",
     stiffness_factor: float = 1e-3,
     time_step_fraction: float = 0.3,
 ) -> Export:

@@ -160,7 +160,7 @@ class Bench:
             "stiffness_factor": f"{self.stiffness_factor:g} of the real Young's moduli of beads and walls",
             "time_step": f"{100 * self.numerics.get('time_step_fraction', USUAL):g}% of Rayleigh's",
             "rolling_resistance": f"{self.rolling}, torque limit mu_r Fn R on each bead"
-            + (", R from a contact to the centre of mass" if self.rolling == "type A" else ""),
+            + (", R from a contact to the centre of mass" if self.rolling != "type C" else ""),
             **effects,
         }
 
@@ -174,7 +174,7 @@ class Bench:
 
     def _lever(self) -> dict[str, str]:
         """What tells a clump's run under type A from earlier ones, whose lever was the radius of the touched sphere."""
-        if self.rolling != "type A" or self.particle.shape is None:
+        if self.rolling == "type C" or self.particle.shape is None:
             return {}
         return {"rolling_lever": "from a contact to the centre of mass"}
 

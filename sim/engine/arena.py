@@ -50,6 +50,8 @@ from rigtwin.sim.engine.contact import (
     LIGHTNESS,
     NIMBLENESS,
     SIZES_OF_KIND,
+    Mechanics,
+    Rolling,
     braked,
     constants_of_two,
     what_turned,
@@ -73,17 +75,17 @@ def arena(
     terms: Terms,
     room: int = ROOM,
     rigid: bool = False,
-    constant_torque: bool = False,
+    rolling: Rolling = "type C",
 ) -> "Arena":
     """The arena of this size; fields are made once per process (Taichi dies after some 500 fields)."""
-    return Arena(capacity, pair_capacity, near_capacity, terms, room, rigid, constant_torque)
+    return Arena(capacity, pair_capacity, near_capacity, terms, room, rigid, rolling)
 
 
 @ti.data_oriented
 class Arena(Neighbours, Team):
     """State of up to `capacity` beads, `pair_capacity` neighbouring pairs and `near_capacity` walls near beads.
 
-    `rigid`: some beads are parts of bodies.  `constant_torque`: so is rolling resisted (type A).
+    `rigid`: some beads are parts of bodies.  `rolling`: how rolling is resisted.
     """
 
     def __init__(
@@ -94,13 +96,14 @@ class Arena(Neighbours, Team):
         terms: Terms,
         room: int,
         rigid: bool,
-        constant_torque: bool,
+        rolling: Rolling,
     ) -> None:
         self.terms = terms
         self.capacity = capacity
         self.pair_capacity = pair_capacity
         self.rigid = rigid
-        self.constant_torque = constant_torque
+        mechanics = Mechanics(rolling=rolling)
+        self.constant_torque, self.holds = mechanics.constant_torque, mechanics.holds
         self.walls = WallContacts(capacity, near_capacity, room, terms)
         self.owner: object = None  # the simulation whose state this is
         self.place = ti.Vector.field(4, ti.f64, capacity)  # position, radius
@@ -115,7 +118,7 @@ class Arena(Neighbours, Team):
             self.flight: Any = ti.field(ti.f64, capacity)  # [J], given to the beads of this slot by forces in flight
             self.flight_before: Any = ti.field(ti.f64, ())  # [J], until the list was made
         if rigid:
-            RigidBodies.__init__(self, capacity, constant_torque)
+            RigidBodies.__init__(self, capacity, self.constant_torque)
         Pairs.__init__(self, capacity, pair_capacity, THREADS, terms)
         Team.__init__(self, 3 if rigid else 2)
         self.make_cells(capacity)
@@ -318,9 +321,15 @@ class Arena(Neighbours, Team):
             self.flight[i] = self.flight[i] + step * blown.dot(velocity + 0.5 * step * push)
         twist = torque * nimbleness
         if ti.static(self.constant_torque):
-            slowed = braked(turning + step * twist, step * brake * nimbleness)
-            twist = what_turned(turning, slowed, step)
-            turning = slowed
+            most = step * brake * nimbleness
+            if ti.static(self.holds):
+                slowed = braked(turning + step * twist, most)
+                twist = what_turned(turning, slowed, step)
+                turning = slowed
+            else:
+                slowed = braked(turning, most) + step * twist
+                twist = (slowed - turning) / step
+                turning = slowed
         else:
             turning += step * twist
         if last:

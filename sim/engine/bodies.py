@@ -43,6 +43,7 @@ class RigidBodies:
     listed_at: ti.Field
 
     constant_torque: bool
+    holds: bool
 
     def __init__(self, capacity: int, constant_torque: bool) -> None:
         if constant_torque:
@@ -236,10 +237,14 @@ class RigidBodies:
         turn = self.body_turn[b]
         before = rotation(turn)
         along = before.transpose() @ momentum  # in the body's axes
-        if ti.static(self.constant_torque):
+        if ti.static(self.holds):
             along = braked_momentum(along, moments, step * brake)
             momentum = before @ along
             torque = what_turned(self.body_momentum[b], momentum, step)
+        elif ti.static(self.constant_torque):
+            along -= taken_off(before.transpose() @ self.body_momentum[b], moments, step * brake)
+            momentum = before @ along
+            torque = (momentum - self.body_momentum[b]) / step
         spin = before @ (along / moments)
         for axis, part in ti.static(((0, 0.5), (1, 0.5), (2, 1.0), (1, 0.5), (0, 0.5))):
             turn, along = turned_about(turn, along, axis, 0.5 * part * step * along[axis] / moments[axis])
@@ -295,6 +300,14 @@ def braked_momentum(along, moments, most):
                 s -= (slowness - s / most) / slope
         left = along * moments / (moments + s)
     return left
+
+
+@ti.func
+def taken_off(along, moments, most):
+    """Angular momentum of up to `most` [N m s] about the axis of the spin that there is, not more than there is."""
+    axis = along / moments
+    axis /= axis.norm() + 1e-300
+    return ti.min(most, along.dot(axis)) * axis
 
 
 @ti.func

@@ -421,7 +421,7 @@ class Bulk:
             self._terms(),
             self._table.room,
             self._rigid,
-            self._mechanics.constant_torque,
+            self._mechanics.rolling,
         )
 
     def _enter(self, arena: areas.Arena) -> None:

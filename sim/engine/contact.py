@@ -17,8 +17,8 @@ from rigtwin.lab.materials import Contact, Material
 from rigtwin.sim.engine.backend import ti
 
 Array = npt.NDArray[np.float64]
-Rolling = Literal["type A", "type C"]
-ROLLING: tuple[Rolling, ...] = ("type A", "type C")
+Rolling = Literal["type A", "type A explicit", "type C"]
+ROLLING: tuple[Rolling, ...] = ("type A", "type A explicit", "type C")
 ContactLaw = Literal["Hertz-Mindlin", "linear"]
 CONTACT_LAWS: tuple[ContactLaw, ...] = ("Hertz-Mindlin", "linear")
 IMPACT_SPEED = 1.0  # [m/s], at which a linear spring is as stiff as Hertz's contact, where none is given
@@ -64,6 +64,11 @@ class Mechanics:
     @property
     def constant_torque(self) -> bool:
         """Whether rolling is resisted by a constant torque."""
+        return self.rolling != "type C"
+
+    @property
+    def holds(self) -> bool:
+        """Whether rolling resistance also holds what rests (see `contact_forces`)."""
         return self.rolling == "type A"
 
 
@@ -264,8 +269,10 @@ def contact_forces(
     Rolling resistance, torque limit mu_r F_n R on each sphere (EDEM's convention): type A acts against each body's
     own spin, which it stops but never turns back; for a clump R is the distance from the contact to its centre of mass
     (see `reach`).  Only a body knows what else turns it, so a contact gives its share of the limit, mu_r F_n, and
-    whatever moves the body brakes it once with the sum of all (see `braked`).  Type C is an elastic-plastic
-    spring-dashpot against the relative rolling (Ai et al. 2011) with spring S_t R^2.
+    whatever moves the body brakes it once with the sum of all (see `braked`).  "type A explicit" takes at most the spin
+    that there is when the step begins, and what the other torques of the step add stays: what type A would hold turns
+    on, by the other torque times the step over the inertia.  Type C is an elastic-plastic spring-dashpot against the
+    relative rolling (Ai et al. 2011) with spring S_t R^2.
 
     Returns force on i (on j the opposite), torque of type C on i (on j the opposite), mu_r F_n of type A, new slip, new
     roll.

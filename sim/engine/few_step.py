@@ -200,8 +200,10 @@ class Steps:
     def turned_on(self, i, spin, time, mechanics: ti.template()):
         """The spin of body `i` a `time` later."""
         later = spin + time * self.twist[i]
-        if ti.static(mechanics.constant_torque):
+        if ti.static(mechanics.holds):
             later = braked(later, time * self.brake[i])
+        elif ti.static(mechanics.constant_torque):
+            later = braked(spin, time * self.brake[i]) + time * self.twist[i]
         return later
 
     @ti.func
