@@ -86,20 +86,21 @@ def written(text: str, reproduction: Reproduction) -> str:
 
 
 def summary(reproduction: Reproduction) -> str:
-    """The figures that the page quotes of the tables with an experiment: of each law, and of cells run under both."""
+    """The figures that the page quotes of the tables with an experiment: of each law, and of cells run under all."""
     rows = [row for row in reproduction.rows if row["table"] in JUDGED]
     by_law = {law: [row for row in rows if row["rolling_model"] == law] for law in ROLLING}
     run = {law: {_place(row)[:3]: row for row in mine if row["ours"] is not None} for law, mine in by_law.items()}
+    run = {law: mine for law, mine in run.items() if mine}
     said = []
     for law, mine in run.items():
         said += [f"{law}: {len(mine)} of {len(by_law[law])} cells run", *_figures(list(mine.values()))]
         said += [
             f"  table {number}: {_no_further([r for r in mine.values() if r['table'] == number])}" for number in JUDGED
         ]
-    both = set.intersection(*(set(mine) for mine in run.values()))
+    both = set.intersection(*(set(mine) for mine in run.values())) if run else set()
     for law, mine in run.items():
         said += [
-            f"{law}, the {len(both)} cells run under both laws",
+            f"{law}, the {len(both)} cells run under all laws",
             *_figures([mine[place] for place in sorted(both)]),
         ]
     return "\n".join(said)

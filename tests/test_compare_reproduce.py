@@ -19,6 +19,7 @@ from rigtwin.compare.reproduce.tables import TABLES, plan
 from rigtwin.compare.runs import Done, Run, run_all
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.reference import hlosta2020
+from rigtwin.sim.engine.contact import ROLLING
 
 
 def test_graphical_and_geometric_angles_come_from_the_same_piles():
@@ -177,7 +178,7 @@ def test_progress_counts_the_cost_of_what_is_done(tmp_path):
 
 
 def test_each_rolling_law_has_runs_of_its_own_and_type_c_those_of_before():
-    by_law = {law: plan(None, quick=False, repetitions=1, seed=1, rolling=law) for law in ("type A", "type C")}
+    by_law = {law: plan(None, quick=False, repetitions=1, seed=1, rolling=law) for law in ROLLING}
     by_default = plan(None, quick=False, repetitions=1, seed=1)
     assert by_default == by_law["type A"]
     for law, planned in by_law.items():
@@ -190,7 +191,7 @@ def test_each_rolling_law_has_runs_of_its_own_and_type_c_those_of_before():
     assert not {item.name for item in by_law["type A"].runs} & set(before)
 
 
-@pytest.mark.parametrize("law", ["type A", "type C"])
+@pytest.mark.parametrize("law", ROLLING)
 def test_the_twin_rolls_by_the_law_that_the_table_names(law, monkeypatch):
     from rigtwin.compare import bulk_twins
 
@@ -209,7 +210,8 @@ def test_the_twin_rolls_by_the_law_that_the_table_names(law, monkeypatch):
 
 
 def test_the_law_of_the_tables_is_an_option(tmp_path, capsys):
-    for option, law in (([], "type A"), (["--rolling-model", "C"], "type C")):
+    said = {"A-explicit": "type A explicit", "C": "type C"}
+    for option, law in (([], "type A"), *((["--rolling-model", name], law) for name, law in said.items())):
         asked = ["reproduce", "hlosta2020", "--table", "16", "--kept", *option, "--json", "--out", str(tmp_path)]
         assert run(asked) == 0
         document = json.loads(capsys.readouterr().out)
@@ -244,4 +246,4 @@ def test_runs_and_cells_that_name_no_law_are_read_as_type_c(tmp_path):
     assert "1 of 7 cells run" in text.partition("## Table 16, rolling type A")[2][:40]
     assert "2 of 7 cells run" in text.partition("## Table 16, rolling type C")[2][:40]
     said = reproduction_page.summary(page_of_both)
-    assert "type A, the 1 cells run under both laws" in said
+    assert "type A, the 1 cells run under all laws" in said
