@@ -76,7 +76,7 @@ class Reproduction:
         """What the paper leaves unsaid in these cells, and what was taken instead."""
         names = dict.fromkeys(name for cell in self.cells for name in cell.assumed)
         laws = dict.fromkeys([cell.rolling for cell in self.cells] + [study.rolling for study in self.studies])
-        rolled = {"rolling": "; ".join(rigs.ROLLED[law] for law in laws)} if laws else {}
+        rolled = {f"rolling, {law}" if len(laws) > 1 else "rolling": rigs.ROLLED[law] for law in laws}
         return {name: rigs.ASSUMED[name] for name in names} | rolled
 
     def to_json(self) -> dict[str, Any]:
