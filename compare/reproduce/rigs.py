@@ -58,8 +58,8 @@ ROLLED: Mapping[Rolling, str] = {
     "paper names none",
     "type A explicit": "rolling friction is a constant torque mu_r F_n R against a particle's own spin, R from the "
     "contact to its centre of mass, which takes at most the spin at the beginning of a time step (type A explicit): "
-    "EDEM's manual does not say how a spin ends; of four ways that were tried this one came nearest to the paper's beds "
-    "of high rolling friction, and what rests creeps",
+    "EDEM's manual does not say how a spin ends; of four ways that were tried this one came nearest to the paper's "
+    "beds of high rolling friction, and what rests creeps",
     "type C": "rolling friction is a spring and a dashpot up to the torque mu_r F_n R (type C), which is not the "
     "standard one of EDEM, the paper's code: --rolling-model A takes that",
 }
