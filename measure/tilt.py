@@ -222,8 +222,17 @@ def _gravity_check(way: Way, onset: Onset, variant: Variant) -> Check | str:
     if not math.isfinite(way.scale_doubt):
         return "frame rate not confirmed: without a scale the run's acceleration tells none; give the bead's diameter."
     doubt = _gain_doubt(way, onset)
-    passed = abs(onset.gain - 1) < 3 * doubt
     how = "slides" if variant == "slide" else "rolls"
+    least = LEAST_KINETIC * math.tan(onset.angle)
+    if onset.moving_friction + 2 * onset.moving_sigma < least:
+        # a run that is told too fast has an acceleration that hardly any friction is left for
+        ratio = onset.moving_friction / math.tan(onset.angle)
+        message = (
+            f"in motion the body's friction would be {ratio:.2f} times that at rest, less than what {how} loses: the "
+            "scale or the frame rate is too high, or something pulls the body."
+        )
+        return Check("gravity", False, ratio, 1.0, message)
+    passed = abs(onset.gain - 1) < 3 * doubt
     found = (
         f"the body's acceleration grows with the angle as {onset.gain:.3f} ± {doubt:.3f} times that of one that {how}"
     )

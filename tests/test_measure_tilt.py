@@ -130,6 +130,17 @@ def test_the_angle_hangs_on_no_scale_but_the_check_of_gravity_does():
     assert checks == [True, False]
 
 
+@pytest.mark.parametrize("times", [2.0, 4.0])
+def test_a_slide_told_too_fast_leaves_too_little_friction_and_is_not_believed(times):
+    angles, (track,) = record("slide", angle_deg=20.4)
+    fast = [replace(each, time=each.time / times) for each in (angles, track)]
+    result = tilt.evaluate(fast[0], fast[1:], variant="slide", bead_diameter=0.006)
+    assert "the frame rate is too high" in next(check for check in result.checks if check.check == "gravity").message
+    assert pick(result, "onset_time").doubtful
+    assert pick(result, "kinetic_friction").doubtful
+    assert not pick(result, "static_friction").doubtful or times > 2  # then the plate rises too fast to be believed
+
+
 def test_a_ball_that_rolls_where_sliding_was_said_is_noticed():
     result = tilt.evaluate(*record("roll", angle_deg=4.0), variant="slide", bead_diameter=0.006)
     check = next(check for check in result.checks if check.check == "variant")
