@@ -148,11 +148,7 @@ def open_video(path: Path, camera: Camera) -> Video:
         )
     if min(height, width) < SMALLEST:
         raise UnreadableMedia(f"{path}: is only {width} x {height} px, too small to show a rig; give the clip itself.")
-    if camera.region is not None and (camera.region[0] >= width or camera.region[1] >= height):
-        raise BadInput(
-            f"{path}: --region begins at {camera.region[0]:g},{camera.region[1]:g}, "
-            f"outside the picture of {width} x {height} px."
-        )
+    _must_lie_inside(path, camera, width, height)
     if not (camera.frame_rate or stated) > 0:
         raise BadInput(f"{path}: the file states no frame rate; give the capture rate with --frame-rate 240Hz.")
     times, plays_at, oddities = _time_base(stamps, stated, film.tick, camera.frame_rate)
@@ -171,6 +167,16 @@ def open_video(path: Path, camera: Camera) -> Video:
             "a measurement needs at least three."
         )
     return Video(path, width, height, len(times), rate, plays_at, times, first, last, film, (*warnings, *oddities))
+
+
+def _must_lie_inside(path: Path, camera: Camera, width: int, height: int) -> None:
+    """Refuse places of another picture: a region or a known length that this one does not show."""
+    outside = f"outside the picture of {width} x {height} px."
+    if camera.region is not None and (camera.region[0] >= width or camera.region[1] >= height):
+        raise BadInput(f"{path}: --region begins at {camera.region[0]:g},{camera.region[1]:g}, {outside}")
+    for x, y in () if camera.known_length is None else (camera.known_length.start, camera.known_length.end):
+        if not (-1 <= x <= width and -1 <= y <= height):
+            raise BadInput(f"{path}: --known-length has an end at {x:g},{y:g}, {outside}")
 
 
 def read_photo(path: Path, lens: Lens | None = None) -> tuple[Image, tuple[str, ...]]:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from rigtwin.lab.camera import Camera, Moment
+from rigtwin.lab.camera import Camera, Moment, known_length
 from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, UnreadableMedia
 from rigtwin.measure import sources
@@ -186,6 +186,14 @@ def test_time_window_takes_seconds_and_frames(tmp_path):
     by_frame = open_video(clip, Camera(frame_rate=25.0, start=Moment(2, "frame"), end=Moment(5, "frame")))
     assert [frame.index for frame in by_time.frames()] == [2, 3, 4, 5]
     assert [frame.index for frame in by_frame.frames()] == [2, 3, 4, 5]
+
+
+@pytest.mark.parametrize("line", ["200 mm:0,0,500,0", "200 mm:-10,5,40,40", "2 mm:5,5,5,60"])
+def test_a_known_length_that_the_picture_does_not_show_is_refused(tmp_path, line):
+    clip = regular(tmp_path)
+    with pytest.raises(BadInput, match=r"--known-length has an end at .* outside the picture of 64 x 48 px"):
+        open_video(clip, Camera(known_length=known_length(line)))
+    open_video(clip, Camera(known_length=known_length("2 mm:0,0,63,47")))
 
 
 def test_an_empty_window_is_refused(tmp_path):
