@@ -213,8 +213,10 @@ def _evaluate(
     share_doubt = UNKNOWN_SHARE if cut else max(area_doubt * stays, 0.003 if area_doubt else 0.0)
     remains = Quantity("residue_fraction", stays, share_doubt, "1", CUT, doubtful=CUT_SHORT if cut else "")
     quantities.append(remains)
-    checks = [_emptied_check(stays, cut)]
-    doubt = "; ".join(dict.fromkeys(text for text in (opened.doubtful, last.doubtful) if text))
+    within = _within_check(rates[0], last.time - opened.time)
+    checks = [_emptied_check(stays, cut), within]
+    doubts = (opened.doubtful, last.doubtful, "" if within.passed else within.message)
+    doubt = "; ".join(dict.fromkeys(text for text in doubts if text))
     if doubt:
         quantities = [replace(one, doubtful=doubt) if one.unit == "s" else one for one in quantities]
     return Evaluation(tuple(quantities), tuple(checks), tuple(warnings))
@@ -238,6 +240,16 @@ def _emptied_check(stays: float, cut: bool) -> Check:
     else:
         message += "; the last particle is the last one that left."
     return Check("emptied", stays < RESIDUE and not cut, stays, 0.0, message)
+
+
+def _within_check(middle: Quantity, lasted: float) -> Check:
+    """Whether what leaves does so between the opening and the last particle."""
+    passed = middle.value < lasted + 2 * middle.std_uncertainty
+    message = (
+        f"the middle 90 % leaves in {middle.value:.3f} s of the {lasted:.3f} s from the opening to the last particle"
+    )
+    ending = "." if passed else ", which cannot be: is this a hopper, seen from before its opening until it is empty?"
+    return Check("flow_within", passed, middle.value / lasted if lasted > 0 else math.inf, 0.9, message + ending)
 
 
 def _share_left(left: Series) -> tuple[Array, Array, float]:

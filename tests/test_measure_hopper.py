@@ -49,6 +49,13 @@ def test_a_counted_discharge_gives_its_times_and_rate() -> None:
     assert find(found, "residue_fraction").value == 0
 
 
+def test_an_opening_that_comes_after_most_has_left_is_not_believed() -> None:
+    late = hopper.evaluate(counted(), opened=0.6)
+    assert "which cannot be: is this a hopper" in find(late, "discharge_time").doubtful
+    assert not find(late, "residue_fraction").doubtful
+    assert not find(hopper.evaluate(counted(), opened=0.2), "discharge_time").doubtful
+
+
 def test_without_a_mass_the_rate_has_its_own_name() -> None:
     record = counted()
     share = Series(record.time, record.value / 400, "fraction left", "1")
