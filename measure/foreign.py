@@ -8,7 +8,7 @@ where an edge runs or something moves: a colour that is none of them is foreign.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import combinations, pairwise, product
 
 import cv2
 import numpy as np
@@ -22,11 +22,13 @@ ACROSS = 6.0  # px across a bead are enough to see a hand
 UNLIKE = 15.0  # [grey levels], least difference to all that a place may show
 CLEAR = 6.0  # times the noise, likewise
 TONES = ((0.0, 0.1), (0.45, 0.55), (0.9, 1.0))  # of a bed's pixels by brightness: gaps and shadows, beads, highlights
+COLOURS = 6  # most kinds of beads in a bed that are told apart
+RARE = 0.05  # share of a bed that may be off its tones before beads of another colour are looked for
 SOFT = 0.4  # bead diameters, as far as the border of a hand may be too faint to be told
 LEAST = 5.0  # bead discs that a hand covers at least, its border included; a codec's mistakes are smaller
 ABOUT = (1.0, 3.0)  # bead diameters from the bed, between which nothing moves
 OVER_SLIDE = 0.5  # bead diameters above the slot's level, as low as that is so
-CROSSES = 1.5  # bead discs of it that a hand on its way to the bed hides at least
+LEAST_CROSSING = 1.5  # bead discs of it that a hand on its way to the bed hides at least
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class Usual:
     first: Colours  # BGR, shape (height, width, 3)
     last: Colours
     mostly: Colours  # grey, shape (height, width, 1): of most frames, where nothing moves
-    tones: Colours  # of beads, from dark to bright, shape (3, 3)
+    tones: Colours  # of each colour of beads, from dark to bright, shape (colours, 3, 3)
     about: Mask  # where nothing moves though it is close to the bed
     zoom: float  # px of these per px of the picture
     level: float  # [grey levels], from which on a place shows none of it
@@ -59,16 +61,15 @@ def usual_sight(
     `slot_row` and the `bead`'s diameter are in px, `noise` is that of one frame [grey levels].
     """
     core = cv2.erode(bed.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    colours = full[core if core.any() else bed].astype(np.float32)
-    colours = colours[np.argsort(colours.sum(axis=1))]
-    parts = [colours[int(low * len(colours)) : int(high * len(colours)) + 1] for low, high in TONES]
-    tones = np.stack([part.mean(axis=0) for part in parts])
     near, far = (cv2.dilate(bed.astype(np.uint8), _round(each * bead)) > 0 for each in ABOUT)
     about = far & ~near
     about[max(round(slot_row - OVER_SLIDE * bead), 0) :] = False
     zoom = min(1.0, ACROSS / bead)
     first, last, grey, close = (_smaller(each, zoom) for each in (full, empty, mostly, about.astype(np.float32)))
-    return Usual(first, last, grey[..., None], tones, close > 0.5, zoom, UNLIKE + CLEAR * noise, bead * zoom)
+    level = UNLIKE + CLEAR * noise
+    tones = _tones(full[core if core.any() else bed].astype(np.float32))[None]
+    tones = _as_many_as_needed(tones, first, last, _smaller(core.astype(np.float32), zoom) > 0.5, level)
+    return Usual(first, last, grey[..., None], tones, close > 0.5, zoom, level, bead * zoom)
 
 
 def crosses(picture: Image, usual: Usual) -> bool:
@@ -82,7 +83,7 @@ def crosses(picture: Image, usual: Usual) -> bool:
         # a lamp that flickers moves all pixels alike
         level = usual.level + float(np.median(off[usual.about]))
         found = _opened(off > level)[usual.about].sum()
-        if found > CROSSES * np.pi / 4 * usual.bead**2:
+        if found > LEAST_CROSSING * np.pi / 4 * usual.bead**2:
             return True
     return False
 
@@ -100,6 +101,37 @@ def foreign(picture: Image, usual: Usual) -> Mask:
     large = stats[:, cv2.CC_STAT_AREA] > LEAST * np.pi / 4 * usual.bead**2
     large[0] = False
     return usual.mask(large[labels].astype(np.uint8), picture.shape)
+
+
+def _as_many_as_needed(tones: Colours, full: Colours, empty: Colours, bed: Mask, level: float) -> Colours:
+    """Tones of each colour of beads, so that the bed before the empty hopper is nothing foreign."""
+    beads = full[bed & (_off(full, empty) > level)]
+    # beads of one colour differ in how much light they get; what is left without the mean is the colour
+    hues = beads - beads.mean(axis=1, keepdims=True)
+    for count in range(2, min(COLOURS, len(beads)) + 1):
+        strange = np.zeros_like(bed)
+        strange[bed] = _off_mixtures(full[bed], empty[bed], empty[bed], tones) > level
+        if _opened(strange).sum() <= RARE * bed.sum():
+            break
+        cv2.setRNGSeed(count)  # the same film gives the same tones
+        stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 30, 0.5)
+        _, kinds, _ = cv2.kmeans(hues, count, np.empty(0), stop, 3, cv2.KMEANS_PP_CENTERS)
+        tones = np.stack([_tones(beads[kinds[:, 0] == kind]) for kind in np.unique(kinds)])
+    return tones
+
+
+def _tones(colours: Colours) -> Colours:
+    """Of beads of one colour, from dark to bright, shape (3, 3)."""
+    rising = colours[np.argsort(colours.sum(axis=1))]
+    parts = [rising[int(low * len(rising)) : int(high * len(rising)) + 1] for low, high in TONES]
+    return np.stack([part.mean(axis=0) for part in parts])
+
+
+def _off_tones(shown: Colours, tones: Colours) -> Colours:
+    """How far colours, shape (n, 3), are from those of beads, of one or where two of them meet."""
+    pairs = [pair for kind in tones for pair in pairwise(kind)]
+    pairs += [(one, other) for kinds in combinations(tones, 2) for one, other in product(*kinds)]
+    return np.asarray(np.min([_off_mixture(shown, *pair) for pair in pairs], axis=0), dtype=np.float32)
 
 
 def _smaller(picture: Image | Colours, zoom: float) -> Colours:
@@ -125,12 +157,10 @@ def _off(shown: Colours, other: Colours) -> Colours:
 def _off_mixtures(shown: Colours, first: Colours, last: Colours, tones: Colours) -> Colours:
     """How far colours, shape (n, 3), are from all mixtures of two things that these places may show."""
     least = _off_mixture(shown, first, last)
-    for tone in tones:
+    for tone in tones.reshape(-1, 3):
         for scene in (first, last):
             least = np.minimum(least, _off_mixture(shown, scene, tone))
-    for darker, brighter in pairwise(tones):
-        least = np.minimum(least, _off_mixture(shown, darker, brighter))
-    return least
+    return np.minimum(least, _off_tones(shown, tones))
 
 
 def _off_mixture(shown: Colours, one: Colours, other: Colours) -> Colours:

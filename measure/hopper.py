@@ -436,7 +436,7 @@ def _opened(seen: Outflow, gate: Opening | None) -> Instant:
 def _unhidden(seen: Outflow, found: Instant) -> Instant:
     """The same, doubtful where something passes in front of the hopper about that time."""
     near = [each.hidden for each in seen.moments if abs(each.time - found.time) < (NEARBY + 0.5) * seen.interval]
-    if found.doubtful or not any(near) or all(each.hidden for each in seen.moments):
+    if found.doubtful or not any(near):
         return found
     budget = found.budget | {"hidden": NEARBY * seen.interval}
     reason = f"something passes in front of the hopper at {found.time:.3f} s; keep hands out of the view"
@@ -582,9 +582,11 @@ def _rate_check(
 
 
 def _timing_check(seen: Outflow, left: Series, opened: Instant, last: Instant) -> Check | str:
+    from scipy.ndimage import binary_dilation
+
     time, share, _ = _share_left(left)
     # a hand reaches over the bed's edge before it is told, and a little longer
-    hidden = np.convolve([moment.hidden for moment in seen.moments], np.ones(5), "same") > 0.5
+    hidden = binary_dilation([moment.hidden for moment in seen.moments], np.ones(5, dtype=bool))
     flows = (time[1:] > opened.time) & (time[1:] <= last.time) & ~hidden[1:] & ~hidden[:-1]
     return timing_check((-np.diff(share) / np.diff(time))[flows])
 

@@ -207,10 +207,11 @@ def film(
     lost: frozenset[int] = frozenset(),
     hand: Callable[[int], tuple[float, float]] | None = None,
     skin: tuple[int, int, int] = (140, 165, 215),
+    colours: tuple[tuple[int, int, int], ...] = ((40, 90, 190),),
 ) -> float:
     """A bed that leaves row by row through a slot; returns the frame at which the last bead's upper edge is at it.
 
-    `hand` tells where a hand of the colour `skin` is in a frame [px].
+    `hand` tells where a hand of the colour `skin` is in a frame [px]; the beads have one of the `colours` each.
     """
     random = np.random.default_rng(5)
     rows, columns = 9, 5
@@ -218,6 +219,7 @@ def film(
         [(SLOT_LEFT + BEAD * (1 + 2 * c), SLOT_ROW - BEAD * (1 + 1.9 * r)) for r in range(rows) for c in range(columns)]
     )
     begins = OPENED + 2.5 + 3.0 * np.repeat(np.arange(rows), columns) + random.uniform(0, 1.5, rows * columns)
+    painted = np.random.default_rng(6).integers(len(colours), size=rows * columns)
     fall = 9.81 / RATE**2 * 2 * BEAD / DIAMETER  # [px/frame^2]
     frames = 75
     # the last bead's centre is one radius below the slot
@@ -243,11 +245,11 @@ def film(
                 at = min(y + fallen[n], 280.0)
                 if stays and n == 0:
                     at = y
-                cv2.circle(
-                    picture, (round(16 * x), round(16 * at)), round(16 * BEAD), (40, 90, 190), -1, cv2.LINE_AA, 4
-                )
+                colour = colours[painted[n]]
+                cv2.circle(picture, (round(16 * x), round(16 * at)), round(16 * BEAD), colour, -1, cv2.LINE_AA, 4)
                 spot = (round(16 * (x - 1.5)), round(16 * (at - 1.5)))
-                cv2.circle(picture, spot, 20, (120, 170, 240), -1, cv2.LINE_AA, 4)
+                bright = (colour[0] + 80, colour[1] + 80, colour[2] + 50)
+                cv2.circle(picture, spot, 20, bright, -1, cv2.LINE_AA, 4)
             if hand is not None:
                 middle = (round(hand(k)[0]), round(hand(k)[1]))
                 cv2.ellipse(picture, middle, (40, 26), 20, 0, 360, skin, -1, cv2.LINE_AA)
@@ -280,6 +282,18 @@ def test_a_filmed_discharge_gives_both_ends_within_a_frame(tmp_path: Path) -> No
     assert not any(one.doubtful for one in found.quantities)
 
 
+@pytest.mark.parametrize(
+    "colours",
+    [((40, 40, 190), (180, 70, 30)), ((40, 190, 210), (180, 70, 30)), ((40, 40, 190), (180, 70, 30), (50, 150, 40))],
+)
+def test_beads_of_several_colours_are_no_hand(tmp_path: Path, colours: tuple[tuple[int, int, int], ...]) -> None:
+    last = film(tmp_path / "mixed.mp4", colours=colours)
+    found = hopper.measure(tmp_path / "mixed.mp4", Camera(frame_rate=RATE), bead_diameter=DIAMETER, out=tmp_path)
+    assert find(found, "opening_time").value * RATE == pytest.approx(OPENED, abs=0.5)
+    assert find(found, "last_particle_time").value * RATE == pytest.approx(last, abs=0.5)
+    assert not any(one.doubtful for one in found.quantities)
+
+
 def handled(
     path: Path, hand: Callable[[int], tuple[float, float]], skin: tuple[int, int, int] = (140, 165, 215)
 ) -> tuple[list[Quantity], float]:
@@ -307,6 +321,27 @@ def test_a_hand_before_the_last_bead_makes_its_time_doubtful(tmp_path: Path) -> 
     low, high = times[1].interval95
     assert times[1].doubtful
     assert low * RATE < last < high * RATE
+
+
+def test_a_hand_before_a_bed_of_two_colours_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "hand.mp4"
+
+    def reaching(k: int) -> tuple[float, float]:
+        return (155.0 if 38 < k < 60 else 265.0, 155.0)
+
+    last = film(path, hand=reaching, colours=((40, 40, 190), (180, 70, 30)))
+    found = hopper.measure(path, Camera(frame_rate=RATE), bead_diameter=DIAMETER, out=tmp_path / "out")
+    end = find(found, "last_particle_time")
+    low, high = end.interval95
+    assert end.doubtful
+    assert low * RATE < last < high * RATE
+
+
+def test_a_film_with_something_in_front_throughout_is_doubtful(tmp_path: Path) -> None:
+    # it sways over the lower part of the bed
+    film(tmp_path / "hand.mp4", hand=lambda k: (155.0 + 6 * math.sin(1.3 * k), 155.0))
+    found = hopper.measure(tmp_path / "hand.mp4", Camera(frame_rate=RATE), bead_diameter=DIAMETER, out=tmp_path)
+    assert all(one.doubtful for one in found.quantities if one.unit == "s")
 
 
 def test_a_hand_that_pulls_the_slide_from_afar_is_no_trouble(tmp_path: Path) -> None:
