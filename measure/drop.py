@@ -86,7 +86,7 @@ def evaluate(track: Track, *, bead_diameter: float | None = None, bead_density: 
 def _readable(track: Track, drag: AirDrag) -> tuple[Track, int, tuple[Loss, ...]]:
     """The track without points that are blank or repeat the one before, and how many of these there were.
 
-    Its times are true then, also where frames were lost.
+    Its times are true then, also where frames were surely lost.
     """
     finite = np.isfinite(track.time) & np.all(np.isfinite(track.position), axis=1)
     time, position = track.time[finite], track.position[finite]
@@ -147,7 +147,7 @@ def _why_no_bounce(record: Heights) -> str:
 def _evaluation(
     track: Track, bounces: Bounces, *, scale_doubt: float, rate: float, repeats: int, losses: tuple[Loss, ...]
 ) -> Evaluation:
-    """`repeats` frames that showed the same as the one before have been left out, `losses` are mended in the times."""
+    """`repeats` frames that showed the same as the one before are left out, sure `losses` mended in the times."""
     share = repeats / max(repeats + len(track.time), 1)
     checks = (
         gravity_check(bounces, scale_doubt, rate, share),

@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from rigtwin.lab.quantity import Check, root_sum_of_squares
 from rigtwin.lab.records import Track
@@ -161,7 +160,7 @@ def fall_check(track: Track, bounces: Bounces) -> Check:
 
 
 def timing_check(track: Track, bounces: Bounces, repeats: int, losses: Sequence[Loss] = ()) -> Check:
-    """Frames missing or repeated while the bead flies; `repeats` more were left out, `losses` mended beforehand."""
+    """Frames missing or repeated while the bead flies; `repeats` more were left out, sure `losses` mended before."""
     time = track.time
     steps = np.diff(time)
     usual = float(np.median(steps))
@@ -181,15 +180,21 @@ def timing_check(track: Track, bounces: Bounces, repeats: int, losses: Sequence[
     )
     if repeats:
         message = f"doubled frames: {repeats} of {repeats + len(time)} repeat the one before and were left out"
-    message += "".join(f"; {_told(loss, time)}" for loss in losses)
+    message += "".join(f"; {_told(loss)}" for loss in losses)
     ending = "." if passed else ": film with a fixed frame rate, or use the camera's original file."
     return Check("frame_timing", passed, missing + again + repeats, 0.0, message + ending)
 
 
-def _told(loss: Loss, time: npt.NDArray[np.float64]) -> str:
+def _told(loss: Loss) -> str:
     what = "a frame is shown twice" if loss.frames < 0 else f"{loss.frames} frame{'s' * (loss.frames > 1)} lost"
+    if not loss.sure:
+        return (
+            f"either {what} at about {loss.time:.3f} s, which the times do not tell, or the bead is kicked aside and "
+            "leaves the plane there, or that contact lasts: the flights would meet on a level plate were it put right; "
+            "times are left as they are"
+        )
     why = "the flights meet on a level plate" if loss.at_contact else "a flight is whole"
-    return f"{what} at {time[loss.index]:.3f} s, which the times do not tell: {why} once that is put right"
+    return f"{what} at {loss.time:.3f} s, which the times do not tell: {why} once that is put right"
 
 
 def roll_check(given: float, fall: float, doubt: float) -> Check:
