@@ -19,10 +19,9 @@ Code = Literal["edem", "liggghts"]
 CODES = get_args(Code)
 ARM: dict[Code, Arm] = {"edem": "own radius", "liggghts": "effective radius"}  # EDEM: "standard rolling friction"
 ROLLING: dict[Rolling, str] = {"type A": "cdt", "type A explicit": "cdt", "type C": "epsd2"}  # as LIGGGHTS calls them
-DIFFERS = {
-    "type A": "cdt acts against the spin relative to the neighbour, type A against each sphere's own",
-    "type A explicit": "cdt acts against the spin relative to the neighbour, type A against each sphere's own",
-    "type C": "below it epsd2's spring is a quarter of type C's between equal spheres, and has no dashpot",
+DIFFERS = {  # theirs from ours
+    "cdt": "cdt acts against the spin relative to the neighbour, type A against each sphere's own",
+    "epsd2": "below it epsd2's spring is a quarter of type C's between equal spheres, and has no dashpot",
 }
 LEAST = 0.05  # [1], restitution that LIGGGHTS takes; some 0.21 comes out
 SOFT, HARD = 5e6, 1e9  # [Pa], moduli between which LIGGGHTS asks for no confirmation
@@ -156,7 +155,7 @@ def _for_liggghts(made: Export) -> str:
         f"# between {_told(made.given[0])}, at walls {_told(made.given[1])}; in LIGGGHTS:\n"
         "# restitution is smaller here, for it comes out larger than it was given where a contact may not pull;\n"
         "# rolling friction is mu_r Fn R_eff here and not mu_r Fn R, R_eff being R / 2 between equal spheres: twice;\n"
-        f"# the torque's limit is the same, but\n# {DIFFERS[made.rolling]}\n"
+        f"# the torque's limit is the same, but\n# {DIFFERS[ROLLING[made.rolling]]}\n"
         + "".join(f"# {warning}\n" for warning in made.warnings)
         + each("youngsModulus", *moduli)
         + each("poissonsRatio", bead.material.poisson_ratio, wall.poisson_ratio)

@@ -89,12 +89,13 @@ def _better(record: Heights, bounces: Bounces | None, fit: Fit) -> tuple[Loss, B
         loss, fitted = tried
         left = _left(fitted, noise)
         beside = _beside(record, loss, fitted)
+        tears = left < before - GAINED and left < before / TORN
+        if beside is None:
+            if tears:
+                found.append((left, replace(loss, at_contact=False), fitted))
+            continue
         meets = bounces is not None and _meet(fitted, bounces)
-        if left < before - GAINED and left < before / TORN and beside is None:
-            found.append((left, replace(loss, at_contact=False), fitted))
-        elif beside is not None and (
-            (meets and left < before + GAINED) or (left < before - GAINED and left < before / TORN)
-        ):
+        if tears or (meets and left < before + GAINED):
             sure = bounces is not None and meets and _lifted_alone(beside, fitted, bounces)
             found.append((left, replace(loss, at_contact=True, sure=sure), fitted))
     if not found:
@@ -106,8 +107,10 @@ def _better(record: Heights, bounces: Bounces | None, fit: Fit) -> tuple[Loss, B
 def _fitted(record: Heights, loss: Loss, noise: float, fit: Fit) -> tuple[Loss, Bounces] | None:
     """The record with a loss; of the points about a contact those are taken to follow it that lie so on the flights."""
     fitted = fit(_mended(record, loss))
-    if fitted is None or not loss.at_contact:
-        return None if fitted is None else (loss, fitted)
+    if fitted is None:
+        return None
+    if not loss.at_contact:
+        return loss, fitted
     near = range(max(loss.index - BESIDE, 1), min(loss.index + BESIDE + 1, len(record.time)))
     moved = [replace(loss, index=index) for index in near]
     best = moved[int(np.argmin([_off(_mended(record, one), fitted, noise) for one in moved]))]

@@ -26,9 +26,7 @@ Region = tuple[float, float, float, float]
 LEAST_LEAP = 0.5  # bead diameters, of one from the bead that hits over to the one that is hit
 MOST_PIECES = 60  # of path, the farthest ones, among which a meeting is sought: noise has thousands
 INNER = 0.7  # of a bead's radius, within which it is all bead
-ONE_SIDED = (
-    0.6  # of how much beads differ from the scene, what is left when brighter and darker weigh against each other
-)
+ONE_SIDED = 0.6  # of how much beads differ from the scene, what is left where brighter and darker are set off
 LOST = 4  # frames after which a path that was not seen again has ended
 
 
