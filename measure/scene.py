@@ -129,6 +129,7 @@ class Scene:
 
     picture: Picture  # [grey levels], shape (height, width)
     noise: Picture  # [grey levels], one standard deviation of every pixel over time, same shape
+    moving: Mask | None = None  # pixels that something passes over, by which no frame is laid, same shape
 
     @cached_property
     def usual_noise(self) -> float:
@@ -275,6 +276,8 @@ class Scene:
         slope_x = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)
         slope_y = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)
         strength = np.hypot(slope_x, slope_y) / (self.noise + 0.5)
+        if self.moving is not None:
+            strength[self.moving] = 0
         border = 8
         strength[:border] = strength[-border:] = 0
         strength[:, :border] = strength[:, -border:] = 0

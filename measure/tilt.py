@@ -35,7 +35,7 @@ from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.onset import LEAST_DOUBT, Onset, Run, Way, find_onset, find_run, jitter, smooth_angle
 from rigtwin.measure.passenger import Passenger, Step, find_passenger, follow, glare
 from rigtwin.measure.repeats import at_its_pace
-from rigtwin.measure.scene import Pose, Scene
+from rigtwin.measure.scene import Background, Pose, Scene
 
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.float32]
@@ -438,7 +438,12 @@ def measure(
 def _watch(video: Video, camera: Camera, progress: Progress) -> Film:
     learnt = learn_scene(video)
     scene = learnt.scene()
-    samples = {number: scene.view(frame).grey for number, frame in learnt.samples().items()}
+    stack = np.stack(list(_laid_over(scene, learnt).values()))
+    moved = np.percentile(stack, 90, axis=0) - np.percentile(stack, 10, axis=0)
+    still = moved < 6 * float(np.median(moved)) + 6
+    # of a scene with few edges of its own the arm as it turns would pull the frames along
+    scene = replace(scene, moving=~still)
+    samples = _laid_over(scene, learnt)
     progress("looking for the arm", 0, 1)
     arm = find_arm(samples)
     if arm is None or not arm.edges:
@@ -446,9 +451,6 @@ def _watch(video: Video, camera: Camera, progress: Progress) -> Film:
             f"{video.path}: no straight arm turns by {math.degrees(0.4):.1f} degrees or more"
             " in this clip; film the plate from the side with a still camera, from before the tilt to after the run."
         )
-    stack = np.stack(list(samples.values()))
-    moved = np.percentile(stack, 90, axis=0) - np.percentile(stack, 10, axis=0)
-    still = moved < 6 * float(np.median(moved)) + 6
     lowest = arm.pivot[1] + max(edge.row for edge in arm.edges) + 4
     level = find_level(scene.picture, still, lowest, arm.converging)
     horizontal = 0.0 if level is None else level.slope
@@ -461,6 +463,10 @@ def _watch(video: Video, camera: Camera, progress: Progress) -> Film:
             "film on until the body has slid or rolled down."
         )
     return _follow(video, scene, arm, level, body, uphill, progress)
+
+
+def _laid_over(scene: Scene, learnt: Background) -> dict[int, Picture]:
+    return {number: scene.view(frame).grey for number, frame in learnt.samples().items()}
 
 
 def _follow(
