@@ -89,6 +89,7 @@ class Stage:
     duration: float  # [s]
     hinges: Array | None = None  # [m], where threads hang, shape (beads, 3)
     middle: tuple[float, float] = (0.0, 0.0)  # [px], of what hides or dazzles
+    turned: Callable[[Picture, View, float], None] | None = None  # draws what stands otherwise at every time [s]
 
 
 def film(path: Path, stage: Stage, footage: Footage, rng: np.random.Generator) -> Path:
@@ -159,6 +160,8 @@ def _picture(wall: Picture, stage: Stage, footage: Footage, begun: float, sway: 
     picture = wall.copy()
     if begun < stage.release:
         stage.held(picture, stage.view)
+    if stage.turned is not None:
+        stage.turned(picture, stage.view, begun + footage.exposure / footage.rate / 2)
     if footage.hand:
         _hand(picture, begun)
     if footage.shadow:
@@ -239,8 +242,11 @@ def _threads(picture: Picture, hung: Array, at: Array) -> None:
         picture += veil * np.float32(0.35 / 255) * (60 - picture)
 
 
-def box(picture: Picture, view: View, low: Sequence[float], high: Sequence[float], *, light: float) -> None:
-    """Fill the rectangle between two points (x, z) [m] of the plane of motion."""
+def box(
+    picture: Picture, view: View, low: Sequence[float], high: Sequence[float], *, light: float, turn: float = 0.0
+) -> None:
+    """Fill the rectangle between two points (x, z) [m] of the plane of motion, turned left about its origin [rad]."""
     corners = np.array([[low[0], 0, low[1]], [high[0], 0, low[1]], [high[0], 0, high[1]], [low[0], 0, high[1]]])
-    at, _ = view.project(corners)
+    c, s = math.cos(turn), math.sin(turn)
+    at, _ = view.project(corners @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]))
     cv2.fillConvexPoly(picture, np.rint(at * 16).astype(np.int32), light, cv2.LINE_AA, 4)

@@ -1,6 +1,6 @@
 """Clips of known truth with one hardness each: what is measured of them, and whether a wrong number is told.
 
-    python benchmarks/hard_footage.py [--rig drop|pendulum] [--only HARDNESS ...] [--count N]
+    python benchmarks/hard_footage.py [--rig drop|pendulum|slide|roll] [--only HARDNESS ...] [--count N]
 
 Every clip is drawn from `SEED`.  A number may lie off by more than two standard uncertainties only where it is doubtful
 or where the clip is refused in a sentence; "silent" is what must not be.
@@ -21,12 +21,12 @@ import numpy as np
 import numpy.typing as npt
 from draw_footage import Footage, Picture, Stage, View, box, film
 from figures import Row, report
-from motions import BEAD, STEEL, bounces, swing
+from motions import BEAD, STEEL, bounces, run_down, swing
 
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.quantity import Measurement, Quantity
-from rigtwin.measure import drop, pendulum
+from rigtwin.measure import drop, pendulum, tilt
 
 Array = npt.NDArray[np.float64]
 Truth = dict[tuple[str, str, object], float]  # by quantity, method, and bounce or body
@@ -119,6 +119,8 @@ OF_DROPS = {"towards the camera": Case(depth=0.25)}
 
 
 def cases_of(rig: str) -> dict[str, Case]:
+    if rig in ("slide", "roll"):  # what rests on a plate does not spin
+        return {name: case for name, case in CASES.items() if name != "spin"}
     return CASES | (OF_DROPS if rig == "drop" else {})
 
 
@@ -193,6 +195,70 @@ def swung(case: Case, rng: np.random.Generator) -> tuple[Stage, Truth]:
     return stage, truth
 
 
+def slid(case: Case, rng: np.random.Generator) -> tuple[Stage, Truth]:
+    """Three beads glued in a row that slide down a plate which rises."""
+    return _tilted("slide", case, rng)
+
+
+def rolled(case: Case, rng: np.random.Generator) -> tuple[Stage, Truth]:
+    """A bead that rolls down a plate which rises."""
+    return _tilted("roll", case, rng)
+
+
+def _tilted(variant: tilt.Variant, case: Case, rng: np.random.Generator) -> tuple[Stage, Truth]:
+    onset, speed = float(rng.uniform(0.9, 1.3)), float(rng.uniform(1.5, 4))  # [s], [deg/s]
+    angle = float(rng.uniform(14, 26) if variant == "slide" else rng.uniform(3, 7))  # [deg]
+    kept = float(rng.uniform(0.7, 0.95)) if variant == "slide" else 1.0
+    bead, across, ahead = 0.006, 0.004, np.arange(3 if variant == "slide" else 1) * 0.006
+    grid = np.linspace(0, onset + 1.6, 8000)
+
+    def turn(times: Array) -> Array:
+        return np.radians(angle + speed * (times - onset))
+
+    way = run_down(grid, turn(grid), onset, kept, tilt.FACTOR[variant])
+    stop = 0.09
+
+    def places(times: Array) -> Array:
+        now = turn(times)[:, None]
+        along = 0.12 + ahead - np.minimum(np.interp(times, grid, way), stop)[:, None]
+        high = across + bead / 2
+        x, z = along * np.cos(now) - high * np.sin(now), along * np.sin(now) + high * np.cos(now)
+        return np.stack([x, np.zeros_like(x), z], axis=-1)
+
+    ground = case.footage.ground
+
+    def props(picture: Picture, view: View) -> None:
+        box(picture, view, (-1, -0.06), (1, -0.03), light=0.5 * ground)
+        box(picture, view, (-1, -0.032), (1, -0.027), light=1.25 * ground)
+        box(picture, view, (-0.004, -0.03), (0.004, 0), light=0.75 * ground)
+
+    def plate(picture: Picture, view: View, time: float) -> None:
+        now = float(turn(np.array(time)))
+        box(picture, view, (-0.01, -across), (0.15, across), light=0.7 * ground, turn=now)
+        box(picture, view, (-0.01, -across), (0.15, -0.25 * across), light=0.35 * ground, turn=now)
+
+    view = case.view(View(560, 380, 0.4e-3, (90.0, 270.0)))
+    middle, _ = view.project(np.array([0.07, 0, 0.09]))
+    end = min(float(grid[np.argmax(way > stop)]) + 0.1, float(grid[-1]) - 0.05)
+    stage = Stage(places, bead / 2, view, props, _nothing, 0.0, end, middle=(middle[0], middle[1]), turned=plate)
+    return stage, {
+        (f"{tilt.FRICTION[variant]}_angle", "onset", None): angle,
+        ("onset_time", "onset", None): onset,
+    }
+
+
+def _nothing(_: Picture, __: View) -> None:
+    """Holds the body."""
+
+
+def read_slide(path: Path, case: Case) -> Measurement:
+    return tilt.measure(path, _camera(case), variant="slide", bead_diameter=0.006)
+
+
+def read_roll(path: Path, case: Case) -> Measurement:
+    return tilt.measure(path, _camera(case), variant="roll", bead_diameter=0.006)
+
+
 def read_drop(path: Path, case: Case) -> Measurement:
     return drop.measure(path, _camera(case), bead_diameter=BEAD, bead_density=STEEL)
 
@@ -212,7 +278,12 @@ def _key(quantity: Quantity) -> tuple[str, str, object]:
     return quantity.quantity, quantity.method, which
 
 
-RIGS = {"drop": (dropped, read_drop), "pendulum": (swung, read_pendulum)}
+RIGS = {
+    "drop": (dropped, read_drop),
+    "pendulum": (swung, read_pendulum),
+    "slide": (slid, read_slide),
+    "roll": (rolled, read_roll),
+}
 
 # ---------------------------------------------------------------------------------------------------------------- table
 
@@ -269,7 +340,7 @@ def compared(
 
 
 def hard(count: int, rigs: Sequence[str] = tuple(RIGS), only: Sequence[str] = ()) -> list[Row]:
-    """The table of all hardnesses of drops and pendulums."""
+    """The table of all hardnesses of drops, pendulums and tilting plates."""
     return [
         row
         for rig in rigs

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.integrate import solve_ivp
+from scipy.integrate import cumulative_trapezoid, solve_ivp
 
 from rigtwin.lab.rigs import GRAVITY
 
@@ -95,3 +95,15 @@ def swing(
                 speed = np.array([total - e * closing, total + e * closing]) / 2
         seen.append(angle.copy())
     return np.array(seen)
+
+
+def run_down(times: Array, turn: Array, onset: float, kept: float, factor: float) -> Array:
+    """Way [m] down a plate that stands at the angles `turn` [rad] at finely spaced `times` [s], from the onset [s] on.
+
+    `kept` is the share of the friction at the onset that a moving body meets, `factor` the inertia: 1 sliding, 5/7
+    rolling.
+    """
+    friction = kept * np.tan(np.interp(onset, times, turn))
+    push = np.where(times > onset, factor * GRAVITY * (np.sin(turn) - friction * np.cos(turn)), 0.0)
+    speed = cumulative_trapezoid(push, times, initial=0)
+    return np.asarray(cumulative_trapezoid(speed, times, initial=0))

@@ -31,7 +31,8 @@ PARTS = 4  # of the angle's record
 FLOOR = 1e-7  # [m], finer than any film
 LEAST_DOUBT = 0.15  # of the scale: a scale that is wrong must not pull the onset along
 LEAST_RUN = 0.25  # way of a run over the bead's size
-FAR = 0.004  # noise added per way, relative: a body that has turned and left its light is tracked less well
+WORSE = 1.5  # times the noise at rest, from which on that of a run is one of its own
+FAR = 0.002  # noise added per way, relative: a body that has turned and left its light is tracked less well
 
 
 @dataclass(frozen=True)
@@ -102,12 +103,18 @@ def find_onset(way: Way, run: Run) -> Onset | None:
     for _ in range(2):
         if found is None:
             return None
-        scaled = found.miss[found.best] * table.sigma / table.relative
-        noise = max(1.4826 * float(np.median(np.abs(scaled))), FLOOR)
-        kept = np.abs(scaled) < 4.5 * noise
-        noise = max(float(np.sqrt(np.mean(scaled[kept] ** 2))), FLOOR)
-        table = table.with_noise(noise * math.sqrt(_repeat(scaled[kept])), kept)
-        found = _search(table, found)
+        residual = found.miss[found.best] * table.sigma
+        moves = table.time > found.onset[found.best]
+        # what moves over the pixels is laid over its picture less well than what rests on them, and for a while wrong
+        # to the same side: a run that counted as exact as the rest would bend the onset to follow it
+        rests, runs = (_scatter(residual[part], table.own[part], table.far[part]) for part in (~moves, moves))
+        kept = np.empty(len(moves), dtype=bool)
+        kept[~moves], kept[moves] = rests.kept, runs.kept
+        noise = math.sqrt(float(np.mean(np.where(moves, runs.noise, rests.noise)[kept] ** 2)))
+        apart = runs.together if runs.together > WORSE * rests.together else rests.together
+        table = table.with_noise(np.where(moves, apart, rests.together), kept)
+        # with another noise another motion may be the likely one
+        found = _search(table)
     return None if found is None else _summary(way, table, found, noise)
 
 
@@ -151,8 +158,9 @@ class _Table:
     time: Array
     angle: Array
     down: Array
-    relative: Array  # noise of every point relative to that of a resting one
-    sigma: Array  # [m]
+    own: Array  # noise of every point relative to that of a resting one
+    far: Array  # [m], what the way behind it adds
+    sigma: Array  # [m], both together
     kept: npt.NDArray[np.bool_]  # points that are no outliers
     factor: float
     scale_doubt: float
@@ -164,9 +172,10 @@ class _Table:
     sines: tuple[Array, Array]  # first and second integral over time of sin(angle)
     cosines: tuple[Array, Array]
 
-    def with_noise(self, noise: float, kept: npt.NDArray[np.bool_]) -> _Table:
-        """The same with this noise at rest, and without the points that are not kept."""
-        return replace(self, sigma=noise * self.relative * np.where(kept, 1.0, 1e3), kept=kept)
+    def with_noise(self, noise: Array, kept: npt.NDArray[np.bool_]) -> _Table:
+        """The same with this noise of its points, and without those that are not kept."""
+        sigma = np.hypot(noise * self.own, self.far)
+        return replace(self, sigma=sigma * np.where(kept, 1.0, 1e3), kept=kept)
 
 
 @dataclass(frozen=True)
@@ -185,13 +194,6 @@ class _Candidates:
     def joined(cls, parts: Sequence[_Candidates]) -> _Candidates:
         """All of them as one."""
         return cls(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(cls)))
-
-    def of_kind(self, creeps: bool) -> _Candidates | None:
-        """Those with a creep, or those without; None where none is possible."""
-        chosen = np.isfinite(self.creep_from) == creeps
-        if not np.any(np.isfinite(self.cost[chosen])):
-            return None
-        return _Candidates(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
     @property
     def weight(self) -> Array:
@@ -222,14 +224,15 @@ def _window(way: Way, run: Run) -> _Table | None:
     rest = float(np.median(down[time < start]))
     usual = float(np.median(sigma[time < start])) if np.all(np.isfinite(sigma)) else math.nan
     noise = max(jitter(way.down[finite]) / math.sqrt(bins), FLOOR)
-    relative = sigma / usual if usual > 0 else np.ones_like(time)
-    relative = np.hypot(np.maximum(relative, 0.2), FAR * np.maximum(down - rest, 0) / noise)
+    own = np.maximum(sigma / usual, 0.2) if usual > 0 else np.ones_like(time)
+    far = FAR * np.maximum(down - rest, 0)
     return _Table(
         time,
         angle,
         down,
-        relative,
-        noise * relative,
+        own,
+        far,
+        np.hypot(noise * own, far),
         np.ones(len(time), dtype=bool),
         way.factor,
         way.scale_doubt,
@@ -268,24 +271,22 @@ def _everywhere(table: _Table) -> Array:
     return np.linspace(table.early, table.late, int(np.clip(1.5 * span / table.step, 24, 80)))
 
 
-def _around(table: _Table, found: _Candidates, wider: float = 1.0) -> Array:
+def _around(table: _Table, found: _Candidates) -> Array:
     """Onsets to try between the likely ones of one kind."""
     near = found.onset[found.cost < np.min(found.cost) + 16]
-    width = wider * float(found.spacing[0])
+    width = float(found.spacing[0])
     return np.linspace(max(near.min() - width, table.early), min(near.max() + width, table.late), 32)
 
 
-def _search(table: _Table, before: _Candidates | None = None) -> _Candidates | None:
-    """Every likely combination of onset, creep and jump in friction, looked for where they were likely `before`.
+def _search(table: _Table) -> _Candidates | None:
+    """Every likely combination of onset, creep and jump in friction.
 
     With and without a creep each has a valley of its own: a coarse step that misses the narrow one of the simple motion
     may still fall into the wide one of the motion with more freedom, from which no finer step leads back.
     """
     kinds = []
     for creeps in (False, True):
-        earlier = None if before is None else before.of_kind(creeps)
-        onsets = _everywhere(table) if earlier is None else _around(table, earlier, wider=4.0)
-        found = _tried(table, onsets, creeps)
+        found = _tried(table, _everywhere(table), creeps)
         for _ in range(2):
             if not np.any(np.isfinite(found.cost)):
                 break
@@ -363,6 +364,29 @@ def _solved(table: _Table, onsets: Array, columns: Array, creep_from: float) -> 
         miss,
         np.full(len(onsets), onsets[1] - onsets[0]),
     )
+
+
+@dataclass(frozen=True)
+class _Scatter:
+    """Noise of the residuals of some points."""
+
+    noise: float  # [m], of one that rests
+    together: float  # [m], that counts each by itself for what they are worth together
+    kept: npt.NDArray[np.bool_]  # which are not wild
+
+
+def _scatter(residual: Array, own: Array, far: Array) -> _Scatter:
+    """The noise of points whose way adds `far` [m] to it, by expectation and maximisation of the likelihood."""
+    if len(residual) < 2:
+        return _Scatter(FLOOR, FLOOR, np.ones(len(residual), dtype=bool))
+    noise = max(1.4826 * float(np.median(np.abs(residual) / own)), FLOOR)
+    kept = np.abs(residual) < 4.5 * np.hypot(noise * own, far)
+    for _ in range(20):
+        share = (noise * own) ** 2 / ((noise * own) ** 2 + far**2)
+        squares = ((share * residual) ** 2 + share * far**2) / own**2
+        noise = max(math.sqrt(float(np.mean(squares[kept]))), FLOOR)
+    scaled = residual / np.hypot(noise * own, far)
+    return _Scatter(noise, noise * math.sqrt(_repeat(scaled[kept])), kept)
 
 
 def _repeat(residual: Array) -> float:

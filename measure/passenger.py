@@ -22,6 +22,8 @@ Picture = npt.NDArray[np.float32]
 SATURATED = 225.0  # [grey levels], least of what may be
 GLARE_SIZE = 0.012  # of the picture's longer side, of a saturated patch that is a lamp's
 LEAST_SEEN = 0.35  # share of the body's picture that must not be hidden
+STRONG = 0.3  # of a body's contrast, that its pixels have at least
+PART = 0.2  # of the largest part of a body, that another one is at least
 ALIKE = 0.5  # correlation below which what is found is not the body
 
 
@@ -94,7 +96,9 @@ def find_passenger(
     highest = max(clear, key=lambda blob: uphill * blob.along)
     there = [blob for blob in clear if abs(blob.along - highest.along) < 0.6 * highest.length]
     best = max(there, key=lambda blob: blob.merit)
-    return _portrait(arm, frames, numbers[: best.split], best.mask, (int(rows[0]), int(columns[0])))
+    contrast = np.abs(np.median(stack[: best.split], axis=0) - np.median(stack[best.split :], axis=0))
+    outline = _outline(best.mask, contrast)
+    return _portrait(arm, frames, numbers[: best.split], outline, (int(rows[0]), int(columns[0])))
 
 
 @dataclass(frozen=True)
@@ -146,6 +150,18 @@ def _gone(stack: npt.NDArray[np.float32], split: int, noise: float, surface: flo
             merit = float(np.sum(np.clip(score[inside], 0, 60)))
             found.append(_Gone(merit, float(centres[k][0]), float(width), split, inside))
     return found
+
+
+def _outline(mask: npt.NDArray[np.bool_], contrast: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+    """What is hulled by the strong parts of a place: a mottled background that turns behind it leaves weaker ones."""
+    strong = mask & (contrast > STRONG * np.percentile(contrast[mask], 95))
+    closed = cv2.morphologyEx(strong.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=8)
+    areas = stats[1:, cv2.CC_STAT_AREA]
+    parts = 1 + np.flatnonzero(areas > PART * areas.max())
+    y, x = np.nonzero(np.isin(labels, parts))
+    hull = cv2.convexHull(np.column_stack([x, y]).astype(np.int32))
+    return np.asarray(cv2.fillConvexPoly(np.zeros(mask.shape, np.uint8), hull, 1) > 0)
 
 
 def _portrait(

@@ -45,6 +45,7 @@ FRICTION = {"slide": "static_friction", "roll": "rolling_friction"}
 FACTOR = {"slide": 1.0, "roll": 5 / 7}  # of gravity along the plate; a solid ball that rolls also has to be spun up
 PERSPECTIVE = math.radians(0.02)  # a plate that is not quite parallel to the picture
 GIVEN_ROLL = math.radians(0.1)  # standard uncertainty of a stated camera roll
+MOVED = 0.08  # [px], doubt of the place of a body that has left the pixels on which it rested
 NO_LEVEL = math.radians(1.0)  # standard uncertainty of a camera roll that nothing tells
 USUAL_DRIFT = 0.006  # [m], how far the axis may lie off the origin of a track
 FASTEST_TILT = math.radians(10)  # [rad/s], beyond it one frame is too much of an angle
@@ -572,6 +573,8 @@ def _record(film: Film, gauge: Gauge) -> tuple[Series, Track]:
     along[both] = [film.body.centre[0] + step.along for step in kept]
     across[both] = [film.body.centre[1] + step.across for step in kept]
     sigma[both] = [step.sigma for step in kept]
+    # off the pixels that it rested on a body lies over its picture to a part of a pixel only, wrong for a while alike
+    sigma = np.hypot(sigma, MOVED * np.minimum(np.abs(along - film.body.centre[0]), 1.0))
     up, high = sign * along[seen] * gauge.scale, -across[seen] * gauge.scale
     cos, sin = np.cos(angle[seen]), np.sin(angle[seen])
     position = np.column_stack([up * cos - high * sin, up * sin + high * cos])
