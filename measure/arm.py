@@ -86,7 +86,10 @@ class Arm:
         middle = weight @ rows / weight.sum()
         moment = float(weight @ (rows - middle) ** 2 / weight.sum())
         change = float(weight @ ((rows - middle) * slopes) / weight.sum()) / moment
-        return change, NOT_PARALLEL / math.sqrt(moment * len(rows))
+        # what lies on the plate, or a mark on it, makes edges that run their own way
+        off = slopes - weight @ slopes / weight.sum() - change * (rows - middle)
+        scatter = math.sqrt(float(weight @ off**2 / weight.sum()) * len(rows) / (len(rows) - 2))
+        return change, math.hypot(NOT_PARALLEL, scatter) / math.sqrt(moment * len(rows))
 
 
 @dataclass(frozen=True)

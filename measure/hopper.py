@@ -26,10 +26,11 @@ from rigtwin.measure.frame_steps import timing_check
 from rigtwin.measure.freefall import fall_below, fall_check, outlet_check
 from rigtwin.measure.gate import Opening, find_opening, slot_edges
 from rigtwin.measure.in_view import camera_by_scene
-from rigtwin.measure.media import Video, open_video
+from rigtwin.measure.media import open_video
 from rigtwin.measure.outflow import Outflow, bin_walls, follow_outflow
 from rigtwin.measure.repeats import at_its_pace
 from rigtwin.measure.spacing import NEIGHBOURS_DOUBT, bead_spacing, size_of_beads
+from rigtwin.measure.starved import compression_check
 
 Array = npt.NDArray[np.float64]
 
@@ -56,7 +57,6 @@ UNSEEN = ("slot_in_view", "bed_clear", "static_camera")  # checks without which 
 NEARBY = 4  # frames about an instant in which something in front of the hopper makes it doubtful
 # bits per pixel of a clip, below which its codec leaves what is faint as it was for a frame or so until it moved on;
 # beads that pour take ten times as many
-STARVED = 0.02
 AREA_DOUBT = 0.05  # relative, how far the bed's visible area follows its mass
 
 
@@ -99,7 +99,7 @@ def measure(
     if hidden > HIDDEN:
         last = replace(last, budget=last.budget | {"hidden part of the slot": seen.interval})
     opened, last = (_unhidden(seen, moment) for moment in (opened, last))
-    compression = _compression_check(video)
+    compression = compression_check(video)
     if not compression.passed:
         opened, last = (_starved(seen, moment, compression.message) for moment in (opened, last))
     left = _left(seen)
@@ -446,15 +446,6 @@ def _unhidden(seen: Outflow, found: Instant) -> Instant:
 def _starved(seen: Outflow, found: Instant, reason: str) -> Instant:
     """The same, doubtful by a frame for a codec that left out what was faint."""
     return replace(found, budget=found.budget | {"compression": seen.interval}, doubtful=found.doubtful or reason)
-
-
-def _compression_check(video: Video) -> Check:
-    if not video.path.is_file():
-        return Check("compression", True, math.inf, STARVED, "pictures in a folder leave nothing out.")
-    bits = 8 * video.path.stat().st_size / (video.width * video.height * max(len(video.times), 1))
-    passed = bits > STARVED
-    ending = "." if passed else ": so few that faint things stand still in it for a frame or more; give the original."
-    return Check("compression", passed, bits, STARVED, f"the clip has {bits:.3g} bits per pixel{ending}")
 
 
 def _opened_by_flow(seen: Outflow, time: Array) -> Instant:

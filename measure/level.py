@@ -25,6 +25,7 @@ ELSEWHERE = math.radians(0.15)  # how level and parallel to the rig the edges of
 ALONE = math.radians(0.5)  # the same, where no edge of the plate is seen
 FAINT = 0.35  # strength of an edge of the plate over that of the strongest
 POOR = math.radians(0.06)  # an edge whose direction is less certain is no edge of a plate
+ODD = 4.0  # times its uncertainty, that an edge counts as off at most
 PARALLEL = math.radians(0.7)  # edges that differ more are not taken for parallel
 
 
@@ -106,6 +107,8 @@ def _fit(lines: list[Line], doubt: Array, centre: tuple[float, float], usual: tu
         answer = covariance @ (design.T @ (w * slopes) + np.array([0.0, usual[0] / usual[1] ** 2]))
         miss = np.abs(slopes - design @ answer) / sigma
         usual_weight = 1 / (1 + (miss / 3) ** 2) ** 2
+    if len(lines) > 2:  # edges that do not run together tell less than each of them would
+        covariance = covariance * max(1.0, float(np.sum(np.minimum(miss, ODD) ** 2)) / (len(lines) - 2))
     # edges of one plate share its flaws: their number does not average these out
     own = math.hypot(math.sqrt(covariance[0, 0]), float(doubt.min()) / 2)
     return Level(

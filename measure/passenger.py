@@ -113,8 +113,10 @@ class _Gone:
 
 
 def _uncovered(stack: npt.NDArray[np.float32], covered: npt.NDArray[np.bool_]) -> npt.NDArray[np.float32]:
-    """What is covered in a frame as it is in the nearest frame in which it is not."""
+    """What is covered in a frame as it is in the nearest frame in which it is not; where there is none, still."""
     filled = stack.copy()
+    never = covered.all(axis=0)
+    filled[:, never] = stack[0, never]
     for k in range(len(stack)):
         missing = covered[k].copy()
         for other in sorted(range(len(stack)), key=lambda one: abs(one - k)):

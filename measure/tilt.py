@@ -26,9 +26,10 @@ from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, doubted, failed, root_sum_of_squares
 from rigtwin.lab.records import Series, Track
-from rigtwin.measure.arm import Arm, find_arm, lay_over
+from rigtwin.measure.arm import LEAST_TURN, Arm, find_arm, lay_over
 from rigtwin.measure.follow import learn_scene
 from rigtwin.measure.frame_steps import UNSTEADY
+from rigtwin.measure.in_front import in_front
 from rigtwin.measure.in_view import camera_by_scene
 from rigtwin.measure.level import Level, find_level
 from rigtwin.measure.media import Video, open_video
@@ -36,6 +37,8 @@ from rigtwin.measure.onset import LEAST_DOUBT, Onset, Run, Way, find_onset, find
 from rigtwin.measure.passenger import Passenger, Step, find_passenger, follow, glare
 from rigtwin.measure.repeats import at_its_pace
 from rigtwin.measure.scene import Background, Pose, Scene
+from rigtwin.measure.starved import compression_check
+from rigtwin.measure.turning import missing_frames
 
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.float32]
@@ -45,7 +48,8 @@ FRICTION = {"slide": "static_friction", "roll": "rolling_friction"}
 FACTOR = {"slide": 1.0, "roll": 5 / 7}  # of gravity along the plate; a solid ball that rolls also has to be spun up
 PERSPECTIVE = math.radians(0.02)  # a plate that is not quite parallel to the picture
 GIVEN_ROLL = math.radians(0.1)  # standard uncertainty of a stated camera roll
-MOVED = 0.08  # [px], doubt of the place of a body that has left the pixels on which it rested
+MOVED = 0.08  # [px], how far a body that has left the pixels on which it rested lies off its picture
+AT_REST = 0.1  # [px], within which it has not left them
 NO_LEVEL = math.radians(1.0)  # standard uncertainty of a camera roll that nothing tells
 USUAL_DRIFT = 0.006  # [m], how far the axis may lie off the origin of a track
 FASTEST_TILT = math.radians(10)  # [rad/s], beyond it one frame is too much of an angle
@@ -75,7 +79,7 @@ RESTS_ON = {
     "static_friction_angle": BEHIND_ALL | {"level"},
     "rolling_friction": BEHIND_ALL | {"level"},
     "rolling_friction_angle": BEHIND_ALL | {"level"},
-    "onset_time": BEHIND_ALL | {"gravity", "frame_timing"},
+    "onset_time": BEHIND_ALL | {"gravity", "frame_timing", "compression"},
     "kinetic_friction": BEHIND_ALL | {"gravity", "frame_timing", "level"},
 }
 
@@ -311,7 +315,10 @@ def _rise_check(way: Way, onset: Onset) -> Check:
 
 
 def _residual_check(way: Way, onset: Onset) -> Check:
+    stated = way.sigma[onset.used & (way.time > onset.time) & np.isfinite(way.sigma)]
     expected = max(jitter(way.down[onset.used]), 1.5e-5 * float(np.ptp(way.down)), 1e-7)
+    if len(stated):
+        expected = max(expected, float(np.median(stated)))
     ratio = onset.noise / expected
     passed = ratio < RESIDUALS
     meaning = "as its frame-to-frame noise tells" if ratio < 3 else f"where up to {RESIDUALS} times are let pass"
@@ -352,6 +359,7 @@ class Film:
     poses: tuple[Pose, ...]  # of the frames over the still scene
     uphill: int  # +1 where the arm rises to the right
     picture: Picture = field(repr=False)  # the still scene
+    missing: npt.NDArray[np.int64]  # frames that the film lacks before each, by how far the plate turns, shape (n,)
 
 
 @dataclass(frozen=True)
@@ -406,6 +414,7 @@ def measure(
     of_film = (
         _shape_check(film.body, variant),
         *_view_checks(film, gauge, video),
+        compression_check(video),
         *([still] if isinstance(still, Check) else []),
     )
     checks = (*evaluation.checks, *of_film)
@@ -449,7 +458,7 @@ def _watch(video: Video, camera: Camera, progress: Progress) -> Film:
     arm = find_arm(samples)
     if arm is None or not arm.edges:
         raise NothingToMeasure(
-            f"{video.path}: no straight arm turns by {math.degrees(0.4):.1f} degrees or more"
+            f"{video.path}: no straight arm turns by {math.degrees(LEAST_TURN):.1f} degrees or more"
             " in this clip; film the plate from the side with a still camera, from before the tilt to after the run."
         )
     lowest = arm.pivot[1] + max(edge.row for edge in arm.edges) + 4
@@ -457,7 +466,7 @@ def _watch(video: Video, camera: Camera, progress: Progress) -> Film:
     horizontal = 0.0 if level is None else level.slope
     usual = float(np.median(list(arm.directions.values()))) + arm.tilt
     uphill = 1 if usual < horizontal else -1
-    body = find_passenger(arm, samples, uphill, glare(scene.picture))
+    body = find_passenger(arm, samples, uphill, glare(scene.picture) | in_front(arm, still))
     if body is None:
         raise NothingToMeasure(
             f"{video.path}: an arm turns, but nothing that rests on it at first has left its place at the end; "
@@ -508,18 +517,20 @@ def _follow(
         poses.append(view.pose)
         progress("following arm and body", frame.index - video.first + 1, video.last - video.first + 1)
     index = np.array(numbers)
+    missing = missing_frames(video.times[index], np.array(directions))
     return Film(
         arm,
         level,
         body,
         index,
-        video.times[index],
+        video.times[index] + np.cumsum(missing) / video.frame_rate,
         np.array(directions),
         np.array(sigmas),
         tuple(steps),
         tuple(poses),
         uphill,
         scene.picture,
+        missing,
     )
 
 
@@ -573,13 +584,24 @@ def _record(film: Film, gauge: Gauge) -> tuple[Series, Track]:
     along[both] = [film.body.centre[0] + step.along for step in kept]
     across[both] = [film.body.centre[1] + step.across for step in kept]
     sigma[both] = [step.sigma for step in kept]
-    # off the pixels that it rested on a body lies over its picture to a part of a pixel only, wrong for a while alike
-    sigma = np.hypot(sigma, MOVED * np.minimum(np.abs(along - film.body.centre[0]), 1.0))
+    sigma = np.hypot(sigma, _wander(along - film.body.centre[0]))
     up, high = sign * along[seen] * gauge.scale, -across[seen] * gauge.scale
     cos, sin = np.cos(angle[seen]), np.sin(angle[seen])
     position = np.column_stack([up * cos - high * sin, up * sin + high * cos])
     series = Series(film.times[np.isfinite(angle)], angle[np.isfinite(angle)], "plate_angle", "rad")
     return series, Track(film.times[seen], position, sigma[seen] * gauge.scale, "body")
+
+
+def _wander(moved: Array) -> Array:
+    """[px], doubt of the place of a body that has moved off the pixels it rested on by `moved` [px].
+
+    It lies over its picture to a part of a pixel only, and all along one pixel wrong alike: the many frames in which it
+    is slow tell no more than one.
+    """
+    moved = np.maximum(np.abs(moved) - max(AT_REST, 4 * jitter(moved)), 0.0)
+    near = np.sort(moved[np.isfinite(moved)])
+    alike = np.searchsorted(near, moved + 0.5) - np.searchsorted(near, moved - 0.5)
+    return np.asarray(MOVED * np.minimum(moved, 1.0) * np.sqrt(np.maximum(alike, 1)))
 
 
 def _view_checks(film: Film, gauge: Gauge, video: Video) -> tuple[Check, ...]:
@@ -596,6 +618,12 @@ def _view_checks(film: Film, gauge: Gauge, video: Video) -> tuple[Check, ...]:
     odd = int(np.sum(np.abs(steps - np.median(steps)) > 0.5 * np.median(steps)))
     steady = odd < UNSTEADY * len(steps)
     message = f"{odd} of {len(steps)} frame intervals are odd" + ("; the file's own times were used" if odd else "")
+    if lost := int(film.missing.sum()):
+        at = film.times[film.missing > 0]
+        message += (
+            f"; {lost} more {'is' if lost == 1 else 'are'} missing by how far the plate turns at {at[0]:.3f} s"
+            f"{'' if len(at) == 1 else f' and {len(at) - 1} times after'}, and the times were put right"
+        )
     ending = "." if steady else ", but so many may be wrong: use the camera's original file."
     timing = Check("frame_timing", steady, float(odd), 0.0, message + ending)
     degrees, doubt = math.degrees(gauge.roll), math.degrees(gauge.roll_sigma)

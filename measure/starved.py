@@ -1,0 +1,20 @@
+"""Whether a film has bits enough to show what is faint: a codec that has not leaves it standing still."""
+
+from __future__ import annotations
+
+import math
+
+from rigtwin.lab.quantity import Check
+from rigtwin.measure.media import Video
+
+STARVED = 0.02
+
+
+def compression_check(video: Video) -> Check:
+    """`compression`, by the bits that a picture's pixels have on the average."""
+    if not video.path.is_file():
+        return Check("compression", True, math.inf, STARVED, "pictures in a folder leave nothing out.")
+    bits = 8 * video.path.stat().st_size / (video.width * video.height * max(len(video.times), 1))
+    passed = bits > STARVED
+    ending = "." if passed else ": so few that faint things stand still in it for a frame or more; give the original."
+    return Check("compression", passed, bits, STARVED, f"the clip has {bits:.3g} bits per pixel{ending}")
