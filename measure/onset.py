@@ -24,7 +24,9 @@ from rigtwin.lab.rigs import GRAVITY
 Array = npt.NDArray[np.float64]
 
 MOST_POINTS = 250  # a longer record is averaged down: the onset hangs on all of the run, not on single frames
-ROLLING_JUMP = 12.0  # -2 log of the odds that rolling friction falls when a ball starts to roll; sliding friction does
+# -2 log of the odds that rolling friction falls when a ball starts to roll, as sliding friction does: an error that
+# lasts for a while looks like it
+ROLLING_JUMP = 25.0
 SLOW = 0.02  # speed of a creep over the mean speed of the run, one standard deviation
 CREEP_STARTS, CREEP_SHAPES = 6, 2  # how many beginnings of a creep are tried, and whether it is even or grows
 PARTS = 4  # of the angle's record
@@ -32,7 +34,7 @@ FLOOR = 1e-7  # [m], finer than any film
 LEAST_DOUBT = 0.15  # of the scale: a scale that is wrong must not pull the onset along
 LEAST_RUN = 0.25  # way of a run over the bead's size
 WORSE = 1.5  # times the noise at rest, from which on that of a run is one of its own
-FAR = 0.002  # noise added per way, relative: a body that has turned and left its light is tracked less well
+FAR = 0.001  # noise added per way, relative: a body that has turned and left its light is tracked less well
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ from rigtwin.measure.media import Video
 STARVED = 0.02
 
 
-def compression_check(video: Video) -> Check:
+def compression_check(video: Video, least: float = STARVED) -> Check:
     """`compression`, by the bits that a picture's pixels have on the average."""
     if not video.path.is_file():
-        return Check("compression", True, math.inf, STARVED, "pictures in a folder leave nothing out.")
+        return Check("compression", True, math.inf, least, "pictures in a folder leave nothing out.")
     bits = 8 * video.path.stat().st_size / (video.width * video.height * max(len(video.times), 1))
-    passed = bits > STARVED
+    passed = bits > least
     ending = "." if passed else ": so few that faint things stand still in it for a frame or more; give the original."
-    return Check("compression", passed, bits, STARVED, f"the clip has {bits:.3g} bits per pixel{ending}")
+    return Check("compression", passed, bits, least, f"the clip has {bits:.3g} bits per pixel{ending}")

@@ -60,6 +60,7 @@ LEAST_KINETIC = 0.5  # kinetic friction over static, of what slides
 SAME_FRICTION = 0.02  # relative, how far friction of what rolls may be off at its start
 CLUMP = 2.3  # length over height of a body on the plate, from which on it is no single bead, smeared by what it crept
 WRONG_SCALE = 0.3  # relative misfit of the acceleration from which on the scale is not believed
+STARVED = 0.006  # bits per pixel, below which a film in which so little moves leaves out what is faint
 RESIDUALS = 6  # times the noise, that a body may leave the fitted run by
 NOMINAL = 3e-4  # [m/px], where no scale is known: only a unit
 # checks that every number rests on
@@ -414,7 +415,7 @@ def measure(
     of_film = (
         _shape_check(film.body, variant),
         *_view_checks(film, gauge, video),
-        compression_check(video),
+        compression_check(video, STARVED),
         *([still] if isinstance(still, Check) else []),
     )
     checks = (*evaluation.checks, *of_film)
