@@ -49,7 +49,7 @@ from rigtwin.measure.flights import (
 from rigtwin.measure.follow import Chase, chase_path, find_paths, learn_scene, look_again
 from rigtwin.measure.lost_frames import Loss, find_losses, in_time
 from rigtwin.measure.media import Video, open_video
-from rigtwin.measure.repeats import repeated
+from rigtwin.measure.repeats import at_its_pace, repeated
 
 Array = npt.NDArray[np.float64]
 
@@ -285,7 +285,7 @@ def measure(
     drag = AirDrag(bead_diameter, bead_density)
     if clip.suffix.lower() == ".csv":
         return _measure_record(clip, drag, out)
-    video = open_video(clip, camera)
+    video = at_its_pace(open_video(clip, camera), progress)
     found = _find_bead(video, camera, drag, bead_diameter, progress)
     video, seen, pixels, repeats = found.video, found.seen, found.pixels, found.repeats
     fitted = _bounces(pixels, drag, str(clip), filmed=True)
@@ -299,7 +299,7 @@ def measure(
         bounces,
         scale_doubt=gauge.doubt,
         rate=video.frame_rate,
-        repeats=len(repeats),
+        repeats=len(repeats - video.skipped),
         losses=found.losses,
     )
     checks = _with_gravity_told(evaluation.checks, gauge) + view_checks(video, seen, fitted, repeats)
@@ -384,7 +384,7 @@ def _find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float
     """The bead among all that moves: the thing that falls and bounces."""
     scene = learn_scene(video, quickly=True).scene()
     moves = find_paths(video, scene, camera.region, progress)
-    paths = moves.paths
+    paths, doubled = moves.paths, moves.repeated | video.skipped
     size = None
     if bead_diameter is not None and camera.given_scale is not None:
         size = bead_diameter / 2 / camera.given_scale
@@ -406,7 +406,7 @@ def _find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float
         )
     best, bouncing = None, []
     for path in likely:
-        found = _in_true_time(video, chase_path(video, path, moves, progress), moves.repeated, drag)
+        found = _in_true_time(video, chase_path(video, path, moves, progress), doubled, drag)
         if len(found.pixels.time) > 8 and best is None:
             best = found
         fitted = _fit(_record(found.pixels), drag)
@@ -418,7 +418,7 @@ def _find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float
         # what else moves may seem to bounce as well, but hardly in free flight
         _, found, fitted = min(bouncing, key=lambda each: (not each[0].passed, each[0].value))
         expected = _expected(found.seen, found.pixels, fitted, found.video)
-        better = look_again(found.seen, {index: at for index, at in expected.items() if index not in moves.repeated})
+        better = look_again(found.seen, {index: at for index, at in expected.items() if index not in doubled})
         return replace(found, seen=better, pixels=_pixel_track(better))
     if best is None:
         raise NothingToMeasure(
