@@ -78,13 +78,13 @@ def evaluate(track: Track, *, bead_diameter: float | None = None, bead_density: 
     """
     rate = _rate(track)
     drag = AirDrag(bead_diameter, bead_density)
-    track, repeats, losses = _readable(track, drag)
-    bounces = _bounces(track, drag, str(track.body), in_metres=True)
+    track, repeats, losses, fitted = _readable(track, drag)
+    bounces = _bounces(track, drag, str(track.body), fitted=fitted, in_metres=True)
     return _evaluation(track, bounces, scale_doubt=0.0, rate=rate, repeats=repeats, losses=losses)
 
 
-def _readable(track: Track, drag: AirDrag) -> tuple[Track, int, tuple[Loss, ...]]:
-    """The track without points that are blank or repeat the one before, and how many of these there were.
+def _readable(track: Track, drag: AirDrag) -> tuple[Track, int, tuple[Loss, ...], Bounces | None]:
+    """The track without points that are blank or repeat the one before, how many these were, and its bounces.
 
     Its times are true then, also where frames were surely lost.
     """
@@ -98,8 +98,8 @@ def _readable(track: Track, drag: AirDrag) -> tuple[Track, int, tuple[Loss, ...]
         lengths[1:-1][~onwards] = np.max(lengths)
         again[1:] = repeated(lengths)
     kept = Track(time[~again], position[~again], track.sigma[finite][~again], track.body)
-    losses = find_losses(_record(kept), lambda record: _fit(record, drag))
-    return replace(kept, time=in_time(kept.time, losses)), int(np.sum(again)), losses
+    losses, fitted = find_losses(_record(kept), lambda record: _fit(record, drag))
+    return replace(kept, time=in_time(kept.time, losses)), int(np.sum(again)), losses, fitted
 
 
 def _rate(track: Track) -> float:
@@ -107,9 +107,19 @@ def _rate(track: Track) -> float:
     return 1 / float(np.nanmedian(np.diff(track.time))) if len(track.time) > 1 else math.nan
 
 
-def _bounces(track: Track, drag: AirDrag, name: str, *, in_metres: bool = False, filmed: bool = False) -> Bounces:
+def _bounces(
+    track: Track,
+    drag: AirDrag,
+    name: str,
+    *,
+    fitted: Bounces | None = None,
+    in_metres: bool = False,
+    filmed: bool = False,
+) -> Bounces:
+    """The bounces of a track, as `fitted` already where they are."""
     record = _record(track, filmed=filmed)
-    fitted = _fit(record, drag) if len(record.time) > 12 else None
+    if fitted is None and len(record.time) > 12:
+        fitted = _fit(record, drag)
     if fitted is None:
         raise NothingToMeasure(f"{name}: {_why_no_bounce(record)}")
     if in_metres and drag.known and abs(fitted.read(lambda at: at.size)[0] - 1) > 0.2:
@@ -344,8 +354,8 @@ def measure(
 def _measure_record(path: Path, drag: AirDrag, out: Path | None) -> Measurement:
     tracks = read_tracks(path)
     longest = max(tracks, key=lambda each: len(each.time))
-    track, repeats, losses = _readable(longest, drag)
-    bounces = _bounces(track, drag, str(path), in_metres=True)
+    track, repeats, losses, fitted = _readable(longest, drag)
+    bounces = _bounces(track, drag, str(path), fitted=fitted, in_metres=True)
     evaluation = _evaluation(track, bounces, scale_doubt=0.0, rate=_rate(longest), repeats=repeats, losses=losses)
     warnings = evaluation.warnings
     if len(tracks) > 1:
@@ -377,7 +387,8 @@ class _Found:
     seen: Chase
     pixels: Track
     repeats: frozenset[int]  # frames that show the same as the one before
-    losses: tuple[Loss, ...] = ()
+    losses: tuple[Loss, ...]
+    fitted: Bounces | None
 
 
 def _find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float | None, progress: Progress) -> _Found:
@@ -409,9 +420,8 @@ def _find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float
         found = _in_true_time(video, chase_path(video, path, moves, progress), doubled, drag)
         if len(found.pixels.time) > 8 and best is None:
             best = found
-        fitted = _fit(_record(found.pixels), drag)
-        if fitted is not None:
-            bouncing.append((residual_check(fitted), found, fitted))
+        if found.fitted is not None:
+            bouncing.append((residual_check(found.fitted), found, found.fitted))
             if bouncing[-1][0].passed:
                 break
     if bouncing:
@@ -431,15 +441,15 @@ def _find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float
 def _in_true_time(video: Video, seen: Chase, repeats: frozenset[int], drag: AirDrag) -> _Found:
     """The bead of a path; where its flights show that frames were lost, the times of all that comes after are moved."""
     pixels = _pixel_track(seen)
-    losses = find_losses(_record(pixels), lambda record: _fit(record, drag))
+    losses, fitted = find_losses(_record(pixels), lambda record: _fit(record, drag))
     if not losses:
-        return _Found(video, seen, pixels, repeats)
+        return _Found(video, seen, pixels, repeats, losses, fitted)
     times = in_time(video.times, tuple(replace(loss, index=seen.sightings[loss.index].frame) for loss in losses))
     video = replace(video, times=times)
     sightings = tuple(replace(sighting, time=float(times[sighting.frame])) for sighting in seen.sightings)
     cuts = tuple(replace(cut, time=float(times[cut.frame])) for cut in seen.cuts)
     seen = replace(seen, sightings=sightings, cuts=cuts)
-    return _Found(video, seen, _pixel_track(seen), repeats, losses)
+    return _Found(video, seen, _pixel_track(seen), repeats, losses, fitted)
 
 
 def _pixel_track(seen: Chase) -> Track:

@@ -53,22 +53,24 @@ class Loss:
     sure: bool = True  # whether nothing else could look the same; else times are not to be moved
 
 
-def find_losses(record: Heights, fit: Fit) -> tuple[Loss, ...]:
-    """Where frames are lost, or none where that does not explain the record; `fit` tells its bounces.
+def find_losses(record: Heights, fit: Fit) -> tuple[tuple[Loss, ...], Bounces | None]:
+    """Where frames are lost, or none where that does not explain the record, and its bounces with sure ones mended.
 
-    One that is not sure is the last: what else there may be would rest on it.
+    `fit` tells a record's bounces.  A loss that is not sure is the last: what else there may be would rest on it.
     """
     if len(record.time) <= 12:
-        return ()
+        return (), None
     losses: list[Loss] = []
-    bounces = fit(record)
+    first = true = bounces = fit(record)
     while len(losses) < MOST and all(loss.sure for loss in losses):
         better = _better(replace(record, time=in_time(record.time, losses)), bounces, fit)
         if better is None:
             break
         loss, bounces = better
         losses.append(replace(loss, time=float(record.time[loss.index])))
-    return tuple(losses) if bounces is not None and _misfit(bounces) < ILL_FITTED else ()
+        true = bounces if loss.sure else true
+    explained = bounces is not None and _misfit(bounces) < ILL_FITTED
+    return (tuple(losses), true) if explained else ((), first)
 
 
 def in_time(time: Array, losses: Iterable[Loss]) -> Array:
