@@ -37,6 +37,7 @@ ODD = 6.0  # squares of their doubt, that steps leave of an even drift, from whi
 OTHERS = 16.0  # such squares, that a sure loss may leave; and more than it leaves, that all others must
 CAMERA = (-0.5, 0.35)  # sinking of the plate in drop heights per growth: seen from about halfway up, pitched a little
 UNEVEN = 5e-4  # of the drop height, to which plates are level
+LEAST_TOLD = 0.5  # share of the knowledge of a growth that must come from the record, and not from what is usual
 GROWN_TO = (0.001, 0.05)  # growth that a fit of air and lens may miss: absolute, and relative
 AS_NOISE = 1.2  # squares of the noise for each point, that a fit may leave where nothing can be torn
 
@@ -299,15 +300,21 @@ def _oddness(bounces: Bounces, feigned: Array | float = 0.0, *, usually: bool = 
 
 
 def _growths(bounces: Bounces) -> tuple[Array, Array]:
-    """Of the bead from contact to contact, relative, and their standard uncertainties, shape (count - 1,)."""
+    """Of the bead from contact to contact, relative, and their standard uncertainties, shape (count - 1,).
+
+    What the fit expects beforehand is taken out again; along low flights it is all that holds the growth, near nothing.
+    """
     count = bounces.count
-    _, _, growth = bounces.model.split(bounces.parameters)
+    heights, _, growth = bounces.model.split(bounces.parameters)
     inner = slice(4 + 2 * count, 3 + 3 * count)
     mine = bounces.covariance[inner, inner]
     # the first contact is where it is counted from
     steps = np.eye(count - 1) - np.eye(count - 1, k=-1)
-    each = steps @ growth[: count - 1]
-    variance = np.diag(steps @ mine @ steps.T)
+    fitted = np.diag(steps @ mine @ steps.T)
+    told = 1 - fitted / bounces.model.swelling(heights[1:count]) ** 2
+    known = told > LEAST_TOLD
+    told = np.where(known, told, 1.0)
+    each, variance = steps @ growth[: count - 1] / told, np.where(known, fitted / told, 1.0)
     return each, np.sqrt(variance + GROWN_TO[0] ** 2 + (GROWN_TO[1] * each) ** 2)
 
 
