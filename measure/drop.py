@@ -49,7 +49,7 @@ from rigtwin.measure.flights import (
 from rigtwin.measure.follow import Chase, chase_path, find_paths, learn_scene, look_again
 from rigtwin.measure.lost_frames import Loss, find_losses, in_time
 from rigtwin.measure.media import Video, open_video
-from rigtwin.measure.repeats import repeated
+from rigtwin.measure.repeats import at_its_pace, repeated
 
 Array = npt.NDArray[np.float64]
 
@@ -78,13 +78,13 @@ def evaluate(track: Track, *, bead_diameter: float | None = None, bead_density: 
     """
     rate = _rate(track)
     drag = AirDrag(bead_diameter, bead_density)
-    track, repeats, losses = _readable(track, drag)
-    bounces = _bounces(track, drag, str(track.body), in_metres=True)
+    track, repeats, losses, fitted = _readable(track, drag)
+    bounces = _bounces(track, drag, str(track.body), fitted=fitted, in_metres=True)
     return _evaluation(track, bounces, scale_doubt=0.0, rate=rate, repeats=repeats, losses=losses)
 
 
-def _readable(track: Track, drag: AirDrag) -> tuple[Track, int, tuple[Loss, ...]]:
-    """The track without points that are blank or repeat the one before, and how many of these there were.
+def _readable(track: Track, drag: AirDrag) -> tuple[Track, int, tuple[Loss, ...], Bounces | None]:
+    """The track without points that are blank or repeat the one before, how many these were, and its bounces.
 
     Its times are true then, also where frames were surely lost.
     """
@@ -98,8 +98,8 @@ def _readable(track: Track, drag: AirDrag) -> tuple[Track, int, tuple[Loss, ...]
         lengths[1:-1][~onwards] = np.max(lengths)
         again[1:] = repeated(lengths)
     kept = Track(time[~again], position[~again], track.sigma[finite][~again], track.body)
-    losses = find_losses(_record(kept), lambda record: _fit(record, drag))
-    return replace(kept, time=in_time(kept.time, losses)), int(np.sum(again)), losses
+    losses, fitted = find_losses(_record(kept), lambda record: _fit(record, drag))
+    return replace(kept, time=in_time(kept.time, losses)), int(np.sum(again)), losses, fitted
 
 
 def _rate(track: Track) -> float:
@@ -107,9 +107,19 @@ def _rate(track: Track) -> float:
     return 1 / float(np.nanmedian(np.diff(track.time))) if len(track.time) > 1 else math.nan
 
 
-def _bounces(track: Track, drag: AirDrag, name: str, *, in_metres: bool = False, filmed: bool = False) -> Bounces:
+def _bounces(
+    track: Track,
+    drag: AirDrag,
+    name: str,
+    *,
+    fitted: Bounces | None = None,
+    in_metres: bool = False,
+    filmed: bool = False,
+) -> Bounces:
+    """The bounces of a track, as `fitted` already where they are."""
     record = _record(track, filmed=filmed)
-    fitted = _fit(record, drag) if len(record.time) > 12 else None
+    if fitted is None and len(record.time) > 12:
+        fitted = _fit(record, drag)
     if fitted is None:
         raise NothingToMeasure(f"{name}: {_why_no_bounce(record)}")
     if in_metres and drag.known and abs(fitted.read(lambda at: at.size)[0] - 1) > 0.2:
@@ -285,7 +295,7 @@ def measure(
     drag = AirDrag(bead_diameter, bead_density)
     if clip.suffix.lower() == ".csv":
         return _measure_record(clip, drag, out)
-    video = open_video(clip, camera)
+    video = at_its_pace(open_video(clip, camera), progress)
     found = _find_bead(video, camera, drag, bead_diameter, progress)
     video, seen, pixels, repeats = found.video, found.seen, found.pixels, found.repeats
     fitted = _bounces(pixels, drag, str(clip), filmed=True)
@@ -299,7 +309,7 @@ def measure(
         bounces,
         scale_doubt=gauge.doubt,
         rate=video.frame_rate,
-        repeats=len(repeats),
+        repeats=len(repeats - video.skipped),
         losses=found.losses,
     )
     checks = _with_gravity_told(evaluation.checks, gauge) + view_checks(video, seen, fitted, repeats)
@@ -344,8 +354,8 @@ def measure(
 def _measure_record(path: Path, drag: AirDrag, out: Path | None) -> Measurement:
     tracks = read_tracks(path)
     longest = max(tracks, key=lambda each: len(each.time))
-    track, repeats, losses = _readable(longest, drag)
-    bounces = _bounces(track, drag, str(path), in_metres=True)
+    track, repeats, losses, fitted = _readable(longest, drag)
+    bounces = _bounces(track, drag, str(path), fitted=fitted, in_metres=True)
     evaluation = _evaluation(track, bounces, scale_doubt=0.0, rate=_rate(longest), repeats=repeats, losses=losses)
     warnings = evaluation.warnings
     if len(tracks) > 1:
@@ -377,14 +387,15 @@ class _Found:
     seen: Chase
     pixels: Track
     repeats: frozenset[int]  # frames that show the same as the one before
-    losses: tuple[Loss, ...] = ()
+    losses: tuple[Loss, ...]
+    fitted: Bounces | None
 
 
 def _find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float | None, progress: Progress) -> _Found:
     """The bead among all that moves: the thing that falls and bounces."""
     scene = learn_scene(video, quickly=True).scene()
     moves = find_paths(video, scene, camera.region, progress)
-    paths = moves.paths
+    paths, doubled = moves.paths, moves.repeated | video.skipped
     size = None
     if bead_diameter is not None and camera.given_scale is not None:
         size = bead_diameter / 2 / camera.given_scale
@@ -406,19 +417,18 @@ def _find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float
         )
     best, bouncing = None, []
     for path in likely:
-        found = _in_true_time(video, chase_path(video, path, moves, progress), moves.repeated, drag)
+        found = _in_true_time(video, chase_path(video, path, moves, progress), doubled, drag)
         if len(found.pixels.time) > 8 and best is None:
             best = found
-        fitted = _fit(_record(found.pixels), drag)
-        if fitted is not None:
-            bouncing.append((residual_check(fitted), found, fitted))
+        if found.fitted is not None:
+            bouncing.append((residual_check(found.fitted), found, found.fitted))
             if bouncing[-1][0].passed:
                 break
     if bouncing:
         # what else moves may seem to bounce as well, but hardly in free flight
         _, found, fitted = min(bouncing, key=lambda each: (not each[0].passed, each[0].value))
         expected = _expected(found.seen, found.pixels, fitted, found.video)
-        better = look_again(found.seen, {index: at for index, at in expected.items() if index not in moves.repeated})
+        better = look_again(found.seen, {index: at for index, at in expected.items() if index not in doubled})
         return replace(found, seen=better, pixels=_pixel_track(better))
     if best is None:
         raise NothingToMeasure(
@@ -431,15 +441,15 @@ def _find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float
 def _in_true_time(video: Video, seen: Chase, repeats: frozenset[int], drag: AirDrag) -> _Found:
     """The bead of a path; where its flights show that frames were lost, the times of all that comes after are moved."""
     pixels = _pixel_track(seen)
-    losses = find_losses(_record(pixels), lambda record: _fit(record, drag))
+    losses, fitted = find_losses(_record(pixels), lambda record: _fit(record, drag))
     if not losses:
-        return _Found(video, seen, pixels, repeats)
+        return _Found(video, seen, pixels, repeats, losses, fitted)
     times = in_time(video.times, tuple(replace(loss, index=seen.sightings[loss.index].frame) for loss in losses))
     video = replace(video, times=times)
     sightings = tuple(replace(sighting, time=float(times[sighting.frame])) for sighting in seen.sightings)
     cuts = tuple(replace(cut, time=float(times[cut.frame])) for cut in seen.cuts)
     seen = replace(seen, sightings=sightings, cuts=cuts)
-    return _Found(video, seen, _pixel_track(seen), repeats, losses)
+    return _Found(video, seen, _pixel_track(seen), repeats, losses, fitted)
 
 
 def _pixel_track(seen: Chase) -> Track:

@@ -18,6 +18,9 @@ from rigtwin.measure.follow import Chase
 
 SCALE_DOUBT = 0.005  # relative, of a scale read off a rule in view
 RIM_DOUBT = 0.12  # [px], where the rim of a bead's image is taken to be
+SPOT_DOUBT = (
+    0.15  # relative, of a radius that is but that of what stands out: blur adds to it, a bright side is missing
+)
 
 
 @dataclass(frozen=True)
@@ -77,10 +80,12 @@ def find_gauge(pixels: Track, fitted: Bounces, seen: Chase, camera: Camera, bead
 
 
 def radius_doubt(seen: Chase) -> float:
-    """Relative; large where a lit or a dark side of the bead melts into what is behind it."""
+    """Relative; large where a lit or dark side of the bead melts into what is behind it, or no rim could be fitted."""
+    if seen.look is None:
+        return SPOT_DOUBT
     contrasts = [abs(sighting.image.contrast) for sighting in seen.sightings]
     contrast = max(float(np.median(contrasts)), 1.0)
-    shade = 0.0 if seen.look is None else math.hypot(*seen.look.light[1:3]) / contrast
+    shade = math.hypot(*seen.look.light[1:3]) / contrast
     return math.hypot(RIM_DOUBT / seen.radius, 0.01, 0.025 * min(shade, 4.0))
 
 

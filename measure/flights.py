@@ -208,6 +208,10 @@ class _Model:
         heights = np.maximum(p[2 : 3 + n], 1e-9)
         return heights, p[3 + n : 4 + 2 * n], p[4 + 2 * n : 4 + 3 * n]
 
+    def swelling(self, flights: Array) -> Array:
+        """One standard deviation of the growth along flights of these heights that is expected beforehand."""
+        return DRIFT * 1.3 * flights / self.top
+
     @property
     def causes(self) -> dict[str, list[int]]:
         """Which parameters stand for which cause of doubt."""
@@ -507,7 +511,7 @@ def _solve(
     size = math.exp(centre[0])
     drift = DRIFT * flights * size
     open_end = model.end < model.contacts(start)[-1] - 1e-3
-    swelling = DRIFT * 1.3 * flights / model.top
+    swelling = model.swelling(flights)
 
     def misfits(many: Array) -> Array:
         curves = model.curves(many, time)

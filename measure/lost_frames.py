@@ -3,6 +3,7 @@
 From there on every frame is a whole number of intervals late or early.  Within a flight that tears the parabola apart.
 At a contact each flight stays whole, but the two no longer meet on the plate: they cross higher up, where a lost frame
 brings them together, or lower, and a fit takes that for a bead that leaves the plane, unless it asks for this first.
+A bead that does come nearer is told by its growth: its plate sinks with that, as high as the camera stands above it.
 """
 
 from __future__ import annotations
@@ -32,7 +33,12 @@ OUTERMOST = 3  # the same of the first and the last flight, of which no next con
 BESIDE = 3  # frames from a contact, up to which too few lie between to be a half of a flight
 SOFT = 0.015  # [s], from a contact, up to which one that lasts, as a ball of foam's does, may be what bends a flight
 SURELY = 5.0  # standard uncertainties of a plate's steps from contact to contact, from which on they are real
-LEVEL = 0.1  # of them, that may be left
+ODD = 6.0  # squares of their doubt, that steps leave of an even drift, from which on they ask for another cause
+OTHERS = 16.0  # such squares, that a sure loss may leave; and more than it leaves, that all others must
+CAMERA = (-0.5, 0.35)  # sinking of the plate in drop heights per growth: seen from about halfway up, pitched a little
+UNEVEN = 5e-4  # of the drop height, to which plates are level
+LEAST_TOLD = 0.5  # share of the knowledge of a growth that must come from the record, and not from what is usual
+GROWN_TO = (0.001, 0.05)  # growth that a fit of air and lens may miss: absolute, and relative
 AS_NOISE = 1.2  # squares of the noise for each point, that a fit may leave where nothing can be torn
 
 
@@ -48,22 +54,24 @@ class Loss:
     sure: bool = True  # whether nothing else could look the same; else times are not to be moved
 
 
-def find_losses(record: Heights, fit: Fit) -> tuple[Loss, ...]:
-    """Where frames are lost, or none where that does not explain the record; `fit` tells its bounces.
+def find_losses(record: Heights, fit: Fit) -> tuple[tuple[Loss, ...], Bounces | None]:
+    """Where frames are lost, or none where that does not explain the record, and its bounces with sure ones mended.
 
-    One that is not sure is the last: what else there may be would rest on it.
+    `fit` tells a record's bounces.  A loss that is not sure is the last: what else there may be would rest on it.
     """
     if len(record.time) <= 12:
-        return ()
+        return (), None
     losses: list[Loss] = []
-    bounces = fit(record)
+    first = true = bounces = fit(record)
     while len(losses) < MOST and all(loss.sure for loss in losses):
         better = _better(replace(record, time=in_time(record.time, losses)), bounces, fit)
         if better is None:
             break
         loss, bounces = better
         losses.append(replace(loss, time=float(record.time[loss.index])))
-    return tuple(losses) if bounces is not None and _misfit(bounces) < ILL_FITTED else ()
+        true = bounces if loss.sure else true
+    explained = bounces is not None and _misfit(bounces) < ILL_FITTED
+    return (tuple(losses), true) if explained else ((), first)
 
 
 def in_time(time: Array, losses: Iterable[Loss]) -> Array:
@@ -78,7 +86,7 @@ def in_time(time: Array, losses: Iterable[Loss]) -> Array:
 def _better(record: Heights, bounces: Bounces | None, fit: Fit) -> tuple[Loss, Bounces] | None:
     """The loss that explains a record best, with its bounces then."""
     noise = _noise(record)
-    if bounces is not None and _as_noise(bounces, noise) and _level(bounces):
+    if bounces is not None and _as_noise(bounces, noise) and _oddness(bounces) < ODD:
         return None
     before = _left(bounces, noise)
     found: list[tuple[float, Loss, Bounces]] = []
@@ -92,12 +100,16 @@ def _better(record: Heights, bounces: Bounces | None, fit: Fit) -> tuple[Loss, B
         tears = left < before - GAINED and left < before / TORN
         if beside is None:
             if tears:
-                found.append((left, replace(loss, at_contact=False), fitted))
+                found.append((left + _oddness(fitted), replace(loss, at_contact=False), fitted))
             continue
         meets = bounces is not None and _meet(fitted, bounces)
         if tears or (meets and left < before + GAINED):
-            sure = bounces is not None and meets and _lifted_alone(beside, fitted, bounces)
-            found.append((left, replace(loss, at_contact=True, sure=sure), fitted))
+            sure = (
+                bounces is not None
+                and meets
+                and (_lifted_alone(beside, fitted, bounces) or _undrifted(loss, beside, bounces))
+            )
+            found.append((left + _oddness(fitted), replace(loss, at_contact=True, sure=sure), fitted))
     if not found:
         return None
     _, loss, fitted = min(found, key=lambda each: each[0])
@@ -202,22 +214,27 @@ def _off_curve(times: Array, height: Array, degree: int) -> Array:
 
 
 def _at_contacts(record: Heights, bounces: Bounces) -> list[Loss]:
-    """Contacts at which flights meet as far from the plate as lost frames make them."""
-    if _level(bounces):
+    """Contacts at which flights meet as far from an evenly drifting plate as lost frames make them."""
+    odd = _oddness(bounces)
+    if odd < ODD:
         return []
-    steps, _ = _steps(bounces)
     step = float(np.median(np.diff(record.time)))
+    after = np.searchsorted(record.time, bounces.contact_times)
+    left = {
+        _loss(record, int(after[k]), lost, at_contact=True): _oddness(bounces, _lifts(bounces, k, lost * step))
+        for k, lost in product(range(bounces.count), LOST)
+        if after[k] < len(record.time)
+    }
+    return sorted((loss for loss in left if left[loss] < odd / 2), key=lambda loss: left[loss])[:TRIED]
+
+
+def _lifts(bounces: Bounces, contact: int, shift: float) -> Array:
+    """Steps of the plate's level that a loss of so many seconds at a contact feigns, shape (count - 1,)."""
     reader = bounces.model.reader(bounces.parameters)
-    left: dict[Loss, float] = {}
-    for k, lost in product(range(bounces.count), LOST):
-        down, up = reader.impact_speed(k + 1), reader.rebound_speed(k + 1)
-        levels = np.zeros(bounces.count)
-        levels[k] = lost * step * reader.size * down * up / (down + up)
-        off = float(np.max(np.abs(steps - np.diff(levels))))
-        after = int(np.searchsorted(record.time, bounces.contact_times[k]))
-        if off < 0.5 * float(np.max(np.abs(steps))) and after < len(record.time):
-            left[_loss(record, after, lost, at_contact=True)] = off
-    return sorted(left, key=lambda loss: left[loss])[:TRIED]
+    down, up = reader.impact_speed(contact + 1), reader.rebound_speed(contact + 1)
+    levels = np.zeros(bounces.count)
+    levels[contact] = shift * reader.size * down * up / (down + up)
+    return np.diff(levels)
 
 
 def _beside(record: Heights, loss: Loss, mended: Bounces) -> int | None:
@@ -248,6 +265,59 @@ def _lifted_alone(contact: int, mended: Bounces, before: Bounces) -> bool:
     return bool(rises * falls < 0 and min(abs(rises), abs(falls)) > SURELY and _level(mended))
 
 
+def _undrifted(loss: Loss, contact: int, before: Bounces) -> bool:
+    """Whether no drift explains the plate's steps, from wherever one looks, nor any other loss than this one.
+
+    A contact that lasts looks like a frame shown twice, and never like one that is lost.
+    """
+    if loss.frames < 0 or _oddness(before, usually=False) < GAINED:
+        return False
+    step = loss.shift / loss.frames
+    left = {
+        (k, lost): _oddness(before, _lifts(before, k, lost * step), usually=False)
+        for k, lost in product(range(before.count), LOST)
+    }
+    mine = left.pop((contact, loss.frames), math.inf)
+    return mine < OTHERS and mine + OTHERS < min(left.values())
+
+
+def _oddness(bounces: Bounces, feigned: Array | float = 0.0, *, usually: bool = True) -> float:
+    """Squares of their doubt, that the plate's steps leave where the bead's growth explains what it can of them.
+
+    `feigned` steps are a loss's; `usually` the camera stands where one puts it, else anywhere.
+    """
+    if bounces.count < 2:
+        return 0.0
+    steps, doubts = _steps(bounces)
+    growth, grown = _growths(bounces)
+    steep = np.tan(np.linspace(-np.pi / 2, np.pi / 2, 2001)[1:-1, None])
+    seen = (steps - feigned) / bounces.span
+    variance = (doubts / bounces.span) ** 2 + UNEVEN**2 + (steep * grown) ** 2
+    left = np.sum((seen - steep * growth) ** 2 / variance, axis=1)
+    if usually:
+        left += ((steep[:, 0] - CAMERA[0]) / CAMERA[1]) ** 2
+    return float(np.min(left))
+
+
+def _growths(bounces: Bounces) -> tuple[Array, Array]:
+    """Of the bead from contact to contact, relative, and their standard uncertainties, shape (count - 1,).
+
+    What the fit expects beforehand is taken out again; along low flights it is all that holds the growth, near nothing.
+    """
+    count = bounces.count
+    heights, _, growth = bounces.model.split(bounces.parameters)
+    inner = slice(4 + 2 * count, 3 + 3 * count)
+    mine = bounces.covariance[inner, inner]
+    # the first contact is where it is counted from
+    steps = np.eye(count - 1) - np.eye(count - 1, k=-1)
+    fitted = np.diag(steps @ mine @ steps.T)
+    told = 1 - fitted / bounces.model.swelling(heights[1:count]) ** 2
+    known = told > LEAST_TOLD
+    told = np.where(known, told, 1.0)
+    each, variance = steps @ growth[: count - 1] / told, np.where(known, fitted / told, 1.0)
+    return each, np.sqrt(variance + GROWN_TO[0] ** 2 + (GROWN_TO[1] * each) ** 2)
+
+
 def _steps(bounces: Bounces) -> tuple[Array, Array]:
     """Of the plate's level from contact to contact, and their standard uncertainties, shape (count - 1,).
 
@@ -262,8 +332,6 @@ def _steps(bounces: Bounces) -> tuple[Array, Array]:
 
 
 def _meet(mended: Bounces, before: Bounces) -> bool:
-    """Whether flights meet on a level plate, which did not."""
-    if not 2 <= before.count <= mended.count:
-        return False
-    left, were = (float(np.max(np.abs(_steps(each)[0][: before.count - 1]))) for each in (mended, before))
-    return left < LEVEL * were and math.isfinite(left)
+    """Whether flights meet on a level or evenly drifting plate, or come nearer to that, which did not."""
+    odd, left = _oddness(before), _oddness(mended)
+    return 2 <= before.count <= mended.count and left < odd - ODD and left < max(ODD, odd / 2)

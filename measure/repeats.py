@@ -5,6 +5,7 @@ Where something moves, a repeated frame stands out: nothing has changed in it, a
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import cv2
@@ -13,6 +14,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.measure.media import SAME_RATE, Video
+from rigtwin.measure.sources import Picture, Source
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
@@ -23,6 +25,7 @@ SELDOM = 6  # frames: the slowest of the usual doublings is every sixth
 CLOSE = 0.1  # by which the share that is found may differ from the one that two rates tell
 LEAST_SHARE = 0.15  # of the moving frames: single ones may be a bead that passes the same place up and down
 RHYTHM = 0.5  # share of the gaps between them that are one and the same, from which on they follow a rhythm
+IN_STEP = 0.9  # share of the doubled frames that one steady rate must explain
 IN_RHYTHM = 0.5  # share of those in a rhythm that is seen: a codec changes some, and slow steps hide some
 
 
@@ -84,7 +87,57 @@ def _by_those_that_remain(video: Video, doubled: frozenset[int]) -> Video:
         f"doubled frames: about {100 * share:.0f} % repeat the one before and were left out; the time runs by those "
         "that remain, at the capture rate as given."
     )
-    return replace(video, skipped=skipped, times=video.times * (1 - share), warnings=(*video.warnings, note))
+    warnings = (*video.warnings, note)
+    beat = _in_step(video.times * video.frame_rate * (1 - share), doubled)
+    if beat is None:
+        return replace(video, skipped=skipped, times=video.times * (1 - share), warnings=warnings)
+    kept = [k for k in range(len(beat)) if k == 0 or beat[k] > beat[k - 1]]
+    inside = [number for number, index in enumerate(kept) if video.first <= index <= video.last]
+    return replace(
+        video,
+        source=_Captured(video.source, kept),
+        times=beat[kept] / video.frame_rate,
+        frame_count=len(kept),
+        first=inside[0],
+        last=inside[-1],
+        skipped=frozenset(),
+        warnings=warnings,
+    )
+
+
+def _in_step(taken: Array, doubled: frozenset[int]) -> Array | None:
+    """Numbers of the captured frames that the stored ones show, where these play them at one steady rate.
+
+    At each moment the last frame `taken` until then is shown, so that doubled frames tell the beat of all, also where
+    nothing moves; from one to the next it is a whole interval then, and not the shorter one of the file.
+    """
+    seen = np.array(sorted(doubled))
+    phases = np.arange(0.0, 1.0, 0.01)
+    numbers = np.floor(taken[None] + phases[:, None])
+    agree = np.sum(numbers[:, seen] == numbers[:, seen - 1], axis=1)
+    most = np.flatnonzero(agree == np.max(agree))
+    return np.asarray(numbers[most[len(most) // 2]]) if np.max(agree) > IN_STEP * len(seen) else None
+
+
+class _Captured:
+    """The pictures of a source that were captured one by one, numbered anew."""
+
+    def __init__(self, source: Source, kept: list[int]) -> None:
+        self.source, self.kept = source, kept
+        self.shape, self.rate, self.tick, self.notes = source.shape, source.rate, source.tick, source.notes
+        self.stamps = [source.stamps[index] for index in kept]
+
+    def pictures(self, start: int = 0) -> Iterator[Picture]:
+        kept = frozenset(self.kept)
+        first = self.kept[start]
+        return (each for index, each in enumerate(self.source.pictures(first), start=first) if index in kept)
+
+    def at(self, numbers: Sequence[int]) -> Iterator[Picture]:
+        return self.source.at([self.kept[number] for number in numbers])
+
+    def cheap(self, first: int, last: int) -> list[int]:
+        keys = frozenset(self.source.cheap(self.kept[first], self.kept[last]))
+        return [number for number in range(first, last + 1) if self.kept[number] in keys]
 
 
 def repeated(changes: Array, *, noise: float = 0.0) -> npt.NDArray[np.bool_]:

@@ -14,6 +14,10 @@ from rigtwin.lab.camera import Camera, Lens
 from rigtwin.lab.errors import BadInput, NothingToMeasure, UnreadableMedia
 from rigtwin.lab.records import Track, write_tracks
 from rigtwin.measure import air, drop, drop_checks, flights, sources, spots
+from rigtwin.measure.drop_gauge import radius_doubt
+from rigtwin.measure.follow import Chase
+from rigtwin.measure.scene import Scene
+from rigtwin.measure.shutter import NOT_TOLD
 
 G = 9.81
 FPS = 240.0
@@ -498,6 +502,14 @@ def test_a_nominal_diameter_a_little_off_is_no_contradiction_and_neighbouring_fr
     assert drop_checks.scales_agree(1.04, rim)
     assert not drop_checks.scales_agree((25 / 24) ** 2, rim)
     assert "at 1000 ± 60 Hz and not at 1200" in drop_checks.contradiction(1.44, 0.12, 1200.0, 0.006)
+
+
+def test_a_radius_that_no_rim_tells_contradicts_no_scale_that_is_a_fifth_off_but_rates_of_50_and_60():
+    spot = spots.SpotPath((0, 1), (spots.Spot(10.0, 10.0, 60.0, 9.0, 9.0, 20.0),) * 2)
+    scene = Scene(np.zeros((20, 20)), np.ones((20, 20)))
+    doubt = radius_doubt(Chase((), spot, (), NOT_TOLD, 4.5, scene, (), None, None))
+    assert drop_checks.scales_agree(1.2, doubt)
+    assert not drop_checks.scales_agree((60 / 50) ** 2, doubt)
 
 
 def test_a_contact_is_longer_for_larger_beads_and_slower_falls():

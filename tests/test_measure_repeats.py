@@ -71,12 +71,13 @@ def test_a_bead_that_rests_repeats_nothing():
     assert not np.any(repeated(rng.uniform(0.5, 2.5, 100), noise=2.0))
 
 
-def doubled_clip(path, count):
+def doubled_clip(path, count, *, rate=60, every=1):
+    """Pictures of which one in so many is stored twice."""
     with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=60, options={"crf": "18", "preset": "ultrafast"})
+        stream = container.add_stream("libx264", rate=rate, options={"crf": "18", "preset": "ultrafast"})
         stream.width, stream.height, stream.pix_fmt = 80, 240, "yuv420p"
-        for grey in frames_of_a_bouncing_bead(count):
-            for _ in range(2):
+        for number, grey in enumerate(frames_of_a_bouncing_bead(count)):
+            for _ in range(2 if number % every == every - 1 else 1):
                 container.mux(stream.encode(av.VideoFrame.from_ndarray(np.stack([grey] * 3, axis=-1), format="bgr24")))
         container.mux(stream.encode())
     return path
@@ -96,3 +97,17 @@ def test_a_doubled_clip_lasts_as_long_as_what_was_filmed(tmp_path, rate):
     video = at_its_pace(open_video(doubled_clip(tmp_path / "doubled.mp4", 40), Camera(frame_rate=rate)))
     assert [frame.time for frame in video.frames()][-1] == pytest.approx(39 / 30, abs=0.05)
     assert any("doubled frames: about 50 %" in line for line in video.warnings) == (rate == 30.0)
+
+
+@pytest.mark.parametrize("every", [2, 4, 5])
+def test_where_one_frame_in_so_many_is_stored_twice_times_are_those_of_the_capture(tmp_path, every):
+    """80 pictures taken at 60 Hz that play at 90, 75 or 72: from one to the next it is 1/60 s, and none shows again."""
+    clip = doubled_clip(tmp_path / "pulldown.mp4", 80, rate=60 + 60 // every, every=every)
+    video = at_its_pace(open_video(clip, Camera(frame_rate=60)))
+    frames = list(video.frames())
+    assert [frame.time for frame in frames] == pytest.approx(np.arange(80) / 60, abs=1e-6)
+    shown = [open_video(clip, Camera(frame_rate=60)).single([k + k // every])[0] for k in (0, 17, 41, 70)]
+    assert all(np.array_equal(frames[k].grey, one.grey) for k, one in zip((0, 17, 41, 70), shown, strict=True))
+    assert [frame.index for frame in video.single([3, 17, 41])] == [3, 17, 41]
+    assert video.frame_count == 80
+    assert max(video.spread(20, quickly=True)) < 80
