@@ -221,6 +221,36 @@ def test_a_filmed_drum_gives_the_slope_it_was_drawn_with(tmp_path: Path) -> None
     assert not angle.doubtful
 
 
+def test_beads_in_flight_over_the_upper_end_do_not_count_as_its_surface() -> None:
+    random = np.random.default_rng(5)
+    times = np.arange(40) / 30
+    x = np.arange(-90.0, 91.0)
+    outlines = []
+    for k, time in enumerate(times):
+        height = math.tan(math.radians(28.0)) * x - 20
+        height[np.hypot(x, height) > RADIUS_PX] = np.nan
+        start = random.uniform(40, 70)
+        flying = height + 12.0 * ((x > start) & (x < start + 14) & (k % 2 == 0))
+        outlines.append(Outline(k, time, x, flying, flying, flying, 5e3, (0.0, 0.0)))
+    bed = SimpleNamespace(
+        outlines=tuple(outlines), bead=8.0, rim=SimpleNamespace(radius=RADIUS_PX), upright=SimpleNamespace(sigma=0.0)
+    )
+    seen = drum._observation(bed, RADIUS / RADIUS_PX, 0.006)
+    found = drum.evaluate(seen.profiles, times, drum_diameter=2 * RADIUS)
+    assert find(found, drum.UPPER).value == pytest.approx(28.0, abs=0.5)
+    assert find(found, drum.GRAPHICAL, drum.WHOLE).value == pytest.approx(28.0, abs=0.2)
+
+
+def test_a_line_over_both_halves_of_a_filmed_surface_has_half_of_the_doubt_of_each(tmp_path: Path) -> None:
+    film(tmp_path / "drum.mp4", 30.0)
+    found = measured(tmp_path / "drum.mp4")
+    lower, upper, whole = (
+        find(found, quantity, method).budget["perspective, beads in flight"]
+        for quantity, method in ((drum.LOWER, ""), (drum.UPPER, ""), (drum.GRAPHICAL, drum.WHOLE))
+    )
+    assert whole == pytest.approx(math.hypot(lower, upper) / 2)
+
+
 def test_a_film_broken_off_has_nothing_that_is_not_doubtful(tmp_path: Path) -> None:
     clip = tmp_path / "drum.mkv"
     film(clip, 30.0)
