@@ -164,6 +164,7 @@ def film(
     bead_grey: int = 110,
     noise: float = 3.0,
     turn: float = 0.05,
+    flicker: float = 0.0,
 ) -> None:
     """A drum on a level stand; its beads `turn` [rad] with it per frame and are taken away above a straight surface."""
     random = np.random.default_rng(11)
@@ -194,6 +195,7 @@ def film(
                     where = (round(16 * (CENTRE[0] + px)), round(16 * (CENTRE[1] - py)))
                     cv2.circle(picture, where, round(16 * bead), (grey - 40, grey, grey + 30), -1, cv2.LINE_AA, 4)
             picture = cv2.warpAffine(picture, rolled, SIZE, borderMode=cv2.BORDER_REPLICATE)
+            picture = picture * (1 + flicker * math.sin(2 * math.pi * 100.7 * k / 30))
             noisy = np.clip(picture + random.normal(0, noise, picture.shape), 0, 255).astype(np.uint8)
             for packet in stream.encode(av.VideoFrame.from_ndarray(noisy, format="bgr24")):
                 container.mux(packet)
@@ -270,6 +272,13 @@ def test_the_mirrored_drum_has_the_same_angle_and_turns_the_other_way(tmp_path: 
     angle = find(measured(tmp_path / "right.mp4"), drum.GRAPHICAL, drum.MIDDLE)
     assert angle.value == pytest.approx(30.0, abs=0.6)
     assert angle.detail["turning"] == "anticlockwise"
+
+
+def test_a_lamp_that_flickers_does_not_hide_the_surface(tmp_path: Path) -> None:
+    film(tmp_path / "lamp.mp4", 30.0, turn=0.01, flicker=0.1)
+    angle = find(measured(tmp_path / "lamp.mp4"), drum.GRAPHICAL, drum.MIDDLE)
+    assert angle.value == pytest.approx(30.0, abs=0.6)
+    assert not angle.doubtful
 
 
 def test_a_single_picture_is_measured_and_said_to_be_one_moment(tmp_path: Path) -> None:

@@ -222,10 +222,12 @@ def film(
     hand: Callable[[int], tuple[float, float]] | None = None,
     skin: tuple[int, int, int] = (140, 165, 215),
     colours: tuple[tuple[int, int, int], ...] = ((40, 90, 190),),
+    flicker: float = 0.0,
 ) -> float:
     """A bed that leaves row by row through a slot; returns the frame at which the last bead's upper edge is at it.
 
-    `hand` tells where a hand of the colour `skin` is in a frame [px]; the beads have one of the `colours` each.
+    `hand` tells where a hand of the colour `skin` is in a frame [px]; the beads have one of the `colours` each;
+    `flicker` is the share by which a lamp on 50 Hz makes frames brighter and darker.
     """
     random = np.random.default_rng(5)
     rows, columns = 9, 5
@@ -267,7 +269,8 @@ def film(
             if hand is not None:
                 middle = (round(hand(k)[0]), round(hand(k)[1]))
                 cv2.ellipse(picture, middle, (40, 26), 20, 0, 360, skin, -1, cv2.LINE_AA)
-            noisy = np.clip(picture + random.normal(0, 2, picture.shape), 0, 255).astype(np.uint8)
+            lamp = 1 + flicker * math.sin(2 * math.pi * 100.7 * k / RATE)
+            noisy = np.clip(lamp * picture + random.normal(0, 2, picture.shape), 0, 255).astype(np.uint8)
             if k in lost:
                 continue
             frame = av.VideoFrame.from_ndarray(noisy, format="bgr24")
@@ -306,6 +309,14 @@ def test_a_filmed_discharge_gives_both_ends_within_a_frame(tmp_path: Path) -> No
 def test_beads_of_several_colours_are_no_hand(tmp_path: Path, colours: tuple[tuple[int, int, int], ...]) -> None:
     last = film(tmp_path / "mixed.mp4", colours=colours)
     found = hopper.measure(tmp_path / "mixed.mp4", Camera(frame_rate=RATE), bead_diameter=DIAMETER, out=tmp_path)
+    assert find(found, "opening_time").value * RATE == pytest.approx(OPENED, abs=0.5)
+    assert find(found, "last_particle_time").value * RATE == pytest.approx(last, abs=0.5)
+    assert not any(one.doubtful for one in found.quantities)
+
+
+def test_a_lamp_that_flickers_changes_nothing(tmp_path: Path) -> None:
+    last = film(tmp_path / "lamp.mp4", flicker=0.1)
+    found = hopper.measure(tmp_path / "lamp.mp4", Camera(frame_rate=RATE), bead_diameter=DIAMETER, out=tmp_path)
     assert find(found, "opening_time").value * RATE == pytest.approx(OPENED, abs=0.5)
     assert find(found, "last_particle_time").value * RATE == pytest.approx(last, abs=0.5)
     assert not any(one.doubtful for one in found.quantities)
