@@ -117,11 +117,19 @@ def measure(
         bed = follow_bed(video, roll=camera.roll, bead_share=share, region=camera.region, progress=progress)
     scale, scale_from = _scale(bed, camera, drum_diameter)
     seen = _observation(bed, scale or 1.0, bead_diameter)
-    evaluation = _evaluate(seen, speed)
     still = camera_by_scene(bed.poses) if bed.poses else ""
     if isinstance(still, str) and still:
         warnings.append(still)
     of_picture = _checks_of_picture(bed, still)
+    _must_be_a_drum(clip, of_picture)
+    try:
+        evaluation = _evaluate(seen, speed)
+    except NothingToMeasure as nothing:
+        raise NothingToMeasure(
+            f"{clip}: too little of the bed's surface is seen in every one of {len(bed.outlines)} frames: something "
+            "stands in front of it, or bed and drum look alike in a film that is dark or strongly compressed; give the "
+            "original file, light the drum from the front, keep hands out of the view."
+        ) from nothing
     quantities = tuple(doubted(doubted(one, failed(of_picture)), spoilt) for one in evaluation.quantities)
     checks = (*of_picture, *evaluation.checks)
     if scale is None:
@@ -493,6 +501,17 @@ def _checks_of_shape(bed: Bed) -> list[Check]:
             + ("." if step < HIGHEST_STEP else ": beads cannot stand so; something is in front of them."),
         ),
     ]
+
+
+def _must_be_a_drum(clip: Path, checks: Sequence[Check]) -> None:
+    """Refuse a film that shows neither the rim of a drum nor the surface of a bed."""
+    wrong = {each.check: each for each in checks if each.passed is False}
+    if {"rim_found", "surface_shape"} <= set(wrong):
+        raise NothingToMeasure(
+            f"{clip}: no turning drum is seen: what moves has no round rim about it, and its upper border bows by "
+            f"{wrong['surface_shape'].value:.2f} of its length, as no flowing bed does; film the drum's end, the whole "
+            "rim in view."
+        )
 
 
 def _checks_of_picture(bed: Bed, still: Check | str) -> list[Check]:

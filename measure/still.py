@@ -18,7 +18,7 @@ Region = tuple[float, float, float, float]
 
 FINEST = 960  # [px], longer side of the picture that is measured
 NO_SHAKE = 0.15  # [px], a shake that moving the picture back would blur more than it helps
-EVEN_LIGHT = 0.02  # relative, a change of the lamp that no colour is mistaken for
+EVEN_LIGHT = 2.0  # [grey levels], a change of the lamp that no colour is mistaken for
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,9 @@ def steadied(video: Video, scene: Scene, lens: Cut) -> Iterator[Steadied]:
 
 def _levelled(picture: Image, pose: Pose) -> Image:
     """The picture in the light of the still scene, for a lamp flickers and a camera sets its exposure anew."""
-    if abs(pose.gain - 1) < EVEN_LIGHT:
+    # of a dark picture the gain is known less well, and grey levels are few
+    middle = float(np.mean(cv2.mean(picture)[:3]))
+    if abs(middle - (middle - pose.offset) / pose.gain) < EVEN_LIGHT:
         return picture
     table = np.rint((np.arange(256) - pose.offset) / pose.gain)
     return np.asarray(cv2.LUT(picture, np.clip(table, 0, 255).astype(np.uint8)), np.uint8)

@@ -17,7 +17,7 @@ from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
 from rigtwin.lab.records import Profile
 from rigtwin.measure import drum
-from rigtwin.measure.bed import Outline, Still, _hides
+from rigtwin.measure.bed import Bed, Outline, Still, _hides
 from rigtwin.measure.glare import brightened_share
 from rigtwin.measure.steady import mean_over_time
 
@@ -310,6 +310,43 @@ def test_a_clip_without_a_drum_is_refused(tmp_path: Path) -> None:
             container.mux(packet)
     with pytest.raises(NothingToMeasure, match="drum"):
         drum.measure(tmp_path / "none.mp4", Camera(frame_rate=30.0), drum_diameter=0.15, out=tmp_path / "out")
+
+
+def test_a_heap_that_slides_away_in_no_drum_is_refused(tmp_path: Path) -> None:
+    random = np.random.default_rng(4)
+    grains = random.uniform((-60, 0), (60, 60), (500, 2))
+    grains = grains[grains[:, 1] < 60 - 0.016 * grains[:, 0] ** 2]
+    shade = random.integers(70, 140, len(grains))
+    with av.open(str(tmp_path / "heap.mp4"), "w") as container:
+        stream = container.add_stream("libx264", rate=30, options={"crf": "16", "x264-params": "mbtree=0"})
+        stream.width, stream.height = SIZE
+        stream.pix_fmt = "yuv420p"
+        for _ in range(14):
+            picture = np.full((SIZE[1], SIZE[0], 3), 225, np.uint8)
+            for (x, y), tone in zip(grains + random.normal(0, 1.5, grains.shape), shade, strict=True):
+                cv2.circle(picture, (round(150 + x), round(220 - y)), 4, (int(tone),) * 3, -1, cv2.LINE_AA)
+            for packet in stream.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")):
+                container.mux(packet)
+        for packet in stream.encode():
+            container.mux(packet)
+    with pytest.raises(NothingToMeasure, match="no turning drum is seen"):
+        measured(tmp_path / "heap.mp4")
+
+
+def test_a_film_that_shows_no_surface_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    film(tmp_path / "drum.mp4", 30.0, frames=12)
+    follow = drum.follow_bed
+
+    def unseen(*media: object, **known: object) -> Bed:
+        bed = follow(*media, **known)  # type: ignore[arg-type]
+        # a border that is seen along a few beads at either end only
+        for outline in bed.outlines:
+            outline.height[np.abs(outline.x) < 0.6 * RADIUS_PX] = np.nan
+        return bed
+
+    monkeypatch.setattr(drum, "follow_bed", unseen)
+    with pytest.raises(NothingToMeasure, match="give the original file, light the drum"):
+        measured(tmp_path / "drum.mp4")
 
 
 # ----------------------------------------------------------------------------------------- what is in front of the drum
