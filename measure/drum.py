@@ -23,7 +23,8 @@ from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, doubted, failed, root_sum_of_squares
 from rigtwin.lab.records import Profile
-from rigtwin.measure.bed import Bed, Outline, bed_in_photo, follow_bed
+from rigtwin.measure.bed import Bed, bed_in_photo, follow_bed
+from rigtwin.measure.drum_profiles import credible, hidden_columns, profile_of, without_flights
 from rigtwin.measure.frame_steps import UNSTEADY
 from rigtwin.measure.in_view import camera_by_scene
 from rigtwin.measure.media import open_video, read_photo
@@ -52,8 +53,9 @@ PHOTOS = (".bmp", ".png", ".jpg", ".jpeg", ".tif", ".tiff")
 S_SHAPE = 2.0  # [deg], difference of upper and lower angle below which a surface counts as straight
 # [deg], perspective, lens, and beads in flight that hide the bed they have left, most of all at its upper end
 VIEW_DOUBT = {GRAPHICAL: 0.25, LOWER: 0.5, UPPER: 1.2, GEOMETRIC: 1.2}
+# a line over a bent surface has the mean slope of its two halves, and half of the doubt of each
+HALVES_DOUBT = math.hypot(VIEW_DOUBT[LOWER], VIEW_DOUBT[UPPER]) / 2
 ONE_MOMENT = 1.0  # [deg], how far a flowing surface usually is from its mean at one moment
-LOST = 0.25  # share of the bed's area by which a frame may differ from the median one
 FILL = (0.03, 0.7)  # share of the drum's cross-section; above, the bed has hardly a free surface
 MOST_BOW = 0.2  # sagitta over length of the surface; S-shapes are odd about the middle, the drum's own arc has 0.5
 HIGHEST_STEP = 4.0  # bead diameters over the width of one: a slope of 76 degrees
@@ -115,11 +117,19 @@ def measure(
         bed = follow_bed(video, roll=camera.roll, bead_share=share, region=camera.region, progress=progress)
     scale, scale_from = _scale(bed, camera, drum_diameter)
     seen = _observation(bed, scale or 1.0, bead_diameter)
-    evaluation = _evaluate(seen, speed)
     still = camera_by_scene(bed.poses) if bed.poses else ""
     if isinstance(still, str) and still:
         warnings.append(still)
     of_picture = _checks_of_picture(bed, still)
+    _must_be_a_drum(clip, of_picture)
+    try:
+        evaluation = _evaluate(seen, speed)
+    except NothingToMeasure as nothing:
+        raise NothingToMeasure(
+            f"{clip}: too little of the bed's surface is seen in every one of {len(bed.outlines)} frames: something "
+            "stands in front of it, or bed and drum look alike in a film that is dark or strongly compressed; give the "
+            "original file, light the drum from the front, keep hands out of the view."
+        ) from nothing
     quantities = tuple(doubted(doubted(one, failed(of_picture)), spoilt) for one in evaluation.quantities)
     checks = (*of_picture, *evaluation.checks)
     if scale is None:
@@ -335,7 +345,7 @@ def _quantity(
     budget = {"flow over time": mean.std_error if frames > 1 else ONE_MOMENT}
     budget |= {"camera roll": seen.roll_doubt, **doubt}
     if seen.filmed:
-        budget["perspective, beads in flight"] = VIEW_DOUBT[name]
+        budget["perspective, beads in flight"] = HALVES_DOUBT if method == WHOLE else VIEW_DOUBT[name]
     budget = {part: float(value) for part, value in budget.items() if math.isfinite(value) and value > 0}
     this_clip = root_sum_of_squares({part: value for part, value in budget.items() if part != "flow over time"})
     detail: dict[str, Detail] = {
@@ -436,12 +446,13 @@ def _scale(bed: Bed, camera: Camera, drum_diameter: float | None) -> tuple[float
 
 
 def _observation(bed: Bed, unit: float, bead_diameter: float | None) -> Observation:
-    outlines = _credible(bed.outlines)
-    hidden = _hidden_columns(outlines)
+    outlines = credible(bed.outlines)
+    hidden = hidden_columns(outlines)
+    outlines = without_flights(outlines)
     half_bead = 0.25 * bed.bead
 
     def profiles(which: str, shorter: float = 0.0) -> list[Profile]:
-        return [_profile(outline, which, hidden, unit, shorter, bed.bead) for outline in outlines]
+        return [profile_of(outline, which, hidden, unit, shorter, bed.bead) for outline in outlines]
 
     variants = {"outline level": (profiles("looser"), profiles("stricter"))}
     variants["ends of the surface"] = (profiles("height", half_bead), profiles("height", 2 * half_bead))
@@ -454,67 +465,6 @@ def _observation(bed: Bed, unit: float, bead_diameter: float | None) -> Observat
         True,
         bead_diameter or bed.bead * unit,
     )
-
-
-def _credible(outlines: Sequence[Outline]) -> list[Outline]:
-    """The same with the heights of frames blanked in which the drum is hidden or the bed's area is far from usual."""
-    hidden = np.array([outline.hidden for outline in outlines])
-    if hidden.mean() > 0.5:  # what is there that long belongs to the scene
-        hidden[:] = False
-    areas = np.array([outline.area for outline in outlines])
-    usual = float(np.median(areas[~hidden]))
-    blank = np.full_like(outlines[0].height, np.nan)
-    return [
-        outline
-        if abs(outline.area - usual) < LOST * usual and not behind
-        else replace(outline, height=blank, looser=blank, stricter=blank)
-        for outline, behind in zip(outlines, hidden, strict=True)
-    ]
-
-
-def _hidden_columns(outlines: Sequence[Outline]) -> npt.NDArray[np.bool_]:
-    """Columns in which the border never moves: it is that of a thing in front of the drum, not of flowing beads."""
-    heights = np.array([outline.height for outline in outlines])
-    seen = np.isfinite(heights).mean(axis=0) > 0.5
-    if len(outlines) < 8 or seen.sum() < 8:
-        return np.zeros(heights.shape[1], dtype=bool)
-    middle = np.full(heights.shape[1], np.nan)
-    middle[seen] = np.nanmedian(heights[:, seen], axis=0)
-    sway = np.full(heights.shape[1], np.nan)
-    sway[seen] = np.nanmedian(np.abs(heights[:, seen] - middle[seen]), axis=0)
-    usual = float(np.nanmedian(sway))
-    still = seen & (sway < 0.2 * usual)
-    from scipy.ndimage import binary_dilation, binary_opening
-
-    kept = binary_opening(still, np.ones(3, dtype=bool))
-    return np.asarray(binary_dilation(kept, np.ones(5, dtype=bool)))
-
-
-def _apart_from_gaps(height: Array, bead: float) -> Array:
-    """Without what lies next to a gap in the surface: there the border bends down along the thing that hides it."""
-    from scipy.ndimage import binary_dilation
-
-    seen = np.flatnonzero(np.isfinite(height))
-    if len(seen) == 0:
-        return height
-    gap = ~np.isfinite(height)
-    gap[: seen[0]] = gap[seen[-1] + 1 :] = False
-    if not gap.any():
-        return height
-    near = binary_dilation(gap, np.ones(2 * max(1, round(0.5 * bead)) + 1, dtype=bool))
-    near[seen[0]] = near[seen[-1]] = False
-    return np.where(near, np.nan, height)
-
-
-def _profile(
-    outline: Outline, which: str, hidden: npt.NDArray[np.bool_], unit: float, shorter: float, bead: float
-) -> Profile:
-    height = _apart_from_gaps(np.where(hidden, np.nan, getattr(outline, which)), bead)
-    seen = np.flatnonzero(np.isfinite(height))
-    if shorter > 0 and len(seen):
-        low, high = outline.x[seen[0]] + shorter, outline.x[seen[-1]] - shorter
-        height = np.where((outline.x < low) | (outline.x > high), np.nan, height)
-    return Profile(outline.x * unit, height * unit, np.full(len(height), 0.7 * unit), None, "end")
 
 
 def _checks_of_shape(bed: Bed) -> list[Check]:
@@ -551,6 +501,17 @@ def _checks_of_shape(bed: Bed) -> list[Check]:
             + ("." if step < HIGHEST_STEP else ": beads cannot stand so; something is in front of them."),
         ),
     ]
+
+
+def _must_be_a_drum(clip: Path, checks: Sequence[Check]) -> None:
+    """Refuse a film that shows neither the rim of a drum nor the surface of a bed."""
+    wrong = {each.check: each for each in checks if each.passed is False}
+    if {"rim_found", "surface_shape"} <= set(wrong):
+        raise NothingToMeasure(
+            f"{clip}: no turning drum is seen: what moves has no round rim about it, and its upper border bows by "
+            f"{wrong['surface_shape'].value:.2f} of its length, as no flowing bed does; film the drum's end, the whole "
+            "rim in view."
+        )
 
 
 def _checks_of_picture(bed: Bed, still: Check | str) -> list[Check]:

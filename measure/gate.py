@@ -77,12 +77,13 @@ def find_opening(strips: Strips, left: float, right: float, before: int, masked:
     along = direction * (around - near)
     kept = (along > -0.7 * width) & (along < width) & np.isfinite(changed) & (changed <= before + 1)
     frames, places = _edge_places(along[kept], changed[kept])
-    if len(frames) < 2:
-        return Opening(float(first) - 0.5, 0.5, "slide, first change in the slot", direction, math.nan)
-    speed, at, sigma = _line(frames, places)
-    if not speed > 0:
-        return Opening(float(first) - 0.5, 0.5, "slide, first change in the slot", direction, math.nan)
-    return Opening(at, sigma, "trailing edge of the slide", direction, speed)
+    if len(frames) >= 2:
+        speed, at, sigma = _line(frames, places)
+        if speed > 0:
+            return Opening(at, sigma, "trailing edge of the slide", direction, speed)
+    # without an edge to follow, the columns that change before the middle one may be noise
+    early = 0.5 * (float(np.median(changed[seen])) - float(first))
+    return Opening(float(first) - 0.5, math.hypot(0.5, early), "slide, first change in the slot", direction, math.nan)
 
 
 def _first_changes(level: Array, empty: Array, masked: Mask) -> Array:

@@ -58,6 +58,7 @@ NEARBY = 4  # frames about an instant in which something in front of the hopper 
 # bits per pixel of a clip, below which its codec leaves what is faint as it was for a frame or so until it moved on;
 # beads that pour take ten times as many
 AREA_DOUBT = 0.05  # relative, how far the bed's visible area follows its mass
+AT_ENDS = 0.25  # of that, where little has loosened yet, and where little is left
 
 
 @dataclass(frozen=True)
@@ -345,7 +346,7 @@ def _rates(
         Quantity(
             "discharge_time_5_95",
             when(0.95) - when(0.05),
-            math.hypot(step / 4, area_doubt * 0.1 * (end - start)),
+            math.hypot(step / 4, math.sqrt(2) * AT_ENDS * area_doubt / (STEADY[1] - STEADY[0]) * (end - start)),
             "s",
             "5 to 95 % of what leaves",
         )
@@ -592,6 +593,16 @@ def _with_times_doubted(quantities: tuple[Quantity, ...], why: str) -> tuple[Qua
     return tuple(doubted(one, why) if "s" in one.unit.split("/") else one for one in quantities)
 
 
+def _seen_to_open(gate: Opening | None) -> str:
+    if gate is None:
+        return "the slide was not seen to move; the opening is taken from the beads."
+    if math.isfinite(gate.speed):
+        return f"the slide was seen to free the slot at {gate.speed:.1f} px per frame."
+    if gate.direction == 0:
+        return "the slide was seen to free the slot between two frames."
+    return "the slide's edge was not seen on its way; the first change in the slot was taken for the opening."
+
+
 def _checks_of_picture(seen: Outflow, gate: Opening | None, hidden: float) -> list[Check]:
     clear = seen.scenery.level / (3 * seen.scenery.noise)
     speed = gate.speed if gate is not None else math.nan
@@ -601,10 +612,7 @@ def _checks_of_picture(seen: Outflow, gate: Opening | None, hidden: float) -> li
             gate is not None,
             speed,
             math.nan,
-            "the slide was seen to free the slot"
-            + (f" at {speed:.1f} px per frame." if math.isfinite(speed) else " between two frames.")
-            if gate is not None
-            else "the slide was not seen to move; the opening is taken from the beads.",
+            _seen_to_open(gate),
         ),
         Check(
             "slot_in_view",

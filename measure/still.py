@@ -1,4 +1,4 @@
-"""Frames laid over the still scene: the part of the picture that is measured, at a sensible size, without the shake."""
+"""Frames laid over the still scene: what is measured of the picture, at a sensible size, without shake and flicker."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ Region = tuple[float, float, float, float]
 
 FINEST = 960  # [px], longer side of the picture that is measured
 NO_SHAKE = 0.15  # [px], a shake that moving the picture back would blur more than it helps
+EVEN_LIGHT = 2.0  # [grey levels], a change of the lamp that no colour is mistaken for
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class Cut:
 
 @dataclass(frozen=True)
 class Steadied:
-    """One frame moved back by the camera's shake."""
+    """One frame moved back by the camera's shake, as bright as the still scene."""
 
     index: int
     time: float  # [s]
@@ -78,7 +79,17 @@ def steadied(video: Video, scene: Scene, lens: Cut) -> Iterator[Steadied]:
     for frame in video.frames():
         pose = scene.pose(lens.seen(frame.grey), shake)
         shake = pose.shake
-        yield Steadied(frame.index, frame.time, _moved(lens.seen(frame.colour), shake), pose)
+        yield Steadied(frame.index, frame.time, _levelled(_moved(lens.seen(frame.colour), shake), pose), pose)
+
+
+def _levelled(picture: Image, pose: Pose) -> Image:
+    """The picture in the light of the still scene, for a lamp flickers and a camera sets its exposure anew."""
+    # of a dark picture the gain is known less well, and grey levels are few
+    middle = float(np.mean(cv2.mean(picture)[:3]))
+    if abs(middle - (middle - pose.offset) / pose.gain) < EVEN_LIGHT:
+        return picture
+    table = np.rint((np.arange(256) - pose.offset) / pose.gain)
+    return np.asarray(cv2.LUT(picture, np.clip(table, 0, 255).astype(np.uint8)), np.uint8)
 
 
 def _moved(picture: Image, shake: tuple[float, float]) -> Image:

@@ -1,7 +1,7 @@
 """Which way is up in a picture: the long straight edges of a stand or table that lies level.
 
 The camera's roll is the angle at which such edges run in the picture.  Edges of many things are seen; those that agree
-with each other, weighted by their length, are taken for level.
+with each other, the most by their length and contrast, are taken for level.
 """
 
 from __future__ import annotations
@@ -24,6 +24,9 @@ FEWEST = 0.25  # of the picture's width, total length of the edges that must agr
 ELSEWHERE = 0.3  # weight of an edge that is not the stand's
 WITHOUT = 1.0  # [deg], how far a camera may be turned where nothing level is seen
 GIVEN = 0.1  # [deg], doubt of a roll that the user states
+# [deg], nothing is level to better than this, and a camera that looks slightly aside turns level edges by as much
+NOT_LEVEL = 0.2
+ROW = 1 / math.sqrt(12)  # [px], how far a codec that holds a border on its row may move the end of an edge
 
 
 @dataclass(frozen=True)
@@ -58,21 +61,42 @@ def upright(
     angle = np.degrees(np.arctan2(found[:, 3] - found[:, 1], found[:, 2] - found[:, 0]))
     length = np.hypot(found[:, 2] - found[:, 0], found[:, 3] - found[:, 1])
     trust = np.where(_at_middle(found, stand), 1.0, ELSEWHERE) if stand is not None else np.ones(len(found))
-    # a long edge tells its direction more sharply; a faint one may be a shadow's
-    weight = trust * length**2 * _clearness(picture, found)
-    score = (weight[None, :] * np.exp(-0.5 * ((angle[:, None] - angle[None, :]) / LIKE) ** 2)).sum(axis=1)
-    middle = angle[int(np.argmax(score))]
+    # many edges that agree tell more than one long and clear one, which may lie on a border of the codec's blocks; a
+    # faint one may be a shadow's
+    weight = trust * length * np.sqrt(_clearness(picture, found))
+    middle = float(angle[int(np.argmax(_votes(angle, angle, weight)))])
     for _ in range(5):
-        share = weight * np.exp(-0.5 * ((angle - middle) / LIKE) ** 2)
+        share = weight * _like(angle - middle)
         middle = float(np.sum(share * angle) / np.sum(share))
     agree = np.abs(angle - middle) < 2 * LIKE
     if float(length[agree].sum()) < FEWEST * picture.shape[1]:
         return Upright(0.0, math.radians(WITHOUT), "not seen: the picture is taken as upright", none)
-    spread = math.sqrt(float(np.sum(weight[agree] * (angle[agree] - middle) ** 2) / np.sum(weight[agree])))
-    independent = min(float(np.sum(weight[agree])) ** 2 / float(np.sum(weight[agree] ** 2)), 3.0)
-    # nothing is level to better than this, and a camera that looks slightly aside turns level edges by as much
-    sigma = math.hypot(spread / math.sqrt(independent), 0.2)
+    voting = weight[agree]
+    spread = math.sqrt(float(np.average((angle[agree] - middle) ** 2, weights=voting)))
+    independent = min(float(voting.sum()) ** 2 / float(np.sum(voting**2)), 3.0)
+    on_rows = float(np.average(np.degrees(ROW / length[agree]), weights=voting))
+    against = _disagreement(angle, weight, agree, middle)
+    sigma = math.hypot(spread / math.sqrt(independent), on_rows, against, NOT_LEVEL)
     return Upright(math.radians(middle), math.radians(sigma), "level edges in the picture", found[agree])
+
+
+def _like(apart: Array) -> Array:
+    """How far directions that are so far apart [deg] are the same one."""
+    return np.asarray(np.exp(-0.5 * (apart / LIKE) ** 2))
+
+
+def _votes(directions: Array, angle: Array, weight: Array) -> Array:
+    """What edges of these angles [deg] say for each of these directions [deg]."""
+    return np.asarray((weight[None, :] * _like(directions[:, None] - angle[None, :])).sum(axis=1))
+
+
+def _disagreement(angle: Array, weight: Array, agree: npt.NDArray[np.bool_], middle: float) -> float:
+    """[deg], by which edges of another direction may be the level ones: a rival of half the votes by a quarter."""
+    if agree.all():
+        return 0.0
+    most = float(_votes(np.array([middle]), angle, weight)[0])
+    rivals = np.minimum(_votes(angle[~agree], angle[~agree], weight[~agree]) / most, 1.0)
+    return float(np.max(rivals**2 * np.abs(angle[~agree] - middle)))
 
 
 def _at_middle(found: Array, marked: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:

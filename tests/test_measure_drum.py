@@ -17,7 +17,7 @@ from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
 from rigtwin.lab.records import Profile
 from rigtwin.measure import drum
-from rigtwin.measure.bed import Outline, Still, _hides
+from rigtwin.measure.bed import Bed, Outline, Still, _hides
 from rigtwin.measure.glare import brightened_share
 from rigtwin.measure.steady import mean_over_time
 
@@ -164,6 +164,7 @@ def film(
     bead_grey: int = 110,
     noise: float = 3.0,
     turn: float = 0.05,
+    flicker: float = 0.0,
 ) -> None:
     """A drum on a level stand; its beads `turn` [rad] with it per frame and are taken away above a straight surface."""
     random = np.random.default_rng(11)
@@ -194,6 +195,7 @@ def film(
                     where = (round(16 * (CENTRE[0] + px)), round(16 * (CENTRE[1] - py)))
                     cv2.circle(picture, where, round(16 * bead), (grey - 40, grey, grey + 30), -1, cv2.LINE_AA, 4)
             picture = cv2.warpAffine(picture, rolled, SIZE, borderMode=cv2.BORDER_REPLICATE)
+            picture = picture * (1 + flicker * math.sin(2 * math.pi * 100.7 * k / 30))
             noisy = np.clip(picture + random.normal(0, noise, picture.shape), 0, 255).astype(np.uint8)
             for packet in stream.encode(av.VideoFrame.from_ndarray(noisy, format="bgr24")):
                 container.mux(packet)
@@ -221,6 +223,36 @@ def test_a_filmed_drum_gives_the_slope_it_was_drawn_with(tmp_path: Path) -> None
     assert not angle.doubtful
 
 
+def test_beads_in_flight_over_the_upper_end_do_not_count_as_its_surface() -> None:
+    random = np.random.default_rng(5)
+    times = np.arange(40) / 30
+    x = np.arange(-90.0, 91.0)
+    outlines = []
+    for k, time in enumerate(times):
+        height = math.tan(math.radians(28.0)) * x - 20
+        height[np.hypot(x, height) > RADIUS_PX] = np.nan
+        start = random.uniform(40, 70)
+        flying = height + 12.0 * ((x > start) & (x < start + 14) & (k % 2 == 0))
+        outlines.append(Outline(k, time, x, flying, flying, flying, 5e3, (0.0, 0.0)))
+    bed = SimpleNamespace(
+        outlines=tuple(outlines), bead=8.0, rim=SimpleNamespace(radius=RADIUS_PX), upright=SimpleNamespace(sigma=0.0)
+    )
+    seen = drum._observation(bed, RADIUS / RADIUS_PX, 0.006)
+    found = drum.evaluate(seen.profiles, times, drum_diameter=2 * RADIUS)
+    assert find(found, drum.UPPER).value == pytest.approx(28.0, abs=0.5)
+    assert find(found, drum.GRAPHICAL, drum.WHOLE).value == pytest.approx(28.0, abs=0.2)
+
+
+def test_a_line_over_both_halves_of_a_filmed_surface_has_half_of_the_doubt_of_each(tmp_path: Path) -> None:
+    film(tmp_path / "drum.mp4", 30.0)
+    found = measured(tmp_path / "drum.mp4")
+    lower, upper, whole = (
+        find(found, quantity, method).budget["perspective, beads in flight"]
+        for quantity, method in ((drum.LOWER, ""), (drum.UPPER, ""), (drum.GRAPHICAL, drum.WHOLE))
+    )
+    assert whole == pytest.approx(math.hypot(lower, upper) / 2)
+
+
 def test_a_film_broken_off_has_nothing_that_is_not_doubtful(tmp_path: Path) -> None:
     clip = tmp_path / "drum.mkv"
     film(clip, 30.0)
@@ -240,6 +272,13 @@ def test_the_mirrored_drum_has_the_same_angle_and_turns_the_other_way(tmp_path: 
     angle = find(measured(tmp_path / "right.mp4"), drum.GRAPHICAL, drum.MIDDLE)
     assert angle.value == pytest.approx(30.0, abs=0.6)
     assert angle.detail["turning"] == "anticlockwise"
+
+
+def test_a_lamp_that_flickers_does_not_hide_the_surface(tmp_path: Path) -> None:
+    film(tmp_path / "lamp.mp4", 30.0, turn=0.01, flicker=0.1)
+    angle = find(measured(tmp_path / "lamp.mp4"), drum.GRAPHICAL, drum.MIDDLE)
+    assert angle.value == pytest.approx(30.0, abs=0.6)
+    assert not angle.doubtful
 
 
 def test_a_single_picture_is_measured_and_said_to_be_one_moment(tmp_path: Path) -> None:
@@ -271,6 +310,43 @@ def test_a_clip_without_a_drum_is_refused(tmp_path: Path) -> None:
             container.mux(packet)
     with pytest.raises(NothingToMeasure, match="drum"):
         drum.measure(tmp_path / "none.mp4", Camera(frame_rate=30.0), drum_diameter=0.15, out=tmp_path / "out")
+
+
+def test_a_heap_that_slides_away_in_no_drum_is_refused(tmp_path: Path) -> None:
+    random = np.random.default_rng(4)
+    grains = random.uniform((-60, 0), (60, 60), (500, 2))
+    grains = grains[grains[:, 1] < 60 - 0.016 * grains[:, 0] ** 2]
+    shade = random.integers(70, 140, len(grains))
+    with av.open(str(tmp_path / "heap.mp4"), "w") as container:
+        stream = container.add_stream("libx264", rate=30, options={"crf": "16", "x264-params": "mbtree=0"})
+        stream.width, stream.height = SIZE
+        stream.pix_fmt = "yuv420p"
+        for _ in range(14):
+            picture = np.full((SIZE[1], SIZE[0], 3), 225, np.uint8)
+            for (x, y), tone in zip(grains + random.normal(0, 1.5, grains.shape), shade, strict=True):
+                cv2.circle(picture, (round(150 + x), round(220 - y)), 4, (int(tone),) * 3, -1, cv2.LINE_AA)
+            for packet in stream.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")):
+                container.mux(packet)
+        for packet in stream.encode():
+            container.mux(packet)
+    with pytest.raises(NothingToMeasure, match="no turning drum is seen"):
+        measured(tmp_path / "heap.mp4")
+
+
+def test_a_film_that_shows_no_surface_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    film(tmp_path / "drum.mp4", 30.0, frames=12)
+    follow = drum.follow_bed
+
+    def unseen(*media: object, **known: object) -> Bed:
+        bed = follow(*media, **known)  # type: ignore[arg-type]
+        # a border that is seen along a few beads at either end only
+        for outline in bed.outlines:
+            outline.height[np.abs(outline.x) < 0.6 * RADIUS_PX] = np.nan
+        return bed
+
+    monkeypatch.setattr(drum, "follow_bed", unseen)
+    with pytest.raises(NothingToMeasure, match="give the original file, light the drum"):
+        measured(tmp_path / "drum.mp4")
 
 
 # ----------------------------------------------------------------------------------------- what is in front of the drum
