@@ -25,6 +25,8 @@ WELL_SURROUNDED = 0.7  # beads at the front of a heap hide behind none
 NEARLY = 0.5  # share of the best score at which a larger radius is preferred
 FEWEST_BEADS = 10
 SAMPLED = 300  # rows and columns at least, from which a picture's usual edges are learnt
+ROUGH = 0.3  # of a bead's radius, over which roughness is averaged
+GREY = 6  # [levels of Lab], by which hues of a picture without colour may differ
 MOST_ROWS = 30_000  # that OpenCV reads at once are less than 32,767
 
 
@@ -164,7 +166,28 @@ def rare(share: Array, index: npt.NDArray[np.int32]) -> float:
 def colour_cells(image: npt.NDArray[np.uint8], radius: float) -> npt.NDArray[np.int32]:
     """Every pixel's colour as the number of a cell of the Lab space, of the picture smoothed to a part of a bead."""
     smooth = cv2.GaussianBlur(image, (0, 0), max(0.1 * radius, 0.8))
-    lab = np.asarray(cv2.cvtColor(smooth, cv2.COLOR_BGR2LAB), dtype=np.uint8)
+    return _cells(np.asarray(cv2.cvtColor(smooth, cv2.COLOR_BGR2LAB), dtype=np.uint8))
+
+
+def look_cells(image: npt.NDArray[np.uint8], radius: float, *, textured: bool = False) -> npt.NDArray[np.int32]:
+    """Likewise, but of a picture without hues in finer steps of lightness, `textured` with those of roughness.
+
+    Shaded beads differ from a wall as light as they are in how rough they look.
+    """
+    lab = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2LAB), dtype=np.uint8)
+    if np.ptp(lab[..., 1:].reshape(-1, 2), axis=0).max() > GREY:
+        return colour_cells(image, radius)
+    light = cv2.GaussianBlur(lab[..., 0].astype(np.float32), (0, 0), max(0.1 * radius, 0.8))
+    texture = np.zeros_like(light)
+    if textured:
+        window = (2 * round(ROUGH * radius) + 1,) * 2
+        rough = np.sqrt(np.maximum(cv2.blur(light * light, window) - cv2.blur(light, window) ** 2, 0))
+        # of the windows that hold a pixel the plainest (Kuwahara et al. 1976): an edge makes nothing beside it rough
+        texture = 40 * np.log2(cv2.erode(rough, np.ones(window, np.uint8)) + 1)
+    return _cells(np.clip(cv2.merge([texture, light, np.zeros_like(light)]), 0, 255).astype(np.uint8))
+
+
+def _cells(lab: npt.NDArray[np.uint8]) -> npt.NDArray[np.int32]:
     levels = np.arange(256, dtype=np.int32)
     cells = np.take(levels // 16 * 43 * 43, lab[..., 0])
     cells += np.take(levels // 6 * 43, lab[..., 1])
