@@ -86,7 +86,7 @@ def find_beads(grey: npt.NDArray[np.uint8], radii: tuple[float, float]) -> Beads
     for radius in np.geomspace(*radii, num=max(2, round(np.log(radii[1] / radii[0]) / 0.12) + 1)):
         for sign in (1, -1):  # beads brighter, then darker than the gaps between them
             centre = _circles(picture, float(radius), sign)
-            group = _largest_group(centre, 3.0 * radius)
+            group = _largest_group(centre, 3.0 * radius) if len(centre) >= FEWEST_BEADS else centre
             if len(group) < FEWEST_BEADS:
                 continue
             surrounded = _surrounded(picture, group, float(radius), sign)
@@ -174,10 +174,10 @@ def look_cells(image: npt.NDArray[np.uint8], radius: float, *, textured: bool = 
 
     Shaded beads differ from a wall as light as they are in how rough they look.
     """
-    lab = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2LAB), dtype=np.uint8)
-    if np.ptp(lab[..., 1:].reshape(-1, 2), axis=0).max() > GREY:
+    lightness, *hues = cv2.split(cv2.cvtColor(image, cv2.COLOR_BGR2LAB))
+    if max(float(hue.max()) - float(hue.min()) for hue in hues) > GREY:
         return colour_cells(image, radius)
-    light = cv2.GaussianBlur(lab[..., 0].astype(np.float32), (0, 0), max(0.1 * radius, 0.8))
+    light = cv2.GaussianBlur(lightness.astype(np.float32), (0, 0), max(0.1 * radius, 0.8))
     texture = np.zeros_like(light)
     if textured:
         window = (2 * round(ROUGH * radius) + 1,) * 2
@@ -223,7 +223,8 @@ def _circles(picture: Edges, radius: float, sign: int, surrounded: float = SURRO
     votes = votes[margin : margin + high, margin : margin + wide]
     density = cv2.GaussianBlur(votes.astype(np.float32), (0, 0), spread / cell) * ((spread / cell) ** 2 / radius)
     size = 2 * int(0.8 * radius / cell) + 1
-    peak_y, peak_x = np.nonzero((density == cv2.dilate(density, np.ones((size, size), np.uint8))) & (density > 0.3))
+    peaks = (density == cv2.dilate(density, np.ones((size, size), np.uint8))) & (density > 0.3)
+    peak_y, peak_x = np.divmod(np.flatnonzero(peaks), peaks.shape[1])  # of a flat array they are found sooner
     centre = np.asarray(np.column_stack([peak_x, peak_y]) * cell + (cell - 1) / 2, dtype=np.float64)
     return centre[_surrounded(picture, centre, radius, sign) >= surrounded]
 

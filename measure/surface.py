@@ -114,8 +114,9 @@ def _moved(found: Silhouette, left: float, top: float) -> Silhouette:
 def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal_length: float) -> Silhouette | None:
     zoom = min(1.0, FINEST / _breadth(photo))
     image = _shrunk(photo, zoom)
-    image = exposure_of(_grey(image)).applied(image)
-    grey = _grey(image)
+    grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+    exposure = exposure_of(grey[::2, ::2])
+    image, grey = exposure.applied(image), exposure.applied(grey)
     circles = _beads(grey)
     if circles is None:
         return None
@@ -169,10 +170,6 @@ def _shrunk(picture: Image, factor: float) -> Image:
     if factor >= 1:
         return picture
     return np.asarray(cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-
-
-def _grey(image: Image) -> Image:
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
 
 
 def _beads(grey: Image) -> tuple[Beads, float] | None:
