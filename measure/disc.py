@@ -483,7 +483,7 @@ def _at(layer: npt.NDArray[np.float32], template: _Template, lines: Sequence[tup
     return _means(cv2.remap(layer, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE), starts)
 
 
-def _means(values: Numbers, starts: Sequence[int]) -> Array:
+def _means(values: npt.NDArray[Any], starts: Sequence[int]) -> Array:
     """Of each line's samples, shape (lines, n)."""
     sizes = np.diff([*starts, values.shape[1]])
     return np.asarray((np.add.reduceat(values, starts, axis=1) / sizes.astype(np.float32)).T)

@@ -7,6 +7,7 @@ the heap.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,6 +25,9 @@ SURROUNDED = 0.5  # share of the spokes that must meet an edge; half of a bead i
 WELL_SURROUNDED = 0.7  # beads at the front of a heap hide behind none
 NEARLY = 0.5  # share of the best score at which a larger radius is preferred
 FEWEST_BEADS = 10
+ROW = (
+    0.7  # radii, of the scatter across their line; of two layers of beads it is 0.8, of marks of one length 0.1 to 0.6
+)
 SAMPLED = 300  # rows and columns at least, from which a picture's usual edges are learnt
 ROUGH = 0.3  # of a bead's radius, over which roughness is averaged
 GREY = 6  # [levels of Lab], by which hues of a picture without colour may differ
@@ -93,9 +97,17 @@ def find_beads(grey: npt.NDArray[np.uint8], radii: tuple[float, float]) -> Beads
             tried.append((float(np.sum(np.maximum(surrounded - WELL_SURROUNDED, 0)) * radius), Beads(group, radius)))
     if not tried:
         return None
+    # the graduations of a rule make a row of good circles; where there are others, beads lie above each other
+    piled = [(score, beads) for score, beads in tried if not _in_a_row(beads)]
+    tried = piled or tried
     best, leader = max(tried, key=lambda one: one[0])
     close = [beads for score, beads in tried if score >= NEARLY * best and beads.radius < 1.5 * leader.radius]
     return max(close, key=lambda beads: beads.radius)
+
+
+def _in_a_row(beads: Beads) -> bool:
+    across = float(np.linalg.eigvalsh(np.cov(beads.centre.T))[0])
+    return bool(math.sqrt(max(across, 0.0)) < ROW * beads.radius)
 
 
 def more_beads(picture: Edges, alike: npt.NDArray[np.float32], beads: Beads, *, least_group: float = 1.0) -> Beads:

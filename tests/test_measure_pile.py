@@ -19,6 +19,7 @@ from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
 from rigtwin.lab.records import Profile, read_profile, write_profile
 from rigtwin.measure.disc import _face_share, _first_edge, _Template
+from rigtwin.measure.grains import find_beads
 from rigtwin.measure.pile import evaluate, measure
 from rigtwin.measure.surface import View, undo_view
 
@@ -469,6 +470,16 @@ def test_a_heap_in_grey_dark_or_dull_is_measured_like_in_colour(name: str, light
         assert not found.doubtful
         assert found.value == pytest.approx(wanted, abs=1.5)
         assert abs(found.value - wanted) < 2 * found.std_uncertainty
+
+
+@pytest.mark.parametrize("long", [16, 18])
+def test_the_graduations_of_a_rule_are_no_beads(long: int) -> None:
+    picture = cv2.cvtColor(draw(Scene(slope=24, base=15, size=(320, 450), seed=8, noise=1.5)), cv2.COLOR_BGR2GRAY)
+    for mark in range(96):
+        picture[230 : 230 + long, 42 + round(3.8 * mark)] = 40
+    beads = find_beads(cv2.GaussianBlur(picture, (0, 0), 0.5), (2.0, 22.5))
+    assert beads is not None
+    assert np.all(beads.centre[:, 1] < 220)
 
 
 def test_scale_roll_and_pictures_come_with_the_angles(tmp_path: Path) -> None:
