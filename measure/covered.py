@@ -47,13 +47,13 @@ def covered_columns(
     if not seen.any():
         return covered
     points = found.view.to_picture(found.x, np.nan_to_num(found.height))
-    covered |= _under_glare(points, glare, found.bead_radius)
+    covered |= under_glare(points, glare, found.bead_radius)
     covered |= _far_from_beads(points, beads)
     covered |= _odd_background(found, image, seen & ~covered) & ~_goes_on_below(found, alike, seen & ~covered)
     return np.asarray(covered & seen)
 
 
-def _under_glare(points: Array, glare: Mask, radius: float) -> Mask:
+def under_glare(points: Array, glare: Mask, radius: float) -> Mask:
     """Near patches of glare; a highlight on a bead is smaller than these."""
     size = max(3, round(0.8 * radius) | 1)
     patch = cv2.morphologyEx(glare.astype(np.uint8), cv2.MORPH_OPEN, np.ones((size, size), np.uint8))

@@ -474,27 +474,31 @@ def _on_edges(picture: Edges, template: _Template, lines: Sequence[tuple[Numbers
         else:
             clear[:, part] = (falls * across[:, part] + down[:, part]) / np.sqrt(1 + falls * falls)
     np.minimum(np.abs(clear, out=clear), picture.strong, out=clear)
-    return np.asarray([clear[:, part].mean(axis=1) / picture.strong for part in _parts(starts, x.shape[1])])
+    return _means(clear, starts) / picture.strong
 
 
 def _at(layer: npt.NDArray[np.float32], template: _Template, lines: Sequence[tuple[Numbers, Numbers]]) -> Array:
     """Mean of a picture along lines, given along and down the template, shape (lines, n)."""
     x, y, starts = _laid_out(template, lines)
-    seen = cv2.remap(layer, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray([seen[:, part].mean(axis=1) for part in _parts(starts, x.shape[1])])
+    return _means(cv2.remap(layer, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE), starts)
+
+
+def _means(values: npt.NDArray[Any], starts: Sequence[int]) -> Array:
+    """Of each line's samples, shape (lines, n)."""
+    sizes = np.diff([*starts, values.shape[1]])
+    return np.asarray((np.add.reduceat(values, starts, axis=1) / sizes.astype(np.float32)).T)
 
 
 def _laid_out(
     template: _Template, lines: Sequence[tuple[Numbers, Numbers]]
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], list[int]]:
     """Picture points of all lines beside each other, shape (n, samples), and where each line begins."""
-    shapes = [(len(template.x), along.shape[-1]) for along, _ in lines]
-    along, down = (
-        np.concatenate([np.broadcast_to(line[k], shape) for line, shape in zip(lines, shapes, strict=True)], axis=1)
-        for k in (0, 1)
-    )
-    x, y = (np.asarray(part, dtype=np.float32) for part in template.pixel(along, down))
-    return x, y, [0, *itertools.accumulate(size for _, size in shapes[:-1])]
+    *starts, end = itertools.accumulate((line[0].shape[-1] for line in lines), initial=0)
+    laid = np.empty((2, len(template.x), end), dtype=np.float32)
+    for line, part in zip(lines, _parts(starts, end), strict=True):
+        laid[0, :, part], laid[1, :, part] = line
+    x, y = (np.asarray(each, dtype=np.float32) for each in template.pixel(laid[0], laid[1]))
+    return x, y, starts
 
 
 def _parts(starts: Sequence[int], end: int) -> list[slice]:

@@ -27,6 +27,7 @@ PARTED = 0.1  # share of the largest group of beads that a part of the bed beyon
 FEWEST_ROWS = 3  # a bead's radius apart: what a single layer of beads fills
 ZERO_NEAR = 4.6  # [mm], of the floor: within half a centimetre the longer marks tell which one is the zero
 GOES_ON = 6.0  # [mm] that graduations may go on below the zero beyond what parts them
+ENDS_ABOVE = 4.0  # [mm] that they may end above it: a mark or two are lost in the gauge's foot and its shadow
 # [mm] and [px] by which the run of graduations that ends at the zero may seem longer than it is: marks are blurred
 SMEARED = 1.5, 4.0
 LOOKING = (-0.1, 0.6)  # slope at which a camera may look down on the floor: from under its level to 30 degrees
@@ -128,7 +129,6 @@ def find_bed(
     down = centre[:, 1] * math.cos(lean) + centre[:, 0] * math.sin(lean)
     left, right = _walls(across, down, beads.radius, ratio, upright, (column, middle))
     width = right - left
-    beyond = float(np.mean((across < left) | (across > right)))
     radius = width / 2 / ratio if ratio else beads.radius
     inside = _in_the_bed(across, down, (left, right), beads.radius)
     if np.sum(inside) < FEWEST:
@@ -139,6 +139,9 @@ def find_bed(
     inside[inside] = _filled(kept, alike)
     if np.sum(inside) < FEWEST:
         return None
+    # what looks round beside the empty part of the cylinder is no bead beyond a wall
+    beside = (down > np.percentile(down[inside], 5)) & (down < np.percentile(down[inside], 95))
+    beyond = float(np.mean(((across < left) | (across > right))[beside]))
     offset = (left + right) / 2
     floor, floor_sigma, bulge, bulge_sigma = _floor(across[inside] - offset, down[inside], width / 2, radius)
     axis = (
@@ -380,6 +383,8 @@ def _judged(bed: Bed) -> Bed | None:
         flaw = "the gauge's graduations are hidden at the height of the surface: something may be in front of both"
     elif bed.gauge is not None and _goes_on(bed.gauge):
         flaw = "the gauge's graduations go on below what was taken for its zero: the lower part of the bed is hidden"
+    elif bed.gauge is not None and float(bed.gauge.reading(bed.gauge.lowest)) > ENDS_ABOVE:
+        flaw = "the gauge's graduations end above what was taken for its zero: they are hidden, or it was misread"
     elif bed.gauge is not None and not LOOKING[0] < bed.bulge / (bed.width / 2) < LOOKING[1]:
         flaw = "the lowest beads do not lie at the gauge's zero: the floor is hidden, or the gauge was misread"
     elif shown < 0.9:

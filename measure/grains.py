@@ -7,6 +7,7 @@ the heap.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,7 +25,12 @@ SURROUNDED = 0.5  # share of the spokes that must meet an edge; half of a bead i
 WELL_SURROUNDED = 0.7  # beads at the front of a heap hide behind none
 NEARLY = 0.5  # share of the best score at which a larger radius is preferred
 FEWEST_BEADS = 10
+ROW = (
+    0.7  # radii, of the scatter across their line; of two layers of beads it is 0.8, of marks of one length 0.1 to 0.6
+)
 SAMPLED = 300  # rows and columns at least, from which a picture's usual edges are learnt
+ROUGH = 0.3  # of a bead's radius, over which roughness is averaged
+GREY = 6  # [levels of Lab], by which hues of a picture without colour may differ
 MOST_ROWS = 30_000  # that OpenCV reads at once are less than 32,767
 
 
@@ -84,16 +90,24 @@ def find_beads(grey: npt.NDArray[np.uint8], radii: tuple[float, float]) -> Beads
     for radius in np.geomspace(*radii, num=max(2, round(np.log(radii[1] / radii[0]) / 0.12) + 1)):
         for sign in (1, -1):  # beads brighter, then darker than the gaps between them
             centre = _circles(picture, float(radius), sign)
-            group = _largest_group(centre, 3.0 * radius)
+            group = _largest_group(centre, 3.0 * radius) if len(centre) >= FEWEST_BEADS else centre
             if len(group) < FEWEST_BEADS:
                 continue
             surrounded = _surrounded(picture, group, float(radius), sign)
             tried.append((float(np.sum(np.maximum(surrounded - WELL_SURROUNDED, 0)) * radius), Beads(group, radius)))
     if not tried:
         return None
+    # the graduations of a rule make a row of good circles; where there are others, beads lie above each other
+    piled = [(score, beads) for score, beads in tried if not _in_a_row(beads)]
+    tried = piled or tried
     best, leader = max(tried, key=lambda one: one[0])
     close = [beads for score, beads in tried if score >= NEARLY * best and beads.radius < 1.5 * leader.radius]
     return max(close, key=lambda beads: beads.radius)
+
+
+def _in_a_row(beads: Beads) -> bool:
+    across = float(np.linalg.eigvalsh(np.cov(beads.centre.T))[0])
+    return bool(math.sqrt(max(across, 0.0)) < ROW * beads.radius)
 
 
 def more_beads(picture: Edges, alike: npt.NDArray[np.float32], beads: Beads, *, least_group: float = 1.0) -> Beads:
@@ -164,7 +178,28 @@ def rare(share: Array, index: npt.NDArray[np.int32]) -> float:
 def colour_cells(image: npt.NDArray[np.uint8], radius: float) -> npt.NDArray[np.int32]:
     """Every pixel's colour as the number of a cell of the Lab space, of the picture smoothed to a part of a bead."""
     smooth = cv2.GaussianBlur(image, (0, 0), max(0.1 * radius, 0.8))
-    lab = np.asarray(cv2.cvtColor(smooth, cv2.COLOR_BGR2LAB), dtype=np.uint8)
+    return _cells(np.asarray(cv2.cvtColor(smooth, cv2.COLOR_BGR2LAB), dtype=np.uint8))
+
+
+def look_cells(image: npt.NDArray[np.uint8], radius: float, *, textured: bool = False) -> npt.NDArray[np.int32]:
+    """Likewise, but of a picture without hues in finer steps of lightness, `textured` with those of roughness.
+
+    Shaded beads differ from a wall as light as they are in how rough they look.
+    """
+    lightness, *hues = cv2.split(cv2.cvtColor(image, cv2.COLOR_BGR2LAB))
+    if max(float(hue.max()) - float(hue.min()) for hue in hues) > GREY:
+        return colour_cells(image, radius)
+    light = cv2.GaussianBlur(lightness.astype(np.float32), (0, 0), max(0.1 * radius, 0.8))
+    texture = np.zeros_like(light)
+    if textured:
+        window = (2 * round(ROUGH * radius) + 1,) * 2
+        rough = np.sqrt(np.maximum(cv2.blur(light * light, window) - cv2.blur(light, window) ** 2, 0))
+        # of the windows that hold a pixel the plainest (Kuwahara et al. 1976): an edge makes nothing beside it rough
+        texture = 40 * np.log2(cv2.erode(rough, np.ones(window, np.uint8)) + 1)
+    return _cells(np.clip(cv2.merge([texture, light, np.zeros_like(light)]), 0, 255).astype(np.uint8))
+
+
+def _cells(lab: npt.NDArray[np.uint8]) -> npt.NDArray[np.int32]:
     levels = np.arange(256, dtype=np.int32)
     cells = np.take(levels // 16 * 43 * 43, lab[..., 0])
     cells += np.take(levels // 6 * 43, lab[..., 1])
@@ -200,7 +235,8 @@ def _circles(picture: Edges, radius: float, sign: int, surrounded: float = SURRO
     votes = votes[margin : margin + high, margin : margin + wide]
     density = cv2.GaussianBlur(votes.astype(np.float32), (0, 0), spread / cell) * ((spread / cell) ** 2 / radius)
     size = 2 * int(0.8 * radius / cell) + 1
-    peak_y, peak_x = np.nonzero((density == cv2.dilate(density, np.ones((size, size), np.uint8))) & (density > 0.3))
+    peaks = (density == cv2.dilate(density, np.ones((size, size), np.uint8))) & (density > 0.3)
+    peak_y, peak_x = np.divmod(np.flatnonzero(peaks), peaks.shape[1])  # of a flat array they are found sooner
     centre = np.asarray(np.column_stack([peak_x, peak_y]) * cell + (cell - 1) / 2, dtype=np.float64)
     return centre[_surrounded(picture, centre, radius, sign) >= surrounded]
 

@@ -461,6 +461,7 @@ def _gauge_pitch(bed: Bed) -> float:
 
 def _picture_checks(bed: Bed, scale: float, source: str, cylinder: float | None, bead: float | None) -> list[Check]:
     checks = []
+    same = False
     if bed.gauge is None:
         checks.append(
             Check(
@@ -494,8 +495,9 @@ def _picture_checks(bed: Bed, scale: float, source: str, cylinder: float | None,
     if bead is not None and source != "bead diameter":
         ratio = 2 * bed.bead_seen * scale / (NEARER * bead)
         checks.append(size_seen(ratio, MISFIT, source))
-    within = bed.beyond < MOST_BEYOND
+    within = same or bed.beyond < MOST_BEYOND
     ending = "." if within else ": check --cylinder-diameter and --bead-diameter, by which walls were looked for."
+    ending = ", whose distance the gauge confirms." if same else ending
     message = f"{100 * bed.beyond:.0f} % of the beads lie beyond what was taken for the cylinder's walls{ending}"
     checks.append(Check("walls", within, bed.beyond, 0.0, message))
     checks.append(

@@ -28,10 +28,11 @@ from rigtwin.measure.media import read_photo
 from rigtwin.measure.pile_checks import (
     BASE_DOUBT,
     base_check,
-    heap_checks,
     narrow_base,
     size_checks,
+    uneven_flanks,
     views_checks,
+    washed_out,
 )
 from rigtwin.measure.surface import Silhouette, View, find_heap, undo_view
 
@@ -49,6 +50,7 @@ FULL_FRAME_DIAGONAL = 43.27  # [mm]
 EXIF_IFD, FOCAL_LENGTH_35MM = 0x8769, 0xA405  # EXIF 2.32, tables 4 and 9
 BEAD_DOUBT, GIVEN_DOUBT = 0.06, 0.01  # relative, of a scale by beads, or given
 GRAINS_PER_CUBE = 0.6 * 6 / math.pi  # of a grain's diameter, at the solid fraction of a loose bed
+STEEPEST_FLANK = 60.0  # [deg]; what sticks together may stand steeper, but is no heap of beads
 STEEPEST_VIEW = 10.0  # [deg]; heaps come out 1 degree too steep from 12, 2 from 20
 COVERED_BASE = 0.9  # share of a stated base that a heap must cover, below which the base is not its own
 DOUBTFUL_COVER = 0.83  # share of the heap that circles cover, below which its outline may belong to something else
@@ -150,7 +152,6 @@ def _evaluate(
     checks: list[Check] = []
     warnings: list[str] = []
     doubtful: list[bool] = []
-    uneven: list[str] = []  # what is said against the flanks of every view
     for number, seen in enumerate(observations):
         grain = bead_diameter or seen.grain
         heap = slope.find_parts(seen.profile, base_diameter, grain)
@@ -159,20 +160,20 @@ def _evaluate(
                 f"profile {number + 1} ({seen.profile.view}) holds no heap above its base line; "
                 "check that height_m is measured upwards from the base."
             )
-        of_heap = heap_checks(seen.profile, heap)
         found = _quantities_of_view(seen, heap, base_diameter, grain)
         if len(observations) > 1:
             found = [replace(one, detail={**one.detail, "view": seen.profile.view}) for one in found]
         quantities += found
         doubts = sorted({one.doubtful for one in found if one.doubtful})
         doubtful.append(any(one.doubtful for one in found if one.quantity == GRAPHICAL))
-        uneven.append(failed(of_heap, ["flanks_agree"]))
         warnings += seen.notes
         whose = f"{seen.profile.view}: " if len(observations) > 1 else ""
         warnings += [whose + doubt for doubt in doubts]
         if seen.unconfirmed and seen.unconfirmed not in warnings:
             warnings.append(seen.unconfirmed)
-        checks += [*seen.checks, *of_heap]
+        uneven = uneven_flanks(seen.profile, heap)
+        warnings += [uneven] if uneven else []
+        checks += seen.checks
     if len(observations) > 1:
         agree = views_checks(quantities, LINE)
         checks += agree
@@ -182,20 +183,11 @@ def _evaluate(
             warnings.append(f"left out of the mean over views, because doubtful: {left_out}.")
             if doubtful.count(False) == 1:
                 odd.append(f"one view alone is sound, and none confirms it; left out: {left_out}")
-        # a mean over views has the scatter of its sides in its budget; it is doubtful where no view is even
-        over = [doubted(one, "; ".join(odd)) for one in _over_views(quantities)]
-        all_uneven = "; ".join(uneven) if all(uneven) else ""
-        quantities = [*_leaning(over, "all", all_uneven), *quantities]
-    for seen, message in zip(observations, uneven, strict=True):
-        quantities = _leaning(quantities, seen.profile.view if len(observations) > 1 else None, message)
+        # a mean over views has the scatter of its sides in its budget
+        quantities = [*(doubted(one, "; ".join(odd)) for one in _over_views(quantities)), *quantities]
     if base_diameter is not None and bead_diameter is not None:
         warnings += narrow_base(base_diameter, bead_diameter)
     return Evaluation(tuple(quantities), tuple(checks), tuple(warnings))
-
-
-def _leaning(quantities: Sequence[Quantity], view: str | None, why: str) -> list[Quantity]:
-    """The quantities, of which the angles of one view are doubtful because its flanks do not agree."""
-    return [doubted(one, why if one.unit == "deg" and one.detail.get("view") == view else "") for one in quantities]
 
 
 def _angles(profile: Profile, base_diameter: float | None, grain: float | None) -> dict[tuple[str, str, str], float]:
@@ -303,6 +295,10 @@ def _flaw_of_profile(heap: slope.Heap, angles: Mapping[tuple[str, str, str], flo
         return f"the {missing[0]} flank is too short for a line"
     for side in slope.SIDES:
         line = slope.flank_line(heap, side)
+        if line is not None and line.angle > STEEPEST_FLANK:
+            return (
+                f"the {side} flank stands at {line.angle:.0f} deg, as no loose heap does: something hides or adds to it"
+            )
         if line is not None and abs(line.outer - line.inner) < 3 * heap.grain:
             return f"the {side} flank is only {abs(line.outer - line.inner) / heap.grain:.1f} grains long"
         if slope.monotony(heap, side) < 0.6:
@@ -444,10 +440,12 @@ def _observe_photo(
     if base_diameter is not None and scale is not None and found.disc is not None and scale_from != "base diameter":
         across = 2 * found.view.radius * scale
         sizes = (*sizes, base_check(across, _scale_doubt(scale_from, camera), base_diameter, scale_from))
+    heap = slope.find_parts(profile, None, 2 * found.bead_radius * unit)
+    hidden = washed_out(found, image) if heap is not None and uneven_flanks(profile, heap) else ""
     seen = Observation(
         profile,
         _variants(found, unit, name, FOCAL_DOUBT if focal_length is None else STATED_FOCAL_DOUBT),
-        _flaw_of_picture(found) or misfit,
+        _flaw_of_picture(found) or misfit or hidden,
         2 * found.bead_radius * unit,
         sizes,
         _scale_doubt(scale_from, camera),

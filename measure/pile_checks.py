@@ -1,20 +1,29 @@
-"""What can be said against the photos of a heap: sizes that do not fit, an uneven heap, views of different heaps."""
+"""What can be said of the photos of a heap: sizes that do not fit, an uneven heap, views of different heaps."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 
+import cv2
+import numpy as np
+import numpy.typing as npt
+
 from rigtwin.lab.quantity import Check, Quantity
 from rigtwin.lab.records import Profile
 from rigtwin.measure import slope
 from rigtwin.measure.bead_size import MISFIT, size_seen, size_unseen
+from rigtwin.measure.covered import glare_in, under_glare
 from rigtwin.measure.surface import Silhouette
 from rigtwin.measure.views import views_check
+
+Image = npt.NDArray[np.uint8]
 
 ADVISED_RATIO = 25  # base over bead diameter (Hlosta et al. 2020, section 2.1.5 advises more)
 BASE_DOUBT = 0.01  # relative, of the base's edges in the picture
 NEARER = 1.08  # the beads in front, clearest of all, are nearer to the camera than the base's axis
+
+MOSTLY = 0.5  # share of the outline beside white from which on it is the wall that is white
 
 
 def narrow_base(base: float, bead: float) -> list[str]:
@@ -27,24 +36,30 @@ def narrow_base(base: float, bead: float) -> list[str]:
     ]
 
 
-def heap_checks(profile: Profile, heap: slope.Heap) -> list[Check]:
-    """Whether the heap is even."""
-    checks = []
+def uneven_flanks(profile: Profile, heap: slope.Heap) -> str:
+    """What is told of a heap whose flanks differ by more than their grains explain, which heaps may; else nothing."""
     left, right = (slope.flank_line(heap, side) for side in slope.SIDES)
-    if left is not None and right is not None:
-        doubt = math.hypot(*(slope.roughness_doubt(heap, side) for side in slope.SIDES))
-        difference = left.angle - right.angle
-        checks.append(
-            Check(
-                "flanks_agree",
-                abs(difference) < 2.5 * doubt + 1.0,
-                difference,
-                0.0,
-                f"left minus right flank ({profile.view}) is {difference:+.1f} deg, its grains explain about "
-                f"{doubt:.1f} deg; more means an uneven fill, a tilted base or an unnoticed camera roll.",
-            )
-        )
-    return checks
+    if left is None or right is None:
+        return ""
+    doubt = math.hypot(*(slope.roughness_doubt(heap, side) for side in slope.SIDES))
+    difference = left.angle - right.angle
+    if abs(difference) < 2.5 * doubt + 1.0:
+        return ""
+    return (
+        f"left minus right flank ({profile.view}) is {difference:+.1f} deg, its grains explain about {doubt:.1f} deg: "
+        "the heap is uneven, or its base not level; more views tell its mean better."
+    )
+
+
+def washed_out(found: Silhouette, photo: Image) -> str:
+    """What is said against an outline of which light hides a part; before a wall that is all white it hides none."""
+    image = cv2.resize(photo, None, fx=found.zoom, fy=found.zoom, interpolation=cv2.INTER_AREA)
+    seen = np.isfinite(found.height)
+    points = found.view.to_picture(found.x[seen], found.height[seen])
+    hidden = under_glare(points, glare_in(np.asarray(image, dtype=np.uint8)), found.bead_radius)
+    if not 2 * found.bead_radius < np.sum(hidden) < MOSTLY * len(hidden):
+        return ""
+    return "light washes out a part of the outline, and the flanks differ"
 
 
 def views_checks(quantities: Sequence[Quantity], line: str) -> list[Check]:

@@ -14,13 +14,14 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.measure.disc import FOCAL_LENGTH, Disc, find_disc
+from rigtwin.measure.exposure import exposure_of
 from rigtwin.measure.grains import (
     FEWEST_BEADS,
     Beads,
-    colour_cells,
     edges,
     find_beads,
     likeness,
+    look_cells,
     more_beads,
     rare,
     rim_radius,
@@ -114,11 +115,13 @@ def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal
     zoom = min(1.0, FINEST / _breadth(photo))
     image = _shrunk(photo, zoom)
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+    exposure = exposure_of(grey[::2, ::2])
+    image, grey = exposure.applied(image), exposure.applied(grey)
     circles = _beads(grey)
     if circles is None:
         return None
     beads, bead_seen = circles
-    cells = colour_cells(image, beads.radius)
+    cells = look_cells(image, beads.radius, textured=True)
     rims = edges(grey)
     beads = more_beads(rims, likeness(image, beads, cells), beads)
     alike = likeness(image, beads, cells)
@@ -126,7 +129,7 @@ def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal
     view = _view_of_disc(disc) if disc is not None else _view_of_feet(beads, roll)
     if disc is not None and beads_across is not None:
         beads = more_beads(rims, alike, Beads(beads.centre, view.radius / beads_across))
-        alike = likeness(image, beads)
+        alike = likeness(image, beads, look_cells(image, beads.radius, textured=True))
     found = outline_of(image, alike, beads, view)
     if found is None:
         return None
@@ -324,7 +327,7 @@ def _against_local_sky(level: Image, higher: Array, colour: Array, radius: float
 
     Logarithm of the ratio of two histograms: beads, and the strip above the circles within a few beads to both sides.
     """
-    index = colour_cells(level, radius)
+    index = look_cells(level, radius)
     inside = index[(higher == 0) & (colour > 0.5)]
     beads = shares(inside)
     little = rare(beads, inside)

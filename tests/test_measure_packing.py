@@ -208,8 +208,17 @@ def test_unusable_profiles_are_refused_in_a_sentence(profiles, diameter, message
 PIXEL = 4.4  # [px] of a millimetre
 
 
-def draw(path, *, roll_deg=0.0, gauge=True, height=62.0, seed=2):
-    """A cylinder of shaded beads beside a gauge; returns the mean row of the outline as a height [mm]."""
+def shade(picture, centre, radius, tone):
+    for share in np.linspace(1, 0.1, 12):
+        colour = tuple(int(c * tone * (1 - 0.55 * share**2)) for c in (120, 170, 205))
+        cv2.circle(picture, centre, round(radius * share), colour, cv2.FILLED, cv2.LINE_AA)
+
+
+def draw(path, *, roll_deg=0.0, gauge=True, height=62.0, seed=2, block=0.0, beside=()):
+    """A cylinder of shaded beads beside a gauge; returns the mean row of the outline as a height [mm].
+
+    The gauge stands on a `block` of that height; `beside` are places [mm] from axis and floor of what else looks round.
+    """
     rng = np.random.default_rng(seed)
     zoom = 2
     picture = np.full((620 * zoom, 560 * zoom, 3), (205, 200, 192), np.uint8)
@@ -225,9 +234,9 @@ def draw(path, *, roll_deg=0.0, gauge=True, height=62.0, seed=2):
                 tops.append(place)
                 centre = (round(axis + place[0] * mm), round(floor - place[1] * mm))
                 tone = rng.uniform(0.85, 1.1) * (0.75 + 0.25 * depth)
-                for share in np.linspace(1, 0.1, 12):
-                    colour = tuple(int(c * tone * (1 - 0.55 * share**2)) for c in (120, 170, 205))
-                    cv2.circle(picture, centre, round(3 * mm * share), colour, cv2.FILLED, cv2.LINE_AA)
+                shade(picture, centre, 3 * mm, tone)
+    for x, row in beside:
+        shade(picture, (round(axis + x * mm), round(floor - row * mm)), 3 * mm, 1.0)
     for side in (-1, 1):
         for place, tone in ((30, 60), (32.5, 120)):
             x = round(axis + side * place * mm)
@@ -237,7 +246,7 @@ def draw(path, *, roll_deg=0.0, gauge=True, height=62.0, seed=2):
         cv2.rectangle(picture, (left, 0), (left + round(20 * mm), floor), (170, 175, 178), cv2.FILLED)
         for k in range(0, 121):
             length = 9 if k % 10 == 0 else 6.5 if k % 5 == 0 else 4.5
-            y = round((floor - k * mm) * 16)
+            y = round((floor - (block + k) * mm) * 16)
             right = round((left + length * mm) * 16)
             cv2.line(picture, (left * 16, y), (right, y), (40, 40, 40), max(1, zoom), cv2.LINE_AA, 4)
     picture = cv2.resize(picture, None, fx=1 / zoom, fy=1 / zoom, interpolation=cv2.INTER_AREA)
@@ -271,6 +280,29 @@ def test_a_drawn_bed_is_read_off_the_gauge_or_the_cylinder(tmp_path, gauge, roll
     assert found.value == pytest.approx(truth, abs=0.0012 if gauge else 0.002)
     for path in result.files.values():
         assert path.stat().st_size > 0
+
+
+@pytest.mark.parametrize(("gauge", "low"), [(True, 8.0), (False, 72.0)])
+def test_what_looks_round_beside_the_cylinder_moves_no_wall_that_else_is_seen(tmp_path, gauge, low):
+    photo = tmp_path / "bed.png"
+    places = [(x, row) for x in (-36.5, -42.5) for row in np.arange(low, 115, 5.7)]
+    truth = draw(photo, gauge=gauge, beside=places)
+    result = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    (walls,) = [check for check in result.checks if check.check == "walls"]
+    found = pick(result, "bed_height", "outline")
+    assert walls.passed
+    assert not found.doubtful
+    assert found.value == pytest.approx(truth, abs=0.0012 if gauge else 0.002)
+
+
+@pytest.mark.parametrize("block", [0.0, 8.0])
+def test_a_gauge_that_does_not_reach_the_floor_never_misleads_in_silence(tmp_path, block):
+    photo = tmp_path / "bed.png"
+    truth = draw(photo, block=block)
+    result = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    found = pick(result, "bed_height", "outline")
+    assert bool(found.doubtful) == (block > 0)
+    assert block > 0 or found.value == pytest.approx(truth, abs=0.0012)
 
 
 def test_a_scale_read_off_the_beads_alone_is_as_doubtful_as_their_soft_rims(tmp_path):

@@ -19,6 +19,7 @@ from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
 from rigtwin.lab.records import Profile, read_profile, write_profile
 from rigtwin.measure.disc import _face_share, _first_edge, _Template
+from rigtwin.measure.grains import find_beads
 from rigtwin.measure.pile import evaluate, measure
 from rigtwin.measure.surface import View, undo_view
 
@@ -188,13 +189,17 @@ def test_heaps_of_one_angle_and_two_heights_are_no_views_of_one() -> None:
     )
 
 
-def test_angles_of_flanks_that_do_not_agree_are_doubtful_in_their_view_and_no_lengths() -> None:
+def test_flanks_that_differ_are_a_fact_of_the_heap_which_is_told_and_no_doubt() -> None:
     even, uneven = (replace(triangle(30, right), view=name) for name, right in (("even", 30), ("uneven", 40)))
-    alone = evaluate([uneven])
-    both = evaluate([even, uneven])
-    for quantity in (*alone.quantities, *both.quantities):
-        of_uneven = quantity.detail.get("view", "uneven") == "uneven"
-        assert bool(quantity.doubtful) == (of_uneven and quantity.unit == "deg"), quantity
+    for result in (evaluate([uneven]), evaluate([even, uneven])):
+        assert not any(quantity.doubtful for quantity in result.quantities)
+        (told,) = [warning for warning in result.warnings if "left minus right" in warning]
+        assert "(uneven) is -10.0 deg" in told
+
+
+def test_a_flank_that_no_loose_heap_has_is_doubtful() -> None:
+    cut = triangle(70, 30)
+    assert all(quantity.doubtful for quantity in evaluate([cut], bead_diameter=0.002).quantities)
 
 
 def bumpy(slope: float, **shape: float) -> Profile:
@@ -446,6 +451,37 @@ def test_a_drawn_heap_is_measured_within_its_interval(name: str, tmp_path: Path)
         assert angle(result, GRAPHICAL, side).value == pytest.approx(angle(exact, GRAPHICAL, side).value, abs=1.6)
 
 
+def as_seen(picture: Image, light: str) -> Image:
+    """The same photo without its colours, dark, or dull."""
+    if light == "grey":
+        return cv2.cvtColor(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
+    return np.asarray(np.rint(picture * 0.25 if light == "dark" else 110 + (picture - 110.0) * 0.3), dtype=np.uint8)
+
+
+@pytest.mark.parametrize("light", ["grey", "dark", "dull"])
+@pytest.mark.parametrize("name", ["plain", "looking down, clutter, noise", "as light as the wall"])
+def test_a_heap_in_grey_dark_or_dull_is_measured_like_in_colour(name: str, light: str, tmp_path: Path) -> None:
+    scene = SCENES.get(name, Scene(bead=(150, 190, 210), wall=(175, 180, 180), seed=7))
+    path = tmp_path / "heap.jpg"
+    cv2.imwrite(str(path), as_seen(draw(scene), light), [cv2.IMWRITE_JPEG_QUALITY, 92])
+    result, exact = measured(path, scene), truth(scene)
+    for quantity in MAIN:
+        found, wanted = angle(result, quantity, "mean"), angle(exact, quantity, "mean").value
+        assert not found.doubtful
+        assert found.value == pytest.approx(wanted, abs=1.5)
+        assert abs(found.value - wanted) < 2 * found.std_uncertainty
+
+
+@pytest.mark.parametrize("long", [16, 18])
+def test_the_graduations_of_a_rule_are_no_beads(long: int) -> None:
+    picture = cv2.cvtColor(draw(Scene(slope=24, base=15, size=(320, 450), seed=8, noise=1.5)), cv2.COLOR_BGR2GRAY)
+    for mark in range(96):
+        picture[230 : 230 + long, 42 + round(3.8 * mark)] = 40
+    beads = find_beads(cv2.GaussianBlur(picture, (0, 0), 0.5), (2.0, 22.5))
+    assert beads is not None
+    assert np.all(beads.centre[:, 1] < 220)
+
+
 def test_scale_roll_and_pictures_come_with_the_angles(tmp_path: Path) -> None:
     scene = SCENES["rolled, fine beads, dark wall"]
     result = measured(photograph(tmp_path, scene), scene, out=tmp_path / "out")
@@ -613,10 +649,12 @@ def without_heap(kind: str) -> Image:
     return draw(Scene(beads=False, clutter=25, noise=7, roll=1.5, seed=12))
 
 
+@pytest.mark.parametrize("light", ["", "grey", "dull"])
 @pytest.mark.parametrize("kind", ["uniform", "noise", "blotches", "empty disc", "cluttered bench"])
-def test_a_picture_without_a_heap_gives_no_angle(kind: str, tmp_path: Path) -> None:
+def test_a_picture_without_a_heap_gives_no_angle(kind: str, light: str, tmp_path: Path) -> None:
     path = tmp_path / "photo.png"
-    cv2.imwrite(str(path), without_heap(kind))
+    picture = without_heap(kind)
+    cv2.imwrite(str(path), as_seen(picture, light) if light else picture)
     with pytest.raises(NothingToMeasure, match=r"photo\.png: shows no heap") as caught:
         measure([path], Camera(), base_diameter=0.09, bead_diameter=0.006, out=tmp_path / "out")
     assert "\n" not in str(caught.value)
