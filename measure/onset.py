@@ -34,7 +34,7 @@ FLOOR = 1e-7  # [m], finer than any film
 LEAST_DOUBT = 0.15  # of the scale: a scale that is wrong must not pull the onset along
 LEAST_RUN = 0.25  # way of a run over the bead's size
 WORSE = 1.5  # times the noise at rest, from which on that of a run is one of its own
-FAR = 0.001  # noise added per way, relative: a body that has turned and left its light is tracked less well
+FAR = 0.002  # noise added per way, relative: a body that has turned and left its light is tracked less well
 
 
 @dataclass(frozen=True)
