@@ -343,6 +343,31 @@ def test_a_record_without_collision_or_without_second_bead_is_refused_in_one_sen
         evaluate([Track(t.time, t.position, t.sigma, name) for t, name in ((moving, "1"), (still, "2"))])
 
 
+def test_a_bead_that_is_lost_at_the_collision_is_named_where_the_record_goes_on():
+    a, b = tracks_of(Truth())
+    hit = int(np.argmax(b.position[:, 0] > b.position[0, 0] + 0.001))
+    lost = Track(a.time[:hit], a.position[:hit], a.sigma[:hit], "A")
+    with pytest.raises(
+        NothingToMeasure, match=r"Bead A is not seen after the collision at 0\.2\d+ s, though the record"
+    ):
+        evaluate([lost, b])
+
+
+@pytest.mark.parametrize("noise", [5e-5, 2e-4])
+def test_a_record_of_which_both_tracks_are_one_bead_is_judged_without_a_warning_of_numpy(noise):
+    """B's rise is taken for A's fall that goes on, and a place on its way for where B hung."""
+    a, b = tracks_of(Truth(restitution=0.88, length=0.15, diameter=0.006), noise=noise)
+    hit = int(np.argmax(np.abs(b.position[:, 0] - b.position[0, 0]) > 0.003))
+    late = np.arange(len(a.time)) < hit + 20
+    stays = b.position[hit + 20] + np.random.default_rng(1).normal(0, noise, b.position.shape)
+    one = replace(a, position=np.where(np.arange(len(a.time))[:, None] < hit, a.position, b.position))
+    try:
+        told = evaluate([one, replace(b, position=np.where(late[:, None], stays, b.position))])
+    except NothingToMeasure:
+        return
+    assert found(told, "restitution_pair", "velocity", collision=1).doubtful
+
+
 def test_a_wall_gives_the_ratio_of_the_speeds():
     wall = tracks_of(Truth(mass_ratio=1e9, restitution=0.7), duration=0.75)[0]
     e = found(evaluate([wall], variant="wall"), "restitution_wall", "velocity", collision=1)
