@@ -133,6 +133,26 @@ def fit_swings(
     return _in_record_units(fit, tuple(tracks), origin, unit)
 
 
+def misses_of(fit: SwingFit, late: float = 0.0) -> Array:
+    """Misses of all used points, and of what is known beforehand, in units of their noise; points `late` [s] later.
+
+    Bead by bead x of all points, then y; then what is known beforehand.
+    """
+    data = _data_of(fit)
+    moved = tuple(replace(track, time=track.time + late) for track in data.tracks)
+    return _misses(fit.swings.batched(), replace(data, tracks=moved))[:, 0]
+
+
+def slopes_of(fit: SwingFit) -> Array:
+    """Derivatives of the misses by the vector, shape (n, parameters)."""
+    return _slopes(fit.swings, _data_of(fit))
+
+
+def _data_of(fit: SwingFit) -> _Data:
+    priors = PRIORS | BENT if fit.bent else PRIORS
+    return _Data(fit.tracks, tuple(_weights(track) for track in fit.tracks), fit.used, fit.noise, priors)
+
+
 def _bends(swings: Swings) -> bool:
     return any(abs(float(swings[name]) - PRIORS[name][0]) > MOST_BENT * PRIORS[name][1] for name in BENT)
 
@@ -422,7 +442,7 @@ def _covariance(swings: Swings, data: _Data, residuals: list[Array], ground: flo
     slopes = _slopes(swings, data)
     count = len(slopes) - len(PRIORS)
     # neighbouring residuals that go together (background, lens, texture) carry less information than their number says
-    seen = slopes[:count].T @ slopes[:count] / _correlation(residuals, data.used)
+    seen = slopes[:count].T @ slopes[:count] / correlation(residuals, data.used)
     causes = {"tracking": seen}
     for row, name in enumerate(PRIORS):
         cause = _CAUSES[name]
@@ -487,7 +507,7 @@ def _drifts(time: Array, cuts: list[float]) -> Array:
     return columns
 
 
-def _correlation(residuals: list[Array], used: Sequence[Mask]) -> float:
+def correlation(residuals: list[Array], used: Sequence[Mask]) -> float:
     """How many neighbouring residuals count as one: 1 + 2 sum of the autocorrelation up to its first zero."""
     lengths = []
     for residual, mask in zip(residuals, used, strict=True):
