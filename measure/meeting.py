@@ -26,6 +26,7 @@ Region = tuple[float, float, float, float]
 
 LEAST_LEAP = 0.5  # bead diameters, of one from the bead that hits over to the one that is hit
 MOST_MEETINGS = 8  # of one path with another, the longest ones, among which the film shows which is the collision
+COMPARABLE = 0.4  # of how long and large the best of them are, that another is
 HUNG = 0.5  # of how much beads differ from the scene, what is gone where one hung and another may have come
 JUST_LEFT = 12  # frames, in which B has left the place where it hung and A has hardly come there
 BENDS = 0.3  # of the way back to where B hung, by which that may lie beside a straight line
@@ -282,11 +283,11 @@ def _collision(fall: Path, rise: Path, paths: list[Path]) -> Collision:
 def _meetings(falls: list[Path], rises: list[Path], least_leap: float = -math.inf) -> list[tuple[Path, Path]]:
     """Paths that meet, first those that are longest and largest; of each hit the best ones only."""
     scores = {(i, k): _meeting(fall, rise) for i, fall in enumerate(falls) for k, rise in enumerate(rises)}
+    leaps = [pair for pair, score in scores.items() if score > 0 and _leap(falls[pair[0]], rises[pair[1]]) > least_leap]
     best: dict[int, tuple[Path, Path]] = {}
-    for i, k in sorted(scores, key=lambda pair: -scores[pair]):
-        fall, rise = falls[i], rises[k]
-        if scores[i, k] > 0 and _leap(fall, rise) > least_leap:
-            best.setdefault(rise.frames[0], (fall, rise))
+    for i, k in sorted(leaps, key=lambda pair: -scores[pair]):
+        if scores[i, k] > COMPARABLE * max(scores[pair] for pair in leaps):  # threads seem to meet as well
+            best.setdefault(rises[k].frames[0], (falls[i], rises[k]))
     return list(best.values())
 
 
@@ -449,7 +450,9 @@ def hung(greys: dict[int, Grey], collision: Collision) -> bool:
     apart = _apart(greys, collision)
     place, gone = _place_left(greys, collision, _contrast(apart))
     ahead = (place - collision.fall.places[-1]) @ collision.way
-    return bool(gone > HUNG * float(np.mean(np.abs(apart))) and ahead > -collision.radius)
+    # a path may run on along B for as long as one lives that is not seen
+    further = collision.radius + LOST * float(np.hypot(*collision.rise.velocity(at_end=False)))
+    return bool(gone > HUNG * float(np.mean(np.abs(apart))) and ahead > -further)
 
 
 def _place_left(greys: dict[int, Grey], collision: Collision, contrast: int) -> tuple[Array, float]:

@@ -152,7 +152,21 @@ def test_a_bead_does_not_pass_the_one_that_it_hits(mirrored: bool) -> None:
     passed = Path(fall.frames + rise.frames, fall.places + rise.places, fall.sizes + rise.sizes)
     assert hung(greys, Collision(fall, rise, rest, SIZE / 2))
     assert not hung(greys, Collision(passed, onwards, rest, SIZE / 2))
-    assert not hung(greys, Collision(passed.part(0, len(fall.frames) + 5), onwards, rest, SIZE / 2))
+    assert hung(greys, Collision(passed.part(0, len(fall.frames) + 2), onwards, rest, SIZE / 2))  # it only runs on
+
+
+def test_threads_that_seem_to_meet_are_no_collision_though_something_left_there() -> None:
+    (fall, rise, _), _, _ = seen(mirrored=False)
+    faint = [
+        Path(path.frames, [place - np.array([0.0, 60.0]) for place in path.places], [4.0] * len(path.frames))
+        for path in (fall.part(20, 38), rise)
+    ]
+    video = SimpleNamespace(path=File("swing.mp4"), times=np.arange(80) / 240)
+
+    def shown(meeting: Collision) -> bool:
+        return meeting.fall.sizes[0] < SIZE
+
+    assert find_collision([fall, rise, *faint], video, None, shown, in_pieces=False).radius > SIZE / 2  # type: ignore[arg-type]
 
 
 def test_where_b_hung_is_told_though_it_is_seen_only_far_up_its_way() -> None:
