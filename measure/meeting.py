@@ -6,6 +6,7 @@ Picture coordinates: x right, y down, centre of the top-left pixel (0, 0).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -24,6 +25,11 @@ Array = npt.NDArray[np.float64]
 Region = tuple[float, float, float, float]
 
 LEAST_LEAP = 0.5  # bead diameters, of one from the bead that hits over to the one that is hit
+MOST_MEETINGS = 8  # of one path with another, the longest ones, among which the film shows which is the collision
+COMPARABLE = 0.4  # of how long and large the best of them are, that another is
+HUNG = 0.5  # of how much beads differ from the scene, what is gone where one hung and another may have come
+JUST_LEFT = 12  # frames, in which B has left the place where it hung and A has hardly come there
+BENDS = 0.3  # of the way back to where B hung, by which that may lie beside a straight line
 MOST_PIECES = 60  # of path, the farthest ones, among which a meeting is sought: noise has thousands
 INNER = 0.7  # of a bead's radius, within which it is all bead
 ONE_SIDED = 0.6  # of how much beads differ from the scene, what is left where brighter and darker are set off
@@ -87,6 +93,12 @@ class Collision:
     def weight(self) -> float:
         """How much of what moves in the film the two paths are."""
         return weight_of(self.fall) + weight_of(self.rise)
+
+    @property
+    def way(self) -> Array:
+        """Unit vector, in which B leaves."""
+        velocity = self.rise.velocity(at_end=False)
+        return np.asarray(velocity / max(float(np.hypot(*velocity)), 1e-9))
 
     def of_every(self, every: int, first: int) -> Collision:
         """The same in frames of the clip, where paths counted `every` so many from the `first` on."""
@@ -234,41 +246,52 @@ def _unbroken(path: Path) -> list[Path]:
 
 
 def find_collision(
-    paths: list[Path], video: Video, stated_length: float | None = None, *, in_pieces: bool
+    paths: list[Path],
+    video: Video,
+    stated_length: float | None = None,
+    shown: Callable[[Collision], bool] = lambda _: True,
+    *,
+    in_pieces: bool,
 ) -> Collision:
     """The pair of paths of which one ends, fast, where and when the other begins in the same direction.
 
-    With `in_pieces` also of paths that are broken.  Raises `NothingToMeasure` when there is none; `stated_length` [m]
-    of the pendulum then helps to say what was seen.
+    With `in_pieces` also of paths that are broken.  One bead's path, broken on its way, looks like two that meet: of
+    all that meet the first is taken of which `shown` says that the film shows a bead hanging there, else the first.
+    Raises `NothingToMeasure` when there is none; `stated_length` [m] of the pendulum then helps to say what was seen.
     """
     moving = [path for path in paths if path.extent > 3 * float(np.median(path.sizes))]
-    best = _best_meeting([with_beginning(path, paths) for path in moving], moving)
-    if best is None and in_pieces:
-        best = _meeting_of_pieces(paths)
-    if best is None and not moving:
+    meetings = _meetings([with_beginning(path, paths) for path in moving], moving)
+    if not meetings and in_pieces:
+        meetings = _meetings_of_pieces(paths)
+    if not meetings and not moving:
         raise NothingToMeasure(f"{video.path}: nothing like a bead moves in this clip; show the release and the hit.")
-    if best is None:
+    if not meetings:
         lone = lone_swing(moving, video, stated_length)
         raise NothingToMeasure(
             f"{video.path}: no bead is seen to hit a second one{lone}; the clip must show the released bead, "
             "the hanging bead and their collision."
         )
-    fall, rise = best
+    collisions = [_collision(fall, rise, paths) for fall, rise in meetings[:MOST_MEETINGS]]
+    return next((collision for collision in collisions if shown(collision)), collisions[0])
+
+
+def _collision(fall: Path, rise: Path, paths: list[Path]) -> Collision:
     radius = float(np.median([*fall.sizes, *rise.sizes])) / 2 + 0.5
     return Collision(fall, rise, _rest_place(fall, rise, paths, radius), max(radius, 2.0))
 
 
-def _best_meeting(falls: list[Path], rises: list[Path], least_leap: float = -math.inf) -> tuple[Path, Path] | None:
-    best, best_score = None, 0.0
-    for fall in falls:
-        for rise in rises:
-            score = _meeting(fall, rise)
-            if score > best_score and _leap(fall, rise) > least_leap:
-                best, best_score = (fall, rise), score
-    return best
+def _meetings(falls: list[Path], rises: list[Path], least_leap: float = -math.inf) -> list[tuple[Path, Path]]:
+    """Paths that meet, first those that are longest and largest; of each hit the best ones only."""
+    scores = {(i, k): _meeting(fall, rise) for i, fall in enumerate(falls) for k, rise in enumerate(rises)}
+    leaps = [pair for pair, score in scores.items() if score > 0 and _leap(falls[pair[0]], rises[pair[1]]) > least_leap]
+    best: dict[int, tuple[Path, Path]] = {}
+    for i, k in sorted(leaps, key=lambda pair: -scores[pair]):
+        if scores[i, k] > COMPARABLE * max(scores[pair] for pair in leaps):  # threads seem to meet as well
+            best.setdefault(rises[k].frames[0], (falls[i], rises[k]))
+    return list(best.values())
 
 
-def _meeting_of_pieces(paths: list[Path]) -> tuple[Path, Path] | None:
+def _meetings_of_pieces(paths: list[Path]) -> list[tuple[Path, Path]]:
     """The same where a coarse codec moves the beads by jerks, which breaks their paths into pieces.
 
     One bead's pieces meet as those of two do, but for the leap of a diameter from the one bead over to the other.
@@ -281,7 +304,7 @@ def _meeting_of_pieces(paths: list[Path]) -> tuple[Path, Path] | None:
     far_falls, far_rises = (
         [path for path in joined if path.extent > 2 * float(np.median(path.sizes))] for joined in (falls, rises)
     )
-    return _best_meeting(far_falls, far_rises, LEAST_LEAP)
+    return _meetings(far_falls, far_rises, LEAST_LEAP)
 
 
 def _leap(fall: Path, rise: Path) -> float:
@@ -380,20 +403,24 @@ def _rest_place(fall: Path, rise: Path, paths: list[Path], radius: float) -> Arr
     return rise.places[0] - 2 * velocity
 
 
-def _contrast(greys: dict[int, Grey], collision: Collision) -> int:
-    """1 where moving beads are brighter than the scene, -1 where they are darker, 0 where they are both or neither."""
+def _apart(greys: dict[int, Grey], collision: Collision) -> Array:
+    """[grey levels], how moving beads differ from the scene, pixel by pixel."""
     still = np.median(np.stack(list(greys.values())), axis=0)
-    apart = []
+    apart: list[Array] = [np.zeros(1)]
     for path in (collision.fall, collision.rise):
         for index in (index for index in greys if path.frames[0] <= index <= path.frames[-1]):
             x, y = np.rint(path.at(index)).astype(int).tolist()
             disc = np.zeros(still.shape, dtype=np.uint8)
             cv2.circle(disc, (x, y), max(round(INNER * collision.radius), 1), 1, cv2.FILLED)
-            apart.append((greys[index] - still)[disc > 0])
-    off = np.concatenate(apart) if apart else np.zeros(1)
+            apart.append((greys[index] - still)[disc > 0].astype(float))
+    return np.concatenate(apart)
+
+
+def _contrast(apart: Array) -> int:
+    """1 where moving beads are brighter than the scene, -1 where they are darker, 0 where they are both or neither."""
     # over the places where it moves a bead's lit and dark side may stand out either way
-    one_sided = abs(float(np.mean(off))) > ONE_SIDED * float(np.mean(np.abs(off)))
-    return int(np.sign(np.mean(off))) if one_sided else 0
+    one_sided = abs(float(np.mean(apart))) > ONE_SIDED * float(np.mean(np.abs(apart)))
+    return int(np.sign(np.mean(apart))) if one_sided else 0
 
 
 def _left_by_bead(before: Grey, after: Grey, contrast: int) -> npt.NDArray[np.float32]:
@@ -414,26 +441,55 @@ def hanging_place(greys: dict[int, Grey], collision: Collision) -> Array:
     it in most frames after the collision: where beads are known to be brighter or darker than the scene, the frames
     that show least of a bead count, and the place that has lost most, for what A covers now and B's shadow lose less.
     """
-    hit, radius = collision.rise.frames[0], collision.radius
-    before = [grey for index, grey in greys.items() if index < collision.fall.frames[-1] - 1]
-    after = [grey for index, grey in greys.items() if index > hit + 1]
-    if len(before) < 3 or len(after) < 3:
-        return collision.rest
-    contrast = _contrast(greys, collision)
-    change = _left_by_bead(np.stack(before), np.stack(after), contrast)
-    reach = math.ceil(radius)
+    place, gone = _place_left(greys, collision, _contrast(_apart(greys, collision)))
+    return collision.rest if gone < 4 else place
+
+
+def hung(greys: dict[int, Grey], collision: Collision) -> bool:
+    """Whether the frames show a bead before the collision which has left right after it, and which A has not passed."""
+    apart = _apart(greys, collision)
+    place, gone = _place_left(greys, collision, _contrast(apart))
+    ahead = (place - collision.fall.places[-1]) @ collision.way
+    # a path may run on along B for as long as one lives that is not seen
+    further = collision.radius + LOST * float(np.hypot(*collision.rise.velocity(at_end=False)))
+    return bool(gone > HUNG * float(np.mean(np.abs(apart))) and ahead > -further)
+
+
+def _place_left(greys: dict[int, Grey], collision: Collision, contrast: int) -> tuple[Array, float]:
+    """Where something the size of a bead hung up to the collision, and how much of it has gone [grey levels].
+
+    It has left where it hung after the collision, or right after it alone, before A has come there.
+    """
+    came, left = collision.fall.frames[-1], collision.rise.frames[0]
+    before = [grey for index, grey in greys.items() if index < came - 1]
+    places = [
+        _place_lost(np.stack(before), np.stack(after), collision, contrast)
+        for after in (
+            [grey for index, grey in greys.items() if index > left + 1],
+            [grey for index, grey in greys.items() if came < index < left + JUST_LEFT],
+        )
+        if len(before) >= 3 and len(after) >= 3
+    ]
+    return max(places, key=lambda place: place[1], default=(collision.rest, 0.0))
+
+
+def _place_lost(before: Grey, after: Grey, collision: Collision, contrast: int) -> tuple[Array, float]:
+    radius, reach = collision.radius, math.ceil(collision.radius)
     v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     disc = (np.hypot(u, v) <= radius).astype(np.float32)
-    filled = cv2.filter2D(change, -1, disc / disc.sum())
-    velocity = collision.rise.velocity(at_end=False)
-    way = velocity / max(float(np.hypot(*velocity)), 1e-9)
+    filled = cv2.filter2D(_left_by_bead(before, after, contrast), -1, disc / disc.sum())
+    way = collision.way
     y, x = np.nonzero(filled >= cv2.dilate(filled, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)))
     away = np.column_stack([x, y]) - collision.rise.places[0]
     along, across = away @ way, np.abs(away @ np.array([-way[1], way[0]]))
-    furthest = 6 * radius + (hit - collision.fall.frames[-1] + 3) * float(np.hypot(*velocity))
-    behind = (along < radius) & (along > -furthest) & (across < 2 * radius)
+    waited = (collision.rise.frames[0] - collision.fall.frames[-1] + 3) * float(
+        np.hypot(*collision.rise.velocity(at_end=False))
+    )
+    behind = (along < radius) & (along > -6 * radius - waited)
+    # its way bends up from where it hung
+    behind &= across < 2 * radius + BENDS * np.abs(along)
     peaks = np.where(behind, filled[y, x], 0)
-    if len(peaks) == 0 or np.max(peaks) < 4:
-        return collision.rest
+    if len(peaks) == 0:
+        return collision.rest, 0.0
     best = np.argmax(peaks if contrast else np.where(peaks > 0.6 * np.max(peaks), along, -np.inf))
-    return np.array([x[best], y[best]], dtype=np.float64)
+    return np.array([x[best], y[best]], dtype=np.float64), float(peaks[best])

@@ -23,6 +23,7 @@ from rigtwin.lab.records import Array, Track, read_tracks, write_tracks
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.channel import LUMA
 from rigtwin.measure.follow import Chase, look_again
+from rigtwin.measure.lost_frames import Loss, in_time
 from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.pendulum_checks import (
     contact_angle_check,
@@ -39,6 +40,7 @@ from rigtwin.measure.pendulum_checks import (
 from rigtwin.measure.repeats import without_repeats
 from rigtwin.measure.swing import Swings, angles, centres, positions, states_at_collision, turning_points
 from rigtwin.measure.swing_fit import Mask, Outcome, SwingFit, fit_swings
+from rigtwin.measure.swing_losses import find_losses
 from rigtwin.measure.swing_pictures import picture_view, write_overlay, write_plot, write_still
 from rigtwin.measure.two_beads import Beads, find_beads, relocate
 from rigtwin.measure.wall_bead import find_wall_bead, images_by_frame
@@ -96,7 +98,7 @@ def measure(
         bead_mass,
         shading=SHADING * scale * max(look.radius for look in film.beads.looks),
     )
-    timing, lens = timing_check(video), lens_check(fit)
+    timing, lens = timing_check(video, film.losses), lens_check(fit)
     views = view_checks(film.beads, evaluation.checks)
     # gravity checks nothing where the scale is from it
     by_gravity = scale_from == "gravity"
@@ -135,6 +137,7 @@ class Film:
     beads: Beads
     times: Array  # [s], of every frame
     fit: SwingFit
+    losses: tuple[Loss, ...] = ()  # of frames, the sure ones put right in the times
 
 
 def _measure_record(
@@ -168,18 +171,16 @@ def _measure_record(
 def watch(video: Video, camera: Camera, length: float | None, progress: Progress) -> Film:
     """Both beads of a double pendulum in every frame, and their swings; `length` [m] only serves what is told."""
     beads = find_beads(video, camera.region, stated_length=length, progress=progress)
-    times = video.times[beads.frames]
-    fit = _fit_clip(video.path, picture_tracks(beads, times), axis=_axis(video))
+    times, fit, losses = _swings(video, beads)
     places, velocities, again = _second_look(fit, beads, times)
     beads = relocate(video, beads, places, velocities, again)
-    return Film(beads, times, fit)
+    return Film(beads, times, fit, losses)
 
 
 def _watch_wall(video: Video, camera: Camera, length: float | None, progress: Progress) -> Film:
     chase = find_wall_bead(video, camera.region, stated_length=length, progress=progress)
     beads = _one_bead(chase, video)
-    times = video.times[beads.frames]
-    fit = _fit_clip(video.path, picture_tracks(beads, times), axis=_axis(video))
+    times, fit, losses = _swings(video, beads)
     places, velocities, again = _second_look(fit, beads, times)
     expected = {
         int(beads.frames[k]): ((float(x), float(y)), (float(u), float(v)))
@@ -187,7 +188,16 @@ def _watch_wall(video: Video, camera: Camera, length: float | None, progress: Pr
         if again[0, k]
     }
     beads = _one_bead(look_again(chase, expected), video)
-    return Film(beads, times, _fit_clip(video.path, picture_tracks(beads, times), axis=_axis(video)))
+    return Film(beads, times, _fit_clip(video.path, picture_tracks(beads, times), axis=_axis(video)), losses)
+
+
+def _swings(video: Video, beads: Beads) -> tuple[Array, SwingFit, tuple[Loss, ...]]:
+    """Times [s] of all frames, with frames that were lost put right, the swings, and what was lost."""
+    times = video.times[beads.frames]
+    losses, fit = find_losses(
+        times, picture_tracks(beads, times), lambda tracks: _fit_clip(video.path, tracks, axis=_axis(video))
+    )
+    return in_time(times, losses), fit, losses
 
 
 def _one_bead(chase: Chase, video: Video) -> Beads:

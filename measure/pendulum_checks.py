@@ -10,6 +10,7 @@ import numpy as np
 from rigtwin.lab.quantity import Check
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.in_view import bead_in_view, static_camera
+from rigtwin.measure.lost_frames import Loss
 from rigtwin.measure.media import Video
 from rigtwin.measure.swing import turning_points
 from rigtwin.measure.swing_fit import Outcome, SwingFit, frame_interval
@@ -131,13 +132,25 @@ def lens_check(fit: SwingFit) -> Check:
     return Check("lens", not fit.bent, lens, 0.0, message + (meaning if fit.bent else ""))
 
 
-def timing_check(video: Video) -> Check:
-    """Whether frames of the film repeat the one before them."""
+def timing_check(video: Video, losses: Sequence[Loss] = ()) -> Check:
+    """Whether frames of the film repeat the one before them, or are lost; sure `losses` were mended before."""
     frames, doubled = video.last - video.first + 1, len(video.skipped)
     message = f"{doubled} of {frames} frames repeat the one before"
     if doubled:
         message = f"doubled frames: {message} and were left out: use the camera's original file"
-    return Check("frame_timing", not doubled, doubled, 0.0, message)
+    message += "".join(f"; {_told(loss)}" for loss in losses)
+    return Check("frame_timing", not doubled and all(loss.sure for loss in losses), doubled, 0.0, message)
+
+
+def _told(loss: Loss) -> str:
+    what = "a frame is shown twice" if loss.frames < 0 else f"{loss.frames} frame{'s' * (loss.frames > 1)} lost"
+    told = f"{what} at about {loss.time:.3f} s, which the times do not tell"
+    if loss.sure:
+        return f"{told}: the swings are whole once that is put right"
+    return (
+        f"it seems that {told}, or the contact lasts: from there on the beads are off their swings by that much; times "
+        "are left as they are: film with a fixed frame rate, or use the camera's original file"
+    )
 
 
 def view_checks(beads: Beads, others: Sequence[Check]) -> tuple[Check, Check]:

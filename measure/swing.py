@@ -157,6 +157,7 @@ def turning_points(swings: Swings, collision: int) -> tuple[Array, Array]:
     return turning[:, 0], start + (grid[k[:, 0] - 1] + fraction[:, 0] * step)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a search may try what speeds up without end
 def _integrate(
     swings: Swings, angle: Array, rate: Array, start: Array, end: Array, *, time: Array
 ) -> tuple[Array, Array, Array, Array]:

@@ -24,6 +24,8 @@ Mask = npt.NDArray[np.bool_]
 
 SETTLED = 0.02  # of the noise: the fit is done when it was weighed by the noise that it leaves
 
+FEWEST_AFTER = 3  # points of a bead after a collision, that say how fast it leaves
+
 # share of bead A's way after which what held it hides or touches its rim no more: a finger is drawn back as it falls
 CLEAR = 0.03
 
@@ -131,6 +133,26 @@ def fit_swings(
     return _in_record_units(fit, tuple(tracks), origin, unit)
 
 
+def misses_of(fit: SwingFit, late: float = 0.0) -> Array:
+    """Misses of all used points, and of what is known beforehand, in units of their noise; points `late` [s] later.
+
+    Bead by bead x of all points, then y; then what is known beforehand.
+    """
+    data = _data_of(fit)
+    moved = tuple(replace(track, time=track.time + late) for track in data.tracks)
+    return _misses(fit.swings.batched(), replace(data, tracks=moved))[:, 0]
+
+
+def slopes_of(fit: SwingFit) -> Array:
+    """Derivatives of the misses by the vector, shape (n, parameters)."""
+    return _slopes(fit.swings, _data_of(fit))
+
+
+def _data_of(fit: SwingFit) -> _Data:
+    priors = PRIORS | BENT if fit.bent else PRIORS
+    return _Data(fit.tracks, tuple(_weights(track) for track in fit.tracks), fit.used, fit.noise, priors)
+
+
 def _bends(swings: Swings) -> bool:
     return any(abs(float(swings[name]) - PRIORS[name][0]) > MOST_BENT * PRIORS[name][1] for name in BENT)
 
@@ -198,6 +220,7 @@ def _first_guess(tracks: tuple[Track, ...]) -> Swings:
     if len(tracks) > 1:  # run B back to where it hung
         leaving = _slope(tracks[1].time, angle[1], float(tracks[1].time[hit - 1]), 0.3 / math.sqrt(pull))
         hit_time -= max(float(angle[1][hit]) / leaving, 0.0) if leaving != 0 else 0.0
+    _seen_after(hit_time, tracks)
     release = float(np.median(angle[0][: max(start, 1)]))
     fallen = abs(float(angle[0][start]) - release)
     release_time = float(a.time[start]) - math.sqrt(2 * fallen / (pull * max(abs(math.sin(release)), 0.05)))
@@ -214,6 +237,18 @@ def _first_guess(tracks: tuple[Track, ...]) -> Swings:
         values |= {f"pivot_x_{bead}": centre[0], f"pivot_y_{bead}": centre[1], f"length_{bead}": radius}
         values[f"speed_0_{bead}"] = _slope(tracks[bead].time, angle[bead], hit_time, 0.5 / math.sqrt(pull))
     return Swings(np.array([values[name] for name in Swings.names(beads, 1)]), beads, 1)
+
+
+def _seen_after(hit: float, tracks: tuple[Track, ...]) -> None:
+    """Refuse a record that shows one bead after the collision and not the other."""
+    ends = [float(np.max(track.time)) for track in tracks]
+    for track, end in zip(tracks, ends, strict=True):
+        if np.sum(track.time > hit) < FEWEST_AFTER and max(ends) > max(end, hit) + FEWEST_AFTER * frame_interval(track):
+            raise NothingToMeasure(
+                f"Bead {track.body} is not seen after the collision at {hit:.3f} s, though the record goes on to "
+                f"{max(ends):.3f} s: something hides it, or another thing was taken for it; clear the view, film "
+                "larger, or narrow the search with --region."
+            )
 
 
 def _first_hit(tracks: tuple[Track, ...]) -> int:
@@ -256,7 +291,7 @@ def _slope(time: Array, angle: Array, start: float, span: float) -> float:
     """Angular speed [rad/s] shortly after `start`."""
     later = time[time > start]
     near = (time > start) & (time <= max(start + span, later[min(4, len(later) - 1)] if len(later) else start))
-    if np.sum(near) < 3:
+    if np.sum(near) < FEWEST_AFTER:
         raise NothingToMeasure(
             f"The record ends right after the collision at {start:.3f} s; film on for one more swing."
         )
@@ -287,13 +322,14 @@ def _fit(swings: Swings, tracks: tuple[Track, ...], ground: float, *, bent: bool
             _misses_at, swings.vector, jac=_slopes_at, args=(swings, data), method="lm", x_scale="jac", max_nfev=25
         )
         swings = swings.batch(found.x)
-        if not (float(swings["gravity"]) > 0 and np.all(swings.per_bead("length") > 0)):
+        residuals = _residuals(swings, tracks)
+        swinging = float(swings["gravity"]) > 0 and np.all(swings.per_bead("length") > 0)
+        if not (swinging and all(np.all(np.isfinite(residual)) for residual in residuals)):
             raise NothingToMeasure(
                 "The swing does not show the pull of gravity: too little of it, or something else than the beads, was "
                 "followed; film larger, from before the release to past the collision, or narrow the search with "
                 "--region."
             )
-        residuals = _residuals(swings, tracks)
         scaled = np.concatenate([(r * w[:, None])[u] for r, w, u in zip(residuals, weights, used, strict=True)])
         spread = 1.4826 * float(np.median(np.abs(scaled)))
         noise = max(float(np.sqrt(np.mean(scaled[np.abs(scaled) < 6 * spread + 1e-12] ** 2))), 1e-7)
@@ -406,7 +442,7 @@ def _covariance(swings: Swings, data: _Data, residuals: list[Array], ground: flo
     slopes = _slopes(swings, data)
     count = len(slopes) - len(PRIORS)
     # neighbouring residuals that go together (background, lens, texture) carry less information than their number says
-    seen = slopes[:count].T @ slopes[:count] / _correlation(residuals, data.used)
+    seen = slopes[:count].T @ slopes[:count] / correlation(residuals, data.used)
     causes = {"tracking": seen}
     for row, name in enumerate(PRIORS):
         cause = _CAUSES[name]
@@ -471,7 +507,7 @@ def _drifts(time: Array, cuts: list[float]) -> Array:
     return columns
 
 
-def _correlation(residuals: list[Array], used: Sequence[Mask]) -> float:
+def correlation(residuals: list[Array], used: Sequence[Mask]) -> float:
     """How many neighbouring residuals count as one: 1 + 2 sum of the autocorrelation up to its first zero."""
     lengths = []
     for residual, mask in zip(residuals, used, strict=True):

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -22,7 +23,17 @@ from rigtwin.measure.bead import BeadFit, BeadImage, Look, common_look, fit_bead
 from rigtwin.measure.channel import Channel, best_channel
 from rigtwin.measure.follow import frames_of
 from rigtwin.measure.media import Frame, Grey, Video
-from rigtwin.measure.meeting import Collision, Path, Region, find_collision, find_paths, hanging_place, weight_of
+from rigtwin.measure.meeting import (
+    JUST_LEFT,
+    Collision,
+    Path,
+    Region,
+    find_collision,
+    find_paths,
+    hanging_place,
+    hung,
+    weight_of,
+)
 from rigtwin.measure.scene import Background, Pose, Scene, shakes_of
 from rigtwin.measure.spots import Spot, SpotPath
 
@@ -71,10 +82,8 @@ def find_beads(
     channel = best_channel(frames_of(video, set(falling.tolist())), as_spots(collision.fall))
     greys = {index: channel.grey(frame) for index, frame in samples.items()}
     scene = still_scene(greys)
-    # right after the collision B has left its place and A has not come to it yet: the best view of what B hid
-    hit = collision.rise.frames[0]
-    greys |= {frame.index: channel.grey(frame) for frame in video.frames(hit, hit + 11)}
-    collision = replace(collision, rest=hanging_place(greys, collision))
+    greys |= {frame.index: channel.grey(frame) for frame in _right_after(video, collision)}
+    collision = replace(collision, rest=hanging_place(_steady(scene, greys), collision))
     scene = _without_beads(scene, greys, collision.rest, collision.radius, _rough_places(collision, greys))
     looks, exposure = _learn_looks(video, channel, scene, collision)
     walk = _Walk(scene, collision, looks, exposure, video.first)
@@ -108,6 +117,13 @@ def _collision(
     their threads seem to meet.  Pieces of paths are put together only where no whole ones meet.
     """
     seen: dict[int, list[Path]] = {}
+    steady = _steady(scene, {index: frame.grey for index, frame in samples.items()})
+
+    def shown(pace: tuple[int, int], meeting: Collision) -> bool:
+        meeting = meeting.of_every(*pace)
+        right_after = {frame.index: frame.grey for frame in _right_after(video, meeting)}
+        return hung(steady | _steady(scene, right_after), meeting)
+
     refused: NothingToMeasure | None = None
     for in_pieces in (False, True):
         best: Collision | None = None
@@ -117,11 +133,13 @@ def _collision(
             if every not in seen:
                 seen[every] = find_paths(video, scene, samples, region, progress, every=every)
             try:
-                found = find_collision(seen[every], video, stated_length, in_pieces=in_pieces)
+                # where every frame is looked at paths count the film's own
+                pace = (1, 0) if every == 1 else (every, video.first)
+                found = find_collision(seen[every], video, stated_length, partial(shown, pace), in_pieces=in_pieces)
+                found = found.of_every(*pace)
             except NothingToMeasure as error:
                 refused = refused or error  # what is said of periods counts all frames
                 continue
-            found = found if every == 1 else found.of_every(every, video.first)
             if found.weight > max(weight_of(path) for path in seen[every]):
                 return found
             # something larger moves further, the beads themselves perhaps
@@ -131,6 +149,18 @@ def _collision(
             return best
     assert refused is not None
     raise refused
+
+
+def _right_after(video: Video, collision: Collision) -> Iterable[Frame]:
+    """Right after the collision B has left its place and A has not come to it yet: the best view of what B hid."""
+    return video.frames(collision.fall.frames[-1] + 1, collision.rise.frames[0] + JUST_LEFT - 1)
+
+
+def _steady(scene: Scene, greys: dict[int, Grey]) -> dict[int, Grey]:
+    """The frames, by number, laid over the scene."""
+    return {
+        index: np.asarray(cv2.convertScaleAbs(scene.view(grey).grey), dtype=np.uint8) for index, grey in greys.items()
+    }
 
 
 def still_scene(greys: dict[int, Grey]) -> Scene:

@@ -11,7 +11,7 @@ import pytest
 
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.measure import two_beads
-from rigtwin.measure.meeting import Collision, Path, hanging_place
+from rigtwin.measure.meeting import Collision, Path, find_collision, hanging_place, hung
 
 
 def straight(frames: list[int], step: float) -> Path:
@@ -87,3 +87,91 @@ def test_where_b_hung_is_told_though_a_comes_to_hide_it(bead: float, ground: flo
     )
     place = hanging_place(greys, Collision(fall, rise, np.array([hung + 8, level]), radius))
     assert place == pytest.approx([hung, level], abs=1.5)
+
+
+HIT, SIZE, PIVOT, LENGTH = 40, 10.0, np.array([200.0, 10.0]), 130.0  # frame; [px]
+
+
+def at(angle: float, pivot: float = 0.0) -> npt.NDArray[np.float64]:
+    """[px], of a bead so far from the vertical [rad]."""
+    return PIVOT + (pivot, 0) + LENGTH * np.array([np.sin(angle), np.cos(angle)])
+
+
+def cradle(k: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Where A and B are in frame k: A falls, hits, and nearly stays beside where B hung."""
+    rate = 0.0393  # [rad], of the swing in a frame
+    if k <= HIT:
+        return at(-0.8 * np.cos(rate * k), -SIZE), at(0.0)
+    since = rate * (k - HIT)
+    return at(0.06 * np.sin(since), -SIZE), at(0.74 * np.sin(since))
+
+
+def seen(*, mirrored: bool) -> tuple[list[Path], dict[int, npt.NDArray[np.uint8]], npt.NDArray[np.float64]]:
+    """The paths of a cradle of which B's is broken, frames of it, and where B hung."""
+    ways = {k: cradle(k) for k in range(80)}
+    random = np.random.default_rng(7)
+    y, x = np.mgrid[:170, :400]
+    greys = {}
+    for k, beads in ways.items():
+        shown = 120 + 3 * random.standard_normal(x.shape)
+        for place in beads:
+            shown[np.hypot(x - place[0], y - place[1]) < SIZE / 2] = 200
+        greys[k] = shown.astype(np.uint8)
+    spans = ((0, 0, HIT - 1), (1, HIT + 2, HIT + 14), (1, HIT + 14, 80))
+    paths = [
+        Path(list(range(first, last)), [ways[k][bead] for k in range(first, last)], [SIZE] * (last - first))
+        for bead, first, last in spans
+    ]
+    rest = at(0.0)
+    if mirrored:
+        greys = {k: grey[:, ::-1] for k, grey in greys.items()}
+        paths = [Path(path.frames, [np.array([399 - u, v]) for u, v in path.places], path.sizes) for path in paths]
+        rest = np.array([399 - rest[0], rest[1]])
+    return paths, greys, rest
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_where_a_path_is_broken_nothing_is_hit_for_nothing_hung_there(mirrored: bool) -> None:
+    """A comes to where B hung, so that B's rise seems to be A's fall that goes on, up to where B's path is broken."""
+    paths, greys, rest = seen(mirrored=mirrored)
+    video = SimpleNamespace(path=File("swing.mp4"))
+    few = {k: grey for k, grey in greys.items() if k % 4 == 0}
+
+    def shown(meeting: Collision) -> bool:
+        return hung(few | {k: greys[k] for k in range(meeting.fall.frames[-1], meeting.rise.frames[0] + 12)}, meeting)
+
+    found = find_collision(paths, video, None, shown, in_pieces=False)  # type: ignore[arg-type]
+    assert (found.fall.frames[-1], found.rise.frames[0]) == (HIT - 2, HIT + 2)
+    assert hanging_place(greys, found) == pytest.approx(rest, abs=1.5)
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_bead_does_not_pass_the_one_that_it_hits(mirrored: bool) -> None:
+    """A's path that runs on along B's, past where it hung, is none; nor is one of B alone."""
+    (fall, rise, onwards), greys, rest = seen(mirrored=mirrored)
+    passed = Path(fall.frames + rise.frames, fall.places + rise.places, fall.sizes + rise.sizes)
+    assert hung(greys, Collision(fall, rise, rest, SIZE / 2))
+    assert not hung(greys, Collision(passed, onwards, rest, SIZE / 2))
+    assert hung(greys, Collision(passed.part(0, len(fall.frames) + 2), onwards, rest, SIZE / 2))  # it only runs on
+
+
+def test_threads_that_seem_to_meet_are_no_collision_though_something_left_there() -> None:
+    (fall, rise, _), _, _ = seen(mirrored=False)
+    faint = [
+        Path(path.frames, [place - np.array([0.0, 60.0]) for place in path.places], [4.0] * len(path.frames))
+        for path in (fall.part(20, 38), rise)
+    ]
+    video = SimpleNamespace(path=File("swing.mp4"), times=np.arange(80) / 240)
+
+    def shown(meeting: Collision) -> bool:
+        return meeting.fall.sizes[0] < SIZE
+
+    assert find_collision([fall, rise, *faint], video, None, shown, in_pieces=False).radius > SIZE / 2  # type: ignore[arg-type]
+
+
+def test_where_b_hung_is_told_though_it_is_seen_only_far_up_its_way() -> None:
+    """A pole or a coarse codec hides its rise at first: its way then points below where it hung."""
+    (fall, _, onwards), greys, rest = seen(mirrored=False)
+    late = Collision(fall, onwards, rest + np.array([9.0, 12.0]), SIZE / 2)
+    few = {k: grey for k, grey in greys.items() if k % 4 == 0 or HIT - 2 < k < HIT + 26}
+    assert hanging_place(few, late) == pytest.approx(rest, abs=2)

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from types import SimpleNamespace
 
 import av
 import numpy as np
@@ -14,8 +15,9 @@ from rigtwin.lab.camera import Camera, Moment
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.records import Track, write_tracks
 from rigtwin.measure.pendulum import evaluate, judge, measure
-from rigtwin.measure.pendulum_checks import lens_check
+from rigtwin.measure.pendulum_checks import lens_check, timing_check
 from rigtwin.measure.swing_fit import fit_swings
+from rigtwin.measure.swing_losses import find_losses
 
 GRAVITY = 9.81
 
@@ -343,6 +345,31 @@ def test_a_record_without_collision_or_without_second_bead_is_refused_in_one_sen
         evaluate([Track(t.time, t.position, t.sigma, name) for t, name in ((moving, "1"), (still, "2"))])
 
 
+def test_a_bead_that_is_lost_at_the_collision_is_named_where_the_record_goes_on():
+    a, b = tracks_of(Truth())
+    hit = int(np.argmax(b.position[:, 0] > b.position[0, 0] + 0.001))
+    lost = Track(a.time[:hit], a.position[:hit], a.sigma[:hit], "A")
+    with pytest.raises(
+        NothingToMeasure, match=r"Bead A is not seen after the collision at 0\.2\d+ s, though the record"
+    ):
+        evaluate([lost, b])
+
+
+@pytest.mark.parametrize("noise", [5e-5, 2e-4])
+def test_a_record_of_which_both_tracks_are_one_bead_is_judged_without_a_warning_of_numpy(noise):
+    """B's rise is taken for A's fall that goes on, and a place on its way for where B hung."""
+    a, b = tracks_of(Truth(restitution=0.88, length=0.15, diameter=0.006), noise=noise)
+    hit = int(np.argmax(np.abs(b.position[:, 0] - b.position[0, 0]) > 0.003))
+    late = np.arange(len(a.time)) < hit + 20
+    stays = b.position[hit + 20] + np.random.default_rng(1).normal(0, noise, b.position.shape)
+    one = replace(a, position=np.where(np.arange(len(a.time))[:, None] < hit, a.position, b.position))
+    try:
+        told = evaluate([one, replace(b, position=np.where(late[:, None], stays, b.position))])
+    except NothingToMeasure:
+        return
+    assert found(told, "restitution_pair", "velocity", collision=1).doubtful
+
+
 def test_a_wall_gives_the_ratio_of_the_speeds():
     wall = tracks_of(Truth(mass_ratio=1e9, restitution=0.7), duration=0.75)[0]
     e = found(evaluate([wall], variant="wall"), "restitution_wall", "velocity", collision=1)
@@ -372,14 +399,16 @@ SCALE = 0.0008  # [m/px]
 X264 = {"crf": "18", "x264-params": "mbtree=0"}
 
 
-def draw_clip(path, truth, *, duration=0.66, exposure=0.25, mirror=False, seed=0, block=False, change=None):
+def draw_clip(path, truth, *, duration=0.66, exposure=0.25, mirror=False, seed=0, block=False, change=None, lost=-1):
     """A film of shaded beads on threads before a mottled wall with a stand and a holder: blur, noise, H.264.
 
-    With `block` one bead swings against a block that stands where it hangs; `change` is made to every picture.
+    With `block` one bead swings against a block that stands where it hangs; `change` is made to every picture; one
+    frame is `lost` without a word.
     """
     rng = np.random.default_rng(seed)
     rate, width, height, parts = 240, 400, 280, 3
     times = np.arange(int(duration * rate)) / rate
+    times = np.delete(times, [lost] if lost >= 0 else [])
     fine = (times[:, None] + np.arange(parts) / parts * exposure / rate).ravel()
     angles = swing(truth, fine)[0].reshape(len(times), parts, 2)
     y, x = np.mgrid[:height, :width].astype(float)
@@ -570,3 +599,72 @@ def test_what_is_known_beforehand_of_camera_and_pivot_weighs_no_more_than_it_sho
         misses.append((start.value - math.degrees(truth.release)) / start.std_uncertainty)
     # of twenty misses in units of their uncertainty the root mean square exceeds this once in two hundred times
     assert np.sqrt(np.mean(np.square(misses))) < 1.4
+
+
+def without(tracks, lost):
+    """The tracks of a film that lost some of its frames, or shows one twice (-k: number k), and all its times."""
+    keep = [k for k in range(len(tracks[0].time)) if k not in lost]
+    keep = sorted(keep + [-k for k in lost if k < 0])
+    times = np.arange(len(keep)) / 240
+    return times, [Track(times, one.position[keep], one.sigma[keep], one.body) for one in tracks]
+
+
+HIT = 67  # the first frame after the hit, of `tracks_of(Truth())`; B turns at about 118
+
+
+@pytest.mark.parametrize("lost", [(30,), (HIT,), (HIT - 1,), (116,), (140,), (90, 91), (40, 130), (-90,)])
+def test_a_frame_that_is_lost_without_a_word_is_found_by_the_swing_and_put_right(lost):
+    truth = Truth()
+    whole = tracks_of(truth, noise=2e-4)
+    times, tracks = without(whole, lost)
+    losses, fit = find_losses(times, tracks, fit_swings)
+    assert sum(abs(loss.frames) for loss in losses) == len(lost)
+    assert all(loss.sure for loss in losses)
+    if lost != (116,):  # beads that turn hardly move from frame to frame
+        assert [loss.index for loss in losses][-1] == pytest.approx(abs(lost[-1]) - len(lost) + 1, abs=1)
+    angle = found(judge(fit), "rebound_angle", body="B")
+    true = found(evaluate(whole), "rebound_angle", body="B").value
+    assert abs(angle.value - true) < 1.5 * angle.std_uncertainty
+    assert fit.noise < fit_swings(tracks).noise
+
+
+@pytest.mark.parametrize("barrel", [0.0, 0.1])
+def test_what_bends_or_holds_up_a_swing_is_no_lost_frame(barrel):
+    """A lens, the air, and a contact that lasts for a frame."""
+    axis = np.array([-0.02, -0.12])
+    tracks = tracks_of(Truth(drag=0.03, damping=0.1), noise=2e-4)
+    bent = [
+        replace(
+            one, position=axis + (1 - barrel * np.sum((one.position - axis) ** 2, axis=1)[:, None] / 0.19**2) * away
+        )
+        for one in tracks
+        for away in (one.position - axis,)
+    ]
+    times, held = without(bent, (-HIT,))
+    assert find_losses(tracks[0].time, bent, lambda each: fit_swings(each, axis=tuple(axis)))[0] == ()
+    (one,), _ = find_losses(times, held, lambda each: fit_swings(each, axis=tuple(axis)))
+    assert (one.frames, one.sure) == (-1, False)
+    assert "contact lasts" in timing_check(SimpleNamespace(first=0, last=99, skipped=()), (one,)).message
+
+
+def test_times_that_are_off_by_no_whole_frame_are_left_as_they_are():
+    tracks = tracks_of(Truth(), noise=1e-4)
+    late = [replace(one, time=one.time - (one.time > 0.42) * 0.65 / 240) for one in tracks]
+    losses, _ = find_losses(late[0].time, late, fit_swings)
+    assert len(losses) == 1
+    assert not losses[0].sure
+    assert not timing_check(SimpleNamespace(first=0, last=99, skipped=()), losses).passed
+
+
+def test_a_film_that_lost_a_frame_is_measured_as_it_was(tmp_path):
+    """Its frames have the times of a film that lost none."""
+    truth = Truth(restitution=0.72, length=0.16, release=math.radians(45), released=0.06)
+    clip = tmp_path / "lost.mp4"
+    draw_clip(clip, truth, lost=104)
+    told = measure(clip, Camera(frame_rate=240.0), length=truth.length)
+    (timing,) = [each for each in told.checks if each.check == "frame_timing"]
+    assert timing.passed
+    assert "1 frame lost at about 0.4" in timing.message
+    e = found(told, "restitution_pair", "velocity", collision=1)
+    assert not e.doubtful
+    assert abs(e.value - truth.restitution) < 2.5 * e.std_uncertainty
