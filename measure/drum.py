@@ -448,7 +448,7 @@ def _scale(bed: Bed, camera: Camera, drum_diameter: float | None) -> tuple[float
 def _observation(bed: Bed, unit: float, bead_diameter: float | None) -> Observation:
     outlines = credible(bed.outlines)
     hidden = hidden_columns(outlines)
-    outlines = without_flights(outlines)
+    outlines = without_flights(outlines, bed.bead)
     half_bead = 0.25 * bed.bead
 
     def profiles(which: str, shorter: float = 0.0) -> list[Profile]:

@@ -16,6 +16,7 @@ from rigtwin.lab.records import Profile
 from rigtwin.measure import drum, overlay
 from rigtwin.measure.bed import Bed, Outline
 from rigtwin.measure.media import open_video, read_photo
+from rigtwin.measure.repeats import at_its_pace
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
@@ -53,7 +54,7 @@ def _label(measurement: Measurement) -> str:
 
 
 def _write_video(path: Path, still: Path, clip: Path, bed: Bed, camera: Camera, text: str, progress: Progress) -> None:
-    video = open_video(clip, camera)
+    video = at_its_pace(open_video(clip, camera))  # whose frames the outlines count
     outlines = {outline.index: outline for outline in bed.outlines}
     middle = bed.outlines[len(bed.outlines) // 2].index
     with overlay.OverlayVideo(path, frame_rate=min(video.playback_rate or 30.0, 30.0)) as written:

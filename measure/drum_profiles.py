@@ -53,18 +53,19 @@ def hidden_columns(outlines: Sequence[Outline]) -> npt.NDArray[np.bool_]:
     return np.asarray(binary_dilation(kept, np.ones(5, dtype=bool)))
 
 
-def without_flights(outlines: Sequence[Outline]) -> list[Outline]:
-    """Borders as low as they are within the time in which a bead in flight passes."""
+def without_flights(outlines: Sequence[Outline], bead: float) -> list[Outline]:
+    """Borders without what is higher by half a `bead` [px] than within the time in which one in flight passes."""
     times = np.array([outline.time for outline in outlines])
     first, last = np.searchsorted(times, times - FLIGHT), np.searchsorted(times, times + FLIGHT, side="right")
 
     def lowest(which: str) -> list[Array]:
         heights = np.array([getattr(outline, which) for outline in outlines])
         filled = np.where(np.isfinite(heights), heights, np.inf)
-        # a frame keeps its own extent
+        lowest_near = [filled[a:b].min(axis=0) for a, b in zip(first, last, strict=True)]
+        # a frame keeps its own extent, and what is only rough
         return [
-            np.where(np.isfinite(own), filled[a:b].min(axis=0), np.nan)
-            for own, a, b in zip(heights, first, last, strict=True)
+            np.where(np.isfinite(own) & (own - low > 0.5 * bead), low, own)
+            for own, low in zip(heights, lowest_near, strict=True)
         ]
 
     borders = zip(outlines, lowest("height"), lowest("looser"), lowest("stricter"), strict=True)

@@ -141,7 +141,7 @@ def find_bed(
         return None
     # what looks round beside the empty part of the cylinder is no bead beyond a wall
     beside = (down > np.percentile(down[inside], 5)) & (down < np.percentile(down[inside], 95))
-    beyond = float(np.mean(((across < left) | (across > right))[beside]))
+    beyond = float(np.mean(((across < left) | (across > right))[beside])) if beside.any() else 0.0
     offset = (left + right) / 2
     floor, floor_sigma, bulge, bulge_sigma = _floor(across[inside] - offset, down[inside], width / 2, radius)
     axis = (

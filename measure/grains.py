@@ -187,7 +187,8 @@ def look_cells(image: npt.NDArray[np.uint8], radius: float, *, textured: bool = 
     Shaded beads differ from a wall as light as they are in how rough they look.
     """
     lightness, *hues = cv2.split(cv2.cvtColor(image, cv2.COLOR_BGR2LAB))
-    if max(float(hue.max()) - float(hue.min()) for hue in hues) > GREY:
+    # a sticker makes no photo one in colour
+    if max(float(np.ptp(np.percentile(hue, (0.5, 99.5)))) for hue in hues) > GREY:
         return colour_cells(image, radius)
     light = cv2.GaussianBlur(lightness.astype(np.float32), (0, 0), max(0.1 * radius, 0.8))
     texture = np.zeros_like(light)

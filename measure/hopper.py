@@ -57,6 +57,7 @@ UNSEEN = ("slot_in_view", "bed_clear", "static_camera")  # checks without which 
 NEARBY = 4  # frames about an instant in which something in front of the hopper makes it doubtful
 # bits per pixel of a clip, below which its codec leaves what is faint as it was for a frame or so until it moved on;
 # beads that pour take ten times as many
+STARVED = 0.02
 AREA_DOUBT = 0.05  # relative, how far the bed's visible area follows its mass
 AT_ENDS = 0.25  # of that, where little has loosened yet, and where little is left
 
@@ -100,7 +101,7 @@ def measure(
     if hidden > HIDDEN:
         last = replace(last, budget=last.budget | {"hidden part of the slot": seen.interval})
     opened, last = (_unhidden(seen, moment) for moment in (opened, last))
-    compression = compression_check(video)
+    compression = compression_check(video, STARVED)
     if not compression.passed:
         opened, last = (_starved(seen, moment, compression.message) for moment in (opened, last))
     left = _left(seen)

@@ -17,6 +17,7 @@ from rigtwin.measure import overlay
 from rigtwin.measure.hopper import outlet_profile
 from rigtwin.measure.media import open_video
 from rigtwin.measure.outflow import Outflow
+from rigtwin.measure.repeats import at_its_pace
 
 
 def write_pictures(
@@ -57,7 +58,7 @@ def _write_video(
     camera: Camera,
     progress: Progress,
 ) -> None:
-    video = open_video(measurement.source, camera)
+    video = at_its_pace(open_video(measurement.source, camera))  # whose frames the moments count
     opened, last, duration = (
         _quantity(measurement, name) for name in ("opening_time", "last_particle_time", "discharge_time")
     )

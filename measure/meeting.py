@@ -285,8 +285,9 @@ def _meetings(falls: list[Path], rises: list[Path], least_leap: float = -math.in
     scores = {(i, k): _meeting(fall, rise) for i, fall in enumerate(falls) for k, rise in enumerate(rises)}
     leaps = [pair for pair, score in scores.items() if score > 0 and _leap(falls[pair[0]], rises[pair[1]]) > least_leap]
     best: dict[int, tuple[Path, Path]] = {}
+    highest = max((scores[pair] for pair in leaps), default=0.0)
     for i, k in sorted(leaps, key=lambda pair: -scores[pair]):
-        if scores[i, k] > COMPARABLE * max(scores[pair] for pair in leaps):  # threads seem to meet as well
+        if scores[i, k] > COMPARABLE * highest:  # threads seem to meet as well
             best.setdefault(rises[k].frames[0], (falls[i], rises[k]))
     return list(best.values())
 

@@ -7,11 +7,9 @@ import math
 from rigtwin.lab.quantity import Check
 from rigtwin.measure.media import Video
 
-STARVED = 0.02
 
-
-def compression_check(video: Video, least: float = STARVED) -> Check:
-    """`compression`, by the bits that a picture's pixels have on the average."""
+def compression_check(video: Video, least: float) -> Check:
+    """`compression`, by the bits that a picture's pixels have on the average; `least` is what the rig's film needs."""
     if not video.path.is_file():
         return Check("compression", True, math.inf, least, "pictures in a folder leave nothing out.")
     bits = 8 * video.path.stat().st_size / (video.width * video.height * max(len(video.times), 1))

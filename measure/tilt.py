@@ -316,7 +316,8 @@ def _rise_check(way: Way, onset: Onset) -> Check:
 
 
 def _residual_check(way: Way, onset: Onset) -> Check:
-    stated = way.sigma[onset.used & (way.time > onset.time) & np.isfinite(way.sigma)]
+    # the noise of a run counts as that of a body at rest, by how much less well it is stated to be seen
+    stated = way.sigma[onset.used & (way.time < onset.time) & np.isfinite(way.sigma)]
     expected = max(jitter(way.down[onset.used]), 1.5e-5 * float(np.ptp(way.down)), 1e-7)
     if len(stated):
         expected = max(expected, float(np.median(stated)))
@@ -410,6 +411,9 @@ def measure(
     }
     # an exposure lasts up to a frame, and a time stamp tells its start
     timing = {"exposure": 0.2 / video.frame_rate}
+    if put_right := int(np.sum(film.missing[film.times <= onset.time] > 0)):
+        # a jerk of the plate looks like a frame that is missing
+        timing["missing frames"] = 0.5 * math.sqrt(put_right) / video.frame_rate
     evaluation = _evaluation(way, run, onset, variant, bead_diameter, geometry, timing)
     still = camera_by_scene(film.poses)
     of_film = (

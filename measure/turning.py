@@ -38,6 +38,9 @@ def missing_frames(times: Array, angle: Array) -> npt.NDArray[np.int64]:
     extra = np.minimum(too_far, together)
     whole = np.rint(extra)
     found = (whole >= 1) & (np.abs(extra - whole) < WHOLE) & (whole <= MOST_AT_ONCE)
+    # a loss stands alone; a plate that is knocked, or that sticks and slips, turns too far several times on end
+    others = np.convolve(np.pad(found, 2).astype(int), np.ones(5, dtype=int), mode="valid") - found
+    found &= others == 0
     if np.mean(found) > MOST:
         return missing
     missing[even[found]] = whole[found].astype(np.int64)

@@ -153,7 +153,9 @@ def _collision(
 
 def _right_after(video: Video, collision: Collision) -> Iterable[Frame]:
     """Right after the collision B has left its place and A has not come to it yet: the best view of what B hid."""
-    return video.frames(collision.fall.frames[-1] + 1, collision.rise.frames[0] + JUST_LEFT - 1)
+    # A's path may run on along B's
+    first = min(collision.fall.frames[-1] + 1, collision.rise.frames[0], video.last)
+    return video.frames(first, collision.rise.frames[0] + JUST_LEFT - 1)
 
 
 def _steady(scene: Scene, greys: dict[int, Grey]) -> dict[int, Grey]:
