@@ -103,7 +103,8 @@ def centres(swings: Swings, angle: Array) -> Array:
     pivot = np.stack([swings.per_bead("pivot_x"), swings.per_bead("pivot_y")], axis=-1)[:, None]
     length = swings.per_bead("length")[:, None]
     turned = angle + swings["tilt"]
-    return np.stack([pivot[..., 0] + length * np.sin(turned), pivot[..., 1] - length * np.cos(turned)], axis=-1)
+    with np.errstate(invalid="ignore"):  # a swing that speeds up without end is nowhere
+        return np.stack([pivot[..., 0] + length * np.sin(turned), pivot[..., 1] - length * np.cos(turned)], axis=-1)
 
 
 def positions(swings: Swings, angle: Array) -> Array:

@@ -206,6 +206,13 @@ def test_a_body_whose_friction_stays_the_same_is_said_to_be_unconfirmed_without_
     assert pick(result, "static_friction").doubtful or any("hangs on --variant" in each for each in result.warnings)
 
 
+def test_a_body_that_is_never_seen_is_refused_in_a_sentence():
+    angles, _ = record("slide", angle_deg=18.0)
+    nothing = Track(np.empty(0), np.empty((0, 2)), np.empty(0))
+    with pytest.raises(NothingToMeasure, match="seen in no frame"):
+        tilt.evaluate(angles, [nothing], variant="slide")
+
+
 def test_an_unknown_variant_is_refused():
     with pytest.raises(BadInput, match="'slide' or 'roll'"):
         tilt.evaluate(*record("slide", angle_deg=18.0), variant="fall")
