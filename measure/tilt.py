@@ -116,8 +116,8 @@ def _way(
         raise BadInput("measure tilt: the record holds no track of the body; give one beside the angle.")
     if any(len(track.time) == 0 for track in tracks):
         raise NothingToMeasure(
-            "measure tilt: what is on the plate is seen in no frame together with the plate's angle; is this a clip of a "
-            "tilting plate, with the body in view?"
+            "measure tilt: what is on the plate is seen in no frame together with the plate's angle; is this a clip of "
+            "a tilting plate, with the body in view?"
         )
     turned = np.radians(angle.value) if angle.unit == "deg" else np.asarray(angle.value)
     known = np.isfinite(turned) & np.isfinite(angle.time)
