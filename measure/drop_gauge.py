@@ -18,9 +18,8 @@ from rigtwin.measure.follow import Chase
 
 SCALE_DOUBT = 0.005  # relative, of a scale read off a rule in view
 RIM_DOUBT = 0.12  # [px], where the rim of a bead's image is taken to be
-SPOT_DOUBT = (
-    0.15  # relative, of a radius that is but that of what stands out: blur adds to it, a bright side is missing
-)
+# relative, of a radius that is but that of what stands out: blur adds to it, a bright side is missing
+SPOT_DOUBT = 0.15
 
 
 @dataclass(frozen=True)

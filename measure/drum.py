@@ -27,7 +27,7 @@ from rigtwin.measure.bed import Bed, bed_in_photo, follow_bed
 from rigtwin.measure.drum_profiles import credible, hidden_columns, profile_of, without_flights
 from rigtwin.measure.frame_steps import UNSTEADY
 from rigtwin.measure.in_view import camera_by_scene
-from rigtwin.measure.media import open_video, read_photo
+from rigtwin.measure.media import Image, Video, open_video, read_photo
 from rigtwin.measure.repeats import at_its_pace
 from rigtwin.measure.steady import Avalanches, Mean, find_avalanches, mean_over_time, steady_part
 
@@ -100,10 +100,11 @@ def measure(
         )
     warnings: list[str] = []
     rate, spoilt = None, ""
+    shown: Video | Image
     if clip.suffix.lower() in PHOTOS:
-        photo, odd = read_photo(clip, camera.lens)
+        shown, odd = read_photo(clip, camera.lens)
         warnings += odd
-        bed = bed_in_photo(photo, roll=camera.roll, bead_share=share, region=camera.region)
+        bed = bed_in_photo(shown, roll=camera.roll, bead_share=share, region=camera.region)
         if bed is None:
             raise NothingToMeasure(
                 f"{clip}: shows no round drum with a bed that differs in colour from what is above it; "
@@ -111,10 +112,10 @@ def measure(
             )
         warnings.append("a single picture shows one moment of the flow; film the drum for a mean over time.")
     else:
-        video = at_its_pace(open_video(clip, camera), progress)
-        warnings += video.warnings
-        rate, spoilt = video.frame_rate, video.spoilt
-        bed = follow_bed(video, roll=camera.roll, bead_share=share, region=camera.region, progress=progress)
+        shown = at_its_pace(open_video(clip, camera), progress)
+        warnings += shown.warnings
+        rate, spoilt = shown.frame_rate, shown.spoilt
+        bed = follow_bed(shown, roll=camera.roll, bead_share=share, region=camera.region, progress=progress)
     scale, scale_from = _scale(bed, camera, drum_diameter)
     seen = _observation(bed, scale or 1.0, bead_diameter)
     still = camera_by_scene(bed.poses) if bed.poses else ""
@@ -163,7 +164,7 @@ def measure(
     )
     from rigtwin.measure.drum_pictures import write_pictures
 
-    return replace(result, files=write_pictures(out, result, bed, camera, scale or 1.0, progress))
+    return replace(result, files=write_pictures(out, result, shown, bed, scale or 1.0, progress))
 
 
 def evaluate(

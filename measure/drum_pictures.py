@@ -9,33 +9,34 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.lab.camera import Camera
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.quantity import Measurement
 from rigtwin.lab.records import Profile
 from rigtwin.measure import drum, overlay
 from rigtwin.measure.bed import Bed, Outline
-from rigtwin.measure.media import open_video, read_photo
-from rigtwin.measure.repeats import at_its_pace
+from rigtwin.measure.media import Video
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
 
 
 def write_pictures(
-    out: Path, measurement: Measurement, bed: Bed, camera: Camera, scale: float, progress: Progress
+    out: Path, measurement: Measurement, shown: Video | Image, bed: Bed, scale: float, progress: Progress
 ) -> dict[str, Path]:
-    """Write overlay, still, plot and the surface over time into `out`; returns what was written."""
+    """Write overlay, still, plot and the surface over time into `out`; returns what was written.
+
+    `shown` is the clip, or the photo, that was measured.
+    """
     out.mkdir(parents=True, exist_ok=True)
     stem = measurement.source.stem
     files = {"still": out / f"{stem}-still.png"}
     text = _label(measurement)
-    if bed.shows_motion:
+    if isinstance(shown, Video):
         files["overlay"] = out / f"{stem}-overlay.mp4"
-        _write_video(files["overlay"], files["still"], measurement.source, bed, camera, text, progress)
+        _write_video(files["overlay"], files["still"], shown, bed, text, progress)
     else:
         files["overlay"] = files["still"]
-        picture, _ = read_photo(measurement.source, camera.lens)
+        picture = shown.copy()
         _mark(picture, bed, bed.outlines[0], text)
         overlay.save_picture(files["still"], picture)
     files["plot"] = _write_plot(out / f"{stem}-plot.svg", measurement, bed, scale)
@@ -53,8 +54,7 @@ def _label(measurement: Measurement) -> str:
     return ""
 
 
-def _write_video(path: Path, still: Path, clip: Path, bed: Bed, camera: Camera, text: str, progress: Progress) -> None:
-    video = at_its_pace(open_video(clip, camera))  # whose frames the outlines count
+def _write_video(path: Path, still: Path, video: Video, bed: Bed, text: str, progress: Progress) -> None:
     outlines = {outline.index: outline for outline in bed.outlines}
     middle = bed.outlines[len(bed.outlines) // 2].index
     with overlay.OverlayVideo(path, frame_rate=min(video.playback_rate or 30.0, 30.0)) as written:

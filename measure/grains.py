@@ -25,9 +25,8 @@ SURROUNDED = 0.5  # share of the spokes that must meet an edge; half of a bead i
 WELL_SURROUNDED = 0.7  # beads at the front of a heap hide behind none
 NEARLY = 0.5  # share of the best score at which a larger radius is preferred
 FEWEST_BEADS = 10
-ROW = (
-    0.7  # radii, of the scatter across their line; of two layers of beads it is 0.8, of marks of one length 0.1 to 0.6
-)
+# radii, of the scatter across their line; of two layers of beads it is 0.8, of marks of one length 0.1 to 0.6
+ROW = 0.7
 SAMPLED = 300  # rows and columns at least, from which a picture's usual edges are learnt
 ROUGH = 0.3  # of a bead's radius, over which roughness is averaged
 GREY = 6  # [levels of Lab], by which hues of a picture without colour may differ

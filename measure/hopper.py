@@ -156,7 +156,7 @@ def measure(
     )
     from rigtwin.measure.hopper_pictures import write_pictures
 
-    files = write_pictures(out, result, seen, left, edges, camera, scale, progress)
+    files = write_pictures(out, result, video, seen, left, edges, scale, progress)
     return replace(result, files=files)
 
 

@@ -8,25 +8,23 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from rigtwin.lab.camera import Camera
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.quantity import Measurement, Quantity
 from rigtwin.lab.records import Series
 from rigtwin.lab.wording import title
 from rigtwin.measure import overlay
 from rigtwin.measure.hopper import outlet_profile
-from rigtwin.measure.media import open_video
+from rigtwin.measure.media import Video
 from rigtwin.measure.outflow import Outflow
-from rigtwin.measure.repeats import at_its_pace
 
 
 def write_pictures(
     out: Path,
     measurement: Measurement,
+    video: Video,
     seen: Outflow,
     left: Series,
     edges: tuple[float, float],
-    camera: Camera,
     scale: float | None,
     progress: Progress,
 ) -> dict[str, Path]:
@@ -34,7 +32,7 @@ def write_pictures(
     out.mkdir(parents=True, exist_ok=True)
     stem = measurement.source.stem
     files = {name: out / f"{stem}-{name}{ending}" for name, ending in (("overlay", ".mp4"), ("still", ".png"))}
-    _write_video(files["overlay"], files["still"], measurement, seen, edges, camera, progress)
+    _write_video(files["overlay"], files["still"], measurement, video, seen, edges, progress)
     files["plot"] = _write_plot(out / f"{stem}-plot.svg", measurement, seen, left, scale)
     files["record"] = out / f"{stem}-left.csv"
     partial = files["record"].with_name(files["record"].name + ".part")
@@ -53,12 +51,11 @@ def _write_video(
     path: Path,
     still: Path,
     measurement: Measurement,
+    video: Video,
     seen: Outflow,
     edges: tuple[float, float],
-    camera: Camera,
     progress: Progress,
 ) -> None:
-    video = at_its_pace(open_video(measurement.source, camera))  # whose frames the moments count
     opened, last, duration = (
         _quantity(measurement, name) for name in ("opening_time", "last_particle_time", "discharge_time")
     )

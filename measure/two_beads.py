@@ -34,7 +34,7 @@ from rigtwin.measure.meeting import (
     hung,
     weight_of,
 )
-from rigtwin.measure.scene import Background, Pose, Scene, shakes_of
+from rigtwin.measure.scene import Background, Pose, Scene, rounded, shakes_of
 from rigtwin.measure.spots import Spot, SpotPath
 
 Array = npt.NDArray[np.float64]
@@ -160,9 +160,7 @@ def _right_after(video: Video, collision: Collision) -> Iterable[Frame]:
 
 def _steady(scene: Scene, greys: dict[int, Grey]) -> dict[int, Grey]:
     """The frames, by number, laid over the scene."""
-    return {
-        index: np.asarray(cv2.convertScaleAbs(scene.view(grey).grey), dtype=np.uint8) for index, grey in greys.items()
-    }
+    return {index: rounded(scene.view(grey).grey) for index, grey in greys.items()}
 
 
 def still_scene(greys: dict[int, Grey]) -> Scene:
