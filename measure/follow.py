@@ -32,6 +32,9 @@ BADLY = 2.0  # times the usual misfit, from which on a fit may lie in a wrong pl
 REST = 25  # frames of a bead at rest that are worth a look before and after it moves
 CREEPS = 0.25  # [px/frame], up to which a codec may repeat a bead where it was
 FEWEST_DIFFERENCES = 12  # of the places of seven frames, from which their scatter is told
+SIXTH = (1, -6, 15, -20, 15, -6, 1)  # difference, and its factors
+BOUNCES = 5.0  # times the usual difference: of normal numbers one in a thousand is as large
+QUICK = 1 / 100  # [s], from frame to frame: over two, 400 px of a swing of 8 rad/s differ by 0.007 px
 
 
 @dataclass(frozen=True)
@@ -342,7 +345,7 @@ def _steadied(chase: Chase) -> Chase:
     """With what the frames of a clip say of each other: how the bead is lit, and how far its places scatter."""
     frames = np.array([each.frame for each in chase.sightings])
     images = in_steady_light([each.fit for each in chase.sightings], frames)
-    more = scatter(frames, images)
+    more = scatter(np.array([each.time for each in chase.sightings]), frames, images)
     seen = [
         replace(each, image=replace(image, sigma=more * image.sigma))
         for each, image in zip(chase.sightings, images, strict=True)
@@ -350,22 +353,38 @@ def _steadied(chase: Chase) -> Chase:
     return replace(chase, sightings=tuple(seen))
 
 
-def scatter(frames: npt.NDArray[np.int64], images: Sequence[BeadImage]) -> float:
-    """How many times their sigma the places of a moving bead scatter from frame to frame; 1 where that is not told.
+def scatter(times: Array, frames: npt.NDArray[np.int64], images: Sequence[BeadImage]) -> float:
+    """How many times their sigma the places of a moving bead scatter about a smooth way; 1 where that is not told.
 
-    A codec smears the rim of a bead along with the noise, so that single frames seem surer than they are.  Of a flight
-    or a swing sixth differences leave nothing but the scatter, at 25 frames a second too; few are across a bounce.
+    `times` [s].  A codec smears the rim of a bead along with the noise, so that single frames seem surer than they
+    are.  Of a flight or a swing sixth differences leave nothing but the scatter, at 25 frames a second too.  A codec
+    that predicts a frame from the last keeps its error for a while, which differences over every second frame show
+    better; a swing's own sixth difference is 64 times larger there, so that they are taken of quick frames only.
     """
     if len(frames) < FEWEST_DIFFERENCES:
         return 1.0
     places = np.array([(image.x, image.y) for image in images])
     variance = np.array([image.sigma**2 for image in images])
-    moves = np.hypot(*(places[6:] - places[:-6]).T) > 6 * CREEPS
-    told = moves & (frames[6:] - frames[:-6] == 6)
+    strides = (1, 2) if float(np.median(np.diff(times))) < QUICK else (1,)
+    return max(_scatter_over(stride, frames, places, variance) for stride in strides)
+
+
+def _scatter_over(stride: int, frames: npt.NDArray[np.int64], places: Array, variance: Array) -> float:
+    """As `scatter`, of places that lie `stride` sightings apart."""
+    reach = 6 * stride
+    if len(frames) <= reach:
+        return 1.0
+    parts = [np.s_[k * stride : len(frames) - reach + k * stride] for k in range(7)]
+    off = sum(factor * places[part] for factor, part in zip(SIXTH, parts, strict=True))
+    expected = sum(factor**2 * variance[part] for factor, part in zip(SIXTH, parts, strict=True))
+    moves = np.hypot(*(places[reach:] - places[:-reach]).T) > reach * CREEPS
+    told = moves & (frames[reach:] - frames[:-reach] == reach)
     if np.count_nonzero(told) < FEWEST_DIFFERENCES:
         return 1.0
-    expected = np.convolve(variance, np.array([1, 6, 15, 20, 15, 6, 1]) ** 2, mode="valid")[:, None]
-    return max(1.4826 * float(np.median((np.abs(np.diff(places, 6, axis=0)) / np.sqrt(expected))[told])), 1.0)
+    apart = (np.abs(off) / np.sqrt(expected)[:, None])[told]
+    # those across a bounce stand out far; what is left tells more together than its median does
+    usual = apart[apart < BOUNCES * np.median(apart)]
+    return max(float(np.sqrt(np.mean(usual**2))), 1.0) if len(usual) else 1.0
 
 
 def _shows(cut: Cut, place: tuple[float, float]) -> bool:

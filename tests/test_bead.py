@@ -146,7 +146,18 @@ def test_sigma_grows_to_what_the_places_of_a_falling_bead_scatter(times):
     images = [
         BeadImage(float(a), float(b), 0.02, 9.0, (0.0, 1.0), 90.0) for a, b in zip(x + off[0], y + off[1], strict=True)
     ]
-    assert scatter(frames, images) == pytest.approx(max(times, 1.0), rel=0.2)
+    assert scatter(frames / 240, frames, images) == pytest.approx(max(times, 1.0), rel=0.2)
+
+
+def test_sigma_grows_to_errors_that_a_codec_keeps_for_two_frames():
+    rng, frames = np.random.default_rng(5), np.arange(160)
+    off = np.repeat(rng.normal(0, 0.06, (80, 2)), 2, axis=0)
+    images = [
+        BeadImage(float(0.3 * k + x), float(0.02 * k**2 + y), 0.02, 9.0, (0.0, 1.0), 90.0)
+        for k, (x, y) in zip(frames.tolist(), off, strict=True)
+    ]
+    assert scatter(frames / 240, frames, images) == pytest.approx(3.0, rel=0.15)
+    assert scatter(frames / 25, frames, images) < 2.5  # where every second frame is too slow to be compared
 
 
 @pytest.mark.parametrize("rate", [25, 60, 240])
@@ -155,11 +166,11 @@ def test_a_swing_filmed_slowly_is_not_taken_for_scatter(rate):
     angle = 0.6 * np.cos(math.sqrt(9.81 / 0.25) * frames / rate)
     places = 500 * np.stack([np.sin(angle), np.cos(angle)], axis=1) + rng.normal(0, 0.03, (len(frames), 2))
     images = [BeadImage(float(x), float(y), 0.03, 9.0, (0.0, 1.0), 90.0) for x, y in places]
-    assert scatter(frames, images) == pytest.approx(1.0, abs=0.3)
+    assert scatter(frames / rate, frames, images) == pytest.approx(1.0, abs=0.3)
 
 
 def test_no_places_tell_no_scatter():
-    assert scatter(np.arange(0), []) == 1.0
+    assert scatter(np.arange(0.0), np.arange(0), []) == 1.0
 
 
 @pytest.mark.parametrize("scene", [None, np.full((SIZE, SIZE), 60.0), TEXTURE])
