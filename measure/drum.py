@@ -29,7 +29,9 @@ from rigtwin.measure.frame_steps import UNSTEADY
 from rigtwin.measure.in_view import camera_by_scene
 from rigtwin.measure.media import Image, Video, open_video, read_photo
 from rigtwin.measure.repeats import at_its_pace
+from rigtwin.measure.stated_roll import roll_check
 from rigtwin.measure.steady import Avalanches, Mean, find_avalanches, mean_over_time, steady_part
+from rigtwin.measure.upright import GIVEN_ROLL
 
 Array = npt.NDArray[np.float64]
 
@@ -541,6 +543,8 @@ def _checks_of_picture(bed: Bed, still: Check | str) -> list[Check]:
         *_checks_of_shape(bed),
         *([still] if isinstance(still, Check) else []),
     ]
+    if bed.upright.source == GIVEN_ROLL and bed.upright.seen is not None:
+        checks.append(roll_check(bed.upright.roll, *bed.upright.seen, "the level edges in the picture show"))
     if math.isfinite(bed.glare):
         checks.append(
             Check(

@@ -67,6 +67,7 @@ class Bed:
     flaw: str  # why the outline is not to be relied on
     longer_side: float  # of the picture
     silhouette: Silhouette = field(repr=False)
+    roll_seen: tuple[float, float] | None = None  # [rad], by upright edges, and its doubt, where another roll is given
 
     @property
     def floor(self) -> float:
@@ -119,7 +120,7 @@ def find_bed(
     beads = _beads(image, grey, region)
     if beads is None or len(beads.centre) < FEWEST:
         return None
-    upright = _upright(grey, roll)
+    upright, roll_seen = _upright(grey, roll)
     ratio = cylinder / bead if cylinder and bead else None
     middle = float(np.median(beads.centre[:, 1]))
     column = float(np.median(beads.centre[:, 0]))
@@ -184,6 +185,7 @@ def find_bed(
         "",
         float(max(image.shape[:2])),
         found,
+        roll_seen,
     )
     return _judged(bed)
 
@@ -238,13 +240,20 @@ def _beads(image: Image, grey: Image, region: tuple[float, float, float, float] 
     return beads
 
 
-def _upright(grey: Image, roll: float | None) -> Level:
-    """How the vertical runs through the picture: its lean at every column, from the long upright edges."""
+def _upright(grey: Image, roll: float | None) -> tuple[Level, tuple[float, float] | None]:
+    """How the vertical runs through the picture: its lean at every column, from the long upright edges.
+
+    And the roll that these show where another is stated, with its doubt [rad].
+    """
     turned = np.ascontiguousarray(grey.T).astype(np.float32)
     lines = long_lines(
         turned, np.ones(turned.shape, dtype=bool), steepest=MOST_LEAN, shortest=0.22 * turned.shape[1], most=24
     )
-    return level_of(lines, turned.shape, None if roll is None else -roll)
+    free = level_of(lines, turned.shape)
+    if roll is None:
+        return free, None
+    seen = free.at((turned.shape[0] - 1) / 2)
+    return level_of(lines, turned.shape, -roll), (-seen[0], seen[1]) if free.lines else None
 
 
 def _walls(

@@ -30,6 +30,7 @@ from rigtwin.lab.records import Profile, read_profile
 from rigtwin.measure.bead_size import MISFIT, size_seen, size_unseen
 from rigtwin.measure.glass import Bed, find_bed
 from rigtwin.measure.media import read_photo
+from rigtwin.measure.stated_roll import roll_check
 from rigtwin.measure.views import views_check
 
 Array = npt.NDArray[np.float64]
@@ -59,7 +60,7 @@ ON_A_LINE, LINE_WIDTH = 0.5, 0.03
 ANCHORS = 40  # places through which lines are tried
 SPOILING = ("level_bed", "smooth_surface", "views_agree")  # checks without which a height is doubtful
 # likewise, of what the picture says of the stated sizes, on which scale, floor, or what is taken off the outline hang
-STATED = ("gauge", "bead_size", "walls", "scale")
+STATED = ("gauge", "bead_size", "walls", "scale", "camera_roll")
 NEARER = 1.05  # the beads in front are nearer to the camera than the axis by a fifteenth or so, those beside them less
 BEAD_DOUBT = MISFIT / 2  # relative, of a scale read off the beads, whose look nothing else checks then
 MOST_BEYOND = 0.08  # share of the beads seen that may lie outside of the walls: reflections in the glass
@@ -410,6 +411,8 @@ def _observe(
         "bead_radius_px": bed.bead_radius,
     }
     checks = _picture_checks(bed, scale, source, cylinder, bead)
+    if camera.roll is not None and bed.roll_seen is not None:
+        checks.append(roll_check(camera.roll, *bed.roll_seen, "the upright edges in the picture show"))
     misfit = failed(checks, STATED)
     return bed, Observation(profile, doubts, bed.flaw, misfit, _unconfirmed(bed, source, cylinder, bead)), view, checks
 

@@ -203,9 +203,14 @@ def film(
             container.mux(packet)
 
 
-def measured(path: Path, **known: float) -> Measurement:
+def measured(path: Path, roll: float | None = None, **known: float) -> Measurement:
     return drum.measure(
-        path, Camera(frame_rate=30.0), drum_diameter=0.15, bead_diameter=0.006, out=path.parent / "out", **known
+        path,
+        Camera(frame_rate=30.0, roll=roll),
+        drum_diameter=0.15,
+        bead_diameter=0.006,
+        out=path.parent / "out",
+        **known,
     )
 
 
@@ -221,6 +226,18 @@ def test_a_filmed_drum_gives_the_slope_it_was_drawn_with(tmp_path: Path) -> None
     assert found.camera["scale_m_per_px"] == pytest.approx(0.15 / (2 * RADIUS_PX), rel=0.015)
     assert all(path.exists() for path in found.files.values())
     assert not angle.doubtful
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_stated_roll_is_held_against_the_level_stand(tmp_path: Path, sign: int) -> None:
+    film(tmp_path / "drum.mp4", 30.0, roll=1.5)  # clockwise
+    found = measured(tmp_path / "drum.mp4", roll=math.radians(1.5 * sign))
+    (check,) = [each for each in found.checks if each.check == "camera_roll"]
+    angle = find(found, drum.GRAPHICAL, drum.MIDDLE)
+    assert check.passed is (sign > 0)
+    assert bool(angle.doubtful) is (sign < 0)
+    # a scene turned clockwise is turned back, a wrong sign turns it by as much again
+    assert angle.value == pytest.approx(30.0 if sign > 0 else 27.0, abs=0.6)
 
 
 def test_beads_in_flight_over_the_upper_end_do_not_count_as_its_surface() -> None:

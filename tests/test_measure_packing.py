@@ -282,6 +282,18 @@ def test_a_drawn_bed_is_read_off_the_gauge_or_the_cylinder(tmp_path, gauge, roll
         assert path.stat().st_size > 0
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_stated_roll_is_held_against_the_upright_edges(tmp_path, sign):
+    photo = tmp_path / "bed.png"
+    truth = draw(photo, roll_deg=1.5)  # clockwise
+    camera = Camera(roll=math.radians(1.5 * sign))
+    result = packing.measure([photo], camera, cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    (check,) = [each for each in result.checks if each.check == "camera_roll"]
+    found = pick(result, "bed_height", "outline")
+    assert check.passed is (sign > 0)
+    assert "camera roll" in found.doubtful if sign < 0 else found.value == pytest.approx(truth, abs=0.0012)
+
+
 @pytest.mark.parametrize(("gauge", "low"), [(True, 8.0), (False, 72.0)])
 def test_what_looks_round_beside_the_cylinder_moves_no_wall_that_else_is_seen(tmp_path, gauge, low):
     photo = tmp_path / "bed.png"
