@@ -25,6 +25,7 @@ from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantit
 from rigtwin.lab.records import Profile
 from rigtwin.measure.bed import Bed, bed_in_photo, follow_bed
 from rigtwin.measure.drum_profiles import credible, hidden_columns, profile_of, without_flights
+from rigtwin.measure.drum_turning import stance_checks
 from rigtwin.measure.frame_steps import UNSTEADY
 from rigtwin.measure.in_view import camera_by_scene
 from rigtwin.measure.media import Image, Video, open_video, read_photo
@@ -123,7 +124,7 @@ def measure(
     still = camera_by_scene(bed.poses) if bed.poses else ""
     if isinstance(still, str) and still:
         warnings.append(still)
-    of_picture = _checks_of_picture(bed, still)
+    of_picture = [*_checks_of_picture(bed, still), *stance_checks(bed.aside, bed.turning, _rises(seen.profiles))]
     _must_be_a_drum(clip, of_picture)
     try:
         evaluation = _evaluate(seen, speed)

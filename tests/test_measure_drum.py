@@ -18,6 +18,7 @@ from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
 from rigtwin.lab.records import Profile
 from rigtwin.measure import drum
 from rigtwin.measure.bed import Bed, Outline, Still, _hides
+from rigtwin.measure.drum_turning import turning_of
 from rigtwin.measure.glare import brightened_share
 from rigtwin.measure.steady import mean_over_time
 
@@ -165,8 +166,12 @@ def film(
     noise: float = 3.0,
     turn: float = 0.05,
     flicker: float = 0.0,
+    quarters: int = 0,
 ) -> None:
-    """A drum on a level stand; its beads `turn` [rad] with it per frame and are taken away above a straight surface."""
+    """A drum on a level stand; its beads `turn` [rad] with it per frame and are taken away above a straight surface.
+
+    The camera lies on its side by `quarters` of a turn.
+    """
     random = np.random.default_rng(11)
     bead = 4.0  # [px], radius
     side = np.arange(-RADIUS_PX, RADIUS_PX, 2.05 * bead)
@@ -178,7 +183,7 @@ def film(
     rolled = cv2.getRotationMatrix2D(CENTRE, -roll, 1.0)  # OpenCV turns anticlockwise
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=30, options={"crf": "16", "x264-params": "mbtree=0"})
-        stream.width, stream.height = SIZE
+        stream.width, stream.height = SIZE[::-1] if quarters % 2 else SIZE
         stream.pix_fmt = "yuv420p"
         for k in range(frames):
             picture = np.full((SIZE[1], SIZE[0], 3), 225, np.uint8)
@@ -197,6 +202,7 @@ def film(
             picture = cv2.warpAffine(picture, rolled, SIZE, borderMode=cv2.BORDER_REPLICATE)
             picture = picture * (1 + flicker * math.sin(2 * math.pi * 100.7 * k / 30))
             noisy = np.clip(picture + random.normal(0, noise, picture.shape), 0, 255).astype(np.uint8)
+            noisy = np.ascontiguousarray(np.rot90(noisy, quarters))
             for packet in stream.encode(av.VideoFrame.from_ndarray(noisy, format="bgr24")):
                 container.mux(packet)
         for packet in stream.encode():
@@ -286,9 +292,38 @@ def test_a_slow_drum_is_found_in_a_film_whose_noise_hides_the_motion_of_single_p
 
 def test_the_mirrored_drum_has_the_same_angle_and_turns_the_other_way(tmp_path: Path) -> None:
     film(tmp_path / "right.mp4", 30.0)
-    angle = find(measured(tmp_path / "right.mp4"), drum.GRAPHICAL, drum.MIDDLE)
+    found = measured(tmp_path / "right.mp4")
+    angle = find(found, drum.GRAPHICAL, drum.MIDDLE)
     assert angle.value == pytest.approx(30.0, abs=0.6)
     assert angle.detail["turning"] == "anticlockwise"
+    assert {"turning", "bed_below"} <= {check.check for check in found.checks if check.passed}
+
+
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+def test_a_film_on_its_side_is_refused_or_doubted(tmp_path: Path, quarters: int) -> None:
+    film(tmp_path / "drum.mp4", -28.0, quarters=quarters)
+    try:
+        found = measured(tmp_path / "drum.mp4")
+    except NothingToMeasure:
+        return
+    assert all("on its side" in one.doubtful for one in found.quantities)
+
+
+@pytest.mark.parametrize("step", [0.4, -1.0, 6.0])
+def test_beads_at_the_wall_tell_which_way_a_drum_turns_past_dirt_and_flicker(step: float) -> None:
+    random = np.random.default_rng(4)
+    texture = cv2.GaussianBlur(random.normal(0, 1, (20, 900)), (0, 0), 2.5) * 200
+    dirt = cv2.GaussianBlur(random.normal(0, 1, (20, 150)), (0, 0), 2.5) * 200
+    frames = np.arange(40)
+
+    def rings(places: Array) -> list[npt.NDArray[np.uint8]]:
+        columns = 400 + np.arange(150)
+        beds = [np.array([np.interp(columns - place, np.arange(900), row) for row in texture]) for place in places]
+        light = 1 + 0.1 * random.normal(0, 1, len(places))
+        return [np.clip((128 + bed + dirt) * by, 0, 255).astype(np.uint8) for bed, by in zip(beds, light, strict=True)]
+
+    assert turning_of(rings(step * frames)) == np.sign(step)
+    assert turning_of(rings(random.normal(0, abs(step), len(frames)))) == 0  # it shakes in its place
 
 
 def test_a_lamp_that_flickers_does_not_hide_the_surface(tmp_path: Path) -> None:
