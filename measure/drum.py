@@ -105,7 +105,7 @@ def measure(
     rate, spoilt = None, ""
     shown: Video | Image
     if clip.suffix.lower() in PHOTOS:
-        shown, odd = read_photo(clip, camera.lens)
+        shown, odd = read_photo(clip, camera)
         warnings += odd
         bed = bed_in_photo(shown, roll=camera.roll, bead_share=share, region=camera.region)
         if bed is None:

@@ -24,6 +24,8 @@ Image = npt.NDArray[np.uint8]
 COARSE = 900  # [px], longer side of the picture that is searched for beads
 FEWEST = 25  # beads of a bed that can be told
 PARTED = 0.1  # share of the largest group of beads that a part of the bed beyond a hand or a rod must hold
+WALL_TO_WALL = 3  # beads in a row without which it does not show both walls
+LAYERED = 6  # rows a radius apart, of four layers of beads: of fewer the layers themselves differ in width
 FEWEST_ROWS = 3  # a bead's radius apart: what a single layer of beads fills
 ZERO_NEAR = 4.6  # [mm], of the floor: within half a centimetre the longer marks tell which one is the zero
 GOES_ON = 6.0  # [mm] that graduations may go on below the zero beyond what parts them
@@ -67,6 +69,7 @@ class Bed:
     flaw: str  # why the outline is not to be relied on
     longer_side: float  # of the picture
     silhouette: Silhouette = field(repr=False)
+    narrowing: float = 0.0  # share of its width by which the bed is narrower at its foot than at its top
     roll_seen: tuple[float, float] | None = None  # [rad], by upright edges, and its doubt, where another roll is given
 
     @property
@@ -185,6 +188,7 @@ def find_bed(
         "",
         float(max(image.shape[:2])),
         found,
+        _narrowing(across[inside], down[inside], beads.radius) / width,
         roll_seen,
     )
     return _judged(bed)
@@ -345,6 +349,26 @@ def _floor(
         weight = np.where(miss < 0, 1 / (1 + (miss / (1.5 * scale)) ** 2), 1 / (1 + (miss / (2.5 * scale)) ** 2))
     floor_sigma = math.hypot(max(0.35 * radius, 1.0), level_sigma)
     return float(answer[0]), floor_sigma, float(answer[1]), math.hypot(0.6 * radius, scale)
+
+
+def _narrowing(across: Array, down: Array, radius: float) -> float:
+    """By how much less wide [px] the bed is at its foot than at its top, twice what the less slanting side shows.
+
+    Beads missed in glare, or at one wall, make one side slant; the wall of a bin or a heap's flanks slant both.
+    """
+    from scipy.stats import theilslopes
+
+    outermost = []
+    for row in np.arange(down.min(), down.max() + radius, radius):
+        here = across[np.abs(down - row) < radius]
+        if len(here) >= WALL_TO_WALL:
+            outermost.append((row, float(here.min()), float(here.max())))
+    if len(outermost) < LAYERED:
+        return 0.0
+    rows, left, right = np.array(outermost).T
+    inwards = float(theilslopes(left, rows)[0]), -float(theilslopes(right, rows)[0])
+    slant = min(inwards, key=abs) if inwards[0] * inwards[1] > 0 else 0.0
+    return 2 * slant * float(np.ptp(rows))
 
 
 def _gauge(

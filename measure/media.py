@@ -179,10 +179,10 @@ def _must_lie_inside(path: Path, camera: Camera, width: int, height: int) -> Non
             raise BadInput(f"{path}: --known-length has an end at {x:g},{y:g}, {outside}")
 
 
-def read_photo(path: Path, lens: Lens | None = None) -> tuple[Image, tuple[str, ...]]:
-    """A photo as BGR, shape (height, width, 3), 8 bit, with its EXIF orientation applied, straightened by `lens`.
+def read_photo(path: Path, camera: Camera | None = None) -> tuple[Image, tuple[str, ...]]:
+    """A photo as BGR, shape (height, width, 3), 8 bit, with its EXIF orientation applied, straightened by the lens.
 
-    And what is odd about it.  Raises `UnreadableMedia`.
+    And what is odd about it.  Raises `UnreadableMedia`, or `BadInput` where the camera names places outside of it.
     """
     _must_exist(path, "photo")
     # decode from memory: imread reports a broken file on stderr by itself, and once more to us as None
@@ -201,9 +201,11 @@ def read_photo(path: Path, lens: Lens | None = None) -> tuple[Image, tuple[str, 
                 f"{path.name}: none of its 16-bit pixels is brighter than {image.max()}, so it was read as of "
                 f"{shift + 8} bits, {2 ** (8 - shift)} times brighter; if the photo is just dim, expose it longer.",
             )
-    if lens is not None:
-        _must_fit(path, photo.shape, lens)
-        photo = straight(photo, lens)
+    if camera is not None:
+        if camera.lens is not None:
+            _must_fit(path, photo.shape, camera.lens)
+            photo = straight(photo, camera.lens)
+        _must_lie_inside(path, camera, photo.shape[1], photo.shape[0])
     return photo, notes
 
 

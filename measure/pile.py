@@ -426,7 +426,7 @@ def _observe_table(path: Path, name: str, base_diameter: float | None) -> tuple[
 def _observe_photo(
     photo: Path, name: str, camera: Camera, base_diameter: float | None, bead_diameter: float | None
 ) -> tuple[Observation, dict[str, Any], _Draw]:
-    image, odd = read_photo(photo, camera.lens)
+    image, odd = read_photo(photo, camera)
     ratio = base_diameter / bead_diameter if base_diameter and bead_diameter else None
     focal_length = _focal_length(photo, image)
     found = find_heap(image, roll=camera.roll, region=camera.region, beads_across=ratio, focal_length=focal_length)
