@@ -191,7 +191,7 @@ def find_bed(
         _narrowing(across[inside], down[inside], beads.radius) / width,
         roll_seen,
     )
-    return _judged(bed)
+    return _judged(bed, _cut_off(kept, alike))
 
 
 def _with_texture(alike: npt.NDArray[np.float32], grey: Image, beads: Beads, view: View) -> npt.NDArray[np.float32]:
@@ -400,7 +400,18 @@ def _goes_on(gauge: Gauge) -> bool:
     return gauge.lowest > gauge.row_of(-GOES_ON) or gauge.last > gauge.row_of(-SMEARED[0]) + SMEARED[1]
 
 
-def _judged(bed: Bed) -> Bed | None:
+def _cut_off(beads: Beads, alike: npt.NDArray[np.float32]) -> bool:
+    """Whether the bed runs on to the lower edge of the picture, so that it does not show the floor."""
+    height = len(alike)
+    lowest = float(beads.centre[:, 1].max()) + beads.radius
+    if lowest < height - 2 * beads.radius:  # a row of beads that the edge cuts may not be found
+        return False
+    left, right = (max(round(float(end)), 0) for end in np.percentile(beads.centre[:, 0], (5, 95)))
+    edge = alike[height - max(2, round(beads.radius / 4)) :, left : right + 1]
+    return bool(np.mean(edge) > 0.5 * np.median(at(alike, beads.centre)))
+
+
+def _judged(bed: Bed, cut_off: bool) -> Bed | None:
     """The bed with what speaks against its outline; None when it is none."""
     found = bed.silhouette
     seen = np.abs(found.x) < INSIDE * bed.width / 2
@@ -412,7 +423,9 @@ def _judged(bed: Bed) -> Bed | None:
     doubt = 0.15 * float(np.nanmean(np.minimum(apart, 4 * bed.bead_radius))) + EDGE_DOUBT
     flaw = ""
     middle = float(np.mean(bed.gauge_rows(*bed.outline))) if bed.gauge is not None else 0.0
-    if bed.gauge is not None and not bed.gauge.first - bed.bead_radius < middle < bed.gauge.last + bed.bead_radius:
+    if cut_off:
+        flaw = "the bed runs on to the lower edge of the picture, which does not show the floor"
+    elif bed.gauge is not None and not bed.gauge.first - bed.bead_radius < middle < bed.gauge.last + bed.bead_radius:
         flaw = "the gauge's graduations are hidden at the height of the surface: something may be in front of both"
     elif bed.gauge is not None and _goes_on(bed.gauge):
         flaw = "the gauge's graduations go on below what was taken for its zero: the lower part of the bed is hidden"

@@ -538,3 +538,11 @@ def test_a_known_length_outside_of_the_photo_is_refused(tmp_path):
     camera = Camera(known_length=known_length("100 mm:5000,1,5000,900"))
     with pytest.raises(BadInput, match="5000,1, outside the picture of 560 x 620 px"):
         packing.measure([photo], camera, cylinder_diameter=CYLINDER)
+
+
+def test_a_photo_that_cuts_the_bed_off_above_its_floor_is_doubted(tmp_path):
+    photo = tmp_path / "bed.png"
+    draw(photo)
+    cv2.imwrite(str(photo), cv2.imread(str(photo))[: round(540 - 20 * PIXEL)])
+    result = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    assert all("edge of the picture" in one.doubtful for one in result.quantities)
