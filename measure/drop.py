@@ -178,7 +178,7 @@ def _restitutions(bounces: Bounces, failed: dict[str, str]) -> list[Quantity]:
     height_doubt = "; ".join(text for text in (doubt, failed.get("out_of_plane", "")) if text)
     speed_doubt = doubt
     if "gravity" in failed and abs(bounces.read(lambda at: at.size)[0] - 1) > 0.1:
-        drag = "how the air slows the bead is not known in this time base"
+        drag = "how much the air slows the bead is not known, as scale or frame rate contradict gravity"
         speed_doubt = "; ".join(text for text in (doubt, drag) if text)
     found, wrong_from = [], _wrong_from(bounces)
     for k in range(1, bounces.count + 1):

@@ -185,15 +185,14 @@ def timing_check(track: Track, bounces: Bounces, repeats: int, losses: Sequence[
 
 
 def _told(loss: Loss) -> str:
-    what = "a frame is shown twice" if loss.frames < 0 else f"{loss.frames} frame{'s' * (loss.frames > 1)} lost"
     if not loss.sure:
         return (
-            f"either {what} at about {loss.time:.3f} s, which the times do not tell, or the bead is kicked aside and "
-            "leaves the plane there, or that contact lasts: the flights would meet on a level plate were it put right; "
-            "times are left as they are"
+            f"either {loss.in_words} at about {loss.time:.3f} s, which the times do not tell, or the bead is kicked "
+            "aside and leaves the plane there, or that contact lasts: the flights would meet on a level plate were it "
+            "put right; times are left as they are"
         )
     why = "the flights meet on a level plate" if loss.at_contact else "a flight is whole"
-    return f"{what} at {loss.time:.3f} s, which the times do not tell: {why} once that is put right"
+    return f"{loss.in_words} at {loss.time:.3f} s, which the times do not tell: {why} once that is put right"
 
 
 def size_check(found: float, doubt: float, stated: float) -> Check:

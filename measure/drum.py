@@ -129,10 +129,11 @@ def measure(
     try:
         evaluation = _evaluate(seen, speed)
     except NothingToMeasure as nothing:
+        where = f"in every one of {len(bed.outlines)} frames" if bed.poses else "in this picture"
         raise NothingToMeasure(
-            f"{clip}: too little of the bed's surface is seen in every one of {len(bed.outlines)} frames: something "
-            "stands in front of it, or bed and drum look alike in a film that is dark or strongly compressed; give the "
-            "original file, light the drum from the front, keep hands out of the view."
+            f"{clip}: too little of the bed's surface is seen {where}: something stands in front of it, or bed and "
+            "drum look alike where it is dark or strongly compressed; give the original file, light the drum from the "
+            "front, keep hands out of the view."
         ) from nothing
     quantities = tuple(doubted(doubted(one, failed(of_picture)), spoilt) for one in evaluation.quantities)
     checks = (*of_picture, *evaluation.checks)
