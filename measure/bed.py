@@ -104,6 +104,7 @@ class Bed:
     poses: tuple[Pose, ...]  # of the clip's frames
     shows_motion: bool
     glare: float  # [1], share of the surface over which light lies, brighter than elsewhere; NaN: not judged
+    shape: tuple[int, ...]  # [px], height and width of the measured picture
     aside: float  # [rad], where the bed's middle lies about the drum's axis: 0 below it, positive to the right
     turning: int = 0  # +1 where the beads at the wall go clockwise, -1 anticlockwise, 0: not told
 
@@ -180,6 +181,7 @@ def follow_bed(
         tuple(poses),
         True,
         glare,
+        picture.shape,
         aside,
         turning_of(rings),
     )
@@ -205,7 +207,7 @@ def bed_in_photo(
     looks = _looks([still], bed, empty, np.zeros(grey.shape, dtype=np.float32), 1.0, bead)
     outline = _outline(still, looks, rim, turned.roll)
     aside = _aside(bed, rim, turned.roll)
-    return Bed((outline,), rim, True, turned, bead, lens, clearness, (), False, math.nan, aside)
+    return Bed((outline,), rim, True, turned, bead, lens, clearness, (), False, math.nan, grey.shape, aside)
 
 
 def _stills(video: Video, scene: Scene, lens: Cut, exposure: Exposure) -> Iterator[Still]:

@@ -63,7 +63,13 @@ FILL = (0.03, 0.7)  # share of the drum's cross-section; above, the bed has hard
 MOST_BOW = 0.2  # sagitta over length of the surface; S-shapes are odd about the middle, the drum's own arc has 0.5
 HIGHEST_STEP = 4.0  # bead diameters over the width of one: a slope of 76 degrees
 GLARE = 0.05  # share of the surface under a reflection, from which on lines along parts of it are off
-RESTS_ON = ("surface_in_view", "steady_flow", "frame_timing")  # checks of the record that every angle rests on
+RESTS_ON = (
+    "surface_in_view",
+    "steady_flow",
+    "frame_timing",
+    "surface_falls",
+)  # checks of the record that every angle rests on
+SURELY_UP = 3.0  # standard uncertainties by which a half of the surface has to rise the wrong way
 SMEARED = 0.25  # share of frames that may be left out before the result is doubtful
 
 
@@ -257,7 +263,7 @@ def _evaluate(seen: Observation, speed: float | None) -> Evaluation:
         warnings.append(f"avalanche frequency and angles: none given, for {avalanches}.")
     else:
         quantities += _of_avalanches(avalanches, quantities[0].budget)
-    checks = _checks(seen, main, first, last, means.get((GRAPHICAL, MIDDLE)))
+    checks = [*_checks(seen, main, first, last, means.get((GRAPHICAL, MIDDLE))), *_falls_check(quantities)]
     quantities = [doubted(one, failed(checks, RESTS_ON)) for one in quantities]
     if last - first + 1 < len(seen.times):
         warnings.append(
@@ -420,6 +426,20 @@ def _checks(seen: Observation, main: Array, first: int, last: int, mean: Mean | 
     return checks
 
 
+def _falls_check(quantities: Sequence[Quantity]) -> list[Check]:
+    """Whether both halves of the surface fall the same way: beads flow down, and at a toe that hangs back level out."""
+    halves = [one for one in quantities if one.quantity in (LOWER, UPPER)]
+    if len(halves) < 2:
+        return []
+    least = min(halves, key=lambda one: one.value + SURELY_UP * one.std_uncertainty)
+    passed = least.value + SURELY_UP * least.std_uncertainty > 0
+    message = (
+        f"the {'upper' if least.quantity == UPPER else 'lower'} half of the surface falls by {least.value:.0f} deg"
+    )
+    ending = "." if passed else ", against the other half: no bed flows so; something else was taken for it."
+    return [Check("surface_falls", passed, least.value, 0.0, message + ending)]
+
+
 def _shift(other: Array, usual: Array) -> float:
     """How another reading moves the angle: frame by frame, so that the few frames in which it fails do not count."""
     both = np.isfinite(other) & np.isfinite(usual)
@@ -470,6 +490,21 @@ def _observation(bed: Bed, unit: float, bead_diameter: float | None) -> Observat
         True,
         bead_diameter or bed.bead * unit,
     )
+
+
+def _runs_out(bed: Bed) -> bool:
+    """Whether the surface ends where the picture does, within a bead, and not at the drum's wall."""
+    heights = np.array([outline.height for outline in bed.outlines])
+    seen = np.flatnonzero(np.isfinite(heights).mean(axis=0) > 0.5)
+    if len(seen) < 2:
+        return False
+    ends = seen[[0, -1]]
+    x, height = bed.outlines[0].x[ends], np.nanmedian(heights[:, ends], axis=0)
+    cos, sin = math.cos(bed.upright.roll), math.sin(bed.upright.roll)
+    places = np.column_stack([x * cos + height * sin, x * sin - height * cos]) + np.array(bed.rim.centre)
+    far = np.array(bed.shape[1::-1]) - 1.0 - places
+    at_edge = np.minimum(places, far).min(axis=1) < bed.bead
+    return bool(np.any(at_edge & (np.hypot(x, height) < 0.9 * bed.rim.radius)))
 
 
 def _checks_of_shape(bed: Bed) -> list[Check]:
@@ -545,6 +580,9 @@ def _checks_of_picture(bed: Bed, still: Check | str) -> list[Check]:
         *_checks_of_shape(bed),
         *([still] if isinstance(still, Check) else []),
     ]
+    whole = not _runs_out(bed)
+    ending = "inside the picture." if whole else "at the picture's edge: its line is of a part; film the whole drum."
+    checks.append(Check("bed_in_view", whole, float(whole), 1.0, f"the bed's surface ends {ending}"))
     if bed.upright.source == GIVEN_ROLL and bed.upright.seen is not None:
         checks.append(roll_check(bed.upright.roll, *bed.upright.seen, "the level edges in the picture show"))
     if math.isfinite(bed.glare):

@@ -174,10 +174,11 @@ def film(
     flicker: float = 0.0,
     quarters: int = 0,
     bend: float = 0.0,
+    shown: float = 1.0,
 ) -> None:
-    """A drum on a level stand; its beads `turn` [rad] with it per frame and are taken away above a straight surface.
+    """A drum on a level stand; its beads `turn` [rad] with it per frame and are taken away above a straight or bent line.
 
-    The camera lies on its side by `quarters` of a turn.
+    The camera lies on its side by `quarters` of a turn, and the left share `shown` of the picture is filmed.
     """
     random = np.random.default_rng(11)
     bead = 4.0  # [px], radius
@@ -189,7 +190,8 @@ def film(
     rolled = cv2.getRotationMatrix2D(CENTRE, -roll, 1.0)  # OpenCV turns anticlockwise
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=30, options={"crf": "16", "x264-params": "mbtree=0"})
-        stream.width, stream.height = SIZE[::-1] if quarters % 2 else SIZE
+        width = round(shown * SIZE[0]) // 2 * 2
+        stream.width, stream.height = (SIZE[1], width) if quarters % 2 else (width, SIZE[1])
         stream.pix_fmt = "yuv420p"
         for k in range(frames):
             picture = np.full((SIZE[1], SIZE[0], 3), 225, np.uint8)
@@ -208,7 +210,7 @@ def film(
             picture = cv2.warpAffine(picture, rolled, SIZE, borderMode=cv2.BORDER_REPLICATE)
             picture = picture * (1 + flicker * math.sin(2 * math.pi * 100.7 * k / 30))
             noisy = np.clip(picture + random.normal(0, noise, picture.shape), 0, 255).astype(np.uint8)
-            noisy = np.ascontiguousarray(np.rot90(noisy, quarters))
+            noisy = np.ascontiguousarray(np.rot90(noisy[:, :width], quarters))
             for packet in stream.encode(av.VideoFrame.from_ndarray(noisy, format="bgr24")):
                 container.mux(packet)
         for packet in stream.encode():
@@ -304,6 +306,20 @@ def test_a_slow_drum_is_found_in_a_film_whose_noise_hides_the_motion_of_single_p
     angle = find(measured(tmp_path / "drum.mp4"), drum.GRAPHICAL, drum.MIDDLE)
     assert angle.interval95[0] < 30.0 < angle.interval95[1]
     assert angle.std_uncertainty < 2
+
+
+def test_a_surface_that_runs_out_of_the_picture_is_doubted(tmp_path: Path) -> None:
+    film(tmp_path / "drum.mp4", 30.0, shown=0.6)
+    found = measured(tmp_path / "drum.mp4")
+    assert all("picture's edge" in one.doubtful for one in found.quantities)
+
+
+def test_a_surface_of_which_one_half_rises_against_the_other_is_doubted() -> None:
+    for toe in (25.0, -25.0):
+        x = profile(25.0).x
+        height = np.where(x > 0, math.tan(math.radians(25.0)) * x, math.tan(math.radians(toe)) * x) - 0.2 * RADIUS
+        found = drum.evaluate([Profile(x, height, 0 * x)], np.zeros(1), drum_diameter=2 * RADIUS)
+        assert all(bool(one.doubtful) is (toe < 0) for one in found.quantities)
 
 
 def test_the_mirrored_drum_has_the_same_angle_and_turns_the_other_way(tmp_path: Path) -> None:
