@@ -176,7 +176,7 @@ def film(
     bend: float = 0.0,
     shown: float = 1.0,
 ) -> None:
-    """A drum on a level stand; its beads `turn` [rad] with it per frame and are taken away above a straight or bent line.
+    """A drum on a level stand; its beads `turn` [rad] with it per frame and are taken away above a line or bow.
 
     The camera lies on its side by `quarters` of a turn, and the left share `shown` of the picture is filmed.
     """
