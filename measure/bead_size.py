@@ -12,8 +12,10 @@ MISFIT = 0.16
 def size_seen(ratio: float, most: float, scale_from: str) -> Check:
     """`ratio` of the size seen, by the scale, to the one stated; `most` it may be off by."""
     passed = abs(ratio - 1) < most
+    usual = f"shaded and blurred ones look {1 - most:.2f} to {1 + most:.2f} times so"
     ending = "." if passed else f": check --bead-diameter, and the scale (from {scale_from})."
-    return Check("bead_size", passed, ratio, 1.0, f"beads look {ratio:.2f} times as large as stated{ending}")
+    message = f"beads look {ratio:.2f} times as large as stated; {usual}{ending}"
+    return Check("bead_size", passed, ratio, 1.0, message)
 
 
 def size_unseen(what: str, given: str, advice: str) -> str:

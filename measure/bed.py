@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
+from rigtwin.measure.drum_turning import sector_of, turning_of
 from rigtwin.measure.exposure import Exposure, exposure_of
 from rigtwin.measure.glare import brightened_share
 from rigtwin.measure.grains import colour_cells, rare, shares
@@ -103,6 +104,9 @@ class Bed:
     poses: tuple[Pose, ...]  # of the clip's frames
     shows_motion: bool
     glare: float  # [1], share of the surface over which light lies, brighter than elsewhere; NaN: not judged
+    shape: tuple[int, ...]  # [px], height and width of the measured picture
+    aside: float  # [rad], where the bed's middle lies about the drum's axis: 0 below it, positive to the right
+    turning: int = 0  # +1 where the beads at the wall go clockwise, -1 anticlockwise, 0: not told
 
 
 def follow_bed(
@@ -151,8 +155,12 @@ def follow_bed(
             "give a clip in which it turns."
         )
     outlines = []
+    sector = sector_of(looks.before, rim)
+    rings: list[Image] = []
     beside = ~rim.inside(picture.shape, BESIDE)
     for still in _stills(video, scene, lens, exposure):
+        if sector is not None:
+            rings.append(sector.seen(np.asarray(cv2.cvtColor(still.colour, cv2.COLOR_BGR2GRAY), dtype=np.uint8)))
         hides = _hides(still, picture, beside)
         outlines.append(replace(_outline(still, looks, rim, turned.roll), hidden=hides))
         progress("following the bed's surface", len(outlines), count)
@@ -161,7 +169,22 @@ def follow_bed(
     heights = np.array([outline.height for outline in outlines])
     colours = [still.colour for still in samples]
     glare = brightened_share(colours, outlines[0].x, heights, rim.centre, rim.radius, turned.roll, bead)
-    return Bed(tuple(outlines), rim, rim_seen, turned, bead, lens, clearness, tuple(poses), True, glare)
+    aside = _aside(looks.before > 0, rim, turned.roll)
+    return Bed(
+        tuple(outlines),
+        rim,
+        rim_seen,
+        turned,
+        bead,
+        lens,
+        clearness,
+        tuple(poses),
+        True,
+        glare,
+        picture.shape,
+        aside,
+        turning_of(rings),
+    )
 
 
 def bed_in_photo(
@@ -183,7 +206,8 @@ def bed_in_photo(
         return None
     looks = _looks([still], bed, empty, np.zeros(grey.shape, dtype=np.float32), 1.0, bead)
     outline = _outline(still, looks, rim, turned.roll)
-    return Bed((outline,), rim, True, turned, bead, lens, clearness, (), False, math.nan)
+    aside = _aside(bed, rim, turned.roll)
+    return Bed((outline,), rim, True, turned, bead, lens, clearness, (), False, math.nan, grey.shape, aside)
 
 
 def _stills(video: Video, scene: Scene, lens: Cut, exposure: Exposure) -> Iterator[Still]:
@@ -266,6 +290,16 @@ def _upright(picture: Map, rim: Rim, roll: float | None) -> Upright:
     return upright(
         picture, given=roll, stand=y > rim.centre[1] + 0.8 * rim.radius, apart_from=rim.inside(picture.shape, 1.15)
     )
+
+
+def _aside(bed: npt.NDArray[np.bool_], rim: Rim, roll: float) -> float:
+    """Where the middle of the bed's pixels lies about the drum's axis [rad], in a picture put upright."""
+    rows, columns = np.nonzero(bed & rim.inside(bed.shape, 1.0))
+    if len(rows) == 0:
+        return math.nan
+    right, down = float(columns.mean()) - rim.centre[0], float(rows.mean()) - rim.centre[1]
+    turned = math.atan2(right, down) + roll  # a scene turned clockwise has its bed further left
+    return math.remainder(turned, 2 * math.pi)
 
 
 def _learn(samples: list[Still], motion: Map, rim: Rim, bead: float) -> Looks | None:

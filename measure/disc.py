@@ -39,6 +39,8 @@ RUNNING_ON = 0.5  # weight of edges that run on where a wall should end
 HEAP = 3.0  # weight of bead colour right above the rim
 FACE = 2.0  # weight of bead colour on the face: beads are no disc
 PLAIN = 1.5  # weight of edges on the face
+MOST_ROLL = 0.1  # [rad], that a camera is turned, or a base leans, unless it is said
+BASE_LEANS = 0.02  # [rad], that a base leans beside a roll that is said
 THICK = 1.5  # cost of a thickness of half the width: bases are plates
 EMPTY = 4.0  # cost of a base twice as wide as the heap
 LIT = 4.0  # [grey], by which a lit top is brighter than the face at least
@@ -119,7 +121,8 @@ def find_disc(
     """The disc under the beads, None when there is none to be seen.
 
     `alike` is the bead likeness of every pixel, `focal_length` in px, `roll` [rad] the camera's roll where it was
-    given, `beads_across` the disc's diameter in bead diameters where it is known.
+    given, `beads_across` the disc's diameter in bead diameters where it is known.  A roll that is given only widens
+    the search, to both sides: the disc tells whether it is right, and its sign.
     """
     pictures = [edges(grey, blur=2.5), edges(grey, blur=1.5)]
     costs = [
@@ -326,13 +329,13 @@ def _first_edge(departure: Array, plain: npt.NDArray[np.bool_], least: float) ->
 
 def _bounds(beads: Beads, roll: float | None) -> Array:
     low, high, reach, foot = _reach(beads)
-    turn = (-0.1, 0.1) if roll is None else (roll - 0.01, roll + 0.01)
+    turn = max(MOST_ROLL, abs(roll or 0.0) + BASE_LEANS)
     return np.array(
         [
             (low - 0.6 * reach, low + 0.15 * reach),
             (high - 0.15 * reach, high + 0.6 * reach),
             (foot - 0.1 * reach, foot + 0.45 * reach),
-            turn,
+            (-turn, turn),
             (0.0, 0.4),  # looking down by up to 20 degrees
             (0.02, 0.5),
         ]

@@ -31,7 +31,6 @@ from rigtwin.measure.drop_checks import (
     gravity_check,
     plane_check,
     residual_check,
-    roll_check,
     size_check,
     timing_check,
     view_checks,
@@ -50,6 +49,7 @@ from rigtwin.measure.follow import Chase, chase_path, find_paths, learn_scene, l
 from rigtwin.measure.lost_frames import Loss, find_losses, in_time
 from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.repeats import at_its_pace, repeated
+from rigtwin.measure.stated_roll import roll_check
 
 Array = npt.NDArray[np.float64]
 
@@ -178,7 +178,7 @@ def _restitutions(bounces: Bounces, failed: dict[str, str]) -> list[Quantity]:
     height_doubt = "; ".join(text for text in (doubt, failed.get("out_of_plane", "")) if text)
     speed_doubt = doubt
     if "gravity" in failed and abs(bounces.read(lambda at: at.size)[0] - 1) > 0.1:
-        drag = "how the air slows the bead is not known in this time base"
+        drag = "how much the air slows the bead is not known, as scale or frame rate contradict gravity"
         speed_doubt = "; ".join(text for text in (doubt, drag) if text)
     found, wrong_from = [], _wrong_from(bounces)
     for k in range(1, bounces.count + 1):
@@ -314,7 +314,7 @@ def measure(
     )
     checks = _with_gravity_told(evaluation.checks, gauge) + view_checks(video, seen, fitted, repeats)
     if camera.roll is not None:
-        checks = (*checks, roll_check(camera.roll, *gauge.fall))
+        checks = (*checks, roll_check(camera.roll, *gauge.fall, "the bead's fall shows"))
     if bead_diameter is not None and not gauge.source.startswith("bead diameter"):
         checks = (*checks, size_check(2 * seen.radius * gauge.scale, radius_doubt(seen), bead_diameter))
     unconfirmed = (f"{RATE_UNCONFIRMED}; {gauge.cross_check}.",) if gauge.source == "gravity" else ()

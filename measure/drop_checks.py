@@ -1,4 +1,4 @@
-"""What a track of a falling bead says of itself: gravity, residuals, plane, timing, and stated roll and size."""
+"""What a track of a falling bead says of itself: gravity, residuals, plane, timing, and stated size."""
 
 from __future__ import annotations
 
@@ -27,7 +27,6 @@ LEAST_LEFT = 0.05  # [px], that a bead is not said to be seen better than
 MOST_LEFT = 2.5  # times what a bead is seen to, that its flights may leave of its track
 MOST_HIDDEN = 0.1  # [px], standard deviation, by which the strongest edges may sway where the scene seems to stand
 MOST_SHAKE = 5.0  # [px], standard deviation, up to which a shaking camera only shifts its picture
-ROLL_STATED_TO = math.radians(0.5)  # nobody reads a camera's lean better
 
 RISEN = 0.03  # of the fall, below its top, from which on a bead that rises to it is told from one that is held there
 MIRRORED = 0.15  # of the way below the top, up to which a rise is the fall backwards
@@ -186,28 +185,14 @@ def timing_check(track: Track, bounces: Bounces, repeats: int, losses: Sequence[
 
 
 def _told(loss: Loss) -> str:
-    what = "a frame is shown twice" if loss.frames < 0 else f"{loss.frames} frame{'s' * (loss.frames > 1)} lost"
     if not loss.sure:
         return (
-            f"either {what} at about {loss.time:.3f} s, which the times do not tell, or the bead is kicked aside and "
-            "leaves the plane there, or that contact lasts: the flights would meet on a level plate were it put right; "
-            "times are left as they are"
+            f"either {loss.in_words} at about {loss.time:.3f} s, which the times do not tell, or the bead is kicked "
+            "aside and leaves the plane there, or that contact lasts: the flights would meet on a level plate were it "
+            "put right; times are left as they are"
         )
     why = "the flights meet on a level plate" if loss.at_contact else "a flight is whole"
-    return f"{what} at {loss.time:.3f} s, which the times do not tell: {why} once that is put right"
-
-
-def roll_check(given: float, fall: float, doubt: float) -> Check:
-    """A stated roll against the one that the fall shows [rad]."""
-    passed = abs(given - fall) < max(3 * doubt, ROLL_STATED_TO)
-    message = (
-        f"a camera roll of {math.degrees(given):+.2f} degrees was given, the bead's fall shows "
-        f"{math.degrees(fall):+.2f} ± {math.degrees(doubt):.2f}"
-    )
-    ending = (
-        "." if passed else ": its sign may be wrong (positive when the scene looks turned clockwise); or leave it out."
-    )
-    return Check("camera_roll", passed, math.degrees(given), math.degrees(fall), message + ending)
+    return f"{loss.in_words} at {loss.time:.3f} s, which the times do not tell: {why} once that is put right"
 
 
 def size_check(found: float, doubt: float, stated: float) -> Check:

@@ -25,11 +25,14 @@ from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantit
 from rigtwin.lab.records import Profile
 from rigtwin.measure.bed import Bed, bed_in_photo, follow_bed
 from rigtwin.measure.drum_profiles import credible, hidden_columns, profile_of, without_flights
+from rigtwin.measure.drum_turning import stance_checks
 from rigtwin.measure.frame_steps import UNSTEADY
 from rigtwin.measure.in_view import camera_by_scene
 from rigtwin.measure.media import Image, Video, open_video, read_photo
 from rigtwin.measure.repeats import at_its_pace
+from rigtwin.measure.stated_roll import roll_check
 from rigtwin.measure.steady import Avalanches, Mean, find_avalanches, mean_over_time, steady_part
+from rigtwin.measure.upright import GIVEN_ROLL
 
 Array = npt.NDArray[np.float64]
 
@@ -60,7 +63,13 @@ FILL = (0.03, 0.7)  # share of the drum's cross-section; above, the bed has hard
 MOST_BOW = 0.2  # sagitta over length of the surface; S-shapes are odd about the middle, the drum's own arc has 0.5
 HIGHEST_STEP = 4.0  # bead diameters over the width of one: a slope of 76 degrees
 GLARE = 0.05  # share of the surface under a reflection, from which on lines along parts of it are off
-RESTS_ON = ("surface_in_view", "steady_flow", "frame_timing")  # checks of the record that every angle rests on
+RESTS_ON = (
+    "surface_in_view",
+    "steady_flow",
+    "frame_timing",
+    "surface_falls",
+)  # checks of the record that every angle rests on
+SURELY_UP = 3.0  # standard uncertainties by which a half of the surface has to rise the wrong way
 SMEARED = 0.25  # share of frames that may be left out before the result is doubtful
 
 
@@ -102,7 +111,7 @@ def measure(
     rate, spoilt = None, ""
     shown: Video | Image
     if clip.suffix.lower() in PHOTOS:
-        shown, odd = read_photo(clip, camera.lens)
+        shown, odd = read_photo(clip, camera)
         warnings += odd
         bed = bed_in_photo(shown, roll=camera.roll, bead_share=share, region=camera.region)
         if bed is None:
@@ -121,15 +130,16 @@ def measure(
     still = camera_by_scene(bed.poses) if bed.poses else ""
     if isinstance(still, str) and still:
         warnings.append(still)
-    of_picture = _checks_of_picture(bed, still)
+    of_picture = [*_checks_of_picture(bed, still), *stance_checks(bed.aside, bed.turning, _rises(seen.profiles))]
     _must_be_a_drum(clip, of_picture)
     try:
         evaluation = _evaluate(seen, speed)
     except NothingToMeasure as nothing:
+        where = f"in every one of {len(bed.outlines)} frames" if bed.poses else "in this picture"
         raise NothingToMeasure(
-            f"{clip}: too little of the bed's surface is seen in every one of {len(bed.outlines)} frames: something "
-            "stands in front of it, or bed and drum look alike in a film that is dark or strongly compressed; give the "
-            "original file, light the drum from the front, keep hands out of the view."
+            f"{clip}: too little of the bed's surface is seen {where}: something stands in front of it, or bed and "
+            "drum look alike where it is dark or strongly compressed; give the original file, light the drum from the "
+            "front, keep hands out of the view."
         ) from nothing
     quantities = tuple(doubted(doubted(one, failed(of_picture)), spoilt) for one in evaluation.quantities)
     checks = (*of_picture, *evaluation.checks)
@@ -253,7 +263,7 @@ def _evaluate(seen: Observation, speed: float | None) -> Evaluation:
         warnings.append(f"avalanche frequency and angles: none given, for {avalanches}.")
     else:
         quantities += _of_avalanches(avalanches, quantities[0].budget)
-    checks = _checks(seen, main, first, last, means.get((GRAPHICAL, MIDDLE)))
+    checks = [*_checks(seen, main, first, last, means.get((GRAPHICAL, MIDDLE))), *_falls_check(quantities)]
     quantities = [doubted(one, failed(checks, RESTS_ON)) for one in quantities]
     if last - first + 1 < len(seen.times):
         warnings.append(
@@ -416,6 +426,20 @@ def _checks(seen: Observation, main: Array, first: int, last: int, mean: Mean | 
     return checks
 
 
+def _falls_check(quantities: Sequence[Quantity]) -> list[Check]:
+    """Whether both halves of the surface fall the same way: beads flow down, and at a toe that hangs back level out."""
+    halves = [one for one in quantities if one.quantity in (LOWER, UPPER)]
+    if len(halves) < 2:
+        return []
+    least = min(halves, key=lambda one: one.value + SURELY_UP * one.std_uncertainty)
+    passed = least.value + SURELY_UP * least.std_uncertainty > 0
+    message = (
+        f"the {'upper' if least.quantity == UPPER else 'lower'} half of the surface falls by {least.value:.0f} deg"
+    )
+    ending = "." if passed else ", against the other half: no bed flows so; something else was taken for it."
+    return [Check("surface_falls", passed, least.value, 0.0, message + ending)]
+
+
 def _shift(other: Array, usual: Array) -> float:
     """How another reading moves the angle: frame by frame, so that the few frames in which it fails do not count."""
     both = np.isfinite(other) & np.isfinite(usual)
@@ -466,6 +490,21 @@ def _observation(bed: Bed, unit: float, bead_diameter: float | None) -> Observat
         True,
         bead_diameter or bed.bead * unit,
     )
+
+
+def _runs_out(bed: Bed) -> bool:
+    """Whether the surface ends where the picture does, within a bead, and not at the drum's wall."""
+    heights = np.array([outline.height for outline in bed.outlines])
+    seen = np.flatnonzero(np.isfinite(heights).mean(axis=0) > 0.5)
+    if len(seen) < 2:
+        return False
+    ends = seen[[0, -1]]
+    x, height = bed.outlines[0].x[ends], np.nanmedian(heights[:, ends], axis=0)
+    cos, sin = math.cos(bed.upright.roll), math.sin(bed.upright.roll)
+    places = np.column_stack([x * cos + height * sin, x * sin - height * cos]) + np.array(bed.rim.centre)
+    far = np.array(bed.shape[1::-1]) - 1.0 - places
+    at_edge = np.minimum(places, far).min(axis=1) < bed.bead
+    return bool(np.any(at_edge & (np.hypot(x, height) < 0.9 * bed.rim.radius)))
 
 
 def _checks_of_shape(bed: Bed) -> list[Check]:
@@ -541,6 +580,11 @@ def _checks_of_picture(bed: Bed, still: Check | str) -> list[Check]:
         *_checks_of_shape(bed),
         *([still] if isinstance(still, Check) else []),
     ]
+    whole = not _runs_out(bed)
+    ending = "inside the picture." if whole else "at the picture's edge: its line is of a part; film the whole drum."
+    checks.append(Check("bed_in_view", whole, float(whole), 1.0, f"the bed's surface ends {ending}"))
+    if bed.upright.source == GIVEN_ROLL and bed.upright.seen is not None:
+        checks.append(roll_check(bed.upright.roll, *bed.upright.seen, "the level edges in the picture show"))
     if math.isfinite(bed.glare):
         checks.append(
             Check(

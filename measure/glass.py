@@ -24,6 +24,8 @@ Image = npt.NDArray[np.uint8]
 COARSE = 900  # [px], longer side of the picture that is searched for beads
 FEWEST = 25  # beads of a bed that can be told
 PARTED = 0.1  # share of the largest group of beads that a part of the bed beyond a hand or a rod must hold
+WALL_TO_WALL = 3  # beads in a row without which it does not show both walls
+LAYERED = 6  # rows a radius apart, of four layers of beads: of fewer the layers themselves differ in width
 FEWEST_ROWS = 3  # a bead's radius apart: what a single layer of beads fills
 ZERO_NEAR = 4.6  # [mm], of the floor: within half a centimetre the longer marks tell which one is the zero
 GOES_ON = 6.0  # [mm] that graduations may go on below the zero beyond what parts them
@@ -67,6 +69,8 @@ class Bed:
     flaw: str  # why the outline is not to be relied on
     longer_side: float  # of the picture
     silhouette: Silhouette = field(repr=False)
+    narrowing: float = 0.0  # share of its width by which the bed is narrower at its foot than at its top
+    roll_seen: tuple[float, float] | None = None  # [rad], by upright edges, and its doubt, where another roll is given
 
     @property
     def floor(self) -> float:
@@ -119,7 +123,7 @@ def find_bed(
     beads = _beads(image, grey, region)
     if beads is None or len(beads.centre) < FEWEST:
         return None
-    upright = _upright(grey, roll)
+    upright, roll_seen = _upright(grey, roll)
     ratio = cylinder / bead if cylinder and bead else None
     middle = float(np.median(beads.centre[:, 1]))
     column = float(np.median(beads.centre[:, 0]))
@@ -184,8 +188,10 @@ def find_bed(
         "",
         float(max(image.shape[:2])),
         found,
+        _narrowing(across[inside], down[inside], beads.radius) / width,
+        roll_seen,
     )
-    return _judged(bed)
+    return _judged(bed, _cut_off(kept, alike))
 
 
 def _with_texture(alike: npt.NDArray[np.float32], grey: Image, beads: Beads, view: View) -> npt.NDArray[np.float32]:
@@ -238,13 +244,20 @@ def _beads(image: Image, grey: Image, region: tuple[float, float, float, float] 
     return beads
 
 
-def _upright(grey: Image, roll: float | None) -> Level:
-    """How the vertical runs through the picture: its lean at every column, from the long upright edges."""
+def _upright(grey: Image, roll: float | None) -> tuple[Level, tuple[float, float] | None]:
+    """How the vertical runs through the picture: its lean at every column, from the long upright edges.
+
+    And the roll that these show where another is stated, with its doubt [rad].
+    """
     turned = np.ascontiguousarray(grey.T).astype(np.float32)
     lines = long_lines(
         turned, np.ones(turned.shape, dtype=bool), steepest=MOST_LEAN, shortest=0.22 * turned.shape[1], most=24
     )
-    return level_of(lines, turned.shape, None if roll is None else -roll)
+    free = level_of(lines, turned.shape)
+    if roll is None:
+        return free, None
+    seen = free.at((turned.shape[0] - 1) / 2)
+    return level_of(lines, turned.shape, -roll), (-seen[0], seen[1]) if free.lines else None
 
 
 def _walls(
@@ -338,6 +351,26 @@ def _floor(
     return float(answer[0]), floor_sigma, float(answer[1]), math.hypot(0.6 * radius, scale)
 
 
+def _narrowing(across: Array, down: Array, radius: float) -> float:
+    """By how much less wide [px] the bed is at its foot than at its top, twice what the less slanting side shows.
+
+    Beads missed in glare, or at one wall, make one side slant; the wall of a bin or a heap's flanks slant both.
+    """
+    from scipy.stats import theilslopes
+
+    outermost = []
+    for row in np.arange(down.min(), down.max() + radius, radius):
+        here = across[np.abs(down - row) < radius]
+        if len(here) >= WALL_TO_WALL:
+            outermost.append((row, float(here.min()), float(here.max())))
+    if len(outermost) < LAYERED:
+        return 0.0
+    rows, left, right = np.array(outermost).T
+    inwards = float(theilslopes(left, rows)[0]), -float(theilslopes(right, rows)[0])
+    slant = min(inwards, key=abs) if inwards[0] * inwards[1] > 0 else 0.0
+    return 2 * slant * float(np.ptp(rows))
+
+
 def _gauge(
     grey: Image,
     upright: Level,
@@ -367,7 +400,18 @@ def _goes_on(gauge: Gauge) -> bool:
     return gauge.lowest > gauge.row_of(-GOES_ON) or gauge.last > gauge.row_of(-SMEARED[0]) + SMEARED[1]
 
 
-def _judged(bed: Bed) -> Bed | None:
+def _cut_off(beads: Beads, alike: npt.NDArray[np.float32]) -> bool:
+    """Whether the bed runs on to the lower edge of the picture, so that it does not show the floor."""
+    height = len(alike)
+    lowest = float(beads.centre[:, 1].max()) + beads.radius
+    if lowest < height - 2 * beads.radius:  # a row of beads that the edge cuts may not be found
+        return False
+    left, right = (max(round(float(end)), 0) for end in np.percentile(beads.centre[:, 0], (5, 95)))
+    edge = alike[height - max(2, round(beads.radius / 4)) :, left : right + 1]
+    return bool(np.mean(edge) > 0.5 * np.median(at(alike, beads.centre)))
+
+
+def _judged(bed: Bed, cut_off: bool) -> Bed | None:
     """The bed with what speaks against its outline; None when it is none."""
     found = bed.silhouette
     seen = np.abs(found.x) < INSIDE * bed.width / 2
@@ -379,7 +423,9 @@ def _judged(bed: Bed) -> Bed | None:
     doubt = 0.15 * float(np.nanmean(np.minimum(apart, 4 * bed.bead_radius))) + EDGE_DOUBT
     flaw = ""
     middle = float(np.mean(bed.gauge_rows(*bed.outline))) if bed.gauge is not None else 0.0
-    if bed.gauge is not None and not bed.gauge.first - bed.bead_radius < middle < bed.gauge.last + bed.bead_radius:
+    if cut_off:
+        flaw = "the bed runs on to the lower edge of the picture, which does not show the floor"
+    elif bed.gauge is not None and not bed.gauge.first - bed.bead_radius < middle < bed.gauge.last + bed.bead_radius:
         flaw = "the gauge's graduations are hidden at the height of the surface: something may be in front of both"
     elif bed.gauge is not None and _goes_on(bed.gauge):
         flaw = "the gauge's graduations go on below what was taken for its zero: the lower part of the bed is hidden"

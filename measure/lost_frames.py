@@ -53,6 +53,12 @@ class Loss:
     at_contact: bool  # told by where the flights meet alone
     sure: bool = True  # whether nothing else could look the same; else times are not to be moved
 
+    @property
+    def in_words(self) -> str:
+        """What the camera did, before which point."""
+        count = abs(self.frames)
+        return f"{count} frame{'s' * (count > 1)} {'shown twice' if self.frames < 0 else 'lost'}"
+
 
 def find_losses(record: Heights, fit: Fit) -> tuple[tuple[Loss, ...], Bounces | None]:
     """Where frames are lost, or none where that does not explain the record, and its bounces with sure ones mended.

@@ -179,10 +179,10 @@ def _must_lie_inside(path: Path, camera: Camera, width: int, height: int) -> Non
             raise BadInput(f"{path}: --known-length has an end at {x:g},{y:g}, {outside}")
 
 
-def read_photo(path: Path, lens: Lens | None = None) -> tuple[Image, tuple[str, ...]]:
-    """A photo as BGR, shape (height, width, 3), 8 bit, with its EXIF orientation applied, straightened by `lens`.
+def read_photo(path: Path, camera: Camera | None = None) -> tuple[Image, tuple[str, ...]]:
+    """A photo as BGR, shape (height, width, 3), 8 bit, with its EXIF orientation applied, straightened by the lens.
 
-    And what is odd about it.  Raises `UnreadableMedia`.
+    And what is odd about it.  Raises `UnreadableMedia`, or `BadInput` where the camera names places outside of it.
     """
     _must_exist(path, "photo")
     # decode from memory: imread reports a broken file on stderr by itself, and once more to us as None
@@ -201,9 +201,11 @@ def read_photo(path: Path, lens: Lens | None = None) -> tuple[Image, tuple[str, 
                 f"{path.name}: none of its 16-bit pixels is brighter than {image.max()}, so it was read as of "
                 f"{shift + 8} bits, {2 ** (8 - shift)} times brighter; if the photo is just dim, expose it longer.",
             )
-    if lens is not None:
-        _must_fit(path, photo.shape, lens)
-        photo = straight(photo, lens)
+    if camera is not None:
+        if camera.lens is not None:
+            _must_fit(path, photo.shape, camera.lens)
+            photo = straight(photo, camera.lens)
+        _must_lie_inside(path, camera, photo.shape[1], photo.shape[0])
     return photo, notes
 
 
@@ -282,7 +284,7 @@ def _time_base(
     if all(stamp is None for stamp in stamps):  # stills know no time
         return index / rate, stated, []
     if any(stamp is None for stamp in stamps):
-        note = "time base: the file has pictures without a time stamp; used the frame index."
+        note = "frame times: the file has pictures without a time stamp; frames are counted instead."
         return index / rate, stated, [note]
     times = np.array(stamps, dtype=np.float64)
     times = times - times[0]
@@ -291,7 +293,7 @@ def _time_base(
             index / rate,
             stated,
             [
-                f"time base: {backwards} of the file's time stamps run backwards or repeat "
+                f"frame times: {backwards} of the file's time stamps run backwards or repeat "
                 "(typical of H.264 with B-frames in AVI); used frame index / frame rate instead."
             ],
         )
@@ -312,7 +314,9 @@ def _time_base(
         times = times / step / given
         used = f"the file's own time stamps were used, stretched from {1 / step:.4g} Hz to {given:.4g} Hz"
     missing = f"; {lost} frame{'s' * (lost != 1)} between them {'are' if lost != 1 else 'is'} missing" if lost else ""
-    told = f"time base: {odd} of {len(steps)} frame intervals differ by more than 5 % from {step * 1e3:.2f} ms{missing}"
+    told = (
+        f"frame times: {odd} of {len(steps)} frame intervals differ by more than 5 % from {step * 1e3:.2f} ms{missing}"
+    )
     return times, plays_at, [*notes, f"{told}; {used}."]
 
 
@@ -341,7 +345,7 @@ def _played(step: float, stated: float, doubt: float, mean: float = 0.0) -> tupl
     if abs(step * stated - 1) <= WRONG_HEADER + doubt or (mean and abs(stated / mean - 1) <= SAME_RATE):
         return stated, []
     return 1 / step, [
-        f"time base: the file's head states {stated:.4g} Hz, its time stamps are {step * 1e3:.2f} ms apart, which is "
+        f"frame times: the file's head states {stated:.4g} Hz, its time stamps are {step * 1e3:.2f} ms apart, which is "
         f"{1 / step:.4g} Hz; the time stamps were believed."
     ]
 
@@ -349,9 +353,9 @@ def _played(step: float, stated: float, doubt: float, mean: float = 0.0) -> tupl
 def _stored_slow(plays_at: float, given: float | None) -> list[str]:
     if given is None or abs(plays_at / given - 1) < SAME_RATE:
         return []
-    why = "high-speed footage stored slow" if given > plays_at else "frames that are doubled, or time that is lapsed"
+    why = "high-speed footage stored slow" if given > plays_at else "a time lapse, or frames shown twice"
     return [
-        f"time base: the file plays at {plays_at:.4g} Hz, the capture rate is given as {given:.4g} Hz: read as {why}; "
+        f"frame times: the file plays at {plays_at:.4g} Hz, --frame-rate gives {given:.4g} Hz: read as {why}; "
         "if it plays in real time, leave out --frame-rate."
     ]
 

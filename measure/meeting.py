@@ -20,6 +20,7 @@ from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.media import Frame, Grey, Image, Video
 from rigtwin.measure.scene import Scene
 from rigtwin.measure.spots import inside_region
+from rigtwin.measure.starved import by_bits
 
 Array = npt.NDArray[np.float64]
 Region = tuple[float, float, float, float]
@@ -264,7 +265,9 @@ def find_collision(
     if not meetings and in_pieces:
         meetings = _meetings_of_pieces(paths)
     if not meetings and not moving:
-        raise NothingToMeasure(f"{video.path}: nothing like a bead moves in this clip; show the release and the hit.")
+        raise NothingToMeasure(
+            f"{video.path}: no bead is seen to swing in this clip; show the release and the hit.{by_bits(video)}"
+        )
     if not meetings:
         lone = lone_swing(moving, video, stated_length)
         raise NothingToMeasure(

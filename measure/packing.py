@@ -30,6 +30,7 @@ from rigtwin.lab.records import Profile, read_profile
 from rigtwin.measure.bead_size import MISFIT, size_seen, size_unseen
 from rigtwin.measure.glass import Bed, find_bed
 from rigtwin.measure.media import read_photo
+from rigtwin.measure.stated_roll import roll_check
 from rigtwin.measure.views import views_check
 
 Array = npt.NDArray[np.float64]
@@ -59,10 +60,13 @@ ON_A_LINE, LINE_WIDTH = 0.5, 0.03
 ANCHORS = 40  # places through which lines are tried
 SPOILING = ("level_bed", "smooth_surface", "views_agree")  # checks without which a height is doubtful
 # likewise, of what the picture says of the stated sizes, on which scale, floor, or what is taken off the outline hang
-STATED = ("gauge", "bead_size", "walls", "scale")
+STATED = ("gauge", "bead_size", "walls", "straight_walls", "scale", "camera_roll")
 NEARER = 1.05  # the beads in front are nearer to the camera than the axis by a fifteenth or so, those beside them less
 BEAD_DOUBT = MISFIT / 2  # relative, of a scale read off the beads, whose look nothing else checks then
 MOST_BEYOND = 0.08  # share of the beads seen that may lie outside of the walls: reflections in the glass
+# share by which a bed may be narrower at its foot than at its top: a cylinder seen from above and near looks so by a
+# twentieth; where the walls close in by more the density is off by as much
+MOST_NARROWING = 0.15
 # relative standard uncertainties of what a person has weighed and gauged; a twin's mass and cylinder are exact
 BY_HAND = {"mass": 0.002, "cylinder diameter": 0.003}
 ADVISED_RATIO = 5.0  # cylinder over bead diameter
@@ -144,6 +148,12 @@ def _evaluate(
     if mass is not None and cylinder is not None:
         densities = [_density(height, mass, cylinder, stated) for height in found[:2]]
         checks.append(_density_check(densities[0].value, solid))
+        if solid is None and stated:
+            material = _roughly(densities[0].value / USUAL_FRACTION)
+            warnings.append(
+                f"mass not confirmed: bulk density hangs on --total-mass {mass * 1e3:g} g alone, by which beads have "
+                f"about {material} kg/m^3; give --bead-density to check it."
+            )
         found += [doubted(one, failed(checks, ["bulk_density", "cylinder_bead_ratio"])) for one in densities]
     else:
         missing = "total_mass" if mass is None else "cylinder_diameter"
@@ -247,7 +257,7 @@ def _density_check(density: float, solid: float | None) -> Check:
         value, usual = fraction, USUAL_FRACTION
     else:
         value, usual, (low, high) = density / USUAL_FRACTION, math.nan, SOLID_DENSITIES
-        says = f"the bulk has {density:.4g} kg/m^3, as of beads of about {value:.2g} kg/m^3"
+        says = f"the bulk has {density:.4g} kg/m^3, as of beads of about {_roughly(value)} kg/m^3"
         ending = (
             f", but only foam is lighter than {low:g} (of such beads give --bead-density), and nothing heavier than "
             f"{high:.0f}: check --total-mass"
@@ -255,6 +265,11 @@ def _density_check(density: float, solid: float | None) -> Check:
     passed = low < value < high
     ending = "." if passed else f"{ending}, and --cylinder-diameter."
     return Check("bulk_density", passed, value, usual, says + ending)
+
+
+def _roughly(density: float) -> str:
+    """Two digits of a density [kg/m^3], for a bed may be looser or denser than is usual."""
+    return f"{float(f'{density:.2g}'):g}"
 
 
 def _checks(
@@ -342,7 +357,7 @@ def measure(
             views.append({"scale_m_per_px": None, "scale_from": "profile table", "camera_roll_deg": None})
             beds.append(None)
             continue
-        image, odd = read_photo(photo, camera.lens)
+        image, odd = read_photo(photo, camera)
         warnings += odd
         bed, observation, view, found = _observe(photo, image, camera, cylinder_diameter, bead_diameter)
         seen.append(observation)
@@ -410,6 +425,8 @@ def _observe(
         "bead_radius_px": bed.bead_radius,
     }
     checks = _picture_checks(bed, scale, source, cylinder, bead)
+    if camera.roll is not None and bed.roll_seen is not None:
+        checks.append(roll_check(camera.roll, *bed.roll_seen, "the upright edges in the picture show"))
     misfit = failed(checks, STATED)
     return bed, Observation(profile, doubts, bed.flaw, misfit, _unconfirmed(bed, source, cylinder, bead)), view, checks
 
@@ -500,6 +517,10 @@ def _picture_checks(bed: Bed, scale: float, source: str, cylinder: float | None,
     ending = ", whose distance the gauge confirms." if same else ending
     message = f"{100 * bed.beyond:.0f} % of the beads lie beyond what was taken for the cylinder's walls{ending}"
     checks.append(Check("walls", within, bed.beyond, 0.0, message))
+    slants = abs(bed.narrowing) > MOST_NARROWING
+    message = f"the bed is {100 * abs(bed.narrowing):.0f} % {'narrower' if bed.narrowing > 0 else 'wider'} at its foot"
+    ending = ", on both sides: this is no cylinder, and neither its scale nor its density holds." if slants else "."
+    checks.append(Check("straight_walls", not slants, bed.narrowing, 0.0, message + ending))
     checks.append(
         Check(
             "outline",

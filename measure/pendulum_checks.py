@@ -143,8 +143,7 @@ def timing_check(video: Video, losses: Sequence[Loss] = ()) -> Check:
 
 
 def _told(loss: Loss) -> str:
-    what = "a frame is shown twice" if loss.frames < 0 else f"{loss.frames} frame{'s' * (loss.frames > 1)} lost"
-    told = f"{what} at about {loss.time:.3f} s, which the times do not tell"
+    told = f"{loss.in_words} at about {loss.time:.3f} s, which the times do not tell"
     if loss.sure:
         return f"{told}: the swings are whole once that is put right"
     return (

@@ -34,6 +34,7 @@ from rigtwin.measure.pile_checks import (
     views_checks,
     washed_out,
 )
+from rigtwin.measure.stated_roll import roll_check
 from rigtwin.measure.surface import Silhouette, View, find_heap, undo_view
 
 Array = npt.NDArray[np.float64]
@@ -248,6 +249,8 @@ def _quantities_of_view(
     order = [(GRAPHICAL, LINE), (GEOMETRIC, "apex"), (GEOMETRIC, "equal area"), (GRAPHICAL, NARROWER)]
     place = {key: rank for rank, key in enumerate(order)}
     quantities.sort(key=lambda one: place.get((one.quantity, one.method), len(order)))
+    leaning = failed(seen.checks, ("camera_roll",))  # what one side gains by a base that leans, the other loses
+    quantities = [doubted(one, leaning if one.detail["side"] != "mean" else "") for one in quantities]
     wrong_size = failed(seen.checks, ("base_diameter",))
     return quantities + [doubted(one, wrong_size) for one in _lengths(seen, heap, grain, flaw)]
 
@@ -423,7 +426,7 @@ def _observe_table(path: Path, name: str, base_diameter: float | None) -> tuple[
 def _observe_photo(
     photo: Path, name: str, camera: Camera, base_diameter: float | None, bead_diameter: float | None
 ) -> tuple[Observation, dict[str, Any], _Draw]:
-    image, odd = read_photo(photo, camera.lens)
+    image, odd = read_photo(photo, camera)
     ratio = base_diameter / bead_diameter if base_diameter and bead_diameter else None
     focal_length = _focal_length(photo, image)
     found = find_heap(image, roll=camera.roll, region=camera.region, beads_across=ratio, focal_length=focal_length)
@@ -440,6 +443,9 @@ def _observe_photo(
     if base_diameter is not None and scale is not None and found.disc is not None and scale_from != "base diameter":
         across = 2 * found.view.radius * scale
         sizes = (*sizes, base_check(across, _scale_doubt(scale_from, camera), base_diameter, scale_from))
+    if camera.roll is not None and found.disc is not None:
+        seen_turn = found.view.roll, found.base_line_doubt[1]
+        sizes = (*sizes, roll_check(camera.roll, *seen_turn, "the base that the angles count from shows"))
     heap = slope.find_parts(profile, None, 2 * found.bead_radius * unit)
     hidden = washed_out(found, image) if heap is not None and uneven_flanks(profile, heap) else ""
     seen = Observation(
@@ -520,8 +526,7 @@ def _profile(found: Silhouette, view: View, height: Array, unit: float, name: st
 def _variants(found: Silhouette, unit: float, name: str, focal_doubt: float) -> dict[str, tuple[Profile, Profile]]:
     """Other readings of the same photo, each pair one standard deviation to either side."""
     view, height = found.view, found.height
-    raised = found.disc.sigma if found.disc is not None else 0.5 * found.bead_radius
-    turned = raised / max(view.radius, 0.5 * float(np.ptp(found.x)))
+    raised, turned = found.base_line_doubt
     pairs = {
         "outline level": ((view, found.looser), (view, found.stricter)),
         "base line height": ((view, height + raised), (view, height - raised)),

@@ -12,7 +12,21 @@ def compression_check(video: Video, least: float) -> Check:
     """`compression`, by the bits that a picture's pixels have on the average; `least` is what the rig's film needs."""
     if not video.path.is_file():
         return Check("compression", True, math.inf, least, "pictures in a folder leave nothing out.")
-    bits = 8 * video.path.stat().st_size / (video.width * video.height * max(len(video.times), 1))
+    bits = _bits(video)
     passed = bits > least
     ending = "." if passed else ": so few that faint things stand still in it for a frame or more; give the original."
     return Check("compression", passed, bits, least, f"the clip has {bits:.3g} bits per pixel{ending}")
+
+
+def by_bits(video: Video) -> str:
+    """What to do where a codec may have left out what is looked for, with the bits by which one can judge it."""
+    if not video.path.is_file():
+        return ""
+    return (
+        f" If one does, strong compression ({_bits(video):.2g} bits per pixel here) has smeared it: give the original."
+    )
+
+
+def _bits(video: Video) -> float:
+    """Bits that a picture's pixels have on the average."""
+    return 8 * video.path.stat().st_size / (video.width * video.height * max(len(video.times), 1))

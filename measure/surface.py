@@ -78,6 +78,12 @@ class Silhouette:
     unexplained: float  # [1], share of the outline that runs more than a radius above all circles
     bead_seen: float = float("nan")  # radius by the picture alone, whatever sizes are stated
 
+    @property
+    def base_line_doubt(self) -> tuple[float, float]:
+        """Standard uncertainties of the base line's height [px] and of its angle [rad]."""
+        height = self.disc.sigma if self.disc is not None else 0.5 * self.bead_radius
+        return height, height / max(self.view.radius, 0.5 * float(np.ptp(self.x)))
+
 
 def find_heap(
     photo: Image,

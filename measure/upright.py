@@ -24,6 +24,7 @@ FEWEST = 0.25  # of the picture's width, total length of the edges that must agr
 ELSEWHERE = 0.3  # weight of an edge that is not the stand's
 WITHOUT = 1.0  # [deg], how far a camera may be turned where nothing level is seen
 GIVEN = 0.1  # [deg], doubt of a roll that the user states
+GIVEN_ROLL = "given"  # the source of such a roll
 # [deg], nothing is level to better than this, and a camera that looks slightly aside turns level edges by as much
 NOT_LEVEL = 0.2
 ROW = 1 / math.sqrt(12)  # [px], how far a codec that holds a border on its row may move the end of an edge
@@ -37,6 +38,7 @@ class Upright:
     sigma: float  # [rad], one standard deviation
     source: str  # what it was told from
     edges: Array  # [px], shape (n, 4): x1, y1, x2, y2 of the level edges found
+    seen: tuple[float, float] | None = None  # [rad], the roll that the edges show, and its doubt; None: none are seen
 
 
 def upright(
@@ -52,7 +54,8 @@ def upright(
     """
     none = np.empty((0, 4))
     if given is not None:
-        return Upright(given, math.radians(GIVEN), "given", none)
+        seen = upright(picture, stand=stand, apart_from=apart_from).seen
+        return Upright(given, math.radians(GIVEN), GIVEN_ROLL, none, seen)
     found = _edges(picture)
     if apart_from is not None:
         found = found[~_at_middle(found, apart_from)]
@@ -77,7 +80,8 @@ def upright(
     on_rows = float(np.average(np.degrees(ROW / length[agree]), weights=voting))
     against = _disagreement(angle, weight, agree, middle)
     sigma = math.hypot(spread / math.sqrt(independent), on_rows, against, NOT_LEVEL)
-    return Upright(math.radians(middle), math.radians(sigma), "level edges in the picture", found[agree])
+    seen = math.radians(middle), math.radians(sigma)
+    return Upright(*seen, "level edges in the picture", found[agree], seen)
 
 
 def _like(apart: Array) -> Array:

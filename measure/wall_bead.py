@@ -18,6 +18,7 @@ from rigtwin.measure.follow import Chase, Movement, chase_path
 from rigtwin.measure.media import Video
 from rigtwin.measure.meeting import LOST, Path, Region, find_paths, lone_swing, with_beginning
 from rigtwin.measure.spots import SpotPath
+from rigtwin.measure.starved import by_bits
 from rigtwin.measure.swing_fit import fit_circle
 from rigtwin.measure.two_beads import as_spots, sample_frames, still_scene
 
@@ -45,7 +46,9 @@ def find_rebound(paths: list[Path], video: Video, stated_length: float | None = 
     """
     moving = [path for path in paths if path.extent > 3 * float(np.median(path.sizes))]
     if not moving:
-        raise NothingToMeasure(f"{video.path}: nothing like a bead moves in this clip; show the release and the hit.")
+        raise NothingToMeasure(
+            f"{video.path}: no bead is seen to swing in this clip; show the release and the hit.{by_bits(video)}"
+        )
     best, best_score = None, 0.0
     for fall in [with_beginning(path, paths) for path in moving]:
         for rise in paths:

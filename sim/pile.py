@@ -32,6 +32,10 @@ VIEWS = (0.0, 45.0, 90.0, 135.0)  # [deg], about the disc's axis
 SKIN = 0.2  # of a diameter; the rain makes a list short-lived
 
 
+# a photo of a bowl shows no more than what stands out over its rim: angles of the two are not of the same heap
+COUNTED_FROM = "counted from the base plate, also where a rim hides it from the side"
+
+
 @dataclass(frozen=True)
 class Heap:
     """What lies on the base in the end.  x and y from the disc's axis, z above the disc's top face."""
@@ -112,7 +116,7 @@ def run(
         fallen=course.placed - int(stays.sum()),
         statistics={**logbook.statistics(), "contacts_per_bead": 2 * bulk.contacts / max(len(grains.ident), 1)},
         history=logbook.history,
-        assumptions={**method.assumptions, **bench.assumptions()},
+        assumptions={**method.assumptions, **bench.assumptions(), "heights_and_angles": COUNTED_FROM},
         warnings=(*bench.warnings(bulk, logbook), *method.warnings(course, grains.position[stays]), *moved),
     )
 

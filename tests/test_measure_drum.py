@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import av
 import cv2
@@ -18,6 +19,7 @@ from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
 from rigtwin.lab.records import Profile
 from rigtwin.measure import drum
 from rigtwin.measure.bed import Bed, Outline, Still, _hides
+from rigtwin.measure.drum_turning import turning_of
 from rigtwin.measure.glare import brightened_share
 from rigtwin.measure.steady import mean_over_time
 
@@ -154,6 +156,11 @@ def test_bad_records_are_told_in_a_sentence() -> None:
 # ------------------------------------------------------------------------------------------------------------- films
 
 
+def surface(x: Any, angle: float, bend: float = 0.0) -> Any:
+    """Height [px] of a drawn bed at x [px], both from the drum's axis; `bend` of the radius at its ends."""
+    return math.tan(math.radians(angle)) * x + (bend * (x / RADIUS_PX) ** 2 - 0.3) * RADIUS_PX
+
+
 def film(
     path: Path,
     angle: float,
@@ -165,8 +172,14 @@ def film(
     noise: float = 3.0,
     turn: float = 0.05,
     flicker: float = 0.0,
+    quarters: int = 0,
+    bend: float = 0.0,
+    shown: float = 1.0,
 ) -> None:
-    """A drum on a level stand; its beads `turn` [rad] with it per frame and are taken away above a straight surface."""
+    """A drum on a level stand; its beads `turn` [rad] with it per frame and are taken away above a line or bow.
+
+    The camera lies on its side by `quarters` of a turn, and the left share `shown` of the picture is filmed.
+    """
     random = np.random.default_rng(11)
     bead = 4.0  # [px], radius
     side = np.arange(-RADIUS_PX, RADIUS_PX, 2.05 * bead)
@@ -174,11 +187,11 @@ def film(
     grid = grid + random.uniform(-0.6, 0.6, grid.shape) * bead
     grid = grid[np.hypot(*grid.T) < RADIUS_PX - bead]
     shade = random.integers(-25, 25, len(grid))
-    slope = math.tan(math.radians(angle))
     rolled = cv2.getRotationMatrix2D(CENTRE, -roll, 1.0)  # OpenCV turns anticlockwise
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=30, options={"crf": "16", "x264-params": "mbtree=0"})
-        stream.width, stream.height = SIZE
+        width = round(shown * SIZE[0]) // 2 * 2
+        stream.width, stream.height = (SIZE[1], width) if quarters % 2 else (width, SIZE[1])
         stream.pix_fmt = "yuv420p"
         for k in range(frames):
             picture = np.full((SIZE[1], SIZE[0], 3), 225, np.uint8)
@@ -190,22 +203,28 @@ def film(
             x = grid[:, 0] * math.cos(a) - grid[:, 1] * math.sin(a)
             y = grid[:, 0] * math.sin(a) + grid[:, 1] * math.cos(a)
             for px, py, tone in zip(x, y, shade, strict=True):
-                if py < slope * px - 0.3 * RADIUS_PX:
+                if py < surface(px, angle, bend):
                     grey = int(np.clip(bead_grey + tone, 0, 255))
                     where = (round(16 * (CENTRE[0] + px)), round(16 * (CENTRE[1] - py)))
                     cv2.circle(picture, where, round(16 * bead), (grey - 40, grey, grey + 30), -1, cv2.LINE_AA, 4)
             picture = cv2.warpAffine(picture, rolled, SIZE, borderMode=cv2.BORDER_REPLICATE)
             picture = picture * (1 + flicker * math.sin(2 * math.pi * 100.7 * k / 30))
             noisy = np.clip(picture + random.normal(0, noise, picture.shape), 0, 255).astype(np.uint8)
+            noisy = np.ascontiguousarray(np.rot90(noisy[:, :width], quarters))
             for packet in stream.encode(av.VideoFrame.from_ndarray(noisy, format="bgr24")):
                 container.mux(packet)
         for packet in stream.encode():
             container.mux(packet)
 
 
-def measured(path: Path, **known: float) -> Measurement:
+def measured(path: Path, roll: float | None = None, **known: float) -> Measurement:
     return drum.measure(
-        path, Camera(frame_rate=30.0), drum_diameter=0.15, bead_diameter=0.006, out=path.parent / "out", **known
+        path,
+        Camera(frame_rate=30.0, roll=roll),
+        drum_diameter=0.15,
+        bead_diameter=0.006,
+        out=path.parent / "out",
+        **known,
     )
 
 
@@ -221,6 +240,18 @@ def test_a_filmed_drum_gives_the_slope_it_was_drawn_with(tmp_path: Path) -> None
     assert found.camera["scale_m_per_px"] == pytest.approx(0.15 / (2 * RADIUS_PX), rel=0.015)
     assert all(path.exists() for path in found.files.values())
     assert not angle.doubtful
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_stated_roll_is_held_against_the_level_stand(tmp_path: Path, sign: int) -> None:
+    film(tmp_path / "drum.mp4", 30.0, roll=1.5)  # clockwise
+    found = measured(tmp_path / "drum.mp4", roll=math.radians(1.5 * sign))
+    (check,) = [each for each in found.checks if each.check == "camera_roll"]
+    angle = find(found, drum.GRAPHICAL, drum.MIDDLE)
+    assert check.passed is (sign > 0)
+    assert bool(angle.doubtful) is (sign < 0)
+    # a scene turned clockwise is turned back, a wrong sign turns it by as much again
+    assert angle.value == pytest.approx(30.0 if sign > 0 else 27.0, abs=0.6)
 
 
 def test_beads_in_flight_over_the_upper_end_do_not_count_as_its_surface() -> None:
@@ -243,14 +274,24 @@ def test_beads_in_flight_over_the_upper_end_do_not_count_as_its_surface() -> Non
     assert find(found, drum.GRAPHICAL, drum.WHOLE).value == pytest.approx(28.0, abs=0.2)
 
 
-def test_a_line_over_both_halves_of_a_filmed_surface_has_half_of_the_doubt_of_each(tmp_path: Path) -> None:
-    film(tmp_path / "drum.mp4", 30.0)
+@pytest.mark.parametrize("bend", [-0.05, 0.05])
+def test_every_filmed_angle_of_a_bent_surface_lies_within_its_doubt(tmp_path: Path, bend: float) -> None:
+    """The lines' true slopes, by the drawn curve; a surface that bows up or down is steeper in one half."""
+    film(tmp_path / "drum.mp4", 28.0, bend=bend)
     found = measured(tmp_path / "drum.mp4")
-    lower, upper, whole = (
-        find(found, quantity, method).budget["perspective, beads in flight"]
-        for quantity, method in ((drum.LOWER, ""), (drum.UPPER, ""), (drum.GRAPHICAL, drum.WHOLE))
-    )
-    assert whole == pytest.approx(math.hypot(lower, upper) / 2)
+    x = np.linspace(-RADIUS_PX, RADIUS_PX, 2001)
+    height = surface(x, 28.0, bend)
+    inside = np.hypot(x, height) < RADIUS_PX
+    truth = drum.evaluate([Profile(x[inside], height[inside], 0 * x[inside])], np.zeros(1), drum_diameter=None)
+    for name, method in (
+        (drum.LOWER, ""),
+        (drum.UPPER, ""),
+        (drum.GRAPHICAL, drum.MIDDLE),
+        (drum.GRAPHICAL, drum.WHOLE),
+    ):
+        one, true = find(found, name, method), find(truth, name, method)
+        assert abs(one.value - true.value) < 2 * float(one.detail["std_uncertainty_of_this_clip"])
+        assert not one.doubtful
 
 
 def test_a_film_broken_off_has_nothing_that_is_not_doubtful(tmp_path: Path) -> None:
@@ -267,11 +308,54 @@ def test_a_slow_drum_is_found_in_a_film_whose_noise_hides_the_motion_of_single_p
     assert angle.std_uncertainty < 2
 
 
+def test_a_surface_that_runs_out_of_the_picture_is_doubted(tmp_path: Path) -> None:
+    film(tmp_path / "drum.mp4", 30.0, shown=0.6)
+    found = measured(tmp_path / "drum.mp4")
+    assert all("picture's edge" in one.doubtful for one in found.quantities)
+
+
+def test_a_surface_of_which_one_half_rises_against_the_other_is_doubted() -> None:
+    for toe in (25.0, -25.0):
+        x = profile(25.0).x
+        height = np.where(x > 0, math.tan(math.radians(25.0)) * x, math.tan(math.radians(toe)) * x) - 0.2 * RADIUS
+        found = drum.evaluate([Profile(x, height, 0 * x)], np.zeros(1), drum_diameter=2 * RADIUS)
+        assert all(bool(one.doubtful) is (toe < 0) for one in found.quantities)
+
+
 def test_the_mirrored_drum_has_the_same_angle_and_turns_the_other_way(tmp_path: Path) -> None:
     film(tmp_path / "right.mp4", 30.0)
-    angle = find(measured(tmp_path / "right.mp4"), drum.GRAPHICAL, drum.MIDDLE)
+    found = measured(tmp_path / "right.mp4")
+    angle = find(found, drum.GRAPHICAL, drum.MIDDLE)
     assert angle.value == pytest.approx(30.0, abs=0.6)
     assert angle.detail["turning"] == "anticlockwise"
+    assert {"turning", "bed_below"} <= {check.check for check in found.checks if check.passed}
+
+
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+def test_a_film_on_its_side_is_refused_or_doubted(tmp_path: Path, quarters: int) -> None:
+    film(tmp_path / "drum.mp4", -28.0, quarters=quarters)
+    try:
+        found = measured(tmp_path / "drum.mp4")
+    except NothingToMeasure:
+        return
+    assert all("on its side" in one.doubtful for one in found.quantities)
+
+
+@pytest.mark.parametrize("step", [0.4, -1.0, 6.0])
+def test_beads_at_the_wall_tell_which_way_a_drum_turns_past_dirt_and_flicker(step: float) -> None:
+    random = np.random.default_rng(4)
+    texture = cv2.GaussianBlur(random.normal(0, 1, (20, 900)), (0, 0), 2.5) * 200
+    dirt = cv2.GaussianBlur(random.normal(0, 1, (20, 150)), (0, 0), 2.5) * 200
+    frames = np.arange(40)
+
+    def rings(places: Array) -> list[npt.NDArray[np.uint8]]:
+        columns = 400 + np.arange(150)
+        beds = [np.array([np.interp(columns - place, np.arange(900), row) for row in texture]) for place in places]
+        light = 1 + 0.1 * random.normal(0, 1, len(places))
+        return [np.clip((128 + bed + dirt) * by, 0, 255).astype(np.uint8) for bed, by in zip(beds, light, strict=True)]
+
+    assert turning_of(rings(step * frames)) == np.sign(step)
+    assert turning_of(rings(random.normal(0, abs(step), len(frames)))) == 0  # it shakes in its place
 
 
 def test_a_lamp_that_flickers_does_not_hide_the_surface(tmp_path: Path) -> None:

@@ -180,7 +180,7 @@ def test_a_track_of_hardly_any_points_lost_nothing_and_is_refused_in_words(point
 
 def test_a_frame_that_is_shown_twice_moves_what_follows_back():
     result = drop.evaluate(record(twice(60), rate=240.0, duration=0.85, seed=5))
-    assert "a frame is shown twice" in check(result, "frame_timing").message
+    assert "1 frame shown twice" in check(result, "frame_timing").message
     assert all(abs(far) < 3.5 for far, _ in off(result))
 
 
@@ -249,3 +249,8 @@ def test_a_fall_that_is_not_seen_makes_all_doubtful():
     result = drop.evaluate(Track(made.time[seen], made.position[seen], made.sigma[seen]))
     assert not check(result, "first_fall").passed
     assert all(each.doubtful for each in result.quantities)
+
+
+@pytest.mark.parametrize(("frames", "words"), [(1, "1 frame lost"), (3, "3 frames lost"), (-2, "2 frames shown twice")])
+def test_what_the_camera_did_is_told_with_how_many_frames(frames, words):
+    assert Loss(8, frames, 0.2, 0.0, False).in_words == words

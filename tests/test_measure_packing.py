@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rigtwin.lab.camera import Camera
+from rigtwin.lab.camera import Camera, known_length
 from rigtwin.lab.errors import BadInput, NothingToMeasure, UnreadableMedia
 from rigtwin.lab.records import Profile, write_profile
 from rigtwin.measure import packing
@@ -214,10 +214,11 @@ def shade(picture, centre, radius, tone):
         cv2.circle(picture, centre, round(radius * share), colour, cv2.FILLED, cv2.LINE_AA)
 
 
-def draw(path, *, roll_deg=0.0, gauge=True, height=62.0, seed=2, block=0.0, beside=()):
+def draw(path, *, roll_deg=0.0, gauge=True, height=62.0, seed=2, block=0.0, beside=(), closing=0.0):
     """A cylinder of shaded beads beside a gauge; returns the mean row of the outline as a height [mm].
 
     The gauge stands on a `block` of that height; `beside` are places [mm] from axis and floor of what else looks round.
+    The walls close in by the share `closing` from the top of the bed down to the floor, as a hopper's.
     """
     rng = np.random.default_rng(seed)
     zoom = 2
@@ -231,6 +232,8 @@ def draw(path, *, roll_deg=0.0, gauge=True, height=62.0, seed=2, block=0.0, besi
         for k, row in enumerate(rows):
             for x in np.arange(-27 + 2.7 * ((k + depth) % 2), 27.1, 5.4):
                 place = np.array([x + rng.uniform(-0.4, 0.4), row + rng.uniform(-0.7, 0.7)])
+                if abs(x) > 27.1 - 30 * closing * (1 - row / height):
+                    continue
                 tops.append(place)
                 centre = (round(axis + place[0] * mm), round(floor - place[1] * mm))
                 tone = rng.uniform(0.85, 1.1) * (0.75 + 0.25 * depth)
@@ -240,7 +243,9 @@ def draw(path, *, roll_deg=0.0, gauge=True, height=62.0, seed=2, block=0.0, besi
     for side in (-1, 1):
         for place, tone in ((30, 60), (32.5, 120)):
             x = round(axis + side * place * mm)
-            cv2.line(picture, (x, round(floor - 110 * mm)), (x, floor), (tone, tone, tone), zoom)
+            foot = round(axis + side * place * (1 - closing) * mm)
+            cv2.line(picture, (x, round(floor - height * mm)), (foot, floor), (tone, tone, tone), zoom)
+            cv2.line(picture, (x, round(floor - 110 * mm)), (x, round(floor - height * mm)), (tone, tone, tone), zoom)
     if gauge:
         left = round(axis + 42 * mm)
         cv2.rectangle(picture, (left, 0), (left + round(20 * mm), floor), (170, 175, 178), cv2.FILLED)
@@ -280,6 +285,18 @@ def test_a_drawn_bed_is_read_off_the_gauge_or_the_cylinder(tmp_path, gauge, roll
     assert found.value == pytest.approx(truth, abs=0.0012 if gauge else 0.002)
     for path in result.files.values():
         assert path.stat().st_size > 0
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_stated_roll_is_held_against_the_upright_edges(tmp_path, sign):
+    photo = tmp_path / "bed.png"
+    truth = draw(photo, roll_deg=1.5)  # clockwise
+    camera = Camera(roll=math.radians(1.5 * sign))
+    result = packing.measure([photo], camera, cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    (check,) = [each for each in result.checks if each.check == "camera_roll"]
+    found = pick(result, "bed_height", "outline")
+    assert check.passed is (sign > 0)
+    assert "camera roll" in found.doubtful if sign < 0 else found.value == pytest.approx(truth, abs=0.0012)
 
 
 @pytest.mark.parametrize(("gauge", "low"), [(True, 8.0), (False, 72.0)])
@@ -378,7 +395,7 @@ def test_without_the_beads_size_the_gauge_contradicts_a_wrong_cylinder(tmp_path,
 def test_without_the_beads_size_the_right_cylinder_is_not_accused(tmp_path):
     photo = tmp_path / "bed.png"
     truth = draw(photo)
-    result = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, total_mass=0.1)
+    result = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, total_mass=0.1, bead_density=1000.0)
     assert pick(result, "bed_height", "outline").value == pytest.approx(truth, abs=0.0012)
     assert not any(each.doubtful for each in result.quantities)
     assert not result.warnings
@@ -387,9 +404,11 @@ def test_without_the_beads_size_the_right_cylinder_is_not_accused(tmp_path):
 def test_a_size_that_nothing_checks_is_said_to_be_unconfirmed(tmp_path):
     photo = tmp_path / "bed.png"
     draw(photo, gauge=False)
-    alone = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, total_mass=0.1)
+    alone = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, total_mass=0.1, bead_density=1000.0)
     assert "bulk density hang on --cylinder-diameter 60 mm alone" in alone.warnings[0]
-    both = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, total_mass=0.1, bead_diameter=BEAD)
+    both = packing.measure(
+        [photo], Camera(), cylinder_diameter=CYLINDER, total_mass=0.1, bead_density=1000.0, bead_diameter=BEAD
+    )
     assert not both.warnings
 
 
@@ -489,3 +508,41 @@ def test_a_photo_without_a_bed_says_so(tmp_path):
         packing.measure([tmp_path / "none.png"], Camera(), cylinder_diameter=CYLINDER)
     with pytest.raises(BadInput, match="no photo"):
         packing.measure([], Camera(), cylinder_diameter=CYLINDER)
+
+
+@pytest.mark.parametrize("closing", [0.0, 0.3])
+def test_a_bed_between_walls_that_close_in_is_no_cylinder(tmp_path, closing):
+    photo = tmp_path / "bed.png"
+    draw(photo, gauge=False, closing=closing)
+    result = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    (straight,) = [each for each in result.checks if each.check == "straight_walls"]
+    assert straight.passed is (closing == 0)
+    assert all(("no cylinder" in one.doubtful) is (closing > 0) for one in result.quantities)
+
+
+def test_a_mass_that_no_stated_density_confirms_is_told_with_what_it_makes_of_the_beads(tmp_path):
+    photo = tmp_path / "bed.png"
+    draw(photo)
+    given = {"cylinder_diameter": CYLINDER, "total_mass": 1.0, "bead_diameter": BEAD}
+    told = [each for each in packing.measure([photo], Camera(), **given).warnings if "mass not confirmed" in each]
+    assert len(told) == 1
+    assert "1000 g" in told[0]
+    sure = packing.measure([photo], Camera(), bead_density=700.0, **given)
+    assert not any("mass not confirmed" in each for each in sure.warnings)
+    assert all(one.doubtful for one in sure.quantities if one.quantity == "bulk_density")
+
+
+def test_a_known_length_outside_of_the_photo_is_refused(tmp_path):
+    photo = tmp_path / "bed.png"
+    draw(photo)
+    camera = Camera(known_length=known_length("100 mm:5000,1,5000,900"))
+    with pytest.raises(BadInput, match="5000,1, outside the picture of 560 x 620 px"):
+        packing.measure([photo], camera, cylinder_diameter=CYLINDER)
+
+
+def test_a_photo_that_cuts_the_bed_off_above_its_floor_is_doubted(tmp_path):
+    photo = tmp_path / "bed.png"
+    draw(photo)
+    cv2.imwrite(str(photo), cv2.imread(str(photo))[: round(540 - 20 * PIXEL)])
+    result = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    assert all("edge of the picture" in one.doubtful for one in result.quantities)

@@ -548,6 +548,22 @@ def test_two_degrees_of_camera_roll_do_not_change_the_angle(tmp_path: Path) -> N
         assert angle(one, name, "mean").value == pytest.approx(angle(other, name, "mean").value, abs=0.3)
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_stated_roll_is_held_against_the_base_and_moves_no_angle(tmp_path: Path, sign: int) -> None:
+    scene = Scene(seed=8, roll=2.0)  # clockwise
+    photo = photograph(tmp_path, scene)
+    sizes = {"base_diameter": scene.base * BEAD, "bead_diameter": BEAD}
+    free = measure([photo], Camera(), **sizes)
+    said = measure([photo], Camera(roll=math.radians(2.0 * sign)), **sizes)
+    (check,) = [each for each in said.checks if each.check == "camera_roll"]
+    assert check.passed is (sign > 0)
+    assert "base" in check.message
+    for side in ("left", "right", "mean"):
+        one, other = (angle(each, GRAPHICAL, side) for each in (free, said))
+        assert other.value == pytest.approx(one.value, abs=0.2)
+        assert ("camera roll" in other.doubtful) is (sign < 0 and side != "mean")
+
+
 def test_a_view_from_high_above_is_told(tmp_path: Path) -> None:
     scene = replace(SCENES["plain"], looking_down=16.0)
     result = measured(photograph(tmp_path, scene), scene)

@@ -75,7 +75,14 @@ def test_the_same_seed_gives_the_same_heap_and_another_seed_another(heap):
 
 
 def test_what_the_rig_leaves_open_is_in_the_result(heap):
-    assert {"outlet_diameter", "fall_height", "rim_height", "pour_rate", "stiffness_factor"} <= set(heap.assumptions)
+    assert {
+        "outlet_diameter",
+        "fall_height",
+        "rim_height",
+        "pour_rate",
+        "stiffness_factor",
+        "heights_and_angles",
+    } <= set(heap.assumptions)
     assert "20 mm" in heap.assumptions["outlet_diameter"]
     assert heap.statistics["largest_overlap"] < 0.05
 
