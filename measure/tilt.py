@@ -34,7 +34,7 @@ from rigtwin.measure.in_view import camera_by_scene
 from rigtwin.measure.level import Level, find_level
 from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.onset import LEAST_DOUBT, Onset, Run, Way, find_onset, find_run, jitter, smooth_angle
-from rigtwin.measure.passenger import Passenger, Step, find_passenger, follow, glare
+from rigtwin.measure.passenger import FEWEST, Arrival, Passenger, Step, find_passenger, follow, glare
 from rigtwin.measure.repeats import at_its_pace
 from rigtwin.measure.scene import Background, Pose, Scene
 from rigtwin.measure.starved import compression_check
@@ -62,6 +62,8 @@ CLUMP = 2.3  # length over height of a body on the plate, from which on it is no
 WRONG_SCALE = 0.3  # relative misfit of the acceleration from which on the scale is not believed
 STARVED = 0.006  # bits per pixel, below which a film in which so little moves leaves out what is faint
 RESIDUALS = 6  # times the noise, that a body may leave the fitted run by
+LEAST_REST = 6  # frames before the onset: for place, drift, a creep's speed and beginning, the onset, and one to spare
+BEGIN_EARLIER = "Let the clip begin at least 0.2 s before the body lets go."
 NOMINAL = 3e-4  # [m/px], where no scale is known: only a unit
 # checks that every number rests on
 BEHIND_ALL = {
@@ -69,6 +71,8 @@ BEHIND_ALL = {
     "creep",
     "steady_rise",
     "run_residuals",
+    "rest_seen",
+    "picture_at_rest",
     "onset_certainty",
     "shape",
     "arm_in_view",
@@ -189,6 +193,7 @@ def _evaluation(
         _rise_check(way, onset),
         _residual_check(way, onset),
         _certainty_check(onset, way),
+        _rest_check(onset, way),
     )
     checks = tuple(each for each in judged if isinstance(each, Check))
     name = FRICTION[variant]
@@ -348,6 +353,21 @@ def _certainty_check(onset: Onset, way: Way) -> Check:
     return Check("onset_certainty", passed, sigma, 0.0, message + ending)
 
 
+def _rest_check(onset: Onset, way: Way) -> Check:
+    """Whether the record begins before the onset: a body that is under way already has none in it."""
+    before = int(np.sum(way.time < onset.time))
+    start = float(way.time[0])
+    if onset.under_way >= -LIKELY:
+        message = (
+            f"the body comes down from the first frame on ({start:.3f} s): the onset may lie before. {BEGIN_EARLIER}"
+        )
+        return Check("rest_seen", False, float(before), float(LEAST_REST), message)
+    passed = before >= LEAST_REST
+    message = f"the body rests from {start:.3f} s to the onset, in {before} frames"
+    ending = "." if passed else f", too few to tell rest from creep. {BEGIN_EARLIER}"
+    return Check("rest_seen", passed, float(before), float(LEAST_REST), message + ending)
+
+
 # ---------------------------------------------------------------------------------------------------- media -> record
 
 
@@ -370,15 +390,23 @@ class Film:
 
 
 @dataclass(frozen=True)
+class Horizontal:
+    """How the horizontal runs through the picture at the arm's height."""
+
+    roll: float  # [rad], positive where it falls to the right
+    sigma: float  # [rad], one standard deviation
+    source: str
+    seen: tuple[float, float] | None  # [rad], that of the base plate's edges and its standard deviation
+
+
+@dataclass(frozen=True)
 class Gauge:
     """Scale and horizontal."""
 
     scale: float  # [m/px]
     doubt: float  # relative standard uncertainty; infinite without a scale
     source: str
-    roll: float  # [rad], of the horizontal at the arm's height
-    roll_sigma: float  # [rad]
-    roll_from: str
+    level: Horizontal
 
 
 def measure(
@@ -410,7 +438,7 @@ def measure(
         way = _way(angle, [track], variant, bead_diameter, math.inf)
         run, onset = _onset(way, str(clip))
     geometry = {
-        "level": gauge.roll_sigma,
+        "level": gauge.level.sigma,
         "arm": max(film.arm.tilt_sigma, float(np.nanmedian(film.sigmas))),
         "perspective": PERSPECTIVE,
     }
@@ -423,6 +451,7 @@ def measure(
     still = camera_by_scene(film.poses)
     of_film = (
         _shape_check(film.body, variant),
+        *_portrait_check(film.body, video, onset),
         *_view_checks(film, gauge, video),
         compression_check(video, STARVED),
         *([still] if isinstance(still, Check) else []),
@@ -441,9 +470,9 @@ def measure(
             "playback_rate_hz": video.playback_rate,
             "scale_m_per_px": gauge.scale,
             "scale_from": gauge.source,
-            "camera_roll_deg": math.degrees(gauge.roll),
-            "camera_roll_std_deg": math.degrees(gauge.roll_sigma),
-            "camera_roll_from": gauge.roll_from,
+            "camera_roll_deg": math.degrees(gauge.level.roll),
+            "camera_roll_std_deg": math.degrees(gauge.level.sigma),
+            "camera_roll_from": gauge.level.source,
         },
         tracks=(track,),
         series=(angle,),
@@ -482,6 +511,11 @@ def _watch(video: Video, camera: Camera, progress: Progress) -> Film:
             f"{video.path}: an arm turns, but nothing that rests on it at first has left its place at the end; "
             "film on until the body has slid or rolled down."
         )
+    if isinstance(body, Arrival):
+        raise NothingToMeasure(
+            f"{video.path}: what comes down the plate by {video.times[body.frame]:.3f} s is not seen at rest before: "
+            f"it moves in the first pictures already. {BEGIN_EARLIER}"
+        )
     return _follow(video, scene, arm, level, body, uphill, progress)
 
 
@@ -517,7 +551,7 @@ def _follow(
                 moved = step.along - place[0]
                 speed = moved if abs(moved) > 0.5 else 0.0
                 place, lost = np.array([step.along, step.across]), 0
-            elif frame.index > body.last_rest:
+            elif frame.index > body.rests[-1]:
                 lost += 1
                 place = place + np.array([speed, 0.0])
         numbers.append(frame.index)
@@ -545,32 +579,34 @@ def _follow(
 
 
 def _gauge(film: Film, camera: Camera, bead_diameter: float | None, arm_length: float | None) -> Gauge:
-    roll, roll_sigma, roll_from = _horizontal(film, camera)
+    level = _horizontal(film, camera)
     if camera.given_scale is not None:
         doubt = camera.scale_doubt(GIVEN_DOUBT)
-        return Gauge(camera.given_scale, doubt, camera.scale_from, roll, roll_sigma, roll_from)
+        return Gauge(camera.given_scale, doubt, camera.scale_from, level)
     if arm_length is not None:
         tip = film.arm.span[1] if film.uphill > 0 else -film.arm.span[0]
         # the arm's front is nearer to the camera than the body on its middle
-        return Gauge(arm_length / tip, 0.05, "arm length", roll, roll_sigma, roll_from)
+        return Gauge(arm_length / tip, 0.05, "arm length", level)
     if bead_diameter is not None:
         # a clump is one bead high; what glare leaves of its picture has notches, which no circle may be fitted between
-        return Gauge(bead_diameter / film.body.size[1], BEAD_DOUBT, "bead diameter", roll, roll_sigma, roll_from)
-    return Gauge(NOMINAL, math.inf, "not known", roll, roll_sigma, roll_from)
+        return Gauge(bead_diameter / film.body.size[1], BEAD_DOUBT, "bead diameter", level)
+    return Gauge(NOMINAL, math.inf, "not known", level)
 
 
-def _horizontal(film: Film, camera: Camera) -> tuple[float, float, str]:
-    """Slope of the horizontal [rad] at the arm's height in the picture, its standard uncertainty, where it is from."""
+def _horizontal(film: Film, camera: Camera) -> Horizontal:
+    """The horizontal at the arm's height in the picture."""
     usual = float(np.nanmedian(film.directions)) if np.any(np.isfinite(film.directions)) else 0.0
     x, y = (film.picture.shape[1] - 1) / 2, (film.picture.shape[0] - 1) / 2
     # an edge that runs through the picture's middle is seen at its own slope, wherever the camera looks
     row = y + (film.arm.pivot[1] - y) * math.cos(usual) - (film.arm.pivot[0] - x) * math.sin(usual)
+    seen = None if film.level is None else film.level.at(row)
     if camera.roll is not None:
-        return camera.roll, GIVEN_ROLL, "given"
-    if film.level is None:
-        return 0.0, NO_LEVEL, "not known"
-    slope, sigma = film.level.at(row)
-    return slope, sigma, "base plate"
+        # where the picture shows another horizontal, either may be right: a bench may slope, a reading may be off
+        apart = 0.0 if seen is None else abs(camera.roll - seen[0])
+        return Horizontal(camera.roll, math.hypot(GIVEN_ROLL, apart / 2), "given", seen)
+    if seen is None:
+        return Horizontal(0.0, NO_LEVEL, "not known", None)
+    return Horizontal(*seen, "base plate", seen)
 
 
 def _shape_check(body: Passenger, variant: Variant) -> Check:
@@ -581,10 +617,22 @@ def _shape_check(body: Passenger, variant: Variant) -> Check:
     return Check("shape", passed, ratio, 1.0, f"the body is {ratio:.1f} times as long as high{ending}")
 
 
+def _portrait_check(body: Passenger, video: Video, onset: Onset) -> tuple[Check, ...]:
+    """Whether the body rests in the frames of which its picture at rest is made, where it does not."""
+    resting = sum(video.times[number] < onset.time for number in body.rests)
+    if resting >= max(FEWEST, len(body.rests) / 2):
+        return ()
+    message = (
+        f"of the {len(body.rests)} frames that show the body at its first place only {resting} are before the onset: "
+        f"too little of its rest is seen. {BEGIN_EARLIER}"
+    )
+    return (Check("picture_at_rest", False, float(resting), float(FEWEST), message),)
+
+
 def _record(film: Film, gauge: Gauge) -> tuple[Series, Track]:
     """The plate's angle, and the body's track in metres about the axis."""
     sign = film.uphill
-    angle = -sign * (film.directions + film.arm.tilt - gauge.roll)
+    angle = -sign * (film.directions + film.arm.tilt - gauge.level.roll)
     seen = np.array([step is not None for step in film.steps]) & np.isfinite(angle)
     kept = [step for step in film.steps if step is not None]
     both = np.array([step is not None for step in film.steps])
@@ -636,12 +684,34 @@ def _view_checks(film: Film, gauge: Gauge, video: Video) -> tuple[Check, ...]:
         )
     ending = "." if steady else ", but so many may be wrong: use the camera's original file."
     timing = Check("frame_timing", steady, float(odd), 0.0, message + ending)
-    degrees, doubt = math.degrees(gauge.roll), math.degrees(gauge.roll_sigma)
-    if gauge.roll_from == "not known":
+    return arm, timing, _level_check(gauge.level, len(film.level.lines) if film.level else 0)
+
+
+def _level_check(level: Horizontal, edges: int) -> Check:
+    """Whether the horizontal is known, and a stated one is that of the base plate."""
+    degrees, doubt = math.degrees(level.roll), math.degrees(level.sigma)
+    if level.source == "not known":
         message = "no level edge of a base plate is seen, so the camera is taken to be upright; give --camera-roll."
-        return arm, timing, Check("level", False, 0.0, 0.0, message)
-    where = (
-        "as given" if gauge.roll_from == "given" else f"from {len(film.level.lines) if film.level else 0} level edges"
+        return Check("level", False, 0.0, 0.0, message)
+    if level.source != "given" or level.seen is None:
+        where = "as given" if level.source == "given" else f"from {edges} level edges"
+        return Check(
+            "level",
+            True,
+            degrees,
+            0.0,
+            f"the horizontal runs at {degrees:+.2f} ± {doubt:.2f} deg in the picture, {where}.",
+        )
+    slope, sigma = level.seen
+    passed = abs(level.roll - slope) < 3 * math.hypot(sigma, GIVEN_ROLL)
+    message = (
+        f"a camera roll of {degrees:+.2f} degrees was given, {edges} level edges of the base plate run at "
+        f"{math.degrees(slope):+.2f} ± {math.degrees(sigma):.2f}"
     )
-    message = f"the horizontal runs at {degrees:+.2f} ± {doubt:.2f} deg in the picture, {where}."
-    return arm, timing, Check("level", True, degrees, 0.0, message)
+    ending = (
+        "."
+        if passed
+        else ": its sign may be wrong (positive when the scene looks turned clockwise), or the base plate is not "
+        "level, which a spirit level on it tells; where it is, leave --camera-roll out."
+    )
+    return Check("level", passed, degrees, math.degrees(slope), message + ending)

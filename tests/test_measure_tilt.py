@@ -166,7 +166,7 @@ def test_a_ball_that_rolls_where_sliding_was_said_is_noticed():
 @pytest.mark.parametrize(("length", "rolls"), [(1.0, True), (1.9, True), (3.0, False)])
 def test_beads_glued_together_do_not_roll_and_a_smeared_bead_may(length, rolls):
     nothing = np.zeros((1, 1), np.float32)
-    body = Passenger(0, 0, nothing, nothing, (0.0, 0.0), (12 * length, 12.0), 0)
+    body = Passenger(0, 0, nothing, nothing, (0.0, 0.0), (12 * length, 12.0), (0, 1, 2))
     assert tilt._shape_check(body, "roll").passed == rolls
     assert tilt._shape_check(body, "slide").passed
 
@@ -211,6 +211,16 @@ def test_a_body_that_is_never_seen_is_refused_in_a_sentence():
     nothing = Track(np.empty(0), np.empty((0, 2)), np.empty(0))
     with pytest.raises(NothingToMeasure, match="seen in no frame"):
         tilt.evaluate(angles, [nothing], variant="slide")
+
+
+@pytest.mark.parametrize(("variant", "late"), [("slide", 0.05), ("slide", 0.1), ("roll", 0.3)])
+def test_a_record_that_begins_after_the_onset_tells_none(variant, late):
+    angles, (track,) = record(variant, angle_deg=18.0 if variant == "slide" else 5.0)
+    seen = track.time > 1.3 + late
+    track = replace(track, time=track.time[seen], position=track.position[seen], sigma=track.sigma[seen])
+    found = tilt.evaluate(angles, [track], variant=variant, bead_diameter=0.006)
+    assert all(quantity.doubtful for quantity in found.quantities)
+    assert "begin" in next(check for check in found.checks if check.check == "rest_seen").message
 
 
 def test_an_unknown_variant_is_refused():
@@ -302,6 +312,30 @@ def test_a_post_before_the_plate_is_not_taken_for_the_body(tmp_path, variant, po
     film = clip(tmp_path / "clip.mp4", variant=variant, angle_deg=14.0 if variant == "slide" else 6.0, post=post)
     result = tilt.measure(film, Camera(frame_rate=50.0), variant=variant, bead_diameter=0.012)
     assert pick(result, "onset_time").value == pytest.approx(0.9, abs=0.03)
+
+
+def test_a_clip_that_begins_in_the_middle_of_the_run_is_refused(tmp_path):
+    film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=14.0, fps=40.0, lost=range(46))
+    with pytest.raises(NothingToMeasure, match="not seen at rest"):
+        tilt.measure(film, Camera(frame_rate=40.0), variant="slide", bead_diameter=0.012)
+
+
+@pytest.mark.parametrize("first", [44, 45])  # the body lets go at frame 45
+def test_a_clip_that_begins_at_the_onset_is_doubted(tmp_path, first):
+    film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=14.0, lost=range(first))
+    result = tilt.measure(film, Camera(frame_rate=50.0), variant="slide", bead_diameter=0.012)
+    assert all(quantity.doubtful for quantity in result.quantities)
+
+
+def test_a_stated_roll_is_held_against_the_level_that_the_picture_shows(tmp_path):
+    film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=14.0, roll_deg=1.5)
+    for stated, right in ((1.5, True), (-1.5, False)):
+        camera = Camera(frame_rate=50.0, roll=math.radians(stated))
+        result = tilt.measure(film, camera, variant="slide", bead_diameter=0.012)
+        found = pick(result, "static_friction_angle")
+        assert bool(found.doubtful) == (not right)
+        assert abs(found.value - 14.0) < 3 * found.std_uncertainty
+        assert not pick(result, "onset_time").doubtful  # which no horizontal tells
 
 
 def test_frames_lost_from_a_film_are_put_right_by_the_turn_of_the_plate(tmp_path):
