@@ -38,7 +38,7 @@ from rigtwin.measure.passenger import FEWEST, Arrival, Passenger, Step, find_pas
 from rigtwin.measure.repeats import at_its_pace
 from rigtwin.measure.scene import Background, Pose, Scene
 from rigtwin.measure.starved import compression_check
-from rigtwin.measure.turning import missing_frames
+from rigtwin.measure.turning import gaps_by_run, gaps_by_turn
 
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.float32]
@@ -64,6 +64,7 @@ STARVED = 0.006  # bits per pixel, below which a film in which so little moves l
 RESIDUALS = 6  # times the noise, that a body may leave the fitted run by
 LEAST_REST = 6  # frames before the onset: for place, drift, a creep's speed and beginning, the onset, and one to spare
 BEGIN_EARLIER = "Let the clip begin at least 0.2 s before the body lets go."
+MOSTLY = 0.8  # of the frames before the onset, in which a missing one must show to be told
 NOMINAL = 3e-4  # [m/px], where no scale is known: only a unit
 # checks that every number rests on
 BEHIND_ALL = {
@@ -386,7 +387,10 @@ class Film:
     poses: tuple[Pose, ...]  # of the frames over the still scene
     uphill: int  # +1 where the arm rises to the right
     picture: Picture = field(repr=False)  # the still scene
-    missing: npt.NDArray[np.int64]  # frames that the film lacks before each, by how far the plate turns, shape (n,)
+    missing: npt.NDArray[np.int64]  # frames that the film lacks before each, shape (n,)
+    told: npt.NDArray[np.bool_]  # whether the plate turns so far that one which is missing stands out, shape (n,)
+    repeated: int = 0  # frames of the run that repeat the one before and put off all that follow
+    lost_in_run: int = 0  # frames that are missing there by how far the body moves
 
 
 @dataclass(frozen=True)
@@ -432,10 +436,14 @@ def measure(
     angle, track = _record(film, gauge)
     way = _way(angle, [track], variant, bead_diameter, gauge.doubt)
     run, onset = _onset(way, str(clip))
+    told = _by_the_run(film, way, run, onset, video)
+    again = bool(np.any(told.missing != film.missing))
+    film = told
     if not math.isfinite(gauge.doubt):
-        gauge = replace(gauge, scale=gauge.scale / onset.gain, source="gravity")
+        gauge, again = replace(gauge, scale=gauge.scale / onset.gain, source="gravity"), True
+    if again:
         angle, track = _record(film, gauge)
-        way = _way(angle, [track], variant, bead_diameter, math.inf)
+        way = _way(angle, [track], variant, bead_diameter, gauge.doubt)
         run, onset = _onset(way, str(clip))
     geometry = {
         "level": gauge.level.sigma,
@@ -452,7 +460,7 @@ def measure(
     of_film = (
         _shape_check(film.body, variant),
         *_portrait_check(film.body, video, onset),
-        *_view_checks(film, gauge, video),
+        *_view_checks(film, gauge, video, onset),
         compression_check(video, STARVED),
         *([still] if isinstance(still, Check) else []),
     )
@@ -561,20 +569,40 @@ def _follow(
         poses.append(view.pose)
         progress("following arm and body", frame.index - video.first + 1, video.last - video.first + 1)
     index = np.array(numbers)
-    missing = missing_frames(video.times[index], np.array(directions))
+    gaps = gaps_by_turn(video.times[index], np.array(directions))
     return Film(
         arm,
         level,
         body,
         index,
-        video.times[index] + np.cumsum(missing) / video.frame_rate,
+        video.times[index] + np.cumsum(gaps.missing) / video.frame_rate,
         np.array(directions),
         np.array(sigmas),
         tuple(steps),
         tuple(poses),
         uphill,
         scene.picture,
-        missing,
+        gaps.missing,
+        gaps.told,
+    )
+
+
+def _by_the_run(film: Film, way: Way, run: Run, onset: Onset, video: Video) -> Film:
+    """The film with the frames that are missing by the body's run where that tells, and else by the plate's turn."""
+    first = int(np.searchsorted(way.time, onset.time))
+    rest = float(np.median(way.down[max(first - LEAST_REST, 0) : first + 1]))
+    frames = np.searchsorted(film.times, way.time[first : run.end])
+    raw = video.times[film.frames]
+    gaps = gaps_by_run(raw[frames], way.down[first : run.end] - rest, way.sigma[first : run.end])
+    lost = np.maximum(gaps.missing, 0)
+    missing = film.missing.copy()
+    missing[frames[gaps.told]] = lost[gaps.told]
+    return replace(
+        film,
+        missing=missing,
+        times=raw + np.cumsum(missing) / video.frame_rate,
+        repeated=int(np.sum(gaps.missing < 0)),
+        lost_in_run=int(lost.sum()),
     )
 
 
@@ -662,7 +690,7 @@ def _wander(moved: Array) -> Array:
     return np.asarray(MOVED * np.minimum(moved, 1.0) * np.sqrt(np.maximum(alike, 1)))
 
 
-def _view_checks(film: Film, gauge: Gauge, video: Video) -> tuple[Check, ...]:
+def _view_checks(film: Film, gauge: Gauge, video: Video, onset: Onset) -> tuple[Check, ...]:
     seen = float(np.mean(np.isfinite(film.directions)))
     arm = Check(
         "arm_in_view",
@@ -672,19 +700,39 @@ def _view_checks(film: Film, gauge: Gauge, video: Video) -> tuple[Check, ...]:
         f"the plate's edges are found in {100 * seen:.0f} % of the frames"
         + ("." if seen > 0.8 else ": something hides them; keep hands and cables out of the view."),
     )
+    return arm, _timing_check(film, video, onset), _level_check(gauge.level, len(film.level.lines) if film.level else 0)
+
+
+def _timing_check(film: Film, video: Video, onset: Onset) -> Check:
+    """Whether the frames follow each other as their times say, as far as plate and body show."""
     steps = np.diff(video.times[video.first : video.last + 1])
     odd = int(np.sum(np.abs(steps - np.median(steps)) > 0.5 * np.median(steps)))
-    steady = odd < UNSTEADY * len(steps)
     message = f"{odd} of {len(steps)} frame intervals are odd" + ("; the file's own times were used" if odd else "")
     if lost := int(film.missing.sum()):
         at = film.times[film.missing > 0]
+        by = "the body moves" if film.lost_in_run == lost else "the plate turns"
         message += (
-            f"; {lost} more {'is' if lost == 1 else 'are'} missing by how far the plate turns at {at[0]:.3f} s"
+            f"; {lost} more {'is' if lost == 1 else 'are'} missing by how far {by} at {at[0]:.3f} s"
             f"{'' if len(at) == 1 else f' and {len(at) - 1} times after'}, and the times were put right"
         )
-    ending = "." if steady else ", but so many may be wrong: use the camera's original file."
-    timing = Check("frame_timing", steady, float(odd), 0.0, message + ending)
-    return arm, timing, _level_check(gauge.level, len(film.level.lines) if film.level else 0)
+    # what the plate does not tell before the onset, the run alone does not put right
+    told = film.told[film.times < onset.time]
+    seen = float(np.mean(told)) if len(told) else 0.0
+    hidden = (
+        f"in {100 * (1 - seen):.0f} % of the frames before the onset the plate turns too little to show a missing one"
+    )
+    if again := film.repeated:
+        ending = (
+            f", but in the run {again} frame{'' if again == 1 else 's'} just like the one before put off "
+            "what follows, so that times come out too long: use the camera's original file."
+        )
+    elif film.lost_in_run and seen < MOSTLY:
+        ending = f", but {hidden}, and others may be: use the camera's original file."
+    elif odd >= UNSTEADY * len(steps):
+        ending = ", but so many may be wrong: use the camera's original file."
+    else:
+        ending = "." if seen >= MOSTLY else f"; {hidden}."
+    return Check("frame_timing", ending[0] != ",", float(odd), 0.0, message + ending)
 
 
 def _level_check(level: Horizontal, edges: int) -> Check:

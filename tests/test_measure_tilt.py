@@ -347,6 +347,19 @@ def test_frames_lost_from_a_film_are_put_right_by_the_turn_of_the_plate(tmp_path
     assert "3 more are missing" in timing.message
 
 
+def test_frames_lost_from_a_film_of_a_slow_plate_are_told_by_the_run(tmp_path):
+    """Every seventh is lost; the plate turns by 0.02 degrees from frame to frame."""
+    film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=14.0, rate_deg=1.0, lost=range(3, 66, 7))
+    result = tilt.measure(film, Camera(frame_rate=50.0), variant="slide", bead_diameter=0.012)
+    timing = next(check for check in result.checks if check.check == "frame_timing")
+    assert "by how far the body moves" in timing.message
+    assert "plate turns too little to show" in timing.message
+    assert pick(result, "onset_time").doubtful  # 0.78 s by the file's times
+    found = pick(result, "static_friction_angle")
+    assert not found.doubtful
+    assert found.value == pytest.approx(14.0, abs=0.15)
+
+
 def test_the_size_of_a_bead_is_that_of_its_outline(tmp_path):
     film = clip(tmp_path / "clip.mp4", variant="roll", angle_deg=6.0)
     result = tilt.measure(film, Camera(frame_rate=50.0), variant="roll", bead_diameter=0.012)
