@@ -48,6 +48,7 @@ class Way:
     factor: float  # 1 sliding, 5/7 rolling
     scale_doubt: float  # relative standard uncertainty of lengths; infinite when there is no scale
     drift: float  # [m], how far the true axis may lie off the one that the way was measured about
+    reach: float  # [m], of the body at first, from that axis
 
 
 @dataclass(frozen=True)

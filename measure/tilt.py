@@ -57,6 +57,7 @@ GIVEN_DOUBT = 0.02  # relative, of a scale read off a length in view, or of a re
 BEAD_DOUBT = 0.12  # relative, of a scale from the outline of a body on the plate
 LIKELY = math.log(20)  # odds from which on one kind of motion is believed rather than the other
 LEAST_KINETIC = 0.5  # kinetic friction over static, of what slides
+SQUEEZED = 1.5  # widest that usual shapes of pixels make a picture, and narrowest, when they are taken for square
 SAME_FRICTION = 0.02  # relative, how far friction of what rolls may be off at its start
 CLUMP = 2.3  # length over height of a body on the plate, from which on it is no single bead, smeared by what it crept
 WRONG_SCALE = 0.3  # relative misfit of the acceleration from which on the scale is not believed
@@ -81,12 +82,12 @@ BEHIND_ALL = {
 }
 # and those that it rests on besides: an angle needs no clock and no scale, a moment no horizontal
 RESTS_ON = {
-    "static_friction": BEHIND_ALL | {"level"},
-    "static_friction_angle": BEHIND_ALL | {"level"},
-    "rolling_friction": BEHIND_ALL | {"level"},
-    "rolling_friction_angle": BEHIND_ALL | {"level"},
+    "static_friction": BEHIND_ALL | {"level", "proportions"},
+    "static_friction_angle": BEHIND_ALL | {"level", "proportions"},
+    "rolling_friction": BEHIND_ALL | {"level", "proportions"},
+    "rolling_friction_angle": BEHIND_ALL | {"level", "proportions"},
     "onset_time": BEHIND_ALL | {"gravity", "frame_timing", "compression"},
-    "kinetic_friction": BEHIND_ALL | {"gravity", "frame_timing", "level"},
+    "kinetic_friction": BEHIND_ALL | {"gravity", "frame_timing", "level", "proportions"},
 }
 
 
@@ -154,6 +155,7 @@ def _way(
         FACTOR[variant],
         scale_doubt,
         bead_diameter or USUAL_DRIFT,
+        float(np.median([np.hypot(track.position[0, 0], track.position[0, 1]) for track in tracks])),
     )
 
 
@@ -187,8 +189,10 @@ def _evaluation(
 ) -> Evaluation:
     """`geometry` and `timing` hold what a film adds to the doubt of the angle [rad] and of the time [s]."""
     geometry = geometry or {}
+    gravity = _gravity_check(way, onset, variant)
     judged = (
-        _gravity_check(way, onset, variant),
+        gravity,
+        _proportions_check(way, onset, isinstance(gravity, str) or gravity.passed),
         _variant_check(way, onset, variant),
         _creep_check(onset, bead_diameter),
         _rise_check(way, onset),
@@ -255,6 +259,44 @@ def _gravity_check(way: Way, onset: Onset, variant: Variant) -> Check | str:
     )
     ending = "scale and frame rate fit" if passed else "the scale, the frame rate or the variant is wrong"
     return Check("gravity", passed, onset.gain, 1.0, f"{found}: {ending}.")
+
+
+def _proportions_check(way: Way, onset: Onset, falls_as_it_should: bool) -> Check | str:
+    """Whether the picture is as wide as it is high: a squeezed one shows another angle.
+
+    There the plate grows longer or shorter as it turns, and a body that rests on it wanders along it in step with the
+    angle, while it runs down as if gravity were another one by the square of the squeeze.
+    """
+    seen, sure = onset.axis, way.drift + 3 * onset.axis_sigma
+    if seen < -sure:  # down the plate it might creep, but nothing creeps uphill
+        message = (
+            f"the body at rest wanders up the plate by {-1e3 * seen:.1f} ± {1e3 * onset.axis_sigma:.1f} mm for a radian "
+            f"of its rise, of which a hinge not found to the pixel explains {1e3 * way.drift:.0f}: is the picture squeezed "
+            "in its width? Then all angles are wrong; give the clip with square pixels."
+        )
+        return Check("proportions", False, seen, 0.0, message)
+    # how much less than at rest the body is held back, half of it at most, tells least of a run that is too fast
+    start = math.tan(onset.angle)
+    strong = max(onset.gain, (start - onset.moving_friction) / ((1 - LEAST_KINETIC) * start))
+    squeeze = math.sqrt(strong if strong > 1 else onset.gain)
+    wander = -way.reach * _lengthening(onset.angle, squeeze)
+    if falls_as_it_should or not 1 / SQUEEZED < squeeze < SQUEEZED or abs(seen - wander) > sure:
+        return Check("proportions", True, seen, 0.0, "nothing speaks for a picture that is squeezed.")
+    message = (
+        "that the body does not run as gravity makes it may be for the scale or the frame rate, on which no angle hangs, "
+        f"or for a picture {squeeze:.2f} times as wide as it should be, in which all angles are wrong; the plate turns "
+        "too little to tell which. Is a bead round in it?"
+    )
+    return Check("proportions", False, seen, 0.0, message)
+
+
+def _lengthening(angle: float, squeeze: float) -> float:
+    """By how much of its length a plate grows for every radian that it rises, in a picture `squeeze` times as wide.
+
+    `angle` [rad] is the one that this picture shows, in which (cos a / squeeze)^2 + sin^2 a is one over the length^2.
+    """
+    level, high = (math.cos(angle) / squeeze) ** 2, math.sin(angle) ** 2
+    return (1 / squeeze**2 - 1) * math.sin(angle) * math.cos(angle) / (level + high)
 
 
 def _variant_check(way: Way, onset: Onset, variant: Variant) -> Check | str:

@@ -223,6 +223,37 @@ def test_a_record_that_begins_after_the_onset_tells_none(variant, late):
     assert "begin" in next(check for check in found.checks if check.check == "rest_seen").message
 
 
+@pytest.mark.parametrize("squeeze", [0.75, 0.85])
+def test_an_angle_in_a_squeezed_picture_is_doubted(squeeze):
+    """A plate that turns is longer in it when it is steep, and a body that rests on it seems to wander uphill."""
+    angles, (track,) = record("slide", angle_deg=20.4)
+    position = track.position * [squeeze, 1.0]
+    wide = replace(angles, value=np.arctan2(np.sin(angles.value), squeeze * np.cos(angles.value)))
+    found = tilt.evaluate(wide, [replace(track, position=position)], variant="slide", bead_diameter=0.006)
+    assert pick(found, "static_friction_angle").value > 22
+    assert pick(found, "static_friction_angle").doubtful
+    assert "squeezed" in next(check for check in found.checks if check.check == "proportions").message
+
+
+@pytest.mark.parametrize("times", [0.6, 0.8, 1.4])
+def test_a_wrong_frame_rate_is_told_from_a_squeezed_picture_where_a_body_rests_high_on_a_steep_plate(times):
+    angles, (track,) = record("slide", angle_deg=20.4)
+    other = [replace(each, time=each.time / times) for each in (angles, track)]
+    found = tilt.evaluate(other[0], other[1:], variant="slide", bead_diameter=0.006)
+    assert pick(found, "onset_time").doubtful
+    assert next(check for check in found.checks if check.check == "proportions").passed
+
+
+def test_what_may_be_a_wrong_rate_or_a_squeezed_picture_is_said_to_be_either():
+    angles, (track,) = record("roll", angle_deg=4.0)
+    slow = [replace(each, time=each.time / 0.75) for each in (angles, track)]
+    found = tilt.evaluate(slow[0], slow[1:], variant="roll", bead_diameter=0.006)
+    assert all(quantity.doubtful for quantity in found.quantities)
+    message = next(check for check in found.checks if check.check == "proportions").message
+    assert "frame rate" in message
+    assert "times as wide" in message
+
+
 def test_an_unknown_variant_is_refused():
     with pytest.raises(BadInput, match="'slide' or 'roll'"):
         tilt.evaluate(*record("slide", angle_deg=18.0), variant="fall")
