@@ -27,6 +27,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, doubted, failed, root_sum_of_squares
 from rigtwin.lab.records import Series, Track
 from rigtwin.measure.arm import LEAST_TURN, Arm, find_arm, lay_over
+from rigtwin.measure.exposure import DIMMEST
 from rigtwin.measure.follow import learn_scene
 from rigtwin.measure.frame_steps import UNSTEADY
 from rigtwin.measure.in_front import in_front
@@ -34,7 +35,7 @@ from rigtwin.measure.in_view import camera_by_scene
 from rigtwin.measure.level import Level, find_level
 from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.onset import LEAST_DOUBT, Onset, Run, Way, find_onset, find_run, jitter, smooth_angle
-from rigtwin.measure.passenger import FEWEST, Arrival, Passenger, Step, find_passenger, follow, glare
+from rigtwin.measure.passenger import FEWEST, SATURATED, Arrival, Passenger, Step, find_passenger, follow, glare
 from rigtwin.measure.repeats import at_its_pace
 from rigtwin.measure.scene import Background, Pose, Scene
 from rigtwin.measure.starved import compression_check
@@ -66,6 +67,7 @@ RESIDUALS = 6  # times the noise, that a body may leave the fitted run by
 LEAST_REST = 6  # frames before the onset: for place, drift, a creep's speed and beginning, the onset, and one to spare
 BEGIN_EARLIER = "Let the clip begin at least 0.2 s before the body lets go."
 MOSTLY = 0.8  # of the frames before the onset, in which a missing one must show to be told
+MOST_WHITE = 0.25  # of the picture: more is no highlight
 NOMINAL = 3e-4  # [m/px], where no scale is known: only a unit
 # checks that every number rests on
 BEHIND_ALL = {
@@ -129,8 +131,8 @@ def _way(
     known = np.isfinite(turned) & np.isfinite(angle.time)
     if known.sum() < 8:
         raise NothingToMeasure(
-            f"measure tilt: the plate's angle is known in only {int(known.sum())} frames; "
-            "film longer, or with more light."
+            f"measure tilt: the plate's angle is known in only {int(known.sum())} frames; is this a clip of a tilting "
+            "plate, seen from the side, and light enough?"
         )
     time = tracks[0].time
     ways, sigmas = [], []
@@ -162,9 +164,17 @@ def _way(
 def _onset(way: Way, whose: str) -> tuple[Run, Onset]:
     run = find_run(way)
     if run is None:
+        first, last = (math.degrees(angle) for angle in (way.angle[0], way.angle[-1]))
+        if abs(last - first) < math.degrees(LEAST_TURN):
+            raise NothingToMeasure(
+                f"{whose}: what is taken for the body is seen only while the plate stands at {first:.1f} degrees, and "
+                "stays where it is; is the clip whole, sharp and one of a tilting plate?"
+            )
+        rises = last > first
+        advice = "film on until it has run down the plate." if rises else "is the clip played backwards?"
         raise NothingToMeasure(
-            f"{whose}: the body stays where it is while the plate rises from {math.degrees(way.angle[0]):.1f} to "
-            f"{math.degrees(way.angle[-1]):.1f} degrees; film on until it has run down the plate."
+            f"{whose}: the body stays where it is while the plate {'rises' if rises else 'sinks'} from {first:.1f} to "
+            f"{last:.1f} degrees; {advice}"
         )
     onset = find_onset(way, run)
     if onset is not None and math.isfinite(way.scale_doubt) and abs(onset.gain - 1) > WRONG_SCALE:
@@ -270,9 +280,9 @@ def _proportions_check(way: Way, onset: Onset, falls_as_it_should: bool) -> Chec
     seen, sure = onset.axis, way.drift + 3 * onset.axis_sigma
     if seen < -sure:  # down the plate it might creep, but nothing creeps uphill
         message = (
-            f"the body at rest wanders up the plate by {-1e3 * seen:.1f} ± {1e3 * onset.axis_sigma:.1f} mm for a radian "
-            f"of its rise, of which a hinge not found to the pixel explains {1e3 * way.drift:.0f}: is the picture squeezed "
-            "in its width? Then all angles are wrong; give the clip with square pixels."
+            f"the body at rest wanders up the plate by {-1e3 * seen:.1f} ± {1e3 * onset.axis_sigma:.1f} mm for a "
+            f"radian of its rise, of which a hinge not quite found explains {1e3 * way.drift:.0f}: is the picture "
+            "squeezed in its width? Then all angles are wrong; give the clip with square pixels."
         )
         return Check("proportions", False, seen, 0.0, message)
     # how much less than at rest the body is held back, half of it at most, tells least of a run that is too fast
@@ -283,9 +293,9 @@ def _proportions_check(way: Way, onset: Onset, falls_as_it_should: bool) -> Chec
     if falls_as_it_should or not 1 / SQUEEZED < squeeze < SQUEEZED or abs(seen - wander) > sure:
         return Check("proportions", True, seen, 0.0, "nothing speaks for a picture that is squeezed.")
     message = (
-        "that the body does not run as gravity makes it may be for the scale or the frame rate, on which no angle hangs, "
-        f"or for a picture {squeeze:.2f} times as wide as it should be, in which all angles are wrong; the plate turns "
-        "too little to tell which. Is a bead round in it?"
+        "that the body does not run as gravity makes it may be for the scale or the frame rate, on which no angle "
+        f"hangs, or for a picture {squeeze:.2f} times as wide as it should be, in which all angles are wrong; the "
+        "plate turns too little to tell which. Is a bead round in it?"
     )
     return Check("proportions", False, seen, 0.0, message)
 
@@ -547,8 +557,8 @@ def _watch(video: Video, camera: Camera, progress: Progress) -> Film:
     arm = find_arm(samples)
     if arm is None or not arm.edges:
         raise NothingToMeasure(
-            f"{video.path}: no straight arm turns by {math.degrees(LEAST_TURN):.1f} degrees or more"
-            " in this clip; film the plate from the side with a still camera, from before the tilt to after the run."
+            f"{video.path}: {_poorly_lit(samples)}no straight arm turns by {math.degrees(LEAST_TURN):.1f} degrees or "
+            "more in the clip; film the plate from the side with a still camera, from before the tilt to after the run."
         )
     lowest = arm.pivot[1] + max(edge.row for edge in arm.edges) + 4
     level = find_level(scene.picture, still, lowest, arm.converging)
@@ -558,8 +568,8 @@ def _watch(video: Video, camera: Camera, progress: Progress) -> Film:
     body = find_passenger(arm, samples, uphill, glare(scene.picture) | in_front(arm, still))
     if body is None:
         raise NothingToMeasure(
-            f"{video.path}: an arm turns, but nothing that rests on it at first has left its place at the end; "
-            "film on until the body has slid or rolled down."
+            f"{video.path}: {_poorly_lit(samples)}an arm turns, but nothing is seen to rest on its upper side at first "
+            "and to have left its place at the end; film on until the body has slid or rolled down, in contrast."
         )
     if isinstance(body, Arrival):
         raise NothingToMeasure(
@@ -567,6 +577,16 @@ def _watch(video: Video, camera: Camera, progress: Progress) -> Film:
             f"it moves in the first pictures already. {BEGIN_EARLIER}"
         )
     return _follow(video, scene, arm, level, body, uphill, progress)
+
+
+def _poorly_lit(samples: Mapping[int, Picture]) -> str:
+    """What is wrong with the pictures themselves, as the beginning of a sentence; empty where nothing is."""
+    blank = sum(float(np.ptp(np.percentile(picture, (0.5, 99.5)))) < DIMMEST for picture in samples.values())
+    if blank:
+        return f"{blank} of {len(samples)} pictures looked at show nothing but one brightness; in what remains "
+    # a film's brightness often ends at 235
+    white = float(np.mean([np.mean(picture >= max(picture.max() - 3, SATURATED)) for picture in samples.values()]))
+    return f"{100 * white:.0f} % of the picture is white, overexposed; " if white > MOST_WHITE else ""
 
 
 def _laid_over(scene: Scene, learnt: Background) -> dict[int, Picture]:

@@ -403,6 +403,22 @@ def test_a_clip_in_which_nothing_slides_says_so(tmp_path):
         tilt.measure(film, Camera(frame_rate=50.0), variant="slide")
 
 
+def test_pictures_that_show_nothing_are_named_where_no_plate_is_found(tmp_path):
+    for k in range(20):
+        cv2.imwrite(str(tmp_path / f"{k:03}.png"), np.zeros((HEIGHT, WIDTH), np.uint8))
+    with pytest.raises(NothingToMeasure, match="show nothing but one brightness"):
+        tilt.measure(tmp_path, Camera(frame_rate=50.0), variant="slide")
+
+
+def test_a_clip_played_backwards_is_not_asked_to_go_on():
+    angles, tracks = record("slide", angle_deg=18.0)
+    rest = tracks[0].time < 1.2
+    still = Track(tracks[0].time[rest], tracks[0].position[rest][::-1], tracks[0].sigma[rest])
+    back = replace(angles, value=np.interp(1.2 - angles.time, angles.time, angles.value))
+    with pytest.raises(NothingToMeasure, match=r"sinks .* backwards"):
+        tilt.evaluate(back, [still], variant="slide")
+
+
 def test_what_is_stated_of_a_smoothed_angle_is_what_it_is_off_by():
     time = np.linspace(0, 4, 200)
     errors, stated = [], []
