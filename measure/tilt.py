@@ -442,7 +442,7 @@ class Film:
     missing: npt.NDArray[np.int64]  # frames that the film lacks before each, shape (n,)
     told: npt.NDArray[np.bool_]  # whether the plate turns so far that one which is missing stands out, shape (n,)
     repeated: int = 0  # frames of the run that repeat the one before and put off all that follow
-    lost_in_run: int = 0  # frames that are missing there by how far the body moves
+    lost_in_run: int = 0  # frames that are missing there by how far the body moves, and not by the plate's turn
 
 
 @dataclass(frozen=True)
@@ -664,7 +664,7 @@ def _by_the_run(film: Film, way: Way, run: Run, onset: Onset, video: Video) -> F
         missing=missing,
         times=raw + np.cumsum(missing) / video.frame_rate,
         repeated=int(np.sum(gaps.missing < 0)),
-        lost_in_run=int(lost.sum()),
+        lost_in_run=int(lost[film.missing[frames] == 0].sum()),
     )
 
 
@@ -777,7 +777,6 @@ def _timing_check(film: Film, video: Video, onset: Onset) -> Check:
             f"; {lost} more {'is' if lost == 1 else 'are'} missing by how far {by} at {at[0]:.3f} s"
             f"{'' if len(at) == 1 else f' and {len(at) - 1} times after'}, and the times were put right"
         )
-    # what the plate does not tell before the onset, the run alone does not put right
     told = film.told[film.times < onset.time]
     seen = float(np.mean(told)) if len(told) else 0.0
     hidden = (
@@ -788,8 +787,9 @@ def _timing_check(film: Film, video: Video, onset: Onset) -> Check:
             f", but in the run {again} frame{'' if again == 1 else 's'} just like the one before put off "
             "what follows, so that times come out too long: use the camera's original file."
         )
-    elif film.lost_in_run and seen < MOSTLY:
-        ending = f", but {hidden}, and others may be: use the camera's original file."
+    elif film.lost_in_run:
+        # what the plate's turn does not show there it need not show before the onset
+        ending = ", but others may be before the onset, where only the plate moves: use the camera's original file."
     elif odd >= UNSTEADY * len(steps):
         ending = ", but so many may be wrong: use the camera's original file."
     else:

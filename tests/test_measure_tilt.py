@@ -384,7 +384,7 @@ def test_frames_lost_from_a_film_of_a_slow_plate_are_told_by_the_run(tmp_path):
     result = tilt.measure(film, Camera(frame_rate=50.0), variant="slide", bead_diameter=0.012)
     timing = next(check for check in result.checks if check.check == "frame_timing")
     assert "by how far the body moves" in timing.message
-    assert "plate turns too little to show" in timing.message
+    assert "before the onset, where only the plate moves" in timing.message
     assert pick(result, "onset_time").doubtful  # 0.78 s by the file's times
     found = pick(result, "static_friction_angle")
     assert not found.doubtful
