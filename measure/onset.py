@@ -48,6 +48,7 @@ class Way:
     factor: float  # 1 sliding, 5/7 rolling
     scale_doubt: float  # relative standard uncertainty of lengths; infinite when there is no scale
     drift: float  # [m], how far the true axis may lie off the one that the way was measured about
+    reach: float  # [m], of the body at first, from that axis
 
 
 @dataclass(frozen=True)
@@ -62,12 +63,15 @@ class Onset:
     moving_sigma: float
     gain: float  # fitted acceleration over that expected from gravity and the scale; 1 when both are right
     gain_sigma: float
+    axis: float  # [m], way that the body seems to come down for every radian that the plate rises under it
+    axis_sigma: float  # [m]
     creep: float  # [m], way that the body crept before the onset
     creep_sigma: float  # [m]
     noise: float  # [m], scatter of the way about the fit
     used: npt.NDArray[np.bool_]  # points of the way that were fitted, shape (n,)
     fitted: Array  # [m], fitted way at every point of the record, NaN outside the window
     rate: float  # [rad/s], of the angle at the onset
+    under_way: float  # logarithm of the odds that the body moves from the first point on and the onset was before it
 
 
 @dataclass(frozen=True)
@@ -117,7 +121,7 @@ def find_onset(way: Way, run: Run) -> Onset | None:
         table = table.with_noise(np.where(moves, apart, rests.together), kept)
         # with another noise another motion may be the likely one
         found = _search(table)
-    return None if found is None else _summary(way, table, found, noise)
+    return None if found is None else _summary(way, table, found, noise, _under_way(table, found))
 
 
 def smooth_angle(time: Array, angle: Array) -> Array:
@@ -321,6 +325,33 @@ def _tried(table: _Table, onsets: Array, creeps: bool) -> _Candidates:
     return _Candidates.joined(parts)
 
 
+def _under_way(table: _Table, found: _Candidates) -> float:
+    """Logarithm of the odds that the body comes down from the first point on, at a speed of its own there or from rest.
+
+    Against the onsets that were tried, by the same least squares; what is fitted is no different but for its beginning.
+    """
+    from scipy.optimize import lsq_linear
+
+    time, pull = table.time, table.factor * GRAVITY
+    sine = _since(table, table.sines, np.sin(table.angle), float(time[0]))
+    cosine = _since(table, table.cosines, np.cos(table.angle), float(time[0]))
+    columns = np.stack(
+        [np.ones_like(time), table.angle - table.angle[0], pull * sine, -pull * cosine, time - time[0]], axis=1
+    )
+    mean = np.array([0.0, 0.0, 1.0, 0.0, 0.0])
+    certain = np.array([0.0, 1 / table.drift, 1 / max(table.scale_doubt, LEAST_DOUBT), 0.0, 0.0])
+    weighted = columns / table.sigma[:, None]
+    size = np.sqrt(np.sum(weighted**2, axis=0) + certain**2)
+    rows = np.vstack([weighted / size, np.diag(certain / size)])
+    wanted = np.concatenate([table.down / table.sigma, certain * mean])
+    # gravity pulls down the plate, and nothing comes up it by itself
+    least = np.array([-np.inf, -np.inf, 0.0, -np.inf, 0.0])
+    answer = lsq_linear(rows, wanted, (least, np.full(5, np.inf)))
+    # its speed and its friction are free, each for Schwarz's price
+    cost = 2 * float(answer.cost) + 2 * math.log(max(float(np.sum(table.kept)), 2.0))
+    return (float(np.min(found.cost)) - cost) / 2
+
+
 def _solved(table: _Table, onsets: Array, columns: Array, creep_from: float) -> _Candidates:
     """The candidates of one combination.
 
@@ -404,7 +435,7 @@ def _repeat(residual: Array) -> float:
     return together
 
 
-def _summary(way: Way, table: _Table, found: _Candidates, noise: float) -> Onset:
+def _summary(way: Way, table: _Table, found: _Candidates, noise: float, under_way: float) -> Onset:
     """Mean and spread over all that is likely."""
     weight = found.weight
 
@@ -421,6 +452,7 @@ def _summary(way: Way, table: _Table, found: _Candidates, noise: float) -> Onset
     friction = np.tan(angles) - found.answer[:, 4] / found.answer[:, 2]
     moving, moving_sigma = average(friction, np.nan_to_num(found.variance[:, 4]))
     gain, gain_sigma = average(found.answer[:, 2], found.variance[:, 2])
+    axis, axis_sigma = average(found.answer[:, 1], found.variance[:, 1])
     crept = np.where(np.isfinite(found.creep_from), found.answer[:, 3] * (found.onset - found.creep_from), 0.0)
     creep, creep_sigma = average(crept)
     fitted = np.full(len(way.time), np.nan)
@@ -436,10 +468,13 @@ def _summary(way: Way, table: _Table, found: _Candidates, noise: float) -> Onset
         moving_sigma,
         gain,
         gain_sigma,
+        axis,
+        axis_sigma,
         creep,
         creep_sigma,
         noise,
         inside,
         fitted,
         rate,
+        under_way,
     )

@@ -25,6 +25,9 @@ LEAST_SEEN = 0.35  # share of the body's picture that must not be hidden
 STRONG = 0.3  # of a body's contrast, that its pixels have at least
 PART = 0.2  # of the largest part of a body, that another one is at least
 ALIKE = 0.5  # correlation below which what is found is not the body
+FEWEST = 3  # sample frames of a body at rest, and of one that comes: two would make a picture of what moves as well
+COMES = 0.7  # correlation from which on what is seen up the plate is what later lies lower down: over half its variance
+STEADILY = 0.8  # of the way it is seen to go, that a body must come down the plate
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,14 @@ class Passenger:
     weight: Picture = field(repr=False)  # 1 / variance on the body, 0 elsewhere
     centre: tuple[float, float]  # [px], along and across
     size: tuple[float, float]  # [px], along and across
-    last_rest: int  # sample frame in which it is still at rest
+    rests: tuple[int, ...]  # sample frames in which it is taken to be at rest, rising
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """A body that is seen to come down the plate, but at no place to rest before."""
+
+    frame: int  # sample frame in which it has come to the place where it stays
 
 
 @dataclass(frozen=True)
@@ -62,8 +72,10 @@ def glare(picture: Picture) -> npt.NDArray[np.bool_]:
 
 def find_passenger(
     arm: Arm, frames: dict[int, Picture], uphill: int, hidden: npt.NDArray[np.bool_] | None = None
-) -> Passenger | None:
+) -> Passenger | Arrival | None:
     """The body that rests in the first and is gone in the last of the sample frames; None when there is none.
+
+    An `Arrival` where nothing leaves a place, but a body comes to one.
 
     `uphill` is +1 where the arm rises to the right; `hidden` marks pixels of the still scene that show nothing of it.
     """
@@ -87,7 +99,7 @@ def find_passenger(
         stack = _uncovered(stack, covered > 0.01)
     noise = _grain(stack)
     surface = float(upper - arm.across[rows[0]])
-    gone = [blob for split in range(3, len(numbers)) for blob in _gone(stack, split, noise, surface)]
+    gone = [blob for split in range(FEWEST, len(numbers)) for blob in _gone(stack, split, noise, surface)]
     if not gone:
         return None
     # the body leaves one place and arrives at another, lower one: the uppermost clear place is where it stood
@@ -96,6 +108,8 @@ def find_passenger(
     highest = max(clear, key=lambda blob: uphill * blob.along)
     there = [blob for blob in clear if abs(blob.along - highest.along) < 0.6 * highest.length]
     best = max(there, key=lambda blob: blob.merit)
+    if _arrives(stack, best, uphill):
+        return Arrival(numbers[best.split])
     contrast = np.abs(np.median(stack[: best.split], axis=0) - np.median(stack[best.split :], axis=0))
     outline = _outline(best.mask, contrast)
     return _portrait(arm, frames, numbers[: best.split], outline, (int(rows[0]), int(columns[0])))
@@ -154,6 +168,30 @@ def _gone(stack: npt.NDArray[np.float32], split: int, noise: float, surface: flo
     return found
 
 
+def _arrives(stack: npt.NDArray[np.float32], place: _Gone, uphill: int) -> bool:
+    """Whether it is the bare plate that rests at a place first, until a body comes down to it.
+
+    What changes at the place is then the body that lies there later, and the frames before show just that up the plate,
+    lower from one to the next.  Where a body leaves a place there is nothing above it that moves.
+    """
+    y, x = np.nonzero(place.mask)
+    rows, columns = slice(int(y.min()), int(y.max()) + 1), slice(int(x.min()), int(x.max()) + 1)
+    early = stack[: place.split]
+    body = (np.median(stack[place.split :], axis=0) - np.median(early, axis=0))[rows, columns]
+    above = slice(columns.stop, None) if uphill > 0 else slice(0, columns.start)
+    moving = (early - np.median(early, axis=0))[:, rows, above]
+    if moving.shape[2] <= body.shape[1]:
+        return False
+    heights = []
+    for frame in moving:
+        likeness = cv2.matchTemplate(frame, body, cv2.TM_CCOEFF_NORMED)[0]
+        if float(likeness.max()) > COMES:
+            heights.append(uphill * int(np.argmax(likeness)))
+    steps = np.diff(heights)
+    down = -float(steps.sum())
+    return len(heights) >= FEWEST and down > place.length / 4 and down > STEADILY * float(np.abs(steps).sum())
+
+
 def _outline(mask: npt.NDArray[np.bool_], contrast: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
     """What is hulled by the strong parts of a place: a mottled background that turns behind it leaves weaker ones."""
     strong = mask & (contrast > STRONG * np.percentile(contrast[mask], 95))
@@ -193,7 +231,7 @@ def _portrait(
         weight.astype(np.float32),
         (float(arm.along[corner[1]] + x.mean()), float(arm.across[corner[0]] + y.mean())),
         (float(x.max() - x.min() + 1), float(y.max() - y.min() + 1)),
-        numbers[-1],
+        tuple(numbers),
     )
 
 

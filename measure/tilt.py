@@ -27,6 +27,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, doubted, failed, root_sum_of_squares
 from rigtwin.lab.records import Series, Track
 from rigtwin.measure.arm import LEAST_TURN, Arm, find_arm, lay_over
+from rigtwin.measure.exposure import DIMMEST
 from rigtwin.measure.follow import learn_scene
 from rigtwin.measure.frame_steps import UNSTEADY
 from rigtwin.measure.in_front import in_front
@@ -34,11 +35,11 @@ from rigtwin.measure.in_view import camera_by_scene
 from rigtwin.measure.level import Level, find_level
 from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.onset import LEAST_DOUBT, Onset, Run, Way, find_onset, find_run, jitter, smooth_angle
-from rigtwin.measure.passenger import Passenger, Step, find_passenger, follow, glare
+from rigtwin.measure.passenger import FEWEST, SATURATED, Arrival, Passenger, Step, find_passenger, follow, glare
 from rigtwin.measure.repeats import at_its_pace
 from rigtwin.measure.scene import Background, Pose, Scene
 from rigtwin.measure.starved import compression_check
-from rigtwin.measure.turning import missing_frames
+from rigtwin.measure.turning import gaps_by_run, gaps_by_turn
 
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.float32]
@@ -57,11 +58,16 @@ GIVEN_DOUBT = 0.02  # relative, of a scale read off a length in view, or of a re
 BEAD_DOUBT = 0.12  # relative, of a scale from the outline of a body on the plate
 LIKELY = math.log(20)  # odds from which on one kind of motion is believed rather than the other
 LEAST_KINETIC = 0.5  # kinetic friction over static, of what slides
+SQUEEZED = 1.5  # widest that usual shapes of pixels make a picture, and narrowest, when they are taken for square
 SAME_FRICTION = 0.02  # relative, how far friction of what rolls may be off at its start
 CLUMP = 2.3  # length over height of a body on the plate, from which on it is no single bead, smeared by what it crept
 WRONG_SCALE = 0.3  # relative misfit of the acceleration from which on the scale is not believed
 STARVED = 0.006  # bits per pixel, below which a film in which so little moves leaves out what is faint
 RESIDUALS = 6  # times the noise, that a body may leave the fitted run by
+LEAST_REST = 6  # frames before the onset: for place, drift, a creep's speed and beginning, the onset, and one to spare
+BEGIN_EARLIER = "Let the clip begin at least 0.2 s before the body lets go."
+MOSTLY = 0.8  # of the frames before the onset, in which a missing one must show to be told
+MOST_WHITE = 0.25  # of the picture: more is no highlight
 NOMINAL = 3e-4  # [m/px], where no scale is known: only a unit
 # checks that every number rests on
 BEHIND_ALL = {
@@ -69,6 +75,8 @@ BEHIND_ALL = {
     "creep",
     "steady_rise",
     "run_residuals",
+    "rest_seen",
+    "picture_at_rest",
     "onset_certainty",
     "shape",
     "arm_in_view",
@@ -76,12 +84,12 @@ BEHIND_ALL = {
 }
 # and those that it rests on besides: an angle needs no clock and no scale, a moment no horizontal
 RESTS_ON = {
-    "static_friction": BEHIND_ALL | {"level"},
-    "static_friction_angle": BEHIND_ALL | {"level"},
-    "rolling_friction": BEHIND_ALL | {"level"},
-    "rolling_friction_angle": BEHIND_ALL | {"level"},
+    "static_friction": BEHIND_ALL | {"level", "proportions"},
+    "static_friction_angle": BEHIND_ALL | {"level", "proportions"},
+    "rolling_friction": BEHIND_ALL | {"level", "proportions"},
+    "rolling_friction_angle": BEHIND_ALL | {"level", "proportions"},
     "onset_time": BEHIND_ALL | {"gravity", "frame_timing", "compression"},
-    "kinetic_friction": BEHIND_ALL | {"gravity", "frame_timing", "level"},
+    "kinetic_friction": BEHIND_ALL | {"gravity", "frame_timing", "level", "proportions"},
 }
 
 
@@ -123,8 +131,8 @@ def _way(
     known = np.isfinite(turned) & np.isfinite(angle.time)
     if known.sum() < 8:
         raise NothingToMeasure(
-            f"measure tilt: the plate's angle is known in only {int(known.sum())} frames; "
-            "film longer, or with more light."
+            f"measure tilt: the plate's angle is known in only {int(known.sum())} frames; is this a clip of a tilting "
+            "plate, seen from the side, and light enough?"
         )
     time = tracks[0].time
     ways, sigmas = [], []
@@ -149,15 +157,24 @@ def _way(
         FACTOR[variant],
         scale_doubt,
         bead_diameter or USUAL_DRIFT,
+        float(np.median([np.hypot(track.position[0, 0], track.position[0, 1]) for track in tracks])),
     )
 
 
 def _onset(way: Way, whose: str) -> tuple[Run, Onset]:
     run = find_run(way)
     if run is None:
+        first, last = (math.degrees(angle) for angle in (way.angle[0], way.angle[-1]))
+        if abs(last - first) < math.degrees(LEAST_TURN):
+            raise NothingToMeasure(
+                f"{whose}: what is taken for the body is seen only while the plate stands at {first:.1f} degrees, and "
+                "stays where it is; is the clip whole, sharp and one of a tilting plate?"
+            )
+        rises = last > first
+        advice = "film on until it has run down the plate." if rises else "is the clip played backwards?"
         raise NothingToMeasure(
-            f"{whose}: the body stays where it is while the plate rises from {math.degrees(way.angle[0]):.1f} to "
-            f"{math.degrees(way.angle[-1]):.1f} degrees; film on until it has run down the plate."
+            f"{whose}: the body stays where it is while the plate {'rises' if rises else 'sinks'} from {first:.1f} to "
+            f"{last:.1f} degrees; {advice}"
         )
     onset = find_onset(way, run)
     if onset is not None and math.isfinite(way.scale_doubt) and abs(onset.gain - 1) > WRONG_SCALE:
@@ -182,13 +199,16 @@ def _evaluation(
 ) -> Evaluation:
     """`geometry` and `timing` hold what a film adds to the doubt of the angle [rad] and of the time [s]."""
     geometry = geometry or {}
+    gravity = _gravity_check(way, onset, variant)
     judged = (
-        _gravity_check(way, onset, variant),
+        gravity,
+        _proportions_check(way, onset, isinstance(gravity, str) or gravity.passed),
         _variant_check(way, onset, variant),
         _creep_check(onset, bead_diameter),
         _rise_check(way, onset),
         _residual_check(way, onset),
         _certainty_check(onset, way),
+        _rest_check(onset, way),
     )
     checks = tuple(each for each in judged if isinstance(each, Check))
     name = FRICTION[variant]
@@ -249,6 +269,44 @@ def _gravity_check(way: Way, onset: Onset, variant: Variant) -> Check | str:
     )
     ending = "scale and frame rate fit" if passed else "the scale, the frame rate or the variant is wrong"
     return Check("gravity", passed, onset.gain, 1.0, f"{found}: {ending}.")
+
+
+def _proportions_check(way: Way, onset: Onset, falls_as_it_should: bool) -> Check | str:
+    """Whether the picture is as wide as it is high: a squeezed one shows another angle.
+
+    There the plate grows longer or shorter as it turns, and a body that rests on it wanders along it in step with the
+    angle, while it runs down as if gravity were another one by the square of the squeeze.
+    """
+    seen, sure = onset.axis, way.drift + 3 * onset.axis_sigma
+    if seen < -sure:  # down the plate it might creep, but nothing creeps uphill
+        message = (
+            f"the body at rest wanders up the plate by {-1e3 * seen:.1f} ± {1e3 * onset.axis_sigma:.1f} mm for a "
+            f"radian of its rise, of which a hinge not quite found explains {1e3 * way.drift:.0f}: is the picture "
+            "squeezed in its width? Then all angles are wrong; give the clip with square pixels."
+        )
+        return Check("proportions", False, seen, 0.0, message)
+    # how much less than at rest the body is held back, half of it at most, tells least of a run that is too fast
+    start = math.tan(onset.angle)
+    strong = max(onset.gain, (start - onset.moving_friction) / ((1 - LEAST_KINETIC) * start))
+    squeeze = math.sqrt(strong if strong > 1 else onset.gain)
+    wander = -way.reach * _lengthening(onset.angle, squeeze)
+    if falls_as_it_should or not 1 / SQUEEZED < squeeze < SQUEEZED or abs(seen - wander) > sure:
+        return Check("proportions", True, seen, 0.0, "nothing speaks for a picture that is squeezed.")
+    message = (
+        "that the body does not run as gravity makes it may be for the scale or the frame rate, on which no angle "
+        f"hangs, or for a picture {squeeze:.2f} times as wide as it should be, in which all angles are wrong; the "
+        "plate turns too little to tell which. Is a bead round in it?"
+    )
+    return Check("proportions", False, seen, 0.0, message)
+
+
+def _lengthening(angle: float, squeeze: float) -> float:
+    """By how much of its length a plate grows for every radian that it rises, in a picture `squeeze` times as wide.
+
+    `angle` [rad] is the one that this picture shows, in which (cos a / squeeze)^2 + sin^2 a is one over the length^2.
+    """
+    level, high = (math.cos(angle) / squeeze) ** 2, math.sin(angle) ** 2
+    return (1 / squeeze**2 - 1) * math.sin(angle) * math.cos(angle) / (level + high)
 
 
 def _variant_check(way: Way, onset: Onset, variant: Variant) -> Check | str:
@@ -348,6 +406,21 @@ def _certainty_check(onset: Onset, way: Way) -> Check:
     return Check("onset_certainty", passed, sigma, 0.0, message + ending)
 
 
+def _rest_check(onset: Onset, way: Way) -> Check:
+    """Whether the record begins before the onset: a body that is under way already has none in it."""
+    before = int(np.sum(way.time < onset.time))
+    start = float(way.time[0])
+    if onset.under_way >= -LIKELY:
+        message = (
+            f"the body comes down from the first frame on ({start:.3f} s): the onset may lie before. {BEGIN_EARLIER}"
+        )
+        return Check("rest_seen", False, float(before), float(LEAST_REST), message)
+    passed = before >= LEAST_REST
+    message = f"the body rests from {start:.3f} s to the onset, in {before} frames"
+    ending = "." if passed else f", too few to tell rest from creep. {BEGIN_EARLIER}"
+    return Check("rest_seen", passed, float(before), float(LEAST_REST), message + ending)
+
+
 # ---------------------------------------------------------------------------------------------------- media -> record
 
 
@@ -366,7 +439,20 @@ class Film:
     poses: tuple[Pose, ...]  # of the frames over the still scene
     uphill: int  # +1 where the arm rises to the right
     picture: Picture = field(repr=False)  # the still scene
-    missing: npt.NDArray[np.int64]  # frames that the film lacks before each, by how far the plate turns, shape (n,)
+    missing: npt.NDArray[np.int64]  # frames that the film lacks before each, shape (n,)
+    told: npt.NDArray[np.bool_]  # whether the plate turns so far that one which is missing stands out, shape (n,)
+    repeated: int = 0  # frames of the run that repeat the one before and put off all that follow
+    lost_in_run: int = 0  # frames that are missing there by how far the body moves, and not by the plate's turn
+
+
+@dataclass(frozen=True)
+class Horizontal:
+    """How the horizontal runs through the picture at the arm's height."""
+
+    roll: float  # [rad], positive where it falls to the right
+    sigma: float  # [rad], one standard deviation
+    source: str
+    seen: tuple[float, float] | None  # [rad], that of the base plate's edges and its standard deviation
 
 
 @dataclass(frozen=True)
@@ -376,9 +462,7 @@ class Gauge:
     scale: float  # [m/px]
     doubt: float  # relative standard uncertainty; infinite without a scale
     source: str
-    roll: float  # [rad], of the horizontal at the arm's height
-    roll_sigma: float  # [rad]
-    roll_from: str
+    level: Horizontal
 
 
 def measure(
@@ -404,13 +488,17 @@ def measure(
     angle, track = _record(film, gauge)
     way = _way(angle, [track], variant, bead_diameter, gauge.doubt)
     run, onset = _onset(way, str(clip))
+    told = _by_the_run(film, way, run, onset, video)
+    again = bool(np.any(told.missing != film.missing))
+    film = told
     if not math.isfinite(gauge.doubt):
-        gauge = replace(gauge, scale=gauge.scale / onset.gain, source="gravity")
+        gauge, again = replace(gauge, scale=gauge.scale / onset.gain, source="gravity"), True
+    if again:
         angle, track = _record(film, gauge)
-        way = _way(angle, [track], variant, bead_diameter, math.inf)
+        way = _way(angle, [track], variant, bead_diameter, gauge.doubt)
         run, onset = _onset(way, str(clip))
     geometry = {
-        "level": gauge.roll_sigma,
+        "level": gauge.level.sigma,
         "arm": max(film.arm.tilt_sigma, float(np.nanmedian(film.sigmas))),
         "perspective": PERSPECTIVE,
     }
@@ -423,7 +511,8 @@ def measure(
     still = camera_by_scene(film.poses)
     of_film = (
         _shape_check(film.body, variant),
-        *_view_checks(film, gauge, video),
+        *_portrait_check(film.body, video, onset),
+        *_view_checks(film, gauge, video, onset),
         compression_check(video, STARVED),
         *([still] if isinstance(still, Check) else []),
     )
@@ -441,9 +530,9 @@ def measure(
             "playback_rate_hz": video.playback_rate,
             "scale_m_per_px": gauge.scale,
             "scale_from": gauge.source,
-            "camera_roll_deg": math.degrees(gauge.roll),
-            "camera_roll_std_deg": math.degrees(gauge.roll_sigma),
-            "camera_roll_from": gauge.roll_from,
+            "camera_roll_deg": math.degrees(gauge.level.roll),
+            "camera_roll_std_deg": math.degrees(gauge.level.sigma),
+            "camera_roll_from": gauge.level.source,
         },
         tracks=(track,),
         series=(angle,),
@@ -468,8 +557,8 @@ def _watch(video: Video, camera: Camera, progress: Progress) -> Film:
     arm = find_arm(samples)
     if arm is None or not arm.edges:
         raise NothingToMeasure(
-            f"{video.path}: no straight arm turns by {math.degrees(LEAST_TURN):.1f} degrees or more"
-            " in this clip; film the plate from the side with a still camera, from before the tilt to after the run."
+            f"{video.path}: {_poorly_lit(samples)}no straight arm turns by {math.degrees(LEAST_TURN):.1f} degrees or "
+            "more in the clip; film the plate from the side with a still camera, from before the tilt to after the run."
         )
     lowest = arm.pivot[1] + max(edge.row for edge in arm.edges) + 4
     level = find_level(scene.picture, still, lowest, arm.converging)
@@ -479,10 +568,25 @@ def _watch(video: Video, camera: Camera, progress: Progress) -> Film:
     body = find_passenger(arm, samples, uphill, glare(scene.picture) | in_front(arm, still))
     if body is None:
         raise NothingToMeasure(
-            f"{video.path}: an arm turns, but nothing that rests on it at first has left its place at the end; "
-            "film on until the body has slid or rolled down."
+            f"{video.path}: {_poorly_lit(samples)}an arm turns, but nothing is seen to rest on its upper side at first "
+            "and to have left its place at the end; film on until the body has slid or rolled down, in contrast."
+        )
+    if isinstance(body, Arrival):
+        raise NothingToMeasure(
+            f"{video.path}: what comes down the plate by {video.times[body.frame]:.3f} s is not seen at rest before: "
+            f"it moves in the first pictures already. {BEGIN_EARLIER}"
         )
     return _follow(video, scene, arm, level, body, uphill, progress)
+
+
+def _poorly_lit(samples: Mapping[int, Picture]) -> str:
+    """What is wrong with the pictures themselves, as the beginning of a sentence; empty where nothing is."""
+    blank = sum(float(np.ptp(np.percentile(picture, (0.5, 99.5)))) < DIMMEST for picture in samples.values())
+    if blank:
+        return f"{blank} of {len(samples)} pictures looked at show nothing but one brightness; in what remains "
+    # a film's brightness often ends at 235
+    white = float(np.mean([np.mean(picture >= max(picture.max() - 3, SATURATED)) for picture in samples.values()]))
+    return f"{100 * white:.0f} % of the picture is white, overexposed; " if white > MOST_WHITE else ""
 
 
 def _laid_over(scene: Scene, learnt: Background) -> dict[int, Picture]:
@@ -517,7 +621,7 @@ def _follow(
                 moved = step.along - place[0]
                 speed = moved if abs(moved) > 0.5 else 0.0
                 place, lost = np.array([step.along, step.across]), 0
-            elif frame.index > body.last_rest:
+            elif frame.index > body.rests[-1]:
                 lost += 1
                 place = place + np.array([speed, 0.0])
         numbers.append(frame.index)
@@ -527,50 +631,72 @@ def _follow(
         poses.append(view.pose)
         progress("following arm and body", frame.index - video.first + 1, video.last - video.first + 1)
     index = np.array(numbers)
-    missing = missing_frames(video.times[index], np.array(directions))
+    gaps = gaps_by_turn(video.times[index], np.array(directions))
     return Film(
         arm,
         level,
         body,
         index,
-        video.times[index] + np.cumsum(missing) / video.frame_rate,
+        video.times[index] + np.cumsum(gaps.missing) / video.frame_rate,
         np.array(directions),
         np.array(sigmas),
         tuple(steps),
         tuple(poses),
         uphill,
         scene.picture,
-        missing,
+        gaps.missing,
+        gaps.told,
+    )
+
+
+def _by_the_run(film: Film, way: Way, run: Run, onset: Onset, video: Video) -> Film:
+    """The film with the frames that are missing by the body's run where that tells, and else by the plate's turn."""
+    first = int(np.searchsorted(way.time, onset.time))
+    rest = float(np.median(way.down[max(first - LEAST_REST, 0) : first + 1]))
+    frames = np.searchsorted(film.times, way.time[first : run.end])
+    raw = video.times[film.frames]
+    gaps = gaps_by_run(raw[frames], way.down[first : run.end] - rest, way.sigma[first : run.end])
+    lost = np.maximum(gaps.missing, 0)
+    missing = film.missing.copy()
+    missing[frames[gaps.told]] = lost[gaps.told]
+    return replace(
+        film,
+        missing=missing,
+        times=raw + np.cumsum(missing) / video.frame_rate,
+        repeated=int(np.sum(gaps.missing < 0)),
+        lost_in_run=int(lost[film.missing[frames] == 0].sum()),
     )
 
 
 def _gauge(film: Film, camera: Camera, bead_diameter: float | None, arm_length: float | None) -> Gauge:
-    roll, roll_sigma, roll_from = _horizontal(film, camera)
+    level = _horizontal(film, camera)
     if camera.given_scale is not None:
         doubt = camera.scale_doubt(GIVEN_DOUBT)
-        return Gauge(camera.given_scale, doubt, camera.scale_from, roll, roll_sigma, roll_from)
+        return Gauge(camera.given_scale, doubt, camera.scale_from, level)
     if arm_length is not None:
         tip = film.arm.span[1] if film.uphill > 0 else -film.arm.span[0]
         # the arm's front is nearer to the camera than the body on its middle
-        return Gauge(arm_length / tip, 0.05, "arm length", roll, roll_sigma, roll_from)
+        return Gauge(arm_length / tip, 0.05, "arm length", level)
     if bead_diameter is not None:
         # a clump is one bead high; what glare leaves of its picture has notches, which no circle may be fitted between
-        return Gauge(bead_diameter / film.body.size[1], BEAD_DOUBT, "bead diameter", roll, roll_sigma, roll_from)
-    return Gauge(NOMINAL, math.inf, "not known", roll, roll_sigma, roll_from)
+        return Gauge(bead_diameter / film.body.size[1], BEAD_DOUBT, "bead diameter", level)
+    return Gauge(NOMINAL, math.inf, "not known", level)
 
 
-def _horizontal(film: Film, camera: Camera) -> tuple[float, float, str]:
-    """Slope of the horizontal [rad] at the arm's height in the picture, its standard uncertainty, where it is from."""
+def _horizontal(film: Film, camera: Camera) -> Horizontal:
+    """The horizontal at the arm's height in the picture."""
     usual = float(np.nanmedian(film.directions)) if np.any(np.isfinite(film.directions)) else 0.0
     x, y = (film.picture.shape[1] - 1) / 2, (film.picture.shape[0] - 1) / 2
     # an edge that runs through the picture's middle is seen at its own slope, wherever the camera looks
     row = y + (film.arm.pivot[1] - y) * math.cos(usual) - (film.arm.pivot[0] - x) * math.sin(usual)
+    seen = None if film.level is None else film.level.at(row)
     if camera.roll is not None:
-        return camera.roll, GIVEN_ROLL, "given"
-    if film.level is None:
-        return 0.0, NO_LEVEL, "not known"
-    slope, sigma = film.level.at(row)
-    return slope, sigma, "base plate"
+        # where the picture shows another horizontal, either may be right: a bench may slope, a reading may be off
+        apart = 0.0 if seen is None else abs(camera.roll - seen[0])
+        return Horizontal(camera.roll, math.hypot(GIVEN_ROLL, apart / 2), "given", seen)
+    if seen is None:
+        return Horizontal(0.0, NO_LEVEL, "not known", None)
+    return Horizontal(*seen, "base plate", seen)
 
 
 def _shape_check(body: Passenger, variant: Variant) -> Check:
@@ -581,10 +707,22 @@ def _shape_check(body: Passenger, variant: Variant) -> Check:
     return Check("shape", passed, ratio, 1.0, f"the body is {ratio:.1f} times as long as high{ending}")
 
 
+def _portrait_check(body: Passenger, video: Video, onset: Onset) -> tuple[Check, ...]:
+    """Whether the body rests in the frames of which its picture at rest is made, where it does not."""
+    resting = sum(video.times[number] < onset.time for number in body.rests)
+    if resting >= max(FEWEST, len(body.rests) / 2):
+        return ()
+    message = (
+        f"of the {len(body.rests)} frames that show the body at its first place only {resting} are before the onset: "
+        f"too little of its rest is seen. {BEGIN_EARLIER}"
+    )
+    return (Check("picture_at_rest", False, float(resting), float(FEWEST), message),)
+
+
 def _record(film: Film, gauge: Gauge) -> tuple[Series, Track]:
     """The plate's angle, and the body's track in metres about the axis."""
     sign = film.uphill
-    angle = -sign * (film.directions + film.arm.tilt - gauge.roll)
+    angle = -sign * (film.directions + film.arm.tilt - gauge.level.roll)
     seen = np.array([step is not None for step in film.steps]) & np.isfinite(angle)
     kept = [step for step in film.steps if step is not None]
     both = np.array([step is not None for step in film.steps])
@@ -614,7 +752,7 @@ def _wander(moved: Array) -> Array:
     return np.asarray(MOVED * np.minimum(moved, 1.0) * np.sqrt(np.maximum(alike, 1)))
 
 
-def _view_checks(film: Film, gauge: Gauge, video: Video) -> tuple[Check, ...]:
+def _view_checks(film: Film, gauge: Gauge, video: Video, onset: Onset) -> tuple[Check, ...]:
     seen = float(np.mean(np.isfinite(film.directions)))
     arm = Check(
         "arm_in_view",
@@ -624,24 +762,66 @@ def _view_checks(film: Film, gauge: Gauge, video: Video) -> tuple[Check, ...]:
         f"the plate's edges are found in {100 * seen:.0f} % of the frames"
         + ("." if seen > 0.8 else ": something hides them; keep hands and cables out of the view."),
     )
+    return arm, _timing_check(film, video, onset), _level_check(gauge.level, len(film.level.lines) if film.level else 0)
+
+
+def _timing_check(film: Film, video: Video, onset: Onset) -> Check:
+    """Whether the frames follow each other as their times say, as far as plate and body show."""
     steps = np.diff(video.times[video.first : video.last + 1])
     odd = int(np.sum(np.abs(steps - np.median(steps)) > 0.5 * np.median(steps)))
-    steady = odd < UNSTEADY * len(steps)
     message = f"{odd} of {len(steps)} frame intervals are odd" + ("; the file's own times were used" if odd else "")
     if lost := int(film.missing.sum()):
         at = film.times[film.missing > 0]
+        by = "the body moves" if film.lost_in_run == lost else "the plate turns"
         message += (
-            f"; {lost} more {'is' if lost == 1 else 'are'} missing by how far the plate turns at {at[0]:.3f} s"
+            f"; {lost} more {'is' if lost == 1 else 'are'} missing by how far {by} at {at[0]:.3f} s"
             f"{'' if len(at) == 1 else f' and {len(at) - 1} times after'}, and the times were put right"
         )
-    ending = "." if steady else ", but so many may be wrong: use the camera's original file."
-    timing = Check("frame_timing", steady, float(odd), 0.0, message + ending)
-    degrees, doubt = math.degrees(gauge.roll), math.degrees(gauge.roll_sigma)
-    if gauge.roll_from == "not known":
-        message = "no level edge of a base plate is seen, so the camera is taken to be upright; give --camera-roll."
-        return arm, timing, Check("level", False, 0.0, 0.0, message)
-    where = (
-        "as given" if gauge.roll_from == "given" else f"from {len(film.level.lines) if film.level else 0} level edges"
+    told = film.told[film.times < onset.time]
+    seen = float(np.mean(told)) if len(told) else 0.0
+    hidden = (
+        f"in {100 * (1 - seen):.0f} % of the frames before the onset the plate turns too little to show a missing one"
     )
-    message = f"the horizontal runs at {degrees:+.2f} ± {doubt:.2f} deg in the picture, {where}."
-    return arm, timing, Check("level", True, degrees, 0.0, message)
+    if again := film.repeated:
+        ending = (
+            f", but in the run {again} frame{'' if again == 1 else 's'} just like the one before put off "
+            "what follows, so that times come out too long: use the camera's original file."
+        )
+    elif film.lost_in_run:
+        # what the plate's turn does not show there it need not show before the onset
+        ending = ", but others may be before the onset, where only the plate moves: use the camera's original file."
+    elif odd >= UNSTEADY * len(steps):
+        ending = ", but so many may be wrong: use the camera's original file."
+    else:
+        ending = "." if seen >= MOSTLY else f"; {hidden}."
+    return Check("frame_timing", ending[0] != ",", float(odd), 0.0, message + ending)
+
+
+def _level_check(level: Horizontal, edges: int) -> Check:
+    """Whether the horizontal is known, and a stated one is that of the base plate."""
+    degrees, doubt = math.degrees(level.roll), math.degrees(level.sigma)
+    if level.source == "not known":
+        message = "no level edge of a base plate is seen, so the camera is taken to be upright; give --camera-roll."
+        return Check("level", False, 0.0, 0.0, message)
+    if level.source != "given" or level.seen is None:
+        where = "as given" if level.source == "given" else f"from {edges} level edges"
+        return Check(
+            "level",
+            True,
+            degrees,
+            0.0,
+            f"the horizontal runs at {degrees:+.2f} ± {doubt:.2f} deg in the picture, {where}.",
+        )
+    slope, sigma = level.seen
+    passed = abs(level.roll - slope) < 3 * math.hypot(sigma, GIVEN_ROLL)
+    message = (
+        f"a camera roll of {degrees:+.2f} degrees was given, {edges} level edges of the base plate run at "
+        f"{math.degrees(slope):+.2f} ± {math.degrees(sigma):.2f}"
+    )
+    ending = (
+        "."
+        if passed
+        else ": its sign may be wrong (positive when the scene looks turned clockwise), or the base plate is not "
+        "level, which a spirit level on it tells; where it is, leave --camera-roll out."
+    )
+    return Check("level", passed, degrees, math.degrees(slope), message + ending)

@@ -166,7 +166,7 @@ def test_a_ball_that_rolls_where_sliding_was_said_is_noticed():
 @pytest.mark.parametrize(("length", "rolls"), [(1.0, True), (1.9, True), (3.0, False)])
 def test_beads_glued_together_do_not_roll_and_a_smeared_bead_may(length, rolls):
     nothing = np.zeros((1, 1), np.float32)
-    body = Passenger(0, 0, nothing, nothing, (0.0, 0.0), (12 * length, 12.0), 0)
+    body = Passenger(0, 0, nothing, nothing, (0.0, 0.0), (12 * length, 12.0), (0, 1, 2))
     assert tilt._shape_check(body, "roll").passed == rolls
     assert tilt._shape_check(body, "slide").passed
 
@@ -211,6 +211,47 @@ def test_a_body_that_is_never_seen_is_refused_in_a_sentence():
     nothing = Track(np.empty(0), np.empty((0, 2)), np.empty(0))
     with pytest.raises(NothingToMeasure, match="seen in no frame"):
         tilt.evaluate(angles, [nothing], variant="slide")
+
+
+@pytest.mark.parametrize(("variant", "late"), [("slide", 0.05), ("slide", 0.1), ("roll", 0.3)])
+def test_a_record_that_begins_after_the_onset_tells_none(variant, late):
+    angles, (track,) = record(variant, angle_deg=18.0 if variant == "slide" else 5.0)
+    seen = track.time > 1.3 + late
+    track = replace(track, time=track.time[seen], position=track.position[seen], sigma=track.sigma[seen])
+    found = tilt.evaluate(angles, [track], variant=variant, bead_diameter=0.006)
+    assert all(quantity.doubtful for quantity in found.quantities)
+    assert "begin" in next(check for check in found.checks if check.check == "rest_seen").message
+
+
+@pytest.mark.parametrize("squeeze", [0.75, 0.85])
+def test_an_angle_in_a_squeezed_picture_is_doubted(squeeze):
+    """A plate that turns is longer in it when it is steep, and a body that rests on it seems to wander uphill."""
+    angles, (track,) = record("slide", angle_deg=20.4)
+    position = track.position * [squeeze, 1.0]
+    wide = replace(angles, value=np.arctan2(np.sin(angles.value), squeeze * np.cos(angles.value)))
+    found = tilt.evaluate(wide, [replace(track, position=position)], variant="slide", bead_diameter=0.006)
+    assert pick(found, "static_friction_angle").value > 22
+    assert pick(found, "static_friction_angle").doubtful
+    assert "squeezed" in next(check for check in found.checks if check.check == "proportions").message
+
+
+@pytest.mark.parametrize("times", [0.6, 0.8, 1.4])
+def test_a_wrong_frame_rate_is_told_from_a_squeezed_picture_where_a_body_rests_high_on_a_steep_plate(times):
+    angles, (track,) = record("slide", angle_deg=20.4)
+    other = [replace(each, time=each.time / times) for each in (angles, track)]
+    found = tilt.evaluate(other[0], other[1:], variant="slide", bead_diameter=0.006)
+    assert pick(found, "onset_time").doubtful
+    assert next(check for check in found.checks if check.check == "proportions").passed
+
+
+def test_what_may_be_a_wrong_rate_or_a_squeezed_picture_is_said_to_be_either():
+    angles, (track,) = record("roll", angle_deg=4.0)
+    slow = [replace(each, time=each.time / 0.75) for each in (angles, track)]
+    found = tilt.evaluate(slow[0], slow[1:], variant="roll", bead_diameter=0.006)
+    assert all(quantity.doubtful for quantity in found.quantities)
+    message = next(check for check in found.checks if check.check == "proportions").message
+    assert "frame rate" in message
+    assert "times as wide" in message
 
 
 def test_an_unknown_variant_is_refused():
@@ -304,6 +345,30 @@ def test_a_post_before_the_plate_is_not_taken_for_the_body(tmp_path, variant, po
     assert pick(result, "onset_time").value == pytest.approx(0.9, abs=0.03)
 
 
+def test_a_clip_that_begins_in_the_middle_of_the_run_is_refused(tmp_path):
+    film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=14.0, fps=40.0, lost=range(46))
+    with pytest.raises(NothingToMeasure, match="not seen at rest"):
+        tilt.measure(film, Camera(frame_rate=40.0), variant="slide", bead_diameter=0.012)
+
+
+@pytest.mark.parametrize("first", [44, 45])  # the body lets go at frame 45
+def test_a_clip_that_begins_at_the_onset_is_doubted(tmp_path, first):
+    film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=14.0, lost=range(first))
+    result = tilt.measure(film, Camera(frame_rate=50.0), variant="slide", bead_diameter=0.012)
+    assert all(quantity.doubtful for quantity in result.quantities)
+
+
+def test_a_stated_roll_is_held_against_the_level_that_the_picture_shows(tmp_path):
+    film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=14.0, roll_deg=1.5)
+    for stated, right in ((1.5, True), (-1.5, False)):
+        camera = Camera(frame_rate=50.0, roll=math.radians(stated))
+        result = tilt.measure(film, camera, variant="slide", bead_diameter=0.012)
+        found = pick(result, "static_friction_angle")
+        assert bool(found.doubtful) == (not right)
+        assert abs(found.value - 14.0) < 3 * found.std_uncertainty
+        assert not pick(result, "onset_time").doubtful  # which no horizontal tells
+
+
 def test_frames_lost_from_a_film_are_put_right_by_the_turn_of_the_plate(tmp_path):
     film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=14.0, rate_deg=9.0, lost=(20, 21, 33))
     result = tilt.measure(film, Camera(frame_rate=50.0), variant="slide", bead_diameter=0.012)
@@ -311,6 +376,19 @@ def test_frames_lost_from_a_film_are_put_right_by_the_turn_of_the_plate(tmp_path
     assert found.value == pytest.approx(0.9, abs=0.02)  # 0.84 by the file's own times
     timing = next(check for check in result.checks if check.check == "frame_timing")
     assert "3 more are missing" in timing.message
+
+
+def test_frames_lost_from_a_film_of_a_slow_plate_are_told_by_the_run(tmp_path):
+    """Every seventh is lost; the plate turns by 0.02 degrees from frame to frame."""
+    film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=14.0, rate_deg=1.0, lost=range(3, 66, 7))
+    result = tilt.measure(film, Camera(frame_rate=50.0), variant="slide", bead_diameter=0.012)
+    timing = next(check for check in result.checks if check.check == "frame_timing")
+    assert "by how far the body moves" in timing.message
+    assert "before the onset, where only the plate moves" in timing.message
+    assert pick(result, "onset_time").doubtful  # 0.78 s by the file's times
+    found = pick(result, "static_friction_angle")
+    assert not found.doubtful
+    assert found.value == pytest.approx(14.0, abs=0.15)
 
 
 def test_the_size_of_a_bead_is_that_of_its_outline(tmp_path):
@@ -323,6 +401,22 @@ def test_a_clip_in_which_nothing_slides_says_so(tmp_path):
     film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=14.0, still=True)
     with pytest.raises(NothingToMeasure, match=r"film on until|stays where it is"):
         tilt.measure(film, Camera(frame_rate=50.0), variant="slide")
+
+
+def test_pictures_that_show_nothing_are_named_where_no_plate_is_found(tmp_path):
+    for k in range(20):
+        cv2.imwrite(str(tmp_path / f"{k:03}.png"), np.zeros((HEIGHT, WIDTH), np.uint8))
+    with pytest.raises(NothingToMeasure, match="show nothing but one brightness"):
+        tilt.measure(tmp_path, Camera(frame_rate=50.0), variant="slide")
+
+
+def test_a_clip_played_backwards_is_not_asked_to_go_on():
+    angles, tracks = record("slide", angle_deg=18.0)
+    rest = tracks[0].time < 1.2
+    still = Track(tracks[0].time[rest], tracks[0].position[rest][::-1], tracks[0].sigma[rest])
+    back = replace(angles, value=np.interp(1.2 - angles.time, angles.time, angles.value))
+    with pytest.raises(NothingToMeasure, match=r"sinks .* backwards"):
+        tilt.evaluate(back, [still], variant="slide")
 
 
 def test_what_is_stated_of_a_smoothed_angle_is_what_it_is_off_by():
