@@ -14,6 +14,7 @@ from rigtwin.lab.quantity import Quantity
 from rigtwin.lab.records import Profile, Series, Track
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure import drum, hopper, packing, pile, tilt
+from rigtwin.measure.onset import FACTOR, Variant
 
 Array = npt.NDArray[np.float64]
 Cases = Callable[[int, int], list[Row]]
@@ -34,7 +35,7 @@ def _holds(found: Quantity, truth: float) -> bool:
     return low < truth < high
 
 
-def _tilted(rng: np.random.Generator, variant: tilt.Variant) -> tuple[Series, Track, float, float]:
+def _tilted(rng: np.random.Generator, variant: Variant) -> tuple[Series, Track, float, float]:
     """A record, and its true angle [deg] and time [s] of the onset."""
     degrees = float(rng.uniform(8, 35) if variant == "slide" else rng.uniform(1.5, 8))
     rate, noise, fps = float(rng.uniform(0.8, 5)), float(10 ** rng.uniform(-5, -4)), float(rng.choice([30, 60, 120]))
@@ -42,7 +43,7 @@ def _tilted(rng: np.random.Generator, variant: tilt.Variant) -> tuple[Series, Tr
     fine = np.arange(onset, 4.5, 2e-4)  # from the onset on: half a step late is more than the doubt of a good record
     angle = np.radians(degrees + rate * (fine - onset))
     friction = math.tan(math.radians(degrees)) * (float(rng.uniform(0.75, 0.95)) if variant == "slide" else 1.0)
-    push = tilt.FACTOR[variant] * GRAVITY * (np.sin(angle) - friction * np.cos(angle))
+    push = FACTOR[variant] * GRAVITY * (np.sin(angle) - friction * np.cos(angle))
     down = cumulative_trapezoid(cumulative_trapezoid(push, fine, initial=0), fine, initial=0)
     fine, down = fine[down < 0.08], down[down < 0.08]
     times = np.arange(0, fine[-1], 1 / fps)
@@ -61,7 +62,7 @@ def _tilted(rng: np.random.Generator, variant: tilt.Variant) -> tuple[Series, Tr
 def tilts(count: int, seed: int) -> list[Row]:
     """Angle and time of the onset, sliding and rolling, 30 to 120 Hz."""
     rows = []
-    variants: tuple[tilt.Variant, ...] = ("slide", "roll")
+    variants: tuple[Variant, ...] = ("slide", "roll")
     for variant in variants:
         rng = np.random.default_rng(seed)
         hits: dict[str, list[bool]] = {"angle": [], "onset time": []}

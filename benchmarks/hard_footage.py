@@ -27,6 +27,7 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.quantity import Measurement, Quantity
 from rigtwin.measure import drop, pendulum, tilt
+from rigtwin.measure.onset import FACTOR, Variant
 
 Array = npt.NDArray[np.float64]
 Truth = dict[tuple[str, str, object], float]  # by quantity, method, and bounce or body
@@ -205,7 +206,7 @@ def rolled(case: Case, rng: np.random.Generator) -> tuple[Stage, Truth]:
     return _tilted("roll", case, rng)
 
 
-def _tilted(variant: tilt.Variant, case: Case, rng: np.random.Generator) -> tuple[Stage, Truth]:
+def _tilted(variant: Variant, case: Case, rng: np.random.Generator) -> tuple[Stage, Truth]:
     onset, speed = float(rng.uniform(0.9, 1.3)), float(rng.uniform(1.5, 4))  # [s], [deg/s]
     angle = float(rng.uniform(14, 26) if variant == "slide" else rng.uniform(3, 7))  # [deg]
     kept = float(rng.uniform(0.7, 0.95)) if variant == "slide" else 1.0
@@ -215,7 +216,7 @@ def _tilted(variant: tilt.Variant, case: Case, rng: np.random.Generator) -> tupl
     def turn(times: Array) -> Array:
         return np.radians(angle + speed * (times - onset))
 
-    way = run_down(grid, turn(grid), onset, kept, tilt.FACTOR[variant])
+    way = run_down(grid, turn(grid), onset, kept, FACTOR[variant])
     stop = 0.09
 
     def places(times: Array) -> Array:

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +23,10 @@ import numpy.typing as npt
 from rigtwin.lab.rigs import GRAVITY
 
 Array = npt.NDArray[np.float64]
+Variant = Literal["slide", "roll"]
 
+FACTOR = {"slide": 1.0, "roll": 5 / 7}  # of gravity along the plate; a solid ball that rolls also has to be spun up
+USUAL_DRIFT = 0.006  # [m], how far the axis may lie off the origin of a track
 MOST_POINTS = 250  # a longer record is averaged down: the onset hangs on all of the run, not on single frames
 # -2 log of the odds that rolling friction falls when a ball starts to roll, as sliding friction does: an error that
 # lasts for a while looks like it

@@ -17,6 +17,9 @@ def roll_check(given: float, seen: float, doubt: float, witness: str) -> Check:
         f"{math.degrees(seen):+.2f} ± {math.degrees(doubt):.2f}"
     )
     ending = (
-        "." if passed else ": its sign may be wrong (positive when the scene looks turned clockwise); or leave it out."
+        "."
+        if passed
+        else ": its sign may be wrong (positive when the scene looks turned clockwise), or what is seen there is not "
+        "level, which a spirit level on it tells; where it is, leave --camera-roll out."
     )
     return Check("camera_roll", passed, math.degrees(given), math.degrees(seen), message + ending)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.records import Series, Track
-from rigtwin.measure import tilt
+from rigtwin.measure import tilt, tilt_checks
 from rigtwin.measure.onset import smooth_angle, smoothing_doubt
 from rigtwin.measure.passenger import Passenger
 
@@ -192,7 +192,7 @@ def test_friction_in_motion_tells_how_a_body_moves_where_the_scale_does_not(stat
     for seed in range(3):
         angles, tracks = record(moving, angle_deg=12.0 if moving == "slide" else 5.0, seed=seed)
         way = tilt._way(angles, tracks, stated, 0.006, scale_doubt=doubt)
-        check = tilt._variant_check(way, tilt._onset(way, "record")[1], stated)
+        check = tilt_checks._variant_check(way, tilt._onset(way, "record")[1], stated)
         assert isinstance(check, str) == (doubt == math.inf and moving == "roll")
         if not isinstance(check, str):
             assert check.passed == (stated == moving)
