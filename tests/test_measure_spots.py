@@ -20,8 +20,8 @@ def test_a_bead_that_is_a_third_of_the_clip_over_the_same_pixels_is_one_spot(sig
         picture = GROUND + CONTRAST * bead + rng.normal(0, CONTRAST / signal_to_noise, bead.shape)
         frames.append(np.clip(np.round(picture), 0, 255).astype(np.uint8))
     background = Background()
-    for index, frame in enumerate(frames):
-        background.add(index, frame)
+    for index in np.linspace(0, 59, Background.capacity).round().astype(int).tolist():
+        background.add(index, frames[index])
     scene = background.scene()
     for index in (10, 30, 50):
         spot = moving_spots(frames[index].astype(np.float32), scene, None)[0]
