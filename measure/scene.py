@@ -502,6 +502,12 @@ def _median_scene(layers: Sequence[Grey]) -> Scene:
     return Scene(middle, np.asarray(np.clip(noise, 0.5 * usual, 4 * usual), dtype=np.float32))
 
 
+def middle_picture(layers: Sequence[Grey]) -> Grey:
+    """Median over time of grey or coloured frames, in whole grey levels."""
+    ordered, count = _sorted(layers), len(layers)
+    return np.asarray((ordered[(count - 1) // 2].astype(np.uint16) + ordered[count // 2]) // 2, dtype=np.uint8)
+
+
 def _sorted(layers: Sequence[Grey]) -> list[Grey]:
     """The layers sorted pixel by pixel: Batcher's odd-even merging, a few times faster than sorting each pixel."""
     rows = [np.asarray(layer) for layer in layers]
