@@ -121,8 +121,9 @@ def find_paths(video: Video, scene: Scene, region: Region | None, progress: Prog
     for index, spots in found.items():
         if index not in repeated:
             linker.add(index, spots)
-    still = stands_still(search.poses)
-    poses = [pose.standing() if still else pose for pose in search.poses]
+    seen = search.all_poses()
+    still = stands_still(seen)
+    poses = [pose.standing() if still else pose for pose in seen]
     # a shaking camera's frames are read again for their shake, and the album's room is free
     kept = album if still else None
     return Movement(linker.paths(), dict(zip(found, poses, strict=True)), repeated, scene, still, kept)

@@ -6,7 +6,7 @@ Picture coordinates: x right, y down, centre of the top-left pixel (0, 0).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -18,7 +18,7 @@ from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.media import Frame, Grey, Image, Video
-from rigtwin.measure.scene import Scene
+from rigtwin.measure.scene import Scene, middle_picture
 from rigtwin.measure.spots import inside_region
 from rigtwin.measure.starved import by_bits
 
@@ -34,6 +34,7 @@ BENDS = 0.3  # of the way back to where B hung, by which that may lie beside a s
 MOST_PIECES = 60  # of path, the farthest ones, among which a meeting is sought: noise has thousands
 INNER = 0.7  # of a bead's radius, within which it is all bead
 ONE_SIDED = 0.6  # of how much beads differ from the scene, what is left where brighter and darker are set off
+MANY = 20_000  # pixels, of which the middle is known as well as of all
 LOST = 4  # frames after which a path that was not seen again has ended
 
 
@@ -129,7 +130,7 @@ def find_paths(
     """
     paths: list[Path] = []
     shake = (0.0, 0.0)
-    still = np.median(np.stack([frame.colour for frame in samples.values()]), axis=0).astype(np.uint8)
+    still = middle_picture([frame.colour for frame in samples.values()])
     least = np.maximum(4 * scene.noise, 8.0)
     if region is not None:
         least = np.where(inside_region(region, least.shape), least, np.inf)
@@ -409,14 +410,16 @@ def _rest_place(fall: Path, rise: Path, paths: list[Path], radius: float) -> Arr
 
 def _apart(greys: dict[int, Grey], collision: Collision) -> Array:
     """[grey levels], how moving beads differ from the scene, pixel by pixel."""
-    still = np.median(np.stack(list(greys.values())), axis=0)
     apart: list[Array] = [np.zeros(1)]
+    shape = next(iter(greys.values())).shape
     for path in (collision.fall, collision.rise):
         for index in (index for index in greys if path.frames[0] <= index <= path.frames[-1]):
             x, y = np.rint(path.at(index)).astype(int).tolist()
-            disc = np.zeros(still.shape, dtype=np.uint8)
+            disc = np.zeros(shape, dtype=np.uint8)
             cv2.circle(disc, (x, y), max(round(INNER * collision.radius), 1), 1, cv2.FILLED)
-            apart.append((greys[index] - still)[disc > 0].astype(float))
+            inside = np.nonzero(disc)
+            # the middle of all whole frames would take seconds
+            apart.append(greys[index][inside] - np.median([grey[inside] for grey in greys.values()], axis=0))
     return np.concatenate(apart)
 
 
@@ -427,15 +430,15 @@ def _contrast(apart: Array) -> int:
     return int(np.sign(np.mean(apart))) if one_sided else 0
 
 
-def _left_by_bead(before: Grey, after: Grey, contrast: int) -> npt.NDArray[np.float32]:
-    """How much of a bead [grey levels] each place showed before and no more after, of frames of shape (n, ...)."""
+def _left_by_bead(before: Grey, after: Grey, contrast: int) -> Array:
+    """How much of a bead [grey levels] each place showed before and no more after, of frames of shape (n, ...).
+
+    By its noise alone every place of a bead of known contrast shows some.
+    """
     usual = np.median(before, axis=0)
     if contrast == 0:
-        return np.asarray(np.abs(usual - np.median(after, axis=0)), dtype=np.float32)
-    least = np.percentile(after, 50 - 30 * contrast, axis=0)
-    change = contrast * (usual - least)
-    # by its noise alone every place shows some
-    return np.asarray(np.maximum(change - np.median(change), 0), dtype=np.float32)
+        return np.asarray(np.abs(usual - np.median(after, axis=0)))
+    return np.asarray(contrast * (usual - np.percentile(after, 50 - 30 * contrast, axis=0)))
 
 
 def hanging_place(greys: dict[int, Grey], collision: Collision) -> Array:
@@ -467,7 +470,7 @@ def _place_left(greys: dict[int, Grey], collision: Collision, contrast: int) -> 
     came, left = collision.fall.frames[-1], collision.rise.frames[0]
     before = [grey for index, grey in greys.items() if index < came - 1]
     places = [
-        _place_lost(np.stack(before), np.stack(after), collision, contrast)
+        _place_lost(before, after, collision, contrast)
         for after in (
             [grey for index, grey in greys.items() if index > left + 1],
             [grey for index, grey in greys.items() if came < index < left + JUST_LEFT],
@@ -477,23 +480,47 @@ def _place_left(greys: dict[int, Grey], collision: Collision, contrast: int) -> 
     return max(places, key=lambda place: place[1], default=(collision.rest, 0.0))
 
 
-def _place_lost(before: Grey, after: Grey, collision: Collision, contrast: int) -> tuple[Array, float]:
+def _place_lost(
+    before: Sequence[Grey], after: Sequence[Grey], collision: Collision, contrast: int
+) -> tuple[Array, float]:
     radius, reach = collision.radius, math.ceil(collision.radius)
-    v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1]
-    disc = (np.hypot(u, v) <= radius).astype(np.float32)
-    filled = cv2.filter2D(_left_by_bead(before, after, contrast), -1, disc / disc.sum())
-    way = collision.way
-    y, x = np.nonzero(filled >= cv2.dilate(filled, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)))
-    away = np.column_stack([x, y]) - collision.rise.places[0]
-    along, across = away @ way, np.abs(away @ np.array([-way[1], way[0]]))
+    way, begun = collision.way, collision.rise.places[0]
+    aside = np.array([-way[1], way[0]])
     waited = (collision.rise.frames[0] - collision.fall.frames[-1] + 3) * float(
         np.hypot(*collision.rise.velocity(at_end=False))
     )
-    behind = (along < radius) & (along > -6 * radius - waited)
     # its way bends up from where it hung
-    behind &= across < 2 * radius + BENDS * np.abs(along)
+    ends = [
+        (along, side * (2 * radius + BENDS * abs(along)))
+        for along in (-6 * radius - waited, radius)
+        for side in (-1, 1)
+    ]
+    corners = np.array([begun + along * way + across * aside for along, across in ends])
+    # more is not looked at, beside what lies within a bead's reach of a place and of those next to it
+    left, top = np.maximum(np.floor(corners.min(axis=0)).astype(int) - 2 * reach - 1, 0).tolist()
+    right, bottom = np.maximum(np.ceil(corners.max(axis=0)).astype(int) + 2 * reach + 2, 0).tolist()
+    window = np.s_[top:bottom, left:right]
+    if before[0][window].size == 0:
+        return collision.rest, 0.0
+
+    def left_in(part: tuple[slice, slice]) -> Array:
+        return _left_by_bead(
+            np.stack([grey[part] for grey in before]), np.stack([grey[part] for grey in after]), contrast
+        )
+
+    gone = left_in(window)
+    if contrast:
+        thin = max(math.isqrt(before[0].size // MANY), 1)
+        gone = np.maximum(gone - np.median(left_in(np.s_[::thin, ::thin])), 0)
+    v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    disc = (np.hypot(u, v) <= radius).astype(np.float32)
+    filled = cv2.filter2D(gone.astype(np.float32), -1, disc / disc.sum())
+    y, x = np.nonzero(filled >= cv2.dilate(filled, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)))
+    places = np.column_stack([x + left, y + top]).astype(np.float64)
+    along, across = (places - begun) @ way, np.abs((places - begun) @ aside)
+    behind = (along < radius) & (along > -6 * radius - waited) & (across < 2 * radius + BENDS * np.abs(along))
     peaks = np.where(behind, filled[y, x], 0)
     if len(peaks) == 0:
         return collision.rest, 0.0
     best = np.argmax(peaks if contrast else np.where(peaks > 0.6 * np.max(peaks), along, -np.inf))
-    return np.array([x[best], y[best]], dtype=np.float64), float(peaks[best])
+    return places[best], float(peaks[best])

@@ -21,7 +21,7 @@ from rigtwin.measure.foreign import Usual, crosses, foreign, usual_sight
 from rigtwin.measure.grains import colour_cells, find_beads, rare, shares
 from rigtwin.measure.media import Video
 from rigtwin.measure.piv import Displacements, MeanCorrelation, without_outliers
-from rigtwin.measure.scene import Pose, Scene
+from rigtwin.measure.scene import Pose, Scene, middle_picture
 from rigtwin.measure.still import Cut, Region, Steadied, apart, cut_for, steadied, still_scene
 from rigtwin.measure.upright import Upright, upright
 
@@ -260,7 +260,7 @@ def _scenery(video: Video, scene: Scene, lens: Cut, turn: Array, bead: float | N
         if len(firsts) < ENDS:
             firsts.append(frame.colour)
         lasts = [*lasts, frame.colour][-ENDS:]
-    full, empty = (np.median(np.stack(pictures), axis=0).astype(np.uint8) for pictures in (firsts, lasts))
+    full, empty = (middle_picture(pictures) for pictures in (firsts, lasts))
     noise = max(float(np.median(apart(lasts[0], lasts[-1]))) / 1.4, 0.7)
     differs = np.asarray(cv2.GaussianBlur(apart(full, empty), (0, 0), 1.5), dtype=np.uint8)
     level = max(CLEAR / 2 * noise, 0.5 * _otsu(differs))

@@ -25,7 +25,9 @@ NEAR = 1.5  # [px], within which a coarse and a fine look at a shake agree
 SHARP = 0.12  # of the misfit some pixels beside it, that a frame in its place may leave; in a wrong one it leaves more
 AS_BEFORE = 0.9  # of what frames before left some pixels beside their place, that one in its place leaves at most
 FEWEST = 60  # pixels at edges by which a frame is laid over the scene
+BORDER = 8  # [px], of a scene, in which no edges are looked at
 STRONGEST = 300  # pixels, at the strongest edges of all
+AT_ONCE = 256  # frames whose strongest edges are looked at together
 AS_NOISE = 2.0  # times the scene's noise, that it may leave as well
 COARSE = 480  # [px], longer side of the picture in which a large shake is looked for
 FLICKER = 0.01  # relative change of brightness above which a frame is levelled with an offset as well
@@ -34,7 +36,9 @@ FLICKER = 0.01  # relative change of brightness above which a frame is levelled 
 def middle_of(values: Array) -> float:
     """The median of many, without the care np.median takes of few; to seven digits, three times as quick as to all."""
     half = len(values) // 2
-    return float(np.partition(values.astype(np.float32), half)[half])
+    parted = values.astype(np.float32)
+    parted.partition(half)
+    return float(parted[half])
 
 
 @dataclass(frozen=True)
@@ -113,13 +117,17 @@ class _Anchors:
         """Grey levels of a frame at the anchors moved by `shift` [px]."""
         if not shift.any():
             return grey[self.y, self.x].astype(np.float64)
-        whole = np.floor(shift).astype(int)
-        u, v = (shift - whole).tolist()
-        height, width = grey.shape
-        left, top = np.clip(self.x + whole[0], 0, width - 2), np.clip(self.y + whole[1], 0, height - 2)
+        x, y = shift.tolist()
+        across, down = math.floor(x), math.floor(y)
+        u, v = x - across, y - down
+        left, top = self.x + across, self.y + down
+        if not -BORDER <= min(across, down) <= max(across, down) < BORDER - 1:
+            height, width = grey.shape
+            left, top = np.clip(left, 0, width - 2), np.clip(top, 0, height - 2)
         if u == v == 0:
             return np.asarray(grey[top, left], dtype=np.float64)
-        upper, lower = (grey[top + row, left] * (1 - u) + grey[top + row, left + 1] * u for row in (0, 1))
+        right, below = left + 1, top + 1
+        upper, lower = (grey[row, left] * (1 - u) + grey[row, right] * u for row in (top, below))
         return np.asarray(upper * (1 - v) + lower * v)
 
 
@@ -278,9 +286,8 @@ class Scene:
         strength = np.hypot(slope_x, slope_y) / (self.noise + 0.5)
         if self.moving is not None:
             strength[self.moving] = 0
-        border = 8
-        strength[:border] = strength[-border:] = 0
-        strength[:, :border] = strength[:, -border:] = 0
+        strength[:BORDER] = strength[-BORDER:] = 0
+        strength[:, :BORDER] = strength[:, -BORDER:] = 0
         chosen, half = [], []
         for i, rows in enumerate(np.array_split(np.arange(strength.shape[0]), 6)):
             for j, columns in enumerate(np.array_split(np.arange(strength.shape[1]), 6)):
@@ -310,22 +317,33 @@ class Scene:
         best = np.argsort(np.sum(rows[:2] ** 2, axis=0))[-STRONGEST:]
         return _Anchors.of(x[best], y[best], rows[:, best], half[best])
 
-    def with_strongest(self, grey: Grey, pose: Pose) -> Pose:
+    def at_strongest(self, grey: Grey, pose: Pose) -> Picture:
+        """What a frame leaves of the scene's strongest edges [grey levels]."""
+        anchors = self._strongest
+        error = anchors.seen(grey, np.array(pose.shake)) - pose.offset + pose.gain * anchors.rows[2]
+        return np.asarray(error, dtype=np.float32)
+
+    def with_strongest(self, poses: Sequence[Pose], left: Sequence[Picture]) -> list[Pose]:
         """With how far the strongest edges lie off it: where a camera shakes, a coarse codec redraws them alone.
 
-        Across the edges only: along them nothing is seen.
+        `left` is what each frame leaves `at_strongest`.  Across the edges only: along them nothing is seen.
         """
-        anchors = self._strongest
-        if not pose.placed or len(anchors.x) < FEWEST:
-            return pose
-        slopes = anchors.rows[:2]
-        error = anchors.seen(grey, np.array(pose.shake)) - pose.offset + pose.gain * anchors.rows[2]
-        spread = 1.4826 * middle_of(np.abs(error)) + 0.3
-        weighted = slopes / (1 + (error / (2 * spread)) ** 2) ** 2
-        equations = weighted @ slopes.T
-        equations += 0.1 * np.trace(equations) * np.eye(2)
-        x, y = (-np.linalg.solve(equations, weighted @ error)).tolist()
-        return replace(pose, strongest_off=(x, y))
+        slopes = self._strongest.rows[:2]
+        if slopes.shape[1] < FEWEST:
+            return list(poses)
+        off = np.zeros((len(poses), 2))
+        for first in range(0, len(poses), AT_ONCE):
+            error = np.array(left[first : first + AT_ONCE], dtype=np.float64)
+            half = error.shape[1] // 2
+            spread = 1.4826 * np.partition(np.abs(error), half, axis=1)[:, half, None] + 0.3
+            weighted = slopes * (1 / (1 + (error / (2 * spread)) ** 2) ** 2)[:, None]
+            equations = weighted @ slopes.T
+            equations += 0.1 * np.trace(equations, axis1=1, axis2=2)[:, None, None] * np.eye(2)
+            off[first : first + AT_ONCE] = -np.linalg.solve(equations, weighted @ error[..., None])[..., 0]
+        return [
+            replace(pose, strongest_off=(x, y)) if pose.placed else pose
+            for pose, (x, y) in zip(poses, off.tolist(), strict=True)
+        ]
 
     def _placed(self, grey: Grey, start: Array, anchors: _Anchors, to: float = 0.003) -> Pose | None:
         """Shift of a frame against the scene [px] and its gain, by Gauss-Newton on the strongest edges.
@@ -341,13 +359,13 @@ class Scene:
             misfit = middle_of(np.abs(error))
             spread = 1.4826 * misfit + 0.3
             weights = 1 / (1 + (error / (2 * spread)) ** 2) ** 2  # a moving bead or hand must not pull the scene along
-            weighted, both = rows * weights, np.vstack([rows, error])
+            weighted, both = rows * weights, np.concatenate([rows, error[None]])
             one, other = (weighted[:, half] @ both[:, half].T for half in anchors.halves)
             equations = np.stack([one + other, one, other])  # of all anchors, and of each half alone
             inverses = _inverses(equations[:, :, :3])
             changes = -(inverses @ equations[:, :, 3:])[:, :, 0]
             across, down, brighter = changes[0].tolist()
-            shift = shift + np.clip(changes[0, :2], -3, 3)
+            shift = shift + np.array([min(max(across, -3.0), 3.0), min(max(down, -3.0), 3.0)])
             gain += brighter
             if max(abs(across), abs(down)) < to:
                 break
@@ -363,7 +381,7 @@ class Scene:
 
 def _inverses(normals: Array) -> Array:
     """Of small matrices, shape (n, 3, 3); of singular ones large."""
-    traces = np.trace(normals, axis1=1, axis2=2)
+    traces = np.einsum("kii->k", normals)
     return np.asarray(np.linalg.inv(normals + (1e-12 * traces)[:, None, None] * np.eye(3) + 1e-300))
 
 
@@ -482,6 +500,12 @@ def _median_scene(layers: Sequence[Grey]) -> Scene:
     noise = cv2.blur((high.astype(np.float32) - low) / 2, (5, 5)) + np.float32(0.3)
     usual = float(np.median(noise))
     return Scene(middle, np.asarray(np.clip(noise, 0.5 * usual, 4 * usual), dtype=np.float32))
+
+
+def middle_picture(layers: Sequence[Grey]) -> Grey:
+    """Median over time of grey or coloured frames, in whole grey levels."""
+    ordered, count = _sorted(layers), len(layers)
+    return np.asarray((ordered[(count - 1) // 2].astype(np.uint16) + ordered[count // 2]) // 2, dtype=np.uint8)
 
 
 def _sorted(layers: Sequence[Grey]) -> list[Grey]:

@@ -128,6 +128,7 @@ class Search:
     def __init__(self, scene: Scene, region: Region | None) -> None:
         self.scene, self.region, self.repeats = scene, region, Repeats()
         self.poses: list[Pose] = []
+        self._at_strongest: list[Picture] = []
         height, width = scene.picture.shape
         self._large = height * width > LARGE
         if self._large:
@@ -148,11 +149,16 @@ class Search:
         self.repeats.add(frame.index, small)
         before = self.poses[-1] if self.poses else Pose()
         pose = self.scene.next_pose(frame.grey, before) if self._large else self.scene.pose(frame.grey, before.shake)
-        self.poses.append(self.scene.with_strongest(frame.grey, pose))
+        self.poses.append(pose)
+        self._at_strongest.append(self.scene.at_strongest(frame.grey, pose))
         windows = self._windows(small, pose) if self._large else None
         if windows is not None:
             return self._in_windows(frame.grey, pose, windows, most)
         return moving_spots(pose.seen(frame.grey), self.scene, self.region, most=most)
+
+    def all_poses(self) -> list[Pose]:
+        """Of all frames, with how far the scene's strongest edges lie off each."""
+        return self.scene.with_strongest(self.poses, self._at_strongest)
 
     def _windows(self, small: Grey, pose: Pose) -> list[Box] | None:
         """The parts that have changed; None where that is much of the picture."""
