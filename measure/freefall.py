@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +35,16 @@ class FreeFall:
     acceleration: float  # [px/s^2]
     doubt: float  # [px/s^2], standard uncertainty
 
+    def at(self, zoom: float) -> FreeFall:
+        """The same in a picture `zoom` times as large."""
+        return FreeFall(self.acceleration * zoom, self.doubt * zoom)
+
+
+def surer(falls: Iterable[FreeFall | None]) -> FreeFall | None:
+    """The one whose acceleration is known best."""
+    seen = [fall for fall in falls if fall is not None]
+    return min(seen, key=lambda fall: fall.doubt / fall.acceleration, default=None)
+
 
 def fall_below(time: Array, fronts: Array, bead: float) -> FreeFall | None:
     """The fall that shows its acceleration best, None where none is seen.
@@ -42,9 +53,7 @@ def fall_below(time: Array, fronts: Array, bead: float) -> FreeFall | None:
     look for it, NaN where there is none; `bead` [px] is a diameter.  The lowest bead falls freely: nothing below holds
     it, and those above are slower.
     """
-    falls = [_fitted(time[run], front[run], bead) for front in fronts for run in _runs(front, bead)]
-    seen = [fall for fall in falls if fall is not None]
-    return min(seen, key=lambda fall: fall.doubt / fall.acceleration, default=None)
+    return surer(_fitted(time[run], front[run], bead) for front in fronts for run in _runs(front, bead))
 
 
 def _runs(front: Array, bead: float) -> list[npt.NDArray[np.intp]]:

@@ -23,7 +23,7 @@ from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantit
 from rigtwin.lab.records import Series
 from rigtwin.measure.bead_size import size_seen, size_unseen
 from rigtwin.measure.frame_steps import timing_check
-from rigtwin.measure.freefall import fall_below, fall_check, outlet_check
+from rigtwin.measure.freefall import fall_below, fall_check, outlet_check, surer
 from rigtwin.measure.gate import Opening, find_opening, slot_edges
 from rigtwin.measure.in_view import camera_by_scene
 from rigtwin.measure.media import open_video
@@ -107,7 +107,7 @@ def measure(
     left = _left(seen)
     cut = last.method == CUT
     evaluation = _evaluate(left, total_mass, opened, last, seen.residue, AREA_DOUBT)
-    timing = _timing_check(seen, left, opened, last)
+    timing = _timing_check(seen, opened, last)
     spacing = bead_spacing(seen.scenery.full, seen.scenery.bed)
     scale, scale_from, scale_doubt = _scale(seen, camera, bead_diameter, bin_width, spacing)
     warnings = [*video.warnings, *evaluation.warnings]
@@ -566,7 +566,9 @@ def _rate_check(
     # the front of a stream ends where beads come apart, the lowest bead where the first has reached the floor
     fronts = np.array([(moment.front, moment.lowest) for moment in seen.moments]).T - seen.scenery.slot.row
     # of the upright cut, whose pixels are smaller or larger than the clip's
-    fall = fall_below(time, fronts / seen.lens.zoom, seen.scenery.bead / seen.lens.zoom)
+    fronts_fall = fall_below(time, fronts / seen.lens.zoom, seen.scenery.bead / seen.lens.zoom)
+    stream_fall = seen.stream.fall(seen.interval)
+    fall = surer([fronts_fall, None if stream_fall is None else stream_fall.at(1 / seen.lens.zoom)])
     if fall is not None:
         return fall_check(fall, scale, doubt, rate)
     if velocity is not None:
@@ -574,14 +576,16 @@ def _rate_check(
     return "frame rate not confirmed: no bead is seen to fall from the slot, times are as right as --frame-rate."
 
 
-def _timing_check(seen: Outflow, left: Series, opened: Instant, last: Instant) -> Check | str:
+def _timing_check(seen: Outflow, opened: Instant, last: Instant) -> Check | str:
     from scipy.ndimage import binary_dilation
 
-    time, share, _ = _share_left(left)
+    time = np.array([moment.time for moment in seen.moments])
     # a hand reaches over the bed's edge before it is told, and a little longer
     hidden = binary_dilation([moment.hidden for moment in seen.moments], np.ones(5, dtype=bool))
     flows = (time[1:] > opened.time) & (time[1:] <= last.time) & ~hidden[1:] & ~hidden[:-1]
-    return timing_check((-np.diff(share) / np.diff(time))[flows])
+    told = np.diff(time) / seen.interval
+    changes = np.array([moment.change for moment in seen.moments[1:]])
+    return timing_check(told[flows], seen.stream.frames_between()[flows], changes[flows])
 
 
 def _failed(check: Check | str) -> str:

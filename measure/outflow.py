@@ -23,6 +23,7 @@ from rigtwin.measure.media import Video
 from rigtwin.measure.piv import Displacements, MeanCorrelation, without_outliers
 from rigtwin.measure.scene import Pose, Scene
 from rigtwin.measure.still import Cut, Region, Steadied, apart, cut_for, steadied, still_scene
+from rigtwin.measure.stream import Stream
 from rigtwin.measure.upright import Upright, upright
 
 Array = npt.NDArray[np.float64]
@@ -98,6 +99,7 @@ class Outflow:
     residue: float  # share of the bed's area that is still there at the end
     interval: float  # [s], between frames
     outlet: Displacements  # of the beads in the slot from frame to frame, mean over the steady flow
+    stream: Stream  # of the beads below the slot, in the upright cut
 
 
 def follow_outflow(
@@ -118,7 +120,7 @@ def follow_outflow(
     before: Image | None = None
     there = [index for index in range(video.first, video.last + 1) if index not in video.skipped]
     usual = float(np.median(np.diff(video.times[there])))
-    outlet = _windows(scenery)
+    outlet, stream = _windows(scenery), Stream(scenery.bead, scenery.noise)
     beside = _beside(scenery)
     rows, sight = _usual_sight(scene, scenery)
     count = video.last - video.first + 1
@@ -132,8 +134,11 @@ def follow_outflow(
         share = moments[-1].left / max(float(np.median([moment.left for moment in moments[:ENDS]])), 1.0)
         # across a lost frame beads go twice as far
         neighbours = before is not None and abs(moment.time - moments[-2].time - usual) < 0.5 * usual
-        if before is not None and neighbours and FLOWING[0] < share < FLOWING[1]:
-            outlet.add(_grey(before), _grey(frame.colour))
+        steady = neighbours and FLOWING[0] < share < FLOWING[1]
+        if before is not None:
+            stream.add(_below(before, scenery), _below(frame.colour, scenery), steady=steady)
+            if steady:
+                outlet.add(_grey(before), _grey(frame.colour))
         before = frame.colour
         progress("watching the hopper empty", len(moments), count)
     return Outflow(
@@ -146,6 +151,7 @@ def follow_outflow(
         _residue(scenery),
         float(np.median(np.diff([moment.time for moment in moments]))),
         without_outliers(outlet.displacements()),
+        stream,
     )
 
 
@@ -156,6 +162,13 @@ def _windows(scenery: Scenery) -> MeanCorrelation:
     x = slot.left + (np.arange(count) + 0.5) * (slot.right - slot.left) / count
     place = np.column_stack([x, np.full(count, slot.row)])
     return MeanCorrelation(place, window=max(8, round(2 * bead)), reach=(max(3, round(bead)), max(6, round(3 * bead))))
+
+
+def _below(picture: Image, scenery: Scenery) -> npt.NDArray[np.uint8]:
+    """How much what is below the slot differs from the empty hopper."""
+    slot = scenery.slot
+    part = (slice(round(slot.row), None), slice(max(round(slot.left), 0), round(slot.right)))
+    return apart(picture[part], scenery.empty[part])
 
 
 def _grey(picture: Image) -> npt.NDArray[np.uint8]:
