@@ -50,6 +50,8 @@ CUT_SHORT = (
 )
 UNKNOWN_SHARE = 1 / math.sqrt(12)  # standard deviation of a share of which nothing is known
 TAIL = 0.02  # of the discharge, without a loss at the record's end, from which on the flow has stopped
+LASTING = 5  # values over which what is left must have risen: something may pass in one
+REFILL = 0.1  # share of the filling, by which it must: light and codec change the bed's area by some hundredths
 BINS = 6  # parts of the steady flow whose rates are compared
 HIDDEN = 0.08  # share of the slot's width that may show no bead before something hides it
 RESIDUE = 0.02  # share of the bed that may stay behind before it is worth a warning
@@ -216,12 +218,14 @@ def _evaluate(
     remains = Quantity("residue_fraction", stays, share_doubt, "1", CUT, doubtful=CUT_SHORT if cut else "")
     quantities.append(remains)
     within = _within_check(rates[0], last.time - opened.time)
-    checks = [_emptied_check(stays, cut), within]
+    falling = _falling_check(time, share)
+    checks = [_emptied_check(stays, cut), within, falling]
     doubts = (opened.doubtful, last.doubtful, "" if within.passed else within.message)
     doubt = "; ".join(dict.fromkeys(text for text in doubts if text))
     if doubt:
         quantities = [replace(one, doubtful=doubt) if one.unit == "s" else one for one in quantities]
-    return Evaluation(tuple(quantities), tuple(checks), tuple(warnings))
+    told = _with_times_doubted(tuple(quantities), _failed(falling))
+    return Evaluation(told, tuple(checks), tuple(warnings))
 
 
 def _still_flows(time: Array, share: Array, lasted: float) -> bool:
@@ -242,6 +246,23 @@ def _emptied_check(stays: float, cut: bool) -> Check:
     else:
         message += "; the last particle is the last one that left."
     return Check("emptied", stays < RESIDUE and not cut, stays, 0.0, message)
+
+
+def _falling_check(time: Array, share: Array) -> Check:
+    """Whether beads only leave."""
+    from scipy.ndimage import median_filter
+
+    lasting = np.asarray(median_filter(share, LASTING, mode="nearest"))
+    risen = lasting - np.minimum.accumulate(lasting)
+    worst = int(np.argmax(risen))
+    rise = float(risen[worst])
+    if rise < REFILL:
+        return Check("only_falls", True, rise, 0.0, "what is left in the hopper only falls.")
+    message = (
+        f"what is left in the hopper rises by {100 * rise:.0f} % of the filling until {time[worst]:.3f} s, but beads do "
+        "not come back: the film is joined, or the hopper was filled again; give one discharge (--start, --end)."
+    )
+    return Check("only_falls", False, rise, 0.0, message)
 
 
 def _within_check(middle: Quantity, lasted: float) -> Check:

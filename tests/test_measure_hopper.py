@@ -135,6 +135,18 @@ def test_uneven_time_stamps_do_not_change_the_times() -> None:
     assert find(found, "particle_flow_rate").value == pytest.approx(500, rel=0.02)
 
 
+@pytest.mark.parametrize("back", [0.15, 1.0])
+def test_beads_that_come_back_make_times_and_rates_doubtful(back: float) -> None:
+    once = counted()
+    time, share = np.asarray(once.time), np.asarray(once.value) / 400
+    joined = np.concatenate([share, share[np.argmax(share <= back) :]])
+    step = float(time[1] - time[0])
+    again = Series(step * np.arange(len(joined)), joined, "left", "1")
+    assert not any("joined" in one.doubtful for one in hopper.evaluate(once).quantities)
+    told = hopper.evaluate(again).quantities
+    assert all(("joined" in one.doubtful) == ("s" in one.unit.split("/")) for one in told)
+
+
 def test_bad_records_are_told_in_a_sentence() -> None:
     record = counted()
     with pytest.raises(NothingToMeasure, match="still left"):
