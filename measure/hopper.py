@@ -259,8 +259,8 @@ def _falling_check(time: Array, share: Array) -> Check:
     if rise < REFILL:
         return Check("only_falls", True, rise, 0.0, "what is left in the hopper only falls.")
     message = (
-        f"what is left in the hopper rises by {100 * rise:.0f} % of the filling until {time[worst]:.3f} s, but beads do "
-        "not come back: the film is joined, or the hopper was filled again; give one discharge (--start, --end)."
+        f"what is left in the hopper rises by {100 * rise:.0f} % of the filling until {time[worst]:.3f} s, but beads "
+        "do not come back: the film is joined, or the hopper was filled again; give one discharge (--start, --end)."
     )
     return Check("only_falls", False, rise, 0.0, message)
 
