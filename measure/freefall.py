@@ -85,9 +85,10 @@ def fall_check(fall: FreeFall, scale: float, scale_doubt: float, rate: float) ->
     found, doubt = fall.acceleration * scale, math.hypot(fall.doubt / fall.acceleration, scale_doubt)
     reach = max(3 * doubt, LEAST_OFF)
     message = f"beads below the outlet fall with {found:.3g} ± {found * doubt:.2g} m/s²"
-    if abs(math.log(found / GRAVITY)) < reach:
+    off = abs(math.log(found / GRAVITY))
+    if off < reach:
         # it grows with the square of the rate
-        told = f"a frame rate off by less than a factor of {math.exp(reach / 2):.2f} would not show"
+        told = f"a frame rate off by less than a factor of {math.exp((reach + off) / 2):.2f} would not show"
         return Check("frame_rate", True, found, GRAVITY, f"{message}: scale and frame rate fit together; {told}.")
     captured = rate / math.sqrt(found / GRAVITY)
     return Check(
@@ -108,6 +109,10 @@ def outlet_check(velocity: float, width: float) -> Check:
     """
     ratio = velocity / math.sqrt(GRAVITY * width)
     passed = OUTLET_SPEED[0] < ratio < OUTLET_SPEED[1]
-    ending = "." if passed else ": is the frame rate that of the capture (--frame-rate), and is the scale right?"
+    ending = ": is the frame rate that of the capture (--frame-rate), and is the scale right?"
+    if passed:
+        # it grows with the rate
+        low, high = ratio / OUTLET_SPEED[0], OUTLET_SPEED[1] / ratio
+        ending = f", so that a rate {low:.1f} times too low or {high:.1f} times too high would not show."
     message = f"beads leave the slot {ratio:.2g} times as fast as a body that has fallen half its width{ending}"
     return Check("frame_rate", passed, ratio, 1.0, message)

@@ -593,7 +593,8 @@ def _rate_check(
     if fall is not None:
         return fall_check(fall, scale, doubt, rate)
     if velocity is not None:
-        return outlet_check(velocity.value, width)
+        wide = outlet_check(velocity.value, width)
+        return f"frame rate not confirmed: {wide.message}" if wide.passed else wide
     return "frame rate not confirmed: no bead is seen to fall from the slot, times are as right as --frame-rate."
 
 

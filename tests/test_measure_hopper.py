@@ -548,7 +548,12 @@ def test_beads_that_leave_far_slower_than_gravity_lets_them_were_played_in_slow_
     effective = width - 1.4 * bead
     # Beverloo's law for a slot, its flow spread over the slot
     speed = 1.03 * math.sqrt(9.81 * effective) * effective / width / 0.8
-    assert freefall.outlet_check(speed / slowed, width).passed == passed
+    told = freefall.outlet_check(speed / slowed, width)
+    assert told.passed == passed
+    if passed:
+        low, high = (float(each) for each in re.findall(r"([\d.]+) times too", told.message))
+        for times, seen in ((0.95 * high, True), (1.05 * high, False), (1.05 / low, True), (0.95 / low, False)):
+            assert freefall.outlet_check(speed * times, width).passed == seen
 
 
 def test_a_wrong_frame_rate_spoils_what_is_counted_in_seconds_and_nothing_else() -> None:
