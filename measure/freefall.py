@@ -46,6 +46,18 @@ def surer(falls: Iterable[FreeFall | None]) -> FreeFall | None:
     return min(seen, key=lambda fall: fall.doubt / fall.acceleration, default=None)
 
 
+def together(falls: Iterable[FreeFall | None]) -> FreeFall | None:
+    """The mean of what different ways to look at it tell, as doubtful as these contradict each other (Birge ratio)."""
+    seen = [fall for fall in falls if fall is not None]
+    if not seen:
+        return None
+    weights = np.array([fall.doubt**-2 for fall in seen])
+    each = np.array([fall.acceleration for fall in seen])
+    mean = float(np.average(each, weights=weights))
+    ratio = float(np.sum(weights * (each - mean) ** 2)) / max(len(seen) - 1, 1)
+    return FreeFall(mean, math.sqrt(max(ratio, 1.0) / float(np.sum(weights))))
+
+
 def fall_below(time: Array, fronts: Array, bead: float) -> FreeFall | None:
     """The fall that shows its acceleration best, None where none is seen.
 

@@ -23,7 +23,7 @@ from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantit
 from rigtwin.lab.records import Series
 from rigtwin.measure.bead_size import size_seen, size_unseen
 from rigtwin.measure.frame_steps import timing_check
-from rigtwin.measure.freefall import fall_below, fall_check, outlet_check, surer
+from rigtwin.measure.freefall import fall_below, fall_check, outlet_check, together
 from rigtwin.measure.gate import Opening, find_opening, slot_edges
 from rigtwin.measure.in_view import camera_by_scene
 from rigtwin.measure.media import open_video
@@ -589,7 +589,7 @@ def _rate_check(
     # of the upright cut, whose pixels are smaller or larger than the clip's
     fronts_fall = fall_below(time, fronts / seen.lens.zoom, seen.scenery.bead / seen.lens.zoom)
     stream_fall = seen.stream.fall(seen.interval)
-    fall = surer([fronts_fall, None if stream_fall is None else stream_fall.at(1 / seen.lens.zoom)])
+    fall = together([fronts_fall, None if stream_fall is None else stream_fall.at(1 / seen.lens.zoom)])
     if fall is not None:
         return fall_check(fall, scale, doubt, rate)
     if velocity is not None:

@@ -527,6 +527,18 @@ def test_the_fall_of_the_lowest_bead_is_told_from_creeping_and_from_lying_on_the
     assert freefall.fall_below(time, np.round(400 * time)[None], 10.0) is None
 
 
+def test_two_looks_at_a_fall_that_contradict_each_other_leave_it_doubtful() -> None:
+    alike = freefall.together([freefall.FreeFall(98.0, 3.0), None, freefall.FreeFall(102.0, 3.0)])
+    other = freefall.together([freefall.FreeFall(98.0, 3.0), freefall.FreeFall(150.0, 3.0)])
+    assert alike is not None
+    assert other is not None
+    assert (alike.acceleration, alike.doubt) == (pytest.approx(100.0), pytest.approx(3.0 / math.sqrt(2)))
+    # the doubt reaches to both
+    assert other.acceleration - other.doubt <= 98.5
+    assert other.acceleration + other.doubt >= 149.5
+    assert freefall.together([None]) is None
+
+
 @pytest.mark.parametrize("doubt", [0.01, 0.1, 0.3])
 def test_a_fall_that_fits_tells_which_frame_rates_would_not(doubt: float) -> None:
     fall = freefall.FreeFall(9810.0, doubt * 9810.0)
