@@ -27,7 +27,7 @@ from rigtwin.measure.freefall import fall_below, fall_check, outlet_check, toget
 from rigtwin.measure.gate import Opening, find_opening, slot_edges
 from rigtwin.measure.in_view import camera_by_scene
 from rigtwin.measure.media import open_video
-from rigtwin.measure.outflow import Outflow, bin_walls, follow_outflow
+from rigtwin.measure.outflow import REACH_BELOW, Outflow, bin_walls, follow_outflow
 from rigtwin.measure.repeats import at_its_pace
 from rigtwin.measure.spacing import NEIGHBOURS_DOUBT, bead_spacing, size_of_beads
 from rigtwin.measure.starved import compression_check
@@ -50,7 +50,7 @@ CUT_SHORT = (
 )
 UNKNOWN_SHARE = 1 / math.sqrt(12)  # standard deviation of a share of which nothing is known
 TAIL = 0.02  # of the discharge, without a loss at the record's end, from which on the flow has stopped
-LASTING = 5  # values over which what is left must have risen: something may pass in one
+LASTING = 5  # values by most of which what was there is told: something may pass in one
 REFILL = 0.1  # share of the filling, by which it must: light and codec change the bed's area by some hundredths
 BINS = 6  # parts of the steady flow whose rates are compared
 HIDDEN = 0.08  # share of the slot's width that may show no bead before something hides it
@@ -491,15 +491,15 @@ def _opened_by_flow(seen: Outflow, time: Array) -> Instant:
 
 def _last_particle(seen: Outflow, edges: tuple[float, float]) -> Instant:
     """When the upper edge of the uppermost bead passes the slot for good."""
-    slot = seen.scenery.slot.row
+    slot, bead = seen.scenery.slot.row, seen.scenery.bead
     # a bed that ends wider than the slot that beads pass through was seen to end elsewhere: walls of a hopper slope
-    wider = seen.scenery.slot.right - seen.scenery.slot.left - (edges[1] - edges[0]) - 0.5 * seen.scenery.bead
+    wider = seen.scenery.slot.right - seen.scenery.slot.left - (edges[1] - edges[0]) - 0.5 * bead
     slot_sigma = math.hypot(seen.scenery.slot.sigma, 0.5 * max(wider, 0.0))
     clear = ~_covered(seen)
     shown = np.flatnonzero(clear) if clear.sum() > len(clear) / 2 else np.arange(len(clear))
     top = np.array([moment.top for moment in seen.moments])[shown]
     time = np.array([moment.time for moment in seen.moments])[shown]
-    above = np.flatnonzero(top < slot)
+    above = _still_above(top, slot, bead)
     if len(above) == 0 or above[-1] >= len(top) - 2:
         return Instant(
             float(time[-1]),
@@ -509,7 +509,7 @@ def _last_particle(seen: Outflow, edges: tuple[float, float]) -> Instant:
         )
     k = int(above[-1])
     below, frames = top[k + 1], int(shown[k + 1] - shown[k])
-    if frames == 1 and math.isfinite(below) and below - top[k] < 4 * seen.scenery.bead:
+    if frames == 1 and math.isfinite(below) and below - top[k] < 4 * bead:
         part = (slot - top[k]) / (below - top[k])
         speed = below - top[k]
         budget = {"passage": CROSSING * seen.interval}
@@ -517,9 +517,23 @@ def _last_particle(seen: Outflow, edges: tuple[float, float]) -> Instant:
     else:
         part = 0.5
         budget = {"passage": 0.3 * frames * seen.interval}
+    doubtful = ""
+    pace = seen.outlet.shift[np.isfinite(seen.outlet.shift[:, 1]), 1]
+    # a bead twice as fast as the flow is still seen below the slot a frame later
+    if frames == 1 and not math.isfinite(below) and len(pace) and 2 * float(np.median(pace)) < REACH_BELOW * bead:
+        budget["not seen to pass"] = NEARBY * seen.interval
+        doubtful = f"the last bead vanishes at {time[k]:.3f} s and is not seen to pass the slot: give the original film"
     budget["slot's height"] = min(budget.get("slot's height", 0.0), 3 * seen.interval)
     budget["exposure"] = EXPOSURE * seen.interval
-    return Instant(float(time[k] + part * (time[k + 1] - time[k])), budget, "upper edge of the last bead at the slot")
+    passed = float(time[k] + part * (time[k + 1] - time[k]))
+    return Instant(passed, budget, "upper edge of the last bead at the slot", doubtful)
+
+
+def _still_above(top: Array, slot: float, bead: float) -> npt.NDArray[np.intp]:
+    """Frames in which the uppermost bead, in row `top` [px], has not passed the row `slot`; `bead` is its diameter."""
+    # beads do not rise: what shows up above all that was there before is left over of a shake, or of the codec
+    before = np.array([np.median(top[max(k - LASTING, 0) : max(k, 1)]) for k in range(len(top))])
+    return np.flatnonzero((top < slot) & (top > before - bead))
 
 
 def outlet_profile(seen: Outflow, scale: float) -> tuple[Array, Array]:

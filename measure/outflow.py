@@ -41,6 +41,7 @@ PASSES = 0.03  # share of it that something in front must hide
 AROUND = 3.0  # bead diameters above and below the slot, and one to its sides, that a hand must keep clear of
 ALIKE = 0.5  # overlap of their colours (Bhattacharyya) above which two regions are parts of one bed
 ALIKE_BLUR = 2.0  # [px]
+REACH_BELOW = 5  # bead diameters below the slot, in which a bead that leaves is looked for
 LEAST_BEAD = 0.2  # of a bead's disc, the area below which a patch is no bead
 
 
@@ -396,7 +397,9 @@ def _moment(frame: Steadied, before: Image | None, scenery: Scenery, strange: Ma
     reach = cv2.dilate(scenery.bed.astype(np.uint8), np.ones((round(bead) | 1, round(bead) | 1), np.uint8)) > 0
     reach[row:] = False
     outlet = np.zeros_like(mask)
-    outlet[row : round(slot.row + 5 * bead), max(round(slot.left - bead), 0) : round(slot.right + bead)] = True
+    outlet[row : round(slot.row + REACH_BELOW * bead), max(round(slot.left - bead), 0) : round(slot.right + bead)] = (
+        True
+    )
     above = mask & reach
     inside = (mask & (reach | outlet)).astype(np.uint8)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(inside, connectivity=8)

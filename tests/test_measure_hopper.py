@@ -452,6 +452,23 @@ def test_beads_that_fall_tell_a_frame_rate_that_is_not_theirs(tmp_path: Path, ev
     assert abs(math.log(check.value / 9.81 / (stated * every) ** 2)) < 0.3
 
 
+def test_what_shows_up_above_the_last_bead_for_a_frame_is_no_bead() -> None:
+    sinks = np.array([60.0, 66, 72, 78, 84, 90, 96, 103, 111, math.inf])
+    assert hopper._still_above(sinks, 100.0, 10.0)[-1] == 6
+    assert hopper._still_above(np.append(np.insert(sinks, 8, 20.0), math.inf), 100.0, 10.0)[-1] == 6
+    # but a bead that is overlooked in a frame or two was there before
+    assert hopper._still_above(np.insert(sinks, 6, [math.inf, math.inf]), 100.0, 10.0)[-1] == 8
+
+
+def test_a_last_bead_that_vanishes_above_the_slot_is_doubtful(tmp_path: Path) -> None:
+    last = film(tmp_path / "gone.mp4")
+    film(tmp_path / "gone.mp4", shown=[*range(math.floor(last) - 1), *range(math.ceil(last) + 10, 75)])
+    camera = Camera(frame_rate=RATE, scale=DIAMETER / (2 * BEAD))
+    found = hopper.measure(tmp_path / "gone.mp4", camera, bead_diameter=DIAMETER, out=tmp_path)
+    assert "vanishes" in find(found, "last_particle_time").doubtful
+    assert "vanishes" in find(found, "discharge_time").doubtful
+
+
 def test_a_clip_that_ends_while_beads_leave_has_nothing_that_is_not_doubtful(tmp_path: Path) -> None:
     last = film(tmp_path / "hopper.mp4")
     for end in (0.6, 0.85):
