@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import theilslopes
 
 from rigtwin.measure.freefall import BEGINS, LEAST_FALL, FreeFall
 from rigtwin.measure.piv import vertex
@@ -106,6 +105,8 @@ class Stream:
         return np.array([_frames(pair, usual.row, way) for pair in self._pairs])
 
     def _usual(self) -> Usual | None:
+        from scipy.stats import theilslopes
+
         maps = defaultdict(list)
         for pair, steady in zip(self._pairs, self._steady, strict=True):
             for row, found in pair.items() if steady else ():
