@@ -8,32 +8,64 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.quantity import Check
+from rigtwin.measure.repeats import repeated
+from rigtwin.measure.stream import STILL
+
+Array = npt.NDArray[np.float64]
 
 UNSTEADY = 0.5  # share of odd frame intervals, from which on a file's own times are not believed
-TWO_STEPS = 1.7  # times the usual step: nearer to two frames than to one, with what is uneven in a flow of beads
-FEWEST = 15  # frames of the flow, to know what is usual
-JERKY = 0.4  # median deviation from the usual step, beyond which a flow stops and goes and two steps are nothing odd
+FEWEST = 10  # pairs of frames that must show how far beads fall between them
+MORE = 0.6  # frames, more than its times tell, from which on a step is one in which a frame is missing
+BESIDE = 3  # steps before and after one, that tell what is usual then: the first beads are slower
 
 
-def timing_check(rates: npt.NDArray[np.float64]) -> Check | str:
-    """Whether frames are missing, or in words why that cannot be judged.
+def timing_check(told: Array, shown: Array, changes: Array) -> Check | str:
+    """Whether frames of a flow are missing or repeated, or in words why that cannot be judged.
 
-    `rates`: how fast the bed falls from each frame to the next, by the frames' own times, in any unit, shape (n,).
+    From each picture to the next, shape (n,): `told` is how many frames they are apart by their times, `shown` how many
+    by how far beads fall, NaN where that is not seen, `changes` how much of the picture changes, in any unit.
 
-    Where a frame was lost before the film was written anew, the bed falls twice as far in what counts as one.
+    Beads that fall cannot stop for a frame, nor fall twice as far in one.
     """
-    usual = float(np.median(rates)) if len(rates) >= FEWEST else 0.0
-    steps = rates / usual if usual > 0 else np.full(1, math.nan)
-    uneven = float(np.median(np.abs(steps - 1)))
-    if not uneven < JERKY:
-        return "whether frames of the flow are missing is not seen: the bed falls in too few frames, or unevenly."
-    jumps = steps[steps > max(TWO_STEPS, 1 + 4 * uneven)]
-    missing = int(np.sum(np.round(jumps) - 1))
-    if missing == 0:
-        return Check("frame_timing", True, 0.0, 0.0, "the bed falls evenly: no frame of the flow seems to be missing.")
+    again = repeated(changes)
+    if again.any():
+        return _repeats_check(again, shown)
+    seen = shown > STILL
+    if seen.sum() < FEWEST:
+        return (
+            "whether frames of the flow are missing is not seen: too few pictures show beads that fall below the slot."
+        )
+    excess = _to_the_usual(shown[seen] / told[seen]) * told[seen] - told[seen]
+    lost = np.round(excess[excess > MORE])
+    if len(lost) == 0:
+        message = "from frame to frame beads fall as far as is usual: no frame of the flow seems to be missing."
+        return Check("frame_timing", True, 0.0, 0.0, message)
+    fewest = float(lost.sum())
+    # where no bead is seen to fall as many may be missing, give or take two standard deviations of their number
+    unseen = fewest / seen.sum() * (len(seen) - seen.sum())
+    most = fewest + unseen + 2 * math.sqrt(unseen)
+    some = f"at least {fewest:.0f}" if most < fewest + 1 else f"some {fewest:.0f} to {most:.0f}"
     message = (
-        f"at least some {missing} frames of the flow seem to be missing: between {len(jumps)} pairs of frames the bed "
-        f"falls up to {float(jumps.max()):.1f} times as far as usual, so that times come out too short; give the "
-        "clip as it was recorded."
+        f"{some} frames of the flow are missing: in {len(lost)} of the {seen.sum()} steps in which beads are seen to "
+        "fall, they fall as far as in two or more, so that times come out too short; give the clip as it was recorded."
     )
-    return Check("frame_timing", False, float(missing), 0.0, message)
+    return Check("frame_timing", False, fewest, 0.0, message)
+
+
+def _to_the_usual(paces: Array) -> Array:
+    """How fast each step is for those about it."""
+    near = [np.r_[paces[max(k - BESIDE, 0) : k], paces[k + 1 : k + 1 + BESIDE]] for k in range(len(paces))]
+    return np.asarray(paces / np.array([float(np.median(each)) for each in near]))
+
+
+def _repeats_check(again: npt.NDArray[np.bool_], shown: Array) -> Check:
+    count, every = int(again.sum()), float(np.median(np.diff(np.flatnonzero(again))))
+    next_ones = shown[1:][again[:-1]]
+    next_ones = next_ones[np.isfinite(next_ones)]
+    message = f"{count} of {len(again)} frames of the flow repeat the one before them, about every {every:.0f}th: "
+    if len(next_ones) and float(np.median(next_ones)) > 1 + MORE:
+        message += "they stand where others are missing, so that times are right to a frame at best; "
+    else:
+        longer = every / (every - 1)
+        message += f"unless the film plays as fast as it was captured, times come out {longer:.2f} times too long; "
+    return Check("frame_timing", False, float(count), 0.0, message + "give the clip as it was recorded.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +35,28 @@ class FreeFall:
     acceleration: float  # [px/s^2]
     doubt: float  # [px/s^2], standard uncertainty
 
+    def at(self, zoom: float) -> FreeFall:
+        """The same in a picture `zoom` times as large."""
+        return FreeFall(self.acceleration * zoom, self.doubt * zoom)
+
+
+def surer(falls: Iterable[FreeFall | None]) -> FreeFall | None:
+    """The one whose acceleration is known best."""
+    seen = [fall for fall in falls if fall is not None]
+    return min(seen, key=lambda fall: fall.doubt / fall.acceleration, default=None)
+
+
+def together(falls: Iterable[FreeFall | None]) -> FreeFall | None:
+    """The mean of what different ways to look at it tell, as doubtful as these contradict each other (Birge ratio)."""
+    seen = [fall for fall in falls if fall is not None]
+    if not seen:
+        return None
+    weights = np.array([fall.doubt**-2 for fall in seen])
+    each = np.array([fall.acceleration for fall in seen])
+    mean = float(np.average(each, weights=weights))
+    ratio = float(np.sum(weights * (each - mean) ** 2)) / max(len(seen) - 1, 1)
+    return FreeFall(mean, math.sqrt(max(ratio, 1.0) / float(np.sum(weights))))
+
 
 def fall_below(time: Array, fronts: Array, bead: float) -> FreeFall | None:
     """The fall that shows its acceleration best, None where none is seen.
@@ -42,9 +65,7 @@ def fall_below(time: Array, fronts: Array, bead: float) -> FreeFall | None:
     look for it, NaN where there is none; `bead` [px] is a diameter.  The lowest bead falls freely: nothing below holds
     it, and those above are slower.
     """
-    falls = [_fitted(time[run], front[run], bead) for front in fronts for run in _runs(front, bead)]
-    seen = [fall for fall in falls if fall is not None]
-    return min(seen, key=lambda fall: fall.doubt / fall.acceleration, default=None)
+    return surer(_fitted(time[run], front[run], bead) for front in fronts for run in _runs(front, bead))
 
 
 def _runs(front: Array, bead: float) -> list[npt.NDArray[np.intp]]:
@@ -76,9 +97,10 @@ def fall_check(fall: FreeFall, scale: float, scale_doubt: float, rate: float) ->
     found, doubt = fall.acceleration * scale, math.hypot(fall.doubt / fall.acceleration, scale_doubt)
     reach = max(3 * doubt, LEAST_OFF)
     message = f"beads below the outlet fall with {found:.3g} ± {found * doubt:.2g} m/s²"
-    if abs(math.log(found / GRAVITY)) < reach:
+    off = abs(math.log(found / GRAVITY))
+    if off < reach:
         # it grows with the square of the rate
-        told = f"a frame rate off by less than a factor of {math.exp(reach / 2):.2f} would not show"
+        told = f"a frame rate off by less than a factor of {math.exp((reach + off) / 2):.2f} would not show"
         return Check("frame_rate", True, found, GRAVITY, f"{message}: scale and frame rate fit together; {told}.")
     captured = rate / math.sqrt(found / GRAVITY)
     return Check(
@@ -99,6 +121,10 @@ def outlet_check(velocity: float, width: float) -> Check:
     """
     ratio = velocity / math.sqrt(GRAVITY * width)
     passed = OUTLET_SPEED[0] < ratio < OUTLET_SPEED[1]
-    ending = "." if passed else ": is the frame rate that of the capture (--frame-rate), and is the scale right?"
+    ending = ": is the frame rate that of the capture (--frame-rate), and is the scale right?"
+    if passed:
+        # it grows with the rate
+        low, high = ratio / OUTLET_SPEED[0], OUTLET_SPEED[1] / ratio
+        ending = f", so that a rate {low:.1f} times too low or {high:.1f} times too high would not show."
     message = f"beads leave the slot {ratio:.2g} times as fast as a body that has fallen half its width{ending}"
     return Check("frame_rate", passed, ratio, 1.0, message)

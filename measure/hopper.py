@@ -23,11 +23,11 @@ from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantit
 from rigtwin.lab.records import Series
 from rigtwin.measure.bead_size import size_seen, size_unseen
 from rigtwin.measure.frame_steps import timing_check
-from rigtwin.measure.freefall import fall_below, fall_check, outlet_check
+from rigtwin.measure.freefall import fall_below, fall_check, outlet_check, together
 from rigtwin.measure.gate import Opening, find_opening, slot_edges
 from rigtwin.measure.in_view import camera_by_scene
 from rigtwin.measure.media import open_video
-from rigtwin.measure.outflow import Outflow, bin_walls, follow_outflow
+from rigtwin.measure.outflow import REACH_BELOW, Outflow, bin_walls, follow_outflow
 from rigtwin.measure.repeats import at_its_pace
 from rigtwin.measure.spacing import NEIGHBOURS_DOUBT, bead_spacing, size_of_beads
 from rigtwin.measure.starved import compression_check
@@ -50,6 +50,8 @@ CUT_SHORT = (
 )
 UNKNOWN_SHARE = 1 / math.sqrt(12)  # standard deviation of a share of which nothing is known
 TAIL = 0.02  # of the discharge, without a loss at the record's end, from which on the flow has stopped
+LASTING = 5  # values by most of which what was there is told: something may pass in one
+REFILL = 0.1  # share of the filling, by which it must: light and codec change the bed's area by some hundredths
 BINS = 6  # parts of the steady flow whose rates are compared
 HIDDEN = 0.08  # share of the slot's width that may show no bead before something hides it
 RESIDUE = 0.02  # share of the bed that may stay behind before it is worth a warning
@@ -107,7 +109,7 @@ def measure(
     left = _left(seen)
     cut = last.method == CUT
     evaluation = _evaluate(left, total_mass, opened, last, seen.residue, AREA_DOUBT)
-    timing = _timing_check(seen, left, opened, last)
+    timing = _timing_check(seen, opened, last)
     spacing = bead_spacing(seen.scenery.full, seen.scenery.bed)
     scale, scale_from, scale_doubt = _scale(seen, camera, bead_diameter, bin_width, spacing)
     warnings = [*video.warnings, *evaluation.warnings]
@@ -216,12 +218,14 @@ def _evaluate(
     remains = Quantity("residue_fraction", stays, share_doubt, "1", CUT, doubtful=CUT_SHORT if cut else "")
     quantities.append(remains)
     within = _within_check(rates[0], last.time - opened.time)
-    checks = [_emptied_check(stays, cut), within]
+    falling = _falling_check(time, share)
+    checks = [_emptied_check(stays, cut), within, falling]
     doubts = (opened.doubtful, last.doubtful, "" if within.passed else within.message)
     doubt = "; ".join(dict.fromkeys(text for text in doubts if text))
     if doubt:
         quantities = [replace(one, doubtful=doubt) if one.unit == "s" else one for one in quantities]
-    return Evaluation(tuple(quantities), tuple(checks), tuple(warnings))
+    told = _with_times_doubted(tuple(quantities), _failed(falling))
+    return Evaluation(told, tuple(checks), tuple(warnings))
 
 
 def _still_flows(time: Array, share: Array, lasted: float) -> bool:
@@ -242,6 +246,23 @@ def _emptied_check(stays: float, cut: bool) -> Check:
     else:
         message += "; the last particle is the last one that left."
     return Check("emptied", stays < RESIDUE and not cut, stays, 0.0, message)
+
+
+def _falling_check(time: Array, share: Array) -> Check:
+    """Whether beads only leave."""
+    from scipy.ndimage import median_filter
+
+    lasting = np.asarray(median_filter(share, LASTING, mode="nearest"))
+    risen = lasting - np.minimum.accumulate(lasting)
+    worst = int(np.argmax(risen))
+    rise = float(risen[worst])
+    if rise < REFILL:
+        return Check("only_falls", True, rise, 0.0, "what is left in the hopper only falls.")
+    message = (
+        f"what is left in the hopper rises by {100 * rise:.0f} % of the filling until {time[worst]:.3f} s, but beads "
+        "do not come back: the film is joined, or the hopper was filled again; give one discharge (--start, --end)."
+    )
+    return Check("only_falls", False, rise, 0.0, message)
 
 
 def _within_check(middle: Quantity, lasted: float) -> Check:
@@ -470,15 +491,15 @@ def _opened_by_flow(seen: Outflow, time: Array) -> Instant:
 
 def _last_particle(seen: Outflow, edges: tuple[float, float]) -> Instant:
     """When the upper edge of the uppermost bead passes the slot for good."""
-    slot = seen.scenery.slot.row
+    slot, bead = seen.scenery.slot.row, seen.scenery.bead
     # a bed that ends wider than the slot that beads pass through was seen to end elsewhere: walls of a hopper slope
-    wider = seen.scenery.slot.right - seen.scenery.slot.left - (edges[1] - edges[0]) - 0.5 * seen.scenery.bead
+    wider = seen.scenery.slot.right - seen.scenery.slot.left - (edges[1] - edges[0]) - 0.5 * bead
     slot_sigma = math.hypot(seen.scenery.slot.sigma, 0.5 * max(wider, 0.0))
     clear = ~_covered(seen)
     shown = np.flatnonzero(clear) if clear.sum() > len(clear) / 2 else np.arange(len(clear))
     top = np.array([moment.top for moment in seen.moments])[shown]
     time = np.array([moment.time for moment in seen.moments])[shown]
-    above = np.flatnonzero(top < slot)
+    above = _still_above(top, slot, bead)
     if len(above) == 0 or above[-1] >= len(top) - 2:
         return Instant(
             float(time[-1]),
@@ -488,7 +509,7 @@ def _last_particle(seen: Outflow, edges: tuple[float, float]) -> Instant:
         )
     k = int(above[-1])
     below, frames = top[k + 1], int(shown[k + 1] - shown[k])
-    if frames == 1 and math.isfinite(below) and below - top[k] < 4 * seen.scenery.bead:
+    if frames == 1 and math.isfinite(below) and below - top[k] < 4 * bead:
         part = (slot - top[k]) / (below - top[k])
         speed = below - top[k]
         budget = {"passage": CROSSING * seen.interval}
@@ -496,9 +517,23 @@ def _last_particle(seen: Outflow, edges: tuple[float, float]) -> Instant:
     else:
         part = 0.5
         budget = {"passage": 0.3 * frames * seen.interval}
+    doubtful = ""
+    pace = seen.outlet.shift[np.isfinite(seen.outlet.shift[:, 1]), 1]
+    # a bead twice as fast as the flow is still seen below the slot a frame later
+    if frames == 1 and not math.isfinite(below) and len(pace) and 2 * float(np.median(pace)) < REACH_BELOW * bead:
+        budget["not seen to pass"] = NEARBY * seen.interval
+        doubtful = f"the last bead vanishes at {time[k]:.3f} s and is not seen to pass the slot: give the original film"
     budget["slot's height"] = min(budget.get("slot's height", 0.0), 3 * seen.interval)
     budget["exposure"] = EXPOSURE * seen.interval
-    return Instant(float(time[k] + part * (time[k + 1] - time[k])), budget, "upper edge of the last bead at the slot")
+    passed = float(time[k] + part * (time[k + 1] - time[k]))
+    return Instant(passed, budget, "upper edge of the last bead at the slot", doubtful)
+
+
+def _still_above(top: Array, slot: float, bead: float) -> npt.NDArray[np.intp]:
+    """Frames in which the uppermost bead, in row `top` [px], has not passed the row `slot`; `bead` is its diameter."""
+    # beads do not rise: what shows up above all that was there before is left over of a shake, or of the codec
+    before = np.array([np.median(top[max(k - LASTING, 0) : max(k, 1)]) for k in range(len(top))])
+    return np.flatnonzero((top < slot) & (top > before - bead))
 
 
 def outlet_profile(seen: Outflow, scale: float) -> tuple[Array, Array]:
@@ -566,22 +601,27 @@ def _rate_check(
     # the front of a stream ends where beads come apart, the lowest bead where the first has reached the floor
     fronts = np.array([(moment.front, moment.lowest) for moment in seen.moments]).T - seen.scenery.slot.row
     # of the upright cut, whose pixels are smaller or larger than the clip's
-    fall = fall_below(time, fronts / seen.lens.zoom, seen.scenery.bead / seen.lens.zoom)
+    fronts_fall = fall_below(time, fronts / seen.lens.zoom, seen.scenery.bead / seen.lens.zoom)
+    stream_fall = seen.stream.fall(seen.interval)
+    fall = together([fronts_fall, None if stream_fall is None else stream_fall.at(1 / seen.lens.zoom)])
     if fall is not None:
         return fall_check(fall, scale, doubt, rate)
     if velocity is not None:
-        return outlet_check(velocity.value, width)
+        wide = outlet_check(velocity.value, width)
+        return f"frame rate not confirmed: {wide.message}" if wide.passed else wide
     return "frame rate not confirmed: no bead is seen to fall from the slot, times are as right as --frame-rate."
 
 
-def _timing_check(seen: Outflow, left: Series, opened: Instant, last: Instant) -> Check | str:
+def _timing_check(seen: Outflow, opened: Instant, last: Instant) -> Check | str:
     from scipy.ndimage import binary_dilation
 
-    time, share, _ = _share_left(left)
+    time = np.array([moment.time for moment in seen.moments])
     # a hand reaches over the bed's edge before it is told, and a little longer
     hidden = binary_dilation([moment.hidden for moment in seen.moments], np.ones(5, dtype=bool))
     flows = (time[1:] > opened.time) & (time[1:] <= last.time) & ~hidden[1:] & ~hidden[:-1]
-    return timing_check((-np.diff(share) / np.diff(time))[flows])
+    told = np.diff(time) / seen.interval
+    changes = np.array([moment.change for moment in seen.moments[1:]])
+    return timing_check(told[flows], seen.stream.frames_between()[flows], changes[flows])
 
 
 def _failed(check: Check | str) -> str:

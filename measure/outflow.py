@@ -23,6 +23,7 @@ from rigtwin.measure.media import Video
 from rigtwin.measure.piv import Displacements, MeanCorrelation, without_outliers
 from rigtwin.measure.scene import Pose, Scene, middle_picture
 from rigtwin.measure.still import Cut, Region, Steadied, apart, cut_for, steadied, still_scene
+from rigtwin.measure.stream import Stream
 from rigtwin.measure.upright import Upright, upright
 
 Array = npt.NDArray[np.float64]
@@ -40,6 +41,7 @@ PASSES = 0.03  # share of it that something in front must hide
 AROUND = 3.0  # bead diameters above and below the slot, and one to its sides, that a hand must keep clear of
 ALIKE = 0.5  # overlap of their colours (Bhattacharyya) above which two regions are parts of one bed
 ALIKE_BLUR = 2.0  # [px]
+REACH_BELOW = 5  # bead diameters below the slot, in which a bead that leaves is looked for
 LEAST_BEAD = 0.2  # of a bead's disc, the area below which a patch is no bead
 
 
@@ -98,6 +100,7 @@ class Outflow:
     residue: float  # share of the bed's area that is still there at the end
     interval: float  # [s], between frames
     outlet: Displacements  # of the beads in the slot from frame to frame, mean over the steady flow
+    stream: Stream  # of the beads below the slot, in the upright cut
 
 
 def follow_outflow(
@@ -118,7 +121,7 @@ def follow_outflow(
     before: Image | None = None
     there = [index for index in range(video.first, video.last + 1) if index not in video.skipped]
     usual = float(np.median(np.diff(video.times[there])))
-    outlet = _windows(scenery)
+    outlet, stream = _windows(scenery), Stream(scenery.bead, scenery.noise)
     beside = _beside(scenery)
     rows, sight = _usual_sight(scene, scenery)
     count = video.last - video.first + 1
@@ -132,8 +135,11 @@ def follow_outflow(
         share = moments[-1].left / max(float(np.median([moment.left for moment in moments[:ENDS]])), 1.0)
         # across a lost frame beads go twice as far
         neighbours = before is not None and abs(moment.time - moments[-2].time - usual) < 0.5 * usual
-        if before is not None and neighbours and FLOWING[0] < share < FLOWING[1]:
-            outlet.add(_grey(before), _grey(frame.colour))
+        steady = neighbours and FLOWING[0] < share < FLOWING[1]
+        if before is not None:
+            stream.add(_below(before, scenery), _below(frame.colour, scenery), steady=steady)
+            if steady:
+                outlet.add(_grey(before), _grey(frame.colour))
         before = frame.colour
         progress("watching the hopper empty", len(moments), count)
     return Outflow(
@@ -146,6 +152,7 @@ def follow_outflow(
         _residue(scenery),
         float(np.median(np.diff([moment.time for moment in moments]))),
         without_outliers(outlet.displacements()),
+        stream,
     )
 
 
@@ -156,6 +163,13 @@ def _windows(scenery: Scenery) -> MeanCorrelation:
     x = slot.left + (np.arange(count) + 0.5) * (slot.right - slot.left) / count
     place = np.column_stack([x, np.full(count, slot.row)])
     return MeanCorrelation(place, window=max(8, round(2 * bead)), reach=(max(3, round(bead)), max(6, round(3 * bead))))
+
+
+def _below(picture: Image, scenery: Scenery) -> npt.NDArray[np.uint8]:
+    """How much what is below the slot differs from the empty hopper."""
+    slot = scenery.slot
+    part = (slice(round(slot.row), None), slice(max(round(slot.left), 0), round(slot.right)))
+    return apart(picture[part], scenery.empty[part])
 
 
 def _grey(picture: Image) -> npt.NDArray[np.uint8]:
@@ -383,7 +397,9 @@ def _moment(frame: Steadied, before: Image | None, scenery: Scenery, strange: Ma
     reach = cv2.dilate(scenery.bed.astype(np.uint8), np.ones((round(bead) | 1, round(bead) | 1), np.uint8)) > 0
     reach[row:] = False
     outlet = np.zeros_like(mask)
-    outlet[row : round(slot.row + 5 * bead), max(round(slot.left - bead), 0) : round(slot.right + bead)] = True
+    outlet[row : round(slot.row + REACH_BELOW * bead), max(round(slot.left - bead), 0) : round(slot.right + bead)] = (
+        True
+    )
     above = mask & reach
     inside = (mask & (reach | outlet)).astype(np.uint8)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(inside, connectivity=8)

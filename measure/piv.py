@@ -72,8 +72,8 @@ class MeanCorrelation:
             row, column = np.unravel_index(int(np.argmax(total)), total.shape)
             score[k] = float(total[row, column]) / pairs
             if 0 < row < total.shape[0] - 1 and 0 < column < total.shape[1] - 1:
-                shift[k, 0] = column + _vertex(total[row, column - 1 : column + 2]) - self._reach[0]
-                shift[k, 1] = row + _vertex(total[row - 1 : row + 2, column]) - self._reach[1]
+                shift[k, 0] = column + vertex(total[row, column - 1 : column + 2]) - self._reach[0]
+                shift[k, 1] = row + vertex(total[row - 1 : row + 2, column]) - self._reach[1]
         return Displacements(self.place, shift, score, self._pairs.copy())
 
 
@@ -97,7 +97,7 @@ def without_outliers(found: Displacements, *, lowest_score: float = 0.2) -> Disp
     return Displacements(found.place, kept, found.score, found.pairs)
 
 
-def _vertex(three: Array) -> float:
+def vertex(three: Array) -> float:
     """Where, from the middle one of three values, the parabola through them has its top."""
     bend = three[0] - 2 * three[1] + three[2]
     return float(0.5 * (three[0] - three[2]) / bend) if bend < 0 else 0.0
