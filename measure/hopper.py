@@ -424,7 +424,8 @@ def _edges(seen: Outflow) -> tuple[float, float]:
 def _hidden(seen: Outflow, edges: tuple[float, float]) -> float:
     """Share of the slot in which no bead is ever seen though beads pass to both sides: something stands before it."""
     share = _beads_in_slot(seen)[:, math.ceil(edges[0]) : math.floor(edges[1]) + 1].mean(axis=0)
-    return float(np.mean(share < 0.3 * np.median(share))) if len(share) else 1.0
+    # not the median: what hides half of the slot would set it
+    return float(np.mean(share < 0.3 * np.percentile(share, 80))) if len(share) else 1.0
 
 
 def _beads_in_slot(seen: Outflow) -> npt.NDArray[np.bool_]:

@@ -389,6 +389,14 @@ def test_a_film_with_something_in_front_throughout_is_doubtful(tmp_path: Path) -
     assert all(one.doubtful for one in found.quantities if one.unit == "s")
 
 
+@pytest.mark.parametrize("middle", [178.0, 180.0])  # [px]: its tip hides more than half of the slot, and less
+def test_what_stands_before_the_middle_of_the_slot_makes_its_times_doubtful(tmp_path: Path, middle: float) -> None:
+    film(tmp_path / "hidden.mp4", hand=lambda _: (110.0, middle), skin=(175, 175, 172))
+    found = hopper.measure(tmp_path / "hidden.mp4", Camera(frame_rate=RATE), bead_diameter=DIAMETER, out=tmp_path)
+    assert "slot_in_view" in {check.check for check in found.checks if not check.passed}
+    assert find(found, "last_particle_time").doubtful
+
+
 def test_a_hand_that_pulls_the_slide_from_afar_is_no_trouble(tmp_path: Path) -> None:
     times, last = handled(tmp_path / "hand.mp4", lambda k: (220.0 + 14 * max(k - OPENED, -2), 155.0))
     assert times[2].value * RATE == pytest.approx(last - OPENED, abs=0.7)
