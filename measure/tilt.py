@@ -307,12 +307,14 @@ def measure(
     angle, track = _record(film, gauge)
     way = _way(angle, [track], variant, bead_diameter, gauge.doubt)
     run, onset = _onset(way, str(clip))
-    told = _by_the_run(film, way, run, onset, video)
-    again = bool(np.any(told.missing != film.missing))
-    film = told
+    by_turn_alone, film = film, _by_the_run(film, way, run, onset, video)
+    if np.any(film.missing != by_turn_alone.missing):
+        angle, track = _record(film, gauge)
+        way = _way(angle, [track], variant, bead_diameter, gauge.doubt)
+        run, onset = _onset(way, str(clip))
     if not math.isfinite(gauge.doubt):
-        gauge, again = replace(gauge, scale=gauge.scale / onset.gain, source="gravity"), True
-    if again:
+        # only now, for it hangs on the square of all times
+        gauge = replace(gauge, scale=gauge.scale / onset.gain, source="gravity")
         angle, track = _record(film, gauge)
         way = _way(angle, [track], variant, bead_diameter, gauge.doubt)
         run, onset = _onset(way, str(clip))
@@ -330,7 +332,7 @@ def measure(
     still = camera_by_scene(film.poses)
     of_film = (
         _shape_check(film.body, variant),
-        *_portrait_check(film.body, video, onset),
+        *_portrait_check(film, onset),
         *_view_checks(film, gauge, video, onset),
         compression_check(video, STARVED),
         *([still] if isinstance(still, Check) else []),
@@ -402,7 +404,8 @@ def _poorly_lit(samples: Mapping[int, Picture]) -> str:
     """What is wrong with the pictures themselves, as the beginning of a sentence; empty where nothing is."""
     blank = sum(float(np.ptp(np.percentile(picture, (0.5, 99.5)))) < DIMMEST for picture in samples.values())
     if blank:
-        return f"{blank} of {len(samples)} pictures looked at show nothing but one brightness; in what remains "
+        rest = "in what remains " if blank < len(samples) else ""
+        return f"{blank} of {len(samples)} pictures looked at show nothing but one brightness; {rest}"
     # a film's brightness often ends at 235
     white = float(np.mean([np.mean(picture >= max(picture.max() - 3, SATURATED)) for picture in samples.values()]))
     return f"{100 * white:.0f} % of the picture is white, overexposed; " if white > MOST_WHITE else ""
@@ -526,9 +529,10 @@ def _shape_check(body: Passenger, variant: Variant) -> Check:
     return Check("shape", passed, ratio, 1.0, f"the body is {ratio:.1f} times as long as high{ending}")
 
 
-def _portrait_check(body: Passenger, video: Video, onset: Onset) -> tuple[Check, ...]:
+def _portrait_check(film: Film, onset: Onset) -> tuple[Check, ...]:
     """Whether the body rests in the frames of which its picture at rest is made, where it does not."""
-    resting = sum(video.times[number] < onset.time for number in body.rests)
+    body = film.body
+    resting = int(np.sum(film.times[np.isin(film.frames, body.rests)] < onset.time))
     if resting >= max(FEWEST, len(body.rests) / 2):
         return ()
     message = (
@@ -601,9 +605,10 @@ def _timing_check(film: Film, video: Video, onset: Onset) -> Check:
     hidden = (
         f"in {100 * (1 - seen):.0f} % of the frames before the onset the plate turns too little to show a missing one"
     )
-    if again := film.repeated:
+    passed = False
+    if doubled := film.repeated:
         ending = (
-            f", but in the run {again} frame{'' if again == 1 else 's'} just like the one before put off "
+            f", but in the run {doubled} frame{'' if doubled == 1 else 's'} just like the one before put off "
             "what follows, so that times come out too long: use the camera's original file."
         )
     elif film.lost_in_run:
@@ -612,8 +617,8 @@ def _timing_check(film: Film, video: Video, onset: Onset) -> Check:
     elif odd >= UNSTEADY * len(steps):
         ending = ", but so many may be wrong: use the camera's original file."
     else:
-        ending = "." if seen >= MOSTLY else f"; {hidden}."
-    return Check("frame_timing", ending[0] != ",", float(odd), 0.0, message + ending)
+        passed, ending = True, "." if seen >= MOSTLY else f"; {hidden}."
+    return Check("frame_timing", passed, float(odd), 0.0, message + ending)
 
 
 def _level_check(level: Horizontal, edges: int) -> Check:

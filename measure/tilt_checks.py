@@ -5,13 +5,17 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import numpy.typing as npt
 
 from rigtwin.lab.quantity import Check
 from rigtwin.measure.onset import FACTOR, USUAL_DRIFT, Onset, Variant, Way, jitter, smooth_angle
 
+Array = npt.NDArray[np.float64]
+
 LIKELY = math.log(20)  # odds from which on one kind of motion is believed rather than the other
 LEAST_KINETIC = 0.5  # kinetic friction over static, of what slides
 SQUEEZED = 1.5  # widest that usual shapes of pixels make a picture, and narrowest, when they are taken for square
+FOLLOWED = 0.03  # of a body's size, to which light and pixels let it be followed while the plate turns under it
 SAME_FRICTION = 0.02  # relative, how far friction of what rolls may be off at its start
 RESIDUALS = 6  # times the noise, that a body may leave the fitted run by
 LEAST_REST = 6  # frames before the onset: for place, drift, a creep's speed and beginning, the onset, and one to spare
@@ -57,14 +61,18 @@ def _gravity_check(way: Way, onset: Onset, variant: Variant) -> Check | str:
     return Check("gravity", passed, onset.gain, 1.0, f"{found}: {ending}.")
 
 
-def _proportions_check(way: Way, onset: Onset, falls_as_it_should: bool) -> Check | str:
+def _proportions_check(way: Way, onset: Onset, falls_as_it_should: bool) -> Check:
     """Whether the picture is as wide as it is high: a squeezed one shows another angle.
 
     There the plate grows longer or shorter as it turns, and a body that rests on it wanders along it in step with the
     angle, while it runs down as if gravity were another one by the square of the squeeze.
     """
-    seen, sure = onset.axis, way.drift + 3 * onset.axis_sigma
-    if seen < -sure:  # down the plate it might creep, but nothing creeps uphill
+    # over a small turn a wander and a creep look alike in the fit, and a plain line through the rest knows no creep
+    rests = way.time < onset.time - 2 * onset.time_sigma
+    turn = max(float(np.ptp(way.angle[rests])), 1e-3) if np.any(rests) else math.inf
+    seen = max(onset.axis, _wander(way.angle[rests], way.down[rests]))
+    sure = way.drift + 3 * onset.axis_sigma
+    if seen < -sure - FOLLOWED * way.drift / turn:  # down the plate it might creep, but nothing creeps uphill
         message = (
             f"the body at rest wanders up the plate by {-1e3 * seen:.1f} ± {1e3 * onset.axis_sigma:.1f} mm for a "
             f"radian of its rise, of which a hinge not quite found explains {1e3 * way.drift:.0f}: is the picture "
@@ -76,7 +84,7 @@ def _proportions_check(way: Way, onset: Onset, falls_as_it_should: bool) -> Chec
     strong = max(onset.gain, (start - onset.moving_friction) / ((1 - LEAST_KINETIC) * start))
     squeeze = math.sqrt(strong if strong > 1 else onset.gain)
     wander = -way.reach * _lengthening(onset.angle, squeeze)
-    if falls_as_it_should or not 1 / SQUEEZED < squeeze < SQUEEZED or abs(seen - wander) > sure:
+    if falls_as_it_should or not 1 / SQUEEZED < squeeze < SQUEEZED or abs(onset.axis - wander) > sure:
         return Check("proportions", True, seen, 0.0, "nothing speaks for a picture that is squeezed.")
     message = (
         "that the body does not run as gravity makes it may be for the scale or the frame rate, on which no angle "
@@ -84,6 +92,13 @@ def _proportions_check(way: Way, onset: Onset, falls_as_it_should: bool) -> Chec
         "plate turns too little to tell which. Is a bead round in it?"
     )
     return Check("proportions", False, seen, 0.0, message)
+
+
+def _wander(angle: Array, down: Array) -> float:
+    """[m/rad], slope of a body's way over the plate's angle."""
+    if len(angle) < LEAST_REST or np.ptp(angle) == 0:
+        return 0.0
+    return float(np.polyfit(angle - angle.mean(), down, 1)[0])
 
 
 def _lengthening(angle: float, squeeze: float) -> float:

@@ -322,6 +322,14 @@ def clip(path, *, variant, angle_deg, fps=50.0, rate_deg=3.0, roll_deg=0.0, nois
     return path
 
 
+@pytest.mark.parametrize(("angle", "noise"), [(14.0, 2.0), (22.0, 5.0)])
+def test_a_plate_that_turns_by_a_degree_before_the_onset_is_not_called_squeezed(tmp_path, angle, noise):
+    film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=angle, rate_deg=1.0, noise=noise)
+    found = pick(tilt.measure(film, Camera(frame_rate=50.0), variant="slide", bead_diameter=0.012), "static_friction")
+    assert found.value == pytest.approx(math.tan(math.radians(angle)), abs=0.003)
+    assert not found.doubtful
+
+
 @pytest.mark.parametrize(("variant", "angle", "roll"), [("slide", 14.0, 0.0), ("roll", 6.0, 1.5)])
 def test_a_drawn_clip_gives_the_drawn_onset(tmp_path, variant, angle, roll):
     film = clip(tmp_path / "clip.mp4", variant=variant, angle_deg=angle, roll_deg=roll)
