@@ -16,20 +16,33 @@ Array = npt.NDArray[np.float64]
 UNSTEADY = 0.5  # share of odd frame intervals, from which on a file's own times are not believed
 FEWEST = 10  # pairs of frames that must show how far beads fall between them
 MORE = 0.6  # frames, more than its times tell, from which on a step is one in which a frame is missing
+CUT, CLEARLY = (
+    2.5,
+    8.0,
+)  # usual losses of the bed, and scatters of them, by which a step is more where frames are cut out
+AROUND = 8  # steps before and after one, that tell how much of the bed goes usually
 BESIDE = 3  # steps before and after one, that tell what is usual then: the first beads are slower
 
 
-def timing_check(told: Array, shown: Array, changes: Array) -> Check | str:
+def timing_check(told: Array, shown: Array, changes: Array, gone: Array) -> Check | str:
     """Whether frames of a flow are missing or repeated, or in words why that cannot be judged.
 
     From each picture to the next, shape (n,): `told` is how many frames they are apart by their times, `shown` how many
-    by how far beads fall, NaN where that is not seen, `changes` how much of the picture changes, in any unit.
+    by how far beads fall, NaN where that is not seen, `changes` how much of the picture changes, in any unit, and
+    `gone` how much of the bed is gone after it, NaN where that tells nothing.
 
-    Beads that fall cannot stop for a frame, nor fall twice as far in one.
+    Beads that fall cannot stop for a frame, nor fall twice as far in one.  Where more than a few frames are cut out, no
+    bead before the gap is seen after it, but the bed is lower at once.
     """
     again = repeated(changes)
     if again.any():
         return _repeats_check(again, shown)
+    if cut := _cut_out(gone / told):
+        message = (
+            f"some {sum(cut)} frames of the flow are missing: from one picture to the next as much of the bed is gone "
+            f"as else in {1 + max(cut)}, so that times come out too short; give the clip as it was recorded."
+        )
+        return Check("frame_timing", False, float(sum(cut)), 0.0, message)
     seen = shown > STILL
     if seen.sum() < FEWEST:
         return (
@@ -45,11 +58,26 @@ def timing_check(told: Array, shown: Array, changes: Array) -> Check | str:
     unseen = fewest / seen.sum() * (len(seen) - seen.sum())
     most = fewest + unseen + 2 * math.sqrt(unseen)
     some = f"at least {fewest:.0f}" if most < fewest + 1 else f"some {fewest:.0f} to {most:.0f}"
+    are = "frame of the flow is" if some == "at least 1" else "frames of the flow are"
     message = (
-        f"{some} frames of the flow are missing: in {len(lost)} of the {seen.sum()} steps in which beads are seen to "
+        f"{some} {are} missing: in {len(lost)} of the {seen.sum()} steps in which beads are seen to "
         "fall, they fall as far as in two or more, so that times come out too short; give the clip as it was recorded."
     )
     return Check("frame_timing", False, fewest, 0.0, message)
+
+
+def _cut_out(gone: Array) -> list[int]:
+    """How many frames are missing at each step after which far more of the bed is gone than after those about it."""
+    cut = []
+    for k in np.flatnonzero(np.isfinite(gone)).tolist():
+        near = np.r_[gone[max(k - AROUND, 0) : k], gone[k + 1 : k + 1 + AROUND]]
+        near = near[np.isfinite(near)]
+        if len(near) < AROUND or (usual := float(np.median(near))) <= 0:
+            continue
+        more, scatter = gone[k] - usual, 1.4826 * float(np.median(np.abs(near - usual)))
+        if more > CUT * usual and more > CLEARLY * scatter:
+            cut.append(round(more / usual))
+    return cut
 
 
 def _to_the_usual(paces: Array) -> Array:
@@ -60,12 +88,14 @@ def _to_the_usual(paces: Array) -> Array:
 
 def _repeats_check(again: npt.NDArray[np.bool_], shown: Array) -> Check:
     count, every = int(again.sum()), float(np.median(np.diff(np.flatnonzero(again))))
+    if every < 2:  # shown three times and more, where the rhythm of the repeats tells nothing
+        every = len(again) / count
     next_ones = shown[1:][again[:-1]]
     next_ones = next_ones[np.isfinite(next_ones)]
-    message = f"{count} of {len(again)} frames of the flow repeat the one before them, about every {every:.0f}th: "
+    message = f"{count} of {len(again)} frames of the flow repeat the one before them, about one in {every:.2g}: "
     if len(next_ones) and float(np.median(next_ones)) > 1 + MORE:
         message += "they stand where others are missing, so that times are right to a frame at best; "
     else:
-        longer = every / (every - 1)
+        longer = every / max(every - 1, 0.1)
         message += f"unless the film plays as fast as it was captured, times come out {longer:.2f} times too long; "
     return Check("frame_timing", False, float(count), 0.0, message + "give the clip as it was recorded.")

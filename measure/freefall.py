@@ -122,9 +122,11 @@ def outlet_check(velocity: float, width: float) -> Check:
     ratio = velocity / math.sqrt(GRAVITY * width)
     passed = OUTLET_SPEED[0] < ratio < OUTLET_SPEED[1]
     ending = ": is the frame rate that of the capture (--frame-rate), and is the scale right?"
+    if ratio < 0:
+        ending = ": they rise; is the clip played backwards?"
     if passed:
         # it grows with the rate
-        low, high = ratio / OUTLET_SPEED[0], OUTLET_SPEED[1] / ratio
+        low, high = OUTLET_SPEED[1] / ratio, ratio / OUTLET_SPEED[0]
         ending = f", so that a rate {low:.1f} times too low or {high:.1f} times too high would not show."
     message = f"beads leave the slot {ratio:.2g} times as fast as a body that has fallen half its width{ending}"
     return Check("frame_rate", passed, ratio, 1.0, message)

@@ -54,6 +54,8 @@ LASTING = 5  # values by most of which what was there is told: something may pas
 REFILL = 0.1  # share of the filling, by which it must: light and codec change the bed's area by some hundredths
 BINS = 6  # parts of the steady flow whose rates are compared
 HIDDEN = 0.08  # share of the slot's width that may show no bead before something hides it
+CLOSED = 4.0  # frames before the opening that show the slot closed: a slide takes two or three to leave it
+EARLY, LATE = 0.95, 0.05  # of the bed, between which it goes about as fast from frame to frame
 RESIDUE = 0.02  # share of the bed that may stay behind before it is worth a warning
 UNSEEN = ("slot_in_view", "bed_clear", "static_camera")  # checks without which the times of what leaves are doubtful
 NEARBY = 4  # frames about an instant in which something in front of the hopper makes it doubtful
@@ -102,7 +104,7 @@ def measure(
     last = _last_particle(seen, edges)
     if hidden > HIDDEN:
         last = replace(last, budget=last.budget | {"hidden part of the slot": seen.interval})
-    opened, last = (_unhidden(seen, moment) for moment in (opened, last))
+    opened, last = (_unhidden(seen, moment) for moment in (_closed_before(seen, opened), last))
     compression = compression_check(video, STARVED)
     if not compression.passed:
         opened, last = (_starved(seen, moment, compression.message) for moment in (opened, last))
@@ -428,6 +430,18 @@ def _hidden(seen: Outflow, edges: tuple[float, float]) -> float:
     return float(np.mean(share < 0.3 * np.percentile(share, 80))) if len(share) else 1.0
 
 
+def _closed_before(seen: Outflow, opened: Instant) -> Instant:
+    """The opening, doubtful where the clip hardly shows the slot before it: it may have been open already."""
+    before = (opened.time - seen.moments[0].time) / seen.interval
+    if before >= CLOSED:
+        return opened
+    why = (
+        f"the clip begins {max(before, 0.0):.1f} frames before the opening that was found, and the slot may have been "
+        "open already; let it begin 0.1 s before the slide moves"
+    )
+    return replace(opened, doubtful=opened.doubtful or why)
+
+
 def _beads_in_slot(seen: Outflow) -> npt.NDArray[np.bool_]:
     """Where in the rows below the slot beads are, shape (frames, width)."""
     full = seen.strips[:5].astype(np.float64).mean(axis=0)
@@ -622,7 +636,11 @@ def _timing_check(seen: Outflow, opened: Instant, last: Instant) -> Check | str:
     flows = (time[1:] > opened.time) & (time[1:] <= last.time) & ~hidden[1:] & ~hidden[:-1]
     told = np.diff(time) / seen.interval
     changes = np.array([moment.change for moment in seen.moments[1:]])
-    return timing_check(told[flows], seen.stream.frames_between()[flows], changes[flows])
+    area = np.array([moment.left for moment in seen.moments])
+    left = area / max(float(np.median(area[:5])), 1.0)
+    # at its ends the flow changes from frame to frame
+    gone = np.where((left[1:] > LATE) & (left[:-1] < EARLY), -np.diff(left), math.nan)
+    return timing_check(told[flows], seen.stream.frames_between()[flows], changes[flows], gone[flows])
 
 
 def _failed(check: Check | str) -> str:

@@ -20,6 +20,7 @@ from rigtwin.lab.progress import silent
 from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity
 from rigtwin.lab.records import Series
 from rigtwin.measure import freefall, hopper
+from rigtwin.measure.frame_steps import timing_check
 from rigtwin.measure.gate import find_opening
 from rigtwin.measure.hopper import outlet_profile
 from rigtwin.measure.media import open_video
@@ -430,6 +431,19 @@ def test_frames_missing_from_the_flow_are_counted(tmp_path: Path, lost: list[int
     assert 0.4 * missing <= int(fewest) <= missing <= int((most or [fewest])[0] or fewest)
 
 
+@pytest.mark.parametrize("cut", [0, 5, 9])
+def test_many_frames_cut_out_of_the_flow_are_told_by_the_bed_that_is_gone(cut: int) -> None:
+    """No bead that falls before the gap is seen after it, but some 8 beads leave in every frame."""
+    rng = np.random.default_rng(4)
+    gone = rng.poisson(8, 70).astype(np.float64)
+    after = np.r_[gone[:30], gone[30 : 31 + cut].sum(), gone[31 + cut :]]
+    ones = np.ones(len(after))
+    check = timing_check(ones, ones, rng.normal(10, 1, len(after)), after)
+    assert isinstance(check, Check)
+    assert check.passed == (cut == 0)
+    assert check.value == pytest.approx(cut, abs=0.4 * cut)
+
+
 def test_frames_that_the_times_say_are_missing_are_no_trouble(tmp_path: Path) -> None:
     film(tmp_path / "gaps.mp4", lost=frozenset(range(16, 40, 5)))
     assert judged(tmp_path / "gaps.mp4", "frame_timing").passed
@@ -441,8 +455,17 @@ def test_frames_shown_twice_in_the_flow_are_told(tmp_path: Path, every: int, crf
     film(tmp_path / "twice.mp4", crf=crf, shown=[k for k in range(75) for _ in range(2 if k % every == 0 else 1)])
     check = judged(tmp_path / "twice.mp4", "frame_timing")
     assert not check.passed
-    assert f"about every {every + 1}th" in check.message
+    assert f"about one in {every + 1}:" in check.message
     assert f"{1 + 1 / every:.2f} times too long" in check.message
+
+
+def test_a_film_that_shows_each_frame_three_times_is_told() -> None:
+    ones = np.ones(60)
+    check = timing_check(ones, ones, np.tile([10.0, 0.2, 0.2], 20) + np.arange(60) / 100, ones)
+    assert isinstance(check, Check)
+    assert not check.passed
+    (longer,) = re.findall(r"([\d.]+) times too long", check.message)
+    assert float(longer) == pytest.approx(3, abs=0.4)
 
 
 def test_frames_shown_in_place_of_the_next_do_not_lengthen_the_flow(tmp_path: Path) -> None:
@@ -589,8 +612,10 @@ def test_beads_that_leave_far_slower_than_gravity_lets_them_were_played_in_slow_
     assert told.passed == passed
     if passed:
         low, high = (float(each) for each in re.findall(r"([\d.]+) times too", told.message))
-        for times, seen in ((0.95 * high, True), (1.05 * high, False), (1.05 / low, True), (0.95 / low, False)):
-            assert freefall.outlet_check(speed * times, width).passed == seen
+        # a rate that is too high makes beads faster than they are
+        for too_high, possible in ((0.95 * high, True), (1.05 * high, False), (1.05 / low, True), (0.95 / low, False)):
+            truth = speed / too_high
+            assert freefall.outlet_check(truth, width).passed == possible
 
 
 def test_a_wrong_frame_rate_spoils_what_is_counted_in_seconds_and_nothing_else() -> None:

@@ -101,9 +101,10 @@ def shape(name: str) -> Clump:
     """The clump of this name.  The paper prints its number of spheres and, for all but C6_28s, its volume.
 
     Pellets are rows of spheres of 6 mm; the spacing follows from the volume, and is 4.70 mm for three and 2.35 mm
-    for five: both are 15.4 mm long.  Cubes lie in a cube of 6 mm (24s: 6.2), have its symmetries, and their spheres touch
-    its faces: one sphere of 6 mm (1s); eight of 3 mm that touch each other (8s-a), of 4 mm that overlap (8s-b), of 2 mm
-    around one of 6 mm (9s).  These match table 3 to 0.1 % with round numbers, so they are likely the paper's own.
+    for five: both are 15.4 mm long.  Cubes lie in a cube of 6 mm (24s: 6.2), have its symmetries, and their spheres
+    touch its faces: one sphere of 6 mm (1s); eight of 3 mm that touch each other (8s-a), of 4 mm that overlap (8s-b),
+    of 2 mm around one of 6 mm (9s).  These match table 3 to 0.1 % with round numbers, so they are likely the paper's
+    own.
     The others are guesses: 16s is 8s-b with a smaller sphere in each corner; 28s is a big sphere and a small one in
     each corner and one on each edge, of the sizes that come nearest to the cube's surface.  24s has two equal spheres
     on each edge, of the size that gives the volume, in a cube of 6.2 mm: the paper enlarged it as it did the wooden
