@@ -12,7 +12,7 @@ MISFIT = 0.16
 def size_seen(ratio: float, most: float, scale_from: str) -> Check:
     """`ratio` of the size seen, by the scale, to the one stated; `most` it may be off by."""
     passed = abs(ratio - 1) < most
-    usual = f"shaded and blurred ones look {1 - most:.2f} to {1 + most:.2f} times so"
+    usual = f"{max(1 - most, 0):.2f} to {1 + most:.2f} is let pass"
     ending = "." if passed else f": check --bead-diameter, and the scale (from {scale_from})."
     message = f"beads look {ratio:.2f} times as large as stated; {usual}{ending}"
     return Check("bead_size", passed, ratio, 1.0, message)

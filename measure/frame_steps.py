@@ -16,10 +16,8 @@ Array = npt.NDArray[np.float64]
 UNSTEADY = 0.5  # share of odd frame intervals, from which on a file's own times are not believed
 FEWEST = 10  # pairs of frames that must show how far beads fall between them
 MORE = 0.6  # frames, more than its times tell, from which on a step is one in which a frame is missing
-CUT, CLEARLY = (
-    2.5,
-    8.0,
-)  # usual losses of the bed, and scatters of them, by which a step is more where frames are cut out
+CUT = 2.5  # usual losses of the bed, by which a step is more where frames are cut out
+CLEARLY = 16.0  # and scatters of them: beads leave in bursts
 AROUND = 8  # steps before and after one, that tell how much of the bed goes usually
 BESIDE = 3  # steps before and after one, that tell what is usual then: the first beads are slower
 

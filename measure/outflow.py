@@ -296,6 +296,11 @@ def _scenery(video: Video, scene: Scene, lens: Cut, turn: Array, bead: float | N
     little = rare(here, cells_full[core])
     odds = np.clip(np.log((here + little) / (there + little)), -3, 3)
     slot = _above_slide(np.asarray(odds)[cells_full], bed & (odds[cells_full] > 0.7), slot, seen)
+    if slot.row + seen > full.shape[0]:
+        raise NothingToMeasure(
+            f"{video.path}: the picture ends at the slot; show what falls out of it as well, some five bead diameters "
+            "further down (or give a larger --region)."
+        )
     contrast = float(np.median(apart(full, empty)[core]))
     return Scenery(
         full,

@@ -128,7 +128,8 @@ class Stream:
     def _smaller(self, picture: Grey) -> Grey:
         if self._zoom == 1:
             return picture
-        small = cv2.resize(picture, None, fx=self._zoom, fy=self._zoom, interpolation=cv2.INTER_AREA)
+        height, width = (max(round(self._zoom * side), 1) for side in picture.shape)
+        small = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
         return np.asarray(small, dtype=np.uint8)
 
 

@@ -433,9 +433,9 @@ def test_frames_missing_from_the_flow_are_counted(tmp_path: Path, lost: list[int
 
 @pytest.mark.parametrize("cut", [0, 5, 9])
 def test_many_frames_cut_out_of_the_flow_are_told_by_the_bed_that_is_gone(cut: int) -> None:
-    """No bead that falls before the gap is seen after it, but some 8 beads leave in every frame."""
+    """No bead that falls before the gap is seen after it, but some 40 beads leave in every frame."""
     rng = np.random.default_rng(4)
-    gone = rng.poisson(8, 70).astype(np.float64)
+    gone = rng.poisson(40, 70).astype(np.float64)
     after = np.r_[gone[:30], gone[30 : 31 + cut].sum(), gone[31 + cut :]]
     ones = np.ones(len(after))
     check = timing_check(ones, ones, rng.normal(10, 1, len(after)), after)
@@ -625,6 +625,21 @@ def test_a_wrong_frame_rate_spoils_what_is_counted_in_seconds_and_nothing_else()
     judged = {one.quantity: one for one in hopper._with_times_doubted(made, hopper._failed(slow))}
     assert [name for name, one in judged.items() if "--frame-rate" in one.doubtful] == list(units)[:3]
     assert judged["residue_fraction"] == made[3]
+
+
+def test_a_picture_that_ends_at_the_slot_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    film(tmp_path / "whole.mp4")
+    with av.open(str(tmp_path / "whole.mp4")) as whole, av.open(str(tmp_path / "cut.mp4"), "w") as cut:
+        stream = cut.add_stream("libx264", rate=int(RATE), options={"crf": "14"})
+        stream.width, stream.height, stream.pix_fmt = SIZE[0], SLOT_ROW + 2, "yuv420p"
+        for frame in whole.decode(video=0):
+            upper = np.ascontiguousarray(frame.to_ndarray(format="bgr24")[: SLOT_ROW + 2])
+            for packet in stream.encode(av.VideoFrame.from_ndarray(upper, format="bgr24")):
+                cut.mux(packet)
+        for packet in stream.encode():
+            cut.mux(packet)
+    with pytest.raises(NothingToMeasure, match="ends at the slot"):
+        hopper.measure(tmp_path / "cut.mp4", Camera(frame_rate=RATE), bead_diameter=DIAMETER, out=tmp_path)
 
 
 def test_a_clip_in_which_nothing_leaves_is_refused(tmp_path: Path) -> None:
