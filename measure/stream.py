@@ -9,8 +9,9 @@ Beads pass a height always about as fast: where all of them move twice as far be
 from __future__ import annotations
 
 import math
-from collections import defaultdict
+from collections import Counter, defaultdict
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -64,8 +65,11 @@ class Stream:
         self._bead = bead * self._zoom
         self._high = max(round(WINDOW * self._bead), 6)
         self._least = BEADS * noise
-        self._pairs: list[dict[int, npt.NDArray[np.float32]]] = []  # correlation by shift, of every row
-        self._steady: list[bool] = []
+        # correlation by shift, of every row; as halves, for a long film has thousands of pairs
+        self._pairs: list[dict[int, npt.NDArray[np.float16]]] = []
+        # the same, sums and numbers of pairs, over the steady flow
+        self._sums: defaultdict[int, Array] = defaultdict(lambda: np.zeros(1))
+        self._counts: Counter[int] = Counter()
 
     def add(self, before: Grey, after: Grey, *, steady: bool) -> None:
         """The next frame and the one before: how much pixels from the slot on downwards differ from the empty hopper.
@@ -74,20 +78,22 @@ class Stream:
         """
         before, after = self._smaller(before), self._smaller(after)
         height, reach = before.shape
-        pair: dict[int, npt.NDArray[np.float32]] = {}
+        pair: dict[int, npt.NDArray[np.float16]] = {}
         for row in np.arange(BEGINS * self._bead, height - self._high - 3, APART * self._bead).astype(int).tolist():
             sought = before[row : row + self._high]
             if float(sought.std()) > self._least:
                 # beads that fall by more than the slot's width between two frames are too much torn apart to be known
                 where = after[row : row + self._high + reach]
                 alike = cv2.matchTemplate(where, sought, cv2.TM_CCOEFF_NORMED)
-                pair[row] = np.asarray(alike[:, 0], dtype=np.float32)
+                pair[row] = np.asarray(alike[:, 0], dtype=np.float16)
+                if steady:
+                    self._sums[row] = self._sums[row] + alike[:, 0]
+                    self._counts[row] += 1
         self._pairs.append(pair)
-        self._steady.append(steady)
 
     def fall(self, interval: float) -> FreeFall | None:
         """The acceleration [px/s^2] of frames `interval` [s] apart, None where too little is seen of it."""
-        usual = self._usual()
+        usual = self._usual
         if usual is None:
             return None
         acceleration = usual.acceleration / self._zoom / interval**2
@@ -98,20 +104,18 @@ class Stream:
 
         Of those that fit alike the least: beads nearer to each other than they move look as if they had moved less.
         """
-        usual = self._usual()
+        usual = self._usual
         if usual is None:
             return np.full(len(self._pairs), math.nan)
         way = usual.after(PACES)
         return np.array([_frames(pair, usual.row, way) for pair in self._pairs])
 
+    @cached_property
     def _usual(self) -> Usual | None:
+        """Of all pairs: to be asked for when the last one is added."""
         from scipy.stats import theilslopes
 
-        maps = defaultdict(list)
-        for pair, steady in zip(self._pairs, self._steady, strict=True):
-            for row, found in pair.items() if steady else ():
-                maps[row].append(found)
-        means = {row: np.mean(found, axis=0) for row, found in maps.items() if len(found) >= FEWEST_PAIRS}
+        means = {row: self._sums[row] / count for row, count in self._counts.items() if count >= FEWEST_PAIRS}
         peaks = {row: peak for row, mean in sorted(means.items()) if (peak := _peak(mean)) is not None}
         best = max((alike for _, alike in peaks.values()), default=0.0)
         seen = np.array([(row, shift) for row, (shift, alike) in peaks.items() if alike > AS_ALIKE * best])
@@ -133,15 +137,15 @@ class Stream:
         return np.asarray(small, dtype=np.uint8)
 
 
-def _peak(mean: npt.NDArray[np.float32]) -> tuple[float, float] | None:
+def _peak(mean: Array) -> tuple[float, float] | None:
     """Shift [px] and height of a correlation's peak, None where none stands out or nothing moves."""
     peak = int(np.argmax(mean))
     if not 0 < peak < len(mean) - 1 or mean[peak] < np.median(mean) + STANDS_OUT:
         return None
-    return peak + vertex(mean[peak - 1 : peak + 2].astype(np.float64)), float(mean[peak])
+    return peak + vertex(mean[peak - 1 : peak + 2]), float(mean[peak])
 
 
-def _frames(pair: dict[int, npt.NDArray[np.float32]], rows: npt.NDArray[np.intp], way: Array) -> float:
+def _frames(pair: dict[int, npt.NDArray[np.float16]], rows: npt.NDArray[np.intp], way: Array) -> float:
     """The fewest of `PACES` over whose way, [px] of shape (rows, paces), a pair's rows are alike."""
     curves = [
         np.interp(at, np.arange(len(pair[row])), pair[row], right=math.nan)
