@@ -63,12 +63,8 @@ FILL = (0.03, 0.7)  # share of the drum's cross-section; above, the bed has hard
 MOST_BOW = 0.2  # sagitta over length of the surface; S-shapes are odd about the middle, the drum's own arc has 0.5
 HIGHEST_STEP = 4.0  # bead diameters over the width of one: a slope of 76 degrees
 GLARE = 0.05  # share of the surface under a reflection, from which on lines along parts of it are off
-RESTS_ON = (
-    "surface_in_view",
-    "steady_flow",
-    "frame_timing",
-    "surface_falls",
-)  # checks of the record that every angle rests on
+# checks of the record that every angle rests on
+RESTS_ON = ("surface_in_view", "steady_flow", "frame_timing", "surface_falls")
 SURELY_UP = 3.0  # standard uncertainties by which a half of the surface has to rise the wrong way
 SMEARED = 0.25  # share of frames that may be left out before the result is doubtful
 

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.quantity import Check
 from rigtwin.measure.rim import Rim
+from rigtwin.measure.straight import longest_run
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
@@ -31,9 +32,8 @@ MOST_PAIRS = 60
 FEWEST_PAIRS = 6
 CLEAR = 0.02  # of a sum of two correlations: less is no motion, however sure
 SURE = 5.0  # standard errors by which the likeness one way has to exceed that the other way
-MOST_ASIDE = (
-    75.0  # [deg], that a bed lies aside of the axis: by its angle of repose, and sticky powders reach 60 and more
-)
+# [deg], that a bed lies aside of the axis: by its angle of repose, and sticky powders reach 60 and more
+MOST_ASIDE = 75.0
 
 
 @dataclass(frozen=True)
@@ -70,12 +70,8 @@ def _longest_run_around(marked: npt.NDArray[np.bool_]) -> tuple[int, int]:
     if marked.all():
         return 0, len(marked)
     start = int(np.argmin(marked))  # not marked, so that no run goes over the end
-    turned = np.concatenate([[False], np.roll(marked, -start), [False]]).astype(np.int8)
-    begins, ends = np.flatnonzero(np.diff(turned) == 1), np.flatnonzero(np.diff(turned) == -1)
-    if len(begins) == 0:
-        return 0, 0
-    k = int(np.argmax(ends - begins))
-    return (start + int(begins[k])) % len(marked), int(ends[k] - begins[k])
+    run = longest_run(np.roll(marked, -start), gap=1)
+    return (0, 0) if run is None else ((start + run[0]) % len(marked), run[1] - run[0] + 1)
 
 
 def turning_of(rings: Sequence[Image]) -> int:

@@ -68,7 +68,7 @@ def _cut_out(gone: Array) -> list[int]:
     """How many frames are missing at each step after which far more of the bed is gone than after those about it."""
     cut = []
     for k in np.flatnonzero(np.isfinite(gone)).tolist():
-        near = np.r_[gone[max(k - AROUND, 0) : k], gone[k + 1 : k + 1 + AROUND]]
+        near = _beside(gone, k, AROUND)
         near = near[np.isfinite(near)]
         if len(near) < AROUND or (usual := float(np.median(near))) <= 0:
             continue
@@ -80,8 +80,12 @@ def _cut_out(gone: Array) -> list[int]:
 
 def _to_the_usual(paces: Array) -> Array:
     """How fast each step is for those about it."""
-    near = [np.r_[paces[max(k - BESIDE, 0) : k], paces[k + 1 : k + 1 + BESIDE]] for k in range(len(paces))]
-    return np.asarray(paces / np.array([float(np.median(each)) for each in near]))
+    return np.asarray(paces / np.array([float(np.median(_beside(paces, k, BESIDE))) for k in range(len(paces))]))
+
+
+def _beside(values: Array, k: int, reach: int) -> Array:
+    """Those before and after one, without it."""
+    return np.concatenate([values[max(k - reach, 0) : k], values[k + 1 : k + 1 + reach]])
 
 
 def _repeats_check(again: npt.NDArray[np.bool_], shown: Array) -> Check:

@@ -111,7 +111,7 @@ def measure(
     left = _left(seen)
     cut = last.method == CUT
     evaluation = _evaluate(left, total_mass, opened, last, seen.residue, AREA_DOUBT)
-    timing = _timing_check(seen, opened, last)
+    timing = _timing_check(seen, left.value, opened, last)
     spacing = bead_spacing(seen.scenery.full, seen.scenery.bed)
     scale, scale_from, scale_doubt = _scale(seen, camera, bead_diameter, bin_width, spacing)
     warnings = [*video.warnings, *evaluation.warnings]
@@ -627,7 +627,7 @@ def _rate_check(
     return "frame rate not confirmed: no bead is seen to fall from the slot, times are as right as --frame-rate."
 
 
-def _timing_check(seen: Outflow, opened: Instant, last: Instant) -> Check | str:
+def _timing_check(seen: Outflow, left: Array, opened: Instant, last: Instant) -> Check | str:
     from scipy.ndimage import binary_dilation
 
     time = np.array([moment.time for moment in seen.moments])
@@ -636,8 +636,6 @@ def _timing_check(seen: Outflow, opened: Instant, last: Instant) -> Check | str:
     flows = (time[1:] > opened.time) & (time[1:] <= last.time) & ~hidden[1:] & ~hidden[:-1]
     told = np.diff(time) / seen.interval
     changes = np.array([moment.change for moment in seen.moments[1:]])
-    area = np.array([moment.left for moment in seen.moments])
-    left = area / max(float(np.median(area[:5])), 1.0)
     # at its ends the flow changes from frame to frame
     gone = np.where((left[1:] > LATE) & (left[:-1] < EARLY), -np.diff(left), math.nan)
     return timing_check(told[flows], seen.stream.frames_between()[flows], changes[flows], gone[flows])

@@ -25,6 +25,7 @@ NEAR = 1.5  # [px], within which a coarse and a fine look at a shake agree
 SHARP = 0.12  # of the misfit some pixels beside it, that a frame in its place may leave; in a wrong one it leaves more
 AS_BEFORE = 0.9  # of what frames before left some pixels beside their place, that one in its place leaves at most
 FEWEST = 60  # pixels at edges by which a frame is laid over the scene
+MOST_UNUSUAL = 2.0  # times the usual noise: bright pixels of a camera have that much more than dark ones
 BORDER = 8  # [px], of a scene, in which no edges are looked at
 STRONGEST = 300  # pixels, at the strongest edges of all
 AT_ONCE = 256  # frames whose strongest edges are looked at together
@@ -143,6 +144,11 @@ class Scene:
     def usual_noise(self) -> float:
         """[grey levels], of most pixels"""
         return float(np.median(self.noise[::8, ::8]))
+
+    @cached_property
+    def camera_noise(self) -> Picture:
+        """[grey levels], the noise, but where a bead stays for a third of the clip and the spread is mostly its own."""
+        return np.minimum(self.noise, np.float32(MOST_UNUSUAL * self.usual_noise))
 
     def view(self, grey: Grey, start: tuple[float, float] = (0.0, 0.0)) -> View:
         """A frame laid over the scene: moved back by the camera's shake, levelled to the scene's brightness.

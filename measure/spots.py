@@ -25,7 +25,6 @@ Box = tuple[int, int, int, int]
 Where = Callable[[int], tuple[tuple[float, float], tuple[float, float]]]
 """Centre [px] and motion [px/frame] of a bead by frame number."""
 
-MOST_UNUSUAL = 2.0  # times the usual noise: bright pixels of a camera have that much more than dark ones
 MOST_COMPRESSED = 2.0  # [grey levels], scatter that compression makes; a larger one is taken for things that move
 
 
@@ -83,15 +82,13 @@ def moving_spots(seen: Picture, scene: Scene, region: Region | None, *, most: in
     difference = np.abs(cv2.blur(seen - scene.picture, (3, 3)))
     # compression and demosaicing tie neighbouring pixels together: learn from the frame what averaging leaves of noise
     left = _noise_left((difference / scene.noise)[::3, ::3], scene)
-    mask = _outstanding(difference, scene.noise, left, scene.usual_noise)
+    mask = _outstanding(difference, scene.camera_noise, left)
     if region is not None:
         mask &= inside_region(region, mask.shape)
     return _strongest(_spots(difference, mask, (0, 0), 4 * most), most)
 
 
-def _outstanding(difference: Picture, noise: Picture, left: float, usual: float) -> Grey:
-    # where a bead stays for a third of the clip the spread over time is mostly its own
-    noise = np.minimum(noise, np.float32(MOST_UNUSUAL * usual))
+def _outstanding(difference: Picture, noise: Picture, left: float) -> Grey:
     return np.asarray(difference > np.float32(6 * left) * noise + np.float32(1.5), dtype=np.uint8)
 
 
@@ -190,7 +187,7 @@ class Search:
         for box in windows:
             window = np.s_[box[1] : box[3], box[0] : box[2]]
             difference = np.abs(cv2.blur(pose.seen(grey, box) - scene.picture[window], (3, 3)))
-            mask = _outstanding(difference, scene.noise[window], self._left, scene.usual_noise)
+            mask = _outstanding(difference, scene.camera_noise[window], self._left)
             spots += _spots(difference, mask, box[:2], 4 * most)
         return _strongest(spots, most)
 

@@ -304,20 +304,20 @@ def measure(
     video = at_its_pace(open_video(clip, camera), progress)
     film = _watch(video, camera, progress)
     gauge = _gauge(film, camera, bead_diameter, arm_length)
-    angle, track = _record(film, gauge)
-    way = _way(angle, [track], variant, bead_diameter, gauge.doubt)
-    run, onset = _onset(way, str(clip))
-    by_turn_alone, film = film, _by_the_run(film, way, run, onset, video)
-    if np.any(film.missing != by_turn_alone.missing):
+
+    def read(film: Film, gauge: Gauge) -> tuple[Series, Track, Way, Run, Onset]:
         angle, track = _record(film, gauge)
         way = _way(angle, [track], variant, bead_diameter, gauge.doubt)
-        run, onset = _onset(way, str(clip))
+        return angle, track, way, *_onset(way, str(clip))
+
+    angle, track, way, run, onset = read(film, gauge)
+    by_turn_alone, film = film, _by_the_run(film, way, run, onset, video)
+    if np.any(film.missing != by_turn_alone.missing):
+        angle, track, way, run, onset = read(film, gauge)
     if not math.isfinite(gauge.doubt):
         # only now, for it hangs on the square of all times
         gauge = replace(gauge, scale=gauge.scale / onset.gain, source="gravity")
-        angle, track = _record(film, gauge)
-        way = _way(angle, [track], variant, bead_diameter, gauge.doubt)
-        run, onset = _onset(way, str(clip))
+        angle, track, way, run, onset = read(film, gauge)
     geometry = {
         "level": gauge.level.sigma,
         "arm": max(film.arm.tilt_sigma, float(np.nanmedian(film.sigmas))),
