@@ -595,7 +595,7 @@ def _timing_check(film: Film, video: Video, onset: Onset) -> Check:
     message = f"{odd} of {len(steps)} frame intervals are odd" + ("; the file's own times were used" if odd else "")
     if lost := int(film.missing.sum()):
         at = film.times[film.missing > 0]
-        by = "the body moves" if film.lost_in_run == lost else "the plate turns"
+        by = {0: "the plate turns", lost: "the body moves"}.get(film.lost_in_run, "plate and body move")
         message += (
             f"; {lost} more {'is' if lost == 1 else 'are'} missing by how far {by} at {at[0]:.3f} s"
             f"{'' if len(at) == 1 else f' and {len(at) - 1} times after'}, and the times were put right"

@@ -76,11 +76,15 @@ def gaps_by_run(times: Array, way: Array, sigma: Array) -> Gaps:
     if len(times) < 2 * FEW_AROUND:
         return Gaps(missing, told)
     # the square root of the way grows evenly with the time, and what rolls from rest hardly less so
-    pace, step, lasts = np.diff(np.sqrt(np.maximum(way, 0.0))), np.diff(way), np.diff(times)
-    usual, usual_step = (median_filter(each, 2 * FEW_AROUND + 1, mode="mirror") for each in (pace, step))
+    root, lasts = np.sqrt(np.maximum(way, 0.0)), np.diff(times)
+    pace = np.diff(root)
+    usual = median_filter(pace, 2 * FEW_AROUND + 1, mode="mirror")
     even = np.abs(lasts - np.median(lasts)) < 0.1 * np.median(lasts)
     runs = even & (usual > 0)
-    clear = runs & (usual_step > FAST * math.sqrt(2) * sigma[1:])
+    # what hardly moves yet a codec copies from frame to frame: it scatters by less than it may be off
+    noise = math.sqrt(2) * np.maximum(sigma[1:], np.median(sigma))
+    # by the step that is due from where it is: the middle of slow and fast ones around says less of it
+    clear = runs & (usual * (2 * root[:-1] + usual) > FAST * noise)
     extra = np.where(runs, pace / np.where(runs, usual, 1.0) - 1, 0.0)
     if not clear.any() or float(np.median(np.abs(extra[clear]))) > JERKY:
         return Gaps(missing, told)

@@ -110,3 +110,10 @@ def test_a_run_that_stops_and_goes_tells_nothing():
     rng = np.random.default_rng(2)
     way = np.cumsum(rng.choice([0.0, 8.0, 16.0], 60))
     assert not gaps_by_run(np.arange(60) / RATE, way, np.full(60, 0.05)).told.any()
+
+
+def test_what_a_codec_copies_while_it_hardly_moves_yet_is_no_frame_shown_twice():
+    way, sigma = run(3, noise=0.02)
+    way[:4] = 0.0, 0.004, 0.0042, 0.55  # of 0, 0.1, 0.4 and 0.9 px, and with less scatter than it is off by
+    sigma[:3] = 0.0003
+    assert not gaps_by_run(np.arange(60) / RATE, way, sigma).missing.any()
