@@ -424,7 +424,11 @@ def _follow(
     known = sorted(arm.directions)
     sampled = np.array([arm.directions[n] for n in known])
     place, speed, lost = np.zeros(2), 0.0, 0
+    usual, before = float(np.median(np.diff(video.times))), math.nan
     for frame in video.frames():
+        # where frames are missing it goes as much further
+        lasts = 1.0 if math.isnan(before) else (video.times[frame.index] - before) / usual
+        before = video.times[frame.index]
         view = scene.view(frame.grey, shake)
         shake = view.shake
         guess = float(np.interp(frame.index, known, sampled))
@@ -433,19 +437,20 @@ def _follow(
         step = None
         if lost < 20:
             # downhill it may speed up by a good part of its size from frame to frame
-            expected = place + np.array([speed, 0.0])
+            expected = place + np.array([speed * lasts, 0.0])
             step = follow(arm, body, view.grey, direction, expected.tolist(), 1.0)
             if step is None or abs(speed) > 1.0 or abs(step.along - place[0]) > 1.0:
-                wide = follow(arm, body, view.grey, direction, expected.tolist(), 6.0 + 0.6 * abs(speed) + 1.5 * lost)
+                reach = 6.0 + 0.6 * abs(speed) * lasts + 1.5 * lost
+                wide = follow(arm, body, view.grey, direction, expected.tolist(), reach)
                 if wide is None or step is None or wide.likeness > step.likeness + 0.01:
                     step = wide if wide is not None else step
             if step is not None:
-                moved = step.along - place[0]
+                moved = (step.along - place[0]) / max(lasts, 0.5)
                 speed = moved if abs(moved) > 0.5 else 0.0
                 place, lost = np.array([step.along, step.across]), 0
             elif frame.index > body.rests[-1]:
                 lost += 1
-                place = place + np.array([speed, 0.0])
+                place = expected
         numbers.append(frame.index)
         directions.append(math.nan if turn is None else turn.direction)
         sigmas.append(math.nan if turn is None else turn.sigma)
