@@ -32,13 +32,33 @@ class Cast(NamedTuple):
 
 
 def pile_twin(
-    rig: Pile, cast: Cast, *, count: int, seed: int, progress: Progress = silent, **numerics: Unpack[Numerics]
+    rig: Pile,
+    cast: Cast,
+    *,
+    count: int,
+    seed: int,
+    pour_rate: float | None = None,
+    fall_height: float | None = None,
+    progress: Progress = silent,
+    **numerics: Unpack[Numerics],
 ) -> Twin:
-    """A heap of `count` particles on a round base, its profile seen from the sides."""
+    """A heap of `count` particles on a round base, its profile seen from the sides.
+
+    `pour_rate` [1/s] and `fall_height` [m] as in `rigtwin.sim.pile.run`.
+    """
     from rigtwin.sim import pile
 
     begun = time.perf_counter()
-    heap = pile.run(rig, *cast, count=count, seed=seed, progress=progress, **numerics)
+    heap = pile.run(
+        rig,
+        *cast,
+        count=count,
+        seed=seed,
+        pour_rate=pour_rate,
+        fall_height=fall_height,
+        progress=progress,
+        **numerics,
+    )
     from rigtwin.measure import pile as ruler  # not before the run, which begins the sooner
 
     evaluation = ruler.evaluate(heap.profiles, base_diameter=heap.base_diameter, bead_diameter=cast.particle.diameter)

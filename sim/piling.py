@@ -124,8 +124,7 @@ class Piling:
 def piling(rig: Pile, particle: Particle, count: int, rate: float | None, fall_height: float | None) -> Piling:
     """The funnel over the bowl; `rate` [1/s] and `fall_height` [m] as in `rigtwin.sim.pile.run`."""
     bead = particle.diameter
-    usual = max(rig.base_diameter / 4, NARROWEST * bead)
-    diameter = usual if rig.outlet_diameter is None else rig.outlet_diameter
+    diameter = outlet_diameter(rig.base_diameter, bead) if rig.outlet_diameter is None else rig.outlet_diameter
     if diameter < 2 * bead:
         raise BadInput(
             f"outlet_diameter: {diameter * 1e3:.3g} mm lets no beads of {bead * 1e3:.3g} mm through; "
@@ -150,6 +149,11 @@ def piling(rig: Pile, particle: Particle, count: int, rate: float | None, fall_h
     thinnest = rate * solid / (STREAM * math.pi / 4 * diameter**2)
     outlet = Outlet(diameter, max(free, thinnest), rate, rate_from, height, rig.outlet_height)
     return Piling(rig, particle, count, outlet)
+
+
+def outlet_diameter(base_diameter: float, bead: float) -> float:
+    """Of the outlet over a base of that diameter where none is given, all in m."""
+    return max(base_diameter / 4, NARROWEST * bead)
 
 
 def bowl(rig: Pile) -> list[Shape]:

@@ -147,7 +147,7 @@ def _angles(number: int, quick: bool, repetitions: int | None, seed: int) -> Row
                 dem_std,
                 tuple(run.name for run in runs),
                 f"{method}_deg",
-                ("rim", "piled", "wall") if rig in _BASES else ("drum", "wall"),
+                ("rim", "piled", "pour", "wall") if rig in _BASES else ("drum", "wall"),
             ),
         )
 
@@ -253,7 +253,10 @@ def _discharges(number: int, quick: bool, repetitions: int | None, seed: int) ->
         outlet = float(row["outlet_mm"]) * 1e-3
         lasts = cost.of_discharge(particle, count, float(row["discharge_time_dem_s"]))
         repeated = repetitions or (1 if quick else 3)
-        runs = [_run("slot_hopper", particle, seed + k, lasts, count=count, outlet=outlet) for k in range(repeated)]
+        runs = [
+            _run("slot_hopper", particle, seed + k, lasts, count=count, outlet=outlet, wall="aluminum")
+            for k in range(repeated)
+        ]
         yield (
             runs,
             Cell(
@@ -267,7 +270,7 @@ def _discharges(number: int, quick: bool, repetitions: int | None, seed: int) ->
                 None,
                 tuple(run.name for run in runs),
                 "discharge_time_s",
-                ("slot", "wall"),
+                ("slot", "slot_wall"),
             ),
         )
 
@@ -285,7 +288,12 @@ def _drum_run(particle: str, _rig: str, seed: int) -> Run:
 
 def _pile_run(particle: str, rig: str, seed: int) -> Run:
     base = _BASES[rig]
-    settings = {"particle": particle, "base_diameter": base, "seed": seed}
+    settings = {
+        "particle": particle,
+        "base_diameter": base,
+        "seed": seed,
+        "fall_height": hlosta2020.particle(particle).diameter,
+    }
     return Run(f"{rig}-{particle}-seed{seed}", f"{_RIGS}:piling", settings, cost.of_pile(particle, base))
 
 
