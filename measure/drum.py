@@ -26,9 +26,8 @@ from rigtwin.lab.records import Profile
 from rigtwin.measure.bed import Bed, bed_in_photo, follow_bed
 from rigtwin.measure.drum_profiles import credible, hidden_columns, profile_of, without_flights
 from rigtwin.measure.drum_turning import stance_checks
-from rigtwin.measure.frame_steps import UNSTEADY
 from rigtwin.measure.in_view import camera_by_scene
-from rigtwin.measure.media import Image, Video, open_video, read_photo
+from rigtwin.measure.media import UNSTEADY, Image, Video, open_video, read_photo
 from rigtwin.measure.repeats import at_its_pace
 from rigtwin.measure.stated_roll import roll_check
 from rigtwin.measure.steady import Avalanches, Mean, find_avalanches, mean_over_time, steady_part
