@@ -60,10 +60,10 @@ RESIDUE = 0.02  # share of the bed that may stay behind before it is worth a war
 UNSEEN = ("slot_in_view", "bed_clear", "static_camera")  # checks without which the times of what leaves are doubtful
 NEARBY = 4  # frames about an instant in which something in front of the hopper makes it doubtful
 # bits per pixel of the bed, on which the codec spends them, below which it leaves what is faint as it was for a frame
-# or so until it moved on: ends of 24 films of 0.09 to 0.18 were off by 0.6 frames (rms), 1.7 at most; pouring beads
-# have 0.6
-STARVED = 0.17
-BLIND = STARVED / 2  # with twice as coarse steps even a slide is lost
+# or so until it moved on: ends of 22 films of 0.09 to 0.18 were off by 0.6 frames (rms), 1.7 at most; those of 0.37 and
+# more by no more than an original's, and pouring beads have 0.6
+STARVED = 0.25
+BLIND = 0.085  # fewer than any of these had: nothing tells how long things stand then
 AREA_DOUBT = 0.05  # relative, how far the bed's visible area follows its mass
 AT_ENDS = 0.25  # of that, where little has loosened yet, and where little is left
 
