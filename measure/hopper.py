@@ -64,6 +64,10 @@ NEARBY = 4  # frames about an instant in which something in front of the hopper 
 # more by no more than an original's, and pouring beads have 0.6
 STARVED = 0.25
 BLIND = 0.085  # fewer than any of these had: nothing tells how long things stand then
+# times the noise, by which the bed must differ from the empty hopper: a bead's shaded half differs by half as much, and
+# that has to be clear by one of the three that noise hardly reaches
+CLEAR = 8.0
+FAINTEST = 12.5  # [grey levels], likewise in a film without noise: by a step of a codec's quantiser at usual strength
 AREA_DOUBT = 0.05  # relative, how far the bed's visible area follows its mass
 AT_ENDS = 0.25  # of that, where little has loosened yet, and where little is left
 
@@ -684,7 +688,8 @@ def _seen_to_open(gate: Opening | None) -> str:
 
 
 def _checks_of_picture(seen: Outflow, gate: Opening | None, hidden: float) -> list[Check]:
-    clear = seen.scenery.level / (3 * seen.scenery.noise)
+    contrast, noise = seen.scenery.contrast, seen.scenery.noise
+    clear = contrast / max(CLEAR * noise, FAINTEST)
     speed = gate.speed if gate is not None else math.nan
     return [
         Check(
@@ -704,10 +709,10 @@ def _checks_of_picture(seen: Outflow, gate: Opening | None, hidden: float) -> li
         ),
         Check(
             "bed_clear",
-            clear >= 1.5,
+            clear >= 1,
             clear,
-            1.5,
-            f"bed and empty hopper differ by {4 * seen.scenery.level:.0f} grey levels at a noise of "
-            f"{seen.scenery.noise:.1f}" + ("." if clear >= 1.5 else ": too little to tell every bead."),
+            1.0,
+            f"bed and empty hopper differ by {contrast:.0f} grey levels at a noise of {noise:.1f}"
+            + ("." if clear >= 1 else ": too little to tell every bead."),
         ),
     ]

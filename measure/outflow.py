@@ -73,6 +73,7 @@ class Scenery:
     level: float  # [grey levels], by which a bead differs from the empty hopper
     turn: Array  # 2 x 3, from the upright picture to the stilled frame
     bead_seen: bool  # beads were made out one by one
+    contrast: float  # [grey levels], by which the bed at first differs from the empty hopper
 
 
 @dataclass(frozen=True)
@@ -317,6 +318,7 @@ def _scenery(video: Video, scene: Scene, lens: Cut, turn: Array, bead: float | N
         max(CLEAR / 2 * noise, 0.25 * contrast),
         turn,
         bead is not None or beads is not None,
+        contrast,
     )
 
 

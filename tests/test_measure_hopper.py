@@ -240,17 +240,17 @@ def film(
     skin: tuple[int, int, int] = (140, 165, 215),
     colours: tuple[tuple[int, int, int], ...] = ((40, 90, 190),),
     flicker: float = 0.0,
+    noise: float = 2.0,
     slide: int = 3,
     zoom: int = 1,
-    stands: tuple[tuple[int, int], tuple[int, int]] | None = None,
 ) -> float:
     """A bed that leaves row by row through a slot; returns the frame at which the last bead's upper edge is at it.
 
     The film has gaps where frames are `lost`, or these frames as `shown` one after the other.
 
     `hand` tells where a hand of the colour `skin` is in a frame [px]; the beads have one of the `colours` each;
-    `flicker` is the share by which a lamp on 50 Hz makes frames brighter and darker.  The slide is as thick as `slide`
-    [px], a thing `stands` in front between two corners [px], and the film is `zoom` times as large as all that.
+    `noise` is that of the camera [grey levels], `flicker` the share by which a lamp on 50 Hz makes frames brighter and
+    darker.  The slide is as thick as `slide` [px] and the film is `zoom` times as large as all that.
     """
     random = np.random.default_rng(5)
     rows, columns = 9, 5
@@ -293,12 +293,10 @@ def film(
             if hand is not None:
                 middle = (round(hand(k)[0]), round(hand(k)[1]))
                 cv2.ellipse(picture, middle, (40, 26), 20, 0, 360, skin, -1, cv2.LINE_AA)
-            if stands is not None:
-                cv2.rectangle(picture, *stands, (60, 70, 75), -1)
             if zoom > 1:
                 picture = cv2.resize(picture, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_CUBIC)
             lamp = 1 + flicker * math.sin(2 * math.pi * 100.7 * k / RATE)
-            noisy = np.clip(lamp * picture + random.normal(0, 2, picture.shape), 0, 255).astype(np.uint8)
+            noisy = np.clip(lamp * picture + random.normal(0, noise, picture.shape), 0, 255).astype(np.uint8)
             pictures.append(noisy)
         kept = [k for k in range(frames) if k not in lost]
         for at, k in zip(kept, kept, strict=True) if shown is None else enumerate(shown):
@@ -581,6 +579,15 @@ def test_a_starved_clip_is_right_within_a_frame_or_doubtful(tmp_path: Path, crf:
         assert end.budget["compression"] * RATE == pytest.approx(1, rel=0.01)
         assert end.doubtful or abs(end.value * RATE - truth) < 2 * end.std_uncertainty * RATE
         assert bool(end.doubtful) is (crf == 51)
+
+
+def test_noise_that_beads_stand_out_of_by_far_is_no_reason_for_doubt(tmp_path: Path) -> None:
+    last = film(tmp_path / "hopper.mp4", noise=10.0, crf=6)
+    found = hopper.measure(tmp_path / "hopper.mp4", Camera(frame_rate=RATE), out=tmp_path / "out")
+    assert 8 < next(check for check in found.checks if check.check == "bed_clear").value * hopper.CLEAR < 18
+    for end, truth in ((find(found, "opening_time"), OPENED), (find(found, "last_particle_time"), last)):
+        assert abs(end.value * RATE - truth) < 3 * end.std_uncertainty * RATE
+        assert not end.doubtful
 
 
 def test_a_codecs_bits_count_where_something_moves(tmp_path: Path) -> None:
