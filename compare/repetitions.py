@@ -145,7 +145,7 @@ def known(experiment: Experiment) -> dict[str, Any]:
             return told | {"variant": rig.variant, "arm_length": rig.arm_length}
         case PackingSettings():
             filled = {"total_mass": filling(experiment), "bead_density": particle.effective_density}
-            return told | {"cylinder_diameter": rig.cylinder_diameter} | filled
+            return told | {"cylinder_diameter": rig.cylinder_diameter, "spheres": particle.shape is None} | filled
         case PileSettings():
             drained = rig.drain_diameter or 0.0 if rig.variant == "emptying" else 0.0
             return told | {"base_diameter": rig.base_diameter - drained}

@@ -26,18 +26,18 @@ from rigtwin.lab.records import Profile
 from rigtwin.measure.bed import Bed, bed_in_photo, follow_bed
 from rigtwin.measure.drum_profiles import credible, hidden_columns, profile_of, without_flights
 from rigtwin.measure.drum_turning import stance_checks
-from rigtwin.measure.frame_steps import UNSTEADY
 from rigtwin.measure.in_view import camera_by_scene
-from rigtwin.measure.media import Image, Video, open_video, read_photo
+from rigtwin.measure.media import UNSTEADY, Image, Video, open_video, read_photo
 from rigtwin.measure.repeats import at_its_pace
 from rigtwin.measure.stated_roll import roll_check
 from rigtwin.measure.steady import Avalanches, Mean, find_avalanches, mean_over_time, steady_part
-from rigtwin.measure.upright import GIVEN_ROLL
+from rigtwin.measure.upright import GIVEN_ROLL, NOT_SEEN, STURDY
 
 Array = npt.NDArray[np.float64]
 
 GRAPHICAL, GEOMETRIC = "angle_of_repose_graphical", "angle_of_repose_geometric"
 UPPER, LOWER = "angle_of_repose_upper", "angle_of_repose_lower"
+FREQUENCY = "avalanche_frequency"
 MIDDLE = "line, middle half"
 WHOLE = "line, 10-90 %"
 TANGENT = "tangent at the axis"
@@ -78,6 +78,7 @@ class Observation:
     radius: float | None  # of the drum, in the unit of the profiles
     variants: Mapping[str, tuple[Sequence[Profile], Sequence[Profile]]] = field(default_factory=dict)
     roll_doubt: float = 0.0  # [deg]
+    roll_seen: bool = True  # or stated
     filmed: bool = False
     bead: float | None = None  # bead diameter, in the unit of the profiles
 
@@ -137,12 +138,17 @@ def measure(
             "drum look alike where it is dark or strongly compressed; give the original file, light the drum from the "
             "front, keep hands out of the view."
         ) from nothing
-    quantities = tuple(doubted(doubted(one, failed(of_picture)), spoilt) for one in evaluation.quantities)
+    quantities = tuple(
+        doubted(doubted(one, failed(of_picture, _rests_on(one, of_picture))), spoilt) for one in evaluation.quantities
+    )
     checks = (*of_picture, *evaluation.checks)
     if scale is None:
         warnings.append("scale: not known, so profiles are left out; give --drum-diameter or --scale.")
-    if bed.upright.edges.size == 0 and camera.roll is None:
-        warnings.append("camera roll: nothing level is seen, the picture was taken as upright; give --camera-roll.")
+    if bed.upright.source == NOT_SEEN:
+        warnings.append(
+            "camera roll: nothing level is seen, the picture was taken as upright, to "
+            f"{math.degrees(bed.upright.sigma):.0f} degrees; give --camera-roll, 0deg where the camera was levelled."
+        )
     hidden = sum(outline.hidden for outline in bed.outlines)
     if 0 < hidden <= len(bed.outlines) / 2:
         warnings.append(
@@ -350,7 +356,7 @@ def _quantity(
 ) -> Quantity:
     name, method = key
     budget = {"flow over time": mean.std_error if frames > 1 else ONE_MOMENT}
-    budget |= {"camera roll": seen.roll_doubt, **doubt}
+    budget |= {"camera roll" if seen.roll_seen else "camera roll, not measured": seen.roll_doubt, **doubt}
     if seen.filmed:
         budget["perspective, beads in flight"] = HALVES_DOUBT if method == WHOLE else VIEW_DOUBT[name]
     budget = {part: float(value) for part, value in budget.items() if math.isfinite(value) and value > 0}
@@ -374,7 +380,7 @@ def _of_avalanches(found: Avalanches, budget: Mapping[str, float]) -> list[Quant
     detail: dict[str, Detail] = {"avalanches": found.count}
     total = root_sum_of_squares(angle)
     return [
-        Quantity("avalanche_frequency", found.frequency, found.frequency_error, "Hz", "maxima", 1, detail, error),
+        Quantity(FREQUENCY, found.frequency, found.frequency_error, "Hz", "maxima", 1, detail, error),
         Quantity("avalanche_start_angle", found.start_angle, total, "deg", MIDDLE, 1, detail, angle),
         Quantity("avalanche_stop_angle", found.stop_angle, total, "deg", MIDDLE, 1, detail, angle),
     ]
@@ -483,6 +489,7 @@ def _observation(bed: Bed, unit: float, bead_diameter: float | None) -> Observat
         bed.rim.radius * unit,
         variants,
         math.degrees(bed.upright.sigma),
+        bed.upright.source != NOT_SEEN,
         True,
         bead_diameter or bed.bead * unit,
     )
@@ -539,6 +546,11 @@ def _checks_of_shape(bed: Bed) -> list[Check]:
     ]
 
 
+def _rests_on(one: Quantity, of_picture: Sequence[Check]) -> set[str]:
+    """What a number needs of the picture: how often the bed slides is seen in one that leans as well."""
+    return {each.check for each in of_picture} - ({"camera_roll"} if one.quantity == FREQUENCY else set())
+
+
 def _must_be_a_drum(clip: Path, checks: Sequence[Check]) -> None:
     """Refuse a film that shows neither the rim of a drum nor the surface of a bed."""
     wrong = {each.check: each for each in checks if each.passed is False}
@@ -581,6 +593,12 @@ def _checks_of_picture(bed: Bed, still: Check | str) -> list[Check]:
     checks.append(Check("bed_in_view", whole, float(whole), 1.0, f"the bed's surface ends {ending}"))
     if bed.upright.source == GIVEN_ROLL and bed.upright.seen is not None:
         checks.append(roll_check(bed.upright.roll, *bed.upright.seen, "the level edges in the picture show"))
+    elif abs(turned := math.degrees(bed.upright.roll)) > STURDY:
+        message = (
+            f"the edges taken for level show a camera turned by {turned:+.1f} degrees, as none on a stand is: they "
+            f"may lie aslant; where it was turned so, give --camera-roll {turned:.1f}deg."
+        )
+        checks.append(Check("camera_roll", False, turned, 0.0, message))
     if math.isfinite(bed.glare):
         checks.append(
             Check(

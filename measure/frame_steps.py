@@ -13,7 +13,6 @@ from rigtwin.measure.stream import STILL
 
 Array = npt.NDArray[np.float64]
 
-UNSTEADY = 0.5  # share of odd frame intervals, from which on a file's own times are not believed
 FEWEST = 10  # pairs of frames that must show how far beads fall between them
 MORE = 0.6  # frames, more than its times tell, from which on a step is one in which a frame is missing
 CUT = 2.5  # usual losses of the bed, by which a step is more where frames are cut out

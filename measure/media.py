@@ -28,6 +28,7 @@ COARSE = 0.01  # of a frame's interval, above which the rounding of time stamps 
 FRAME_LIKE = 0.3  # of a frame's interval, above which a tick is so long that a lost frame looks like rounding
 WHOLE = 0.002  # ticks, by which a frame's interval is off a whole number of them at most where it is meant to be one
 FULL_RATE = 5  # [%], percentile of the steps between pictures: the shortest that are no chance
+UNSTEADY = 0.5  # share of odd frame intervals, from which on a file's own times are not believed
 SAME_RATE = 0.03  # relative, by which two rates may differ that are meant to be one
 WRONG_HEADER = 0.01  # relative, by which the rate in a file's head may differ from its time stamps
 BEHIND_KEY = 6  # frames: what moves has moved on by then, and few pictures are decoded on the way there

@@ -39,6 +39,10 @@ SLOT_DOUBT = 0.12  # of a bead's diameter, where on the lowest beads the slot li
 LEAST_BESIDE = 500  # [px^2], below which nothing is said of what is beside the bed
 PASSES = 0.03  # share of it that something in front must hide
 AROUND = 3.0  # bead diameters above and below the slot, and one to its sides, that a hand must keep clear of
+# of the depth of what has changed: beads arch over a slot narrower than some six of them (Beverloo et al. 1961 need
+# more), the bed above is as wide, and a slide, its knob and its rod are hardly thicker than a bead
+NARROWEST = 6
+SLENDER, GAPS = 11, 7  # [px], across such a thing and the gaps between beads, in a small picture
 ALIKE = 0.5  # overlap of their colours (Bhattacharyya) above which two regions are parts of one bed
 ALIKE_BLUR = 2.0  # [px]
 REACH_BELOW = 5  # bead diameters below the slot, in which a bead that leaves is looked for
@@ -69,6 +73,7 @@ class Scenery:
     level: float  # [grey levels], by which a bead differs from the empty hopper
     turn: Array  # 2 x 3, from the upright picture to the stilled frame
     bead_seen: bool  # beads were made out one by one
+    contrast: float  # [grey levels], by which the bed at first differs from the empty hopper
 
 
 @dataclass(frozen=True)
@@ -313,6 +318,7 @@ def _scenery(video: Video, scene: Scene, lens: Cut, turn: Array, bead: float | N
         max(CLEAR / 2 * noise, 0.25 * contrast),
         turn,
         bead is not None or beads is not None,
+        contrast,
     )
 
 
@@ -331,9 +337,11 @@ def _otsu(values: npt.NDArray[np.uint8]) -> float:
 
 def _bed(differs: Mask, full: Image) -> Mask | None:
     """The upper one of the two large regions that changed: the bed that left; the lower is where it went."""
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (7, 7))
-    marked = cv2.morphologyEx(differs.astype(np.uint8), cv2.MORPH_CLOSE, kernel)
-    marked = cv2.morphologyEx(marked, cv2.MORPH_OPEN, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (11, 11)))
+    changed = differs.astype(np.uint8)
+    deep = 2 * float(cv2.distanceTransform(_closed(changed, GAPS), cv2.DIST_L2, 3).max())
+    slender = max(SLENDER, round(deep / NARROWEST))
+    marked = _closed(changed, slender * GAPS // SLENDER)
+    marked = np.asarray(cv2.morphologyEx(marked, cv2.MORPH_OPEN, _disc(slender)), dtype=np.uint8)
     count, labels, stats, centres = cv2.connectedComponentsWithStats(marked, connectivity=4)
     if count < 2:
         return None
@@ -348,6 +356,14 @@ def _bed(differs: Mask, full: Image) -> Mask | None:
     beads = np.sqrt(shares(cells[labels == upper]))
     parts = [k for k in large if abs(centres[k][1] - centres[upper][1]) < reach]
     return np.isin(labels, [k for k in parts if float(beads @ np.sqrt(shares(cells[labels == k]))) > ALIKE])
+
+
+def _closed(marked: npt.NDArray[np.uint8], across: int) -> npt.NDArray[np.uint8]:
+    return np.asarray(cv2.morphologyEx(marked, cv2.MORPH_CLOSE, _disc(across)), dtype=np.uint8)
+
+
+def _disc(across: int) -> npt.NDArray[np.uint8]:
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (across, across)), dtype=np.uint8)
 
 
 def _slot(bed: Mask, bead: float) -> Slot:

@@ -48,9 +48,15 @@ GAUGE_DOUBT = 0.002  # relative, of a scale read off a gauge in the plane of the
 SAME_PLANE = 0.02  # how far the two may differ when the gauge stands in the plane of the axis
 OTHER_PLANE = 0.04  # how far a given scale may be off what the picture tells: lengths in view stand near the axis
 USUAL_FRACTION = 0.6  # of a bed's volume that is beads: between loose (0.55) and close random packing (0.64)
-# share of a bed's volume that beads of known density may fill: few beads across and crosses or rods are loose, clumps
-# that fit into each other and beads of several sizes dense
-FRACTIONS = (0.3, 0.8)
+# Share of a bed's volume that equal spheres fill at random: from loose (Onoda & Liniger 1990: 0.555) to close packing
+# (Scott & Kilgour 1969: 0.637); only a crystal has more, 0.74.
+SPHERES = (0.55, 0.64)
+# The wall orders the beads next to it and leaves gaps: of a loose bed's 0.6 that takes 0.010 (exp(10.686 d / D) - 1)
+# (Zou & Yu 1995, for cylinders of four beads' width and more).
+WALL_GAPS, WALL_DEPTH, NARROWEST = 0.010 / 0.6, 10.686, 4.0
+# Likewise of other beads: crosses and rods are loose, cubes, clumps that fit into each other, and several sizes dense.
+ANY_SHAPE = (0.3, 0.8)
+SOLID_DOUBT = 0.03  # relative, of a bead's density: of its volume, by a diameter gauged to 1 %
 # [kg/m^3], of a bead's material where it is not stated: all between balsa wood and tungsten; what is lighter is foam
 SOLID_DENSITIES = (100.0, 19300.0)
 ROUGHEST = 0.6  # bead diameters; outlines of settled beds of a DEM are rough by 0.15 to 0.35
@@ -93,14 +99,16 @@ def evaluate(
     total_mass: float | None = None,
     bead_diameter: float | None = None,
     bead_density: float | None = None,
+    spheres: bool = True,
 ) -> Evaluation:
     """Bed height and bulk density from outlines of one bed (several views), filmed or simulated.
 
     A simulated bed's profile is the outline of its spheres seen level and from far away, above the floor.
-    `cylinder_diameter` [m] is the inner one, `total_mass` [kg], `bead_diameter` [m], `bead_density` [kg/m^3].
+    `cylinder_diameter` [m] is the inner one, `total_mass` [kg], `bead_diameter` [m], `bead_density` [kg/m^3];
+    `spheres` are all of one size.
     """
     seen = [Observation(profile) for profile in profiles]
-    return _evaluate(seen, cylinder_diameter, total_mass, bead_diameter, bead_density, {})
+    return _evaluate(seen, cylinder_diameter, total_mass, bead_diameter, bead_density, {}, spheres)
 
 
 def _evaluate(
@@ -110,6 +118,7 @@ def _evaluate(
     bead: float | None,
     solid: float | None,
     stated: Mapping[str, float],
+    spheres: bool,
 ) -> Evaluation:
     """`stated` are the relative standard uncertainties of mass and cylinder, where they are not exact."""
     if not seen:
@@ -147,7 +156,11 @@ def _evaluate(
     warnings = list(dict.fromkeys(each.unconfirmed for each in seen if each.unconfirmed))
     if mass is not None and cylinder is not None:
         densities = [_density(height, mass, cylinder, stated) for height in found[:2]]
-        checks.append(_density_check(densities[0].value, solid))
+        if solid is None:
+            checks.append(_material_check(densities[0].value))
+        else:
+            among = _random_packing(cylinder / grain) if spheres else ANY_SHAPE
+            checks.append(_fraction_check(densities[1], solid, among, spheres))
         if solid is None and stated:
             material = _roughly(densities[0].value / USUAL_FRACTION)
             warnings.append(
@@ -246,25 +259,42 @@ def _views_check(seen: Sequence[Observation], heights: Sequence[float], grain: f
     return views_check("mean outline", [height * 1e3 for height in heights], sigmas, "mm")
 
 
-def _density_check(density: float, solid: float | None) -> Check:
-    """Whether beads can lie as dense as that [kg/m^3]: by the density of one where it is known, else of any solid."""
-    if solid is not None:
-        fraction, (low, high) = density / solid, FRACTIONS
-        says = f"the bulk has {density:.4g} kg/m^3, beads of {solid:g} kg/m^3 fill {100 * fraction:.3g} % of it"
-        ending = (
-            f", which is not between {100 * low:.0f} and {100 * high:.0f} %: check --total-mass, the bead's density"
-        )
-        value, usual = fraction, USUAL_FRACTION
-    else:
-        value, usual, (low, high) = density / USUAL_FRACTION, math.nan, SOLID_DENSITIES
-        says = f"the bulk has {density:.4g} kg/m^3, as of beads of about {_roughly(value)} kg/m^3"
-        ending = (
-            f", but only foam is lighter than {low:g} (of such beads give --bead-density), and nothing heavier than "
-            f"{high:.0f}: check --total-mass"
-        )
-    passed = low < value < high
-    ending = "." if passed else f"{ending}, and --cylinder-diameter."
-    return Check("bulk_density", passed, value, usual, says + ending)
+def _material_check(density: float) -> Check:
+    """Whether beads of any solid can lie as dense as that [kg/m^3]."""
+    solid, (low, high) = density / USUAL_FRACTION, SOLID_DENSITIES
+    says = f"the bulk has {density:.4g} kg/m^3, as of beads of about {_roughly(solid)} kg/m^3"
+    ending = (
+        f", but only foam is lighter than {low:g} (of such beads give --bead-density), and nothing heavier than "
+        f"{high:.0f}: check --total-mass, and --cylinder-diameter."
+    )
+    passed = low < solid < high
+    return Check("bulk_density", passed, solid, math.nan, says + ("." if passed else ending))
+
+
+def _random_packing(ratio: float) -> tuple[float, float]:
+    """Shares that equal spheres may fill of a cylinder `ratio` times as wide as they are: loose, and close."""
+    loose, close = SPHERES
+    gaps = WALL_GAPS * (math.exp(WALL_DEPTH / max(ratio, NARROWEST)) - 1)
+    return loose * (1 - gaps), close
+
+
+def _fraction_check(density: Quantity, solid: float, among: tuple[float, float], spheres: bool) -> Check:
+    """Whether beads of that density [kg/m^3] can fill so much of the bed, its pits left out."""
+    fraction = density.value / solid
+    # the interval of 95 % is to reach what beads fill
+    slack = 2 * math.hypot(density.std_uncertainty / density.value, SOLID_DOUBT)
+    low, high = among[0] * (1 - slack), among[1] * (1 + slack)
+    passed = low < fraction < high
+    says = f"the bulk has {density.value:.4g} kg/m^3, beads of {solid:g} kg/m^3 fill {100 * fraction:.3g} % of it"
+    kind = "equal spheres poured at random into such a cylinder" if spheres else "poured beads of whatever shape"
+    wrong = (
+        f", but {kind} fill {100 * among[0]:.0f} to {100 * among[1]:.0f} %: --total-mass is too "
+        f"{'low' if fraction < low else 'high'} for this bed, or the bead's density, --cylinder-diameter or the height "
+        "of the bed is wrong"
+    )
+    others = "; of beads of other shapes or of several sizes, which this does not hold for, leave --bead-density out"
+    ending = "." if passed else wrong + (others if spheres else "") + "."
+    return Check("bulk_density", passed, fraction, USUAL_FRACTION, says + ending)
 
 
 def _roughly(density: float) -> str:
@@ -335,13 +365,15 @@ def measure(
     total_mass: float | None = None,
     bead_diameter: float | None = None,
     bead_density: float | None = None,
+    spheres: bool = True,
     out: Path | None = None,
     progress: Progress = silent,
 ) -> Measurement:
     """Bed height and bulk density from photos of one bed (one per view); a ``.csv`` is a profile that is ready.
 
     A gauge beside the cylinder gives scale and zero where its graduations are seen; else the inner diameter of the
-    cylinder gives the scale, and the lowest beads the floor.  Raises `NothingToMeasure` when no bed is seen.
+    cylinder gives the scale, and the lowest beads the floor.  Where `spheres` is false, beads may fill more or less of
+    the bed than spheres of one size can.  Raises `NothingToMeasure` when no bed is seen.
     """
     if not photos:
         raise BadInput("measure packing: no photo given; name one or more photos of the cylinder.")
@@ -365,7 +397,7 @@ def measure(
         checks += found
         beds.append((image, bed))
     progress("looking for the bed", len(photos), len(photos))
-    evaluation = _evaluate(seen, cylinder_diameter, total_mass, bead_diameter, bead_density, BY_HAND)
+    evaluation = _evaluate(seen, cylinder_diameter, total_mass, bead_diameter, bead_density, BY_HAND, spheres)
     measurement = Measurement(
         rig="packing",
         source=photos[0],

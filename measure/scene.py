@@ -499,9 +499,8 @@ def rounded(picture: Picture) -> Grey:
 
 def _median_scene(layers: Sequence[Grey]) -> Scene:
     ordered = _sorted(layers)
-    count = len(layers)
-    middle: Picture = (ordered[(count - 1) // 2].astype(np.float32) + ordered[count // 2]) / np.float32(2)
-    low, high = ordered[round(0.16 * (count - 1))], ordered[round(0.84 * (count - 1))]
+    middle: Picture = _twice_the_middle(ordered).astype(np.float32) / np.float32(2)
+    low, high = (ordered[round(share * (len(ordered) - 1))] for share in (0.16, 0.84))
     # 8-bit steps make the spread of one pixel coarse: share it with its neighbours
     noise = cv2.blur((high.astype(np.float32) - low) / 2, (5, 5)) + np.float32(0.3)
     usual = float(np.median(noise))
@@ -510,8 +509,12 @@ def _median_scene(layers: Sequence[Grey]) -> Scene:
 
 def middle_picture(layers: Sequence[Grey]) -> Grey:
     """Median over time of grey or coloured frames, in whole grey levels."""
-    ordered, count = _sorted(layers), len(layers)
-    return np.asarray((ordered[(count - 1) // 2].astype(np.uint16) + ordered[count // 2]) // 2, dtype=np.uint8)
+    return np.asarray(_twice_the_middle(_sorted(layers)) // 2, dtype=np.uint8)
+
+
+def _twice_the_middle(ordered: Sequence[Grey]) -> npt.NDArray[np.uint16]:
+    """The two middle ones of an even number of sorted layers added up, or twice the one of an odd number."""
+    return ordered[(len(ordered) - 1) // 2].astype(np.uint16) + ordered[len(ordered) // 2]
 
 
 def _sorted(layers: Sequence[Grey]) -> list[Grey]:

@@ -8,14 +8,19 @@ from rigtwin.lab.quantity import Check
 from rigtwin.measure.media import Video
 
 
-def compression_check(video: Video, least: float) -> Check:
-    """`compression`, by the bits that a picture's pixels have on the average; `least` is what the rig's film needs."""
+def compression_check(video: Video, least: float, moving: float = 1.0) -> Check:
+    """`compression`, by the bits that a picture's pixels have on the average; `least` is what the rig's film needs.
+
+    Where `moving` is the share of the picture that changes, by the bits of these pixels: a codec spends next to none on
+    what stays.
+    """
     if not video.path.is_file():
         return Check("compression", True, math.inf, least, "pictures in a folder leave nothing out.")
-    bits = _bits(video)
+    bits = _bits(video) / moving
     passed = bits > least
     ending = "." if passed else ": so few that faint things stand still in it for a frame or more; give the original."
-    return Check("compression", passed, bits, least, f"the clip has {bits:.3g} bits per pixel{ending}")
+    where = "" if moving == 1 else " of what moves"
+    return Check("compression", passed, bits, least, f"the clip has {bits:.3g} bits per pixel{where}{ending}")
 
 
 def by_bits(video: Video) -> str:

@@ -27,6 +27,7 @@ from rigtwin.measure.grains import (
     rim_radius,
     shares,
 )
+from rigtwin.measure.straight import longest_run
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
@@ -247,7 +248,9 @@ def outline_of(
     )
     fine, clearness = _sub_pixel(borders, usual)
     # the foot of a heap is a bead's side, steep: what runs out flat is something behind it
-    empty = ~_longest_run(usual < len(rows) - 1 - 0.5 * beads.radius, gap=int(2 * beads.radius))
+    empty = usual >= len(rows) - 1 - 0.5 * beads.radius
+    first, last = longest_run(~empty, gap=int(2 * beads.radius) + 1) or (0, -1)
+    empty[:first] = empty[last + 1 :] = True
     if np.sum(~empty) < 6 * beads.radius:
         return None
 
@@ -302,18 +305,6 @@ def _just_above(values: Array, border: Array, radius: float) -> Array:
     """Values one to six tenths of a bead above the border, shape (rows, columns)."""
     rows = border[None, :] - np.linspace(0.2, 1.2, 6)[:, None] * radius
     return np.take_along_axis(values, np.clip(np.rint(rows), 0, len(values) - 1).astype(np.int64), axis=0)
-
-
-def _longest_run(kept: npt.NDArray[np.bool_], gap: int) -> npt.NDArray[np.bool_]:
-    """Only the longest run of kept columns, across gaps of up to `gap` columns."""
-    from scipy.ndimage import binary_closing, label
-
-    padded = np.pad(kept, gap + 1)
-    joined = np.asarray(binary_closing(padded, np.ones(gap + 1, dtype=bool)))[gap + 1 : -gap - 1] | kept
-    pieces, count = label(joined)
-    if count == 0:
-        return kept
-    return np.asarray(kept & (pieces == 1 + np.bincount(pieces[pieces > 0])[1:].argmax()))
 
 
 def _above_beads(columns: Array, rows: Array, u: Array, h: Array, radius: float) -> Array:

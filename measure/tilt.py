@@ -28,11 +28,10 @@ from rigtwin.lab.records import Series, Track
 from rigtwin.measure.arm import LEAST_TURN, Arm, find_arm, lay_over
 from rigtwin.measure.exposure import DIMMEST
 from rigtwin.measure.follow import learn_scene
-from rigtwin.measure.frame_steps import UNSTEADY
 from rigtwin.measure.in_front import in_front
 from rigtwin.measure.in_view import camera_by_scene
 from rigtwin.measure.level import Level, find_level
-from rigtwin.measure.media import Video, open_video
+from rigtwin.measure.media import UNSTEADY, Video, open_video
 from rigtwin.measure.onset import (
     FACTOR,
     LEAST_DOUBT,

@@ -17,12 +17,15 @@ from rigtwin.measure.grains import at
 
 Array = npt.NDArray[np.float64]
 
-STEEPEST = 7.0  # [deg], a camera on a stand is not turned by more
+STURDY = 7.0  # [deg], a camera on a stand is not turned by more
+STEEPEST = 25.0  # [deg], a picture turned by more is seen to be; struts and the walls of a hopper are steeper
 SHORTEST = 0.06  # of the picture's width
 LIKE = 0.35  # [deg], edges that differ by less tell of one direction
 FEWEST = 0.25  # of the picture's width, total length of the edges that must agree
 ELSEWHERE = 0.3  # weight of an edge that is not the stand's
-WITHOUT = 1.0  # [deg], how far a camera may be turned where nothing level is seen
+# [deg], how far a camera may be turned where nothing level is seen: by anything that a stand allows (GUM 4.3.7)
+WITHOUT = STURDY / math.sqrt(3)
+NOT_SEEN = "not seen: the picture is taken as upright"
 GIVEN = 0.1  # [deg], doubt of a roll that the user states
 GIVEN_ROLL = "given"  # the source of such a roll
 # [deg], nothing is level to better than this, and a camera that looks slightly aside turns level edges by as much
@@ -58,22 +61,22 @@ def upright(
         return Upright(given, math.radians(GIVEN), GIVEN_ROLL, none, seen)
     found = _edges(picture)
     if apart_from is not None:
-        found = found[~_at_middle(found, apart_from)]
+        found = found[_share_in(found, apart_from) < 0.5]
     if len(found) == 0:
-        return Upright(0.0, math.radians(WITHOUT), "not seen: the picture is taken as upright", none)
+        return Upright(0.0, math.radians(WITHOUT), NOT_SEEN, none)
     angle = np.degrees(np.arctan2(found[:, 3] - found[:, 1], found[:, 2] - found[:, 0]))
     length = np.hypot(found[:, 2] - found[:, 0], found[:, 3] - found[:, 1])
     trust = np.where(_at_middle(found, stand), 1.0, ELSEWHERE) if stand is not None else np.ones(len(found))
     # many edges that agree tell more than one long and clear one, which may lie on a border of the codec's blocks; a
     # faint one may be a shadow's
-    weight = trust * length * np.sqrt(_clearness(picture, found))
+    weight = trust * length * np.sqrt(_clearness(picture, found)) * _as_on_a_stand(angle)
     middle = float(angle[int(np.argmax(_votes(angle, angle, weight)))])
     for _ in range(5):
         share = weight * _like(angle - middle)
         middle = float(np.sum(share * angle) / np.sum(share))
     agree = np.abs(angle - middle) < 2 * LIKE
     if float(length[agree].sum()) < FEWEST * picture.shape[1]:
-        return Upright(0.0, math.radians(WITHOUT), "not seen: the picture is taken as upright", none)
+        return Upright(0.0, math.radians(WITHOUT), NOT_SEEN, none)
     voting = weight[agree]
     spread = math.sqrt(float(np.average((angle[agree] - middle) ** 2, weights=voting)))
     independent = min(float(voting.sum()) ** 2 / float(np.sum(voting**2)), 3.0)
@@ -82,6 +85,11 @@ def upright(
     sigma = math.hypot(spread / math.sqrt(independent), on_rows, against, NOT_LEVEL)
     seen = math.radians(middle), math.radians(sigma)
     return Upright(*seen, "level edges in the picture", found[agree], seen)
+
+
+def _as_on_a_stand(angle: Array) -> Array:
+    """How likely a camera is turned by so much [deg]: what lies more aslant is rather no level thing."""
+    return np.asarray((np.maximum(np.abs(angle), STURDY) / STURDY) ** -2.0)
 
 
 def _like(apart: Array) -> Array:
@@ -105,6 +113,13 @@ def _disagreement(angle: Array, weight: Array, agree: npt.NDArray[np.bool_], mid
 
 def _at_middle(found: Array, marked: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     return at(marked, (found[:, :2] + found[:, 2:4]) / 2)
+
+
+def _share_in(found: Array, marked: npt.NDArray[np.bool_]) -> Array:
+    """How much of each edge lies where it is marked: a table's edge goes on to both sides of the drum above it."""
+    along = np.linspace(0, 1, 24)[:, None, None]
+    places = found[:, :2] + along * (found[:, 2:4] - found[:, :2])
+    return np.asarray(at(marked, places.reshape(-1, 2)).reshape(len(along), -1).mean(axis=0))
 
 
 def _clearness(picture: npt.NDArray[np.float32], found: Array) -> Array:

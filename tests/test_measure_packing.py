@@ -179,6 +179,46 @@ def test_a_mass_that_is_off_makes_a_density_that_its_beads_cannot_have(share, so
     assert told == (share != 1.0 if solid else share == 0.1)  # alone, only what no wood has is told
 
 
+def filled(fraction, *, diameter=CYLINDER, **known):
+    """The check of a bed whose mean surface holds in that share of beads of 568 kg/m^3."""
+    surface = 0.07 - (packing.OUTLINE_ABOVE + packing.PITS_BELOW) * BEAD
+    mass = fraction * 568.0 * math.pi / 4 * diameter**2 * surface
+    result = packing.evaluate(
+        [flat(0.07, diameter)],
+        cylinder_diameter=diameter,
+        bead_diameter=BEAD,
+        total_mass=mass,
+        bead_density=568.0,
+        **known,
+    )
+    check = next(check for check in result.checks if check.check == "bulk_density")
+    assert check.value == pytest.approx(fraction)
+    assert all((check.message in each.doubtful) != check.passed for each in result.quantities[3:])
+    return check
+
+
+def test_spheres_fill_what_lies_between_loose_and_close_random_packing():
+    for fraction in (0.55, 0.64):
+        assert filled(fraction).passed
+        for wrong in (1 / 1.4, 1.4):
+            check = filled(fraction * wrong)
+            assert not check.passed
+            assert f"--total-mass is too {'high' if wrong > 1 else 'low'} for this bed" in check.message
+            assert "of other shapes" in check.message
+    assert not filled(math.pi / math.sqrt(18)).passed  # a crystal
+
+
+def test_a_narrow_cylinder_is_filled_more_loosely():
+    assert not filled(0.46, diameter=10 * BEAD).passed
+    assert filled(0.46, diameter=5.1 * BEAD).passed
+
+
+def test_beads_that_are_no_spheres_may_fill_more_and_less():
+    for fraction in (0.35, 0.74):
+        assert filled(fraction, spheres=False).passed
+    assert not filled(0.95, spheres=False).passed
+
+
 def test_a_bed_of_foam_is_believed_where_its_beads_are_stated_to_be_foam():
     def doubt(solid):
         mass = 0.6 * 20.0 * math.pi / 4 * CYLINDER**2 * 0.07
