@@ -23,8 +23,7 @@ SHORTEST = 0.06  # of the picture's width
 LIKE = 0.35  # [deg], edges that differ by less tell of one direction
 FEWEST = 0.25  # of the picture's width, total length of the edges that must agree
 ELSEWHERE = 0.3  # weight of an edge that is not the stand's
-# [deg], how far a camera may be turned where nothing level is seen: by anything that a stand allows (GUM 4.3.7)
-WITHOUT = STURDY / math.sqrt(3)
+WITHOUT = STURDY / 3  # [deg], how far a camera may be turned where nothing level is seen; few are by thrice that
 NOT_SEEN = "not seen: the picture is taken as upright"
 GIVEN = 0.1  # [deg], doubt of a roll that the user states
 GIVEN_ROLL = "given"  # the source of such a roll
