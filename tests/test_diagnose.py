@@ -570,6 +570,13 @@ def test_a_fall_from_a_bridge_is_no_length_in_millimetres(tmp_path, unit, says):
         assert read_tracked_lab(tmp_path).setting("drop_height_m") == [45.0]
 
 
+def test_a_track_that_is_a_copy_of_another_is_refused(tmp_path):
+    lab = write_drops(tmp_path / "lab", 79, beads=("heavy",), heights=(0.1,), repetitions=3)
+    (lab / "heavy_100/rep03.csv").write_bytes((lab / "heavy_100/rep01.csv").read_bytes())
+    with pytest.raises(BadInput, match=r"rep03\.csv: holds the same as .*rep01\.csv"):
+        read_tracked_lab(lab)
+
+
 def test_two_conditions_that_read_one_file_are_refused(tmp_path):
     lab = write_drops(tmp_path / "lab", 79, beads=("heavy",), heights=(0.1, 0.3), repetitions=1)
     document = json.loads((lab / "lab.json").read_text())

@@ -157,6 +157,19 @@ def test_a_clip_listed_twice_is_refused_for_it_is_no_second_measurement(folder, 
     assert "listed twice" in message
 
 
+@pytest.mark.parametrize("one", ["r01.mp4", "r01.mp4/1.png"])
+def test_a_copy_of_a_clip_under_another_name_is_refused_and_both_are_named(folder, one):
+    for name in (one, one.replace("r01.mp4", "r02.csv")):
+        if "/" in name:
+            (folder / name).parent.unlink()
+            (folder / name).parent.mkdir()
+        (folder / name).write_bytes(b"film")
+    with pytest.raises(BadLabFile, match=r"repetitions\[1\]: .*r02\.csv holds the same as .*r01\.mp4"):
+        read_lab(folder)
+    (folder / one).write_bytes(b"Film")
+    assert len(read_lab(folder).experiments[0].repetitions) == 2
+
+
 @pytest.mark.parametrize("name", ["C6", "C6_24s", "P6x15_3s"])
 def test_the_clumps_of_the_paper_are_found_by_name_with_their_contacts(folder, name):
     (folder / "lab.toml").write_text(LAB.replace('particle = "D6"', f'particle = "{name}"'), encoding="utf-8")

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from rigtwin.lab.content import copies
 from rigtwin.lab.errors import BadLabFile
 from rigtwin.lab.materials import no_bead_has
 from rigtwin.lab.records import Track, read_tracks
@@ -276,7 +277,7 @@ def read_tracked_lab(path: Path) -> TrackedLab:
 
 
 def _read_once(file: Path, conditions: Sequence[Condition]) -> None:
-    """Refuse conditions that read the same files."""
+    """Refuse conditions that read the same files, and repetitions that are copies of others."""
     owners: dict[Path, Condition] = {}
     for condition in conditions:
         for one in condition.files:
@@ -286,6 +287,8 @@ def _read_once(file: Path, conditions: Sequence[Condition]) -> None:
                     f"{file}: conditions: {owner.name} and {condition.name} both read {one}; one condition holds all "
                     "repetitions of a setting, and each setting has a name and files of its own."
                 )
+    for original, copy in copies(owners):  # counted again it would make an effect surer without a measurement
+        raise BadLabFile(f"{copy}: holds the same as {original}; a copy is no repetition: take one of them out.")
 
 
 def _document(file: Path) -> dict[str, Any]:
