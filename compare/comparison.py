@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from rigtwin.compare import results
-from rigtwin.compare.deviation import Deviation, deviations, over_views
+from rigtwin.compare.deviation import MOMENTS, Deviation, deviations, group, key_of, over_views
 from rigtwin.compare.repetitions import Failure, Measured, measuring
 from rigtwin.compare.shapes import Overlay, overlays
 from rigtwin.compare.twin import NEEDS, Twin, measured_start, needs_measurement, stated_start, twin_of
@@ -31,7 +31,7 @@ from rigtwin.lab.notebook import Experiment, Lab, read_lab
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement
 from rigtwin.lab.rigs import PileSettings
-from rigtwin.lab.wording import reading
+from rigtwin.lab.wording import reading, title
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,7 @@ class Outcome:
         return (
             *(f"{failure.source.name} was left out: {failure.message}" for failure in self.failures),
             *(_with_source(item, warning) for item in self.measurements for warning in item.warnings),
+            *_left_out(self.measurements),
             *_against_stated(self.experiment, self.measurements),
             *(f"twin: {warning}" for twin in self.twins for warning in (*twin.warnings, *twin.evaluation.warnings)),
         )
@@ -260,6 +261,18 @@ def _experiment_json(outcome: Outcome) -> dict[str, Any]:
         "twins": [twin.to_json() for twin in outcome.twins],
         "warnings": list(outcome.warnings),
     }
+
+
+def _left_out(measurements: Sequence[Measurement]) -> Iterator[str]:
+    """Doubtful repetitions that are in no mean, for there are sound ones."""
+    seen = [(item.source.name, one) for item in measurements for one in over_views(item.quantities)]
+    sound = {key for key, ones in group(one for _, one in seen).items() if not all(one.doubtful for one in ones)}
+    lacking: dict[tuple[str, str], list[str]] = {}
+    for source, one in seen:
+        if one.doubtful and key_of(one) in sound and one.quantity not in MOMENTS:
+            lacking.setdefault((source, one.doubtful), []).append(title(one.quantity))
+    for (source, reason), names in lacking.items():
+        yield f"{source} is doubtful and not in the mean of {', '.join(dict.fromkeys(names))}: {reason}"
 
 
 def _against_stated(experiment: Experiment, measurements: Sequence[Measurement]) -> Iterator[str]:

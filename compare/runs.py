@@ -95,7 +95,7 @@ def _perform(function: str, settings: dict[str, Any]) -> dict[str, Any]:
 
 def _read(path: Path) -> dict[str, Any] | None:
     try:
-        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))["result"]
-    except (OSError, ValueError, KeyError):
+        found = json.loads(path.read_text(encoding="utf-8"))["result"]
+    except (OSError, ValueError, LookupError, TypeError):
         return None  # not there, or cut short by a crash: run again
-    return found
+    return found if isinstance(found, dict) and found else None  # every run gives something

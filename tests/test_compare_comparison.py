@@ -169,6 +169,23 @@ def test_a_warning_about_one_view_of_several_is_not_laid_to_the_first_photo(comp
     assert "front.jpg and its other views: scale: not known." in told
 
 
+def test_a_doubtful_repetition_beside_sound_ones_is_said_to_be_in_no_mean(compared):
+    def drop(name: str, doubtful: str = "") -> Measurement:
+        found = [
+            Quantity("restitution_wall", 0.42, 0.01, "1", method, doubtful=doubtful) for method in ("height", "time")
+        ]
+        return Measurement("drop", Path(name), "", tuple(found))
+
+    (outcome,) = compared.outcomes
+    said = "r2.mp4 is doubtful and not in the mean of Restitution on the wall: the plate moved"
+
+    def told(*measurements):
+        return replace(outcome, measurements=measurements).warnings
+
+    assert said in told(drop("r1.mp4"), drop("r2.mp4", "the plate moved"))
+    assert said not in told(drop("r2.mp4", "the plate moved")), "alone it is in the mean"
+
+
 def test_provenance_names_every_input_by_its_content(lab, out):
     record = json.loads((out / "provenance.json").read_text())
     inputs = {entry["file"]: entry["sha256"] for entry in record["inputs"]}
