@@ -201,6 +201,10 @@ def _tell_reproduction(console: Console, reproduction: Reproduction) -> None:
             )
     for words in reproduction.assumptions.values():
         console.print(f"[dim]assumed:[/dim] {escape(words)}")
+    for words in reproduction.warnings:
+        console.print(f"[yellow]warning:[/yellow] {escape(words)}")
+    if reproduction.replaced:
+        console.print(f"[yellow]replaced:[/yellow] {escape(reproduction.replaced)}")
     for name, words in reproduction.done.failures.items():
         console.print(f"[red]failed[/red] {escape(name)}: {escape(words)}")
     for path in reproduction.files.values():

@@ -59,7 +59,8 @@ def run_all(
     A run that fails with a sentence (`RigtwinError`) is listed with it and tried again the next time.  With `only_kept`
     nothing is run.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    if not only_kept:
+        folder.mkdir(parents=True, exist_ok=True)
     kept = {run.name: found for run in runs if (found := _read(folder / run.file_name)) is not None}
     missing = sorted((run for run in runs if run.name not in kept), key=lambda run: -run.cost)
     failures: dict[str, str] = {}
