@@ -161,6 +161,10 @@ def _tell_comparison(console: Console, comparison: Comparison) -> None:
     for outcome in comparison.outcomes:
         for warning in outcome.warnings:
             console.print(f"[yellow]warning:[/yellow] {escape(outcome.experiment.id)}: {escape(warning)}")
+    for remark in comparison.remarks:
+        console.print(f"[yellow]warning:[/yellow] {escape(remark)}")
+    for sentence in comparison.lab.borrowed:
+        console.print(f"[dim]borrowed:[/dim] {escape(sentence)}")
     for path in comparison.files.values():
         typer.echo(f"wrote {path}")
 

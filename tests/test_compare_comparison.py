@@ -268,6 +268,41 @@ def test_overlay_pictures_are_inside_the_report(lab, tmp_path):
     assert linked(parsed.addresses) == ["swing-still.png", "pair/swing-overlay.mp4"]
 
 
+def test_results_of_experiments_that_are_not_measured_now_are_not_replaced(lab, out):
+    before = {name: (out / name).read_bytes() for name in FILES}
+    text = (lab / "lab.toml").read_text()
+    part = text[text.index("[[experiments]]") :]
+    whole = lab / "whole.toml"
+    whole.write_text(text.replace("pair/1", "other") + part)
+    other = lab / "other.toml"
+    other.write_text(text.replace("pair/1", "other"))
+    for path, only in ((whole, ["other"]), (other, None)):
+        with pytest.raises(BadInput, match=r"holds results of pair/1 .*--out another folder"):
+            compare(path, out, only=only, workers=1)
+    assert {name: (out / name).read_bytes() for name in FILES} == before
+
+
+def test_an_experiment_that_was_renamed_in_the_lab_file_is_said_to_be_gone(compared, out):
+    (experiment,) = compared.lab.experiments
+    renamed = replace(compared.lab, experiments=(replace(experiment, id="pair-1"),))
+    (said,) = subject._stale(renamed, renamed.experiments, out)
+    assert said.startswith("pair/1: no longer in lab.toml")
+    assert list(subject._stale(compared.lab, compared.lab.experiments, out)) == []
+
+
+def test_a_model_made_of_other_contacts_is_said_to_act_all_the_same(compared):
+    from rigtwin.lab.materials import KnownContact
+    from rigtwin.lab.model import Model
+
+    def remarks(*names):
+        model = Model(contacts={names: KnownContact(restitution=0.5)}, effects={"air drag": {}})
+        return list(subject._made_for_others(Path("model.toml"), model, compared.lab.experiments))
+
+    (said,) = remarks("D6_ABS", "glass")
+    assert "pair/1: model.toml has contacts of D6_ABS-glass and none of bead-bead; its effects (air drag)" in said
+    assert remarks("bead", "bead") == []
+
+
 def test_an_experiment_without_any_usable_repetition_is_an_error_that_leaves_old_results(lab, compared, out):
     before = {name: (out / name).read_bytes() for name in FILES}
     text = (lab / "lab.toml").read_text()

@@ -150,8 +150,8 @@ def reproduce(
     `study` names influence studies; without tables or studies named, and not `quick`, all of both are run.
     `rolling` is the law by which all runs resist rolling; each law's runs are kept beside the other's.  `repetitions`
     runs with different seeds fill a cell or a study's point; finished runs are kept in ``out/runs`` and not run again,
-    and with `only_kept` nothing else is shown.  Raises `BadInput` for an unknown table or study, and where nothing is kept
-    that could be shown.
+    and with `only_kept` nothing else is shown.  Raises `BadInput` for an unknown table or study, and where nothing
+    is kept that could be shown.
     """
     if only_kept and not any((out / "runs").glob("*.json")):  # found out before what planning costs
         raise _none_kept(out)
@@ -196,8 +196,8 @@ def _replaced(file: Path, reproduction: Reproduction) -> str:
         return ""
     parts = "; ".join(sorted({part for part, _ in lost}))
     return (
-        f"{len(lost)} finished cells or points ({parts}) stood in the files of {file.parent} and were not asked for now; "
-        "their runs are kept, and --kept with the options of then shows them again"
+        f"{len(lost)} finished cells or points ({parts}) stood in the files of {file.parent} and were not asked for now"
+        "; their runs are kept, and --kept with the options of then shows them again"
     )
 
 
