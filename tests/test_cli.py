@@ -189,7 +189,7 @@ def test_a_missing_key_in_the_lab_file_is_refused_with_its_name(tmp_path, capfd)
 
 def test_a_misspelt_key_is_named_before_the_key_that_is_then_missing(tmp_path, capfd):
     folder = lab_with(tmp_path, 'wall = "steel"', 'wal = "steel"')
-    refused(["compare", folder], capfd, ".wal:", "wall", "and 1 more")
+    refused(["compare", folder], capfd, "experiment 1, wal:", "wall", "and 1 more")
 
 
 def test_a_lab_whose_only_repetition_shows_no_bounce_is_refused_by_name(tmp_path, capfd):

@@ -496,9 +496,10 @@ def in_words(location: Location | None) -> str:
     regions = dict.fromkeys(one.region for one in location.found)
     top = location.found[0]
     where = ", ".join(list(regions)[:3])
+    conditions = f"{len(experiments)} condition{'s' if len(experiments) > 1 else ''}"
     return (
-        f"{len(location.found)} of {location.tested} regions disagree, in {len(experiments)} "
-        f"condition{'s' if len(experiments) > 1 else ''} ({', '.join(list(experiments)[:3])}{' ...' if len(experiments) > 3 else ''}); strongest in {top.record} "
+        f"{len(location.found)} of {location.tested} regions disagree, in {conditions} "
+        f"({', '.join(list(experiments)[:3])}{' ...' if len(experiments) > 3 else ''}); strongest in {top.record} "
         f"during the {top.region} of {top.experiment} (z = {top.z:.1f}, {1e3 * top.deviation:.3f} mm); "
         f"mostly {where}"
     )
