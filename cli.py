@@ -243,7 +243,7 @@ def reproduce(
 ) -> Work:
     """Published tables beside what the twins give.
 
-    The twins run with the published parameters; a run that was stopped goes on where it was.
+    The twins run with the published parameters. A run is kept when it ends; called again, only missing ones are run.
     """
     from rigtwin.compare.reproduce.reproduction import reproduce as fill
 

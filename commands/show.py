@@ -161,6 +161,10 @@ def _tell_comparison(console: Console, comparison: Comparison) -> None:
     for outcome in comparison.outcomes:
         for warning in outcome.warnings:
             console.print(f"[yellow]warning:[/yellow] {escape(outcome.experiment.id)}: {escape(warning)}")
+    for remark in comparison.remarks:
+        console.print(f"[yellow]warning:[/yellow] {escape(remark)}")
+    for sentence in comparison.lab.borrowed:
+        console.print(f"[dim]borrowed:[/dim] {escape(sentence)}")
     for path in comparison.files.values():
         typer.echo(f"wrote {path}")
 
@@ -201,6 +205,10 @@ def _tell_reproduction(console: Console, reproduction: Reproduction) -> None:
             )
     for words in reproduction.assumptions.values():
         console.print(f"[dim]assumed:[/dim] {escape(words)}")
+    for words in reproduction.warnings:
+        console.print(f"[yellow]warning:[/yellow] {escape(words)}")
+    if reproduction.replaced:
+        console.print(f"[yellow]replaced:[/yellow] {escape(reproduction.replaced)}")
     for name, words in reproduction.done.failures.items():
         console.print(f"[red]failed[/red] {escape(name)}: {escape(words)}")
     for path in reproduction.files.values():

@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -18,20 +19,29 @@ from pathlib import Path
 from typing import Any
 
 from rigtwin.compare import results
-from rigtwin.compare.deviation import Deviation, deviations, over_views
+from rigtwin.compare.deviation import MOMENTS, Deviation, deviations, group, key_of, over_views
 from rigtwin.compare.repetitions import Failure, Measured, measuring
 from rigtwin.compare.shapes import Overlay, overlays
-from rigtwin.compare.twin import NEEDS, Twin, measured_start, needs_measurement, stated_start, twin_of
+from rigtwin.compare.twin import (
+    BULK,
+    NEEDS,
+    Twin,
+    measured_start,
+    needs_measurement,
+    stated_start,
+    takes_count,
+    twin_of,
+)
 from rigtwin.lab.content import sha256
 from rigtwin.lab.entries import suggestion
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.materials import PARAMETERS, KnownContact
+from rigtwin.lab.materials import PARAMETERS, KnownContact, pair
 from rigtwin.lab.model import Model, read_model
 from rigtwin.lab.notebook import Experiment, Lab, read_lab
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement
 from rigtwin.lab.rigs import PileSettings
-from rigtwin.lab.wording import reading
+from rigtwin.lab.wording import reading, title
 
 
 @dataclass(frozen=True)
@@ -57,6 +67,7 @@ class Outcome:
         return (
             *(f"{failure.source.name} was left out: {failure.message}" for failure in self.failures),
             *(_with_source(item, warning) for item in self.measurements for warning in item.warnings),
+            *_left_out(self.measurements),
             *_against_stated(self.experiment, self.measurements),
             *(f"twin: {warning}" for twin in self.twins for warning in (*twin.warnings, *twin.evaluation.warnings)),
         )
@@ -73,6 +84,8 @@ class Comparison:
     seconds: dict[str, float] = field(default_factory=dict)
     """[s], wall-clock time of each part of the run."""
     files: dict[str, Path] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
+    """What is to be said of the whole run."""
 
     @property
     def deviations(self) -> tuple[Deviation, ...]:
@@ -87,6 +100,7 @@ class Comparison:
             "shapes": [shape.row(outcome.experiment.id) for outcome in self.outcomes for shape in outcome.shapes],
             "experiments": [_experiment_json(outcome) for outcome in self.outcomes],
             "borrowed": list(self.lab.borrowed),
+            "remarks": list(self.remarks),
             "files": {name: str(path) for name, path in self.files.items()},
         }
 
@@ -111,16 +125,21 @@ def compare(
     none, `heaps` how many heaps that twin pours, with seeds from `seed` upwards, `stiffness_factor` what the moduli of
     twins of many particles are multiplied by.
     `model` is a model.toml whose contacts and effects go before what lab.toml says.  A repetition that cannot be
-    measured is left out with a warning.  Raises `BadInput` when an experiment has none left and `BadLabFile` when
-    lab.toml is at fault, and then leaves the files of an earlier run as they were.
+    measured is left out with a warning.  Raises `BadInput` when an experiment has none left, an option has no taker, or
+    `out` holds results of other experiments, `BadLabFile` when lab.toml is at fault, and then leaves the files of an
+    earlier run as they were.
     """
     started, clock = datetime.now(UTC), time.perf_counter()
     lab = read_lab(lab_folder)
-    if model is not None:
-        lab = _under(lab, read_model(model))
     experiments = _chosen(lab, only)
+    remarks = [*_stale(lab, experiments, out)]
+    if model is not None:
+        given = read_model(model)
+        lab = _under(lab, given)
+        remarks += _made_for_others(model, given, experiments)
     for experiment in experiments:
         _need_contacts(lab, experiment)
+    _need_takers(lab, experiments, count=count, heaps=heaps, stiffness_factor=stiffness_factor)
     twins: dict[str, list[Twin]] = {}
     run = partial(
         twin_of, model=lab.model, count=count, threads=threads, stiffness_factor=stiffness_factor, progress=progress
@@ -139,7 +158,8 @@ def compare(
             twins[experiment.id] = [run(experiment, measurements=found)]
     seconds = {f"twin of {name}": sum(twin.seconds for twin in runs) for name, runs in twins.items()}
     outcomes = tuple(_outcome(experiment, measured[experiment.id], twins[experiment.id]) for experiment in experiments)
-    comparison = Comparison(lab, outcomes, seed, started, {**seconds, "measuring, beside early twins": measured_after})
+    seconds["measuring, beside early twins"] = measured_after
+    comparison = Comparison(lab, outcomes, seed, started, seconds, remarks=tuple(remarks))
     return _written(comparison, out, clock, progress)
 
 
@@ -221,6 +241,60 @@ def _under(lab: Lab, model: Model) -> Lab:
     return replace(lab, contacts=contacts, model=replace(lab.model, contacts=contacts, effects=model.effects))
 
 
+def _stale(lab: Lab, experiments: Sequence[Experiment], out: Path) -> Iterator[str]:
+    """What `out` holds of experiments that lab.toml has no more.
+
+    Raises `BadInput` where it holds results of others, which would go from its tables without having been measured.
+    """
+    try:
+        before = json.loads((out / "deviations.json").read_text(encoding="utf-8"))
+        source, names = Path(before["lab"]), [str(one["id"]) for one in before["experiments"]]
+    except (OSError, ValueError, LookupError, TypeError):  # none, or not of ours
+        return
+    others = [name for name in names if name not in {one.id for one in experiments}]
+    known = {one.id for one in lab.experiments}
+    lost = others if source.resolve() != lab.path.resolve() else [name for name in others if name in known]
+    if lost:
+        raise BadInput(
+            f"{out}: holds results of {', '.join(lost)} ({source}), which would go from its tables; give --out another "
+            "folder, or delete this one."
+        )
+    if others:
+        yield f"{', '.join(others)}: no longer in {lab.path.name} nor in these tables; a folder of pictures may be left"
+
+
+def _made_for_others(file: Path, model: Model, experiments: Sequence[Experiment]) -> Iterator[str]:
+    """Experiments in which nothing touches that the model has a contact of, so that its effects are another pair's."""
+    theirs = ", ".join("-".join(names) for names in model.contacts)
+    acting = f"; its effects ({', '.join(model.effects)}) act in this twin all the same" if model.effects else ""
+    for experiment in experiments:
+        if model.contacts and not any(pair(*names) in model.contacts for names in experiment.contacts):
+            mine = ", ".join("-".join(names) for names in experiment.contacts)
+            yield f"{experiment.id}: {file.name} has contacts of {theirs} and none of {mine}{acting}"
+
+
+def _need_takers(
+    lab: Lab,
+    experiments: Sequence[Experiment],
+    *,
+    count: int | None,
+    heaps: int,
+    stiffness_factor: float | None,
+) -> None:
+    """Refuse an option that no twin would take."""
+    rigs = [one.rig for one in experiments]
+    idle = {
+        "--heaps: no experiment is a pile": heaps > 1 and not any(isinstance(rig, PileSettings) for rig in rigs),
+        "--count: it is for piles and beds of which lab.toml does not say how many particles they have, and there is "
+        "none": count is not None and not any(map(takes_count, experiments)),
+        "--stiffness-factor: no experiment is of many particles": stiffness_factor is not None
+        and not any(isinstance(rig, BULK) for rig in rigs),
+    }
+    for what, given in idle.items():
+        if given:
+            raise BadInput(f"{lab.path}: {what} ({', '.join(one.id for one in experiments)}); leave it out.")
+
+
 def _need_contacts(lab: Lab, experiment: Experiment) -> None:
     """Refuse before any work when the twin lacks a parameter."""
     for a, b in experiment.contacts:
@@ -260,6 +334,18 @@ def _experiment_json(outcome: Outcome) -> dict[str, Any]:
         "twins": [twin.to_json() for twin in outcome.twins],
         "warnings": list(outcome.warnings),
     }
+
+
+def _left_out(measurements: Sequence[Measurement]) -> Iterator[str]:
+    """Doubtful repetitions that are in no mean, for there are sound ones."""
+    seen = [(item.source.name, one) for item in measurements for one in over_views(item.quantities)]
+    sound = {key for key, ones in group(one for _, one in seen).items() if not all(one.doubtful for one in ones)}
+    lacking: dict[tuple[str, str], list[str]] = {}
+    for source, one in seen:
+        if one.doubtful and key_of(one) in sound and one.quantity not in MOMENTS:
+            lacking.setdefault((source, one.doubtful), []).append(title(one.quantity))
+    for (source, reason), names in lacking.items():
+        yield f"{source} is doubtful and not in the mean of {', '.join(dict.fromkeys(names))}: {reason}"
 
 
 def _against_stated(experiment: Experiment, measurements: Sequence[Measurement]) -> Iterator[str]:

@@ -100,7 +100,10 @@ class Deviation:
     percent_deviation_std: float | None
     z: float | None
     coverage_factor: float | None
-    """How many standard uncertainties of the difference span 95 %: 1.96, more where the repetitions are few."""
+    """How many standard uncertainties of the difference span 95 %: 1.96, more where the repetitions are few.
+
+    Infinite where one repetition tells nothing of how much they differ.
+    """
     verdict: str
     doubtful: str = ""
     note: str = ""
@@ -292,9 +295,12 @@ def _deviation(
         z = _z(simulated.value - measured.value, total)
         parts = ((one.std_uncertainty, one.freedom) for one in (measured, simulated))
         freedom = _freedom(parts, total)
-        if rig == "pile" and 1 in (measured.n, simulated.n):
-            # heaps differ by more than one is measured to: one may not convict where two that scatter could not
+        if rig == "pile" and simulated.n == 1:
+            # heaps differ by more than one is read to: one may not convict where two that scatter could not
             freedom = min(freedom, 1.0)
+        if measured.n == 1 and not set_from:
+            # a scatter of one repetition has no degree of freedom, so that no difference is too large to be chance
+            freedom = 0.0
     doubts = [measured.doubtful] if measured.doubtful else []
     if simulated is not None and simulated.doubtful:
         doubts.append(f"twin: {simulated.doubtful}")
@@ -360,6 +366,8 @@ def _coverage(freedom: float, probability: float) -> float:
     """Standard uncertainties on each side of a value that hold `probability` (Student's t)."""
     from scipy.special import ndtri, stdtrit
 
+    if freedom <= 0:
+        return math.inf
     upper = (1 + probability) / 2
     return float(stdtrit(freedom, upper) if math.isfinite(freedom) else ndtri(upper))
 
@@ -396,6 +404,8 @@ def _note(rig: str, measured: Combined, simulated: Combined | None, set_from: st
     single = [name for name, one in both.items() if one is not None and one.n == 1]
     if rig == "pile" and single:
         notes.append(f"one heap {' and one '.join(single)}: how much heaps differ is not in the uncertainty")
+    elif measured.n == 1 and simulated is not None and not set_from:
+        notes.append("one repetition measured: how much repetitions differ is not in the uncertainty")
     if set_from:
         notes.append(f"the twin starts from the {set_from} value")
     if measured.left_out:

@@ -92,6 +92,7 @@ def report(comparison: Comparison, provenance: Mapping[str, Any], out: Path) -> 
         headlines=_table(headlines(comparison.deviations)),
         sections=[_section(outcome, out) for outcome in comparison.outcomes],
         borrowed=comparison.lab.borrowed,
+        remarks=comparison.remarks,
         provenance=provenance,
         command=shlex.join(provenance["command_line"]),
     )

@@ -59,7 +59,8 @@ def run_all(
     A run that fails with a sentence (`RigtwinError`) is listed with it and tried again the next time.  With `only_kept`
     nothing is run.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    if not only_kept:
+        folder.mkdir(parents=True, exist_ok=True)
     kept = {run.name: found for run in runs if (found := _read(folder / run.file_name)) is not None}
     missing = sorted((run for run in runs if run.name not in kept), key=lambda run: -run.cost)
     failures: dict[str, str] = {}
@@ -95,7 +96,7 @@ def _perform(function: str, settings: dict[str, Any]) -> dict[str, Any]:
 
 def _read(path: Path) -> dict[str, Any] | None:
     try:
-        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))["result"]
-    except (OSError, ValueError, KeyError):
+        found = json.loads(path.read_text(encoding="utf-8"))["result"]
+    except (OSError, ValueError, LookupError, TypeError):
         return None  # not there, or cut short by a crash: run again
-    return found
+    return found if isinstance(found, dict) and found else None  # every run gives something

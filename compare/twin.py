@@ -226,6 +226,14 @@ def needs_measurement(experiment: Experiment) -> bool:
     return not (isinstance(experiment.rig, DropSettings) and stated)
 
 
+def takes_count(experiment: Experiment) -> bool:
+    """Whether the lab file leaves open how many particles the twin has."""
+    rig = experiment.rig
+    if isinstance(rig, (PackingSettings, HopperSettings)):
+        return rig.count is None and rig.total_mass is None
+    return isinstance(rig, BULK) and rig.count is None
+
+
 def stated_start(experiment: Experiment) -> float | None:
     """Drop height [m] or release angle [deg] as the lab file states it; None for other rigs, or where it does not."""
     rig = experiment.rig

@@ -3,7 +3,29 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+
+
+def copies(files: Iterable[Path]) -> Iterator[tuple[Path, Path]]:
+    """Each file that holds the same as an earlier one, with that one.
+
+    Only what is of one size is read: clips are large.  What is empty is no copy, but a fault of its own.
+    """
+    by_size: dict[int, list[Path]] = {}
+    for file in files:
+        by_size.setdefault(_size(file), []).append(file)
+    for size, alike in by_size.items():
+        first: dict[str, Path] = {}
+        for file in alike if size and len(alike) > 1 else ():
+            original = first.setdefault(sha256(file), file)
+            if original is not file:
+                yield original, file
+
+
+def _size(path: Path) -> int:
+    """[bytes] of a file, or of all files in a folder."""
+    return path.stat().st_size if path.is_file() else sum(one.stat().st_size for one in path.iterdir())
 
 
 def sha256(path: Path) -> str:

@@ -66,14 +66,14 @@ class Document:
         )
 
 
-def read_document(path: Path) -> Document:
-    """Read a TOML file.  Raises `BadLabFile` with the line when it cannot be read as TOML."""
+def read_document(path: Path, *, made_by: str = "make one with `rigtwin init`") -> Document:
+    """Read a TOML file, `made_by` where it is not there.  Raises `BadLabFile` with the line of what is no TOML."""
     try:
         text = path.read_bytes().decode("utf-8-sig")
         data = tomllib.loads(text)
         lines = key_lines(text)
     except FileNotFoundError:
-        raise BadLabFile(f"{path}: no such file; check the path, or make one with `rigtwin init`.") from None
+        raise BadLabFile(f"{path}: no such file; check the path, or {made_by}.") from None
     except OSError as error:
         raise BadLabFile(f"{path}: cannot be read ({error.strerror}); check the path and its permissions.") from None
     except UnicodeDecodeError as error:

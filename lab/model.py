@@ -57,7 +57,7 @@ class Model:
 
 def read_model(path: Path) -> Model:
     """Read a model.toml; the sections are those of lab.toml.  Raises `BadLabFile` naming file, line and key."""
-    document = read_document(path)
+    document = read_document(path, made_by="take the model.toml that `rigtwin diagnose` leaves in its results")
     file = validated(document, ModelFile)
     inventory = Inventory(file)
     if inventory.problems:

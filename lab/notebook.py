@@ -12,6 +12,7 @@ from importlib import resources
 from pathlib import Path
 
 from rigtwin.lab.camera import Camera
+from rigtwin.lab.content import copies
 from rigtwin.lab.entries import (
     RIGS,
     Document,
@@ -223,7 +224,7 @@ def _drain_problems(entry: ExperimentEntry, key: Key) -> list[Problem]:
 
 def _media_problems(entry: ExperimentEntry, repetitions: tuple[tuple[Path, ...], ...], key: Key) -> list[Problem]:
     problems = []
-    seen: set[Path] = set()
+    seen: dict[Path, Key] = {}
     for number, views in enumerate(repetitions):
         place: Key = (*key, "repetitions", number)
         if len(views) > 1 and not isinstance(entry, SEEN_FROM_SIDES):
@@ -235,7 +236,13 @@ def _media_problems(entry: ExperimentEntry, repetitions: tuple[tuple[Path, ...],
                 # counted twice it would halve the variance of a mean without a second measurement
                 problems.append(Problem(place, f"{view} is listed twice; take one of them out."))
             else:
-                seen.add(file)
+                seen[file] = place
+    # a copy under another name is no second measurement either
+    given = {view.resolve(): view for views in repetitions for view in views}
+    problems += [
+        Problem(seen[copy], f"{given[copy]} holds the same as {given[original]}; take one of them out.")
+        for original, copy in copies(seen)
+    ]
     return problems
 
 

@@ -94,7 +94,8 @@ def doubted(quantity: Quantity, why: str) -> Quantity:
         return quantity
     known = quantity.budget or {"as found": quantity.std_uncertainty}
     budget = {"failed check": 2 * quantity.std_uncertainty, **known}
-    reasons = "; ".join(filter(None, [quantity.doubtful, why]))
+    # messages of checks are sentences, and stand in a row here
+    reasons = "; ".join(filter(None, [quantity.doubtful, why])).replace(".; ", "; ").removesuffix(".")
     return replace(quantity, std_uncertainty=root_sum_of_squares(budget), budget=budget, doubtful=reasons)
 
 

@@ -31,13 +31,20 @@ def key_lines(text: str) -> dict[Key, int]:
 
 
 def dotted(key: Key) -> str:
-    """A path as a person writes it.
+    """A path as a person says it, who counts from one.
 
-    >>> dotted(("experiments", 2, "camera", "frame_rate"))
-    'experiments[2].camera.frame_rate'
+    >>> dotted(("experiments", 2, "camera", "frame_rate")), dotted(("experiments", 0, "repetitions", 1, 0))
+    ('experiment 3, camera.frame_rate', 'experiment 1, repetition 2, item 1')
     """
-    words = [f"[{part}]" if isinstance(part, int) else f".{_quoted(part)}" for part in key]
-    return "".join(words).removeprefix(".")
+    words: list[str] = []
+    for before, part in zip((None, *key), key, strict=False):
+        if isinstance(part, str):
+            words.append(f"{'.' if isinstance(before, str) else ', '}{_quoted(part)}")
+        elif isinstance(before, str):
+            words[-1] = f"{words[-1].removesuffix('s')} {part + 1}"
+        else:
+            words.append(f", item {part + 1}")
+    return "".join(words).removeprefix(", ")
 
 
 def _quoted(name: str) -> str:

@@ -189,7 +189,7 @@ def test_a_missing_key_in_the_lab_file_is_refused_with_its_name(tmp_path, capfd)
 
 def test_a_misspelt_key_is_named_before_the_key_that_is_then_missing(tmp_path, capfd):
     folder = lab_with(tmp_path, 'wall = "steel"', 'wal = "steel"')
-    refused(["compare", folder], capfd, ".wal:", "wall", "and 1 more")
+    refused(["compare", folder], capfd, "experiment 1, wal:", "wall", "and 1 more")
 
 
 def test_a_lab_whose_only_repetition_shows_no_bounce_is_refused_by_name(tmp_path, capfd):
@@ -205,6 +205,16 @@ def test_the_demo_without_its_sample_media_says_where_they_are(tmp_path, monkeyp
 
 def test_an_unknown_experiment_is_refused_with_the_known_ones(tmp_path, capfd):
     refused(["compare", lab_with(tmp_path), "--only", "drop-D6-stel"], capfd, "drop-D6-stel", "drop-D6-steel")
+
+
+@pytest.mark.parametrize("option", ["--heaps", "--count", "--stiffness-factor"])
+def test_an_option_that_no_twin_of_the_lab_takes_is_refused(tmp_path, capfd, option):
+    value = "0.1" if option == "--stiffness-factor" else "3"
+    refused(["compare", lab_with(tmp_path), option, value], capfd, option, "drop-D6-steel")
+
+
+def test_a_model_that_is_not_there_is_looked_for_where_a_diagnosis_leaves_it(tmp_path, capfd):
+    refused(["compare", lab_with(tmp_path), "--model", "nosuch.toml"], capfd, "nosuch.toml", "rigtwin diagnose")
 
 
 @pytest.mark.parametrize(
@@ -468,6 +478,7 @@ def test_a_comparison_shows_the_results_first_and_says_why_a_number_is_doubtful(
     assert "bounce 2" not in said
     assert "1 more" in said
     assert said.count("doubtful: drop-D6-steel: the plate moved") == 1
+    assert "borrowed: contact D6-steel taken from" in said
 
 
 @pytest.mark.usefixtures("started_engine")

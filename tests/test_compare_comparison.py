@@ -169,6 +169,23 @@ def test_a_warning_about_one_view_of_several_is_not_laid_to_the_first_photo(comp
     assert "front.jpg and its other views: scale: not known." in told
 
 
+def test_a_doubtful_repetition_beside_sound_ones_is_said_to_be_in_no_mean(compared):
+    def drop(name: str, doubtful: str = "") -> Measurement:
+        found = [
+            Quantity("restitution_wall", 0.42, 0.01, "1", method, doubtful=doubtful) for method in ("height", "time")
+        ]
+        return Measurement("drop", Path(name), "", tuple(found))
+
+    (outcome,) = compared.outcomes
+    said = "r2.mp4 is doubtful and not in the mean of Restitution on the wall: the plate moved"
+
+    def told(*measurements):
+        return replace(outcome, measurements=measurements).warnings
+
+    assert said in told(drop("r1.mp4"), drop("r2.mp4", "the plate moved"))
+    assert said not in told(drop("r2.mp4", "the plate moved")), "alone it is in the mean"
+
+
 def test_provenance_names_every_input_by_its_content(lab, out):
     record = json.loads((out / "provenance.json").read_text())
     inputs = {entry["file"]: entry["sha256"] for entry in record["inputs"]}
@@ -249,6 +266,41 @@ def test_overlay_pictures_are_inside_the_report(lab, tmp_path):
     (embedded,) = [address for address in parsed.addresses if address.startswith("data:image/")]
     assert len(embedded) < 1_000_000
     assert linked(parsed.addresses) == ["swing-still.png", "pair/swing-overlay.mp4"]
+
+
+def test_results_of_experiments_that_are_not_measured_now_are_not_replaced(lab, out):
+    before = {name: (out / name).read_bytes() for name in FILES}
+    text = (lab / "lab.toml").read_text()
+    part = text[text.index("[[experiments]]") :]
+    whole = lab / "whole.toml"
+    whole.write_text(text.replace("pair/1", "other") + part)
+    other = lab / "other.toml"
+    other.write_text(text.replace("pair/1", "other"))
+    for path, only in ((whole, ["other"]), (other, None)):
+        with pytest.raises(BadInput, match=r"holds results of pair/1 .*--out another folder"):
+            compare(path, out, only=only, workers=1)
+    assert {name: (out / name).read_bytes() for name in FILES} == before
+
+
+def test_an_experiment_that_was_renamed_in_the_lab_file_is_said_to_be_gone(compared, out):
+    (experiment,) = compared.lab.experiments
+    renamed = replace(compared.lab, experiments=(replace(experiment, id="pair-1"),))
+    (said,) = subject._stale(renamed, renamed.experiments, out)
+    assert said.startswith("pair/1: no longer in lab.toml")
+    assert list(subject._stale(compared.lab, compared.lab.experiments, out)) == []
+
+
+def test_a_model_made_of_other_contacts_is_said_to_act_all_the_same(compared):
+    from rigtwin.lab.materials import KnownContact
+    from rigtwin.lab.model import Model
+
+    def remarks(*names):
+        model = Model(contacts={names: KnownContact(restitution=0.5)}, effects={"air drag": {}})
+        return list(subject._made_for_others(Path("model.toml"), model, compared.lab.experiments))
+
+    (said,) = remarks("D6_ABS", "glass")
+    assert "pair/1: model.toml has contacts of D6_ABS-glass and none of bead-bead; its effects (air drag)" in said
+    assert remarks("bead", "bead") == []
 
 
 def test_an_experiment_without_any_usable_repetition_is_an_error_that_leaves_old_results(lab, compared, out):

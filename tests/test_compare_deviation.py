@@ -181,7 +181,7 @@ def test_a_setting_handed_to_the_twin_is_not_counted_as_agreement():
 
 def test_the_verdict_says_which_side_is_high_only_when_the_difference_is_told_from_chance():
     def verdict(simulated):
-        return compared([quantity(0.5, 0.006)], [quantity(simulated, 0.008)])[0].verdict
+        return compared([quantity(0.5, 0.006)] * 2, [quantity(simulated, 0.008)])[0].verdict
 
     assert verdict(0.515) == "agrees"
     assert verdict(0.525) == "twin probably too high"
@@ -202,13 +202,29 @@ def test_a_right_twin_is_called_wrong_in_one_of_twenty_labs_however_few_their_re
     assert np.mean([abs(row.z) > row.coverage_factor for row in rows]) == pytest.approx(0.05, abs=0.017)
 
 
-def test_two_repetitions_that_scatter_cannot_convict_a_twin_that_one_sure_measurement_can():
+def test_two_repetitions_that_scatter_cannot_convict_a_twin_that_two_known_by_their_scale_can():
     loose = [quantity(0.50, 1e-4, budget={"tracking": 1e-4}), quantity(0.51, 1e-4, budget={"tracking": 1e-4})]
-    sure = [quantity(0.505, 0.005, budget={"scale": 0.005})]
+    sure = [quantity(0.505, 0.005, budget={"scale": 0.005})] * 2
     twin = [quantity(0.53, 1e-6)]
-    few, one = compared(loose, twin)[0], compared(sure, twin)[0]
-    assert few.z == pytest.approx(one.z, rel=1e-3)
-    assert (few.verdict, one.verdict) == ("too few repetitions to tell", "twin too high")
+    few, both = compared(loose, twin)[0], compared(sure, twin)[0]
+    assert few.z == pytest.approx(both.z, rel=1e-3)
+    assert (few.verdict, both.verdict) == ("too few repetitions to tell", "twin too high")
+
+
+def test_one_repetition_convicts_no_twin_however_well_it_is_measured():
+    (row,) = compared([quantity(0.40, 1e-4)], [quantity(0.50, 1e-4)])
+    assert row.z > 50
+    assert row.verdict == "too few repetitions to tell"
+    assert row.coverage_factor == math.inf
+    assert "how much repetitions differ is not in the uncertainty" in row.note
+    (left,) = compared([quantity(0.40, 1e-4), quantity(0.41, 1e-4, doubtful="blurred")], [quantity(0.50, 1e-4)])
+    assert left.verdict == "too few repetitions to tell"
+
+
+def test_one_repetition_tells_that_a_rig_is_not_set_as_stated():
+    height = [quantity(value, 0.001, "drop_height", "m", "fit") for value in (0.30, 0.32)]
+    row = compared(height[:1], height[1:], set_from={"drop_height": "stated"})[0]
+    assert row.verdict == "differs from the setting"
 
 
 def test_the_first_bounce_and_both_sides_come_before_later_bounces_single_sides_and_other_methods():
@@ -269,7 +285,7 @@ def test_the_csv_has_the_agreed_columns_and_empty_cells_for_what_cannot_be_told(
 def test_what_a_film_finds_one_way_and_a_twin_another_is_compared_where_each_knows_one():
     film = Quantity("discharge_time", 0.80, 0.01, "s", "edge of the slide to the last bead")
     twin = Quantity("discharge_time", 0.76, 0.001, "s", "given to last passage")
-    (row,) = deviations("it", "hopper", [film], [twin])
+    (row,) = deviations("it", "hopper", [film, film], [twin])
     assert row.percent_deviation == pytest.approx(-5.0)
     assert row.note == "the twin's method: given to last passage"
     other = Quantity("discharge_time", 0.70, 0.01, "s", "5 to 95 %")

@@ -46,6 +46,14 @@ def test_a_table_that_is_not_reproduced_is_named(capsys, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+def keep(folder: Path, table: int, *, warnings=(), **plan_of):
+    """Finished runs of a table's quick part, without running them."""
+    (folder / "runs").mkdir(exist_ok=True)
+    for one in plan([table], quick=True, repetitions=None, seed=1, **plan_of).runs:
+        result = {"discharge_time_s": 1.0, "graphical_deg": 20.0, "warnings": list(warnings)}
+        (folder / "runs" / one.file_name).write_text(json.dumps({"result": result}))
+
+
 @pytest.fixture
 def filled(monkeypatch):
     """Runs that give the paper's own DEM values for the first cell and half of it for the others."""
@@ -154,8 +162,47 @@ def test_kept_results_are_shown_without_running_anything(tmp_path, monkeypatch):
     from rigtwin.compare import runs as queue
 
     monkeypatch.setattr(queue, "spawned", lambda *_: pytest.fail("something was run"))
+    keep(tmp_path, 16)
     assert run(["reproduce", "hlosta2020", "--table", "16", "--kept", "--quiet", "--out", str(tmp_path)]) == 0
     assert "Table 16" in (tmp_path / "report.html").read_text()
+
+
+def test_where_nothing_is_kept_that_is_said_and_nothing_written(tmp_path, capsys):
+    asked = ["reproduce", "hlosta2020", "--table", "16", "--kept", "--out"]
+    assert run([*asked, str(tmp_path / "nosuch")]) == 2
+    assert "no finished run" in capsys.readouterr().err
+    assert not (tmp_path / "nosuch").exists()
+    keep(tmp_path, 16)
+    assert run([*asked, str(tmp_path)]) == 0
+    before = (tmp_path / "cells.csv").read_text()
+    for other in (["--seed", "2"], ["--rolling-model", "C"]):
+        assert run([*asked, str(tmp_path), *other]) == 2
+    assert (tmp_path / "cells.csv").read_text() == before
+
+
+def test_cells_that_are_not_asked_for_again_are_said_to_be_replaced(tmp_path, capsys):
+    for table in (14, 16):
+        keep(tmp_path, table)
+    asked = ["reproduce", "hlosta2020", "--quick", "--kept", "--out", str(tmp_path)]
+    assert run([*asked, "--table", "14", "--table", "16"]) == 0
+    assert "replaced" not in capsys.readouterr().out
+    assert run([*asked, "--table", "16", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["replaced"].startswith("3 finished cells or points (table 14, type A)")
+    assert run([*asked, "--table", "16"]) == 0
+    assert "replaced" not in capsys.readouterr().out
+
+
+def test_what_runs_warn_of_is_told_once_for_each_kind(tmp_path, capsys):
+    keep(tmp_path, 16, warnings=["impacts pressed beads up to 9.2% of a radius; do something"])
+    (one, *_) = (tmp_path / "runs").glob("*D12*.json")
+    worst = "impacts pressed beads up to 12.5% of a radius; do something"
+    one.write_text(one.read_text().replace("impacts pressed beads up to 9.2% of a radius; do something", worst))
+    assert run(["reproduce", "hlosta2020", "--table", "16", "--quick", "--kept", "--out", str(tmp_path)]) == 0
+    said = "in 3 of 3 runs: impacts pressed beads up to 12.5% of a radius"
+    assert f"warning: {said}\n" in capsys.readouterr().out
+    for name in ("report.html", "reproduction.md"):
+        text = (tmp_path / name).read_text()
+        assert text.count(said) == text.count("impacts pressed") == 1
 
 
 def test_a_run_costs_as_its_spheres_and_steps_and_the_quick_part_takes_minutes():
@@ -169,8 +216,7 @@ def test_a_run_costs_as_its_spheres_and_steps_and_the_quick_part_takes_minutes()
 
 
 def test_progress_counts_the_cost_of_what_is_done(tmp_path):
-    table = "rigtwin.lab.reference.hlosta2020:table"
-    runs = [Run("dear", table, {"number": 7}, 30.0), Run("cheap", table, {"number": 16}, 10.0)]
+    runs = [Run(name, "builtins:dict", {"cost": cost}, cost) for name, cost in (("dear", 30.0), ("cheap", 10.0))]
     run_all(runs[1:], tmp_path)
     seen = []
     run_all(runs, tmp_path, progress=lambda _stage, done, whole: seen.append((done, whole)))
@@ -211,6 +257,8 @@ def test_the_twin_rolls_by_the_law_that_the_table_names(law, monkeypatch):
 
 def test_the_law_of_the_tables_is_an_option(tmp_path, capsys):
     said = {"A-explicit": "type A explicit", "C": "type C"}
+    for law in ROLLING:
+        keep(tmp_path, 16, rolling=law)
     for option, law in (([], "type A"), *((["--rolling-model", name], law) for name, law in said.items())):
         asked = ["reproduce", "hlosta2020", "--table", "16", "--kept", *option, "--json", "--out", str(tmp_path)]
         assert run(asked) == 0

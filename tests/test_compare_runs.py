@@ -14,10 +14,10 @@ def test_finished_runs_are_kept_and_not_run_again(tmp_path):
     assert list(first.results) == ["table-13", "table-16"]
     for file in tmp_path.glob("table-13-*.json"):
         record = json.loads(file.read_text())
-        record["result"] = "from the folder"
+        record["result"] = {"from": "the folder"}
         file.write_text(json.dumps(record))
     again = run_all([table(13), table(16), table(7)], tmp_path)
-    assert again.results["table-13"] == "from the folder"
+    assert again.results["table-13"] == {"from": "the folder"}
     assert again.results["table-16"] == first.results["table-16"]
     assert len(again.results["table-7"]) == 14
 
@@ -36,10 +36,14 @@ def test_a_run_that_fails_says_why_and_the_others_go_on(tmp_path):
     assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_a_result_cut_short_by_a_crash_is_run_again(tmp_path):
-    run_all([table(16)], tmp_path)
+def test_a_result_cut_short_or_spoilt_is_run_again(tmp_path):
+    one = Run("one", "builtins:dict", {"number": 16})
+    run_all([one], tmp_path)
     (file,) = tmp_path.iterdir()
     whole = file.read_text()
-    file.write_text(whole[: len(whole) // 2])
-    assert len(run_all([table(16)], tmp_path).results["table-16"]) == 7
+    assert run_all([one], tmp_path, only_kept=True).results == {"one": {"number": 16}}
+    for left in (whole[: len(whole) // 2], "[]", "null", "3", '{"result": 5}', '{"result": {}}', '{"result": null}'):
+        file.write_text(left)
+        assert not run_all([one], tmp_path, only_kept=True).results, left
+    assert run_all([one], tmp_path).results == {"one": {"number": 16}}
     assert file.read_text() == whole

@@ -5,6 +5,7 @@ import math
 import shutil
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -570,6 +571,13 @@ def test_a_fall_from_a_bridge_is_no_length_in_millimetres(tmp_path, unit, says):
         assert read_tracked_lab(tmp_path).setting("drop_height_m") == [45.0]
 
 
+def test_a_track_that_is_a_copy_of_another_is_refused(tmp_path):
+    lab = write_drops(tmp_path / "lab", 79, beads=("heavy",), heights=(0.1,), repetitions=3)
+    (lab / "heavy_100/rep03.csv").write_bytes((lab / "heavy_100/rep01.csv").read_bytes())
+    with pytest.raises(BadInput, match=r"rep03\.csv: holds the same as .*rep01\.csv"):
+        read_tracked_lab(lab)
+
+
 def test_two_conditions_that_read_one_file_are_refused(tmp_path):
     lab = write_drops(tmp_path / "lab", 79, beads=("heavy",), heights=(0.1, 0.3), repetitions=1)
     document = json.loads((lab / "lab.json").read_text())
@@ -732,16 +740,40 @@ def test_a_row_off_the_path_and_a_frame_lost_without_a_trace_are_left_out_by_nam
 def test_a_key_of_lab_json_that_is_nearly_a_known_one_is_told_and_remarks_are_not(tmp_path):
     file = write_drops(tmp_path, 5, beads=("heavy",), heights=(0.6,), repetitions=1) / "lab.json"
     document = json.loads(file.read_text())
-    assert read_tracked_lab(file).misspelt == ()
+    assert read_tracked_lab(file).overlooked == ()
     document["camera"]["scale_uncertanty_rel"] = 0.01
     document["camera"].pop("scale_uncertainty_rel", None)
     document["camera"]["lens"] = 35
     document["rig_geometry"] = {"waiting_time": "ten seconds", "plate_levl_uncertainty_deg": 0.3}
     file.write_text(json.dumps(document))
-    said = read_tracked_lab(file).misspelt
+    said = read_tracked_lab(file).overlooked
     assert len(said) == 2
     assert said[0].startswith("scale_uncertanty_rel: is not read; was scale_uncertainty_rel meant?")
     assert said[1].startswith("plate_levl_uncertainty_deg: ")
+
+
+def test_a_file_beside_the_stated_repetitions_and_a_rate_that_the_tracks_do_not_have_are_told(tmp_path):
+    file = write_drops(tmp_path, 5, beads=("heavy",), heights=(0.6,), repetitions=3) / "lab.json"
+    document = json.loads(file.read_text())
+    document["camera"]["frame_rate_hz"] /= 2
+    document["conditions"][0]["repetitions"] = 2
+    file.write_text(json.dumps(document))
+    unread, rate = read_tracked_lab(file).overlooked
+    assert "heavy_600/rep03.csv is there and is not read, for 2 repetitions are stated" in unread
+    assert "a frame rate of 120 Hz is stated, but its tracks have 239.8 rows a second" in rate  # times to 10 us
+
+
+def test_too_few_repetitions_of_a_lab_toml_are_refused_before_anything_is_measured(tmp_path, monkeypatch):
+    from rigtwin.compare.diagnose import notebook
+
+    monkeypatch.setattr(notebook, "_tracks", lambda *_: pytest.fail("something was measured"))
+    with pytest.raises(BadInput, match=r"3 repetitions in all; at least 5 are needed"):
+        tracked_lab(Path(__file__).parent.parent / "sample_media", ["drop-D6-steel"])
+
+
+def test_a_folder_that_is_no_lab_is_told_both_files_that_it_could_hold(tmp_path):
+    with pytest.raises(BadInput, match=r"lab\.json.* lab\.toml"):
+        read_tracked_lab(tmp_path / "nosuch")
 
 
 def test_an_uncertainty_without_its_unit_and_a_wall_of_another_name_are_told(tmp_path):
@@ -751,12 +783,12 @@ def test_an_uncertainty_without_its_unit_and_a_wall_of_another_name_are_told(tmp
     document["camera"] = {"frame_rate_hz": 240, "scale_uncertainty": 0.01}
     document["walls"] = {f"{wall}s": {"thickness_m": 0.01}, "another": {"thickness_m": 0.02}}
     file.write_text(json.dumps(document))
-    first, second = read_tracked_lab(file).misspelt
+    first, second = read_tracked_lab(file).overlooked
     assert first.startswith("scale_uncertainty: is not read; was scale_uncertainty_rel meant?")
     assert second == f"walls: {wall}s: is not read, for no condition has this wall; was {wall} meant?"
     document["walls"][wall] = {"thickness_m": 0.01}
     file.write_text(json.dumps(document))
-    assert read_tracked_lab(file).misspelt == (first,)
+    assert read_tracked_lab(file).overlooked == (first,)
 
 
 def test_a_bead_that_never_rolled_says_nothing_and_a_lab_of_such_is_refused(tmp_path):

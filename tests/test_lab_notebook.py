@@ -153,8 +153,21 @@ def test_what_the_file_defines_goes_before_the_paper_and_only_gaps_are_filled(fo
 @pytest.mark.parametrize("again", ["r01.mp4", "./r01.mp4"])
 def test_a_clip_listed_twice_is_refused_for_it_is_no_second_measurement(folder, again):
     message, _ = refusal(folder, '"r02.csv"', f'"{again}"')
-    assert "experiments[0].repetitions[1]" in message
+    assert "experiment 1, repetition 2" in message
     assert "listed twice" in message
+
+
+@pytest.mark.parametrize("one", ["r01.mp4", "r01.mp4/1.png"])
+def test_a_copy_of_a_clip_under_another_name_is_refused_and_both_are_named(folder, one):
+    for name in (one, one.replace("r01.mp4", "r02.csv")):
+        if "/" in name:
+            (folder / name).parent.unlink()
+            (folder / name).parent.mkdir()
+        (folder / name).write_bytes(b"film")
+    with pytest.raises(BadLabFile, match=r"experiment 1, repetition 2: .*r02\.csv holds the same as .*r01\.mp4"):
+        read_lab(folder)
+    (folder / one).write_bytes(b"Film")
+    assert len(read_lab(folder).experiments[0].repetitions) == 2
 
 
 @pytest.mark.parametrize("name", ["C6", "C6_24s", "P6x15_3s"])
@@ -177,64 +190,64 @@ def test_each_experiment_names_the_pairs_that_touch_in_it(folder):
     "case",
     [
         # wrong units and values
-        ('"240 Hz"', '"240 mm"', "experiments[0].camera.frame_rate", "240 mm", "wrong unit for a frequency"),
+        ('"240 Hz"', '"240 mm"', "experiment 1, camera.frame_rate", "240 mm", "wrong unit for a frequency"),
         ('"0.0710 g"', '"0.0710 kg"', "particles.oak-bead.mass", "0.0710 kg", "more than any metal"),
-        ('"240 Hz"', '"fast"', "experiments[0].camera.frame_rate", "fast", "'240 Hz'"),
-        ('"240 Hz"', '"0 Hz"', "experiments[0].camera.frame_rate", "0 Hz", "above 0"),
-        ('"0.2 mm/px"', '"0.2 mm"', "experiments[0].camera.scale", "0.2 mm", "wrong unit for a scale"),
-        ('"-1.5 deg"', "1.5", "experiments[0].camera.camera_roll", "camera_roll", "85.9 degrees"),
-        ('"10,20,300,400"', '"10,20"', "experiments[0].camera.region", "region", "x,y,width,height"),
-        ("100 mm:0,0,500,0", "100 mm", "experiments[1].camera.known_length", "known_length", "100mm:x1,y1,x2,y2"),
-        ('"60 frames"', '"6 frames"', "experiments[0].camera.end", "end =", "not after start"),
-        ('"12 frames"', '"-1 s"', "experiments[0].camera.start", "start =", "before the clip begins"),
+        ('"240 Hz"', '"fast"', "experiment 1, camera.frame_rate", "fast", "'240 Hz'"),
+        ('"240 Hz"', '"0 Hz"', "experiment 1, camera.frame_rate", "0 Hz", "above 0"),
+        ('"0.2 mm/px"', '"0.2 mm"', "experiment 1, camera.scale", "0.2 mm", "wrong unit for a scale"),
+        ('"-1.5 deg"', "1.5", "experiment 1, camera.camera_roll", "camera_roll", "85.9 degrees"),
+        ('"10,20,300,400"', '"10,20"', "experiment 1, camera.region", "region", "x,y,width,height"),
+        ("100 mm:0,0,500,0", "100 mm", "experiment 2, camera.known_length", "known_length", "100mm:x1,y1,x2,y2"),
+        ('"60 frames"', '"6 frames"', "experiment 1, camera.end", "end =", "not after start"),
+        ('"12 frames"', '"-1 s"', "experiment 1, camera.start", "start =", "before the clip begins"),
         ('"11 GPa"', '"11 kg"', "materials.ash.youngs_modulus", "11 kg", "wrong unit for a pressure"),
         ("0.44", "0.5", "materials.ash.poisson_ratio", "poisson_ratio", "at most 0.499"),
         ("restitution = 0.5", "restitution = 1.2", "contacts.steel-oak-bead.restitution", "1.2", "at most 1"),
         ("restitution = 0.5", "static_friction = nan", "contacts.steel-oak-bead.static_friction", "nan", "finite"),
         ('"6 mm"', "6e3", "particles.oak-bead.diameter", "6e3", "at most 10"),
         ('"6 mm"', '"-6 mm"', "particles.oak-bead.diameter", "-6 mm", "above 0"),
-        ("count = 1000", "count = 0", "experiments[2].count", "count", "whole number"),
-        ("count = 1000", 'count = "many"', "experiments[2].count", "count", "'many' is not a whole number"),
-        ('"40 deg"', '"200 deg"', "experiments[1].release_angle", "200 deg", "at most"),
-        ('"piling"', '"heaping"', "experiments[2].variant", "heaping", "'piling'"),
-        ('"piling"', '"emptying"', "experiments[2].drain_diameter", '[[experiments]]\nid = "pile-1"', "missing"),
+        ("count = 1000", "count = 0", "experiment 3, count", "count", "whole number"),
+        ("count = 1000", 'count = "many"', "experiment 3, count", "count", "'many' is not a whole number"),
+        ('"40 deg"', '"200 deg"', "experiment 2, release_angle", "200 deg", "at most"),
+        ('"piling"', '"heaping"', "experiment 3, variant", "heaping", "'piling'"),
+        ('"piling"', '"emptying"', "experiment 3, drain_diameter", '[[experiments]]\nid = "pile-1"', "missing"),
         ('"Ash beads on steel"', "3", "lab.title", "title", "put it in quotes"),
         # missing and unknown keys, wrong shapes
         ('diameter = "6 mm"\n', "", "particles.oak-bead.diameter", "[particles.oak-bead]", 'diameter = "6.2 mm"'),
-        ('wall = "steel"\nbase', "base", "experiments[2].wall", '[[experiments]]\nid = "pile-1"', "missing"),
-        ('base_diameter = "90 mm"', "", "experiments[2].base_diameter", '[[experiments]]\nid = "pile-1"', "missing"),
-        ('rig = "drop"\n', "", "experiments[0].rig", '[[experiments]]\nid = "drop-1"', 'rig = "drop"'),
-        ("frame_rate", "framerate", "experiments[0].camera.framerate", "framerate", "did you mean 'frame_rate'"),
+        ('wall = "steel"\nbase', "base", "experiment 3, wall", '[[experiments]]\nid = "pile-1"', "missing"),
+        ('base_diameter = "90 mm"', "", "experiment 3, base_diameter", '[[experiments]]\nid = "pile-1"', "missing"),
+        ('rig = "drop"\n', "", "experiment 1, rig", '[[experiments]]\nid = "drop-1"', 'rig = "drop"'),
+        ("frame_rate", "framerate", "experiment 1, camera.framerate", "framerate", "did you mean 'frame_rate'"),
         ("[lab]", "[lap]", "lap", "[lap]", "did you mean 'lab'"),
-        ("count = 1000", "drop_height = 1", "experiments[2].drop_height", "drop_height", "unknown key"),
-        ('["r01.mp4"]', '"r01.mp4"', "experiments[1].repetitions", 'repetitions = "r01', "is not a list"),
-        ('["r01.mp4"]', "[]", "experiments[1].repetitions", "repetitions = []", "is empty"),
-        ('["r01.mp4"]', "[7]", "experiments[1].repetitions[0]", "[7]", "not a file name"),
+        ("count = 1000", "drop_height = 1", "experiment 3, drop_height", "drop_height", "unknown key"),
+        ('["r01.mp4"]', '"r01.mp4"', "experiment 2, repetitions", 'repetitions = "r01', "is not a list"),
+        ('["r01.mp4"]', "[]", "experiment 2, repetitions", "repetitions = []", "is empty"),
+        ('["r01.mp4"]', "[7]", "experiment 2, repetition 1", "[7]", "not a file name"),
         (
             'camera = { known_length = "100 mm:0,0,500,0" }',
             "camera = 3",
-            "experiments[1].camera",
+            "experiment 2, camera",
             "camera = 3",
             "table",
         ),
         # names
-        ('id = "pile-1"', 'id = "drop-1"', "experiments[2].id", '"drop-1"\nrig = "pile"', "line 18"),
-        ('particle = "D12"', 'particle = "D11"', "experiments[1].particle", "D11", "[particles.D11]"),
-        ('particle = "oak-bead"', 'particle = "oak-bed"', "experiments[0].particle", "oak-bed", "did you mean 'oak-b"),
-        ('wall = "steel"\nrep', 'wall = "steal"\nrep', "experiments[0].wall", "steal", "did you mean 'steel'"),
+        ('id = "pile-1"', 'id = "drop-1"', "experiment 3, id", '"drop-1"\nrig = "pile"', "line 18"),
+        ('particle = "D12"', 'particle = "D11"', "experiment 2, particle", "D11", "[particles.D11]"),
+        ('particle = "oak-bead"', 'particle = "oak-bed"', "experiment 1, particle", "oak-bed", "did you mean 'oak-b"),
+        ('wall = "steel"\nrep', 'wall = "steal"\nrep', "experiment 1, wall", "steal", "did you mean 'steel'"),
         ('material = "ash"', 'material = "oak"', "particles.oak-bead.material", '= "oak"', "[materials.oak]"),
         ("[contacts.steel-oak-bead]", "[contacts.lead-D6]", "contacts.lead-D6", "lead-D6", "'lead'"),
         ("[contacts.steel-oak-bead]", "[contacts.steel]", "contacts.steel", "[contacts.steel]", "D6-steel"),
         ("[contacts.steel-oak-bead]", "[contacts.steel-ash]", "contacts.steel-ash", "steel-ash", "a particle"),
         ('mass = "0.0710 g"', 'mass = 1\ndensity = "1 g/cm^3"', "particles.oak-bead.mass", "mass = 1", "both given"),
         ("[particles.oak-bead]", "[particles.ash]", "particles.ash", "[particles.ash]", "also a material"),
-        ('"double"', '"wall"', "experiments[1].wall", '[[experiments]]\nid = "pendulum-1"', "missing"),
-        ('"double"', '"double"\nwall = "steel"', "experiments[1].wall", 'wall = "steel"\nparticle', "no wall"),
+        ('"double"', '"wall"', "experiment 2, wall", '[[experiments]]\nid = "pendulum-1"', "missing"),
+        ('"double"', '"double"\nwall = "steel"', "experiment 2, wall", 'wall = "steel"\nparticle', "no wall"),
         # rigs and media
-        ('rig = "drop"', 'rig = "dorp"', "experiments[0].rig", "dorp", "did you mean 'drop'"),
-        ('"r02.csv"]', '\n"r03.csv"]', "experiments[0].repetitions[1]", "r03.csv", "no file"),
-        ('"p3.jpg"', '"."', "experiments[2].repetitions[1]", '"."', "no file"),
-        ('["r01.mp4", "r02.csv"]', '[["r01.mp4", "r02.csv"]]', "experiments[0].repetitions[0]", '[["r01', "one file"),
+        ('rig = "drop"', 'rig = "dorp"', "experiment 1, rig", "dorp", "did you mean 'drop'"),
+        ('"r02.csv"]', '\n"r03.csv"]', "experiment 1, repetition 2", "r03.csv", "no file"),
+        ('"p3.jpg"', '"."', "experiment 3, repetition 2", '"."', "no file"),
+        ('["r01.mp4", "r02.csv"]', '[["r01.mp4", "r02.csv"]]', "experiment 1, repetition 1", '[["r01', "one file"),
     ],
 )
 def test_a_wrong_entry_is_refused_with_key_line_and_advice(folder, case):
@@ -284,7 +297,7 @@ def test_of_several_slips_the_first_by_line_is_told_and_where_the_others_stand(f
     message, text = refusal(
         folder, '[experiments.camera]\nframe_rate = "240 Hz"\nscale', "[experiments.camera]\nfps = 1\nscael"
     )
-    assert "experiments[0].camera.fps" in message
+    assert "experiment 1, camera.fps" in message
     line = text.count("\n", 0, text.index("scael")) + 1
     assert message.removesuffix(".").endswith(f"(and 1 more, see line {line})")
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rigtwin.lab.quantity import Check, Measurement, Quantity, root_sum_of_squares
+from rigtwin.lab.quantity import Check, Measurement, Quantity, doubted, root_sum_of_squares
 
 # numbers below 1e-308 are zero wherever a library has told the processor so
 FLOATS = st.floats(allow_subnormal=False)
@@ -76,3 +76,8 @@ def test_a_measurement_prints_the_document_of_the_command():
     assert read["checks"][0]["passed"] is True
     assert read["quantities"][0]["bounce"] == 1
     assert read["files"] == {"plot": "out/plot.svg"}
+
+
+def test_reasons_for_doubt_stand_in_a_row_without_full_stops():
+    found = doubted(Quantity("restitution_wall", 0.44, 0.01, "1", "height"), "a clip of 240 Hz.; the rim shows 6.5 mm.")
+    assert found.doubtful == "a clip of 240 Hz; the rim shows 6.5 mm"

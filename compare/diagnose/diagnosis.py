@@ -24,7 +24,7 @@ from rigtwin.compare.diagnose.drop import DropBench
 from rigtwin.compare.diagnose.fit import Fit, fit, screen
 from rigtwin.compare.diagnose.formula import Formula, find_formula, fixed_forms
 from rigtwin.compare.diagnose.gap import Beside, Gap, beside, closed, gap, names, noise_floor
-from rigtwin.compare.diagnose.labs import BULK, TrackedLab
+from rigtwin.compare.diagnose.labs import BULK, TrackedLab, need_repetitions
 from rigtwin.compare.diagnose.locate import Disagreement, Location, Regioned, locate
 from rigtwin.compare.diagnose.naming import ALARM, FORM, Naming, name_effects, spread_of
 from rigtwin.compare.diagnose.pendulum import PendulumBench
@@ -40,7 +40,6 @@ from rigtwin.sim.effects.effect import WIDENING
 from rigtwin.sim.effects.forms import nameless
 
 MOST_RIVALS = 3  # of a set, that the next experiment is computed for
-FEWEST = 5  # repetitions in a lab, below which nothing is named
 SURE = 1e-4  # of the residual statistic, below which something is left over
 CERTAIN = 1e-8  # ... below which it is sure that something disagrees, whatever it is
 CLEARLY = 1.5  # times the noise floor: a gap of which a share can be told
@@ -146,12 +145,7 @@ def diagnose(
     asked = lab.repetitions
     lab, left_out = sifted(lab)
     check_heights(lab)
-    if lab.repetitions < FEWEST:
-        still = f", {asked - lab.repetitions} more in which nothing moved" if asked > lab.repetitions else ""
-        raise BadInput(
-            f"{lab.folder}: {lab.repetitions} repetitions in all{still}; at least {FEWEST} are needed to tell an "
-            "effect from scatter."
-        )
+    need_repetitions(lab.folder, lab.repetitions, still=asked - lab.repetitions)
     candidates = [effect for effect in (*(library() if listed is None else listed), *own) if acts(effect, lab)]
     try:
         bench = bench_of(lab)
@@ -172,7 +166,7 @@ def diagnose(
             "in which hardly anything moves.  Where all is right, RIGTWIN_DEBUG=1 shows where it failed."
         ) from error
     broken = [f"{title}: not tried, for its equations have no solution for these tracks" for title in naming.broken]
-    told = replace(told, left_out=(*lab.misspelt, *lab.assumed(candidates), *left_out, *broken))
+    told = replace(told, left_out=(*lab.overlooked, *lab.assumed(candidates), *left_out, *broken))
     return replace(told, next_experiment=_next(told), seconds=time.process_time() - begun)
 
 
@@ -502,8 +496,9 @@ def in_words(location: Location | None) -> str:
     regions = dict.fromkeys(one.region for one in location.found)
     top = location.found[0]
     where = ", ".join(list(regions)[:3])
+    conditions = f"{len(experiments)} condition{'s' if len(experiments) > 1 else ''}"
     return (
-        f"{len(location.found)} of {location.tested} regions disagree, in {len(experiments)} conditions "
+        f"{len(location.found)} of {location.tested} regions disagree, in {conditions} "
         f"({', '.join(list(experiments)[:3])}{' ...' if len(experiments) > 3 else ''}); strongest in {top.record} "
         f"during the {top.region} of {top.experiment} (z = {top.z:.1f}, {1e3 * top.deviation:.3f} mm); "
         f"mostly {where}"

@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from rigtwin.lab.errors import BadLabFile
+from rigtwin.lab.content import copies
+from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.materials import no_bead_has
 from rigtwin.lab.records import Track, read_tracks
 from rigtwin.lab.units import LONGEST
@@ -26,6 +27,7 @@ from rigtwin.sim.effects.effect import Effect, Parameter
 LARGEST_BEAD = 0.5  # [m]
 TRACKED = ("drop", "pendulum", "double", "slide", "roll")
 BULK = ("pile", "hopper", "drum")
+FEWEST = 5  # repetitions in a lab, below which nothing is named
 OPTIONAL = (
     "scale_m_per_px", "tracking_noise_px", "tracking_noise_m", "scale_uncertainty_rel", "frame_rate_uncertainty_rel",
     "roll_uncertainty_deg", "drop_height_uncertainty_m", "length_uncertainty_m", "release_angle_uncertainty_deg",
@@ -56,6 +58,9 @@ TABLES = ("walls", "rig_geometry")
 BEYOND = 30.0  # times as long as what is seen of a motion: 300 mm and what is seen of them are 1000 apart
 FARTHEST, FASTEST = 100.0, 60.0  # [m] from the origin, and [m/s]: a fall from 180 m
 LARGEST = 1e300  # of any number: what a float can hold
+OTHER_RATE = (
+    0.1  # relative: times rounded to the millisecond make 250 of 240 rows a second, another rate is another step
+)
 EARLY = 0.2  # [s], in which a clock that starts with the film has shown a row, some lost frames allowed for
 
 
@@ -114,8 +119,8 @@ class TrackedLab:
     folder: Path
     stated: Mapping[str, Any] = field(default_factory=dict)
     """The whole document as it stands in the file."""
-    misspelt: tuple[str, ...] = ()
-    """Keys that are not read and look like one that would be, each with the one that it looks like."""
+    overlooked: tuple[str, ...] = ()
+    """Keys and files that are not read and look like ones that would be, and stated rates that tracks do not have."""
 
     @property
     def repetitions(self) -> int:
@@ -234,6 +239,16 @@ def on_the_bench(rig: str, repetition: tuple[Track, ...]) -> tuple[Track, ...]:
     return tuple(replace(track, time=track.time - begin) for track in repetition)
 
 
+def need_repetitions(folder: Path, there: int, still: int = 0) -> None:
+    """Refuse a lab of few repetitions: in `still` more of them nothing moved."""
+    if there < FEWEST:
+        more = f", {still} more in which nothing moved" if still else ""
+        raise BadInput(
+            f"{folder}: {there} repetition{'' if there == 1 else 's'} in all{more}; at least {FEWEST} are needed to "
+            "tell an effect from scatter."
+        )
+
+
 def start_of(track: Track) -> float:
     """[m], x where a bead is before it is let go."""
     return float(np.median(track.position[:5, 0]))
@@ -271,12 +286,21 @@ def read_tracked_lab(path: Path) -> TrackedLab:
         conditions=conditions,
         folder=file.parent,
         stated=document,
-        misspelt=tuple(dict.fromkeys((*_misspelt(document), *_misnamed(document.get("walls") or {}, used)))),
+        overlooked=tuple(
+            dict.fromkeys(
+                (
+                    *_misspelt(document),
+                    *_misnamed(document.get("walls") or {}, used),
+                    *_one_more(file, raw_conditions, conditions),
+                    *other_rates(conditions, [camera.frame_rate] * len(conditions)),
+                )
+            )
+        ),
     )
 
 
 def _read_once(file: Path, conditions: Sequence[Condition]) -> None:
-    """Refuse conditions that read the same files."""
+    """Refuse conditions that read the same files, and repetitions that are copies of others."""
     owners: dict[Path, Condition] = {}
     for condition in conditions:
         for one in condition.files:
@@ -286,13 +310,25 @@ def _read_once(file: Path, conditions: Sequence[Condition]) -> None:
                     f"{file}: conditions: {owner.name} and {condition.name} both read {one}; one condition holds all "
                     "repetitions of a setting, and each setting has a name and files of its own."
                 )
+    moving = (
+        (file.parent / one).resolve()
+        for condition in conditions
+        for one, each in zip(condition.files, condition.repetitions, strict=True)
+        if any(
+            np.ptp(track.position, axis=0).any() for track in each
+        )  # what stands as still as can be is alike by itself
+    )
+    for original, copy in copies(moving):  # counted again it would make an effect surer without a measurement
+        raise BadLabFile(f"{copy}: holds the same as {original}; a copy is no repetition: take one of them out.")
 
 
 def _document(file: Path) -> dict[str, Any]:
     try:
         document = json.loads(file.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
-        raise BadLabFile(f"{file}: no such file; give a folder with a lab.json of tracked repetitions.") from None
+        raise BadLabFile(
+            f"{file}: no such file; give a folder with a lab.json of tracked repetitions, or with a lab.toml."
+        ) from None
     except OSError as error:
         raise BadLabFile(f"{file}: cannot be read ({error.strerror}); check the path and its permissions.") from None
     except UnicodeDecodeError:
@@ -360,6 +396,30 @@ def _misnamed(walls: Mapping[str, Any], used: Collection[str]) -> Iterator[str]:
             yield f"walls: {name}: is not read, for no condition has this wall; was {meant} meant?"
 
 
+def _one_more(file: Path, raw_conditions: Sequence[Any], conditions: Sequence[Condition]) -> Iterator[str]:
+    """Files that go on with the numbers where the repetitions that are stated end."""
+    for raw, condition in zip(raw_conditions, conditions, strict=False):  # rigs of many particles have none
+        count = len(condition.files)
+        if (file.parent / (more := _pattern(raw, condition.name) % (count + 1))).is_file():
+            yield f"condition {condition.name}: {more} is there and is not read, for {count} repetitions are stated"
+
+
+def other_rates(conditions: Sequence[Condition], stated: Sequence[float | None]) -> Iterator[str]:
+    """Conditions whose rows do not follow one another at the rate [1/s] that is stated; times are taken as they are."""
+    for condition, rate in zip(conditions, stated, strict=True):
+        steps = [float(np.median(np.diff(track.time))) for each in condition.repetitions for track in each]
+        found = 1 / float(np.median(steps))
+        if rate is not None and abs(math.log(found / rate)) > OTHER_RATE:
+            yield (
+                f"condition {condition.name}: a frame rate of {rate:g} Hz is stated, but its tracks have {found:.4g} "
+                "rows a second; time_s is believed: where the stated rate is right, all times are wrong by that factor"
+            )
+
+
+def _pattern(raw: Mapping[str, Any], name: str) -> str:
+    return str(raw.get("files") or f"{name}/rep%02d.csv")
+
+
 def _camera(document: Mapping[str, Any], file: Path, rig: str) -> Camera:
     raw = document.get("camera") or {}
     if not isinstance(raw, dict):
@@ -387,7 +447,7 @@ def _condition(document: Mapping[str, Any], raw: Any, file: Path, rig: str) -> C
     count = raw["repetitions"]
     if not isinstance(count, int) or isinstance(count, bool) or count < 1:
         raise BadLabFile(f"{file}: condition {name}: repetitions: {count!r} is not a whole number of at least 1.")
-    pattern = str(raw.get("files") or f"{name}/rep%02d.csv")
+    pattern = _pattern(raw, name)
     try:
         first = pattern % 1
     except (TypeError, ValueError):

@@ -9,7 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
-from rigtwin.compare.diagnose.labs import Bead, Camera, Condition, TrackedLab, on_the_bench
+from rigtwin.compare.diagnose.labs import (
+    Bead,
+    Camera,
+    Condition,
+    TrackedLab,
+    need_repetitions,
+    on_the_bench,
+    other_rates,
+)
 from rigtwin.compare.repetitions import Failure, measure_repetition
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.notebook import Experiment, Lab, read_lab
@@ -39,6 +47,7 @@ def tracked_lab(path: Path, only: Sequence[str] = (), progress: Progress = silen
             f"{lab.path}: {chosen[0].id} and {others[0]} are different rigs; a diagnosis looks at one: name its "
             "experiments with --only ID, given again for each."
         )
+    need_repetitions(lab.path, sum(len(one.repetitions) for one in chosen))  # before the measuring, which takes long
     conditions, sigmas = [], []
     for number, experiment in enumerate(chosen):
         progress("tracks", number, len(chosen))
@@ -63,8 +72,9 @@ def tracked_lab(path: Path, only: Sequence[str] = (), progress: Progress = silen
         name: {"density_kg_m3": m.density, "youngs_modulus_Pa": m.youngs_modulus, "poissons_ratio": m.poisson_ratio}
         for name, m in lab.materials.items()
     }
+    odd = tuple(other_rates(conditions, [one.camera.frame_rate for one in chosen]))
     return TrackedLab(
-        lab.title, rig, GRAVITY, camera, geometry, tuple(conditions), lab.folder, {"walls": about}
+        lab.title, rig, GRAVITY, camera, geometry, tuple(conditions), lab.folder, {"walls": about}, odd
     )  # fmt: skip
 
 

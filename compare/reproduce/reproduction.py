@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +15,7 @@ from rigtwin.compare.reproduce import rigs
 from rigtwin.compare.reproduce.studies import Points, Study, studies
 from rigtwin.compare.reproduce.tables import Cell, Plan, plan
 from rigtwin.compare.runs import Done, run_all
+from rigtwin.lab.errors import BadInput
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.wording import title
@@ -36,6 +39,8 @@ class Reproduction:
     out: Path
     studies: tuple[Study, ...] = ()
     files: dict[str, Path] = field(default_factory=dict)
+    replaced: str = ""
+    """What the files held before and hold no longer."""
 
     @property
     def rows(self) -> list[dict[str, Any]]:
@@ -79,6 +84,17 @@ class Reproduction:
         rolled = {f"rolling, {law}" if len(laws) > 1 else "rolling": rigs.ROLLED[law] for law in laws}
         return {name: rigs.ASSUMED[name] for name in names} | rolled
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the runs say against themselves, each kind once: in how many runs, and as the worst of them says it."""
+        kinds: dict[str, list[str]] = {}
+        for result in self.done.results.values():
+            for warning in result.get("warnings") or ():
+                words = warning.partition(";")[0]  # advice behind it is of `simulate`'s options
+                kinds.setdefault(_NUMBER.sub("#", words), []).append(words)
+        runs = len(self.done.results)
+        return tuple(f"in {len(said)} of {runs} runs: {max(said, key=_first_number)}" for said in kinds.values())
+
     def to_json(self) -> dict[str, Any]:
         """The document of `rigtwin reproduce --json`."""
         return {
@@ -88,8 +104,18 @@ class Reproduction:
             "studies": {study.name: study.points(self.done.results) for study in self.studies},
             "assumptions": dict(self.assumptions),
             "failures": dict(self.done.failures),
+            "warnings": list(self.warnings),
+            "replaced": self.replaced,
             "files": {name: str(path) for name, path in self.files.items()},
         }
+
+
+_NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+
+
+def _first_number(warning: str) -> float:
+    found = _NUMBER.search(warning)
+    return float(found[0]) if found else 0.0
 
 
 def _pattern(rows: Sequence[dict[str, Any]]) -> dict[str, float | None]:
@@ -124,8 +150,11 @@ def reproduce(
     `study` names influence studies; without tables or studies named, and not `quick`, all of both are run.
     `rolling` is the law by which all runs resist rolling; each law's runs are kept beside the other's.  `repetitions`
     runs with different seeds fill a cell or a study's point; finished runs are kept in ``out/runs`` and not run again,
-    and with `only_kept` nothing else is shown.  Raises `BadInput` for an unknown table or study.
+    and with `only_kept` nothing else is shown.  Raises `BadInput` for an unknown table or study, and where nothing
+    is kept that could be shown.
     """
+    if only_kept and not any((out / "runs").glob("*.json")):  # found out before what planning costs
+        raise _none_kept(out)
     wanted = Plan((), ())
     if tables or not study:
         wanted = plan(tables, quick=quick, repetitions=repetitions, seed=seed, rolling=rolling)
@@ -133,7 +162,10 @@ def reproduce(
     runs, shown = studies(asked, repetitions=repetitions, seed=seed, rolling=rolling)
     every = {run.name: run for run in (*wanted.runs, *runs)}
     done = run_all(tuple(every.values()), out / "runs", workers=workers, only_kept=only_kept, progress=progress)
+    if only_kept and not done.results:
+        raise _none_kept(out)
     reproduction = Reproduction(wanted.cells, done, out, tuple(shown))
+    reproduction = replace(reproduction, replaced=_replaced(out / "cells.json", reproduction))
     names = ("cells.csv", "cells.json", "report.html", "reproduction.md")
     reproduction.files.update({name: out / name for name in names})
     contents = {
@@ -144,6 +176,40 @@ def reproduce(
     }
     results.write_together(out, contents)
     return reproduction
+
+
+def _none_kept(out: Path) -> BadInput:
+    return BadInput(
+        f"{out / 'runs'}: no finished run of what is asked for is kept there; leave --kept out to run it, or give "
+        "--out, --seed and --rolling-model of the runs that were kept."
+    )
+
+
+def _replaced(file: Path, reproduction: Reproduction) -> str:
+    """What the files of an earlier call show and this one's will not; the runs themselves stay."""
+    try:
+        before = set(_shown(json.loads(file.read_text(encoding="utf-8"))))
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):  # none, or not of ours
+        return ""
+    lost = before - set(_shown(reproduction.to_json()))
+    if not lost:
+        return ""
+    parts = "; ".join(sorted({part for part, _ in lost}))
+    return (
+        f"{len(lost)} finished cells or points ({parts}) stood in the files of {file.parent} and were not asked for now"
+        "; their runs are kept, and --kept with the options of then shows them again"
+    )
+
+
+def _shown(document: Mapping[str, Any]) -> Iterator[tuple[str, tuple[Any, ...]]]:
+    """The finished cells and points of a document, each with the table or study that it is in."""
+    for row in document["cells"]:
+        if row["ours"] is not None:
+            yield f"table {row['table']}, {row['rolling_model']}", (row["row"], row["quantity"])
+    for study, readings in document["studies"].items():
+        for reading, points in readings.items():
+            for place, *_ in points:
+                yield f"study {study}", (reading, place)
 
 
 def page(reproduction: Reproduction, template: str = "reproduction.html") -> str:
@@ -165,6 +231,7 @@ def page(reproduction: Reproduction, template: str = "reproduction.html") -> str
         tables=list(zip(reproduction.scores, reproduction.tables.values(), strict=True)),
         assumptions=reproduction.assumptions,
         failures=reproduction.done.failures,
+        warnings=reproduction.warnings,
     )
 
 
