@@ -28,6 +28,7 @@ CENTRE, VELOCITY, TURN, MOMENTUM = slice(0, 3), slice(3, 6), slice(6, 10), slice
 MOMENTS, MASS, PUSH, TORQUE, IDENT, KIND = slice(13, 16), 16, slice(17, 20), slice(20, 23), 23, 24
 MEMBER_SIZE = 4  # place in the body's axes 3, number of the body (-1: none)
 NEWTON_STEPS = 5  # moments that differ by a factor of twenty need no more
+ALL_BUT_HELD = 1e-9  # relative: a spin that is stopped but for so little rests; what is left of it has no digits
 
 Array = npt.NDArray[np.float64]
 
@@ -289,7 +290,7 @@ def braked_momentum(along, moments, most):
     """
     size = along.norm()
     left = ti.Vector([0.0, 0.0, 0.0])
-    if size > most:
+    if size > most * (1.0 + ALL_BUT_HELD):
         # Newton's method from above on a concave function; at once exact where all moments are the same
         s = ti.max(moments[0], moments[1], moments[2]) * most / (size - most)
         if most > 0.0:
