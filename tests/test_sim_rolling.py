@@ -214,15 +214,16 @@ def test_a_body_that_is_all_but_stopped_rests():
     from rigtwin.sim.engine.bodies import braked_momentum
 
     start(threads=1)
-    shares = 1 + np.array([-1e-3, 0.0, 2.3e-16, 4.5e-16, 1e-14, 1e-11, 1e-6, 1e-2])
-    most, moments = 1.1e-11, 8.58e-10
-    left = ti.field(ti.f64, len(shares))
+    most = np.random.default_rng(1).uniform(1e-11, 1e-9, 500)
+    left = ti.field(ti.f64, len(most))
+    values = ti.types.ndarray(ti.f64, 1)
 
     @ti.kernel
-    def brake(size: ti.types.ndarray(ti.f64, 1)):
+    def brake(size: values, most: values):
         for k in range(size.shape[0]):
-            along = ti.Vector([0.6, 0.0, 0.8]) * size[k]
-            left[k] = braked_momentum(along, ti.Vector([moments, moments, moments]), most).norm()
+            moments = ti.Vector([8.58e-10, 8.58e-10, 8.58e-10])
+            left[k] = braked_momentum(ti.Vector([0.6, 0.0, 0.8]) * size[k], moments, most[k]).norm()
 
-    brake(most * shares)
-    assert left.to_numpy() == pytest.approx(most * np.maximum(shares - 1, 0), rel=1e-6, abs=1e-9 * most)
+    for size in (0.999 * most, most, most * (1 + 2.3e-16), most * (1 + 1e-14), most * (1 + 1e-6), most * 1.01):
+        brake(size, most)
+        assert left.to_numpy() == pytest.approx(np.maximum(size - most, 0), rel=1e-6, abs=2e-9 * most.max())

@@ -46,9 +46,7 @@ ASSUMED = {
     "drum": "the PMMA drum is 30 mm deep and 35 % full, and its end walls turn with it (the paper gives none of these; "
     "in its experiment and its simulation beads of 12 mm lie 10 to 22 degrees steeper than those of 6 mm with like "
     "frictions, which only near end walls do to ours: 16 degrees, graphical, where they are 30 mm apart, 10 at 50 mm)",
-    "wall": "bowls are of steel; drum, cylinder and the conical hopper of PMMA",
-    "slot_wall": "the slot hopper is of aluminum: the paper says that its flow refined the inputs, and of what touches "
-    "aluminum tables A4 and A6 have other values than the tests of single particles in tables 8 and 11",
+    "wall": "bowls are of steel; drum, cylinder and hoppers of PMMA",
     "slot": "the hopper of section 2.2.5 is a slot 68 mm long, whose width is the printed outlet (a round outlet of "
     "that size would pass a tenth of the printed flow)",
     "conical": "particles that left the conical hopper of section 2.2.3 within 5 s, over 5 s, as the printed number of "
@@ -160,7 +158,7 @@ def drum(
 
 
 def slot_hopper(
-    particle: str, *, outlet: float, count: int, seed: int, wall: str = "aluminum", rolling: Rolling = "type C"
+    particle: str, *, outlet: float, count: int, seed: int, wall: str = "PMMA", rolling: Rolling = "type C"
 ) -> dict[str, Any]:
     """Discharge time [s] of the slot hopper (table 16)."""
     from rigtwin.compare.bulk_twins import hopper_twin

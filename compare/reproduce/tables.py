@@ -253,10 +253,7 @@ def _discharges(number: int, quick: bool, repetitions: int | None, seed: int) ->
         outlet = float(row["outlet_mm"]) * 1e-3
         lasts = cost.of_discharge(particle, count, float(row["discharge_time_dem_s"]))
         repeated = repetitions or (1 if quick else 3)
-        runs = [
-            _run("slot_hopper", particle, seed + k, lasts, count=count, outlet=outlet, wall="aluminum")
-            for k in range(repeated)
-        ]
+        runs = [_run("slot_hopper", particle, seed + k, lasts, count=count, outlet=outlet) for k in range(repeated)]
         yield (
             runs,
             Cell(
@@ -270,7 +267,7 @@ def _discharges(number: int, quick: bool, repetitions: int | None, seed: int) ->
                 None,
                 tuple(run.name for run in runs),
                 "discharge_time_s",
-                ("slot", "slot_wall"),
+                ("slot", "wall"),
             ),
         )
 
