@@ -306,6 +306,22 @@ def test_an_interrupt_ends_with_code_130(monkeypatch, capfd):
     assert json.loads(capfd.readouterr().out)["error"]["type"] == "interrupted"
 
 
+def test_an_interrupted_twin_says_what_is_kept_and_the_next_run_where_it_goes_on(monkeypatch, capfd):
+    stop = KeyboardInterrupt()
+    stop.add_note("the run is kept up to t = 0.25 s in heap.npz; the same command goes on from there.")
+
+    def twin(*_cast, **_settings):
+        raise stop
+
+    monkeypatch.setattr("rigtwin.compare.bulk_twins.pile_twin", twin)
+    np.savez("heap.npz", words=np.array(json.dumps({"time_s": 0.25})))
+    arguments = ["simulate", "pile", "--base-diameter", "90mm", "--checkpoint", "heap.npz"]
+    assert run(arguments) == 130
+    going_on, interrupted = capfd.readouterr().err.splitlines()
+    assert going_on == "heap.npz is kept at t = 0.25 s; the run goes on from there."
+    assert interrupted == f"rigtwin: interrupted; {stop.__notes__[0]}"
+
+
 def test_init_makes_a_lab_file_that_is_never_overwritten(capfd):
     assert run(["init", "bench"]) == 0
     assert "rigtwin compare bench" in capfd.readouterr().out
