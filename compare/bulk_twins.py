@@ -14,7 +14,7 @@ import numpy.typing as npt
 from rigtwin.compare.twin import Twin, settings_of
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Evaluation
+from rigtwin.lab.quantity import Evaluation, doubted, failed
 from rigtwin.lab.records import Profile, Series
 from rigtwin.lab.rigs import Drum, Hopper, Packing, Pile
 
@@ -100,6 +100,9 @@ def drum_twin(
         speed=abs(rig.speed),
         bead_diameter=cast.particle.diameter,
     )
+    checks = drum.checks(rig, cast.particle, rotation)
+    quantities = tuple(doubted(one, failed(checks)) for one in evaluation.quantities)
+    evaluation = replace(evaluation, quantities=quantities, checks=(*checks, *evaluation.checks))
     course = {
         "count": rotation.count,
         "turns": rotation.turns,
