@@ -40,7 +40,7 @@ Upright = Annotated[
     str | None, option("--wall", "NAME", "Of --variant wall: steel, ... or a material of --lab; steel.")
 ]
 Restitution = Annotated[
-    float | None, quantity("--restitution", "number", "0..1", "Restitution of the contact.", highest=1.0)
+    float | None, quantity("--restitution", "number", "0..1", "Restitution of the contact, above 0.", highest=1.0)
 ]
 StaticFriction = Annotated[
     float | None, quantity("--static-friction", "number", "MU", "Static friction between particles.", zero=True)
@@ -72,7 +72,7 @@ ContactLaw = Annotated[
 ]
 ImpactSpeed = Annotated[
     float | None,
-    quantity("--impact-speed", "speed", "1m/s", "Where springs of the linear law are as stiff as Hertz's contacts; 1 m/s."),
+    quantity("--impact-speed", "speed", "1m/s", "Where linear springs are as stiff as Hertz's contacts; 1 m/s."),
 ]
 Kept = Annotated[
     Path | None, file_option("--checkpoint", "FILE.npz", "Keep the run here, and go on from it where it was stopped.")
@@ -371,7 +371,8 @@ def simulate_drum(
         float | None, quantity("--depth", "length", "50mm", "Inner length of the drum; half its diameter.")
     ] = None,
     fill: Annotated[
-        float | None, quantity("--fill", "number", "0..1", "Share of the drum that the bed takes; 0.35.", highest=1.0)
+        float | None,
+        quantity("--fill", "number", "0..0.9", "Share of the drum that the bed takes, below 0.9; 0.35.", highest=0.9),
     ] = None,
     turns: Annotated[float, quantity("--turns", "number", "N", "How often the drum turns; 1.")] = 1.0,
     count: Annotated[

@@ -149,7 +149,8 @@ def checks(rig: Drum, particle: Particle, rotation: Rotation) -> tuple[Check, ..
     elif froude >= THROWN:
         words += ": beads are thrown across the drum, and no surface flows; turn it more slowly."
     share = _share(rotation.count, rig, _filled_in(rig)[0], particle)
-    filled = FLOWING[0] < share < FLOWING[1]
+    least, most = FLOWING
+    filled = least < share < most
     looks = int((rotation.time >= rotation.steady_from).sum())
     longer = rotation.turns >= 2 * STEADY_AFTER and looks >= FEWEST_LOOKS
     return (
@@ -160,7 +161,7 @@ def checks(rig: Drum, particle: Particle, rotation: Rotation) -> tuple[Check, ..
             share,
             FILL,
             f"{rotation.count} beads fill {share:.2g} of the drum"
-            + ("." if filled else f": no bed of less than {FLOWING[0]:g} or more than {FLOWING[1]:g} flows over itself."),
+            + ("." if filled else f": no bed of less than {least:g} or more than {most:g} flows over itself."),
         ),
         Check(
             "turned_enough",

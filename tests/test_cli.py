@@ -249,7 +249,7 @@ def test_an_unknown_experiment_is_refused_with_the_known_ones(tmp_path, capfd):
         (["simulate", "pendulum", "--length", "300mm", "--release-angle", "180deg"], "180 degrees, more than 179"),
         (["simulate", "drum", "--drum-diameter", "140mm", "--speed", "3"], "write it with its unit, like '3 rpm'"),
         (["measure", "drop", "x.mp4", "--known-length", "100:1,2,3,4"], "100 m long; write the length with its unit"),
-        (["simulate", "pendulum", "--length", "300mm", "--release-angle", "45deg", "--wall", "steel"], "--variant wall"),
+        (["simulate", "pendulum", "--length", "9cm", "--release-angle", "45deg", "--wall", "steel"], "--variant wall"),
         (["simulate", "drum", "--drum-diameter", "60mm", "--speed", "3rpm", "--count", "9", "--fill", "0.3"], "--fill"),
         (["simulate", "hopper", "--variant", "conical", "--outlet", "30mm", "--depth", "3m"], "--variant slot"),
         (["simulate", "packing", "--impact-speed", "3m/s"], "--contact-law linear"),
@@ -443,6 +443,23 @@ def test_a_twin_too_short_to_measure_gets_advice_on_its_settings(capfd):
 )
 def test_a_twin_of_a_million_seconds_is_refused_at_once(rig, capfd):
     refused(["simulate", *rig, "--duration", "1e6s"], capfd, "2.4e+08 frames", "shorter duration")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("tilt --variant slide --speed 0.01deg/s", ["frames at 240 Hz", "minutes", "a frame rate of at most"]),
+        ("tilt --variant slide --duration 1s", ["the body stays where it is", "try a longer duration"]),
+        ("packing --count 1", ["a count of 1 makes no bed", "cover the floor"]),
+        ("hopper --outlet 30mm --count 1", ["a count of 1 makes no flow"]),
+        ("hopper --outlet 30mm --count 60 --duration 0.05s", ["more are on their way; give a longer duration"]),
+        ("drop --drop-height 300mm --restitution 0.01", ["try a higher frame rate, a greater drop height or"]),
+        ("pendulum --length 190mm --release-angle 120deg", ["try a higher frame rate, a greater length."]),
+    ],
+)
+@pytest.mark.usefixtures("started_engine")
+def test_a_twin_with_nothing_to_measure_names_the_setting_that_is_to_blame(arguments, words, capfd):
+    refused(["simulate", *arguments.split()], capfd, *words)
 
 
 def test_results_are_written_even_when_nobody_listens(tmp_path):
