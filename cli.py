@@ -293,12 +293,14 @@ def run(arguments: list[str]) -> int:
 
 
 def _fault(error: Exception, as_json: bool) -> int:
-    from rigtwin.lab.errors import RigtwinError
+    from rigtwin.lab.errors import Interrupted, RigtwinError
 
     if os.environ.get("RIGTWIN_DEBUG"):
         import traceback
 
         traceback.print_exception(error)
+    if isinstance(error, Interrupted):
+        return _fail("interrupted", str(error), error.exit_code, as_json)
     if isinstance(error, RigtwinError):
         return _fail(type(error).__name__, str(error), error.exit_code, as_json)
     if isinstance(error, MemoryError):

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from rigtwin.commands.options import Command, Json, Quiet, out_option, with_options
-from rigtwin.commands.show import progress_bars, show_measurement, show_twin
+from rigtwin.commands.show import progress_bars, show_measurement, show_twin, tell_going_on
 
 Work = partial[Any]
 
@@ -52,14 +52,25 @@ def simulated(rig: str) -> Callable[[Command], Command]:
     default = Path(f"out/simulate-{rig}")
 
     def around(own: Command, *, out: Path | None, as_json: bool, quiet: bool) -> None:
-        show_twin(_done(own(), hidden=as_json or quiet), out or default, as_json, quiet)
+        work, hidden = own(), as_json or quiet
+        checkpoint = work.keywords.get("checkpoint")
+        if checkpoint is not None and checkpoint.exists() and not hidden:
+            tell_going_on(checkpoint)
+        show_twin(_done(work, hidden=hidden), out or default, as_json, quiet)
 
     return lambda command: with_options(command, _with_out(f"Folder for results; {default} by default."), around)
 
 
 def _done(work: Work, *, hidden: bool) -> Any:
     with progress_bars(hidden) as progress:
-        return work(progress=progress)
+        try:
+            return work(progress=progress)
+        except KeyboardInterrupt as stop:
+            if not (kept := getattr(stop, "__notes__", None)):
+                raise
+            from rigtwin.lab.errors import Interrupted
+
+            raise Interrupted(f"interrupted; {' '.join(kept)}") from stop
 
 
 def _with_out(help_text: str) -> dict[str, tuple[Any, Any]]:

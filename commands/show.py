@@ -103,6 +103,14 @@ def _show_scale(console: Console, camera: Mapping[str, Any]) -> None:
             console.print(f"[dim]scale:[/dim] {known} mm/px, from {escape(str(source))}")
 
 
+def tell_going_on(checkpoint: Path) -> None:
+    """A line on stderr from where a run goes on that was stopped."""
+    from rigtwin.sim.engine.checkpoint import kept_time
+
+    if (kept := kept_time(checkpoint)) is not None:
+        sys.stderr.write(f"{checkpoint} is kept at t = {kept:.4g} s; the run goes on from there.\n")
+
+
 def show_twin(twin: Twin, out: Path, as_json: bool, quiet: bool) -> None:
     """What a twin gave; its record and quantities go into `out`."""
     from rigtwin.compare.twin import write_twin

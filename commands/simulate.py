@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
@@ -36,8 +36,11 @@ LabFolder = Annotated[
 ]
 ParticleName = Annotated[str, option("--particle", "NAME", "D4, D6, D12, ... or a particle of --lab.")]
 WallName = Annotated[str, option("--wall", "NAME", "steel, ... or a material of --lab.")]
+Upright = Annotated[
+    str | None, option("--wall", "NAME", "Of --variant wall: steel, ... or a material of --lab; steel.")
+]
 Restitution = Annotated[
-    float | None, quantity("--restitution", "number", "0..1", "Restitution of the contact.", highest=1.0)
+    float | None, quantity("--restitution", "number", "0..1", "Restitution of the contact, above 0.", highest=1.0)
 ]
 StaticFriction = Annotated[
     float | None, quantity("--static-friction", "number", "MU", "Static friction between particles.", zero=True)
@@ -68,7 +71,7 @@ ContactLaw = Annotated[
     Literal["Hertz-Mindlin", "linear"], typer.Option("--contact-law", help="Springs and dashpots of the contacts.")
 ]
 ImpactSpeed = Annotated[
-    float,
+    float | None,
     quantity("--impact-speed", "speed", "1m/s", "Where linear springs are as stiff as Hertz's contacts; 1 m/s."),
 ]
 Kept = Annotated[
@@ -103,7 +106,7 @@ def bulk(*, wall: str, count: int | None = None) -> Callable[[Command], Command]
         "forced": (Forced, False),
         "rolling": (RollingModel, "C"),
         "contact_law": (ContactLaw, "Hertz-Mindlin"),
-        "impact_speed": (ImpactSpeed, 1.0),
+        "impact_speed": (ImpactSpeed, None),
         "threads": (Threads, None),
         "device": (Device, "cpu"),
         "checkpoint": (Kept, None),
@@ -114,9 +117,21 @@ def bulk(*, wall: str, count: int | None = None) -> Callable[[Command], Command]
     def gather(**said: Any) -> Callable[[], tuple[Any, dict[str, Any]]]:
         asked = {name: value for name, value in said.items() if name not in casting}
         asked["rolling"] = rolling_law(asked["rolling"])
+        only_with("--contact-law", asked["contact_law"], {"--impact-speed": (asked["impact_speed"], "linear")})
+        if asked["impact_speed"] is None:
+            del asked["impact_speed"]
         return lambda: (cast_of(**{name: said[name] for name in casting}), asked)
 
     return gathered("run", options, gather)
+
+
+def only_with(choice: str, chosen: str, given: Mapping[str, tuple[Any, str]]) -> None:
+    """Refuse what would change nothing: options by name that are given, though another of the choices needs them."""
+    from rigtwin.lab.errors import BadInput
+
+    for name, (value, needs) in given.items():
+        if value is not None and needs != chosen:
+            raise BadInput(f"{name} belongs to {choice} {needs}, here it is {chosen}; leave one of them out.")
 
 
 def rolling_law(said: str) -> Rolling:
@@ -159,16 +174,21 @@ def simulate_drop(
     particle: ParticleName = "D6",
     wall: WallName = "steel",
     lab: LabFolder = None,
-    bounces: Annotated[int, typer.Option("--bounces", min=1, max=50, help="How many bounces to show.")] = 4,
+    bounces: Annotated[
+        int | None, typer.Option("--bounces", min=1, max=50, help="How many bounces to show; 4.", show_default=False)
+    ] = None,
     restitution: Restitution = None,
     frame_rate: TwinRate = 240.0,
     duration: Duration = None,
 ) -> Work:
     """A bead dropped on a plate."""
     from rigtwin.compare import cast
+    from rigtwin.lab.errors import BadInput
     from rigtwin.lab.rigs import Drop
 
-    rig = Drop(drop_height, bounces)
+    if bounces is not None and duration is not None:
+        raise BadInput("--bounces and --duration both say when the record ends; leave one of them out.")
+    rig = Drop(drop_height) if bounces is None else Drop(drop_height, bounces)
     model = cast.model_of(lab)
     bead, plate = cast.particle(particle, model), cast.wall(wall, model)
     contact = cast.contact(bead.name, plate.name, model, ("restitution",), restitution=restitution)
@@ -191,7 +211,7 @@ def simulate_pendulum(
         Literal["double", "wall"], typer.Option(help="Two beads, or one bead against an upright wall.")
     ] = "double",
     particle: ParticleName = "D12",
-    wall: WallName = "steel",
+    wall: Upright = None,
     lab: LabFolder = None,
     restitution: Restitution = None,
     frame_rate: TwinRate = 240.0,
@@ -201,9 +221,10 @@ def simulate_pendulum(
     from rigtwin.compare import cast
     from rigtwin.lab.rigs import Pendulum
 
+    only_with("--variant", variant, {"--wall": (wall, "wall")})
     rig = Pendulum(length, release_angle, variant)
     model = cast.model_of(lab)
-    bead, upright = cast.particle(particle, model), cast.wall(wall, model) if variant == "wall" else None
+    bead, upright = cast.particle(particle, model), cast.wall(wall or "steel", model) if variant == "wall" else None
     other = bead.name if upright is None else upright.name
     contact = cast.contact(bead.name, other, model, ("restitution",), restitution=restitution)
     from rigtwin.compare.twin import pendulum_twin
@@ -244,7 +265,6 @@ def simulate_pile(
     run: Run,
 ) -> Work:
     """A heap on a round base, its slope seen from four sides."""
-    from rigtwin.lab.errors import BadInput
     from rigtwin.lab.rigs import Pile
 
     others = {
@@ -254,9 +274,7 @@ def simulate_pile(
         "--lift-speed": (lift_speed, "pouring"),
         "--drain-diameter": (drain_diameter, "emptying"),
     }
-    for name, (given, needs) in others.items():
-        if given is not None and needs != method:
-            raise BadInput(f"{name} belongs to --method {needs}, this heap is made by {method}; leave one of them out.")
+    only_with("--method", method, others)
     rig = Pile(
         base_diameter,
         rim_height,
@@ -295,6 +313,7 @@ def simulate_tilt(
     from rigtwin.compare import cast
     from rigtwin.lab.rigs import Tilt
 
+    only_with("--variant", variant, {"--rolling-friction": (rolling_friction, "roll")})
     rig = Tilt(variant, speed)
     model = cast.model_of(lab)
     bead, plate = cast.particle(particle, model), cast.wall(wall, model)
@@ -352,7 +371,8 @@ def simulate_drum(
         float | None, quantity("--depth", "length", "50mm", "Inner length of the drum; half its diameter.")
     ] = None,
     fill: Annotated[
-        float | None, quantity("--fill", "number", "0..1", "Share of the drum that the bed takes; 0.35.", highest=1.0)
+        float | None,
+        quantity("--fill", "number", "0..0.9", "Share of the drum that the bed takes, below 0.9; 0.35.", highest=0.9),
     ] = None,
     turns: Annotated[float, quantity("--turns", "number", "N", "How often the drum turns; 1.")] = 1.0,
     count: Annotated[
@@ -361,8 +381,11 @@ def simulate_drum(
     run: Run,
 ) -> Work:
     """A bed in a turning drum: dynamic angle of repose and mixing."""
+    from rigtwin.lab.errors import BadInput
     from rigtwin.lab.rigs import Drum
 
+    if count is not None and fill is not None:
+        raise BadInput("--count and --fill both say how much lies in the drum; leave one of them out.")
     rig = Drum(
         drum_diameter,
         speed,
@@ -397,6 +420,7 @@ def simulate_hopper(
     """A hopper that empties: discharge time and mass flow."""
     from rigtwin.lab.rigs import HopperSettings
 
+    only_with("--variant", variant, {"--depth": (depth, "slot")})
     rig = HopperSettings(variant, bin_width, depth, outlet).rig()
     cast, asked = run()
     from rigtwin.compare.bulk_twins import hopper_twin

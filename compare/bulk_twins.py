@@ -12,14 +12,16 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.compare.twin import Twin, settings_of
+from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Evaluation
+from rigtwin.lab.quantity import Evaluation, doubted, failed
 from rigtwin.lab.records import Profile, Series
 from rigtwin.lab.rigs import Drum, Hopper, Packing, Pile
 
 if TYPE_CHECKING:
     from rigtwin.sim.bench import Numerics
+    from rigtwin.sim.hopper import Discharge
 
 
 class Cast(NamedTuple):
@@ -77,12 +79,21 @@ def packing_twin(
     bed = packing.run(rig, *cast, count=count, seed=seed, progress=progress, **numerics)
     from rigtwin.measure import packing as ruler  # not before the run, which begins the sooner
 
-    evaluation = ruler.evaluate(
-        bed.profiles,
-        cylinder_diameter=rig.cylinder_diameter,
-        total_mass=bed.mass,
-        bead_diameter=cast.particle.diameter,
-    )
+    try:
+        evaluation = ruler.evaluate(
+            bed.profiles,
+            cylinder_diameter=rig.cylinder_diameter,
+            total_mass=bed.mass,
+            bead_diameter=cast.particle.diameter,
+        )
+    except BadInput as error:
+        layer = _one_layer(rig, cast.particle)
+        if bed.placed - bed.missed >= layer:
+            raise
+        raise BadInput(
+            f"a count of {count} makes no bed: about {layer} cover the floor of a cylinder of "
+            f"{rig.cylinder_diameter * 1e3:.3g} mm once; give several times as many."
+        ) from error
     course = {
         "asked": bed.asked,
         "placed": bed.placed,
@@ -120,6 +131,9 @@ def drum_twin(
         speed=abs(rig.speed),
         bead_diameter=cast.particle.diameter,
     )
+    checks = drum.checks(rig, cast.particle, rotation)
+    quantities = tuple(doubted(one, failed(checks)) for one in evaluation.quantities)
+    evaluation = replace(evaluation, quantities=quantities, checks=(*checks, *evaluation.checks))
     course = {
         "count": rotation.count,
         "turns": rotation.turns,
@@ -147,7 +161,12 @@ def hopper_twin(
     discharge = hopper.run(rig, *cast, count=count, seed=seed, duration=duration, progress=progress, **numerics)
     from rigtwin.measure import hopper as ruler  # not before the run, which begins the sooner
 
-    evaluation = ruler.evaluate(discharge.mass_left, total_mass=count * cast.particle.mass, opened=0.0)
+    try:
+        evaluation = ruler.evaluate(discharge.mass_left, total_mass=count * cast.particle.mass, opened=0.0)
+    except BadInput as error:
+        if why := _no_flow(discharge, duration):
+            raise BadInput(why) from error
+        raise
     course = {
         "asked": discharge.asked,
         "emptied": discharge.emptied,
@@ -164,6 +183,32 @@ def cylinder_for(rig: Packing, particle: Particle, count: int) -> Packing:
     """The rig with a measuring cylinder that holds `count` particles with room to spare."""
     loose = 2.2 * count * particle.mass / particle.effective_density / (math.pi / 4 * rig.cylinder_diameter**2)
     return replace(rig, cylinder_height=max(rig.cylinder_height, loose))
+
+
+def _one_layer(rig: Packing, particle: Particle) -> int:
+    """How many particles cover the cylinder's floor once."""
+    from rigtwin.sim.drum import PACKING
+
+    return math.ceil(PACKING * math.pi / 4 * rig.cylinder_diameter**2 * particle.diameter / particle.volume)
+
+
+def _no_flow(discharge: Discharge, duration: float | None) -> str:
+    """What setting is to blame where no discharge can be read from the run; empty where it is the hopper itself."""
+    from rigtwin.sim.hopper import STUCK
+
+    end = float(discharge.mass_left.time[-1])
+    if discharge.emptied == discharge.asked:
+        return (
+            f"a count of {discharge.asked} makes no flow: all is out after {end:.2g} s; "
+            "give more particles or a narrower outlet."
+        )
+    latest = float(discharge.outlet_times[-1]) if discharge.emptied else 0.0
+    if duration is not None and end >= duration and end - latest <= STUCK:
+        return (
+            f"duration: {duration:g} s after the opening {discharge.emptied} of {discharge.asked} particles have left "
+            "and more are on their way; give a longer duration, or none to wait until the flow has stopped."
+        )
+    return ""
 
 
 def _twin(

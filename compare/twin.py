@@ -110,7 +110,10 @@ def drop_twin(
     track = drop.run(
         rig, particle, wall, contact, frame_rate=frame_rate, duration=duration, effects=effects, progress=progress
     )
-    with _as_a_twin("drop", "a higher frame rate, a longer duration, a greater drop height"):
+    flight = 2 * contact.restitution * math.sqrt(2 * rig.drop_height / GRAVITY)  # [s], of the first rebound
+    rises = 1e3 * contact.restitution**2 * rig.drop_height
+    higher = f"a greater drop height or restitution (the first rebound rises {rises:.2g} mm in {flight:.2g} s)"
+    with _as_a_twin("drop", _remedies("a higher frame rate", duration, higher)):
         evaluation = ruler.evaluate(track, bead_diameter=particle.diameter, bead_density=None)
     return Twin(
         "drop",
@@ -154,7 +157,9 @@ def pendulum_twin(
         effects=effects,
         progress=progress,
     )
-    with _as_a_twin("pendulum", "a higher frame rate, a longer duration, a greater release angle or length"):
+    # the steeper the release, the faster the beads pass each other: that asks for more frames, not for a greater angle
+    shallow = "a greater release angle or length" if rig.release_angle < math.pi / 4 else "a greater length"
+    with _as_a_twin("pendulum", _remedies("a higher frame rate", duration, shallow)):
         evaluation = ruler.evaluate(
             tracks, variant=rig.variant, length=rig.length, bead_diameter=particle.diameter, bead_mass=None
         )
@@ -170,7 +175,7 @@ def pendulum_twin(
         ),
         tracks=tuple(tracks),
         assumptions=(IDEAL, "Threads have no mass, hinges do not rub, the beads meet at the lowest point."),
-        warnings=acting_on_few(effects, pivots=True)[1],
+        warnings=(*_slack(rig), *acting_on_few(effects, pivots=True)[1]),
         draw=lambda: _strobe(tracks, particle),
         seconds=time.perf_counter() - begun,
     )
@@ -195,7 +200,11 @@ def tilt_twin(
     angle, track = tilt.run(
         rig, particle, wall, contact, frame_rate=frame_rate, duration=duration, effects=effects, progress=progress
     )
-    evaluation = ruler.evaluate(angle, [track], variant=rig.variant, bead_diameter=particle.diameter)
+    # of a slow plate it takes longer than the run
+    progress(f"reading the record, about {len(angle.time) * tilt.A_FRAME:.0f} s", 0, 0)
+    other = "a longer duration" if duration is not None else "a contact with less friction"
+    with _as_a_twin("tilt", other):
+        evaluation = ruler.evaluate(angle, [track], variant=rig.variant, bead_diameter=particle.diameter)
     return Twin(
         "tilt",
         evaluation,
@@ -368,13 +377,29 @@ def _write_picture(path: Path, picture: npt.NDArray[np.uint8]) -> None:
     partial.replace(path)
 
 
+def _slack(rig: Pendulum) -> tuple[str, ...]:
+    """What to say of a bead that is let go from above its hinge."""
+    if rig.release_angle <= math.pi / 2:
+        return ()
+    return (
+        f"a bead let go at {math.degrees(rig.release_angle):.4g} deg falls on a slack thread; the twin holds for a rod "
+        "without mass, so film one, or release at 90 deg or less",
+    )
+
+
+def _remedies(faster: str, duration: float | None, greater: str) -> str:
+    """Settings to try; a record that is not cut short by a `duration` is as long as it need be."""
+    return ", ".join([faster, *(["a longer duration"] if duration is not None else []), greater])
+
+
 @contextmanager
 def _as_a_twin(rig: str, remedies: str) -> Iterator[None]:
     """The ruler's words on a record that it cannot read, with advice on settings where a film's owner gets another."""
     try:
         yield
     except BadInput as error:
-        finding = str(error).removeprefix("bead: ").rpartition("; ")[0] or str(error).rstrip(".")
+        words = str(error).removeprefix("bead: ").removeprefix("the record: ")
+        finding = words.rpartition("; ")[0] or words.rstrip(".")
         raise BadInput(f"the twin of the {rig} gives nothing to measure: {finding}; try {remedies}.") from None
 
 

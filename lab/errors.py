@@ -3,6 +3,7 @@
 ::
 
     RigtwinError                 exit code 1
+    ├── Interrupted              exit code 130: Ctrl-C, with what was kept of the work
     ├── SimulationFailed         exit code 2: a twin broke down: the input asks for what it cannot follow
     └── BadInput                 exit code 2: the input, not the program, is at fault
         ├── BadQuantity          text that is not a number with a fitting unit
@@ -18,6 +19,12 @@ class RigtwinError(Exception):
     """Base of every error rigtwin raises on purpose; the message is one clear sentence."""
 
     exit_code = 1
+
+
+class Interrupted(RigtwinError):
+    """The person stopped the work; the message says what was kept of it."""
+
+    exit_code = 130
 
 
 class SimulationFailed(RigtwinError):

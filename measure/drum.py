@@ -436,7 +436,8 @@ def _falls_check(quantities: Sequence[Quantity]) -> list[Check]:
     least = min(halves, key=lambda one: one.value + SURELY_UP * one.std_uncertainty)
     passed = least.value + SURELY_UP * least.std_uncertainty > 0
     message = (
-        f"the {'upper' if least.quantity == UPPER else 'lower'} half of the surface falls by {least.value:.0f} deg"
+        f"the {'upper' if least.quantity == UPPER else 'lower'} half of the surface falls by {least.value:.0f} "
+        f"± {least.std_uncertainty:.0f} deg"
     )
     ending = "." if passed else ", against the other half: no bed flows so; something else was taken for it."
     return [Check("surface_falls", passed, least.value, 0.0, message + ending)]

@@ -12,8 +12,9 @@ import numpy.typing as npt
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.quantity import Check
 from rigtwin.lab.records import Profile, Series
-from rigtwin.lab.rigs import Drum
+from rigtwin.lab.rigs import GRAVITY, Drum
 from rigtwin.sim import fill
 from rigtwin.sim.bench import Bench, Numerics
 from rigtwin.sim.engine.clock import positive
@@ -32,6 +33,11 @@ FILL = 0.35  # of the volume, where the rig does not say
 PACKING = 0.6  # part of a bed's volume that is beads, by which a fill is counted out in beads
 FULLEST = 0.9  # part of the drum, beyond which nothing turns over
 STEADY_AFTER = 0.25  # turns
+FLOWING = (0.03, 0.7)  # part of the drum; less does not flow over itself, more has hardly a free surface
+# speed^2 R / g; the wall throws beads off where that is the sine of their angle above the axis, so from a half on they
+# fly across the drum from 30 degrees above it, and from 1 on they never leave the wall
+THROWN, CENTRIFUGED = 0.5, 1.0
+FEWEST_LOOKS = 5  # at the steady bed; the scatter of fewer is known no better than to a third
 CELL = 3.0  # bead diameters, side of the cells in which mixing is counted
 FEWEST = 5  # beads in a cell that counts
 
@@ -77,6 +83,7 @@ def run(
     depth, fill = _filled_in(rig)
     _check(rig, particle)
     positive(turns=turns, interval=interval, fill_limit=fill_limit)
+    fill_from = _given(rig.fill) if count is None else "by the number of beads given"
     if count is None:
         volume = math.pi / 4 * rig.diameter**2 * depth
         count = max(1, round(fill * PACKING * volume / particle.volume))
@@ -123,13 +130,47 @@ def run(
         assumptions={
             "depth": f"{depth * 1e3:.3g} mm ({_given(rig.depth)})",
             "fill": f"{count} beads, {_share(count, rig, depth, particle):.1%} of the volume at a packing of "
-            f"{PACKING:g} ({_given(rig.fill)})",
+            f"{PACKING:g} ({fill_from})",
             "end_walls": "of the drum's material, turning with it",
             "filling": f"scattered and let fall, {course.let_go:.2f} s until the bed rested",
             "start": "at full speed at once",
             **bench.assumptions(),
         },
-        warnings=bench.warnings(bulk, logbook) + _warnings(course, turns),
+        warnings=bench.warnings(bulk, logbook) + _warnings(course),
+    )
+
+
+def checks(rig: Drum, particle: Particle, rotation: Rotation) -> tuple[Check, ...]:
+    """Whether a bed turned so has a surface that flows, and was seen for long enough to tell its slope."""
+    froude = rig.speed**2 * rig.diameter / 2 / GRAVITY
+    words = f"the Froude number, speed^2 R / g, is {froude:.2g}"
+    if froude >= CENTRIFUGED:
+        words += ": the drum centrifuges, beads stay at its wall and no surface flows; turn it more slowly."
+    elif froude >= THROWN:
+        words += ": beads are thrown across the drum, and no surface flows; turn it more slowly."
+    share = _share(rotation.count, rig, _filled_in(rig)[0], particle)
+    least, most = FLOWING
+    filled = least < share < most
+    looks = int((rotation.time >= rotation.steady_from).sum())
+    longer = rotation.turns >= 2 * STEADY_AFTER and looks >= FEWEST_LOOKS
+    return (
+        Check("froude_number", froude < THROWN, froude, 0.0, words.rstrip(".") + "."),
+        Check(
+            "fill",
+            filled,
+            share,
+            FILL,
+            f"{rotation.count} beads fill {share:.2g} of the drum"
+            + ("." if filled else f": no bed of less than {least:g} or more than {most:g} flows over itself."),
+        ),
+        Check(
+            "turned_enough",
+            longer,
+            rotation.turns,
+            1.0,
+            f"the drum turned {rotation.turns:g} times, and the bed was looked at {looks} times once it kept its slope"
+            + ("." if longer else f": give more turns, at least {2 * STEADY_AFTER:g} and {FEWEST_LOOKS} looks."),
+        ),
     )
 
 
@@ -150,6 +191,7 @@ def lacey(centres: Array, marked: npt.NDArray[np.bool_], cell: float) -> float:
 
     M = (S0^2 - S^2) / (S0^2 - SR^2), with S0^2 = p (1 - p) apart, SR^2 = p (1 - p) / n at random, and S^2 the variance
     of the marked part among the cells, each weighted by its number of beads (Lacey 1954, J. Appl. Chem. 4, 257).
+    NaN where no cell holds enough beads to count.
 
     >>> lacey(np.array([[0.5, 0, 0]] * 5 + [[1.5, 0, 0]] * 5), np.arange(10) < 5, 1.0)
     0.0
@@ -159,6 +201,8 @@ def lacey(centres: Array, marked: npt.NDArray[np.bool_], cell: float) -> float:
     beads = np.bincount(which)
     share = np.bincount(which, weights=marked) / beads
     counts = beads >= FEWEST
+    if not counts.any():
+        return math.nan
     beads, share = beads[counts], share[counts]
     p = float(np.average(share, weights=beads))
     apart = p * (1 - p)
@@ -299,10 +343,10 @@ def _check(rig: Drum, particle: Particle) -> None:
         )
 
 
-def _warnings(course: _Course, turns: float) -> tuple[str, ...]:
+def _warnings(course: _Course) -> tuple[str, ...]:
     warnings = []
     if not course.in_time:
         warnings.append("the bed was still moving when the drum began to turn; raise fill_limit")
-    if turns < 2 * STEADY_AFTER:
-        warnings.append(f"{turns:g} turns may be too few for a steady slope; give at least {2 * STEADY_AFTER:g}")
+    if not np.isfinite(course.mixing[-1]):
+        warnings.append("so few beads lie together that their mixing cannot be counted; give more of them")
     return tuple(warnings)

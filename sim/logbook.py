@@ -95,7 +95,8 @@ class Logbook:
         self._total = self._most_dissipated = 0.0  # [J], when the last look ended, and ever
         self._work = 0.0  # [J], of moving walls that is in the books
         self._snapshot: tuple[dict[str, Any], State, float] | None = None  # of a look, newer than the file
-        self._taken, self._taking = 0.0, 0.0  # [s], when a snapshot was taken, and what it cost
+        self._taken: float | None = None  # [s], when the latest snapshot was taken
+        self._taking = 0.0  # [s], what it cost
         self._steps_here, self._seconds_here = 0, 0.0  # made by this process, and its time [s] for them
         self.first_frame: float | None = None  # [s], when a trajectory began after the run did
 
@@ -218,6 +219,8 @@ class Logbook:
                 self._checkpoint.write(*self._now())
             elif kind is KeyboardInterrupt and self._snapshot is not None:
                 self._checkpoint.write(*self._snapshot)
+        if self._checkpoint is not None and isinstance(error, KeyboardInterrupt):
+            error.add_note(self._checkpoint.standing)
 
     def _enter(self, budget: Budget) -> None:
         self._total = budget.total
@@ -233,11 +236,12 @@ class Logbook:
     def _remember(self) -> None:
         """Keep the state of a look for Ctrl-C, which comes between two looks; at most a twentieth of the time."""
         began = time.perf_counter()
-        if began - self._taken < max(SNAPSHOT_INTERVAL, 20 * self._taking):
+        if self._taken is not None and began - self._taken < max(SNAPSHOT_INTERVAL, 20 * self._taking):
             return
         self._snapshot = self._now()
-        self._taken = time.perf_counter()
-        self._taking = self._taken - began
+        first, self._taken = self._taken is None, time.perf_counter()
+        # the first snapshot waits for the kernels that read the state to be compiled; no later one costs as much
+        self._taking = 0.0 if first else self._taken - began
 
     def _now(self) -> tuple[dict[str, Any], State, float]:
         """What goes into a checkpoint."""

@@ -62,7 +62,8 @@ def begin(path: Path, kinds: Sequence[str], domain: tuple[Array, Array], *, fram
             f"trajectory: {path.name} has no suffix that tells its format; use .gsd (OVITO) or .vtkhdf (ParaView)."
         )
     part = path.with_name(path.name + ".part")
-    if frames and path.exists() and not part.exists():
+    copied = frames > 0 and path.exists() and not part.exists()
+    if copied:
         shutil.copyfile(path, part)
     if not frames or not part.exists():
         part.unlink(missing_ok=True)
@@ -70,8 +71,12 @@ def begin(path: Path, kinds: Sequence[str], domain: tuple[Array, Array], *, fram
     try:
         return FORMATS[path.suffix](path, kinds, domain, frames)
     except (OSError, RuntimeError, KeyError, EOFError) as trouble:
+        part.with_name(part.name + ".cut").unlink(missing_ok=True)
+        if copied:  # a copy left behind would be taken for the film of a run that was broken off
+            part.unlink(missing_ok=True)
+        broken = part if part.exists() else path
         raise BadInput(
-            f"The trajectory {path} cannot be written or gone on with ({trouble}); move it away or name another."
+            f"The trajectory {broken} cannot be written or gone on with ({trouble}); move it away or name another."
         ) from None
 
 
@@ -99,7 +104,7 @@ class Gsd(Trajectory):
 
         shorter = self.part.with_name(self.part.name + ".cut")
         with gsd.hoomd.open(self.part, mode="r") as old:
-            _enough(self.path, len(old), frames)
+            _enough(len(old), frames)
             if len(old) == frames:
                 return
             with gsd.hoomd.open(shorter, mode="w") as new:
@@ -190,7 +195,7 @@ class VtkHdf(Trajectory):
     def _cut(self, frames: int) -> None:
         root = self._file["VTKHDF"]
         steps = root["Steps"]
-        _enough(self.path, int(steps.attrs["NSteps"]), frames)
+        _enough(int(steps.attrs["NSteps"]), frames)
         points = int(root["NumberOfPoints"][:frames].sum())
         steps.attrs["NSteps"] = np.int64(frames)
         for group in (steps, steps["PointDataOffsets"]):
@@ -237,12 +242,9 @@ class VtkHdf(Trajectory):
 FORMATS: dict[str, type[Gsd | VtkHdf]] = {".gsd": Gsd, ".vtkhdf": VtkHdf}
 
 
-def _enough(path: Path, there: int, wanted: int) -> None:
+def _enough(there: int, wanted: int) -> None:
     if there < wanted:
-        raise BadInput(
-            f"The trajectory {path} holds {there} of the {wanted} frames that the checkpoint knows of; "
-            "put the right one back or name another."
-        )
+        raise EOFError(f"it holds {there} of the {wanted} frames that the checkpoint knows of")
 
 
 def _growing(group: Any, name: str, dtype: npt.DTypeLike, components: int = 0, *, packed: bool = False) -> None:

@@ -259,6 +259,12 @@ def test_a_model_that_is_not_there_is_looked_for_where_a_diagnosis_leaves_it(tmp
         (["simulate", "pendulum", "--length", "300mm", "--release-angle", "180deg"], "180 degrees, more than 179"),
         (["simulate", "drum", "--drum-diameter", "140mm", "--speed", "3"], "write it with its unit, like '3 rpm'"),
         (["measure", "drop", "x.mp4", "--known-length", "100:1,2,3,4"], "100 m long; write the length with its unit"),
+        (["simulate", "pendulum", "--length", "9cm", "--release-angle", "45deg", "--wall", "steel"], "--variant wall"),
+        (["simulate", "drum", "--drum-diameter", "60mm", "--speed", "3rpm", "--count", "9", "--fill", "0.3"], "--fill"),
+        (["simulate", "hopper", "--variant", "conical", "--outlet", "30mm", "--depth", "3m"], "--variant slot"),
+        (["simulate", "packing", "--impact-speed", "3m/s"], "--contact-law linear"),
+        (["simulate", "tilt", "--variant", "slide", "--rolling-friction", "0.5"], "--variant roll"),
+        (["simulate", "drop", "--drop-height", "300mm", "--bounces", "2", "--duration", "1s"], "--bounces"),
         (["compare"], "LAB"),
         (["measure", "drop", "x.mp4", "--no-such-option"], "--no-such-option"),
     ],
@@ -314,6 +320,22 @@ def test_an_interrupt_ends_with_code_130(monkeypatch, capfd):
     monkeypatch.setattr(rigtwin.lab.notebook, "new_lab", interrupted)
     assert run(["init", "lab", "--json"]) == 130
     assert json.loads(capfd.readouterr().out)["error"]["type"] == "interrupted"
+
+
+def test_an_interrupted_twin_says_what_is_kept_and_the_next_run_where_it_goes_on(monkeypatch, capfd):
+    stop = KeyboardInterrupt()
+    stop.add_note("the run is kept up to t = 0.25 s in heap.npz; the same command goes on from there.")
+
+    def twin(*_cast, **_settings):
+        raise stop
+
+    monkeypatch.setattr("rigtwin.compare.bulk_twins.pile_twin", twin)
+    np.savez("heap.npz", words=np.array(json.dumps({"time_s": 0.25})))
+    arguments = ["simulate", "pile", "--base-diameter", "90mm", "--checkpoint", "heap.npz"]
+    assert run(arguments) == 130
+    going_on, interrupted = capfd.readouterr().err.splitlines()
+    assert going_on == "heap.npz is kept at t = 0.25 s; the run goes on from there."
+    assert interrupted == f"rigtwin: interrupted; {stop.__notes__[0]}"
 
 
 def test_init_makes_a_lab_file_that_is_never_overwritten(capfd):
@@ -431,6 +453,23 @@ def test_a_twin_too_short_to_measure_gets_advice_on_its_settings(capfd):
 )
 def test_a_twin_of_a_million_seconds_is_refused_at_once(rig, capfd):
     refused(["simulate", *rig, "--duration", "1e6s"], capfd, "2.4e+08 frames", "shorter duration")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("tilt --variant slide --speed 0.01deg/s", ["frames at 240 Hz", "minutes", "a frame rate of at most"]),
+        ("tilt --variant slide --duration 1s", ["the body stays where it is", "try a longer duration"]),
+        ("packing --count 1", ["a count of 1 makes no bed", "cover the floor"]),
+        ("hopper --outlet 30mm --count 1", ["a count of 1 makes no flow"]),
+        ("hopper --outlet 30mm --count 60 --duration 0.05s", ["more are on their way; give a longer duration"]),
+        ("drop --drop-height 300mm --restitution 0.01", ["try a higher frame rate, a greater drop height or"]),
+        ("pendulum --length 190mm --release-angle 120deg", ["try a higher frame rate, a greater length."]),
+    ],
+)
+@pytest.mark.usefixtures("started_engine")
+def test_a_twin_with_nothing_to_measure_names_the_setting_that_is_to_blame(arguments, words, capfd):
+    refused(["simulate", *arguments.split()], capfd, *words)
 
 
 def test_results_are_written_even_when_nobody_listens(tmp_path):

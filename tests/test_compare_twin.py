@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from rigtwin.compare import cast
-from rigtwin.compare.bulk_twins import Cast, pile_twin
+from rigtwin.compare.bulk_twins import Cast, drum_twin, pile_twin
 from rigtwin.compare.twin import drop_twin, needs_measurement, pendulum_twin, settings_of, tilt_twin, twin_of
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput
@@ -15,7 +15,7 @@ from rigtwin.lab.model import Model
 from rigtwin.lab.notebook import Experiment
 from rigtwin.lab.quantity import Measurement, Quantity
 from rigtwin.lab.reference import hlosta2020
-from rigtwin.lab.rigs import Drop, DropSettings, Pendulum, PendulumSettings, Pile, PileSettings, Tilt
+from rigtwin.lab.rigs import Drop, DropSettings, Drum, Pendulum, PendulumSettings, Pile, PileSettings, Tilt
 from rigtwin.sim.engine import backend
 
 BEAD, STEEL = hlosta2020.particle("D12"), hlosta2020.material("steel")
@@ -47,6 +47,21 @@ def test_a_pendulum_twin_gives_back_its_restitution():
     twin = pendulum_twin(Pendulum(0.2, math.radians(45)), BEAD, Contact(0.7), frame_rate=240)
     assert values(twin, "restitution_pair") == pytest.approx([0.7, 0.7], rel=0.005)
     assert all(check.passed for check in twin.evaluation.checks)
+
+
+def test_a_pendulum_let_go_above_its_hinge_is_said_to_be_a_rod():
+    low, high = (
+        pendulum_twin(Pendulum(0.2, math.radians(angle)), BEAD, Contact(0.7), frame_rate=1000) for angle in (90, 100)
+    )
+    assert low.warnings == ()
+    assert "100 deg falls on a slack thread" in high.warnings[0]
+
+
+def test_a_drum_twin_that_hardly_turned_gives_only_doubtful_angles():
+    contact = Contact(0.6, 0.5, 0.1)
+    cast_of_drum = Cast(hlosta2020.particle("D6"), hlosta2020.material("PMMA"), contact, contact)
+    twin = drum_twin(Drum(0.05, 3.0, 0.02), cast_of_drum, seed=1, turns=1e-6)
+    assert all("give more turns" in quantity.doubtful for quantity in twin.evaluation.quantities)
 
 
 def test_a_wall_pendulum_twin_gives_back_its_restitution():

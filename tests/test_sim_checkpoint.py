@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -306,6 +307,39 @@ def test_what_came_after_the_look_that_is_kept_is_not_kept_with_it(tmp_path, mon
     with logbook(again, tmp_path / "bed.npz") as book:
         assert book.resume() == {"seen": [10]}
     assert again.steps == 10
+
+
+def test_what_the_first_snapshot_waits_for_does_not_put_off_the_next(tmp_path, monkeypatch):
+    monkeypatch.setattr("rigtwin.sim.logbook.SNAPSHOT_INTERVAL", 0.01)
+    calls, read = [], Bulk.state
+
+    def state(self):
+        calls.append(time.sleep(0.0 if calls else 0.5))  # as kernels take to be compiled
+        return read(self)
+
+    monkeypatch.setattr(Bulk, "state", state)
+
+    def interrupted(run):
+        settings = {"trajectory_interval": 0.01, "checkpoint": tmp_path / "bed.npz", "checkpoint_interval": 1e9}
+        with Logbook(run, {"case": 1}, **settings) as book:
+            for look in range(2):
+                book.run(10)
+                book.look({"look": look})
+                time.sleep(0.02)
+            raise KeyboardInterrupt
+
+    run = bed(gravity=(0, 0, 0))
+    run.add([[0, 0, 0.01]])
+    with pytest.raises(KeyboardInterrupt) as stop:
+        interrupted(run)
+    assert f"kept up to t = {20 * STEP:.4g} s in {tmp_path / 'bed.npz'}" in stop.value.__notes__[0]
+
+
+def test_a_run_interrupted_before_its_first_look_says_that_nothing_is_kept(tmp_path):
+    run = bed(gravity=(0, 0, 0))
+    with pytest.raises(KeyboardInterrupt) as stop, logbook(run, tmp_path / "bed.npz"):
+        raise KeyboardInterrupt
+    assert "nothing of this run was kept yet" in stop.value.__notes__[0]
 
 
 def test_an_explosion_of_energy_keeps_the_last_state_in_which_all_was_finite(tmp_path):

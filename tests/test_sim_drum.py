@@ -1,6 +1,7 @@
 """The twin of the drum: beads are kept, the surface slopes as it must, and they mix."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -128,7 +129,28 @@ def test_what_the_rig_leaves_open_is_in_the_result():
     made = turned(Drum(0.05, 10.0), count=40, turns=0.1)
     assert made.assumptions["depth"] == "25 mm (not stated: assumed)"
     assert made.assumptions["fill"].startswith("40 beads")
-    assert any("too few for a steady slope" in warning for warning in made.warnings)
+    assert made.assumptions["fill"].endswith("(by the number of beads given)")
+
+
+def test_beads_too_few_to_count_their_mixing_have_no_index():
+    assert math.isnan(drum.lacey(np.array([[0.5, 0.0, 0.0]] * 4), np.arange(4) < 2, 1.0))
+    made = turned(count=4, turns=0.05)
+    assert math.isnan(made.mixing.value[-1])
+    assert any("mixing cannot be counted" in warning for warning in made.warnings)
+
+
+def test_a_slope_of_no_steady_flow_is_doubtful(rough):
+    def wrong(rig, **other):
+        return {one.check for one in drum.checks(rig, D6, replace(rough, **other)) if not one.passed}
+
+    assert wrong(RIG) == set()
+    # where the wall's acceleration is that of gravity a bead stays at it
+    fast = Drum(RIG.diameter, math.sqrt(9.82 / 0.035), RIG.depth)
+    assert wrong(fast) == {"froude_number"}
+    assert "centrifuges" in drum.checks(fast, D6, rough)[0].message
+    assert wrong(RIG, turns=0.1) == {"turned_enough"}
+    assert wrong(RIG, time=rough.time[:2], turns=3.0) == {"turned_enough"}
+    assert wrong(RIG, count=5) == {"fill"}
 
 
 @pytest.mark.parametrize(

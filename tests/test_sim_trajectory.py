@@ -185,6 +185,21 @@ def test_a_film_that_lacks_frames_or_is_none_is_not_gone_on_with(suffix, tmp_pat
     assert other.read_bytes() == b"something else"
 
 
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_damaged_film_moved_away_is_no_more_in_the_way_and_what_is_left_of_a_broken_run_is_named(suffix, tmp_path):
+    path = film(tmp_path / f"film{suffix}")
+    path.write_bytes(path.read_bytes()[:300])
+    with pytest.raises(BadInput, match=f"film{suffix} cannot be"):
+        trajectory.begin(path, ["D6"], DOMAIN, frames=4)
+    assert list(tmp_path.iterdir()) == [path]
+    path.rename(tmp_path / "away")
+    trajectory.begin(path, ["D6"], DOMAIN, frames=4).close()
+    part = path.with_name(path.name + ".part")
+    part.write_bytes(b"something else")
+    with pytest.raises(BadInput, match=f"film{suffix}.part cannot be"):
+        trajectory.begin(path, ["D6"], DOMAIN, frames=4)
+
+
 # ---------------------------------------------------------------------- walls
 
 

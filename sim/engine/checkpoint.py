@@ -111,6 +111,13 @@ class Checkpoint:
         """Whether the interval has passed."""
         return time.monotonic() - self._written >= self._interval
 
+    @property
+    def standing(self) -> str:
+        """What the file holds for a run that stops now, in words."""
+        if self.kept_at is None:
+            return f"nothing of this run was kept yet in {self.path}; the same command begins it anew."
+        return f"the run is kept up to t = {self.kept_at:.4g} s in {self.path}; the same command goes on from there."
+
     def write(self, course: Mapping[str, Any], state: State, now: float) -> None:
         """Replace the file by this state, at `now` [s] simulated; `course` is what is not an array, in JSON's types."""
         words = json.dumps({"settings": self._settings, "course": course, "time_s": now})
@@ -151,6 +158,15 @@ class Checkpoint:
             )
         self.kept_at = now
         return course, state
+
+
+def kept_time(path: Path) -> float | None:
+    """Time [s] simulated up to which a run is kept in this file; None where there is no checkpoint to go on from."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return float(json.loads(str(file["words"]))["time_s"])
+    except (OSError, ValueError, KeyError, EOFError, TypeError, IndexError, BadZipFile):
+        return None  # a damaged one is told when the run reads it
 
 
 def _difference(there: Any, here: Any, name: str = "") -> str:
