@@ -11,7 +11,6 @@ START = 5.0  # [s], until the kernels are ready
 BODY, SPHERE = 0.22e-6, 0.035e-6  # [s] a step, for each body and for each of its spheres, among their like
 STEP = 0.3  # of Rayleigh's
 FALLING = 0.7  # part of the bodies that are there on the average while a rig is filled or drained
-POURED = 400.0  # beads a second on a pile of a study, about
 
 
 def seconds(particle: str, count: float, lasts: float, *, stiffness_factor: float = hlosta2020.SOFTENING) -> float:
@@ -25,15 +24,13 @@ def seconds(particle: str, count: float, lasts: float, *, stiffness_factor: floa
 
 def of_pile(particle: str, base_diameter: float, count: int | None = None) -> float:
     """Of a heap; without a `count` the surplus falls over the rim and is gone."""
-    rate = POURED
+    bead = hlosta2020.particle(particle)
     if count is None:
-        bead = hlosta2020.particle(particle)
-        rate = rigs.pour_rate(bead, base_diameter)
         poured = rigs.piled_count(base_diameter, rigs.RIM, bead.mass / bead.effective_density)
         there = 0.5 * poured
     else:
         poured, there = count, FALLING * count
-    return seconds(particle, there, 2 + poured / rate)
+    return seconds(particle, there, 2 + poured / rigs.pour_rate(bead, base_diameter))
 
 
 def of_bed(particle: str, count: int) -> float:

@@ -103,7 +103,8 @@ def _evaluation(seeds: Sequence[int]) -> tuple[Study, list[Run]]:
 
 
 def _pile(base: float, seed: int, count: int | None) -> Run:
-    settings: dict[str, Any] = {"particle": PARTICLE, "base_diameter": base, "seed": seed}
+    falls = hlosta2020.particle(PARTICLE).diameter  # as in the tables, whose heaps some of these are
+    settings: dict[str, Any] = {"particle": PARTICLE, "base_diameter": base, "seed": seed, "fall_height": falls}
     if count is not None:
         settings["count"] = count
     poured = "" if count is None else f"-{count}"
