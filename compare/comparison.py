@@ -95,7 +95,7 @@ class Comparison:
         """The document of `rigtwin compare --json`."""
         return {
             "title": self.lab.title,
-            "lab": str(self.lab.path),
+            "lab": str(self.lab.path.resolve()),
             "deviations": [{**row.row(), "budget": row.budget} for row in self.deviations],
             "shapes": [shape.row(outcome.experiment.id) for outcome in self.outcomes for shape in outcome.shapes],
             "experiments": [_experiment_json(outcome) for outcome in self.outcomes],

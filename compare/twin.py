@@ -240,6 +240,8 @@ def takes_count(experiment: Experiment) -> bool:
     rig = experiment.rig
     if isinstance(rig, (PackingSettings, HopperSettings)):
         return rig.count is None and rig.total_mass is None
+    if isinstance(rig, DrumSettings):
+        return rig.count is None and rig.fill is None
     return isinstance(rig, BULK) and rig.count is None
 
 
@@ -331,7 +333,8 @@ def _bulk_twin(experiment: Experiment, contacts: Sequence[Contact], *, count: in
     assert wall is not None  # the lab file demands a wall for these rigs
     cast = bulk_twins.Cast(particle, wall, contacts[1], contacts[0])
     if isinstance(rig, DrumSettings):
-        return bulk_twins.drum_twin(rig.rig(), cast, count=rig.count or count, **run)
+        filled = rig.count or (count if takes_count(experiment) else None)
+        return bulk_twins.drum_twin(rig.rig(), cast, count=filled, **run)
     if isinstance(rig, PileSettings):
         return bulk_twins.pile_twin(rig.rig(), cast, count=rig.count or count or PILE_COUNT, **run)
     assert isinstance(rig, (PackingSettings, HopperSettings))

@@ -592,8 +592,9 @@ def _checks_of_picture(bed: Bed, still: Check | str) -> list[Check]:
     whole = not _runs_out(bed)
     ending = "inside the picture." if whole else "at the picture's edge: its line is of a part; film the whole drum."
     checks.append(Check("bed_in_view", whole, float(whole), 1.0, f"the bed's surface ends {ending}"))
-    if bed.upright.source == GIVEN_ROLL and bed.upright.seen is not None:
-        checks.append(roll_check(bed.upright.roll, *bed.upright.seen, "the level edges in the picture show"))
+    if bed.upright.source == GIVEN_ROLL:
+        if bed.upright.seen is not None:
+            checks.append(roll_check(bed.upright.roll, *bed.upright.seen, "the level edges in the picture show"))
     elif abs(turned := math.degrees(bed.upright.roll)) > STURDY:
         message = (
             f"the edges taken for level show a camera turned by {turned:+.1f} degrees, as none on a stand is: they "

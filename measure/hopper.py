@@ -151,7 +151,9 @@ def measure(
     for why in (_failed(timing), _failed(rate), video.spoilt, *(_failed(one) for one in checks if one.check in UNSEEN)):
         quantities = _with_times_doubted(quantities, why)
     if why := video.broken_off:
-        quantities = tuple(each if why in each.doubtful else doubted(each, why) for each in quantities)
+        quantities = tuple(
+            each if why.removesuffix(".") in each.doubtful else doubted(each, why) for each in quantities
+        )
     if cut:
         quantities = tuple(each if each.doubtful else doubted(each, CUT_SHORT) for each in quantities)
     result = Measurement(

@@ -147,7 +147,7 @@ def _frames(trial: Trial) -> _Frames:
         raise BadInput(
             f"a plate tilted at {math.degrees(rig.speed):.3g} deg/s and watched for {duration:.3g} s is a record of "
             f"{frames:.2g} frames at {frame_rate:g} Hz, which take about {frames * A_FRAME / 60:.0f} minutes to read; "
-            f"tilt it faster, or give a frame rate of at most {MOST_FRAMES / duration:.2g} Hz."
+            f"tilt it faster, for a shorter time, or give a frame rate of at most {MOST_FRAMES / duration:.2g} Hz."
         )
     time = frame_times(duration, frame_rate)
     turning = np.maximum(time - FRAMES_AT_REST / frame_rate, 0.0)

@@ -285,6 +285,14 @@ def test_a_roll_that_nothing_shows_is_in_the_doubt(tmp_path: Path, roll: float) 
     assert not angle.doubtful
 
 
+def test_a_large_roll_that_is_stated_and_that_nothing_shows_is_believed(tmp_path: Path) -> None:
+    film(tmp_path / "drum.mp4", 30.0, roll=12.0, stand=None)
+    found = measured(tmp_path / "drum.mp4", roll=math.radians(12.0))
+    angle = find(found, drum.GRAPHICAL, drum.MIDDLE)
+    assert angle.value == pytest.approx(30.0, abs=0.8)
+    assert not angle.doubtful
+
+
 def test_how_often_the_bed_slides_does_not_hang_on_the_cameras_roll() -> None:
     checks = [Check("camera_roll", False, 8.0, 0.0, "turned"), Check("rim_found", False, 0.0, 1.0, "no rim")]
     often, slope = (Quantity(name, 1.0, 0.1, "1", "") for name in ("avalanche_frequency", drum.GRAPHICAL))

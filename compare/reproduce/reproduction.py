@@ -89,9 +89,12 @@ class Reproduction:
         """What the runs say against themselves, each kind once: in how many runs, and as the worst of them says it."""
         kinds: dict[str, list[str]] = {}
         for result in self.done.results.values():
+            said: dict[str, list[str]] = {}
             for warning in result.get("warnings") or ():
                 words = warning.partition(";")[0]  # advice behind it is of `simulate`'s options
-                kinds.setdefault(_NUMBER.sub("#", words), []).append(words)
+                said.setdefault(_NUMBER.sub("#", words), []).append(words)
+            for kind, alike in said.items():
+                kinds.setdefault(kind, []).append(max(alike, key=_first_number))
         runs = len(self.done.results)
         return tuple(f"in {len(said)} of {runs} runs: {max(said, key=_first_number)}" for said in kinds.values())
 
@@ -206,10 +209,11 @@ def _shown(document: Mapping[str, Any]) -> Iterator[tuple[str, tuple[Any, ...]]]
     for row in document["cells"]:
         if row["ours"] is not None:
             yield f"table {row['table']}, {row['rolling_model']}", (row["row"], row["quantity"])
+    law = document["assumptions"].get("rolling", "")  # a document has points of one law
     for study, readings in document["studies"].items():
         for reading, points in readings.items():
             for place, *_ in points:
-                yield f"study {study}", (reading, place)
+                yield f"study {study}", (reading, place, law)
 
 
 def page(reproduction: Reproduction, template: str = "reproduction.html") -> str:
