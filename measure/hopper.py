@@ -29,6 +29,7 @@ from rigtwin.measure.in_view import camera_by_scene
 from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.outflow import REACH_BELOW, Outflow, bin_walls, follow_outflow
 from rigtwin.measure.repeats import at_its_pace
+from rigtwin.measure.scene import shakes_of
 from rigtwin.measure.spacing import NEIGHBOURS_DOUBT, bead_spacing, size_of_beads
 from rigtwin.measure.starved import compression_check
 
@@ -63,6 +64,8 @@ NEARBY = 4  # frames about an instant in which something in front of the hopper 
 # or so until it moved on: ends of 22 films of 0.09 to 0.18 were off by 0.6 frames (rms), 1.7 at most; those of 0.37 and
 # more by no more than an original's, and pouring beads have 0.6
 STARVED = 0.25
+USUAL_SHARE = 0.235  # of the picture, that the beds of these films cover
+SHAKES = 0.1  # [px], standard deviation, from which on a codec has new edges all over the picture to write
 BLIND = 0.085  # fewer than any of these had: nothing tells how long things stand then
 # times the noise, by which the bed must differ from the empty hopper: a bead's shaded half differs by half as much, and
 # that has to be clear by one of the three that noise hardly reaches
@@ -490,8 +493,10 @@ def _unhidden(seen: Outflow, found: Instant) -> Instant:
 
 
 def _moving_share(seen: Outflow, video: Video) -> float:
-    """How much of the clip's picture the bed covers."""
-    return float(seen.scenery.bed.sum()) / seen.lens.zoom**2 / (video.width * video.height)
+    """How much of the clip's picture the bed covers; of a camera that shakes, which moves all of it, a usual bed."""
+    share = float(seen.scenery.bed.sum()) / seen.lens.zoom**2 / (video.width * video.height)
+    shake = np.std(shakes_of([moment.pose for moment in seen.moments]), axis=0)
+    return max(share, USUAL_SHARE) if float(np.max(shake)) > SHAKES else share
 
 
 def _starved(seen: Outflow, found: Instant, reason: str) -> Instant:
