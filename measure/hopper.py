@@ -25,11 +25,10 @@ from rigtwin.measure.bead_size import size_seen, size_unseen
 from rigtwin.measure.frame_steps import timing_check
 from rigtwin.measure.freefall import fall_below, fall_check, outlet_check, together
 from rigtwin.measure.gate import Opening, find_opening, slot_edges
-from rigtwin.measure.in_view import camera_by_scene
+from rigtwin.measure.in_view import STILL, camera_by_scene
 from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.outflow import REACH_BELOW, Outflow, bin_walls, follow_outflow
 from rigtwin.measure.repeats import at_its_pace
-from rigtwin.measure.scene import shakes_of
 from rigtwin.measure.spacing import NEIGHBOURS_DOUBT, bead_spacing, size_of_beads
 from rigtwin.measure.starved import compression_check
 
@@ -65,7 +64,6 @@ NEARBY = 4  # frames about an instant in which something in front of the hopper 
 # more by no more than an original's, and pouring beads have 0.6
 STARVED = 0.25
 USUAL_SHARE = 0.235  # of the picture, that the beds of these films cover
-SHAKES = 0.1  # [px], standard deviation, from which on a codec has new edges all over the picture to write
 BLIND = 0.085  # fewer than any of these had: nothing tells how long things stand then
 # times the noise, by which the bed must differ from the empty hopper: a bead's shaded half differs by half as much, and
 # that has to be clear by one of the three that noise hardly reaches
@@ -114,11 +112,11 @@ def measure(
     if hidden > HIDDEN:
         last = replace(last, budget=last.budget | {"hidden part of the slot": seen.interval})
     opened, last = (_unhidden(seen, moment) for moment in (_closed_before(seen, opened), last))
-    compression = compression_check(video, BLIND, _moving_share(seen, video))
+    still = camera_by_scene([moment.pose for moment in seen.moments])
+    compression = compression_check(video, BLIND, _moving_share(seen, video, still))
     if compression.value < STARVED:
         opened, last = (_starved(seen, moment, _failed(compression)) for moment in (opened, last))
     left = _left(seen)
-    cut = last.method == CUT
     evaluation = _evaluate(left, total_mass, opened, last, seen.residue, AREA_DOUBT)
     timing = _timing_check(seen, left.value, opened, last)
     spacing = bead_spacing(seen.scenery.full, seen.scenery.bed)
@@ -147,7 +145,7 @@ def measure(
         width = view["slot_width_px"] * scale
         rate = _rate_check(seen, told, width, video.frame_rate, scale=scale, doubt=scale_doubt)
         quantities = quantities if told is None else (*quantities, told)
-    asked = (timing, rate, size, camera_by_scene([moment.pose for moment in seen.moments]))
+    asked = (timing, rate, size, still)
     warnings += [each for each in asked if isinstance(each, str) and each]
     judged = [each for each in asked if isinstance(each, Check)]
     checks = (*_checks_of_picture(seen, gate, hidden), compression, *evaluation.checks, *judged)
@@ -157,7 +155,7 @@ def measure(
         quantities = tuple(
             each if why.removesuffix(".") in each.doubtful else doubted(each, why) for each in quantities
         )
-    if cut:
+    if last.method == CUT:
         quantities = tuple(each if each.doubtful else doubted(each, CUT_SHORT) for each in quantities)
     result = Measurement(
         rig="hopper",
@@ -492,11 +490,10 @@ def _unhidden(seen: Outflow, found: Instant) -> Instant:
     return replace(found, budget=budget, doubtful=reason)
 
 
-def _moving_share(seen: Outflow, video: Video) -> float:
-    """How much of the clip's picture the bed covers; of a camera that shakes, which moves all of it, a usual bed."""
+def _moving_share(seen: Outflow, video: Video, still: Check | str) -> float:
+    """How much of the clip's picture the bed covers; a usual bed's share where a shaking camera moves all of it."""
     share = float(seen.scenery.bed.sum()) / seen.lens.zoom**2 / (video.width * video.height)
-    shake = np.std(shakes_of([moment.pose for moment in seen.moments]), axis=0)
-    return max(share, USUAL_SHARE) if float(np.max(shake)) > SHAKES else share
+    return max(share, USUAL_SHARE) if isinstance(still, Check) and still.value > STILL else share
 
 
 def _starved(seen: Outflow, found: Instant, reason: str) -> Instant:

@@ -11,6 +11,7 @@ from rigtwin.lab.quantity import Check
 from rigtwin.measure.scene import LOST, Pose, shakes_of
 
 MOST_SHAKE = 3.0  # [px], standard deviation, up to which a shaking camera only shifts its picture
+STILL = 0.1  # [px], likewise, up to which it counts as none
 MOST_LOST = 0.1  # of the frames, that may not be found in the scene: a hand passes, a lamp goes on
 UNSEEN = "not seen whether the camera stood still: nothing in the picture stands out that stays in its place"
 ADVICE = "film something fixed and sharp with it, the rig's stand say"
@@ -35,7 +36,7 @@ def static_camera(poses: Sequence[Pose], most: float = MOST_SHAKE, *, vouched: s
         message = f"{UNSEEN}; {vouched or ADVICE}{doubt}."
         return Check("static_camera", bool(vouched) and not doubt, math.nan, 0.0, message)
     shake = float(np.max(np.std(shakes_of(placed), axis=0)))
-    ending = ("" if shake < 0.1 else "; it was followed and taken out") + doubt
+    ending = ("" if shake < STILL else "; it was followed and taken out") + doubt
     if lost > MOST_LOST:
         ending += f"; in {100 * lost:.0f} % of the frames the scene was not found again, so how they lie is not known"
     ending += "." if shake < most else ". Use a tripod: so large a shake turns and tilts the view as well."

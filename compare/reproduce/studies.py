@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 from statistics import fmean, stdev
 from typing import TYPE_CHECKING, Any
 
-from rigtwin.compare.reproduce import cost
-from rigtwin.compare.reproduce.tables import under
+from rigtwin.compare.reproduce.tables import pile_run, under
 from rigtwin.compare.runs import Run
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.reference import hlosta2020
@@ -80,7 +79,7 @@ def studies(
 
 
 def _number(seeds: Sequence[int]) -> tuple[Study, list[Run]]:
-    runs = {count: [_pile(COUNT_BASE, seed, count) for seed in seeds] for count in COUNTS}
+    runs = {count: [pile_run(PARTICLE, COUNT_BASE, seed, count) for seed in seeds] for count in COUNTS}
     title = f"Number of particles: {PARTICLE} poured on a base of {COUNT_BASE * 1e3:.0f} mm"
     readings = {reading: READINGS[reading] for reading in SHOWN}
     return Study("number", title, "particles poured", _names(runs), readings), _flat(runs)
@@ -88,28 +87,18 @@ def _number(seeds: Sequence[int]) -> tuple[Study, list[Run]]:
 
 def _base(seeds: Sequence[int]) -> tuple[Study, list[Run]]:
     bead = hlosta2020.particle(PARTICLE).diameter
-    runs = {ratio: [_pile(ratio * bead, seed, None) for seed in seeds] for ratio in RATIOS}
+    runs = {ratio: [pile_run(PARTICLE, ratio * bead, seed) for seed in seeds] for ratio in RATIOS}
     title = f"Base over particle size: {PARTICLE}, the surplus falls over the rim"
     readings = {reading: READINGS[reading] for reading in SHOWN}
     return Study("base", title, "base diameter / bead diameter", _names(runs), readings), _flat(runs)
 
 
 def _evaluation(seeds: Sequence[int]) -> tuple[Study, list[Run]]:
-    runs = {f"{base * 1e3:.0f} mm": [_pile(base, seed, None) for seed in seeds] for base in (0.09, 0.15)}
+    runs = {f"{base * 1e3:.0f} mm": [pile_run(PARTICLE, base, seed) for seed in seeds] for base in (0.09, 0.15)}
     above = {f"{reading}, above the rim": key for reading, key in READINGS.items()}
     plate = {f"{reading}, above the plate": f"{key}_from_plate" for reading, key in READINGS.items()}
     title = f"Evaluation: the same piles of {PARTICLE}, read in eight ways"
     return Study("evaluation", title, "base", _names(runs), above | plate), _flat(runs)
-
-
-def _pile(base: float, seed: int, count: int | None) -> Run:
-    falls = hlosta2020.particle(PARTICLE).diameter  # as in the tables, whose heaps some of these are
-    settings: dict[str, Any] = {"particle": PARTICLE, "base_diameter": base, "seed": seed, "fall_height": falls}
-    if count is not None:
-        settings["count"] = count
-    poured = "" if count is None else f"-{count}"
-    name = f"piling_{base * 1e3:.4g}mm-{PARTICLE}{poured}-seed{seed}"
-    return Run(name, "rigtwin.compare.reproduce.rigs:piling", settings, cost.of_pile(PARTICLE, base, count))
 
 
 def _names(runs: Mapping[Any, Sequence[Run]]) -> dict[float | str, tuple[str, ...]]:

@@ -128,8 +128,9 @@ def _angles(number: int, quick: bool, repetitions: int | None, seed: int) -> Row
         if quick and (particle, rig) not in _QUICK_ANGLES:
             continue
         count = repetitions or (1 if quick else 3)
-        form = _pile_run if rig in _BASES else _drum_run
-        runs = [form(particle, rig, seed + k) for k in range(count)]
+        base = _BASES.get(rig)
+        seeds = range(seed, seed + count)
+        runs = [pile_run(particle, base, each) if base else _drum_run(particle, each) for each in seeds]
         method = "graphical" if number == 14 else "geometric"
         experiment, experiment_std, dem, dem_std = (
             float(row[name]) for name in ("aor_exp_deg", "aor_exp_std_deg", "aor_dem_deg", "aor_dem_std_deg")
@@ -278,20 +279,23 @@ def _run(rig: str, particle: str, seed: int, lasts: float, **settings: Any) -> R
     )
 
 
-def _drum_run(particle: str, _rig: str, seed: int) -> Run:
+def _drum_run(particle: str, seed: int) -> Run:
     inside = {"depth": rigs.DEPTH, "fill": rigs.FILL}
     return _run("drum", particle, seed, cost.of_drum(particle, _DRUM_SPEED), speed=_DRUM_SPEED, **inside)
 
 
-def _pile_run(particle: str, rig: str, seed: int) -> Run:
-    base = _BASES[rig]
+def pile_run(particle: str, base: float, seed: int, count: int | None = None) -> Run:
+    """A heap on a base of that diameter [m], poured as those of tables 14 and 15 are; by default with a surplus."""
     settings = {
         "particle": particle,
         "base_diameter": base,
         "seed": seed,
         "fall_height": hlosta2020.particle(particle).diameter,
+        **({} if count is None else {"count": count}),
     }
-    return Run(f"{rig}-{particle}-seed{seed}", f"{_RIGS}:piling", settings, cost.of_pile(particle, base))
+    poured = "" if count is None else f"-{count}"
+    name = f"piling_{base * 1e3:.4g}mm-{particle}{poured}-seed{seed}"
+    return Run(name, f"{_RIGS}:piling", settings, cost.of_pile(particle, base, count))
 
 
 TABLES: dict[int, Callable[[int, bool, int | None, int], Rows]] = {
