@@ -137,7 +137,7 @@ def open_video(path: Path, camera: Camera) -> Video:
     and none was given, or when the time window holds too few frames.
     """
     _must_exist(path, "video")
-    cv2.setNumThreads(1)  # the decoder uses every core; OpenCV's threads would spend more on waiting than on pictures
+    cv2.setNumThreads(1)  # more threads would spend more on waiting for each other than on pictures
     film = sources.source(path)
     if camera.lens is not None:
         _must_fit(path, film.shape, camera.lens)
