@@ -42,7 +42,7 @@ PAIRS_PER_BEAD, PAIRS_PER_PART = 5, 8  # half the neighbours of a bead, and of o
 PAIRS_IN_LARGE = 4  # among very many single beads: a settled bed has 3.3 at the usual skin
 NEAR_PER_BEAD = 2  # walls, or parts of them, near a bead on average, with room
 NEAR_IN_LARGE = 1 / 8  # the same among very many beads, few of which are at a wall
-SKIN = 0.1  # of the largest diameter
+SKIN = 0.1  # of a particle's diameter
 BEADS_PER_THREAD = 500  # fewer gain nothing from another thread
 BEADS_IN_PARTS = 4000  # fewer are listed before the code that joins parts would be compiled
 LAUNCH_SECONDS = 0.25  # kernels come back at least twice a second, so that progress and Ctrl-C work
@@ -80,9 +80,9 @@ class Bulk:
 
         A wall may be a sequence with one `Wall` per kind, alike but for material and contact.  `low` and `high` [m]
         bound the domain; in an open one beads that leave are taken out and counted, else they stop the run; a clump
-        leaves as a whole.  `skin` is in units of the largest sphere's diameter.  `effects` act
-        on all single beads and contacts.  The springs of the "linear" law are as stiff as Hertz's contacts at
-        `impact_speed` [m/s].
+        leaves as a whole.  `skin` is in units of the largest particle's diameter, of a clump that of the sphere of
+        its volume.  `effects` act on all single beads and contacts.  The springs of the "linear" law are as stiff as
+        Hertz's contacts at `impact_speed` [m/s].
         """
         positive(time_step=time_step, skin=skin)
         self._particles = tuple(particles)
@@ -101,7 +101,8 @@ class Bulk:
         self._crew = Crew(running.threads)
         self.device = running.device
         self.note = running.note if device == "cuda" else ""  # why it does not run where it was asked to
-        self._skin = skin * 2 * self._largest
+        # a clump of many small spheres goes as far in a step as one large sphere: its lists are to live as long
+        self._skin = skin * max(_mean_diameter(particle) for particle in self._particles)
         self._low, self._high = np.array(low, dtype=float), np.array(high, dtype=float)
         self._gravity = gravity
         self._mechanics, self._impact_speed = Mechanics(contact_law, rolling), impact_speed
@@ -646,6 +647,11 @@ class Bulk:
     def _mine(self) -> None:
         if self._arena.owner is not self:
             raise RigtwinError("This simulation's arena was taken by a later one; run them one after the other.")
+
+
+def _mean_diameter(particle: Particle) -> float:
+    """Diameter [m] of the sphere of a particle's volume."""
+    return particle.diameter if particle.shape is None else float(np.cbrt(6 / np.pi * particle.volume))
 
 
 def _arena_size(beads: int) -> int:
