@@ -140,6 +140,28 @@ def test_a_flow_that_only_sways_has_no_avalanches() -> None:
     assert any("avalanche frequency" in warning and "as quickly as it falls" in warning for warning in found.warnings)
 
 
+def test_a_drum_whose_wall_throws_beads_off_has_doubtful_slopes() -> None:
+    def wrong(speed: float) -> str:
+        seen = [profile(a) for a in 30 + np.random.default_rng(8).normal(size=40)]
+        found = drum.evaluate(seen, np.arange(40) / 30, drum_diameter=2 * RADIUS, speed=speed)
+        return find(found, drum.GRAPHICAL, drum.MIDDLE).doubtful
+
+    # where the wall's acceleration is that of gravity a bead stays at it, whichever way the drum turns
+    assert "centrifuges" in wrong(-math.sqrt(9.82 / RADIUS))
+    assert "thrown" in wrong(math.sqrt(0.6 * 9.81 / RADIUS))
+    assert wrong(math.sqrt(0.1 * 9.81 / RADIUS)) == ""
+
+
+def test_a_handful_of_frames_is_known_no_better_than_one_moment_of_the_flow() -> None:
+    # six neighbours of a flow that sways by two degrees over seconds: they agree, and say nothing of its mean
+    seen = [profile(32 + 0.02 * k) for k in range(6)]
+    found = drum.evaluate(seen, np.arange(6) / 240, drum_diameter=2 * RADIUS)
+    assert find(found, drum.GRAPHICAL).std_uncertainty > 0.9
+    assert not find(found, drum.GRAPHICAL).doubtful
+    few = drum.evaluate(seen[:3], np.arange(3) / 240, drum_diameter=2 * RADIUS)
+    assert "3 looks" in find(few, drum.GRAPHICAL).doubtful
+
+
 def test_bad_records_are_told_in_a_sentence() -> None:
     one = profile(30)
     with pytest.raises(BadInput, match="2 profiles but 1 times"):
