@@ -151,7 +151,10 @@ SHORTEST, LARGEST_BEAD = 1e-6, 0.5  # [m], what a camera resolves, and a unit th
 PHOTO = ("scale", "known_length", "region", "camera_roll", "plumb_line", "board")
 
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random in the twin.")]
-Heaps = Annotated[int, typer.Option("--heaps", min=1, help="Heaps that a pile's twin pours, from --seed upwards.")]
+Runs = Annotated[
+    int,
+    typer.Option("--runs", "--heaps", min=1, help="Runs of a twin of many particles, with seeds from --seed upwards."),
+]
 Stiffness = Annotated[
     float | None,
     quantity(

@@ -207,7 +207,7 @@ def test_an_unknown_experiment_is_refused_with_the_known_ones(tmp_path, capfd):
     refused(["compare", lab_with(tmp_path), "--only", "drop-D6-stel"], capfd, "drop-D6-stel", "drop-D6-steel")
 
 
-@pytest.mark.parametrize("option", ["--heaps", "--count", "--stiffness-factor"])
+@pytest.mark.parametrize("option", ["--runs", "--count", "--stiffness-factor"])
 def test_an_option_that_no_twin_of_the_lab_takes_is_refused(tmp_path, capfd, option):
     value = "0.1" if option == "--stiffness-factor" else "3"
     refused(["compare", lab_with(tmp_path), option, value], capfd, option, "drop-D6-steel")
