@@ -213,6 +213,15 @@ def test_an_option_that_no_twin_of_the_lab_takes_is_refused(tmp_path, capfd, opt
     refused(["compare", lab_with(tmp_path), option, value], capfd, option, "drop-D6-steel")
 
 
+@pytest.mark.parametrize("rig", ["pile", "packing"])
+def test_a_copy_of_a_photo_is_no_further_view(tmp_path, capfd, rig):
+    photos = [tmp_path / name for name in ("front.jpg", "other.jpg", "side.jpg")]
+    for photo, content in zip(photos, (b"one", b"two", b"one"), strict=True):
+        photo.write_bytes(content)
+    known = ["--cylinder-diameter", "65mm"] if rig == "packing" else []
+    refused(["measure", rig, *photos, *known], capfd, "side.jpg", "front.jpg", "take one of them out")
+
+
 def test_a_model_that_is_not_there_is_looked_for_where_a_diagnosis_leaves_it(tmp_path, capfd):
     refused(["compare", lab_with(tmp_path), "--model", "nosuch.toml"], capfd, "nosuch.toml", "rigtwin diagnose")
 
