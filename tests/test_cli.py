@@ -467,7 +467,7 @@ def test_a_twin_of_a_million_seconds_is_refused_at_once(rig, capfd):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ("tilt --variant slide --speed 0.01deg/s", ["frames at 240 Hz", "minutes", "a frame rate of at most"]),
+        ("tilt --variant slide --speed 0.003deg/s", ["frames at 240 Hz", "tilt it faster", "a frame rate of at most"]),
         ("tilt --variant slide --duration 1s", ["the body stays where it is", "try a longer duration"]),
         ("packing --count 1", ["a count of 1 makes no bed", "cover the floor"]),
         ("hopper --outlet 30mm --count 1", ["a count of 1 makes no flow"]),
