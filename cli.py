@@ -18,10 +18,10 @@ from rigtwin import __version__
 from rigtwin.commands import measure, simulate
 from rigtwin.commands.ending import Work, finished
 from rigtwin.commands.options import (
-    Heaps,
     Json,
     Out,
     Quiet,
+    Runs,
     Seed,
     Stiffness,
     Threads,
@@ -68,9 +68,7 @@ def _rigtwin(
 
 @app.command(epilog="Example: rigtwin demo --out out/demo")
 @finished(show_comparison)
-def demo(
-    *, out: DemoOut = None, count: Count = 1000, seed: Seed = 1, heaps: Heaps = 1, threads: Threads = None
-) -> Work:
+def demo(*, out: DemoOut = None, count: Count = 1000, seed: Seed = 1, runs: Runs = 1, threads: Threads = None) -> Work:
     """Measure the sample media, run their twins, write a report."""
     from rigtwin.lab.errors import BadInput
 
@@ -82,7 +80,7 @@ def demo(
         )
     from rigtwin.compare.comparison import compare as compare_lab
 
-    return partial(compare_lab, lab, out or Path("out/demo"), count=count, seed=seed, heaps=heaps, threads=threads)
+    return partial(compare_lab, lab, out or Path("out/demo"), count=count, seed=seed, runs=runs, threads=threads)
 
 
 @app.command(epilog="Example: rigtwin init my-lab")
@@ -120,7 +118,7 @@ def compare(
         ),
     ] = None,
     seed: Seed = 1,
-    heaps: Heaps = 1,
+    runs: Runs = 1,
     model: Annotated[
         Path | None,
         typer.Option("--model", metavar="FILE", help="A model.toml: its contacts and effects go before lab.toml's."),
@@ -143,7 +141,7 @@ def compare(
         only=only,
         count=count,
         seed=seed,
-        heaps=heaps,
+        runs=runs,
         model=model,
         threads=threads,
         stiffness_factor=stiffness_factor,

@@ -14,7 +14,6 @@ from rigtwin.commands.options import (
     BeadDiameter,
     BeadMass,
     TotalMass,
-    all_different,
     density,
     filmed,
     quantity,
@@ -111,7 +110,6 @@ def measure_packing(
     ] = None,
 ) -> Work:
     """A bed in a cylinder: its height and bulk density."""
-    all_different(photos)
     from rigtwin.measure import packing
 
     return partial(
@@ -140,7 +138,6 @@ def measure_pile(
     bead_diameter: BeadDiameter = None,
 ) -> Work:
     """A heap on a base: its profile and angle of repose."""
-    all_different(photos)
     from rigtwin.measure import pile
 
     return partial(pile.measure, photos, camera, base_diameter=base_diameter, bead_diameter=bead_diameter)

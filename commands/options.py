@@ -9,7 +9,7 @@ import functools
 import inspect
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -151,7 +151,10 @@ SHORTEST, LARGEST_BEAD = 1e-6, 0.5  # [m], what a camera resolves, and a unit th
 PHOTO = ("scale", "known_length", "region", "camera_roll", "plumb_line", "board")
 
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random in the twin.")]
-Heaps = Annotated[int, typer.Option("--heaps", min=1, help="Heaps that a pile's twin pours, from --seed upwards.")]
+Runs = Annotated[
+    int,
+    typer.Option("--runs", "--heaps", min=1, help="Runs of a twin of many particles, with seeds from --seed upwards."),
+]
 Stiffness = Annotated[
     float | None,
     quantity(
@@ -282,14 +285,3 @@ def _possible(value: float | None, name: str) -> float | None:
     if value is not None and (odd := no_bead_has(value)):
         raise BadQuantity(f"{name}: {odd}")
     return value
-
-
-def all_different(photos: Sequence[Path]) -> None:
-    """The same photo counted twice would make the mean over views look more certain than it is."""
-    from rigtwin.lab.errors import BadInput
-
-    seen: set[Path] = set()
-    for photo in photos:
-        if photo.resolve() in seen:
-            raise BadInput(f"{photo}: is given twice; each view counts once.")
-        seen.add(photo.resolve())

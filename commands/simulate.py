@@ -36,7 +36,7 @@ LabFolder = Annotated[
 ]
 ParticleName = Annotated[str, option("--particle", "NAME", "D4, D6, D12, ... or a particle of --lab.")]
 WallName = Annotated[str, option("--wall", "NAME", "steel, ... or a material of --lab.")]
-Upright = Annotated[
+UprightWallName = Annotated[
     str | None, option("--wall", "NAME", "Of --variant wall: steel, ... or a material of --lab; steel.")
 ]
 Restitution = Annotated[
@@ -211,7 +211,7 @@ def simulate_pendulum(
         Literal["double", "wall"], typer.Option(help="Two beads, or one bead against an upright wall.")
     ] = "double",
     particle: ParticleName = "D12",
-    wall: Upright = None,
+    wall: UprightWallName = None,
     lab: LabFolder = None,
     restitution: Restitution = None,
     frame_rate: TwinRate = 240.0,

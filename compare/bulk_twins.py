@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from rigtwin.compare.twin import Twin, settings_of
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.materials import PACKING, Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Evaluation, doubted, failed
 from rigtwin.lab.records import Profile, Series
@@ -187,8 +187,6 @@ def cylinder_for(rig: Packing, particle: Particle, count: int) -> Packing:
 
 def _one_layer(rig: Packing, particle: Particle) -> int:
     """How many particles cover the cylinder's floor once."""
-    from rigtwin.sim.drum import PACKING
-
     return math.ceil(PACKING * math.pi / 4 * rig.cylinder_diameter**2 * particle.diameter / particle.volume)
 
 

@@ -40,7 +40,6 @@ from rigtwin.lab.model import Model, read_model
 from rigtwin.lab.notebook import Experiment, Lab, read_lab
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement
-from rigtwin.lab.rigs import PileSettings
 from rigtwin.lab.wording import reading, title
 
 
@@ -53,13 +52,13 @@ class Outcome:
     failures: tuple[Failure, ...]
     twin: Twin
     deviations: tuple[Deviation, ...]
-    more_heaps: tuple[Twin, ...] = ()
-    """Twins of a pile from further seeds."""
+    more_runs: tuple[Twin, ...] = ()
+    """Twins of many particles from further seeds."""
     shapes: tuple[Overlay, ...] = ()
 
     @property
     def twins(self) -> tuple[Twin, ...]:
-        return (self.twin, *self.more_heaps)
+        return (self.twin, *self.more_runs)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -113,7 +112,7 @@ def compare(
     only: Sequence[str] | None = None,
     count: int | None = None,
     seed: int = 1,
-    heaps: int = 1,
+    runs: int = 1,
     threads: int | None = None,
     workers: int | None = None,
     model: Path | None = None,
@@ -122,8 +121,8 @@ def compare(
     """Compare a lab with its twins and write everything into `out`.
 
     `only` names the experiments to take (all by default), `count` the particles of a pile's twin where lab.toml gives
-    none, `heaps` how many heaps that twin pours, with seeds from `seed` upwards, `stiffness_factor` what the moduli of
-    twins of many particles are multiplied by.
+    none, `runs` how many times a twin of many particles is run, with seeds from `seed` upwards, `stiffness_factor` what
+    its moduli are multiplied by.
     `model` is a model.toml whose contacts and effects go before what lab.toml says.  A repetition that cannot be
     measured is left out with a warning.  Raises `BadInput` when an experiment has none left, an option has no taker, or
     `out` holds results of other experiments, `BadLabFile` when lab.toml is at fault, and then leaves the files of an
@@ -139,7 +138,7 @@ def compare(
         remarks += _made_for_others(model, given, experiments)
     for experiment in experiments:
         _need_contacts(lab, experiment)
-    _need_takers(lab, experiments, count=count, heaps=heaps, stiffness_factor=stiffness_factor)
+    _need_takers(lab, experiments, count=count, runs=runs, stiffness_factor=stiffness_factor)
     twins: dict[str, list[Twin]] = {}
     run = partial(
         twin_of, model=lab.model, count=count, threads=threads, stiffness_factor=stiffness_factor, progress=progress
@@ -147,7 +146,7 @@ def compare(
     with measuring(experiments, out, workers) as pending:
         for experiment in experiments:
             if not needs_measurement(experiment):
-                number = heaps if isinstance(experiment.rig, PileSettings) else 1
+                number = runs if isinstance(experiment.rig, BULK) else 1
                 twins[experiment.id] = [run(experiment, seed=seed + k) for k in range(number)]
         measured = pending.results(progress)
     measured_after = time.perf_counter() - clock
@@ -278,17 +277,16 @@ def _need_takers(
     experiments: Sequence[Experiment],
     *,
     count: int | None,
-    heaps: int,
+    runs: int,
     stiffness_factor: float | None,
 ) -> None:
     """Refuse an option that no twin would take."""
-    rigs = [one.rig for one in experiments]
+    few = not any(isinstance(one.rig, BULK) for one in experiments)
     idle = {
-        "--heaps: no experiment is a pile": heaps > 1 and not any(isinstance(rig, PileSettings) for rig in rigs),
         "--count: it is for piles and beds of which lab.toml does not say how many particles they have, and there is "
         "none": count is not None and not any(map(takes_count, experiments)),
-        "--stiffness-factor: no experiment is of many particles": stiffness_factor is not None
-        and not any(isinstance(rig, BULK) for rig in rigs),
+        "--runs: no experiment is of many particles": runs > 1 and few,
+        "--stiffness-factor: no experiment is of many particles": stiffness_factor is not None and few,
     }
     for what, given in idle.items():
         if given:

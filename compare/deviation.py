@@ -49,6 +49,10 @@ MORE_SHOWN = {"drop_height": 1, "rebound_height": 1, "release_angle": 1, "reboun
 # When something happened in a film tells when the camera was started; the twin has none.
 MOMENTS = frozenset({"onset_time", "opening_time", "last_particle_time"})
 
+# Rigs whose simulated runs differ from seed to seed by what no single run tells, and what is repeated there.  A drum's
+# run scatters over time, and its uncertainty has that; few bodies give the same again.
+RUNS_DIFFER = {"pile": "heap", "packing": "bed", "hopper": "discharge"}
+
 # Percent: where two standard uncertainties of a deviation reach this, a twin that is half off would pass too.
 TELLS_NOTHING = 50.0
 
@@ -295,10 +299,7 @@ def _deviation(
         z = _z(simulated.value - measured.value, total)
         parts = ((one.std_uncertainty, one.freedom) for one in (measured, simulated))
         freedom = _freedom(parts, total)
-        if rig == "pile" and simulated.n == 1:
-            # heaps differ by more than one is read to: one may not convict where two that scatter could not
-            freedom = min(freedom, 1.0)
-        if measured.n == 1 and not set_from:
+        if _lone(rig, measured, simulated) and not set_from:
             # a scatter of one repetition has no degree of freedom, so that no difference is too large to be chance
             freedom = 0.0
     doubts = [measured.doubtful] if measured.doubtful else []
@@ -398,14 +399,17 @@ def _verdict(
     return f"twin {certainty}too {'high' if z > 0 else 'low'}"
 
 
+def _lone(rig: str, measured: Combined, simulated: Combined) -> list[str]:
+    """The sides of which a single repetition is known where repetitions differ."""
+    single = {"measured": measured.n == 1, "simulated": simulated.n == 1 and rig in RUNS_DIFFER}
+    return [side for side, alone in single.items() if alone]
+
+
 def _note(rig: str, measured: Combined, simulated: Combined | None, set_from: str) -> str:
     notes = [] if simulated is not None else ["the twin gives no such number"]
-    both = {"measured": measured, "simulated": simulated}
-    single = [name for name, one in both.items() if one is not None and one.n == 1]
-    if rig == "pile" and single:
-        notes.append(f"one heap {' and one '.join(single)}: how much heaps differ is not in the uncertainty")
-    elif measured.n == 1 and simulated is not None and not set_from:
-        notes.append("one repetition measured: how much repetitions differ is not in the uncertainty")
+    if simulated is not None and not set_from and (lone := _lone(rig, measured, simulated)):
+        what = RUNS_DIFFER.get(rig, "repetition")
+        notes.append(f"one {what} {' and one '.join(lone)}: how much {what}s differ is not in the uncertainty")
     if set_from:
         notes.append(f"the twin starts from the {set_from} value")
     if measured.left_out:

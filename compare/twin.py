@@ -200,8 +200,7 @@ def tilt_twin(
     angle, track = tilt.run(
         rig, particle, wall, contact, frame_rate=frame_rate, duration=duration, effects=effects, progress=progress
     )
-    # of a slow plate it takes longer than the run
-    progress(f"reading the record, about {len(angle.time) * tilt.A_FRAME:.0f} s", 0, 0)
+    progress("reading the record", 0, 0)  # it may take longer than the run
     other = "a longer duration" if duration is not None else "a contact with less friction"
     with _as_a_twin("tilt", other):
         evaluation = ruler.evaluate(angle, [track], variant=rig.variant, bead_diameter=particle.diameter)

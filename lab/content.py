@@ -3,8 +3,24 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+
+from rigtwin.lab.errors import BadInput
+
+
+def all_different(views: Sequence[Path]) -> None:
+    """Refuse views of which one is given twice, or is a copy of another.
+
+    Counted twice it would make the mean over views look surer than it is.
+    """
+    seen: set[Path] = set()
+    for view in views:
+        if view.resolve() in seen:
+            raise BadInput(f"{view}: is given twice; each view counts once.")
+        seen.add(view.resolve())
+    for original, copy in copies(view for view in views if view.is_file()):
+        raise BadInput(f"{copy}: holds the same as {original}; a copy is no view of its own: take one of them out.")
 
 
 def copies(files: Iterable[Path]) -> Iterator[tuple[Path, Path]]:

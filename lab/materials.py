@@ -12,6 +12,7 @@ from rigtwin.lab.shapes import Clump
 
 HEAVIEST = 25_000.0  # [kg/m^3], osmium has 22 600
 AIR = 1.2  # [kg/m^3]
+PACKING = 0.6  # part of a poured bed's volume that is beads
 
 
 def no_bead_has(density: float) -> str:

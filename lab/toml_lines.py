@@ -40,8 +40,10 @@ def dotted(key: Key) -> str:
     for before, part in zip((None, *key), key, strict=False):
         if isinstance(part, str):
             words.append(f"{'.' if isinstance(before, str) else ', '}{_quoted(part)}")
-        elif isinstance(before, str):
+        elif isinstance(before, str) and before.endswith("s"):
             words[-1] = f"{words[-1].removesuffix('s')} {part + 1}"
+        elif isinstance(before, str):
+            words.append(f", number {part + 1}")
         else:
             words.append(f", item {part + 1}")
     return "".join(words).removeprefix(", ")

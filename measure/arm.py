@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.measure.straight import gradient, longest_run, straight
+from rigtwin.measure.straight import fullest_run, gradient, straight
 
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.float32]
@@ -298,7 +298,7 @@ def _edge_at(row: int, change: Picture, signed: Array, along: Array, across: Arr
     sign = 1.0 if signed[row - 1 : row + 2].sum() > 0 else -1.0
     support = np.max(sign * signed[band], axis=0)
     covered = support > 0.3 * np.percentile(support[support > 0], 75) if np.any(support > 0) else support > 0
-    run = longest_run(covered, gap=max(12, width // 12))
+    run = fullest_run(covered, gap=max(12, width // 12))
     if run is None or run[1] - run[0] < SHORTEST * width:
         return None
     columns = np.arange(run[0], run[1] + 1)

@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.content import sha256
+from rigtwin.lab.drum import fill_check, froude_check, looks_check
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, doubted, failed, root_sum_of_squares
@@ -30,7 +31,7 @@ from rigtwin.measure.in_view import camera_by_scene
 from rigtwin.measure.media import UNSTEADY, Image, Video, open_video, read_photo
 from rigtwin.measure.repeats import at_its_pace
 from rigtwin.measure.stated_roll import roll_check
-from rigtwin.measure.steady import Avalanches, Mean, find_avalanches, mean_over_time, steady_part
+from rigtwin.measure.steady import SHORTEST, Avalanches, Mean, find_avalanches, mean_over_time, steady_part
 from rigtwin.measure.upright import GIVEN_ROLL, NOT_SEEN, STURDY
 
 Array = npt.NDArray[np.float64]
@@ -59,12 +60,11 @@ VIEW_DOUBT = {GRAPHICAL: 0.25, LOWER: 0.5, UPPER: 1.2, GEOMETRIC: 1.2}
 # a line over a bent surface has the mean slope of its two halves, and half of the doubt of each
 HALVES_DOUBT = math.hypot(VIEW_DOUBT[LOWER], VIEW_DOUBT[UPPER]) / 2
 ONE_MOMENT = 1.0  # [deg], how far a flowing surface usually is from its mean at one moment
-FILL = (0.03, 0.7)  # share of the drum's cross-section; above, the bed has hardly a free surface
 MOST_BOW = 0.2  # sagitta over length of the surface; S-shapes are odd about the middle, the drum's own arc has 0.5
 HIGHEST_STEP = 4.0  # bead diameters over the width of one: a slope of 76 degrees
 GLARE = 0.05  # share of the surface under a reflection, from which on lines along parts of it are off
 # checks of the record that every angle rests on
-RESTS_ON = ("surface_in_view", "steady_flow", "frame_timing", "surface_falls")
+RESTS_ON = ("surface_in_view", "steady_flow", "frame_timing", "surface_falls", "froude_number", "looks")
 SURELY_UP = 3.0  # standard uncertainties by which a half of the surface has to rise the wrong way
 SMEARED = 0.25  # share of frames that may be left out before the result is doubtful
 
@@ -130,7 +130,7 @@ def measure(
     of_picture = [*_checks_of_picture(bed, still), *stance_checks(bed.aside, bed.turning, _rises(seen.profiles))]
     _must_be_a_drum(clip, of_picture)
     try:
-        evaluation = _evaluate(seen, speed)
+        evaluation = _evaluate(seen, speed, None if scale is None else seen.radius)
     except NothingToMeasure as nothing:
         where = f"in every one of {len(bed.outlines)} frames" if bed.poses else "in this picture"
         raise NothingToMeasure(
@@ -199,7 +199,7 @@ def evaluate(
     if len(times) > 1 and not np.all(np.diff(times) > 0):
         raise BadInput("drum: times do not rise from profile to profile; sort the profiles by time.")
     radius = drum_diameter / 2 if drum_diameter is not None else None
-    return _evaluate(Observation(profiles, times, radius, bead=bead_diameter), speed)
+    return _evaluate(Observation(profiles, times, radius, bead=bead_diameter), speed, radius)
 
 
 def surface_line(profile: Profile, window: tuple[float, float]) -> tuple[float, float, float, float] | None:
@@ -227,7 +227,8 @@ def surface_ends(profile: Profile) -> tuple[float, float] | None:
 # ------------------------------------------------------------------------------------------------- record -> quantities
 
 
-def _evaluate(seen: Observation, speed: float | None) -> Evaluation:
+def _evaluate(seen: Observation, speed: float | None, radius: float | None) -> Evaluation:
+    """`speed` [rad/s] and `radius` [m] of the drum, where they are known."""
     if seen.radius is not None:
         variants = {
             name: (_without_wall(one, seen.radius), _without_wall(other, seen.radius))
@@ -265,7 +266,9 @@ def _evaluate(seen: Observation, speed: float | None) -> Evaluation:
         warnings.append(f"avalanche frequency and angles: none given, for {avalanches}.")
     else:
         quantities += _of_avalanches(avalanches, quantities[0].budget)
-    checks = [*_checks(seen, main, first, last, means.get((GRAPHICAL, MIDDLE))), *_falls_check(quantities)]
+    checks = [*_checks(seen, main, first, last, means.get((GRAPHICAL, MIDDLE)), speed), *_falls_check(quantities)]
+    if speed is not None and radius is not None:
+        checks.append(froude_check(speed, radius))
     quantities = [doubted(one, failed(checks, RESTS_ON)) for one in quantities]
     if last - first + 1 < len(seen.times):
         warnings.append(
@@ -355,7 +358,8 @@ def _quantity(
     s_shaped: bool,
 ) -> Quantity:
     name, method = key
-    budget = {"flow over time": mean.std_error if frames > 1 else ONE_MOMENT}
+    # frames too few to tell how long the flow stays alike may all show one moment
+    budget = {"flow over time": mean.std_error if frames >= SHORTEST else max(mean.std_error, ONE_MOMENT)}
     budget |= {"camera roll" if seen.roll_seen else "camera roll, not measured": seen.roll_doubt, **doubt}
     if seen.filmed:
         budget["perspective, beads in flight"] = HALVES_DOUBT if method == WHOLE else VIEW_DOUBT[name]
@@ -386,11 +390,15 @@ def _of_avalanches(found: Avalanches, budget: Mapping[str, float]) -> list[Quant
     ]
 
 
-def _checks(seen: Observation, main: Array, first: int, last: int, mean: Mean | None) -> list[Check]:
+def _checks(
+    seen: Observation, main: Array, first: int, last: int, mean: Mean | None, speed: float | None
+) -> list[Check]:
     count = last - first + 1
     checks = []
     if len(main) > 1:
         share = count / len(main)
+        # how far is told, not judged: a film may begin long after the drum did
+        turns = None if speed is None else abs(speed) * float(seen.times[last] - seen.times[first]) / (2 * math.pi)
         checks.append(
             Check(
                 "steady_flow",
@@ -398,9 +406,11 @@ def _checks(seen: Observation, main: Array, first: int, last: int, mean: Mean | 
                 share,
                 1.0,
                 f"{100 * share:.0f} % of the clip is steady flow, worth "
-                f"{mean.independent if mean else 0:.0f} independent moments; film longer where these are few.",
+                f"{mean.independent if mean else 0:.0f} independent moments"
+                f"{'' if turns is None else f' in {turns:.2g} turns'}; film longer where these are few.",
             )
         )
+        checks.append(looks_check(int(np.isfinite(main[first : last + 1]).sum())))
     measured = float(np.isfinite(main[first : last + 1]).mean())
     checks.append(
         Check(
@@ -578,14 +588,7 @@ def _checks_of_picture(bed: Bed, still: Check | str) -> list[Check]:
             if bed.rim_seen
             else "the drum's rim shows no edge; its circle was laid through the lower border of the bed.",
         ),
-        Check(
-            "fill",
-            FILL[0] < fill < FILL[1],
-            fill,
-            0.35,
-            f"the bed fills {100 * fill:.0f} % of the drum's cross-section"
-            + ("." if FILL[0] < fill < FILL[1] else ": so little, or so much, does not flow over the axis."),
-        ),
+        fill_check(fill, "the bed fills"),
         *_checks_of_shape(bed),
         *([still] if isinstance(still, Check) else []),
     ]

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.quantity import Check
 from rigtwin.measure.rim import Rim
-from rigtwin.measure.straight import longest_run
+from rigtwin.measure.straight import fullest_run
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
@@ -70,7 +70,7 @@ def _longest_run_around(marked: npt.NDArray[np.bool_]) -> tuple[int, int]:
     if marked.all():
         return 0, len(marked)
     start = int(np.argmin(marked))  # not marked, so that no run goes over the end
-    run = longest_run(np.roll(marked, -start), gap=1)
+    run = fullest_run(np.roll(marked, -start), gap=1)
     return (0, 0) if run is None else ((start + run[0]) % len(marked), run[1] - run[0] + 1)
 
 

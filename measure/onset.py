@@ -31,6 +31,8 @@ MOST_POINTS = 250  # a longer record is averaged down: the onset hangs on all of
 # -2 log of the odds that rolling friction falls when a ball starts to roll, as sliding friction does: an error that
 # lasts for a while looks like it
 ROLLING_JUMP = 25.0
+# of the smoothed angle, between which a slow plate hardly turns: its search takes a millisecond for every knot
+MOST_KNOTS = 4000
 SLOW = 0.02  # speed of a creep over the mean speed of the run, one standard deviation
 CREEP_STARTS, CREEP_SHAPES = 6, 2  # how many beginnings of a creep are tried, and whether it is even or grows
 PARTS = 4  # of the angle's record
@@ -134,7 +136,11 @@ def smooth_angle(time: Array, angle: Array) -> Array:
 
     if len(time) < 8:
         return angle
-    return np.asarray(make_smoothing_spline(time, angle)(time))
+    together = -(-len(time) // MOST_KNOTS)  # frames
+    starts = np.arange(0, len(time), together)
+    count = np.diff([*starts, len(time)])
+    when, level = (np.add.reduceat(one, starts) / count for one in (time, angle))
+    return np.asarray(make_smoothing_spline(when, level, count / together)(time))
 
 
 def smoothing_doubt(time: Array, angle: Array, places: Array) -> float:

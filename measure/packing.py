@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.camera import Camera
-from rigtwin.lab.content import sha256
+from rigtwin.lab.content import all_different, sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, doubted, failed, root_sum_of_squares
@@ -377,6 +377,7 @@ def measure(
     """
     if not photos:
         raise BadInput("measure packing: no photo given; name one or more photos of the cylinder.")
+    all_different(photos)
     if cylinder_diameter is not None and not (math.isfinite(cylinder_diameter) and cylinder_diameter > 0):
         raise BadInput(f"measure packing: cylinder_diameter must be positive, got {cylinder_diameter:g}.")
     seen, views, checks = [], [], []

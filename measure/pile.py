@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.camera import Camera
-from rigtwin.lab.content import sha256
+from rigtwin.lab.content import all_different, sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, doubted, failed, root_sum_of_squares
@@ -87,6 +87,7 @@ def measure(
     """
     if not photos:
         raise BadInput("measure pile: no photo given; name one or more photos of the heap.")
+    all_different(photos)
     if base_diameter is not None and bead_diameter is not None and bead_diameter >= base_diameter:
         raise BadInput(
             f"beads of {bead_diameter * 1e3:g} mm make no heap on a base of {base_diameter * 1e3:g} mm; "

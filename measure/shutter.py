@@ -24,7 +24,7 @@ CLOSER = np.array([-0.16, -0.08, 0.0, 0.08, 0.16])  # then, about the best of th
 STILL = 0.01  # [px], smear of a bead at rest: none at all would mean that it is unknown
 LEAST_WAY = 2.0  # [px/frame], of a bead whose streak shows
 EVEN = 0.35  # change of the way from one frame to the next, relative; at a bounce it is larger
-MOST_FRAMES = 10
+MOST_STREAKS = 10  # that are looked at, the longest
 STREAK_DOUBT = 0.5  # [px], of a streak's length: shading and gloss of a bead are not those of the model
 
 
@@ -64,7 +64,7 @@ def fast_frames(path: SpotPath) -> dict[int, float]:
     ahead, behind = centres[2:] - centres[1:-1], centres[1:-1] - centres[:-2]
     way = np.hypot(*((ahead + behind) / 2).T)
     even = (np.hypot(*(ahead - behind).T) < EVEN * way) & (frames[2:] - frames[:-2] == 2) & (way > LEAST_WAY)
-    fastest = [k for k in np.argsort(-way).tolist() if even[k]][:MOST_FRAMES]
+    fastest = [k for k in np.argsort(-way).tolist() if even[k]][:MOST_STREAKS]
     return {int(frames[k + 1]): float(way[k]) for k in fastest}
 
 

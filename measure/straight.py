@@ -113,7 +113,7 @@ def _laid(change: Picture, angle: float, row: float, shortest: float) -> Line | 
         power = weight.sum(axis=0)
         top = math.sqrt(float(np.percentile(power, 90))) + 1e-9
         seen = power > max(0.04 * top * top, 1e-6)
-        run = longest_run(seen, gap=max(10, width // 20))
+        run = fullest_run(seen, gap=max(10, width // 20))
         if run is None or x[run[1]] - x[run[0]] < shortest:
             return None
         inside = np.flatnonzero(seen)
@@ -147,8 +147,11 @@ def straight(x: Array, y: Array, weight: Array) -> tuple[tuple[float, float], fl
     return (offset, slope), sigma, float(np.mean(miss < 3 * scale))
 
 
-def longest_run(kept: npt.NDArray[np.bool_], gap: int) -> tuple[int, int] | None:
-    """First and last index of the longest run, across gaps of up to `gap`."""
+def fullest_run(kept: npt.NDArray[np.bool_], gap: int) -> tuple[int, int] | None:
+    """First and last index of the run that holds most of what is kept, across gaps of up to `gap`.
+
+    Not of the widest: a row of specks reaches far, and an edge or a heap fills its columns.
+    """
     places = np.flatnonzero(kept)
     if len(places) == 0:
         return None

@@ -27,7 +27,7 @@ from rigtwin.measure.grains import (
     rim_radius,
     shares,
 )
-from rigtwin.measure.straight import longest_run
+from rigtwin.measure.straight import fullest_run
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
@@ -249,7 +249,7 @@ def outline_of(
     fine, clearness = _sub_pixel(borders, usual)
     # the foot of a heap is a bead's side, steep: what runs out flat is something behind it
     empty = usual >= len(rows) - 1 - 0.5 * beads.radius
-    first, last = longest_run(~empty, gap=int(2 * beads.radius) + 1) or (0, -1)
+    first, last = fullest_run(~empty, gap=int(2 * beads.radius) + 1) or (0, -1)
     empty[:first] = empty[last + 1 :] = True
     if np.sum(~empty) < 6 * beads.radius:
         return None

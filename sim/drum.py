@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Unpack
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.drum import FEWEST_LOOKS, FILL, fill_check
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.materials import PACKING, Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check
 from rigtwin.lab.records import Profile, Series
-from rigtwin.lab.rigs import GRAVITY, Drum
+from rigtwin.lab.rigs import Drum
 from rigtwin.sim import fill
 from rigtwin.sim.bench import Bench, Numerics
 from rigtwin.sim.engine.clock import positive
@@ -29,15 +30,8 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 DEPTH = 0.5  # of the diameter, where the rig does not say
-FILL = 0.35  # of the volume, where the rig does not say
-PACKING = 0.6  # part of a bed's volume that is beads, by which a fill is counted out in beads
 FULLEST = 0.9  # part of the drum, beyond which nothing turns over
 STEADY_AFTER = 0.25  # turns
-FLOWING = (0.03, 0.7)  # part of the drum; less does not flow over itself, more has hardly a free surface
-# speed^2 R / g; the wall throws beads off where that is the sine of their angle above the axis, so from a half on they
-# fly across the drum from 30 degrees above it, and from 1 on they never leave the wall
-THROWN, CENTRIFUGED = 0.5, 1.0
-FEWEST_LOOKS = 5  # at the steady bed; the scatter of fewer is known no better than to a third
 CELL = 3.0  # bead diameters, side of the cells in which mixing is counted
 FEWEST = 5  # beads in a cell that counts
 
@@ -141,28 +135,12 @@ def run(
 
 
 def checks(rig: Drum, particle: Particle, rotation: Rotation) -> tuple[Check, ...]:
-    """Whether a bed turned so has a surface that flows, and was seen for long enough to tell its slope."""
-    froude = rig.speed**2 * rig.diameter / 2 / GRAVITY
-    words = f"the Froude number, speed^2 R / g, is {froude:.2g}"
-    if froude >= CENTRIFUGED:
-        words += ": the drum centrifuges, beads stay at its wall and no surface flows; turn it more slowly."
-    elif froude >= THROWN:
-        words += ": beads are thrown across the drum, and no surface flows; turn it more slowly."
+    """Whether the bed can flow, and turned for long enough from rest: what a film that begins later cannot tell."""
     share = _share(rotation.count, rig, _filled_in(rig)[0], particle)
-    least, most = FLOWING
-    filled = least < share < most
     looks = int((rotation.time >= rotation.steady_from).sum())
     longer = rotation.turns >= 2 * STEADY_AFTER and looks >= FEWEST_LOOKS
     return (
-        Check("froude_number", froude < THROWN, froude, 0.0, words.rstrip(".") + "."),
-        Check(
-            "fill",
-            filled,
-            share,
-            FILL,
-            f"{rotation.count} beads fill {share:.2g} of the drum"
-            + ("." if filled else f": no bed of less than {least:g} or more than {most:g} flows over itself."),
-        ),
+        fill_check(share, f"{rotation.count} beads fill"),
         Check(
             "turned_enough",
             longer,

@@ -18,7 +18,7 @@ from rigtwin.lab.records import Series, Track
 from rigtwin.lab.rigs import GRAVITY, Tilt
 from rigtwin.sim.engine.clock import positive
 from rigtwin.sim.engine.contact import Rolling
-from rigtwin.sim.film import frame_times
+from rigtwin.sim.film import MOST_FRAMES, frame_times
 from rigtwin.sim.trials import FRAMES_AT_REST, TRACK_SIGMA, each, name
 
 if TYPE_CHECKING:
@@ -30,8 +30,6 @@ STEP = 0.1  # of Rayleigh's
 STEEPEST = math.radians(85)
 HALF = math.sqrt(0.5)
 ACROSS = {0: (HALF, 0.0, 0.0, HALF), 1: (1.0, 0.0, 0.0, 0.0), 2: (HALF, HALF, 0.0, 0.0)}  # turns an axis onto y
-MOST_FRAMES = 100_000  # of a record; more was a slip of the unit
-A_FRAME = 2e-3  # [s] of computing, about, for reading one
 MARGIN = 1.3  # times the way's time; the record ends where the body leaves the plate
 
 
@@ -146,8 +144,8 @@ def _frames(trial: Trial) -> _Frames:
     if (frames := duration * frame_rate) > MOST_FRAMES:
         raise BadInput(
             f"a plate tilted at {math.degrees(rig.speed):.3g} deg/s and watched for {duration:.3g} s is a record of "
-            f"{frames:.2g} frames at {frame_rate:g} Hz, which take about {frames * A_FRAME / 60:.0f} minutes to read; "
-            f"tilt it faster, for a shorter time, or give a frame rate of at most {MOST_FRAMES / duration:.2g} Hz."
+            f"{frames:.2g} frames at {frame_rate:g} Hz, more than {MOST_FRAMES:.0e}; tilt it faster, watch it for a "
+            f"shorter time, or give a frame rate of at most {MOST_FRAMES / duration:.2g} Hz."
         )
     time = frame_times(duration, frame_rate)
     turning = np.maximum(time - FRAMES_AT_REST / frame_rate, 0.0)

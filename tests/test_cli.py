@@ -207,10 +207,19 @@ def test_an_unknown_experiment_is_refused_with_the_known_ones(tmp_path, capfd):
     refused(["compare", lab_with(tmp_path), "--only", "drop-D6-stel"], capfd, "drop-D6-stel", "drop-D6-steel")
 
 
-@pytest.mark.parametrize("option", ["--heaps", "--count", "--stiffness-factor"])
+@pytest.mark.parametrize("option", ["--runs", "--count", "--stiffness-factor"])
 def test_an_option_that_no_twin_of_the_lab_takes_is_refused(tmp_path, capfd, option):
     value = "0.1" if option == "--stiffness-factor" else "3"
     refused(["compare", lab_with(tmp_path), option, value], capfd, option, "drop-D6-steel")
+
+
+@pytest.mark.parametrize("rig", ["pile", "packing"])
+def test_a_copy_of_a_photo_is_no_further_view(tmp_path, capfd, rig):
+    photos = [tmp_path / name for name in ("front.jpg", "other.jpg", "side.jpg")]
+    for photo, content in zip(photos, (b"one", b"two", b"one"), strict=True):
+        photo.write_bytes(content)
+    known = ["--cylinder-diameter", "65mm"] if rig == "packing" else []
+    refused(["measure", rig, *photos, *known], capfd, "side.jpg", "front.jpg", "take one of them out")
 
 
 def test_a_model_that_is_not_there_is_looked_for_where_a_diagnosis_leaves_it(tmp_path, capfd):
@@ -458,7 +467,7 @@ def test_a_twin_of_a_million_seconds_is_refused_at_once(rig, capfd):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ("tilt --variant slide --speed 0.01deg/s", ["frames at 240 Hz", "minutes", "a frame rate of at most"]),
+        ("tilt --variant slide --speed 0.003deg/s", ["frames at 240 Hz", "tilt it faster", "a frame rate of at most"]),
         ("tilt --variant slide --duration 1s", ["the body stays where it is", "try a longer duration"]),
         ("packing --count 1", ["a count of 1 makes no bed", "cover the floor"]),
         ("hopper --outlet 30mm --count 1", ["a count of 1 makes no flow"]),

@@ -5,6 +5,7 @@ import hashlib
 import json
 import multiprocessing
 import re
+import shutil
 import signal
 import time
 from dataclasses import replace
@@ -282,25 +283,29 @@ def test_results_of_experiments_that_are_not_measured_now_are_not_replaced(lab, 
     assert {name: (out / name).read_bytes() for name in FILES} == before
 
 
-def test_an_experiment_that_was_renamed_in_the_lab_file_is_said_to_be_gone(compared, out):
-    (experiment,) = compared.lab.experiments
-    renamed = replace(compared.lab, experiments=(replace(experiment, id="pair-1"),))
-    (said,) = subject._stale(renamed, renamed.experiments, out)
+def test_an_experiment_that_was_renamed_in_the_lab_file_is_said_to_be_gone(lab, compared, tmp_path):
+    mine = Path(shutil.copytree(lab, tmp_path / "lab"))
+    results = Path(shutil.copytree(compared.files["report.html"].parent, tmp_path / "out"))
+    told = results / "deviations.json"  # as if this folder had been compared into it
+    told.write_text(told.read_text().replace(str(lab), str(mine)))
+    (mine / "lab.toml").write_text(LAB.replace("pair/1", "pair-1"))
+    (said,) = compare(mine, results, workers=1).remarks
     assert said.startswith("pair/1: no longer in lab.toml")
-    assert list(subject._stale(compared.lab, compared.lab.experiments, out)) == []
+    assert compare(mine, results, workers=1, model=contact_of(tmp_path, "bead-bead")).remarks == ()
 
 
-def test_a_model_made_of_other_contacts_is_said_to_act_all_the_same(compared):
-    from rigtwin.lab.materials import KnownContact
-    from rigtwin.lab.model import Model
+def test_a_model_made_of_other_contacts_is_said_to_act_all_the_same(lab, tmp_path):
+    other = contact_of(tmp_path, "D6_ABS-glass")
+    (said,) = compare(lab, tmp_path / "out", workers=1, model=other).remarks
+    assert "pair/1: model.toml has contacts of D6_ABS-glass and none of bead-bead; its effects (air_drag)" in said
 
-    def remarks(*names):
-        model = Model(contacts={names: KnownContact(restitution=0.5)}, effects={"air drag": {}})
-        return list(subject._made_for_others(Path("model.toml"), model, compared.lab.experiments))
 
-    (said,) = remarks("D6_ABS", "glass")
-    assert "pair/1: model.toml has contacts of D6_ABS-glass and none of bead-bead; its effects (air drag)" in said
-    assert remarks("bead", "bead") == []
+def contact_of(folder, pair):
+    """A model that knows the lab's bead, one contact, and of the air."""
+    file, bead = folder / "model.toml", LAB[LAB.index("[particles") : LAB.index("[contacts")]
+    effect = "[effects.air_drag]\ndrag_coefficient = 0.47\n"
+    file.write_text(f"{bead}\n[contacts.{pair}]\nrestitution = 0.5\n\n{effect}")
+    return file
 
 
 def test_an_experiment_without_any_usable_repetition_is_an_error_that_leaves_old_results(lab, compared, out):

@@ -117,4 +117,5 @@ def test_dates_and_numbers_end_where_they_end():
 
 def test_a_path_is_written_as_a_person_writes_it():
     assert dotted(("experiments", 2, "camera", "frame_rate")) == "experiment 3, camera.frame_rate"
+    assert dotted(("experiments", 0, "camera", "region", 3)) == "experiment 1, camera.region, number 4"
     assert dotted(("contacts", "two words-steel", "restitution")) == 'contacts."two words-steel".restitution'

@@ -8,6 +8,7 @@ import av
 import cv2
 import numpy as np
 import pytest
+import scipy.interpolate
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -438,6 +439,20 @@ def test_what_is_stated_of_a_smoothed_angle_is_what_it_is_off_by():
         stated.append(smoothing_doubt(time, angle + noise, time[middle]))
     ratio = float(np.sqrt(np.mean(np.square(errors)) / np.mean(np.square(stated))))
     assert 0.6 < ratio < 1.6  # 20 records of some four free curves each
+
+
+def test_a_slow_plates_many_frames_are_smoothed_in_bounded_time_to_what_their_noise_allows(monkeypatch):
+    knots, spline = [], scipy.interpolate.make_smoothing_spline
+    monkeypatch.setattr(
+        scipy.interpolate, "make_smoothing_spline", lambda x, *more: knots.append(len(x)) or spline(x, *more)
+    )
+    time = np.arange(14_003) / 240
+    angle = np.radians(0.5 * time + 0.2 * np.sin(time))  # a motor that turns unevenly once in 6 s
+    noise = math.radians(0.02) * np.random.default_rng(2).standard_normal(len(time))
+    off = smooth_angle(time, angle + noise) - angle
+    assert max(knots) <= 4000
+    # a sway of 6 s is drawn by some eight free curves a period: 75 of them, of 14 000 frames
+    assert np.sqrt(np.mean(off**2)) < 1.5 * math.radians(0.02) * math.sqrt(75 / 14_000)
 
 
 def test_how_fast_the_plate_turns_is_no_doubt_of_its_angle() -> None:

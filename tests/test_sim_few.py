@@ -279,3 +279,10 @@ def test_a_trial_that_cannot_be_is_named_by_its_place():
         drops.run_many([replace(good, rig=Drop(-1.0))])
     with pytest.raises(BadInput, match=r"^trials\[1\]: 0\.3 is no drop\.Trial"):
         drops.run_many([good, 0.3])
+
+
+def test_a_run_of_minutes_reaches_its_samples_although_its_clock_is_coarser_by_then():
+    # from 128 s on a clock of 64 bits goes in steps of 3e-14 s
+    times = np.array([128.3, 200.0, 300.1])
+    fell = run([Body(sphere(), (0.0, 0.0, 0.0))], times)
+    assert fell.position[:, 0, 2] == pytest.approx(-GRAVITY / 2 * times**2, rel=1e-9)

@@ -58,9 +58,7 @@ TABLES = ("walls", "rig_geometry")
 BEYOND = 30.0  # times as long as what is seen of a motion: 300 mm and what is seen of them are 1000 apart
 FARTHEST, FASTEST = 100.0, 60.0  # [m] from the origin, and [m/s]: a fall from 180 m
 LARGEST = 1e300  # of any number: what a float can hold
-OTHER_RATE = (
-    0.1  # relative: times rounded to the millisecond make 250 of 240 rows a second, another rate is another step
-)
+OTHER_RATE = 0.1  # relative: times rounded to the millisecond make 250 of 240 rows a second; another rate is a step
 EARLY = 0.2  # [s], in which a clock that starts with the film has shown a row, some lost frames allowed for
 
 

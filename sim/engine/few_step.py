@@ -264,7 +264,7 @@ class Steps:
             now += h
             steps += 1.0
             left -= 1
-            while awaited > 0 and culprit < 0 and (now > wanted - 1e-14 or still):
+            while awaited > 0 and culprit < 0 and (now >= wanted - 1e-14 or still):
                 # what rests, under its own weight and without force, rests for good
                 self.take_sample(samples, row, begin, end)
                 row += end - begin
