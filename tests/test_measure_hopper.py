@@ -28,6 +28,8 @@ from rigtwin.measure.hopper import outlet_profile
 from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.outflow import _end_of_beads, follow_outflow
 from rigtwin.measure.starved import compression_check
+from rigtwin.measure.stated_roll import nothing_level, upright_checks
+from rigtwin.measure.upright import NOT_SEEN, Upright
 
 Array = npt.NDArray[np.float64]
 
@@ -243,6 +245,7 @@ def film(
     noise: float = 2.0,
     slide: int = 3,
     zoom: int = 1,
+    roll: float = 0.0,
 ) -> float:
     """A bed that leaves row by row through a slot; returns the frame at which the last bead's upper edge is at it.
 
@@ -250,7 +253,8 @@ def film(
 
     `hand` tells where a hand of the colour `skin` is in a frame [px]; the beads have one of the `colours` each;
     `noise` is that of the camera [grey levels], `flicker` the share by which a lamp on 50 Hz makes frames brighter and
-    darker.  The slide is as thick as `slide` [px] and the film is `zoom` times as large as all that.
+    darker.  The slide is as thick as `slide` [px] and the film is `zoom` times as large as all that; the scene looks
+    turned clockwise by `roll` [deg].
     """
     random = np.random.default_rng(5)
     rows, columns = 9, 5
@@ -295,6 +299,9 @@ def film(
                 cv2.ellipse(picture, middle, (40, 26), 20, 0, 360, skin, -1, cv2.LINE_AA)
             if zoom > 1:
                 picture = cv2.resize(picture, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_CUBIC)
+            if roll:
+                turn = cv2.getRotationMatrix2D((SIZE[0] / 2, SIZE[1] / 2), -roll, 1.0)  # OpenCV turns anticlockwise
+                picture = cv2.warpAffine(picture, turn, SIZE, borderMode=cv2.BORDER_REPLICATE)
             lamp = 1 + flicker * math.sin(2 * math.pi * 100.7 * k / RATE)
             noisy = np.clip(lamp * picture + random.normal(0, noise, picture.shape), 0, 255).astype(np.uint8)
             pictures.append(noisy)
@@ -327,6 +334,37 @@ def test_a_filmed_discharge_gives_both_ends_within_a_frame(tmp_path: Path) -> No
     assert 0.012 < middle.std_uncertainty / middle.value < 0.03
     assert all(path.exists() for path in found.files.values())
     assert not any(one.doubtful for one in found.quantities)
+
+
+@pytest.mark.parametrize(
+    ("roll", "stated", "passed", "doubtful"),
+    [
+        (-4.0, None, True, False),
+        (12.0, None, False, True),
+        (12.0, 12.0, True, False),
+        (0.0, 12.0, False, True),
+        # the ends of the slot are off by a tenth of a bead then
+        (0.0, 2.0, False, False),
+    ],
+)
+def test_times_are_right_or_doubtful_however_the_camera_is_turned(
+    tmp_path: Path, roll: float, stated: float | None, *, passed: bool, doubtful: bool
+) -> None:
+    last = film(tmp_path / "hopper.mp4", roll=roll)
+    camera = Camera(frame_rate=RATE, roll=None if stated is None else math.radians(stated))
+    found = hopper.measure(tmp_path / "hopper.mp4", camera, out=tmp_path / "out")
+    assert all(check.passed == passed for check in found.checks if check.check == "camera_roll")
+    assert passed or any("--camera-roll" in check.message for check in found.checks)
+    for end, truth in ((find(found, "opening_time"), OPENED), (find(found, "last_particle_time"), last)):
+        assert bool(end.doubtful) == doubtful
+        assert doubtful or abs(end.value * RATE - truth) < 3 * end.std_uncertainty * RATE
+    assert not find(found, "residue_fraction").doubtful
+
+
+def test_a_hopper_without_a_level_edge_is_told_what_roll_to_give() -> None:
+    unseen = Upright(0.0, math.radians(2.3), NOT_SEEN, np.empty((0, 4)))
+    assert "give --camera-roll, 0deg where" in nothing_level(unseen)
+    assert not upright_checks(unseen)
 
 
 @pytest.mark.parametrize(
