@@ -55,10 +55,16 @@ LASTING = 5  # values by most of which what was there is told: something may pas
 REFILL = 0.1  # share of the filling, by which it must: light and codec change the bed's area by some hundredths
 BINS = 6  # parts of the steady flow whose rates are compared
 HIDDEN = 0.08  # share of the slot's width that may show no bead before something hides it
+PARTED = (
+    0.8  # of the rows in which a column lies between beads of the full bed, that show none where something is in front
+)
+DEEP = 2.0  # bead diameters of such rows: the bed's upper border is uneven by less
+COVERED = 0.5  # of the filling, that may leave behind what is in front of the bed: else more is drawn through than seen
 CLOSED = 4.0  # frames before the opening that show the slot closed: a slide takes two or three to leave it
 EARLY, LATE = 0.95, 0.2  # of the bed, between which it goes about as fast from frame to frame
 RESIDUE = 0.02  # share of the bed that may stay behind before it is worth a warning
-UNSEEN = ("slot_in_view", "bed_clear", "static_camera")  # checks without which the times of what leaves are doubtful
+# checks without which the times of what leaves are doubtful
+UNSEEN = ("slot_in_view", "bed_in_view", "bed_clear", "static_camera")
 # [deg], by which a roll may be wrong: the ends of a slot six beads wide then lie 0.16 of a bead off, about as far as is
 # not known of its row
 SLIGHT_ROLL = 3.0
@@ -147,13 +153,14 @@ def measure(
         size = _size_check(seen, scale, scale_from, scale_doubt, bead_diameter, spacing, bin_width)
         told = None if isinstance(velocity, str) else doubted(velocity, _failed(size))
         width = view["slot_width_px"] * scale
-        rate = _rate_check(seen, told, width, video.frame_rate, scale=scale, doubt=scale_doubt)
+        rate = _rate_check(seen, told, width, video.frame_rate, scale=scale, doubt=scale_doubt, hidden=hidden > HIDDEN)
         quantities = quantities if told is None else (*quantities, told)
     asked = (timing, rate, size, still, nothing_level(seen.upright))
     warnings += [each for each in asked if isinstance(each, str) and each]
     judged = [each for each in asked if isinstance(each, Check)]
     checks = (
         *_checks_of_picture(seen, gate, hidden),
+        _bed_check(seen, left.value, opened),
         *upright_checks(seen.upright),
         compression,
         *evaluation.checks,
@@ -443,10 +450,47 @@ def _edges(seen: Outflow) -> tuple[float, float]:
 
 
 def _hidden(seen: Outflow, edges: tuple[float, float]) -> float:
-    """Share of the slot in which no bead is ever seen though beads pass to both sides: something stands before it."""
-    share = _beads_in_slot(seen)[:, math.ceil(edges[0]) : math.floor(edges[1]) + 1].mean(axis=0)
+    """Share of the slot that something stands before: beads pass to its sides, or it hides an end of the slot."""
+    slot = np.arange(math.ceil(edges[0]), math.floor(edges[1]) + 1)
+    if len(slot) == 0:
+        return 1.0
+    share = _beads_in_slot(seen)[:, slot].mean(axis=0)
     # not the median: what hides half of the slot would set it
-    return float(np.mean(share < 0.3 * np.percentile(share, 80))) if len(share) else 1.0
+    hidden = set(slot[share < 0.3 * np.percentile(share, 80)].tolist())
+    radius = 0.5 * seen.scenery.bead
+    for run in _parting(seen.scenery.bed, DEEP * seen.scenery.bead):
+        if run[-1] > edges[0] - radius and run[0] < edges[1] + radius:
+            hidden |= set(run.tolist())
+    return len(hidden) / len(hidden | set(slot.tolist()))
+
+
+def _parting(bed: npt.NDArray[np.bool_], deep: float) -> list[npt.NDArray[np.intp]]:
+    """Runs of columns that show no beads where those to both sides do, over `deep` [px] of rows and more.
+
+    A bed has no such gaps: something that stands in front of it parts it.
+    """
+    from_left, from_right = (np.maximum.accumulate(each, axis=1) for each in (bed, bed[:, ::-1]))
+    within = from_left & from_right[:, ::-1]
+    rows = within.sum(axis=0)
+    columns = np.flatnonzero((rows > deep) & ((within & ~bed).sum(axis=0) > PARTED * rows))
+    return np.split(columns, np.flatnonzero(np.diff(columns) > 1) + 1) if len(columns) else []
+
+
+def _bed_check(seen: Outflow, left: Array, opened: Instant) -> Check:
+    """Whether the bed is seen as it leaves: what is `left` is else drawn through the frames that do not show it."""
+    covered = _covered(seen)
+    early = np.array([moment.time < opened.time for moment in seen.moments])
+    if covered[early].any() and (~covered[early]).sum() < CLOSED:
+        message = (
+            "something is in front of bed or slot until the opening that was found: how much there was is not seen, "
+            "nor whether it flowed already; keep the view of bed and slot free."
+        )
+        return Check("bed_in_view", False, 1.0, 0.0, message)
+    lost = np.maximum(-np.diff(left), 0.0)
+    share = float(lost[covered[1:] | covered[:-1]].sum() / max(float(lost.sum()), 1e-9))
+    message = f"something is in front of bed or slot while {100 * share:.0f} % of the filling leave"
+    ending = "." if share <= COVERED else ": when they do is not seen; keep the view of bed and slot free."
+    return Check("bed_in_view", share <= COVERED, share, 0.0, message + ending)
 
 
 def _closed_before(seen: Outflow, opened: Instant) -> Instant:
@@ -646,17 +690,26 @@ def _other_scale(bin_width: float | None) -> str:
 
 
 def _rate_check(
-    seen: Outflow, velocity: Quantity | None, width: float, rate: float, *, scale: float, doubt: float
+    seen: Outflow,
+    velocity: Quantity | None,
+    width: float,
+    rate: float,
+    *,
+    scale: float,
+    doubt: float,
+    hidden: bool,
 ) -> Check | str:
     """Whether time in the clip is that of gravity, or in words why that is not known.
 
-    `scale` [m/px] of the clip and its relative doubt.
+    `scale` [m/px] of the clip and its relative doubt; `hidden`: whether something stands before the slot.
     """
     time = np.array([moment.time for moment in seen.moments])
     # the front of a stream ends where beads come apart, the lowest bead where the first has reached the floor
     fronts = np.array([(moment.front, moment.lowest) for moment in seen.moments]).T - seen.scenery.slot.row
     # of the upright cut, whose pixels are smaller or larger than the clip's
     fronts_fall = fall_below(time, fronts / seen.lens.zoom, seen.scenery.bead / seen.lens.zoom)
+    if hidden:  # the lowest bead that is seen may be another one from frame to frame, as each goes behind it
+        fronts_fall = None
     stream_fall = seen.stream.fall(seen.interval)
     fall = together([fronts_fall, None if stream_fall is None else stream_fall.at(1 / seen.lens.zoom)])
     if fall is not None:

@@ -454,6 +454,24 @@ def test_what_stands_before_the_middle_of_the_slot_makes_its_times_doubtful(tmp_
     assert find(found, "last_particle_time").doubtful
 
 
+def test_a_post_before_a_bed_parts_it_and_a_hollow_surface_does_not() -> None:
+    row, column = np.mgrid[:100, :200]
+    bed = (np.abs(column - 100) < 90 - 0.7 * row) & (row > 10 + 0.5 * (90 - np.abs(column - 100)))
+    assert hopper._parting(bed, 20.0) == []
+    for left in (60, 95, 115):
+        (hidden,) = hopper._parting(bed & ~((column >= left) & (column < left + 12)), 20.0)
+        assert (hidden[0], hidden[-1]) == (left, left + 11)
+
+
+@pytest.mark.parametrize("comes", [3, 6])  # [frames]; the slide moves at frame 8
+def test_a_bed_that_is_not_seen_while_it_leaves_has_a_rate_that_is_doubtful(tmp_path: Path, comes: int) -> None:
+    film(tmp_path / "hand.mp4", hand=lambda k: (110.0, 105.0) if comes <= k < 40 else (20.0, 20.0))
+    found = hopper.measure(tmp_path / "hand.mp4", Camera(frame_rate=RATE), bead_diameter=DIAMETER, out=tmp_path)
+    rate = find(found, "discharged_fraction_rate")
+    assert not next(check for check in found.checks if check.check == "bed_in_view").passed
+    assert "keep the view of bed and slot free" in rate.doubtful
+
+
 def test_a_hand_that_pulls_the_slide_from_afar_is_no_trouble(tmp_path: Path) -> None:
     times, last = handled(tmp_path / "hand.mp4", lambda k: (220.0 + 14 * max(k - OPENED, -2), 155.0))
     assert times[2].value * RATE == pytest.approx(last - OPENED, abs=0.7)
