@@ -605,8 +605,10 @@ def _last_particle(seen: Outflow, edges: tuple[float, float]) -> Instant:
         budget = {"passage": 0.3 * frames * seen.interval}
     doubtful = ""
     pace = seen.outlet.shift[np.isfinite(seen.outlet.shift[:, 1]), 1]
-    # a bead twice as fast as the flow is still seen below the slot a frame later
-    if frames == 1 and not math.isfinite(below) and len(pace) and 2 * float(np.median(pace)) < REACH_BELOW * bead:
+    # a bead twice as fast as the flow is still seen below the slot a frame later, and no further; the upper edge of a
+    # faint one may be taken half a bead too high or too low
+    way = min(below, slot + REACH_BELOW * bead) - top[k]
+    if frames == 1 and len(pace) and 2 * float(np.median(pace)) + bead < way:
         budget["not seen to pass"] = NEARBY * seen.interval
         doubtful = f"the last bead vanishes at {time[k]:.3f} s and is not seen to pass the slot: give the original film"
     budget["slot's height"] = min(budget.get("slot's height", 0.0), 3 * seen.interval)
@@ -729,8 +731,8 @@ def _timing_check(seen: Outflow, left: Array, opened: Instant, last: Instant) ->
     flows = (time[1:] > opened.time) & (time[1:] <= last.time) & ~hidden[1:] & ~hidden[:-1]
     told = np.diff(time) / seen.interval
     changes = np.array([moment.change for moment in seen.moments[1:]])
-    # at its ends the flow changes from frame to frame
-    gone = np.where((left[1:] > LATE) & (left[:-1] < EARLY), -np.diff(left), math.nan)
+    # at its ends the flow changes from frame to frame; a gap may reach into them
+    gone = np.where((left[:-1] > LATE) & (left[1:] < EARLY), -np.diff(left), math.nan)
     return timing_check(told[flows], seen.stream.frames_between()[flows], changes[flows], gone[flows])
 
 

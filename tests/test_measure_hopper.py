@@ -518,6 +518,17 @@ def test_many_frames_cut_out_of_the_flow_are_told_by_the_bed_that_is_gone(cut: i
     assert check.value == pytest.approx(cut, abs=0.4 * cut)
 
 
+@pytest.mark.parametrize("seen", [True, False])
+def test_a_cut_in_a_flow_that_comes_in_bursts_is_told_where_no_bead_is_seen_on_both_sides_of_it(*, seen: bool) -> None:
+    gone = np.tile([15.0, 65.0, 40.0, 25.0, 55.0], 14)
+    gone[30] = 4 * 40.0
+    shown = np.ones(len(gone))
+    shown[30] = 1.0 if seen else math.nan
+    check = timing_check(np.ones(len(gone)), shown, np.tile([10.0, 11.0], 35), gone)
+    assert isinstance(check, Check)
+    assert check.passed == seen
+
+
 def test_frames_that_the_times_say_are_missing_are_no_trouble(tmp_path: Path) -> None:
     film(tmp_path / "gaps.mp4", lost=frozenset(range(16, 40, 5)))
     assert judged(tmp_path / "gaps.mp4", "frame_timing").passed
@@ -578,9 +589,10 @@ def test_what_shows_up_above_the_last_bead_for_a_frame_is_no_bead() -> None:
     assert hopper._still_above(np.insert(sinks, 6, [math.inf, math.inf]), 100.0, 10.0)[-1] == 8
 
 
-def test_a_last_bead_that_vanishes_above_the_slot_is_doubtful(tmp_path: Path) -> None:
+@pytest.mark.parametrize("cut", [2, 11])  # [frames]: an earlier bead is seen below the slot after it, and none
+def test_a_last_bead_that_vanishes_above_the_slot_is_doubtful(tmp_path: Path, cut: int) -> None:
     last = film(tmp_path / "gone.mp4")
-    film(tmp_path / "gone.mp4", shown=[*range(math.floor(last) - 1), *range(math.ceil(last) + 10, 75)])
+    film(tmp_path / "gone.mp4", shown=[*range(math.floor(last) - 1), *range(math.ceil(last) + cut - 1, 75)])
     camera = Camera(frame_rate=RATE, scale=DIAMETER / (2 * BEAD))
     found = hopper.measure(tmp_path / "gone.mp4", camera, bead_diameter=DIAMETER, out=tmp_path)
     assert "vanishes" in find(found, "last_particle_time").doubtful
