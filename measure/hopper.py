@@ -77,7 +77,7 @@ USUAL_SHARE = 0.235  # of the picture, that the beds of these films cover
 BLIND = 0.085  # fewer than any of these had: nothing tells how long things stand then
 # times the noise, by which the bed must differ from the empty hopper: a bead's shaded half differs by half as much, and
 # that has to be clear by one of the three that noise hardly reaches
-CLEAR = 8.0
+BED_CLEAR = 8.0
 FAINTEST = 12.5  # [grey levels], likewise in a film without noise: by a step of a codec's quantiser at usual strength
 AREA_DOUBT = 0.05  # relative, how far the bed's visible area follows its mass
 AT_ENDS = 0.25  # of that, where little has loosened yet, and where little is left
@@ -123,7 +123,7 @@ def measure(
         last = replace(last, budget=last.budget | {"hidden part of the slot": seen.interval})
     opened, last = (_unhidden(seen, moment) for moment in (_closed_before(seen, opened), last))
     still = camera_by_scene([moment.pose for moment in seen.moments])
-    compression = compression_check(video, BLIND, _moving_share(seen, video, still))
+    compression = compression_check(video, BLIND, _moving_share(seen, video, still), few=STARVED)
     if compression.value < STARVED:
         opened, last = (_starved(seen, moment, _failed(compression)) for moment in (opened, last))
     left = _left(seen)
@@ -766,7 +766,7 @@ def _seen_to_open(gate: Opening | None) -> str:
 
 def _checks_of_picture(seen: Outflow, gate: Opening | None, hidden: float) -> list[Check]:
     contrast, noise = seen.scenery.contrast, seen.scenery.noise
-    clear = contrast / max(CLEAR * noise, FAINTEST)
+    clear = contrast / max(BED_CLEAR * noise, FAINTEST)
     speed = gate.speed if gate is not None else math.nan
     return [
         Check(

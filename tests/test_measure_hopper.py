@@ -246,6 +246,7 @@ def film(
     slide: int = 3,
     zoom: int = 1,
     roll: float = 0.0,
+    shake: float = 0.0,
 ) -> float:
     """A bed that leaves row by row through a slot; returns the frame at which the last bead's upper edge is at it.
 
@@ -254,7 +255,7 @@ def film(
     `hand` tells where a hand of the colour `skin` is in a frame [px]; the beads have one of the `colours` each;
     `noise` is that of the camera [grey levels], `flicker` the share by which a lamp on 50 Hz makes frames brighter and
     darker.  The slide is as thick as `slide` [px] and the film is `zoom` times as large as all that; the scene looks
-    turned clockwise by `roll` [deg].
+    turned clockwise by `roll` [deg], and the camera moves to and fro by `shake` [px].
     """
     random = np.random.default_rng(5)
     rows, columns = 9, 5
@@ -302,6 +303,9 @@ def film(
             if roll:
                 turn = cv2.getRotationMatrix2D((SIZE[0] / 2, SIZE[1] / 2), -roll, 1.0)  # OpenCV turns anticlockwise
                 picture = cv2.warpAffine(picture, turn, SIZE, borderMode=cv2.BORDER_REPLICATE)
+            if shake:
+                aside = shake * np.array([math.sin(1.1 * k), math.cos(0.7 * k)])
+                picture = cv2.warpAffine(picture, np.c_[np.eye(2), aside], SIZE, borderMode=cv2.BORDER_REPLICATE)
             lamp = 1 + flicker * math.sin(2 * math.pi * 100.7 * k / RATE)
             noisy = np.clip(lamp * picture + random.normal(0, noise, picture.shape), 0, 255).astype(np.uint8)
             pictures.append(noisy)
@@ -652,7 +656,7 @@ def test_a_starved_clip_is_right_within_a_frame_or_doubtful(tmp_path: Path, crf:
 def test_noise_that_beads_stand_out_of_by_far_is_no_reason_for_doubt(tmp_path: Path) -> None:
     last = film(tmp_path / "hopper.mp4", noise=10.0, crf=6)
     found = hopper.measure(tmp_path / "hopper.mp4", Camera(frame_rate=RATE), out=tmp_path / "out")
-    assert 8 < next(check for check in found.checks if check.check == "bed_clear").value * hopper.CLEAR < 18
+    assert 8 < next(check for check in found.checks if check.check == "bed_clear").value * hopper.BED_CLEAR < 18
     for end, truth in ((find(found, "opening_time"), OPENED), (find(found, "last_particle_time"), last)):
         assert abs(end.value * RATE - truth) < 3 * end.std_uncertainty * RATE
         assert not end.doubtful
@@ -666,6 +670,30 @@ def test_a_codecs_bits_count_where_something_moves(tmp_path: Path) -> None:
     small = compression_check(film, 0.2, moving=0.25)
     assert small.passed
     assert small.value == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize("zoom", [1, 4])  # the larger one is measured at 0.8 of its size
+def test_a_still_films_bits_are_those_of_the_bed(tmp_path: Path, zoom: int) -> None:
+    film(tmp_path / "hopper.mp4", crf=34, zoom=zoom)
+    bed = (SLOT_RIGHT - SLOT_LEFT) * 2 * BEAD * (1 + 8 * 0.95) * zoom**2
+    bits = 8 * (tmp_path / "hopper.mp4").stat().st_size / (75 * bed)
+    assert judged(tmp_path / "hopper.mp4", "compression").value == pytest.approx(bits, rel=0.2)
+
+
+def test_few_bits_are_a_frame_of_doubt_and_those_of_a_shaken_film_too_few(tmp_path: Path) -> None:
+    """A codec spends them all over a picture that shakes, and leaves out in it what it shows of a still one."""
+    found = []
+    for name, shake in (("still.mp4", 0.0), ("shaken.mp4", 1.0)):
+        last = film(tmp_path / name, crf=40, shake=shake)
+        found.append(hopper.measure(tmp_path / name, Camera(frame_rate=RATE), out=tmp_path / "out"))
+    still, shaken = (next(one for one in each.checks if one.check == "compression") for each in found)
+    assert still.passed
+    assert "in the doubt of its times" in still.message
+    lasted = find(found[0], "discharge_time")
+    assert not lasted.doubtful
+    assert abs(lasted.value * RATE - (last - OPENED)) < 3 * lasted.std_uncertainty * RATE
+    assert not shaken.passed
+    assert "so few that faint things" in find(found[1], "discharge_time").doubtful
 
 
 @pytest.mark.parametrize("stated", [0.5 * RATE, 2 * RATE])
