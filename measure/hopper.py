@@ -605,10 +605,10 @@ def _last_particle(seen: Outflow, edges: tuple[float, float]) -> Instant:
         budget = {"passage": 0.3 * frames * seen.interval}
     doubtful = ""
     pace = seen.outlet.shift[np.isfinite(seen.outlet.shift[:, 1]), 1]
-    # a bead twice as fast as the flow is still seen below the slot a frame later, and no further; the upper edge of a
-    # faint one may be taken half a bead too high or too low
+    # a bead twice as fast as the flow, or as it was itself, is still seen below the slot a frame later, and no further;
+    # the upper edge of a faint one may be taken half a bead too high or too low
     way = min(below, slot + REACH_BELOW * bead) - top[k]
-    if frames == 1 and len(pace) and 2 * float(np.median(pace)) + bead < way:
+    if frames == 1 and len(pace) and 2 * max(float(np.median(pace)), top[k] - top[max(k - 1, 0)]) + bead < way:
         budget["not seen to pass"] = NEARBY * seen.interval
         doubtful = f"the last bead vanishes at {time[k]:.3f} s and is not seen to pass the slot: give the original film"
     budget["slot's height"] = min(budget.get("slot's height", 0.0), 3 * seen.interval)
