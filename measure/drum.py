@@ -30,9 +30,9 @@ from rigtwin.measure.drum_turning import stance_checks
 from rigtwin.measure.in_view import camera_by_scene
 from rigtwin.measure.media import UNSTEADY, Image, Video, open_video, read_photo
 from rigtwin.measure.repeats import at_its_pace
-from rigtwin.measure.stated_roll import roll_check
+from rigtwin.measure.stated_roll import nothing_level, upright_checks
 from rigtwin.measure.steady import SHORTEST, Avalanches, Mean, find_avalanches, mean_over_time, steady_part
-from rigtwin.measure.upright import GIVEN_ROLL, NOT_SEEN, STURDY
+from rigtwin.measure.upright import NOT_SEEN
 
 Array = npt.NDArray[np.float64]
 
@@ -144,11 +144,8 @@ def measure(
     checks = (*of_picture, *evaluation.checks)
     if scale is None:
         warnings.append("scale: not known, so profiles are left out; give --drum-diameter or --scale.")
-    if bed.upright.source == NOT_SEEN:
-        warnings.append(
-            "camera roll: nothing level is seen, the picture was taken as upright, to "
-            f"{math.degrees(bed.upright.sigma):.0f} degrees; give --camera-roll, 0deg where the camera was levelled."
-        )
+    if turned := nothing_level(bed.upright):
+        warnings.append(turned)
     hidden = sum(outline.hidden for outline in bed.outlines)
     if 0 < hidden <= len(bed.outlines) / 2:
         warnings.append(
@@ -595,15 +592,7 @@ def _checks_of_picture(bed: Bed, still: Check | str) -> list[Check]:
     whole = not _runs_out(bed)
     ending = "inside the picture." if whole else "at the picture's edge: its line is of a part; film the whole drum."
     checks.append(Check("bed_in_view", whole, float(whole), 1.0, f"the bed's surface ends {ending}"))
-    if bed.upright.source == GIVEN_ROLL:
-        if bed.upright.seen is not None:
-            checks.append(roll_check(bed.upright.roll, *bed.upright.seen, "the level edges in the picture show"))
-    elif abs(turned := math.degrees(bed.upright.roll)) > STURDY:
-        message = (
-            f"the edges taken for level show a camera turned by {turned:+.1f} degrees, as none on a stand is: they "
-            f"may lie aslant; where it was turned so, give --camera-roll {turned:.1f}deg."
-        )
-        checks.append(Check("camera_roll", False, turned, 0.0, message))
+    checks += upright_checks(bed.upright)
     if math.isfinite(bed.glare):
         checks.append(
             Check(

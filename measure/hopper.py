@@ -31,6 +31,7 @@ from rigtwin.measure.outflow import REACH_BELOW, Outflow, bin_walls, follow_outf
 from rigtwin.measure.repeats import at_its_pace
 from rigtwin.measure.spacing import NEIGHBOURS_DOUBT, bead_spacing, size_of_beads
 from rigtwin.measure.starved import compression_check
+from rigtwin.measure.stated_roll import nothing_level, upright_checks
 
 Array = npt.NDArray[np.float64]
 
@@ -54,10 +55,19 @@ LASTING = 5  # values by most of which what was there is told: something may pas
 REFILL = 0.1  # share of the filling, by which it must: light and codec change the bed's area by some hundredths
 BINS = 6  # parts of the steady flow whose rates are compared
 HIDDEN = 0.08  # share of the slot's width that may show no bead before something hides it
+PARTED = (
+    0.8  # of the rows in which a column lies between beads of the full bed, that show none where something is in front
+)
+DEEP = 2.0  # bead diameters of such rows: the bed's upper border is uneven by less
+COVERED = 0.5  # of the filling, that may leave behind what is in front of the bed: else more is drawn through than seen
 CLOSED = 4.0  # frames before the opening that show the slot closed: a slide takes two or three to leave it
 EARLY, LATE = 0.95, 0.2  # of the bed, between which it goes about as fast from frame to frame
 RESIDUE = 0.02  # share of the bed that may stay behind before it is worth a warning
-UNSEEN = ("slot_in_view", "bed_clear", "static_camera")  # checks without which the times of what leaves are doubtful
+# checks without which the times of what leaves are doubtful
+UNSEEN = ("slot_in_view", "bed_in_view", "bed_clear", "static_camera")
+# [deg], by which a roll may be wrong: the ends of a slot six beads wide then lie 0.16 of a bead off, about as far as is
+# not known of its row
+SLIGHT_ROLL = 3.0
 NEARBY = 4  # frames about an instant in which something in front of the hopper makes it doubtful
 # bits per pixel of the bed, on which the codec spends them, below which it leaves what is faint as it was for a frame
 # or so until it moved on: ends of 22 films of 0.09 to 0.18 were off by 0.6 frames (rms), 1.7 at most; those of 0.37 and
@@ -67,7 +77,7 @@ USUAL_SHARE = 0.235  # of the picture, that the beds of these films cover
 BLIND = 0.085  # fewer than any of these had: nothing tells how long things stand then
 # times the noise, by which the bed must differ from the empty hopper: a bead's shaded half differs by half as much, and
 # that has to be clear by one of the three that noise hardly reaches
-CLEAR = 8.0
+BED_CLEAR = 8.0
 FAINTEST = 12.5  # [grey levels], likewise in a film without noise: by a step of a codec's quantiser at usual strength
 AREA_DOUBT = 0.05  # relative, how far the bed's visible area follows its mass
 AT_ENDS = 0.25  # of that, where little has loosened yet, and where little is left
@@ -113,7 +123,7 @@ def measure(
         last = replace(last, budget=last.budget | {"hidden part of the slot": seen.interval})
     opened, last = (_unhidden(seen, moment) for moment in (_closed_before(seen, opened), last))
     still = camera_by_scene([moment.pose for moment in seen.moments])
-    compression = compression_check(video, BLIND, _moving_share(seen, video, still))
+    compression = compression_check(video, BLIND, _moving_share(seen, video, still), few=STARVED)
     if compression.value < STARVED:
         opened, last = (_starved(seen, moment, _failed(compression)) for moment in (opened, last))
     left = _left(seen)
@@ -143,13 +153,20 @@ def measure(
         size = _size_check(seen, scale, scale_from, scale_doubt, bead_diameter, spacing, bin_width)
         told = None if isinstance(velocity, str) else doubted(velocity, _failed(size))
         width = view["slot_width_px"] * scale
-        rate = _rate_check(seen, told, width, video.frame_rate, scale=scale, doubt=scale_doubt)
+        rate = _rate_check(seen, told, width, video.frame_rate, scale=scale, doubt=scale_doubt, hidden=hidden > HIDDEN)
         quantities = quantities if told is None else (*quantities, told)
-    asked = (timing, rate, size, still)
+    asked = (timing, rate, size, still, nothing_level(seen.upright))
     warnings += [each for each in asked if isinstance(each, str) and each]
     judged = [each for each in asked if isinstance(each, Check)]
-    checks = (*_checks_of_picture(seen, gate, hidden), compression, *evaluation.checks, *judged)
-    for why in (_failed(timing), _failed(rate), video.spoilt, *(_failed(one) for one in checks if one.check in UNSEEN)):
+    checks = (
+        *_checks_of_picture(seen, gate, hidden),
+        _bed_check(seen, left.value, opened),
+        *upright_checks(seen.upright),
+        compression,
+        *evaluation.checks,
+        *judged,
+    )
+    for why in (_failed(timing), _failed(rate), video.spoilt, *(_failed(one) for one in checks if _spoils_times(one))):
         quantities = _with_times_doubted(quantities, why)
     if why := video.broken_off:
         quantities = tuple(
@@ -433,10 +450,47 @@ def _edges(seen: Outflow) -> tuple[float, float]:
 
 
 def _hidden(seen: Outflow, edges: tuple[float, float]) -> float:
-    """Share of the slot in which no bead is ever seen though beads pass to both sides: something stands before it."""
-    share = _beads_in_slot(seen)[:, math.ceil(edges[0]) : math.floor(edges[1]) + 1].mean(axis=0)
+    """Share of the slot that something stands before: beads pass to its sides, or it hides an end of the slot."""
+    slot = np.arange(math.ceil(edges[0]), math.floor(edges[1]) + 1)
+    if len(slot) == 0:
+        return 1.0
+    share = _beads_in_slot(seen)[:, slot].mean(axis=0)
     # not the median: what hides half of the slot would set it
-    return float(np.mean(share < 0.3 * np.percentile(share, 80))) if len(share) else 1.0
+    hidden = set(slot[share < 0.3 * np.percentile(share, 80)].tolist())
+    radius = 0.5 * seen.scenery.bead
+    for run in _parting(seen.scenery.bed, DEEP * seen.scenery.bead):
+        if run[-1] > edges[0] - radius and run[0] < edges[1] + radius:
+            hidden |= set(run.tolist())
+    return len(hidden) / len(hidden | set(slot.tolist()))
+
+
+def _parting(bed: npt.NDArray[np.bool_], deep: float) -> list[npt.NDArray[np.intp]]:
+    """Runs of columns that show no beads where those to both sides do, over `deep` [px] of rows and more.
+
+    A bed has no such gaps: something that stands in front of it parts it.
+    """
+    from_left, from_right = (np.maximum.accumulate(each, axis=1) for each in (bed, bed[:, ::-1]))
+    within = from_left & from_right[:, ::-1]
+    rows = within.sum(axis=0)
+    columns = np.flatnonzero((rows > deep) & ((within & ~bed).sum(axis=0) > PARTED * rows))
+    return np.split(columns, np.flatnonzero(np.diff(columns) > 1) + 1) if len(columns) else []
+
+
+def _bed_check(seen: Outflow, left: Array, opened: Instant) -> Check:
+    """Whether the bed is seen as it leaves: what is `left` is else drawn through the frames that do not show it."""
+    covered = _covered(seen)
+    early = np.array([moment.time < opened.time for moment in seen.moments])
+    if covered[early].any() and (~covered[early]).sum() < CLOSED:
+        message = (
+            "something is in front of bed or slot until the opening that was found: how much there was is not seen, "
+            "nor whether it flowed already; keep the view of bed and slot free."
+        )
+        return Check("bed_in_view", False, 1.0, 0.0, message)
+    lost = np.maximum(-np.diff(left), 0.0)
+    share = float(lost[covered[1:] | covered[:-1]].sum() / max(float(lost.sum()), 1e-9))
+    message = f"something is in front of bed or slot while {100 * share:.0f} % of the filling leave"
+    ending = "." if share <= COVERED else ": when they do is not seen; keep the view of bed and slot free."
+    return Check("bed_in_view", share <= COVERED, share, 0.0, message + ending)
 
 
 def _closed_before(seen: Outflow, opened: Instant) -> Instant:
@@ -524,7 +578,9 @@ def _last_particle(seen: Outflow, edges: tuple[float, float]) -> Instant:
     slot, bead = seen.scenery.slot.row, seen.scenery.bead
     # a bed that ends wider than the slot that beads pass through was seen to end elsewhere: walls of a hopper slope
     wider = seen.scenery.slot.right - seen.scenery.slot.left - (edges[1] - edges[0]) - 0.5 * bead
-    slot_sigma = math.hypot(seen.scenery.slot.sigma, 0.5 * max(wider, 0.0))
+    # of a camera turned by so much more, the last bead passes one or the other end of the slot so much earlier
+    aslant = 0.5 * (edges[1] - edges[0]) * math.tan(seen.upright.sigma)
+    slot_sigma = math.hypot(seen.scenery.slot.sigma, 0.5 * max(wider, 0.0), aslant)
     clear = ~_covered(seen)
     shown = np.flatnonzero(clear) if clear.sum() > len(clear) / 2 else np.arange(len(clear))
     top = np.array([moment.top for moment in seen.moments])[shown]
@@ -549,8 +605,10 @@ def _last_particle(seen: Outflow, edges: tuple[float, float]) -> Instant:
         budget = {"passage": 0.3 * frames * seen.interval}
     doubtful = ""
     pace = seen.outlet.shift[np.isfinite(seen.outlet.shift[:, 1]), 1]
-    # a bead twice as fast as the flow is still seen below the slot a frame later
-    if frames == 1 and not math.isfinite(below) and len(pace) and 2 * float(np.median(pace)) < REACH_BELOW * bead:
+    # a bead twice as fast as the flow, or as it was itself, is still seen below the slot a frame later, and no further;
+    # the upper edge of a faint one may be taken half a bead too high or too low
+    way = min(below, slot + REACH_BELOW * bead) - top[k]
+    if frames == 1 and len(pace) and 2 * max(float(np.median(pace)), top[k] - top[max(k - 1, 0)]) + bead < way:
         budget["not seen to pass"] = NEARBY * seen.interval
         doubtful = f"the last bead vanishes at {time[k]:.3f} s and is not seen to pass the slot: give the original film"
     budget["slot's height"] = min(budget.get("slot's height", 0.0), 3 * seen.interval)
@@ -634,17 +692,26 @@ def _other_scale(bin_width: float | None) -> str:
 
 
 def _rate_check(
-    seen: Outflow, velocity: Quantity | None, width: float, rate: float, *, scale: float, doubt: float
+    seen: Outflow,
+    velocity: Quantity | None,
+    width: float,
+    rate: float,
+    *,
+    scale: float,
+    doubt: float,
+    hidden: bool,
 ) -> Check | str:
     """Whether time in the clip is that of gravity, or in words why that is not known.
 
-    `scale` [m/px] of the clip and its relative doubt.
+    `scale` [m/px] of the clip and its relative doubt; `hidden`: whether something stands before the slot.
     """
     time = np.array([moment.time for moment in seen.moments])
     # the front of a stream ends where beads come apart, the lowest bead where the first has reached the floor
     fronts = np.array([(moment.front, moment.lowest) for moment in seen.moments]).T - seen.scenery.slot.row
     # of the upright cut, whose pixels are smaller or larger than the clip's
     fronts_fall = fall_below(time, fronts / seen.lens.zoom, seen.scenery.bead / seen.lens.zoom)
+    if hidden:  # the lowest bead that is seen may be another one from frame to frame, as each goes behind it
+        fronts_fall = None
     stream_fall = seen.stream.fall(seen.interval)
     fall = together([fronts_fall, None if stream_fall is None else stream_fall.at(1 / seen.lens.zoom)])
     if fall is not None:
@@ -664,14 +731,20 @@ def _timing_check(seen: Outflow, left: Array, opened: Instant, last: Instant) ->
     flows = (time[1:] > opened.time) & (time[1:] <= last.time) & ~hidden[1:] & ~hidden[:-1]
     told = np.diff(time) / seen.interval
     changes = np.array([moment.change for moment in seen.moments[1:]])
-    # at its ends the flow changes from frame to frame
-    gone = np.where((left[1:] > LATE) & (left[:-1] < EARLY), -np.diff(left), math.nan)
+    # at its ends the flow changes from frame to frame; a gap may reach into them
+    gone = np.where((left[:-1] > LATE) & (left[1:] < EARLY), -np.diff(left), math.nan)
     return timing_check(told[flows], seen.stream.frames_between()[flows], changes[flows], gone[flows])
 
 
 def _failed(check: Check | str) -> str:
     """What a check says against the numbers; nothing where it passed or could not be made."""
     return check.message if isinstance(check, Check) and not check.passed else ""
+
+
+def _spoils_times(check: Check) -> bool:
+    """Whether the times of what leaves hang on this check."""
+    turned = check.check == "camera_roll" and abs(check.value - check.expected) > SLIGHT_ROLL
+    return turned or check.check in UNSEEN
 
 
 def _with_times_doubted(quantities: tuple[Quantity, ...], why: str) -> tuple[Quantity, ...]:
@@ -693,7 +766,7 @@ def _seen_to_open(gate: Opening | None) -> str:
 
 def _checks_of_picture(seen: Outflow, gate: Opening | None, hidden: float) -> list[Check]:
     contrast, noise = seen.scenery.contrast, seen.scenery.noise
-    clear = contrast / max(CLEAR * noise, FAINTEST)
+    clear = contrast / max(BED_CLEAR * noise, FAINTEST)
     speed = gate.speed if gate is not None else math.nan
     return [
         Check(

@@ -8,17 +8,21 @@ from rigtwin.lab.quantity import Check
 from rigtwin.measure.media import Video
 
 
-def compression_check(video: Video, least: float, moving: float = 1.0) -> Check:
+def compression_check(video: Video, least: float, moving: float = 1.0, few: float = 0.0) -> Check:
     """`compression`, by the bits that a picture's pixels have on the average; `least` is what the rig's film needs.
 
     Where `moving` is the share of the picture that changes, by the bits of these pixels: a codec spends next to none on
-    what stays.
+    what stays.  With less than `few` of them times need a frame of doubt, which is for whoever asks to put there.
     """
     if not video.path.is_file():
         return Check("compression", True, math.inf, least, "pictures in a folder leave nothing out.")
     bits = _bits(video) / moving
     passed = bits > least
-    ending = "." if passed else ": so few that faint things stand still in it for a frame or more; give the original."
+    ending = "."
+    if not passed:
+        ending = ": so few that faint things stand still in it for a frame or more; give the original."
+    elif bits < few:
+        ending = ": few, so that faint things may stand still in it for a frame, which is in the doubt of its times."
     where = "" if moving == 1 else " of what moves"
     return Check("compression", passed, bits, least, f"the clip has {bits:.3g} bits per pixel{where}{ending}")
 

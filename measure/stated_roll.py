@@ -1,10 +1,11 @@
-"""A camera's roll that is stated, held against the one that the picture shows."""
+"""A camera's roll that is stated, held against the one that the picture shows, and one that only the picture shows."""
 
 from __future__ import annotations
 
 import math
 
 from rigtwin.lab.quantity import Check
+from rigtwin.measure.upright import GIVEN_ROLL, NOT_SEEN, STURDY, Upright
 
 STATED_TO = math.radians(0.5)  # nobody reads a camera's lean better
 
@@ -23,3 +24,27 @@ def roll_check(given: float, seen: float, doubt: float, witness: str) -> Check:
         "level, which a spirit level on it tells; where it is, leave --camera-roll out."
     )
     return Check("camera_roll", passed, math.degrees(given), math.degrees(seen), message + ending)
+
+
+def upright_checks(upright: Upright) -> list[Check]:
+    """Whether level edges bear out a stated roll, or that they alone show one as no camera on a stand has."""
+    if upright.source == GIVEN_ROLL:
+        return [roll_check(upright.roll, *upright.seen, "the level edges in the picture show")] if upright.seen else []
+    turned = math.degrees(upright.roll)
+    if abs(turned) <= STURDY:
+        return []
+    message = (
+        f"the edges taken for level show a camera turned by {turned:+.1f} degrees, as none on a stand is: they "
+        f"may lie aslant; where it was turned so, give --camera-roll {turned:.1f}deg."
+    )
+    return [Check("camera_roll", False, turned, 0.0, message)]
+
+
+def nothing_level(upright: Upright) -> str:
+    """What to say where neither a stated roll nor an edge tells how the camera was turned; nothing where one does."""
+    if upright.source != NOT_SEEN:
+        return ""
+    return (
+        "camera roll: nothing level is seen, the picture was taken as upright, to "
+        f"{math.degrees(upright.sigma):.0f} degrees; give --camera-roll, 0deg where the camera was levelled."
+    )

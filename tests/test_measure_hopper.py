@@ -28,6 +28,8 @@ from rigtwin.measure.hopper import outlet_profile
 from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.outflow import _end_of_beads, follow_outflow
 from rigtwin.measure.starved import compression_check
+from rigtwin.measure.stated_roll import nothing_level, upright_checks
+from rigtwin.measure.upright import NOT_SEEN, Upright
 
 Array = npt.NDArray[np.float64]
 
@@ -243,6 +245,8 @@ def film(
     noise: float = 2.0,
     slide: int = 3,
     zoom: int = 1,
+    roll: float = 0.0,
+    shake: float = 0.0,
 ) -> float:
     """A bed that leaves row by row through a slot; returns the frame at which the last bead's upper edge is at it.
 
@@ -250,7 +254,8 @@ def film(
 
     `hand` tells where a hand of the colour `skin` is in a frame [px]; the beads have one of the `colours` each;
     `noise` is that of the camera [grey levels], `flicker` the share by which a lamp on 50 Hz makes frames brighter and
-    darker.  The slide is as thick as `slide` [px] and the film is `zoom` times as large as all that.
+    darker.  The slide is as thick as `slide` [px] and the film is `zoom` times as large as all that; the scene looks
+    turned clockwise by `roll` [deg], and the camera moves to and fro by `shake` [px].
     """
     random = np.random.default_rng(5)
     rows, columns = 9, 5
@@ -295,6 +300,12 @@ def film(
                 cv2.ellipse(picture, middle, (40, 26), 20, 0, 360, skin, -1, cv2.LINE_AA)
             if zoom > 1:
                 picture = cv2.resize(picture, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_CUBIC)
+            if roll:
+                turn = cv2.getRotationMatrix2D((SIZE[0] / 2, SIZE[1] / 2), -roll, 1.0)  # OpenCV turns anticlockwise
+                picture = cv2.warpAffine(picture, turn, SIZE, borderMode=cv2.BORDER_REPLICATE)
+            if shake:
+                aside = shake * np.array([math.sin(1.1 * k), math.cos(0.7 * k)])
+                picture = cv2.warpAffine(picture, np.c_[np.eye(2), aside], SIZE, borderMode=cv2.BORDER_REPLICATE)
             lamp = 1 + flicker * math.sin(2 * math.pi * 100.7 * k / RATE)
             noisy = np.clip(lamp * picture + random.normal(0, noise, picture.shape), 0, 255).astype(np.uint8)
             pictures.append(noisy)
@@ -327,6 +338,37 @@ def test_a_filmed_discharge_gives_both_ends_within_a_frame(tmp_path: Path) -> No
     assert 0.012 < middle.std_uncertainty / middle.value < 0.03
     assert all(path.exists() for path in found.files.values())
     assert not any(one.doubtful for one in found.quantities)
+
+
+@pytest.mark.parametrize(
+    ("roll", "stated", "passed", "doubtful"),
+    [
+        (-4.0, None, True, False),
+        (12.0, None, False, True),
+        (12.0, 12.0, True, False),
+        (0.0, 12.0, False, True),
+        # the ends of the slot are off by a tenth of a bead then
+        (0.0, 2.0, False, False),
+    ],
+)
+def test_times_are_right_or_doubtful_however_the_camera_is_turned(
+    tmp_path: Path, roll: float, stated: float | None, *, passed: bool, doubtful: bool
+) -> None:
+    last = film(tmp_path / "hopper.mp4", roll=roll)
+    camera = Camera(frame_rate=RATE, roll=None if stated is None else math.radians(stated))
+    found = hopper.measure(tmp_path / "hopper.mp4", camera, out=tmp_path / "out")
+    assert all(check.passed == passed for check in found.checks if check.check == "camera_roll")
+    assert passed or any("--camera-roll" in check.message for check in found.checks)
+    for end, truth in ((find(found, "opening_time"), OPENED), (find(found, "last_particle_time"), last)):
+        assert bool(end.doubtful) == doubtful
+        assert doubtful or abs(end.value * RATE - truth) < 3 * end.std_uncertainty * RATE
+    assert not find(found, "residue_fraction").doubtful
+
+
+def test_a_hopper_without_a_level_edge_is_told_what_roll_to_give() -> None:
+    unseen = Upright(0.0, math.radians(2.3), NOT_SEEN, np.empty((0, 4)))
+    assert "give --camera-roll, 0deg where" in nothing_level(unseen)
+    assert not upright_checks(unseen)
 
 
 @pytest.mark.parametrize(
@@ -416,6 +458,24 @@ def test_what_stands_before_the_middle_of_the_slot_makes_its_times_doubtful(tmp_
     assert find(found, "last_particle_time").doubtful
 
 
+def test_a_post_before_a_bed_parts_it_and_a_hollow_surface_does_not() -> None:
+    row, column = np.mgrid[:100, :200]
+    bed = (np.abs(column - 100) < 90 - 0.7 * row) & (row > 10 + 0.5 * (90 - np.abs(column - 100)))
+    assert hopper._parting(bed, 20.0) == []
+    for left in (60, 95, 115):
+        (hidden,) = hopper._parting(bed & ~((column >= left) & (column < left + 12)), 20.0)
+        assert (hidden[0], hidden[-1]) == (left, left + 11)
+
+
+@pytest.mark.parametrize("comes", [3, 6])  # [frames]; the slide moves at frame 8
+def test_a_bed_that_is_not_seen_while_it_leaves_has_a_rate_that_is_doubtful(tmp_path: Path, comes: int) -> None:
+    film(tmp_path / "hand.mp4", hand=lambda k: (110.0, 105.0) if comes <= k < 40 else (20.0, 20.0))
+    found = hopper.measure(tmp_path / "hand.mp4", Camera(frame_rate=RATE), bead_diameter=DIAMETER, out=tmp_path)
+    rate = find(found, "discharged_fraction_rate")
+    assert not next(check for check in found.checks if check.check == "bed_in_view").passed
+    assert "keep the view of bed and slot free" in rate.doubtful
+
+
 def test_a_hand_that_pulls_the_slide_from_afar_is_no_trouble(tmp_path: Path) -> None:
     times, last = handled(tmp_path / "hand.mp4", lambda k: (220.0 + 14 * max(k - OPENED, -2), 155.0))
     assert times[2].value * RATE == pytest.approx(last - OPENED, abs=0.7)
@@ -460,6 +520,17 @@ def test_many_frames_cut_out_of_the_flow_are_told_by_the_bed_that_is_gone(cut: i
     assert isinstance(check, Check)
     assert check.passed == (cut == 0)
     assert check.value == pytest.approx(cut, abs=0.4 * cut)
+
+
+@pytest.mark.parametrize("seen", [True, False])
+def test_a_cut_in_a_flow_that_comes_in_bursts_is_told_where_no_bead_is_seen_on_both_sides_of_it(*, seen: bool) -> None:
+    gone = np.tile([15.0, 65.0, 40.0, 25.0, 55.0], 14)
+    gone[30] = 4 * 40.0
+    shown = np.ones(len(gone))
+    shown[30] = 1.0 if seen else math.nan
+    check = timing_check(np.ones(len(gone)), shown, np.tile([10.0, 11.0], 35), gone)
+    assert isinstance(check, Check)
+    assert check.passed == seen
 
 
 def test_frames_that_the_times_say_are_missing_are_no_trouble(tmp_path: Path) -> None:
@@ -522,9 +593,10 @@ def test_what_shows_up_above_the_last_bead_for_a_frame_is_no_bead() -> None:
     assert hopper._still_above(np.insert(sinks, 6, [math.inf, math.inf]), 100.0, 10.0)[-1] == 8
 
 
-def test_a_last_bead_that_vanishes_above_the_slot_is_doubtful(tmp_path: Path) -> None:
+@pytest.mark.parametrize("cut", [2, 11])  # [frames]: an earlier bead is seen below the slot after it, and none
+def test_a_last_bead_that_vanishes_above_the_slot_is_doubtful(tmp_path: Path, cut: int) -> None:
     last = film(tmp_path / "gone.mp4")
-    film(tmp_path / "gone.mp4", shown=[*range(math.floor(last) - 1), *range(math.ceil(last) + 10, 75)])
+    film(tmp_path / "gone.mp4", shown=[*range(math.floor(last) - 1), *range(math.ceil(last) + cut - 1, 75)])
     camera = Camera(frame_rate=RATE, scale=DIAMETER / (2 * BEAD))
     found = hopper.measure(tmp_path / "gone.mp4", camera, bead_diameter=DIAMETER, out=tmp_path)
     assert "vanishes" in find(found, "last_particle_time").doubtful
@@ -584,7 +656,7 @@ def test_a_starved_clip_is_right_within_a_frame_or_doubtful(tmp_path: Path, crf:
 def test_noise_that_beads_stand_out_of_by_far_is_no_reason_for_doubt(tmp_path: Path) -> None:
     last = film(tmp_path / "hopper.mp4", noise=10.0, crf=6)
     found = hopper.measure(tmp_path / "hopper.mp4", Camera(frame_rate=RATE), out=tmp_path / "out")
-    assert 8 < next(check for check in found.checks if check.check == "bed_clear").value * hopper.CLEAR < 18
+    assert 8 < next(check for check in found.checks if check.check == "bed_clear").value * hopper.BED_CLEAR < 18
     for end, truth in ((find(found, "opening_time"), OPENED), (find(found, "last_particle_time"), last)):
         assert abs(end.value * RATE - truth) < 3 * end.std_uncertainty * RATE
         assert not end.doubtful
@@ -598,6 +670,30 @@ def test_a_codecs_bits_count_where_something_moves(tmp_path: Path) -> None:
     small = compression_check(film, 0.2, moving=0.25)
     assert small.passed
     assert small.value == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize("zoom", [1, 4])  # the larger one is measured at 0.8 of its size
+def test_a_still_films_bits_are_those_of_the_bed(tmp_path: Path, zoom: int) -> None:
+    film(tmp_path / "hopper.mp4", crf=34, zoom=zoom)
+    bed = (SLOT_RIGHT - SLOT_LEFT) * 2 * BEAD * (1 + 8 * 0.95) * zoom**2
+    bits = 8 * (tmp_path / "hopper.mp4").stat().st_size / (75 * bed)
+    assert judged(tmp_path / "hopper.mp4", "compression").value == pytest.approx(bits, rel=0.2)
+
+
+def test_few_bits_are_a_frame_of_doubt_and_those_of_a_shaken_film_too_few(tmp_path: Path) -> None:
+    """A codec spends them all over a picture that shakes, and leaves out in it what it shows of a still one."""
+    found = []
+    for name, shake in (("still.mp4", 0.0), ("shaken.mp4", 1.0)):
+        last = film(tmp_path / name, crf=40, shake=shake)
+        found.append(hopper.measure(tmp_path / name, Camera(frame_rate=RATE), out=tmp_path / "out"))
+    still, shaken = (next(one for one in each.checks if one.check == "compression") for each in found)
+    assert still.passed
+    assert "in the doubt of its times" in still.message
+    lasted = find(found[0], "discharge_time")
+    assert not lasted.doubtful
+    assert abs(lasted.value * RATE - (last - OPENED)) < 3 * lasted.std_uncertainty * RATE
+    assert not shaken.passed
+    assert "so few that faint things" in find(found[1], "discharge_time").doubtful
 
 
 @pytest.mark.parametrize("stated", [0.5 * RATE, 2 * RATE])
