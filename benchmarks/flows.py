@@ -156,7 +156,7 @@ def clump_rows(clumps: int, steps: int, seed: int) -> list[Row]:
         high = cube.diameter + clumps * 4 * math.pi / 6 * cube.diameter**3 / side**2
         theirs = liggghts.Clumps(
             particle=cube, between=BEAD_BEAD, walls=BEAD_WALL, time_step=bulk.time_step,
-            skin=SKIN * 2 * max(cube.radii), gravity=GRAVITY, count=clumps, size=(side, side, high),
+            skin=SKIN * cube.equivalent_diameter, gravity=GRAVITY, count=clumps, size=(side, side, high),
         )  # fmt: skip
         found, share = liggghts.speed(theirs, "type C", threads=1, steps=5 * steps, warm_up=fall)
         found *= 1e-6 / share

@@ -28,6 +28,9 @@ AVERAGES_OUT = frozenset(
         "grain roughness",
         "grain at apex and foot",
         "scatter of views and sides",
+        "flow over time",
+        "scatter of avalanches",
+        "scatter of the flow",
     }
 )
 

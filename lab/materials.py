@@ -84,6 +84,11 @@ class Particle:
         return math.pi / 6 * self.diameter**3 if self.shape is None else self.shape.volume
 
     @property
+    def equivalent_diameter(self) -> float:
+        """[m], of the sphere of its volume."""
+        return self.diameter if self.shape is None else (6 * self.volume / math.pi) ** (1 / 3)
+
+    @property
     def moments(self) -> tuple[float, float, float]:
         """Principal moments of inertia [kg m^2]."""
         if self.shape is None:

@@ -25,6 +25,9 @@ NEAR = 1.5  # [px], within which a coarse and a fine look at a shake agree
 SHARP = 0.12  # of the misfit some pixels beside it, that a frame in its place may leave; in a wrong one it leaves more
 AS_BEFORE = 0.9  # of what frames before left some pixels beside their place, that one in its place leaves at most
 FEWEST = 60  # pixels at edges by which a frame is laid over the scene
+# [grey levels] that the clearest edges leave some pixels beside their place: what codecs freeze of noise leaves up to
+# 5, the edges of films five times too dark 8 and more
+GRAIN = 6.0
 MOST_UNUSUAL = 2.0  # times the usual noise: bright pixels of a camera have that much more than dark ones
 BORDER = 8  # [px], of a scene, in which no edges are looked at
 STRONGEST = 300  # pixels, at the strongest edges of all
@@ -114,6 +117,12 @@ class _Anchors:
         order, first = np.argsort(~half, kind="stable"), int(np.sum(half))
         return cls(x[order], y[order], rows[:, order], (slice(first), slice(first, None)))
 
+    def best(self, count: int) -> _Anchors:
+        """The `count` of them with the strongest edges."""
+        chosen = np.argsort(-np.sum(self.rows[:2] ** 2, axis=0), kind="stable")[:count]
+        half = np.arange(len(self.x)) < self.halves[0].stop
+        return _Anchors.of(self.x[chosen], self.y[chosen], self.rows[:, chosen], half[chosen])
+
     def seen(self, grey: Grey, shift: Array) -> Array:
         """Grey levels of a frame at the anchors moved by `shift` [px]."""
         if not shift.any():
@@ -174,6 +183,8 @@ class Scene:
 
         By a quarter of the edges, which doubles the error of the shake.
         """
+        if not self.textured:
+            return LOST
         pose = self._placed(grey, _worth_moving(before.shake), self._few_anchors, to=STEADY)
         if pose is None:
             return self.pose(grey, before.shake)
@@ -202,10 +213,15 @@ class Scene:
                 return pose
         return replace(guess, placed=False)
 
-    @property
+    @cached_property
     def textured(self) -> bool:
-        """Whether it has edges enough to lay a frame over it."""
-        return len(self._anchors.x) >= FEWEST
+        """Whether it has edges enough to lay a frame over it, and some that are clearer than frozen grain.
+
+        A codec keeps what it made of the noise of a plain picture for many frames, and moves it where it likes.
+        """
+        if len(self._anchors.x) < FEWEST:
+            return False
+        return self._beside(rounded(self.picture), Pose(), self._strongest.best(FEWEST)) > GRAIN
 
     def _sharp(self, grey: Grey, pose: Pose) -> bool:
         """Whether the frame fits there and not some pixels beside: many wrong places fit somewhat."""
@@ -215,15 +231,15 @@ class Scene:
             return False
         return pose.misfit < 0.95 * (pose.beside or self._beside(grey, pose))
 
-    def _misfit(self, grey: Grey, shift: Array, gain: float = 1.0) -> float:
-        anchors = self._few_anchors
+    def _misfit(self, grey: Grey, shift: Array, gain: float = 1.0, anchors: _Anchors | None = None) -> float:
+        anchors = anchors or self._few_anchors
         return middle_of(np.abs(anchors.seen(grey, shift) + gain * anchors.rows[2]))
 
-    def _beside(self, grey: Grey, pose: Pose) -> float:
-        """What is left [grey levels] some pixels beside a pose."""
+    def _beside(self, grey: Grey, pose: Pose, anchors: _Anchors | None = None) -> float:
+        """What is left [grey levels] some pixels beside a pose, by `anchors`, the few where not given."""
         whole = np.round(pose.shake)
         steps = ((6, 2), (-2, 6), (-6, -2), (2, -6))
-        return float(np.mean([self._misfit(grey, whole + step, pose.gain) for step in steps]))
+        return float(np.mean([self._misfit(grey, whole + step, pose.gain, anchors) for step in steps]))
 
     @cached_property
     def _contrast(self) -> float:
@@ -319,9 +335,7 @@ class Scene:
 
     @cached_property
     def _strongest(self) -> _Anchors:
-        x, y, rows, half = self._edges
-        best = np.argsort(np.sum(rows[:2] ** 2, axis=0))[-STRONGEST:]
-        return _Anchors.of(x[best], y[best], rows[:, best], half[best])
+        return self._anchors.best(STRONGEST)
 
     def at_strongest(self, grey: Grey, pose: Pose) -> Picture:
         """What a frame leaves of the scene's strongest edges [grey levels]."""

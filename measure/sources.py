@@ -541,7 +541,7 @@ def _decode(path: Path, start: int | None = None) -> Iterator[av.VideoFrame]:
 
 @contextmanager
 def _opened(path: Path, threads: str) -> Iterator[tuple[Any, Any]]:
-    """The file and its film, to be decoded by threads that share out pictures, their slices, or what is best."""
+    """The file and its film; threads share out large pictures, their slices, or what is best."""
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
         stream.thread_type = threads

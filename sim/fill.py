@@ -14,7 +14,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.materials import Particle
+from rigtwin.lab.materials import PACKING, Particle
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.engine.clock import positive
@@ -76,8 +76,8 @@ def outlet(particle: Particle, diameter: float, height: float, rate: float | Non
         )
     rate_from = "as given"
     if rate is None:
-        grain = (6 * particle.volume / math.pi) ** (1 / 3)
-        rate, rate_from = beverloo(particle, diameter, grain), "Beverloo's discharge of the outlet"
+        rate = beverloo(particle, diameter, particle.equivalent_diameter)
+        rate_from = "Beverloo's discharge of the outlet"
         if rate < least:
             rate, rate_from = least, f"{least:g} per second, above Beverloo's {rate:.0f}, to keep the run short"
     positive(pour_rate=rate)
@@ -89,9 +89,9 @@ def outlet(particle: Particle, diameter: float, height: float, rate: float | Non
 def beverloo(particle: Particle, outlet: float, grain: float) -> float:
     """Particles per second through a round outlet [m], by Beverloo's law; `grain` [m] is the diameter it goes by.
 
-    The bulk density is 0.6 of the particle's.
+    The bulk density is `PACKING` of the particle's.
     """
-    flow: float = 0.58 * 0.6 * particle.effective_density * math.sqrt(GRAVITY) * (outlet - 1.4 * grain) ** 2.5
+    flow: float = 0.58 * PACKING * particle.effective_density * math.sqrt(GRAVITY) * (outlet - 1.4 * grain) ** 2.5
     return flow / particle.mass
 
 

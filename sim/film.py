@@ -21,7 +21,7 @@ def frame_times(duration: float, frame_rate: float) -> npt.NDArray[np.float64]:
     frames = duration * frame_rate
     if frames > MOST_FRAMES:
         raise BadInput(
-            f"{duration:g} s at {frame_rate:g} Hz are {frames:.2g} frames, more than {MOST_FRAMES:.0e}; "
+            f"{duration:g} s at {frame_rate:g} Hz are {frames:.2g} frames, more than {MOST_FRAMES:,}; "
             "give a shorter duration or a lower frame rate."
         )
     return np.asarray(np.arange(max(2, math.floor(frames + 1e-9) + 1)) / frame_rate)

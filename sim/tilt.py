@@ -144,7 +144,7 @@ def _frames(trial: Trial) -> _Frames:
     if (frames := duration * frame_rate) > MOST_FRAMES:
         raise BadInput(
             f"a plate tilted at {math.degrees(rig.speed):.3g} deg/s and watched for {duration:.3g} s is a record of "
-            f"{frames:.2g} frames at {frame_rate:g} Hz, more than {MOST_FRAMES:.0e}; tilt it faster, watch it for a "
+            f"{frames:.2g} frames at {frame_rate:g} Hz, more than {MOST_FRAMES:,}; tilt it faster, watch it for a "
             f"shorter time, or give a frame rate of at most {MOST_FRAMES / duration:.2g} Hz."
         )
     time = frame_times(duration, frame_rate)

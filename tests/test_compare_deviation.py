@@ -63,6 +63,12 @@ def test_repetitions_that_agree_by_luck_are_not_free_of_uncertainty():
     assert combine([repetition] * 4).std_uncertainty == pytest.approx(0.005)
 
 
+@pytest.mark.parametrize("part", ["flow over time", "scatter of avalanches", "scatter of the flow"])
+def test_what_a_flow_does_over_time_averages_out_over_its_runs(part):
+    one = quantity(31.0, 0.5, "angle_of_repose_graphical", "deg", budget={part: 0.5})
+    assert combine([one] * 4).std_uncertainty == pytest.approx(0.25)
+
+
 def test_one_repetition_keeps_its_own_uncertainty():
     mean = combine([quantity(0.5, 0.05, budget={"tracking": 0.03, "scale": 0.04})])
     assert (mean.n, mean.std) == (1, 0.05)

@@ -102,7 +102,7 @@ class Bulk:
         self.device = running.device
         self.note = running.note if device == "cuda" else ""  # why it does not run where it was asked to
         # a clump of many small spheres goes as far in a step as one large sphere: its lists are to live as long
-        self._skin = skin * max(_mean_diameter(particle) for particle in self._particles)
+        self._skin = skin * max(particle.equivalent_diameter for particle in self._particles)
         self._low, self._high = np.array(low, dtype=float), np.array(high, dtype=float)
         self._gravity = gravity
         self._mechanics, self._impact_speed = Mechanics(contact_law, rolling), impact_speed
@@ -647,11 +647,6 @@ class Bulk:
     def _mine(self) -> None:
         if self._arena.owner is not self:
             raise RigtwinError("This simulation's arena was taken by a later one; run them one after the other.")
-
-
-def _mean_diameter(particle: Particle) -> float:
-    """Diameter [m] of the sphere of a particle's volume."""
-    return particle.diameter if particle.shape is None else float(np.cbrt(6 / np.pi * particle.volume))
 
 
 def _arena_size(beads: int) -> int:
