@@ -10,7 +10,6 @@ FLOWING = (0.03, 0.7)  # part of the drum; less does not flow over itself, more 
 # speed^2 R / g; the wall throws beads off where that is the sine of their angle above the axis, so from a half on they
 # fly across the drum from 30 degrees above it, and from 1 on they never leave the wall
 THROWN, CENTRIFUGED = 0.5, 1.0
-FEWEST_LOOKS = 5  # at the steady bed; the scatter of fewer is known no better than to a third
 
 
 def froude_check(speed: float, radius: float) -> Check:
@@ -31,12 +30,4 @@ def fill_check(share: float, what: str) -> Check:
     filled = FLOWING[0] < share < FLOWING[1]
     least, most = (round(100 * limit) for limit in FLOWING)  # [%]
     ending = "." if filled else f": no bed of less than {least} or more than {most} % flows over itself."
-    return Check("fill", filled, share, FILL, f"{what} {100 * share:.2g} % of the drum's cross-section{ending}")
-
-
-def looks_check(looks: int) -> Check:
-    """Whether a bed that flows steadily was looked at often enough for its slope's scatter to be known."""
-    enough = looks >= FEWEST_LOOKS
-    ending = "." if enough else f": too few to know its scatter; take at least {FEWEST_LOOKS} while the drum turns."
-    seen = "1 look" if looks == 1 else f"{looks} looks"
-    return Check("looks", enough, looks, FEWEST_LOOKS, f"{seen} at the steady bed{ending}")
+    return Check("fill", filled, share, FILL, f"{what} {100 * share:.3g} % of the drum's cross-section{ending}")

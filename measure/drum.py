@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.content import sha256
-from rigtwin.lab.drum import fill_check, froude_check, looks_check
+from rigtwin.lab.drum import fill_check, froude_check
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, doubted, failed, root_sum_of_squares
@@ -31,7 +31,7 @@ from rigtwin.measure.in_view import camera_by_scene
 from rigtwin.measure.media import UNSTEADY, Image, Video, open_video, read_photo
 from rigtwin.measure.repeats import at_its_pace
 from rigtwin.measure.stated_roll import nothing_level, upright_checks
-from rigtwin.measure.steady import SHORTEST, Avalanches, Mean, find_avalanches, mean_over_time, steady_part
+from rigtwin.measure.steady import Avalanches, Mean, find_avalanches, mean_over_time, steady_part
 from rigtwin.measure.upright import NOT_SEEN
 
 Array = npt.NDArray[np.float64]
@@ -64,7 +64,7 @@ MOST_BOW = 0.2  # sagitta over length of the surface; S-shapes are odd about the
 HIGHEST_STEP = 4.0  # bead diameters over the width of one: a slope of 76 degrees
 GLARE = 0.05  # share of the surface under a reflection, from which on lines along parts of it are off
 # checks of the record that every angle rests on
-RESTS_ON = ("surface_in_view", "steady_flow", "frame_timing", "surface_falls", "froude_number", "looks")
+RESTS_ON = ("surface_in_view", "steady_flow", "frame_timing", "surface_falls", "froude_number")
 SURELY_UP = 3.0  # standard uncertainties by which a half of the surface has to rise the wrong way
 SMEARED = 0.25  # share of frames that may be left out before the result is doubtful
 
@@ -355,8 +355,10 @@ def _quantity(
     s_shaped: bool,
 ) -> Quantity:
     name, method = key
-    # frames too few to tell how long the flow stays alike may all show one moment
-    budget = {"flow over time": mean.std_error if frames >= SHORTEST else max(mean.std_error, ONE_MOMENT)}
+    # neighbours that agree may all show one moment: a mean over time counts at least three moments, even in a record
+    # that never comes back to its mean, so that two of them tell nothing
+    moments = max(mean.independent - 2, 1.0)
+    budget = {"flow over time": max(mean.std_error, ONE_MOMENT / math.sqrt(moments))}
     budget |= {"camera roll" if seen.roll_seen else "camera roll, not measured": seen.roll_doubt, **doubt}
     if seen.filmed:
         budget["perspective, beads in flight"] = HALVES_DOUBT if method == WHOLE else VIEW_DOUBT[name]
@@ -407,7 +409,6 @@ def _checks(
                 f"{'' if turns is None else f' in {turns:.2g} turns'}; film longer where these are few.",
             )
         )
-        checks.append(looks_check(int(np.isfinite(main[first : last + 1]).sum())))
     measured = float(np.isfinite(main[first : last + 1]).mean())
     checks.append(
         Check(

@@ -16,8 +16,11 @@ Array = npt.NDArray[np.float64]
 FEWEST = 10  # pairs of frames that must show how far beads fall between them
 MORE = 0.6  # frames, more than its times tell, from which on a step is one in which a frame is missing
 CUT = 2.5  # usual losses of the bed, by which a step is more where frames are cut out
-CLEARLY = 10.0  # and scatters of them: beads leave in bursts, by 5 of them in 50 films, by 7 in a dark one
-ALSO = 4.0  # scatters of them, where beads are seen to fall before and after that step, and in it alone none is
+# and scatters of them: beads leave in bursts.  Of flows of 70 steps without a cut, with losses of a gamma distribution
+# that scatters by 58 %, 0.3 % are convicted where 5 % of the steps show no fall, and 1 % of those that scatter by 71 %
+# where 15 % do (4000 drawn of each); rendered films scatter by 20 to 40 %
+CLEARLY = 16.0
+ALSO = 8.5  # scatters of them, where beads are seen to fall before and after that step, and in it alone none is
 AROUND = 8  # steps before and after one, that tell how much of the bed goes usually
 BESIDE = 3  # steps before and after one, that tell what is usual then: the first beads are slower
 

@@ -19,7 +19,7 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, doubted, root_sum_of_squares
+from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, doubted, failed, root_sum_of_squares
 from rigtwin.lab.records import Series
 from rigtwin.measure.bead_size import size_seen, size_unseen
 from rigtwin.measure.frame_steps import timing_check
@@ -32,6 +32,7 @@ from rigtwin.measure.repeats import at_its_pace
 from rigtwin.measure.spacing import NEIGHBOURS_DOUBT, bead_spacing, size_of_beads
 from rigtwin.measure.starved import compression_check
 from rigtwin.measure.stated_roll import nothing_level, upright_checks
+from rigtwin.measure.upright import Upright
 
 Array = npt.NDArray[np.float64]
 
@@ -64,10 +65,13 @@ CLOSED = 4.0  # frames before the opening that show the slot closed: a slide tak
 EARLY, LATE = 0.95, 0.2  # of the bed, between which it goes about as fast from frame to frame
 RESIDUE = 0.02  # share of the bed that may stay behind before it is worth a warning
 # checks without which the times of what leaves are doubtful
-UNSEEN = ("slot_in_view", "bed_in_view", "bed_clear", "static_camera")
+UNSEEN = ("slot_in_view", "bed_uncovered", "bed_clear", "static_camera")
 # [deg], by which a roll may be wrong: the ends of a slot six beads wide then lie 0.16 of a bead off, about as far as is
 # not known of its row
 SLIGHT_ROLL = 3.0
+# of the slot's width, by which its edge is off in a picture turned wrong by that much: a level row leaves the gap
+# between bed and slide before the slot ends, in drawn films by a sixth of the slot at most
+EDGE_ASLANT = 0.1
 NEARBY = 4  # frames about an instant in which something in front of the hopper makes it doubtful
 # bits per pixel of the bed, on which the codec spends them, below which it leaves what is faint as it was for a frame
 # or so until it moved on: ends of 22 films of 0.09 to 0.18 were off by 0.6 frames (rms), 1.7 at most; those of 0.37 and
@@ -123,8 +127,8 @@ def measure(
         last = replace(last, budget=last.budget | {"hidden part of the slot": seen.interval})
     opened, last = (_unhidden(seen, moment) for moment in (_closed_before(seen, opened), last))
     still = camera_by_scene([moment.pose for moment in seen.moments])
-    compression = compression_check(video, BLIND, _moving_share(seen, video, still), few=STARVED)
-    if compression.value < STARVED:
+    compression, starved = _compression(seen, video, still)
+    if starved:
         opened, last = (_starved(seen, moment, _failed(compression)) for moment in (opened, last))
     left = _left(seen)
     evaluation = _evaluate(left, total_mass, opened, last, seen.residue, AREA_DOUBT)
@@ -457,23 +461,25 @@ def _hidden(seen: Outflow, edges: tuple[float, float]) -> float:
     share = _beads_in_slot(seen)[:, slot].mean(axis=0)
     # not the median: what hides half of the slot would set it
     hidden = set(slot[share < 0.3 * np.percentile(share, 80)].tolist())
-    radius = 0.5 * seen.scenery.bead
-    for run in _parting(seen.scenery.bed, DEEP * seen.scenery.bead):
-        if run[-1] > edges[0] - radius and run[0] < edges[1] + radius:
-            hidden |= set(run.tolist())
+    hidden |= before_the_slot(seen.scenery.bed, edges, seen.scenery.bead)
     return len(hidden) / len(hidden | set(slot.tolist()))
 
 
-def _parting(bed: npt.NDArray[np.bool_], deep: float) -> list[npt.NDArray[np.intp]]:
-    """Runs of columns that show no beads where those to both sides do, over `deep` [px] of rows and more.
+def before_the_slot(bed: npt.NDArray[np.bool_], edges: tuple[float, float], bead: float) -> set[int]:
+    """Columns in which something parts the `bed` over the slot or within a radius of it; `bead` [px] is a diameter."""
+    reach = set(range(math.ceil(edges[0] - bead / 2), math.floor(edges[1] + bead / 2) + 1))
+    return reach.intersection(_parting(bed, DEEP * bead).tolist())
+
+
+def _parting(bed: npt.NDArray[np.bool_], deep: float) -> npt.NDArray[np.intp]:
+    """Columns that show no beads where those to both sides do, over `deep` [px] of rows and more.
 
     A bed has no such gaps: something that stands in front of it parts it.
     """
     from_left, from_right = (np.maximum.accumulate(each, axis=1) for each in (bed, bed[:, ::-1]))
     within = from_left & from_right[:, ::-1]
     rows = within.sum(axis=0)
-    columns = np.flatnonzero((rows > deep) & ((within & ~bed).sum(axis=0) > PARTED * rows))
-    return np.split(columns, np.flatnonzero(np.diff(columns) > 1) + 1) if len(columns) else []
+    return np.flatnonzero((rows > deep) & ((within & ~bed).sum(axis=0) > PARTED * rows))
 
 
 def _bed_check(seen: Outflow, left: Array, opened: Instant) -> Check:
@@ -485,12 +491,12 @@ def _bed_check(seen: Outflow, left: Array, opened: Instant) -> Check:
             "something is in front of bed or slot until the opening that was found: how much there was is not seen, "
             "nor whether it flowed already; keep the view of bed and slot free."
         )
-        return Check("bed_in_view", False, 1.0, 0.0, message)
+        return Check("bed_uncovered", False, 1.0, 0.0, message)
     lost = np.maximum(-np.diff(left), 0.0)
     share = float(lost[covered[1:] | covered[:-1]].sum() / max(float(lost.sum()), 1e-9))
     message = f"something is in front of bed or slot while {100 * share:.0f} % of the filling leave"
     ending = "." if share <= COVERED else ": when they do is not seen; keep the view of bed and slot free."
-    return Check("bed_in_view", share <= COVERED, share, 0.0, message + ending)
+    return Check("bed_uncovered", share <= COVERED, share, 0.0, message + ending)
 
 
 def _closed_before(seen: Outflow, opened: Instant) -> Instant:
@@ -529,7 +535,9 @@ def _opened(seen: Outflow, gate: Opening | None) -> Instant:
         step = seen.interval
         budget = {"slide's edge": gate.sigma * step, "exposure": EXPOSURE * step}
         if math.isfinite(gate.speed):
-            budget["slot's edge"] = 0.1 * seen.scenery.bead / gate.speed * step
+            aslant = EDGE_ASLANT * math.degrees(_misjudged(seen.upright)) / SLIGHT_ROLL
+            off = math.hypot(0.1 * seen.scenery.bead, aslant * (seen.scenery.slot.right - seen.scenery.slot.left))
+            budget["slot's edge"] = off / gate.speed * step
         return Instant(float(np.interp(gate.frame, frames, time)), budget, gate.method)
     return _opened_by_flow(seen, time)
 
@@ -544,15 +552,28 @@ def _unhidden(seen: Outflow, found: Instant) -> Instant:
     return replace(found, budget=budget, doubtful=reason)
 
 
-def _moving_share(seen: Outflow, video: Video, still: Check | str) -> float:
-    """How much of the clip's picture the bed covers; a usual bed's share where a shaking camera moves all of it."""
-    share = float(seen.scenery.bed.sum()) / seen.lens.zoom**2 / (video.width * video.height)
-    return max(share, USUAL_SHARE) if isinstance(still, Check) and still.value > STILL else share
+def _compression(seen: Outflow, video: Video, still: Check | str) -> tuple[Check, bool]:
+    """Whether the codec's bits show the beads' motion, and whether they are so few that it may come a frame late."""
+    bed = float(seen.scenery.bed.sum()) / seen.lens.zoom**2 / (video.width * video.height)
+    if not (isinstance(still, Check) and still.value > STILL):
+        check = compression_check(video, BLIND, bed, few=STARVED)
+        return check, check.value < STARVED
+    # of a shaking camera all of the picture moves, and the bed has no more of the bits than its share of the picture
+    bed = max(bed, USUAL_SHARE)
+    check = compression_check(video, BLIND * bed, few=STARVED * bed)
+    return check, check.value < STARVED * bed
 
 
 def _starved(seen: Outflow, found: Instant, reason: str) -> Instant:
     """The same, uncertain by a frame for a codec that left out what was faint, and doubtful where there is a reason."""
     return replace(found, budget=found.budget | {"compression": seen.interval}, doubtful=found.doubtful or reason)
+
+
+def _misjudged(turned: Upright) -> float:
+    """How far a stated roll [rad] is from that which level edges show, where it fails its check; else 0."""
+    if turned.seen is None or not failed(upright_checks(turned)):
+        return 0.0
+    return abs(turned.roll - turned.seen[0])
 
 
 def _opened_by_flow(seen: Outflow, time: Array) -> Instant:
@@ -579,7 +600,8 @@ def _last_particle(seen: Outflow, edges: tuple[float, float]) -> Instant:
     # a bed that ends wider than the slot that beads pass through was seen to end elsewhere: walls of a hopper slope
     wider = seen.scenery.slot.right - seen.scenery.slot.left - (edges[1] - edges[0]) - 0.5 * bead
     # of a camera turned by so much more, the last bead passes one or the other end of the slot so much earlier
-    aslant = 0.5 * (edges[1] - edges[0]) * math.tan(seen.upright.sigma)
+    turned = math.hypot(seen.upright.sigma, _misjudged(seen.upright))
+    aslant = 0.5 * (edges[1] - edges[0]) * math.tan(turned)
     slot_sigma = math.hypot(seen.scenery.slot.sigma, 0.5 * max(wider, 0.0), aslant)
     clear = ~_covered(seen)
     shown = np.flatnonzero(clear) if clear.sum() > len(clear) / 2 else np.arange(len(clear))
@@ -605,10 +627,11 @@ def _last_particle(seen: Outflow, edges: tuple[float, float]) -> Instant:
         budget = {"passage": 0.3 * frames * seen.interval}
     doubtful = ""
     pace = seen.outlet.shift[np.isfinite(seen.outlet.shift[:, 1]), 1]
+    before = (top[k] - top[k - 1]) / (shown[k] - shown[k - 1]) if k > 0 else 0.0
     # a bead twice as fast as the flow, or as it was itself, is still seen below the slot a frame later, and no further;
     # the upper edge of a faint one may be taken half a bead too high or too low
     way = min(below, slot + REACH_BELOW * bead) - top[k]
-    if frames == 1 and len(pace) and 2 * max(float(np.median(pace)), top[k] - top[max(k - 1, 0)]) + bead < way:
+    if frames == 1 and len(pace) and 2 * max(float(np.median(pace)), before) + bead < way:
         budget["not seen to pass"] = NEARBY * seen.interval
         doubtful = f"the last bead vanishes at {time[k]:.3f} s and is not seen to pass the slot: give the original film"
     budget["slot's height"] = min(budget.get("slot's height", 0.0), 3 * seen.interval)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Unpack
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.lab.drum import FEWEST_LOOKS, FILL, fill_check
+from rigtwin.lab.drum import FILL, fill_check
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import PACKING, Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
@@ -34,6 +34,7 @@ FULLEST = 0.9  # part of the drum, beyond which nothing turns over
 STEADY_AFTER = 0.25  # turns
 CELL = 3.0  # bead diameters, side of the cells in which mixing is counted
 FEWEST = 5  # beads in a cell that counts
+FEWEST_LOOKS = 5  # at the steady bed; the scatter of fewer is known no better than to a third
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rigtwin.lab.drum import fill_check
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.reference import hlosta2020
@@ -147,6 +148,13 @@ def test_a_slope_of_no_steady_flow_is_doubtful(rough):
     assert wrong(RIG, turns=0.1) == {"turned_enough"}
     assert wrong(RIG, time=rough.time[:2], turns=3.0) == {"turned_enough"}
     assert wrong(RIG, count=5) == {"fill"}
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.02, "2 %"), (0.704, "70.4 %"), (0.996, "99.6 %")])
+def test_a_fill_that_is_judged_is_told_to_where_its_limit_shows(share, told):
+    check = fill_check(share, "the bed fills")
+    assert not check.passed
+    assert f"fills {told} of the drum" in check.message
 
 
 @pytest.mark.parametrize(
