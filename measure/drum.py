@@ -59,7 +59,7 @@ S_SHAPE = 2.0  # [deg], difference of upper and lower angle below which a surfac
 VIEW_DOUBT = {GRAPHICAL: 0.25, LOWER: 0.5, UPPER: 1.2, GEOMETRIC: 1.2}
 # a line over a bent surface has the mean slope of its two halves, and half of the doubt of each
 HALVES_DOUBT = math.hypot(VIEW_DOUBT[LOWER], VIEW_DOUBT[UPPER]) / 2
-ONE_MOMENT = 1.0  # [deg], how far a flowing surface usually is from its mean at one moment
+ONE_MOMENT = 2.0  # [deg], how far a flowing surface is from its mean at one moment: drums of 25 beads width sway so
 MOST_BOW = 0.2  # sagitta over length of the surface; S-shapes are odd about the middle, the drum's own arc has 0.5
 HIGHEST_STEP = 4.0  # bead diameters over the width of one: a slope of 76 degrees
 GLARE = 0.05  # share of the surface under a reflection, from which on lines along parts of it are off
@@ -358,7 +358,9 @@ def _quantity(
     # neighbours that agree may all show one moment: a mean over time counts at least three moments, even in a record
     # that never comes back to its mean, so that two of them tell nothing
     moments = max(mean.independent - 2, 1.0)
-    budget = {"flow over time": max(mean.std_error, ONE_MOMENT / math.sqrt(moments))}
+    # their scatter is told by them as far as they are many, else it is the usual one
+    scatter2 = ((moments - 1) * mean.deviation**2 + ONE_MOMENT**2) / moments
+    budget = {"flow over time": max(mean.std_error, math.sqrt(scatter2 / moments))}
     budget |= {"camera roll" if seen.roll_seen else "camera roll, not measured": seen.roll_doubt, **doubt}
     if seen.filmed:
         budget["perspective, beads in flight"] = HALVES_DOUBT if method == WHOLE else VIEW_DOUBT[name]

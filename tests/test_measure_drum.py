@@ -157,7 +157,7 @@ def test_neighbouring_frames_are_known_no_better_than_one_moment_of_the_flow(fra
     # of a flow that sways by two degrees over seconds: they agree, however many they are, and say nothing of its mean
     seen = [profile(32 + 0.02 * k) for k in range(frames)]
     found = find(drum.evaluate(seen, np.arange(frames) / 240, drum_diameter=2 * RADIUS), drum.GRAPHICAL)
-    assert 0.9 < found.std_uncertainty < 1.2
+    assert 1.8 < found.std_uncertainty < 2.4
     assert not found.doubtful
 
 
@@ -387,7 +387,7 @@ def test_a_slow_drum_is_found_in_a_film_whose_noise_hides_the_motion_of_single_p
     film(tmp_path / "drum.mp4", 30.0, noise=26.0, turn=0.02)
     angle = find(measured(tmp_path / "drum.mp4"), drum.GRAPHICAL, drum.MIDDLE)
     assert angle.interval95[0] < 30.0 < angle.interval95[1]
-    assert angle.std_uncertainty < 2
+    assert angle.std_uncertainty < 2.5
 
 
 def test_a_surface_that_runs_out_of_the_picture_is_doubted(tmp_path: Path) -> None:
