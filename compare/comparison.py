@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from rigtwin.compare import results
+from rigtwin.compare.beforehand import need_possible
 from rigtwin.compare.deviation import MOMENTS, Deviation, deviations, group, key_of, over_views
 from rigtwin.compare.repetitions import Failure, Measured, measuring
 from rigtwin.compare.shapes import Overlay, overlays
@@ -139,6 +140,8 @@ def compare(
     for experiment in experiments:
         _need_contacts(lab, experiment)
     _need_takers(lab, experiments, count=count, runs=runs, stiffness_factor=stiffness_factor)
+    for experiment in experiments:
+        need_possible(lab, experiment, count=count)
     twins: dict[str, list[Twin]] = {}
     run = partial(
         twin_of, model=lab.model, count=count, threads=threads, stiffness_factor=stiffness_factor, progress=progress

@@ -12,6 +12,7 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -20,7 +21,7 @@ from rigtwin.compare.comparison import compare
 from rigtwin.compare.repetitions import measuring
 from rigtwin.compare.results import document, write_together
 from rigtwin.compare.twin import twin_of
-from rigtwin.lab.errors import BadInput
+from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.notebook import read_lab
 from rigtwin.lab.quantity import Measurement, Quantity
 
@@ -325,6 +326,42 @@ def test_a_twin_without_its_restitution_is_refused_before_any_work(lab):
     with pytest.raises(BadInput, match=r"pair/1.*restitution.*bead-bead"):
         compare(unknown, lab / "never", workers=1)
     assert not (lab / "never").exists()
+
+
+BARE = """
+[[experiments]]
+id = "one"
+particle = "D6"
+wall = "steel"
+repetitions = ["clip.avi"]
+"""
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ("rig='tilt'\nvariant='slide'\nspeed='1e-4 deg/s'", ["line 9: experiment 1, speed: the twin", "1,000,000"]),
+        ("rig='drop'\ndrop_height='1 m'\ncamera.frame_rate='1e7 Hz'", ["experiment 1: the twin", "frame rate"]),
+        ("rig='hopper'\nvariant='slot'\noutlet='2 mm'\ncount=90", ["line 9: experiment 1, outlet: the twin"]),
+        ("rig='drum'\ndrum_diameter='9 cm'\nspeed='3 rpm'\ncount=9999", ["line 10: experiment 1, count: the twin"]),
+        ("rig='packing'\ncylinder_diameter='65 mm'", ["experiment 1: the twin", "add total_mass or count"]),
+        ("rig='drop'\ncamera.region=[500,0,9,9]", ["line 8: experiment 1, camera.region: ", "80 x 60 px"]),
+        ("rig='drop'\ncamera.start='9 s'", ["line 8: experiment 1, camera.start: ", "clip.avi: start and end leave"]),
+        ("rig='drop'\ncamera.end='1 frame'", ["line 8: experiment 1, camera.end: ", "2 frames of 20"]),
+    ],
+)
+def test_what_cannot_work_is_said_with_its_line_before_anything_is_measured(keys, words, tmp_path, monkeypatch):
+    clip = cv2.VideoWriter(str(tmp_path / "clip.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30, (80, 60))
+    for _ in range(20):
+        clip.write(np.full((60, 80, 3), 90, np.uint8))
+    clip.release()
+    (tmp_path / "lab.toml").write_text(BARE + keys)
+    monkeypatch.setattr(subject, "measuring", lambda *_: pytest.fail("something was measured"))
+    with pytest.raises(BadLabFile) as refusal:
+        compare(tmp_path, tmp_path / "out")
+    assert str(refusal.value).startswith(f"{tmp_path / 'lab.toml'}, line ")
+    assert all(word in str(refusal.value) for word in words), str(refusal.value)
+    assert not (tmp_path / "out").exists()
 
 
 def test_an_interrupted_comparison_does_not_wait_for_its_measuring_processes(lab, tmp_path):
