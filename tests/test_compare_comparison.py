@@ -24,6 +24,8 @@ from rigtwin.compare.twin import twin_of
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.notebook import read_lab
 from rigtwin.lab.quantity import Measurement, Quantity
+from rigtwin.lab.records import Series
+from rigtwin.lab.rigs import TiltSettings
 
 FILES = ("observations.csv", "deviations.csv", "deviations.json", "report.html", "provenance.json")
 
@@ -186,6 +188,22 @@ def test_a_doubtful_repetition_beside_sound_ones_is_said_to_be_in_no_mean(compar
 
     assert said in told(drop("r1.mp4"), drop("r2.mp4", "the plate moved"))
     assert said not in told(drop("r2.mp4", "the plate moved")), "alone it is in the mean"
+
+
+@pytest.mark.parametrize(
+    ("stated", "by_hand", "told"),
+    [(2.0, 0.0, False), (2.08, 0.0, False), (0.1, 0.0, True), (2.2, 0.0, True), (2.2, 0.2, False), (3.0, 0.2, True)],
+)
+def test_a_plate_that_rises_at_another_speed_than_stated_is_told(compared, stated, by_hand, told):
+    """At 2 deg/s after a second of rest; by hand it goes 20 % faster and slower in turn."""
+    time = np.arange(600) / 100
+    speed = np.where(time < 1, 0, 2 * (1 + by_hand * np.sign(np.sin(1.5 * time))))
+    angle = np.cumsum(speed) / 100 + np.random.default_rng(1).normal(0, 0.02, len(time))
+    film = Measurement("tilt", Path("t.mp4"), "", (), series=(Series(time, np.radians(angle), "plate_angle", "rad"),))
+    (outcome,) = compared.outcomes
+    tilt = replace(outcome.experiment, rig=TiltSettings("slide", speed=np.radians(stated)))
+    warnings = replace(outcome, experiment=tilt, measurements=(film,), failures=()).warnings
+    assert any(f"states a speed of {stated:.3g} deg/s" in warning for warning in warnings) == told
 
 
 def test_provenance_names_every_input_by_its_content(lab, out):
