@@ -7,6 +7,7 @@ Only typer and rich are imported at the top, so that ``--help`` answers at once.
 from __future__ import annotations
 
 import os
+import re
 import sys
 from functools import partial
 from pathlib import Path
@@ -42,6 +43,15 @@ app = typer.Typer(
 )
 app.add_typer(measure.app, name="measure")
 app.add_typer(simulate.app, name="simulate")
+
+WORDING = (  # how the parser of options says what we say elsewhere
+    (r"^Invalid value for '([^']+)'(?: / '[^']+')*: ", r"\1: "),
+    (r"Input should be a valid (?:integer|number), .*", "is not a whole number."),
+    (r"Input should be greater than or equal to", "is too small; give at least"),
+    (r"Input should be less than or equal to", "is too large; give at most"),
+    (r"Value error, ", ""),
+    (r"'\. Did you mean", "'; did you mean"),
+)
 
 Count = Annotated[
     int, typer.Option("--count", min=1, max=MOST_PARTICLES, help="Number of particles poured on the base.")
@@ -324,7 +334,9 @@ def _fail(kind: str, message: str, code: int, as_json: bool) -> int:
 def _usage(error: typer.TyperException) -> str:
     context = getattr(error, "ctx", None)
     command = context.command_path if context is not None else "rigtwin"
-    words = error.format_message().replace("Value error, ", "").replace("'. Did you mean", "'; did you mean")
+    words = error.format_message()
+    for theirs, ours in WORDING:
+        words = re.sub(theirs, ours, words)
     return f"{words.rstrip('.?')}; see `{command} --help`."
 
 

@@ -299,7 +299,7 @@ def simulate_tilt(
         Literal["slide", "roll"], typer.Option(help="A body that slides (glued beads), or a bead that rolls.")
     ],
     speed: Annotated[
-        float, quantity("--speed", "angular_speed", "1deg/s", "How fast the plate is tilted; 1 deg/s.")
+        float, quantity("--speed", "tilting_speed", "1deg/s", "How fast the plate is tilted; 1 deg/s.")
     ] = math.radians(1),
     particle: ParticleName = "D6",
     wall: WallName = "steel",

@@ -10,6 +10,8 @@
 from __future__ import annotations
 
 import json
+import math
+import statistics
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -18,7 +20,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rigtwin.compare import results
+from rigtwin.compare.beforehand import need_possible
 from rigtwin.compare.deviation import MOMENTS, Deviation, deviations, group, key_of, over_views
 from rigtwin.compare.repetitions import Failure, Measured, measuring
 from rigtwin.compare.shapes import Overlay, overlays
@@ -40,7 +45,13 @@ from rigtwin.lab.model import Model, read_model
 from rigtwin.lab.notebook import Experiment, Lab, read_lab
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement
+from rigtwin.lab.records import Series
+from rigtwin.lab.rigs import TiltSettings
 from rigtwin.lab.wording import reading, title
+
+OTHER_SPEED = 0.05  # relative, to which a plate's speed is usually set or read off
+STRETCHES = 4  # of a plate's rise: with them its speed and how steady it is are known
+LEAST_IN_STRETCH = 5  # frames, for a slope that one of them does not make
 
 
 @dataclass(frozen=True)
@@ -139,6 +150,8 @@ def compare(
     for experiment in experiments:
         _need_contacts(lab, experiment)
     _need_takers(lab, experiments, count=count, runs=runs, stiffness_factor=stiffness_factor)
+    for experiment in experiments:
+        need_possible(lab, experiment, count=count)
     twins: dict[str, list[Twin]] = {}
     run = partial(
         twin_of, model=lab.model, count=count, threads=threads, stiffness_factor=stiffness_factor, progress=progress
@@ -347,7 +360,12 @@ def _left_out(measurements: Sequence[Measurement]) -> Iterator[str]:
 
 
 def _against_stated(experiment: Experiment, measurements: Sequence[Measurement]) -> Iterator[str]:
-    """Repetitions whose start is not the one that the lab file states: the wrong clip, scale, or a bounce not seen."""
+    """Repetitions whose start is not the one that the lab file states: the wrong clip, scale, or a bounce not seen.
+
+    And tilts at another speed.
+    """
+    if isinstance(experiment.rig, TiltSettings) and experiment.rig.speed is not None:
+        yield from _against_speed(math.degrees(experiment.rig.speed), measurements)
     stated = stated_start(experiment)
     if stated is None:
         return
@@ -359,6 +377,37 @@ def _against_stated(experiment: Experiment, measurements: Sequence[Measurement])
                 f"{item.source.name}: measured a {found.quantity.replace('_', ' ')} of {was} where the lab file states "
                 f"{should}; an early part of the motion was missed, or clip, scale or setting are not those stated"
             )
+
+
+def _against_speed(stated: float, measurements: Sequence[Measurement]) -> Iterator[str]:
+    """Films whose plate rises at a rate that is never near the one that the lab file states [deg/s]."""
+    for item in measurements:
+        rates = [rate for angle in item.series if angle.quantity == "plate_angle" for rate in _rising(angle)]
+        # a screw turned by hand changes its speed, and noise scatters what is seen of it: all parts must disagree
+        if rates and not (1 - OTHER_SPEED) * min(rates) <= stated <= (1 + OTHER_SPEED) * max(rates):
+            found = reading(statistics.fmean(rates), statistics.stdev(rates), "deg")
+            yield (
+                f"{item.source.name}: the plate rises by {found} per second where the lab file states a speed of "
+                f"{stated:.3g} deg/s, at which the twin was run; correct the speed, or the camera's frame_rate, which "
+                "the measured one goes with"
+            )
+
+
+def _rising(angle: Series) -> list[float]:
+    """[deg/s] in equal stretches of the time in which the plate rises steadily; empty where too little is seen."""
+    known = np.isfinite(angle.value)
+    time, turned = angle.time[known], angle.value[known]
+    if angle.unit == "rad":
+        turned = np.degrees(turned)
+    if len(time) < STRETCHES * LEAST_IN_STRETCH:
+        return []
+    # a plate that is filmed before it begins to turn, or after it has stopped, rises neither there nor near by
+    low, high = turned.min(), turned.max()
+    under_way = np.flatnonzero((turned > low + 0.2 * (high - low)) & (turned < high - 0.1 * (high - low)))
+    if len(under_way) < STRETCHES * LEAST_IN_STRETCH:
+        return []
+    whole = np.arange(under_way[0], under_way[-1] + 1)
+    return [float(np.polyfit(time[part], turned[part], 1)[0]) for part in np.array_split(whole, STRETCHES)]
 
 
 def _with_source(item: Measurement, warning: str) -> str:

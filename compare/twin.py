@@ -324,6 +324,71 @@ def twin_of(
     return replace(twin, set_from=set_from)
 
 
+def check_settings(experiment: Experiment, *, model: Model, frame_rate: float | None, count: int | None = None) -> None:
+    """Raises `BadInput` where the twin would refuse its settings, before anything is measured or computed.
+
+    What hangs on a measurement is left open, and so is what hangs on a `frame_rate` [1/s] that is not known (None).
+    """
+    rig, particle, wall = experiment.rig, experiment.particle, experiment.wall
+    if isinstance(rig, BULK):
+        _check_bulk(experiment, count)
+        return
+    if frame_rate is None:
+        return
+    contact = model.contact(*experiment.contacts[0], NEEDS[experiment.rig_name])
+    if isinstance(rig, TiltSettings):
+        from rigtwin.sim import tilt
+
+        assert wall is not None  # the lab file demands one
+        tilt.check(tilt.Trial(rig.rig(), particle, wall, contact, frame_rate))
+    elif isinstance(rig, DropSettings) and rig.drop_height is not None:
+        from rigtwin.sim import drop
+
+        assert wall is not None
+        drop.check(drop.Trial(rig.rig(), particle, wall, contact, frame_rate))
+    elif isinstance(rig, PendulumSettings) and rig.release_angle is not None:
+        from rigtwin.sim import pendulum
+
+        pendulum.check(pendulum.Trial(rig.rig(), particle, contact, frame_rate, wall))
+
+
+def _check_bulk(experiment: Experiment, count: int | None) -> None:
+    rig, particle, filled = experiment.rig, experiment.particle, _filled(experiment, count)
+    if isinstance(rig, DrumSettings):
+        from rigtwin.sim import drum
+
+        drum.check(rig.rig(), particle, count=filled)
+        return
+    assert filled is not None  # a drum alone may be filled to a part
+    if isinstance(rig, PileSettings):
+        from rigtwin.sim import pile
+
+        pile.check(rig.rig(), particle, count=filled)
+    elif isinstance(rig, HopperSettings):
+        from rigtwin.sim import hopper
+
+        hopper.check(rig.rig(), particle, count=filled)
+    elif isinstance(rig, PackingSettings):
+        from rigtwin.sim import packing
+
+        packing.check(rig.rig(), particle, count=filled)
+
+
+def _filled(experiment: Experiment, count: int | None) -> int | None:
+    """How many particles the twin has: by the lab file, else `count`; None where a drum's fill tells."""
+    rig = experiment.rig
+    if isinstance(rig, DrumSettings):
+        return rig.count or (count if takes_count(experiment) else None)
+    if isinstance(rig, PileSettings):
+        return rig.count or count or PILE_COUNT
+    assert isinstance(rig, (PackingSettings, HopperSettings))
+    weighed = None if rig.total_mass is None else round(rig.total_mass / experiment.particle.mass)
+    filled = rig.count or weighed or count
+    if not filled:
+        raise BadInput("how many particles there are is not known; add total_mass or count to the experiment.")
+    return filled
+
+
 def _bulk_twin(experiment: Experiment, contacts: Sequence[Contact], *, count: int | None, **run: Any) -> Twin:
     """The twin of a rig of many particles; `contacts` with the wall first."""
     from rigtwin.compare import bulk_twins
@@ -331,18 +396,13 @@ def _bulk_twin(experiment: Experiment, contacts: Sequence[Contact], *, count: in
     rig, particle, wall = experiment.rig, experiment.particle, experiment.wall
     assert wall is not None  # the lab file demands a wall for these rigs
     cast = bulk_twins.Cast(particle, wall, contacts[1], contacts[0])
+    filled = _filled(experiment, count)
     if isinstance(rig, DrumSettings):
-        filled = rig.count or (count if takes_count(experiment) else None)
         return bulk_twins.drum_twin(rig.rig(), cast, count=filled, **run)
+    assert filled is not None  # a drum alone may be filled to a part
     if isinstance(rig, PileSettings):
-        return bulk_twins.pile_twin(rig.rig(), cast, count=rig.count or count or PILE_COUNT, **run)
+        return bulk_twins.pile_twin(rig.rig(), cast, count=filled, **run)
     assert isinstance(rig, (PackingSettings, HopperSettings))
-    weighed = None if rig.total_mass is None else round(rig.total_mass / particle.mass)
-    filled = rig.count or weighed or count
-    if not filled:
-        raise BadInput(
-            f"{experiment.id}: how many particles there are is not known; add total_mass or count to the experiment."
-        )
     if isinstance(rig, HopperSettings):
         return bulk_twins.hopper_twin(rig.rig(), cast, count=filled, **run)
     return bulk_twins.packing_twin(bulk_twins.cylinder_for(rig.rig(), particle, filled), cast, count=filled, **run)

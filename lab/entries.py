@@ -186,6 +186,7 @@ Rate = Annotated[float, _quantity("frequency", 0), Field(examples=["240 Hz"])]
 Scale = Annotated[float, _quantity("scale", 0), Field(examples=["0.2 mm/px"])]
 Speed = Annotated[float, _quantity("speed", 0), Field(examples=["20 mm/s"])]
 Turning = Annotated[float, _quantity("angular_speed", 0), Field(examples=["3 rpm"])]
+Tilting = Annotated[float, _quantity("tilting_speed", 0), Field(examples=["2 deg/s"])]
 Fraction = Annotated[float, _quantity("number", 0, 1), Field(examples=[0.35])]
 Release = Annotated[float, _quantity("angle", 0, math.radians(179)), Field(examples=["45 deg"])]
 Tilted = Annotated[float, _quantity("angle", 0, math.radians(45)), Field(examples=["0.1 deg"])]
@@ -312,7 +313,7 @@ class TiltEntry(_ExperimentEntry):
     wall: Name = Field(examples=["steel"])
     variant: Literal["slide", "roll"] = Field(examples=["slide"])
     arm_length: Length | None = None
-    speed: Turning | None = None
+    speed: Tilting | None = None
 
 
 class PackingEntry(_ExperimentEntry):

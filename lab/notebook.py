@@ -28,7 +28,7 @@ from rigtwin.lab.entries import (
     read_document,
     validated,
 )
-from rigtwin.lab.errors import BadInput
+from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.inventory import Inventory
 from rigtwin.lab.materials import PARAMETERS, Contact, KnownContact, Material, Pair, Particle
 from rigtwin.lab.model import Model
@@ -136,6 +136,12 @@ def read_lab(folder: Path) -> Lab:
         path=path,
         uncertainty=file.uncertainty.model_dump(exclude_none=True),
     )
+
+
+def fault(lab: Lab, experiment: Experiment, key: Key, why: str) -> BadLabFile:
+    """What only media or twin tell of an experiment's `key`, said as `read_lab` says it: with the file and the line."""
+    document = read_document(lab.path)
+    return document.error([Problem(("experiments", lab.experiments.index(experiment), *key), why)])
 
 
 def read_cast(folder: Path) -> Model:

@@ -27,6 +27,7 @@ DIMENSIONS = {
     "frequency": ("1/s", "240 Hz"),
     "angle": ("rad", "45 deg"),
     "angular_speed": ("rad/s", "3 rpm"),
+    "tilting_speed": ("rad/s", "2 deg/s"),
     "speed": ("m/s", "0.5 m/s"),
     "acceleration": ("m/s^2", "9.81 m/s^2"),
     "scale": ("m/px", "0.2 mm/px"),
@@ -36,7 +37,10 @@ DIMENSIONS = {
 
 LONGEST = 10.0  # [m], no rig on a bench is larger: "300" was meant to be millimetres
 
-AMBIGUOUS = {"angular_speed": "radians a second or turns a minute"}  # a bare number of these is nobody's habit
+AMBIGUOUS = {  # a bare number of these is nobody's habit
+    "angular_speed": "radians a second or turns a minute",
+    "tilting_speed": "radians or degrees a second",
+}
 
 MOST_PARTICLES = 10_000_000  # more of them fit into no memory; a count that was meant to be smaller
 
@@ -46,9 +50,9 @@ _ANGULAR = re.compile("radian|degree|turn|revolution|arcminute|arcsecond|grade")
 def si(text: str | float | int, dimension: str, *, name: str = "value") -> float:
     """A quantity as a float in SI.
 
-    `text` is a number with a unit; a bare number is taken as SI, but for an angular speed, which a person writes in
-    turns a minute.  Raises `BadQuantity` naming `name` when the text is no quantity, is not finite, or has another
-    dimension.
+    `text` is a number with a unit; a bare number is taken as SI, but for a speed of turning, which a person writes in
+    turns a minute or in degrees a second.  Raises `BadQuantity` naming `name` when the text is no quantity, is not
+    finite, or has another dimension.
 
     >>> si("6.2 mm", "length")
     0.0062

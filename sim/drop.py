@@ -14,7 +14,7 @@ from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY, Drop
 from rigtwin.sim.engine.clock import positive
 from rigtwin.sim.film import frame_times
-from rigtwin.sim.trials import FRAMES_AT_REST, Release, each, film, released
+from rigtwin.sim.trials import FRAMES_AT_REST, Array, Release, each, film, released
 
 
 @dataclass(frozen=True)
@@ -67,22 +67,37 @@ def run_many(
     ]
 
 
-def _release(trial: Trial) -> Release:
-    from rigtwin.sim.engine.few_body import Body, Case
-    from rigtwin.sim.engine.terms import acting
-    from rigtwin.sim.engine.walls import Plane, Wall
+def check(trial: Trial) -> None:
+    """Raises `BadInput` where `run` would refuse this trial, and computes nothing."""
+    _frames(trial)
 
+
+def _frames(trial: Trial) -> Array:
+    """[s], when the camera looks."""
     rig, frame_rate, duration = trial.rig, trial.frame_rate, trial.duration
     positive(drop_height=rig.drop_height, frame_rate=frame_rate, bounces=rig.bounces)
     if duration is None:
         duration = FRAMES_AT_REST / frame_rate + _flight_time(rig, trial.contact.restitution) - 0.5 / frame_rate
     positive(duration=duration)
-    time = frame_times(duration, frame_rate)
+    return frame_times(duration, frame_rate)
+
+
+def _release(trial: Trial) -> Release:
+    from rigtwin.sim.engine.few_body import Body, Case
+    from rigtwin.sim.engine.terms import acting
+    from rigtwin.sim.engine.walls import Plane, Wall
+
+    rig, time = trial.rig, _frames(trial)
     start = (0.0, 0.0, rig.drop_height + trial.particle.radius)
     plate = Wall(Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), trial.wall, trial.contact)
     return Release(
         time,
-        Case([Body(trial.particle, start)], released(time, frame_rate), walls=[plate], effects=acting(trial.effects)),
+        Case(
+            [Body(trial.particle, start)],
+            released(time, trial.frame_rate),
+            walls=[plate],
+            effects=acting(trial.effects),
+        ),
     )
 
 

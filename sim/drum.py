@@ -75,19 +75,13 @@ def run(
 
     `count` beads; None: as many as fill the part `rig.fill` of its volume.  The end walls turn with the drum.
     """
+    check(rig, particle, count=count)
     depth, fill = _filled_in(rig)
-    _check(rig, particle)
     positive(turns=turns, interval=interval, fill_limit=fill_limit)
     fill_from = _given(rig.fill) if count is None else "by the number of beads given"
     if count is None:
         volume = math.pi / 4 * rig.diameter**2 * depth
         count = max(1, round(fill * PACKING * volume / particle.volume))
-    elif count < 1:
-        raise BadInput(f"count: {count} beads make no bed; give at least 1.")
-    elif (share := _share(count, rig, depth, particle)) > FULLEST:
-        raise BadInput(
-            f"count: {count} beads do not fit in, or could not turn; at most {int(count * FULLEST / share)} find room."
-        )
     bench = Bench(rig, particle, wall, contact, wall_contact, numerics)
     bulk = bench.bulk(_shapes(rig, depth), _domain(rig, depth, particle), open_domain=False)
     course = _Course(random=np.random.default_rng(seed))
@@ -312,13 +306,23 @@ def _outline(centres: Array, radii: Array, rig: Drum, particle: Particle) -> Pro
     return outline(centres, radii, (-half, half), grain=2 * min(particle.radii), view="front")
 
 
-def _check(rig: Drum, particle: Particle) -> None:
+def check(rig: Drum, particle: Particle, *, count: int | None) -> None:
+    """Raises `BadInput` where `run` would refuse these settings, and computes nothing."""
+    depth, _ = _filled_in(rig)
     if not (math.isfinite(rig.speed) and rig.speed != 0):
         raise BadInput(f"speed: the drum must turn; got {rig.speed:g} rad/s.")
     if rig.diameter < 4 * particle.diameter:
         raise BadInput(
             f"diameter: a drum of {rig.diameter * 1e3:.3g} mm is too small for beads of "
             f"{particle.diameter * 1e3:.3g} mm; give at least four bead diameters."
+        )
+    if count is None:
+        return
+    if count < 1:
+        raise BadInput(f"count: {count} beads make no bed; give at least 1.")
+    if (share := _share(count, rig, depth, particle)) > FULLEST:
+        raise BadInput(
+            f"count: {count} beads do not fit in, or could not turn; at most {int(count * FULLEST / share)} find room."
         )
 
 

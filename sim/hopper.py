@@ -87,7 +87,7 @@ def run(
     The run ends when the hopper is empty, when no bead has left for half a second, or `duration` [s] after the
     opening; below a slot hopper it goes on until the heap rests, at most `settle_limit` [s].
     """
-    _check(rig, particle, count, duration)
+    check(rig, particle, count=count, duration=duration)
     plan = _plan(rig, particle, count)
     positive(fill_limit=fill_limit, settle_limit=settle_limit)
     bench = Bench(rig, particle, wall, contact, wall_contact, numerics)
@@ -325,7 +325,8 @@ def _heap(beads: Beads, particle: Particle, plan: _Plan) -> Profile:
     return outline(centres[heap], radii[heap], span, grain=grain, floor=plan.floor, view="along the slot")
 
 
-def _check(rig: Hopper, particle: Particle, count: int, duration: float | None) -> None:
+def check(rig: Hopper, particle: Particle, *, count: int, duration: float | None = None) -> None:
+    """Raises `BadInput` where `run` would refuse these settings, and computes nothing."""
     positive(outlet=rig.outlet)
     if rig.variant == "conical":
         positive(diameter=rig.diameter, cone_height=rig.cone_height)

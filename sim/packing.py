@@ -106,7 +106,7 @@ def run(
     (default: Beverloo's discharge of the outlet).  With one they rest on its slide (at most `fill_limit` [s]) until the
     slide is drawn.  The run ends when they rest, or `settle_limit` [s] after the last one, and says which.
     """
-    _check(rig, particle, count, settle_limit)
+    check(rig, particle, count=count, settle_limit=settle_limit)
     bench = Bench(rig, particle, wall, contact, wall_contact, numerics)
     opening = OUTLET * rig.cylinder_diameter if rig.outlet_diameter is None else rig.outlet_diameter
     source = fill.outlet(particle, opening, rig.cylinder_height + rig.fall_height, pour_rate, LEAST_RATE)
@@ -285,7 +285,8 @@ def _bed(
     )
 
 
-def _check(rig: Packing, particle: Particle, count: int, settle_limit: float) -> None:
+def check(rig: Packing, particle: Particle, *, count: int, settle_limit: float = 4.0) -> None:
+    """Raises `BadInput` where `run` would refuse these settings, and computes nothing."""
     positive(
         cylinder_diameter=rig.cylinder_diameter,
         cylinder_height=rig.cylinder_height,

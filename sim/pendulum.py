@@ -14,7 +14,7 @@ from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY, Pendulum
 from rigtwin.sim.engine.clock import positive
 from rigtwin.sim.film import frame_times
-from rigtwin.sim.trials import FRAMES_AT_REST, Release, Seen, each, film, released
+from rigtwin.sim.trials import FRAMES_AT_REST, Array, Release, Seen, each, film, released
 
 
 @dataclass(frozen=True)
@@ -73,19 +73,28 @@ def _tracks(seen: Seen) -> tuple[Track, ...]:
     return tuple(Track(seen.time, seen.position[:, k][:, [0, 2]], seen.sigma, "AB"[k]) for k in beads)
 
 
+def check(trial: Trial) -> None:
+    """Raises `BadInput` where `run` would refuse this trial, and computes nothing."""
+    _frames(trial)
+
+
+def _frames(trial: Trial) -> Array:
+    """[s], when the camera looks."""
+    rig, duration = trial.rig, trial.duration
+    _check(rig, trial.frame_rate, trial.wall)
+    if duration is None:
+        duration = FRAMES_AT_REST / trial.frame_rate + 2.2 * _quarter_period(rig.length, rig.release_angle)
+    positive(duration=duration)
+    return frame_times(duration, trial.frame_rate)
+
+
 def _release(trial: Trial) -> Release:
     from rigtwin.sim.engine.few_body import Body, Case
     from rigtwin.sim.engine.terms import acting
     from rigtwin.sim.engine.walls import Plane, Wall
 
+    time = _frames(trial)
     rig, particle, contact, wall = trial.rig, trial.particle, trial.contact, trial.wall
-    _check(rig, trial.frame_rate, wall)
-    duration = trial.duration
-    if duration is None:
-        duration = FRAMES_AT_REST / trial.frame_rate + 2.2 * _quarter_period(rig.length, rig.release_angle)
-    positive(duration=duration)
-    time = frame_times(duration, trial.frame_rate)
-
     radius, angle = particle.radius, rig.release_angle
     start_a = (-radius - rig.length * math.sin(angle), 0.0, rig.length * (1 - math.cos(angle)))
     beads = [Body(particle, start_a, pivot=(-radius, 0.0, rig.length))]

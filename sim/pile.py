@@ -174,6 +174,12 @@ def picture(rig: Pile, heap: Heap, *, turn: float = 30.0, tilt: float = 20.0) ->
     return draw(heap.centres[shown], heap.radii[shown], walls=walls, turn=turn, tilt=tilt)
 
 
+def check(rig: Pile, particle: Particle, *, count: int) -> None:
+    """Raises `BadInput` where `run` would refuse these settings, and computes nothing."""
+    _check(rig, particle, count, settle_limit=1.0)
+    _method(rig, particle, count, None, None, fill_limit=1.0)
+
+
 def _check(rig: Pile, particle: Particle, count: int, settle_limit: float) -> None:
     positive(base_diameter=rig.base_diameter, settle_limit=settle_limit)
     if rig.base_diameter < 4 * particle.diameter:

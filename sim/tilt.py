@@ -132,6 +132,11 @@ class _Frames:
         return (self.turning > 0) & (self.angle < STEEPEST)
 
 
+def check(trial: Trial) -> None:
+    """Raises `BadInput` where `run` would refuse this trial, and computes nothing."""
+    _frames(trial)
+
+
 def _frames(trial: Trial) -> _Frames:
     rig, frame_rate, duration = trial.rig, trial.frame_rate, trial.duration
     _check(rig, trial.particle, frame_rate, trial.stiffness_factor)
@@ -143,9 +148,9 @@ def _frames(trial: Trial) -> _Frames:
     positive(duration=duration)
     if (frames := duration * frame_rate) > MOST_FRAMES:
         raise BadInput(
-            f"a plate tilted at {math.degrees(rig.speed):.3g} deg/s and watched for {duration:.3g} s is a record of "
-            f"{frames:.2g} frames at {frame_rate:g} Hz, more than {MOST_FRAMES:,}; tilt it faster, watch it for a "
-            f"shorter time, or give a frame rate of at most {MOST_FRAMES / duration:.2g} Hz."
+            f"speed: a plate tilted at {math.degrees(rig.speed):.3g} deg/s and watched for {duration:.3g} s is a "
+            f"record of {frames:.2g} frames at {frame_rate:g} Hz, more than {MOST_FRAMES:,}; tilt it faster, watch it "
+            f"for a shorter time, or give a frame rate of at most {MOST_FRAMES / duration:.2g} Hz."
         )
     time = frame_times(duration, frame_rate)
     turning = np.maximum(time - FRAMES_AT_REST / frame_rate, 0.0)

@@ -12,6 +12,7 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -20,9 +21,11 @@ from rigtwin.compare.comparison import compare
 from rigtwin.compare.repetitions import measuring
 from rigtwin.compare.results import document, write_together
 from rigtwin.compare.twin import twin_of
-from rigtwin.lab.errors import BadInput
+from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.notebook import read_lab
 from rigtwin.lab.quantity import Measurement, Quantity
+from rigtwin.lab.records import Series
+from rigtwin.lab.rigs import TiltSettings
 
 FILES = ("observations.csv", "deviations.csv", "deviations.json", "report.html", "provenance.json")
 
@@ -187,6 +190,22 @@ def test_a_doubtful_repetition_beside_sound_ones_is_said_to_be_in_no_mean(compar
     assert said not in told(drop("r2.mp4", "the plate moved")), "alone it is in the mean"
 
 
+@pytest.mark.parametrize(
+    ("stated", "by_hand", "told"),
+    [(2.0, 0.0, False), (2.08, 0.0, False), (0.1, 0.0, True), (2.2, 0.0, True), (2.2, 0.2, False), (3.0, 0.2, True)],
+)
+def test_a_plate_that_rises_at_another_speed_than_stated_is_told(compared, stated, by_hand, told):
+    """At 2 deg/s after a second of rest; by hand it goes 20 % faster and slower in turn."""
+    time = np.arange(600) / 100
+    speed = np.where(time < 1, 0, 2 * (1 + by_hand * np.sign(np.sin(1.5 * time))))
+    angle = np.cumsum(speed) / 100 + np.random.default_rng(1).normal(0, 0.02, len(time))
+    film = Measurement("tilt", Path("t.mp4"), "", (), series=(Series(time, np.radians(angle), "plate_angle", "rad"),))
+    (outcome,) = compared.outcomes
+    tilt = replace(outcome.experiment, rig=TiltSettings("slide", speed=np.radians(stated)))
+    warnings = replace(outcome, experiment=tilt, measurements=(film,), failures=()).warnings
+    assert any(f"states a speed of {stated:.3g} deg/s" in warning for warning in warnings) == told
+
+
 def test_provenance_names_every_input_by_its_content(lab, out):
     record = json.loads((out / "provenance.json").read_text())
     inputs = {entry["file"]: entry["sha256"] for entry in record["inputs"]}
@@ -325,6 +344,42 @@ def test_a_twin_without_its_restitution_is_refused_before_any_work(lab):
     with pytest.raises(BadInput, match=r"pair/1.*restitution.*bead-bead"):
         compare(unknown, lab / "never", workers=1)
     assert not (lab / "never").exists()
+
+
+BARE = """
+[[experiments]]
+id = "one"
+particle = "D6"
+wall = "steel"
+repetitions = ["clip.avi"]
+"""
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ("rig='tilt'\nvariant='slide'\nspeed='1e-4 deg/s'", ["line 9: experiment 1, speed: the twin", "1,000,000"]),
+        ("rig='drop'\ndrop_height='1 m'\ncamera.frame_rate='1e7 Hz'", ["experiment 1: the twin", "frame rate"]),
+        ("rig='hopper'\nvariant='slot'\noutlet='2 mm'\ncount=90", ["line 9: experiment 1, outlet: the twin"]),
+        ("rig='drum'\ndrum_diameter='9 cm'\nspeed='3 rpm'\ncount=9999", ["line 10: experiment 1, count: the twin"]),
+        ("rig='packing'\ncylinder_diameter='65 mm'", ["experiment 1: the twin", "add total_mass or count"]),
+        ("rig='drop'\ncamera.region=[500,0,9,9]", ["line 8: experiment 1, camera.region: ", "80 x 60 px"]),
+        ("rig='drop'\ncamera.start='9 s'", ["line 8: experiment 1, camera.start: ", "clip.avi: start and end leave"]),
+        ("rig='drop'\ncamera.end='1 frame'", ["line 8: experiment 1, camera.end: ", "2 frames of 20"]),
+    ],
+)
+def test_what_cannot_work_is_said_with_its_line_before_anything_is_measured(keys, words, tmp_path, monkeypatch):
+    clip = cv2.VideoWriter(str(tmp_path / "clip.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30, (80, 60))
+    for _ in range(20):
+        clip.write(np.full((60, 80, 3), 90, np.uint8))
+    clip.release()
+    (tmp_path / "lab.toml").write_text(BARE + keys)
+    monkeypatch.setattr(subject, "measuring", lambda *_: pytest.fail("something was measured"))
+    with pytest.raises(BadLabFile) as refusal:
+        compare(tmp_path, tmp_path / "out")
+    assert str(refusal.value).startswith(f"{tmp_path / 'lab.toml'}, line ")
+    assert all(word in str(refusal.value) for word in words), str(refusal.value)
+    assert not (tmp_path / "out").exists()
 
 
 def test_an_interrupted_comparison_does_not_wait_for_its_measuring_processes(lab, tmp_path):

@@ -65,7 +65,7 @@ def test_a_bare_angular_speed_may_be_rpm_and_is_refused():
 @settings(deadline=None, derandomize=True)
 @given(unit=st.sampled_from(sorted(ONE_OF)), dimension=st.sampled_from(sorted(DIMENSIONS)))
 def test_a_unit_of_another_dimension_is_refused_with_name_text_and_example(unit, dimension):
-    if ONE_OF[unit][0] == dimension:
+    if ONE_OF[unit][0] == dimension or (unit, dimension) == ("rpm", "tilting_speed"):
         return
     if unit == "fps" and dimension == "speed":  # feet per second, rightly
         return
@@ -75,6 +75,13 @@ def test_a_unit_of_another_dimension_is_refused_with_name_text_and_example(unit,
     assert message.startswith("camera.scale: ")
     assert repr(f"3 {unit}") in message
     assert DIMENSIONS[dimension][1] in message
+
+
+def test_a_tilt_is_told_the_unit_of_a_tilt_and_takes_that_of_a_drum():
+    for slip in ("2 deg", 2):
+        with pytest.raises(BadQuantity, match="'2 deg/s'"):
+            si(slip, "tilting_speed")
+    assert si("1 rpm", "tilting_speed") == si("6 deg/s", "angular_speed")
 
 
 def test_hertz_is_no_angular_speed_and_rpm_no_frequency():
