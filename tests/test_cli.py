@@ -423,6 +423,11 @@ def test_a_results_folder_that_is_a_file_is_refused_before_any_work(folder, tmp_
     refused(["measure", "drop", "x.mp4", "--out", folder], capfd, "--out", "taken.mp4 is a file", "another name")
 
 
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="a file system that takes no files, whoever asks")
+def test_a_results_folder_that_cannot_be_made_is_refused_before_any_work(capfd):
+    refused(["measure", "drop", "x.mp4", "--out", "/proc/nope"], capfd, "--out", "nothing may be written into /proc")
+
+
 @pytest.mark.parametrize(("option", "file"), [("--checkpoint", "heap.npz"), ("--trajectory", "heap.gsd")])
 def test_a_file_that_cannot_be_written_is_refused_before_any_work(option, file, tmp_path, capfd):
     (tmp_path / "taken").touch()
