@@ -611,6 +611,13 @@ def test_heights_that_hang_on_the_base_alone_say_so(tmp_path: Path) -> None:
     assert not any("not confirmed" in warning for warning in both.warnings)
 
 
+def test_sizes_by_which_no_base_is_found_are_held_against_the_one_in_the_picture(tmp_path: Path) -> None:
+    scene = Scene(seed=8)
+    result = measure([photograph(tmp_path, scene)], Camera(), base_diameter=scene.base * BEAD, bead_diameter=2 * BEAD)
+    assert all("check --bead-diameter and --base-diameter" in each.doubtful for each in result.quantities)
+    assert not any("give --base-diameter" in warning for warning in result.warnings)
+
+
 def test_a_photo_without_any_scale_gives_angles_and_says_what_lengths_need(tmp_path: Path) -> None:
     scene = Scene(seed=9)
     result = measure([photograph(tmp_path, scene)], Camera(), out=tmp_path / "out")
