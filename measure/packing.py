@@ -25,8 +25,18 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.content import all_different, sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, doubted, failed, root_sum_of_squares
+from rigtwin.lab.quantity import (
+    Check,
+    Evaluation,
+    Measurement,
+    Quantity,
+    doubted,
+    failed,
+    in_a_row,
+    root_sum_of_squares,
+)
 from rigtwin.lab.records import Profile, read_profile
+from rigtwin.lab.wording import reading
 from rigtwin.measure.bead_size import MISFIT, size_seen, size_unseen
 from rigtwin.measure.glass import Bed, find_bed
 from rigtwin.measure.media import read_photo
@@ -164,7 +174,7 @@ def _evaluate(
     if bead is None:
         warnings.append(
             f"bead diameter not stated: what lies between outline, tops and mean surface was worked out for beads of "
-            f"{grain * 1e3:.2g} +- {unknown * 1e3:.1g} mm, by the look of the bed; give --bead-diameter."
+            f"{reading(grain, unknown, 'm')}, by the look of the bed; give --bead-diameter."
         )
     if mass is not None and cylinder is not None:
         densities = [_density(height, mass, cylinder, stated) for height in found[:2]]
@@ -199,7 +209,7 @@ def _flaw(seen: Sequence[Observation], checks: Sequence[Check]) -> str:
     outline = [each.flaw for each in seen if each.flaw]
     # an outline that something covers is likely to be askew or smooth for that
     odd = [] if outline else [each.message for each in checks if not each.passed and each.check in SPOILING]
-    return "; ".join(dict.fromkeys(outline + odd + [each.misfit for each in seen if each.misfit]))
+    return in_a_row([*outline, *odd, *(each.misfit for each in seen)])
 
 
 def _inside(profile: Profile, cylinder: float | None) -> tuple[Array, Array]:

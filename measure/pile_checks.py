@@ -28,10 +28,10 @@ MOSTLY = 0.5  # share of the outline beside white from which on it is the wall t
 
 def narrow_base(base: float, bead: float) -> list[str]:
     """Advice on a base [m] of too few beads [m]: the heap on it is measured, but another one differs from it more."""
-    if base > ADVISED_RATIO * bead:
+    if round(base / bead, 1) >= ADVISED_RATIO:  # as precise as it is told
         return []
     return [
-        f"the base is {base / bead:.1f} bead diameters wide; more than {ADVISED_RATIO} are advised: on a smaller one "
+        f"the base is {base / bead:.1f} bead diameters wide; {ADVISED_RATIO} or more are advised: on a smaller one "
         "single beads set the angle, so repeat the heap."
     ]
 
