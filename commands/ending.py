@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-from rigtwin.commands.options import Command, Json, Quiet, out_option, with_options
+from rigtwin.commands.options import Command, Json, Quiet, out_option, with_options, writable_folder
 from rigtwin.commands.show import progress_bars, show_measurement, show_twin, tell_going_on
 
 Work = partial[Any]
@@ -40,7 +40,7 @@ def measured(rig: str) -> Callable[[Command], Command]:
         work: Work = own()
         from rigtwin.commands.folder import keep, results_folder
 
-        folder = results_folder(rig, work.args[0], out)
+        folder = writable_folder(results_folder(rig, work.args[0], out))
         measurement = _done(partial(work, out=folder), hidden=as_json or quiet)
         show_measurement(keep(measurement, folder, work.args[0]), as_json, quiet)
 
@@ -52,11 +52,11 @@ def simulated(rig: str) -> Callable[[Command], Command]:
     default = Path(f"out/simulate-{rig}")
 
     def around(own: Command, *, out: Path | None, as_json: bool, quiet: bool) -> None:
-        work, hidden = own(), as_json or quiet
+        work, hidden, folder = own(), as_json or quiet, out or writable_folder(default)
         checkpoint = work.keywords.get("checkpoint")
         if checkpoint is not None and checkpoint.exists() and not hidden:
             tell_going_on(checkpoint)
-        show_twin(_done(work, hidden=hidden), out or default, as_json, quiet)
+        show_twin(_done(work, hidden=hidden), folder, as_json, quiet)
 
     return lambda command: with_options(command, _with_out(f"Folder for results; {default} by default."), around)
 

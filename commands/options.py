@@ -8,9 +8,9 @@ from __future__ import annotations
 import functools
 import inspect
 import math
-import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Annotated, Any
 
 import typer
@@ -41,7 +41,7 @@ def quantity(
     return typer.Option(flag, metavar=example, help=help_text, parser=read, show_default=False)
 
 
-def _folder(text: str) -> Path:
+def writable_folder(text: str | Path) -> Path:
     """A folder for results, refused before an hour of work and not after it."""
     folder = Path(text)
     _check_writable(
@@ -73,13 +73,16 @@ def _check_writable(folder: Path, flag: str, because: str, instead: str) -> None
     standing = next((above for above in (folder, *folder.absolute().parents) if above.exists()), folder)
     if not standing.is_dir():
         raise BadInput(f"{flag}: {standing} is a file, {because}.")
-    if not os.access(standing, os.W_OK | os.X_OK):
-        raise BadInput(f"{flag}: nothing may be written into {standing}; {instead}.")
+    try:  # the rights that a folder states are not all: some file systems take no files, whoever asks
+        with TemporaryFile(dir=standing):
+            pass
+    except OSError:
+        raise BadInput(f"{flag}: nothing may be written into {standing}; {instead}.") from None
 
 
 def out_option(help_text: str) -> Any:
     """The option ``--out``."""
-    return option("--out", "DIR", help_text, _folder)
+    return option("--out", "DIR", help_text, writable_folder)
 
 
 Out = Annotated[Path | None, out_option("Folder for results; LAB/out by default.")]

@@ -90,7 +90,7 @@ def show_measurement(measurement: Measurement, as_json: bool, quiet: bool) -> No
     console = _console()
     _show_quantities(console, f"{measurement.rig}: {measurement.source.name}", measurement.quantities)
     _show_scale(console, measurement.camera)
-    _show_rest(console, measurement.checks, measurement.warnings, measurement.files)
+    _show_rest(console, measurement.checks, measurement.warnings, measurement.files, measurement.quantities)
 
 
 def _show_scale(console: Console, camera: Mapping[str, Any]) -> None:
@@ -125,7 +125,8 @@ def show_twin(twin: Twin, out: Path, as_json: bool, quiet: bool) -> None:
     _show_quantities(console, f"twin of the {twin.rig}", twin.evaluation.quantities)
     for assumption in twin.assumptions:
         console.print(f"[dim]assumed:[/dim] {escape(assumption)}")
-    _show_rest(console, twin.evaluation.checks, (*twin.warnings, *twin.evaluation.warnings), files)
+    warnings = (*twin.warnings, *twin.evaluation.warnings)
+    _show_rest(console, twin.evaluation.checks, warnings, files, twin.evaluation.quantities)
 
 
 def show_comparison(comparison: Comparison, as_json: bool = False, quiet: bool = False) -> None:
@@ -266,8 +267,7 @@ def _show_quantities(console: Console, heading: str, quantities: Sequence[Quanti
     table = Table(title=escape(heading), title_justify="left")
     for column in ("quantity", "which", "value ± standard uncertainty", "method", ""):
         table.add_column(column, justify="right" if column.startswith("value") else "left")
-    over_views = [quantity for quantity in quantities if quantity.detail.get("view") == "all"]
-    shown = over_views or quantities
+    shown = _shown(quantities)
     for quantity in shown:
         table.add_row(
             title(quantity.quantity),
@@ -283,11 +283,31 @@ def _show_quantities(console: Console, heading: str, quantities: Sequence[Quanti
         console.print(f"[yellow]doubtful:[/yellow] {escape(reason)}")
 
 
-def _show_rest(console: Console, checks: Sequence[Check], warnings: Sequence[str], files: Mapping[str, Path]) -> None:
+def _shown(quantities: Sequence[Quantity]) -> Sequence[Quantity]:
+    over_views = [quantity for quantity in quantities if quantity.detail.get("view") == "all"]
+    return over_views or quantities
+
+
+def _show_rest(
+    console: Console,
+    checks: Sequence[Check],
+    warnings: Sequence[str],
+    files: Mapping[str, Path],
+    quantities: Sequence[Quantity],
+) -> None:
+    """Checks and warnings; what was told of doubtful `quantities`, or by a failed check, is not told again."""
+    told = [quantity.doubtful for quantity in _shown(quantities)]
+
+    def again(sentence: str) -> bool:
+        return any(sentence.removesuffix(".") in each for each in told)
+
     for passed, name, message in dict.fromkeys((check.passed, check.check, check.message) for check in checks):
         mark = "[green]passed[/green]" if passed else "[red]failed[/red]"
-        console.print(f"{mark} {escape(name.replace('_', ' '))}: {escape(message)}")
+        words = "as told above" if not passed and again(message) else message
+        console.print(f"{mark} {escape(name.replace('_', ' '))}: {escape(words)}")
+    told += [check.message for check in checks if not check.passed]
     for warning in warnings:
-        console.print(f"[yellow]warning:[/yellow] {escape(warning)}")
+        if not again(warning):
+            console.print(f"[yellow]warning:[/yellow] {escape(warning)}")
     for path in dict.fromkeys(files.values()):
         typer.echo(f"wrote {path}")

@@ -94,9 +94,17 @@ def doubted(quantity: Quantity, why: str) -> Quantity:
         return quantity
     known = quantity.budget or {"as found": quantity.std_uncertainty}
     budget = {"failed check": 2 * quantity.std_uncertainty, **known}
-    # messages of checks are sentences, and stand in a row here
-    reasons = "; ".join(filter(None, [quantity.doubtful, why])).replace(".; ", "; ").removesuffix(".")
+    reasons = in_a_row([quantity.doubtful, why])
     return replace(quantity, std_uncertainty=root_sum_of_squares(budget), budget=budget, doubtful=reasons)
+
+
+def in_a_row(reasons: Iterable[str]) -> str:
+    """Reasons for doubt behind each other, each once; messages of checks are sentences and lose their full stops.
+
+    >>> in_a_row(["it leans.", "", "it is dark", "it leans."])
+    'it leans; it is dark'
+    """
+    return "; ".join(dict.fromkeys(filter(None, reasons))).replace(".; ", "; ").removesuffix(".")
 
 
 @dataclass(frozen=True)
@@ -127,7 +135,7 @@ def failed(checks: Iterable[Check], among: Collection[str] | None = None) -> str
     ('the camera shook', '')
     """
     told = (each for each in checks if not each.passed and (among is None or each.check in among))
-    return "; ".join(dict.fromkeys(check.message for check in told))
+    return in_a_row(check.message for check in told)
 
 
 @dataclass(frozen=True)

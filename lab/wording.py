@@ -134,12 +134,12 @@ def unit_of(unit: str) -> str:
 def uncertainty(std_uncertainty: float, unit: str) -> str:
     """A part of an uncertainty, to two digits.
 
-    >>> uncertainty(0.00123, "m"), uncertainty(0.0061234, "1")
-    ('1.2 mm', '0.0061')
+    >>> uncertainty(0.00123, "m"), uncertainty(0.0061234, "1"), uncertainty(0.123, "m")
+    ('1.2 mm', '0.0061', '120 mm')
     """
     factor, sign = _SHOWN.get(unit, (1.0, unit))
     space = "" if sign in ("", "°") else " "
-    return f"{std_uncertainty * factor:.2g}{space}{sign}"
+    return f"{float(f'{std_uncertainty * factor:.2g}'):g}{space}{sign}"
 
 
 def percent(value: float | None, std_uncertainty: float | None) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from rigtwin.lab.quantity import Check, root_sum_of_squares
 from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY
+from rigtwin.lab.wording import reading
 from rigtwin.measure.aside import fly_aside
 from rigtwin.measure.flights import FEWEST_SEEN, LEAST_SEEN, Bounces
 from rigtwin.measure.follow import Chase
@@ -81,11 +82,12 @@ def contradiction(ratio: float, doubt: float, rate: float, bead: float) -> str:
 
     `doubt` is the relative standard uncertainty of the ratio, `rate` [1/s] the stated frame rate.
     """
-    across, captured = 1e3 * bead / ratio, rate / math.sqrt(ratio)
+    across, captured = bead / ratio, rate / math.sqrt(ratio)
     return (
-        f"the stated diameter and frame rate contradict each other: either the bead is {across:.2g} ± "
-        f"{across * doubt:.1g} mm across and not {1e3 * bead:.3g}, or the clip was captured at {captured:.0f} ± "
-        f"{captured * doubt / 2:.0f} Hz and not at {rate:.4g}, or the rim of the bead's image was misjudged"
+        f"the stated diameter and frame rate contradict each other: either the bead is "
+        f"{reading(across, across * doubt, 'm')} across and not {1e3 * bead:.3g}, or the clip was captured at "
+        f"{captured:.0f} ± {captured * doubt / 2:.0f} Hz and not at {rate:.4g}, or the rim of "
+        "the bead's image was misjudged"
     )
 
 

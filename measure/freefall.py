@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.quantity import Check
 from rigtwin.lab.rigs import GRAVITY
+from rigtwin.lab.wording import reading
 
 Array = npt.NDArray[np.float64]
 
@@ -96,7 +97,7 @@ def fall_check(fall: FreeFall, scale: float, scale_doubt: float, rate: float) ->
     """Whether the first beads fall as gravity lets them; `scale` [m/px] and its relative doubt, `rate` [1/s] stated."""
     found, doubt = fall.acceleration * scale, math.hypot(fall.doubt / fall.acceleration, scale_doubt)
     reach = max(3 * doubt, LEAST_OFF)
-    message = f"beads below the outlet fall with {found:.3g} ± {found * doubt:.2g} m/s²"
+    message = f"beads below the outlet fall with {reading(found, found * doubt, 'm/s^2')}"
     off = abs(math.log(found / GRAVITY))
     if off < reach:
         # it grows with the square of the rate

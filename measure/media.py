@@ -23,6 +23,7 @@ from rigtwin.measure import sources
 from rigtwin.measure.lens import straight
 
 SMALLEST = 5  # [px], no rig fits into less
+ROUNDED = 0.01  # [s], by which a stated end may lie beyond that of the clip
 FEWEST_KEYS = 9  # pictures at which decoding can begin, below which a film is read as a whole
 COARSE = 0.01  # of a frame's interval, above which the rounding of time stamps moves what is seen
 FRAME_LIKE = 0.3  # of a frame's interval, above which a tick is so long that a lost frame looks like rounding
@@ -161,6 +162,7 @@ def open_video(path: Path, camera: Camera) -> Video:
         )
     first = _frame_of(camera.start, times, 0)
     last = _frame_of(camera.end, times, len(times) - 1)
+    warnings += _ends_before(camera.end, times)
     if last - first < 2:
         left = max(last - first + 1, 0)
         raise BadInput(
@@ -393,6 +395,21 @@ def _unrounded(times: npt.NDArray[np.float64], tick: float, stated: float) -> np
             # the stated rate is the truer one where the stamps, each a tick off at most, cannot tell the two apart
             return places * (1 / stated if abs(interval * stated - 1) < tick / times[-1] else interval)
     return times
+
+
+def _ends_before(end: Moment | None, times: npt.NDArray[np.float64]) -> list[str]:
+    """What is said of a clip without the moment asked for; its last picture is shown until the next would come."""
+    count = len(times)
+    shown = float(times[-1] + np.max(np.diff(times)))
+    # a length that a player or a person has rounded, to a hundredth of a second, is that of the clip
+    beyond = end is not None and end.value > (count if end.unit == "frame" else shown + ROUNDED)
+    if end is None or not beyond:
+        return []
+    asked = f"{end.value:g} s" if end.unit == "s" else f"{end.value:g}f"
+    return [
+        f"--end {asked} lies beyond the clip, whose last picture ({count - 1}f) is of {times[-1]:.4g} s: all of it was "
+        "measured; check --end, and --frame-rate, by which seconds count."
+    ]
 
 
 def _frame_of(moment: Moment | None, times: npt.NDArray[np.float64], default: int) -> int:

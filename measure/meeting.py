@@ -35,6 +35,7 @@ MOST_PIECES = 60  # of path, the farthest ones, among which a meeting is sought:
 INNER = 0.7  # of a bead's radius, within which it is all bead
 ONE_SIDED = 0.6  # of how much beads differ from the scene, what is left where brighter and darker are set off
 MANY = 20_000  # pixels, of which the middle is known as well as of all
+SHORTEST_HALF = 0.1  # [s], of a swing to and fro: no bead hangs from a thread of 10 mm
 LOST = 4  # frames after which a path that was not seen again has ended
 
 
@@ -337,9 +338,12 @@ def lone_swing(moving: list[Path], video: Video, stated_length: float | None) ->
     before, after = far[turns], far[turns + 1]
     crossings = time[before] - away[before] * (time[after] - time[before]) / (away[after] - away[before])
     steps = np.diff(crossings)
-    halves = np.concatenate([[0], np.cumsum(np.round(steps / np.median(steps)))])
+    usual = float(np.median(steps))
+    if usual < SHORTEST_HALF:  # several bodies seen at once cross in one frame
+        return ""
+    halves = np.concatenate([[0], np.cumsum(np.round(steps / usual))])
     half, first = np.polyfit(halves, crossings, 1)
-    if half < 0.1 or np.std(crossings - first - half * halves) > 0.1 * half:
+    if half < SHORTEST_HALF or np.std(crossings - first - half * halves) > 0.1 * half:
         return ""
     fits = GRAVITY * (half / math.pi) ** 2
     stated = "" if stated_length is None else f", {stated_length * 1e3:.0f} mm are stated"

@@ -338,7 +338,10 @@ def _otsu(values: npt.NDArray[np.uint8]) -> float:
 def _bed(differs: Mask, full: Image) -> Mask | None:
     """The upper one of the two large regions that changed: the bed that left; the lower is where it went."""
     changed = differs.astype(np.uint8)
-    deep = 2 * float(cv2.distanceTransform(_closed(changed, GAPS), cv2.DIST_L2, 3).max())
+    within = _closed(changed, GAPS)
+    if within.all():  # nothing stands out, and there is no edge to be deep within
+        return None
+    deep = 2 * float(cv2.distanceTransform(within, cv2.DIST_L2, 3).max())
     slender = max(SLENDER, round(deep / NARROWEST))
     marked = _closed(changed, slender * GAPS // SLENDER)
     marked = np.asarray(cv2.morphologyEx(marked, cv2.MORPH_OPEN, _disc(slender)), dtype=np.uint8)

@@ -3,9 +3,9 @@
 The surface of a bed is a band, not a line.  `bed_height` by the method "surface bead tops", the first, is the mean top
 of the beads that form the surface, those with no higher bead whose centre lies within 0.8 diameters sideways of their
 own: what is read at a gauge.  "mean surface" is the mean height of the surface with its pits, half a bead lower, to
-which the bed fills the cylinder.  What a photo shows is the "outline": at every place across the cylinder the highest
-bead along the line of sight, some 0.3 diameters above the tops.  `evaluate` reads the outline and takes that off.  The
-bulk density is told for both of the first.
+which the bed fills the cylinder; a bead that is not stated is taken as large as beads look.  What a photo shows is the
+"outline": at every place across the cylinder the highest bead along the line of sight, some 0.3 diameters above the
+tops.  `evaluate` reads the outline and takes that off.  The bulk density is told for both of the first.
 
 A profile of `measure` runs across the cylinder, x = 0 on its axis; heights are above the cylinder's floor.
 """
@@ -25,8 +25,18 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.content import all_different, sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, doubted, failed, root_sum_of_squares
+from rigtwin.lab.quantity import (
+    Check,
+    Evaluation,
+    Measurement,
+    Quantity,
+    doubted,
+    failed,
+    in_a_row,
+    root_sum_of_squares,
+)
 from rigtwin.lab.records import Profile, read_profile
+from rigtwin.lab.wording import reading
 from rigtwin.measure.bead_size import MISFIT, size_seen, size_unseen
 from rigtwin.measure.glass import Bed, find_bed
 from rigtwin.measure.media import read_photo
@@ -68,7 +78,10 @@ SPOILING = ("level_bed", "smooth_surface", "views_agree")  # checks without whic
 # likewise, of what the picture says of the stated sizes, on which scale, floor, or what is taken off the outline hang
 STATED = ("gauge", "bead_size", "walls", "straight_walls", "scale", "camera_roll")
 NEARER = 1.05  # the beads in front are nearer to the camera than the axis by a fifteenth or so, those beside them less
-BEAD_DOUBT = MISFIT / 2  # relative, of a scale read off the beads, whose look nothing else checks then
+BEAD_DOUBT = MISFIT / 2  # relative, of a scale read off the beads or of their size, which nothing else checks then
+# Beads are taken to be that many times as large as an outline is rough where only that tells their size; outlines of
+# settled beds are rough by 0.15 to 0.35 of them.
+OF_ROUGHNESS, ROUGHNESS_DOUBT = 4.0, 0.4  # the latter relative
 MOST_BEYOND = 0.08  # share of the beads seen that may lie outside of the walls: reflections in the glass
 # share by which a bed may be narrower at its foot than at its top: a cylinder seen from above and near looks so by a
 # twentieth; where the walls close in by more the density is off by as much
@@ -87,6 +100,7 @@ class Observation:
     flaw: str = ""  # why the outline is not to be relied on
     misfit: str = ""  # what speaks against a stated size
     unconfirmed: str = ""  # the stated size on which all hangs and which nothing in the picture checks
+    bead: float | None = None  # [m], as large as beads look
 
 
 # ------------------------------------------------------------------------------------------------- record -> quantities
@@ -134,19 +148,22 @@ def _evaluate(
     heights = [_mean_outline(each.profile, cylinder) for each in seen]
     outline = float(np.mean([height for height, _ in heights]))
     rough = float(np.mean([rough for _, rough in heights]))
-    # without a stated bead the outline's own roughness tells its size: a quarter of a bead
-    grain = bead or 4 * rough
+    grain, unknown = (bead, 0.0) if bead else _bead_seen(seen, rough)
     parts = _view_doubts(seen, [height for height, _ in heights])
-    guess = {} if bead else {"bead diameter": 0.4 * grain * OUTLINE_ABOVE}
-    tops = {**parts, "outline to tops": OUTLINE_SPREAD * grain, **guess}
-    pits = {**parts, "outline to surface": math.hypot(OUTLINE_SPREAD, PITS_SPREAD) * grain, **guess}
+    below = OUTLINE_ABOVE + PITS_BELOW
+    tops = {**parts, "outline to tops": OUTLINE_SPREAD * grain, "bead diameter": unknown * OUTLINE_ABOVE}
+    pits = {
+        **parts,
+        "outline to surface": math.hypot(OUTLINE_SPREAD, PITS_SPREAD) * grain,
+        "bead diameter": unknown * below,
+    }
     checks = _checks(seen, heights, cylinder, bead)
     if len(seen) > 1:
         checks.append(_views_check(seen, [height for height, _ in heights], grain))
     flaw = _flaw(seen, checks)
     found = [
         _height(outline - OUTLINE_ABOVE * grain, "surface bead tops", tops, len(seen), flaw),
-        _height(outline - (OUTLINE_ABOVE + PITS_BELOW) * grain, "mean surface", pits, len(seen), flaw),
+        _height(outline - below * grain, "mean surface", pits, len(seen), flaw),
         _height(outline, "outline", parts, len(seen), flaw),
     ]
     if found[1].value <= 0:
@@ -154,6 +171,11 @@ def _evaluate(
             f"the outline lies at {outline * 1e3:.1f} mm, not above the floor by a bead; check height_m and its zero."
         )
     warnings = list(dict.fromkeys(each.unconfirmed for each in seen if each.unconfirmed))
+    if bead is None:
+        warnings.append(
+            f"bead diameter not stated: what lies between outline, tops and mean surface was worked out for beads of "
+            f"{reading(grain, unknown, 'm')}, by the look of the bed; give --bead-diameter."
+        )
     if mass is not None and cylinder is not None:
         densities = [_density(height, mass, cylinder, stated) for height in found[:2]]
         if solid is None:
@@ -174,12 +196,20 @@ def _evaluate(
     return Evaluation(tuple(found), tuple(checks), tuple(warnings))
 
 
+def _bead_seen(seen: Sequence[Observation], rough: float) -> tuple[float, float]:
+    """Diameter of a bead that is not stated and its standard uncertainty, both in m."""
+    looks = [each.bead for each in seen if each.bead is not None]
+    if looks:  # views show the same beads alike
+        return float(np.median(looks)), BEAD_DOUBT * float(np.median(looks))
+    return OF_ROUGHNESS * rough, ROUGHNESS_DOUBT * OF_ROUGHNESS * rough
+
+
 def _flaw(seen: Sequence[Observation], checks: Sequence[Check]) -> str:
     """Why the heights are not to be relied on."""
     outline = [each.flaw for each in seen if each.flaw]
     # an outline that something covers is likely to be askew or smooth for that
     odd = [] if outline else [each.message for each in checks if not each.passed and each.check in SPOILING]
-    return "; ".join(dict.fromkeys(outline + odd + [each.misfit for each in seen if each.misfit]))
+    return in_a_row([*outline, *odd, *(each.misfit for each in seen)])
 
 
 def _inside(profile: Profile, cylinder: float | None) -> tuple[Array, Array]:
@@ -461,7 +491,10 @@ def _observe(
     if camera.roll is not None and bed.roll_seen is not None:
         checks.append(roll_check(camera.roll, *bed.roll_seen, "the upright edges in the picture show"))
     misfit = failed(checks, STATED)
-    return bed, Observation(profile, doubts, bed.flaw, misfit, _unconfirmed(bed, source, cylinder, bead)), view, checks
+    observation = Observation(
+        profile, doubts, bed.flaw, misfit, _unconfirmed(bed, source, cylinder, bead), 2 * bed.bead_seen * scale / NEARER
+    )
+    return bed, observation, view, checks
 
 
 def _unconfirmed(bed: Bed, source: str, cylinder: float | None, bead: float | None) -> str:

@@ -10,6 +10,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ from rigtwin.measure.pile_checks import (
     base_check,
     narrow_base,
     size_checks,
+    sizes_against_base,
     uneven_flanks,
     views_checks,
     washed_out,
@@ -430,7 +432,8 @@ def _observe_photo(
     image, odd = read_photo(photo, camera)
     ratio = base_diameter / bead_diameter if base_diameter and bead_diameter else None
     focal_length = _focal_length(photo, image)
-    found = find_heap(image, roll=camera.roll, region=camera.region, beads_across=ratio, focal_length=focal_length)
+    look = partial(find_heap, image, roll=camera.roll, region=camera.region, focal_length=focal_length)
+    found = look(beads_across=ratio)
     if found is None:
         raise NothingToMeasure(
             f"{photo}: shows no heap of beads standing out from what is behind it; "
@@ -439,7 +442,8 @@ def _observe_photo(
     scale, scale_from = _scale(found, camera, base_diameter, bead_diameter)
     unit = scale if scale is not None else 1.0
     profile = _profile(found, found.view, found.height, unit, name)
-    sizes, unconfirmed = size_checks(found, scale, scale_from, bead_diameter)
+    sizes, unconfirmed = size_checks(found, scale, scale_from, bead_diameter, base_diameter)
+    contradicted = sizes_against_base(look(), ratio) if found.disc is None and ratio is not None else ""
     misfit = failed(sizes)
     if base_diameter is not None and scale is not None and found.disc is not None and scale_from != "base diameter":
         across = 2 * found.view.radius * scale
@@ -452,7 +456,7 @@ def _observe_photo(
     seen = Observation(
         profile,
         _variants(found, unit, name, FOCAL_DOUBT if focal_length is None else STATED_FOCAL_DOUBT),
-        _flaw_of_picture(found) or misfit or hidden,
+        contradicted or _flaw_of_picture(found) or misfit or hidden,
         2 * found.bead_radius * unit,
         sizes,
         _scale_doubt(scale_from, camera),

@@ -28,10 +28,10 @@ MOSTLY = 0.5  # share of the outline beside white from which on it is the wall t
 
 def narrow_base(base: float, bead: float) -> list[str]:
     """Advice on a base [m] of too few beads [m]: the heap on it is measured, but another one differs from it more."""
-    if base > ADVISED_RATIO * bead:
+    if round(base / bead, 1) >= ADVISED_RATIO:  # as precise as it is told
         return []
     return [
-        f"the base is {base / bead:.1f} bead diameters wide; more than {ADVISED_RATIO} are advised: on a smaller one "
+        f"the base is {base / bead:.1f} bead diameters wide; {ADVISED_RATIO} or more are advised: on a smaller one "
         "single beads set the angle, so repeat the heap."
     ]
 
@@ -84,21 +84,39 @@ def views_checks(quantities: Sequence[Quantity], line: str) -> list[Check]:
 
 
 def size_checks(
-    found: Silhouette, scale: float | None, scale_from: str, bead_diameter: float | None
+    found: Silhouette, scale: float | None, scale_from: str, bead_diameter: float | None, base_diameter: float | None
 ) -> tuple[tuple[Check, ...], str]:
     """Whether beads look as large as stated; the base is looked for by its size in beads, so angles hang on it, too.
 
-    And in words what hangs on a single stated size.
+    And in words what hangs on a single size, the other one not stated or not seen.
     """
     if scale is None:
         return (), ""
     if bead_diameter is None or scale_from == "bead diameter":
-        advice = "--bead-diameter too" if bead_diameter is None else "--base-diameter too, with the whole base in view"
+        if bead_diameter is None:
+            advice = "give --bead-diameter too"
+        elif base_diameter is None:
+            advice = "give --base-diameter too, with the whole base in view"
+        else:
+            advice = "photograph the whole base, by whose stated diameter it could be checked"
         return (), size_unseen(
-            "heights, widths and the tip's radius (but no angle) hang", f"the scale from {scale_from}", f"give {advice}"
+            "heights, widths and the tip's radius (but no angle) hang", f"the scale from {scale_from}", advice
         )
     ratio = 2 * found.bead_seen * scale / (NEARER * bead_diameter)
     return (size_seen(ratio, MISFIT, scale_from),), ""
+
+
+def sizes_against_base(free: Silhouette | None, stated: float) -> str:
+    """Why no base `stated` beads wide was found, by the silhouette `free` that is found when none is stated."""
+    if free is None or free.disc is None:
+        return ""
+    seen = free.view.radius / free.bead_seen * NEARER
+    if abs(seen / stated - 1) < MISFIT:
+        return ""
+    return (
+        f"the base in the picture is {seen:.1f} beads wide as they look, the stated sizes make it {stated:.1f}, and so "
+        "wide a base was not found: check --bead-diameter and --base-diameter"
+    )
 
 
 def base_check(seen: float, scale_doubt: float, stated: float, scale_from: str) -> Check:

@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 
 from rigtwin.cli import run
+from rigtwin.commands.show import show_measurement
 from rigtwin.lab.entries import RIGS
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.quantity import Check, Measurement, Quantity
 
 HEAVY = {
     "numpy",
@@ -427,6 +429,26 @@ def test_an_angle_without_its_unit_is_refused(capfd):
 def test_a_results_folder_that_is_a_file_is_refused_before_any_work(folder, tmp_path, capfd):
     (tmp_path / "taken.mp4").touch()
     refused(["measure", "drop", "x.mp4", "--out", folder], capfd, "--out", "taken.mp4 is a file", "another name")
+
+
+def test_what_is_wrong_is_told_once(capsys):
+    sentence = "the centres are 18.78 mm apart at the collision, beads of 12.00 mm"
+    pair = Quantity("restitution_pair", 0.9, 0.1, "1", "swing", doubtful=f"the camera shook; {sentence}")
+    checks = (
+        Check("contact_distance", False, 18.78, 12.0, f"{sentence}."),
+        Check("gravity", False, 15.0, 9.81, "gravity is off."),
+    )
+    warnings = (f"{sentence}.", "gravity is off.", "the frame rate was read from the file.")
+    camera = {"scale_m_per_px": 0.0008, "scale_from": "pendulum length"}
+    show_measurement(Measurement("pendulum", Path("clip.mp4"), "", (pair,), checks, warnings, camera), False, False)
+    told = " ".join(capsys.readouterr().out.split())
+    assert all(told.count(each) == 1 for each in (sentence, "gravity is off", "warning: the frame rate was read"))
+    assert "failed contact distance: as told above" in told
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="a file system that takes no files, whoever asks")
+def test_a_results_folder_that_cannot_be_made_is_refused_before_any_work(capfd):
+    refused(["measure", "drop", "x.mp4", "--out", "/proc/nope"], capfd, "--out", "nothing may be written into /proc")
 
 
 @pytest.mark.parametrize(("option", "file"), [("--checkpoint", "heap.npz"), ("--trajectory", "heap.gsd")])

@@ -26,7 +26,7 @@ from rigtwin.measure.frame_steps import timing_check
 from rigtwin.measure.gate import find_opening
 from rigtwin.measure.hopper import outlet_profile
 from rigtwin.measure.media import Video, open_video
-from rigtwin.measure.outflow import _end_of_beads, follow_outflow
+from rigtwin.measure.outflow import _bed, _end_of_beads, follow_outflow
 from rigtwin.measure.starved import compression_check
 from rigtwin.measure.upright import NOT_SEEN, Upright
 
@@ -467,6 +467,10 @@ def test_what_stands_before_the_middle_of_the_slot_makes_its_times_doubtful(tmp_
     found = hopper.measure(tmp_path / "hidden.mp4", Camera(frame_rate=RATE), bead_diameter=DIAMETER, out=tmp_path)
     assert "slot_in_view" in {check.check for check in found.checks if not check.passed}
     assert find(found, "last_particle_time").doubtful
+
+
+def test_a_picture_that_has_changed_everywhere_has_no_bed() -> None:
+    assert _bed(np.ones((8, 8), dtype=bool), np.zeros((8, 8, 3), dtype=np.uint8)) is None
 
 
 def test_a_post_before_a_bed_hides_what_it_covers_of_the_slot_and_a_hollow_surface_hides_nothing() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path as File
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +12,7 @@ import pytest
 
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.measure import two_beads
-from rigtwin.measure.meeting import Collision, Path, find_collision, hanging_place, hung
+from rigtwin.measure.meeting import Collision, Path, find_collision, hanging_place, hung, lone_swing
 
 
 def straight(frames: list[int], step: float) -> Path:
@@ -175,3 +176,20 @@ def test_where_b_hung_is_told_though_it_is_seen_only_far_up_its_way() -> None:
     late = Collision(fall, onwards, rest + np.array([9.0, 12.0]), SIZE / 2)
     few = {k: grey for k, grey in greys.items() if k % 4 == 0 or HIT - 2 < k < HIT + 26}
     assert hanging_place(few, late) == pytest.approx(rest, abs=2)
+
+
+def test_bodies_that_are_seen_at_once_are_no_lone_pendulum() -> None:
+    """As of a film of a drum: they cross the middle in one and the same frame."""
+    film: Any = SimpleNamespace(times=np.arange(60) / 30)
+    beads = [
+        Path(list(range(60)), [np.array([x + 0.2 * k, 50.0]) for k in range(60)], [9.0] * 60) for x in (0, 200, 5, 205)
+    ]
+    assert lone_swing(beads, film, 0.191) == ""
+
+
+def test_a_lone_pendulum_tells_its_length() -> None:
+    length = 0.25  # [m]
+    film: Any = SimpleNamespace(times=np.arange(480) / 120)
+    away = 80 * np.cos(np.sqrt(9.81 / length) * film.times)
+    bead = Path(list(range(480)), [np.array([200 + x, 50.0]) for x in away], [9.0] * 480)
+    assert "as a pendulum of 250 mm" in lone_swing([bead], film, None)

@@ -438,7 +438,27 @@ def test_without_the_beads_size_the_right_cylinder_is_not_accused(tmp_path):
     result = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, total_mass=0.1, bead_density=1000.0)
     assert pick(result, "bed_height", "outline").value == pytest.approx(truth, abs=0.0012)
     assert not any(each.doubtful for each in result.quantities)
-    assert not result.warnings
+    (warning,) = result.warnings
+    assert "bead diameter not stated" in warning
+
+
+def test_without_the_beads_size_the_surface_lies_half_a_bead_as_it_looks_below_the_tops(tmp_path):
+    photo = tmp_path / "bed.png"
+    draw(photo)
+    stated, looked = (
+        packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, bead_diameter=bead) for bead in (BEAD, None)
+    )
+    known, found = (pick(result, "bed_height", "mean surface") for result in (stated, looked))
+    tops = pick(looked, "bed_height")
+    # single beads look larger or smaller by at most 0.16
+    assert tops.value - found.value == pytest.approx(BEAD / 2, rel=0.16)
+    assert found.value == pytest.approx(known.value, abs=2 * found.budget["bead diameter"])
+    assert found.std_uncertainty > known.std_uncertainty
+    assert tops.budget["bead diameter"] / found.budget["bead diameter"] == pytest.approx(
+        packing.OUTLINE_ABOVE / (packing.OUTLINE_ABOVE + packing.PITS_BELOW)
+    )
+    assert any("give --bead-diameter" in warning for warning in looked.warnings)
+    assert not any("bead diameter not stated" in warning for warning in stated.warnings)
 
 
 def test_a_size_that_nothing_checks_is_said_to_be_unconfirmed(tmp_path):

@@ -21,6 +21,7 @@ from rigtwin.lab.records import Profile, read_profile, write_profile
 from rigtwin.measure.disc import _face_share, _first_edge, _Template
 from rigtwin.measure.grains import find_beads
 from rigtwin.measure.pile import evaluate, measure
+from rigtwin.measure.pile_checks import narrow_base
 from rigtwin.measure.surface import View, undo_view
 
 Array = npt.NDArray[np.float64]
@@ -609,6 +610,19 @@ def test_heights_that_hang_on_the_base_alone_say_so(tmp_path: Path) -> None:
     assert any("not confirmed" in warning and "base diameter" in warning for warning in alone.warnings)
     both = measure([photo], Camera(), base_diameter=scene.base * BEAD, bead_diameter=BEAD)
     assert not any("not confirmed" in warning for warning in both.warnings)
+
+
+def test_a_base_of_25_beads_is_as_wide_as_advised() -> None:
+    assert narrow_base(0.15, 0.15 / 25.0000001) == []
+    (advice,) = narrow_base(0.1494, 0.006)
+    assert "24.9 bead diameters wide; 25 or more are advised" in advice
+
+
+def test_sizes_by_which_no_base_is_found_are_held_against_the_one_in_the_picture(tmp_path: Path) -> None:
+    scene = Scene(seed=8)
+    result = measure([photograph(tmp_path, scene)], Camera(), base_diameter=scene.base * BEAD, bead_diameter=2 * BEAD)
+    assert all("check --bead-diameter and --base-diameter" in each.doubtful for each in result.quantities)
+    assert not any("give --base-diameter" in warning for warning in result.warnings)
 
 
 def test_a_photo_without_any_scale_gives_angles_and_says_what_lengths_need(tmp_path: Path) -> None:

@@ -220,6 +220,22 @@ def test_a_folder_is_no_video(tmp_path):
         open_video(tmp_path, Camera())
 
 
+@pytest.mark.parametrize(
+    ("end", "beyond"),
+    [
+        (Moment(11, "frame"), False),  # the last of 12 frames
+        (Moment(12, "frame"), False),  # as many as there are
+        (Moment(13, "frame"), True),
+        (Moment(0.48, "s"), False),  # how long the clip plays
+        (Moment(0.6, "s"), True),
+    ],
+)
+def test_an_end_beyond_the_clips_is_said(tmp_path, end, beyond):
+    video = open_video(regular(tmp_path), Camera(frame_rate=25.0, end=end))
+    assert any("lies beyond the clip" in warning for warning in video.warnings) == beyond
+    assert video.last == 11
+
+
 def test_sound_alone_is_no_video(tmp_path):
     path = tmp_path / "sound.wav"
     with av.open(str(path), "w") as container:
