@@ -25,6 +25,8 @@ def need_possible(lab: Lab, experiment: Experiment, *, count: int | None) -> Non
         check_settings(experiment, model=lab.model, frame_rate=rate, count=count)
     except BadInput as error:
         name, colon, why = str(error).partition(": ")
+        if name == "count" and count is not None and getattr(experiment.rig, "count", None) is None:
+            raise BadInput(f"--count: {experiment.id}: the twin cannot be run: {why}") from None
         named = bool(colon) and name.isidentifier()
         said = why if named else str(error)
         raise fault(lab, experiment, (name,) if named else (), f"the twin cannot be run: {said}") from None

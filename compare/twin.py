@@ -383,6 +383,8 @@ def _filled(experiment: Experiment, count: int | None) -> int | None:
         return rig.count or count or PILE_COUNT
     assert isinstance(rig, (PackingSettings, HopperSettings))
     weighed = None if rig.total_mass is None else round(rig.total_mass / experiment.particle.mass)
+    if weighed == 0 and not rig.count:
+        raise BadInput("total_mass: is less than half of a particle's mass; state the mass of all of them.")
     filled = rig.count or weighed or count
     if not filled:
         raise BadInput("how many particles there are is not known; add total_mass or count to the experiment.")

@@ -363,6 +363,7 @@ repetitions = ["clip.avi"]
         ("rig='hopper'\nvariant='slot'\noutlet='2 mm'\ncount=90", ["line 9: experiment 1, outlet: the twin"]),
         ("rig='drum'\ndrum_diameter='9 cm'\nspeed='3 rpm'\ncount=9999", ["line 10: experiment 1, count: the twin"]),
         ("rig='packing'\ncylinder_diameter='65 mm'", ["experiment 1: the twin", "add total_mass or count"]),
+        ("rig='packing'\ncylinder_diameter='65 mm'\ntotal_mass='1 mg'", ["experiment 1, total_mass: the twin", "half"]),
         ("rig='drop'\ncamera.region=[500,0,9,9]", ["line 8: experiment 1, camera.region: ", "80 x 60 px"]),
         ("rig='drop'\ncamera.start='9 s'", ["line 8: experiment 1, camera.start: ", "clip.avi: start and end leave"]),
         ("rig='drop'\ncamera.end='1 frame'", ["line 8: experiment 1, camera.end: ", "2 frames of 20"]),
@@ -380,6 +381,14 @@ def test_what_cannot_work_is_said_with_its_line_before_anything_is_measured(keys
     assert str(refusal.value).startswith(f"{tmp_path / 'lab.toml'}, line ")
     assert all(word in str(refusal.value) for word in words), str(refusal.value)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_count_of_the_command_line_that_no_drum_holds_is_no_fault_of_the_lab(tmp_path):
+    (tmp_path / "clip.avi").write_bytes(b"never opened")
+    (tmp_path / "lab.toml").write_text(BARE + "rig='drum'\ndrum_diameter='9 cm'\nspeed='3 rpm'")
+    with pytest.raises(BadInput, match=r"^--count: one: the twin cannot be run: 9999 ") as refusal:
+        compare(tmp_path, tmp_path / "out", count=9999)
+    assert not isinstance(refusal.value, BadLabFile)
 
 
 def test_an_interrupted_comparison_does_not_wait_for_its_measuring_processes(lab, tmp_path):
