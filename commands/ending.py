@@ -40,7 +40,7 @@ def measured(rig: str) -> Callable[[Command], Command]:
         work: Work = own()
         from rigtwin.commands.folder import keep, results_folder
 
-        folder = writable_folder(results_folder(rig, work.args[0], out))
+        folder = out or writable_folder(results_folder(rig, work.args[0]))
         measurement = _done(partial(work, out=folder), hidden=as_json or quiet)
         show_measurement(keep(measurement, folder, work.args[0]), as_json, quiet)
 

@@ -16,10 +16,8 @@ from rigtwin.lab.content import sha256
 from rigtwin.lab.quantity import Measurement
 
 
-def results_folder(rig: str, media: Path | Sequence[Path], out: Path | None) -> Path:
-    """The folder asked for, or the first of ``out/drop/r01``, ``r01~2`` ... without another input's results."""
-    if out is not None:
-        return out
+def results_folder(rig: str, media: Path | Sequence[Path]) -> Path:
+    """The first of ``out/drop/r01``, ``r01~2`` ... without another input's results."""
     every = _each(media)
     place = Path("out") / rig / _name(every[0])
     places = itertools.chain([place], (place.with_name(f"{place.name}~{k}") for k in itertools.count(2)))

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from rigtwin.compare.twin import BULK, check_settings
+from rigtwin.compare.twin import BULK, check_settings, takes_count
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.notebook import Experiment, Lab, fault
 from rigtwin.lab.rigs import DrumSettings, PackingSettings, PileSettings
@@ -25,7 +25,7 @@ def need_possible(lab: Lab, experiment: Experiment, *, count: int | None) -> Non
         check_settings(experiment, model=lab.model, frame_rate=rate, count=count)
     except BadInput as error:
         name, colon, why = str(error).partition(": ")
-        if name == "count" and count is not None and getattr(experiment.rig, "count", None) is None:
+        if name == "count" and count is not None and takes_count(experiment):
             raise BadInput(f"--count: {experiment.id}: the twin cannot be run: {why}") from None
         named = bool(colon) and name.isidentifier()
         said = why if named else str(error)

@@ -56,9 +56,8 @@ LASTING = 5  # values by most of which what was there is told: something may pas
 REFILL = 0.1  # share of the filling, by which it must: light and codec change the bed's area by some hundredths
 BINS = 6  # parts of the steady flow whose rates are compared
 HIDDEN = 0.08  # share of the slot's width that may show no bead before something hides it
-PARTED = (
-    0.8  # of the rows in which a column lies between beads of the full bed, that show none where something is in front
-)
+# of the rows in which a column lies between beads of the full bed, that show none where something is in front
+PARTED = 0.8
 DEEP = 2.0  # bead diameters of such rows: the bed's upper border is uneven by less
 COVERED = 0.5  # of the filling, that may leave behind what is in front of the bed: else more is drawn through than seen
 CLOSED = 4.0  # frames before the opening that show the slot closed: a slide takes two or three to leave it
