@@ -41,6 +41,10 @@ ASSUMED = {
     "tops": "a bed's height is that of the tops of its surface's beads, where a gauge is read, as it is for a "
     "bed in a photo; the mean surface, pits included, lies some half a bead lower",
     "d12": "390 D12 beads, not 800, stand in the cylinder (800 do not fit under the printed height)",
+    "before": "the paper's own column of table 7 was simulated before the calibration (section 3.1); the rows so called "
+    "have what it took then: frictions among the particles of 0.2 and 0.01 (beads) or 0.5 and 0.1 (cubes and pellets; "
+    "static and rolling), and wooden beads and cubes that were not enlarged yet; those on the wall are of tables A4, "
+    "A6 and A7",
     "swept": "tables 4 to 6 print how far the simulated bed is from the measured one without its sign; particles are "
     "those of tables A2 to A7 (the enlarged beads), but for their friction among each other",
     "drum": "the PMMA drum is 30 mm deep and 35 % full, and its end walls turn with it (the paper gives none of these; "
@@ -120,12 +124,13 @@ def packing(
     cylinder: float = CYLINDER,
     static_friction: float | None = None,
     rolling_friction: float | None = None,
+    enlarged: bool = True,
     rolling: Rolling = "type C",
 ) -> dict[str, Any]:
     """Height [m] of the bed that `count` particles make in the cylinder (tables 4 to 7)."""
     from rigtwin.compare.bulk_twins import cylinder_for, packing_twin
 
-    cast = _cast(particle, "PMMA", static_friction, rolling_friction)
+    cast = _cast(particle, "PMMA", static_friction, rolling_friction, enlarged=enlarged)
     rig = cylinder_for(Packing(cylinder), cast.particle, count)
     twin = packing_twin(rig, cast, count=count, seed=seed, threads=1, rolling=rolling)
     heights = {item.method: item.value for item in twin.evaluation.quantities if item.quantity == "bed_height"}
@@ -230,15 +235,24 @@ def pour_rate(particle: Particle, base_diameter: float) -> float:
 
 
 def _cast(
-    particle: str, wall: str, static_friction: float | None = None, rolling_friction: float | None = None
+    particle: str,
+    wall: str,
+    static_friction: float | None = None,
+    rolling_friction: float | None = None,
+    *,
+    enlarged: bool = True,
 ) -> Cast:
-    """Particle, wall and contacts as the paper calibrated them, with other frictions among the particles if given."""
+    """Particle, wall and contacts as the paper calibrated them, with other frictions among the particles if given.
+
+    Not `enlarged`: wooden beads and cubes are as large as before the calibration.
+    """
     from rigtwin.compare.bulk_twins import Cast
 
     contact = hlosta2020.contact(particle, particle)
     other = {"static_friction": static_friction, "rolling_friction": rolling_friction}
     contact = replace(contact, **{name: value for name, value in other.items() if value is not None})
-    return Cast(hlosta2020.particle(particle), hlosta2020.material(wall), contact, hlosta2020.contact(particle, wall))
+    bead = hlosta2020.particle(particle, enlarged=enlarged)
+    return Cast(bead, hlosta2020.material(wall), contact, hlosta2020.contact(particle, wall))
 
 
 def _angles(evaluation: Evaluation) -> dict[str, float]:

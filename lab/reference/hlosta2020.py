@@ -15,8 +15,8 @@ Slips of the paper, and what is done about them here:
 - The restitution of D6 beads is 0.73 measured (table 12) and 0.75 calibrated (table A3).  The unlike pairs of both
   tables are not measured: they follow from the like pairs of table 12 by eq. (8), `mixed_restitution`.
 - Table 3's volumes are those of the enlarged beads (4.2, 6.2 and 12.2 mm) that the calibrated model uses.
-- The layouts of the clumps are not printed.  Those here lie in a cube of 6 mm, or in a row of spheres of 6 mm, and are
-  chosen to match table 3's volumes; `shape` says how.
+- The layouts of the clumps are not printed.  Those here are the ones of round sizes that match table 3's volumes;
+  `shape` says how.
 - Table 10 gives the measured rolling friction on a wall, the tangent of an angle (eq. 4); table A7 the calibrated
   coefficient of the contact model, a torque mu_r Fn R on each body.
 """
@@ -24,13 +24,14 @@ Slips of the paper, and what is done about them here:
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
+from itertools import product
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle, clumped
-from rigtwin.lab.shapes import Clump, cubic
+from rigtwin.lab.shapes import Clump, clump, cubic
 from rigtwin.lab.shapes import row as spheres_in_a_row
 
 CITATION = "Hlosta et al. 2020"
@@ -45,6 +46,8 @@ CLUMPS = {
 }
 """Virtual particles that stand for the cube and the pellet."""
 NAMES = (*PARTICLES, *CLUMPS)
+ENLARGED_BY = 0.2e-3
+"""[m], of the wooden beads and the cube of 24 spheres, after table 7 (section 3.1)."""
 CALIBRATED = {"C6": "C6_24s", "P6x15": "P6x15_5s"}
 """Which of them the calibrated model uses (the densities of table A2 are theirs)."""
 WALLS = ("steel", "PMMA", "aluminum", "glass")
@@ -53,6 +56,7 @@ Row = dict[str, str | float]
 
 # diameter of the calibrated model's sphere [m]: wooden beads are enlarged by 0.2 mm (table 3's volumes)
 _DIAMETERS = {"D4": 4.2e-3, "D6": 6.2e-3, "D12": 12.2e-3, "D6_ABS": 6e-3, "D5_steel": 5e-3}
+_ENLARGED = ("D4", "D6", "D12")
 _MATERIAL_OF = {"D6_ABS": "ABS", "D5_steel": "steel"}
 _CORRECTED = {("13", "shear_modulus_pa", 1e10): {"timestep_s": 2.45e-6}}
 
@@ -77,11 +81,12 @@ def material(name: str) -> Material:
     return Material(name, _of(row, "density_kg_m3"), _of(row, "youngs_modulus_gpa") * 1e9, _of(row, "poisson_ratio"))
 
 
-def particle(name: str) -> Particle:
+def particle(name: str, *, enlarged: bool = True) -> Particle:
     """A particle of the calibrated model, or one of the virtual particles that stand for the cube and the pellet.
 
     A sphere has the diameter of table 3 and the density of table A2; a clump has the `shape` of its name and the real
-    particle's mass (table 3).
+    particle's mass (table 3).  Not `enlarged`: as it was in table 7, before the paper made wooden beads and the
+    cube of 24 spheres 0.2 mm larger (section 3.1); the mass is the same.
 
     >>> bead = particle("D6")
     >>> bead.diameter, bead.effective_density
@@ -91,24 +96,28 @@ def particle(name: str) -> Particle:
     """
     solid = material(_MATERIAL_OF.get(name, "wood_ash"))
     if name in CALIBRATED or name in CLUMPS:
-        return clumped(name, solid, shape(CALIBRATED.get(name, name)), mass=_real_mass(CLUMPS.get(name, name)))
+        layout = shape(CALIBRATED.get(name, name), enlarged=enlarged)
+        return clumped(name, solid, layout, mass=_real_mass(CLUMPS.get(name, name)))
     row = _row("A2", "there is no such particle", particle=name)
-    return Particle(name, solid, _DIAMETERS[name], _of(row, "density_kg_m3"))
+    bead = Particle(name, solid, _DIAMETERS[name], _of(row, "density_kg_m3"))
+    if enlarged or name not in _ENLARGED:
+        return bead
+    small = bead.diameter - ENLARGED_BY
+    return replace(bead, diameter=small, density=bead.effective_density * (bead.diameter / small) ** 3)
 
 
 @cache
-def shape(name: str) -> Clump:
+def shape(name: str, *, enlarged: bool = True) -> Clump:
     """The clump of this name.  The paper prints its number of spheres and, for all but C6_28s, its volume.
 
     Pellets are rows of spheres of 6 mm; the spacing follows from the volume, and is 4.70 mm for three and 2.35 mm
-    for five: both are 15.4 mm long.  Cubes lie in a cube of 6 mm (24s: 6.2), have its symmetries, and their spheres
-    touch its faces: one sphere of 6 mm (1s); eight of 3 mm that touch each other (8s-a), of 4 mm that overlap (8s-b),
-    of 2 mm around one of 6 mm (9s).  These match table 3 to 0.1 % with round numbers, so they are likely the paper's
-    own.
+    for five: both are 15.4 mm long.  Cubes lie in a cube of 6 mm and their spheres touch its faces: one sphere of 6 mm
+    (1s); eight of 3 mm that touch each other (8s-a), of 4 mm that overlap (8s-b), of 2 mm around one of 6 mm (9s);
+    24 of 2 mm that touch each other, three layers of three by three without the middle one of each (24s).  The paper
+    enlarged the last after table 7 by 0.2 mm (section 3.1): its spheres, in their places, are 2.2 mm then, and not
+    `enlarged` 2 mm.  These match table 3 to 0.1 % with round numbers, so they are likely the paper's own.
     The others are guesses: 16s is 8s-b with a smaller sphere in each corner; 28s is a big sphere and a small one in
-    each corner and one on each edge, of the sizes that come nearest to the cube's surface.  24s has two equal spheres
-    on each edge, of the size that gives the volume, in a cube of 6.2 mm: the paper enlarged it as it did the wooden
-    beads (section 3.2, below table 6), and table 3 has those as they are in the calibrated model.
+    each corner and one on each edge, of the sizes that come nearest to the cube's surface.
     """
     corner, edge = (1.0, 1.0, 1.0), (1.0, 1.0, 0.0)
     match name:
@@ -127,7 +136,8 @@ def shape(name: str) -> Clump:
         case "C6_16s":
             return cubic(6e-3, (corner, 2e-3), (corner, 0.81e-3))
         case "C6_24s":
-            return cubic(6.2e-3, ((1.0, 1.0, 2 / 3), 1.3005e-3))
+            places = [place for place in product((-2e-3, 0.0, 2e-3), repeat=3) if any(place[:2])]
+            return clump(places, 1e-3 + (ENLARGED_BY / 2 if enlarged else 0.0))
         case "C6_28s":
             return cubic(6e-3, (corner, 1.43e-3), (corner, 0.72e-3), (edge, 1.5e-3))
     raise BadInput(f"{CITATION} has no clump {name!r}; known are {', '.join(CLUMPS)}.")
