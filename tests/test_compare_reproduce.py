@@ -122,6 +122,38 @@ def test_a_swept_bed_is_judged_by_how_far_it_is_from_the_measured_one_without_si
     assert text.count("| D6, static friction") == 20
 
 
+def test_table_7_stands_beside_ours_with_the_paper_s_first_frictions_too_and_is_not_judged_by_them(tmp_path):
+    cells = plan([7], quick=False, repetitions=None, seed=1).cells
+    first = [cell for cell in cells if "before calibration" in cell.row]
+    assert [cell.paper_dem for cell in first] == [cell.paper_dem for cell in cells if cell not in first]
+    assert all(cell.experiment is None for cell in first)
+    results = {name: {"bead_tops_height_mm": 1.1 * cell.paper_dem} for cell in first for name in cell.runs}
+    table = Reproduction(cells, Done(results, {}), tmp_path)
+    (score,) = table.scores
+    assert (score["done"], score["judged"]) == (14, 0)
+    assert page(table, "reproduction.md").count("| +10.0 |") == 14
+
+
+@pytest.mark.parametrize(("particle", "frictions"), [("D6", (0.2, 0.01)), ("C6_24s", (0.5, 0.1))])
+def test_what_table_7_was_printed_with_is_what_its_twin_gets(particle, frictions, monkeypatch):
+    from rigtwin.compare import bulk_twins
+
+    class Asked(Exception):
+        pass
+
+    def twin(_rig, cast, **_):
+        raise Asked(cast)
+
+    monkeypatch.setattr(bulk_twins, "packing_twin", twin)
+    runs = {run.name: run for run in plan([7], quick=False, repetitions=1, seed=1).runs}
+    with pytest.raises(Asked) as asked:
+        rigs.packing(**runs[f"type_A-packing-{particle}-before-seed1"].settings)
+    cast = asked.value.args[0]
+    assert cast.particle == hlosta2020.particle(particle, enlarged=False)
+    assert (cast.contact.static_friction, cast.contact.rolling_friction) == frictions
+    assert cast.wall_contact == hlosta2020.contact(particle, "PMMA")
+
+
 def test_studies_share_their_piles_with_the_tables():
     runs, found = studies(["evaluation"], seed=1)
     assert len(found) == 1

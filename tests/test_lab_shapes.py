@@ -114,15 +114,36 @@ def test_the_clumps_of_the_paper_have_the_volume_mass_and_density_of_table_3(ent
     assert bead.effective_density == pytest.approx(entry["dem_density_kg_m3"], rel=2e-3)
 
 
+def width(shape):
+    """Of the box that holds a clump in its own axes."""
+    return (np.abs(shape.offsets) + np.array(shape.radii)[:, None]).max(axis=0) * 2
+
+
 def test_cubes_fit_a_cube_of_6_mm_the_calibrated_one_of_6_2_and_pellets_are_6_mm_thick():
     """The paper enlarged D4, D6, D12 and C6_24s by 0.2 mm after table 7, and left the others as they were."""
     for name in hlosta2020.CLUMPS:
-        shape = hlosta2020.shape(name)
-        size = (np.abs(shape.offsets) + np.array(shape.radii)[:, None]).max(axis=0) * 2
-        width = 6.2e-3 if name == hlosta2020.CALIBRATED["C6"] else 6e-3
-        assert sorted(size)[:2] == pytest.approx([width, width], rel=1e-3)
-        assert max(size) == pytest.approx(width if name.startswith("C6") else 15.4e-3, rel=1e-3)
+        size = width(hlosta2020.shape(name))
+        side = 6.2e-3 if name == hlosta2020.CALIBRATED["C6"] else 6e-3
+        assert sorted(size)[:2] == pytest.approx([side, side], rel=1e-3)
+        assert max(size) == pytest.approx(side if name.startswith("C6") else 15.4e-3, rel=1e-3)
     assert len(hlosta2020.particle("C6_28s").radii) == 28
+
+
+def test_before_the_paper_enlarged_them_cubes_and_beads_were_smaller_and_as_heavy():
+    assert width(hlosta2020.particle("C6", enlarged=False).shape) == pytest.approx([6e-3] * 3)
+    for name in ("D4", "D6", "D12"):
+        before, after = hlosta2020.particle(name, enlarged=False), hlosta2020.particle(name)
+        assert after.diameter - before.diameter == pytest.approx(0.2e-3)
+        assert before.mass == pytest.approx(after.mass)
+    for name in ("D6_ABS", "D5_steel", "C6_8s-a", "P6x15"):
+        assert hlosta2020.particle(name, enlarged=False) == hlosta2020.particle(name)
+
+
+def test_the_calibrated_cube_has_the_volume_of_24_spheres_less_what_40_neighbours_share():
+    """Spheres of radius r whose centres are 2 a apart share two caps of height r - a."""
+    r, a = 1.1, 1.0
+    caps = 2 * math.pi * (r - a) ** 2 * (2 * r + a) / 3
+    assert hlosta2020.shape("C6_24s").volume * 1e9 == pytest.approx(24 * 4 / 3 * math.pi * r**3 - 40 * caps, rel=1e-4)
 
 
 def test_the_cube_and_the_pellet_are_the_clumps_of_the_calibrated_model():

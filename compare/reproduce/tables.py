@@ -189,8 +189,9 @@ def _beds_before(number: int, quick: bool, repetitions: int | None, seed: int) -
     for row in hlosta2020.table(number):
         particle = str(row["virtual_particle"])
         sliding, rolling = _FIRST_FRICTIONS[hlosta2020.CLUMPS.get(particle, "beads")]
-        taken = {"static_friction": sliding, "rolling_friction": rolling, "enlarged": False, "count": _in_bed(particle)}
-        lasts = cost.of_bed(particle, taken["count"])
+        count = _in_bed(particle)
+        taken = {"static_friction": sliding, "rolling_friction": rolling, "enlarged": False, "count": count}
+        lasts = cost.of_bed(particle, count)
         runs = [_run("packing", particle, seed + k, lasts, "before", **taken) for k in range(repetitions or 1)]
         dem, dem_std = float(row["bed_height_dem_mm"]), float(row["bed_height_dem_std_mm"])
         names = tuple(run.name for run in runs)

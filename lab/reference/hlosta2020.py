@@ -136,7 +136,8 @@ def shape(name: str, *, enlarged: bool = True) -> Clump:
         case "C6_16s":
             return cubic(6e-3, (corner, 2e-3), (corner, 0.81e-3))
         case "C6_24s":
-            places = [place for place in product((-2e-3, 0.0, 2e-3), repeat=3) if any(place[:2])]
+            steps = (-2e-3, 0.0, 2e-3)
+            places = [(x, y, z) for x, y, z in product(steps, steps, steps) if x or y]
             return clump(places, 1e-3 + (ENLARGED_BY / 2 if enlarged else 0.0))
         case "C6_28s":
             return cubic(6e-3, (corner, 1.43e-3), (corner, 0.72e-3), (edge, 1.5e-3))
