@@ -121,12 +121,13 @@ def _no_further(rows: Sequence[Row]) -> str:
 
 def _repeated(rows: Sequence[Row], runs: int) -> float:
     """In which part of the cells the mean of so many runs more of the experiment would be that near to its mean."""
-    chances = [
-        math.erf(abs(row["paper_dem"] - row["paper_experiment"]) / (row["paper_experiment_std"] * math.sqrt(2 * scatter)))
+    spread = math.sqrt(2 * (1 / REPETITIONS + 1 / runs))
+    off = [
+        (abs(row["paper_dem"] - row["paper_experiment"]), row["paper_experiment_std"])
         for row in rows
         if row["paper_experiment_std"]
-        for scatter in [1 / REPETITIONS + 1 / runs]
     ]
+    chances = [math.erf(distance / (std * spread)) for distance, std in off]
     return sum(chances) / len(chances)
 
 
