@@ -43,6 +43,10 @@ def quantity(
 
 def writable_folder(text: str | Path) -> Path:
     """A folder for results, refused before an hour of work and not after it."""
+    if not str(text).strip():
+        from rigtwin.lab.errors import BadInput
+
+        raise BadInput("--out: the name of the folder is empty; give one, or leave --out out.")
     folder = Path(text)
     _check_writable(
         folder, "--out", "and results go into a folder; give --out another name", "give --out a folder of your own"

@@ -443,7 +443,7 @@ def _write_picture(path: Path, picture: npt.NDArray[np.uint8]) -> None:
 
 def _slack(rig: Pendulum) -> tuple[str, ...]:
     """What to say of a bead that is let go from above its hinge."""
-    if rig.release_angle <= math.pi / 2:
+    if rig.release_angle <= math.pi / 2 * (1 + 1e-9):  # 90 deg in radians may be rounded up
         return ()
     return (
         f"a bead let go at {math.degrees(rig.release_angle):.4g} deg falls on a slack thread; the twin holds for a rod "

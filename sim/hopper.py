@@ -189,7 +189,10 @@ def _conical(rig: Hopper, particle: Particle, room: float) -> _Plan:
         domain=(np.array([-1.5 * wide, -1.5 * wide, -BELOW]), np.array([1.5 * wide, 1.5 * wide, top + wide])),
         inside=fill.in_funnel(rig.outlet, rig.diameter, cone),
         floor=0.0,
-        assumptions={"cylinder_height": "as high as the filling needs"},
+        assumptions={
+            "cylinder": f"{rig.diameter * 1e3:.3g} mm wide and as high as the filling needs, on a cone of "
+            f"{cone * 1e3:.3g} mm height",
+        },
     )
 
 

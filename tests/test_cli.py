@@ -433,6 +433,20 @@ def test_a_results_folder_that_is_a_file_is_refused_before_any_work(folder, tmp_
     refused(["measure", "drop", "x.mp4", "--out", folder], capfd, "--out", "taken.mp4 is a file", "another name")
 
 
+def test_a_results_folder_without_a_name_is_refused(capfd):
+    refused(["simulate", "drop", "--drop-height", "50mm", "--out", ""], capfd, "--out", "empty")
+    assert not Path("quantities.json").exists()
+
+
+def test_twins_of_two_rigs_do_not_come_to_one_folder(capfd):
+    drop = ["simulate", "drop", "--drop-height", "50mm", "--out", "both", "--quiet"]
+    assert run(drop) == run(drop) == 0  # the same rig anew takes the place of what was there
+    kept = Path("both/quantities.json").read_text()
+    tilt = ["simulate", "tilt", "--variant", "slide", "--out", "both"]
+    refused(tilt, capfd, "--out", "holds the twin of a drop", "a folder of its own")
+    assert Path("both/quantities.json").read_text() == kept
+
+
 def test_what_is_wrong_is_told_once(capsys):
     sentence = "the centres are 18.78 mm apart at the collision, beads of 12.00 mm"
     pair = Quantity("restitution_pair", 0.9, 0.1, "1", "swing", doubtful=f"the camera shook; {sentence}")

@@ -46,6 +46,12 @@ def test_a_table_that_is_not_reproduced_is_named(capsys, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("wrong", [["--table", "99"], ["--study", "colour"]])
+def test_what_there_is_not_is_named_where_nothing_is_kept_too(wrong, capsys, tmp_path):
+    assert run(["reproduce", "hlosta2020", "--kept", *wrong, "--out", str(tmp_path)]) == 2
+    assert wrong[1] in capsys.readouterr().err
+
+
 def keep(folder: Path, table: int, *, warnings=(), **plan_of):
     """Finished runs of a table's quick part, without running them."""
     (folder / "runs").mkdir(exist_ok=True)

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 from rigtwin.compare import results
 from rigtwin.compare.filled import filled
 from rigtwin.compare.reproduce import rigs
-from rigtwin.compare.reproduce.studies import Points, Study, studies
-from rigtwin.compare.reproduce.tables import Cell, Plan, plan
+from rigtwin.compare.reproduce.studies import Points, Study, check_studies, studies
+from rigtwin.compare.reproduce.tables import Cell, Plan, check_tables, plan
 from rigtwin.compare.runs import Done, run_all
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.progress import Progress, silent
@@ -156,6 +156,8 @@ def reproduce(
     and with `only_kept` nothing else is shown.  Raises `BadInput` for an unknown table or study, and where nothing
     is kept that could be shown.
     """
+    check_tables(tables or ())
+    check_studies(study or ())
     if only_kept and not any((out / "runs").glob("*.json")):  # found out before what planning costs
         raise _none_kept(out)
     wanted = Plan((), ())

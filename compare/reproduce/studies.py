@@ -67,15 +67,21 @@ def studies(
     seeds = range(seed, seed + (repetitions or REPETITIONS))
     runs: dict[str, Run] = {}
     found = []
+    check_studies(names or ())
     for name in STUDIES if names is None else names:
-        if name not in STUDIES:
-            raise BadInput(f"--study: there is no study {name!r}; there are {', '.join(STUDIES)}.")
         study, needed = STUDIES[name](seeds)
         mine = {run.name: under(rolling, run) for run in needed}
         places = {place: tuple(mine[run].name for run in named) for place, named in study.places.items()}
         found.append(replace(study, places=places, rolling=rolling))
         runs.update({run.name: run for run in mine.values()})
     return list(runs.values()), found
+
+
+def check_studies(names: Sequence[str]) -> None:
+    """Raises `BadInput` for one that there is not."""
+    for name in names:
+        if name not in STUDIES:
+            raise BadInput(f"--study: there is no study {name!r}; there are {', '.join(STUDIES)}.")
 
 
 def _number(seeds: Sequence[int]) -> tuple[Study, list[Run]]:

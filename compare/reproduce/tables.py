@@ -83,9 +83,7 @@ def plan(
     rolling: Rolling = "type A",
 ) -> Plan:
     """All runs that the tables `numbers` need (all tables by default); `quick` takes a representative part."""
-    for number in numbers or ():
-        if number not in TABLES:
-            raise BadInput(f"--table: table {number} is not reproduced; there are {', '.join(map(str, TABLES))}.")
+    check_tables(numbers or ())
     runs: dict[str, Run] = {}
     cells: list[Cell] = []
     for number in numbers or TABLES:
@@ -94,6 +92,13 @@ def plan(
             runs.update({run.name: run for run in mine})
             cells.append(replace(cell, rolling=rolling, runs=tuple(run.name for run in mine)))
     return Plan(tuple(runs.values()), tuple(cells))
+
+
+def check_tables(numbers: Sequence[int]) -> None:
+    """Raises `BadInput` for one that is not reproduced."""
+    for number in numbers:
+        if number not in TABLES:
+            raise BadInput(f"--table: table {number} is not reproduced; there are {', '.join(map(str, TABLES))}.")
 
 
 def under(rolling: Rolling, run: Run) -> Run:

@@ -566,8 +566,9 @@ class Bulk:
         raise SimulationFailed(
             {
                 at.LEFT_DOMAIN: f"A bead left the domain: {where}; make the domain larger or close the walls.",
-                at.EXPLODED: f"The energy exploded: {where}, speed {np.linalg.norm(row[3:6]):.3g} m/s; "
-                "use a smaller time step.",
+                at.EXPLODED: f"The energy exploded: {where}, speed {np.linalg.norm(row[3:6]):.3g} m/s, where a step "
+                f"of {self.time_step:.3g} s bears {self._longest_step / self.time_step:.3g} m/s; use a smaller time "
+                "step, or look whether sizes, speeds and stiffness are as they are meant to be.",
             }[status]
         )
 
