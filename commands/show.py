@@ -195,7 +195,16 @@ def _tell_reproduction(console: Console, reproduction: Reproduction) -> None:
     for score, rows in zip(reproduction.scores, reproduction.tables.values(), strict=True):
         law = score["rolling_model"]
         table = Table(title=f"Table {score['table']}, rolling resistance of {law}", title_justify="left")
-        for column in ("cell", "quantity", "paper experiment", "paper DEM", "ours", "paper DEM off", "ours off"):
+        for column in (
+            "cell",
+            "quantity",
+            "paper experiment",
+            "paper DEM",
+            "ours",
+            "runs",
+            "paper DEM off",
+            "ours off",
+        ):
             table.add_column(column, justify="left" if column in ("cell", "quantity") else "right")
         for row in rows:
             table.add_row(
@@ -204,6 +213,7 @@ def _tell_reproduction(console: Console, reproduction: Reproduction) -> None:
                 number(row["paper_experiment"], row["paper_experiment_std"]),
                 number(row["paper_dem"], row["paper_dem_std"]),
                 number(row["ours"], row["ours_std"]),
+                str(row["runs"]),
                 percent(row["paper_dem_percent_deviation"], None),
                 percent(row["ours_percent_deviation"], None),
             )
