@@ -18,6 +18,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from scipy.stats import t as student
+
 from rigtwin.compare import results
 from rigtwin.compare.figures import study_figure
 from rigtwin.compare.reproduce.reproduction import COLUMNS, Reproduction, page
@@ -100,10 +103,12 @@ def summary(reproduction: Reproduction) -> str:
             f"  table {number}: {_no_further([r for r in mine.values() if r['table'] == number])}" for number in JUDGED
         ]
     printed = list({_place(row)[:3]: row for row in rows}.values())
+    by_table = {str(number): [row for row in printed if row["table"] == number] for number in JUDGED}
     said += [
-        f"a further series of {runs} of the experiment itself would be no further off than the paper's DEM in "
-        f"{_repeated(printed, runs):.0%}"
+        f"{runs} more of the experiment: no further off than the paper's DEM in {share:.0%} of table {name}"
+        for name, mine in {"7 to 16": printed, **by_table}.items()
         for runs in (1, REPETITIONS)
+        if (share := repeated(mine, runs)) is not None
     ]
     both = set.intersection(*(set(mine) for mine in run.values())) if run else set()
     for law, mine in run.items():
@@ -119,16 +124,19 @@ def _no_further(rows: Sequence[Row]) -> str:
     return f"{near} of {len(rows)}"
 
 
-def _repeated(rows: Sequence[Row], runs: int) -> float:
-    """In which part of the cells the mean of so many runs more of the experiment would be that near to its mean."""
-    spread = math.sqrt(2 * (1 / REPETITIONS + 1 / runs))
+def repeated(rows: Sequence[Row], runs: int) -> float | None:
+    """In which part of the cells the mean of so many runs more of the experiment would be that near to its mean.
+
+    If runs scatter normally the difference of the means, in standard deviations of one run, is Student's t of the
+    `REPETITIONS` that the printed standard deviation is of, times sqrt(1 / REPETITIONS + 1 / runs).
+    """
+    spread = math.sqrt(1 / REPETITIONS + 1 / runs)
     off = [
-        (abs(row["paper_dem"] - row["paper_experiment"]), row["paper_experiment_std"])
+        abs(row["paper_dem"] - row["paper_experiment"]) / (row["paper_experiment_std"] * spread)
         for row in rows
         if row["paper_experiment_std"]
     ]
-    chances = [math.erf(distance / (std * spread)) for distance, std in off]
-    return sum(chances) / len(chances)
+    return float(np.mean(1 - 2 * student.sf(off, REPETITIONS - 1))) if off else None
 
 
 def _figures(rows: Sequence[Row]) -> list[str]:

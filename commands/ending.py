@@ -63,7 +63,7 @@ def simulated(rig: str) -> Callable[[Command], Command]:
 
 
 def _check_only(rig: str, folder: Path) -> None:
-    """Refuse a folder with another rig's twin, whose files would stay beside a document that is not theirs."""
+    """Refuse a folder with another rig's results, whose files would stay beside a document that is not theirs."""
     import json
 
     try:
@@ -73,7 +73,7 @@ def _check_only(rig: str, folder: Path) -> None:
     if other != rig:
         from rigtwin.lab.errors import BadInput
 
-        raise BadInput(f"--out: {folder} holds the twin of a {other}; give this one a folder of its own.")
+        raise BadInput(f"--out: {folder} holds results of a {other}; give this twin a folder of its own.")
 
 
 def _done(work: Work, *, hidden: bool) -> Any:

@@ -204,6 +204,7 @@ def _tell_reproduction(console: Console, reproduction: Reproduction) -> None:
             "runs",
             "paper DEM off",
             "ours off",
+            "ours to paper DEM",
         ):
             table.add_column(column, justify="left" if column in ("cell", "quantity") else "right")
         for row in rows:
@@ -216,6 +217,7 @@ def _tell_reproduction(console: Console, reproduction: Reproduction) -> None:
                 str(row["runs"]),
                 percent(row["paper_dem_percent_deviation"], None),
                 percent(row["ours_percent_deviation"], None),
+                percent(row["ours_against_paper_dem_percent"], None),
             )
         console.print(table)
         if score["judged"]:

@@ -443,7 +443,7 @@ def test_twins_of_two_rigs_do_not_come_to_one_folder(capfd):
     assert run(drop) == run(drop) == 0  # the same rig anew takes the place of what was there
     kept = Path("both/quantities.json").read_text()
     tilt = ["simulate", "tilt", "--variant", "slide", "--out", "both"]
-    refused(tilt, capfd, "--out", "holds the twin of a drop", "a folder of its own")
+    refused(tilt, capfd, "--out", "holds results of a drop", "a folder of its own")
     assert Path("both/quantities.json").read_text() == kept
 
 

@@ -5,6 +5,7 @@ import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
@@ -123,6 +124,7 @@ def test_a_swept_bed_is_judged_by_how_far_it_is_from_the_measured_one_without_si
     assert score["rank_correlation"] == pytest.approx(1.0, abs=0.01)  # ties are split by rounding
     assert score["mean_difference"] == pytest.approx(0.0, abs=1e-9)
     assert swept.rows[0]["ours"] == pytest.approx(swept.rows[0]["paper_dem"])
+    assert swept.rows[0]["ours_against_paper_dem_percent"] is None  # of a deviation
     text = page(swept, "reproduction.md")
     assert "20 of 56 cells run; rank correlation with the paper's simulation 1.00" in text
     assert text.count("| D6, static friction") == 20
@@ -158,6 +160,19 @@ def test_what_table_7_was_printed_with_is_what_its_twin_gets(particle, frictions
     assert cast.particle == hlosta2020.particle(particle, enlarged=False)
     assert (cast.contact.static_friction, cast.contact.rolling_friction) == frictions
     assert cast.wall_contact == hlosta2020.contact(particle, "PMMA")
+
+
+def test_the_experiment_done_again_lies_as_often_that_near_as_drawn_runs_do():
+    """Ten runs, their mean and standard deviation, and what further runs do: drawn from one normal distribution."""
+    random = np.random.default_rng(3)
+    for runs in (1, 10):
+        first, more = random.normal(size=(40_000, 10)), random.normal(size=(40_000, runs)).mean(1)
+        std = first.std(axis=1, ddof=1)
+        drawn = float(np.mean(np.abs(more - first.mean(1)) <= 0.7 * std))
+        row = {"paper_dem": 20.7, "paper_experiment": 20.0, "paper_experiment_std": 1.0}
+        without = {"paper_dem": 1.0, "paper_experiment": 2.0, "paper_experiment_std": None}
+        assert reproduction_page.repeated([row, without], runs) == pytest.approx(drawn, abs=0.01)
+    assert reproduction_page.repeated([without], 1) is None
 
 
 def test_studies_share_their_piles_with_the_tables():
@@ -332,4 +347,5 @@ def test_runs_and_cells_that_name_no_law_are_read_as_type_c(tmp_path):
     assert "1 of 7 cells run" in text.partition("## Table 16, rolling type A")[2][:40]
     assert "2 of 7 cells run" in text.partition("## Table 16, rolling type C")[2][:40]
     said = reproduction_page.summary(page_of_both)
+    assert "type A: 1 of 63 cells run" in said
     assert "type A, the 1 cells run under all laws" in said

@@ -130,7 +130,9 @@ def test_cubes_fit_a_cube_of_6_mm_the_calibrated_one_of_6_2_and_pellets_are_6_mm
 
 
 def test_before_the_paper_enlarged_them_cubes_and_beads_were_smaller_and_as_heavy():
-    assert width(hlosta2020.particle("C6", enlarged=False).shape) == pytest.approx([6e-3] * 3)
+    cube = hlosta2020.particle("C6", enlarged=False)
+    assert width(cube.shape) == pytest.approx([6e-3] * 3)
+    assert cube.mass == pytest.approx(hlosta2020.particle("C6").mass)
     for name in ("D4", "D6", "D12"):
         before, after = hlosta2020.particle(name, enlarged=False), hlosta2020.particle(name)
         assert after.diameter - before.diameter == pytest.approx(0.2e-3)

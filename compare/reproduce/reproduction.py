@@ -231,7 +231,6 @@ def page(reproduction: Reproduction, template: str = "reproduction.html") -> str
     return filled(
         template,
         number=number,
-        against_dem=_against_dem,
         title=title,
         studies=drawn,
         citation=hlosta2020.CITATION,
@@ -240,12 +239,6 @@ def page(reproduction: Reproduction, template: str = "reproduction.html") -> str
         failures=reproduction.done.failures,
         warnings=reproduction.warnings,
     )
-
-
-def _against_dem(row: Mapping[str, Any]) -> float | None:
-    """Deviation from the paper's simulation [%]; not of what is a deviation itself, and has lost its sign."""
-    deviation: float | None = row["ours_against_paper_dem_percent"]
-    return None if row["quantity"] == "bed_height_deviation" else deviation
 
 
 def _run_places(study: Study, points: Points) -> list[float | str]:

@@ -42,9 +42,9 @@ ASSUMED = {
     "bed in a photo; the mean surface, pits included, lies some half a bead lower",
     "d12": "390 D12 beads, not 800, stand in the cylinder (800 do not fit under the printed height)",
     "before": "the paper's own column of table 7 was simulated before the calibration (section 3.1); the rows so "
-    "called have what it took then: frictions among the particles of 0.2 and 0.01 (beads) or 0.5 and 0.1 (cubes and "
-    "pellets; static and rolling), and wooden beads and cubes that were not enlarged yet; those on the wall are of "
-    "tables A4, A6 and A7",
+    "called have the frictions among particles that it took then, 0.2 and 0.01 (beads) or 0.5 and 0.1 (cubes and "
+    "pellets; static and rolling), and wooden beads and the cube of 24 spheres before they were enlarged; contacts "
+    "with the wall and all restitutions are the calibrated ones, for those of then are not told",
     "swept": "tables 4 to 6 print how far the simulated bed is from the measured one without its sign; particles are "
     "those of tables A2 to A7 (the enlarged beads), but for their friction among each other",
     "drum": "the PMMA drum is 30 mm deep and 35 % full, and its end walls turn with it (the paper gives none of these; "
@@ -244,7 +244,7 @@ def _cast(
 ) -> Cast:
     """Particle, wall and contacts as the paper calibrated them, with other frictions among the particles if given.
 
-    Not `enlarged`: wooden beads and cubes are as large as before the calibration.
+    Not `enlarged`: wooden beads and the cube of 24 spheres are as large as before the calibration.
     """
     from rigtwin.compare.bulk_twins import Cast
 

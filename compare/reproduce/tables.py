@@ -62,7 +62,8 @@ class Cell:
             "runs": len(values),
             "paper_dem_percent_deviation": _deviation(self.paper_dem, self.experiment),
             "ours_percent_deviation": _deviation(ours, self.experiment),
-            "ours_against_paper_dem_percent": _deviation(ours, self.paper_dem),
+            # what is a deviation itself has lost its sign, and has none from the other
+            "ours_against_paper_dem_percent": None if self.off is not None else _deviation(ours, self.paper_dem),
         }
 
 
@@ -161,52 +162,46 @@ def _angles(number: int, quick: bool, repetitions: int | None, seed: int) -> Row
 
 
 def _beds(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows:
-    """Table 7: bed heights of all virtual particles."""
+    """Table 7: bed heights of all virtual particles.
+
+    And once more with what the paper's simulation had when it was printed: no experiment is judged by that.
+    """
     for row in hlosta2020.table(number):
         particle = str(row["virtual_particle"])
         if quick and particle not in _QUICK_BEDS:
             continue
-        count = _in_bed(particle)
-        repeated = repetitions or (1 if quick else 3)
-        runs = [_run("packing", particle, seed + k, cost.of_bed(particle, count), count=count) for k in range(repeated)]
-        yield (
-            runs,
-            Cell(
-                number,
-                particle,
-                "bed_height",
-                "mm",
-                float(row["bed_height_exp_mm"]),
-                float(row["bed_height_exp_std_mm"]),
-                float(row["bed_height_dem_mm"]),
-                float(row["bed_height_dem_std_mm"]),
-                tuple(run.name for run in runs),
-                _TOPS,
-                ("cylinder", "tops", "wall", *(("d12",) if particle == "D12" else ())),
-            ),
-        )
+        yield _bed(number, row, "", repetitions or (1 if quick else 3), seed)
+    for row in () if quick else hlosta2020.table(number):
+        sliding, rolling = _FIRST_FRICTIONS[hlosta2020.CLUMPS.get(str(row["virtual_particle"]), "beads")]
+        taken = {"static_friction": sliding, "rolling_friction": rolling, "enlarged": False}
+        yield _bed(number, row, "before", repetitions or 1, seed, **taken)
 
 
-def _beds_before(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows:
-    """Table 7 once more, with what the paper's simulation had when it was printed; no experiment is judged by that."""
-    if quick:
-        return
-    for row in hlosta2020.table(number):
-        particle = str(row["virtual_particle"])
-        sliding, rolling = _FIRST_FRICTIONS[hlosta2020.CLUMPS.get(particle, "beads")]
-        count = _in_bed(particle)
-        taken = {"static_friction": sliding, "rolling_friction": rolling, "enlarged": False, "count": count}
-        lasts = cost.of_bed(particle, count)
-        runs = [_run("packing", particle, seed + k, lasts, "before", **taken) for k in range(repetitions or 1)]
-        dem, dem_std = float(row["bed_height_dem_mm"]), float(row["bed_height_dem_std_mm"])
-        names = tuple(run.name for run in runs)
-        where, assumed = f"{particle}, before calibration", ("cylinder", "tops", "wall", "before")
-        yield runs, Cell(number, where, "bed_height", "mm", None, None, dem, dem_std, names, _TOPS, assumed)
-
-
-def _all_beds(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows:
-    yield from _beds(number, quick, repetitions, seed)
-    yield from _beds_before(number, quick, repetitions, seed)
+def _bed(
+    number: int, row: hlosta2020.Row, stage: str, repeated: int, seed: int, **taken: Any
+) -> tuple[Sequence[Run], Cell]:
+    """One bed of table 7, calibrated or at an earlier stage."""
+    particle = str(row["virtual_particle"])
+    count = _in_bed(particle)
+    lasts = cost.of_bed(particle, count)
+    runs = [_run("packing", particle, seed + k, lasts, stage, **taken, count=count) for k in range(repeated)]
+    experiment, experiment_std, dem, dem_std = (
+        float(row[f"bed_height_{name}_mm"]) for name in ("exp", "exp_std", "dem", "dem_std")
+    )
+    assumed = ("cylinder", "tops", "wall", *(("d12",) if particle == "D12" else ()), *((stage,) if stage else ()))
+    return runs, Cell(
+        number,
+        f"{particle}, {stage} calibration" if stage else particle,
+        "bed_height",
+        "mm",
+        None if stage else experiment,
+        None if stage else experiment_std,
+        dem,
+        dem_std,
+        tuple(run.name for run in runs),
+        _TOPS,
+        assumed,
+    )
 
 
 def _in_bed(particle: str) -> int:
@@ -336,7 +331,7 @@ TABLES: dict[int, Callable[[int, bool, int | None, int], Rows]] = {
     4: _frictions,
     5: _frictions,
     6: _frictions,
-    7: _all_beds,
+    7: _beds,
     13: _flows,
     14: _angles,
     15: _angles,

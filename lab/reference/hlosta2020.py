@@ -24,7 +24,7 @@ Slips of the paper, and what is done about them here:
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from itertools import product
@@ -54,8 +54,7 @@ WALLS = ("steel", "PMMA", "aluminum", "glass")
 
 Row = dict[str, str | float]
 
-# diameter of the calibrated model's sphere [m]: wooden beads are enlarged by 0.2 mm (table 3's volumes)
-_DIAMETERS = {"D4": 4.2e-3, "D6": 6.2e-3, "D12": 12.2e-3, "D6_ABS": 6e-3, "D5_steel": 5e-3}
+_DIAMETERS = {"D4": 4e-3, "D6": 6e-3, "D12": 12e-3, "D6_ABS": 6e-3, "D5_steel": 5e-3}  # [m], before some were enlarged
 _ENLARGED = ("D4", "D6", "D12")
 _MATERIAL_OF = {"D6_ABS": "ABS", "D5_steel": "steel"}
 _CORRECTED = {("13", "shear_modulus_pa", 1e10): {"timestep_s": 2.45e-6}}
@@ -99,11 +98,12 @@ def particle(name: str, *, enlarged: bool = True) -> Particle:
         layout = shape(CALIBRATED.get(name, name), enlarged=enlarged)
         return clumped(name, solid, layout, mass=_real_mass(CLUMPS.get(name, name)))
     row = _row("A2", "there is no such particle", particle=name)
-    bead = Particle(name, solid, _DIAMETERS[name], _of(row, "density_kg_m3"))
-    if enlarged or name not in _ENLARGED:
-        return bead
-    small = bead.diameter - ENLARGED_BY
-    return replace(bead, diameter=small, density=bead.effective_density * (bead.diameter / small) ** 3)
+    smaller = _DIAMETERS[name]
+    larger = round(smaller + ENLARGED_BY, 6) if name in _ENLARGED else smaller
+    density = _of(row, "density_kg_m3")  # of the larger one
+    if enlarged:
+        return Particle(name, solid, larger, density)
+    return Particle(name, solid, smaller, density * (larger / smaller) ** 3)
 
 
 @cache
