@@ -114,6 +114,17 @@ def test_what_type_a_holds_creeps_with_the_step_where_the_resistance_is_explicit
 
 
 @LAWS
+@pytest.mark.parametrize("spin", [1e-100, 1e-156, 1e-161, 1e-300])
+def test_what_rounding_left_of_a_clump_s_spin_stays_nothing(rolling, spin):
+    """Its square is below what numbers can hold, so that its axis cannot be told from it."""
+    bed = bench(floor(), particle=DUMBBELL, time_step=0.3 * DUMBBELL.rayleigh_time_step, rolling=rolling)
+    bed.add([[0, 0, lying(DUMBBELL, 2e-3, carriers=2)]], spin=[[0, 0, spin]])
+    bed.run(5)
+    assert abs(bed.grains().spin).max() < 1e-9
+    assert abs(bed.grains().velocity).max() < 1e-6
+
+
+@LAWS
 def test_a_dumbbell_that_spins_lying_flat_stops_when_the_closed_form_says(rolling):
     # without friction only rolling resistance is left; each sphere carries half the weight, as far from the middle
     spin, r, half_length = 20.0, 2e-3, 1.5e-3

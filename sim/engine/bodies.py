@@ -28,6 +28,7 @@ CENTRE, VELOCITY, TURN, MOMENTUM = slice(0, 3), slice(3, 6), slice(6, 10), slice
 MOMENTS, MASS, PUSH, TORQUE, IDENT, KIND = slice(13, 16), 16, slice(17, 20), slice(20, 23), 23, 24
 MEMBER_SIZE = 4  # place in the body's axes 3, number of the body (-1: none)
 NEWTON_STEPS = 5  # moments that differ by a factor of twenty need no more
+NO_SPIN2 = 1e-200  # [rad^2/s^2]; below, the square loses its digits, and a spin so slow is what rounding left of one
 ALL_BUT_HELD = 1e-9  # relative: a spin that is stopped but for so little rests; what is left of it has no digits
 
 Array = npt.NDArray[np.float64]
@@ -306,9 +307,12 @@ def braked_momentum(along, moments, most):
 @ti.func
 def taken_off(along, moments, most):
     """Angular momentum of up to `most` [N m s] about the axis of the spin that there is, not more than there is."""
-    axis = along / moments
-    axis /= axis.norm() + 1e-300
-    return ti.min(most, along.dot(axis)) * axis
+    spin = along / moments
+    taken = along
+    if spin.norm_sqr() > NO_SPIN2:
+        axis = spin / spin.norm()
+        taken = ti.min(most, along.dot(axis)) * axis
+    return taken
 
 
 @ti.func
