@@ -53,27 +53,15 @@ def simulated(rig: str) -> Callable[[Command], Command]:
 
     def around(own: Command, *, out: Path | None, as_json: bool, quiet: bool) -> None:
         work, hidden, folder = own(), as_json or quiet, out or writable_folder(default)
-        _check_only(rig, folder)
+        from rigtwin.commands.folder import check_only
+
+        check_only(rig, folder)
         checkpoint = work.keywords.get("checkpoint")
         if checkpoint is not None and checkpoint.exists() and not hidden:
             tell_going_on(checkpoint)
         show_twin(_done(work, hidden=hidden), folder, as_json, quiet)
 
     return lambda command: with_options(command, _with_out(f"Folder for results; {default} by default."), around)
-
-
-def _check_only(rig: str, folder: Path) -> None:
-    """Refuse a folder with another rig's results, whose files would stay beside a document that is not theirs."""
-    import json
-
-    try:
-        other = json.loads((folder / "quantities.json").read_text(encoding="utf-8"))["rig"]
-    except (OSError, ValueError, LookupError, TypeError):  # none, or not of ours
-        return
-    if other != rig:
-        from rigtwin.lab.errors import BadInput
-
-        raise BadInput(f"--out: {folder} holds results of a {other}; give this twin a folder of its own.")
 
 
 def _done(work: Work, *, hidden: bool) -> Any:

@@ -1,7 +1,8 @@
-"""Where a measurement's results go, so that nothing of another clip is overwritten.
+"""Where results go, so that nothing of another clip or another rig's twin is overwritten.
 
-Beside pictures and records stands ``NAME-measurement.json``, the document of ``--json``; it tells whose results these
-are: where none is asked for, only the same rig measured from the same content comes to the same folder again.
+Beside a measurement's pictures and records stands ``NAME-measurement.json``, the document of ``--json``; it tells whose
+results these are: where none is asked for, only the same rig measured from the same content comes to the same folder
+again.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from rigtwin.lab.content import sha256
+from rigtwin.lab.errors import BadInput
 from rigtwin.lab.quantity import Measurement
 
 
@@ -33,6 +35,16 @@ def keep(measurement: Measurement, folder: Path, media: Path | Sequence[Path]) -
     told = {**kept.to_json(), "media_sha256": [measurement.source_sha256, *map(sha256, _each(media)[1:])]}
     write_together(folder, {path.name: document(told)})
     return kept
+
+
+def check_only(rig: str, folder: Path) -> None:
+    """Refuse a folder with another rig's twin, whose files would stay beside a document that is not theirs."""
+    try:
+        other = json.loads((folder / "quantities.json").read_text(encoding="utf-8"))["rig"]
+    except (OSError, ValueError, LookupError, TypeError):  # none, or not of ours
+        return
+    if other != rig:
+        raise BadInput(f"--out: {folder} holds results of a {other}; give this twin a folder of its own.")
 
 
 def _each(media: Path | Sequence[Path]) -> list[Path]:
