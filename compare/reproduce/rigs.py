@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 RIM = 10e-3  # [m]
 CYLINDER = 65e-3  # [m]
+HIGHER = 1.5  # times as high is the cylinder into which a bed is poured again that the first did not hold
 DRUM = 140e-3  # [m]
 DEPTH = 30e-3  # [m]
 FILL = 0.35
@@ -127,18 +128,25 @@ def packing(
     enlarged: bool = True,
     rolling: Rolling = "type C",
 ) -> dict[str, Any]:
-    """Height [m] of the bed that `count` particles make in the cylinder (tables 4 to 7)."""
+    """Height [mm] of the bed that `count` particles make in the cylinder (tables 4 to 7).
+
+    Where particles fall over the cylinder's edge the bed is poured once more, into a cylinder half as high again.
+    """
     from rigtwin.compare.bulk_twins import cylinder_for, packing_twin
 
     cast = _cast(particle, "PMMA", static_friction, rolling_friction, enlarged=enlarged)
     rig = cylinder_for(Packing(cylinder), cast.particle, count)
     twin = packing_twin(rig, cast, count=count, seed=seed, threads=1, rolling=rolling)
+    if twin.settings["missed"]:
+        rig = replace(rig, cylinder_height=HIGHER * rig.cylinder_height)
+        twin = packing_twin(rig, cast, count=count, seed=seed, threads=1, rolling=rolling)
     heights = {item.method: item.value for item in twin.evaluation.quantities if item.quantity == "bed_height"}
     kept = ("packing_fraction", "seconds_per_particle", "missed")
     return {
         "surface_height_mm": 1e3 * twin.settings["surface_height_m"],
         "bead_tops_height_mm": 1e3 * heights["surface bead tops"],
         "outline_height_mm": 1e3 * heights["outline"],
+        "cylinder_height_mm": 1e3 * rig.cylinder_height,
         **{name: twin.settings[name] for name in kept},
         **_course(twin),
     }
