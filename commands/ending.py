@@ -6,7 +6,8 @@ such as ``--json`` are added to its own.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -51,17 +52,33 @@ def simulated(rig: str) -> Callable[[Command], Command]:
     """Run a twin; its record and quantities go into the results' folder."""
     default = Path(f"out/simulate-{rig}")
 
-    def around(own: Command, *, out: Path | None, as_json: bool, quiet: bool) -> None:
-        work, hidden, folder = own(), as_json or quiet, out or writable_folder(default)
-        from rigtwin.commands.folder import check_only
+    def around(own: Any, *, out: Path | None, as_json: bool, quiet: bool) -> None:
+        with _told_by_option(own.keywords):
+            work, hidden, folder = own(), as_json or quiet, out or writable_folder(default)
+            from rigtwin.commands.folder import check_only
 
-        check_only(rig, folder)
-        checkpoint = work.keywords.get("checkpoint")
-        if checkpoint is not None and checkpoint.exists() and not hidden:
-            tell_going_on(checkpoint)
-        show_twin(_done(work, hidden=hidden), folder, as_json, quiet)
+            check_only(rig, folder)
+            checkpoint = work.keywords.get("checkpoint")
+            if checkpoint is not None and checkpoint.exists() and not hidden:
+                tell_going_on(checkpoint)
+            twin = _done(work, hidden=hidden)
+        show_twin(twin, folder, as_json, quiet)
 
     return lambda command: with_options(command, _with_out(f"Folder for results; {default} by default."), around)
+
+
+@contextmanager
+def _told_by_option(names: Collection[str]) -> Iterator[None]:
+    """A refusal that begins with the name of a setting begins with its option instead, where there is one."""
+    from rigtwin.lab.errors import BadInput
+
+    try:
+        yield
+    except BadInput as error:
+        name, colon, why = str(error).partition(":")
+        if not colon or name not in names:
+            raise
+        raise BadInput(f"--{name.replace('_', '-')}:{why}") from error
 
 
 def _done(work: Work, *, hidden: bool) -> Any:

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Sized
 from concurrent.futures import as_completed
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -67,7 +68,7 @@ def run_all(
     whole, still = sum(run.cost for run in runs), sum(run.cost for run in missing)
     progress("running", whole - still, whole)
     if missing and not only_kept:
-        with spawned(len(missing), workers) as pool:
+        with _kept_told(runs, kept, folder), spawned(len(missing), workers) as pool:
             with interrupts_held():
                 pending = {pool.submit(_perform, run.function, dict(run.settings)): run for run in missing}
             for job in as_completed(pending):
@@ -86,6 +87,16 @@ def run_all(
                 still -= run.cost
                 progress("running", whole - still, whole)
     return Done({run.name: kept[run.name] for run in runs if run.name in kept}, failures)
+
+
+@contextmanager
+def _kept_told(runs: Sized, kept: Sized, folder: Path) -> Iterator[None]:
+    """Who interrupts learns what is kept."""
+    try:
+        yield
+    except KeyboardInterrupt as stop:
+        stop.add_note(f"{len(kept)} of {len(runs)} runs are kept in {folder}; called again, the others are run.")
+        raise
 
 
 def _perform(function: str, settings: dict[str, Any]) -> dict[str, Any]:

@@ -313,7 +313,7 @@ def check(rig: Drum, particle: Particle, *, count: int | None) -> None:
         raise BadInput(f"speed: the drum must turn; got {rig.speed:g} rad/s.")
     if rig.diameter < 4 * particle.diameter:
         raise BadInput(
-            f"diameter: a drum of {rig.diameter * 1e3:.3g} mm is too small for beads of "
+            f"drum_diameter: a drum of {rig.diameter * 1e3:.3g} mm is too small for beads of "
             f"{particle.diameter * 1e3:.3g} mm; give at least four bead diameters."
         )
     if count is None:
@@ -321,9 +321,9 @@ def check(rig: Drum, particle: Particle, *, count: int | None) -> None:
     if count < 1:
         raise BadInput(f"count: {count} beads make no bed; give at least 1.")
     if (share := _share(count, rig, depth, particle)) > FULLEST:
-        raise BadInput(
-            f"count: {count} beads do not fit in, or could not turn; at most {int(count * FULLEST / share)} find room."
-        )
+        room = int(count * FULLEST / share)
+        more = f"at most {room} find room" if room else "give a longer drum"
+        raise BadInput(f"count: {count} beads do not fit in, or could not turn; {more}.")
 
 
 def _warnings(course: _Course) -> tuple[str, ...]:

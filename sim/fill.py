@@ -241,9 +241,8 @@ def _place(bulk: Bulk, sites: Array, shift: float, particle: Particle, random: n
 
 
 def _too_many(count: int, particle: Particle, room: int) -> BadInput:
-    return BadInput(
-        f"count: {count} beads of {particle.diameter * 1e3:.3g} mm do not fit in; at most {room} find room."
-    )
+    more = f"at most {room} find room" if room else "give more room or smaller beads"
+    return BadInput(f"count: {count} beads of {particle.diameter * 1e3:.3g} mm do not fit in; {more}.")
 
 
 def loose_height(particle: Particle, count: int, diameter: float) -> float:

@@ -280,6 +280,8 @@ def test_a_model_that_is_not_there_is_looked_for_where_a_diagnosis_leaves_it(tmp
         (["simulate", "drum", "--drum-diameter", "60mm", "--speed", "3rpm", "--count", "9", "--fill", "0.3"], "--fill"),
         (["simulate", "hopper", "--variant", "conical", "--outlet", "30mm", "--depth", "3m"], "--variant slot"),
         (["simulate", "packing", "--impact-speed", "3m/s"], "--contact-law linear"),
+        (["simulate", "packing", "--outlet-diameter", "80mm"], "--outlet-diameter: 80 mm is wider"),
+        (["simulate", "drum", "--drum-diameter", "20mm", "--speed", "3rpm"], "--drum-diameter: a drum of 20 mm"),
         (["simulate", "tilt", "--variant", "slide", "--rolling-friction", "0.5"], "--variant roll"),
         (["simulate", "drop", "--drop-height", "300mm", "--bounces", "2", "--duration", "1s"], "--bounces"),
         (["compare", "x", "--runs", "0"], "--runs: is too small; give at least 1;"),

@@ -2,6 +2,8 @@
 
 import json
 
+import pytest
+
 from rigtwin.compare.runs import Run, run_all
 
 
@@ -33,6 +35,17 @@ def test_a_run_that_fails_says_why_and_the_others_go_on(tmp_path):
     done = run_all([table(99), table(16)], tmp_path)
     assert "no table '99'" in done.failures["table-99"]
     assert list(done.results) == ["table-16"]
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_who_interrupts_learns_what_is_kept(tmp_path):
+    def impatient(_what, done, _whole):
+        if done:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as stop:
+        run_all([table(13), table(16)], tmp_path, workers=1, progress=impatient)
+    assert stop.value.__notes__ == [f"1 of 2 runs are kept in {tmp_path}; called again, the others are run."]
     assert len(list(tmp_path.iterdir())) == 1
 
 
