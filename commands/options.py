@@ -267,8 +267,8 @@ def _size(text: str, dimension: str, name: str, zero: bool, highest: float) -> f
         raise BadQuantity(f"{name}: {text!r} is too large; give at most {highest:g}.")
     bead = name == "--bead-diameter"
     if dimension == "length" and value and not SHORTEST <= value <= (LARGEST_BEAD if bead else LONGEST):
-        what, example = ("a bead's diameter", "6mm") if bead else ("a length", "300mm")
-        raise BadQuantity(f"{name}: {text!r} is {value:g} m; write {what} with its unit, like {example!r}.")
+        what, example = ("bead's diameter", "6mm") if bead else ("length on a bench", "300mm")
+        raise BadQuantity(f"{name}: {text!r} is {value:g} m, no {what}; write it with its unit, like {example!r}.")
     return value
 
 
