@@ -248,7 +248,7 @@ def test_a_model_that_is_not_there_is_looked_for_where_a_diagnosis_leaves_it(tmp
         (["measure", "drop", "x.mp4", "--frame-rate", "1e300Hz"], "frame rate"),
         (["measure", "pile", "x.jpg", "./x.jpg"], "given twice"),
         (["measure", "drop", "x.mp4", "--bead-diameter", "6"], "is 6 m, no bead's diameter; write it with its unit"),
-        (["measure", "drop", "x.mp4", "--bead-diameter", "1e-30mm"], "is 1e-33 m, no length"),
+        (["measure", "drop", "x.mp4", "--bead-diameter", "1e-30mm"], "is 1e-33 m, no bead"),
         (["measure", "drop", "x.mp4", "--bead-diameter", "0mm"], "is not above zero"),
         (["measure", "drop", "x.mp4", "--bead-diameter", "6mm", "--bead-mass", "71g"], "more than any metal"),
         (["measure", "drop", "x.mp4", "--bead-density", "568000kg/m^3"], "more than any metal"),
