@@ -38,7 +38,8 @@ PILED = 1.6  # beads poured over those that a heap of 30 degrees and a full bowl
 ASSUMED = {
     "rim": "the bowls have a rim of 10 mm, and what stands above it is read, as a camera beside the bowl sees it (the "
     "paper gives neither; without a rim no pile stands)",
-    "cylinder": "the 1000 mL cylinder of PMMA is 65 mm wide inside (from the paper's masses and bed heights)",
+    "cylinder": "the 1000 mL cylinder of PMMA is 65 mm wide inside (from the paper's masses and bed heights); a "
+    "bed that spills over its edge is poured again into one half as high again",
     "tops": "a bed's height is that of the tops of its surface's beads, where a gauge is read, as it is for a "
     "bed in a photo; the mean surface, pits included, lies some half a bead lower",
     "d12": "390 D12 beads, not 800, stand in the cylinder (800 do not fit under the printed height)",
