@@ -177,24 +177,31 @@ def simulate_drop(
     bounces: Annotated[
         int | None, typer.Option("--bounces", min=1, max=50, help="How many bounces to show; 4.", show_default=False)
     ] = None,
+    turned: Annotated[
+        float | None,
+        quantity(
+            "--turned", "angle", "30deg", "How a clump falls, about the axis across the view; at random.", zero=True
+        ),
+    ] = None,
     restitution: Restitution = None,
     frame_rate: TwinRate = 240.0,
     duration: Duration = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of how a clump is turned.")] = 1,
 ) -> Work:
-    """A bead dropped on a plate."""
+    """A bead or a clump dropped on a plate."""
     from rigtwin.compare import cast
     from rigtwin.lab.errors import BadInput
     from rigtwin.lab.rigs import Drop
 
     if bounces is not None and duration is not None:
         raise BadInput("--bounces and --duration both say when the record ends; leave one of them out.")
-    rig = Drop(drop_height) if bounces is None else Drop(drop_height, bounces)
+    rig = Drop(drop_height, turned=turned) if bounces is None else Drop(drop_height, bounces, turned)
     model = cast.model_of(lab)
     bead, plate = cast.particle(particle, model), cast.wall(wall, model)
     contact = cast.contact(bead.name, plate.name, model, ("restitution",), restitution=restitution)
     from rigtwin.compare.twin import drop_twin
 
-    return partial(drop_twin, rig, bead, plate, contact, frame_rate=frame_rate, duration=duration)
+    return partial(drop_twin, rig, bead, plate, contact, frame_rate=frame_rate, duration=duration, seed=seed)
 
 
 @app.command(
@@ -210,6 +217,12 @@ def simulate_pendulum(
     variant: Annotated[
         Literal["double", "wall"], typer.Option(help="Two beads, or one bead against an upright wall.")
     ] = "double",
+    hanger: Annotated[
+        Literal["string", "rod"], typer.Option(help="A string, slack where it would have to push, or a rigid rod.")
+    ] = "string",
+    rod_mass: Annotated[
+        float | None, quantity("--rod-mass", "mass", "2g", "Of each rod of --hanger rod; without mass.")
+    ] = None,
     particle: ParticleName = "D12",
     wall: UprightWallName = None,
     lab: LabFolder = None,
@@ -222,7 +235,8 @@ def simulate_pendulum(
     from rigtwin.lab.rigs import Pendulum
 
     only_with("--variant", variant, {"--wall": (wall, "wall")})
-    rig = Pendulum(length, release_angle, variant)
+    only_with("--hanger", hanger, {"--rod-mass": (rod_mass, "rod")})
+    rig = Pendulum(length, release_angle, variant, hanger, rod_mass or 0.0)
     model = cast.model_of(lab)
     bead, upright = cast.particle(particle, model), cast.wall(wall or "steel", model) if variant == "wall" else None
     other = bead.name if upright is None else upright.name

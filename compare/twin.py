@@ -97,15 +97,28 @@ def drop_twin(
     *,
     frame_rate: float,
     duration: float | None = None,
+    seed: int = 1,
     effects: Effects = NO_EFFECTS,
     progress: Progress = silent,
 ) -> Twin:
     """A bead dropped on a plate, its record taken at `frame_rate` [1/s] for `duration` [s] or as long as
-    `rig.bounces` take."""
+    `rig.bounces` take; a clump that is not turned by the rig is turned at random, by `seed`."""
     from rigtwin.measure import drop as ruler
     from rigtwin.sim import drop
     from rigtwin.sim.engine.terms import acting_on_few
 
+    if particle.shape is not None:
+        return _tumbling_twin(
+            rig,
+            particle,
+            wall,
+            contact,
+            frame_rate=frame_rate,
+            duration=duration,
+            seed=seed,
+            effects=effects,
+            progress=progress,
+        )
     begun = time.perf_counter()
     track = drop.run(
         rig, particle, wall, contact, frame_rate=frame_rate, duration=duration, effects=effects, progress=progress
@@ -123,6 +136,56 @@ def drop_twin(
         assumptions=(IDEAL, "The plate is flat, level and does not move."),
         warnings=acting_on_few(effects)[1],
         draw=lambda: _strobe((track,), particle),
+        seconds=time.perf_counter() - begun,
+    )
+
+
+def _tumbling_twin(
+    rig: Drop,
+    particle: Particle,
+    wall: Material,
+    contact: Contact,
+    *,
+    frame_rate: float,
+    duration: float | None,
+    seed: int,
+    effects: Effects,
+    progress: Progress,
+) -> Twin:
+    """A clump dropped on a plate, seen from the front and from the side."""
+    from rigtwin.measure import drop as ruler
+    from rigtwin.sim import tumbling
+    from rigtwin.sim.engine.terms import acting_among
+
+    begun = time.perf_counter()
+    fall = tumbling.run(
+        rig,
+        particle,
+        wall,
+        contact,
+        frame_rate=frame_rate,
+        duration=duration,
+        seed=seed,
+        effects=effects,
+        progress=progress,
+    )
+    with _as_a_twin("drop", "another seed or turn, a greater drop height or a higher frame rate"):
+        evaluation = ruler.evaluate(fall.front, side=fall.side)
+    turned = f"at random (seed {seed})" if rig.turned is None else f"by {math.degrees(rig.turned):.4g} degrees"
+    return Twin(
+        "drop",
+        evaluation,
+        settings_of(rig, particle, {f"{particle.name}-{wall.name}": contact}, frame_rate_hz=frame_rate, seed=seed),
+        tracks=(fall.front, fall.side),
+        assumptions=(
+            IDEAL,
+            "The plate is flat, level and does not move.",
+            f"The clump falls turned {turned}; where it goes from the plate hangs on that.",
+            "Each of its spheres that touch the plate damps by itself: a face that lands flat rebounds less than the "
+            "restitution says.",
+        ),
+        warnings=acting_among(effects, particle)[1],
+        draw=lambda: _strobe((fall.front,), particle),
         seconds=time.perf_counter() - begun,
     )
 
@@ -174,7 +237,7 @@ def pendulum_twin(
             frame_rate_hz=frame_rate,
         ),
         tracks=tuple(tracks),
-        assumptions=(IDEAL, "Threads have no mass, hinges do not rub, the beads meet at the lowest point."),
+        assumptions=(IDEAL, *_hung(rig, particle)),
         warnings=(*_slack(rig), *acting_on_few(effects, pivots=True)[1]),
         draw=lambda: _strobe(tracks, particle),
         seconds=time.perf_counter() - begun,
@@ -293,6 +356,7 @@ def twin_of(
             experiment.wall,
             contacts[0],
             frame_rate=rate,
+            seed=seed,
             effects=model.effects,
             progress=progress,
         )
@@ -441,12 +505,29 @@ def _write_picture(path: Path, picture: npt.NDArray[np.uint8]) -> None:
     partial.replace(path)
 
 
+def _hung(rig: Pendulum, particle: Particle) -> tuple[str, ...]:
+    """What is taken of hanger and hinge, and of a clump."""
+    if rig.hanger == "string":
+        hangs = "Strings have no mass and do not stretch"
+    else:
+        hangs = "Rods have no mass and do not bend"
+        if rig.rod_mass:
+            ratio = (particle.mass + rig.rod_mass / 3) / (particle.mass + rig.rod_mass / 2)
+            hangs = (
+                f"Rods are uniform, weigh {1e3 * rig.rod_mass:.3g} g each and do not bend (they swing as threads of "
+                f"{1e3 * ratio * rig.length:.4g} mm without mass do)"
+            )
+    meets = "the beads meet" if rig.variant == "double" else "the bead meets the wall"
+    flat = (f"{particle.name} meets the wall flat and does not turn.",) if particle.shape is not None else ()
+    return (f"{hangs}, hinges do not rub, {meets} at the lowest point.", *flat)
+
+
 def _slack(rig: Pendulum) -> tuple[str, ...]:
-    """What to say of a bead that is let go from above its hinge."""
-    if rig.release_angle <= math.pi / 2 * (1 + 1e-9):  # 90 deg in radians may be rounded up
+    """What to say of a bead on a string that is let go from above its hinge."""
+    if rig.hanger == "rod" or rig.release_angle <= math.pi / 2 * (1 + 1e-9):  # 90 deg in radians may be rounded up
         return ()
     return (
-        f"a bead let go at {math.degrees(rig.release_angle):.4g} deg falls on a slack thread; the twin holds for a rod "
+        f"a bead let go at {math.degrees(rig.release_angle):.4g} deg falls on a slack string; the twin holds for a rod "
         "without mass, so film one, or release at 90 deg or less",
     )
 

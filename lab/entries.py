@@ -284,6 +284,7 @@ class DropEntry(_ExperimentEntry):
     wall: Name = Field(examples=["steel"])
     drop_height: Length | None = None
     bounces: Count = 4
+    turned: Release | None = None
 
 
 class PendulumEntry(_ExperimentEntry):
@@ -292,6 +293,8 @@ class PendulumEntry(_ExperimentEntry):
     variant: Literal["double", "wall"] = Field(examples=["double"])
     length: Length = Field(examples=["300 mm"])
     release_angle: Release | None = None
+    hanger: Literal["string", "rod"] = Field("string", examples=["rod"])
+    rod_mass: Mass | None = None
 
 
 class PileEntry(_ExperimentEntry):

@@ -192,9 +192,9 @@ def _experiment(folder: Path, inventory: Inventory, entry: ExperimentEntry, key:
 
 def _settings(entry: ExperimentEntry) -> RigSettings:
     if isinstance(entry, DropEntry):
-        return DropSettings(entry.drop_height, entry.bounces)
+        return DropSettings(entry.drop_height, entry.bounces, entry.turned)
     if isinstance(entry, PendulumEntry):
-        return PendulumSettings(entry.length, entry.release_angle, entry.variant)
+        return PendulumSettings(entry.length, entry.release_angle, entry.variant, entry.hanger, entry.rod_mass or 0.0)
     if isinstance(entry, PileEntry):
         return PileSettings(**{field.name: getattr(entry, field.name) for field in fields(PileSettings)})
     if isinstance(entry, PackingEntry):

@@ -20,6 +20,7 @@ class Drop:
 
     drop_height: float  # [m], from the bead's lowest point to the plate
     bounces: int = 4  # how many bounces the twin shows
+    turned: float | None = None  # [rad], a clump about the axis across the view, out of its own axes; None: at random
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,8 @@ class Pendulum:
     length: float  # [m], hinge to bead centre
     release_angle: float  # [rad], of bead A from the vertical
     variant: Literal["double", "wall"] = "double"
+    hanger: Literal["string", "rod"] = "string"  # a string goes slack where it would have to push
+    rod_mass: float = 0.0  # [kg], of each rod
 
 
 PileMethod = Literal["piling", "pouring", "emptying"]
@@ -122,13 +125,14 @@ class DropSettings:
 
     drop_height: float | None = None  # [m], from the bead's lowest point to the plate
     bounces: int = 4  # how many bounces the twin shows
+    turned: float | None = None  # [rad], a clump about the axis across the view, out of its own axes; None: at random
 
     name: ClassVar[str] = "drop"
 
     def rig(self, measured_drop_height: float | None = None) -> Drop:
         """The rig of the twin; a height stated in the lab file goes before the measured one."""
         height = _stated("drop_height", self.drop_height, measured_drop_height)
-        return Drop(drop_height=height, bounces=self.bounces)
+        return Drop(drop_height=height, bounces=self.bounces, turned=self.turned)
 
 
 @dataclass(frozen=True)
@@ -138,13 +142,15 @@ class PendulumSettings:
     length: float  # [m], hinge to bead centre
     release_angle: float | None = None  # [rad], of bead A from the vertical
     variant: Literal["double", "wall"] = "double"
+    hanger: Literal["string", "rod"] = "string"
+    rod_mass: float = 0.0  # [kg], of each rod
 
     name: ClassVar[str] = "pendulum"
 
     def rig(self, measured_release_angle: float | None = None) -> Pendulum:
         """The rig of the twin; an angle stated in the lab file goes before the measured one."""
         angle = _stated("release_angle", self.release_angle, measured_release_angle)
-        return Pendulum(length=self.length, release_angle=angle, variant=self.variant)
+        return Pendulum(self.length, angle, self.variant, self.hanger, self.rod_mass)
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,10 @@
 """A bead falls on a plate and bounces: drop and rebound heights, restitution per bounce (Hlosta et al. 2020, eq. 5).
 
 `measure` turns a clip into a track and the track into quantities; `evaluate` does the second half for any track, filmed
-or simulated.  Three restitutions are told apart: by ``height`` sqrt(h_{k+1}/h_k), which air drag lowers; by
-``velocity``, the ratio of the speeds at the contact itself; by ``time``, the ratio of neighbouring flight times.
+or simulated.  Restitutions are told apart: by ``height`` sqrt(h_{k+1}/h_k), which air drag lowers; by ``velocity``,
+the ratio of the speeds across the plate at the contact itself; by ``time``, the ratio of neighbouring flight times;
+and where the body leaves sideways, as one that is no sphere does, by ``all directions``, the ratio of the speeds with
+what goes along the plate (section 3.2).
 
 In a track of `measure` y = 0 is the bead's centre at its first contact, so y is the height of its lowest point above
 the plate; x = 0 is where it first hits.
@@ -65,22 +67,34 @@ RATE_UNCONFIRMED = (
 )
 HEIGHTS_REST_ON = ("first_fall", "lost_frames", "gravity", "flight_residuals", "out_of_plane")
 GAIN = "a restitution above 1 cannot be: the track is wrong there"
+ONE_VIEW = "seen from one side: what goes across the view is left out"
+SPUN = "it leaves the plate faster than it came down: its spin drives it up, which is no restitution"
 
 
 # ------------------------------------------------------------------------------------------------- record -> quantities
 
 
-def evaluate(track: Track, *, bead_diameter: float | None = None, bead_density: float | None = None) -> Evaluation:
+def evaluate(
+    track: Track,
+    *,
+    side: Track | None = None,
+    bead_diameter: float | None = None,
+    bead_density: float | None = None,
+) -> Evaluation:
     """Quantities and checks of one track; y up, against gravity.
 
+    `side` is the same body at the same times as one sees it from the side, its x away from the viewer of `track`.
     `bead_diameter` [m] and `bead_density` [kg/m^3] fix the air drag; without them its strength is fitted.  A `sigma`
     of NaN means unknown: the noise is taken from the residuals.  Raises `NothingToMeasure` when there is no bounce.
     """
     rate = _rate(track)
     drag = AirDrag(bead_diameter, bead_density)
+    whole = track
     track, repeats, losses, fitted = _readable(track, drag)
+    if side is not None:  # a body that turns meets the plate higher and lower: that is no loss of frames
+        track, losses, fitted = whole, (), None
     bounces = _bounces(track, drag, str(track.body), fitted=fitted, in_metres=True)
-    return _evaluation(track, bounces, scale_doubt=0.0, rate=rate, repeats=repeats, losses=losses)
+    return _evaluation(track, bounces, side=side, scale_doubt=0.0, rate=rate, repeats=repeats, losses=losses)
 
 
 def _readable(track: Track, drag: AirDrag) -> tuple[Track, int, tuple[Loss, ...], Bounces | None]:
@@ -155,7 +169,14 @@ def _why_no_bounce(record: Heights) -> str:
 
 
 def _evaluation(
-    track: Track, bounces: Bounces, *, scale_doubt: float, rate: float, repeats: int, losses: tuple[Loss, ...]
+    track: Track,
+    bounces: Bounces,
+    *,
+    side: Track | None = None,
+    scale_doubt: float,
+    rate: float,
+    repeats: int,
+    losses: tuple[Loss, ...],
 ) -> Evaluation:
     """`repeats` frames that showed the same as the one before are left out, sure `losses` mended in the times."""
     share = repeats / max(repeats + len(track.time), 1)
@@ -169,18 +190,49 @@ def _evaluation(
     failed = {check.check: check.message for check in checks if not check.passed}
     if not all(loss.sure for loss in losses):
         failed["lost_frames"] = failed["frame_timing"]
-    quantities = [*_restitutions(bounces, failed), *_heights(bounces, scale_doubt, failed)]
+    along = _Along(track, side, bounces) if side is not None or "out_of_plane" in failed else None
+    turns = along is not None and along.views > 1
+    wrong_from = math.inf if turns else _wrong_from(bounces)
+    quantities = [
+        *_restitutions(bounces, failed, along, wrong_from),
+        *_heights(bounces, scale_doubt, failed, wrong_from),
+    ]
     return Evaluation(tuple(quantities), checks)
 
 
-def _restitutions(bounces: Bounces, failed: dict[str, str]) -> list[Quantity]:
+class _Along:
+    """How fast the body goes along the plate before and after its bounces, in the unit of the record per second."""
+
+    def __init__(self, track: Track, side: Track | None, bounces: Bounces) -> None:
+        self.views = 1 if side is None else 2
+        contacts = bounces.contact_times
+        starts = [float(track.time[0]), *contacts]
+        ends = [*contacts, float(track.time[-1])]
+        places = [track.position[:, 0], *([] if side is None else [side.position[:, 0]])]
+        flights = [
+            bounces.used & (track.time > start) & (track.time < end) for start, end in zip(starts, ends, strict=True)
+        ]
+        lines = [[_slope(track.time[flight], x[flight]) for x in places] for flight in flights]
+        self.speeds = [math.hypot(*(slope for slope, _ in line)) for line in lines]
+        self.doubts = [math.hypot(*(doubt for _, doubt in line)) for line in lines]
+
+
+def _slope(time: Array, x: Array) -> tuple[float, float]:
+    """Slope of a straight line [1/s] and its standard uncertainty; infinite doubt where there are too few points."""
+    if len(time) < 4:
+        return 0.0, math.inf
+    (slope, _), covariance = np.polyfit(time - time.mean(), x, 1, cov=True)
+    return float(slope), math.sqrt(float(covariance[0, 0]))
+
+
+def _restitutions(bounces: Bounces, failed: dict[str, str], along: _Along | None, wrong_from: float) -> list[Quantity]:
     doubt = "; ".join(failed[name] for name in ("first_fall", "flight_residuals", "frame_timing") if name in failed)
     height_doubt = "; ".join(text for text in (doubt, failed.get("out_of_plane", "")) if text)
     speed_doubt = doubt
     if "gravity" in failed and abs(bounces.read(lambda at: at.size)[0] - 1) > 0.1:
         drag = "how much the air slows the bead is not known, as scale or frame rate contradict gravity"
         speed_doubt = "; ".join(text for text in (doubt, drag) if text)
-    found, wrong_from = [], _wrong_from(bounces)
+    found = []
     for k in range(1, bounces.count + 1):
         speed, parts = bounces.read(_impact_speed(k))
         detail: dict[str, Detail] = {
@@ -196,8 +248,26 @@ def _restitutions(bounces: Bounces, failed: dict[str, str]) -> list[Quantity]:
         ]
         if k > 1:
             mine.append(_quantity("restitution_wall", bounces.read(_time_ratio(k)), "1", "time", detail, height_doubt))
-        found += [doubted(quantity, GAIN if k >= wrong_from else "") for quantity in mine]
+        if along is not None and math.isfinite(along.doubts[k - 1] + along.doubts[k]):
+            mine.append(_in_all_directions(bounces, along, k, detail, speed_doubt))
+        gains = GAIN if k >= wrong_from else SPUN if along is not None and _gains(bounces, k) else ""
+        found += [doubted(quantity, gains) if quantity.method != "all directions" else quantity for quantity in mine]
     return found
+
+
+def _in_all_directions(bounces: Bounces, along: _Along, k: int, detail: dict[str, Detail], doubt: str) -> Quantity:
+    """Speed after over speed before, with what goes along the plate; the energy in the spin is no part of it."""
+    before, after = along.speeds[k - 1], along.speeds[k]
+
+    def ratio(at: Reader) -> float:
+        return math.hypot(at.rebound_speed(k) * at.size, after) / math.hypot(at.impact_speed(k) * at.size, before)
+
+    value, parts = bounces.read(ratio)
+    fast = bounces.read(_impact_speed(k))[0] ** 2 + before**2
+    parts["along the plate"] = math.hypot(after * along.doubts[k] / value, value * before * along.doubts[k - 1]) / fast
+    if along.views == 1:
+        doubt = "; ".join(text for text in (doubt, ONE_VIEW) if text)
+    return _quantity("restitution_wall", (value, parts), "1", "all directions", detail | {"views": along.views}, doubt)
 
 
 def _wrong_from(bounces: Bounces) -> float:
@@ -205,11 +275,13 @@ def _wrong_from(bounces: Bounces) -> float:
 
     0 where that is the first of all: then the fall to it is not to be trusted either.
     """
-    for k in range(1, bounces.count + 1):
-        value, parts = bounces.read(_speed_ratio(k))
-        if value - 2 * root_sum_of_squares(parts) > 1:
-            return k - 1
-    return math.inf
+    return next((k - 1 for k in range(1, bounces.count + 1) if _gains(bounces, k)), math.inf)
+
+
+def _gains(bounces: Bounces, bounce: int) -> bool:
+    """Whether it seems to leave the plate faster than it came down."""
+    value, parts = bounces.read(_speed_ratio(bounce))
+    return value - 2 * root_sum_of_squares(parts) > 1
 
 
 def _impact_speed(bounce: int) -> Callable[[Reader], float]:
@@ -233,9 +305,9 @@ def _apex_height(bounce: int) -> Callable[[Reader], float]:
     return lambda at: float(at.heights[bounce]) * at.size
 
 
-def _heights(bounces: Bounces, scale_doubt: float, failed: dict[str, str]) -> list[Quantity]:
+def _heights(bounces: Bounces, scale_doubt: float, failed: dict[str, str], wrong_from: float) -> list[Quantity]:
     doubt = "; ".join(failed[name] for name in HEIGHTS_REST_ON if name in failed)
-    found, wrong_from = [], _wrong_from(bounces)
+    found = []
     for k in range(bounces.count + 1):
         value, parts = bounces.read(_apex_height(k))
         if scale_doubt > 0:

@@ -133,7 +133,12 @@ def plane_check(track: Track, bounces: Bounces) -> Check:
         f"sideways speed is {100 * sideways:.1f} % of the impact speed, the plate's level drifts by "
         f"{100 * drift:.1f} % of the first rebound, the scale along the path by {100 * swell:.1f} %"
     )
-    ending = "." if passed else ": the bead leaves the plane; level the plate, or trust method velocity only."
+    ending = "."
+    if not passed:
+        ending = (
+            ": the bead leaves the plane, as one that spins or is no sphere does; level the plate, or trust the "
+            "methods velocity and all directions only."
+        )
     return Check("out_of_plane", passed, value, 0.0, message + ending)
 
 

@@ -1,4 +1,7 @@
-"""The twin of the drop test: a bead falls on a plate and bounces (Hlosta et al. 2020, fig. 3b)."""
+"""The twin of the drop test: a bead falls on a plate and bounces (Hlosta et al. 2020, fig. 3b).
+
+What is no sphere leaves the plate sideways, with a spin: see `rigtwin.sim.tumbling`.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from rigtwin.lab.errors import RigtwinError
+from rigtwin.lab.errors import BadInput, RigtwinError
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.model import NO_EFFECTS, Effects
 from rigtwin.lab.progress import Progress, silent
@@ -76,6 +79,8 @@ def _frames(trial: Trial) -> Array:
     """[s], when the camera looks."""
     rig, frame_rate, duration = trial.rig, trial.frame_rate, trial.duration
     positive(drop_height=rig.drop_height, frame_rate=frame_rate, bounces=rig.bounces)
+    if rig.turned is not None and trial.particle.shape is None:
+        raise BadInput(f"turned: {trial.particle.name} is a sphere, which falls alike in any turn; leave it out.")
     if duration is None:
         duration = FRAMES_AT_REST / frame_rate + _flight_time(rig, trial.contact.restitution) - 0.5 / frame_rate
     positive(duration=duration)

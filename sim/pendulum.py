@@ -1,10 +1,15 @@
-"""The twin of the double pendulum: bead A swings down and hits bead B at rest (Hlosta et al. 2020, fig. 3c)."""
+"""The twin of the double pendulum: bead A swings down and hits bead B at rest (Hlosta et al. 2020, fig. 3c).
+
+Or an upright wall, as the paper did with its cubes (section 3.2).
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from rigtwin.lab.errors import BadInput, RigtwinError
 from rigtwin.lab.materials import Contact, Material, Particle
@@ -49,6 +54,10 @@ def run(
     tracks end a little after the beads have passed their highest points on the rebound.  `wall` is what an upright
     wall at x = 0 is made of, which stands in the place of B.  `effects` are those of a model by name, with their
     parameters.
+
+    A clump meets the wall flat, with the side that its own x axis shows, and does not turn: it moves as a sphere as
+    wide and as heavy.  Uniform rods of `rig.rod_mass` M swing faster than the beads' m would, by
+    sqrt((m + M/2) / (m + M/3)), and meet as beads of m + M/3 do.
     """
     from rigtwin.sim.engine.few_body import the_one
 
@@ -81,7 +90,7 @@ def check(trial: Trial) -> None:
 def _frames(trial: Trial) -> Array:
     """[s], when the camera looks."""
     rig, duration = trial.rig, trial.duration
-    _check(rig, trial.frame_rate, trial.wall)
+    _check(rig, trial.particle, trial.frame_rate, trial.wall)
     if duration is None:
         duration = FRAMES_AT_REST / trial.frame_rate + 2.2 * _quarter_period(rig.length, rig.release_angle)
     positive(duration=duration)
@@ -94,13 +103,14 @@ def _release(trial: Trial) -> Release:
     from rigtwin.sim.engine.walls import Plane, Wall
 
     time = _frames(trial)
-    rig, particle, contact, wall = trial.rig, trial.particle, trial.contact, trial.wall
-    radius, angle = particle.radius, rig.release_angle
+    rig, contact, wall = trial.rig, trial.contact, trial.wall
+    bead, turns = _bob(trial.particle, rig.rod_mass), trial.particle.shape is None
+    radius, angle = bead.radius, rig.release_angle
     start_a = (-radius - rig.length * math.sin(angle), 0.0, rig.length * (1 - math.cos(angle)))
-    beads = [Body(particle, start_a, pivot=(-radius, 0.0, rig.length))]
+    beads = [Body(bead, start_a, pivot=(-radius, 0.0, rig.length), turns=turns)]
     stand = []
     if wall is None:
-        beads.append(Body(particle, (radius, 0.0, 0.0), pivot=(radius, 0.0, rig.length)))
+        beads.append(Body(bead, (radius, 0.0, 0.0), pivot=(radius, 0.0, rig.length)))
     else:
         stand.append(Wall(Plane((0.0, 0.0, 0.0), (-1.0, 0.0, 0.0)), wall, contact))
     return Release(
@@ -110,17 +120,42 @@ def _release(trial: Trial) -> Release:
             released(time, trial.frame_rate),
             walls=stand,
             contacts=contact if wall is None else None,
+            gravity=(0.0, 0.0, -GRAVITY * _heavier(trial.particle, rig.rod_mass)),
             effects=acting(trial.effects, pivots=True),
         ),
     )
 
 
-def _check(rig: Pendulum, frame_rate: float, wall: Material | None) -> None:
+def _bob(particle: Particle, rod_mass: float) -> Particle:
+    """A sphere that swings and meets as the particle with its rod does."""
+    diameter = particle.diameter
+    if particle.shape is not None:
+        places, radii = np.array(particle.shape.offsets)[:, 0], np.array(particle.shape.radii)
+        diameter = float((places + radii).max() - (places - radii).min())
+    mass = particle.mass + rod_mass / 3
+    return Particle(particle.name, particle.material, diameter, mass / (math.pi / 6 * diameter**3))
+
+
+def _heavier(particle: Particle, rod_mass: float) -> float:
+    """By what the rod raises the pull on the bob over its inertia (a compound pendulum)."""
+    return (particle.mass + rod_mass / 2) / (particle.mass + rod_mass / 3)
+
+
+def _check(rig: Pendulum, particle: Particle, frame_rate: float, wall: Material | None) -> None:
     positive(length=rig.length, release_angle=rig.release_angle, frame_rate=frame_rate)
     if rig.release_angle >= math.pi:
         raise BadInput(f"release_angle must be below 180 deg, got {math.degrees(rig.release_angle):g} deg.")
     if (rig.variant == "wall") != (wall is not None):
         raise BadInput(f"pendulum: the variant {rig.variant!r} {'needs' if wall is None else 'has no'} wall.")
+    if particle.shape is not None and wall is None:
+        raise BadInput(
+            f"particle: {particle.name} is a clump, and two of them do not meet centre on centre; "
+            "give a sphere, or the variant wall."
+        )
+    if not (math.isfinite(rig.rod_mass) and rig.rod_mass >= 0):
+        raise BadInput(f"rod_mass: {rig.rod_mass:g} kg is below zero; give the mass of a rod.")
+    if rig.rod_mass and rig.hanger != "rod":
+        raise BadInput("rod_mass: a string has no mass here; give the hanger rod, or leave rod_mass out.")
 
 
 def _quarter_period(length: float, amplitude: float) -> float:

@@ -280,6 +280,12 @@ def test_a_model_that_is_not_there_is_looked_for_where_a_diagnosis_leaves_it(tmp
         (["simulate", "drum", "--drum-diameter", "60mm", "--speed", "3rpm", "--count", "9", "--fill", "0.3"], "--fill"),
         (["simulate", "hopper", "--variant", "conical", "--outlet", "30mm", "--depth", "3m"], "--variant slot"),
         (["simulate", "packing", "--impact-speed", "3m/s"], "--contact-law linear"),
+        (["simulate", "drop", "--drop-height", "300mm", "--turned", "30deg"], "--turned: D6 is a sphere"),
+        (["simulate", "pendulum", "--length", "9cm", "--release-angle", "45deg", "--rod-mass", "2g"], "--hanger rod"),
+        (
+            ["simulate", "pendulum", "--length", "9cm", "--release-angle", "45deg", "--particle", "C6_24s"],
+            "--particle: C6_24s is a clump",
+        ),
         (["simulate", "packing", "--outlet-diameter", "80mm"], "--outlet-diameter: 80 mm is wider"),
         (["simulate", "drum", "--drum-diameter", "20mm", "--speed", "3rpm"], "--drum-diameter: a drum of 20 mm"),
         (["simulate", "tilt", "--variant", "slide", "--rolling-friction", "0.5"], "--variant roll"),
@@ -408,6 +414,18 @@ def test_simulate_prints_one_json_document_with_the_restitution_that_was_put_in(
     written = json.loads(Path("twin/quantities.json").read_text())
     assert written["quantities"] == document["quantities"]
     assert Path(document["files"]["record"]).read_text().startswith("time_s,x_m,y_m")
+
+
+def test_a_clump_is_dropped_and_read_in_all_directions(capfd):
+    drop = ["simulate", "drop", "--drop-height", "200mm", "--particle", "P6x15_5s", "--bounces", "1", "--json"]
+    assert run([*drop, "--turned", "60deg", "--restitution", "0.6", "--out", "twin"]) == 0
+    document = json.loads(capfd.readouterr().out)
+    first = {q["method"]: q["value"] for q in document["quantities"] if q["quantity"] == "restitution_wall"}
+    assert 0 < first["velocity"] < first["all directions"] < 0.6
+    assert document["settings"]["rig"]["turned"] == pytest.approx(math.radians(60))
+    assert any("turned by 60 degrees" in text for text in document["assumptions"])
+    bodies = {line.rsplit(",", 1)[1] for line in Path(document["files"]["record"]).read_text().splitlines()[1:]}
+    assert bodies == {"clump", "clump from the side"}
 
 
 def test_device_and_time_step_of_a_bulk_twin_can_be_said(capfd, monkeypatch):

@@ -56,7 +56,7 @@ def test_a_pendulum_let_go_above_its_hinge_is_said_to_be_a_rod():
         for angle in (right_angle, math.radians(100))
     )
     assert low.warnings == ()
-    assert "100 deg falls on a slack thread" in high.warnings[0]
+    assert "100 deg falls on a slack string" in high.warnings[0]
 
 
 def test_a_drum_twin_that_hardly_turned_gives_only_doubtful_angles():

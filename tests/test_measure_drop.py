@@ -354,6 +354,33 @@ def test_a_bead_that_bounces_aside_is_named():
     assert not check(result, "out_of_plane").passed
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_bounce_aside_is_read_by_the_speeds_in_all_directions(seed):
+    """Straight down, then 0.8 m/s to the right and 1.1 m/s away from the viewer."""
+    hit, fast = 0.03 + math.sqrt(2 * 0.25 / G), math.sqrt(2 * G * 0.25)
+    fallen = track(sideways=0.0, restitution=0.5, seed=seed)
+    noise = np.random.default_rng(seed + 10).normal(scale=5e-5, size=(2, len(fallen.time)))
+    later = np.maximum(fallen.time - hit, 0.0)
+    front = replace(fallen, position=np.stack([0.8 * later + noise[0], fallen.position[:, 1]], axis=1))
+    side = replace(fallen, position=np.stack([1.1 * later + noise[1], fallen.position[:, 1]], axis=1))
+
+    both = pick(drop.evaluate(front, side=side).quantities, "restitution_wall", method="all directions", bounce=1)
+    assert both.value == pytest.approx(math.hypot(0.5 * fast, 0.8, 1.1) / fast, abs=4 * both.std_uncertainty)
+    assert both.std_uncertainty < 2e-3
+    assert not both.doubtful
+    second = pick(drop.evaluate(front, side=side).quantities, "restitution_wall", method="all directions", bounce=2)
+    told = math.hypot(0.25 * fast, 0.8, 1.1) / math.hypot(0.5 * fast, 0.8, 1.1)
+    assert second.value == pytest.approx(told, abs=4 * second.std_uncertainty)
+
+    alone = pick(drop.evaluate(front).quantities, "restitution_wall", method="all directions", bounce=1)
+    assert alone.value == pytest.approx(math.hypot(0.5 * fast, 0.8) / fast, abs=4e-3)
+    assert "from one side" in alone.doubtful
+
+
+def test_a_bead_that_falls_straight_has_no_restitution_in_all_directions():
+    assert all(q.method != "all directions" for q in drop.evaluate(track()).quantities)
+
+
 def test_a_fall_without_rebound_says_so():
     with pytest.raises(NothingToMeasure, match="no rebound"):
         drop.evaluate(track(duration=0.24))

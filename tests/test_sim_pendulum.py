@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.rigs import Pendulum
 from rigtwin.sim import pendulum
 from rigtwin.sim.engine.few_body import Body, run
@@ -87,3 +88,37 @@ def test_the_tracks_end_after_the_rebound_and_before_the_next_collision():
 def test_a_pendulum_that_cannot_be_is_refused(rig):
     with pytest.raises(BadInput):
         pendulum.run(rig, D12, Contact(0.73), frame_rate=240)
+
+
+def test_rods_with_mass_swing_faster_and_hit_alike():
+    """A uniform rod M: omega^2 = g/L (m + M/2) / (m + M/3) (compound pendulum); the restitution does not hang on it."""
+    bead, rod, length = D12, 0.8 * D12.mass, 0.3
+
+    def swings(rod_mass):
+        rig = Pendulum(length, math.radians(3), hanger="rod", rod_mass=rod_mass)
+        return pendulum.run(rig, bead, Contact(0.6), frame_rate=2000, duration=1.0)
+
+    def hit(tracks):
+        return tracks[1].time[np.argmax(tracks[1].position[:, 0] > bead.radius + 1e-6)] - 5 / 2000
+
+    light, heavy = swings(0.0), swings(rod)
+    ratio = math.sqrt((bead.mass + rod / 2) / (bead.mass + rod / 3))
+    assert hit(light) / hit(heavy) == pytest.approx(ratio, rel=2e-3)
+    assert rise(heavy[1], slice(None)) == pytest.approx(rise(light[1], slice(None)), rel=2e-3)
+
+
+@pytest.mark.parametrize("e", [0.2, 0.6, 0.9])
+def test_a_cube_gives_the_wall_s_restitution_back(e):
+    cube = hlosta2020.particle("C6_24s")
+    rig = Pendulum(0.3, math.radians(40), variant="wall")
+    (track,) = pendulum.run(rig, cube, Contact(e, 0.5, 0.1), frame_rate=1000, wall=hlosta2020.material("steel"))
+    back = slice(int(np.argmin(track.position[:, 1])) + 5, None)
+    assert math.sqrt(rise(track, back) / track.position[0, 1]) == pytest.approx(e, rel=3e-3)
+    assert track.position[:, 0].max() == pytest.approx(-3.1e-3, abs=1e-3)  # half its width in front of the wall
+
+
+def test_what_no_pendulum_of_this_kind_can_be_is_refused():
+    with pytest.raises(BadInput, match="is a clump"):
+        pendulum.run(Pendulum(0.3, 0.5), hlosta2020.particle("C6_24s"), Contact(0.5), frame_rate=240)
+    with pytest.raises(BadInput, match="a string has no mass"):
+        pendulum.run(Pendulum(0.3, 0.5, rod_mass=1e-3), D12, Contact(0.5), frame_rate=240)

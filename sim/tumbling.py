@@ -1,0 +1,163 @@
+"""A clump falls on a plate: where it leaves to hangs on how it is turned, and it takes spin along.
+
+Its centre is seen from the front and from the side, so that the rebound is known in all directions, as Hlosta et al.
+2020 ask in section 3.2 of particles that are no spheres.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.model import NO_EFFECTS, Effects
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.records import Track
+from rigtwin.lab.rigs import GRAVITY, Drop
+from rigtwin.sim.engine.clock import positive
+from rigtwin.sim.trials import FRAMES_AT_REST, TRACK_SIGMA, Array
+
+STEP = 0.1  # of Rayleigh's time step
+SHORTEST = 8  # frames of a flight that can be read; the record ends before shorter ones
+LOWEST = 0.006  # of the drop height, that a body rises in a flight that can be read
+LASTS = 5  # frames, that a bounce lasts at most: edge after edge
+PUSHED = 1e-4  # [m/s], from which on a change of velocity is a contact and no rounding
+
+
+@dataclass(frozen=True, eq=False)
+class Tumble:
+    """How a clump fell and bounced off."""
+
+    front: Track  # x to the right, y up
+    side: Track  # x away from the viewer of `front`, y up
+    velocity: Array  # [m/s], shape (k, 3): to the right, away, up
+    spin: Array  # [rad/s], shape (k, 3), about the same axes
+    lowest: float  # [m], from the centre of mass down to the lowest point as it falls
+
+
+def run(
+    rig: Drop,
+    particle: Particle,
+    wall: Material,
+    contact: Contact,
+    *,
+    frame_rate: float,
+    duration: float | None = None,
+    seed: int = 1,
+    effects: Effects = NO_EFFECTS,
+    progress: Progress = silent,
+) -> Tumble:
+    """Drop a clump, turned by `rig.turned` about the axis across the front view, or at random by `seed`.
+
+    Heights are those of its centre of mass above the plate; it is let go at rest after five frames, its lowest point
+    at drop height.  Without `duration` [s] the record ends as it comes down from the last of `rig.bounces`, or where
+    no flight that can be read follows, and leaves out the few frames of a bounce.  The stiffness is the real one.
+    """
+    from rigtwin.sim.engine.bulk import Bulk
+    from rigtwin.sim.engine.terms import acting_among
+    from rigtwin.sim.engine.walls import Plane, Wall
+
+    check(rig, particle, frame_rate=frame_rate, duration=duration)
+    turn = _orientation(rig.turned, seed)
+    lowest = _lowest(particle, turn)
+    interval = 1 / frame_rate
+    steps = math.ceil(interval / (STEP * particle.rayleigh_time_step))
+    reach = 2 * rig.drop_height + 4 * particle.diameter  # it flies no further in one bounce, and later ones are shorter
+    high = rig.drop_height + 2 * particle.diameter
+    bulk = Bulk(
+        [particle],
+        contact,
+        [Wall(Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), wall, contact)],
+        low=(-reach, -reach, -particle.diameter),
+        high=(reach, reach, high),
+        time_step=interval / steps,
+        effects=acting_among(effects, particle)[0],
+        threads=1,
+        skin=1.0,
+    )
+    bulk.add(np.array([[0.0, 0.0, rig.drop_height + lowest]]), turn=turn[None])
+    longest = math.sqrt(2 * rig.drop_height / GRAVITY) * (1 + 2 * rig.bounces)  # [s], were nothing lost
+    most = math.ceil((longest if duration is None else duration) * frame_rate)
+    rows: list[Array] = []
+    while len(rows) < most:
+        grains = bulk.grains()
+        if not len(grains.position):
+            break  # it left the plate
+        rows.append(np.concatenate([grains.position[0], grains.velocity[0], grains.spin[0]]))
+        if duration is None and _over(rows, interval, rig):
+            break
+        progress("falling", len(rows), most)
+        bulk.run(steps)
+    shown = np.arange(len(rows))
+    if duration is None:
+        flights = _flights(np.array(rows)[:, 3:6], interval, rig.drop_height)[: rig.bounces + 1]
+        shown = np.concatenate([np.arange(start, end) for start, end in flights])
+    return _seen(np.array(rows), shown, interval, lowest)
+
+
+def check(rig: Drop, particle: Particle, *, frame_rate: float, duration: float | None = None) -> None:
+    """Raises `BadInput` where `run` would refuse these settings, and computes nothing."""
+    positive(drop_height=rig.drop_height, frame_rate=frame_rate, bounces=rig.bounces)
+    if duration is not None:
+        positive(duration=duration)
+    if particle.shape is None:
+        raise BadInput(f"{particle.name} is a sphere; name a clump.")
+
+
+def _orientation(turned: float | None, seed: int) -> Array:
+    """As a quaternion, the real part first."""
+    if turned is not None:
+        return np.array([math.cos(turned / 2), 0.0, math.sin(turned / 2), 0.0])
+    turn: Array = np.random.default_rng(seed).normal(size=4)
+    return turn / np.linalg.norm(turn)
+
+
+def _lowest(particle: Particle, turn: Array) -> float:
+    from scipy.spatial.transform import Rotation
+
+    assert particle.shape is not None
+    heights = Rotation.from_quat(np.roll(turn, -1)).apply(np.array(particle.shape.offsets))[:, 2]
+    return float(np.max(np.array(particle.shape.radii) - heights))
+
+
+def _flights(velocity: Array, interval: float, drop_height: float) -> list[tuple[int, int]]:
+    """First frame and the one behind the last of the flights that can be read, up to a bounce that lasts too long.
+
+    An edge may hit a moment before another does: what happens within a few frames is one bounce.
+    """
+    pushed = np.abs(np.diff(velocity, axis=0) + (0.0, 0.0, GRAVITY * interval)).max(axis=1) > PUSHED
+    contacts = np.flatnonzero(pushed)  # between this frame and the next
+    found: list[tuple[int, int]] = []
+    for start, end in pairwise([0, *(contacts + 1), len(velocity)]):
+        rise = max(velocity[start, 2], 0.0) ** 2 / (2 * GRAVITY)
+        if end - start < SHORTEST or (start and rise < LOWEST * drop_height):
+            continue
+        if found and start - found[-1][1] > LASTS:
+            break
+        found.append((int(start), int(end)))
+    return found
+
+
+def _over(rows: list[Array], interval: float, rig: Drop) -> bool:
+    """Whether the last wanted flight has ended, or no further one follows."""
+    if len(rows) % SHORTEST:  # often enough
+        return False
+    flights = _flights(np.array(rows)[:, 3:6], interval, rig.drop_height)
+    return len(flights) > rig.bounces + 1 or len(rows) - flights[-1][1] > LASTS + SHORTEST
+
+
+def _seen(rows: Array, shown: npt.NDArray[np.intp], interval: float, lowest: float) -> Tumble:
+    """What a camera sees: the frames before it is let go, and those that are `shown` of the fall."""
+    time = interval * np.array([*range(FRAMES_AT_REST), *(FRAMES_AT_REST + shown)])
+    shown = np.pad(shown, (FRAMES_AT_REST, 0))
+    sigma = np.full(len(shown), TRACK_SIGMA)
+    front, side = (
+        Track(time, rows[shown][:, [across, 2]], sigma, name)
+        for across, name in ((0, "clump"), (1, "clump from the side"))
+    )
+    return Tumble(front, side, rows[shown, 3:6], rows[shown, 6:9], lowest)
