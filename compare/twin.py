@@ -185,7 +185,7 @@ def _tumbling_twin(
             "restitution says.",
         ),
         warnings=acting_among(effects, particle)[1],
-        draw=lambda: _strobe((fall.front,), particle),
+        draw=lambda: tumbling.picture(fall, particle),
         seconds=time.perf_counter() - begun,
     )
 

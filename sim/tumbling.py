@@ -20,6 +20,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY, Drop
 from rigtwin.sim.engine.clock import positive
+from rigtwin.sim.picture import Image
 from rigtwin.sim.trials import FRAMES_AT_REST, TRACK_SIGMA, Array
 
 STEP = 0.1  # of Rayleigh's time step
@@ -37,6 +38,7 @@ class Tumble:
     side: Track  # x away from the viewer of `front`, y up
     velocity: Array  # [m/s], shape (k, 3): to the right, away, up
     spin: Array  # [rad/s], shape (k, 3), about the same axes
+    turn: Array  # [1], shape (k, 4), quaternion from the clump's own axes, the real part first
     lowest: float  # [m], from the centre of mass down to the lowest point as it falls
 
 
@@ -88,7 +90,7 @@ def run(
         grains = bulk.grains()
         if not len(grains.position):
             break  # it left the plate
-        rows.append(np.concatenate([grains.position[0], grains.velocity[0], grains.spin[0]]))
+        rows.append(np.concatenate([grains.position[0], grains.velocity[0], grains.spin[0], grains.turn[0]]))
         if duration is None and _over(rows, interval, rig):
             break
         progress("falling", len(rows), most)
@@ -130,10 +132,10 @@ def _flights(velocity: Array, interval: float, drop_height: float) -> list[tuple
 
     An edge may hit a moment before another does: what happens within a few frames is one bounce.
     """
-    pushed = np.abs(np.diff(velocity, axis=0) + (0.0, 0.0, GRAVITY * interval)).max(axis=1) > PUSHED
-    contacts = np.flatnonzero(pushed)  # between this frame and the next
+    pushed = np.abs(np.diff(velocity, axis=0) - interval * np.array([0.0, 0.0, -GRAVITY])).max(axis=1)
+    contacts = np.flatnonzero(pushed > PUSHED)  # between this frame and the next
     found: list[tuple[int, int]] = []
-    for start, end in pairwise([0, *(contacts + 1), len(velocity)]):
+    for start, end in pairwise([0, *(contacts + 1).tolist(), len(velocity)]):
         rise = max(velocity[start, 2], 0.0) ** 2 / (2 * GRAVITY)
         if end - start < SHORTEST or (start and rise < LOWEST * drop_height):
             continue
@@ -160,4 +162,22 @@ def _seen(rows: Array, shown: npt.NDArray[np.intp], interval: float, lowest: flo
         Track(time, rows[shown][:, [across, 2]], sigma, name)
         for across, name in ((0, "clump"), (1, "clump from the side"))
     )
-    return Tumble(front, side, rows[shown, 3:6], rows[shown, 6:9], lowest)
+    return Tumble(front, side, rows[shown, 3:6], rows[shown, 6:9], rows[shown, 9:], lowest)
+
+
+def picture(tumble: Tumble, particle: Particle, *, flashes: int = 18) -> Image:
+    """The clump on its way from the front, as an open shutter sees it by flashes, later ones darker."""
+    from scipy.spatial.transform import Rotation
+
+    from rigtwin.sim.picture import BEAD_COLOUR, draw
+
+    assert particle.shape is not None
+    time = tumble.front.time
+    at = np.unique(np.searchsorted(time, np.linspace(time[0], time[-1], flashes)))
+    turns = Rotation.from_quat(np.roll(tumble.turn[at], -1, axis=1))
+    places = np.stack([*tumble.front.position[at].T, tumble.side.position[at, 0]])[[0, 2, 1]].T
+    spheres = np.array([turns.apply(offset) + places for offset in particle.shape.offsets])  # by sphere and flash
+    shades = 1.0 - 0.5 * (time[at] - time[0]) / np.ptp(time)
+    tint = np.tile(shades[:, None] * np.array(BEAD_COLOUR), (len(spheres), 1))
+    radii = np.repeat(particle.shape.radii, len(at))
+    return draw(spheres.reshape(-1, 3), radii, turn=0.0, tilt=0.0, colours=tint)
