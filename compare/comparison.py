@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 import statistics
 import time
 from collections.abc import Iterator, Sequence
@@ -49,6 +50,7 @@ from rigtwin.lab.records import Series
 from rigtwin.lab.rigs import TiltSettings
 from rigtwin.lab.wording import reading, title
 
+UNFINISHED = "unfinished"  # the folder beside the results that keeps twins while they run
 OTHER_SPEED = 0.05  # relative, to which a plate's speed is usually set or read off
 STRETCHES = 4  # of a plate's rise: with them its speed and how steady it is are known
 LEAST_IN_STRETCH = 5  # frames, for a slope that one of them does not make
@@ -137,7 +139,8 @@ def compare(
     `model` is a model.toml whose contacts and effects go before what lab.toml says.  A repetition that cannot be
     measured is left out with a warning.  Raises `BadInput` when an experiment has none left, an option has no taker, or
     `out` holds results of other experiments, `BadLabFile` when lab.toml is at fault, and then leaves the files of an
-    earlier run as they were.
+    earlier run as they were.  Interrupted, it keeps the twins of many particles in ``out/unfinished``, from where the
+    next call goes on.
     """
     started, clock = datetime.now(UTC), time.perf_counter()
     lab = read_lab(lab_folder)
@@ -154,7 +157,13 @@ def compare(
         need_possible(lab, experiment, count=count)
     twins: dict[str, list[Twin]] = {}
     run = partial(
-        twin_of, model=lab.model, count=count, threads=threads, stiffness_factor=stiffness_factor, progress=progress
+        twin_of,
+        model=lab.model,
+        count=count,
+        threads=threads,
+        stiffness_factor=stiffness_factor,
+        kept_in=out / UNFINISHED,
+        progress=progress,
     )
     with measuring(experiments, out, workers) as pending:
         for experiment in experiments:
@@ -172,7 +181,9 @@ def compare(
     outcomes = tuple(_outcome(experiment, measured[experiment.id], twins[experiment.id]) for experiment in experiments)
     seconds["measuring, beside early twins"] = measured_after
     comparison = Comparison(lab, outcomes, seed, started, seconds, remarks=tuple(remarks))
-    return _written(comparison, out, clock, progress)
+    written = _written(comparison, out, clock, progress)
+    shutil.rmtree(out / UNFINISHED, ignore_errors=True)
+    return written
 
 
 def observations(comparison: Comparison) -> list[dict[str, Any]]:

@@ -7,6 +7,7 @@ no mass, so that no drag is taken out of a flight that had none.
 
 from __future__ import annotations
 
+import hashlib
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -333,19 +334,23 @@ def twin_of(
     seed: int = 1,
     threads: int | None = None,
     stiffness_factor: float | None = None,
+    kept_in: Path | None = None,
     progress: Progress = silent,
 ) -> Twin:
     """The matched twin of an experiment under a model.
 
     The twin starts from what the lab file states, else from the measured mean; the same settings are then marked in
-    `Twin.set_from`.  Raises `BadInput` when a contact that the rig needs is not known.
+    `Twin.set_from`.  A run of many particles is kept in the folder `kept_in` while it goes, and goes on from there.
+    Raises `BadInput` when a contact that the rig needs is not known.
     """
     rig, particle = experiment.rig, experiment.particle
     contacts = [model.contact(*names, NEEDS.get(experiment.rig_name, PARAMETERS)) for names in experiment.contacts]
     start, set_from = _start(experiment, measurements)
     if isinstance(rig, BULK):
         softened = {} if stiffness_factor is None else {"stiffness_factor": stiffness_factor}
-        numerics = {"seed": seed, "threads": threads, "effects": model.effects, **softened}
+        numerics: dict[str, Any] = {"seed": seed, "threads": threads, "effects": model.effects, **softened}
+        if kept_in is not None:
+            numerics["checkpoint"] = kept_in / _checkpoint_name(experiment, contacts, count, numerics)
         return _bulk_twin(experiment, contacts, count=count, **numerics, progress=progress)
     rate = _frame_rate(experiment, measurements)
     if isinstance(rig, DropSettings):
@@ -453,6 +458,12 @@ def _filled(experiment: Experiment, count: int | None) -> int | None:
     if not filled:
         raise BadInput("how many particles there are is not known; add total_mass or count to the experiment.")
     return filled
+
+
+def _checkpoint_name(experiment: Experiment, *decides: object) -> str:
+    """Another one for every run with another outcome."""
+    what = repr((experiment.rig, experiment.particle, experiment.wall, decides))
+    return f"{experiment.rig_name}-{hashlib.sha256(what.encode()).hexdigest()[:16]}.npz"
 
 
 def _bulk_twin(experiment: Experiment, contacts: Sequence[Contact], *, count: int | None, **run: Any) -> Twin:

@@ -409,6 +409,29 @@ def test_an_interrupted_comparison_does_not_wait_for_its_measuring_processes(lab
         assert worker.exitcode == -signal.SIGTERM  # ended, where one that is waited for ends by itself, with 0
 
 
+def test_an_interrupted_comparison_goes_on_with_its_twins_where_they_were(tmp_path):
+    (tmp_path / "bed.csv").write_text("x_m,height_m\n" + "\n".join(f"{x / 1e3},0.03" for x in range(-12, 13)))
+    bare = BARE.replace("clip.avi", "bed.csv").replace("steel", "PMMA")
+    (tmp_path / "lab.toml").write_text(bare + "rig='packing'\ncylinder_diameter='30 mm'\ncount=80")
+
+    def impatient(what, _done, _whole):
+        if what == "settling":
+            raise KeyboardInterrupt
+
+    out = tmp_path / "out"
+    with pytest.raises(KeyboardInterrupt) as stop:
+        compare(tmp_path, out, impatient, workers=1, threads=1)
+    (kept,) = (out / "unfinished").iterdir()
+    assert str(kept) in stop.value.__notes__[0]
+    looks, more = [], []
+    whole = compare(tmp_path, tmp_path / "whole", lambda *_: looks.append(1), workers=1, threads=1)
+    resumed = compare(tmp_path, out, lambda *_: more.append(1), workers=1, threads=1)
+    assert len(more) < len(looks)
+    values = [[q.value for q in one.outcomes[0].twin.evaluation.quantities] for one in (whole, resumed)]
+    assert values[0] == values[1]
+    assert not (out / "unfinished").exists()
+
+
 def test_ids_that_make_no_folder_names_still_get_folders_of_their_own(lab):
     from dataclasses import replace
 
