@@ -48,6 +48,7 @@ TITLES = {
     "outlet_velocity": "Velocity at the outlet",
     "residue_fraction": "Share of the filling left behind",
     "rayleigh_time_step": "Rayleigh's time step",
+    "seconds_per_particle": "Computing time per particle",
 }
 
 RIG_TITLES = {

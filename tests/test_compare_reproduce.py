@@ -54,12 +54,13 @@ def test_what_there_is_not_is_named_where_nothing_is_kept_too(wrong, capsys, tmp
     assert wrong[1] in capsys.readouterr().err
 
 
-def keep(folder: Path, table: int, *, warnings=(), **plan_of):
+def keep(folder: Path, table: int, *, result=None, warnings=(), **plan_of):
     """Finished runs of a table's quick part, without running them."""
     (folder / "runs").mkdir(exist_ok=True)
-    for one in plan([table], quick=True, repetitions=None, seed=1, **plan_of).runs:
-        result = {"discharge_time_s": 1.0, "graphical_deg": 20.0, "warnings": list(warnings)}
-        (folder / "runs" / one.file_name).write_text(json.dumps({"result": result}))
+    found = result or {"discharge_time_s": 1.0, "graphical_deg": 20.0}
+    for one in plan([table], **{"quick": True, "repetitions": None, "seed": 1, **plan_of}).runs:
+        text = json.dumps({"result": {"warnings": list(warnings), **found}})
+        (folder / "runs" / one.file_name).write_text(text)
 
 
 @pytest.fixture
@@ -132,7 +133,8 @@ def test_a_swept_bed_is_judged_by_how_far_it_is_from_the_measured_one_without_si
 
 
 def test_table_7_stands_beside_ours_with_the_paper_s_first_frictions_too_and_is_not_judged_by_them(tmp_path):
-    cells = plan([7], quick=False, repetitions=None, seed=1).cells
+    planned = plan([7], quick=False, repetitions=None, seed=1).cells
+    cells = [cell for cell in planned if cell.quantity == "bed_height"]
     first = [cell for cell in cells if "before calibration" in cell.row]
     assert [cell.paper_dem for cell in first] == [cell.paper_dem for cell in cells if cell not in first]
     assert all(cell.experiment is None for cell in first)
@@ -141,6 +143,29 @@ def test_table_7_stands_beside_ours_with_the_paper_s_first_frictions_too_and_is_
     (score,) = table.scores
     assert (score["done"], score["judged"]) == (14, 0)
     assert page(table, "reproduction.md").count("| +10.0 |") == 14
+
+
+def test_table_7_has_our_seconds_a_particle_beside_the_paper_s_and_no_deviation_between_two_machines(tmp_path, capsys):
+    keep(tmp_path, 7, result={"bead_tops_height_mm": 200.0, "seconds_per_particle": 0.0125})
+    asked = ["reproduce", "hlosta2020", "--table", "7", "--quick", "--kept", "--out", str(tmp_path)]
+    assert run([*asked, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    rows = {row["row"]: row for row in document["cells"] if row["quantity"] == "seconds_per_particle"}
+    assert {name: row["paper_dem"] for name, row in rows.items()} == {"D6": 1.99, "D12": 2.94, "D6_ABS": 1.96}
+    assert {(row["ours"], row["unit"]) for row in rows.values()} == {(0.0125, "s")}
+    deviations = {value for row in rows.values() for name, value in row.items() if "percent" in name}
+    assert deviations == {None}
+    (score,) = document["scores"]
+    assert (score["done"], score["judged"]) == (6, 3)
+    assert "processor time of one thread" in document["assumptions"]["computing"]
+    assert "Computing time per particle" in (tmp_path / "report.html").read_text()
+    assert (
+        "| D12 | Computing time per particle, s | – | 2.94 | 0.0125 | 1 | – |"
+        in (tmp_path / "reproduction.md").read_text()
+    )
+    # of all virtual particles, where the whole table is asked for
+    every = plan([7], quick=False, repetitions=1, seed=1).cells
+    assert len([cell for cell in every if cell.quantity == "seconds_per_particle"]) == 28
 
 
 @pytest.mark.parametrize(("particle", "frictions"), [("D6", (0.2, 0.01)), ("C6_24s", (0.5, 0.1))])

@@ -36,6 +36,7 @@ class Cell:
     assumed: tuple[str, ...] = ()
     off: float | None = None  # the cell is how far that number is from this one, in percent and without its sign
     rolling: Rolling = "type A"  # the law by which the runs resist rolling
+    comparable: bool = True  # ours is the same as what the paper prints; else it only stands beside it
 
     def ours(self, results: Results) -> list[float]:
         """What the finished runs gave."""
@@ -62,9 +63,13 @@ class Cell:
             "runs": len(values),
             "paper_dem_percent_deviation": _deviation(self.paper_dem, self.experiment),
             "ours_percent_deviation": _deviation(ours, self.experiment),
-            # what is a deviation itself has lost its sign, and has none from the other
-            "ours_against_paper_dem_percent": None if self.off is not None else _deviation(ours, self.paper_dem),
+            "ours_against_paper_dem_percent": _deviation(ours, self.paper_dem) if self._comparable else None,
         }
+
+    @property
+    def _comparable(self) -> bool:
+        """A deviation has lost its sign, and has none from the other."""
+        return self.comparable and self.off is None
 
 
 @dataclass(frozen=True)
@@ -162,7 +167,7 @@ def _angles(number: int, quick: bool, repetitions: int | None, seed: int) -> Row
 
 
 def _beds(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows:
-    """Table 7: bed heights of all virtual particles.
+    """Table 7: bed heights of all virtual particles, and what computing them takes.
 
     And once more with what the paper's simulation had when it was printed: no experiment is judged by that.
     """
@@ -170,38 +175,31 @@ def _beds(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows:
         particle = str(row["virtual_particle"])
         if quick and particle not in _QUICK_BEDS:
             continue
-        yield _bed(number, row, "", repetitions or (1 if quick else 3), seed)
+        yield from _bed(number, row, "", repetitions or (1 if quick else 3), seed)
     for row in () if quick else hlosta2020.table(number):
         sliding, rolling = _FIRST_FRICTIONS[hlosta2020.CLUMPS.get(str(row["virtual_particle"]), "beads")]
         taken = {"static_friction": sliding, "rolling_friction": rolling, "enlarged": False}
-        yield _bed(number, row, "before", repetitions or 1, seed, **taken)
+        yield from _bed(number, row, "before", repetitions or 1, seed, **taken)
 
 
-def _bed(
-    number: int, row: hlosta2020.Row, stage: str, repeated: int, seed: int, **taken: Any
-) -> tuple[Sequence[Run], Cell]:
+def _bed(number: int, row: hlosta2020.Row, stage: str, repeated: int, seed: int, **taken: Any) -> Rows:
     """One bed of table 7, calibrated or at an earlier stage."""
     particle = str(row["virtual_particle"])
     count = _in_bed(particle)
     lasts = cost.of_bed(particle, count)
     runs = [_run("packing", particle, seed + k, lasts, stage, **taken, count=count) for k in range(repeated)]
+    names = tuple(run.name for run in runs)
     experiment, experiment_std, dem, dem_std = (
         float(row[f"bed_height_{name}_mm"]) for name in ("exp", "exp_std", "dem", "dem_std")
     )
+    measured = (None, None) if stage else (experiment, experiment_std)
+    where = f"{particle}, {stage} calibration" if stage else particle
     assumed = ("cylinder", "tops", "wall", *(("d12",) if particle == "D12" else ()), *((stage,) if stage else ()))
-    return runs, Cell(
-        number,
-        f"{particle}, {stage} calibration" if stage else particle,
-        "bed_height",
-        "mm",
-        None if stage else experiment,
-        None if stage else experiment_std,
-        dem,
-        dem_std,
-        tuple(run.name for run in runs),
-        _TOPS,
-        assumed,
-    )
+    yield runs, Cell(number, where, "bed_height", "mm", *measured, dem, dem_std, names, _TOPS, assumed)
+    takes = float(row["cost_s_per_particle"])
+    computing = "seconds_per_particle"
+    paper = (None, None, takes, None)
+    yield runs, Cell(number, where, computing, "s", *paper, names, computing, ("computing",), comparable=False)
 
 
 def _in_bed(particle: str) -> int:
