@@ -43,6 +43,8 @@ TITLES = {
     "discharge_time_5_95": "Discharge time of the middle 90 %",
     "mass_flow_rate": "Mass flow rate",
     "mass_flow": "Mass flow rate",
+    "steady_mass_flow": "Mass flow rate, steady",
+    "emptied_particles": "Particles that left in time",
     "particle_flow_rate": "Particles per second",
     "discharged_fraction_rate": "Share of the filling that leaves per second",
     "outlet_velocity": "Velocity at the outlet",

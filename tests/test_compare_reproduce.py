@@ -168,6 +168,35 @@ def test_table_7_has_our_seconds_a_particle_beside_the_paper_s_and_no_deviation_
     assert len([cell for cell in every if cell.quantity == "seconds_per_particle"]) == 28
 
 
+def flowed(folder: Path, **result):
+    """The rows of table 13 at 1e6 Pa by quantity, of a run that gave this."""
+    keep(folder, 13, result={"rayleigh_step_s": 2.45e-4, "asked": 15000, **result})
+    assert run(["reproduce", "hlosta2020", "--table", "13", "--quick", "--kept", "--quiet", "--out", str(folder)]) == 0
+    return {row["quantity"]: row for row in json.loads((folder / "cells.json").read_text())["cells"]}
+
+
+def test_the_steady_flow_stands_beside_what_left_in_time_and_neither_is_set_against_the_paper_s_where_all_left(
+    tmp_path,
+):
+    rows = flowed(tmp_path, emptied=15000, mass_flow_g_s=213.0, steady_mass_flow_g_s=331.8)
+    assert {name: (row["paper_dem"], row["ours"]) for name, row in rows.items()} == {
+        "emptied_particles": (12223, 15000),
+        "mass_flow": (173.6, 213.0),
+        "steady_mass_flow": (173.6, 331.8),
+        "rayleigh_time_step": (2.45e-4, 2.45e-4),
+    }
+    against = {name: row["ours_against_paper_dem_percent"] for name, row in rows.items()}
+    assert [name for name, percent in against.items() if percent is not None] == ["rayleigh_time_step"]
+    assert "Mass flow rate, steady, g/s" in (tmp_path / "report.html").read_text()
+
+
+def test_what_left_within_the_stated_time_is_set_against_the_paper_s_where_beads_are_left(tmp_path):
+    rows = flowed(tmp_path, emptied=11000, mass_flow_g_s=156.24, steady_mass_flow_g_s=None)
+    assert rows["mass_flow"]["ours_against_paper_dem_percent"] == pytest.approx(-10.0)
+    assert rows["emptied_particles"]["ours_against_paper_dem_percent"] == pytest.approx(-10.0, abs=0.01)
+    assert rows["steady_mass_flow"]["ours"] is None
+
+
 @pytest.mark.parametrize(("particle", "frictions"), [("D6", (0.2, 0.01)), ("C6_24s", (0.5, 0.1))])
 def test_what_table_7_was_printed_with_is_what_its_twin_gets(particle, frictions, monkeypatch):
     from rigtwin.compare import bulk_twins

@@ -59,7 +59,8 @@ ASSUMED = {
     "slot": "the hopper of section 2.2.5 is a slot 68 mm long, whose width is the printed outlet (a round outlet of "
     "that size would pass a tenth of the printed flow)",
     "conical": "particles that left the conical hopper of section 2.2.3 within 5 s, over 5 s, as the printed number of "
-    "emptied particles is to be read; the steady flow stands beside it",
+    "emptied particles is to be read; where all left before, these are as many at any flow and are not set against the "
+    "paper's; the steady flow stands beside what the paper prints and is another thing",
     "piled": "1.6 times as many particles are poured as bowl and heap hold; the surplus falls over the rim",
     "pour": "particles fall from one particle's size above the heap, with which the outlet rises, as many a second as "
     "Beverloo's law has for an outlet a quarter of the base wide, at least three particles (the paper gives neither, "
