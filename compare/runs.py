@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import traceback
 from collections.abc import Iterator, Mapping, Sequence, Sized
 from concurrent.futures import as_completed
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -45,6 +47,8 @@ class Done:
 
     results: Mapping[str, dict[str, Any]]
     failures: Mapping[str, str]
+    faults: Mapping[str, str] = field(default_factory=dict)
+    """Tracebacks of those failures that rigtwin did not foresee."""
 
 
 def run_all(
@@ -57,14 +61,15 @@ def run_all(
 ) -> Done:
     """Run what `folder` does not hold yet, one process per core, and return everything.
 
-    A run that fails with a sentence (`RigtwinError`) is listed with it and tried again the next time.  With `only_kept`
-    nothing is run.
+    A run that fails is listed with its sentence (`RigtwinError`), or as a fault of rigtwin (any other exception), and
+    tried again the next time.  With `only_kept` nothing is run.
     """
     if not only_kept:
         folder.mkdir(parents=True, exist_ok=True)
     kept = {run.name: found for run in runs if (found := _read(folder / run.file_name)) is not None}
     missing = sorted((run for run in runs if run.name not in kept), key=lambda run: -run.cost)
     failures: dict[str, str] = {}
+    faults: dict[str, str] = {}
     whole, still = sum(run.cost for run in runs), sum(run.cost for run in missing)
     progress("running", whole - still, whole)
     if missing and not only_kept:
@@ -77,6 +82,13 @@ def run_all(
                     found = job.result()
                 except RigtwinError as error:
                     failures[run.name] = str(error)
+                except BrokenProcessPool:  # no other run can go on either
+                    raise
+                except MemoryError:
+                    failures[run.name] = "does not fit into memory; close other programs or give fewer --workers."
+                except Exception as error:  # whatever it is, the other runs are not to blame
+                    failures[run.name] = f"a fault of rigtwin itself ({_in_short(error)})"
+                    faults[run.name] = "".join(traceback.format_exception(error))
                 else:
                     kept[run.name] = found
                     record = {
@@ -86,7 +98,7 @@ def run_all(
                     results.write_together(folder, {run.file_name: results.document(results.plain(record))})
                 still -= run.cost
                 progress("running", whole - still, whole)
-    return Done({run.name: kept[run.name] for run in runs if run.name in kept}, failures)
+    return Done({run.name: kept[run.name] for run in runs if run.name in kept}, failures, faults)
 
 
 @contextmanager
@@ -97,6 +109,10 @@ def _kept_told(runs: Sized, kept: Sized, folder: Path) -> Iterator[None]:
     except KeyboardInterrupt as stop:
         stop.add_note(f"{len(kept)} of {len(runs)} runs are kept in {folder}; called again, the others are run.")
         raise
+
+
+def _in_short(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}".splitlines()[0]
 
 
 def _perform(function: str, settings: dict[str, Any]) -> dict[str, Any]:

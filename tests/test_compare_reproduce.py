@@ -100,6 +100,32 @@ def test_ours_stands_beside_the_paper(filled, tmp_path, capsys):
     assert "own spin, R from the contact to its centre of mass (type A)" in html
 
 
+def test_a_fault_in_one_run_leaves_the_others_shown_and_the_command_ends_with_1(tmp_path, monkeypatch, capsys):
+    def one_faulty(*asked, **options):
+        found = plan(*asked, **options)
+        first, *others = found.runs
+        return replace(found, runs=(replace(first, function="operator:truediv"), *others))
+
+    keep(tmp_path, 16)
+    monkeypatch.setattr(module, "plan", one_faulty)
+    asked = ["reproduce", "hlosta2020", "--table", "16", "--quick", "--out", str(tmp_path)]
+    assert run(asked) == 1
+    told = capsys.readouterr()
+    assert "failed type_A-slot_hopper-D12-seed1: a fault of rigtwin itself (TypeError: " in told.out
+    assert told.err.startswith(
+        "rigtwin: 1 of 3 runs failed, type_A-slot_hopper-D12-seed1 by a fault of rigtwin itself ("
+    )
+    assert "Traceback" not in told.err
+    assert run([*asked, "--json"]) == 1
+    document = json.loads(capsys.readouterr().out)
+    assert sum(row["ours"] is not None for row in document["cells"]) == 2
+    assert document["faults"] == ["type_A-slot_hopper-D12-seed1"]
+    assert "a fault of rigtwin itself" in (tmp_path / "reproduction.md").read_text()
+    monkeypatch.setenv("RIGTWIN_DEBUG", "1")
+    assert run([*asked, "--quiet"]) == 1
+    assert "Traceback" in capsys.readouterr().err
+
+
 def test_a_page_without_any_result_can_be_written(tmp_path):
     cells = plan(None, quick=True, repetitions=None, seed=1).cells
     empty = Reproduction(cells, Done({}, {}), tmp_path)

@@ -107,6 +107,7 @@ class Reproduction:
             "studies": {study.name: study.points(self.done.results) for study in self.studies},
             "assumptions": dict(self.assumptions),
             "failures": dict(self.done.failures),
+            "faults": list(self.done.faults),
             "warnings": list(self.warnings),
             "replaced": self.replaced,
             "files": {name: str(path) for name, path in self.files.items()},

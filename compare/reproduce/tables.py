@@ -196,12 +196,13 @@ def _bed(number: int, row: hlosta2020.Row, stage: str, repeated: int, seed: int,
     runs = [_run("packing", particle, seed + k, lasts, stage, **taken, count=count) for k in range(repeated)]
     names = tuple(run.name for run in runs)
     experiment, experiment_std, dem, dem_std = (
-        float(row[f"bed_height_{name}_mm"]) for name in ("exp", "exp_std", "dem", "dem_std")
+        None if stage and "exp" in name else float(row[f"bed_height_{name}_mm"])
+        for name in ("exp", "exp_std", "dem", "dem_std")
     )
-    measured = (None, None) if stage else (experiment, experiment_std)
+    height = (experiment, experiment_std, dem, dem_std)
     where = f"{particle}, {stage} calibration" if stage else particle
     assumed = ("cylinder", "tops", "wall", *(("d12",) if particle == "D12" else ()), *((stage,) if stage else ()))
-    yield runs, Cell(number, where, "bed_height", "mm", *measured, dem, dem_std, names, _TOPS, assumed)
+    yield runs, Cell(number, where, "bed_height", "mm", *height, names, _TOPS, assumed)
     takes = float(row["cost_s_per_particle"])
     computing = "seconds_per_particle"
     paper = (None, None, takes, None)
