@@ -336,7 +336,7 @@ def test_cells_that_are_not_asked_for_again_are_said_to_be_replaced(tmp_path, ca
     assert run([*asked, "--table", "14", "--table", "16"]) == 0
     assert "replaced" not in capsys.readouterr().out
     assert run([*asked, "--table", "16", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["replaced"].startswith("3 finished cells or points (table 14, type A)")
+    assert json.loads(capsys.readouterr().out)["replaced"].startswith("4 finished cells or points (table 14, type A)")
     assert run([*asked, "--table", "16"]) == 0
     assert "replaced" not in capsys.readouterr().out
 
@@ -361,7 +361,33 @@ def test_a_run_costs_as_its_spheres_and_steps_and_the_quick_part_takes_minutes()
     assert stiff - cost.START == pytest.approx(10 * (soft - cost.START))
     assert cost.of_pile("C6", 0.15) > 5 * cost.of_pile("P6x15", 0.15)
     quick = plan(None, quick=True, repetitions=None, seed=1).runs
-    assert sum(run.cost for run in quick) / 2 < 360  # two cores
+    assert sum(run.cost for run in quick) / 2 < 600  # two cores
+    assert any("drum" in run.name for run in quick)
+
+
+@pytest.mark.parametrize("table", [number for number in TABLES if number != 5])
+def test_the_quick_part_of_a_table_is_some_of_its_cells_in_a_few_minutes(table):
+    quick, whole = (plan([table], quick=short, repetitions=1, seed=1) for short in (True, False))
+    assert 0 < len(quick.cells) < len(whole.cells)
+    assert set(quick.cells) < set(whole.cells)
+    assert sum(run.cost for run in quick.runs) / 2 < 200  # [s] on two cores
+
+
+@pytest.mark.parametrize("others", [[], ["--table", "4"], ["--kept"]])
+def test_a_table_without_a_quick_part_is_refused_before_anything_is_written(others, tmp_path, capsys):
+    keep(tmp_path, 16)
+    assert run(["reproduce", "hlosta2020", "--quick", "--table", "5", *others, "--out", str(tmp_path)]) == 2
+    assert "table 5 has no part that takes minutes" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["runs"]
+    assert 5 not in {cell.table for cell in plan(None, quick=True, repetitions=None, seed=1).cells}
+
+
+def test_a_quick_study_has_one_heap_for_each_point_unless_told_how_many(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(module, "run_all", lambda runs, *_, **__: asked.append(list(runs)) or Done({}, {}))
+    for more, heaps in (["--quick"], 5), (["--quick", "--repetitions", "2"], 10), ([], 15):
+        assert run(["reproduce", "hlosta2020", "--study", "number", *more, "--quiet", "--out", str(tmp_path)]) == 0
+        assert len(asked.pop()) == heaps
 
 
 def test_progress_counts_the_cost_of_what_is_done(tmp_path):

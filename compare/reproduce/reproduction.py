@@ -151,13 +151,14 @@ def reproduce(
 ) -> Reproduction:
     """Fill the paper's tables (all that are reproduced, or those named) and write them into `out`.
 
-    `study` names influence studies; without tables or studies named, and not `quick`, all of both are run.
+    `study` names influence studies; without tables or studies named, and not `quick`, all of both are run.  `quick`
+    takes a part of each table, and one heap for each point of a study.
     `rolling` is the law by which all runs resist rolling; each law's runs are kept beside the other's.  `repetitions`
     runs with different seeds fill a cell or a study's point; finished runs are kept in ``out/runs`` and not run again,
-    and with `only_kept` nothing else is shown.  Raises `BadInput` for an unknown table or study, and where nothing
-    is kept that could be shown.
+    and with `only_kept` nothing else is shown.  Raises `BadInput` for an unknown table or study, for a table
+    that has no quick part, and where nothing is kept that could be shown.
     """
-    check_tables(tables or ())
+    check_tables(tables or (), quick=quick)
     check_studies(study or ())
     if only_kept and not any((out / "runs").glob("*.json")):  # found out before what planning costs
         raise _none_kept(out)
@@ -165,7 +166,7 @@ def reproduce(
     if tables or not study:
         wanted = plan(tables, quick=quick, repetitions=repetitions, seed=seed, rolling=rolling)
     asked = (study or ()) if study or tables or quick else None
-    runs, shown = studies(asked, repetitions=repetitions, seed=seed, rolling=rolling)
+    runs, shown = studies(asked, repetitions=repetitions, seed=seed, rolling=rolling, quick=quick)
     every = {run.name: run for run in (*wanted.runs, *runs)}
     done = run_all(tuple(every.values()), out / "runs", workers=workers, only_kept=only_kept, progress=progress)
     if only_kept and not done.results:

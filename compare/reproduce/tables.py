@@ -93,8 +93,11 @@ def plan(
     seed: int,
     rolling: Rolling = "type A",
 ) -> Plan:
-    """All runs that the tables `numbers` need (all tables by default); `quick` takes a representative part."""
-    check_tables(numbers or ())
+    """All runs that the tables `numbers` need (all tables by default); `quick` takes a representative part.
+
+    Raises `BadInput` for a table that is not reproduced, or has no such part and is named.
+    """
+    check_tables(numbers or (), quick=quick)
     runs: dict[str, Run] = {}
     cells: list[Cell] = []
     for number in numbers or TABLES:
@@ -105,11 +108,17 @@ def plan(
     return Plan(tuple(runs.values()), tuple(cells))
 
 
-def check_tables(numbers: Sequence[int]) -> None:
-    """Raises `BadInput` for one that is not reproduced."""
+def check_tables(numbers: Sequence[int], *, quick: bool = False) -> None:
+    """Raises `BadInput` for one that is not reproduced, or not in minutes where it should be `quick`."""
     for number in numbers:
         if number not in TABLES:
             raise BadInput(f"--table: table {number} is not reproduced; there are {', '.join(map(str, TABLES))}.")
+        if quick and number in _NEVER_QUICK:
+            short = ", ".join(str(each) for each in TABLES if each not in _NEVER_QUICK)
+            raise BadInput(
+                f"--quick: table {number} has no part that takes minutes, for each bed of 2000 cubes of 24 spheres "
+                f"takes several; leave --quick out, or give --table one of {short}."
+            )
 
 
 def under(rolling: Rolling, run: Run) -> Run:
@@ -133,10 +142,16 @@ _TOPS = "bead_tops_height_mm"
 _QUICK_FRICTIONS = ((0.05, 0.01), (0.5, 0.01), (1.5, 0.01), (0.5, 1.0))  # static, rolling
 _BASES = {"piling_90mm": 90e-3, "piling_150mm": 150e-3}
 _DRUM_SPEED = 3 * 2 * math.pi / 60  # [rad/s]
-_QUICK_ANGLES = (("D6", "piling_90mm"), ("D6_ABS", "piling_90mm"), ("D5_steel", "piling_90mm"))
+_QUICK_ANGLES = (
+    ("D6", "piling_90mm"),
+    ("D6_ABS", "piling_90mm"),
+    ("D5_steel", "piling_90mm"),
+    ("D6_ABS", "drum_140mm_3rpm"),
+)
 _QUICK_BEDS = ("D6", "D6_ABS", "D12")
 _QUICK_SLOTS = ("D6_ABS", "D12", "P6x15")
 _FLOW_MODULI = (1e6, 1e7, 1e8)  # [Pa]; beyond, a run takes days
+_NEVER_QUICK = (5,)  # tables
 _COUNTED = ("mass_flow", "emptied_particles")  # within a stated time
 
 
@@ -223,7 +238,7 @@ def _frictions(number: int, quick: bool, repetitions: int | None, seed: int) -> 
     count = _in_bed(particle)
     for row in hlosta2020.table(number):
         sliding, rolling = float(row["mu_s_pp"]), float(row["mu_r_pp"])
-        if quick and not (number == 4 and (sliding, rolling) in _QUICK_FRICTIONS):
+        if quick and (number in _NEVER_QUICK or (sliding, rolling) not in _QUICK_FRICTIONS):
             continue
         settings = {"count": count, "static_friction": sliding, "rolling_friction": rolling}
         name = f"{particle}-mus{sliding:g}-mur{rolling:g}"
