@@ -31,7 +31,7 @@ from rigtwin.sim.engine.contact import ROLLING
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 FIRST = "\n## Table "  # what is written anew begins here
-WORDS = ("row", "quantity", "unit", "rolling_model")  # columns that are no numbers
+WORDS = ("row", "quantity", "unit", "rolling_model", "doubtful")  # columns that are no numbers
 JUDGED = (7, 14, 15, 16)  # tables with an experiment
 REPETITIONS = 10  # of every experiment of the paper
 
@@ -61,7 +61,7 @@ def run_before(cells: Path) -> dict[Place, Row]:
     """The rows of a table of cells."""
     with cells.open(encoding="utf-8", newline="") as lines:
         rows = [
-            {"rolling_model": "type C"}
+            {"rolling_model": "type C", "doubtful": ""}
             | {name: text if name in WORDS else float(text) if text else None for name, text in row.items()}
             for row in csv.DictReader(lines)
         ]
@@ -167,7 +167,7 @@ def main() -> None:
         parser.error(f"{given.folder / 'runs'}: no finished run; give the --out of `rigtwin reproduce`.")
     reproduction = kept(given.folder / "runs", run_before(cells))
     page_file.write_text(written(page_file.read_text(encoding="utf-8"), reproduction), encoding="utf-8")
-    run = [row for row in reproduction.rows if row["ours"] is not None]
+    run = [row for row in reproduction.rows if row["ours"] is not None or row["doubtful"]]
     cells.write_text(results.table(run, COLUMNS), encoding="utf-8")
     for study in reproduction.studies:
         if points := study.points(reproduction.done.results):

@@ -225,13 +225,17 @@ def _tell_reproduction(console: Console, reproduction: Reproduction) -> None:
                 f"{title(row['quantity'])} [dim]{escape(row['unit'])}[/dim]",
                 number(row["paper_experiment"], row["paper_experiment_std"]),
                 number(row["paper_dem"], row["paper_dem_std"]),
-                number(row["ours"], row["ours_std"]),
+                number(row["ours"], row["ours_std"]) + (" [yellow]?[/yellow]" if row["doubtful"] else ""),
                 str(row["runs"]),
                 percent(row["paper_dem_percent_deviation"], None),
                 percent(row["ours_percent_deviation"], None),
                 percent(row["ours_against_paper_dem_percent"], None),
             )
         console.print(table)
+        for row in rows:
+            if row["doubtful"]:
+                cell = f"{row['row']}, {title(row['quantity'])}"
+                console.print(f"[yellow]doubtful:[/yellow] {escape(cell)}: {escape(row['doubtful'])}")
         if score["judged"]:
             console.print(
                 f"{score['no_further']} of {score['judged']} cells no further from the experiment than the paper's DEM"

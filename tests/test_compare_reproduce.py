@@ -213,14 +213,18 @@ def test_the_steady_flow_stands_beside_what_left_in_time_and_neither_is_set_agai
     }
     against = {name: row["ours_against_paper_dem_percent"] for name, row in rows.items()}
     assert [name for name, percent in against.items() if percent is not None] == ["rayleigh_time_step"]
+    assert [name for name, row in rows.items() if row["doubtful"]] == ["emptied_particles", "mass_flow"]
+    assert rows["mass_flow"]["doubtful"].startswith("all had left before the time was over")
     assert "Mass flow rate, steady, g/s" in (tmp_path / "report.html").read_text()
 
 
 def test_what_left_within_the_stated_time_is_set_against_the_paper_s_where_beads_are_left(tmp_path):
-    rows = flowed(tmp_path, emptied=11000, mass_flow_g_s=156.24, steady_mass_flow_g_s=None)
+    said = ["only 11000 of 15000 beads had left the hopper when the run ended"]
+    rows = flowed(tmp_path, emptied=11000, mass_flow_g_s=156.24, steady_mass_flow_g_s=None, warnings=said)
     assert rows["mass_flow"]["ours_against_paper_dem_percent"] == pytest.approx(-10.0)
     assert rows["emptied_particles"]["ours_against_paper_dem_percent"] == pytest.approx(-10.0, abs=0.01)
     assert rows["steady_mass_flow"]["ours"] is None
+    assert not any(row["doubtful"] for row in rows.values())
 
 
 @pytest.mark.parametrize(("particle", "frictions"), [("D6", (0.2, 0.01)), ("C6_24s", (0.5, 0.1))])
@@ -352,6 +356,88 @@ def test_what_runs_warn_of_is_told_once_for_each_kind(tmp_path, capsys):
     for name in ("report.html", "reproduction.md"):
         text = (tmp_path / name).read_text()
         assert text.count(said) == text.count("impacts pressed") == 1
+
+
+def test_the_worst_of_hoppers_that_did_not_empty_is_the_one_that_kept_most(tmp_path, capsys):
+    keep(tmp_path, 16)
+    kept = zip(sorted((tmp_path / "runs").iterdir()), ("2951 of 2984", "60 of 630"), strict=False)
+    for file, share in kept:
+        said = f"only {share} beads had left the hopper when the run ended"
+        file.write_text(json.dumps({"result": {"warnings": [said]}}))
+    assert run(["reproduce", "hlosta2020", "--table", "16", "--quick", "--kept", "--out", str(tmp_path)]) == 0
+    assert "warning: in 2 of 3 runs: only 60 of 630 beads had left" in capsys.readouterr().out
+
+
+SPOILT = {
+    "the bed was still moving when the time limit was reached": {
+        "at_rest": False,
+        "warnings": ["the bed was still moving when the time limit was reached"],
+    },
+    "it was still moving at the end": {"at_rest": False},
+    "4 of 2000 particles did not stay in the cylinder": {"at_rest": True, "missed": 4, "placed": 2000},
+    "7 of 2000 particles did not stay in the cylinder": {
+        "missed": 7,
+        "warnings": ["7 of 2000 particles did not stay in the cylinder"],
+    },
+    "only 40 of 50 particles found room below the outlet": {
+        "warnings": ["only 40 of 50 particles found room below the outlet"],
+    },
+    "": {
+        "at_rest": True,
+        "missed": 0,
+        "fallen": 39,
+        "warnings": ["impacts pressed beads up to 9.2% of a radius together (otherwise 1.9%); do something"],
+    },
+}
+
+
+@pytest.mark.parametrize("why", SPOILT)
+def test_a_cell_whose_run_moved_or_lost_particles_is_marked_wherever_it_is_shown(why, tmp_path, capsys):
+    keep(tmp_path, 4, result={"bead_tops_height_mm": 190.0, **SPOILT[why]})
+    assert run(["reproduce", "hlosta2020", "--table", "4", "--quick", "--kept", "--out", str(tmp_path)]) == 0
+    told = capsys.readouterr().out
+    with (tmp_path / "cells.csv").open() as file:
+        assert [row["doubtful"] for row in csv.DictReader(file)] == [why] * 4
+    document = json.loads((tmp_path / "cells.json").read_text())
+    assert [row["doubtful"] for row in document["cells"]] == [why] * 4
+    (score,) = document["scores"]
+    assert (score["doubtful"], score["rank_correlation"]) == (4 if why else 0, None)  # all alike have no ranks
+    assert ("4 doubtful" in (tmp_path / "reproduction.md").read_text()) == bool(why)
+    assert (tmp_path / "reproduction.md").read_text().count(f"| {why} |\n") >= 4
+    assert (tmp_path / "report.html").read_text().count(f">{why}</td>") >= 4
+    assert told.count("doubtful: D6, static friction") == (4 if why else 0)
+    assert why in told
+
+
+def test_a_cell_of_several_runs_says_in_how_many_and_stays_when_none_of_them_emptied(tmp_path):
+    left = {"warnings": ["only 1960 of 2000 beads had left the hopper when the run ended"]}
+    first, second, *_ = plan([16], quick=True, repetitions=3, seed=1).cells
+    found = {name: {"discharge_time_s": 1.0} for name in first.runs[1:]} | {first.runs[0]: left}
+    found |= dict.fromkeys(second.runs, left)
+    one, none = Reproduction((first, second), Done(found, {}), tmp_path).rows
+    words = "only 1960 of 2000 beads had left the hopper when the run ended"
+    assert (one["runs"], one["doubtful"]) == (2, f"{words} (1 of 3 runs)")
+    assert (none["ours"], none["doubtful"]) == (None, f"{words} (3 of 3 runs)")
+    text = page(Reproduction((second,), Done(found, {}), tmp_path), "reproduction.md")
+    assert f" | – | {words} (3 of 3 runs) |\n" in text
+
+
+def test_cells_of_before_there_were_doubts_are_read_as_they_are(tmp_path):
+    (tmp_path / "runs").mkdir()
+    (one, *_) = plan([16], quick=True, repetitions=1, seed=1, rolling="type C").runs
+    moved = {"discharge_time_s": 1.0, "warnings": ["the bed was still moving when the outlet was opened; wait"]}
+    record = {"function": one.function, "settings": dict(one.settings), "result": moved}
+    (tmp_path / "runs" / one.file_name).write_text(json.dumps(record))
+    columns = [name for name in module.COLUMNS if name != "doubtful"]
+    old = dict.fromkeys(columns, "") | {"table": 16, "row": "D6", "quantity": "discharge_time", "unit": "s"}
+    with (tmp_path / "cells.csv").open("w") as file:
+        writer = csv.DictWriter(file, columns)
+        writer.writeheader()
+        writer.writerow({**old, "rolling_model": "type C", "ours": 2.88, "runs": 1})
+    shown = reproduction_page.kept(tmp_path / "runs", reproduction_page.run_before(tmp_path / "cells.csv"))
+    doubts = {row["row"]: row["doubtful"] for row in shown.rows if row["ours"] is not None}
+    assert doubts == {"D6": "", "D12": "the bed was still moving when the outlet was opened"}
+    assert "1 doubtful" in page(shown, "reproduction.md")
 
 
 def test_a_run_costs_as_its_spheres_and_steps_and_the_quick_part_takes_minutes():

@@ -9,6 +9,7 @@ from statistics import fmean, stdev
 from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare.reproduce import cost, rigs
+from rigtwin.compare.reproduce.doubts import once, spoilt
 from rigtwin.compare.runs import Run
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.reference import hlosta2020
@@ -66,7 +67,17 @@ class Cell:
             "ours_percent_deviation": _deviation(ours, self.experiment),
             # what is a deviation itself has lost its sign, and has none from the other
             "ours_against_paper_dem_percent": _deviation(ours, self.paper_dem) if comparable else None,
+            "doubtful": self.doubtful(results),
         }
+
+    def doubtful(self, results: Results) -> str:
+        """Why ours is doubtful; empty where no run of it says anything against it."""
+        found = self._found(results)
+        kinds = once([*spoilt(result), *([_ALL_OUT] if self._ran_out(result) else [])] for result in found)
+        several = len(found) > 1
+        return "; ".join(
+            f"{words} ({count} of {len(found)} runs)" if several else words for words, count in kinds.items()
+        )
 
     def _found(self, results: Results) -> list[dict[str, Any]]:
         """The finished runs."""
@@ -151,6 +162,7 @@ _QUICK_ANGLES = (
 _QUICK_BEDS = ("D6", "D6_ABS", "D12")
 _QUICK_SLOTS = ("D6_ABS", "D12", "P6x15")
 _FLOW_MODULI = (1e6, 1e7, 1e8)  # [Pa]; beyond, a run takes days
+_ALL_OUT = "all had left before the time was over, so that it is the same at any flow"
 _NEVER_QUICK = (5,)  # tables
 _COUNTED = ("mass_flow", "emptied_particles")  # within a stated time
 
