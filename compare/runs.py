@@ -1,13 +1,15 @@
 """Many runs and a folder that keeps what they gave: a queue over all cores that can be interrupted and taken up again.
 
 Every finished run is kept at once, under a name that holds a digest of its settings: asked for again with the same
-settings it is read, not run; with other settings it is another run.
+settings it is read, not run; with other settings it is another run.  What the settings only name, as a particle, is
+kept inside the file: where it is another by now, the kept run is not the one asked for, and that is run.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import math
 import traceback
 from collections.abc import Iterator, Mapping, Sequence, Sized
 from concurrent.futures import as_completed
@@ -33,6 +35,7 @@ class Run:
     function: str  # "module:function"; takes the settings as keywords, returns plain numbers and texts
     settings: Mapping[str, Any]  # plain numbers and texts
     cost: float = 1.0  # [s] that it takes, about; dear ones start first
+    inputs: Mapping[str, Any] = field(default_factory=dict)  # what the settings stand for: plain numbers and texts
 
     @property
     def file_name(self) -> str:
@@ -66,7 +69,7 @@ def run_all(
     """
     if not only_kept:
         folder.mkdir(parents=True, exist_ok=True)
-    kept = {run.name: found for run in runs if (found := _read(folder / run.file_name)) is not None}
+    kept = {run.name: found for run in runs if (found := _read(folder / run.file_name, run)) is not None}
     missing = sorted((run for run in runs if run.name not in kept), key=lambda run: -run.cost)
     failures: dict[str, str] = {}
     faults: dict[str, str] = {}
@@ -93,7 +96,7 @@ def run_all(
                     kept[run.name] = found
                     record = {
                         "rigtwin": __version__, "function": run.function, "settings": dict(run.settings),
-                        "result": found,
+                        "inputs": run.inputs, "result": found,
                     }  # fmt: skip
                     results.write_together(folder, {run.file_name: results.document(results.plain(record))})
                 still -= run.cost
@@ -121,9 +124,26 @@ def _perform(function: str, settings: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
-def _read(path: Path) -> dict[str, Any] | None:
+def fits(record: Mapping[str, Any], run: Run) -> bool:
+    """Whether a kept run was made of the inputs that it would have now; one that does not tell them was."""
+    return not record.get("inputs") or not run.inputs or _alike(record["inputs"], results.plain(run.inputs))
+
+
+def _alike(one: Any, other: Any) -> bool:
+    """The same but for rounding, which differs from machine to machine."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(_alike(value, other[name]) for name, value in one.items())
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(_alike, one, other))
+    if isinstance(one, (int, float)) and isinstance(other, (int, float)):
+        return math.isclose(one, other, rel_tol=1e-6, abs_tol=1e-15)
+    return bool(one == other)
+
+
+def _read(path: Path, run: Run) -> dict[str, Any] | None:
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))["result"]
-    except (OSError, ValueError, LookupError, TypeError):
+        record = json.loads(path.read_text(encoding="utf-8"))
+        found = record["result"] if fits(record, run) else None
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):
         return None  # not there, or cut short by a crash: run again
     return found if isinstance(found, dict) and found else None  # every run gives something

@@ -440,6 +440,56 @@ def test_cells_of_before_there_were_doubts_are_read_as_they_are(tmp_path):
     assert "1 doubtful" in page(shown, "reproduction.md")
 
 
+@pytest.mark.parametrize(
+    ("table", "name", "place", "other"),
+    [
+        (7, "D6", ("particle", "diameter"), 0.0064),
+        (7, "D6", ("contact", "static_friction"), 0.9),
+        (16, "P6x15", ("particle", "spheres", 0, 1), 0.002),
+        (16, "P6x15", ("rig", "slot_length"), 0.075),
+        (14, "D6", ("wall", "youngs_modulus"), 1e9),
+    ],
+)
+def test_a_kept_run_of_another_particle_contact_or_rig_is_not_taken_for_this_one(table, name, place, other, tmp_path):
+    one = next(item for item in plan([table], quick=True, repetitions=1, seed=1).runs if f"-{name}-" in item.name)
+    record = {
+        "function": one.function, "settings": dict(one.settings), "inputs": one.inputs,
+        "result": {"discharge_time_s": 1.0, "bead_tops_height_mm": 200.0, "graphical_deg": 20.0},
+    }  # fmt: skip
+    (tmp_path / "runs").mkdir()
+
+    def read(text):
+        (tmp_path / "runs" / one.file_name).write_text(text)
+        shown = reproduction_page.kept(tmp_path / "runs", {})
+        found = run_all([one], tmp_path / "runs", only_kept=True).results
+        assert (one.name in found) == (one.name in shown.done.results)
+        return one.name in found
+
+    document = json.loads(json.dumps(record))
+    assert read(json.dumps(document))
+    *way, last = place
+    inner = document["inputs"]
+    for step in way:
+        inner = inner[step]
+    inner[last] *= 1 + 1e-9  # as another machine rounds
+    assert read(json.dumps(document))
+    inner[last] = other
+    assert not read(json.dumps(document))
+    del document["inputs"]  # of before they were kept
+    assert read(json.dumps(document))
+
+
+def test_a_new_run_keeps_what_it_was_made_of(tmp_path):
+    one = Run("one", "builtins:dict", {"number": 16}, inputs={"diameter": 6e-3})
+    run_all([one], tmp_path)
+    other = replace(one, inputs={"diameter": 12e-3})
+    assert other.file_name == one.file_name
+    assert run_all([one], tmp_path, only_kept=True).results
+    assert not run_all([other], tmp_path, only_kept=True).results
+    assert run_all([other], tmp_path).results
+    assert not run_all([one], tmp_path, only_kept=True).results
+
+
 def test_a_run_costs_as_its_spheres_and_steps_and_the_quick_part_takes_minutes():
     bed, twice = cost.of_bed("D6", 1500), cost.of_bed("D6", 3000)
     assert twice - cost.START == pytest.approx(2 * (bed - cost.START))

@@ -137,10 +137,10 @@ def under(rolling: Rolling, run: Run) -> Run:
 
     Under type C it is named as it was before there was a choice: what was kept then is found, and read as such.
     """
-    if rolling == "type C":
-        return run
-    name = f"{rolling.replace(' ', '_')}-{run.name}"
-    return replace(run, name=name, settings={**run.settings, "rolling": rolling})
+    if rolling != "type C":
+        name = f"{rolling.replace(' ', '_')}-{run.name}"
+        run = replace(run, name=name, settings={**run.settings, "rolling": rolling})
+    return replace(run, inputs=rigs.inputs(run.function.partition(":")[2], run.settings))
 
 
 _RIGS = "rigtwin.compare.reproduce.rigs"
