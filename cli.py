@@ -239,7 +239,9 @@ def reproduce(
     study: Annotated[
         list[str] | None, typer.Option("--study", metavar="NAME", help="An influence study: number, base, evaluation.")
     ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="A representative part, in minutes.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="A representative part, in minutes; of a study one heap a point.")
+    ] = False,
     kept: Annotated[bool, typer.Option("--kept", help="Run nothing; show what earlier runs gave.")] = False,
     rolling: simulate.RollingModel = "A",
     repetitions: Annotated[

@@ -26,12 +26,12 @@ from rigtwin.compare.figures import study_figure
 from rigtwin.compare.reproduce.reproduction import COLUMNS, Reproduction, page
 from rigtwin.compare.reproduce.studies import studies
 from rigtwin.compare.reproduce.tables import TABLES, plan
-from rigtwin.compare.runs import Done
+from rigtwin.compare.runs import Done, fits
 from rigtwin.sim.engine.contact import ROLLING
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 FIRST = "\n## Table "  # what is written anew begins here
-WORDS = ("row", "quantity", "unit", "rolling_model")  # columns that are no numbers
+WORDS = ("row", "quantity", "unit", "rolling_model", "doubtful")  # columns that are no numbers
 JUDGED = (7, 14, 15, 16)  # tables with an experiment
 REPETITIONS = 10  # of every experiment of the paper
 
@@ -61,7 +61,7 @@ def run_before(cells: Path) -> dict[Place, Row]:
     """The rows of a table of cells."""
     with cells.open(encoding="utf-8", newline="") as lines:
         rows = [
-            {"rolling_model": "type C"}
+            {"rolling_model": "type C", "doubtful": ""}
             | {name: text if name in WORDS else float(text) if text else None for name, text in row.items()}
             for row in csv.DictReader(lines)
         ]
@@ -70,16 +70,21 @@ def run_before(cells: Path) -> dict[Place, Row]:
 
 def kept(runs: Path, before: Mapping[Place, Row]) -> Page:
     """The paper's cells and studies with the finished runs of a folder, whichever version of rigtwin made them."""
-    found = {}
-    for file in sorted(runs.glob("*.json"), key=lambda one: one.stat().st_mtime):  # the newest of several versions
+    found: dict[str, list[dict[str, Any]]] = {}
+    for file in sorted(runs.glob("*.json"), key=lambda one: one.stat().st_mtime):  # the newest of several versions last
         record = json.loads(file.read_text(encoding="utf-8"))
-        found[_key(record["function"], record["settings"])] = record["result"]
+        found.setdefault(_key(record["function"], record["settings"]), []).append(record)
     laws = [(number, law) for number in TABLES for law in ROLLING]
     wanted = [plan([number], quick=False, repetitions=None, seed=1, rolling=law) for number, law in laws]
     studied = [studies(None, seed=1, rolling=law) for law in ROLLING]
     every = [run for one in wanted for run in one.runs] + [run for piles, _ in studied for run in piles]
-    asked = {run.name: _key(run.function, run.settings) for run in every}
-    done = Done({name: found[key] for name, key in asked.items() if key in found}, {})
+    fitting = {
+        run.name: record["result"]
+        for run in every
+        for record in found.get(_key(run.function, run.settings), ())
+        if fits(record, run)
+    }
+    done = Done(fitting, {})
     cells = tuple(cell for one in wanted for cell in one.cells)
     return Page(cells, done, runs.parent, tuple(study for _, shown in studied for study in shown), before=before)
 
@@ -167,7 +172,7 @@ def main() -> None:
         parser.error(f"{given.folder / 'runs'}: no finished run; give the --out of `rigtwin reproduce`.")
     reproduction = kept(given.folder / "runs", run_before(cells))
     page_file.write_text(written(page_file.read_text(encoding="utf-8"), reproduction), encoding="utf-8")
-    run = [row for row in reproduction.rows if row["ours"] is not None]
+    run = [row for row in reproduction.rows if row["ours"] is not None or row["doubtful"]]
     cells.write_text(results.table(run, COLUMNS), encoding="utf-8")
     for study in reproduction.studies:
         if points := study.points(reproduction.done.results):

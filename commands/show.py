@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -179,11 +180,22 @@ def _tell_comparison(console: Console, comparison: Comparison) -> None:
 
 
 def show_reproduction(reproduction: Reproduction, as_json: bool, quiet: bool) -> None:
-    """The paper's cells beside ours."""
+    """The paper's cells beside ours; leaves with 1 where a run failed by a fault of rigtwin."""
     if as_json:
         print_json(reproduction.to_json())
     elif not quiet:
         _tell_reproduction(_console(), reproduction)
+    if faults := reproduction.done.faults:
+        if os.environ.get("RIGTWIN_DEBUG"):
+            sys.stderr.write("\n".join(faults.values()))
+        elif not as_json:
+            first = next(iter(faults))
+            sys.stderr.write(
+                f"rigtwin: {len(faults)} of {len(reproduction.done.results) + len(reproduction.done.failures)} runs "
+                f"failed, {first} by {reproduction.done.failures[first]}; the others are kept and shown; set "
+                "RIGTWIN_DEBUG=1 and run again to see the traceback.\n"
+            )
+        raise typer.Exit(1)
 
 
 def _tell_reproduction(console: Console, reproduction: Reproduction) -> None:
@@ -213,13 +225,17 @@ def _tell_reproduction(console: Console, reproduction: Reproduction) -> None:
                 f"{title(row['quantity'])} [dim]{escape(row['unit'])}[/dim]",
                 number(row["paper_experiment"], row["paper_experiment_std"]),
                 number(row["paper_dem"], row["paper_dem_std"]),
-                number(row["ours"], row["ours_std"]),
+                number(row["ours"], row["ours_std"]) + (" [yellow]?[/yellow]" if row["doubtful"] else ""),
                 str(row["runs"]),
                 percent(row["paper_dem_percent_deviation"], None),
                 percent(row["ours_percent_deviation"], None),
                 percent(row["ours_against_paper_dem_percent"], None),
             )
         console.print(table)
+        for row in rows:
+            if row["doubtful"]:
+                cell = f"{row['row']}, {title(row['quantity'])}"
+                console.print(f"[yellow]doubtful:[/yellow] {escape(cell)}: {escape(row['doubtful'])}")
         if score["judged"]:
             console.print(
                 f"{score['no_further']} of {score['judged']} cells no further from the experiment than the paper's DEM"

@@ -1,17 +1,21 @@
 """Many runs and a folder that keeps what they gave: a queue over all cores that can be interrupted and taken up again.
 
 Every finished run is kept at once, under a name that holds a digest of its settings: asked for again with the same
-settings it is read, not run; with other settings it is another run.
+settings it is read, not run; with other settings it is another run.  What the settings only name, as a particle, is
+kept inside the file: where it is another by now, the kept run is not the one asked for, and that is run.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import math
+import traceback
 from collections.abc import Iterator, Mapping, Sequence, Sized
 from concurrent.futures import as_completed
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -31,6 +35,7 @@ class Run:
     function: str  # "module:function"; takes the settings as keywords, returns plain numbers and texts
     settings: Mapping[str, Any]  # plain numbers and texts
     cost: float = 1.0  # [s] that it takes, about; dear ones start first
+    inputs: Mapping[str, Any] = field(default_factory=dict)  # what the settings stand for: plain numbers and texts
 
     @property
     def file_name(self) -> str:
@@ -45,6 +50,8 @@ class Done:
 
     results: Mapping[str, dict[str, Any]]
     failures: Mapping[str, str]
+    faults: Mapping[str, str] = field(default_factory=dict)
+    """Tracebacks of those failures that rigtwin did not foresee."""
 
 
 def run_all(
@@ -57,14 +64,15 @@ def run_all(
 ) -> Done:
     """Run what `folder` does not hold yet, one process per core, and return everything.
 
-    A run that fails with a sentence (`RigtwinError`) is listed with it and tried again the next time.  With `only_kept`
-    nothing is run.
+    A run that fails is listed with its sentence (`RigtwinError`), or as a fault of rigtwin (any other exception), and
+    tried again the next time.  With `only_kept` nothing is run.
     """
     if not only_kept:
         folder.mkdir(parents=True, exist_ok=True)
-    kept = {run.name: found for run in runs if (found := _read(folder / run.file_name)) is not None}
+    kept = {run.name: found for run in runs if (found := _read(folder / run.file_name, run)) is not None}
     missing = sorted((run for run in runs if run.name not in kept), key=lambda run: -run.cost)
     failures: dict[str, str] = {}
+    faults: dict[str, str] = {}
     whole, still = sum(run.cost for run in runs), sum(run.cost for run in missing)
     progress("running", whole - still, whole)
     if missing and not only_kept:
@@ -77,16 +85,23 @@ def run_all(
                     found = job.result()
                 except RigtwinError as error:
                     failures[run.name] = str(error)
+                except BrokenProcessPool:  # no other run can go on either
+                    raise
+                except MemoryError:
+                    failures[run.name] = "does not fit into memory; close other programs or give fewer --workers."
+                except Exception as error:  # whatever it is, the other runs are not to blame
+                    failures[run.name] = f"a fault of rigtwin itself ({_in_short(error)})"
+                    faults[run.name] = "".join(traceback.format_exception(error))
                 else:
                     kept[run.name] = found
                     record = {
                         "rigtwin": __version__, "function": run.function, "settings": dict(run.settings),
-                        "result": found,
+                        "inputs": run.inputs, "result": found,
                     }  # fmt: skip
                     results.write_together(folder, {run.file_name: results.document(results.plain(record))})
                 still -= run.cost
                 progress("running", whole - still, whole)
-    return Done({run.name: kept[run.name] for run in runs if run.name in kept}, failures)
+    return Done({run.name: kept[run.name] for run in runs if run.name in kept}, failures, faults)
 
 
 @contextmanager
@@ -99,15 +114,36 @@ def _kept_told(runs: Sized, kept: Sized, folder: Path) -> Iterator[None]:
         raise
 
 
+def _in_short(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}".splitlines()[0]
+
+
 def _perform(function: str, settings: dict[str, Any]) -> dict[str, Any]:
     module, name = function.split(":")
     found: dict[str, Any] = results.plain(getattr(import_module(module), name)(**settings))
     return found
 
 
-def _read(path: Path) -> dict[str, Any] | None:
+def fits(record: Mapping[str, Any], run: Run) -> bool:
+    """Whether a kept run was made of the inputs that it would have now; one that does not tell them was."""
+    return not record.get("inputs") or not run.inputs or _alike(record["inputs"], results.plain(run.inputs))
+
+
+def _alike(one: Any, other: Any) -> bool:
+    """The same but for rounding, which differs from machine to machine."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(_alike(value, other[name]) for name, value in one.items())
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(_alike, one, other))
+    if isinstance(one, (int, float)) and isinstance(other, (int, float)):
+        return math.isclose(one, other, rel_tol=1e-6, abs_tol=1e-15)
+    return bool(one == other)
+
+
+def _read(path: Path, run: Run) -> dict[str, Any] | None:
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))["result"]
-    except (OSError, ValueError, LookupError, TypeError):
+        record = json.loads(path.read_text(encoding="utf-8"))
+        found = record["result"] if fits(record, run) else None
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):
         return None  # not there, or cut short by a crash: run again
     return found if isinstance(found, dict) and found else None  # every run gives something

@@ -43,11 +43,14 @@ TITLES = {
     "discharge_time_5_95": "Discharge time of the middle 90 %",
     "mass_flow_rate": "Mass flow rate",
     "mass_flow": "Mass flow rate",
+    "steady_mass_flow": "Mass flow rate, steady",
+    "emptied_particles": "Particles that left in time",
     "particle_flow_rate": "Particles per second",
     "discharged_fraction_rate": "Share of the filling that leaves per second",
     "outlet_velocity": "Velocity at the outlet",
     "residue_fraction": "Share of the filling left behind",
     "rayleigh_time_step": "Rayleigh's time step",
+    "seconds_per_particle": "Computing time per particle",
 }
 
 RIG_TITLES = {

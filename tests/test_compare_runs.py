@@ -38,6 +38,16 @@ def test_a_run_that_fails_says_why_and_the_others_go_on(tmp_path):
     assert len(list(tmp_path.iterdir())) == 1
 
 
+def test_a_fault_of_one_run_is_told_and_the_others_go_on_and_are_kept(tmp_path):
+    faulty = Run("faulty", "operator:truediv", {})  # takes no settings by name
+    done = run_all([faulty, table(16), table(99)], tmp_path, workers=1)
+    assert list(done.results) == ["table-16"]
+    assert done.failures["faulty"].startswith("a fault of rigtwin itself (TypeError: ")
+    assert list(done.faults) == ["faulty"]  # the wrong table is none
+    assert "Traceback" in done.faults["faulty"]
+    assert len(list(tmp_path.iterdir())) == 1
+
+
 def test_who_interrupts_learns_what_is_kept(tmp_path):
     def impatient(_what, done, _whole):
         if done:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rigtwin.compare import results
 from rigtwin.compare.filled import filled
 from rigtwin.compare.reproduce import rigs
+from rigtwin.compare.reproduce.doubts import once, warned
 from rigtwin.compare.reproduce.studies import Points, Study, check_studies, studies
 from rigtwin.compare.reproduce.tables import Cell, Plan, check_tables, plan
 from rigtwin.compare.runs import Done, run_all
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 COLUMNS = (
     "table", "row", "quantity", "unit", "rolling_model", "paper_experiment", "paper_experiment_std", "paper_dem",
     "paper_dem_std", "ours", "ours_std", "runs", "paper_dem_percent_deviation", "ours_percent_deviation",
-    "ours_against_paper_dem_percent",
+    "ours_against_paper_dem_percent", "doubtful",
 )  # fmt: skip
 
 
@@ -67,6 +67,7 @@ class Reproduction:
                     "rolling_model": law,
                     "cells": len(mine),
                     "done": sum(row["ours"] is not None for row in mine),
+                    "doubtful": sum(bool(row["doubtful"]) for row in mine),
                     "judged": len(judged),
                     "no_further": sum(
                         abs(row["ours_percent_deviation"]) <= abs(row["paper_dem_percent_deviation"]) for row in judged
@@ -87,16 +88,9 @@ class Reproduction:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What the runs say against themselves, each kind once: in how many runs, and as the worst of them says it."""
-        kinds: dict[str, list[str]] = {}
-        for result in self.done.results.values():
-            said: dict[str, list[str]] = {}
-            for warning in result.get("warnings") or ():
-                words = warning.partition(";")[0]  # advice behind it is of `simulate`'s options
-                said.setdefault(_NUMBER.sub("#", words), []).append(words)
-            for kind, alike in said.items():
-                kinds.setdefault(kind, []).append(max(alike, key=_first_number))
         runs = len(self.done.results)
-        return tuple(f"in {len(said)} of {runs} runs: {max(said, key=_first_number)}" for said in kinds.values())
+        kinds = once(map(warned, self.done.results.values()))
+        return tuple(f"in {count} of {runs} runs: {words}" for words, count in kinds.items())
 
     def to_json(self) -> dict[str, Any]:
         """The document of `rigtwin reproduce --json`."""
@@ -107,24 +101,17 @@ class Reproduction:
             "studies": {study.name: study.points(self.done.results) for study in self.studies},
             "assumptions": dict(self.assumptions),
             "failures": dict(self.done.failures),
+            "faults": list(self.done.faults),
             "warnings": list(self.warnings),
             "replaced": self.replaced,
             "files": {name: str(path) for name, path in self.files.items()},
         }
 
 
-_NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
-
-
-def _first_number(warning: str) -> float:
-    found = _NUMBER.search(warning)
-    return float(found[0]) if found else 0.0
-
-
 def _pattern(rows: Sequence[dict[str, Any]]) -> dict[str, float | None]:
     """How alike a table of deviations is to the paper's: rank correlation, and mean distance in percentage points."""
     both = [(row["ours"], row["paper_dem"]) for row in rows if row["ours"] is not None]
-    if len(both) < 3:
+    if len(both) < 3 or len({mine for mine, _ in both}) == 1:
         return {"rank_correlation": None, "mean_difference": None}
     from scipy.stats import spearmanr
 
@@ -150,13 +137,14 @@ def reproduce(
 ) -> Reproduction:
     """Fill the paper's tables (all that are reproduced, or those named) and write them into `out`.
 
-    `study` names influence studies; without tables or studies named, and not `quick`, all of both are run.
+    `study` names influence studies; without tables or studies named, and not `quick`, all of both are run.  `quick`
+    takes a part of each table, and one heap for each point of a study.
     `rolling` is the law by which all runs resist rolling; each law's runs are kept beside the other's.  `repetitions`
     runs with different seeds fill a cell or a study's point; finished runs are kept in ``out/runs`` and not run again,
-    and with `only_kept` nothing else is shown.  Raises `BadInput` for an unknown table or study, and where nothing
-    is kept that could be shown.
+    and with `only_kept` nothing else is shown.  Raises `BadInput` for an unknown table or study, for a table
+    that has no quick part, and where nothing is kept that could be shown.
     """
-    check_tables(tables or ())
+    check_tables(tables or (), quick=quick)
     check_studies(study or ())
     if only_kept and not any((out / "runs").glob("*.json")):  # found out before what planning costs
         raise _none_kept(out)
@@ -164,7 +152,7 @@ def reproduce(
     if tables or not study:
         wanted = plan(tables, quick=quick, repetitions=repetitions, seed=seed, rolling=rolling)
     asked = (study or ()) if study or tables or quick else None
-    runs, shown = studies(asked, repetitions=repetitions, seed=seed, rolling=rolling)
+    runs, shown = studies(asked, repetitions=repetitions, seed=seed, rolling=rolling, quick=quick)
     every = {run.name: run for run in (*wanted.runs, *runs)}
     done = run_all(tuple(every.values()), out / "runs", workers=workers, only_kept=only_kept, progress=progress)
     if only_kept and not done.results:

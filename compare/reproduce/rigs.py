@@ -7,9 +7,11 @@ rolling law is "type C" where a run does not say it: so were those made that wer
 
 from __future__ import annotations
 
+import inspect
+import math
 import re
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare.deviation import over_views
@@ -47,6 +49,9 @@ ASSUMED = {
     "called have the frictions among particles that it took then, 0.2 and 0.01 (beads) or 0.5 and 0.1 (cubes and "
     "pellets; static and rolling), and wooden beads and the cube of 24 spheres before they were enlarged; contacts "
     "with the wall and all restitutions are the calibrated ones, for those of then are not told",
+    "computing": "ours is the processor time of one thread from the first particle poured until the bed rests, kernels "
+    "that are compiled then included, over the number of particles; the paper tells neither its computer nor what "
+    "it counts, so that its seconds only stand beside ours",
     "swept": "tables 4 to 6 print how far the simulated bed is from the measured one without its sign; particles are "
     "those of tables A2 to A7 (the enlarged beads), but for their friction among each other",
     "drum": "the PMMA drum is 30 mm deep and 35 % full, and its end walls turn with it (the paper gives none of these; "
@@ -56,7 +61,8 @@ ASSUMED = {
     "slot": "the hopper of section 2.2.5 is a slot 68 mm long, whose width is the printed outlet (a round outlet of "
     "that size would pass a tenth of the printed flow)",
     "conical": "particles that left the conical hopper of section 2.2.3 within 5 s, over 5 s, as the printed number of "
-    "emptied particles is to be read; the steady flow stands beside it",
+    "emptied particles is to be read; where all left before, these are as many at any flow and are not set against the "
+    "paper's; the steady flow stands beside what the paper prints and is another thing",
     "piled": "1.6 times as many particles are poured as bowl and heap hold; the surplus falls over the rim",
     "pour": "particles fall from one particle's size above the heap, with which the outlet rises, as many a second as "
     "Beverloo's law has for an outlet a quarter of the base wide, at least three particles (the paper gives neither, "
@@ -85,6 +91,7 @@ def piling(
     count: int | None = None,
     outlet_height: float | None = None,
     fall_height: float | None = None,
+    surplus: float = PILED,
     rolling: Rolling = "type C",
 ) -> dict[str, Any]:
     """Angles of repose [deg] of one pile, means over four views and both sides (tables 14 and 15).
@@ -106,7 +113,7 @@ def piling(
         cast,
         pour_rate=None if fall_height is None else pour_rate(bead, base_diameter),
         fall_height=fall_height,
-        count=count or piled_count(base_diameter, rim, bead.mass / bead.effective_density),
+        count=count or piled_count(base_diameter, rim, bead.mass / bead.effective_density, surplus),
         seed=seed,
         threads=1,
         rolling=rolling,
@@ -127,6 +134,7 @@ def packing(
     static_friction: float | None = None,
     rolling_friction: float | None = None,
     enlarged: bool = True,
+    higher: float = HIGHER,
     rolling: Rolling = "type C",
 ) -> dict[str, Any]:
     """Height [mm] of the bed that `count` particles make in the cylinder (tables 4 to 7).
@@ -139,7 +147,7 @@ def packing(
     rig = cylinder_for(Packing(cylinder), cast.particle, count)
     twin = packing_twin(rig, cast, count=count, seed=seed, threads=1, rolling=rolling)
     if twin.settings["missed"]:
-        rig = replace(rig, cylinder_height=HIGHER * rig.cylinder_height)
+        rig = replace(rig, cylinder_height=higher * rig.cylinder_height)
         twin = packing_twin(rig, cast, count=count, seed=seed, threads=1, rolling=rolling)
     heights = {item.method: item.value for item in twin.evaluation.quantities if item.quantity == "bed_height"}
     kept = ("packing_fraction", "seconds_per_particle", "missed")
@@ -159,6 +167,7 @@ def drum(
     speed: float,
     seed: int,
     turns: float = TURNS,
+    diameter: float = DRUM,
     depth: float = DEPTH,
     fill: float = FILL,
     rolling: Rolling = "type C",
@@ -166,18 +175,25 @@ def drum(
     """Dynamic angles of repose [deg] in the drum that turns at `speed` [rad/s] (tables 14 and 15)."""
     from rigtwin.compare.bulk_twins import drum_twin
 
-    rig = Drum(DRUM, speed, depth, fill)
+    rig = Drum(diameter, speed, depth, fill)
     twin = drum_twin(rig, _cast(particle, "PMMA"), seed=seed, turns=turns, threads=1, rolling=rolling)
     return {**_angles(twin.evaluation), "mixing_index": twin.settings["mixing_index"], **_course(twin)}
 
 
 def slot_hopper(
-    particle: str, *, outlet: float, count: int, seed: int, wall: str = "PMMA", rolling: Rolling = "type C"
+    particle: str,
+    *,
+    outlet: float,
+    count: int,
+    seed: int,
+    slot_length: float = SLOT,
+    wall: str = "PMMA",
+    rolling: Rolling = "type C",
 ) -> dict[str, Any]:
     """Discharge time [s] of the slot hopper (table 16)."""
     from rigtwin.compare.bulk_twins import hopper_twin
 
-    rig = Hopper(outlet, "slot", slot_length=SLOT)
+    rig = Hopper(outlet, "slot", slot_length=slot_length)
     twin = hopper_twin(rig, _cast(particle, wall), count=count, seed=seed, threads=1, rolling=rolling)
     last = twin.settings["last_bead_s"]
     return {**({} if last is None else {"discharge_time_s": last}), **_course(twin)}
@@ -224,7 +240,36 @@ def conical_hopper(
     }
 
 
-def piled_count(base_diameter: float, rim: float, volume: float) -> int:
+def inputs(function: str, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """What a run's settings stand for: the rig's inferred sizes, and particle, wall and contacts as they are now.
+
+    Of a clump what does not hang on how it is turned.  How the engine works is not among it: that is the version's.  A
+    new argument of a rig makes all its runs other ones.
+    """
+    taken = inspect.signature(globals()[function]).parameters.values()
+    rig = {one.name: one.default for one in taken if one.default is not inspect.Parameter.empty} | dict(settings)
+    cast = _cast(
+        rig.get("particle", "D6"),
+        rig.get("wall", "PMMA"),
+        rig.get("static_friction"),
+        rig.get("rolling_friction"),
+        enlarged=rig.get("enlarged", True),
+    )
+    bead = cast.particle
+    layout = {} if bead.shape is None else {
+        "gyration": sorted(bead.shape.gyration),
+        "spheres": sorted((math.hypot(*at), radius) for at, radius in zip(bead.shape.offsets, bead.radii, strict=True)),
+    }  # fmt: skip
+    return {
+        "rig": {name: value for name, value in rig.items() if name not in settings},
+        "particle": {"diameter": bead.diameter, "mass": bead.mass, "material": asdict(bead.material), **layout},
+        "wall": asdict(cast.wall),
+        "contact": asdict(cast.contact),
+        "wall_contact": asdict(cast.wall_contact),
+    }
+
+
+def piled_count(base_diameter: float, rim: float, volume: float, surplus: float = PILED) -> int:
     """How many particles of `volume` [m^3] to pour on a bowl.
 
     >>> piled_count(90e-3, 10e-3, 124.8e-9)
@@ -232,7 +277,7 @@ def piled_count(base_diameter: float, rim: float, volume: float) -> int:
     """
     radius = base_diameter / 2
     space = 3.14159 * radius**2 * (rim + radius * 0.577 / 3)
-    return round(PILED * 0.58 * space / volume)
+    return round(surplus * 0.58 * space / volume)
 
 
 def pour_rate(particle: Particle, base_diameter: float) -> float:

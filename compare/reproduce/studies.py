@@ -61,10 +61,18 @@ class Study:
 
 
 def studies(
-    names: Sequence[str] | None, *, repetitions: int | None = None, seed: int, rolling: Rolling = "type A"
+    names: Sequence[str] | None,
+    *,
+    repetitions: int | None = None,
+    seed: int,
+    rolling: Rolling = "type A",
+    quick: bool = False,
 ) -> tuple[list[Run], list[Study]]:
-    """The runs of the studies `names` (all by default) and how to read them; a point is the mean of `repetitions`."""
-    seeds = range(seed, seed + (repetitions or REPETITIONS))
+    """The runs of the studies `names` (all by default) and how to read them; a point is the mean of `repetitions`.
+
+    Where these are not given a `quick` study has one heap for each point.
+    """
+    seeds = range(seed, seed + (repetitions or (1 if quick else REPETITIONS)))
     runs: dict[str, Run] = {}
     found = []
     check_studies(names or ())

@@ -9,6 +9,7 @@ from statistics import fmean, stdev
 from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare.reproduce import cost, rigs
+from rigtwin.compare.reproduce.doubts import once, spoilt
 from rigtwin.compare.runs import Run
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.reference import hlosta2020
@@ -36,10 +37,11 @@ class Cell:
     assumed: tuple[str, ...] = ()
     off: float | None = None  # the cell is how far that number is from this one, in percent and without its sign
     rolling: Rolling = "type A"  # the law by which the runs resist rolling
+    comparable: bool = True  # ours is the same as what the paper prints; else it only stands beside it
 
     def ours(self, results: Results) -> list[float]:
         """What the finished runs gave."""
-        found = (results[name].get(self.key) for name in self.runs if name in results)
+        found = (result.get(self.key) for result in self._found(results))
         values = [float(value) for value in found if value is not None]
         return values if self.off is None else [100 * abs(value - self.off) / self.off for value in values]
 
@@ -47,6 +49,7 @@ class Cell:
         """A row of ``cells.csv``: ours beside the paper's experiment and the paper's DEM, deviations in percent."""
         values = self.ours(results)
         ours = fmean(values) if values else None
+        comparable = self.comparable and self.off is None and not any(map(self._ran_out, self._found(results)))
         return {
             "table": self.table,
             "row": self.row,
@@ -63,8 +66,26 @@ class Cell:
             "paper_dem_percent_deviation": _deviation(self.paper_dem, self.experiment),
             "ours_percent_deviation": _deviation(ours, self.experiment),
             # what is a deviation itself has lost its sign, and has none from the other
-            "ours_against_paper_dem_percent": None if self.off is not None else _deviation(ours, self.paper_dem),
+            "ours_against_paper_dem_percent": _deviation(ours, self.paper_dem) if comparable else None,
+            "doubtful": self.doubtful(results),
         }
+
+    def doubtful(self, results: Results) -> str:
+        """Why ours is doubtful; empty where no run of it says anything against it."""
+        found = self._found(results)
+        kinds = once([*spoilt(result), *([_ALL_OUT] if self._ran_out(result) else [])] for result in found)
+        several = len(found) > 1
+        return "; ".join(
+            f"{words} ({count} of {len(found)} runs)" if several else words for words, count in kinds.items()
+        )
+
+    def _found(self, results: Results) -> list[dict[str, Any]]:
+        """The finished runs."""
+        return [results[name] for name in self.runs if name in results]
+
+    def _ran_out(self, result: dict[str, Any]) -> bool:
+        """Whether the cell counts what left within a time in which all left: it says nothing of the flow then."""
+        return self.quantity in _COUNTED and result.get("emptied", 0) >= result.get("asked", math.inf)
 
 
 @dataclass(frozen=True)
@@ -83,8 +104,11 @@ def plan(
     seed: int,
     rolling: Rolling = "type A",
 ) -> Plan:
-    """All runs that the tables `numbers` need (all tables by default); `quick` takes a representative part."""
-    check_tables(numbers or ())
+    """All runs that the tables `numbers` need (all tables by default); `quick` takes a representative part.
+
+    Raises `BadInput` for a table that is not reproduced, or has no such part and is named.
+    """
+    check_tables(numbers or (), quick=quick)
     runs: dict[str, Run] = {}
     cells: list[Cell] = []
     for number in numbers or TABLES:
@@ -95,11 +119,17 @@ def plan(
     return Plan(tuple(runs.values()), tuple(cells))
 
 
-def check_tables(numbers: Sequence[int]) -> None:
-    """Raises `BadInput` for one that is not reproduced."""
+def check_tables(numbers: Sequence[int], *, quick: bool = False) -> None:
+    """Raises `BadInput` for one that is not reproduced, or not in minutes where it should be `quick`."""
     for number in numbers:
         if number not in TABLES:
             raise BadInput(f"--table: table {number} is not reproduced; there are {', '.join(map(str, TABLES))}.")
+        if quick and number in _NEVER_QUICK:
+            short = ", ".join(str(each) for each in TABLES if each not in _NEVER_QUICK)
+            raise BadInput(
+                f"--quick: table {number} has no part that takes minutes, for each bed of 2000 cubes of 24 spheres "
+                f"takes several; leave --quick out, or give --table one of {short}."
+            )
 
 
 def under(rolling: Rolling, run: Run) -> Run:
@@ -107,10 +137,10 @@ def under(rolling: Rolling, run: Run) -> Run:
 
     Under type C it is named as it was before there was a choice: what was kept then is found, and read as such.
     """
-    if rolling == "type C":
-        return run
-    name = f"{rolling.replace(' ', '_')}-{run.name}"
-    return replace(run, name=name, settings={**run.settings, "rolling": rolling})
+    if rolling != "type C":
+        name = f"{rolling.replace(' ', '_')}-{run.name}"
+        run = replace(run, name=name, settings={**run.settings, "rolling": rolling})
+    return replace(run, inputs=rigs.inputs(run.function.partition(":")[2], run.settings))
 
 
 _RIGS = "rigtwin.compare.reproduce.rigs"
@@ -123,10 +153,18 @@ _TOPS = "bead_tops_height_mm"
 _QUICK_FRICTIONS = ((0.05, 0.01), (0.5, 0.01), (1.5, 0.01), (0.5, 1.0))  # static, rolling
 _BASES = {"piling_90mm": 90e-3, "piling_150mm": 150e-3}
 _DRUM_SPEED = 3 * 2 * math.pi / 60  # [rad/s]
-_QUICK_ANGLES = (("D6", "piling_90mm"), ("D6_ABS", "piling_90mm"), ("D5_steel", "piling_90mm"))
+_QUICK_ANGLES = (
+    ("D6", "piling_90mm"),
+    ("D6_ABS", "piling_90mm"),
+    ("D5_steel", "piling_90mm"),
+    ("D6_ABS", "drum_140mm_3rpm"),
+)
 _QUICK_BEDS = ("D6", "D6_ABS", "D12")
 _QUICK_SLOTS = ("D6_ABS", "D12", "P6x15")
 _FLOW_MODULI = (1e6, 1e7, 1e8)  # [Pa]; beyond, a run takes days
+_ALL_OUT = "all had left before the time was over, so that it is the same at any flow"
+_NEVER_QUICK = (5,)  # tables
+_COUNTED = ("mass_flow", "emptied_particles")  # within a stated time
 
 
 def _angles(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows:
@@ -162,7 +200,7 @@ def _angles(number: int, quick: bool, repetitions: int | None, seed: int) -> Row
 
 
 def _beds(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows:
-    """Table 7: bed heights of all virtual particles.
+    """Table 7: bed heights of all virtual particles, and what computing them takes.
 
     And once more with what the paper's simulation had when it was printed: no experiment is judged by that.
     """
@@ -170,38 +208,32 @@ def _beds(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows:
         particle = str(row["virtual_particle"])
         if quick and particle not in _QUICK_BEDS:
             continue
-        yield _bed(number, row, "", repetitions or (1 if quick else 3), seed)
+        yield from _bed(number, row, "", repetitions or (1 if quick else 3), seed)
     for row in () if quick else hlosta2020.table(number):
         sliding, rolling = _FIRST_FRICTIONS[hlosta2020.CLUMPS.get(str(row["virtual_particle"]), "beads")]
         taken = {"static_friction": sliding, "rolling_friction": rolling, "enlarged": False}
-        yield _bed(number, row, "before", repetitions or 1, seed, **taken)
+        yield from _bed(number, row, "before", repetitions or 1, seed, **taken)
 
 
-def _bed(
-    number: int, row: hlosta2020.Row, stage: str, repeated: int, seed: int, **taken: Any
-) -> tuple[Sequence[Run], Cell]:
+def _bed(number: int, row: hlosta2020.Row, stage: str, repeated: int, seed: int, **taken: Any) -> Rows:
     """One bed of table 7, calibrated or at an earlier stage."""
     particle = str(row["virtual_particle"])
     count = _in_bed(particle)
     lasts = cost.of_bed(particle, count)
     runs = [_run("packing", particle, seed + k, lasts, stage, **taken, count=count) for k in range(repeated)]
+    names = tuple(run.name for run in runs)
     experiment, experiment_std, dem, dem_std = (
-        float(row[f"bed_height_{name}_mm"]) for name in ("exp", "exp_std", "dem", "dem_std")
+        None if stage and "exp" in name else float(row[f"bed_height_{name}_mm"])
+        for name in ("exp", "exp_std", "dem", "dem_std")
     )
+    height = (experiment, experiment_std, dem, dem_std)
+    where = f"{particle}, {stage} calibration" if stage else particle
     assumed = ("cylinder", "tops", "wall", *(("d12",) if particle == "D12" else ()), *((stage,) if stage else ()))
-    return runs, Cell(
-        number,
-        f"{particle}, {stage} calibration" if stage else particle,
-        "bed_height",
-        "mm",
-        None if stage else experiment,
-        None if stage else experiment_std,
-        dem,
-        dem_std,
-        tuple(run.name for run in runs),
-        _TOPS,
-        assumed,
-    )
+    yield runs, Cell(number, where, "bed_height", "mm", *height, names, _TOPS, assumed)
+    takes = float(row["cost_s_per_particle"])
+    computing = "seconds_per_particle"
+    paper = (None, None, takes, None)
+    yield runs, Cell(number, where, computing, "s", *paper, names, computing, ("computing",), comparable=False)
 
 
 def _in_bed(particle: str) -> int:
@@ -218,7 +250,7 @@ def _frictions(number: int, quick: bool, repetitions: int | None, seed: int) -> 
     count = _in_bed(particle)
     for row in hlosta2020.table(number):
         sliding, rolling = float(row["mu_s_pp"]), float(row["mu_r_pp"])
-        if quick and not (number == 4 and (sliding, rolling) in _QUICK_FRICTIONS):
+        if quick and (number in _NEVER_QUICK or (sliding, rolling) not in _QUICK_FRICTIONS):
             continue
         settings = {"count": count, "static_friction": sliding, "rolling_friction": rolling}
         name = f"{particle}-mus{sliding:g}-mur{rolling:g}"
@@ -253,7 +285,10 @@ def _frictions(number: int, quick: bool, repetitions: int | None, seed: int) -> 
 
 
 def _flows(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows:
-    """Table 13: flow from the conical hopper against the shear modulus; the paper has no experiment there."""
+    """Table 13: flow from the conical hopper against the shear modulus; the paper has no experiment there.
+
+    Its flow is what left within 5 s, over 5 s: ours so counted, and our steady flow, which is another thing.
+    """
     for row in hlosta2020.table(number):
         modulus = float(row["shear_modulus_pa"])
         if modulus not in _FLOW_MODULI[: 1 if quick else None]:
@@ -268,11 +303,16 @@ def _flows(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows
             for k in range(repetitions or 1)
         ]
         names = tuple(run.name for run in runs)
-        dem = (float(row["mass_flow_g_s"]), float(row["mass_flow_std_g_s"]))
-        step = float(row["timestep_s"])
-        where = f"D6, G = {modulus:.0e} Pa"
-        yield runs, Cell(number, where, "mass_flow", "g/s", None, None, *dem, names, "mass_flow_g_s", ("conical",))
-        yield runs, Cell(number, where, "rayleigh_time_step", "s", None, None, step, None, names, "rayleigh_step_s")
+        flow, emptied = (
+            (None, None, float(row[name]), float(row[f"{name.removesuffix(unit)}_std{unit}"]))
+            for name, unit in (("mass_flow_g_s", "_g_s"), ("emptied_particles", ""))
+        )
+        step = (None, None, float(row["timestep_s"]), None)
+        where, of, steady = f"D6, G = {modulus:.0e} Pa", ("conical",), "steady_mass_flow_g_s"
+        yield runs, Cell(number, where, "emptied_particles", "particles", *emptied, names, "emptied", of)
+        yield runs, Cell(number, where, "mass_flow", "g/s", *flow, names, "mass_flow_g_s", of)
+        yield runs, Cell(number, where, "steady_mass_flow", "g/s", *flow, names, steady, of, comparable=False)
+        yield runs, Cell(number, where, "rayleigh_time_step", "s", *step, names, "rayleigh_step_s")
 
 
 def _discharges(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows:

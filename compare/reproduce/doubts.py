@@ -1,0 +1,55 @@
+"""What runs say against themselves, each kind once and as the worst of them says it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+_NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+_SHARE = re.compile(r"^only (\d+) of (\d+)")
+# what a run's numbers hang on; how far beads are pressed into each other is that of the paper's own stiffness
+_SPOILS = re.compile(r"still moving|^only \d|did not stay|reaches above|does not close")
+# these leave a hopper's flow as it is; and one that is watched for a stated time need not be empty after it
+_OF_HEAP, _OF_REST = "the heap was still moving", "had left the hopper"
+
+
+def once(said: Iterable[Iterable[str]]) -> dict[str, int]:
+    """What several runs said, each kind in its worst words, and in how many of them.
+
+    >>> once([["only 9 of 10 had left"], ["only 29 of 30 had left", "pressed by 5 %"], []])
+    {'only 9 of 10 had left': 2, 'pressed by 5 %': 1}
+    """
+    kinds: dict[str, list[str]] = {}
+    for words in said:
+        mine: dict[str, list[str]] = {}
+        for sentence in words:
+            mine.setdefault(_NUMBER.sub("#", sentence), []).append(sentence)
+        for kind, alike in mine.items():
+            kinds.setdefault(kind, []).append(max(alike, key=_badness))
+    return {max(alike, key=_badness): len(alike) for alike in kinds.values()}
+
+
+def warned(result: Mapping[str, Any]) -> list[str]:
+    """The warnings of a run, without the advice behind them, which is of `simulate`'s options."""
+    return [warning.partition(";")[0] for warning in result.get("warnings") or ()]
+
+
+def spoilt(result: Mapping[str, Any]) -> Sequence[str]:
+    """Why a run's numbers are doubtful: it was still moving, lost particles or did not empty."""
+    words = [sentence for sentence in warned(result) if _SPOILS.search(sentence)]
+    if "at_rest" not in result:  # a drum or a hopper
+        words = [one for one in words if _OF_HEAP not in one and not (_OF_REST in one and "emptied" in result)]
+    elif not result["at_rest"] and not any("still moving" in sentence for sentence in words):
+        words.append("it was still moving at the end")
+    if (missed := result.get("missed")) and not any("did not stay" in sentence for sentence in words):
+        words.append(f"{missed} of {result.get('placed', '?')} particles did not stay in the cylinder")
+    return words
+
+
+def _badness(sentence: str) -> float:
+    """Of two sentences of a kind the worse has the larger first number, or less of a whole."""
+    if share := _SHARE.match(sentence):
+        return 1 - int(share[1]) / max(int(share[2]), 1)
+    found = _NUMBER.search(sentence)
+    return float(found[0]) if found else 0.0
