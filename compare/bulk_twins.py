@@ -125,23 +125,26 @@ def drum_twin(
     from rigtwin.measure import drum as ruler  # not before the run, which begins the sooner
 
     evaluation = ruler.evaluate(
-        rotation.profiles,
-        rotation.time,
+        rotation.profiles[1:],  # without the bed at rest
+        rotation.time[1:],
         drum_diameter=rig.diameter,
         speed=abs(rig.speed),
         bead_diameter=cast.particle.diameter,
     )
     checks = drum.checks(rig, cast.particle, rotation)
-    quantities = tuple(doubted(one, failed(checks)) for one in evaluation.quantities)
-    evaluation = replace(evaluation, quantities=quantities, checks=(*checks, *evaluation.checks))
+    angles = tuple(doubted(one, failed(checks)) for one in evaluation.quantities)
+    mixed = (rotation.mixed.quantity(turns),) if math.isfinite(rotation.mixed.index) else ()
+    evaluation = replace(evaluation, quantities=(*angles, *mixed), checks=(*checks, *evaluation.checks))
+    over_time = ruler.angles_over_time(rotation.profiles, rotation.time, drum_diameter=rig.diameter)
     course = {
         "count": rotation.count,
         "turns": rotation.turns,
         "steady_from_s": rotation.steady_from,
         "mixing_index": float(rotation.mixing.value[-1]),
     }
-    shown = (rotation.steady,), (rotation.mixing,), lambda: drum.picture(rig, rotation)
-    return _twin("drum", rig, cast, rotation, evaluation, begun, seed, numerics, course, *shown)
+    shown = (rotation.steady,), (rotation.mixing, *over_time), lambda: drum.picture(rig, rotation)
+    twin = _twin("drum", rig, cast, rotation, evaluation, begun, seed, numerics, course, *shown)
+    return replace(twin, surfaces=rotation.profiles)
 
 
 def hopper_twin(

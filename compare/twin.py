@@ -26,7 +26,7 @@ from rigtwin.lab.model import NO_EFFECTS, Effects, Model
 from rigtwin.lab.notebook import Experiment
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
-from rigtwin.lab.records import Profile, Series, Track, write_profile, write_series, write_tracks
+from rigtwin.lab.records import Profile, Series, Track, write_profile, write_profiles, write_series, write_tracks
 from rigtwin.lab.rigs import (
     GRAVITY,
     Drop,
@@ -66,6 +66,8 @@ class Twin:
     tracks: tuple[Track, ...] = ()
     profiles: tuple[Profile, ...] = ()
     series: tuple[Series, ...] = ()
+    surfaces: tuple[Profile, ...] = ()
+    """A surface that moves, at the times of `series`."""
     assumptions: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     set_from: dict[str, str] = field(default_factory=dict)
@@ -425,6 +427,9 @@ def write_twin(twin: Twin, out: Path) -> dict[str, Path]:
         name = f"{twin.rig}-twin-profile-{number}.csv"
         files[f"record_{number}"] = out / name
         write_profile(out / name, profile)
+    if twin.surfaces:
+        files["surfaces"] = out / f"{twin.rig}-twin-profiles-over-time.csv"
+        write_profiles(files["surfaces"], twin.surfaces, twin.series[0].time)
     if twin.draw is not None:
         files["picture"] = out / f"{twin.rig}-twin.png"
         _write_picture(files["picture"], twin.draw())
