@@ -213,8 +213,9 @@ def tilt_twin(
         tracks=(track,),
         series=(angle,),
         assumptions=(
-            f"The plate rises by {math.degrees(rig.speed):.3g} degrees per second, steadily and without shaking.",
-            "A body that slides does not turn; a bead that rolls is a sphere.",
+            f"The plate rises by {math.degrees(rig.speed):.3g} degrees per second, steadily and without shaking"
+            + (f", from {math.degrees(rig.start_angle):.3g} degrees on." if rig.start_angle else "."),
+            tilt.body_in_words(rig, particle),
         ),
         warnings=tilt.left_out(rig, particle, effects),
         draw=lambda: _strobe((track,), particle),
