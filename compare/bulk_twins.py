@@ -41,12 +41,14 @@ def pile_twin(
     seed: int,
     pour_rate: float | None = None,
     fall_height: float | None = None,
+    fill_limit: float | None = None,
+    settle_limit: float | None = None,
     progress: Progress = silent,
     **numerics: Unpack[Numerics],
 ) -> Twin:
     """A heap of `count` particles on a round base, its profile seen from the sides.
 
-    `pour_rate` [1/s] and `fall_height` [m] as in `rigtwin.sim.pile.run`.
+    `pour_rate` [1/s], `fall_height` [m] and limits [s] as in `rigtwin.sim.pile.run`.
     """
     from rigtwin.sim import pile
 
@@ -59,6 +61,7 @@ def pile_twin(
         pour_rate=pour_rate,
         fall_height=fall_height,
         progress=progress,
+        **_stated(fill_limit=fill_limit, settle_limit=settle_limit),
         **numerics,
     )
     from rigtwin.measure import pile as ruler  # not before the run, which begins the sooner
@@ -70,13 +73,26 @@ def pile_twin(
 
 
 def packing_twin(
-    rig: Packing, cast: Cast, *, count: int, seed: int, progress: Progress = silent, **numerics: Unpack[Numerics]
+    rig: Packing,
+    cast: Cast,
+    *,
+    count: int,
+    seed: int,
+    pour_rate: float | None = None,
+    fill_limit: float | None = None,
+    settle_limit: float | None = None,
+    progress: Progress = silent,
+    **numerics: Unpack[Numerics],
 ) -> Twin:
-    """A bed of `count` particles poured into a cylinder, its surface seen from the sides."""
+    """A bed of `count` particles poured into a cylinder, its surface seen from the sides.
+
+    `pour_rate` [1/s] and limits [s] as in `rigtwin.sim.packing.run`.
+    """
     from rigtwin.sim import packing
 
     begun = time.perf_counter()
-    bed = packing.run(rig, *cast, count=count, seed=seed, progress=progress, **numerics)
+    waits = _stated(fill_limit=fill_limit, settle_limit=settle_limit)
+    bed = packing.run(rig, *cast, count=count, seed=seed, pour_rate=pour_rate, progress=progress, **waits, **numerics)
     from rigtwin.measure import packing as ruler  # not before the run, which begins the sooner
 
     try:
@@ -114,14 +130,16 @@ def drum_twin(
     seed: int,
     count: int | None = None,
     turns: float = 1.0,
+    fill_limit: float | None = None,
     progress: Progress = silent,
     **numerics: Unpack[Numerics],
 ) -> Twin:
-    """A bed in a drum that turns `turns` times, its surface seen along the axis."""
+    """A bed in a drum that turns `turns` times, its surface seen along the axis; `fill_limit` [s] as in its `run`."""
     from rigtwin.sim import drum
 
     begun = time.perf_counter()
-    rotation = drum.run(rig, *cast, count=count, turns=turns, seed=seed, progress=progress, **numerics)
+    waits = _stated(fill_limit=fill_limit)
+    rotation = drum.run(rig, *cast, count=count, turns=turns, seed=seed, progress=progress, **waits, **numerics)
     from rigtwin.measure import drum as ruler  # not before the run, which begins the sooner
 
     evaluation = ruler.evaluate(
@@ -154,14 +172,22 @@ def hopper_twin(
     count: int,
     seed: int,
     duration: float | None = None,
+    fill_limit: float | None = None,
+    settle_limit: float | None = None,
     progress: Progress = silent,
     **numerics: Unpack[Numerics],
 ) -> Twin:
-    """A hopper of `count` particles that empties, watched for `duration` [s] or until nothing leaves any more."""
+    """A hopper of `count` particles that empties, watched for `duration` [s] or until nothing leaves any more.
+
+    Limits [s] as in `rigtwin.sim.hopper.run`.
+    """
     from rigtwin.sim import hopper
 
     begun = time.perf_counter()
-    discharge = hopper.run(rig, *cast, count=count, seed=seed, duration=duration, progress=progress, **numerics)
+    waits = _stated(fill_limit=fill_limit, settle_limit=settle_limit)
+    discharge = hopper.run(
+        rig, *cast, count=count, seed=seed, duration=duration, progress=progress, **waits, **numerics
+    )
     from rigtwin.measure import hopper as ruler  # not before the run, which begins the sooner
 
     try:
@@ -186,6 +212,11 @@ def cylinder_for(rig: Packing, particle: Particle, count: int) -> Packing:
     """The rig with a measuring cylinder that holds `count` particles with room to spare."""
     loose = 2.2 * count * particle.mass / particle.effective_density / (math.pi / 4 * rig.cylinder_diameter**2)
     return replace(rig, cylinder_height=max(rig.cylinder_height, loose))
+
+
+def _stated(**limits: float | None) -> dict[str, Any]:
+    """Those limits that are stated; the others are the rig's own."""
+    return {name: limit for name, limit in limits.items() if limit is not None}
 
 
 def _one_layer(rig: Packing, particle: Particle) -> int:

@@ -328,7 +328,7 @@ def check(rig: Drum, particle: Particle, *, count: int | None) -> None:
 def _warnings(course: _Course) -> tuple[str, ...]:
     warnings = []
     if not course.in_time:
-        warnings.append("the bed was still moving when the drum began to turn; raise fill_limit")
+        warnings.append("the bed was still moving when the drum began to turn; raise --fill-limit")
     if not np.isfinite(course.mixing[-1]):
         warnings.append("so few beads lie together that their mixing cannot be counted; give more of them")
     return tuple(warnings)

@@ -255,7 +255,7 @@ def _bed(
     placed = course.placed
     said = list(warnings)
     if not course.in_time:
-        said.append("the filling of the hopper was still moving when its slide was drawn; raise fill_limit")
+        said.append("the filling of the hopper was still moving when its slide was drawn; raise --fill-limit")
     if placed < asked:
         said.append(f"only {placed} of {asked} particles found room below the outlet")
     if missed := placed - int(within.sum()):
@@ -263,7 +263,7 @@ def _bed(
     if heights.max(initial=0.0) > rig.cylinder_height:
         said.append("the bed reaches above the cylinder; give a higher one or fewer particles")
     if not at_rest:
-        said.append("the bed was still moving when the time limit was reached")
+        said.append("the bed was still moving when the time limit was reached; raise --settle-limit")
     return Bed(
         centres=centres,
         radii=radii,

@@ -101,7 +101,7 @@ def run(
     )
     spheres = np.isin(beads.ident if beads.grain is None else beads.grain, grains.ident[stays])
     centres, radii = beads.position[spheres], beads.radius[spheres]
-    moved = () if at_rest else ("the heap was still moving when the time limit was reached",)
+    moved = () if at_rest else ("the heap was still moving when the time limit was reached; raise --settle-limit",)
     profiles = _profiles(rig, particle, method, centres, radii)
     return Heap(
         centres=centres,

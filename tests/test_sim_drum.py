@@ -212,6 +212,11 @@ def test_beads_too_few_to_count_their_mixing_have_no_index():
     assert any("mixing cannot be counted" in warning for warning in made.warnings)
 
 
+def test_a_bed_that_was_given_no_time_to_rest_is_told_with_the_option_that_gives_it():
+    hasty = turned(fill_limit=0.01, turns=0.01)
+    assert any("still moving" in warning and "raise --fill-limit" in warning for warning in hasty.warnings)
+
+
 def test_a_slope_of_no_steady_flow_is_doubtful(rough):
     def wrong(rig, **other):
         return {one.check for one in drum.checks(rig, D6, replace(rough, **other)) if not one.passed}
