@@ -120,7 +120,11 @@ def packing_twin(
         "seconds_per_particle": bed.seconds_per_particle,
     }
     shown = bed.profiles, (), lambda: packing.picture(rig, bed)
-    return _twin("packing", rig, cast, bed, evaluation, begun, seed, numerics, course, *shown)
+    twin = _twin("packing", rig, cast, bed, evaluation, begun, seed, numerics, course, *shown)
+    each = bed.seconds_per_particle
+    if math.isnan(each):
+        return replace(twin, cost="not known: the checkpoint was written by an earlier rigtwin")
+    return replace(twin, cost=f"{each:.3g} s of processor time per particle")
 
 
 def drum_twin(

@@ -73,6 +73,8 @@ class Twin:
     set_from: dict[str, str] = field(default_factory=dict)
     """Quantities that were handed to the twin: name -> ``"measured"`` or ``"stated"``."""
     seconds: float = 0.0  # [s], time the run took
+    cost: str = ""
+    """What the run cost, in words, where the rig's result has that."""
     draw: Callable[[], npt.NDArray[np.uint8]] | None = None
     """A picture of the run, RGB."""
 

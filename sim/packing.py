@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Unpack
 
@@ -54,7 +53,7 @@ class Bed:
     asked: int
     placed: int
     missed: int  # particles that did not stay in the cylinder
-    computing: float  # [s], of processor time
+    computing: float  # [s], of processor time, in all processes that the run took; NaN where one did not tell
     statistics: dict[str, float] = field(default_factory=dict)
     history: History | None = None
     assumptions: dict[str, str] = field(default_factory=dict)
@@ -115,7 +114,6 @@ def run(
     bulk = bench.bulk(shapes, _domain(rig, particle, source, hopper), skin=SKIN)
     course = fill.Course(random=np.random.default_rng(seed))
     asked = {"count": count, "seed": seed, "settle_limit": settle_limit, "fill_limit": fill_limit}
-    began = time.process_time()
     with bench.logbook(bulk, outlet=asdict(source), **asked) as logbook:
         if kept := logbook.resume():
             course.go_on(kept)
@@ -132,7 +130,6 @@ def run(
         at_rest=at_rest,
         asked=count,
         course=course,
-        computing=time.process_time() - began,
         assumptions={**_assumptions(rig, source), **bench.assumptions()},
         warnings=bench.warnings(bulk, logbook),
     )
@@ -240,7 +237,6 @@ def _bed(
     at_rest: bool,
     asked: int,
     course: fill.Course,
-    computing: float,
     assumptions: dict[str, str],
     warnings: tuple[str, ...],
 ) -> Bed:
@@ -277,7 +273,7 @@ def _bed(
         asked=asked,
         placed=placed,
         missed=missed,
-        computing=computing,
+        computing=logbook.computing,
         statistics=logbook.statistics(),
         history=logbook.history,
         assumptions=assumptions,

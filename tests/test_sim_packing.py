@@ -1,6 +1,8 @@
 """A bed in a cylinder: what went in is in it, it packs as spheres do, and its height is that of its surface."""
 
+import json
 import math
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -89,6 +91,47 @@ def test_pellets_pour_turned_at_random_and_keep_their_shape():
     assert bed.mass == pytest.approx(30 * 60e-6)
     spheres = bed.centres.reshape(30, 3, 3)
     assert np.linalg.norm(spheres[:, 2] - spheres[:, 0], axis=1) == pytest.approx(4e-3)
+
+
+def test_the_time_per_particle_adds_up_over_a_run_that_was_stopped(monkeypatch, tmp_path):
+    clock = [0.0]
+    monkeypatch.setattr(time, "process_time", lambda: clock[0])
+
+    def a_second_each_look(stop: float = math.inf):
+        looks = 0
+
+        def progress(_stage, _done, _total):
+            nonlocal looks
+            clock[0] += 1.0
+            looks += 1
+            if looks == stop:
+                raise KeyError
+
+        return progress
+
+    whole = poured(progress=a_second_each_look())
+    assert whole.computing > 10
+    kept = {"checkpoint": tmp_path / "bed.npz", "checkpoint_interval": 0}
+    with pytest.raises(KeyError):
+        poured(progress=a_second_each_look(7), **kept)
+    again = poured(progress=a_second_each_look(), **kept)
+    # what passed between the last checkpoint and the stop is lost
+    assert whole.computing - 1 <= again.computing <= whole.computing
+    assert again.seconds_per_particle == again.computing / 180
+    clock[0] += 1000.0  # between two processes none of it is the run's
+    assert poured(**kept).computing == pytest.approx(again.computing, abs=1.0)
+
+
+def test_the_command_tells_the_time_per_particle(tmp_path, capfd):
+    from rigtwin.cli import run
+
+    command = (
+        "simulate packing --cylinder-diameter 40mm --cylinder-height 50mm --count 60 --threads 1 --pour-rate 900/s"
+    )
+    assert run([*command.split(), "--out", str(tmp_path)]) == 0
+    (told,) = [line for line in capfd.readouterr().out.splitlines() if line.startswith("computing:")]
+    each = json.loads((tmp_path / "quantities.json").read_text())["settings"]["seconds_per_particle"]
+    assert told == f"computing: {each:.3g} s of processor time per particle"
 
 
 def test_a_hopper_with_a_slide_fills_the_cylinder_as_a_rain_does(bed):
