@@ -68,6 +68,10 @@ RollingModel = Annotated[
         "elastic-plastic spring (C).",
     ),
 ]
+RollingOfMany = Annotated[
+    Literal["A", "A-explicit", "C"] | None,
+    typer.Option("--rolling-model", help="Rolling resistance in a twin of many particles, as `simulate` takes it; C."),
+]
 ContactLaw = Annotated[
     Literal["Hertz-Mindlin", "linear"], typer.Option("--contact-law", help="Springs and dashpots of the contacts.")
 ]

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from statistics import fmean
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -41,6 +41,9 @@ from rigtwin.lab.rigs import (
     Tilt,
     TiltSettings,
 )
+
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.contact import Rolling
 
 PILE_COUNT = 1000
 """Particles poured on a pile's twin where neither the lab file nor the command says how many."""
@@ -275,6 +278,7 @@ def twin_of(
     seed: int = 1,
     threads: int | None = None,
     stiffness_factor: float | None = None,
+    rolling: Rolling | None = None,
     progress: Progress = silent,
 ) -> Twin:
     """The matched twin of an experiment under a model.
@@ -286,8 +290,9 @@ def twin_of(
     contacts = [model.contact(*names, NEEDS.get(experiment.rig_name, PARAMETERS)) for names in experiment.contacts]
     start, set_from = _start(experiment, measurements)
     if isinstance(rig, BULK):
-        softened = {} if stiffness_factor is None else {"stiffness_factor": stiffness_factor}
-        numerics = {"seed": seed, "threads": threads, "effects": model.effects, **softened}
+        chosen = {"stiffness_factor": stiffness_factor, "rolling": rolling}
+        numerics: dict[str, Any] = {"seed": seed, "threads": threads, "effects": model.effects}
+        numerics |= {name: value for name, value in chosen.items() if value is not None}
         return _bulk_twin(experiment, contacts, count=count, **numerics, progress=progress)
     rate = _frame_rate(experiment, measurements)
     if isinstance(rig, DropSettings):

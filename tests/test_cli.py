@@ -211,10 +211,30 @@ def test_an_unknown_experiment_is_refused_with_the_known_ones(tmp_path, capfd):
     refused(["compare", lab_with(tmp_path), "--only", "drop-D6-stel"], capfd, "drop-D6-stel", "drop-D6-steel")
 
 
-@pytest.mark.parametrize("option", ["--runs", "--count", "--stiffness-factor"])
+@pytest.mark.parametrize("option", ["--runs", "--count", "--stiffness-factor", "--rolling-model"])
 def test_an_option_that_no_twin_of_the_lab_takes_is_refused(tmp_path, capfd, option):
-    value = "0.1" if option == "--stiffness-factor" else "3"
+    value = {"--stiffness-factor": "0.1", "--rolling-model": "A"}.get(option, "3")
     refused(["compare", lab_with(tmp_path), option, value], capfd, option, "drop-D6-steel")
+
+
+def test_the_rolling_model_of_a_comparison_is_that_of_its_twins(tmp_path, capfd, monkeypatch):
+    asked: dict[str, Any] = {}
+
+    def twin(_rig, _cast, **given):
+        asked.update(given)
+        raise BadInput("seen")
+
+    monkeypatch.setattr("rigtwin.compare.bulk_twins.pile_twin", twin)
+    pile = 'rig = "pile"\nvariant = "piling"\nbase_diameter = "90 mm"\n'
+    folder = lab_with(tmp_path, 'rig = "drop"\n', pile)
+    lab = folder / "lab.toml"
+    lab.write_text(lab.read_text().replace('drop_height = "300 mm"\n', ""))
+    (folder / "r01.csv").write_text("x_m,height_m\n-0.04,0\n0,0.03\n0.04,0\n")
+    refused(["compare", folder, "--rolling-model", "A-explicit"], capfd, "seen")
+    assert asked["rolling"] == "type A explicit"
+    asked.clear()
+    refused(["compare", folder], capfd, "seen")
+    assert "rolling" not in asked
 
 
 @pytest.mark.parametrize("rig", ["pile", "packing"])
