@@ -18,7 +18,7 @@ from rigtwin.sim import fill
 from rigtwin.sim.bench import Bench, Numerics
 from rigtwin.sim.engine.clock import positive
 from rigtwin.sim.logbook import History
-from rigtwin.sim.outline import silhouette
+from rigtwin.sim.outline import VIEWS, silhouette
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.bulk import Bulk
@@ -27,10 +27,8 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-VIEWS = (0.0, 45.0, 90.0, 135.0)  # [deg], about the cylinder's axis
 OUTLET = 0.6  # of the cylinder's diameter
 LEAST_RATE = 200.0  # [1/s]
-SKIN = 0.2  # of a diameter; the rain makes a list short-lived
 CONE = math.radians(60)  # [rad], of the hopper's walls from the level
 SLIDE = 2  # number of the wall that closes the hopper
 FLOWING = 0.5  # [s] without a particle leaving, after which the hopper counts as blocked or empty
@@ -111,7 +109,7 @@ def run(
     source = fill.outlet(particle, opening, rig.cylinder_height + rig.fall_height, pour_rate, LEAST_RATE)
     hopper = None if rig.hopper_diameter is None else Hopper(rig.hopper_diameter, source, particle, count)
     shapes = _shapes(rig) if hopper is None else [*_shapes(rig), *hopper.shapes]
-    bulk = bench.bulk(shapes, _domain(rig, particle, source, hopper), skin=SKIN)
+    bulk = bench.bulk(shapes, _domain(rig, particle, source, hopper), skin=fill.SKIN)
     course = fill.Course(random=np.random.default_rng(seed))
     asked = {"count": count, "seed": seed, "settle_limit": settle_limit, "fill_limit": fill_limit}
     with bench.logbook(bulk, outlet=asdict(source), **asked) as logbook:
