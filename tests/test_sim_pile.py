@@ -339,8 +339,8 @@ def test_effects_of_a_model_act_on_the_heap_or_are_named_as_left_out():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--method", "pouring", "--tube-diameter", "100mm"], "tube_diameter"),
-        (["--method", "emptying", "--rim-height", "5mm"], "rim_height"),
+        (["--method", "pouring", "--tube-diameter", "100mm"], "--tube-diameter"),
+        (["--method", "emptying", "--rim-height", "5mm"], "--rim-height"),
         (["--method", "pouring", "--lift-speed", "20mm"], "--lift-speed"),
     ],
 )
