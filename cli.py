@@ -135,6 +135,7 @@ def compare(
     ] = None,
     threads: Threads = None,
     stiffness_factor: Stiffness = None,
+    rolling: simulate.RollingOfMany = None,
     out: Out = None,
 ) -> Work:
     """Measure a whole lab, run its twins, write percent deviations.
@@ -155,6 +156,7 @@ def compare(
         model=model,
         threads=threads,
         stiffness_factor=stiffness_factor,
+        rolling=None if rolling is None else simulate.rolling_law(rolling),
     )
 
 

@@ -126,6 +126,8 @@ def show_twin(twin: Twin, out: Path, as_json: bool, quiet: bool) -> None:
     _show_quantities(console, f"twin of the {twin.rig}", twin.evaluation.quantities)
     for assumption in twin.assumptions:
         console.print(f"[dim]assumed:[/dim] {escape(assumption)}")
+    if twin.cost:
+        console.print(f"[dim]computing:[/dim] {escape(twin.cost)}")
     warnings = (*twin.warnings, *twin.evaluation.warnings)
     _show_rest(console, twin.evaluation.checks, warnings, files, twin.evaluation.quantities)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
@@ -67,6 +68,10 @@ RollingModel = Annotated[
         "elastic-plastic spring (C).",
     ),
 ]
+RollingOfMany = Annotated[
+    Literal["A", "A-explicit", "C"] | None,
+    typer.Option("--rolling-model", help="Rolling resistance in a twin of many particles, as `simulate` takes it; C."),
+]
 ContactLaw = Annotated[
     Literal["Hertz-Mindlin", "linear"], typer.Option("--contact-law", help="Springs and dashpots of the contacts.")
 ]
@@ -82,6 +87,12 @@ Filmed = Annotated[
     file_option("--trajectory", "FILE.gsd", "Write the beads' motion for OVITO (.gsd) or ParaView (.vtkhdf)."),
 ]
 
+FillLimit = Annotated[float | None, quantity("--fill-limit", "time", "3s", "Longest wait for a filling to rest; 3 s.")]
+SettleLimit = Annotated[
+    float | None, quantity("--settle-limit", "time", "4s", "Longest wait for what has come down to rest; 4 s.")
+]
+
+STEEPEST = math.radians(85)  # [rad], of a slope that is one and no wall
 UPSIDE_DOWN = math.radians(179)  # [rad], nearly; from the very top a pendulum never falls
 
 Run = Any  # what `bulk` makes of the options of a rig of many particles
@@ -126,12 +137,29 @@ def bulk(*, wall: str, count: int | None = None) -> Callable[[Command], Command]
 
 
 def only_with(choice: str, chosen: str, given: Mapping[str, tuple[Any, str]]) -> None:
-    """Refuse what would change nothing: options by name that are given, though another of the choices needs them."""
+    """Refuse what would change nothing: options by name that are given, though another of the choices needs them.
+
+    Where several of the choices need one, they stand with "or" between them.
+    """
     from rigtwin.lab.errors import BadInput
 
     for name, (value, needs) in given.items():
-        if value is not None and needs != chosen:
+        if value is not None and chosen not in needs.split(" or "):
             raise BadInput(f"{name} belongs to {choice} {needs}, here it is {chosen}; leave one of them out.")
+
+
+def not_beside(other: str, because: str, given: Mapping[str, Any]) -> None:
+    """Refuse options by name that change nothing where the `other` one is given."""
+    from rigtwin.lab.errors import BadInput
+
+    for name, value in given.items():
+        if value is not None:
+            raise BadInput(f"{name} changes nothing beside {other}: {because}; leave one of them out.")
+
+
+def stated(**settings: float | None) -> dict[str, Any]:
+    """Those settings that were given."""
+    return {name: value for name, value in settings.items() if value is not None}
 
 
 def rolling_law(said: str) -> Rolling:
@@ -276,6 +304,19 @@ def simulate_pile(
     drain_diameter: Annotated[
         float | None, quantity("--drain-diameter", "length", "50mm", "emptying: of the hole; a third of the base.")
     ] = None,
+    fall_height: Annotated[
+        float | None,
+        quantity("--fall-height", "length", "20mm", "piling: of the rising funnel above the heap; three diameters."),
+    ] = None,
+    pour_rate: Annotated[
+        float | None,
+        quantity("--pour-rate", "rate", "400/s", "piling: beads per second; as Beverloo's law, or more to be quick."),
+    ] = None,
+    fill_limit: Annotated[
+        float | None,
+        quantity("--fill-limit", "time", "3s", "pouring, emptying: longest wait for the filling to rest; 3 s."),
+    ] = None,
+    settle_limit: SettleLimit = None,
     run: Run,
 ) -> Work:
     """A heap on a round base, its slope seen from four sides."""
@@ -287,8 +328,13 @@ def simulate_pile(
         "--tube-diameter": (tube_diameter, "pouring"),
         "--lift-speed": (lift_speed, "pouring"),
         "--drain-diameter": (drain_diameter, "emptying"),
+        "--fall-height": (fall_height, "piling"),
+        "--pour-rate": (pour_rate, "piling"),
+        "--fill-limit": (fill_limit, "pouring or emptying"),
     }
     only_with("--method", method, others)
+    if outlet_height is not None:
+        not_beside("--outlet-height", "the funnel stands", {"--fall-height": fall_height})
     rig = Pile(
         base_diameter,
         rim_height,
@@ -302,7 +348,8 @@ def simulate_pile(
     cast, asked = run()
     from rigtwin.compare.bulk_twins import pile_twin
 
-    return partial(pile_twin, rig, cast, **asked)
+    waits: dict[str, Any] = {"fill_limit": fill_limit, "settle_limit": settle_limit}
+    return partial(pile_twin, rig, cast, pour_rate=pour_rate, fall_height=fall_height, **waits, **asked)
 
 
 @app.command("tilt", epilog="Example: rigtwin simulate tilt --variant slide --particle D6 --wall steel")
@@ -315,6 +362,13 @@ def simulate_tilt(
     speed: Annotated[
         float, quantity("--speed", "tilting_speed", "1deg/s", "How fast the plate is tilted; 1 deg/s.")
     ] = math.radians(1),
+    start_angle: Annotated[
+        float,
+        quantity("--start-angle", "angle", "10deg", "Of the plate at first; 0.", zero=True, highest=STEEPEST),
+    ] = 0.0,
+    plate_length: Annotated[
+        float, quantity("--plate-length", "length", "200mm", "From the hinge; the body lies in its middle; 200 mm.")
+    ] = 0.2,
     particle: ParticleName = "D6",
     wall: WallName = "steel",
     lab: LabFolder = None,
@@ -328,7 +382,7 @@ def simulate_tilt(
     from rigtwin.lab.rigs import Tilt
 
     only_with("--variant", variant, {"--rolling-friction": (rolling_friction, "roll")})
-    rig = Tilt(variant, speed)
+    rig = Tilt(variant, speed, start_angle, plate_length)
     model = cast.model_of(lab)
     bead, plate = cast.particle(particle, model), cast.wall(wall, model)
     needs = ("static_friction", "rolling_friction")
@@ -355,21 +409,49 @@ def simulate_packing(
         float | None,
         quantity("--hopper-diameter", "length", "100mm", "A hopper with a slide above the cylinder; else a rain."),
     ] = None,
+    cylinder_height: Annotated[
+        float | None,
+        quantity("--cylinder-height", "length", "302mm", "Inner; else 302 mm, or more where so many need it."),
+    ] = None,
+    fall_height: Annotated[
+        float, quantity("--fall-height", "length", "20mm", "From the outlet to the cylinder's rim; 20 mm.")
+    ] = 0.02,
+    pour_rate: Annotated[
+        float | None,
+        quantity(
+            "--pour-rate", "rate", "400/s", "Of the rain, particles per second; as Beverloo's law, 200/s at least."
+        ),
+    ] = None,
+    fill_limit: Annotated[
+        float | None,
+        quantity("--fill-limit", "time", "3s", "Of a hopper: longest wait for its filling to rest; 3 s."),
+    ] = None,
+    settle_limit: SettleLimit = None,
     run: Run,
 ) -> Work:
     """Particles poured into a cylinder: bed height and bulk density."""
+    from rigtwin.lab.errors import BadInput
     from rigtwin.lab.rigs import Packing
 
+    if hopper_diameter is not None:
+        not_beside("--hopper-diameter", "its filling leaves as it flows", {"--pour-rate": pour_rate})
+    elif fill_limit is not None:
+        raise BadInput("--fill-limit belongs to --hopper-diameter, and a rain waits for nothing; leave it out.")
     rig = Packing(
         cylinder_diameter,
         outlet_diameter=outlet_diameter,
+        fall_height=fall_height,
         hopper_diameter=hopper_diameter,
     )
     cast, asked = run()
     from rigtwin.compare import bulk_twins
 
-    rig = bulk_twins.cylinder_for(rig, cast.particle, asked["count"])
-    return partial(bulk_twins.packing_twin, rig, cast, **asked)
+    if cylinder_height is None:
+        rig = bulk_twins.cylinder_for(rig, cast.particle, asked["count"])
+    else:
+        rig = replace(rig, cylinder_height=cylinder_height)
+    waits: dict[str, Any] = {"fill_limit": fill_limit, "settle_limit": settle_limit}
+    return partial(bulk_twins.packing_twin, rig, cast, pour_rate=pour_rate, **waits, **asked)
 
 
 @app.command(
@@ -392,6 +474,10 @@ def simulate_drum(
     count: Annotated[
         int | None, typer.Option("--count", min=1, max=MOST_PARTICLES, help="Particles, in place of --fill.")
     ] = None,
+    fill_limit: Annotated[
+        float | None,
+        quantity("--fill-limit", "time", "2s", "Longest wait for the filling to rest before the drum turns; 2 s."),
+    ] = None,
     run: Run,
 ) -> Work:
     """A bed in a turning drum: dynamic angle of repose and mixing."""
@@ -409,7 +495,7 @@ def simulate_drum(
     cast, asked = run()
     from rigtwin.compare.bulk_twins import drum_twin
 
-    return partial(drum_twin, rig, cast, count=count, turns=turns, **asked)
+    return partial(drum_twin, rig, cast, count=count, turns=turns, fill_limit=fill_limit, **asked)
 
 
 @app.command(
@@ -427,16 +513,45 @@ def simulate_hopper(
         float | None,
         quantity("--bin-width", "length", "150mm", "Width above the walls; diameter of the conical hopper's cylinder."),
     ] = None,
-    depth: Annotated[float | None, quantity("--depth", "length", "68mm", "Length of the slot.")] = None,
+    depth: Annotated[float | None, quantity("--depth", "length", "68mm", "slot: its length; 68 mm.")] = None,
+    cone_height: Annotated[
+        float | None, quantity("--cone-height", "length", "100mm", "conical: of the cone; 100 mm.")
+    ] = None,
+    inclination: Annotated[
+        float | None,
+        quantity("--inclination", "angle", "60deg", "slot: of its walls, from the level; 60 deg.", highest=STEEPEST),
+    ] = None,
+    slide_angle: Annotated[
+        float | None,
+        quantity("--slide-angle", "angle", "45deg", "slot: of the slide below, from the level; 45.", highest=STEEPEST),
+    ] = None,
+    slide_drop: Annotated[
+        float | None, quantity("--slide-drop", "length", "60mm", "slot: from it down to the slide; 60 mm.")
+    ] = None,
     duration: Duration = None,
+    fill_limit: FillLimit = None,
+    settle_limit: Annotated[
+        float | None,
+        quantity("--settle-limit", "time", "4s", "slot: longest wait for the heap below to rest; 4 s."),
+    ] = None,
     run: Run,
 ) -> Work:
     """A hopper that empties: discharge time and mass flow."""
     from rigtwin.lab.rigs import HopperSettings
 
-    only_with("--variant", variant, {"--depth": (depth, "slot")})
-    rig = HopperSettings(variant, bin_width, depth, outlet).rig()
+    others = {
+        "--depth": (depth, "slot"),
+        "--cone-height": (cone_height, "conical"),
+        "--inclination": (inclination, "slot"),
+        "--slide-angle": (slide_angle, "slot"),
+        "--slide-drop": (slide_drop, "slot"),
+        "--settle-limit": (settle_limit, "slot"),
+    }
+    only_with("--variant", variant, others)
+    shape = stated(cone_height=cone_height, inclination=inclination, slide_angle=slide_angle, slide_drop=slide_drop)
+    rig = replace(HopperSettings(variant, bin_width, depth, outlet).rig(), **shape)
     cast, asked = run()
     from rigtwin.compare.bulk_twins import hopper_twin
 
-    return partial(hopper_twin, rig, cast, **asked, duration=duration)
+    waits: dict[str, Any] = {"fill_limit": fill_limit, "settle_limit": settle_limit}
+    return partial(hopper_twin, rig, cast, duration=duration, **waits, **asked)

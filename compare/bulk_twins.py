@@ -41,12 +41,14 @@ def pile_twin(
     seed: int,
     pour_rate: float | None = None,
     fall_height: float | None = None,
+    fill_limit: float | None = None,
+    settle_limit: float | None = None,
     progress: Progress = silent,
     **numerics: Unpack[Numerics],
 ) -> Twin:
     """A heap of `count` particles on a round base, its profile seen from the sides.
 
-    `pour_rate` [1/s] and `fall_height` [m] as in `rigtwin.sim.pile.run`.
+    `pour_rate` [1/s], `fall_height` [m] and limits [s] as in `rigtwin.sim.pile.run`.
     """
     from rigtwin.sim import pile
 
@@ -59,6 +61,7 @@ def pile_twin(
         pour_rate=pour_rate,
         fall_height=fall_height,
         progress=progress,
+        **_stated(fill_limit=fill_limit, settle_limit=settle_limit),
         **numerics,
     )
     from rigtwin.measure import pile as ruler  # not before the run, which begins the sooner
@@ -70,13 +73,26 @@ def pile_twin(
 
 
 def packing_twin(
-    rig: Packing, cast: Cast, *, count: int, seed: int, progress: Progress = silent, **numerics: Unpack[Numerics]
+    rig: Packing,
+    cast: Cast,
+    *,
+    count: int,
+    seed: int,
+    pour_rate: float | None = None,
+    fill_limit: float | None = None,
+    settle_limit: float | None = None,
+    progress: Progress = silent,
+    **numerics: Unpack[Numerics],
 ) -> Twin:
-    """A bed of `count` particles poured into a cylinder, its surface seen from the sides."""
+    """A bed of `count` particles poured into a cylinder, its surface seen from the sides.
+
+    `pour_rate` [1/s] and limits [s] as in `rigtwin.sim.packing.run`.
+    """
     from rigtwin.sim import packing
 
     begun = time.perf_counter()
-    bed = packing.run(rig, *cast, count=count, seed=seed, progress=progress, **numerics)
+    waits = _stated(fill_limit=fill_limit, settle_limit=settle_limit)
+    bed = packing.run(rig, *cast, count=count, seed=seed, pour_rate=pour_rate, progress=progress, **waits, **numerics)
     from rigtwin.measure import packing as ruler  # not before the run, which begins the sooner
 
     try:
@@ -104,7 +120,11 @@ def packing_twin(
         "seconds_per_particle": bed.seconds_per_particle,
     }
     shown = bed.profiles, (), lambda: packing.picture(rig, bed)
-    return _twin("packing", rig, cast, bed, evaluation, begun, seed, numerics, course, *shown)
+    twin = _twin("packing", rig, cast, bed, evaluation, begun, seed, numerics, course, *shown)
+    each = bed.seconds_per_particle
+    if math.isnan(each):
+        return replace(twin, cost="not known: the checkpoint was written by an earlier rigtwin")
+    return replace(twin, cost=f"{each:.3g} s of processor time per particle")
 
 
 def drum_twin(
@@ -114,34 +134,39 @@ def drum_twin(
     seed: int,
     count: int | None = None,
     turns: float = 1.0,
+    fill_limit: float | None = None,
     progress: Progress = silent,
     **numerics: Unpack[Numerics],
 ) -> Twin:
-    """A bed in a drum that turns `turns` times, its surface seen along the axis."""
+    """A bed in a drum that turns `turns` times, its surface seen along the axis; `fill_limit` [s] as in its `run`."""
     from rigtwin.sim import drum
 
     begun = time.perf_counter()
-    rotation = drum.run(rig, *cast, count=count, turns=turns, seed=seed, progress=progress, **numerics)
+    waits = _stated(fill_limit=fill_limit)
+    rotation = drum.run(rig, *cast, count=count, turns=turns, seed=seed, progress=progress, **waits, **numerics)
     from rigtwin.measure import drum as ruler  # not before the run, which begins the sooner
 
     evaluation = ruler.evaluate(
-        rotation.profiles,
-        rotation.time,
+        rotation.profiles[1:],  # without the bed at rest
+        rotation.time[1:],
         drum_diameter=rig.diameter,
         speed=abs(rig.speed),
         bead_diameter=cast.particle.diameter,
     )
     checks = drum.checks(rig, cast.particle, rotation)
-    quantities = tuple(doubted(one, failed(checks)) for one in evaluation.quantities)
-    evaluation = replace(evaluation, quantities=quantities, checks=(*checks, *evaluation.checks))
+    angles = tuple(doubted(one, failed(checks)) for one in evaluation.quantities)
+    mixed = (rotation.mixed.quantity(turns),) if math.isfinite(rotation.mixed.index) else ()
+    evaluation = replace(evaluation, quantities=(*angles, *mixed), checks=(*checks, *evaluation.checks))
+    over_time = ruler.angles_over_time(rotation.profiles, rotation.time, drum_diameter=rig.diameter)
     course = {
         "count": rotation.count,
         "turns": rotation.turns,
         "steady_from_s": rotation.steady_from,
         "mixing_index": float(rotation.mixing.value[-1]),
     }
-    shown = (rotation.steady,), (rotation.mixing,), lambda: drum.picture(rig, rotation)
-    return _twin("drum", rig, cast, rotation, evaluation, begun, seed, numerics, course, *shown)
+    shown = (rotation.steady,), (rotation.mixing, *over_time), lambda: drum.picture(rig, rotation)
+    twin = _twin("drum", rig, cast, rotation, evaluation, begun, seed, numerics, course, *shown)
+    return replace(twin, surfaces=rotation.profiles)
 
 
 def hopper_twin(
@@ -151,14 +176,22 @@ def hopper_twin(
     count: int,
     seed: int,
     duration: float | None = None,
+    fill_limit: float | None = None,
+    settle_limit: float | None = None,
     progress: Progress = silent,
     **numerics: Unpack[Numerics],
 ) -> Twin:
-    """A hopper of `count` particles that empties, watched for `duration` [s] or until nothing leaves any more."""
+    """A hopper of `count` particles that empties, watched for `duration` [s] or until nothing leaves any more.
+
+    Limits [s] as in `rigtwin.sim.hopper.run`.
+    """
     from rigtwin.sim import hopper
 
     begun = time.perf_counter()
-    discharge = hopper.run(rig, *cast, count=count, seed=seed, duration=duration, progress=progress, **numerics)
+    waits = _stated(fill_limit=fill_limit, settle_limit=settle_limit)
+    discharge = hopper.run(
+        rig, *cast, count=count, seed=seed, duration=duration, progress=progress, **waits, **numerics
+    )
     from rigtwin.measure import hopper as ruler  # not before the run, which begins the sooner
 
     try:
@@ -183,6 +216,11 @@ def cylinder_for(rig: Packing, particle: Particle, count: int) -> Packing:
     """The rig with a measuring cylinder that holds `count` particles with room to spare."""
     loose = 2.2 * count * particle.mass / particle.effective_density / (math.pi / 4 * rig.cylinder_diameter**2)
     return replace(rig, cylinder_height=max(rig.cylinder_height, loose))
+
+
+def _stated(**limits: float | None) -> dict[str, Any]:
+    """Those limits that are stated; the others are the rig's own."""
+    return {name: limit for name, limit in limits.items() if limit is not None}
 
 
 def _one_layer(rig: Packing, particle: Particle) -> int:

@@ -19,7 +19,7 @@ from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -49,6 +49,9 @@ from rigtwin.lab.quantity import Measurement
 from rigtwin.lab.records import Series
 from rigtwin.lab.rigs import TiltSettings
 from rigtwin.lab.wording import reading, title
+
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.contact import Rolling
 
 UNFINISHED = "unfinished"  # the folder beside the results that keeps twins while they run
 OTHER_SPEED = 0.05  # relative, to which a plate's speed is usually set or read off
@@ -130,12 +133,13 @@ def compare(
     workers: int | None = None,
     model: Path | None = None,
     stiffness_factor: float | None = None,
+    rolling: Rolling | None = None,
 ) -> Comparison:
     """Compare a lab with its twins and write everything into `out`.
 
     `only` names the experiments to take (all by default), `count` the particles of a pile's twin where lab.toml gives
     none, `runs` how many times a twin of many particles is run, with seeds from `seed` upwards, `stiffness_factor` what
-    its moduli are multiplied by.
+    its moduli are multiplied by, `rolling` its rolling resistance.
     `model` is a model.toml whose contacts and effects go before what lab.toml says.  A repetition that cannot be
     measured is left out with a warning.  Raises `BadInput` when an experiment has none left, an option has no taker, or
     `out` holds results of other experiments, `BadLabFile` when lab.toml is at fault, and then leaves the files of an
@@ -152,7 +156,7 @@ def compare(
         remarks += _made_for_others(model, given, experiments)
     for experiment in experiments:
         _need_contacts(lab, experiment)
-    _need_takers(lab, experiments, count=count, runs=runs, stiffness_factor=stiffness_factor)
+    _need_takers(lab, experiments, count=count, runs=runs, stiffness_factor=stiffness_factor, rolling=rolling)
     for experiment in experiments:
         need_possible(lab, experiment, count=count)
     twins: dict[str, list[Twin]] = {}
@@ -163,6 +167,7 @@ def compare(
         threads=threads,
         stiffness_factor=stiffness_factor,
         kept_in=out / UNFINISHED,
+        rolling=rolling,
         progress=progress,
     )
     with measuring(experiments, out, workers) as pending:
@@ -303,6 +308,7 @@ def _need_takers(
     count: int | None,
     runs: int,
     stiffness_factor: float | None,
+    rolling: Rolling | None,
 ) -> None:
     """Refuse an option that no twin would take."""
     few = not any(isinstance(one.rig, BULK) for one in experiments)
@@ -311,6 +317,7 @@ def _need_takers(
         "none": count is not None and not any(map(takes_count, experiments)),
         "--runs: no experiment is of many particles": runs > 1 and few,
         "--stiffness-factor: no experiment is of many particles": stiffness_factor is not None and few,
+        "--rolling-model: no experiment is of many particles": rolling is not None and few,
     }
     for what, given in idle.items():
         if given:

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from statistics import fmean
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -27,7 +27,7 @@ from rigtwin.lab.model import NO_EFFECTS, Effects, Model
 from rigtwin.lab.notebook import Experiment
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
-from rigtwin.lab.records import Profile, Series, Track, write_profile, write_series, write_tracks
+from rigtwin.lab.records import Profile, Series, Track, write_profile, write_profiles, write_series, write_tracks
 from rigtwin.lab.rigs import (
     GRAVITY,
     Drop,
@@ -42,6 +42,9 @@ from rigtwin.lab.rigs import (
     Tilt,
     TiltSettings,
 )
+
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.contact import Rolling
 
 PILE_COUNT = 1000
 """Particles poured on a pile's twin where neither the lab file nor the command says how many."""
@@ -67,11 +70,15 @@ class Twin:
     tracks: tuple[Track, ...] = ()
     profiles: tuple[Profile, ...] = ()
     series: tuple[Series, ...] = ()
+    surfaces: tuple[Profile, ...] = ()
+    """A surface that moves, at the times of `series`."""
     assumptions: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     set_from: dict[str, str] = field(default_factory=dict)
     """Quantities that were handed to the twin: name -> ``"measured"`` or ``"stated"``."""
     seconds: float = 0.0  # [s], time the run took
+    cost: str = ""
+    """What the run cost, in words, where the rig's result has that."""
     draw: Callable[[], npt.NDArray[np.uint8]] | None = None
     """A picture of the run, RGB."""
 
@@ -275,8 +282,9 @@ def tilt_twin(
         tracks=(track,),
         series=(angle,),
         assumptions=(
-            f"The plate rises by {math.degrees(rig.speed):.3g} degrees per second, steadily and without shaking.",
-            "A body that slides does not turn; a bead that rolls is a sphere.",
+            f"The plate rises by {math.degrees(rig.speed):.3g} degrees per second, steadily and without shaking"
+            + (f", from {math.degrees(rig.start_angle):.3g} degrees on." if rig.start_angle else "."),
+            tilt.body_in_words(rig, particle),
         ),
         warnings=tilt.left_out(rig, particle, effects),
         draw=lambda: _strobe((track,), particle),
@@ -334,6 +342,7 @@ def twin_of(
     seed: int = 1,
     threads: int | None = None,
     stiffness_factor: float | None = None,
+    rolling: Rolling | None = None,
     kept_in: Path | None = None,
     progress: Progress = silent,
 ) -> Twin:
@@ -347,8 +356,9 @@ def twin_of(
     contacts = [model.contact(*names, NEEDS.get(experiment.rig_name, PARAMETERS)) for names in experiment.contacts]
     start, set_from = _start(experiment, measurements)
     if isinstance(rig, BULK):
-        softened = {} if stiffness_factor is None else {"stiffness_factor": stiffness_factor}
-        numerics: dict[str, Any] = {"seed": seed, "threads": threads, "effects": model.effects, **softened}
+        chosen = {"stiffness_factor": stiffness_factor, "rolling": rolling}
+        numerics: dict[str, Any] = {"seed": seed, "threads": threads, "effects": model.effects}
+        numerics |= {name: value for name, value in chosen.items() if value is not None}
         if kept_in is not None:
             numerics["checkpoint"] = kept_in / _checkpoint_name(experiment, contacts, count, numerics)
         return _bulk_twin(experiment, contacts, count=count, **numerics, progress=progress)
@@ -500,6 +510,9 @@ def write_twin(twin: Twin, out: Path) -> dict[str, Path]:
         name = f"{twin.rig}-twin-profile-{number}.csv"
         files[f"record_{number}"] = out / name
         write_profile(out / name, profile)
+    if twin.surfaces:
+        files["surfaces"] = out / f"{twin.rig}-twin-profiles-over-time.csv"
+        write_profiles(files["surfaces"], twin.surfaces, twin.series[0].time)
     if twin.draw is not None:
         files["picture"] = out / f"{twin.rig}-twin.png"
         _write_picture(files["picture"], twin.draw())

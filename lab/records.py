@@ -8,6 +8,7 @@ with the unit in the column name.
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -68,10 +69,22 @@ def write_profile(path: Path, profile: Profile) -> None:
     _write(path, ("x_m", "height_m", "sigma_m"), [(f"{x:.9g}", f"{h:.9g}", f"{sigma:.3g}") for x, h, sigma in points])
 
 
+def write_profiles(path: Path, profiles: Sequence[Profile], times: Array) -> None:
+    """Write a surface over time as ``time_s,x_m,height_m,sigma_m``, one row per time and place where it is seen."""
+    rows = [
+        (f"{time:.9g}", f"{x:.9g}", f"{height:.9g}", f"{sigma:.3g}")
+        for time, profile in zip(times, profiles, strict=True)
+        for x, height, sigma in zip(profile.x, profile.height, profile.sigma, strict=True)
+        if math.isfinite(height)
+    ]
+    _write(path, ("time_s", "x_m", "height_m", "sigma_m"), rows)
+
+
 def write_series(path: Path, series: Series) -> None:
-    """Write a series as ``time_s,value``; the quantity and its unit stand in the lab file."""
+    """Write a series as ``time_s`` and its quantity with the unit behind it, like ``mass_left_kg``."""
+    named = series.quantity if series.unit == "1" else f"{series.quantity}_{series.unit}"
     pairs = zip(series.time, series.value, strict=True)
-    _write(path, ("time_s", "value"), [(f"{time:.9g}", f"{value:.9g}") for time, value in pairs])
+    _write(path, ("time_s", named), [(f"{time:.9g}", f"{value:.9g}") for time, value in pairs])
 
 
 def read_tracks(path: Path) -> tuple[Track, ...]:

@@ -25,6 +25,7 @@ DIMENSIONS = {
     "density": ("kg/m^3", "568 kg/m^3"),
     "pressure": ("Pa", "11 GPa"),
     "frequency": ("1/s", "240 Hz"),
+    "rate": ("1/s", "400/s"),
     "angle": ("rad", "45 deg"),
     "angular_speed": ("rad/s", "3 rpm"),
     "tilting_speed": ("rad/s", "2 deg/s"),
@@ -86,6 +87,8 @@ def _parse(text: str, unit: str, dimension: str, example: str, name: str) -> flo
             raise BadQuantity(f"{name}: {text!r} is not {_a(dimension)}; write it like {example!r}.") from None
     if dimension == "frequency" and unit_text == "fps":  # feet per second elsewhere
         unit_text = "1/s"
+    if unit_text.startswith("/"):  # 400/s
+        unit_text = f"1{unit_text}"
     import pint
 
     try:

@@ -34,6 +34,7 @@ TITLES = {
     "pile_height": "Height of the heap",
     "pile_base_width": "Width of the heap at its base",
     "pile_tip_radius": "Radius of the heap's tip",
+    "mixing_index": "Mixing index",
     "avalanche_frequency": "Avalanches per second",
     "avalanche_start_angle": "Angle at which avalanches start",
     "avalanche_stop_angle": "Angle at which avalanches stop",

@@ -23,7 +23,7 @@ from rigtwin.lab.drum import fill_check, froude_check
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Measurement, Quantity, doubted, failed, root_sum_of_squares
-from rigtwin.lab.records import Profile
+from rigtwin.lab.records import Profile, Series
 from rigtwin.measure.bed import Bed, bed_in_photo, follow_bed
 from rigtwin.measure.drum_profiles import credible, hidden_columns, profile_of, without_flights
 from rigtwin.measure.drum_turning import stance_checks
@@ -197,6 +197,18 @@ def evaluate(
         raise BadInput("drum: times do not rise from profile to profile; sort the profiles by time.")
     radius = drum_diameter / 2 if drum_diameter is not None else None
     return _evaluate(Observation(profiles, times, radius, bead=bead_diameter), speed, radius)
+
+
+def angles_over_time(profiles: Sequence[Profile], times: Array, *, drum_diameter: float) -> tuple[Series, Series]:
+    """The graphical angle (line, middle half) and the geometric one (chord) of each profile, NaN where it is not seen.
+
+    In degrees, rising as the surface mostly does; `evaluate` takes their means over the steady part.
+    """
+    _must_be_positive(drum_diameter=drum_diameter)
+    free = _without_wall(profiles, drum_diameter / 2)
+    angles = _angles(free, _rises(free), drum_diameter / 2)
+    graphical, geometric = angles[GRAPHICAL, MIDDLE], angles[GEOMETRIC, CHORD]
+    return Series(times, graphical, GRAPHICAL, "deg"), Series(times, geometric, GEOMETRIC, "deg")
 
 
 def surface_line(profile: Profile, window: tuple[float, float]) -> tuple[float, float, float, float] | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -20,10 +20,12 @@ from rigtwin.sim import fill
 from rigtwin.sim.bench import Bench, Numerics
 from rigtwin.sim.engine.clock import positive
 from rigtwin.sim.logbook import History
+from rigtwin.sim.mixing import CELL, Mixing, lacey, mixing
 from rigtwin.sim.outline import bed, outline
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.bulk import Bulk
+    from rigtwin.sim.engine.grains import Grains
     from rigtwin.sim.engine.walls import Shape
     from rigtwin.sim.logbook import Logbook
 
@@ -32,8 +34,6 @@ Array = npt.NDArray[np.float64]
 DEPTH = 0.5  # of the diameter, where the rig does not say
 FULLEST = 0.9  # part of the drum, beyond which nothing turns over
 STEADY_AFTER = 0.25  # turns
-CELL = 3.0  # bead diameters, side of the cells in which mixing is counted
-FEWEST = 5  # beads in a cell that counts
 FEWEST_LOOKS = 5  # at the steady bed; the scatter of fewer is known no better than to a third
 
 
@@ -41,11 +41,12 @@ FEWEST_LOOKS = 5  # at the steady bed; the scatter of fewer is known no better t
 class Rotation:
     """A bed in a turning drum.  x and z from the drum's axis, z up; it turns clockwise: the bed climbs towards -x."""
 
-    time: Array  # [s], since the drum began to turn, of each profile
+    time: Array  # [s], since the drum began to turn, of each profile; the first is that of the bed at rest
     profiles: tuple[Profile, ...]  # the bed's outline, height against the drum's axis
     steady: Profile  # mean outline once the bed keeps its slope; NaN where it was not always seen
     steady_from: float  # [s]
-    mixing: Series  # Lacey's index of the beads that lay low and those that lay high at the start
+    mixing: Series  # Lacey's index of the beads that lay low and those that lay high at the start, from 0 on
+    mixed: Mixing  # in the end
     centres: Array  # [m], shape (n, 3), of the spheres in the end; y along the axis
     radii: Array  # [m], shape (n,)
     count: int
@@ -76,12 +77,12 @@ def run(
     `count` beads; None: as many as fill the part `rig.fill` of its volume.  The end walls turn with the drum.
     """
     check(rig, particle, count=count)
-    depth, fill = _filled_in(rig)
+    depth, part = _filled_in(rig)
     positive(turns=turns, interval=interval, fill_limit=fill_limit)
     fill_from = _given(rig.fill) if count is None else "by the number of beads given"
     if count is None:
         volume = math.pi / 4 * rig.diameter**2 * depth
-        count = max(1, round(fill * PACKING * volume / particle.volume))
+        count = max(1, round(part * PACKING * volume / particle.volume))
     bench = Bench(rig, particle, wall, contact, wall_contact, numerics)
     bulk = bench.bulk(_shapes(rig, depth), _domain(rig, depth, particle), open_domain=False)
     course = _Course(random=np.random.default_rng(seed))
@@ -92,7 +93,7 @@ def run(
         _scatter(bulk, logbook, course, rig, depth, particle, count, progress)
         _settle(bulk, logbook, course, rig, particle, fill_limit, progress)
         _turn(bulk, logbook, course, rig, particle, turns, interval, progress)
-    times, beads = np.array(course.times), bulk.beads()
+    times, beads, grains = np.array(course.times), bulk.beads(), bulk.grains()
     empty = _outline(np.zeros((0, 3)), np.zeros(0), rig, particle)
     profiles = tuple(
         replace(empty, height=np.array(height), view=f"t = {when:.3f} s")
@@ -106,6 +107,7 @@ def run(
         steady=replace(empty, height=np.mean(late, axis=0), view="mean"),
         steady_from=steady_from,
         mixing=Series(times, np.array(course.mixing), "lacey_index", "1"),
+        mixed=mixing(*_marked(grains, course), CELL * particle.diameter),
         centres=beads.position,
         radii=beads.radius,
         count=count,
@@ -157,31 +159,6 @@ def picture(rig: Drum, rotation: Rotation) -> npt.NDArray[np.uint8]:
     shell, _front, back = _shapes(rig, depth)
     walls = np.concatenate([triangles(shape, (-reach, reach)) for shape in (shell, back)])
     return draw(rotation.centres, rotation.radii, walls=walls, turn=12.0, tilt=8.0)
-
-
-def lacey(centres: Array, marked: npt.NDArray[np.bool_], cell: float) -> float:
-    """Lacey's mixing index of the marked beads in cells of side `cell` [m] across the drum: 0 apart, 1 at random.
-
-    M = (S0^2 - S^2) / (S0^2 - SR^2), with S0^2 = p (1 - p) apart, SR^2 = p (1 - p) / n at random, and S^2 the variance
-    of the marked part among the cells, each weighted by its number of beads (Lacey 1954, J. Appl. Chem. 4, 257).
-    NaN where no cell holds enough beads to count.
-
-    >>> lacey(np.array([[0.5, 0, 0]] * 5 + [[1.5, 0, 0]] * 5), np.arange(10) < 5, 1.0)
-    0.0
-    """
-    place = np.floor(centres[:, [0, 2]] / cell).astype(int)
-    _cells, which = np.unique(place, axis=0, return_inverse=True)
-    beads = np.bincount(which)
-    share = np.bincount(which, weights=marked) / beads
-    counts = beads >= FEWEST
-    if not counts.any():
-        return math.nan
-    beads, share = beads[counts], share[counts]
-    p = float(np.average(share, weights=beads))
-    apart = p * (1 - p)
-    at_random = apart / float(np.average(beads, weights=beads))
-    spread = float(np.average((share - p) ** 2, weights=beads))
-    return (apart - spread) / (apart - at_random) if apart > at_random else 1.0
 
 
 # ---------------------------------------------------------------------- the rig
@@ -248,24 +225,31 @@ def _domain(rig: Drum, depth: float, particle: Particle) -> tuple[list[float], l
 class _Course(fill.Course):
     """How far filling and turning have come: with the beads, all that a run needs to go on."""
 
-    low_at_first: list[int] = field(default_factory=list)  # the beads that lay in the lower half of the bed then
-    times: list[float] = field(default_factory=list)  # [s], since then, of the looks
+    level: float | None = None  # [m], that parted the bed at rest into halves
+    low_at_first: list[int] = field(default_factory=list)  # the beads of the lower half
+    times: list[float] = field(default_factory=list)  # [s], since the drum began to turn, of the looks
     heights: list[list[float]] = field(default_factory=list)  # [m], of the bed's outline
     mixing: list[float] = field(default_factory=list)
+
+    def go_on(self, kept: dict[str, Any]) -> None:
+        if "level" not in kept:
+            raise BadInput("The checkpoint was written by an earlier rigtwin; delete it or name another.")
+        super().go_on(kept)
 
 
 def _settle(
     bulk: Bulk, logbook: Logbook, course: _Course, rig: Drum, particle: Particle, limit: float, progress: Progress
 ) -> None:
-    """Let the bed come to rest, then set the drum turning."""
+    """Let the bed come to rest, look at it, then set the drum turning."""
     from rigtwin.sim.engine.walls import Motion
 
     if course.let_go is not None:
         return
     fill.settle_and_let_go(bulk, logbook, course, particle, limit, progress)
     grains = bulk.grains()
-    lower = grains.position[:, 2] < np.median(grains.position[:, 2])
-    course.low_at_first = grains.ident[lower].tolist()
+    course.level = float(np.median(grains.position[:, 2]))
+    course.low_at_first = grains.ident[grains.position[:, 2] < course.level].tolist()
+    _look(bulk, course, rig, particle)
     for wall in range(len(bulk.shapes)):
         bulk.move_wall(wall, Motion(spin=rig.speed, axis=(0.0, 1.0, 0.0), start=bulk.time))
 
@@ -286,16 +270,31 @@ def _turn(
     lasts = turns * 2 * math.pi / abs(rig.speed)
     while bulk.time - course.let_go < lasts:
         logbook.run(steps)
-        grains, beads = bulk.grains(), bulk.beads()
-        marked = np.zeros(len(grains.ident), dtype=bool)
-        marked[np.searchsorted(grains.ident, course.low_at_first)] = True
-        course.times.append(bulk.time - course.let_go)
-        course.mixing.append(lacey(grains.position, marked, CELL * particle.diameter))
-        heap = bed(beads.position, beads.radius)
-        surface = _outline(beads.position[heap], beads.radius[heap], rig, particle)
-        course.heights.append(surface.height.tolist())
+        _look(bulk, course, rig, particle)
         logbook.look(course.kept())
         progress("turning", bulk.time - course.let_go, lasts)
+
+
+def _look(bulk: Bulk, course: _Course, rig: Drum, particle: Particle) -> None:
+    """Note the bed's outline and how far it has mixed."""
+    assert course.let_go is not None
+    beads = bulk.beads()
+    heap = bed(beads.position, beads.radius)
+    surface = _outline(beads.position[heap], beads.radius[heap], rig, particle)
+    course.times.append(bulk.time - course.let_go)
+    course.heights.append(surface.height.tolist())
+    course.mixing.append(lacey(*_marked(bulk.grains(), course), CELL * particle.diameter))
+
+
+def _marked(grains: Grains, course: _Course) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Centres of all beads from where the halves met at first, and which of them lay below it then.
+
+    So no cell lies across the border, and the index begins at 0.
+    """
+    assert course.level is not None
+    marked = np.zeros(len(grains.ident), dtype=bool)
+    marked[np.searchsorted(grains.ident, course.low_at_first)] = True
+    return grains.position - np.array([0.0, 0.0, course.level]), marked
 
 
 # ---------------------------------------------------------------------- the result
@@ -329,7 +328,7 @@ def check(rig: Drum, particle: Particle, *, count: int | None) -> None:
 def _warnings(course: _Course) -> tuple[str, ...]:
     warnings = []
     if not course.in_time:
-        warnings.append("the bed was still moving when the drum began to turn; raise fill_limit")
+        warnings.append("the bed was still moving when the drum began to turn; raise --fill-limit")
     if not np.isfinite(course.mixing[-1]):
         warnings.append("so few beads lie together that their mixing cannot be counted; give more of them")
     return tuple(warnings)

@@ -95,7 +95,7 @@ class Emptying:
     def warnings(self, course: Course, staying: Array) -> list[str]:
         found = []
         if not course.in_time:
-            found.append("the filling was still moving when the drain was opened; raise fill_limit")
+            found.append("the filling was still moving when the drain was opened; raise --fill-limit")
         if (np.hypot(*staying[:, :2].T) < self.drain_diameter / 4).any():
             drained = course.placed - len(staying)
             found.append(f"the drain is bridged: {drained} of {course.placed} beads drained, and beads stand over it")

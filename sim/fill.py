@@ -29,6 +29,7 @@ Array = npt.NDArray[np.float64]
 Inside = Callable[[Array, float], npt.NDArray[np.bool_]]
 """Which of the points, shape (n, 3), lie in a container and farther than so many metres from its walls."""
 
+SKIN = 0.2  # of a diameter; a rain makes a list of neighbours short-lived
 LOOK = 0.02  # [s], how often the filling looks at what it did
 CLEAR = 1.02  # of a diameter between new particles
 TRIES = 20  # places tried for each particle that is due

@@ -337,6 +337,11 @@ def check(rig: Hopper, particle: Particle, *, count: int, duration: float | None
         raise BadInput(
             f"inclination: {math.degrees(rig.inclination):g} degrees is no slope; give 0 to 90 from the level."
         )
+    elif rig.slide_drop is not None and rig.slide_drop < particle.diameter:
+        raise BadInput(
+            f"slide_drop: {rig.slide_drop * 1e3:.3g} mm between slot and slide let no bead of "
+            f"{particle.diameter * 1e3:.3g} mm through; lower the slide."
+        )
     across = rig.diameter if rig.variant == "conical" else WIDTH if rig.width is None else rig.width
     if rig.outlet >= across:
         raise BadInput(
@@ -355,9 +360,9 @@ def check(rig: Hopper, particle: Particle, *, count: int, duration: float | None
 def _warnings(course: _Course, emptied: int, count: int, at_rest: bool) -> tuple[str, ...]:
     warnings = []
     if not course.in_time:
-        warnings.append("the bed was still moving when the outlet was opened; raise fill_limit")
+        warnings.append("the bed was still moving when the outlet was opened; raise --fill-limit")
     if emptied < count:
         warnings.append(f"only {emptied} of {count} beads had left the hopper when the run ended")
     if not at_rest:
-        warnings.append("the heap was still moving when the time limit was reached")
+        warnings.append("the heap was still moving when the time limit was reached; raise --settle-limit")
     return tuple(warnings)

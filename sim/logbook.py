@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
@@ -98,6 +99,8 @@ class Logbook:
         self._taken: float | None = None  # [s], when the latest snapshot was taken
         self._taking = 0.0  # [s], what it cost
         self._steps_here, self._seconds_here = 0, 0.0  # made by this process, and its time [s] for them
+        self._began = time.process_time()
+        self._computed_before = 0.0  # [s] of processor time, by the processes whose checkpoint this one took up
         self.first_frame: float | None = None  # [s], when a trajectory began after the run did
 
     def resume(self) -> dict[str, Any] | None:
@@ -111,6 +114,8 @@ class Logbook:
             course, frames, self._history = books["course"], books["frames"], books["history"]
             self._supplied, self._risen, self._total, self._most_dissipated, self._work = books["energy"]
             self.first_frame = books["first_frame"]
+            told = books.get("computing")
+            self._computed_before = math.nan if told is None else told  # earlier checkpoints do not tell
         if self._film_path is not None:
             self._film = begin(self._film_path, self._bulk.kinds, self._bulk.domain, frames=frames)
             walls = self._film_path.with_name(f"{self._film_path.stem}-walls.vtk")
@@ -152,6 +157,11 @@ class Logbook:
                 self._snapshot = None
             else:
                 self._remember()
+
+    @property
+    def computing(self) -> float:
+        """Processor time [s] of the run so far, that before its checkpoint included."""
+        return self._computed_before + time.process_time() - self._began
 
     @property
     def history(self) -> History:
@@ -250,6 +260,7 @@ class Logbook:
             "frames": self._film.frames if self._film else 0,
             "first_frame": self.first_frame if self._film else None,
             "history": list(self._history),
+            "computing": self.computing if math.isfinite(self.computing) else None,
             "energy": [self._supplied, self._risen, self._total, self._most_dissipated, self._work],
         }
         return books, self._bulk.state(), self._bulk.time

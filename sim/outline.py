@@ -12,6 +12,7 @@ from rigtwin.lab.records import Profile
 
 Array = npt.NDArray[np.float64]
 
+VIEWS = (0.0, 45.0, 90.0, 135.0)  # [deg], about an upright axis, from which a round rig is seen
 POINTS_PER_DIAMETER = 24
 SIGMA = 1e-5  # [m], a silhouette of exact spheres is as good as the beads' overlap
 NEIGHBOURS = 1.1  # sums of radii; spheres farther apart are not of one bed

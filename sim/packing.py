@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Unpack
 
@@ -19,7 +18,7 @@ from rigtwin.sim import fill
 from rigtwin.sim.bench import Bench, Numerics
 from rigtwin.sim.engine.clock import positive
 from rigtwin.sim.logbook import History
-from rigtwin.sim.outline import silhouette
+from rigtwin.sim.outline import VIEWS, silhouette
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.bulk import Bulk
@@ -28,10 +27,8 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-VIEWS = (0.0, 45.0, 90.0, 135.0)  # [deg], about the cylinder's axis
 OUTLET = 0.6  # of the cylinder's diameter
 LEAST_RATE = 200.0  # [1/s]
-SKIN = 0.2  # of a diameter; the rain makes a list short-lived
 CONE = math.radians(60)  # [rad], of the hopper's walls from the level
 SLIDE = 2  # number of the wall that closes the hopper
 FLOWING = 0.5  # [s] without a particle leaving, after which the hopper counts as blocked or empty
@@ -54,7 +51,7 @@ class Bed:
     asked: int
     placed: int
     missed: int  # particles that did not stay in the cylinder
-    computing: float  # [s], of processor time
+    computing: float  # [s], of processor time, in all processes that the run took; NaN where one did not tell
     statistics: dict[str, float] = field(default_factory=dict)
     history: History | None = None
     assumptions: dict[str, str] = field(default_factory=dict)
@@ -112,10 +109,9 @@ def run(
     source = fill.outlet(particle, opening, rig.cylinder_height + rig.fall_height, pour_rate, LEAST_RATE)
     hopper = None if rig.hopper_diameter is None else Hopper(rig.hopper_diameter, source, particle, count)
     shapes = _shapes(rig) if hopper is None else [*_shapes(rig), *hopper.shapes]
-    bulk = bench.bulk(shapes, _domain(rig, particle, source, hopper), skin=SKIN)
+    bulk = bench.bulk(shapes, _domain(rig, particle, source, hopper), skin=fill.SKIN)
     course = fill.Course(random=np.random.default_rng(seed))
     asked = {"count": count, "seed": seed, "settle_limit": settle_limit, "fill_limit": fill_limit}
-    began = time.process_time()
     with bench.logbook(bulk, outlet=asdict(source), **asked) as logbook:
         if kept := logbook.resume():
             course.go_on(kept)
@@ -132,7 +128,6 @@ def run(
         at_rest=at_rest,
         asked=count,
         course=course,
-        computing=time.process_time() - began,
         assumptions={**_assumptions(rig, source), **bench.assumptions()},
         warnings=bench.warnings(bulk, logbook),
     )
@@ -240,7 +235,6 @@ def _bed(
     at_rest: bool,
     asked: int,
     course: fill.Course,
-    computing: float,
     assumptions: dict[str, str],
     warnings: tuple[str, ...],
 ) -> Bed:
@@ -255,7 +249,7 @@ def _bed(
     placed = course.placed
     said = list(warnings)
     if not course.in_time:
-        said.append("the filling of the hopper was still moving when its slide was drawn; raise fill_limit")
+        said.append("the filling of the hopper was still moving when its slide was drawn; raise --fill-limit")
     if placed < asked:
         said.append(f"only {placed} of {asked} particles found room below the outlet")
     if missed := placed - int(within.sum()):
@@ -263,7 +257,7 @@ def _bed(
     if heights.max(initial=0.0) > rig.cylinder_height:
         said.append("the bed reaches above the cylinder; give a higher one or fewer particles")
     if not at_rest:
-        said.append("the bed was still moving when the time limit was reached")
+        said.append("the bed was still moving when the time limit was reached; raise --settle-limit")
     return Bed(
         centres=centres,
         radii=radii,
@@ -277,7 +271,7 @@ def _bed(
         asked=asked,
         placed=placed,
         missed=missed,
-        computing=computing,
+        computing=logbook.computing,
         statistics=logbook.statistics(),
         history=logbook.history,
         assumptions=assumptions,

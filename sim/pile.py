@@ -22,14 +22,11 @@ from rigtwin.sim.bench import Bench, Numerics
 from rigtwin.sim.emptying import Emptying, emptying, section
 from rigtwin.sim.engine.clock import positive
 from rigtwin.sim.logbook import History
-from rigtwin.sim.outline import silhouette
+from rigtwin.sim.outline import VIEWS, silhouette
 from rigtwin.sim.piling import Course, piling
 from rigtwin.sim.pouring import pouring
 
 Array = npt.NDArray[np.float64]
-
-VIEWS = (0.0, 45.0, 90.0, 135.0)  # [deg], about the disc's axis
-SKIN = 0.2  # of a diameter; the rain makes a list short-lived
 
 
 # a photo of a bowl shows no more than what stands out over its rim: angles of the two are not of the same heap
@@ -86,7 +83,7 @@ def run(
     _check(rig, particle, count, settle_limit)
     bench = Bench(rig, particle, wall, contact, wall_contact, numerics)
     method = _method(rig, particle, count, pour_rate, fall_height, fill_limit)
-    bulk = bench.bulk(method.shapes, method.domain, skin=SKIN)
+    bulk = bench.bulk(method.shapes, method.domain, skin=fill.SKIN)
     course = Course(random=np.random.default_rng(seed))
     asked = {"count": count, "seed": seed, "settle_limit": settle_limit}
     with bench.logbook(bulk, **asked, **method.settings) as logbook:
@@ -101,7 +98,7 @@ def run(
     )
     spheres = np.isin(beads.ident if beads.grain is None else beads.grain, grains.ident[stays])
     centres, radii = beads.position[spheres], beads.radius[spheres]
-    moved = () if at_rest else ("the heap was still moving when the time limit was reached",)
+    moved = () if at_rest else ("the heap was still moving when the time limit was reached; raise --settle-limit",)
     profiles = _profiles(rig, particle, method, centres, radii)
     return Heap(
         centres=centres,

@@ -99,7 +99,7 @@ class Pouring:
     def warnings(self, course: Course, staying: Array) -> list[str]:
         found = []
         if not course.in_time:
-            found.append("the filling was still moving when the tube was lifted; raise fill_limit")
+            found.append("the filling was still moving when the tube was lifted; raise --fill-limit")
         if not len(staying):
             found.append("nothing stayed on the base; give it a rim, or a larger base")
         return found

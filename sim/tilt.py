@@ -210,6 +210,24 @@ def left_out(rig: Tilt, particle: Particle, effects: Effects) -> tuple[str, ...]
     return (acting_among(effects, particle) if rolls else acting_on_few(effects))[1]
 
 
+def body_in_words(rig: Tilt, particle: Particle) -> str:
+    """What the body is taken for, for the result."""
+    if rig.variant == "slide":
+        return "A body that slides does not turn."
+    if particle.shape is None:
+        return "The bead that rolls is a sphere."
+    lies = "its axis across the plate" if _in_a_row(particle) else "its own axes along and across the plate"
+    return f"The body is {particle.name}, {len(particle.radii)} spheres in one piece, and lies with {lies}."
+
+
+def _in_a_row(clump: Particle) -> bool:
+    """Whether the clump's spheres have their centres on one line along an axis."""
+    assert clump.shape is not None
+    offsets = np.array(clump.shape.offsets)
+    axis = int(np.argmax(np.ptp(offsets, axis=0)))
+    return bool(np.allclose(np.delete(offsets, axis, axis=1), 0.0))
+
+
 def _record(frames: _Frames, path: Array) -> tuple[Series, Track]:
     """The frames for which there is a path."""
     seen = len(path)
@@ -242,7 +260,7 @@ def _rolled_clump(trial: Trial, time: Array, progress: Progress) -> Array:
     assert clump.shape is not None
     offsets, radii = np.array(clump.shape.offsets), np.array(clump.shape.radii)
     axis = int(np.argmax(np.ptp(offsets, axis=0)))
-    in_a_row = bool(np.allclose(np.delete(offsets, axis, axis=1), 0.0))
+    in_a_row = _in_a_row(clump)
     lie = np.array(ACROSS[axis] if in_a_row else ACROSS[1])
     inclined = np.array([math.cos(rig.start_angle / 2), 0.0, -math.sin(rig.start_angle / 2), 0.0])
     lowest = float(radii.max() if in_a_row else (radii - offsets[:, 2]).max())
@@ -316,7 +334,7 @@ def _check(rig: Tilt, particle: Particle, frame_rate: float, stiffness_factor: f
         raise BadInput(f"tilt: there is no variant {rig.variant!r}; use 'slide' or 'roll'.")
     if not 0 <= rig.start_angle < STEEPEST:
         given = math.degrees(rig.start_angle)
-        raise BadInput(f"start_angle must lie between 0 and {math.degrees(STEEPEST):g} deg, got {given:g} deg.")
+        raise BadInput(f"start_angle: must lie between 0 and {math.degrees(STEEPEST):g} deg, got {given:g} deg.")
     if rig.plate_length < 4 * particle.diameter:
         raise BadInput(
             f"plate_length: {rig.plate_length * 1e3:.3g} mm is too short for a body of "

@@ -211,10 +211,30 @@ def test_an_unknown_experiment_is_refused_with_the_known_ones(tmp_path, capfd):
     refused(["compare", lab_with(tmp_path), "--only", "drop-D6-stel"], capfd, "drop-D6-stel", "drop-D6-steel")
 
 
-@pytest.mark.parametrize("option", ["--runs", "--count", "--stiffness-factor"])
+@pytest.mark.parametrize("option", ["--runs", "--count", "--stiffness-factor", "--rolling-model"])
 def test_an_option_that_no_twin_of_the_lab_takes_is_refused(tmp_path, capfd, option):
-    value = "0.1" if option == "--stiffness-factor" else "3"
+    value = {"--stiffness-factor": "0.1", "--rolling-model": "A"}.get(option, "3")
     refused(["compare", lab_with(tmp_path), option, value], capfd, option, "drop-D6-steel")
+
+
+def test_the_rolling_model_of_a_comparison_is_that_of_its_twins(tmp_path, capfd, monkeypatch):
+    asked: dict[str, Any] = {}
+
+    def twin(_rig, _cast, **given):
+        asked.update(given)
+        raise BadInput("seen")
+
+    monkeypatch.setattr("rigtwin.compare.bulk_twins.pile_twin", twin)
+    pile = 'rig = "pile"\nvariant = "piling"\nbase_diameter = "90 mm"\n'
+    folder = lab_with(tmp_path, 'rig = "drop"\n', pile)
+    lab = folder / "lab.toml"
+    lab.write_text(lab.read_text().replace('drop_height = "300 mm"\n', ""))
+    (folder / "r01.csv").write_text("x_m,height_m\n-0.04,0\n0,0.03\n0.04,0\n")
+    refused(["compare", folder, "--rolling-model", "A-explicit"], capfd, "seen")
+    assert asked["rolling"] == "type A explicit"
+    asked.clear()
+    refused(["compare", folder], capfd, "seen")
+    assert "rolling" not in asked
 
 
 @pytest.mark.parametrize("rig", ["pile", "packing"])
@@ -228,6 +248,10 @@ def test_a_copy_of_a_photo_is_no_further_view(tmp_path, capfd, rig):
 
 def test_a_model_that_is_not_there_is_looked_for_where_a_diagnosis_leaves_it(tmp_path, capfd):
     refused(["compare", lab_with(tmp_path), "--model", "nosuch.toml"], capfd, "nosuch.toml", "rigtwin diagnose")
+
+
+PILE = ["simulate", "pile", "--base-diameter", "90mm"]
+HOPPER = ["simulate", "hopper", "--outlet", "30mm"]
 
 
 @pytest.mark.parametrize(
@@ -290,6 +314,29 @@ def test_a_model_that_is_not_there_is_looked_for_where_a_diagnosis_leaves_it(tmp
         (["simulate", "drum", "--drum-diameter", "20mm", "--speed", "3rpm"], "--drum-diameter: a drum of 20 mm"),
         (["simulate", "tilt", "--variant", "slide", "--rolling-friction", "0.5"], "--variant roll"),
         (["simulate", "drop", "--drop-height", "300mm", "--bounces", "2", "--duration", "1s"], "--bounces"),
+        ([*PILE, "--method", "pouring", "--fall-height", "20mm"], "--method piling"),
+        ([*PILE, "--method", "emptying", "--pour-rate", "400/s"], "--method piling"),
+        ([*PILE, "--fill-limit", "3s"], "--method pouring or emptying, here it is piling"),
+        ([*PILE, "--outlet-height", "80mm", "--fall-height", "20mm"], "changes nothing beside --outlet-height"),
+        (
+            [*PILE, "--pour-rate", "400mm/s"],
+            "--pour-rate: '400mm/s' has the wrong unit for a rate; write it like '400/s'",
+        ),
+        ([*PILE, "--settle-limit", "0s"], "--settle-limit"),
+        (["simulate", "packing", "--hopper-diameter", "90mm", "--pour-rate", "400/s"], "beside --hopper-diameter"),
+        (["simulate", "packing", "--fill-limit", "3s"], "--hopper-diameter"),
+        ([*HOPPER, "--variant", "conical", "--slide-angle", "45deg"], "--variant slot"),
+        ([*HOPPER, "--variant", "conical", "--slide-drop", "60mm"], "--variant slot"),
+        ([*HOPPER, "--variant", "conical", "--inclination", "60deg"], "--variant slot"),
+        ([*HOPPER, "--variant", "conical", "--settle-limit", "3s"], "--variant slot"),
+        ([*HOPPER, "--variant", "slot", "--cone-height", "60mm"], "--variant conical"),
+        (
+            [*HOPPER, "--variant", "slot", "--inclination", "90deg"],
+            "--inclination: '90deg' is 90 degrees, more than 85",
+        ),
+        ([*HOPPER, "--variant", "slot", "--slide-drop", "3mm"], "--slide-drop: 3 mm between slot and slide"),
+        (["simulate", "tilt", "--variant", "slide", "--plate-length", "10mm"], "--plate-length: 10 mm is too short"),
+        (["simulate", "tilt", "--variant", "slide", "--start-angle", "86deg"], "--start-angle"),
         (["compare", "x", "--runs", "0"], "--runs: is too small; give at least 1;"),
         (["compare", "x", "--runs", "two"], "--runs: is not a whole number;"),
         (["compare"], "LAB"),
@@ -441,6 +488,59 @@ def test_device_and_time_step_of_a_bulk_twin_can_be_said(capfd, monkeypatch):
     assert (asked["device"], asked["time_step_fraction"], asked["forced"]) == ("auto", 0.9, True)
     refused(pile, capfd, "seen")
     assert (asked["device"], asked["time_step_fraction"], asked["forced"]) == ("cpu", 0.3, False)
+
+
+@pytest.mark.parametrize(
+    ("rig", "options", "geometry", "settings"),
+    [
+        (
+            "pile",
+            "--base-diameter 90mm --fall-height 20mm --pour-rate 400/s --settle-limit 5s",
+            {},
+            {"fall_height": 0.02, "pour_rate": 400.0, "settle_limit": 5.0},
+        ),
+        ("pile", "--base-diameter 90mm --method pouring --fill-limit 5s", {}, {"fill_limit": 5.0}),
+        (
+            "packing",
+            "--cylinder-height 80mm --fall-height 5cm --pour-rate 24000/min --settle-limit 5s --count 900",
+            {"cylinder_height": 0.08, "fall_height": 0.05},
+            {"pour_rate": 400.0, "settle_limit": 5.0},
+        ),
+        ("packing", "--hopper-diameter 90mm --fill-limit 5s", {"cylinder_height": 0.302}, {"fill_limit": 5.0}),
+        ("drum", "--drum-diameter 90mm --speed 3rpm --fill-limit 5s", {}, {"fill_limit": 5.0}),
+        (
+            "hopper",
+            "--outlet 30mm --cone-height 60mm --fill-limit 5s",
+            {"cone_height": 0.06, "inclination": math.radians(60)},
+            {"fill_limit": 5.0},
+        ),
+        (
+            "hopper",
+            "--variant slot --outlet 30mm --inclination 50deg --slide-angle 40deg --slide-drop 9cm --settle-limit 5s",
+            {"inclination": math.radians(50), "slide_angle": math.radians(40), "slide_drop": 0.09},
+            {"settle_limit": 5.0},
+        ),
+        (
+            "tilt",
+            "--variant slide --start-angle 5deg --plate-length 300mm",
+            {"start_angle": math.radians(5), "plate_length": 0.3},
+            {},
+        ),
+    ],
+)
+def test_what_a_rig_leaves_open_is_an_option(rig, options, geometry, settings, capfd, monkeypatch):
+    asked: dict[str, Any] = {}
+
+    def simulation(rig, *_cast, **given):
+        asked.update(vars(rig) | given)
+        raise BadInput("seen")
+
+    monkeypatch.setattr(f"rigtwin.sim.{rig}.run", simulation)
+    refused(["simulate", rig, *options.split()], capfd, "seen")
+    for name, value in {**geometry, **settings}.items():
+        assert asked[name] == pytest.approx(value, rel=1e-12), name
+    # what is not given is left to the rig
+    assert set(asked) & {"fill_limit", "settle_limit"} == set(settings) & {"fill_limit", "settle_limit"}
 
 
 def test_an_angle_without_its_unit_is_refused(capfd):

@@ -1,5 +1,6 @@
 """The twin of the drum: beads are kept, the surface slopes as it must, and they mix."""
 
+import json
 import math
 from dataclasses import replace
 
@@ -12,6 +13,7 @@ from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.rigs import Drum
 from rigtwin.sim import drum
+from rigtwin.sim.mixing import lacey, mixing
 
 ASH = Material("ash", 720, 11e9, 0.44)
 PMMA = Material("PMMA", 1180, 3.2e9, 0.35)
@@ -72,16 +74,86 @@ def test_beads_mix_in_a_drum_that_tumbles_and_not_in_one_that_slides():
     # few beads: after half a turn the index still scatters by as much as it has risen
     rough, smooth = turned(turns=1.0), turned(turns=1.0, wall=SMOOTH)
     assert rough.mixing.quantity == "lacey_index"
-    assert rough.mixing.value[0] < 0.45
-    assert rough.mixing.value[-1] > rough.mixing.value[0] + 0.2
+    assert rough.mixing.value[-1] > rough.mixing.value[1] + 0.2
     assert smooth.mixing.value[-1] < rough.mixing.value[-1] - 0.1
+
+
+@pytest.mark.parametrize("more", [{}, {"seed": 4}, {"rig": replace(RIG, fill=0.2)}])
+def test_the_halves_of_a_bed_that_has_not_turned_are_not_mixed(more):
+    made = turned(**{"turns": 0.01, **more})
+    assert made.time[0] == made.mixing.time[0] == 0.0
+    assert made.mixing.value[0] == pytest.approx(0.0, abs=0.02)  # one bead more in a half than in the other
+    # the bed at rest lies level, the first that turns does not yet differ by much
+    level = made.profiles[0]
+    middle = np.isfinite(level.height) & (np.abs(level.x) < 0.02)
+    assert abs(np.polyfit(level.x[middle], level.height[middle], 1)[0]) < math.tan(math.radians(12))
+
+
+def test_the_doubt_of_the_index_is_what_chance_makes_of_it():
+    # 40 cells of 25 beads, each with its own part of marked ones, drawn anew again and again
+    rng = np.random.default_rng(2)
+    cell = np.repeat(np.arange(40), 25)
+    centres = np.column_stack([cell + 0.5, np.zeros(1000), np.full(1000, 0.5)])
+
+    def drawn():
+        part = rng.choice([0.2, 0.5, 0.8], 40)
+        return mixing(centres, rng.random(1000) < part[cell], 1.0)
+
+    found = [drawn() for _ in range(300)]
+    scatter = np.std([one.index for one in found])
+    assert np.mean([one.std_uncertainty for one in found]) == pytest.approx(scatter, rel=0.15)
+    assert all(not one.quantity(1.0).doubtful for one in found)
+
+
+def test_an_index_of_few_cells_is_doubtful():
+    rng = np.random.default_rng(3)
+    few = mixing(rng.uniform(0, 2, (44, 3)), rng.random(44) < 0.5, 1.0)
+    assert few.cells == 4
+    assert few.quantity(2.0).detail == {"turns": 2.0, "cells": 4}
+    assert "only 4 cells" in few.quantity(2.0).doubtful
+    alone = mixing(rng.uniform(0, 1, (44, 3)), rng.random(44) < 0.5, 1.0)
+    assert math.isnan(alone.index)  # a single cell tells nothing of a variance among cells
+
+
+def test_the_twin_writes_profiles_angles_and_mixing_over_time_and_tells_the_index(tmp_path, capfd):
+    from rigtwin.cli import run
+
+    out = tmp_path / "out"
+    size = "--drum-diameter 70mm --speed 15rpm --depth 20mm --fill 0.4 --turns 0.3"
+    numerics = "--stiffness-factor 0.0003 --threads 1 --particle D6"
+    assert run(["simulate", "drum", *size.split(), *numerics.split(), "--out", str(out)]) == 0
+    told = capfd.readouterr().out
+    row = next(line for line in told.splitlines() if "Mixing index" in line)
+    assert "after 0.3 turns" in row
+    assert "doubtful" in row
+    assert "cells of 3 bead diameters" in told
+    tables = {path.stem: np.genfromtxt(path, delimiter=",", names=True) for path in sorted(out.glob("drum-twin-*.csv"))}
+    names = {stem.removeprefix("drum-twin-"): table.dtype.names for stem, table in tables.items()}
+    assert names == {
+        "profiles-over-time": ("time_s", "x_m", "height_m", "sigma_m"),
+        "angle_of_repose_graphical": ("time_s", "angle_of_repose_graphical_deg"),
+        "angle_of_repose_geometric": ("time_s", "angle_of_repose_geometric_deg"),
+        "lacey_index": ("time_s", "lacey_index"),
+        "profile-1": ("x_m", "height_m", "sigma_m"),
+    }
+    surface = tables["drum-twin-profiles-over-time"]
+    assert np.isfinite(surface["height_m"]).all()
+    assert np.hypot(surface["x_m"], surface["height_m"]).max() < 0.035 * 1.001
+    for name in ("angle_of_repose_graphical", "angle_of_repose_geometric", "lacey_index"):
+        assert np.array_equal(tables[f"drum-twin-{name}"]["time_s"], np.unique(surface["time_s"]))
+    # the angle over time is the one whose mean is told
+    angles = tables["drum-twin-angle_of_repose_graphical"]["angle_of_repose_graphical_deg"]
+    told_angles = json.loads((out / "quantities.json").read_text())["quantities"]
+    mean = next(one for one in told_angles if one["quantity"] == "angle_of_repose_graphical")
+    assert angles[1:].min() < mean["value"] < angles[1:].max()
+    assert abs(angles[0]) < 0.7 * mean["value"]  # at rest it lay flatter
 
 
 def test_the_index_of_beads_apart_is_zero_and_of_beads_at_random_one():
     rng = np.random.default_rng(1)
     centres = rng.uniform(0, 10, (20_000, 3))
-    assert drum.lacey(centres, centres[:, 0] < 5, 1.0) == pytest.approx(0.0, abs=1e-9)
-    assert drum.lacey(centres, rng.random(20_000) < 0.3, 1.0) == pytest.approx(1.0, abs=0.01)
+    assert lacey(centres, centres[:, 0] < 5, 1.0) == pytest.approx(0.0, abs=1e-9)
+    assert lacey(centres, rng.random(20_000) < 0.3, 1.0) == pytest.approx(1.0, abs=0.01)
 
 
 def test_profiles_stand_at_their_times_and_lie_in_the_drum(rough):
@@ -134,10 +206,15 @@ def test_what_the_rig_leaves_open_is_in_the_result():
 
 
 def test_beads_too_few_to_count_their_mixing_have_no_index():
-    assert math.isnan(drum.lacey(np.array([[0.5, 0.0, 0.0]] * 4), np.arange(4) < 2, 1.0))
+    assert math.isnan(lacey(np.array([[0.5, 0.0, 0.0]] * 4), np.arange(4) < 2, 1.0))
     made = turned(count=4, turns=0.05)
     assert math.isnan(made.mixing.value[-1])
     assert any("mixing cannot be counted" in warning for warning in made.warnings)
+
+
+def test_a_bed_that_was_given_no_time_to_rest_is_told_with_the_option_that_gives_it():
+    hasty = turned(fill_limit=0.01, turns=0.01)
+    assert any("still moving" in warning and "raise --fill-limit" in warning for warning in hasty.warnings)
 
 
 def test_a_slope_of_no_steady_flow_is_doubtful(rough):

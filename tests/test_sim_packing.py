@@ -1,6 +1,8 @@
 """A bed in a cylinder: what went in is in it, it packs as spheres do, and its height is that of its surface."""
 
+import json
 import math
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +13,8 @@ from rigtwin.lab.materials import Contact, Material, Particle, clumped
 from rigtwin.lab.rigs import Packing
 from rigtwin.lab.shapes import row
 from rigtwin.sim import packing
+from rigtwin.sim.engine.bulk import Bulk
+from rigtwin.sim.engine.walls import Cylinder, Disc, Motion, Wall
 
 ASH = Material("ash", 720, 11e9, 0.44)
 PMMA = Material("PMMA", 1250, 3e9, 0.4)
@@ -91,6 +95,47 @@ def test_pellets_pour_turned_at_random_and_keep_their_shape():
     assert np.linalg.norm(spheres[:, 2] - spheres[:, 0], axis=1) == pytest.approx(4e-3)
 
 
+def test_the_time_per_particle_adds_up_over_a_run_that_was_stopped(monkeypatch, tmp_path):
+    clock = [0.0]
+    monkeypatch.setattr(time, "process_time", lambda: clock[0])
+
+    def a_second_each_look(stop: float = math.inf):
+        looks = 0
+
+        def progress(_stage, _done, _total):
+            nonlocal looks
+            clock[0] += 1.0
+            looks += 1
+            if looks == stop:
+                raise KeyError
+
+        return progress
+
+    whole = poured(progress=a_second_each_look())
+    assert whole.computing > 10
+    kept = {"checkpoint": tmp_path / "bed.npz", "checkpoint_interval": 0}
+    with pytest.raises(KeyError):
+        poured(progress=a_second_each_look(7), **kept)
+    again = poured(progress=a_second_each_look(), **kept)
+    # what passed between the last checkpoint and the stop is lost
+    assert whole.computing - 1 <= again.computing <= whole.computing
+    assert again.seconds_per_particle == again.computing / 180
+    clock[0] += 1000.0  # between two processes none of it is the run's
+    assert poured(**kept).computing == pytest.approx(again.computing, abs=1.0)
+
+
+def test_the_command_tells_the_time_per_particle(tmp_path, capfd):
+    from rigtwin.cli import run
+
+    command = (
+        "simulate packing --cylinder-diameter 40mm --cylinder-height 50mm --count 60 --threads 1 --pour-rate 900/s"
+    )
+    assert run([*command.split(), "--out", str(tmp_path)]) == 0
+    (told,) = [line for line in capfd.readouterr().out.splitlines() if line.startswith("computing:")]
+    each = json.loads((tmp_path / "quantities.json").read_text())["settings"]["seconds_per_particle"]
+    assert told == f"computing: {each:.3g} s of processor time per particle"
+
+
 def test_a_hopper_with_a_slide_fills_the_cylinder_as_a_rain_does(bed):
     rig = replace(RIG, hopper_diameter=0.06)
     from_hopper = packing.run(rig, BEAD, PMMA, BEADS, GLASS, count=180, seed=4, threads=1)
@@ -132,3 +177,67 @@ def test_a_bead_at_rest_sinks_in_as_far_as_the_law_of_its_contacts_lets_it(law):
     sinks = weight / spring if law == "linear" else (weight / hertz) ** (2 / 3)
     assert BEAD.radius - one.centres[0, 2] == pytest.approx(sinks, rel=0.02)
     assert one.assumptions["contact_law"].startswith(law)
+
+
+# ---------------------------------------------------------------------- Janssen
+
+
+NARROW = 0.025  # [m]
+SOFT_ASH, SOFT_PMMA = ASH.softened(1e-3), PMMA.softened(1e-3)
+
+
+def borne_by_the_floor(count: int, wall_friction: float) -> tuple[float, float]:
+    """Part of a bed's weight that the floor of a narrow cylinder bears, and the bed's height [m].
+
+    The floor sinks slowly by a tenth of a diameter, so that friction holds the bed up wherever it can: Janssen's case.
+    """
+    soft, up = replace(BEAD, material=SOFT_ASH), (0.0, 0.0, 1.0)
+    wall = Contact(0.3, wall_friction)
+    bed = Bulk(
+        [soft],
+        Contact(0.3, 0.5, 0.02),
+        [
+            Wall(Disc((0.0, 0.0, 0.0), up, NARROW / 2), SOFT_PMMA, wall),
+            Wall(Cylinder((0.0, 0.0, -0.005), up, NARROW / 2, 0.16), SOFT_PMMA, wall),
+        ],
+        low=(-0.02, -0.02, -0.01),
+        high=(0.02, 0.02, 0.16),
+        time_step=0.3 * soft.rayleigh_time_step,
+        threads=1,
+    )
+    k, rng = np.arange(count), np.random.default_rng(3)
+    around = np.where(k % 7, 6.2e-3, 0.0)  # layers of seven
+    place = np.stack([around * np.cos(k % 7 * math.pi / 3), around * np.sin(k % 7 * math.pi / 3)], axis=1)
+    place = np.column_stack([place, 3.2e-3 + 6.3e-3 * (k // 7)]) + rng.uniform(-5e-5, 5e-5, (count, 3))
+    bed.add(place, rng.normal(0, 0.1, (count, 3)))
+    bed.run(round(0.8 / bed.time_step))
+    speed, began = 6e-3, bed.time
+    bed.move_wall(0, Motion((0.0, 0.0, -speed), start=began))
+    bed.run(round(0.05 / bed.time_step))
+    moduli = [body.youngs_modulus / (1 - body.poisson_ratio**2) for body in (SOFT_ASH, SOFT_PMMA)]
+    modulus, forces = moduli[0] * moduli[1] / sum(moduli), []
+    for _ in range(5):
+        bed.run(round(0.01 / bed.time_step))
+        beads, floor = bed.beads(), -speed * (bed.time - began)
+        depth = np.maximum(floor + beads.radius - beads.position[:, 2], 0.0)
+        forces.append((4 / 3 * modulus * np.sqrt(beads.radius) * depth**1.5).sum())  # Hertz
+    return np.mean(forces) / (count * soft.mass * 9.81), float(beads.position[:, 2].max() + soft.radius - floor)
+
+
+def test_a_smooth_cylinder_leaves_the_whole_weight_to_its_floor():
+    assert borne_by_the_floor(84, wall_friction=0.0)[0] == pytest.approx(1.0, rel=0.02)
+
+
+def test_a_rough_cylinder_bears_its_bed_as_janssen_says():
+    # the floor bears m g (1 - exp(-h / l)) l / h with l = D / (4 mu K); K lies between Rankine's active 0.3 and a
+    # liquid's 1
+    def law(height, k):
+        reach = NARROW / (4 * 0.5 * k)
+        return reach / height * (1 - math.exp(-height / reach))
+
+    found = [borne_by_the_floor(count, wall_friction=0.5) for count in (42, 84, 150)]
+    for share, height in found:
+        assert law(height, 1.0) < share < law(height, 0.3)
+    # it saturates: of the upper half's weight hardly half comes down
+    (low, _), (high, _) = found[0], found[-1]
+    assert 150 * high - 42 * low < 0.5 * (150 - 42)

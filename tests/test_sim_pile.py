@@ -14,9 +14,11 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle, clumped
 from rigtwin.lab.rigs import Pile
 from rigtwin.lab.shapes import row
+from rigtwin.measure import pile as ruler
 from rigtwin.sim import pile
 from rigtwin.sim.bench import Bench
 from rigtwin.sim.outline import silhouette
+from rigtwin.sim.piling import bowl
 
 ASH = Material("ash", 720, 11e9, 0.44)
 STEEL = Material("steel", 7850, 210e9, 0.3)
@@ -50,6 +52,57 @@ def test_the_heap_stands_in_the_middle_and_higher_than_its_rim(heap):
     middle = np.hypot(heap.centres[:, 0], heap.centres[:, 1]) < 0.008
     # a third layer or more; how many depends on where single beads happen to land
     assert heap.centres[middle, 2].max() > BOWL.rim_height + D6.radius
+
+
+def test_heaps_are_alike_on_both_sides_and_from_all_views_within_their_scatter():
+    wide = replace(BOWL, base_diameter=0.07)
+    angles: dict[str, list[list[float]]] = {"left": [], "right": [], "mean": []}  # [deg], heap by heap, view by view
+    apart = []  # left less right, in their uncertainties
+    for seed in (1, 2, 3):
+        heap = pile.run(wide, D6, STEEL, BEADS, BASE, count=500, seed=seed, threads=1, stiffness_factor=3e-4)
+        told = ruler.evaluate(heap.profiles, base_diameter=0.07, bead_diameter=D6.diameter).quantities
+        lines = [one for one in told if one.quantity == told[0].quantity and one.method == told[0].method]
+        sides = {
+            side: [one for one in lines if (one.detail["side"], one.detail["view"] == "all") == (side, False)]
+            for side in angles
+        }
+        for side, views in sides.items():
+            assert len(views) == 4
+            angles[side].append([one.value for one in views])
+        apart += [
+            (left.value - right.value) / np.hypot(left.std_uncertainty, right.std_uncertainty)
+            for left, right in zip(sides["left"], sides["right"], strict=True)
+        ]
+    # views of one heap share its beads: three heaps with two views' worth of sides each, three standard errors
+    assert abs(np.mean(apart)) < 3 / np.sqrt(6)
+    assert np.abs(apart).max() < 3
+    # no view is steeper than the others by more than their scatter about their heap's mean
+    views = np.array(angles["mean"])
+    off = views - views.mean(axis=1, keepdims=True)
+    assert np.abs(off.mean(axis=0)).max() < 3 * off.std(ddof=3) / np.sqrt(3)
+    assert 15 < views.mean() < 45
+
+
+def test_a_mirrored_rain_makes_the_mirror_image_of_a_heap():
+    def fallen(mirror):
+        bench = Bench(BOWL, D6, STEEL, BEADS, BASE, {"threads": 1})
+        bulk = bench.bulk(bowl(BOWL), ((-0.03, -0.03, -0.012), (0.03, 0.03, 0.1)))
+        rng = np.random.default_rng(5)
+        place = np.stack(np.meshgrid(*[[-0.0065, 0.0, 0.0065]] * 2, [0.004, 0.0105, 0.017]), axis=-1).reshape(-1, 3)
+        place += rng.uniform(-2e-4, 2e-4, place.shape)
+        velocity, spin = rng.normal(0, 0.2, place.shape), rng.normal(0, 30, place.shape)
+        # a mirror turns velocities as it turns places, and spins the other way
+        bulk.add(place * mirror, velocity * mirror, -spin * mirror if mirror[0] < 0 else spin)
+        bulk.run(round(0.02 / bulk.time_step))  # as long as rounding is not yet grown to something
+        fell = velocity * mirror - np.array([0.0, 0.0, 9.81 * bulk.time])
+        return bulk.beads(), np.abs(bulk.beads().velocity - fell).max(axis=1) > 0.05
+
+    mirror = np.array([-1.0, 1.0, 1.0])
+    (one, hit), (other, hit_too) = fallen(np.ones(3)), fallen(mirror)
+    assert hit.sum() > 20
+    assert np.array_equal(hit, hit_too)
+    assert other.position == pytest.approx(one.position * mirror, abs=1e-9)
+    assert other.spin == pytest.approx(-one.spin * mirror, abs=1e-4)
 
 
 def test_profiles_are_the_silhouettes_of_the_beads_from_four_sides(heap):
@@ -95,7 +148,7 @@ def test_without_a_rim_the_result_says_how_many_beads_stayed():
 def test_a_heap_that_is_not_given_time_says_that_it_moves():
     hasty = pile.run(BOWL, D6, STEEL, BEADS, BASE, count=40, settle_limit=0.02, threads=1)
     assert not hasty.at_rest
-    assert any("still moving" in warning for warning in hasty.warnings)
+    assert any("still moving" in warning and "raise --settle-limit" in warning for warning in hasty.warnings)
 
 
 @settings(max_examples=20, deadline=None)
@@ -286,8 +339,8 @@ def test_effects_of_a_model_act_on_the_heap_or_are_named_as_left_out():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--method", "pouring", "--tube-diameter", "100mm"], "tube_diameter"),
-        (["--method", "emptying", "--rim-height", "5mm"], "rim_height"),
+        (["--method", "pouring", "--tube-diameter", "100mm"], "--tube-diameter"),
+        (["--method", "emptying", "--rim-height", "5mm"], "--rim-height"),
         (["--method", "pouring", "--lift-speed", "20mm"], "--lift-speed"),
     ],
 )

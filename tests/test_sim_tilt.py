@@ -110,6 +110,19 @@ def test_air_does_not_stop_a_pellet_from_rolling_and_the_twin_says_that_it_had_n
     assert said.startswith("the model's rolling_lever had no part")
 
 
+def test_what_the_body_is_taken_for_is_true_of_it():
+    pellet, contact = hlosta2020.particle("P6x15"), Contact(0.3, 0.5, 0.08)
+    twin = tilt_twin(Tilt("roll", speed=FAST, start_angle=math.radians(4)), pellet, STEEL, contact, frame_rate=120)
+    assert "from 4 degrees on" in twin.assumptions[0]
+    assert twin.assumptions[1:] == (
+        "The body is P6x15, 5 spheres in one piece, and lies with its axis across the plate.",
+    )
+    assert "axes along and across" in tilt.body_in_words(Tilt("roll"), hlosta2020.particle("C6"))
+    assert tilt.body_in_words(Tilt("roll"), D6) == "The bead that rolls is a sphere."
+    for body in (D6, pellet):
+        assert tilt.body_in_words(Tilt("slide"), body) == "A body that slides does not turn."
+
+
 def test_a_plate_that_starts_inclined_and_one_that_turns_slowly_agree():
     contact = Contact(0.42, 0.36)
     ends = []

@@ -1,0 +1,82 @@
+"""How far marked beads have mixed with the others: Lacey's index over cells, and what chance alone makes of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.quantity import Detail, Quantity, doubted
+
+Array = npt.NDArray[np.float64]
+Marks = npt.NDArray[np.bool_]
+
+CELL = 3.0  # bead diameters, side of the cells in which mixing is counted
+FEWEST = 5  # beads in a cell that counts
+FEWEST_CELLS = 10  # their variance is known to a half; that of fewer says little
+
+
+@dataclass(frozen=True)
+class Mixing:
+    """Lacey's index at one moment; NaN where too few beads lie together."""
+
+    index: float
+    std_uncertainty: float  # of chance, by leaving out one cell after the other (jackknife)
+    cells: int  # with enough beads to count
+
+    def quantity(self, turns: float) -> Quantity:
+        """The index after so many turns of a drum, doubtful where few cells tell it."""
+        few = (
+            f"the mixing index is counted in only {self.cells} cells of {CELL:g} bead diameters that hold at least "
+            f"{FEWEST} beads; give more beads, or smaller ones"
+        )
+        detail: dict[str, Detail] = {"turns": turns, "cells": self.cells}
+        found = Quantity(
+            "mixing_index", self.index, self.std_uncertainty, "1", f"Lacey, after {turns:g} turns", 1, detail
+        )
+        return doubted(found, few if self.cells < FEWEST_CELLS else "")
+
+
+def lacey(centres: Array, marked: Marks, cell: float) -> float:
+    """Lacey's mixing index of the marked beads in cells of side `cell` [m] across the drum: 0 apart, 1 at random.
+
+    M = (S0^2 - S^2) / (S0^2 - SR^2), with S0^2 = p (1 - p) apart, SR^2 = p (1 - p) / n at random, and S^2 the variance
+    of the marked part among the cells, each weighted by its number of beads (Lacey 1954, J. Appl. Chem. 4, 257).
+    The cells meet in the origin.  NaN where not two cells hold enough beads to count, or all of them beads of one kind.
+
+    >>> lacey(np.array([[0.5, 0, 0]] * 5 + [[1.5, 0, 0]] * 5), np.arange(10) < 5, 1.0)
+    0.0
+    """
+    return _index(*_counted(centres, marked, cell))
+
+
+def mixing(centres: Array, marked: Marks, cell: float) -> Mixing:
+    """`lacey` with what chance makes of it."""
+    beads, share = _counted(centres, marked, cell)
+    count, every = len(beads), np.arange(len(beads))
+    without = np.array([_index(beads[every != k], share[every != k]) for k in every])
+    scatter = math.sqrt((count - 1) * float(np.var(without))) if count > 2 else math.nan
+    return Mixing(_index(beads, share), scatter, count)
+
+
+def _counted(centres: Array, marked: Marks, cell: float) -> tuple[Array, Array]:
+    """How many beads each cell with enough of them holds, and which part of them is marked."""
+    place = np.floor(centres[:, [0, 2]] / cell).astype(int)
+    _cells, which = np.unique(place, axis=0, return_inverse=True)
+    beads = np.bincount(which).astype(float)
+    counts = beads >= FEWEST
+    return beads[counts], (np.bincount(which, weights=marked) / beads)[counts]
+
+
+def _index(beads: Array, share: Array) -> float:
+    if len(beads) < 2:
+        return math.nan
+    p = float(np.average(share, weights=beads))
+    apart = p * (1 - p)
+    if apart <= 0:
+        return math.nan
+    at_random = apart / float(np.average(beads, weights=beads))
+    spread = float(np.average((share - p) ** 2, weights=beads))
+    return (apart - spread) / (apart - at_random)
