@@ -227,7 +227,7 @@ def simulate_drop(
     model = cast.model_of(lab)
     bead, plate = cast.particle(particle, model), cast.wall(wall, model)
     contact = cast.contact(bead.name, plate.name, model, ("restitution",), restitution=restitution)
-    from rigtwin.compare.twin import drop_twin
+    from rigtwin.compare.few_twins import drop_twin
 
     return partial(drop_twin, rig, bead, plate, contact, frame_rate=frame_rate, duration=duration, seed=seed)
 
@@ -269,7 +269,7 @@ def simulate_pendulum(
     bead, upright = cast.particle(particle, model), cast.wall(wall or "steel", model) if variant == "wall" else None
     other = bead.name if upright is None else upright.name
     contact = cast.contact(bead.name, other, model, ("restitution",), restitution=restitution)
-    from rigtwin.compare.twin import pendulum_twin
+    from rigtwin.compare.few_twins import pendulum_twin
 
     return partial(pendulum_twin, rig, bead, contact, frame_rate=frame_rate, wall=upright, duration=duration)
 
@@ -388,7 +388,7 @@ def simulate_tilt(
     needs = ("static_friction", "rolling_friction")
     friction: dict[str, Any] = {"static_friction": static_friction, "rolling_friction": rolling_friction}
     contact = cast.contact(bead.name, plate.name, model, needs, **friction)
-    from rigtwin.compare.twin import tilt_twin
+    from rigtwin.compare.few_twins import tilt_twin
 
     return partial(tilt_twin, rig, bead, plate, contact, frame_rate=frame_rate, duration=duration)
 

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from statistics import fmean
@@ -22,15 +20,14 @@ import numpy.typing as npt
 
 from rigtwin.compare import results
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.materials import PARAMETERS, Contact, Material, Particle
-from rigtwin.lab.model import NO_EFFECTS, Effects, Model
+from rigtwin.lab.materials import PARAMETERS, Contact, Particle
+from rigtwin.lab.model import Model
 from rigtwin.lab.notebook import Experiment
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
 from rigtwin.lab.records import Profile, Series, Track, write_profile, write_profiles, write_series, write_tracks
 from rigtwin.lab.rigs import (
     GRAVITY,
-    Drop,
     DropSettings,
     DrumSettings,
     HopperSettings,
@@ -39,7 +36,6 @@ from rigtwin.lab.rigs import (
     PendulumSettings,
     PileSettings,
     Rig,
-    Tilt,
     TiltSettings,
 )
 
@@ -92,210 +88,6 @@ class Twin:
             "assumptions": list(self.assumptions),
             "warnings": [*self.warnings, *self.evaluation.warnings],
         }
-
-
-IDEAL = "The bead moves in a vacuum and does not spin at the start."
-
-
-def drop_twin(
-    rig: Drop,
-    particle: Particle,
-    wall: Material,
-    contact: Contact,
-    *,
-    frame_rate: float,
-    duration: float | None = None,
-    seed: int = 1,
-    effects: Effects = NO_EFFECTS,
-    progress: Progress = silent,
-) -> Twin:
-    """A bead dropped on a plate, its record taken at `frame_rate` [1/s] for `duration` [s] or as long as
-    `rig.bounces` take; a clump that is not turned by the rig is turned at random, by `seed`."""
-    from rigtwin.measure import drop as ruler
-    from rigtwin.sim import drop
-    from rigtwin.sim.engine.terms import acting_on_few
-
-    if particle.shape is not None:
-        return _tumbling_twin(
-            rig,
-            particle,
-            wall,
-            contact,
-            frame_rate=frame_rate,
-            duration=duration,
-            seed=seed,
-            effects=effects,
-            progress=progress,
-        )
-    begun = time.perf_counter()
-    track = drop.run(
-        rig, particle, wall, contact, frame_rate=frame_rate, duration=duration, effects=effects, progress=progress
-    )
-    flight = 2 * contact.restitution * math.sqrt(2 * rig.drop_height / GRAVITY)  # [s], of the first rebound
-    rises = 1e3 * contact.restitution**2 * rig.drop_height
-    higher = f"a greater drop height or restitution (the first rebound rises {rises:.2g} mm in {flight:.2g} s)"
-    with _as_a_twin("drop", _remedies("a higher frame rate", duration, higher)):
-        evaluation = ruler.evaluate(track, bead_diameter=particle.diameter, bead_density=None)
-    return Twin(
-        "drop",
-        evaluation,
-        settings_of(rig, particle, {f"{particle.name}-{wall.name}": contact}, frame_rate_hz=frame_rate),
-        tracks=(track,),
-        assumptions=(IDEAL, "The plate is flat, level and does not move."),
-        warnings=acting_on_few(effects)[1],
-        draw=lambda: _strobe((track,), particle),
-        seconds=time.perf_counter() - begun,
-    )
-
-
-def _tumbling_twin(
-    rig: Drop,
-    particle: Particle,
-    wall: Material,
-    contact: Contact,
-    *,
-    frame_rate: float,
-    duration: float | None,
-    seed: int,
-    effects: Effects,
-    progress: Progress,
-) -> Twin:
-    """A clump dropped on a plate, seen from the front and from the side."""
-    from rigtwin.measure import drop as ruler
-    from rigtwin.sim import tumbling
-    from rigtwin.sim.engine.terms import acting_among
-
-    begun = time.perf_counter()
-    fall = tumbling.run(
-        rig,
-        particle,
-        wall,
-        contact,
-        frame_rate=frame_rate,
-        duration=duration,
-        seed=seed,
-        effects=effects,
-        progress=progress,
-    )
-    with _as_a_twin("drop", "another seed or turn, a greater drop height or a higher frame rate"):
-        evaluation = ruler.evaluate(fall.front, side=fall.side)
-    turned = f"at random (seed {seed})" if rig.turned is None else f"by {math.degrees(rig.turned):.4g} degrees"
-    return Twin(
-        "drop",
-        evaluation,
-        settings_of(rig, particle, {f"{particle.name}-{wall.name}": contact}, frame_rate_hz=frame_rate, seed=seed),
-        tracks=(fall.front, fall.side),
-        assumptions=(
-            IDEAL,
-            "The plate is flat, level and does not move.",
-            f"The clump falls turned {turned}; where it goes from the plate hangs on that.",
-            "Each of its spheres that touch the plate damps by itself: a face that lands flat rebounds less than the "
-            "restitution says.",
-        ),
-        warnings=acting_among(effects, particle)[1],
-        draw=lambda: tumbling.picture(fall, particle),
-        seconds=time.perf_counter() - begun,
-    )
-
-
-def pendulum_twin(
-    rig: Pendulum,
-    particle: Particle,
-    contact: Contact,
-    *,
-    frame_rate: float,
-    wall: Material | None = None,
-    duration: float | None = None,
-    effects: Effects = NO_EFFECTS,
-    progress: Progress = silent,
-) -> Twin:
-    """Bead A swinging against bead B, or against an upright `wall`.
-
-    The record is taken at `frame_rate` [1/s] for `duration` [s] or until the beads have turned.
-    """
-    from rigtwin.measure import pendulum as ruler
-    from rigtwin.sim import pendulum
-    from rigtwin.sim.engine.terms import acting_on_few
-
-    begun = time.perf_counter()
-    tracks = pendulum.run(
-        rig,
-        particle,
-        contact,
-        wall=wall,
-        frame_rate=frame_rate,
-        duration=duration,
-        effects=effects,
-        progress=progress,
-    )
-    # the steeper the release, the faster the beads pass each other: that asks for more frames, not for a greater angle
-    shallow = "a greater release angle or length" if rig.release_angle < math.pi / 4 else "a greater length"
-    with _as_a_twin("pendulum", _remedies("a higher frame rate", duration, shallow)):
-        evaluation = ruler.evaluate(
-            tracks, variant=rig.variant, length=rig.length, bead_diameter=particle.diameter, bead_mass=None
-        )
-    other = particle.name if wall is None else wall.name
-    return Twin(
-        "pendulum",
-        evaluation,
-        settings_of(
-            rig,
-            particle,
-            {f"{particle.name}-{other}": contact},
-            frame_rate_hz=frame_rate,
-        ),
-        tracks=tuple(tracks),
-        assumptions=(IDEAL, *_hung(rig, particle)),
-        warnings=(*_slack(rig), *acting_on_few(effects, pivots=True)[1]),
-        draw=lambda: _strobe(tracks, particle),
-        seconds=time.perf_counter() - begun,
-    )
-
-
-def tilt_twin(
-    rig: Tilt,
-    particle: Particle,
-    wall: Material,
-    contact: Contact,
-    *,
-    frame_rate: float,
-    duration: float | None = None,
-    effects: Effects = NO_EFFECTS,
-    progress: Progress = silent,
-) -> Twin:
-    """A plate that rises until the body on it slides or rolls, the record taken at `frame_rate` [1/s]."""
-    from rigtwin.measure import tilt as ruler
-    from rigtwin.sim import tilt
-
-    begun = time.perf_counter()
-    angle, track = tilt.run(
-        rig, particle, wall, contact, frame_rate=frame_rate, duration=duration, effects=effects, progress=progress
-    )
-    progress("reading the record", 0, 0)  # it may take longer than the run
-    other = "a longer duration" if duration is not None else "a contact with less friction"
-    with _as_a_twin("tilt", other):
-        evaluation = ruler.evaluate(angle, [track], variant=rig.variant, bead_diameter=particle.diameter)
-    return Twin(
-        "tilt",
-        evaluation,
-        settings_of(rig, particle, {f"{particle.name}-{wall.name}": contact}, frame_rate_hz=frame_rate),
-        tracks=(track,),
-        series=(angle,),
-        assumptions=(
-            f"The plate rises by {math.degrees(rig.speed):.3g} degrees per second, steadily and without shaking"
-            + (f", from {math.degrees(rig.start_angle):.3g} degrees on." if rig.start_angle else "."),
-            tilt.body_in_words(rig, particle),
-        ),
-        warnings=tilt.left_out(rig, particle, effects),
-        draw=lambda: _strobe((track,), particle),
-        seconds=time.perf_counter() - begun,
-    )
-
-
-def _strobe(tracks: Sequence[Track], particle: Particle) -> npt.NDArray[np.uint8]:
-    from rigtwin.sim.picture import strobe
-
-    return strobe(tracks, particle.radius)
 
 
 def needs_measurement(experiment: Experiment) -> bool:
@@ -362,10 +154,12 @@ def twin_of(
         if kept_in is not None:
             numerics["checkpoint"] = kept_in / _checkpoint_name(experiment, contacts, count, numerics)
         return _bulk_twin(experiment, contacts, count=count, **numerics, progress=progress)
+    from rigtwin.compare import few_twins
+
     rate = _frame_rate(experiment, measurements)
     if isinstance(rig, DropSettings):
         assert experiment.wall is not None
-        twin = drop_twin(
+        twin = few_twins.drop_twin(
             rig.rig(start),
             particle,
             experiment.wall,
@@ -377,7 +171,7 @@ def twin_of(
         )
     elif isinstance(rig, TiltSettings):
         assert experiment.wall is not None
-        twin = tilt_twin(
+        twin = few_twins.tilt_twin(
             rig.rig(),
             particle,
             experiment.wall,
@@ -390,7 +184,7 @@ def twin_of(
         assert isinstance(rig, PendulumSettings)
         pendulum = rig.rig(start)
         watched = _watched(pendulum, rate, measurements)
-        twin = pendulum_twin(
+        twin = few_twins.pendulum_twin(
             pendulum,
             particle,
             contacts[0],
@@ -527,49 +321,6 @@ def _write_picture(path: Path, picture: npt.NDArray[np.uint8]) -> None:
     partial = path.with_name(path.name + ".part")
     Image.fromarray(picture).save(partial, format="PNG", optimize=True)
     partial.replace(path)
-
-
-def _hung(rig: Pendulum, particle: Particle) -> tuple[str, ...]:
-    """What is taken of hanger and hinge, and of a clump."""
-    if rig.hanger == "string":
-        hangs = "Strings have no mass and do not stretch"
-    else:
-        hangs = "Rods have no mass and do not bend"
-        if rig.rod_mass:
-            ratio = (particle.mass + rig.rod_mass / 3) / (particle.mass + rig.rod_mass / 2)
-            hangs = (
-                f"Rods are uniform, weigh {1e3 * rig.rod_mass:.3g} g each and do not bend (they swing as threads of "
-                f"{1e3 * ratio * rig.length:.4g} mm without mass do)"
-            )
-    meets = "the beads meet" if rig.variant == "double" else "the bead meets the wall"
-    flat = (f"{particle.name} meets the wall flat and does not turn.",) if particle.shape is not None else ()
-    return (f"{hangs}, hinges do not rub, {meets} at the lowest point.", *flat)
-
-
-def _slack(rig: Pendulum) -> tuple[str, ...]:
-    """What to say of a bead on a string that is let go from above its hinge."""
-    if rig.hanger == "rod" or rig.release_angle <= math.pi / 2 * (1 + 1e-9):  # 90 deg in radians may be rounded up
-        return ()
-    return (
-        f"a bead let go at {math.degrees(rig.release_angle):.4g} deg falls on a slack string; the twin holds for a rod "
-        "without mass, so film one, or release at 90 deg or less",
-    )
-
-
-def _remedies(faster: str, duration: float | None, greater: str) -> str:
-    """Settings to try; a record that is not cut short by a `duration` is as long as it need be."""
-    return ", ".join([faster, *(["a longer duration"] if duration is not None else []), greater])
-
-
-@contextmanager
-def _as_a_twin(rig: str, remedies: str) -> Iterator[None]:
-    """The ruler's words on a record that it cannot read, with advice on settings where a film's owner gets another."""
-    try:
-        yield
-    except BadInput as error:
-        words = str(error).removeprefix("bead: ").removeprefix("the record: ")
-        finding = words.rpartition("; ")[0] or words.rstrip(".")
-        raise BadInput(f"the twin of the {rig} gives nothing to measure: {finding}; try {remedies}.") from None
 
 
 def _start(experiment: Experiment, measurements: Sequence[Measurement]) -> tuple[float | None, dict[str, str]]:

@@ -616,7 +616,7 @@ def test_a_twin_that_does_not_fit_into_memory_is_refused(monkeypatch, capfd):
     def too_much(*arguments, **settings):
         raise MemoryError
 
-    monkeypatch.setattr("rigtwin.compare.twin.drop_twin", too_much)
+    monkeypatch.setattr("rigtwin.compare.few_twins.drop_twin", too_much)
     refused(["simulate", "drop", "--drop-height", "300mm"], capfd, "memory")
 
 

@@ -7,7 +7,8 @@ import pytest
 
 from rigtwin.compare import cast
 from rigtwin.compare.bulk_twins import Cast, drum_twin, pile_twin
-from rigtwin.compare.twin import drop_twin, needs_measurement, pendulum_twin, settings_of, tilt_twin, twin_of
+from rigtwin.compare.few_twins import drop_twin, pendulum_twin, tilt_twin
+from rigtwin.compare.twin import needs_measurement, settings_of, twin_of
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from rigtwin.compare.twin import tilt_twin
+from rigtwin.compare.few_twins import tilt_twin
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact
 from rigtwin.lab.reference import hlosta2020
