@@ -207,9 +207,7 @@ def simulate_drop(
     ] = None,
     turned: Annotated[
         float | None,
-        quantity(
-            "--turned", "angle", "30deg", "How a clump falls, about the axis across the view; at random.", zero=True
-        ),
+        quantity("--turned", "angle", "30deg", "How a clump is turned, clockwise as seen; at random.", zero=True),
     ] = None,
     restitution: Restitution = None,
     frame_rate: TwinRate = 240.0,
@@ -246,7 +244,8 @@ def simulate_pendulum(
         Literal["double", "wall"], typer.Option(help="Two beads, or one bead against an upright wall.")
     ] = "double",
     hanger: Annotated[
-        Literal["string", "rod"], typer.Option(help="A string, slack where it would have to push, or a rigid rod.")
+        Literal["string", "rod"],
+        typer.Option(help="A string, which is warned of where it would be slack, or a rigid rod."),
     ] = "string",
     rod_mass: Annotated[
         float | None, quantity("--rod-mass", "mass", "2g", "Of each rod of --hanger rod; without mass.")

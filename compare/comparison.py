@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import json
 import math
-import shutil
 import statistics
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -32,6 +32,7 @@ from rigtwin.compare.twin import (
     BULK,
     NEEDS,
     Twin,
+    checkpoints,
     measured_start,
     needs_measurement,
     stated_start,
@@ -187,7 +188,11 @@ def compare(
     seconds["measuring, beside early twins"] = measured_after
     comparison = Comparison(lab, outcomes, seed, started, seconds, remarks=tuple(remarks))
     written = _written(comparison, out, clock, progress)
-    shutil.rmtree(out / UNFINISHED, ignore_errors=True)
+    for experiment in experiments:
+        for kept in checkpoints(out / UNFINISHED, experiment):
+            kept.unlink(missing_ok=True)
+    with suppress(OSError):  # it holds others' twins, or was never made
+        (out / UNFINISHED).rmdir()
     return written
 
 

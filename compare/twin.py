@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin import __version__
 from rigtwin.compare import results
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import PARAMETERS, Contact, Particle
@@ -152,7 +153,7 @@ def twin_of(
         numerics: dict[str, Any] = {"seed": seed, "threads": threads, "effects": model.effects}
         numerics |= {name: value for name, value in chosen.items() if value is not None}
         if kept_in is not None:
-            numerics["checkpoint"] = kept_in / _checkpoint_name(experiment, contacts, count, numerics)
+            numerics["checkpoint"] = _checkpoint(kept_in, experiment, contacts, count, numerics)
         return _bulk_twin(experiment, contacts, count=count, **numerics, progress=progress)
     from rigtwin.compare import few_twins
 
@@ -264,10 +265,24 @@ def _filled(experiment: Experiment, count: int | None) -> int | None:
     return filled
 
 
-def _checkpoint_name(experiment: Experiment, *decides: object) -> str:
-    """Another one for every run with another outcome."""
-    what = repr((experiment.rig, experiment.particle, experiment.wall, decides))
-    return f"{experiment.rig_name}-{hashlib.sha256(what.encode()).hexdigest()[:16]}.npz"
+def checkpoints(folder: Path, experiment: Experiment) -> list[Path]:
+    """What `folder` holds of an experiment's twins that have not ended, or had when the call was interrupted."""
+    return sorted(folder.glob(f"{_digest(experiment.id)}-*.npz"))
+
+
+def _checkpoint(folder: Path, experiment: Experiment, *decides: object) -> Path:
+    """Another file for every run with another outcome; a damaged one is thrown away, and its run begins anew."""
+    from rigtwin.sim.engine.checkpoint import kept_time
+
+    what = _digest(__version__, experiment.rig, experiment.particle, experiment.wall, decides)
+    path = folder / f"{_digest(experiment.id)}-{what}.npz"
+    if path.is_file() and kept_time(path) is None:
+        path.unlink()
+    return path
+
+
+def _digest(*what: object) -> str:
+    return hashlib.sha256(repr(what).encode()).hexdigest()[:12]
 
 
 def _bulk_twin(experiment: Experiment, contacts: Sequence[Contact], *, count: int | None, **run: Any) -> Twin:

@@ -20,7 +20,7 @@ class Drop:
 
     drop_height: float  # [m], from the bead's lowest point to the plate
     bounces: int = 4  # how many bounces the twin shows
-    turned: float | None = None  # [rad], a clump about the axis across the view, out of its own axes; None: at random
+    turned: float | None = None  # [rad], of a clump out of its own axes, clockwise as seen; None: at random
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Pendulum:
     length: float  # [m], hinge to bead centre
     release_angle: float  # [rad], of bead A from the vertical
     variant: Literal["double", "wall"] = "double"
-    hanger: Literal["string", "rod"] = "string"  # a string goes slack where it would have to push
+    hanger: Literal["string", "rod"] = "string"  # rigid in the twin, which warns where a string would be slack
     rod_mass: float = 0.0  # [kg], of each rod
 
 
@@ -125,7 +125,7 @@ class DropSettings:
 
     drop_height: float | None = None  # [m], from the bead's lowest point to the plate
     bounces: int = 4  # how many bounces the twin shows
-    turned: float | None = None  # [rad], a clump about the axis across the view, out of its own axes; None: at random
+    turned: float | None = None  # [rad], of a clump out of its own axes, clockwise as seen; None: at random
 
     name: ClassVar[str] = "drop"
 

@@ -183,7 +183,7 @@ def _evaluation(
     checks = (
         gravity_check(bounces, scale_doubt, rate, share),
         residual_check(bounces),
-        plane_check(track, bounces),
+        plane_check(track, bounces, side),
         fall_check(track, bounces),
         timing_check(track, bounces, repeats, losses),
     )
@@ -251,7 +251,8 @@ def _restitutions(bounces: Bounces, failed: dict[str, str], along: _Along | None
         if along is not None and math.isfinite(along.doubts[k - 1] + along.doubts[k]):
             mine.append(_in_all_directions(bounces, along, k, detail, speed_doubt))
         gains = GAIN if k >= wrong_from else SPUN if along is not None and _gains(bounces, k) else ""
-        found += [doubted(quantity, gains) if quantity.method != "all directions" else quantity for quantity in mine]
+        spun = gains == SPUN  # which the speeds in all directions take in
+        found += [one if spun and one.method == "all directions" else doubted(one, gains) for one in mine]
     return found
 
 

@@ -111,8 +111,11 @@ def residual_check(bounces: Bounces) -> Check:
     return Check("flight_residuals", passed, ratio, 1.0, message)
 
 
-def plane_check(track: Track, bounces: Bounces) -> Check:
-    """Sideways motion and growth against the fall: both change a height without any loss of energy."""
+def plane_check(track: Track, bounces: Bounces, side: Track | None = None) -> Check:
+    """Sideways motion and growth against the fall: both change a height without any loss of energy.
+
+    `side` is the same body at the same times as one sees it from the side.
+    """
     contacts = bounces.contact_times
     speeds = [0.0]
     impact = bounces.model.reader(bounces.parameters)
@@ -120,8 +123,9 @@ def plane_check(track: Track, bounces: Bounces) -> Check:
         end = contacts[k + 1] if k + 1 < len(contacts) else track.time[-1]
         inside = (track.time > start) & (track.time < end)
         if np.sum(inside) > 4:
-            slope = float(np.polyfit(track.time[inside], track.position[inside, 0], 1)[0])
-            speeds.append(abs(slope) / (impact.impact_speed(k + 1) * impact.size))
+            views = [track] if side is None else [track, side]
+            slopes = [float(np.polyfit(track.time[inside], view.position[inside, 0], 1)[0]) for view in views]
+            speeds.append(math.hypot(*slopes) / (impact.impact_speed(k + 1) * impact.size))
     sideways = max(speeds)
     _, levels, growth = bounces.model.split(bounces.parameters)
     reach = float(impact.heights[1]) * impact.size

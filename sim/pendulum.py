@@ -48,7 +48,7 @@ def run(
 ) -> tuple[Track, ...]:
     """Paths of the beads "A" and "B", or of "A" alone before a wall, as a camera of `frame_rate` [1/s] would see them.
 
-    Two pivots one bead diameter apart, rigid threads without mass, no air: the beads hang touching.  The origin is
+    Two pivots one bead diameter apart, rigid threads or rods, no air: the beads hang touching.  The origin is
     the point where they touch, so A hangs at x = -radius and B at x = +radius, both at y = 0, the pivots at
     y = length.  A is let go from rest after five frames at `release_angle` to the left.  Without `duration` [s] the
     tracks end a little after the beads have passed their highest points on the rebound.  `wall` is what an upright

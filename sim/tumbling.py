@@ -54,7 +54,7 @@ def run(
     effects: Effects = NO_EFFECTS,
     progress: Progress = silent,
 ) -> Tumble:
-    """Drop a clump, turned by `rig.turned` about the axis across the front view, or at random by `seed`.
+    """Drop a clump, turned by `rig.turned` about the line of sight, clockwise from the front, or at random by `seed`.
 
     Heights are those of its centre of mass above the plate; it is let go at rest after five frames, its lowest point
     at drop height.  Without `duration` [s] the record ends as it comes down from the last of `rig.bounces`, or where
@@ -109,6 +109,12 @@ def check(rig: Drop, particle: Particle, *, frame_rate: float, duration: float |
         positive(duration=duration)
     if particle.shape is None:
         raise BadInput(f"{particle.name} is a sphere; name a clump.")
+    falls = math.sqrt(2 * rig.drop_height / GRAVITY)
+    if falls * frame_rate < SHORTEST + 1:
+        raise BadInput(
+            f"frame_rate: the clump falls for {1e3 * falls:.3g} ms, which {frame_rate:g} Hz see in fewer than "
+            f"{SHORTEST + 1} frames; give at least {math.ceil((SHORTEST + 1) / falls)} Hz."
+        )
 
 
 def _orientation(turned: float | None, seed: int) -> Array:

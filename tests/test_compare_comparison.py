@@ -431,6 +431,14 @@ def test_an_interrupted_comparison_goes_on_with_its_twins_where_they_were(tmp_pa
     assert values[0] == values[1]
     assert not (out / "unfinished").exists()
 
+    with pytest.raises(KeyboardInterrupt):
+        compare(tmp_path, out, impatient, workers=1, threads=1)
+    kept.write_bytes(kept.read_bytes()[:1000])  # damaged: begun anew
+    (out / "unfinished/notes.txt").write_text("mine")
+    again = compare(tmp_path, out, workers=1, threads=1)
+    assert [q.value for q in again.outcomes[0].twin.evaluation.quantities] == values[0]
+    assert [path.name for path in (out / "unfinished").iterdir()] == ["notes.txt"]
+
 
 def test_ids_that_make_no_folder_names_still_get_folders_of_their_own(lab):
     from dataclasses import replace

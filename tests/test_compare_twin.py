@@ -193,3 +193,12 @@ def test_the_lab_goes_before_the_published_contact():
 def test_a_contact_nobody_knows_is_refused_by_name():
     with pytest.raises(BadInput, match="D6-wood_ash"):
         cast.contact("D6", "wood_ash", Model())
+
+
+def test_a_twin_on_rods_with_mass_is_not_said_to_swing_wrongly():
+    rig = Pendulum(0.2, math.radians(45), hanger="rod", rod_mass=1e-3)
+    twin = pendulum_twin(rig, BEAD, Contact(0.7), frame_rate=240)
+    (gravity,) = [check for check in twin.evaluation.checks if check.check == "gravity"]
+    assert gravity.passed
+    assert gravity.value > 1.05 * gravity.expected
+    assert "rods" in gravity.message

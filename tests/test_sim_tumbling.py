@@ -102,6 +102,19 @@ def test_the_seed_turns_it_and_one_seed_always_alike():
     assert first.lowest != other.lowest
 
 
+def test_a_rebound_away_from_the_viewer_makes_its_height_doubtful_too():
+    tumble = fall(CUBE, seed=3, frame_rate=240, restitution=0.5)
+    _, after, _, _ = first_bounce(tumble)
+    assert abs(after[1]) > 2 * abs(after[0])
+    quantities = ruler.evaluate(tumble.front, side=tumble.side).quantities
+    assert all(q.doubtful for q in quantities if q.method == "height" and q.detail.get("bounce"))
+
+
+def test_a_fall_that_the_frame_rate_hardly_sees_is_refused():
+    with pytest.raises(BadInput, match="give at least 45 Hz"):
+        fall(CUBE, frame_rate=30)
+
+
 def test_a_sphere_is_refused():
     with pytest.raises(BadInput, match="is a sphere"):
         fall(hlosta2020.particle("D6"))

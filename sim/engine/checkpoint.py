@@ -163,7 +163,7 @@ class Checkpoint:
 def kept_time(path: Path) -> float | None:
     """Time [s] simulated up to which a run is kept in this file; None where there is no checkpoint to go on from."""
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             return float(json.loads(str(file["words"]))["time_s"])
     except (OSError, ValueError, KeyError, EOFError, TypeError, IndexError, BadZipFile):
         return None  # a damaged one is told when the run reads it
