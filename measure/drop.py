@@ -4,7 +4,7 @@
 or simulated.  Restitutions are told apart: by ``height`` sqrt(h_{k+1}/h_k), which air drag lowers; by ``velocity``,
 the ratio of the speeds across the plate at the contact itself; by ``time``, the ratio of neighbouring flight times;
 and where the body leaves sideways, as one that is no sphere does, by ``all directions``, the ratio of the speeds with
-what goes along the plate (section 3.2).
+what goes along the plate (section 3.2), which takes two views; of one view it is by ``picture plane``.
 
 In a track of `measure` y = 0 is the bead's centre at its first contact, so y is the height of its lowest point above
 the plate; x = 0 is where it first hits.
@@ -13,7 +13,7 @@ the plate; x = 0 is where it first hits.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -190,8 +190,9 @@ def _evaluation(
     failed = {check.check: check.message for check in checks if not check.passed}
     if not all(loss.sure for loss in losses):
         failed["lost_frames"] = failed["frame_timing"]
-    along = _Along(track, side, bounces) if side is not None or "out_of_plane" in failed else None
-    turns = along is not None and along.views > 1
+    along = [_Along(track, None, bounces)] if side is not None or "out_of_plane" in failed else []
+    along += [] if side is None else [_Along(track, side, bounces)]
+    turns = side is not None
     wrong_from = math.inf if turns else _wrong_from(bounces)
     quantities = [
         *_restitutions(bounces, failed, along, wrong_from),
@@ -204,7 +205,7 @@ class _Along:
     """How fast the body goes along the plate before and after its bounces, in the unit of the record per second."""
 
     def __init__(self, track: Track, side: Track | None, bounces: Bounces) -> None:
-        self.views = 1 if side is None else 2
+        self.method = "picture plane" if side is None else "all directions"
         contacts = bounces.contact_times
         starts = [float(track.time[0]), *contacts]
         ends = [*contacts, float(track.time[-1])]
@@ -225,7 +226,9 @@ def _slope(time: Array, x: Array) -> tuple[float, float]:
     return float(slope), math.sqrt(float(covariance[0, 0]))
 
 
-def _restitutions(bounces: Bounces, failed: dict[str, str], along: _Along | None, wrong_from: float) -> list[Quantity]:
+def _restitutions(
+    bounces: Bounces, failed: dict[str, str], along: Sequence[_Along], wrong_from: float
+) -> list[Quantity]:
     doubt = "; ".join(failed[name] for name in ("first_fall", "flight_residuals", "frame_timing") if name in failed)
     height_doubt = "; ".join(text for text in (doubt, failed.get("out_of_plane", "")) if text)
     speed_doubt = doubt
@@ -248,15 +251,17 @@ def _restitutions(bounces: Bounces, failed: dict[str, str], along: _Along | None
         ]
         if k > 1:
             mine.append(_quantity("restitution_wall", bounces.read(_time_ratio(k)), "1", "time", detail, height_doubt))
-        if along is not None and math.isfinite(along.doubts[k - 1] + along.doubts[k]):
-            mine.append(_in_all_directions(bounces, along, k, detail, speed_doubt))
-        gains = GAIN if k >= wrong_from else SPUN if along is not None and _gains(bounces, k) else ""
-        spun = gains == SPUN  # which the speeds in all directions take in
-        found += [one if spun and one.method == "all directions" else doubted(one, gains) for one in mine]
+        gains = GAIN if k >= wrong_from else SPUN if along and _gains(bounces, k) else ""
+        found += [doubted(quantity, gains) for quantity in mine]
+        found += [
+            doubted(_with_speed_along(bounces, one, k, detail, speed_doubt), GAIN if k >= wrong_from else "")
+            for one in along
+            if math.isfinite(one.doubts[k - 1] + one.doubts[k])
+        ]
     return found
 
 
-def _in_all_directions(bounces: Bounces, along: _Along, k: int, detail: dict[str, Detail], doubt: str) -> Quantity:
+def _with_speed_along(bounces: Bounces, along: _Along, k: int, detail: dict[str, Detail], doubt: str) -> Quantity:
     """Speed after over speed before, with what goes along the plate; the energy in the spin is no part of it."""
     before, after = along.speeds[k - 1], along.speeds[k]
 
@@ -266,9 +271,9 @@ def _in_all_directions(bounces: Bounces, along: _Along, k: int, detail: dict[str
     value, parts = bounces.read(ratio)
     fast = bounces.read(_impact_speed(k))[0] ** 2 + before**2
     parts["along the plate"] = math.hypot(after * along.doubts[k] / value, value * before * along.doubts[k - 1]) / fast
-    if along.views == 1:
+    if along.method == "picture plane":
         doubt = "; ".join(text for text in (doubt, ONE_VIEW) if text)
-    return _quantity("restitution_wall", (value, parts), "1", "all directions", detail | {"views": along.views}, doubt)
+    return _quantity("restitution_wall", (value, parts), "1", along.method, detail, doubt)
 
 
 def _wrong_from(bounces: Bounces) -> float:

@@ -141,7 +141,7 @@ def plane_check(track: Track, bounces: Bounces, side: Track | None = None) -> Ch
     if not passed:
         ending = (
             ": the bead leaves the plane, as one that spins or is no sphere does; level the plate, or trust the "
-            "methods velocity and all directions only."
+            "methods by speeds only."
         )
     return Check("out_of_plane", passed, value, 0.0, message + ending)
 
