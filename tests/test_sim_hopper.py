@@ -72,8 +72,8 @@ def test_the_steady_flow_follows_beverloo_and_grows_with_the_outlet(cone):
 
 
 def test_the_flow_of_a_slot_follows_beverloos_law_of_slots():
-    # W = C rho_b sqrt(g) (L - k d) (b - k d)^1.5, C 1.03 where a round outlet has 0.58 (Myers and Sellers), so 1.78 of its
-    # 0.55 to 0.65, k 1.3 to 1.6; steep walls let through more (Rose and Tanaka): the window is wide, the exponents tell
+    # W = C rho_b sqrt(g) (L - k d) (b - k d)^1.5, C 1.03 where a round outlet has 0.58 (Myers and Sellers), so 1.78 of
+    # its 0.55 to 0.65, k 1.3 to 1.6; steep walls let through more (Rose and Tanaka): the window is wide, exponents tell
     def law(width, length, c, k):
         free = (length - k * D6.diameter) * (width - k * D6.diameter) ** 1.5
         return c * 0.6 * D6.effective_density * math.sqrt(G) * free
