@@ -24,9 +24,9 @@ from rigtwin.sim.picture import Image
 from rigtwin.sim.trials import FRAMES_AT_REST, TRACK_SIGMA, Array
 
 STEP = 0.1  # of Rayleigh's time step
-SHORTEST = 8  # frames of a flight that can be read; the record ends before shorter ones
+SHORTEST = 6  # frames of a flight that can be read; the record ends before shorter ones
 LOWEST = 0.006  # of the drop height, that a body rises in a flight that can be read
-LASTS = 5  # frames, that a bounce lasts at most: edge after edge
+LASTS = 6e-3  # [s], that a bounce lasts at most: edge after edge; or five frames, where these are longer
 PUSHED = 1e-4  # [m/s], from which on a change of velocity is a contact and no rounding
 
 
@@ -145,10 +145,15 @@ def _flights(velocity: Array, interval: float, drop_height: float) -> list[tuple
         rise = max(velocity[start, 2], 0.0) ** 2 / (2 * GRAVITY)
         if end - start < SHORTEST or (start and rise < LOWEST * drop_height):
             continue
-        if found and start - found[-1][1] > LASTS:
+        if found and start - found[-1][1] > _lasts(interval):
             break
         found.append((int(start), int(end)))
     return found
+
+
+def _lasts(interval: float) -> int:
+    """Frames of the longest bounce."""
+    return max(5, math.ceil(LASTS / interval))
 
 
 def _over(rows: list[Array], interval: float, rig: Drop) -> bool:
@@ -156,7 +161,7 @@ def _over(rows: list[Array], interval: float, rig: Drop) -> bool:
     if len(rows) % SHORTEST:  # often enough
         return False
     flights = _flights(np.array(rows)[:, 3:6], interval, rig.drop_height)
-    return len(flights) > rig.bounces + 1 or len(rows) - flights[-1][1] > LASTS + SHORTEST
+    return len(flights) > rig.bounces + 1 or len(rows) - flights[-1][1] > _lasts(interval) + SHORTEST
 
 
 def _seen(rows: Array, shown: npt.NDArray[np.intp], interval: float, lowest: float) -> Tumble:

@@ -111,7 +111,7 @@ def test_a_rebound_away_from_the_viewer_makes_its_height_doubtful_too():
 
 
 def test_a_fall_that_the_frame_rate_hardly_sees_is_refused():
-    with pytest.raises(BadInput, match="give at least 45 Hz"):
+    with pytest.raises(BadInput, match="give at least 35 Hz"):
         fall(CUBE, frame_rate=30)
 
 

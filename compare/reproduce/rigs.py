@@ -50,8 +50,8 @@ ASSUMED = {
     "pellets; static and rolling), and wooden beads and the cube of 24 spheres before they were enlarged; contacts "
     "with the wall and all restitutions are the calibrated ones, for those of then are not told",
     "computing": "ours is the processor time of one thread from the first particle poured until the bed is read, "
-    "kernels that are compiled then included, over the number of particles; the paper tells neither its computer nor what "
-    "it counts, so that its seconds only stand beside ours",
+    "kernels that are compiled then included, over the number of particles; the paper tells neither its computer nor "
+    "what it counts, so that its seconds only stand beside ours",
     "swept": "tables 4 to 6 print how far the simulated bed is from the measured one without its sign; particles are "
     "those of tables A2 to A7 (the enlarged beads), but for their friction among each other",
     "drum": "the PMMA drum is 30 mm deep and 35 % full, and its end walls turn with it (the paper gives none of these; "
