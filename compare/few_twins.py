@@ -114,8 +114,8 @@ def _tumbling_twin(
         assumptions=(
             IDEAL,
             "The plate is flat, level and does not move.",
-            f"The clump falls turned {turned}; where it goes from the plate, and how fast, hangs on that: one fall is one "
-            f"of many. Its contact has a restitution of {contact.restitution:g}.",
+            f"The clump falls turned {turned}; where it goes from the plate, and how fast, hangs on that: one fall is "
+            f"one of many. Its contact has a restitution of {contact.restitution:g}.",
             "Each of its spheres that touch the plate damps by itself: a face that lands flat rebounds less than the "
             "restitution says.",
         ),
