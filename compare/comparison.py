@@ -14,7 +14,7 @@ import math
 import statistics
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -171,18 +171,19 @@ def compare(
         rolling=rolling,
         progress=progress,
     )
-    with measuring(experiments, out, workers) as pending:
+    with _kept_told(out / UNFINISHED, experiments):
+        with measuring(experiments, out, workers) as pending:
+            for experiment in experiments:
+                if not needs_measurement(experiment):
+                    number = runs if isinstance(experiment.rig, BULK) else 1
+                    twins[experiment.id] = [run(experiment, seed=seed + k) for k in range(number)]
+            measured = pending.results(progress)
+        measured_after = time.perf_counter() - clock
         for experiment in experiments:
-            if not needs_measurement(experiment):
-                number = runs if isinstance(experiment.rig, BULK) else 1
-                twins[experiment.id] = [run(experiment, seed=seed + k) for k in range(number)]
-        measured = pending.results(progress)
-    measured_after = time.perf_counter() - clock
-    for experiment in experiments:
-        _need_one(experiment, measured[experiment.id])
-        if experiment.id not in twins:
-            found = measured[experiment.id].measurements
-            twins[experiment.id] = [run(experiment, measurements=found)]
+            _need_one(experiment, measured[experiment.id])
+            if experiment.id not in twins:
+                found = measured[experiment.id].measurements
+                twins[experiment.id] = [run(experiment, measurements=found)]
     seconds = {f"twin of {name}": sum(twin.seconds for twin in runs) for name, runs in twins.items()}
     outcomes = tuple(_outcome(experiment, measured[experiment.id], twins[experiment.id]) for experiment in experiments)
     seconds["measuring, beside early twins"] = measured_after
@@ -194,6 +195,17 @@ def compare(
     with suppress(OSError):  # it holds others' twins, or was never made
         (out / UNFINISHED).rmdir()
     return written
+
+
+@contextmanager
+def _kept_told(folder: Path, experiments: Sequence[Experiment]) -> Iterator[None]:
+    """Who interrupts between two twins learns that the first is kept; within one its run says so itself."""
+    try:
+        yield
+    except KeyboardInterrupt as stop:
+        if not getattr(stop, "__notes__", None) and any(checkpoints(folder, one) for one in experiments):
+            stop.add_note(f"twins that have run are kept in {folder}; the same command goes on from there.")
+        raise
 
 
 def observations(comparison: Comparison) -> list[dict[str, Any]]:
