@@ -262,6 +262,11 @@ def _twin(
     draw: Callable[[], npt.NDArray[np.uint8]] | None = None,
 ) -> Twin:
     """The twin of a `run` that began at `begun` [s] and went as `course` says."""
+    from rigtwin.compare.doubts import spoilt
+
+    if "at_rest" in course:  # a bed or a heap
+        why = "; ".join(spoilt({"warnings": run.warnings, **course}))
+        evaluation = replace(evaluation, quantities=tuple(doubted(one, why) for one in evaluation.quantities))
     particle, wall = cast.particle, cast.wall
     contacts = {f"{particle.name}-{particle.name}": cast.contact, f"{particle.name}-{wall.name}": cast.wall_contact}
     return Twin(

@@ -475,6 +475,15 @@ def test_a_clump_is_dropped_and_read_in_all_directions(capfd):
     assert bodies == {"clump", "clump from the side"}
 
 
+def test_a_bed_that_spilled_and_a_heap_that_moves_are_doubtful(capfd):
+    bed = ["simulate", "packing", "--cylinder-diameter", "30mm", "--cylinder-height", "20mm", "--count", "90"]
+    heap = ["simulate", "pile", "--base-diameter", "40mm", "--rim-height", "8mm", "--count", "60"]
+    for arguments, why in ((bed, "did not stay"), ([*heap, "--settle-limit", "0.01s"], "still moving")):
+        assert run([*arguments, "--out", arguments[1], "--json"]) == 0
+        quantities = json.loads(capfd.readouterr().out)["quantities"]
+        assert all(why in q["doubtful"] for q in quantities), quantities
+
+
 def test_device_and_time_step_of_a_bulk_twin_can_be_said(capfd, monkeypatch):
     asked: dict[str, Any] = {}
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare import results
+from rigtwin.compare.doubts import once, warned
 from rigtwin.compare.filled import filled
 from rigtwin.compare.reproduce import rigs
-from rigtwin.compare.reproduce.doubts import once, warned
 from rigtwin.compare.reproduce.studies import Points, Study, check_studies, studies
 from rigtwin.compare.reproduce.tables import Cell, Plan, check_tables, plan
 from rigtwin.compare.runs import Done, run_all

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from statistics import fmean, stdev
 from typing import TYPE_CHECKING, Any
 
+from rigtwin.compare.doubts import once, spoilt
 from rigtwin.compare.reproduce import cost, rigs
-from rigtwin.compare.reproduce.doubts import once, spoilt
 from rigtwin.compare.runs import Run
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.reference import hlosta2020
