@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.compare.doubts import spoilt
 from rigtwin.compare.twin import Twin, settings_of
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import PACKING, Contact, Material, Particle
@@ -262,8 +263,6 @@ def _twin(
     draw: Callable[[], npt.NDArray[np.uint8]] | None = None,
 ) -> Twin:
     """The twin of a `run` that began at `begun` [s] and went as `course` says."""
-    from rigtwin.compare.doubts import spoilt
-
     if "at_rest" in course:  # a bed or a heap
         why = "; ".join(spoilt({"warnings": run.warnings, **course}))
         evaluation = replace(evaluation, quantities=tuple(doubted(one, why) for one in evaluation.quantities))
