@@ -157,11 +157,6 @@ def not_beside(other: str, because: str, given: Mapping[str, Any]) -> None:
             raise BadInput(f"{name} changes nothing beside {other}: {because}; leave one of them out.")
 
 
-def stated(**settings: float | None) -> dict[str, Any]:
-    """Those settings that were given."""
-    return {name: value for name, value in settings.items() if value is not None}
-
-
 def rolling_law(said: str) -> Rolling:
     """The law that an option means by "A", "A-explicit" or "C"."""
     return cast("Rolling", f"type {said.replace('-', ' ')}")
@@ -547,6 +542,8 @@ def simulate_hopper(
         "--settle-limit": (settle_limit, "slot"),
     }
     only_with("--variant", variant, others)
+    from rigtwin.compare.twin import stated
+
     shape = stated(cone_height=cone_height, inclination=inclination, slide_angle=slide_angle, slide_drop=slide_drop)
     rig = replace(HopperSettings(variant, bin_width, depth, outlet).rig(), **shape)
     cast, asked = run()

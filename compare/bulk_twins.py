@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.compare.doubts import spoilt
-from rigtwin.compare.twin import Twin, settings_of
+from rigtwin.compare.twin import Twin, settings_of, stated
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import PACKING, Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
@@ -62,7 +62,7 @@ def pile_twin(
         pour_rate=pour_rate,
         fall_height=fall_height,
         progress=progress,
-        **_stated(fill_limit=fill_limit, settle_limit=settle_limit),
+        **stated(fill_limit=fill_limit, settle_limit=settle_limit),
         **numerics,
     )
     from rigtwin.measure import pile as ruler  # not before the run, which begins the sooner
@@ -92,7 +92,7 @@ def packing_twin(
     from rigtwin.sim import packing
 
     begun = time.perf_counter()
-    waits = _stated(fill_limit=fill_limit, settle_limit=settle_limit)
+    waits = stated(fill_limit=fill_limit, settle_limit=settle_limit)
     bed = packing.run(rig, *cast, count=count, seed=seed, pour_rate=pour_rate, progress=progress, **waits, **numerics)
     from rigtwin.measure import packing as ruler  # not before the run, which begins the sooner
 
@@ -143,7 +143,7 @@ def drum_twin(
     from rigtwin.sim import drum
 
     begun = time.perf_counter()
-    waits = _stated(fill_limit=fill_limit)
+    waits = stated(fill_limit=fill_limit)
     rotation = drum.run(rig, *cast, count=count, turns=turns, seed=seed, progress=progress, **waits, **numerics)
     from rigtwin.measure import drum as ruler  # not before the run, which begins the sooner
 
@@ -189,7 +189,7 @@ def hopper_twin(
     from rigtwin.sim import hopper
 
     begun = time.perf_counter()
-    waits = _stated(fill_limit=fill_limit, settle_limit=settle_limit)
+    waits = stated(fill_limit=fill_limit, settle_limit=settle_limit)
     discharge = hopper.run(
         rig, *cast, count=count, seed=seed, duration=duration, progress=progress, **waits, **numerics
     )
@@ -217,11 +217,6 @@ def cylinder_for(rig: Packing, particle: Particle, count: int) -> Packing:
     """The rig with a measuring cylinder that holds `count` particles with room to spare."""
     loose = 2.2 * count * particle.mass / particle.effective_density / (math.pi / 4 * rig.cylinder_diameter**2)
     return replace(rig, cylinder_height=max(rig.cylinder_height, loose))
-
-
-def _stated(**limits: float | None) -> dict[str, Any]:
-    """Those limits that are stated; the others are the rig's own."""
-    return {name: limit for name, limit in limits.items() if limit is not None}
 
 
 def _one_layer(rig: Packing, particle: Particle) -> int:

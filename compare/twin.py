@@ -149,9 +149,8 @@ def twin_of(
     contacts = [model.contact(*names, NEEDS.get(experiment.rig_name, PARAMETERS)) for names in experiment.contacts]
     start, set_from = _start(experiment, measurements)
     if isinstance(rig, BULK):
-        chosen = {"stiffness_factor": stiffness_factor, "rolling": rolling}
-        numerics: dict[str, Any] = {"seed": seed, "threads": threads, "effects": model.effects}
-        numerics |= {name: value for name, value in chosen.items() if value is not None}
+        chosen = stated(stiffness_factor=stiffness_factor, rolling=rolling)
+        numerics: dict[str, Any] = {"seed": seed, "threads": threads, "effects": model.effects, **chosen}
         if kept_in is not None:
             numerics["checkpoint"] = _checkpoint(kept_in, experiment, contacts, count, numerics)
         return _bulk_twin(experiment, contacts, count=count, **numerics, progress=progress)
@@ -370,6 +369,11 @@ def _watched(rig: Pendulum, rate: float, measurements: Sequence[Measurement]) ->
     film = max((float(np.ptp(track.time)) for item in measurements for track in item.tracks), default=0.0)
     period = 2 * math.pi * math.sqrt(rig.length / GRAVITY) * (1 + rig.release_angle**2 / 16)
     return max(film, 0.6 * period + 5 / rate)
+
+
+def stated(**settings: Any) -> dict[str, Any]:
+    """Those settings that are stated; of the others whoever gets them has its own."""
+    return {name: value for name, value in settings.items() if value is not None}
 
 
 def settings_of(

@@ -216,16 +216,16 @@ def body_in_words(rig: Tilt, particle: Particle) -> str:
         return "A body that slides does not turn."
     if particle.shape is None:
         return "The bead that rolls is a sphere."
-    lies = "its axis across the plate" if _in_a_row(particle) else "its own axes along and across the plate"
+    lies = "its axis across the plate" if _row(particle) is not None else "its own axes along and across the plate"
     return f"The body is {particle.name}, {len(particle.radii)} spheres in one piece, and lies with {lies}."
 
 
-def _in_a_row(clump: Particle) -> bool:
-    """Whether the clump's spheres have their centres on one line along an axis."""
+def _row(clump: Particle) -> int | None:
+    """The axis along which all of the clump's spheres have their centres; None where they lie otherwise."""
     assert clump.shape is not None
     offsets = np.array(clump.shape.offsets)
     axis = int(np.argmax(np.ptp(offsets, axis=0)))
-    return bool(np.allclose(np.delete(offsets, axis, axis=1), 0.0))
+    return axis if np.allclose(np.delete(offsets, axis, axis=1), 0.0) else None
 
 
 def _record(frames: _Frames, path: Array) -> tuple[Series, Track]:
@@ -259,11 +259,10 @@ def _rolled_clump(trial: Trial, time: Array, progress: Progress) -> Array:
     clump = replace(trial.particle, material=trial.particle.material.softened(factor))
     assert clump.shape is not None
     offsets, radii = np.array(clump.shape.offsets), np.array(clump.shape.radii)
-    axis = int(np.argmax(np.ptp(offsets, axis=0)))
-    in_a_row = _in_a_row(clump)
-    lie = np.array(ACROSS[axis] if in_a_row else ACROSS[1])
+    row = _row(clump)
+    lie = np.array(ACROSS[1 if row is None else row])
     inclined = np.array([math.cos(rig.start_angle / 2), 0.0, -math.sin(rig.start_angle / 2), 0.0])
-    lowest = float(radii.max() if in_a_row else (radii - offsets[:, 2]).max())
+    lowest = float((radii - offsets[:, 2]).max() if row is None else radii.max())
     cosine, sine = math.cos(rig.start_angle), math.sin(rig.start_angle)
     along = rig.plate_length / 2
     start = np.array([[along * cosine - lowest * sine, 0.0, along * sine + lowest * cosine]])

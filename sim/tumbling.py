@@ -27,6 +27,7 @@ STEP = 0.1  # of Rayleigh's time step
 SHORTEST = 6  # frames of a flight that can be read; the record ends before shorter ones
 LOWEST = 0.006  # of the drop height, that a body rises in a flight that can be read
 LASTS = 6e-3  # [s], that a bounce lasts at most: edge after edge; or five frames, where these are longer
+LOOK = 10e-3  # [s], between two looks whether the record is over, each of which goes through all of it
 PUSHED = 1e-4  # [m/s], from which on a change of velocity is a contact and no rounding
 
 
@@ -158,7 +159,7 @@ def _lasts(interval: float) -> int:
 
 def _over(rows: list[Array], interval: float, rig: Drop) -> bool:
     """Whether the last wanted flight has ended, or no further one follows."""
-    if len(rows) % SHORTEST:  # often enough
+    if len(rows) % max(SHORTEST, math.ceil(LOOK / interval)):
         return False
     flights = _flights(np.array(rows)[:, 3:6], interval, rig.drop_height)
     return len(flights) > rig.bounces + 1 or len(rows) - flights[-1][1] > _lasts(interval) + SHORTEST
