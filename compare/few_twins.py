@@ -20,6 +20,8 @@ from rigtwin.lab.quantity import Evaluation
 from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY, Drop, Pendulum, Tilt
 
+Array = npt.NDArray[np.float64]
+
 IDEAL = "The bead moves in a vacuum and does not spin at the start."
 
 
@@ -69,7 +71,7 @@ def drop_twin(
         tracks=(track,),
         assumptions=(IDEAL, "The plate is flat, level and does not move."),
         warnings=acting_on_few(effects)[1],
-        draw=lambda: _strobe((track,), particle),
+        draw=lambda: _strobe((track,), particle, _ground(track, particle.diameter)),
         seconds=time.perf_counter() - begun,
     )
 
@@ -120,7 +122,7 @@ def _tumbling_twin(
             "restitution says.",
         ),
         warnings=acting_among(effects, particle)[1],
-        draw=lambda: tumbling.picture(fall, particle),
+        draw=lambda: tumbling.picture(fall, particle, walls=_ground(fall.front, particle.diameter)),
         seconds=time.perf_counter() - begun,
     )
 
@@ -175,7 +177,7 @@ def pendulum_twin(
         tracks=tuple(tracks),
         assumptions=(IDEAL, *_hung(rig, particle)),
         warnings=(*_slack(rig), *acting_on_few(effects, pivots=True)[1]),
-        draw=lambda: _strobe(tracks, particle),
+        draw=lambda: _strobe(tracks, particle, None if wall is None else _upright(particle.diameter)),
         seconds=time.perf_counter() - begun,
     )
 
@@ -215,15 +217,39 @@ def tilt_twin(
             tilt.body_in_words(rig, particle),
         ),
         warnings=tilt.left_out(rig, particle, effects),
-        draw=lambda: _strobe((track,), particle),
+        draw=lambda: _strobe((track,), particle, _tilted(rig, float(angle.value[-1]), particle.diameter)),
         seconds=time.perf_counter() - begun,
     )
 
 
-def _strobe(tracks: Sequence[Track], particle: Particle) -> npt.NDArray[np.uint8]:
+def _strobe(tracks: Sequence[Track], particle: Particle, walls: Array | None) -> npt.NDArray[np.uint8]:
     from rigtwin.sim.picture import strobe
 
-    return strobe(tracks, particle.radius)
+    if particle.shape is None:
+        return strobe(tracks, [particle.radius], walls=walls)
+    return strobe(tracks, particle.shape.radii, particle.shape.offsets, walls=walls)
+
+
+def _ground(track: Track, diameter: float) -> Array:
+    """The plate under a fall, as its picture shows it."""
+    from rigtwin.sim.picture import slab
+
+    across = track.position[:, 0]
+    return slab((across.min() - 3 * diameter, -diameter / 2), (across.max() + 3 * diameter, 0.0))
+
+
+def _upright(diameter: float) -> Array:
+    """The wall that a pendulum meets."""
+    from rigtwin.sim.picture import slab
+
+    return slab((0.0, -diameter), (diameter / 2, diameter))
+
+
+def _tilted(rig: Tilt, angle: float, diameter: float) -> Array:
+    """The plate as it stands at the end."""
+    from rigtwin.sim.picture import slab
+
+    return slab((0.0, -diameter / 2), (rig.plate_length, 0.0), turned=angle)
 
 
 def _with_rods(evaluation: Evaluation, rig: Pendulum, particle: Particle) -> Evaluation:

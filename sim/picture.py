@@ -61,23 +61,45 @@ def draw(
 
 
 def strobe(
-    tracks: Sequence[Track], radius: float, *, walls: Array | None = None, flashes: int = 40, every: float | None = None
+    tracks: Sequence[Track],
+    radii: Array | Sequence[float],
+    offsets: Array | Sequence[Sequence[float]] = ((0.0, 0.0, 0.0),),
+    *,
+    walls: Array | None = None,
+    flashes: int = 40,
 ) -> Image:
-    """Bodies of one `radius` [m] on their way, as an open shutter sees them by flashes; tracks lie in x and y.
+    """Bodies that do not turn on their way, as an open shutter sees them by `flashes`; tracks lie in x and y.
 
-    A flash every `every` [s]; without it `flashes` over the longest track.  Later bodies are darker.
+    A body is spheres of `radii` [m], shape (n,), at `offsets` [m] from its centre, shape (n, 3), z up.  Later ones are
+    darker.  `walls` are triangles [m] as `draw` has them, with y into the picture; `slab` makes such.
     """
     lasts = max(float(np.ptp(track.time)) for track in tracks)
-    step = lasts / flashes if every is None else every
     centres, shades = [], []
     for track in tracks:
-        at = np.arange(track.time[0], track.time[-1], step)
-        place = np.stack([np.interp(at, track.time, track.position[:, axis]) for axis in (0, 1)], axis=1)
-        centres.append(np.stack([place[:, 0], np.zeros(len(at)), place[:, 1]], axis=1))
+        at = np.arange(track.time[0], track.time[-1] + 0.5 * lasts / flashes, lasts / flashes)
+        across, up = (np.interp(at, track.time, track.position[:, axis]) for axis in (0, 1))
+        centres.append(np.stack([across, np.zeros(len(at)), up], axis=1))
         shades.append(1.0 - 0.5 * (at - at[0])[:, None] / max(lasts, 1e-9) * np.ones(3))
     tint = np.concatenate(shades) * np.array(BEAD_COLOUR)
-    place = np.concatenate(centres)
-    return draw(place, np.full(len(place), radius), walls=walls, turn=0.0, tilt=0.0, colours=tint)
+    place = (np.concatenate(centres) + np.asarray(offsets, dtype=float)[:, None]).reshape(-1, 3)  # by sphere and flash
+    each = len(tint)
+    return draw(
+        place, np.repeat(radii, each), walls=walls, turn=0.0, tilt=0.0, colours=np.tile(tint, (len(offsets), 1))
+    )
+
+
+def slab(low: Sequence[float], high: Sequence[float], *, turned: float = 0.0) -> Array:
+    """Two triangles [m], shape (2, 3, 3): what is seen of a plate from `low` to `high` (right, up), and then turned.
+
+    It turns by `turned` [rad] about the origin, anticlockwise as it is seen.
+
+    >>> slab((0, 0), (2, 1)).shape
+    (2, 3, 3)
+    """
+    corners = np.array([low, (high[0], low[1]), high, (low[0], high[1])], dtype=float)
+    turn = np.array([[math.cos(turned), -math.sin(turned)], [math.sin(turned), math.cos(turned)]])
+    corners = np.insert(corners @ turn.T, 1, 0.0, axis=1)
+    return corners[[[0, 1, 2], [0, 2, 3]]]
 
 
 def _axes(turn: float, tilt: float) -> Array:

@@ -177,8 +177,11 @@ def _seen(rows: Array, shown: npt.NDArray[np.intp], interval: float, lowest: flo
     return Tumble(front, side, rows[shown, 3:6], rows[shown, 6:9], rows[shown, 9:], lowest)
 
 
-def picture(tumble: Tumble, particle: Particle, *, flashes: int = 18) -> Image:
-    """The clump on its way from the front, as an open shutter sees it by flashes, later ones darker."""
+def picture(tumble: Tumble, particle: Particle, *, walls: Array | None = None, flashes: int = 18) -> Image:
+    """The clump on its way from the front, as an open shutter sees it by flashes, later ones darker.
+
+    `walls` are triangles [m], shape (n, 3, 3), x to the right, y away and z up.
+    """
     from scipy.spatial.transform import Rotation
 
     from rigtwin.sim.picture import BEAD_COLOUR, draw
@@ -192,4 +195,4 @@ def picture(tumble: Tumble, particle: Particle, *, flashes: int = 18) -> Image:
     shades = 1.0 - 0.5 * (time[at] - time[0]) / np.ptp(time)
     tint = np.tile(shades[:, None] * np.array(BEAD_COLOUR), (len(spheres), 1))
     radii = np.repeat(particle.shape.radii, len(at))
-    return draw(spheres.reshape(-1, 3), radii, turn=0.0, tilt=0.0, colours=tint)
+    return draw(spheres.reshape(-1, 3), radii, walls=walls, turn=0.0, tilt=0.0, colours=tint)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from rigtwin.lab.errors import BadInput
-from rigtwin.sim.picture import draw
+from rigtwin.lab.records import Track
+from rigtwin.sim.picture import draw, slab, strobe
 
 PAPER = [255, 255, 255]
 RED, BLUE = [255, 0, 0], [0, 0, 255]
@@ -73,3 +74,30 @@ def test_a_wall_veils_what_is_behind_it_and_not_what_is_before_it():
 def test_an_empty_picture_is_refused():
     with pytest.raises(BadInput, match="nothing to draw"):
         draw(np.zeros((0, 3)), np.zeros(0))
+
+
+def test_flashes_stand_on_the_plate_that_they_fall_on():
+    time = np.linspace(0, 1, 50)
+    fall = Track(time, np.stack([0 * time, 6 - 5 * time], axis=1), np.full(50, 1e-3), "A")
+    image = strobe([fall], [1.0], walls=slab((-2, -1), (2, 0)))
+    veil = inked(image) & (image.min(axis=2) > 200)  # light grey; beads are brown
+    beads = np.flatnonzero((inked(image) & ~veil).any(axis=1))
+    plate = np.flatnonzero(veil.sum(axis=1) > 100)
+    assert np.ptp(beads) + 1 == pytest.approx(7 * (np.ptp(plate) + 1), abs=3)  # seven units above one
+    assert beads.max() + 1 == pytest.approx(plate.min(), abs=2)
+
+
+def test_a_clump_is_drawn_sphere_by_sphere():
+    still = Track(np.array([0.0, 1.0]), np.zeros((2, 2)), np.full(2, 1e-3), "A")
+    image = strobe([still], [1.0, 1.0], [(-2.0, 0.0, 0.0), (2.0, 0.0, 0.0)])
+    middle = inked(image)[image.shape[0] // 2]
+    edges = np.flatnonzero(np.diff(middle.astype(int)))
+    across = np.diff(edges)
+    assert len(edges) == 4
+    assert across == pytest.approx([across[0]] * 3, abs=2)  # bead, gap, bead: two wide each
+
+
+def test_a_turned_slab_rises_to_the_right():
+    corners = slab((0, -0.1), (2, 0), turned=math.radians(30)).reshape(-1, 3)
+    top = corners[np.argmax(corners[:, 2])]
+    assert top == pytest.approx([math.sqrt(3), 0, 1])
