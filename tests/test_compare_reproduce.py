@@ -16,7 +16,7 @@ from rigtwin.cli import run
 from rigtwin.compare.reproduce import cost, rigs
 from rigtwin.compare.reproduce import reproduction as module
 from rigtwin.compare.reproduce.reproduction import Reproduction, number, page
-from rigtwin.compare.reproduce.studies import studies
+from rigtwin.compare.reproduce.studies import READINGS, studies
 from rigtwin.compare.reproduce.tables import TABLES, plan
 from rigtwin.compare.runs import Done, Run, run_all
 from rigtwin.lab.errors import BadInput
@@ -124,6 +124,29 @@ def test_a_fault_in_one_run_leaves_the_others_shown_and_the_command_ends_with_1(
     monkeypatch.setenv("RIGTWIN_DEBUG", "1")
     assert run([*asked, "--quiet"]) == 1
     assert "Traceback" in capsys.readouterr().err
+
+
+def test_a_run_that_the_memory_does_not_hold_leaves_the_others_shown_and_the_command_ends_with_2(
+    tmp_path, monkeypatch, capsys
+):
+    def one_huge(*asked, **options):
+        found = plan(*asked, **options)
+        first, *others = found.runs
+        return replace(found, runs=(replace(first, function="builtins:bytearray", settings={"source": 2**60}), *others))
+
+    keep(tmp_path, 16)
+    monkeypatch.setattr(module, "plan", one_huge)
+    asked = ["reproduce", "hlosta2020", "--table", "16", "--quick", "--out", str(tmp_path)]
+    assert run(asked) == 2
+    told = capsys.readouterr()
+    assert "failed type_A-slot_hopper-D12-seed1: does not fit into memory" in told.out
+    assert told.err.startswith("rigtwin: 1 of 3 runs failed, the first being type_A-slot_hopper-D12-seed1, which does not")
+    assert "give fewer --workers" in told.err
+    assert run([*asked, "--json"]) == 2
+    document = json.loads(capsys.readouterr().out)
+    assert sum(row["ours"] is not None for row in document["cells"]) == 2
+    assert document["out_of_memory"] == ["type_A-slot_hopper-D12-seed1"]
+    assert document["faults"] == []
 
 
 def test_a_page_without_any_result_can_be_written(tmp_path):
@@ -309,6 +332,47 @@ def test_a_study_shows_mean_and_scatter_of_the_piles_that_are_there(tmp_path):
     assert "25.0 ± 5.6 (3)" in page(shown, "reproduction.md")
     assert "<svg" in page(shown)
     assert len(runs) == len({run.file_name for run in runs}) == 15
+
+
+def keep_heaps(folder: Path, study: str, angles, places=None):
+    """One finished heap for each point of a study, or for its first `places` alone."""
+    (folder / "runs").mkdir(exist_ok=True)
+    heaps, _ = studies([study], seed=1, quick=True)
+    for one, angle in zip(heaps[:places], angles, strict=False):
+        read = dict.fromkeys(READINGS.values(), angle)
+        (folder / "runs" / one.file_name).write_text(json.dumps({"result": {"warnings": [], **read}}))
+
+
+def test_a_study_is_shown_in_the_terminal_and_kept_in_a_table_of_its_own(tmp_path, capsys):
+    keep_heaps(tmp_path, "base", (31.0, 32.0, 33.0, 34.0, 35.0))
+    assert run(["reproduce", "hlosta2020", "--study", "base", "--quick", "--kept", "--out", str(tmp_path)]) == 0
+    told = capsys.readouterr().out
+    assert "Base over particle size: D6" in told
+    shown = [[cell.strip() for cell in line.strip("│").split("│")] for line in told.splitlines() if "apex" in line]
+    assert shown == [
+        [ratio, "geometric, apex", angle, "1"]
+        for ratio, angle in (("6", "31"), ("10", "32"), ("15", "33"), ("20", "34"), ("25", "35"))
+    ]
+    assert f"wrote {tmp_path / 'studies.csv'}" in told
+    assert "missing" not in told
+    with (tmp_path / "studies.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == ["study", "rolling_model", "reading", "place", "unit", "mean", "std", "runs"]
+    assert len(rows) == 5 * 3
+    assert [row["mean"] for row in rows if row["reading"] == "geometric, apex"] == ["31", "32", "33", "34", "35"]
+    assert {(row["study"], row["rolling_model"], row["std"], row["runs"]) for row in rows} == {("base", "type A", "", "1")}
+
+
+def test_a_study_that_is_not_kept_is_said_to_be_missing(tmp_path, capsys):
+    keep_heaps(tmp_path, "base", (31.0, 32.0), 2)
+    asked = ["reproduce", "hlosta2020", "--study", "base", "--study", "number", "--quick", "--kept"]
+    assert run([*asked, "--out", str(tmp_path)]) == 0
+    told = capsys.readouterr().out
+    assert "missing: study base, type A: lacks 3 of 5 runs; leave --kept out to run them\n" in told
+    assert "missing: study number, type A: lacks 5 of 5 runs; leave --kept out to run them\n" in told
+    assert "Number of particles" not in told
+    assert run([*asked, "--json", "--out", str(tmp_path)]) == 0
+    assert len(json.loads(capsys.readouterr().out)["missing"]) == 2
 
 
 def test_kept_results_are_shown_without_running_anything(tmp_path, monkeypatch):
