@@ -4,8 +4,10 @@ import errno
 import json
 import math
 import os
+import re
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -235,6 +237,28 @@ def test_the_rolling_model_of_a_comparison_is_that_of_its_twins(tmp_path, capfd,
     asked.clear()
     refused(["compare", folder], capfd, "seen")
     assert "rolling" not in asked
+
+
+def test_a_twin_s_advice_in_a_comparison_names_no_option_that_compare_does_not_have(tmp_path, capfd, monkeypatch):
+    from rigtwin.compare import bulk_twins
+
+    ends_at_once = partial(bulk_twins.pile_twin, settle_limit=0.001)  # [s], while beads fall yet
+    monkeypatch.setattr(bulk_twins, "pile_twin", ends_at_once)
+    pile = 'rig = "pile"\nvariant = "piling"\nbase_diameter = "40 mm"\nrim_height = "8 mm"\ncount = 60\n'
+    folder = lab_with(tmp_path, 'rig = "drop"\n', pile)
+    lab = folder / "lab.toml"
+    lab.write_text(lab.read_text().replace('drop_height = "300 mm"\n', ""))
+    rows = [f"{x / 1e3},{max(0, 20 - abs(x)) / 2e3}" for x in range(-30, 31)]
+    (folder / "r01.csv").write_text("\n".join(["x_m,height_m", *rows]) + "\n")
+    assert run(["compare", str(folder), "--out", str(tmp_path / "out"), "--json"]) == 0
+    (experiment,) = json.loads(capfd.readouterr().out)["experiments"]
+    assert "twin: the heap was still moving when the time limit was reached" in experiment["warnings"]
+    assert run(["compare", "--help"]) == 0
+    options = set(re.findall(r"--[a-z-]+", capfd.readouterr().out))
+    named = set(re.findall(r"--[a-z-]+", json.dumps(experiment)))
+    assert named <= options
+    assert run(["compare", str(folder), "--out", str(tmp_path / "out")]) == 0
+    assert "-limit" not in capfd.readouterr().out
 
 
 @pytest.mark.parametrize("rig", ["pile", "packing"])
