@@ -124,8 +124,8 @@ def show_twin(twin: Twin, out: Path, as_json: bool, quiet: bool) -> None:
         return
     console = _console()
     _show_quantities(console, f"twin of the {twin.rig}", twin.evaluation.quantities)
-    for assumption in twin.assumptions:
-        console.print(f"[dim]assumed:[/dim] {escape(assumption)}")
+    for assumption in twin.assumptions:  # what is given is among them
+        console.print(f"[dim]taken:[/dim] {escape(assumption)}")
     if twin.cost:
         console.print(f"[dim]computing:[/dim] {escape(twin.cost)}")
     warnings = (*twin.warnings, *twin.evaluation.warnings)

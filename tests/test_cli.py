@@ -508,6 +508,25 @@ def test_a_bed_that_spilled_and_a_heap_that_moves_are_doubtful(capfd):
         assert all(why in q["doubtful"] for q in quantities), quantities
 
 
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        ("drop --drop-height 100mm --particle C6 --seed 3", "trust the methods by speeds only"),
+        ("pile --base-diameter 40mm --rim-height 8mm --count 60", "the mean of several heaps"),
+        ("drum --drum-diameter 40mm --speed 60rpm --count 40", "a longer one tells more"),
+        ("hopper --outlet 30mm --count 300 --duration 0.3s", "a longer record shows it"),
+        ("tilt --variant slide --speed 12deg/s", "tilt the plate more slowly"),
+    ],
+)
+def test_what_is_said_of_a_twin_s_record_does_not_speak_to_the_owner_of_a_film(arguments, word, capfd, tmp_path):
+    assert run(["simulate", *arguments.split(), "--out", str(tmp_path), "--json"]) == 0
+    document = json.loads(capfd.readouterr().out)
+    said = [*document["warnings"], *(check["message"] for check in document["checks"])]
+    said += [quantity["doubtful"] for quantity in document["quantities"] if "doubtful" in quantity]
+    assert any(word in sentence for sentence in said), said
+    assert not [sentence for sentence in said if re.search(r"\b(film|clip|photo|picture|camera|plot|screw)", sentence)]
+
+
 def test_device_and_time_step_of_a_bulk_twin_can_be_said(capfd, monkeypatch):
     asked: dict[str, Any] = {}
 
