@@ -3,9 +3,9 @@
     python benchmarks/reproduction_page.py out/reproduce/hlosta2020
 
 Cells that these runs give take the place of those in docs/reproduction_cells.csv, points of studies of those in
-docs/reproduction_studies.csv, each rolling law's of its own; the others there stay.  Runs and cells that name no law were
-made before there was a choice, by type C.  The page is written anew from its first table on; what stands before is
-written by hand, and the figures that it quotes are printed.
+docs/reproduction_studies.csv, each rolling law's of its own; the others there stay.  Runs and cells that name no law
+were made before there was a choice, by type C.  The page is written anew from its first table on; what stands before
+is written by hand, and the figures that it quotes are printed.
 """
 
 from __future__ import annotations

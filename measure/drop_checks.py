@@ -61,12 +61,12 @@ def _what_is_wrong(gravity: float, rate: float, repeated_share: float) -> str:
     if usual is not None:
         speed = f"slow motion by {usual / rate:.3g}" if usual > rate else f"a speed-up by {rate / usual:.3g}"
         return (
-            f"this is what a record taken at {usual} Hz gives when {rate:.4g} Hz are assumed ({speed}); "
+            f"this is what a record captured at {usual} Hz gives when {rate:.4g} Hz are assumed ({speed}); "
             f"give --frame-rate {usual}Hz, or else {scale}."
         )
     if 0.7 < ratio < 1.4:
         return f"{scale}; capture rates come in steps, and none explains this."
-    return f"either {scale}, or it was taken at {rate / math.sqrt(ratio):.4g} Hz and not {rate:.4g} Hz."
+    return f"either {scale}, or it was captured at {rate / math.sqrt(ratio):.4g} Hz and not {rate:.4g} Hz."
 
 
 def scales_agree(ratio: float, doubt: float) -> bool:
@@ -140,8 +140,8 @@ def plane_check(track: Track, bounces: Bounces, side: Track | None = None) -> Ch
     ending = "."
     if not passed:
         ending = (
-            ": the bead leaves the plane, as one does that spins, is no sphere or meets a plate that is not level; trust "
-            "the methods by speeds only."
+            ": the bead leaves the plane, as one does that spins, is no sphere or meets a plate that is not level; "
+            "trust the methods by speeds only."
         )
     return Check("out_of_plane", passed, value, 0.0, message + ending)
 

@@ -242,7 +242,9 @@ def _evaluate(
     rates = _rates(time, share, full, left.unit, total_mass, area_doubt)
     quantities += rates
     if len(rates) == 1:
-        warnings.append("flow rate: none given, for too few frames show the steady flow; a higher rate or a longer flow shows more.")
+        warnings.append(
+            "flow rate: none given, for too few frames show the steady flow; a higher rate or a longer flow shows more."
+        )
     elif rates[1].quantity != "mass_flow_rate":
         warnings.append(f"mass flow rate: none given, but a {rates[1].quantity.replace('_', ' ')}; give --total-mass.")
     share_doubt = UNKNOWN_SHARE if cut else max(area_doubt * stays, 0.003 if area_doubt else 0.0)

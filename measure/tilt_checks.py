@@ -88,7 +88,7 @@ def _proportions_check(way: Way, onset: Onset, falls_as_it_should: bool) -> Chec
         return Check("proportions", True, seen, 0.0, "nothing speaks for widths that are squeezed.")
     message = (
         "that the body does not run as gravity makes it may be for the scale or the frame rate, on which no angle "
-        f"hangs, or for widths {squeeze:.2f} times as large as they should be, with which all angles are wrong; the "
+        f"hangs, or for a record {squeeze:.2f} times as wide as it should be, in which all angles are wrong; the "
         "plate turns too little to tell which. Is a bead as wide as it is high?"
     )
     return Check("proportions", False, seen, 0.0, message)
