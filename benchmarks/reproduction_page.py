@@ -2,9 +2,10 @@
 
     python benchmarks/reproduction_page.py out/reproduce/hlosta2020
 
-Cells that these runs give take the place of those in docs/reproduction_cells.csv, each rolling law's of its own; the
-others there stay.  Runs and cells that name no law were made before there was a choice, by type C.  The page is
-written anew from its first table on; what stands before is written by hand, and the figures that it quotes are printed.
+Cells that these runs give take the place of those in docs/reproduction_cells.csv, points of studies of those in
+docs/reproduction_studies.csv, each rolling law's of its own; the others there stay.  Runs and cells that name no law
+were made before there was a choice, by type C.  The page is written anew from its first table on; what stands before
+is written by hand, and the figures that it quotes are printed.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import argparse
 import csv
 import json
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,15 +24,18 @@ import numpy as np
 from scipy.stats import t as student
 
 from rigtwin.compare import results
+from rigtwin.compare.doubts import once, warned
 from rigtwin.compare.figures import study_figure
-from rigtwin.compare.reproduce.reproduction import COLUMNS, Reproduction, page
-from rigtwin.compare.reproduce.studies import studies
+from rigtwin.compare.reproduce.reproduction import COLUMNS, STUDY_COLUMNS, Reproduction, page
+from rigtwin.compare.reproduce.studies import Points, Study, studies
 from rigtwin.compare.reproduce.tables import TABLES, plan
 from rigtwin.compare.runs import Done, fits
 from rigtwin.sim.engine.contact import ROLLING
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 FIRST = "\n## Table "  # what is written anew begins here
+WARNINGS = "\n## What the runs warn of\n"
+COUNTS = re.compile(r"^in \d+ of \d+ runs: ")
 WORDS = ("row", "quantity", "unit", "rolling_model", "doubtful")  # columns that are no numbers
 JUDGED = (7, 14, 15, 16)  # tables with an experiment
 REPETITIONS = 10  # of every experiment of the paper
@@ -39,18 +44,44 @@ REPETITIONS = 10  # of every experiment of the paper
 Row = Mapping[str, Any]
 Place = tuple[int, str, str, str]
 """Table, row, quantity and rolling law."""
+Point = tuple[str, str, str, str]
+"""Study, rolling law, reading and place."""
+Angle = tuple[float, float | None, int]
+"""Mean, standard deviation [deg] and how many piles."""
 
 
 @dataclass(frozen=True)
 class Page(Reproduction):
-    """Cells with what was run before, where no run is there now."""
+    """Cells and points of studies with what was run before, where no run is there now."""
 
     before: Mapping[Place, Row] = field(default_factory=dict)
+    points_before: Mapping[Point, Angle] = field(default_factory=dict)
+    said_before: Sequence[str] = ()
 
     @property
     def rows(self) -> list[dict[str, Any]]:
         both = [(row, self.before.get(_place(row), row)) for row in super().rows]
         return [dict(row if row["runs"] >= before["runs"] else before) for row, before in both]
+
+    def points(self, study: Study) -> Points:
+        found = {
+            (reading, place): (mean, std, runs)
+            for reading, points in super().points(study).items()
+            for place, mean, std, runs in points
+        }
+        both: dict[str, list[tuple[float | str, float, float | None, int]]] = {}
+        for reading in study.readings:
+            for place in study.places:
+                before = self.points_before.get((study.name, study.rolling, reading, str(place)))
+                known = [one for one in (found.get((reading, place)), before) if one is not None]
+                if known:
+                    both.setdefault(reading, []).append((place, *max(known, key=lambda one: one[2])))
+        return both
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Each kind once, in its worst words; in how many runs is not told, for those of before are not here."""
+        return tuple(once([*map(warned, self.done.results.values()), self.said_before]))
 
 
 def _place(row: Row) -> Place:
@@ -68,7 +99,31 @@ def run_before(cells: Path) -> dict[Place, Row]:
     return {_place(row): {**row, "table": int(row["table"]), "runs": int(row["runs"])} for row in rows}
 
 
-def kept(runs: Path, before: Mapping[Place, Row]) -> Page:
+def points_run_before(table: Path) -> dict[Point, Angle]:
+    """The points of a table of studies."""
+    with table.open(encoding="utf-8", newline="") as lines:
+        return {
+            (row["study"], row["rolling_model"], row["reading"], row["place"]): (
+                float(row["mean"]),
+                float(row["std"]) if row["std"] else None,
+                int(row["runs"]),
+            )
+            for row in csv.DictReader(lines)
+        }
+
+
+def said_before(text: str) -> tuple[str, ...]:
+    """What the page says that runs warn of, without the numbers of runs."""
+    lines = text.partition(WARNINGS)[2].partition("\n## ")[0].splitlines()
+    return tuple(COUNTS.sub("", line.removeprefix("- ")) for line in lines if line.startswith("- "))
+
+
+def kept(
+    runs: Path,
+    before: Mapping[Place, Row],
+    points_before: Mapping[Point, Angle] | None = None,
+    said: Sequence[str] = (),
+) -> Page:
     """The paper's cells and studies with the finished runs of a folder, whichever version of rigtwin made them."""
     found: dict[str, list[dict[str, Any]]] = {}
     for file in sorted(runs.glob("*.json"), key=lambda one: one.stat().st_mtime):  # the newest of several versions last
@@ -86,7 +141,10 @@ def kept(runs: Path, before: Mapping[Place, Row]) -> Page:
     }
     done = Done(fitting, {})
     cells = tuple(cell for one in wanted for cell in one.cells)
-    return Page(cells, done, runs.parent, tuple(study for _, shown in studied for study in shown), before=before)
+    every_study = tuple(study for _, shown in studied for study in shown)
+    return Page(
+        cells, done, runs.parent, every_study, before=before, points_before=points_before or {}, said_before=said
+    )
 
 
 def written(text: str, reproduction: Reproduction) -> str:
@@ -167,17 +225,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("folder", type=Path, help="where `rigtwin reproduce` keeps its runs")
     given = parser.parse_args()
-    page_file, cells = DOCS / "reproduction.md", DOCS / "reproduction_cells.csv"
+    page_file, cells, points = (DOCS / f"reproduction{name}" for name in (".md", "_cells.csv", "_studies.csv"))
     if not any((given.folder / "runs").glob("*.json")):
         parser.error(f"{given.folder / 'runs'}: no finished run; give the --out of `rigtwin reproduce`.")
-    reproduction = kept(given.folder / "runs", run_before(cells))
-    page_file.write_text(written(page_file.read_text(encoding="utf-8"), reproduction), encoding="utf-8")
+    text = page_file.read_text(encoding="utf-8")
+    reproduction = kept(given.folder / "runs", run_before(cells), points_run_before(points), said_before(text))
+    page_file.write_text(written(text, reproduction), encoding="utf-8")
     run = [row for row in reproduction.rows if row["ours"] is not None or row["doubtful"]]
     cells.write_text(results.table(run, COLUMNS), encoding="utf-8")
+    points.write_text(results.table(reproduction.study_rows, STUDY_COLUMNS), encoding="utf-8")
     for study in reproduction.studies:
-        if points := study.points(reproduction.done.results):
+        if study.points(reproduction.done.results):  # else the picture that is there stays
             picture = DOCS / "pictures" / f"study-{study.name}-{study.rolling.replace(' ', '-')}.svg"
-            picture.write_text(study_figure(study, points), encoding="utf-8")
+            picture.write_text(study_figure(study, reproduction.points(study)), encoding="utf-8")
     print(summary(reproduction))  # noqa: T201
 
 

@@ -124,8 +124,8 @@ def show_twin(twin: Twin, out: Path, as_json: bool, quiet: bool) -> None:
         return
     console = _console()
     _show_quantities(console, f"twin of the {twin.rig}", twin.evaluation.quantities)
-    for assumption in twin.assumptions:
-        console.print(f"[dim]assumed:[/dim] {escape(assumption)}")
+    for assumption in twin.assumptions:  # what is given is among them
+        console.print(f"[dim]taken:[/dim] {escape(assumption)}")
     if twin.cost:
         console.print(f"[dim]computing:[/dim] {escape(twin.cost)}")
     warnings = (*twin.warnings, *twin.evaluation.warnings)
@@ -182,22 +182,30 @@ def _tell_comparison(console: Console, comparison: Comparison) -> None:
 
 
 def show_reproduction(reproduction: Reproduction, as_json: bool, quiet: bool) -> None:
-    """The paper's cells beside ours; leaves with 1 where a run failed by a fault of rigtwin."""
+    """The paper's cells beside ours; leaves with 1 where a run failed by a fault of rigtwin, 2 for want of memory."""
     if as_json:
         print_json(reproduction.to_json())
     elif not quiet:
         _tell_reproduction(_console(), reproduction)
-    if faults := reproduction.done.faults:
+    done = reproduction.done
+    runs = len(done.results) + len(done.failures)
+    if faults := done.faults:
         if os.environ.get("RIGTWIN_DEBUG"):
             sys.stderr.write("\n".join(faults.values()))
         elif not as_json:
             first = next(iter(faults))
             sys.stderr.write(
-                f"rigtwin: {len(faults)} of {len(reproduction.done.results) + len(reproduction.done.failures)} runs "
-                f"failed, {first} by {reproduction.done.failures[first]}; the others are kept and shown; set "
-                "RIGTWIN_DEBUG=1 and run again to see the traceback.\n"
+                f"rigtwin: {len(faults)} of {runs} runs failed, {first} by {done.failures[first]}; the others are kept "
+                "and shown; set RIGTWIN_DEBUG=1 and run again to see the traceback.\n"
             )
         raise typer.Exit(1)
+    if large := done.out_of_memory:
+        if not as_json:
+            sys.stderr.write(
+                f"rigtwin: {len(large)} of {runs} runs failed, the first being {large[0]}, which "
+                f"{done.failures[large[0]].rstrip('.')}; the others are kept and shown.\n"
+            )
+        raise typer.Exit(2)
 
 
 def _tell_reproduction(console: Console, reproduction: Reproduction) -> None:
@@ -242,16 +250,39 @@ def _tell_reproduction(console: Console, reproduction: Reproduction) -> None:
             console.print(
                 f"{score['no_further']} of {score['judged']} cells no further from the experiment than the paper's DEM"
             )
+    _tell_studies(console, reproduction)
     for words in reproduction.assumptions.values():
         console.print(f"[dim]assumed:[/dim] {escape(words)}")
     for words in reproduction.warnings:
         console.print(f"[yellow]warning:[/yellow] {escape(words)}")
+    for words in reproduction.missing:
+        console.print(f"[yellow]missing:[/yellow] {escape(words)}")
     if reproduction.replaced:
         console.print(f"[yellow]replaced:[/yellow] {escape(reproduction.replaced)}")
     for name, words in reproduction.done.failures.items():
         console.print(f"[red]failed[/red] {escape(name)}: {escape(words)}")
     for path in reproduction.files.values():
         typer.echo(f"wrote {path}")
+
+
+def _tell_studies(console: Console, reproduction: Reproduction) -> None:
+    from rich.table import Table
+
+    from rigtwin.compare.reproduce.reproduction import number
+
+    for study in reproduction.studies:
+        found = {(reading, at): rest for reading, points in reproduction.points(study).items() for at, *rest in points}
+        if not found:
+            continue
+        table = Table(title=f"{escape(study.title)}, rolling resistance of {study.rolling}", title_justify="left")
+        for column in (study.x_label, "reading", "angle, deg", "runs"):
+            table.add_column(column, justify="left" if column == "reading" else "right")
+        for place in study.places:
+            for reading in study.readings:
+                mean, std, runs = found.get((reading, place), (None, None, 0))
+                table.add_row(str(place), reading, number(mean, std), str(runs))
+            table.add_section()
+        console.print(table)
 
 
 def show_diagnosis(found: tuple[Diagnosis, Mapping[str, Path]], as_json: bool, quiet: bool) -> None:

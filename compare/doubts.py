@@ -12,6 +12,8 @@ _SHARE = re.compile(r"^only (\d+) of (\d+)")
 _SPOILS = re.compile(r"still moving|^only \d|did not stay|reaches above|does not close")
 # these leave a hopper's flow as it is; and one that is watched for a stated time need not be empty after it
 _OF_HEAP, _OF_REST = "the heap was still moving", "had left the hopper"
+_OPTION = re.compile(r"--[a-z][a-z-]*")
+_OF_LABS = {"--stiffness-factor"}  # which `compare` has too; settings of numerics stand in no lab.toml
 
 
 def once(said: Iterable[Iterable[str]]) -> dict[str, int]:
@@ -33,6 +35,16 @@ def once(said: Iterable[Iterable[str]]) -> dict[str, int]:
 def warned(result: Mapping[str, Any]) -> list[str]:
     """The warnings of a run, without the advice behind them, which is of `simulate`'s options."""
     return [warning.partition(";")[0] for warning in result.get("warnings") or ()]
+
+
+def fit_for_a_lab(warnings: Iterable[str]) -> tuple[str, ...]:
+    """A twin's warnings, without the advice where it names an option that twins of a lab do not take.
+
+    >>> fit_for_a_lab(["it moves; raise --fill-limit", "it is soft; give a larger --stiffness-factor"])
+    ('it moves', 'it is soft; give a larger --stiffness-factor')
+    """
+    said = ((warning, *warning.partition(";")[::2]) for warning in warnings)
+    return tuple(warning if _OF_LABS.issuperset(_OPTION.findall(advice)) else what for warning, what, advice in said)
 
 
 def spoilt(result: Mapping[str, Any]) -> Sequence[str]:

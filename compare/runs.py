@@ -52,6 +52,8 @@ class Done:
     failures: Mapping[str, str]
     faults: Mapping[str, str] = field(default_factory=dict)
     """Tracebacks of those failures that rigtwin did not foresee."""
+    out_of_memory: tuple[str, ...] = ()
+    """Those failures for which the machine is too small."""
 
 
 def run_all(
@@ -73,6 +75,7 @@ def run_all(
     missing = sorted((run for run in runs if run.name not in kept), key=lambda run: -run.cost)
     failures: dict[str, str] = {}
     faults: dict[str, str] = {}
+    out_of_memory: list[str] = []
     whole, still = sum(run.cost for run in runs), sum(run.cost for run in missing)
     progress("running", whole - still, whole)
     if missing and not only_kept:
@@ -89,6 +92,7 @@ def run_all(
                     raise
                 except MemoryError:
                     failures[run.name] = "does not fit into memory; close other programs or give fewer --workers."
+                    out_of_memory.append(run.name)
                 except Exception as error:  # whatever it is, the other runs are not to blame
                     failures[run.name] = f"a fault of rigtwin itself ({_in_short(error)})"
                     faults[run.name] = "".join(traceback.format_exception(error))
@@ -101,7 +105,8 @@ def run_all(
                     results.write_together(folder, {run.file_name: results.document(results.plain(record))})
                 still -= run.cost
                 progress("running", whole - still, whole)
-    return Done({run.name: kept[run.name] for run in runs if run.name in kept}, failures, faults)
+    finished = {run.name: kept[run.name] for run in runs if run.name in kept}
+    return Done(finished, failures, faults, tuple(out_of_memory))
 
 
 @contextmanager

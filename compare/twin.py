@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from rigtwin import __version__
 from rigtwin.compare import results
+from rigtwin.compare.doubts import fit_for_a_lab
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import PARAMETERS, Contact, Particle
 from rigtwin.lab.model import Model
@@ -153,7 +154,8 @@ def twin_of(
         numerics: dict[str, Any] = {"seed": seed, "threads": threads, "effects": model.effects, **chosen}
         if kept_in is not None:
             numerics["checkpoint"] = _checkpoint(kept_in, experiment, contacts, count, numerics)
-        return _bulk_twin(experiment, contacts, count=count, **numerics, progress=progress)
+        twin = _bulk_twin(experiment, contacts, count=count, **numerics, progress=progress)
+        return replace(twin, warnings=fit_for_a_lab(twin.warnings))
     from rigtwin.compare import few_twins
 
     rate = _frame_rate(experiment, measurements)

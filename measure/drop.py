@@ -163,7 +163,7 @@ def _why_no_bounce(record: Heights) -> str:
         )
     return (
         f"the bead turns round at {record.time[low]:.3f} s, but what comes before and after is no free flight of at "
-        "least five frames: if this is a drop, film at a higher frame rate, or move --start and --end to the fall and "
+        "least five frames; if this is a drop, film at a higher frame rate, or move --start and --end to the fall and "
         "the bounces."
     )
 

@@ -61,12 +61,12 @@ def _what_is_wrong(gravity: float, rate: float, repeated_share: float) -> str:
     if usual is not None:
         speed = f"slow motion by {usual / rate:.3g}" if usual > rate else f"a speed-up by {rate / usual:.3g}"
         return (
-            f"this is what a clip captured at {usual} Hz gives when {rate:.4g} Hz are assumed ({speed}); "
+            f"this is what a record captured at {usual} Hz gives when {rate:.4g} Hz are assumed ({speed}); "
             f"give --frame-rate {usual}Hz, or else {scale}."
         )
     if 0.7 < ratio < 1.4:
         return f"{scale}; capture rates come in steps, and none explains this."
-    return f"either {scale}, or the clip was captured at {rate / math.sqrt(ratio):.4g} Hz and not {rate:.4g} Hz."
+    return f"either {scale}, or it was captured at {rate / math.sqrt(ratio):.4g} Hz and not {rate:.4g} Hz."
 
 
 def scales_agree(ratio: float, doubt: float) -> bool:
@@ -140,8 +140,8 @@ def plane_check(track: Track, bounces: Bounces, side: Track | None = None) -> Ch
     ending = "."
     if not passed:
         ending = (
-            ": the bead leaves the plane, as one that spins or is no sphere does; level the plate, or trust the "
-            "methods by speeds only."
+            ": the bead leaves the plane, as one does that spins, is no sphere or meets a plate that is not level; "
+            "trust the methods by speeds only."
         )
     return Check("out_of_plane", passed, value, 0.0, message + ending)
 
@@ -165,7 +165,7 @@ def fall_check(track: Track, bounces: Bounces) -> Check:
     if rises:
         message = "the bead is first seen as it rises from a bounce: what is called the drop here is a later flight"
     passed = not rises and seen >= max(LEAST_SEEN * frames, 1)
-    ending = "." if passed else ": film the bead from its release on, or look whether it was lost from sight."
+    ending = "." if passed else ": the record is to show the bead from its release on, all the way down."
     return Check("first_fall", passed, float(seen), float(frames), message + ending)
 
 
@@ -191,7 +191,7 @@ def timing_check(track: Track, bounces: Bounces, repeats: int, losses: Sequence[
     if repeats:
         message = f"doubled frames: {repeats} of {repeats + len(time)} repeat the one before and were left out"
     message += "".join(f"; {_told(loss)}" for loss in losses)
-    ending = "." if passed else ": film with a fixed frame rate, or use the camera's original file."
+    ending = "." if passed else ": of a film use the camera's original file, taken at a fixed frame rate."
     return Check("frame_timing", passed, missing + again + repeats, 0.0, message + ending)
 
 

@@ -418,9 +418,9 @@ def _checks(
                 share > 0.5,
                 share,
                 1.0,
-                f"{100 * share:.0f} % of the clip is steady flow, worth "
+                f"{100 * share:.0f} % of the record is steady flow, worth "
                 f"{mean.independent if mean else 0:.0f} independent moments"
-                f"{'' if turns is None else f' in {turns:.2g} turns'}; film longer where these are few.",
+                f"{'' if turns is None else f' in {turns:.2g} turns'}; a longer one tells more where these are few.",
             )
         )
     measured = float(np.isfinite(main[first : last + 1]).mean())

@@ -45,10 +45,10 @@ CROSSING = 0.2  # frames, of the last particle's passage read between two frames
 GIVEN_DOUBT = 0.01  # relative, of a scale read off a length in view
 BIN_DOUBT = 0.04  # relative, of a scale from the bin's walls, whose depth in view is not known
 BEAD_DOUBT = 0.15  # likewise from beads in a crowded bed, whose rims hide each other
-CUT = "end of the clip"
+CUT = "end of the record"
 CUT_SHORT = (
-    "beads still leave at the end of the clip, so that the discharge lasts longer than told (a lower bound) and the "
-    "empty hopper is not seen; film longer"
+    "beads still leave at the end of the record, so that the discharge lasts longer than told (a lower bound) and the "
+    "empty hopper is not seen; a longer record shows it"
 )
 UNKNOWN_SHARE = 1 / math.sqrt(12)  # standard deviation of a share of which nothing is known
 TAIL = 0.02  # of the discharge, without a loss at the record's end, from which on the flow has stopped
@@ -242,7 +242,9 @@ def _evaluate(
     rates = _rates(time, share, full, left.unit, total_mass, area_doubt)
     quantities += rates
     if len(rates) == 1:
-        warnings.append("flow rate: none given, for too few frames show the steady flow; film at a higher rate.")
+        warnings.append(
+            "flow rate: none given, for too few frames show the steady flow; a higher rate or a longer flow shows more."
+        )
     elif rates[1].quantity != "mass_flow_rate":
         warnings.append(f"mass flow rate: none given, but a {rates[1].quantity.replace('_', ' ')}; give --total-mass.")
     share_doubt = UNKNOWN_SHARE if cut else max(area_doubt * stays, 0.003 if area_doubt else 0.0)
@@ -291,7 +293,7 @@ def _falling_check(time: Array, share: Array) -> Check:
         return Check("only_falls", True, rise, 0.0, "what is left in the hopper only falls.")
     message = (
         f"what is left in the hopper rises by {100 * rise:.0f} % of the filling until {time[worst]:.3f} s, but beads "
-        "do not come back: the film is joined, or the hopper was filled again; give one discharge (--start, --end)."
+        "do not come back: the record is joined, or the hopper was filled again; give one discharge (--start, --end)."
     )
     return Check("only_falls", False, rise, 0.0, message)
 

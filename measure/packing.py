@@ -356,7 +356,7 @@ def _checks(
         lean = float(np.polyfit(each.profile.x[finite], each.profile.height[finite], 1)[0])
         degrees = math.degrees(math.atan(lean))
         passed = abs(degrees) < 6
-        ending = "." if passed else ": the bed lies askew; level it, or photograph it from more sides."
+        ending = "." if passed else ": the bed lies askew; level it, or take views from more sides."
         checks.append(
             Check(
                 "level_bed",

@@ -162,7 +162,7 @@ def _evaluate(
         if heap is None:
             raise NothingToMeasure(
                 f"profile {number + 1} ({seen.profile.view}) holds no heap above its base line; "
-                "check that height_m is measured upwards from the base."
+                "of a table check that height_m is measured upwards from the base."
             )
         found = _quantities_of_view(seen, heap, base_diameter, grain)
         if len(observations) > 1:

@@ -32,7 +32,7 @@ def narrow_base(base: float, bead: float) -> list[str]:
         return []
     return [
         f"the base is {base / bead:.1f} bead diameters wide; {ADVISED_RATIO} or more are advised: on a smaller one "
-        "single beads set the angle, so repeat the heap."
+        "single beads set the angle, and only the mean of several heaps tells it."
     ]
 
 

@@ -134,7 +134,7 @@ def find_avalanches(time: Array, angle: Array, turning: float | None) -> Avalanc
     tops, _ = find_peaks(smooth, prominence=least)
     if len(tops) < FEWEST_AVALANCHES:
         few = f"the angle has {len(tops)} clear maxima, {FEWEST_AVALANCHES} are needed"
-        return f"{few}; film longer, unless the surface flows steadily"
+        return f"{few}; a longer record may have them, unless the surface flows steadily"
     bottoms = np.array([a + int(np.argmin(smooth[a:b])) for a, b in zip(tops, [*tops[1:], len(smooth)], strict=True)])
     # the last slide may not be over yet
     falls = (bottoms[:-1] - tops[:-1]) * step

@@ -19,7 +19,7 @@ FOLLOWED = 0.03  # of a body's size, to which light and pixels let it be followe
 SAME_FRICTION = 0.02  # relative, how far friction of what rolls may be off at its start
 RESIDUALS = 6  # times the noise, that a body may leave the fitted run by
 LEAST_REST = 6  # frames before the onset: for place, drift, a creep's speed and beginning, the onset, and one to spare
-BEGIN_EARLIER = "Let the clip begin at least 0.2 s before the body lets go."
+BEGIN_EARLIER = "Let the record begin at least 0.2 s before the body lets go."
 FASTEST_TILT = math.radians(10)  # [rad/s], beyond it one frame is too much of an angle
 
 
@@ -75,8 +75,8 @@ def _proportions_check(way: Way, onset: Onset, falls_as_it_should: bool) -> Chec
     if seen < -sure - FOLLOWED * way.drift / turn:  # down the plate it might creep, but nothing creeps uphill
         message = (
             f"the body at rest wanders up the plate by {-1e3 * seen:.1f} ± {1e3 * onset.axis_sigma:.1f} mm for a "
-            f"radian of its rise, of which a hinge not quite found explains {1e3 * way.drift:.0f}: is the picture "
-            "squeezed in its width? Then all angles are wrong; give the clip with square pixels."
+            f"radian of its rise, of which a hinge not quite found explains {1e3 * way.drift:.0f}: are widths "
+            "squeezed, as in a clip whose pixels are not square? Then all angles are wrong; give it with square ones."
         )
         return Check("proportions", False, seen, 0.0, message)
     # how much less than at rest the body is held back, half of it at most, tells least of a run that is too fast
@@ -85,11 +85,11 @@ def _proportions_check(way: Way, onset: Onset, falls_as_it_should: bool) -> Chec
     squeeze = math.sqrt(strong if strong > 1 else onset.gain)
     wander = -way.reach * _lengthening(onset.angle, squeeze)
     if falls_as_it_should or not 1 / SQUEEZED < squeeze < SQUEEZED or abs(onset.axis - wander) > sure:
-        return Check("proportions", True, seen, 0.0, "nothing speaks for a picture that is squeezed.")
+        return Check("proportions", True, seen, 0.0, "nothing speaks for widths that are squeezed.")
     message = (
         "that the body does not run as gravity makes it may be for the scale or the frame rate, on which no angle "
-        f"hangs, or for a picture {squeeze:.2f} times as wide as it should be, in which all angles are wrong; the "
-        "plate turns too little to tell which. Is a bead round in it?"
+        f"hangs, or for a record {squeeze:.2f} times as wide as it should be, in which all angles are wrong; the "
+        "plate turns too little to tell which. Is a bead as wide as it is high?"
     )
     return Check("proportions", False, seen, 0.0, message)
 
@@ -165,7 +165,7 @@ def _creep_check(onset: Onset, bead_diameter: float | None) -> Check:
     else:
         message = f"the body creeps by {crept * 1e3:.2f} mm before the onset; the creep is fitted and left out."
     if not passed:
-        message += " That is much: is the plate knocked or wet? Read the onset from the plot."
+        message += " That is much, as on a plate that is knocked or wet; read the onset from the record."
     return Check("creep", passed, crept if sure else 0.0, 0.0, message)
 
 
@@ -175,7 +175,7 @@ def _rise_check(way: Way, onset: Onset) -> Check:
     passed = rough < math.radians(0.15) and abs(onset.rate) < FASTEST_TILT
     rate = math.degrees(onset.rate)
     message = f"the plate rises by {rate:.2f} deg/s at the onset and shakes by {math.degrees(rough):.3f} deg"
-    ending = "." if passed else ": too fast or too unsteady for a sharp onset; turn the screw more slowly."
+    ending = "." if passed else ": too fast or too unsteady for a sharp onset; tilt the plate more slowly."
     return Check("steady_rise", passed, math.degrees(onset.rate), 0.0, message + ending)
 
 
@@ -188,7 +188,7 @@ def _residual_check(way: Way, onset: Onset) -> Check:
     ratio = onset.noise / expected
     passed = ratio < RESIDUALS
     meaning = "as its frame-to-frame noise tells" if ratio < 3 else f"where up to {RESIDUALS} times are let pass"
-    ending = "." if passed else ": it does not run freely; look at the plot before trusting the onset."
+    ending = "." if passed else ": it does not run freely; look at its record before trusting the onset."
     return Check(
         "run_residuals",
         passed,
@@ -203,7 +203,7 @@ def _certainty_check(onset: Onset, way: Way) -> Check:
     sigma = math.degrees(onset.angle_sigma)
     passed = sigma < 0.5
     message = f"the onset is known to {sigma:.3f} degrees and {onset.time_sigma / frame:.1f} frames"
-    ending = "." if passed else ": too little of the rest or of the run is seen; film both, at a higher rate."
+    ending = "." if passed else ": too little of the rest or of the run is seen; record both, at a higher rate."
     return Check("onset_certainty", passed, sigma, 0.0, message + ending)
 
 

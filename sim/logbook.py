@@ -207,7 +207,7 @@ class Logbook:
         if self._risen > RISE_LIMIT * abs(self._supplied):
             warnings.append(
                 f"the energy budget does not close: {self._risen:.3g} J came from nowhere, of "
-                f"{self._supplied:.3g} J supplied; use a smaller time step"
+                f"{self._supplied:.3g} J supplied; give a smaller --time-step-fraction"
             )
         if self.first_frame is not None:
             warnings.append(f"the trajectory begins at t = {self.first_frame:.4g} s, where the run was taken up again")

@@ -255,7 +255,7 @@ def _bed(
     if missed := placed - int(within.sum()):
         said.append(f"{missed} of {placed} particles did not stay in the cylinder")
     if heights.max(initial=0.0) > rig.cylinder_height:
-        said.append("the bed reaches above the cylinder; give a higher one or fewer particles")
+        said.append("the bed reaches above the cylinder; give a larger --cylinder-height or fewer particles")
     if not at_rest:
         said.append("the bed was still moving when the time limit was reached; raise --settle-limit")
     return Bed(

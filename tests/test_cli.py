@@ -4,8 +4,10 @@ import errno
 import json
 import math
 import os
+import re
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -235,6 +237,28 @@ def test_the_rolling_model_of_a_comparison_is_that_of_its_twins(tmp_path, capfd,
     asked.clear()
     refused(["compare", folder], capfd, "seen")
     assert "rolling" not in asked
+
+
+def test_a_twin_s_advice_in_a_comparison_names_no_option_that_compare_does_not_have(tmp_path, capfd, monkeypatch):
+    from rigtwin.compare import bulk_twins
+
+    ends_at_once = partial(bulk_twins.pile_twin, settle_limit=0.001)  # [s], while beads fall yet
+    monkeypatch.setattr(bulk_twins, "pile_twin", ends_at_once)
+    pile = 'rig = "pile"\nvariant = "piling"\nbase_diameter = "40 mm"\nrim_height = "8 mm"\ncount = 60\n'
+    folder = lab_with(tmp_path, 'rig = "drop"\n', pile)
+    lab = folder / "lab.toml"
+    lab.write_text(lab.read_text().replace('drop_height = "300 mm"\n', ""))
+    rows = [f"{x / 1e3},{max(0, 20 - abs(x)) / 2e3}" for x in range(-30, 31)]
+    (folder / "r01.csv").write_text("\n".join(["x_m,height_m", *rows]) + "\n")
+    assert run(["compare", str(folder), "--out", str(tmp_path / "out"), "--json"]) == 0
+    (experiment,) = json.loads(capfd.readouterr().out)["experiments"]
+    assert "twin: the heap was still moving when the time limit was reached" in experiment["warnings"]
+    assert run(["compare", "--help"]) == 0
+    options = set(re.findall(r"--[a-z-]+", capfd.readouterr().out))
+    named = set(re.findall(r"--[a-z-]+", json.dumps(experiment)))
+    assert named <= options
+    assert run(["compare", str(folder), "--out", str(tmp_path / "out")]) == 0
+    assert "-limit" not in capfd.readouterr().out
 
 
 @pytest.mark.parametrize("rig", ["pile", "packing"])
@@ -482,6 +506,25 @@ def test_a_bed_that_spilled_and_a_heap_that_moves_are_doubtful(capfd):
         assert run([*arguments, "--out", arguments[1], "--json"]) == 0
         quantities = json.loads(capfd.readouterr().out)["quantities"]
         assert all(why in q["doubtful"] for q in quantities), quantities
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        ("drop --drop-height 100mm --particle C6 --seed 3", "trust the methods by speeds only"),
+        ("pile --base-diameter 40mm --rim-height 8mm --count 60", "the mean of several heaps"),
+        ("drum --drum-diameter 40mm --speed 60rpm --count 40", "a longer one tells more"),
+        ("hopper --outlet 30mm --count 300 --duration 0.3s", "a longer record shows it"),
+        ("tilt --variant slide --speed 12deg/s", "tilt the plate more slowly"),
+    ],
+)
+def test_what_is_said_of_a_twin_s_record_does_not_speak_to_the_owner_of_a_film(arguments, word, capfd, tmp_path):
+    assert run(["simulate", *arguments.split(), "--out", str(tmp_path), "--json"]) == 0
+    document = json.loads(capfd.readouterr().out)
+    said = [*document["warnings"], *(check["message"] for check in document["checks"])]
+    said += [quantity["doubtful"] for quantity in document["quantities"] if "doubtful" in quantity]
+    assert any(word in sentence for sentence in said), said
+    assert not [sentence for sentence in said if re.search(r"\b(film|clip|photo|picture|camera|plot|screw)", sentence)]
 
 
 def test_device_and_time_step_of_a_bulk_twin_can_be_said(capfd, monkeypatch):

@@ -16,7 +16,7 @@ from rigtwin.cli import run
 from rigtwin.compare.reproduce import cost, rigs
 from rigtwin.compare.reproduce import reproduction as module
 from rigtwin.compare.reproduce.reproduction import Reproduction, number, page
-from rigtwin.compare.reproduce.studies import studies
+from rigtwin.compare.reproduce.studies import READINGS, studies
 from rigtwin.compare.reproduce.tables import TABLES, plan
 from rigtwin.compare.runs import Done, Run, run_all
 from rigtwin.lab.errors import BadInput
@@ -124,6 +124,31 @@ def test_a_fault_in_one_run_leaves_the_others_shown_and_the_command_ends_with_1(
     monkeypatch.setenv("RIGTWIN_DEBUG", "1")
     assert run([*asked, "--quiet"]) == 1
     assert "Traceback" in capsys.readouterr().err
+
+
+def test_a_run_that_the_memory_does_not_hold_leaves_the_others_shown_and_the_command_ends_with_2(
+    tmp_path, monkeypatch, capsys
+):
+    def one_huge(*asked, **options):
+        found = plan(*asked, **options)
+        first, *others = found.runs
+        return replace(found, runs=(replace(first, function="builtins:bytearray", settings={"source": 2**60}), *others))
+
+    keep(tmp_path, 16)
+    monkeypatch.setattr(module, "plan", one_huge)
+    asked = ["reproduce", "hlosta2020", "--table", "16", "--quick", "--out", str(tmp_path)]
+    assert run(asked) == 2
+    told = capsys.readouterr()
+    assert "failed type_A-slot_hopper-D12-seed1: does not fit into memory" in told.out
+    assert told.err.startswith(
+        "rigtwin: 1 of 3 runs failed, the first being type_A-slot_hopper-D12-seed1, which does not"
+    )
+    assert "give fewer --workers" in told.err
+    assert run([*asked, "--json"]) == 2
+    document = json.loads(capsys.readouterr().out)
+    assert sum(row["ours"] is not None for row in document["cells"]) == 2
+    assert document["out_of_memory"] == ["type_A-slot_hopper-D12-seed1"]
+    assert document["faults"] == []
 
 
 def test_a_page_without_any_result_can_be_written(tmp_path):
@@ -309,6 +334,49 @@ def test_a_study_shows_mean_and_scatter_of_the_piles_that_are_there(tmp_path):
     assert "25.0 ± 5.6 (3)" in page(shown, "reproduction.md")
     assert "<svg" in page(shown)
     assert len(runs) == len({run.file_name for run in runs}) == 15
+
+
+def keep_heaps(folder: Path, study: str, angles, places=None):
+    """One finished heap for each point of a study, or for its first `places` alone."""
+    (folder / "runs").mkdir(exist_ok=True)
+    heaps, _ = studies([study], seed=1, quick=True)
+    for one, angle in zip(heaps[:places], angles, strict=False):
+        read = dict.fromkeys(READINGS.values(), angle)
+        (folder / "runs" / one.file_name).write_text(json.dumps({"result": {"warnings": [], **read}}))
+
+
+def test_a_study_is_shown_in_the_terminal_and_kept_in_a_table_of_its_own(tmp_path, capsys):
+    keep_heaps(tmp_path, "base", (31.0, 32.0, 33.0, 34.0, 35.0))
+    assert run(["reproduce", "hlosta2020", "--study", "base", "--quick", "--kept", "--out", str(tmp_path)]) == 0
+    told = capsys.readouterr().out
+    assert "Base over particle size: D6" in told
+    shown = [[cell.strip() for cell in line.strip("│").split("│")] for line in told.splitlines() if "apex" in line]
+    assert shown == [
+        [ratio, "geometric, apex", angle, "1"]
+        for ratio, angle in (("6", "31"), ("10", "32"), ("15", "33"), ("20", "34"), ("25", "35"))
+    ]
+    assert f"wrote {tmp_path / 'studies.csv'}" in told
+    assert "missing" not in told
+    with (tmp_path / "studies.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == ["study", "rolling_model", "reading", "place", "unit", "mean", "std", "runs"]
+    assert len(rows) == 5 * 3
+    assert [row["mean"] for row in rows if row["reading"] == "geometric, apex"] == ["31", "32", "33", "34", "35"]
+    assert {(row["study"], row["rolling_model"], row["std"], row["runs"]) for row in rows} == {
+        ("base", "type A", "", "1")
+    }
+
+
+def test_a_study_that_is_not_kept_is_said_to_be_missing(tmp_path, capsys):
+    keep_heaps(tmp_path, "base", (31.0, 32.0), 2)
+    asked = ["reproduce", "hlosta2020", "--study", "base", "--study", "number", "--quick", "--kept"]
+    assert run([*asked, "--out", str(tmp_path)]) == 0
+    told = capsys.readouterr().out
+    assert "missing: study base, type A: lacks 3 of 5 runs; leave --kept out to run them\n" in told
+    assert "missing: study number, type A: lacks 5 of 5 runs; leave --kept out to run them\n" in told
+    assert "Number of particles" not in told
+    assert run([*asked, "--json", "--out", str(tmp_path)]) == 0
+    assert len(json.loads(capsys.readouterr().out)["missing"]) == 2
 
 
 def test_kept_results_are_shown_without_running_anything(tmp_path, monkeypatch):
@@ -607,3 +675,41 @@ def test_runs_and_cells_that_name_no_law_are_read_as_type_c(tmp_path):
     said = reproduction_page.summary(page_of_both)
     assert "type A: 1 of 63 cells run" in said
     assert "type A, the 1 cells run under all laws" in said
+
+
+def test_a_study_run_before_stays_on_the_page_of_a_folder_without_it(tmp_path):
+    before, text = tmp_path / "studies.csv", "\n## What the runs warn of\n\n- in 9 of 30 runs: the bed sank by 7 mm\n"
+    before.write_text(
+        "study,rolling_model,reading,place,unit,mean,std,runs\n"
+        'base,type A,"geometric, apex",6,deg,36.2,3.8,3\n'
+        'base,type A,"geometric, apex",10,deg,36.9,,1\n'
+        'evaluation,type C,"geometric, apex, above the rim",90 mm,deg,33.9,0.9,3\n'
+    )
+    (tmp_path / "runs").mkdir()
+    heaps, _ = studies(["base"], seed=1, quick=True)
+    for one, angle in zip(heaps[:2], (50.0, 40.0), strict=True):
+        found = {"geometric_apex_deg": angle, "warnings": ["the bed sank by 4 mm; wait", "it hums; wait"]}
+        record = {"function": one.function, "settings": dict(one.settings), "inputs": one.inputs, "result": found}
+        (tmp_path / "runs" / one.file_name).write_text(json.dumps(record))
+
+    known = reproduction_page.points_run_before(before), reproduction_page.said_before(text)
+    shown = reproduction_page.kept(tmp_path / "runs", {}, *known)
+    written = page(shown, "reproduction.md")
+    assert "| 6 | 36.2 ± 3.8 (3) |\n" in written, "three heaps of before count more than a single one"
+    assert "| 10 | 40 (1) |\n" in written, "of as many the new one counts"
+    assert "| 90 mm | 33.9 ± 0.9 (3) |\n" in written
+    assert len(shown.study_rows) == 3
+    warned = written.partition("## What the runs warn of\n\n")[2].splitlines()
+    assert warned == ["- the bed sank by 7 mm", "- it hums"]
+
+
+def test_the_table_of_studies_holds_what_the_page_shows(tmp_path):
+    docs = Path(__file__).parent.parent / "docs"
+    known = reproduction_page.points_run_before(docs / "reproduction_studies.csv")
+
+    def of_studies(text):
+        return text.partition("\n## Number of particles")[2].partition("\n## What the paper leaves unsaid")[0]
+
+    shown = of_studies(page(reproduction_page.kept(tmp_path, {}, known), "reproduction.md"))
+    assert shown.count("\n## ") == 3
+    assert of_studies((docs / "reproduction.md").read_text(encoding="utf-8")) == shown

@@ -28,6 +28,7 @@ COLUMNS = (
     "paper_dem_std", "ours", "ours_std", "runs", "paper_dem_percent_deviation", "ours_percent_deviation",
     "ours_against_paper_dem_percent", "doubtful",
 )  # fmt: skip
+STUDY_COLUMNS = ("study", "rolling_model", "reading", "place", "unit", "mean", "std", "runs")
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,8 @@ class Reproduction:
     files: dict[str, Path] = field(default_factory=dict)
     replaced: str = ""
     """What the files held before and hold no longer."""
+    missing: tuple[str, ...] = ()
+    """What was only to be shown and is not kept."""
 
     @property
     def rows(self) -> list[dict[str, Any]]:
@@ -77,6 +80,29 @@ class Reproduction:
             )
         return found
 
+    def points(self, study: Study) -> Points:
+        """What there is of a study."""
+        return study.points(self.done.results)
+
+    @property
+    def study_rows(self) -> list[dict[str, Any]]:
+        """Rows of ``studies.csv``, one per point that there is: an angle, its mean and scatter over piles."""
+        return [
+            {
+                "study": study.name,
+                "rolling_model": study.rolling,
+                "reading": reading,
+                "place": place,
+                "unit": "deg",
+                "mean": mean,
+                "std": std,
+                "runs": runs,
+            }
+            for study in self.studies
+            for reading, found in self.points(study).items()
+            for place, mean, std, runs in found
+        ]
+
     @property
     def assumptions(self) -> Mapping[str, str]:
         """What the paper leaves unsaid in these cells, and what was taken instead."""
@@ -98,12 +124,14 @@ class Reproduction:
             "reference": hlosta2020.CITATION,
             "cells": self.rows,
             "scores": self.scores,
-            "studies": {study.name: study.points(self.done.results) for study in self.studies},
+            "studies": {study.name: self.points(study) for study in self.studies},
             "assumptions": dict(self.assumptions),
             "failures": dict(self.done.failures),
             "faults": list(self.done.faults),
+            "out_of_memory": list(self.done.out_of_memory),
             "warnings": list(self.warnings),
             "replaced": self.replaced,
+            "missing": list(self.missing),
             "files": {name: str(path) for name, path in self.files.items()},
         }
 
@@ -157,12 +185,14 @@ def reproduce(
     done = run_all(tuple(every.values()), out / "runs", workers=workers, only_kept=only_kept, progress=progress)
     if only_kept and not done.results:
         raise _none_kept(out)
-    reproduction = Reproduction(wanted.cells, done, out, tuple(shown))
+    missing = tuple(_not_kept(shown, done)) if only_kept else ()
+    reproduction = Reproduction(wanted.cells, done, out, tuple(shown), missing=missing)
     reproduction = replace(reproduction, replaced=_replaced(out / "cells.json", reproduction))
-    names = ("cells.csv", "cells.json", "report.html", "reproduction.md")
+    names = ("cells.csv", "studies.csv", "cells.json", "report.html", "reproduction.md")
     reproduction.files.update({name: out / name for name in names})
     contents = {
         "cells.csv": results.table(reproduction.rows, COLUMNS),
+        "studies.csv": results.table(reproduction.study_rows, STUDY_COLUMNS),
         "cells.json": results.document(reproduction.to_json()),
         "report.html": page(reproduction, "reproduction.html"),
         "reproduction.md": page(reproduction, "reproduction.md"),
@@ -176,6 +206,17 @@ def _none_kept(out: Path) -> BadInput:
         f"{out / 'runs'}: no finished run of what is asked for is kept there; leave --kept out to run it, or give "
         "--out, --seed and --rolling-model of the runs that were kept."
     )
+
+
+def _not_kept(shown: Sequence[Study], done: Done) -> Iterator[str]:
+    """Studies that are not kept as they are asked for."""
+    for study in shown:
+        names = [name for named in study.places.values() for name in named]
+        if lacking := sum(name not in done.results for name in names):
+            yield (
+                f"study {study.name}, {study.rolling}: lacks {lacking} of {len(names)} runs; "
+                "leave --kept out to run them"
+            )
 
 
 def _replaced(file: Path, reproduction: Reproduction) -> str:
@@ -210,7 +251,7 @@ def page(reproduction: Reproduction, template: str = "reproduction.html") -> str
     """The report as one HTML page, or as Markdown."""
     from rigtwin.compare.figures import study_figure
 
-    found = [(study, study.points(reproduction.done.results)) for study in reproduction.studies]
+    found = [(study, reproduction.points(study)) for study in reproduction.studies]
     drawn = [
         (study, _run_places(study, points), points, study_figure(study, points) if template.endswith(".html") else "")
         for study, points in found
