@@ -206,7 +206,7 @@ def test_the_checkpoint_of_another_run_is_refused_by_the_setting_that_differs(br
 
 def test_another_contact_makes_another_run(broken_off, tmp_path):
     broken_off(heap, 2, checkpoint=tmp_path / "heap.npz", checkpoint_interval=0)
-    with pytest.raises(BadInput, match=r"contact\.static_friction: 0.44 there, 0.5 here"):
+    with pytest.raises(BadInput, match=r"static friction of the contact: 0.44 there, 0.5 here"):
         pile.run(
             BOWL, D6, STEEL, replace(BEADS, static_friction=0.5), BASE,
             count=90, seed=5, settle_limit=0.3, checkpoint=tmp_path / "heap.npz",
