@@ -82,16 +82,14 @@ ImpactSpeed = Annotated[
 Kept = Annotated[
     Path | None,
     file_option(
-        "--checkpoint", "FILE.npz", "Keep the run here, and go on from it where it was stopped; its folder is made."
+        "--checkpoint",
+        "FILE.npz",
+        "Keep the run here, and go on from it where it was stopped; a folder that is not there is made.",
     ),
 ]
 Filmed = Annotated[
     Path | None,
-    file_option(
-        "--trajectory",
-        "FILE.gsd",
-        "Write the beads' motion for OVITO (.gsd) or ParaView (.vtkhdf); its folder is made.",
-    ),
+    file_option("--trajectory", "FILE.gsd", "Write the beads' motion for OVITO (.gsd) or ParaView (.vtkhdf)."),
 ]
 
 FillLimit = Annotated[float | None, quantity("--fill-limit", "time", "3s", "Longest wait for a filling to rest; 3 s.")]

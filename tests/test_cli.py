@@ -345,7 +345,7 @@ DRUM = ["simulate", "drum", "--drum-diameter", "40mm", "--speed", "10rpm"]
         ([*PILE, "--outlet-diameter", "95mm"], "--outlet-diameter: 95 mm is wider than the base of 90 mm"),
         (
             ["simulate", "pendulum", "--length", "6mm", "--release-angle", "45deg"],
-            "--length: 6 mm from hinge to centre",
+            "--length: 6 mm from hinge",
         ),
         (["simulate", "pendulum", "--length", "30cm", "--release-angle", "179deg"], "more than 175; give less"),
         (["simulate", "drop", "--drop-height", "300mm", "--seed", "2"], "--seed: D6 is a sphere"),
@@ -503,7 +503,7 @@ def test_a_bed_that_spilled_and_a_heap_that_moves_are_doubtful(capfd):
         assert all(why in q["doubtful"] for q in quantities), quantities
 
 
-def test_a_hopper_that_did_not_empty_has_doubtful_times_and_one_that_is_jammed_nothing_else(capfd):
+def test_a_hopper_that_jams_gives_only_doubtful_numbers(capfd):
     assert run(["simulate", "hopper", "--outlet", "18mm", "--count", "150", "--out", "jammed", "--json"]) == 0
     document = json.loads(capfd.readouterr().out)
     doubts = {one["quantity"]: one.get("doubtful", "") for one in document["quantities"]}
@@ -513,6 +513,15 @@ def test_a_hopper_that_did_not_empty_has_doubtful_times_and_one_that_is_jammed_n
         assert "of 150 beads had left" in why
         assert "arch over the outlet, which is 18 mm or 2.9 of their diameters wide" in why
     assert any("give a wider --outlet" in warning for warning in document["warnings"])
+
+
+def test_a_hopper_that_keeps_beads_around_its_outlet_has_doubtful_times_and_a_sound_flow(capfd):
+    flat = ["simulate", "hopper", "--outlet", "50mm", "--cone-height", "2mm", "--count", "400", "--out", "flat"]
+    assert run([*flat, "--json"]) == 0
+    doubts = {q["quantity"]: q.get("doubtful", "") for q in json.loads(capfd.readouterr().out)["quantities"]}
+    for name in ("discharge_time", "discharge_time_5_95", "last_particle_time"):
+        assert doubts[name].endswith("of 400 beads had left the hopper when the run ended")
+    assert doubts["mass_flow_rate"] == doubts["residue_fraction"] == ""
 
 
 def test_the_angle_of_a_handful_of_beads_in_a_drum_is_doubtful(capfd):
@@ -714,11 +723,11 @@ def test_a_twin_of_a_million_seconds_is_refused_at_once(rig, capfd):
         ),
         (
             "hopper --outlet 30mm --cone-height 1mm --count 60",
-            ["stay in the hopper around its outlet", "steeper walls"],
+            ["stay in the hopper around", "steeper walls"],
         ),
         (
             "pile --base-diameter 40mm --count 9 --pour-rate 20000/s",
-            ["--pour-rate: 20000 per second leave", "at most 7"],
+            ["--pour-rate: 20000 per second", "at most 7"],
         ),
         ("packing --count 9 --pour-rate 90000/s", ["--pour-rate: 90000 per second leave", "give at most"]),
         ("packing --count 9 --fall-height 9m --cylinder-height 8m", ["--fall-height: after a fall of 17 m", "lower"]),
@@ -726,7 +735,7 @@ def test_a_twin_of_a_million_seconds_is_refused_at_once(rig, capfd):
             "pile --base-diameter 60mm --count 9 --method pouring --lift-speed 100m/s",
             ["--lift-speed: a tube that is lifted at 100 m/s", "lift it more slowly"],
         ),
-        ("drum --drum-diameter 60mm --speed 3000rpm --depth 7mm --count 35 --turns 9", ["--speed: ", "more slowly"]),
+        ("drum --drum-diameter 60mm --speed 3000rpm --depth 12mm --turns 0.5", ["--speed: ", "more slowly"]),
         ("drum --drum-diameter 60mm --speed 10rpm --depth 7mm --fill 0.85", ["--fill: 81 beads", "find room"]),
         ("pendulum --length 190mm --release-angle 120deg", ["try a higher frame rate, a greater length."]),
     ],
