@@ -386,7 +386,7 @@ def pellets(**more) -> pile.Heap:
 
 
 def test_clumps_under_type_a_do_not_go_on_from_a_checkpoint_with_the_lever_of_before(pellets_of_before):
-    with pytest.raises(BadInput, match=r"another run \(rolling_lever: not said there, from a contact to the centre"):
+    with pytest.raises(BadInput, match=r"another run \(rolling lever: not said there, from a contact to the centre"):
         pellets(checkpoint=pellets_of_before("type A"), rolling="type A")
 
 
