@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any
 
+import typer
+
 from rigtwin.commands.options import Command, Json, Quiet, out_option, with_options, writable_folder
-from rigtwin.commands.show import progress_bars, show_measurement, show_twin, tell_going_on
+from rigtwin.commands.show import kept_in_words, progress_bars, show_measurement, show_twin
 
 Work = partial[Any]
 
@@ -59,9 +61,8 @@ def simulated(rig: str) -> Callable[[Command], Command]:
 
             check_only(rig, folder)
             checkpoint = work.keywords.get("checkpoint")
-            if checkpoint is not None and checkpoint.exists() and not hidden:
-                tell_going_on(checkpoint)
-            twin = _done(work, hidden=hidden)
+            going_on = "" if checkpoint is None or hidden else kept_in_words(checkpoint)
+            twin = _done(work, hidden=hidden, first=going_on)
         show_twin(twin, folder, as_json, quiet)
 
     return lambda command: with_options(command, _with_out(f"Folder for results; {default} by default."), around)
@@ -81,10 +82,24 @@ def _told_by_option(names: Collection[str]) -> Iterator[None]:
         raise BadInput(f"--{name.replace('_', '-')}:{why}") from error
 
 
-def _done(work: Work, *, hidden: bool) -> Any:
-    with progress_bars(hidden) as progress:
+def _done(work: Work, *, hidden: bool, first: str = "") -> Any:
+    """What the work gives; `first` is told as it reports that it goes, or has gone: before that it may refuse to."""
+
+    @cache
+    def tell() -> None:
+        if first:
+            typer.echo(first, err=True)
+
+    with progress_bars(hidden) as bars:
+
+        def progress(stage: str, done: float, total: float) -> None:
+            tell()
+            bars(stage, done, total)
+
         try:
-            return work(progress=progress)
+            found = work(progress=progress)
+            tell()
+            return found
         except KeyboardInterrupt as stop:
             if not (kept := getattr(stop, "__notes__", None)):
                 raise

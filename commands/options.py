@@ -261,7 +261,7 @@ def _size(text: str, dimension: str, name: str, zero: bool, highest: float) -> f
     if dimension == "angle" and value > highest:
         raise BadQuantity(
             f"{name}: {text!r} is {math.degrees(value):.4g} degrees, more than {math.degrees(highest):.4g}; "
-            "write an angle with its unit, like '45deg'."
+            "give less, with the angle's unit, like '45deg'."
         )
     if value > highest:
         raise BadQuantity(f"{name}: {text!r} is too large; give at most {highest:g}.")

@@ -104,12 +104,14 @@ def _show_scale(console: Console, camera: Mapping[str, Any]) -> None:
             console.print(f"[dim]scale:[/dim] {known} mm/px, from {escape(str(source))}")
 
 
-def tell_going_on(checkpoint: Path) -> None:
-    """A line on stderr from where a run goes on that was stopped."""
+def kept_in_words(checkpoint: Path) -> str:
+    """From where a run goes on that was stopped; empty where it begins, or where there is nothing to go on from."""
+    if not checkpoint.exists():
+        return ""
     from rigtwin.sim.engine.checkpoint import kept_time
 
-    if (kept := kept_time(checkpoint)) is not None:
-        sys.stderr.write(f"{checkpoint} is kept at t = {kept:.4g} s; the run goes on from there.\n")
+    kept = kept_time(checkpoint)
+    return "" if kept is None else f"{checkpoint} is kept at t = {kept:.4g} s; the run goes on from there."
 
 
 def show_twin(twin: Twin, out: Path, as_json: bool, quiet: bool) -> None:

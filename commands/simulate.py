@@ -80,7 +80,12 @@ ImpactSpeed = Annotated[
     quantity("--impact-speed", "speed", "1m/s", "Where linear springs are as stiff as Hertz's contacts; 1 m/s."),
 ]
 Kept = Annotated[
-    Path | None, file_option("--checkpoint", "FILE.npz", "Keep the run here, and go on from it where it was stopped.")
+    Path | None,
+    file_option(
+        "--checkpoint",
+        "FILE.npz",
+        "Keep the run here, and go on from it where it was stopped; a folder that is not there is made.",
+    ),
 ]
 Filmed = Annotated[
     Path | None,
@@ -93,7 +98,9 @@ SettleLimit = Annotated[
 ]
 
 STEEPEST = math.radians(85)  # [rad], of a slope that is one and no wall
-UPSIDE_DOWN = math.radians(179)  # [rad], nearly; from the very top a pendulum never falls
+# [rad], of a pendulum's release; nearer to the top it hangs for so long that its record holds several collisions, of
+# which the first cannot be told
+UPSIDE_DOWN = math.radians(175)
 
 Run = Any  # what `bulk` makes of the options of a rig of many particles
 
@@ -207,7 +214,9 @@ def simulate_drop(
     restitution: Restitution = None,
     frame_rate: TwinRate = 240.0,
     duration: Duration = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of how a clump is turned.")] = 1,
+    seed: Annotated[
+        int | None, typer.Option("--seed", min=0, help="Seed of how a clump is turned; 1.", show_default=False)
+    ] = None,
 ) -> Work:
     """A bead or a clump dropped on a plate."""
     from rigtwin.compare import cast
@@ -216,12 +225,17 @@ def simulate_drop(
 
     if bounces is not None and duration is not None:
         raise BadInput("--bounces and --duration both say when the record ends; leave one of them out.")
+    if turned is not None:
+        not_beside("--turned", "nothing is left to chance", {"--seed": seed})
     rig = Drop(drop_height, turned=turned) if bounces is None else Drop(drop_height, bounces, turned)
     model = cast.model_of(lab)
     bead, plate = cast.particle(particle, model), cast.wall(wall, model)
+    if seed is not None and bead.shape is None:
+        raise BadInput(f"--seed: {bead.name} is a sphere, of whose fall nothing is left to chance; leave it out.")
     contact = cast.contact(bead.name, plate.name, model, ("restitution",), restitution=restitution)
     from rigtwin.compare.few_twins import drop_twin
 
+    seed = 1 if seed is None else seed
     return partial(drop_twin, rig, bead, plate, contact, frame_rate=frame_rate, duration=duration, seed=seed)
 
 

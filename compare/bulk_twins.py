@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.compare.doubts import spoilt
+from rigtwin.compare.doubts import spoilt, warned
 from rigtwin.compare.twin import Twin, settings_of, stated
-from rigtwin.lab.errors import BadInput
+from rigtwin.lab.drum import froude_check
+from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.materials import PACKING, Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Evaluation, doubted, failed
+from rigtwin.lab.quantity import Evaluation, Quantity, doubted, failed
 from rigtwin.lab.records import Profile, Series
 from rigtwin.lab.rigs import Drum, Hopper, Packing, Pile
 
@@ -90,6 +91,7 @@ def packing_twin(
     `pour_rate` [1/s] and limits [s] as in `rigtwin.sim.packing.run`.
     """
     from rigtwin.sim import packing
+    from rigtwin.sim.fill import arch_in_words
 
     begun = time.perf_counter()
     waits = stated(fill_limit=fill_limit, settle_limit=settle_limit)
@@ -104,6 +106,9 @@ def packing_twin(
             bead_diameter=cast.particle.diameter,
         )
     except BadInput as error:
+        if bed.stuck:
+            jam = arch_in_words(f"{bed.stuck} of {bed.placed} particles", bed.outlet_diameter, cast.particle)
+            raise BadInput(f"outlet_diameter: {jam}, and leave no bed below; give a wider one.") from error
         layer = _one_layer(rig, cast.particle)
         if bed.placed - bed.missed >= layer:
             raise
@@ -115,6 +120,7 @@ def packing_twin(
         "asked": bed.asked,
         "placed": bed.placed,
         "missed": bed.missed,
+        "stuck": bed.stuck,
         "at_rest": bed.at_rest,
         "surface_height_m": bed.height,
         "packing_fraction": bed.packing_fraction,
@@ -147,14 +153,22 @@ def drum_twin(
     rotation = drum.run(rig, *cast, count=count, turns=turns, seed=seed, progress=progress, **waits, **numerics)
     from rigtwin.measure import drum as ruler  # not before the run, which begins the sooner
 
-    evaluation = ruler.evaluate(
-        rotation.profiles[1:],  # without the bed at rest
-        rotation.time[1:],
-        drum_diameter=rig.diameter,
-        speed=abs(rig.speed),
-        bead_diameter=cast.particle.diameter,
-    )
     checks = drum.checks(rig, cast.particle, rotation)
+    try:
+        evaluation = ruler.evaluate(
+            rotation.profiles[1:],  # without the bed at rest
+            rotation.time[1:],
+            drum_diameter=rig.diameter,
+            speed=abs(rig.speed),
+            bead_diameter=cast.particle.diameter,
+        )
+    except NothingToMeasure as error:
+        flows = froude_check(rig.speed, rig.diameter / 2)
+        if not flows.passed:
+            raise BadInput(f"speed: {flows.message}") from error
+        if why := failed(checks):
+            raise BadInput(f"{'fill' if count is None else 'count'}: {why}.") from error
+        raise
     angles = tuple(doubted(one, failed(checks)) for one in evaluation.quantities)
     mixed = (rotation.mixed.quantity(turns),) if math.isfinite(rotation.mixed.index) else ()
     evaluation = replace(evaluation, quantities=(*angles, *mixed), checks=(*checks, *evaluation.checks))
@@ -198,9 +212,9 @@ def hopper_twin(
     try:
         evaluation = ruler.evaluate(discharge.mass_left, total_mass=count * cast.particle.mass, opened=0.0)
     except BadInput as error:
-        if why := _no_flow(discharge, duration):
-            raise BadInput(why) from error
-        raise
+        raise BadInput(_no_flow(rig, cast.particle, discharge, duration)) from error
+    if discharge.remaining:
+        evaluation = _not_emptied(evaluation, discharge)
     course = {
         "asked": discharge.asked,
         "emptied": discharge.emptied,
@@ -224,8 +238,21 @@ def _one_layer(rig: Packing, particle: Particle) -> int:
     return math.ceil(PACKING * math.pi / 4 * rig.cylinder_diameter**2 * particle.diameter / particle.volume)
 
 
-def _no_flow(discharge: Discharge, duration: float | None) -> str:
-    """What setting is to blame where no discharge can be read from the run; empty where it is the hopper itself."""
+def _not_emptied(evaluation: Evaluation, discharge: Discharge) -> Evaluation:
+    """Times of a hopper that holds particles still are doubtful, and where these arch over its outlet all that left."""
+    why = next(sentence for sentence in warned({"warnings": discharge.warnings}) if sentence.startswith("only "))
+
+    def doubtful(one: Quantity) -> bool:
+        return one.quantity != "opening_time" and (discharge.arched or one.unit == "s")
+
+    return replace(
+        evaluation, quantities=tuple(doubted(one, why) if doubtful(one) else one for one in evaluation.quantities)
+    )
+
+
+def _no_flow(rig: Hopper, particle: Particle, discharge: Discharge, duration: float | None) -> str:
+    """What setting is to blame where no discharge can be read from the run."""
+    from rigtwin.sim.fill import arch_in_words
     from rigtwin.sim.hopper import STUCK
 
     end = float(discharge.mass_left.time[-1])
@@ -234,13 +261,16 @@ def _no_flow(discharge: Discharge, duration: float | None) -> str:
             f"a count of {discharge.asked} makes no flow: all is out after {end:.2g} s; "
             "give more particles or a narrower outlet."
         )
+    stay = f"{discharge.remaining} of {discharge.asked} particles"
+    if discharge.arched:
+        return f"outlet: {arch_in_words(stay, rig.outlet, particle)}; give a wider one."
     latest = float(discharge.outlet_times[-1]) if discharge.emptied else 0.0
     if duration is not None and end >= duration and end - latest <= STUCK:
         return (
             f"duration: {duration:g} s after the opening {discharge.emptied} of {discharge.asked} particles have left "
             "and more are on their way; give a longer duration, or none to wait until the flow has stopped."
         )
-    return ""
+    return f"{stay} stay in the hopper around its outlet; give steeper walls or a wider outlet."
 
 
 def _twin(

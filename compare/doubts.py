@@ -9,7 +9,7 @@ from typing import Any
 _NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 _SHARE = re.compile(r"^only (\d+) of (\d+)")
 # what a run's numbers hang on; how far beads are pressed into each other is that of the paper's own stiffness
-_SPOILS = re.compile(r"still moving|^only \d|did not stay|reaches above|does not close")
+_SPOILS = re.compile(r"still moving|^only \d|arch over|did not stay|reaches above|does not close")
 # these leave a hopper's flow as it is; and one that is watched for a stated time need not be empty after it
 _OF_HEAP, _OF_REST = "the heap was still moving", "had left the hopper"
 _OPTION = re.compile(r"--[a-z][a-z-]*")

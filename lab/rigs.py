@@ -255,5 +255,6 @@ RigSettings = (
 def _stated(key: str, stated: float | None, measured: float | None) -> float:
     value = stated if stated is not None else measured
     if value is None:
-        raise BadInput(f"{key} is neither stated nor measured; add {key} to the experiment in lab.toml.")
+        words = key.replace("_", " ")
+        raise BadInput(f"the {words} is neither stated nor measured; add {key} to the experiment in lab.toml.")
     return value

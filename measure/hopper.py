@@ -227,7 +227,7 @@ def _evaluate(
         last = _last_loss(time, share)
     if not last.time > opened.time:
         raise NothingToMeasure(
-            f"{left.quantity}: the last particle leaves at {last.time:.4g} s, "
+            f"{_named(left)}: the last particle leaves at {last.time:.4g} s, "
             f"before the opening at {opened.time:.4g} s; check the time of opening."
         )
     stays = float(share[-1]) if residue is None else residue
@@ -313,17 +313,17 @@ def _share_left(left: Series) -> tuple[Array, Array, float]:
     time, value = np.asarray(left.time, dtype=np.float64), np.asarray(left.value, dtype=np.float64)
     if time.shape != value.shape or len(time) < 5:
         raise BadInput(
-            f"{left.quantity}: needs at least five times, each with one value; got {len(time)}, {len(value)}."
+            f"{_named(left)}: needs at least five times, each with one value; got {len(time)}, {len(value)}."
         )
     if not np.all(np.isfinite(time)) or not np.all(np.diff(time) > 0):
-        raise BadInput(f"{left.quantity}: time does not rise from value to value; sort the series.")
+        raise BadInput(f"{_named(left)}: time does not rise from value to value; sort the series.")
     seen = np.isfinite(value)
     if seen.sum() < 5:
-        raise BadInput(f"{left.quantity}: holds fewer than five finite values.")
+        raise BadInput(f"{_named(left)}: holds fewer than five finite values.")
     value = np.interp(time, time[seen], value[seen])
     full = float(np.median(value[: max(3, len(value) // 50)]))
     if not full > 0:
-        raise BadInput(f"{left.quantity}: begins at {full:g}; give what is left from before the opening on.")
+        raise BadInput(f"{_named(left)}: begins at {full:g}; give what is left from before the opening on.")
     if float(value[-1]) > 0.7 * full:
         percent = 100 * float(value[-1]) / full
         tail = value[-max(5, len(value) // 10) :]
@@ -333,8 +333,12 @@ def _share_left(left: Series) -> tuple[Array, Array, float]:
             if stopped
             else "beads still leave; give a record that goes on until the flow has stopped"
         )
-        raise NothingToMeasure(f"{left.quantity}: {percent:.0f} % is still left at the end and {advice}.")
+        raise NothingToMeasure(f"{_named(left)}: {percent:.0f} % is still left at the end and {advice}.")
     return time, value / full, full
+
+
+def _named(left: Series) -> str:
+    return left.quantity.replace("_", " ")
 
 
 def _noise(share: Array) -> float:

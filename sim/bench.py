@@ -95,6 +95,18 @@ class Bench:
         fraction, forced = self.numerics.get("time_step_fraction", USUAL), self.numerics.get("forced", False)
         return time_step([self.soft], fraction, forced=forced)
 
+    @property
+    def fastest(self) -> float:
+        """[m/s], that a bead or a wall may have: what goes further in a step misses contacts."""
+        from rigtwin.sim.engine.bulk import STEP_IN_RADII
+
+        return STEP_IN_RADII * min(self.soft.radii) / self.time_step()[0]
+
+    @property
+    def falls_freely(self) -> bool:
+        """Whether nothing of the model, as the drag of air, slows what falls."""
+        return not self.numerics.get("effects")
+
     def bulk(
         self,
         shapes: Sequence[Shape],

@@ -34,6 +34,7 @@ Array = npt.NDArray[np.float64]
 DEPTH = 0.5  # of the diameter, where the rig does not say
 FULLEST = 0.9  # part of the drum, beyond which nothing turns over
 STEADY_AFTER = 0.25  # turns
+SHALLOWEST, SHORTEST = 3.0, 6.0  # bead diameters, of a bed and of its surface, below which single beads make the angle
 FEWEST_LOOKS = 5  # at the steady bed; the scatter of fewer is known no better than to a third
 
 
@@ -80,6 +81,7 @@ def run(
     depth, part = _filled_in(rig)
     positive(turns=turns, interval=interval, fill_limit=fill_limit)
     fill_from = _given(rig.fill) if count is None else "by the number of beads given"
+    said = "fill" if count is None else "count"
     if count is None:
         volume = math.pi / 4 * rig.diameter**2 * depth
         count = max(1, round(part * PACKING * volume / particle.volume))
@@ -90,7 +92,7 @@ def run(
     with bench.logbook(bulk, seed=seed, **asked) as logbook:
         if kept := logbook.resume():
             course.go_on(kept)
-        _scatter(bulk, logbook, course, rig, depth, particle, count, progress)
+        _scatter(bulk, logbook, course, rig, depth, particle, count, said, progress)
         _settle(bulk, logbook, course, rig, particle, fill_limit, progress)
         _turn(bulk, logbook, course, rig, particle, turns, interval, progress)
     times, beads, grains = np.array(course.times), bulk.beads(), bulk.grains()
@@ -134,10 +136,20 @@ def run(
 def checks(rig: Drum, particle: Particle, rotation: Rotation) -> tuple[Check, ...]:
     """Whether the bed can flow, and turned for long enough from rest: what a film that begins later cannot tell."""
     share = _share(rotation.count, rig, _filled_in(rig)[0], particle)
+    high, long = (size / particle.equivalent_diameter for size in _across(share, rig.diameter))
+    enough = high >= SHALLOWEST and long >= SHORTEST
     looks = int((rotation.time >= rotation.steady_from).sum())
     longer = rotation.turns >= 2 * STEADY_AFTER and looks >= FEWEST_LOOKS
     return (
         fill_check(share, f"{rotation.count} beads fill"),
+        Check(
+            "beads_enough",
+            enough,
+            high,
+            SHALLOWEST,
+            f"the bed of {rotation.count} beads is {high:.2g} diameters high and its surface {long:.2g} long"
+            + ("." if enough else f": single beads make its slope; give more, for {SHALLOWEST:g} and {SHORTEST:g}."),
+        ),
         Check(
             "turned_enough",
             longer,
@@ -182,6 +194,13 @@ def _share(count: int, rig: Drum, depth: float, particle: Particle) -> float:
     return count * particle.volume / PACKING / volume
 
 
+def _across(share: float, diameter: float) -> tuple[float, float]:
+    """Height of a level bed that fills this share of a drum, and the length of its surface [m]."""
+    angle = np.linspace(0, 2 * math.pi, 721)  # [rad], that the surface takes up, seen from the axis
+    taken = float(np.interp(share, (angle - np.sin(angle)) / (2 * math.pi), angle))
+    return diameter / 2 * (1 - math.cos(taken / 2)), diameter * math.sin(taken / 2)
+
+
 def _scatter(
     bulk: Bulk,
     logbook: Logbook,
@@ -190,6 +209,7 @@ def _scatter(
     depth: float,
     particle: Particle,
     count: int,
+    said: str,
     progress: Progress,
 ) -> None:
     half, deep = rig.diameter / 2, depth / 2
@@ -199,7 +219,7 @@ def _scatter(
         return np.asarray(free & (deep - np.abs(points[:, 1]) > clear))
 
     low = np.array([-half, -deep, -half])
-    fill.scatter_in_turns(bulk, logbook, course, count, inside, (low, -low), particle, progress)
+    fill.scatter_in_turns(bulk, logbook, course, count, inside, (low, -low), particle, progress, said)
 
 
 def _shapes(rig: Drum, depth: float) -> tuple[Shape, ...]:
@@ -315,6 +335,7 @@ def check(rig: Drum, particle: Particle, *, count: int | None) -> None:
             f"drum_diameter: a drum of {rig.diameter * 1e3:.3g} mm is too small for beads of "
             f"{particle.diameter * 1e3:.3g} mm; give at least four bead diameters."
         )
+    fill.need_gap("depth", depth, particle)
     if count is None:
         return
     if count < 1:

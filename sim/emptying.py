@@ -81,6 +81,9 @@ class Emptying:
             "filling": "scattered in the container and let fall until it rested",
         }
 
+    def need_bearable(self, fastest: float, *, falls_freely: bool) -> None:
+        """Beads that leave are only followed for a little way down."""
+
     def form(self, bulk: Bulk, logbook: Logbook, course: Course, progress: Progress) -> None:
         """Fill the container and open its drain."""
         if not course.placed:
@@ -108,7 +111,7 @@ def emptying(rig: Pile, particle: Particle, count: int, fill_limit: float) -> Em
     drain = usual if rig.drain_diameter is None else rig.drain_diameter
     positive(drain_diameter=drain, fill_limit=fill_limit)
     if rig.rim_height:
-        raise BadInput("rim_height: a container that is emptied has a wall, not a rim; leave rim_height out.")
+        raise BadInput("rim_height: a container that is emptied has a wall, not a rim; leave it out.")
     if drain < 2 * particle.diameter:
         raise BadInput(
             f"drain_diameter: {drain * 1e3:.3g} mm lets no beads of {particle.diameter * 1e3:.3g} mm through; give "

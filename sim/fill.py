@@ -87,6 +87,31 @@ def outlet(particle: Particle, diameter: float, height: float, rate: float | Non
     return Outlet(diameter, height, rate, max(math.sqrt(GRAVITY * diameter / 2), thinnest), rate_from)
 
 
+def need_bearable(source: str, rate: float, speed: float, fastest: float) -> None:
+    """Refuse a `rate` [1/s] that throws particles through `source` as fast as no time step bears; speeds in m/s."""
+    if speed >= fastest:
+        raise BadInput(
+            f"pour_rate: {rate:g} per second leave {source} at {speed:.3g} m/s, and the time step bears "
+            f"{fastest:.3g} m/s; give at most {math.floor(0.99 * rate * fastest / speed)} per second or a wider outlet."
+        )
+
+
+def need_bearable_fall(name: str, fall: float, speed: float, fastest: float) -> None:
+    """Refuse the setting `name` where particles thrown down at `speed` [m/s] come too fast after a `fall` [m]."""
+    lands = math.sqrt(speed**2 + 2 * GRAVITY * fall)
+    if lands >= fastest:
+        raise BadInput(
+            f"{name}: after a fall of {fall:.3g} m particles come down at {lands:.3g} m/s, and the time step bears "
+            f"{fastest:.3g} m/s; make it lower, or give a larger --stiffness-factor."
+        )
+
+
+def arch_in_words(who: str, width: float, particle: Particle) -> str:
+    """What to say of particles that jam the outlet of a hopper, `width` [m] wide."""
+    diameters = width / particle.diameter
+    return f"{who} arch over the outlet, which is {width * 1e3:.3g} mm or {diameters:.2g} of their diameters wide"
+
+
 def beverloo(particle: Particle, outlet: float, grain: float) -> float:
     """Particles per second through a round outlet [m], by Beverloo's law; `grain` [m] is the diameter it goes by.
 
@@ -189,8 +214,12 @@ def scatter_in_turns(
     box: tuple[Array, Array],
     particle: Particle,
     progress: Progress,
+    said: str = "count",
 ) -> None:
-    """As `scatter`, but what finds no room waits until those before it have fallen: clumps lie closer than lattices."""
+    """As `scatter`, but what finds no room waits until those before it have fallen: clumps lie closer than lattices.
+
+    `said` is the setting that told how many there are.
+    """
     steps = max(1, round(LOOK / bulk.time_step))
     while course.placed < count:
         taken = bulk.grains().position
@@ -198,7 +227,7 @@ def scatter_in_turns(
         new, shift = _sites(count - course.placed, inside, box, particle, taken, phase)
         new = new[: count - course.placed]
         if not len(new) and course.patience == PATIENCE:
-            raise _too_many(count, particle, course.placed)
+            raise _too_many(count, particle, course.placed, said)
         if len(new):
             _place(bulk, new, shift, particle, course.random)
         course.patience = 0 if len(new) else course.patience + 1
@@ -241,9 +270,9 @@ def _place(bulk: Bulk, sites: Array, shift: float, particle: Particle, random: n
     bulk.add(places, velocities, turn=turn)
 
 
-def _too_many(count: int, particle: Particle, room: int) -> BadInput:
+def _too_many(count: int, particle: Particle, room: int, said: str = "count") -> BadInput:
     more = f"at most {room} find room" if room else "give more room or smaller beads"
-    return BadInput(f"count: {count} beads of {particle.diameter * 1e3:.3g} mm do not fit in; {more}.")
+    return BadInput(f"{said}: {count} beads of {particle.diameter * 1e3:.3g} mm do not fit in; {more}.")
 
 
 def loose_height(particle: Particle, count: int, diameter: float) -> float:
@@ -296,6 +325,16 @@ def settle_and_let_go(
     """Wait until the filling is quiet enough to be let go, and note when that was and whether it was in time."""
     course.in_time = settle(bulk, logbook, course, particle, limit, progress, still=SETTLED, every=every)
     course.let_go, course.settling_until, course.quiet = bulk.time, None, 0
+
+
+def need_gap(name: str, gap: float, particle: Particle) -> None:
+    """Refuse the setting `name`, a `gap` [m] between two upright walls, where no particle finds room in it."""
+    least = TIGHTEST * particle.diameter
+    if gap < least:
+        raise BadInput(
+            f"{name}: {gap * 1e3:.3g} mm between the end walls leave no room for particles of "
+            f"{particle.diameter * 1e3:.3g} mm; give at least {math.ceil(least * 1e4) / 10:g} mm."
+        )
 
 
 def in_tube(diameter: float) -> Inside:

@@ -56,6 +56,7 @@ class Discharge:
     asked: int
     emptied: int
     remaining: int
+    arched: bool  # whether nothing left any more, with particles over the outlet
     centres: Array  # [m], shape (n, 3), of the spheres that are there in the end
     radii: Array  # [m], shape (n,)
     pile: Profile | None  # outline of the heap on slide and floor, seen along the slot
@@ -100,7 +101,7 @@ def run(
         else:
             fill.scatter(bulk, count, plan.inside, plan.filled, particle, np.random.default_rng(seed))
         _settle(bulk, logbook, course, particle, fill_limit, progress)
-        _discharge(bulk, logbook, course, duration, progress)
+        _discharge(bulk, logbook, course, plan, duration, progress)
         at_rest = not plan.floor or fill.settle(bulk, logbook, course, particle, settle_limit, progress, every=LOOK)
     beads = bulk.beads()
     times = np.sort(np.array([when for when in course.left_at if when is not None], dtype=float))
@@ -113,6 +114,7 @@ def run(
         asked=count,
         emptied=emptied,
         remaining=count - emptied,
+        arched=course.arched,
         centres=beads.position,
         radii=beads.radius,
         pile=_heap(beads, particle, plan) if plan.floor else None,
@@ -126,7 +128,7 @@ def run(
             "filling": f"scattered above the outlet and let fall, {course.let_go:.2f} s until the bed rested",
             **bench.assumptions(),
         },
-        warnings=bench.warnings(bulk, logbook) + _warnings(course, emptied, count, at_rest),
+        warnings=bench.warnings(bulk, logbook) + _warnings(rig, particle, course, emptied, count, at_rest),
     )
 
 
@@ -172,6 +174,13 @@ class _Plan:
     inside: fill.Inside
     floor: float  # [m], height of the floor below the outlet, negative; 0: there is none
     assumptions: dict[str, str]
+    outlet: float  # [m], diameter, or width of the slot
+    round: bool  # else a slot along y
+
+    def over_outlet(self, centres: Array) -> bool:
+        """Whether particles stand over the middle of the outlet; those that lie around it do not jam it."""
+        aside = np.hypot(centres[:, 0], centres[:, 1]) if self.round else np.abs(centres[:, 0])
+        return bool(((aside < self.outlet / 4) & (centres[:, 2] > 0)).any())
 
 
 def _plan(rig: Hopper, particle: Particle, count: int) -> _Plan:
@@ -193,6 +202,8 @@ def _conical(rig: Hopper, particle: Particle, room: float) -> _Plan:
             "cylinder": f"{rig.diameter * 1e3:.3g} mm wide and as high as the filling needs, on a cone of "
             f"{cone * 1e3:.3g} mm height",
         },
+        outlet=rig.outlet,
+        round=True,
     )
 
 
@@ -248,6 +259,8 @@ def _slot(rig: Hopper, particle: Particle, room: float) -> _Plan:
             "slide_angle": f"{math.degrees(angle):.3g} degrees ({_given(rig.slide_angle)})",
             "floor": f"{-floor * 1e3:.3g} mm below the slot, at the slide's end, {width * 1e3:.3g} mm long",
         },
+        outlet=rig.outlet,
+        round=False,
     )
 
 
@@ -264,6 +277,7 @@ class _Course(fill.Filling):
 
     count: int
     emptied_at: float | None = None  # [s], when the last bead left, or no more came
+    arched: bool = False
     left_at: list[float | None] = field(default_factory=list)  # [s], after the opening, of each bead
     looks: list[tuple[float, int]] = field(default_factory=list)  # [s] after the opening, beads left inside
 
@@ -281,7 +295,9 @@ def _settle(
         bulk.remove_wall(LID)
 
 
-def _discharge(bulk: Bulk, logbook: Logbook, course: _Course, duration: float | None, progress: Progress) -> None:
+def _discharge(
+    bulk: Bulk, logbook: Logbook, course: _Course, plan: _Plan, duration: float | None, progress: Progress
+) -> None:
     """Look who has left until nobody does any more."""
     assert course.let_go is not None
     steps = max(1, round(LOOK / bulk.time_step))
@@ -294,6 +310,7 @@ def _discharge(bulk: Bulk, logbook: Logbook, course: _Course, duration: float | 
         last = max((when for when in course.left_at if when is not None), default=0.0)
         if inside == 0 or now - last > STUCK or (duration is not None and now >= duration):
             course.emptied_at = bulk.time
+            course.arched = now - last > STUCK and plan.over_outlet(bulk.grains().position)
         logbook.look(course.kept())
         progress("emptying", float(course.count - inside), float(course.count))
 
@@ -351,18 +368,24 @@ def check(rig: Hopper, particle: Particle, *, count: int, duration: float | None
         raise BadInput(
             f"outlet: {rig.outlet * 1e3:.3g} mm lets no bead of {particle.diameter * 1e3:.3g} mm through; widen it."
         )
+    if rig.variant == "slot":
+        fill.need_gap("depth", SLOT_LENGTH if rig.slot_length is None else rig.slot_length, particle)
     if count < 1:
         raise BadInput(f"count: {count} beads fill no hopper; give at least 1.")
     if duration is not None:
         positive(duration=duration)
 
 
-def _warnings(course: _Course, emptied: int, count: int, at_rest: bool) -> tuple[str, ...]:
+def _warnings(
+    rig: Hopper, particle: Particle, course: _Course, emptied: int, count: int, at_rest: bool
+) -> tuple[str, ...]:
     warnings = []
     if not course.in_time:
         warnings.append("the bed was still moving when the outlet was opened; raise --fill-limit")
     if emptied < count:
-        warnings.append(f"only {emptied} of {count} beads had left the hopper when the run ended")
+        jam = fill.arch_in_words("the others", rig.outlet, particle)
+        why = f": {jam}; give a wider --outlet" if course.arched else ""
+        warnings.append(f"only {emptied} of {count} beads had left the hopper when the run ended{why}")
     if not at_rest:
         warnings.append("the heap was still moving when the time limit was reached; raise --settle-limit")
     return tuple(warnings)

@@ -50,7 +50,9 @@ class Bed:
     time: float  # [s], simulated
     asked: int
     placed: int
-    missed: int  # particles that did not stay in the cylinder
+    missed: int  # particles that did not stay in the cylinder, without those that are
+    stuck: int  # in the hopper still, as they arch over its outlet
+    outlet_diameter: float  # [m]
     computing: float  # [s], of processor time, in all processes that the run took; NaN where one did not tell
     statistics: dict[str, float] = field(default_factory=dict)
     history: History | None = None
@@ -107,6 +109,10 @@ def run(
     bench = Bench(rig, particle, wall, contact, wall_contact, numerics)
     opening = OUTLET * rig.cylinder_diameter if rig.outlet_diameter is None else rig.outlet_diameter
     source = fill.outlet(particle, opening, rig.cylinder_height + rig.fall_height, pour_rate, LEAST_RATE)
+    fill.need_bearable(f"an outlet of {opening * 1e3:.3g} mm", source.rate, source.speed, bench.fastest)
+    if bench.falls_freely:
+        higher = "fall_height" if rig.fall_height > rig.cylinder_height else "cylinder_height"
+        fill.need_bearable_fall(higher, source.height, source.speed, bench.fastest)
     hopper = None if rig.hopper_diameter is None else Hopper(rig.hopper_diameter, source, particle, count)
     shapes = _shapes(rig) if hopper is None else [*_shapes(rig), *hopper.shapes]
     bulk = bench.bulk(shapes, _domain(rig, particle, source, hopper), skin=fill.SKIN)
@@ -123,6 +129,7 @@ def run(
     return _bed(
         rig,
         particle,
+        source,
         bulk,
         logbook,
         at_rest=at_rest,
@@ -229,6 +236,7 @@ def _shapes(rig: Packing) -> list[Shape]:
 def _bed(
     rig: Packing,
     particle: Particle,
+    source: fill.Outlet,
     bulk: Bulk,
     logbook: Logbook,
     *,
@@ -241,8 +249,10 @@ def _bed(
     beads, grains = bulk.beads(), bulk.grains()
     z = grains.position[:, 2]
     within = (np.hypot(*grains.position[:, :2].T) < rig.cylinder_diameter / 2) & (z > 0)
+    stuck = 0
     if rig.hopper_diameter is not None:  # some may be stuck in it
-        within &= z < rig.cylinder_height + rig.fall_height
+        within &= z < source.height
+        stuck = int((z > source.height).sum())
     spheres = np.isin(beads.ident if beads.grain is None else beads.grain, grains.ident[within])
     centres, radii = beads.position[spheres], beads.radius[spheres]
     heights = surface(centres, radii, rig.cylinder_diameter)
@@ -252,9 +262,15 @@ def _bed(
         said.append("the filling of the hopper was still moving when its slide was drawn; raise --fill-limit")
     if placed < asked:
         said.append(f"only {placed} of {asked} particles found room below the outlet")
-    if missed := placed - int(within.sum()):
+    overfull = bool(heights.max(initial=0.0) > rig.cylinder_height)
+    if overfull:  # what it does not hold stands up to the hopper
+        stuck = 0
+    if stuck:
+        jam = fill.arch_in_words(f"{stuck} of {placed} particles", source.diameter, particle)
+        said.append(f"{jam}; give a wider --outlet-diameter")
+    if missed := placed - int(within.sum()) - stuck:
         said.append(f"{missed} of {placed} particles did not stay in the cylinder")
-    if heights.max(initial=0.0) > rig.cylinder_height:
+    if overfull:
         said.append("the bed reaches above the cylinder; give a larger --cylinder-height or fewer particles")
     if not at_rest:
         said.append("the bed was still moving when the time limit was reached; raise --settle-limit")
@@ -271,6 +287,8 @@ def _bed(
         asked=asked,
         placed=placed,
         missed=missed,
+        stuck=stuck,
+        outlet_diameter=source.diameter,
         computing=logbook.computing,
         statistics=logbook.statistics(),
         history=logbook.history,

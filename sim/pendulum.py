@@ -144,7 +144,12 @@ def _heavier(particle: Particle, rod_mass: float) -> float:
 def _check(rig: Pendulum, particle: Particle, frame_rate: float, wall: Material | None) -> None:
     positive(length=rig.length, release_angle=rig.release_angle, frame_rate=frame_rate)
     if rig.release_angle >= math.pi:
-        raise BadInput(f"release_angle must be below 180 deg, got {math.degrees(rig.release_angle):g} deg.")
+        raise BadInput(f"release_angle: {math.degrees(rig.release_angle):g} degrees are not below 180; give fewer.")
+    if rig.length < particle.diameter:
+        raise BadInput(
+            f"length: {rig.length * 1e3:.3g} mm from hinge to centre are less than the bead's own "
+            f"{particle.diameter * 1e3:.3g} mm; give a longer pendulum or a smaller bead."
+        )
     if (rig.variant == "wall") != (wall is not None):
         raise BadInput(f"pendulum: the variant {rig.variant!r} {'needs' if wall is None else 'has no'} wall.")
     if particle.shape is not None and wall is None:
@@ -155,7 +160,7 @@ def _check(rig: Pendulum, particle: Particle, frame_rate: float, wall: Material 
     if not (math.isfinite(rig.rod_mass) and rig.rod_mass >= 0):
         raise BadInput(f"rod_mass: {rig.rod_mass:g} kg is below zero; give the mass of a rod.")
     if rig.rod_mass and rig.hanger != "rod":
-        raise BadInput("rod_mass: a string has no mass here; give the hanger rod, or leave rod_mass out.")
+        raise BadInput("rod_mass: a string has no mass here; give the hanger rod, or leave it out.")
 
 
 def _quarter_period(length: float, amplitude: float) -> float:

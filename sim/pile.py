@@ -83,6 +83,7 @@ def run(
     _check(rig, particle, count, settle_limit)
     bench = Bench(rig, particle, wall, contact, wall_contact, numerics)
     method = _method(rig, particle, count, pour_rate, fall_height, fill_limit)
+    method.need_bearable(bench.fastest, falls_freely=bench.falls_freely)
     bulk = bench.bulk(method.shapes, method.domain, skin=fill.SKIN)
     course = Course(random=np.random.default_rng(seed))
     asked = {"count": count, "seed": seed, "settle_limit": settle_limit}
@@ -129,6 +130,7 @@ class Method(Protocol):
     def settings(self) -> dict[str, Any]: ...
     @property
     def assumptions(self) -> dict[str, str]: ...
+    def need_bearable(self, fastest: float, *, falls_freely: bool) -> None: ...
     def form(self, bulk: Any, logbook: Any, course: Course, progress: Progress) -> None: ...
     def warnings(self, course: Course, staying: Array) -> list[str]: ...
 
@@ -185,6 +187,6 @@ def _check(rig: Pile, particle: Particle, count: int, settle_limit: float) -> No
             f"{particle.diameter * 1e3:.3g} mm; give at least four bead diameters."
         )
     if not (math.isfinite(rig.rim_height) and rig.rim_height >= 0):
-        raise BadInput(f"rim_height must be zero or positive, got {rig.rim_height:g}.")
+        raise BadInput(f"rim_height: {rig.rim_height:g} m is no height of a rim; give zero or more.")
     if count < 1:
         raise BadInput(f"count: {count} beads make no heap; give at least 1.")

@@ -87,6 +87,15 @@ class Piling:
             "rim_height": f"{rig.rim_height * 1e3:.3g} mm" if rig.rim_height else "none: a flat disc",
         }
 
+    def need_bearable(self, fastest: float, *, falls_freely: bool) -> None:
+        """Refuse what would leave the outlet, or come down on the base, faster than `fastest` [m/s]."""
+        outlet = self.outlet
+        fill.need_bearable(f"an outlet of {outlet.diameter * 1e3:.3g} mm", outlet.rate, outlet.speed, fastest)
+        if falls_freely and outlet.stands is None:
+            fill.need_bearable_fall("fall_height", outlet.fall_height, outlet.speed, fastest)
+        elif falls_freely and outlet.stands is not None:
+            fill.need_bearable_fall("outlet_height", outlet.stands, outlet.speed, fastest)
+
     def form(self, bulk: Bulk, logbook: Logbook, course: Course, progress: Progress) -> None:
         """Rain the beads."""
         outlet, particle = self.outlet, self.particle
@@ -116,7 +125,7 @@ class Piling:
         if self.rig.rim_height == 0:
             found.append(
                 f"the base has no rim: {len(staying)} of {course.placed} beads stayed on it; "
-                "give rim_height if it has one"
+                "give its height if it has one (--rim-height)"
             )
         return found
 
@@ -129,6 +138,11 @@ def piling(rig: Pile, particle: Particle, count: int, rate: float | None, fall_h
         raise BadInput(
             f"outlet_diameter: {diameter * 1e3:.3g} mm lets no beads of {bead * 1e3:.3g} mm through; "
             "give at least two bead diameters."
+        )
+    if diameter > rig.base_diameter:
+        raise BadInput(
+            f"outlet_diameter: {diameter * 1e3:.3g} mm is wider than the base of {rig.base_diameter * 1e3:.3g} mm; "
+            "beads would fall beside it: narrow it."
         )
     height = 3 * bead if fall_height is None else fall_height
     positive(fall_height=height)
@@ -145,6 +159,11 @@ def piling(rig: Pile, particle: Particle, count: int, rate: float | None, fall_h
     positive(pour_rate=rate)
     if rig.outlet_height is not None:
         positive(outlet_height=rig.outlet_height)
+        if rig.outlet_height < bead:
+            raise BadInput(
+                f"outlet_height: {rig.outlet_height * 1e3:.3g} mm above the base let no beads of {bead * 1e3:.3g} mm "
+                "out; give at least a bead diameter, and more than the heap will be high."
+            )
     # fast enough that the beads keep clear of each other
     thinnest = rate * solid / (STREAM * math.pi / 4 * diameter**2)
     outlet = Outlet(diameter, max(free, thinnest), rate, rate_from, height, rig.outlet_height)

@@ -75,6 +75,14 @@ class Pouring:
             "rim_height": f"{rig.rim_height * 1e3:.3g} mm" if rig.rim_height else "none: a flat disc",
         }
 
+    def need_bearable(self, fastest: float, *, falls_freely: bool) -> None:
+        """Refuse a tube that is lifted faster than `fastest` [m/s]; what it lets go hardly falls."""
+        if self.lift_speed > fastest:
+            raise BadInput(
+                f"lift_speed: a tube that is lifted at {self.lift_speed:.3g} m/s would leave its beads behind, for the "
+                f"time step bears {fastest:.3g} m/s; lift it more slowly (the usual is {LIFT_SPEED:g} m/s)."
+            )
+
     def form(self, bulk: Bulk, logbook: Logbook, course: Course, progress: Progress) -> None:
         """Fill the tube and lift it until it is clear of all beads."""
         from rigtwin.sim.engine.walls import Motion

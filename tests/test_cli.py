@@ -276,6 +276,7 @@ def test_a_model_that_is_not_there_is_looked_for_where_a_diagnosis_leaves_it(tmp
 
 PILE = ["simulate", "pile", "--base-diameter", "90mm"]
 HOPPER = ["simulate", "hopper", "--outlet", "30mm"]
+DRUM = ["simulate", "drum", "--drum-diameter", "40mm", "--speed", "10rpm"]
 
 
 @pytest.mark.parametrize(
@@ -317,7 +318,7 @@ HOPPER = ["simulate", "hopper", "--outlet", "30mm"]
         (["simulate", "pile", "--base-diameter", "90mm", "--rim-height", "-5mm"], "--rim-height"),
         (["simulate", "drop", "--drop-height", "300mm", "--bounces", "1000000000"], "--bounces"),
         (["simulate", "drop", "--drop-height", "300mm", "--restitution", "1.2"], "at most 1"),
-        (["simulate", "pendulum", "--length", "300mm", "--release-angle", "180deg"], "180 degrees, more than 179"),
+        (["simulate", "pendulum", "--length", "300mm", "--release-angle", "180deg"], "180 degrees, more than 175"),
         (["simulate", "drum", "--drum-diameter", "140mm", "--speed", "3"], "write it with its unit, like '3 rpm'"),
         (
             ["simulate", "tilt", "--variant", "slide", "--speed", "2deg"],
@@ -361,6 +362,22 @@ HOPPER = ["simulate", "hopper", "--outlet", "30mm"]
         ([*HOPPER, "--variant", "slot", "--slide-drop", "3mm"], "--slide-drop: 3 mm between slot and slide"),
         (["simulate", "tilt", "--variant", "slide", "--plate-length", "10mm"], "--plate-length: 10 mm is too short"),
         (["simulate", "tilt", "--variant", "slide", "--start-angle", "86deg"], "--start-angle"),
+        ([*HOPPER, "--variant", "slot", "--depth", "3mm"], "--depth: 3 mm between the end walls"),
+        ([*DRUM, "--depth", "3mm", "--count", "20"], "--depth: 3 mm between the end walls"),
+        ([*DRUM, "--depth", "3mm"], "give at least 6.4 mm"),
+        ([*PILE, "--outlet-height", "1mm"], "--outlet-height: 1 mm above the base"),
+        ([*PILE, "--outlet-diameter", "95mm"], "--outlet-diameter: 95 mm is wider than the base of 90 mm"),
+        (
+            ["simulate", "pendulum", "--length", "6mm", "--release-angle", "45deg"],
+            "--length: 6 mm from hinge",
+        ),
+        (["simulate", "pendulum", "--length", "30cm", "--release-angle", "179deg"], "more than 175; give less"),
+        (["simulate", "drop", "--drop-height", "300mm", "--seed", "2"], "--seed: D6 is a sphere"),
+        (
+            ["simulate", "drop", "--drop-height", "9cm", "--particle", "C6_24s", "--turned", "30deg", "--seed", "1"],
+            "--seed changes nothing beside --turned",
+        ),
+        ([*PILE, "--method", "emptying", "--rim-height", "3mm"], "has a wall, not a rim; leave it out"),
         (["compare", "x", "--runs", "0"], "--runs: is too small; give at least 1;"),
         (["compare", "x", "--runs", "two"], "--runs: is not a whole number;"),
         (["compare"], "LAB"),
@@ -424,7 +441,9 @@ def test_an_interrupted_twin_says_what_is_kept_and_the_next_run_where_it_goes_on
     stop = KeyboardInterrupt()
     stop.add_note("the run is kept up to t = 0.25 s in heap.npz; the same command goes on from there.")
 
-    def twin(*_cast, **_settings):
+    def twin(*_cast, progress, **_settings):
+        progress("pouring", 1.0, 2.0)
+        progress("pouring", 2.0, 2.0)
         raise stop
 
     monkeypatch.setattr("rigtwin.compare.bulk_twins.pile_twin", twin)
@@ -525,6 +544,47 @@ def test_what_is_said_of_a_twin_s_record_does_not_speak_to_the_owner_of_a_film(a
     said += [quantity["doubtful"] for quantity in document["quantities"] if "doubtful" in quantity]
     assert any(word in sentence for sentence in said), said
     assert not [sentence for sentence in said if re.search(r"\b(film|clip|photo|picture|camera|plot|screw)", sentence)]
+
+
+def test_a_hopper_that_jams_gives_only_doubtful_numbers(capfd):
+    assert run(["simulate", "hopper", "--outlet", "18mm", "--count", "150", "--out", "jammed", "--json"]) == 0
+    document = json.loads(capfd.readouterr().out)
+    doubts = {one["quantity"]: one.get("doubtful", "") for one in document["quantities"]}
+    assert doubts.pop("opening_time") == ""
+    assert {"discharge_time", "mass_flow_rate", "residue_fraction"} < set(doubts)
+    for why in doubts.values():
+        assert "of 150 beads had left" in why
+        assert "arch over the outlet, which is 18 mm or 2.9 of their diameters wide" in why
+    assert any("give a wider --outlet" in warning for warning in document["warnings"])
+
+
+def test_a_hopper_that_keeps_beads_around_its_outlet_has_doubtful_times_and_a_sound_flow(capfd):
+    flat = ["simulate", "hopper", "--outlet", "50mm", "--cone-height", "2mm", "--count", "400", "--out", "flat"]
+    assert run([*flat, "--json"]) == 0
+    doubts = {q["quantity"]: q.get("doubtful", "") for q in json.loads(capfd.readouterr().out)["quantities"]}
+    for name in ("discharge_time", "discharge_time_5_95", "last_particle_time"):
+        assert doubts[name].endswith("of 400 beads had left the hopper when the run ended")
+    assert doubts["mass_flow_rate"] == doubts["residue_fraction"] == ""
+
+
+def test_the_angle_of_a_handful_of_beads_in_a_drum_is_doubtful(capfd):
+    arguments = ["--depth", "20mm", "--count", "20", "--turns", "0.5"]
+    assert run([*DRUM, *arguments, "--out", "drum", "--json"]) == 0
+    document = json.loads(capfd.readouterr().out)
+    angles = [one for one in document["quantities"] if one["quantity"].startswith("angle_of_repose")]
+    assert angles
+    assert all("single beads make its slope" in one["doubtful"] for one in angles)
+
+
+def test_a_checkpoint_of_another_run_is_refused_before_a_word_of_going_on(capfd):
+    pile = ["simulate", "pile", "--base-diameter", "40mm", "--rim-height", "8mm", "--settle-limit", "0.01s"]
+    pile += ["--checkpoint", "kept/heap.npz"]  # its folder is made, as that of --out is
+    assert run([*pile, "--count", "40", "--out", "new/heap"]) == 0
+    capfd.readouterr()
+    refused([*pile, "--count", "41"], capfd, "another run (count: 40 there, 41 here)")
+    refused([*pile, "--count", "40", "--base-diameter", "41mm"], capfd, "base diameter of the rig: 0.04 there")
+    assert run([*pile, "--count", "40"]) == 0
+    assert capfd.readouterr().err.count("the run goes on from there") == 1
 
 
 def test_device_and_time_step_of_a_bulk_twin_can_be_said(capfd, monkeypatch):
@@ -696,6 +756,30 @@ def test_a_twin_of_a_million_seconds_is_refused_at_once(rig, capfd):
         ("hopper --outlet 30mm --count 1", ["a count of 1 makes no flow"]),
         ("hopper --outlet 30mm --count 60 --duration 0.05s", ["more are on their way; give a longer duration"]),
         ("drop --drop-height 300mm --restitution 0.01", ["try a higher frame rate, a greater drop height or"]),
+        (
+            "packing --cylinder-diameter 30mm --hopper-diameter 40mm --outlet-diameter 13mm --count 60",
+            ["--outlet-diameter: ", "arch over the outlet, which is 13 mm or 2.1 of their diameters", "a wider one"],
+        ),
+        (
+            "hopper --outlet 10mm --count 60",
+            ["--outlet: ", "of 60 particles arch over the outlet, which is 10 mm or 1.6 of their", "a wider one"],
+        ),
+        (
+            "hopper --outlet 30mm --cone-height 1mm --count 60",
+            ["stay in the hopper around", "steeper walls"],
+        ),
+        (
+            "pile --base-diameter 40mm --count 9 --pour-rate 20000/s",
+            ["--pour-rate: 20000 per second", "at most 7"],
+        ),
+        ("packing --count 9 --pour-rate 90000/s", ["--pour-rate: 90000 per second leave", "give at most"]),
+        ("packing --count 9 --fall-height 9m --cylinder-height 8m", ["--fall-height: after a fall of 17 m", "lower"]),
+        (
+            "pile --base-diameter 60mm --count 9 --method pouring --lift-speed 100m/s",
+            ["--lift-speed: a tube that is lifted at 100 m/s", "lift it more slowly"],
+        ),
+        ("drum --drum-diameter 60mm --speed 3000rpm --depth 12mm --turns 0.5", ["--speed: ", "more slowly"]),
+        ("drum --drum-diameter 60mm --speed 10rpm --depth 7mm --fill 0.85", ["--fill: 81 beads", "find room"]),
         ("pendulum --length 190mm --release-angle 120deg", ["try a higher frame rate, a greater length."]),
     ],
 )

@@ -393,7 +393,7 @@ def test_a_new_lab_in_place_of_a_file_is_refused(tmp_path):
 def test_a_twin_takes_the_stated_height_first_then_the_measured_one():
     assert DropSettings(drop_height=0.3).rig(0.28).drop_height == 0.3
     assert DropSettings().rig(0.28).drop_height == 0.28
-    with pytest.raises(BadInput, match="drop_height is neither stated nor measured"):
+    with pytest.raises(BadInput, match="drop height is neither stated nor measured; add drop_height"):
         DropSettings().rig()
 
 

@@ -123,8 +123,8 @@ def test_a_record_of_an_empty_hopper_is_refused() -> None:
 def test_a_jam_and_a_record_that_is_too_short_are_told_apart() -> None:
     record = counted()
     jammed = np.maximum(record.value, 350)
-    with pytest.raises(NothingToMeasure, match="arch over the outlet"):
-        hopper.evaluate(Series(record.time, jammed, "particles left", "particles"))
+    with pytest.raises(NothingToMeasure, match=r"^mass left: .*arch over the outlet"):
+        hopper.evaluate(Series(record.time, jammed, "mass_left", "particles"))
     early = record.time < 0.35
     with pytest.raises(NothingToMeasure, match="record that goes on"):
         hopper.evaluate(Series(record.time[early], record.value[early], "particles left", "particles"))

@@ -206,7 +206,7 @@ def test_the_checkpoint_of_another_run_is_refused_by_the_setting_that_differs(br
 
 def test_another_contact_makes_another_run(broken_off, tmp_path):
     broken_off(heap, 2, checkpoint=tmp_path / "heap.npz", checkpoint_interval=0)
-    with pytest.raises(BadInput, match=r"contact\.static_friction: 0.44 there, 0.5 here"):
+    with pytest.raises(BadInput, match=r"static friction of the contact: 0.44 there, 0.5 here"):
         pile.run(
             BOWL, D6, STEEL, replace(BEADS, static_friction=0.5), BASE,
             count=90, seed=5, settle_limit=0.3, checkpoint=tmp_path / "heap.npz",
@@ -386,7 +386,7 @@ def pellets(**more) -> pile.Heap:
 
 
 def test_clumps_under_type_a_do_not_go_on_from_a_checkpoint_with_the_lever_of_before(pellets_of_before):
-    with pytest.raises(BadInput, match=r"another run \(rolling_lever: not said there, from a contact to the centre"):
+    with pytest.raises(BadInput, match=r"another run \(rolling lever: not said there, from a contact to the centre"):
         pellets(checkpoint=pellets_of_before("type A"), rolling="type A")
 
 

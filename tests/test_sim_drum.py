@@ -224,7 +224,8 @@ def test_a_slope_of_no_steady_flow_is_doubtful(rough):
     assert wrong(RIG) == set()
     assert wrong(RIG, turns=0.1) == {"turned_enough"}
     assert wrong(RIG, time=rough.time[:2], turns=3.0) == {"turned_enough"}
-    assert wrong(RIG, count=5) == {"fill"}
+    assert wrong(RIG, count=5) == {"fill", "beads_enough"}
+    assert wrong(replace(RIG, depth=0.007), count=20) == {"beads_enough"}  # two beads high
 
 
 @pytest.mark.parametrize(("share", "told"), [(0.02, "2 %"), (0.704, "70.4 %"), (0.996, "99.6 %")])

@@ -100,7 +100,16 @@ def test_an_outlet_of_two_beads_is_blocked_and_the_result_says_so():
     assert blocked.discharge_time is None
     assert blocked.remaining > 20
     assert blocked.emptied + blocked.remaining == 120
+    assert blocked.arched
     assert any("only" in warning and "of 120" in warning for warning in blocked.warnings)
+    assert any("arch over the outlet, which is 8.5 mm or 1.4 of their" in warning for warning in blocked.warnings)
+
+
+def test_beads_that_lie_around_an_outlet_do_not_arch_over_it():
+    flat = emptied(replace(CONE, cone_height=1e-3, outlet=0.035), count=120)
+    assert flat.remaining > 10
+    assert not flat.arched
+    assert not emptied(count=60, duration=0.1).arched  # the last are still on their way
 
 
 def test_below_the_slot_lies_what_was_in_it(slot):

@@ -147,6 +147,17 @@ def test_a_hopper_with_a_slide_fills_the_cylinder_as_a_rain_does(bed):
     assert "60 mm" in from_hopper.assumptions["hopper"]
 
 
+def test_particles_that_arch_over_the_outlet_of_a_hopper_are_no_spill():
+    rig = replace(RIG, hopper_diameter=0.06, outlet_diameter=2 * BEAD.diameter)
+    jammed = packing.run(rig, BEAD, PMMA, BEADS, GLASS, count=60, seed=4, threads=1, fill_limit=0.5)
+    assert jammed.stuck > 40
+    assert jammed.missed == 0
+    (told,) = [warning for warning in jammed.warnings if "arch over the outlet" in warning]
+    assert told.startswith(f"{jammed.stuck} of 60 particles")
+    assert told.endswith("or 2 of their diameters wide; give a wider --outlet-diameter")
+    assert not any("did not stay" in warning for warning in jammed.warnings)
+
+
 @pytest.mark.parametrize(
     ("rig", "more", "words"),
     [

@@ -176,4 +176,5 @@ def _difference(there: Any, here: Any, name: str = "") -> str:
             if there.get(key) != here.get(key):
                 return _difference(there.get(key), here.get(key), f"{name}.{key}" if name else key)
     said = ["not said" if value is None else value for value in (there, here)]
-    return f"{name}: {said[0]} there, {said[1]} here"
+    what = " of the ".join(reversed(name.split("."))).replace("_", " ")
+    return f"{what}: {said[0]} there, {said[1]} here"
