@@ -77,10 +77,13 @@ def outlet(particle: Particle, diameter: float, height: float, rate: float | Non
         )
     rate_from = "as given"
     if rate is None:
-        rate = beverloo(particle, diameter, particle.equivalent_diameter)
-        rate_from = "Beverloo's discharge of the outlet"
+        grain = particle.equivalent_diameter
+        rate = beverloo(particle, diameter, grain)
+        grains = f"for grains of {grain * 1e3:.3g} mm"
+        rate_from = f"Beverloo's discharge of the outlet {grains}"
         if rate < least:
-            rate, rate_from = least, f"{least:g} per second, above Beverloo's {rate:.0f}, to keep the run short"
+            rate_from = f"{least:g} per second, above Beverloo's {rate:.0f} {grains}, to keep the run short"
+            rate = least
     positive(pour_rate=rate)
     # as fast as a free discharge leaves, and fast enough that the particles keep clear of each other
     thinnest = rate * particle.diameter**3 / (0.3 * diameter**2)

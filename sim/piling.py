@@ -150,12 +150,13 @@ def piling(rig: Pile, particle: Particle, count: int, rate: float | None, fall_h
     solid = particle.mass / particle.effective_density
     rate_from = "as given"
     if rate is None:
-        rate, rate_from = fill.beverloo(particle, diameter, bead), "Beverloo's discharge of the outlet"
+        grains = f"for grains of {bead * 1e3:.3g} mm"
+        rate, rate_from = fill.beverloo(particle, diameter, bead), f"Beverloo's discharge of the outlet {grains}"
         # beads thrown faster than the fall itself makes them would dig into the heap
         fastest = max(free, math.sqrt(2 * GRAVITY * height))
         quick = min(QUICK_RATE, STREAM * math.pi / 4 * diameter**2 * fastest / solid)
         if rate < quick:
-            rate, rate_from = quick, f"above Beverloo's {rate:.0f}, to keep the run short"
+            rate, rate_from = quick, f"above Beverloo's {rate:.0f} {grains}, to keep the run short"
     positive(pour_rate=rate)
     if rig.outlet_height is not None:
         positive(outlet_height=rig.outlet_height)
