@@ -105,7 +105,8 @@ def _tumbling_twin(
         effects=effects,
         progress=progress,
     )
-    with _as_a_twin("drop", "another seed or turn, a greater drop height or a higher frame rate"):
+    other = "another seed or turn" if rig.turned is None else "another turn"
+    with _as_a_twin("drop", f"{other}, a greater drop height or restitution, or a higher frame rate"):
         evaluation = ruler.evaluate(fall.front, side=fall.side)
     turned = f"at random (seed {seed})" if rig.turned is None else f"by {math.degrees(rig.turned):.4g} degrees"
     return Twin(
@@ -257,16 +258,17 @@ def _with_rods(evaluation: Evaluation, rig: Pendulum, particle: Particle) -> Eva
     if not rig.rod_mass:
         return evaluation
     faster = (particle.mass + rig.rod_mass / 2) / (particle.mass + rig.rod_mass / 3)
-    checks = []
+    checks, warnings = [], list(evaluation.warnings)
     for check in evaluation.checks:
         if check.check == "gravity" and math.isclose(check.value, faster * check.expected, rel_tol=0.02):
             told = (
                 f"gravity from the swing is {check.value:.3f} m/s², {faster:.4g} times its value as such rods make it"
             )
             checks.append(replace(check, passed=True, message=f"{told}."))
+            warnings = [words for words in warnings if words != check.message]
         else:
             checks.append(check)
-    return replace(evaluation, checks=tuple(checks))
+    return replace(evaluation, checks=tuple(checks), warnings=tuple(warnings))
 
 
 def _hung(rig: Pendulum, particle: Particle) -> tuple[str, ...]:

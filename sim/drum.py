@@ -86,6 +86,11 @@ def run(
         volume = math.pi / 4 * rig.diameter**2 * depth
         count = max(1, round(part * PACKING * volume / particle.volume))
     bench = Bench(rig, particle, wall, contact, wall_contact, numerics)
+    if (passes := abs(rig.speed) * rig.diameter / 2) >= bench.fastest:
+        raise BadInput(
+            f"speed: the drum's wall would pass by at {passes:.3g} m/s, and the time step bears "
+            f"{bench.fastest:.3g} m/s; turn it more slowly."
+        )
     bulk = bench.bulk(_shapes(rig, depth), _domain(rig, depth, particle), open_domain=False)
     course = _Course(random=np.random.default_rng(seed))
     asked = {"count": count, "turns": turns, "interval": interval, "fill_limit": fill_limit}

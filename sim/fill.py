@@ -33,6 +33,7 @@ SKIN = 0.2  # of a diameter; a rain makes a list of neighbours short-lived
 LOOK = 0.02  # [s], how often the filling looks at what it did
 CLEAR = 1.02  # of a diameter between new particles
 TRIES = 20  # places tried for each particle that is due
+LONGEST_POUR = 600.0  # [s]
 PATIENCE = 100  # looks in a row at which no particle found room
 REST_LOOKS = 3  # times in a row
 LOOSEST, TIGHTEST = 1.35, 1.02  # pitch of the lattice, in diameters
@@ -88,6 +89,15 @@ def outlet(particle: Particle, diameter: float, height: float, rate: float | Non
     # as fast as a free discharge leaves, and fast enough that the particles keep clear of each other
     thinnest = rate * particle.diameter**3 / (0.3 * diameter**2)
     return Outlet(diameter, height, rate, max(math.sqrt(GRAVITY * diameter / 2), thinnest), rate_from)
+
+
+def need_end(count: int, rate: float) -> None:
+    """Refuse a `rate` [1/s] at which `count` particles take longer than anybody waits for."""
+    if count / rate > LONGEST_POUR:
+        raise BadInput(
+            f"pour_rate: {count} particles take {count / rate:.3g} s at {rate:g} per second; give at least "
+            f"{count / LONGEST_POUR:.3g} per second."
+        )
 
 
 def need_bearable(source: str, rate: float, speed: float, fastest: float) -> None:
@@ -170,7 +180,7 @@ def rain(
         new = places(bulk.grains().position, source, particle.diameter, due, course.random)
         turn = None if particle.shape is None else course.random.normal(size=(len(new), 4))
         bulk.add(new, np.array([0.0, 0.0, -source.speed]), turn=turn)
-        course.patience = 0 if len(new) else course.patience + 1
+        course.patience = 0 if len(new) or due <= 0 else course.patience + 1
         course.placed += len(new)
         logbook.run(steps)
         logbook.look(course.kept())

@@ -109,6 +109,7 @@ def run(
     bench = Bench(rig, particle, wall, contact, wall_contact, numerics)
     opening = OUTLET * rig.cylinder_diameter if rig.outlet_diameter is None else rig.outlet_diameter
     source = fill.outlet(particle, opening, rig.cylinder_height + rig.fall_height, pour_rate, LEAST_RATE)
+    fill.need_end(count, source.rate)
     fill.need_bearable(f"an outlet of {opening * 1e3:.3g} mm", source.rate, source.speed, bench.fastest)
     if bench.falls_freely:
         higher = "fall_height" if rig.fall_height > rig.cylinder_height else "cylinder_height"
@@ -309,6 +310,11 @@ def check(rig: Packing, particle: Particle, *, count: int, settle_limit: float =
         raise BadInput(
             f"cylinder_diameter: {rig.cylinder_diameter * 1e3:.3g} mm is too narrow for particles of "
             f"{particle.diameter * 1e3:.3g} mm; give at least two diameters."
+        )
+    if rig.cylinder_height < particle.diameter:
+        raise BadInput(
+            f"cylinder_height: {rig.cylinder_height * 1e3:.3g} mm hold no particles of "
+            f"{particle.diameter * 1e3:.3g} mm; give a higher cylinder."
         )
     if rig.outlet_diameter is not None and rig.outlet_diameter > rig.cylinder_diameter:
         raise BadInput(

@@ -90,6 +90,7 @@ class Piling:
     def need_bearable(self, fastest: float, *, falls_freely: bool) -> None:
         """Refuse what would leave the outlet, or come down on the base, faster than `fastest` [m/s]."""
         outlet = self.outlet
+        fill.need_end(self.count, outlet.rate)
         fill.need_bearable(f"an outlet of {outlet.diameter * 1e3:.3g} mm", outlet.rate, outlet.speed, fastest)
         if falls_freely and outlet.stands is None:
             fill.need_bearable_fall("fall_height", outlet.fall_height, outlet.speed, fastest)
@@ -112,7 +113,7 @@ class Piling:
             new = fill.places(beads.position, source, particle.diameter, due, course.random)
             turn = None if particle.shape is None else course.random.normal(size=(len(new), 4))
             bulk.add(new, np.array([0.0, 0.0, -outlet.speed]), turn=turn)
-            course.patience = 0 if len(new) else course.patience + 1
+            course.patience = 0 if len(new) or due <= 0 else course.patience + 1
             course.placed += len(new)
             logbook.run(steps)
             logbook.look(course.kept())

@@ -202,3 +202,4 @@ def test_a_twin_on_rods_with_mass_is_not_said_to_swing_wrongly():
     assert gravity.passed
     assert gravity.value > 1.05 * gravity.expected
     assert "rods" in gravity.message
+    assert not [words for words in twin.evaluation.warnings if "gravity" in words]

@@ -86,6 +86,12 @@ def test_the_seed_decides(bed):
     assert not np.array_equal(poured(count=20, seed=5).centres, poured(count=20).centres)
 
 
+def test_beads_that_come_seconds_apart_are_all_waited_for():
+    slow = poured(count=2, pour_rate=0.4)
+    assert slow.placed == 2
+    assert not [words for words in slow.warnings if "found room" in words]
+
+
 def test_pellets_pour_turned_at_random_and_keep_their_shape():
     pellet = clumped("pellet", ASH, row(3, 2e-3, 2e-3), mass=60e-6)
     bed = poured(pellet, count=30)

@@ -107,6 +107,12 @@ def test_rods_with_mass_swing_faster_and_hit_alike():
     assert rise(heavy[1], slice(None)) == pytest.approx(rise(light[1], slice(None)), rel=2e-3)
 
 
+def test_rods_may_be_so_heavy_that_the_contact_is_longer_than_a_step_of_the_swing():
+    rig = Pendulum(0.3, math.radians(30), hanger="rod", rod_mass=2000.0)
+    tracks = pendulum.run(rig, D12, Contact(0.6), frame_rate=1000)
+    assert rise(tracks[1], slice(None)) == pytest.approx(0.64 * 0.3 * (1 - math.cos(rig.release_angle)), rel=0.01)
+
+
 @pytest.mark.parametrize("e", [0.2, 0.6, 0.9])
 def test_a_cube_gives_the_wall_s_restitution_back(e):
     cube = hlosta2020.particle("C6_24s")

@@ -218,7 +218,9 @@ def _ready(cases: Sequence[Case]) -> list[_Ready]:
 def _in_numbers(case: Case) -> Copy:
     times = np.ascontiguousarray(case.times, dtype=np.float64)
     _check(case.bodies, times, case.walls, case.contacts)
-    step = contact_step([body.particle for body in case.bodies]) if case.step is None else case.step
+    step = case.step
+    if step is None:
+        step = min(contact_step([body.particle for body in case.bodies]), case.flight_step)
     if not 0 < step <= case.flight_step:
         raise BadInput(f"step: {step:g} s does not lie between 0 and the flight step of {case.flight_step:g} s.")
     kinds = list(dict.fromkeys(body.particle for body in case.bodies))
