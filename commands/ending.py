@@ -83,7 +83,7 @@ def _told_by_option(names: Collection[str]) -> Iterator[None]:
 
 
 def _done(work: Work, *, hidden: bool, first: str = "") -> Any:
-    """What the work gives; `first` is told as it reports that it goes, or has gone: before that it may refuse to."""
+    """What the work gives; `first` is told at its first progress or its end: work that is refused tells nothing."""
 
     @cache
     def tell() -> None:

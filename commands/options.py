@@ -258,7 +258,7 @@ def _size(text: str, dimension: str, name: str, zero: bool, highest: float) -> f
     value = si(text, dimension, name=name)
     if value < 0 or (value == 0 and not zero):
         raise BadQuantity(f"{name}: {text!r} is {'below' if zero else 'not above'} zero; give a positive value.")
-    if dimension == "angle" and value > highest:
+    if dimension == "angle" and value > highest * (1 + 1e-9):  # one unit's rounding is not another's
         raise BadQuantity(
             f"{name}: {text!r} is {math.degrees(value):.4g} degrees, more than {math.degrees(highest):.4g}; "
             "give less, with the angle's unit, like '45deg'."

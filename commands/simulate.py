@@ -25,6 +25,7 @@ from rigtwin.commands.options import (
     option,
     quantity,
 )
+from rigtwin.lab.rigs import UPSIDE_DOWN
 from rigtwin.lab.units import MOST_PARTICLES
 
 if TYPE_CHECKING:
@@ -98,10 +99,6 @@ SettleLimit = Annotated[
 ]
 
 STEEPEST = math.radians(85)  # [rad], of a slope that is one and no wall
-# [rad], of a pendulum's release; nearer to the top it hangs for so long that its record holds several collisions, of
-# which the first cannot be told
-UPSIDE_DOWN = math.radians(175)
-
 Run = Any  # what `bulk` makes of the options of a rig of many particles
 
 

@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from rigtwin.sim.hopper import Discharge
 
 
+FLOWED = 0.7  # part of the filling that stays, above which the ruler sees no discharge
+
+
 class Cast(NamedTuple):
     """Who takes part in a rig of many particles."""
 
@@ -166,7 +169,7 @@ def drum_twin(
         flows = froude_check(rig.speed, rig.diameter / 2)
         if not flows.passed:
             raise BadInput(f"speed: {flows.message}") from error
-        if why := failed(checks):
+        if why := failed(checks, {"fill", "beads_enough"}):
             raise BadInput(f"{'fill' if count is None else 'count'}: {why}.") from error
         raise
     angles = tuple(doubted(one, failed(checks)) for one in evaluation.quantities)
@@ -212,8 +215,10 @@ def hopper_twin(
     try:
         evaluation = ruler.evaluate(discharge.mass_left, total_mass=count * cast.particle.mass, opened=0.0)
     except BadInput as error:
-        raise BadInput(_no_flow(rig, cast.particle, discharge, duration)) from error
-    if discharge.remaining:
+        if why := _no_flow(rig, cast.particle, discharge, duration):
+            raise BadInput(why) from error
+        raise
+    if discharge.arched or failed(evaluation.checks, {"emptied"}):
         evaluation = _not_emptied(evaluation, discharge)
     course = {
         "asked": discharge.asked,
@@ -243,7 +248,8 @@ def _not_emptied(evaluation: Evaluation, discharge: Discharge) -> Evaluation:
     why = next(sentence for sentence in warned({"warnings": discharge.warnings}) if sentence.startswith("only "))
 
     def doubtful(one: Quantity) -> bool:
-        return one.quantity != "opening_time" and (discharge.arched or one.unit == "s")
+        told = bool(one.doubtful) or one.quantity == "opening_time"
+        return not told and (discharge.arched or one.unit == "s")
 
     return replace(
         evaluation, quantities=tuple(doubted(one, why) if doubtful(one) else one for one in evaluation.quantities)
@@ -251,7 +257,7 @@ def _not_emptied(evaluation: Evaluation, discharge: Discharge) -> Evaluation:
 
 
 def _no_flow(rig: Hopper, particle: Particle, discharge: Discharge, duration: float | None) -> str:
-    """What setting is to blame where no discharge can be read from the run."""
+    """What setting is to blame where no discharge can be read from the run; empty where it is none of those."""
     from rigtwin.sim.fill import arch_in_words
     from rigtwin.sim.hopper import STUCK
 
@@ -270,6 +276,8 @@ def _no_flow(rig: Hopper, particle: Particle, discharge: Discharge, duration: fl
             f"duration: {duration:g} s after the opening {discharge.emptied} of {discharge.asked} particles have left "
             "and more are on their way; give a longer duration, or none to wait until the flow has stopped."
         )
+    if discharge.remaining < FLOWED * discharge.asked:
+        return ""
     return f"{stay} stay in the hopper around its outlet; give steeper walls or a wider outlet."
 
 

@@ -11,7 +11,7 @@ _SHARE = re.compile(r"^only (\d+) of (\d+)")
 # what a run's numbers hang on; how far beads are pressed into each other is that of the paper's own stiffness
 _SPOILS = re.compile(r"still moving|^only \d|arch over|did not stay|reaches above|does not close")
 # these leave a hopper's flow as it is; and one that is watched for a stated time need not be empty after it
-_OF_HEAP, _OF_REST = "the heap was still moving", "had left the hopper"
+_OF_HEAP, _OF_REST, _JAM = "the heap was still moving", "had left the hopper", "arch over"
 _OPTION = re.compile(r"--[a-z][a-z-]*")
 _OF_LABS = {"--stiffness-factor"}  # which `compare` has too; settings of numerics stand in no lab.toml
 
@@ -48,15 +48,27 @@ def fit_for_a_lab(warnings: Iterable[str]) -> tuple[str, ...]:
 
 
 def spoilt(result: Mapping[str, Any]) -> Sequence[str]:
-    """Why a run's numbers are doubtful: it was still moving, lost particles or did not empty."""
+    """Why a run's numbers are doubtful: it was still moving, lost particles, jammed or did not empty.
+
+    >>> rest = "only 5 of 60 beads had left the hopper when the run ended"
+    >>> spoilt({"warnings": [rest], "emptied": 5})
+    []
+    >>> len(spoilt({"warnings": [f"{rest}: the others arch over the outlet"], "emptied": 5}))
+    1
+    """
     words = [sentence for sentence in warned(result) if _SPOILS.search(sentence)]
     if "at_rest" not in result:  # a drum or a hopper
-        words = [one for one in words if _OF_HEAP not in one and not (_OF_REST in one and "emptied" in result)]
+        words = [one for one in words if _OF_HEAP not in one and not (_only_rest(one) and "emptied" in result)]
     elif not result["at_rest"] and not any("still moving" in sentence for sentence in words):
         words.append("it was still moving at the end")
     if (missed := result.get("missed")) and not any("did not stay" in sentence for sentence in words):
         words.append(f"{missed} of {result.get('placed', '?')} particles did not stay in the cylinder")
     return words
+
+
+def _only_rest(sentence: str) -> bool:
+    """Whether it tells only that some have not left yet, and not that they arch over the outlet."""
+    return _OF_REST in sentence and _JAM not in sentence
 
 
 def _badness(sentence: str) -> float:

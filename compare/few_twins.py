@@ -17,7 +17,7 @@ from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.model import NO_EFFECTS, Effects
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Evaluation
-from rigtwin.lab.records import Track
+from rigtwin.lab.records import Series, Track
 from rigtwin.lab.rigs import GRAVITY, Drop, Pendulum, Tilt
 
 Array = npt.NDArray[np.float64]
@@ -218,17 +218,23 @@ def tilt_twin(
             tilt.body_in_words(rig, particle),
         ),
         warnings=tilt.left_out(rig, particle, effects),
-        draw=lambda: _strobe((track,), particle, _tilted(rig, float(angle.value[-1]), particle.diameter)),
+        draw=lambda: _tilted(rig, angle, track, particle),
         seconds=time.perf_counter() - begun,
     )
 
 
-def _strobe(tracks: Sequence[Track], particle: Particle, walls: Array | None) -> npt.NDArray[np.uint8]:
+def _strobe(
+    tracks: Sequence[Track], particle: Particle, walls: Array | None, *, turned: float = 0.0
+) -> npt.NDArray[np.uint8]:
+    """Flashes of the particle, a clump out of its own axes by `turned` [rad], anticlockwise."""
+    from scipy.spatial.transform import Rotation
+
     from rigtwin.sim.picture import strobe
 
     if particle.shape is None:
         return strobe(tracks, [particle.radius], walls=walls)
-    return strobe(tracks, particle.shape.radii, particle.shape.offsets, walls=walls)
+    offsets = Rotation.from_rotvec([0.0, -turned, 0.0]).apply(np.array(particle.shape.offsets))
+    return strobe(tracks, particle.shape.radii, offsets, walls=walls)
 
 
 def _ground(track: Track, diameter: float) -> Array:
@@ -246,11 +252,15 @@ def _upright(diameter: float) -> Array:
     return slab((0.0, -diameter), (diameter / 2, diameter))
 
 
-def _tilted(rig: Tilt, angle: float, diameter: float) -> Array:
-    """The plate as it stands at the end."""
+def _tilted(rig: Tilt, angle: Series, track: Track, particle: Particle) -> npt.NDArray[np.uint8]:
+    """The body on its way down, and the plate as it stands at the end: in that time it hardly turns."""
     from rigtwin.sim.picture import slab
 
-    return slab((0.0, -diameter / 2), (rig.plate_length, 0.0), turned=angle)
+    end, size = float(angle.value[-1]), particle.diameter
+    along = (track.position * np.stack([np.cos(angle.value), np.sin(angle.value)], axis=1)).sum(axis=1)
+    left = int(np.argmax(np.abs(along - along[0]) > 0.01 * size))  # 0 where it never does
+    seen = replace(track, time=track.time[left:], position=track.position[left:], sigma=track.sigma[left:])
+    return _strobe((seen,), particle, slab((0.0, -size / 2), (rig.plate_length, 0.0), turned=end), turned=end)
 
 
 def _with_rods(evaluation: Evaluation, rig: Pendulum, particle: Particle) -> Evaluation:

@@ -19,6 +19,7 @@ from pydantic_core import ErrorDetails
 
 from rigtwin.lab import camera
 from rigtwin.lab.errors import BadInput, BadLabFile
+from rigtwin.lab.rigs import UPSIDE_DOWN
 from rigtwin.lab.toml_lines import Key, dotted, key_lines
 from rigtwin.lab.units import DIMENSIONS, LONGEST, MOST_PARTICLES, si
 
@@ -188,7 +189,7 @@ Speed = Annotated[float, _quantity("speed", 0), Field(examples=["20 mm/s"])]
 Turning = Annotated[float, _quantity("angular_speed", 0), Field(examples=["3 rpm"])]
 Tilting = Annotated[float, _quantity("tilting_speed", 0), Field(examples=["2 deg/s"])]
 Fraction = Annotated[float, _quantity("number", 0, 1), Field(examples=[0.35])]
-Release = Annotated[float, _quantity("angle", 0, math.radians(179)), Field(examples=["45 deg"])]
+Release = Annotated[float, _quantity("angle", 0, UPSIDE_DOWN), Field(examples=["45 deg"])]
 Tilted = Annotated[float, _quantity("angle", 0, math.radians(45)), Field(examples=["0.1 deg"])]
 Count = Annotated[int, _edge(_whole), Field(examples=[1000])]
 Moment = Annotated[camera.Moment, _edge(_moment), Field(examples=["0.25 s"])]

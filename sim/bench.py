@@ -105,7 +105,10 @@ class Bench:
     @property
     def falls_freely(self) -> bool:
         """Whether nothing of the model, as the drag of air, slows what falls."""
-        return not self.numerics.get("effects")
+        from rigtwin.sim.engine.terms import acting_among
+
+        active, _ = acting_among(self.numerics.get("effects", NO_EFFECTS), self.particle)
+        return all(one.effect.force is None for one in active)
 
     def bulk(
         self,

@@ -153,7 +153,12 @@ def checks(rig: Drum, particle: Particle, rotation: Rotation) -> tuple[Check, ..
             high,
             SHALLOWEST,
             f"the bed of {rotation.count} beads is {high:.2g} diameters high and its surface {long:.2g} long"
-            + ("." if enough else f": single beads make its slope; give more, for {SHALLOWEST:g} and {SHORTEST:g}."),
+            + (
+                "."
+                if enough
+                else f", where a slope needs {SHALLOWEST:g} and {SHORTEST:g}: single beads make it; give more beads, "
+                "smaller ones or a larger drum."
+            ),
         ),
         Check(
             "turned_enough",

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,6 +33,7 @@ SKIN = 0.2  # of a diameter; a rain makes a list of neighbours short-lived
 LOOK = 0.02  # [s], how often the filling looks at what it did
 CLEAR = 1.02  # of a diameter between new particles
 TRIES = 20  # places tried for each particle that is due
+GIVEN = "as given"  # is a rate, not by a law
 LONGEST_POUR = 600.0  # [s]
 PATIENCE = 100  # looks in a row at which no particle found room
 REST_LOOKS = 3  # times in a row
@@ -76,7 +77,7 @@ def outlet(particle: Particle, diameter: float, height: float, rate: float | Non
             f"outlet_diameter: {diameter * 1e3:.3g} mm lets no particles of {particle.diameter * 1e3:.3g} mm through; "
             "give at least two diameters."
         )
-    rate_from = "as given"
+    rate_from = GIVEN
     if rate is None:
         grain = particle.equivalent_diameter
         rate = beverloo(particle, diameter, grain)
@@ -100,13 +101,24 @@ def need_end(count: int, rate: float) -> None:
         )
 
 
-def need_bearable(source: str, rate: float, speed: float, fastest: float) -> None:
-    """Refuse a `rate` [1/s] that throws particles through `source` as fast as no time step bears; speeds in m/s."""
-    if speed >= fastest:
-        raise BadInput(
-            f"pour_rate: {rate:g} per second leave {source} at {speed:.3g} m/s, and the time step bears "
-            f"{fastest:.3g} m/s; give at most {math.floor(0.99 * rate * fastest / speed)} per second or a wider outlet."
-        )
+def settings_of(outlet: Any) -> dict[str, Any]:
+    """What makes another run of it, without how it is told."""
+    return {name: value for name, value in asdict(outlet).items() if name != "rate_from"}
+
+
+def need_bearable(outlet: Any, fastest: float) -> None:
+    """Refuse an outlet that particles leave as fast as no time step bears, at `fastest` [m/s] or more."""
+    if outlet.speed < fastest:
+        return
+    advice = "give a larger --stiffness-factor"
+    if math.sqrt(GRAVITY * outlet.diameter / 2) < fastest:  # it is the rate that throws them
+        most = math.floor(0.99 * outlet.rate * fastest / outlet.speed)
+        advice = f"give at most {most} per second, a wider outlet or a larger --stiffness-factor"
+    named = "pour_rate: " if outlet.rate_from == GIVEN else ""
+    raise BadInput(
+        f"{named}{outlet.rate:.3g} particles per second leave an outlet of {outlet.diameter * 1e3:.3g} mm at "
+        f"{outlet.speed:.3g} m/s, and the time step bears {fastest:.3g} m/s; {advice}."
+    )
 
 
 def need_bearable_fall(name: str, fall: float, speed: float, fastest: float) -> None:

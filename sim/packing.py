@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
@@ -110,7 +110,7 @@ def run(
     opening = OUTLET * rig.cylinder_diameter if rig.outlet_diameter is None else rig.outlet_diameter
     source = fill.outlet(particle, opening, rig.cylinder_height + rig.fall_height, pour_rate, LEAST_RATE)
     fill.need_end(count, source.rate)
-    fill.need_bearable(f"an outlet of {opening * 1e3:.3g} mm", source.rate, source.speed, bench.fastest)
+    fill.need_bearable(source, bench.fastest)
     if bench.falls_freely:
         higher = "fall_height" if rig.fall_height > rig.cylinder_height else "cylinder_height"
         fill.need_bearable_fall(higher, source.height, source.speed, bench.fastest)
@@ -119,7 +119,7 @@ def run(
     bulk = bench.bulk(shapes, _domain(rig, particle, source, hopper), skin=fill.SKIN)
     course = fill.Course(random=np.random.default_rng(seed))
     asked = {"count": count, "seed": seed, "settle_limit": settle_limit, "fill_limit": fill_limit}
-    with bench.logbook(bulk, outlet=asdict(source), **asked) as logbook:
+    with bench.logbook(bulk, outlet=fill.settings_of(source), **asked) as logbook:
         if kept := logbook.resume():
             course.go_on(kept)
         if hopper is None:
@@ -266,7 +266,9 @@ def _bed(
     overfull = bool(heights.max(initial=0.0) > rig.cylinder_height)
     if overfull:  # what it does not hold stands up to the hopper
         stuck = 0
-    if stuck:
+    if stuck and not at_rest:
+        said.append(f"only {placed - stuck} of {placed} particles had left the hopper when the run ended")
+    elif stuck:
         jam = fill.arch_in_words(f"{stuck} of {placed} particles", source.diameter, particle)
         said.append(f"{jam}; give a wider --outlet-diameter")
     if missed := placed - int(within.sum()) - stuck:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -70,7 +70,7 @@ class Piling:
 
     @property
     def settings(self) -> dict[str, Any]:
-        return {"outlet": asdict(self.outlet)}
+        return {"outlet": fill.settings_of(self.outlet)}
 
     @property
     def assumptions(self) -> dict[str, str]:
@@ -91,7 +91,7 @@ class Piling:
         """Refuse what would leave the outlet, or come down on the base, faster than `fastest` [m/s]."""
         outlet = self.outlet
         fill.need_end(self.count, outlet.rate)
-        fill.need_bearable(f"an outlet of {outlet.diameter * 1e3:.3g} mm", outlet.rate, outlet.speed, fastest)
+        fill.need_bearable(outlet, fastest)
         if falls_freely and outlet.stands is None:
             fill.need_bearable_fall("fall_height", outlet.fall_height, outlet.speed, fastest)
         elif falls_freely and outlet.stands is not None:
@@ -149,7 +149,7 @@ def piling(rig: Pile, particle: Particle, count: int, rate: float | None, fall_h
     positive(fall_height=height)
     free = math.sqrt(GRAVITY * diameter / 2)  # [m/s], as fast as a free discharge leaves
     solid = particle.mass / particle.effective_density
-    rate_from = "as given"
+    rate_from = fill.GIVEN
     if rate is None:
         grains = f"for grains of {bead * 1e3:.3g} mm"
         rate, rate_from = fill.beverloo(particle, diameter, bead), f"Beverloo's discharge of the outlet {grains}"

@@ -79,8 +79,8 @@ class Pouring:
         """Refuse a tube that is lifted faster than `fastest` [m/s]; what it lets go hardly falls."""
         if self.lift_speed > fastest:
             raise BadInput(
-                f"lift_speed: a tube that is lifted at {self.lift_speed:.3g} m/s would leave its beads behind, for the "
-                f"time step bears {fastest:.3g} m/s; lift it more slowly (the usual is {LIFT_SPEED:g} m/s)."
+                f"lift_speed: the tube is lifted at {self.lift_speed:.3g} m/s, and the time step bears "
+                f"{fastest:.3g} m/s; lift it more slowly (the usual is {LIFT_SPEED:g} m/s)."
             )
 
     def form(self, bulk: Bulk, logbook: Logbook, course: Course, progress: Progress) -> None:
