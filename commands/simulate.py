@@ -99,6 +99,7 @@ SettleLimit = Annotated[
 ]
 
 STEEPEST = math.radians(85)  # [rad], of a slope that is one and no wall
+
 Run = Any  # what `bulk` makes of the options of a rig of many particles
 
 

@@ -26,9 +26,6 @@ if TYPE_CHECKING:
     from rigtwin.sim.hopper import Discharge
 
 
-FLOWED = 0.7  # part of the filling that stays, above which the ruler sees no discharge
-
-
 class Cast(NamedTuple):
     """Who takes part in a rig of many particles."""
 
@@ -258,6 +255,7 @@ def _not_emptied(evaluation: Evaluation, discharge: Discharge) -> Evaluation:
 
 def _no_flow(rig: Hopper, particle: Particle, discharge: Discharge, duration: float | None) -> str:
     """What setting is to blame where no discharge can be read from the run; empty where it is none of those."""
+    from rigtwin.measure.hopper import STAYS
     from rigtwin.sim.fill import arch_in_words
     from rigtwin.sim.hopper import STUCK
 
@@ -276,7 +274,7 @@ def _no_flow(rig: Hopper, particle: Particle, discharge: Discharge, duration: fl
             f"duration: {duration:g} s after the opening {discharge.emptied} of {discharge.asked} particles have left "
             "and more are on their way; give a longer duration, or none to wait until the flow has stopped."
         )
-    if discharge.remaining < FLOWED * discharge.asked:
+    if discharge.remaining < STAYS * discharge.asked:
         return ""
     return f"{stay} stay in the hopper around its outlet; give steeper walls or a wider outlet."
 

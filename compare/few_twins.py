@@ -227,12 +227,12 @@ def _strobe(
     tracks: Sequence[Track], particle: Particle, walls: Array | None, *, turned: float = 0.0
 ) -> npt.NDArray[np.uint8]:
     """Flashes of the particle, a clump out of its own axes by `turned` [rad], anticlockwise."""
-    from scipy.spatial.transform import Rotation
-
     from rigtwin.sim.picture import strobe
 
     if particle.shape is None:
         return strobe(tracks, [particle.radius], walls=walls)
+    from scipy.spatial.transform import Rotation
+
     offsets = Rotation.from_rotvec([0.0, -turned, 0.0]).apply(np.array(particle.shape.offsets))
     return strobe(tracks, particle.shape.radii, offsets, walls=walls)
 

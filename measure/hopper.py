@@ -62,6 +62,7 @@ DEEP = 2.0  # bead diameters of such rows: the bed's upper border is uneven by l
 COVERED = 0.5  # of the filling, that may leave behind what is in front of the bed: else more is drawn through than seen
 CLOSED = 4.0  # frames before the opening that show the slot closed: a slide takes two or three to leave it
 EARLY, LATE = 0.95, 0.2  # of the bed, between which it goes about as fast from frame to frame
+STAYS = 0.7  # of the bed, above which no discharge is seen
 RESIDUE = 0.02  # share of the bed that may stay behind before it is worth a warning
 # checks without which the times of what leaves are doubtful
 UNSEEN = ("slot_in_view", "bed_uncovered", "bed_clear", "static_camera")
@@ -324,7 +325,7 @@ def _share_left(left: Series) -> tuple[Array, Array, float]:
     full = float(np.median(value[: max(3, len(value) // 50)]))
     if not full > 0:
         raise BadInput(f"{_named(left)}: begins at {full:g}; give what is left from before the opening on.")
-    if float(value[-1]) > 0.7 * full:
+    if float(value[-1]) > STAYS * full:
         percent = 100 * float(value[-1]) / full
         tail = value[-max(5, len(value) // 10) :]
         stopped = float(np.ptp(tail)) <= max(1e-9, 6 * _noise(value))

@@ -88,7 +88,7 @@ class Piling:
         }
 
     def need_bearable(self, fastest: float, *, falls_freely: bool) -> None:
-        """Refuse what would leave the outlet, or come down on the base, faster than `fastest` [m/s]."""
+        """Refuse what pours for too long, or would leave the outlet or come down faster than `fastest` [m/s]."""
         outlet = self.outlet
         fill.need_end(self.count, outlet.rate)
         fill.need_bearable(outlet, fastest)

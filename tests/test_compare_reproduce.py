@@ -100,14 +100,20 @@ def test_ours_stands_beside_the_paper(filled, tmp_path, capsys):
     assert "own spin, R from the contact to its centre of mass (type A)" in html
 
 
-def test_a_fault_in_one_run_leaves_the_others_shown_and_the_command_ends_with_1(tmp_path, monkeypatch, capsys):
-    def one_faulty(*asked, **options):
+def planned_but_first(**other):
+    """The plan, with another first run."""
+
+    def planned(*asked, **options):
         found = plan(*asked, **options)
         first, *others = found.runs
-        return replace(found, runs=(replace(first, function="operator:truediv"), *others))
+        return replace(found, runs=(replace(first, **other), *others))
 
+    return planned
+
+
+def test_a_fault_in_one_run_leaves_the_others_shown_and_the_command_ends_with_1(tmp_path, monkeypatch, capsys):
     keep(tmp_path, 16)
-    monkeypatch.setattr(module, "plan", one_faulty)
+    monkeypatch.setattr(module, "plan", planned_but_first(function="operator:truediv"))
     asked = ["reproduce", "hlosta2020", "--table", "16", "--quick", "--out", str(tmp_path)]
     assert run(asked) == 1
     told = capsys.readouterr()
@@ -129,13 +135,9 @@ def test_a_fault_in_one_run_leaves_the_others_shown_and_the_command_ends_with_1(
 def test_a_run_that_the_memory_does_not_hold_leaves_the_others_shown_and_the_command_ends_with_2(
     tmp_path, monkeypatch, capsys
 ):
-    def one_huge(*asked, **options):
-        found = plan(*asked, **options)
-        first, *others = found.runs
-        return replace(found, runs=(replace(first, function="builtins:bytearray", settings={"source": 2**60}), *others))
-
     keep(tmp_path, 16)
-    monkeypatch.setattr(module, "plan", one_huge)
+    huge = planned_but_first(function="builtins:bytearray", settings={"source": 2**60})
+    monkeypatch.setattr(module, "plan", huge)
     asked = ["reproduce", "hlosta2020", "--table", "16", "--quick", "--out", str(tmp_path)]
     assert run(asked) == 2
     told = capsys.readouterr()
