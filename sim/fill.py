@@ -69,6 +69,11 @@ class Outlet:
         """Thickness [m] of the layer above the opening into which the particles of one look are set."""
         return 1.5 * self.speed * LOOK
 
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What makes another run of it, without how it is told."""
+        return {name: value for name, value in asdict(self).items() if name != "rate_from"}
+
 
 def outlet(particle: Particle, diameter: float, height: float, rate: float | None, least: float) -> Outlet:
     """The outlet of a hopper; without a `rate` [1/s] that of Beverloo's law, but at least `least`."""
@@ -101,12 +106,7 @@ def need_end(count: int, rate: float) -> None:
         )
 
 
-def settings_of(outlet: Any) -> dict[str, Any]:
-    """What makes another run of it, without how it is told."""
-    return {name: value for name, value in asdict(outlet).items() if name != "rate_from"}
-
-
-def need_bearable(outlet: Any, fastest: float) -> None:
+def need_bearable(outlet: Outlet, fastest: float) -> None:
     """Refuse an outlet that particles leave as fast as no time step bears, at `fastest` [m/s] or more."""
     if outlet.speed < fastest:
         return
@@ -183,13 +183,23 @@ class Course(Filling):
 
 
 def rain(
-    bulk: Bulk, logbook: Logbook, course: Course, source: Outlet, particle: Particle, count: int, progress: Progress
+    bulk: Bulk,
+    logbook: Logbook,
+    course: Course,
+    above: Callable[[], tuple[Outlet, Array]],
+    particle: Particle,
+    count: int,
+    progress: Progress,
 ) -> None:
-    """Let particles rain from the outlet until `count` are placed or no more find room; clumps turned at random."""
+    """Let particles rain until `count` are placed or no more find room; clumps turned at random.
+
+    `above` gives the outlet as it stands, and the places [m], shape (n, 3), of what new particles keep clear of.
+    """
     steps = max(1, round(LOOK / bulk.time_step))
     while course.placed < count and course.patience < PATIENCE:
+        source, occupied = above()
         due = min(count, math.ceil(source.rate * (bulk.time + LOOK))) - course.placed
-        new = places(bulk.grains().position, source, particle.diameter, due, course.random)
+        new = places(occupied, source, particle.diameter, due, course.random)
         turn = None if particle.shape is None else course.random.normal(size=(len(new), 4))
         bulk.add(new, np.array([0.0, 0.0, -source.speed]), turn=turn)
         course.patience = 0 if len(new) or due <= 0 else course.patience + 1

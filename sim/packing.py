@@ -119,11 +119,11 @@ def run(
     bulk = bench.bulk(shapes, _domain(rig, particle, source, hopper), skin=fill.SKIN)
     course = fill.Course(random=np.random.default_rng(seed))
     asked = {"count": count, "seed": seed, "settle_limit": settle_limit, "fill_limit": fill_limit}
-    with bench.logbook(bulk, outlet=fill.settings_of(source), **asked) as logbook:
+    with bench.logbook(bulk, outlet=source.settings, **asked) as logbook:
         if kept := logbook.resume():
             course.go_on(kept)
         if hopper is None:
-            fill.rain(bulk, logbook, course, source, particle, count, progress)
+            fill.rain(bulk, logbook, course, lambda: (source, bulk.grains().position), particle, count, progress)
         elif course.settling_until is None or course.let_go is None:
             hopper.pour(bulk, logbook, course, fill_limit, progress)
         at_rest = fill.settle(bulk, logbook, course, particle, settle_limit, progress)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,23 +37,14 @@ class Course(fill.Course):
 
 
 @dataclass(frozen=True)
-class Outlet:
-    diameter: float  # [m]
-    speed: float  # [m/s], of the beads leaving it
-    rate: float  # [1/s]
-    rate_from: str
-    fall_height: float  # [m], above the top of the heap
-    stands: float | None  # [m], above the base, where the outlet does not rise
-
-
-@dataclass(frozen=True)
 class Piling:
     """Bowl and funnel."""
 
     rig: Pile
     particle: Particle
     count: int
-    outlet: Outlet
+    outlet: fill.Outlet  # before the first bead
+    fall_height: float | None  # [m], above the top of the heap, with which the outlet rises; None where it stands
 
     @property
     def shapes(self) -> list[Shape]:
@@ -64,13 +55,13 @@ class Piling:
         outlet, diameter = self.outlet, self.particle.diameter
         side = self.rig.base_diameter / 2 + 4 * diameter
         # a heap steeper than 45 degrees is not expected; the outlet stops rising there
-        highest = self.rig.rim_height + self.rig.base_diameter / 2 + outlet.fall_height
-        top = max(highest, outlet.stands or 0.0) + 4 * fill.LOOK * outlet.speed + 4 * diameter
+        highest = self.rig.rim_height + self.rig.base_diameter / 2 + (self.fall_height or 0.0)
+        top = max(highest, outlet.height) + 4 * fill.LOOK * outlet.speed + 4 * diameter
         return (-side, -side, -2 * diameter), (side, side, top)
 
     @property
     def settings(self) -> dict[str, Any]:
-        return {"outlet": fill.settings_of(self.outlet)}
+        return {"outlet": {**self.outlet.settings, "fall_height": self.fall_height}}
 
     @property
     def assumptions(self) -> dict[str, str]:
@@ -78,12 +69,14 @@ class Piling:
         given = (
             f"a quarter of the base, at least {NARROWEST} bead diameters" if rig.outlet_diameter is None else "as given"
         )
-        falls = f"{outlet.fall_height * 1e3:.3g} mm above the top of the heap, with which the outlet rises"
+        falls = f"{outlet.height * 1e3:.3g} mm above the base, fixed"
+        if self.fall_height is not None:
+            falls = f"{self.fall_height * 1e3:.3g} mm above the top of the heap, with which the outlet rises"
         return {
             "outlet_diameter": f"{outlet.diameter * 1e3:.3g} mm ({given})",
             "pour_rate": f"{outlet.rate:.0f} beads per second ({outlet.rate_from})",
             "outlet_speed": f"{outlet.speed:.2f} m/s",
-            "fall_height": falls if outlet.stands is None else f"{outlet.stands * 1e3:.3g} mm above the base, fixed",
+            "fall_height": falls,
             "rim_height": f"{rig.rim_height * 1e3:.3g} mm" if rig.rim_height else "none: a flat disc",
         }
 
@@ -92,32 +85,24 @@ class Piling:
         outlet = self.outlet
         fill.need_end(self.count, outlet.rate)
         fill.need_bearable(outlet, fastest)
-        if falls_freely and outlet.stands is None:
-            fill.need_bearable_fall("fall_height", outlet.fall_height, outlet.speed, fastest)
-        elif falls_freely and outlet.stands is not None:
-            fill.need_bearable_fall("outlet_height", outlet.stands, outlet.speed, fastest)
+        if falls_freely:
+            name = "outlet_height" if self.fall_height is None else "fall_height"
+            fill.need_bearable_fall(name, self.fall_height or outlet.height, outlet.speed, fastest)
 
     def form(self, bulk: Bulk, logbook: Logbook, course: Course, progress: Progress) -> None:
         """Rain the beads."""
-        outlet, particle = self.outlet, self.particle
-        steps = max(1, round(fill.LOOK / bulk.time_step))
-        slab = 1.5 * outlet.speed * fill.LOOK + particle.diameter
-        while course.placed < self.count and course.patience < fill.PATIENCE:
+        clear = self.outlet.slab + 2 * self.particle.diameter
+
+        def above() -> tuple[fill.Outlet, Array]:
             beads = bulk.beads()
-            resting = beads.position[(beads.velocity**2).sum(1) < SLOW**2, 2]
-            height = max(course.height, resting.max(initial=0.0) + particle.radius + outlet.fall_height)
-            height = height if outlet.stands is None else outlet.stands
-            course.height = float(min(height, bulk.top - slab - particle.diameter))
-            due = min(self.count, math.ceil(outlet.rate * (bulk.time + fill.LOOK))) - course.placed
-            source = fill.Outlet(outlet.diameter, course.height, outlet.rate, outlet.speed, outlet.rate_from)
-            new = fill.places(beads.position, source, particle.diameter, due, course.random)
-            turn = None if particle.shape is None else course.random.normal(size=(len(new), 4))
-            bulk.add(new, np.array([0.0, 0.0, -outlet.speed]), turn=turn)
-            course.patience = 0 if len(new) or due <= 0 else course.patience + 1
-            course.placed += len(new)
-            logbook.run(steps)
-            logbook.look(course.kept())
-            progress("pouring", course.placed, self.count)
+            height = self.outlet.height
+            if self.fall_height is not None:
+                resting = beads.position[(beads.velocity**2).sum(1) < SLOW**2, 2]
+                height = max(course.height, resting.max(initial=0.0) + self.particle.radius + self.fall_height)
+            course.height = float(min(height, bulk.top - clear))
+            return replace(self.outlet, height=course.height), beads.position
+
+        fill.rain(bulk, logbook, course, above, self.particle, self.count, progress)
 
     def warnings(self, course: Course, staying: Array) -> list[str]:
         found = []
@@ -168,8 +153,8 @@ def piling(rig: Pile, particle: Particle, count: int, rate: float | None, fall_h
             )
     # fast enough that the beads keep clear of each other
     thinnest = rate * solid / (STREAM * math.pi / 4 * diameter**2)
-    outlet = Outlet(diameter, max(free, thinnest), rate, rate_from, height, rig.outlet_height)
-    return Piling(rig, particle, count, outlet)
+    outlet = fill.Outlet(diameter, rig.outlet_height or 0.0, rate, max(free, thinnest), rate_from)
+    return Piling(rig, particle, count, outlet, height if rig.outlet_height is None else None)
 
 
 def outlet_diameter(base_diameter: float, bead: float) -> float:
