@@ -258,12 +258,13 @@ def _size(text: str, dimension: str, name: str, zero: bool, highest: float) -> f
     value = si(text, dimension, name=name)
     if value < 0 or (value == 0 and not zero):
         raise BadQuantity(f"{name}: {text!r} is {'below' if zero else 'not above'} zero; give a positive value.")
-    if dimension == "angle" and value > highest * (1 + 1e-9):  # one unit's rounding is not another's
+    too_large = value > highest and not math.isclose(value, highest)  # as radians(175) is another than 175 deg
+    if too_large and dimension == "angle":
         raise BadQuantity(
             f"{name}: {text!r} is {math.degrees(value):.4g} degrees, more than {math.degrees(highest):.4g}; "
             "give less, with the angle's unit, like '45deg'."
         )
-    if value > highest:
+    if too_large:
         raise BadQuantity(f"{name}: {text!r} is too large; give at most {highest:g}.")
     bead = name == "--bead-diameter"
     if dimension == "length" and value and not SHORTEST <= value <= (LARGEST_BEAD if bead else LONGEST):

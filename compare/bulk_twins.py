@@ -106,11 +106,11 @@ def packing_twin(
             bead_diameter=cast.particle.diameter,
         )
     except BadInput as error:
-        if bed.stuck:
+        if bed.arched:
             jam = arch_in_words(f"{bed.stuck} of {bed.placed} particles", bed.outlet_diameter, cast.particle)
             raise BadInput(f"outlet_diameter: {jam}, and leave no bed below; give a wider one.") from error
         layer = _one_layer(rig, cast.particle)
-        if bed.placed - bed.missed >= layer:
+        if bed.stuck or bed.placed - bed.missed >= layer:
             raise
         raise BadInput(
             f"a count of {count} makes no bed: about {layer} cover the floor of a cylinder of "
@@ -245,8 +245,9 @@ def _not_emptied(evaluation: Evaluation, discharge: Discharge) -> Evaluation:
     why = next(sentence for sentence in warned({"warnings": discharge.warnings}) if sentence.startswith("only "))
 
     def doubtful(one: Quantity) -> bool:
-        told = bool(one.doubtful) or one.quantity == "opening_time"
-        return not told and (discharge.arched or one.unit == "s")
+        if one.quantity == "opening_time":
+            return False
+        return discharge.arched or (one.unit == "s" and not one.doubtful)
 
     return replace(
         evaluation, quantities=tuple(doubted(one, why) if doubtful(one) else one for one in evaluation.quantities)

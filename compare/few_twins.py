@@ -259,6 +259,7 @@ def _tilted(rig: Tilt, angle: Series, track: Track, particle: Particle) -> npt.N
     end, size = float(angle.value[-1]), particle.diameter
     along = (track.position * np.stack([np.cos(angle.value), np.sin(angle.value)], axis=1)).sum(axis=1)
     left = int(np.argmax(np.abs(along - along[0]) > 0.01 * size))  # 0 where it never does
+    left = min(left, len(along) - 2)
     seen = replace(track, time=track.time[left:], position=track.position[left:], sigma=track.sigma[left:])
     return _strobe((seen,), particle, slab((0.0, -size / 2), (rig.plate_length, 0.0), turned=end), turned=end)
 

@@ -111,7 +111,8 @@ def _edge(parse: Callable[[Any], Any]) -> PlainValidator:
 def _quantity(dimension: str, lowest: float = -math.inf, highest: float = math.inf, *, open_low: bool = True) -> Any:
     def parse(value: Any) -> float:
         number = si(value, dimension)
-        if number < lowest or number > highest or (open_low and number == lowest):
+        too_large = number > highest and not math.isclose(number, highest)  # as radians(175) is another than 175 deg
+        if number < lowest or too_large or (open_low and number == lowest):
             bare = dimension != "number" and not isinstance(value, str)
             unit, example = DIMENSIONS[dimension]
             hint = f"; a bare number is in {unit}, write it with its unit, like {example!r}" if bare else ""

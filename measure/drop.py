@@ -154,17 +154,17 @@ def _fit(record: Heights, drag: AirDrag) -> Bounces | None:
 
 def _why_no_bounce(record: Heights) -> str:
     if len(record.time) < 8 or np.ptp(record.height) <= 12 * third_difference_noise(record):
-        return "the bead hardly moves; give a clip in which it falls and bounces."
+        return "the particle hardly moves; give a clip in which it falls and bounces."
     top, low = int(np.argmax(record.height)), int(np.argmin(record.height))
     if len(find_contacts(record)) == 0:
         return (
-            f"the bead moves (highest at {record.time[top]:.3f} s, lowest at {record.time[low]:.3f} s) but no rebound "
-            "follows before the record ends; film longer, until it has bounced at least once, or move --end."
+            f"the particle moves (highest at {record.time[top]:.3f} s, lowest at {record.time[low]:.3f} s) but no "
+            "rebound follows before the record ends; film longer, until it has bounced at least once, or move --end."
         )
     return (
-        f"the bead turns round at {record.time[low]:.3f} s, but what comes before and after is no free flight of at "
-        "least five frames; if this is a drop, film at a higher frame rate, or move --start and --end to the fall and "
-        "the bounces."
+        f"the particle turns round at {record.time[low]:.3f} s, but what comes before and after is no free flight of "
+        "at least five frames; if this is a drop, film at a higher frame rate, or move --start and --end to the fall "
+        "and the bounces."
     )
 
 

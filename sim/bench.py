@@ -104,7 +104,7 @@ class Bench:
 
     @property
     def falls_freely(self) -> bool:
-        """Whether nothing of the model, as the drag of air, slows what falls."""
+        """Whether weight alone acts on what falls, and no force that an effect brings, as the drag of air."""
         from rigtwin.sim.engine.terms import acting_among
 
         active, _ = acting_among(self.numerics.get("effects", NO_EFFECTS), self.particle)

@@ -156,8 +156,8 @@ def checks(rig: Drum, particle: Particle, rotation: Rotation) -> tuple[Check, ..
             + (
                 "."
                 if enough
-                else f", where a slope needs {SHALLOWEST:g} and {SHORTEST:g}: single beads make it; give more beads, "
-                "smaller ones or a larger drum."
+                else f", where a slope needs {SHALLOWEST:g} and {SHORTEST:g}: single beads make it; give more or "
+                "smaller beads."
             ),
         ),
         Check(

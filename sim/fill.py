@@ -70,6 +70,11 @@ class Outlet:
         return 1.5 * self.speed * LOOK
 
     @property
+    def pours(self) -> str:
+        """The rate in words."""
+        return f"{self.rate:.0f} particles per second" if self.rate >= 100 else f"{self.rate:.3g} particles per second"
+
+    @property
     def settings(self) -> dict[str, Any]:
         """What makes another run of it, without how it is told."""
         return {name: value for name, value in asdict(self).items() if name != "rate_from"}
@@ -97,26 +102,28 @@ def outlet(particle: Particle, diameter: float, height: float, rate: float | Non
     return Outlet(diameter, height, rate, max(math.sqrt(GRAVITY * diameter / 2), thinnest), rate_from)
 
 
-def need_end(count: int, rate: float) -> None:
-    """Refuse a `rate` [1/s] at which `count` particles take longer than anybody waits for."""
-    if count / rate > LONGEST_POUR:
-        raise BadInput(
-            f"pour_rate: {count} particles take {count / rate:.3g} s at {rate:g} per second; give at least "
-            f"{count / LONGEST_POUR:.3g} per second."
-        )
+def need_end(outlet: Outlet, count: int) -> None:
+    """Refuse an outlet that `count` particles take longer to leave than anybody waits for."""
+    if count / outlet.rate <= LONGEST_POUR:
+        return
+    named, advice = "count", "give fewer or a wider outlet"
+    if outlet.rate_from == GIVEN:
+        named, advice = "pour_rate", f"give at least {math.ceil(1e3 * count / LONGEST_POUR) / 1e3:g} per second"
+    raise BadInput(f"{named}: {count} particles take {count / outlet.rate:.4g} s at {outlet.pours}; {advice}.")
 
 
 def need_bearable(outlet: Outlet, fastest: float) -> None:
     """Refuse an outlet that particles leave as fast as no time step bears, at `fastest` [m/s] or more."""
     if outlet.speed < fastest:
         return
-    advice = "give a larger --stiffness-factor"
-    if math.sqrt(GRAVITY * outlet.diameter / 2) < fastest:  # it is the rate that throws them
+    advice = "give a narrower outlet or a larger --stiffness-factor"
+    given = outlet.rate_from == GIVEN
+    if given and math.sqrt(GRAVITY * outlet.diameter / 2) < fastest:  # it is the rate that throws them
         most = math.floor(0.99 * outlet.rate * fastest / outlet.speed)
         advice = f"give at most {most} per second, a wider outlet or a larger --stiffness-factor"
-    named = "pour_rate: " if outlet.rate_from == GIVEN else ""
+    named = "pour_rate: " if given else ""
     raise BadInput(
-        f"{named}{outlet.rate:.3g} particles per second leave an outlet of {outlet.diameter * 1e3:.3g} mm at "
+        f"{named}{outlet.pours} leave an outlet of {outlet.diameter * 1e3:.3g} mm at "
         f"{outlet.speed:.3g} m/s, and the time step bears {fastest:.3g} m/s; {advice}."
     )
 

@@ -51,7 +51,8 @@ class Bed:
     asked: int
     placed: int
     missed: int  # particles that did not stay in the cylinder, without those that are
-    stuck: int  # in the hopper still, as they arch over its outlet
+    stuck: int  # in the hopper still
+    arched: bool  # whether these stand still over its outlet
     outlet_diameter: float  # [m]
     computing: float  # [s], of processor time, in all processes that the run took; NaN where one did not tell
     statistics: dict[str, float] = field(default_factory=dict)
@@ -105,12 +106,11 @@ def run(
     (default: Beverloo's discharge of the outlet).  With one they rest on its slide (at most `fill_limit` [s]) until the
     slide is drawn.  The run ends when they rest, or `settle_limit` [s] after the last one, and says which.
     """
-    check(rig, particle, count=count, settle_limit=settle_limit)
+    check(rig, particle, count=count, settle_limit=settle_limit, pour_rate=pour_rate)
     bench = Bench(rig, particle, wall, contact, wall_contact, numerics)
-    opening = OUTLET * rig.cylinder_diameter if rig.outlet_diameter is None else rig.outlet_diameter
-    source = fill.outlet(particle, opening, rig.cylinder_height + rig.fall_height, pour_rate, LEAST_RATE)
-    fill.need_end(count, source.rate)
-    fill.need_bearable(source, bench.fastest)
+    source = _outlet(rig, particle, pour_rate)
+    if rig.hopper_diameter is None:
+        fill.need_bearable(source, bench.fastest)
     if bench.falls_freely:
         higher = "fall_height" if rig.fall_height > rig.cylinder_height else "cylinder_height"
         fill.need_bearable_fall(higher, source.height, source.speed, bench.fastest)
@@ -250,10 +250,12 @@ def _bed(
     beads, grains = bulk.beads(), bulk.grains()
     z = grains.position[:, 2]
     within = (np.hypot(*grains.position[:, :2].T) < rig.cylinder_diameter / 2) & (z > 0)
-    stuck = 0
+    stuck, arched = 0, False
     if rig.hopper_diameter is not None:  # some may be stuck in it
         within &= z < source.height
-        stuck = int((z > source.height).sum())
+        above = z > source.height
+        stuck = int(above.sum())
+        arched = stuck > 0 and bool(np.linalg.norm(grains.velocity[above], axis=1).max() < fill.SETTLED.speed)
     spheres = np.isin(beads.ident if beads.grain is None else beads.grain, grains.ident[within])
     centres, radii = beads.position[spheres], beads.radius[spheres]
     heights = surface(centres, radii, rig.cylinder_diameter)
@@ -265,12 +267,12 @@ def _bed(
         said.append(f"only {placed} of {asked} particles found room below the outlet")
     overfull = bool(heights.max(initial=0.0) > rig.cylinder_height)
     if overfull:  # what it does not hold stands up to the hopper
-        stuck = 0
-    if stuck and not at_rest:
-        said.append(f"only {placed - stuck} of {placed} particles had left the hopper when the run ended")
-    elif stuck:
+        stuck, arched = 0, False
+    if arched:
         jam = fill.arch_in_words(f"{stuck} of {placed} particles", source.diameter, particle)
         said.append(f"{jam}; give a wider --outlet-diameter")
+    elif stuck:
+        said.append(f"only {placed - stuck} of {placed} particles had left the hopper when the run ended")
     if missed := placed - int(within.sum()) - stuck:
         said.append(f"{missed} of {placed} particles did not stay in the cylinder")
     if overfull:
@@ -291,6 +293,7 @@ def _bed(
         placed=placed,
         missed=missed,
         stuck=stuck,
+        arched=arched,
         outlet_diameter=source.diameter,
         computing=logbook.computing,
         statistics=logbook.statistics(),
@@ -300,7 +303,9 @@ def _bed(
     )
 
 
-def check(rig: Packing, particle: Particle, *, count: int, settle_limit: float = 4.0) -> None:
+def check(
+    rig: Packing, particle: Particle, *, count: int, settle_limit: float = 4.0, pour_rate: float | None = None
+) -> None:
     """Raises `BadInput` where `run` would refuse these settings, and computes nothing."""
     positive(
         cylinder_diameter=rig.cylinder_diameter,
@@ -331,6 +336,14 @@ def check(rig: Packing, particle: Particle, *, count: int, settle_limit: float =
         raise BadInput(
             f"hopper_diameter: {rig.hopper_diameter * 1e3:.3g} mm is no wider than its outlet; give a wider hopper."
         )
+    source = _outlet(rig, particle, pour_rate)
+    if rig.hopper_diameter is None:
+        fill.need_end(source, count)
+
+
+def _outlet(rig: Packing, particle: Particle, pour_rate: float | None) -> fill.Outlet:
+    opening = OUTLET * rig.cylinder_diameter if rig.outlet_diameter is None else rig.outlet_diameter
+    return fill.outlet(particle, opening, rig.cylinder_height + rig.fall_height, pour_rate, LEAST_RATE)
 
 
 def _assumptions(rig: Packing, source: fill.Outlet) -> dict[str, str]:
@@ -344,6 +357,6 @@ def _assumptions(rig: Packing, source: fill.Outlet) -> dict[str, str]:
         wide, steep = rig.hopper_diameter * 1e3, math.degrees(CONE)
         return words | {"hopper": f"{wide:.3g} mm wide over a cone of {steep:.0f} degrees; its slide is gone at once"}
     return words | {
-        "pour_rate": f"{source.rate:.0f} particles per second ({source.rate_from})",
+        "pour_rate": f"{source.pours} ({source.rate_from})",
         "outlet_speed": f"{source.speed:.2f} m/s",
     }

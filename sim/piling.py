@@ -43,7 +43,7 @@ class Piling:
     rig: Pile
     particle: Particle
     count: int
-    outlet: fill.Outlet  # before the first bead
+    outlet: fill.Outlet  # as high as it stands, or 0 where it rises
     fall_height: float | None  # [m], above the top of the heap, with which the outlet rises; None where it stands
 
     @property
@@ -74,16 +74,15 @@ class Piling:
             falls = f"{self.fall_height * 1e3:.3g} mm above the top of the heap, with which the outlet rises"
         return {
             "outlet_diameter": f"{outlet.diameter * 1e3:.3g} mm ({given})",
-            "pour_rate": f"{outlet.rate:.0f} beads per second ({outlet.rate_from})",
+            "pour_rate": f"{outlet.pours} ({outlet.rate_from})",
             "outlet_speed": f"{outlet.speed:.2f} m/s",
             "fall_height": falls,
             "rim_height": f"{rig.rim_height * 1e3:.3g} mm" if rig.rim_height else "none: a flat disc",
         }
 
     def need_bearable(self, fastest: float, *, falls_freely: bool) -> None:
-        """Refuse what pours for too long, or would leave the outlet or come down faster than `fastest` [m/s]."""
+        """Refuse what would leave the outlet, or come down on the base, faster than `fastest` [m/s]."""
         outlet = self.outlet
-        fill.need_end(self.count, outlet.rate)
         fill.need_bearable(outlet, fastest)
         if falls_freely:
             name = "outlet_height" if self.fall_height is None else "fall_height"
@@ -154,6 +153,7 @@ def piling(rig: Pile, particle: Particle, count: int, rate: float | None, fall_h
     # fast enough that the beads keep clear of each other
     thinnest = rate * solid / (STREAM * math.pi / 4 * diameter**2)
     outlet = fill.Outlet(diameter, rig.outlet_height or 0.0, rate, max(free, thinnest), rate_from)
+    fill.need_end(outlet, count)
     return Piling(rig, particle, count, outlet, height if rig.outlet_height is None else None)
 
 

@@ -77,7 +77,7 @@ class Pouring:
 
     def need_bearable(self, fastest: float, *, falls_freely: bool) -> None:
         """Refuse a tube that is lifted faster than `fastest` [m/s]; what it lets go hardly falls."""
-        if self.lift_speed > fastest:
+        if self.lift_speed >= fastest:
             raise BadInput(
                 f"lift_speed: the tube is lifted at {self.lift_speed:.3g} m/s, and the time step bears "
                 f"{fastest:.3g} m/s; lift it more slowly (the usual is {LIFT_SPEED:g} m/s)."

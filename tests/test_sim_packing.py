@@ -89,6 +89,7 @@ def test_the_seed_decides(bed):
 def test_beads_that_come_seconds_apart_are_all_waited_for():
     slow = poured(count=2, pour_rate=0.4)
     assert slow.placed == 2
+    assert slow.assumptions["pour_rate"] == "0.4 particles per second (as given)"
     assert not [words for words in slow.warnings if "found room" in words]
 
 
@@ -153,9 +154,12 @@ def test_a_hopper_with_a_slide_fills_the_cylinder_as_a_rain_does(bed):
     assert "60 mm" in from_hopper.assumptions["hopper"]
 
 
-def test_particles_that_arch_over_the_outlet_of_a_hopper_are_no_spill():
+@pytest.mark.parametrize("settle_limit", [0.02, 4.0])
+def test_particles_that_arch_over_the_outlet_of_a_hopper_are_no_spill(settle_limit):
     rig = replace(RIG, hopper_diameter=0.06, outlet_diameter=2 * BEAD.diameter)
-    jammed = packing.run(rig, BEAD, PMMA, BEADS, GLASS, count=60, seed=4, threads=1, fill_limit=0.5)
+    limits = {"fill_limit": 0.5, "settle_limit": settle_limit}
+    jammed = packing.run(rig, BEAD, PMMA, BEADS, GLASS, count=60, seed=4, threads=1, **limits)
+    assert jammed.arched
     assert jammed.stuck > 40
     assert jammed.missed == 0
     (told,) = [warning for warning in jammed.warnings if "arch over the outlet" in warning]
