@@ -156,7 +156,7 @@ def _for_liggghts(made: Export) -> str:
         "# restitution is smaller here, for it comes out larger than it was given where a contact may not pull;\n"
         "# rolling friction is mu_r Fn R_eff here and not mu_r Fn R, R_eff being R / 2 between equal spheres: twice;\n"
         f"# the torque's limit is the same, but\n# {DIFFERS[ROLLING[made.rolling]]}\n"
-        + "".join(f"# {warning}\n" for warning in made.warnings)
+        + "".join(f"# {words}\n" for words in (*_softened(made), *made.warnings))
         + each("youngsModulus", *moduli)
         + each("poissonsRatio", bead.material.poisson_ratio, wall.poisson_ratio)
         + pairs("coefficientRestitution", among.restitution, against.restitution)
@@ -165,6 +165,14 @@ def _for_liggghts(made: Export) -> str:
         + f"pair_style gran {model}\npair_coeff * *\n"
         + f"# a wall: fix NAME all wall/gran {model} primitive type 2 ...\n"
         + f"timestep {made.time_step:.10g}\n"
+    )
+
+
+def _softened(made: Export) -> tuple[str, ...]:
+    if made.stiffness_factor == 1:
+        return ()
+    return (
+        f"the moduli are {made.stiffness_factor:g} of the materials' own (--stiffness-factor); the time step is theirs",
     )
 
 
@@ -195,6 +203,7 @@ def _for_edem(made: Export) -> str:
         f"time step {made.time_step:g} s",
         f"the torque's limit is that of our {made.rolling}"
         + (", which springs back below it: EDEM's standard model does not" if made.rolling == "type C" else ""),
+        *_softened(made),
         *made.warnings,
     ]
     return "\n".join(lines) + "\n"

@@ -62,6 +62,13 @@ def test_liggghts_reads_pairs_of_types_in_order():
     assert "pair_style gran model hertz tangential history rolling_friction cdt" in lines
 
 
+@pytest.mark.parametrize("code", ["edem", "liggghts"])
+def test_softened_moduli_are_told(code):
+    words = "the moduli are 0.001 of the materials' own"
+    assert words in export(code, D6, STEEL, AMONG, ON_STEEL).text
+    assert words not in export(code, D6, STEEL, AMONG, ON_STEEL, stiffness_factor=1.0).text
+
+
 def test_what_liggghts_wants_confirmed_is_said():
     rubber = Particle("ball", Material("rubber", 1100, 1e7, 0.49), 6e-3)
 
