@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.compare.twin import Twin, settings_of
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.model import NO_EFFECTS, Effects
@@ -19,8 +20,6 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Evaluation
 from rigtwin.lab.records import Series, Track
 from rigtwin.lab.rigs import GRAVITY, Drop, Pendulum, Tilt
-
-Array = npt.NDArray[np.float64]
 
 IDEAL = "The bead moves in a vacuum and does not spin at the start."
 

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.quantity import Measurement
 from rigtwin.lab.records import Profile, Series, Track
 from rigtwin.lab.rigs import (
@@ -31,8 +31,6 @@ from rigtwin.lab.rigs import (
     RigSettings,
     TiltSettings,
 )
-
-Array = npt.NDArray[np.float64]
 
 GRID = 400  # points of the common axis
 STEADY = 0.5  # of a drum's film, from which on its surface counts as steady

@@ -16,9 +16,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -17,11 +17,10 @@ from typing import TYPE_CHECKING
 from rigtwin.lab.errors import BadInput
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
     from trimesh import Trimesh
 
-    Array = npt.NDArray[np.float64]
+    from rigtwin.lab.arrays import Array
+
 
 Vector = tuple[float, float, float]
 

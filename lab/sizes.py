@@ -15,9 +15,9 @@ from rigtwin.lab.errors import BadInput
 
 if TYPE_CHECKING:
     import numpy as np
-    import numpy.typing as npt
 
-    Array = npt.NDArray[np.float64]
+    from rigtwin.lab.arrays import Array
+
 
 STEPS = 1000  # of the table of quantiles
 CUT = 3.0  # standard deviations; without an end the smallest particle would need an endless number of steps

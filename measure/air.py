@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import brentq
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.rigs import GRAVITY
-
-Array = npt.NDArray[np.float64]
 
 AIR_DENSITY = 1.2  # [kg/m^3], 20 degrees C
 AIR_VISCOSITY = 1.81e-5  # [Pa s]

@@ -5,14 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
-import numpy.typing as npt
-
+from rigtwin.lab.arrays import GreyImage
 from rigtwin.measure.media import Frame
 from rigtwin.measure.scene import Background
 from rigtwin.measure.spots import Box, Spot
-
-Grey = npt.NDArray[np.uint8]
 
 ROOM = 96 * 2**20  # [bytes] of cut-outs; a clip that asks for more is read again instead
 MOST = 4  # spots of a frame that are kept, the strongest
@@ -24,10 +20,10 @@ class Album:
     """Cut-outs around the spots of every frame, and some whole frames in which something moves."""
 
     def __init__(self) -> None:
-        self._whole: dict[int, Grey] = {}
+        self._whole: dict[int, GreyImage] = {}
         self._moved, self._every = 0, 1  # frames in which something moved, and which of them are kept whole
         self.times: dict[int, float] = {}  # [s], of the frames of which there are cut-outs
-        self._cuts: dict[int, list[tuple[Box, Grey]]] = {}
+        self._cuts: dict[int, list[tuple[Box, GreyImage]]] = {}
         self._places: list[tuple[Box, int]] = []  # and in which frame a spot was last seen there
         self._room = ROOM
         self._last: Spot | None = None
@@ -70,14 +66,14 @@ class Album:
                 del self._whole[index]
             self._every *= 2
 
-    def cut(self, index: int, box: Box) -> Grey | None:
+    def cut(self, index: int, box: Box) -> GreyImage | None:
         """A part of a frame, None where not all of it was kept."""
         for (left, top, right, bottom), part in self._cuts.get(index, []):
             if left <= box[0] and top <= box[1] and right >= box[2] and bottom >= box[3]:
                 return part[box[1] - top : box[3] - top, box[0] - left : box[2] - left]
         return None
 
-    def greys(self, first: int, last: int) -> dict[int, Grey]:
+    def greys(self, first: int, last: int) -> dict[int, GreyImage]:
         """The whole frames kept from `first` to `last`, by number; none where they are too few to learn from."""
         greys = {index: grey for index, grey in self._whole.items() if first <= index <= last}
         return greys if len(greys) >= FEWEST else {}

@@ -19,11 +19,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, FloatImage, GreyImage
 from rigtwin.measure.straight import fullest_run, gradient, straight
-
-Array = npt.NDArray[np.float64]
-Picture = npt.NDArray[np.float32]
-Grey = npt.NDArray[np.uint8]
 
 STEEPEST = math.radians(65)  # of an arm
 TURN_STEP = math.radians(0.25)  # of the search
@@ -52,12 +49,12 @@ class Arm:
     pivot: tuple[float, float]  # [px], in the still scene
     along: Array  # [px], distance from the pivot of every column, signed as x
     across: Array  # [px], of every row, positive down
-    picture: Picture = field(repr=False)  # [grey levels], shape (rows, columns)
+    picture: FloatImage = field(repr=False)  # [grey levels], shape (rows, columns)
     edges: tuple[Edge, ...]
     span: tuple[float, float]  # [px], along: where the arm's edges begin and end
     directions: dict[int, float]  # [rad], of the sample frames, from the search
 
-    def cut(self, frame: Picture | Grey, direction: float, along: Array, across: Array) -> Picture:
+    def cut(self, frame: FloatImage | GreyImage, direction: float, along: Array, across: Array) -> FloatImage:
         """The pixels of a steady frame in the arm's coordinates, shape (rows, columns)."""
         return turned_back(frame, self.pivot, direction, along, across)
 
@@ -102,8 +99,8 @@ class Turn:
 
 
 def turned_back(
-    frame: Picture | Grey, pivot: tuple[float, float], direction: float, along: Array, across: Array
-) -> Picture:
+    frame: FloatImage | GreyImage, pivot: tuple[float, float], direction: float, along: Array, across: Array
+) -> FloatImage:
     """Pixels at `along` x `across` in coordinates turned by `direction` about `pivot`, shape (rows, columns)."""
     cos, sin = math.cos(direction), math.sin(direction)
     x = pivot[0] + along[None, :] * cos - across[:, None] * sin
@@ -114,7 +111,7 @@ def turned_back(
     )
 
 
-def find_arm(frames: dict[int, Picture]) -> Arm | None:
+def find_arm(frames: dict[int, FloatImage]) -> Arm | None:
     """The arm in steady sample frames by frame number; None when nothing straight turns."""
     numbers = sorted(frames)
     pictures = [frames[number] for number in numbers]
@@ -134,7 +131,7 @@ def find_arm(frames: dict[int, Picture]) -> Arm | None:
 _GRID = np.arange(-STEEPEST, STEEPEST + TURN_STEP / 2, TURN_STEP)
 
 
-def _moving_edges(pictures: Sequence[Picture], k: int) -> tuple[Array, Array, Array, Array]:
+def _moving_edges(pictures: Sequence[FloatImage], k: int) -> tuple[Array, Array, Array, Array]:
     """x, y, direction and weight of edge pixels of picture k that some other picture does not have there."""
     here_x, here_y = gradient(pictures[k])
     strength = np.hypot(here_x, here_y)
@@ -213,7 +210,7 @@ def _pivot(votes: Sequence[Array], path: npt.NDArray[np.int64], width: int, heig
     return pivot
 
 
-def _picture_of(directions: dict[int, float], pivot: tuple[float, float], frames: dict[int, Picture]) -> Arm | None:
+def _picture_of(directions: dict[int, float], pivot: tuple[float, float], frames: dict[int, FloatImage]) -> Arm | None:
     """The arm's own picture: sample frames turned back, laid over each other, the pivot refined on the way."""
     width = next(iter(frames.values())).shape[1]
     numbers = sorted(frames)
@@ -260,14 +257,14 @@ def _shifted_pivot(
     return pivot[0] - slope * math.cos(middle), pivot[1] - slope * math.sin(middle)
 
 
-def _still(stack: npt.NDArray[np.float32]) -> tuple[Picture, Picture]:
+def _still(stack: npt.NDArray[np.float32]) -> tuple[FloatImage, FloatImage]:
     """Median over the cuts and their scatter about it."""
     middle = np.median(stack, axis=0).astype(np.float32)
     scatter = np.median(np.abs(stack - middle), axis=0).astype(np.float32) * np.float32(1.4826)
     return middle, np.asarray(cv2.blur(scatter, (5, 3)) + np.float32(0.5), dtype=np.float32)
 
 
-def _edges(middle: Picture, noise: Picture, along: Array, across: Array, width: int) -> tuple[Edge, ...]:
+def _edges(middle: FloatImage, noise: FloatImage, along: Array, across: Array, width: int) -> tuple[Edge, ...]:
     """Straight edges along the arm: rows in which the picture changes across it over a long way."""
     smooth = cv2.GaussianBlur(middle, (0, 0), sigmaX=2.0, sigmaY=1.0)
     change = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8), dtype=np.float32)
@@ -292,7 +289,7 @@ def _edges(middle: Picture, noise: Picture, along: Array, across: Array, width: 
     return tuple(edge for edge, slope in zip(found, slopes, strict=True) if abs(slope - leader) < PARALLEL)
 
 
-def _edge_at(row: int, change: Picture, signed: Array, along: Array, across: Array, width: int) -> Edge | None:
+def _edge_at(row: int, change: FloatImage, signed: Array, along: Array, across: Array, width: int) -> Edge | None:
     """The edge near a row: where it runs, and its slope to a fraction of a pixel."""
     band = slice(row - 3, row + 4)
     sign = 1.0 if signed[row - 1 : row + 2].sum() > 0 else -1.0
@@ -322,7 +319,7 @@ def _span(edges: tuple[Edge, ...], along: Array) -> tuple[float, float]:
     )
 
 
-def lay_over(arm: Arm, frame: Picture, direction: float, *, reach: int = REACH) -> Turn | None:
+def lay_over(arm: Arm, frame: FloatImage, direction: float, *, reach: int = REACH) -> Turn | None:
     """The arm's direction in a steady frame, from a guess; None when its edges are not found near there."""
     found: Turn | None = None
     shifts = np.zeros(len(arm.edges))
@@ -349,7 +346,7 @@ def lay_over(arm: Arm, frame: Picture, direction: float, *, reach: int = REACH) 
 
 
 def _edge_shift(
-    arm: Arm, edge: Edge, frame: Picture, direction: float, shift: float, reach: int
+    arm: Arm, edge: Edge, frame: FloatImage, direction: float, shift: float, reach: int
 ) -> tuple[Array, Array, Array]:
     """Along the arm: place, how far the edge lies off its place in the arm's picture, and what that is worth."""
     columns = np.arange(edge.start, edge.end + 1)

@@ -15,11 +15,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtr
 
-from rigtwin.measure.patch import Mask, Patch, cut_patch, start_from_moments, surroundings
+from rigtwin.lab.arrays import Array, FloatImage, Mask
+from rigtwin.measure.patch import Patch, cut_patch, start_from_moments, surroundings
 from rigtwin.measure.scene import middle_of
-
-Array = npt.NDArray[np.float64]
-Picture = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -170,7 +168,7 @@ def common_look(fits: Sequence[BeadFit]) -> Look:
     return Look(float(mean[0]), float(mean[1]), np.asarray(mean[2:]))
 
 
-def _soft_edge(depth: Picture) -> tuple[Picture, Picture]:
+def _soft_edge(depth: FloatImage) -> tuple[FloatImage, FloatImage]:
     """The normal distribution at `depth`, and its density: how much of a pixel is covered, and where the rim is.
 
     Looked up in tables: the functions themselves would take most of the time of a fit.
@@ -179,7 +177,7 @@ def _soft_edge(depth: Picture) -> tuple[Picture, Picture]:
     return _COVERS.take(places, mode="clip"), _RIMS.take(places, mode="clip")
 
 
-def _summed(moments: Picture, values: Picture) -> Picture:
+def _summed(moments: FloatImage, values: FloatImage) -> FloatImage:
     """Sums over the exposure, one for each row of `moments`, of values of shape (..., exposure, pixels)."""
     pixels = values.shape[-1]
     if pixels <= _SUMMED_AT_ONCE:
@@ -405,7 +403,7 @@ class _Pixels:
         self._scene_rows = self._rows_of_scene()
         self._near = 0  # how many pixels come first
         self._places_near = np.empty((2, 0), dtype=np.float32)
-        self._behind_near: Picture | None = None
+        self._behind_near: FloatImage | None = None
         self._shape = np.full(_SHAPES, np.nan)  # for which they were chosen
 
     def image(self, values: Array) -> Array:

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, FloatImage, Image
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.measure.drum_turning import sector_of, turning_of
@@ -28,9 +29,6 @@ from rigtwin.measure.scene import Pose, Scene
 from rigtwin.measure.still import Cut, Steadied, apart, cut_for, steadied, still_scene
 from rigtwin.measure.upright import Upright, upright
 
-Array = npt.NDArray[np.float64]
-Image = npt.NDArray[np.uint8]
-Map = npt.NDArray[np.float32]
 Region = tuple[float, float, float, float]
 
 SAMPLES = 41  # frames from which the looks of bed and drum are learnt
@@ -58,7 +56,7 @@ class Still:
     index: int
     time: float  # [s]
     colour: Image  # BGR
-    change: Map  # [grey levels], mean absolute difference to the frames before and after
+    change: FloatImage  # [grey levels], mean absolute difference to the frames before and after
     pose: Pose
     hidden: bool = False  # something passes in front of the scene
 
@@ -70,7 +68,7 @@ class Looks:
     colour: Array  # log likelihood ratio by colour cell
     change: Array  # by step of log motion
     texture: Array  # by step of log texture
-    before: Map  # log odds by place, from the motion over the whole clip
+    before: FloatImage  # log odds by place, from the motion over the whole clip
     noise: float  # [grey levels], motion of a still scene
     bead: float  # [px], bead diameter
 
@@ -228,7 +226,7 @@ def _stills(video: Video, scene: Scene, lens: Cut, exposure: Exposure) -> Iterat
         yield _still(waiting[1], waiting[:1])
 
 
-def _blur_against_noise(frame: Image, picture: Map) -> float:
+def _blur_against_noise(frame: Image, picture: FloatImage) -> float:
     """[px], by which to smooth frames so noisy that slow beads' motion is lost in it; 0 where they need none."""
     grey = cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY).astype(np.float32)
     off = grey - picture
@@ -241,7 +239,7 @@ def _still(now: Steadied, others: list[Steadied]) -> Still:
     return Still(now.index, now.time, now.colour, np.asarray(change, dtype=np.float32), now.pose)
 
 
-def _drum_in(samples: list[Still], picture: Map) -> tuple[Map, float, Rim | None, bool]:
+def _drum_in(samples: list[Still], picture: FloatImage) -> tuple[FloatImage, float, Rim | None, bool]:
     """Motion over the clip, its noise, the drum, and whether its rim was seen."""
     motion = _motion(samples)
     noise = max(float(np.median(motion)), LEAST_NOISE)
@@ -254,7 +252,7 @@ def _drum_in(samples: list[Still], picture: Map) -> tuple[Map, float, Rim | None
     return motion, noise, rim if rim is not None and rim.sigma < MISFIT * rim.radius else None, False
 
 
-def _hides(still: Still, picture: Map, beside: npt.NDArray[np.bool_]) -> bool:
+def _hides(still: Still, picture: FloatImage, beside: npt.NDArray[np.bool_]) -> bool:
     """Whether a part of what should stand still looks otherwise in this frame, but for a lamp that flickers."""
     grey = cv2.cvtColor(still.colour, cv2.COLOR_BGR2GRAY).astype(np.float32)
     off = cv2.GaussianBlur(grey - picture, (0, 0), 2.0)[beside]
@@ -264,7 +262,7 @@ def _hides(still: Still, picture: Map, beside: npt.NDArray[np.bool_]) -> bool:
     return bool(np.mean(off > 15 + 4 * np.median(off)) > PASSES)
 
 
-def _motion(samples: list[Still]) -> Map:
+def _motion(samples: list[Still]) -> FloatImage:
     """How much every pixel changes: between neighbouring frames, and from one end of the clip to the other."""
     quick = np.mean([still.change for still in samples], axis=0)
     slow = np.mean(
@@ -274,7 +272,7 @@ def _motion(samples: list[Still]) -> Map:
     return np.asarray(cv2.GaussianBlur((quick + slow).astype(np.float32), (0, 0), 2.0), dtype=np.float32)
 
 
-def _otsu(values: Map) -> float:
+def _otsu(values: FloatImage) -> float:
     """The value that parts the logarithms of these in two classes best."""
     logs = np.log(values + 0.1)
     low, high = float(logs.min()), float(logs.max())
@@ -285,7 +283,7 @@ def _otsu(values: Map) -> float:
     return math.exp(low + (level + 0.5) / 255 * (high - low)) - 0.1
 
 
-def _upright(picture: Map, rim: Rim, roll: float | None) -> Upright:
+def _upright(picture: FloatImage, rim: Rim, roll: float | None) -> Upright:
     y = np.arange(picture.shape[0])[:, None] + np.zeros(picture.shape[1])
     return upright(
         picture, given=roll, stand=y > rim.centre[1] + 0.8 * rim.radius, apart_from=rim.inside(picture.shape, 1.15)
@@ -302,7 +300,7 @@ def _aside(bed: npt.NDArray[np.bool_], rim: Rim, roll: float) -> float:
     return math.remainder(turned, 2 * math.pi)
 
 
-def _learn(samples: list[Still], motion: Map, rim: Rim, bead: float) -> Looks | None:
+def _learn(samples: list[Still], motion: FloatImage, rim: Rim, bead: float) -> Looks | None:
     """Looks of bed and empty drum from where there is motion over the clip and where there is none."""
     inside = rim.inside(motion.shape, 0.97)
     smooth = cv2.GaussianBlur(motion, (0, 0), max(0.3 * bead, 1.5))
@@ -326,7 +324,7 @@ def _looks(
     samples: list[Still],
     bed: npt.NDArray[np.bool_],
     empty: npt.NDArray[np.bool_],
-    before: Map,
+    before: FloatImage,
     noise: float,
     bead: float,
 ) -> Looks:
@@ -359,11 +357,11 @@ def _texture_steps(still: Still, noise: float, bead: float) -> npt.NDArray[np.in
     return _steps(np.asarray(rough / noise, dtype=np.float32))
 
 
-def _steps(values: Map) -> npt.NDArray[np.int64]:
+def _steps(values: FloatImage) -> npt.NDArray[np.int64]:
     return np.asarray(np.clip((np.log2(values + 0.06) + 4) * 3, 0, STEPS - 1), dtype=np.int64)
 
 
-def _evidence(still: Still, looks: Looks) -> Map:
+def _evidence(still: Still, looks: Looks) -> FloatImage:
     """Log odds that a pixel belongs to a bead."""
     colour = np.clip(looks.colour, -3, 3)[colour_cells(still.colour, 0.5 * looks.bead)]
     change = np.clip(looks.change, -2, 2)[_change_steps(still, looks.noise, looks.bead)]
@@ -383,7 +381,7 @@ def _outline(still: Still, looks: Looks, rim: Rim, roll: float) -> Outline:
         ]
     )
 
-    def upright_map(picture: Map) -> Map:
+    def upright_map(picture: FloatImage) -> FloatImage:
         seen = cv2.warpAffine(
             picture,
             turn,
@@ -413,7 +411,7 @@ def _outline(still: Still, looks: Looks, rim: Rim, roll: float) -> Outline:
     )
 
 
-def _top(odds: Map, bead: float) -> tuple[Array, float]:
+def _top(odds: FloatImage, bead: float) -> tuple[Array, float]:
     """Row of the upper border of the large groups of bead pixels by column, NaN where there is none; and their area."""
     size = max(3, round(0.35 * bead) | 1)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))

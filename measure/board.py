@@ -13,15 +13,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, Image
 from rigtwin.lab.camera import Board, Camera, Lens
 from rigtwin.lab.errors import BadInput
 from rigtwin.measure.lens import project
 from rigtwin.measure.media import read_photo
-
-Array = npt.NDArray[np.float64]
-Image = npt.NDArray[np.uint8]
 
 DICTIONARIES = (
     cv2.aruco.DICT_4X4_1000,

@@ -10,11 +10,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, GreyImage
 from rigtwin.measure.media import Frame
 from rigtwin.measure.spots import SpotPath, place_on
-
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
 
 VISIBLE = 6.0  # difference of a bead to its background, in units of the noise, at which luma is good enough
 LEAST_NOISE = 0.3  # [grey levels squared], of each of three colours, of their mix a third: what rounding leaves
@@ -27,7 +25,7 @@ class Channel:
     weights: tuple[float, float, float] | None = None  # of blue, green, red; None: luma
     offset: float = 0.0  # [grey levels]
 
-    def grey(self, frame: Frame) -> Grey:
+    def grey(self, frame: Frame) -> GreyImage:
         """8 bit, shape (height, width)."""
         if self.weights is None:
             return frame.grey
@@ -62,7 +60,7 @@ def best_channel(frames: Sequence[Frame], path: SpotPath) -> Channel:
     return _fisher(np.concatenate(differences), np.concatenate(noises), np.concatenate(scenery))
 
 
-def luma_is_clear(greys: Mapping[int, Grey], path: SpotPath) -> bool:
+def luma_is_clear(greys: Mapping[int, GreyImage], path: SpotPath) -> bool:
     """Whether luma alone shows the bead so well that no mix of colours is asked for."""
     where = place_on(path)
     places = {index: where(index)[0] for index in greys}

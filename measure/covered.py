@@ -13,12 +13,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, Image, Mask
 from rigtwin.measure.grains import Beads, at
 from rigtwin.measure.surface import Silhouette
-
-Array = npt.NDArray[np.float64]
-Image = npt.NDArray[np.uint8]
-Mask = npt.NDArray[np.bool_]
 
 SATURATED = 252  # [grey levels], from which on glare hides what is behind it
 NO_BEAD = 3.0  # bead radii; that near to a point of a packing's surface lie four beads, of which one will be made out

@@ -18,9 +18,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.measure.grains import Beads, Edges, edges
 
-Array = npt.NDArray[np.float64]
 Numbers = npt.NDArray[np.floating[Any]]  # of either precision: candidates are compared in single
 
 LEAST_RIM = 0.5  # share of the lower rim that must lie on edges

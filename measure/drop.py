@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import NothingToMeasure
@@ -39,21 +40,12 @@ from rigtwin.measure.drop_checks import (
 )
 from rigtwin.measure.drop_gauge import Gauge, find_gauge, radius_doubt, to_metres
 from rigtwin.measure.falling import join_flights, likeness
-from rigtwin.measure.flights import (
-    Bounces,
-    Heights,
-    Reader,
-    find_contacts,
-    fit_bounces,
-    third_difference_noise,
-)
+from rigtwin.measure.flights import Bounces, Heights, Reader, find_contacts, fit_bounces, third_difference_noise
 from rigtwin.measure.follow import Chase, chase_path, find_paths, learn_scene, look_again
 from rigtwin.measure.lost_frames import Loss, find_losses, in_time
 from rigtwin.measure.media import Video, open_video
 from rigtwin.measure.repeats import at_its_pace, repeated
 from rigtwin.measure.stated_roll import roll_check
-
-Array = npt.NDArray[np.float64]
 
 AS_WELL, AS_BRIGHT = 1.3, 0.7  # times the usual misfit and contrast, up and down to which a bead is seen whole
 STREAK_OFF = 0.5  # [px], of a bead's streak, from which on a frame is fitted again with the one that its flight makes

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, Image
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.quantity import Measurement
@@ -21,7 +22,6 @@ from rigtwin.measure.overlay import (
     RED,
     SKY,
     YELLOW,
-    Image,
     OverlayVideo,
     draw_caption,
     draw_circle,
@@ -33,8 +33,6 @@ from rigtwin.measure.overlay import (
     save_picture,
     save_plot,
 )
-
-Array = npt.NDArray[np.float64]
 
 _LONGEST_SIDE = 960  # [px], of the overlay video: enough to judge by, quick to write
 

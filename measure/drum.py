@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, Image
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.content import sha256
 from rigtwin.lab.drum import fill_check, froude_check
@@ -28,13 +28,11 @@ from rigtwin.measure.bed import Bed, bed_in_photo, follow_bed
 from rigtwin.measure.drum_profiles import credible, hidden_columns, profile_of, without_flights
 from rigtwin.measure.drum_turning import stance_checks
 from rigtwin.measure.in_view import camera_by_scene
-from rigtwin.measure.media import UNSTEADY, Image, Video, open_video, read_photo
+from rigtwin.measure.media import UNSTEADY, Video, open_video, read_photo
 from rigtwin.measure.repeats import at_its_pace
 from rigtwin.measure.stated_roll import nothing_level, upright_checks
 from rigtwin.measure.steady import Avalanches, Mean, find_avalanches, mean_over_time, steady_part
 from rigtwin.measure.upright import NOT_SEEN
-
-Array = npt.NDArray[np.float64]
 
 GRAPHICAL, GEOMETRIC = "angle_of_repose_graphical", "angle_of_repose_geometric"
 UPPER, LOWER = "angle_of_repose_upper", "angle_of_repose_lower"

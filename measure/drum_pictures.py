@@ -7,17 +7,14 @@ import math
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, Image
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.quantity import Measurement
 from rigtwin.lab.records import Profile
 from rigtwin.measure import drum, overlay
 from rigtwin.measure.bed import Bed, Outline
 from rigtwin.measure.media import Video
-
-Array = npt.NDArray[np.float64]
-Image = npt.NDArray[np.uint8]
 
 
 def write_pictures(

@@ -12,10 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import binary_dilation, binary_opening
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.records import Profile
 from rigtwin.measure.bed import Outline
-
-Array = npt.NDArray[np.float64]
 
 LOST = 0.25  # share of the bed's area by which a frame may differ from the median one
 FLIGHT = 0.035  # [s], in which a bead of 6 mm falls by its diameter: one in flight has passed, the bed has not

@@ -14,13 +14,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, FloatImage, Image
 from rigtwin.lab.quantity import Check
 from rigtwin.measure.rim import Rim
 from rigtwin.measure.straight import fullest_run
-
-Array = npt.NDArray[np.float64]
-Image = npt.NDArray[np.uint8]
-Map = npt.NDArray[np.float32]
 
 RING = (0.72, 0.9)  # of the radius: beads that the wall carries, clear of its edge and of a flange
 FINEST = 120  # steps of the ring to a radius: beads are several wide, and a long film's rings are kept in memory
@@ -40,14 +37,14 @@ MOST_ASIDE = 75.0
 class Sector:
     """A stretch of the ring along the drum's wall that is deep in the bed: where its pixels lie in the picture."""
 
-    x: Map  # [px], shape (radii, angles); angles rise clockwise
-    y: Map
+    x: FloatImage  # [px], shape (radii, angles); angles rise clockwise
+    y: FloatImage
 
     def seen(self, grey: Image) -> Image:
         return np.asarray(cv2.remap(grey, self.x, self.y, cv2.INTER_LINEAR), dtype=np.uint8)
 
 
-def sector_of(before: Map, rim: Rim) -> Sector | None:
+def sector_of(before: FloatImage, rim: Rim) -> Sector | None:
     """The bed's sector at the wall, by the log odds of the mean bed; None where too little of it is seen."""
     step = max(1.0, rim.radius / FINEST)  # [px]
     radii = np.arange(RING[0] * rim.radius, RING[1] * rim.radius, step)
@@ -100,7 +97,7 @@ def turning_of(rings: Sequence[Image]) -> int:
     return 0
 
 
-def _likeness(earlier: Map, later: Map, reach: int) -> Array:
+def _likeness(earlier: FloatImage, later: FloatImage, reach: int) -> Array:
     """Correlation of the later picture's parts with the earlier one's middle, by shifts from -reach to +reach."""
     middle = earlier[:, reach : earlier.shape[1] - reach]
     return np.asarray(cv2.matchTemplate(later, middle, cv2.TM_CCOEFF_NORMED)[0], dtype=np.float64)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-Image = npt.NDArray[np.uint8]
+from rigtwin.lab.arrays import Image
 
 FULL_RANGE = 200.0  # [grey levels], between dark and bright in a well exposed picture
 NARROW = 0.77  # of it, below which a picture is stretched

@@ -21,12 +21,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
+from rigtwin.lab.arrays import Array, Mask
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.air import AirDrag, Fall, longest_contact, tables_of
 from rigtwin.measure.aside import fly_aside
-
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 # One standard deviation of what is not known beforehand.
 PERSPECTIVE = 0.02  # relative change of scale over the drop height: a camera at 2.5 drop heights pitched by 3 degrees

@@ -14,19 +14,16 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, GreyImage, Mask
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.measure.album import Album
 from rigtwin.measure.bead import BeadFit, BeadImage, Look, common_look, fit_bead
 from rigtwin.measure.channel import LUMA, Channel, best_channel, luma_is_clear
 from rigtwin.measure.light import in_steady_light
 from rigtwin.measure.media import Frame, Video
-from rigtwin.measure.patch import Mask
 from rigtwin.measure.scene import Background, Pose, Scene, rounded, shakes_of, stands_still
 from rigtwin.measure.shutter import CLOSER, LEAST_SHARE, NOT_TOLD, ROUGHLY, TRIED, Shutter, fast_frames, shutter_of
 from rigtwin.measure.spots import Box, Linker, Region, Search, Spot, SpotPath, Where, place_on
-
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
 
 BADLY = 2.0  # times the usual misfit, from which on a fit may lie in a wrong place
 REST = 25  # frames of a bead at rest that are worth a look before and after it moves
@@ -225,13 +222,13 @@ def chase_path(video: Video, path: SpotPath, moves: Movement, progress: Progress
     return chase(path, moves, scene, cuts, progress)
 
 
-def _scene_behind(path: SpotPath, layers: Mapping[int, Grey]) -> Scene:
+def _scene_behind(path: SpotPath, layers: Mapping[int, GreyImage]) -> Scene:
     """What the frames, laid over each other, show behind the bead of a path."""
     background = _background(layers)
     return background.scene(_bead_in(path, background.indices), reach=_reach(path))
 
 
-def _scene_within(path: SpotPath, layers: Mapping[int, Grey], box: Box, scene: Scene) -> Scene:
+def _scene_within(path: SpotPath, layers: Mapping[int, GreyImage], box: Box, scene: Scene) -> Scene:
     """The scene with what is behind the bead of a path, learnt from this part of frames that lie over it already."""
     background = _background(layers)
     left, top, right, bottom = box
@@ -242,7 +239,7 @@ def _scene_within(path: SpotPath, layers: Mapping[int, Grey], box: Box, scene: S
     return Scene(picture, noise)
 
 
-def _background(layers: Mapping[int, Grey]) -> Background:
+def _background(layers: Mapping[int, GreyImage]) -> Background:
     background = Background()
     for index, layer in layers.items():
         background.add(index, layer)
@@ -421,7 +418,7 @@ def _cut_out(video: Video, path: SpotPath, scene: Scene, channel: Channel, progr
     return cuts
 
 
-def _cut(frame: Frame, grey: Grey, pose: Pose, path: SpotPath, where: Where) -> list[Cut]:
+def _cut(frame: Frame, grey: GreyImage, pose: Pose, path: SpotPath, where: Where) -> list[Cut]:
     """What is around the bead in one frame; empty where that lies outside."""
     near, step = where(frame.index)
     box = _inside(_around(path, near, step), grey.shape)

@@ -14,9 +14,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-Image = npt.NDArray[np.uint8]
-Mask = npt.NDArray[np.bool_]
-Colours = npt.NDArray[np.float32]
+from rigtwin.lab.arrays import FloatImage, Image, Mask
 
 ACROSS = 6.0  # px across a bead are enough to see a hand
 UNLIKE = 15.0  # [grey levels], least difference to all that a place may show
@@ -35,16 +33,16 @@ LEAST_CROSSING = 1.5  # bead discs of it that a hand on its way to the bed hides
 class Usual:
     """What each place of the picture may show while the hopper empties, made smaller."""
 
-    first: Colours  # BGR, shape (height, width, 3)
-    last: Colours
-    mostly: Colours  # grey, shape (height, width, 1): of most frames, where nothing moves
-    tones: Colours  # of each colour of beads, from dark to bright, shape (colours, 3, 3)
+    first: FloatImage  # BGR, shape (height, width, 3)
+    last: FloatImage
+    mostly: FloatImage  # grey, shape (height, width, 1): of most frames, where nothing moves
+    tones: FloatImage  # of each colour of beads, from dark to bright, shape (colours, 3, 3)
     about: Mask  # where nothing moves though it is close to the bed
     zoom: float  # px of these per px of the picture
     level: float  # [grey levels], from which on a place shows none of it
     bead: float  # [px], diameter of a bead
 
-    def shown(self, picture: Image) -> Colours:
+    def shown(self, picture: Image) -> FloatImage:
         """A picture of the size of these."""
         return _smaller(picture, self.zoom)
 
@@ -54,7 +52,7 @@ class Usual:
 
 
 def usual_sight(
-    full: Image, empty: Image, mostly: Colours, bed: Mask, *, slot_row: float, bead: float, noise: float
+    full: Image, empty: Image, mostly: FloatImage, bed: Mask, *, slot_row: float, bead: float, noise: float
 ) -> Usual:
     """Of a hopper before and after and, grey, in most frames; `bed` marks where beads are in `full`.
 
@@ -103,7 +101,7 @@ def foreign(picture: Image, usual: Usual) -> Mask:
     return usual.mask(large[labels].astype(np.uint8), picture.shape)
 
 
-def _as_many_as_needed(tones: Colours, full: Colours, empty: Colours, bed: Mask, level: float) -> Colours:
+def _as_many_as_needed(tones: FloatImage, full: FloatImage, empty: FloatImage, bed: Mask, level: float) -> FloatImage:
     """Tones of each colour of beads, so that the bed before the empty hopper is nothing foreign."""
     beads = full[bed & (_off(full, empty) > level)]
     # beads of one colour differ in how much light they get; what is left without the mean is the colour
@@ -120,21 +118,21 @@ def _as_many_as_needed(tones: Colours, full: Colours, empty: Colours, bed: Mask,
     return tones
 
 
-def _tones(colours: Colours) -> Colours:
+def _tones(colours: FloatImage) -> FloatImage:
     """Of beads of one colour, from dark to bright, shape (3, 3)."""
     rising = colours[np.argsort(colours.sum(axis=1))]
     parts = [rising[int(low * len(rising)) : int(high * len(rising)) + 1] for low, high in TONES]
     return np.stack([part.mean(axis=0) for part in parts])
 
 
-def _off_tones(shown: Colours, tones: Colours) -> Colours:
+def _off_tones(shown: FloatImage, tones: FloatImage) -> FloatImage:
     """How far colours, shape (n, 3), are from those of beads, of one or where two of them meet."""
     pairs = [pair for kind in tones for pair in pairwise(kind)]
     pairs += [(one, other) for kinds in combinations(tones, 2) for one, other in product(*kinds)]
     return np.asarray(np.min([_off_mixture(shown, *pair) for pair in pairs], axis=0), dtype=np.float32)
 
 
-def _smaller(picture: Image | Colours, zoom: float) -> Colours:
+def _smaller(picture: Image | FloatImage, zoom: float) -> FloatImage:
     small = picture if zoom == 1 else cv2.resize(picture, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_AREA)
     return np.asarray(small, dtype=np.float32)
 
@@ -149,12 +147,12 @@ def _opened(marked: Mask) -> npt.NDArray[np.uint8]:
     return np.asarray(cv2.morphologyEx(marked.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)), np.uint8)
 
 
-def _off(shown: Colours, other: Colours) -> Colours:
+def _off(shown: FloatImage, other: FloatImage) -> FloatImage:
     """Largest difference of the colours."""
     return np.asarray(np.abs(shown - other).max(axis=-1), dtype=np.float32)
 
 
-def _off_mixtures(shown: Colours, first: Colours, last: Colours, tones: Colours) -> Colours:
+def _off_mixtures(shown: FloatImage, first: FloatImage, last: FloatImage, tones: FloatImage) -> FloatImage:
     """How far colours, shape (n, 3), are from all mixtures of two things that these places may show."""
     least = _off_mixture(shown, first, last)
     for tone in tones.reshape(-1, 3):
@@ -163,7 +161,7 @@ def _off_mixtures(shown: Colours, first: Colours, last: Colours, tones: Colours)
     return np.minimum(least, _off_tones(shown, tones))
 
 
-def _off_mixture(shown: Colours, one: Colours, other: Colours) -> Colours:
+def _off_mixture(shown: FloatImage, one: FloatImage, other: FloatImage) -> FloatImage:
     way = other - one
     share = np.sum((shown - one) * way, axis=-1) / np.maximum(np.sum(way * way, axis=-1), 1e-6)
     return _off(shown, one + np.clip(share, 0, 1)[..., None] * way)

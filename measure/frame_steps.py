@@ -7,11 +7,10 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.quantity import Check
 from rigtwin.measure.repeats import repeated
 from rigtwin.measure.stream import STILL
-
-Array = npt.NDArray[np.float64]
 
 FEWEST = 10  # pairs of frames that must show how far beads fall between them
 MORE = 0.6  # frames, more than its times tell, from which on a step is one in which a frame is missing

@@ -9,11 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.quantity import Check
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.lab.wording import reading
-
-Array = npt.NDArray[np.float64]
 
 LEAST_FRAMES = 5
 BEGINS = 1.0  # bead diameters below the outlet: a bead that is wholly out of it is held by nothing

@@ -13,9 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import uniform_filter1d
 
-Array = npt.NDArray[np.float64]
-Strips = npt.NDArray[np.uint8]
-Mask = npt.NDArray[np.bool_]
+from rigtwin.lab.arrays import Array, Image, Mask
 
 STILL = 5  # frames before the first change, from which the noise is learnt
 ROWS = 0.4  # of the rows that show the slide, how many must have lost it
@@ -51,7 +49,7 @@ def slot_edges(beads: npt.NDArray[np.bool_], left: float, right: float) -> tuple
     return float(columns[0]) - 0.5, float(columns[-1]) + 0.5
 
 
-def find_opening(strips: Strips, left: float, right: float, before: int, masked: Mask | None = None) -> Opening | None:
+def find_opening(strips: Image, left: float, right: float, before: int, masked: Mask | None = None) -> Opening | None:
     """When the slide's trailing edge passes the slot's near edge; None when nothing changes in the slot.
 
     `strips`, shape (frames, width, 3 x rows), runs to when the hopper is empty.  `left` and `right` are the slot's

@@ -14,8 +14,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
+from rigtwin.lab.arrays import Array, GreyImage
 
 # by which the size of a millimetre may be larger or smaller than expected: wide, for the gauge is to tell whether what
 # was expected, from a stated size, is right
@@ -67,7 +66,7 @@ class Gauge:
 
 
 def find_gauge(
-    grey: Grey, columns: Array, lean: Array, expected: float, floor: float, floor_doubt: float
+    grey: GreyImage, columns: Array, lean: Array, expected: float, floor: float, floor_doubt: float
 ) -> Gauge | None:
     """The clearest gauge in the picture columns `columns`, whose direction there is `lean` [rad].
 
@@ -91,7 +90,7 @@ def find_gauge(
     return Gauge(float(columns[k]), float(lean[k]), (at_row_0, -rate, -bend), first, last, strength, lowest)
 
 
-def _wave(grey: Grey, column: float, lean: float, half_width: int = 2) -> Array:
+def _wave(grey: GreyImage, column: float, lean: float, half_width: int = 2) -> Array:
     """Grey level along the gauge's direction, its slow part taken out, in units of its usual size."""
     rows = np.arange(grey.shape[0], dtype=np.float32)
     across = np.arange(-half_width, half_width + 1, dtype=np.float32)

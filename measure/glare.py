@@ -9,9 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Image = npt.NDArray[np.uint8]
-Single = npt.NDArray[np.float32]
+from rigtwin.lab.arrays import Array, FloatImage, Image
 
 APART = (0.5, 2.0)  # bead diameters from the surface, where there are beads, or none, whatever hides the surface itself
 # as drawn: beds of shaded beads in even light, and in one that changes by 40 % across the drum, have no column brighter
@@ -53,7 +51,7 @@ def brightened_share(
     beneath, over = np.minimum(border, line) - apart, np.maximum(border, line) + apart
     cos, sin = math.cos(roll), math.sin(roll)
 
-    def along(picture: Single, level: Array) -> Array:
+    def along(picture: FloatImage, level: Array) -> Array:
         """Mean of a picture over the levels inside the drum, for every column; NaN where there are none."""
         at_x, at_y = centre[0] + x * cos + level * sin, centre[1] + x * sin - level * cos
         light = cv2.remap(picture, at_x.astype(np.float32), at_y.astype(np.float32), cv2.INTER_LINEAR)

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, Image
 from rigtwin.measure.covered import covered_columns, glare_in
 from rigtwin.measure.exposure import exposure_of
 from rigtwin.measure.gauge import Gauge, find_gauge
@@ -17,9 +18,6 @@ from rigtwin.measure.grains import Beads, at, edges, find_beads, likeness, more_
 from rigtwin.measure.level import Level, level_of
 from rigtwin.measure.straight import long_lines
 from rigtwin.measure.surface import Silhouette, View, outline_of
-
-Array = npt.NDArray[np.float64]
-Image = npt.NDArray[np.uint8]
 
 COARSE = 900  # [px], longer side of the picture that is searched for beads
 FEWEST = 25  # beads of a bed that can be told

@@ -17,7 +17,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from rigtwin.lab.arrays import Array
+
 Numbers = npt.NDArray[np.float32]
 
 SPOKES = 24  # directions in which a circle's edge is looked for

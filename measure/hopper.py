@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
@@ -33,8 +34,6 @@ from rigtwin.measure.spacing import NEIGHBOURS_DOUBT, bead_spacing, size_of_bead
 from rigtwin.measure.starved import compression_check
 from rigtwin.measure.stated_roll import nothing_level, upright_checks
 from rigtwin.measure.upright import Upright
-
-Array = npt.NDArray[np.float64]
 
 STEADY = (0.2, 0.8)  # of what leaves, the part over which the flow is steady
 EXPOSURE = 0.15  # frames, standard deviation of where in its frame's interval an unknown exposure lies

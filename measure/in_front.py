@@ -10,11 +10,9 @@ import math
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Mask
 from rigtwin.measure.arm import Arm
-
-Mask = npt.NDArray[np.bool_]
 
 INSIDE = 2.0  # [px], from the arm's edges, where a pixel shows the arm alone
 OFTEN = 0.15  # of the frames, in which a pixel shows the arm, and in which it does not

@@ -8,12 +8,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, Image
 from rigtwin.lab.camera import Lens
-
-Array = npt.NDArray[np.float64]
-Image = npt.NDArray[np.uint8]
 
 
 def straight(picture: Image, lens: Lens) -> Image:

@@ -12,10 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, FloatImage
 from rigtwin.measure.straight import Line, long_lines
-
-Array = npt.NDArray[np.float64]
-Picture = npt.NDArray[np.float32]
 
 MOST_ROLL = math.radians(8)
 SIDEWAYS = math.radians(2.0)  # usual angle between the camera's view and the normal of the rig's plane
@@ -49,7 +47,7 @@ class Level:
 
 
 def find_level(
-    picture: Picture, still: npt.NDArray[np.bool_], below: float, converging: tuple[float, float] | None = None
+    picture: FloatImage, still: npt.NDArray[np.bool_], below: float, converging: tuple[float, float] | None = None
 ) -> Level | None:
     """The horizontal of a still scene; `still` marks pixels that nothing moves over, `below` [px] is the lowest row
     that cannot belong to the base plate, `converging` what other parallel edges say of their convergence, with its

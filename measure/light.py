@@ -12,9 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.measure.bead import BeadFit, BeadImage
-
-Array = npt.NDArray[np.float64]
 
 AROUND = 10  # frames before and after that tell of the light in one
 FEWEST = 5  # frames that tell how steady the light is

@@ -14,11 +14,10 @@ from dataclasses import dataclass, replace
 from itertools import pairwise, product
 
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.measure.flights import Bounces, Heights, find_contacts, third_difference_noise
 
-Array = npt.NDArray[np.float64]
 Fit = Callable[[Heights], Bounces | None]
 
 LOST = (1, 2, 3, -1)  # frames; a negative one is shown twice

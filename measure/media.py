@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import GreyImage, Image
 from rigtwin.lab.camera import Camera, Lens, Moment
 from rigtwin.lab.errors import BadInput, UnreadableMedia
 from rigtwin.measure import sources
@@ -34,9 +35,6 @@ SAME_RATE = 0.03  # relative, by which two rates may differ that are meant to be
 WRONG_HEADER = 0.01  # relative, by which the rate in a file's head may differ from its time stamps
 BEHIND_KEY = 6  # frames: what moves has moved on by then, and few pictures are decoded on the way there
 
-Grey = sources.Grey
-Image = sources.Image
-
 
 @dataclass(frozen=True)
 class Frame:
@@ -44,7 +42,7 @@ class Frame:
 
     index: int  # 0 for the first picture in the file
     time: float  # [s], capture time of the start of the exposure, 0 for the first picture in the file
-    grey: Grey  # the luma plane as stored, shape (height, width)
+    grey: GreyImage  # the luma plane as stored, shape (height, width)
     in_colour: Callable[[], Image] = field(repr=False)
 
     @cached_property

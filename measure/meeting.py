@@ -14,15 +14,15 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, GreyImage, Image
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.rigs import GRAVITY
-from rigtwin.measure.media import Frame, Grey, Image, Video
+from rigtwin.measure.media import Frame, Video
 from rigtwin.measure.scene import Scene, middle_picture
 from rigtwin.measure.spots import inside_region
 from rigtwin.measure.starved import by_bits
 
-Array = npt.NDArray[np.float64]
 Region = tuple[float, float, float, float]
 
 LEAST_LEAP = 0.5  # bead diameters, of one from the bead that hits over to the one that is hit
@@ -412,7 +412,7 @@ def _rest_place(fall: Path, rise: Path, paths: list[Path], radius: float) -> Arr
     return rise.places[0] - 2 * velocity
 
 
-def _apart(greys: dict[int, Grey], collision: Collision) -> Array:
+def _apart(greys: dict[int, GreyImage], collision: Collision) -> Array:
     """[grey levels], how moving beads differ from the scene, pixel by pixel."""
     apart: list[Array] = [np.zeros(1)]
     shape = next(iter(greys.values())).shape
@@ -434,7 +434,7 @@ def _contrast(apart: Array) -> int:
     return int(np.sign(np.mean(apart))) if one_sided else 0
 
 
-def _left_by_bead(before: Grey, after: Grey, contrast: int) -> Array:
+def _left_by_bead(before: GreyImage, after: GreyImage, contrast: int) -> Array:
     """How much of a bead [grey levels] each place showed before and no more after, of frames of shape (n, ...).
 
     By its noise alone every place of a bead of known contrast shows some.
@@ -445,7 +445,7 @@ def _left_by_bead(before: Grey, after: Grey, contrast: int) -> Array:
     return np.asarray(contrast * (usual - np.percentile(after, 50 - 30 * contrast, axis=0)))
 
 
-def hanging_place(greys: dict[int, Grey], collision: Collision) -> Array:
+def hanging_place(greys: dict[int, GreyImage], collision: Collision) -> Array:
     """Where B hung: what the frames before the collision show there and those after it do not.
 
     A may have come to rest one diameter before it: of two such places, B's is the one further on.  Or A hides a part of
@@ -456,7 +456,7 @@ def hanging_place(greys: dict[int, Grey], collision: Collision) -> Array:
     return collision.rest if gone < 4 else place
 
 
-def hung(greys: dict[int, Grey], collision: Collision) -> bool:
+def hung(greys: dict[int, GreyImage], collision: Collision) -> bool:
     """Whether the frames show a bead before the collision which has left right after it, and which A has not passed."""
     apart = _apart(greys, collision)
     place, gone = _place_left(greys, collision, _contrast(apart))
@@ -466,7 +466,7 @@ def hung(greys: dict[int, Grey], collision: Collision) -> bool:
     return bool(gone > HUNG * float(np.mean(np.abs(apart))) and ahead > -further)
 
 
-def _place_left(greys: dict[int, Grey], collision: Collision, contrast: int) -> tuple[Array, float]:
+def _place_left(greys: dict[int, GreyImage], collision: Collision, contrast: int) -> tuple[Array, float]:
     """Where something the size of a bead hung up to the collision, and how much of it has gone [grey levels].
 
     It has left where it hung after the collision, or right after it alone, before A has come there.
@@ -485,7 +485,7 @@ def _place_left(greys: dict[int, Grey], collision: Collision, contrast: int) -> 
 
 
 def _place_lost(
-    before: Sequence[Grey], after: Sequence[Grey], collision: Collision, contrast: int
+    before: Sequence[GreyImage], after: Sequence[GreyImage], collision: Collision, contrast: int
 ) -> tuple[Array, float]:
     radius, reach = collision.radius, math.ceil(collision.radius)
     way, begun = collision.way, collision.rise.places[0]

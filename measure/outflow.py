@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, Image, Mask
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress
 from rigtwin.measure.foreign import Usual, crosses, foreign, usual_sight
@@ -25,10 +26,6 @@ from rigtwin.measure.scene import Pose, Scene, middle_picture
 from rigtwin.measure.still import Cut, Region, Steadied, apart, cut_for, steadied, still_scene
 from rigtwin.measure.stream import Stream
 from rigtwin.measure.upright import Upright, upright
-
-Array = npt.NDArray[np.float64]
-Image = npt.NDArray[np.uint8]
-Mask = npt.NDArray[np.bool_]
 
 ENDS = 5  # frames at either end of the clip that show the full and the empty hopper
 BEAD_SHARE = 0.06  # of the bed's width, a bead's diameter where none is made out

@@ -18,13 +18,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import FloatImage, Image
 from rigtwin.lab.errors import BadInput
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Image = npt.NDArray[np.uint8]
-Map = npt.NDArray[np.float32]
 Point = tuple[float, float]
 Colour = tuple[int, int, int]
 
@@ -232,7 +231,7 @@ def _broken(text: str, letter: int, width: float) -> list[str]:
 
 
 @lru_cache(maxsize=256)
-def _lettering(text: str, letter: int) -> tuple[Map, Map, int]:
+def _lettering(text: str, letter: int) -> tuple[FloatImage, FloatImage, int]:
     """Ink of a line of text, its rim about it, both 0 to 1, and how many rows lie below the line.
 
     One drawing serves all frames of a clip that carry the same words.

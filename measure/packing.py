@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, Image
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.content import all_different, sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
@@ -42,9 +42,6 @@ from rigtwin.measure.glass import Bed, find_bed
 from rigtwin.measure.media import read_photo
 from rigtwin.measure.stated_roll import roll_check
 from rigtwin.measure.views import views_check
-
-Array = npt.NDArray[np.float64]
-Image = npt.NDArray[np.uint8]
 
 # How far the mean outline stands above the mean top of the surface beads, and the mean surface with its pits below it,
 # in bead diameters; from settled beds of a DEM, of 8 to 13 bead diameters' width and of several frictions.

@@ -6,8 +6,8 @@ import math
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Image
 from rigtwin.lab.quantity import Measurement, Quantity
 from rigtwin.lab.records import Profile, write_profile
 from rigtwin.measure.glass import Bed
@@ -23,9 +23,6 @@ from rigtwin.measure.overlay import (
     save_picture,
     save_plot,
 )
-
-Array = npt.NDArray[np.float64]
-Image = npt.NDArray[np.uint8]
 
 
 def write_pictures(

@@ -14,10 +14,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, FloatImage
 from rigtwin.measure.arm import Arm
-
-Array = npt.NDArray[np.float64]
-Picture = npt.NDArray[np.float32]
 
 SATURATED = 225.0  # [grey levels], least of what may be
 GLARE_SIZE = 0.012  # of the picture's longer side, of a saturated patch that is a lamp's
@@ -36,8 +34,8 @@ class Passenger:
 
     left: int  # first column of its picture in `arm.along`
     top: int  # first row in `arm.across`
-    picture: Picture = field(repr=False)  # [grey levels]
-    weight: Picture = field(repr=False)  # 1 / variance on the body, 0 elsewhere
+    picture: FloatImage = field(repr=False)  # [grey levels]
+    weight: FloatImage = field(repr=False)  # 1 / variance on the body, 0 elsewhere
     centre: tuple[float, float]  # [px], along and across
     size: tuple[float, float]  # [px], along and across
     rests: tuple[int, ...]  # sample frames in which it is taken to be at rest, rising
@@ -60,7 +58,7 @@ class Step:
     likeness: float  # correlation with its picture at rest
 
 
-def glare(picture: Picture) -> npt.NDArray[np.bool_]:
+def glare(picture: FloatImage) -> npt.NDArray[np.bool_]:
     """Where lamps are mirrored for all of the clip; highlights on beads are smaller."""
     size = max(5, round(GLARE_SIZE * max(picture.shape)) | 1)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
@@ -71,7 +69,7 @@ def glare(picture: Picture) -> npt.NDArray[np.bool_]:
 
 
 def find_passenger(
-    arm: Arm, frames: dict[int, Picture], uphill: int, hidden: npt.NDArray[np.bool_] | None = None
+    arm: Arm, frames: dict[int, FloatImage], uphill: int, hidden: npt.NDArray[np.bool_] | None = None
 ) -> Passenger | Arrival | None:
     """The body that rests in the first and is gone in the last of the sample frames; None when there is none.
 
@@ -206,7 +204,7 @@ def _outline(mask: npt.NDArray[np.bool_], contrast: npt.NDArray[np.float32]) -> 
 
 def _portrait(
     arm: Arm,
-    frames: dict[int, Picture],
+    frames: dict[int, FloatImage],
     numbers: Sequence[int],
     mask: npt.NDArray[np.bool_],
     corner: tuple[int, int],
@@ -236,7 +234,7 @@ def _portrait(
 
 
 def follow(
-    arm: Arm, body: Passenger, frame: Picture, direction: float, near: Sequence[float], reach: float
+    arm: Arm, body: Passenger, frame: FloatImage, direction: float, near: Sequence[float], reach: float
 ) -> Step | None:
     """The body in one steady frame; `near` is where it is expected (along, across) and `reach` how far off [px].
 
@@ -258,7 +256,9 @@ def _window(arm: Arm, body: Passenger, place: Array, margin: int = 0) -> tuple[A
     return first + np.arange(width + 2 * margin), upper + np.arange(height + 2 * margin)
 
 
-def _searched(arm: Arm, body: Passenger, frame: Picture, direction: float, place: Array, reach: float) -> Array | None:
+def _searched(
+    arm: Arm, body: Passenger, frame: FloatImage, direction: float, place: Array, reach: float
+) -> Array | None:
     """The place of the best likeness to the whole pixel."""
     margin = math.ceil(reach) + 1
     along, across = _window(arm, body, place, margin)
@@ -267,7 +267,7 @@ def _searched(arm: Arm, body: Passenger, frame: Picture, direction: float, place
     mask = (body.weight > 0).astype(np.float32)
     if np.ptp(region) < 1:
         return None
-    scores: Picture = np.array(cv2.matchTemplate(region, body.picture, cv2.TM_CCOEFF_NORMED, mask=mask), np.float32)
+    scores: FloatImage = np.array(cv2.matchTemplate(region, body.picture, cv2.TM_CCOEFF_NORMED, mask=mask), np.float32)
     scores[~np.isfinite(scores)] = -1.0
     down, right = divmod(int(np.argmax(scores)), scores.shape[1])
     if float(np.max(scores)) < 0.8 * ALIKE:
@@ -275,7 +275,7 @@ def _searched(arm: Arm, body: Passenger, frame: Picture, direction: float, place
     return place + np.array([right - margin, down - min(margin, 3)], dtype=np.float64)
 
 
-def _laid(arm: Arm, body: Passenger, frame: Picture, direction: float, place: Array) -> Step | None:
+def _laid(arm: Arm, body: Passenger, frame: FloatImage, direction: float, place: Array) -> Step | None:
     """Gauss-Newton on the pixels of the body; what hides a part of it counts little."""
     model = body.picture.astype(np.float64)
     base = body.weight.astype(np.float64)

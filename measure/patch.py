@@ -10,10 +10,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, Mask
 from rigtwin.measure.scene import middle_of
-
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 LARGEST_RADIUS = 20.0  # [px] of twice as large a bead block means tell as much as matters and save time
 

@@ -14,12 +14,13 @@ from typing import Literal
 
 import numpy as np
 
+from rigtwin.lab.arrays import Array, Mask
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Detail, Evaluation, Measurement, Quantity, doubted, failed
-from rigtwin.lab.records import Array, Track, read_tracks, write_tracks
+from rigtwin.lab.records import Track, read_tracks, write_tracks
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.channel import LUMA
 from rigtwin.measure.follow import Chase, look_again
@@ -39,7 +40,7 @@ from rigtwin.measure.pendulum_checks import (
 )
 from rigtwin.measure.repeats import without_repeats
 from rigtwin.measure.swing import Swings, angles, centres, positions, states_at_collision, turning_points
-from rigtwin.measure.swing_fit import Mask, Outcome, SwingFit, fit_swings
+from rigtwin.measure.swing_fit import Outcome, SwingFit, fit_swings
 from rigtwin.measure.swing_losses import find_losses
 from rigtwin.measure.swing_pictures import picture_view, write_overlay, write_plot, write_still
 from rigtwin.measure.two_beads import Beads, find_beads, relocate

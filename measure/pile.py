@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.content import all_different, sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
@@ -38,8 +39,6 @@ from rigtwin.measure.pile_checks import (
 )
 from rigtwin.measure.stated_roll import roll_check
 from rigtwin.measure.surface import Silhouette, View, find_heap, undo_view
-
-Array = npt.NDArray[np.float64]
 
 GRAPHICAL, GEOMETRIC = "angle_of_repose_graphical", "angle_of_repose_geometric"
 LINE, NARROWER = "line 15-85 %", "line 20-80 %"

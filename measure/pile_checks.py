@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Image
 from rigtwin.lab.quantity import Check, Quantity
 from rigtwin.lab.records import Profile
 from rigtwin.measure import slope
@@ -16,8 +16,6 @@ from rigtwin.measure.bead_size import MISFIT, size_seen, size_unseen
 from rigtwin.measure.covered import glare_in, under_glare
 from rigtwin.measure.surface import Silhouette
 from rigtwin.measure.views import views_check
-
-Image = npt.NDArray[np.uint8]
 
 ADVISED_RATIO = 25  # base over bead diameter (Hlosta et al. 2020, section 2.1.5 advises more)
 BASE_DOUBT = 0.01  # relative, of the base's edges in the picture

@@ -7,15 +7,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, Image
 from rigtwin.lab.quantity import Evaluation, Quantity
 from rigtwin.lab.records import Profile, write_profile
 from rigtwin.measure import overlay, slope
 from rigtwin.measure.surface import Silhouette
-
-Array = npt.NDArray[np.float64]
-Image = npt.NDArray[np.uint8]
 
 
 def write_pictures(

@@ -12,8 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
+from rigtwin.lab.arrays import Array, GreyImage
 
 FLAT = 1.0  # [grey levels], standard deviation below which a window shows no texture
 
@@ -47,7 +46,7 @@ class MeanCorrelation:
         self._sum = np.zeros((len(self.place), 2 * reach[1] + 1, 2 * reach[0] + 1))
         self._pairs = np.zeros(len(self.place), dtype=np.int64)
 
-    def add(self, one: Grey, other: Grey) -> None:
+    def add(self, one: GreyImage, other: GreyImage) -> None:
         """Correlate two neighbouring frames."""
         across, down = self._reach
         for k, (x, y) in enumerate(self.place):

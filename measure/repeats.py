@@ -12,12 +12,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, GreyImage
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.measure.media import SAME_RATE, Video
 from rigtwin.measure.sources import Picture, Source
-
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
 
 COARSE = 4  # pixels of a frame in one of the coarser picture, across
 LARGE = 1_000_000  # [px], of a picture
@@ -29,7 +27,7 @@ IN_STEP = 0.9  # share of the doubled frames that one steady rate must explain
 IN_RHYTHM = 0.5  # share of those in a rhythm that is seen: a codec changes some, and slow steps hide some
 
 
-def coarse(grey: Grey) -> Grey:
+def coarse(grey: GreyImage) -> GreyImage:
     """The picture a quarter as large: a moving bead changes some cell of it much, noise changes all a little."""
     if grey.size > LARGE:  # halving is much quicker than anything else
         # a sum reads the picture in order, which a processor foresees; halving takes two rows at once, and would wait
@@ -45,11 +43,11 @@ class Repeats:
     """Takes the frames of a clip one by one, then says which of them repeat the one before."""
 
     def __init__(self) -> None:
-        self._last: Grey | None = None
+        self._last: GreyImage | None = None
         self._indices: list[int] = []
         self._changes: list[float] = []
 
-    def add(self, index: int, small: Grey) -> None:
+    def add(self, index: int, small: GreyImage) -> None:
         """See the next frame, made `coarse`."""
         if self._last is not None:
             self._indices.append(index)

@@ -13,8 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
+from rigtwin.lab.arrays import Array
 
 COARSE = 400  # [px], longer side of the picture in which the axis is voted for
 SPOKES = 240  # directions in which a circle's edge is looked for

@@ -14,10 +14,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Picture = npt.NDArray[np.float32]
-Grey = npt.NDArray[np.uint8]
-Mask = npt.NDArray[np.bool_]
+from rigtwin.lab.arrays import Array, FloatImage, GreyImage, Mask
 
 STEADY = 0.03  # [px], a shake that moving the picture back would blur more than it helps
 FAR = 0.12  # of the picture's longer side, up to which a shake is believed
@@ -58,7 +55,7 @@ class Pose:
     beside: float = 0.0  # [grey levels], likewise left some pixels beside; 0 where that was not looked at
     strongest_off: tuple[float, float] = (0.0, 0.0)  # [px], how far the scene's strongest edges lie off it
 
-    def seen(self, grey: Grey, box: tuple[int, int, int, int] | None = None) -> Picture:
+    def seen(self, grey: GreyImage, box: tuple[int, int, int, int] | None = None) -> FloatImage:
         """A part of the frame (left, top, right, bottom; all where None), moved back and levelled to the scene's."""
         left, top, right, bottom = box or (0, 0, grey.shape[1], grey.shape[0])
         if max(map(abs, self.shake)) > STEADY:
@@ -66,7 +63,7 @@ class Pose:
             # exact, where cv2.warpAffine goes in steps of a thirty-second of a pixel
             middle = (x + self.shake[0], y + self.shake[1])
             moved = cv2.getRectSubPix(grey, (right - left, bottom - top), middle, patchType=cv2.CV_32F)
-            part: Picture = np.asarray(moved, dtype=np.float32)
+            part: FloatImage = np.asarray(moved, dtype=np.float32)
         else:
             part = grey[top:bottom, left:right].astype(np.float32)
         if self.offset != 0:
@@ -123,7 +120,7 @@ class _Anchors:
         half = np.arange(len(self.x)) < self.halves[0].stop
         return _Anchors.of(self.x[chosen], self.y[chosen], self.rows[:, chosen], half[chosen])
 
-    def seen(self, grey: Grey, shift: Array) -> Array:
+    def seen(self, grey: GreyImage, shift: Array) -> Array:
         """Grey levels of a frame at the anchors moved by `shift` [px]."""
         if not shift.any():
             return grey[self.y, self.x].astype(np.float64)
@@ -145,8 +142,8 @@ class _Anchors:
 class Scene:
     """What a clip shows without the bead."""
 
-    picture: Picture  # [grey levels], shape (height, width)
-    noise: Picture  # [grey levels], one standard deviation of every pixel over time, same shape
+    picture: FloatImage  # [grey levels], shape (height, width)
+    noise: FloatImage  # [grey levels], one standard deviation of every pixel over time, same shape
     moving: Mask | None = None  # pixels that something passes over, by which no frame is laid, same shape
 
     @cached_property
@@ -155,11 +152,11 @@ class Scene:
         return float(np.median(self.noise[::8, ::8]))
 
     @cached_property
-    def camera_noise(self) -> Picture:
+    def camera_noise(self) -> FloatImage:
         """[grey levels], the noise, but where a bead stays for a third of the clip and the spread is mostly its own."""
         return np.minimum(self.noise, np.float32(MOST_UNUSUAL * self.usual_noise))
 
-    def view(self, grey: Grey, start: tuple[float, float] = (0.0, 0.0)) -> View:
+    def view(self, grey: GreyImage, start: tuple[float, float] = (0.0, 0.0)) -> View:
         """A frame laid over the scene: moved back by the camera's shake, levelled to the scene's brightness.
 
         `start` is a guess of the shake, e.g. that of the frame before.
@@ -167,7 +164,7 @@ class Scene:
         pose = self.pose(grey, start)
         return View(pose.seen(grey), pose)
 
-    def pose(self, grey: Grey, start: tuple[float, float] = (0.0, 0.0)) -> Pose:
+    def pose(self, grey: GreyImage, start: tuple[float, float] = (0.0, 0.0)) -> Pose:
         """Where a frame lies; `start` is a guess of its shake."""
         if not self.textured:
             return LOST
@@ -178,7 +175,7 @@ class Scene:
             pose = self._placed_from_afar(grey, guess, pose)
         return self._levelled(grey, pose)
 
-    def next_pose(self, grey: Grey, before: Pose) -> Pose:
+    def next_pose(self, grey: GreyImage, before: Pose) -> Pose:
         """Likewise, quickly, of the frame after one that lies as `before`.
 
         By a quarter of the edges, which doubles the error of the shake.
@@ -196,10 +193,10 @@ class Scene:
             return self.pose(grey, before.shake)
         return self._levelled(grey, pose)
 
-    def _levelled(self, grey: Grey, pose: Pose) -> Pose:
+    def _levelled(self, grey: GreyImage, pose: Pose) -> Pose:
         return pose if not pose.placed or abs(pose.gain - 1) < FLICKER else self._lit(grey, pose)
 
-    def _placed_from_afar(self, grey: Grey, guess: Pose, fine: Pose | None) -> Pose:
+    def _placed_from_afar(self, grey: GreyImage, guess: Pose, fine: Pose | None) -> Pose:
         """Where a frame lies that the search from a guess did not place: there still, or far from it."""
         # a plate that turns pulls at a scene of few edges, which lies where it lay none the less
         if fine is None and self._sharp(grey, guess):
@@ -223,7 +220,7 @@ class Scene:
             return False
         return self._beside(rounded(self.picture), Pose(), self._strongest.best(FEWEST)) > GRAIN
 
-    def _sharp(self, grey: Grey, pose: Pose) -> bool:
+    def _sharp(self, grey: GreyImage, pose: Pose) -> bool:
         """Whether the frame fits there and not some pixels beside: many wrong places fit somewhat."""
         if pose.misfit < SHARP * pose.gain * self._contrast:
             return True
@@ -231,11 +228,11 @@ class Scene:
             return False
         return pose.misfit < 0.95 * (pose.beside or self._beside(grey, pose))
 
-    def _misfit(self, grey: Grey, shift: Array, gain: float = 1.0, anchors: _Anchors | None = None) -> float:
+    def _misfit(self, grey: GreyImage, shift: Array, gain: float = 1.0, anchors: _Anchors | None = None) -> float:
         anchors = anchors or self._few_anchors
         return middle_of(np.abs(anchors.seen(grey, shift) + gain * anchors.rows[2]))
 
-    def _beside(self, grey: Grey, pose: Pose, anchors: _Anchors | None = None) -> float:
+    def _beside(self, grey: GreyImage, pose: Pose, anchors: _Anchors | None = None) -> float:
         """What is left [grey levels] some pixels beside a pose, by `anchors`, the few where not given."""
         whole = np.round(pose.shake)
         steps = ((6, 2), (-2, 6), (-6, -2), (2, -6))
@@ -250,7 +247,7 @@ class Scene:
     def _noise_at_edges(self) -> float:
         return float(np.median(self.noise[self._few_anchors.y, self._few_anchors.x]))
 
-    def _by_phase(self, grey: Grey) -> Array:
+    def _by_phase(self, grey: GreyImage) -> Array:
         """Shift of a frame [px] to about a pixel, however far: the phase correlation of small pictures."""
         small, window, step = self._small
         frame = cv2.resize(grey, (small.shape[1], small.shape[0]), interpolation=cv2.INTER_AREA).astype(np.float32)
@@ -258,7 +255,7 @@ class Scene:
         (x, y), _ = cv2.phaseCorrelate(small.copy(), frame, window)
         return np.array([x, y]) * step
 
-    def _by_likeness(self, grey: Grey) -> Array:
+    def _by_likeness(self, grey: GreyImage) -> Array:
         """The same from where it is most alike: of soft or few edges the phase tells too little."""
         small, _, step = self._small
         height, width = small.shape
@@ -271,7 +268,7 @@ class Scene:
         return np.array([far - x, far - y]) * step
 
     @cached_property
-    def _small(self) -> tuple[Picture, Picture, Array]:
+    def _small(self) -> tuple[FloatImage, FloatImage, Array]:
         """The picture made small, a window that hides its borders, and the size of its pixels [px]."""
         height, width = self.picture.shape
         share = min(1.0, COARSE / max(height, width))
@@ -280,7 +277,7 @@ class Scene:
         window = np.asarray(cv2.createHanningWindow(size, cv2.CV_32F), dtype=np.float32)
         return small, window, np.array([width / size[0], height / size[1]])
 
-    def _lit(self, grey: Grey, pose: Pose) -> Pose:
+    def _lit(self, grey: GreyImage, pose: Pose) -> Pose:
         """Gain and offset of a flickering frame: black is not 0 in most videos, so a gain alone would not level it."""
         step = max(1, min(self.picture.shape) // 60)
         moved = replace(pose, gain=1.0).seen(grey) if max(map(abs, pose.shake)) > 1 else grey
@@ -337,13 +334,13 @@ class Scene:
     def _strongest(self) -> _Anchors:
         return self._anchors.best(STRONGEST)
 
-    def at_strongest(self, grey: Grey, pose: Pose) -> Picture:
+    def at_strongest(self, grey: GreyImage, pose: Pose) -> FloatImage:
         """What a frame leaves of the scene's strongest edges [grey levels]."""
         anchors = self._strongest
         error = anchors.seen(grey, np.array(pose.shake)) - pose.offset + pose.gain * anchors.rows[2]
         return np.asarray(error, dtype=np.float32)
 
-    def with_strongest(self, poses: Sequence[Pose], left: Sequence[Picture]) -> list[Pose]:
+    def with_strongest(self, poses: Sequence[Pose], left: Sequence[FloatImage]) -> list[Pose]:
         """With how far the strongest edges lie off it: where a camera shakes, a coarse codec redraws them alone.
 
         `left` is what each frame leaves `at_strongest`.  Across the edges only: along them nothing is seen.
@@ -365,7 +362,7 @@ class Scene:
             for pose, (x, y) in zip(poses, off.tolist(), strict=True)
         ]
 
-    def _placed(self, grey: Grey, start: Array, anchors: _Anchors, to: float = 0.003) -> Pose | None:
+    def _placed(self, grey: GreyImage, start: Array, anchors: _Anchors, to: float = 0.003) -> Pose | None:
         """Shift of a frame against the scene [px] and its gain, by Gauss-Newton on the strongest edges.
 
         Steps shorter than `to` [px] are the last; None where they do not come to an end, or tell too little.
@@ -409,7 +406,7 @@ def _inverses(normals: Array) -> Array:
 class View:
     """One frame laid over the scene."""
 
-    grey: Picture  # [grey levels], shape (height, width), in the scene's pixels
+    grey: FloatImage  # [grey levels], shape (height, width), in the scene's pixels
     pose: Pose
 
     @property
@@ -429,9 +426,9 @@ class Background:
     capacity = 21
 
     def __init__(self) -> None:
-        self._frames: dict[int, Grey] = {}
+        self._frames: dict[int, GreyImage] = {}
 
-    def add(self, index: int, grey: Grey) -> None:
+    def add(self, index: int, grey: GreyImage) -> None:
         """Remember a frame; every second one is dropped again when there are too many."""
         self._frames[index] = grey
         if len(self._frames) > self.capacity:
@@ -443,7 +440,7 @@ class Background:
         """Frame numbers kept."""
         return tuple(sorted(self._frames))
 
-    def samples(self) -> dict[int, Grey]:
+    def samples(self) -> dict[int, GreyImage]:
         """The frames kept, by frame number."""
         return dict(self._frames)
 
@@ -478,8 +475,8 @@ def _shaken_far(poses: Sequence[Pose]) -> bool:
 
 
 def _of_those_that_fit(
-    scene: Scene, indices: tuple[int, ...], layers: list[Grey]
-) -> tuple[Scene, tuple[int, ...], list[Grey], list[Pose]]:
+    scene: Scene, indices: tuple[int, ...], layers: list[GreyImage]
+) -> tuple[Scene, tuple[int, ...], list[GreyImage], list[Pose]]:
     """A sharper scene of the frames that lie over the middle one, these frames and how they lie.
 
     Where most do not, all is as it was.
@@ -501,19 +498,19 @@ def _of_those_that_fit(
     return sharper, tuple(indices[k] for k in kept), chosen, [sharper.pose(layer) for layer in chosen]
 
 
-def _laid_over(scene: Scene, layers: Sequence[Grey]) -> list[Grey]:
+def _laid_over(scene: Scene, layers: Sequence[GreyImage]) -> list[GreyImage]:
     """The frames moved and levelled as the scene is, each rounded at once: as floats they would fill the memory."""
     return [rounded(scene.pose(layer).seen(layer)) for layer in layers]
 
 
-def rounded(picture: Picture) -> Grey:
+def rounded(picture: FloatImage) -> GreyImage:
     """In whole grey levels."""
     return np.asarray(cv2.convertScaleAbs(np.maximum(picture, 0)), dtype=np.uint8)
 
 
-def _median_scene(layers: Sequence[Grey]) -> Scene:
+def _median_scene(layers: Sequence[GreyImage]) -> Scene:
     ordered = _sorted(layers)
-    middle: Picture = _twice_the_middle(ordered).astype(np.float32) / np.float32(2)
+    middle: FloatImage = _twice_the_middle(ordered).astype(np.float32) / np.float32(2)
     low, high = (ordered[round(share * (len(ordered) - 1))] for share in (0.16, 0.84))
     # 8-bit steps make the spread of one pixel coarse: share it with its neighbours
     noise = cv2.blur((high.astype(np.float32) - low) / 2, (5, 5)) + np.float32(0.3)
@@ -521,17 +518,17 @@ def _median_scene(layers: Sequence[Grey]) -> Scene:
     return Scene(middle, np.asarray(np.clip(noise, 0.5 * usual, 4 * usual), dtype=np.float32))
 
 
-def middle_picture(layers: Sequence[Grey]) -> Grey:
+def middle_picture(layers: Sequence[GreyImage]) -> GreyImage:
     """Median over time of grey or coloured frames, in whole grey levels."""
     return np.asarray(_twice_the_middle(_sorted(layers)) // 2, dtype=np.uint8)
 
 
-def _twice_the_middle(ordered: Sequence[Grey]) -> npt.NDArray[np.uint16]:
+def _twice_the_middle(ordered: Sequence[GreyImage]) -> npt.NDArray[np.uint16]:
     """The two middle ones of an even number of sorted layers added up, or twice the one of an odd number."""
     return ordered[(len(ordered) - 1) // 2].astype(np.uint16) + ordered[len(ordered) // 2]
 
 
-def _sorted(layers: Sequence[Grey]) -> list[Grey]:
+def _sorted(layers: Sequence[GreyImage]) -> list[GreyImage]:
     """The layers sorted pixel by pixel: Batcher's odd-even merging, a few times faster than sorting each pixel."""
     rows = [np.asarray(layer) for layer in layers]
     for low, high in _exchanges(len(rows)):
@@ -560,7 +557,7 @@ def _exchanges(count: int) -> tuple[tuple[int, int], ...]:
 
 def _without_bead(
     scene: Scene,
-    layers: Sequence[Grey],
+    layers: Sequence[GreyImage],
     indices: tuple[int, ...],
     bead: Mapping[int, tuple[float, float]],
     reach: float,
@@ -583,5 +580,5 @@ def _without_bead(
     return Scene(picture, scene.noise)
 
 
-def _cover(mask: Grey, place: tuple[float, float], reach: float) -> None:
+def _cover(mask: GreyImage, place: tuple[float, float], reach: float) -> None:
     cv2.circle(mask, (round(place[0]), round(place[1])), math.ceil(reach), 1, cv2.FILLED)

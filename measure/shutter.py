@@ -11,11 +11,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.measure.spots import SpotPath
-
-Array = npt.NDArray[np.float64]
 
 LEAST_SHARE = 0.02  # no streak at all would mean that it is unknown
 TRIED = np.array([LEAST_SHARE, 0.15, 0.3, 0.45, 0.6, 0.8, 1.0])  # shares of the frame interval, first

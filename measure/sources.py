@@ -26,6 +26,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import GreyImage, Image
 from rigtwin.lab.camera import Lens
 from rigtwin.lab.errors import UnreadableMedia
 from rigtwin.measure.lens import straight
@@ -34,9 +35,7 @@ from rigtwin.measure.wholeness import breaks_off
 # what is odd about a stack is told in our own words, and not on stderr besides
 logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
-Grey = npt.NDArray[np.uint8]
-Image = npt.NDArray[np.uint8]
-Picture = tuple[Grey, Callable[[], Image]]
+Picture = tuple[GreyImage, Callable[[], Image]]
 """Brightness, shape (height, width), and a call that gives it as BGR, shape (height, width, 3)."""
 
 STILLS = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp")
@@ -555,7 +554,7 @@ def _combed(interlaced: Sequence[bool]) -> tuple[str, ...]:
     return (INTERLACED,) if sum(interlaced) > len(interlaced) / 2 else ()
 
 
-def _luma(picture: av.VideoFrame, shift: int) -> Grey:
+def _luma(picture: av.VideoFrame, shift: int) -> GreyImage:
     """The luma plane itself where it is stored with 8 bits: no colour conversion, no rounding.
 
     Of grey pictures of 16 bits `shift` low bits are dropped.
@@ -564,7 +563,7 @@ def _luma(picture: av.VideoFrame, shift: int) -> Grey:
         component.bits == 8 for component in picture.format.components
     ):
         plane = picture.planes[0]
-        rows: Grey = np.frombuffer(memoryview(plane), dtype=np.uint8).reshape(-1, plane.line_size)
+        rows: GreyImage = np.frombuffer(memoryview(plane), dtype=np.uint8).reshape(-1, plane.line_size)
         return rows[: picture.height, : picture.width]  # the decoder's own memory, which the array keeps alive
     if picture.format.name in DEEP_GREY and shift < 8:
         return dropped(picture.to_ndarray(), shift)

@@ -12,9 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Image = npt.NDArray[np.uint8]
-Mask = npt.NDArray[np.bool_]
+from rigtwin.lab.arrays import Array, Image, Mask
 
 # bead diameters, between neighbours as they are seen in the outermost layers of a settled bed, not all of which touch
 # or lie at the same depth; and its relative standard deviation

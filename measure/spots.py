@@ -12,12 +12,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
+from rigtwin.lab.arrays import Array, FloatImage, GreyImage
 from rigtwin.measure.media import Frame
 from rigtwin.measure.repeats import COARSE, LARGE, Repeats, coarse
-from rigtwin.measure.scene import FLICKER, STEADY, Picture, Pose, Scene, rounded
+from rigtwin.measure.scene import FLICKER, STEADY, Pose, Scene, rounded
 
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
 Region = tuple[float, float, float, float]
 Box = tuple[int, int, int, int]
 """Left, top, right and bottom [px]."""
@@ -77,7 +76,7 @@ def place_on(path: SpotPath) -> Where:
     return where
 
 
-def moving_spots(seen: Picture, scene: Scene, region: Region | None, *, most: int = 12) -> list[Spot]:
+def moving_spots(seen: FloatImage, scene: Scene, region: Region | None, *, most: int = 12) -> list[Spot]:
     """Spots of a frame laid over the scene that stand out of the noise, the strongest first."""
     difference = np.abs(cv2.blur(seen - scene.picture, (3, 3)))
     # compression and demosaicing tie neighbouring pixels together: learn from the frame what averaging leaves of noise
@@ -88,11 +87,11 @@ def moving_spots(seen: Picture, scene: Scene, region: Region | None, *, most: in
     return _strongest(_spots(difference, mask, (0, 0), 4 * most), most)
 
 
-def _outstanding(difference: Picture, noise: Picture, left: float) -> Grey:
+def _outstanding(difference: FloatImage, noise: FloatImage, left: float) -> GreyImage:
     return np.asarray(difference > np.float32(6 * left) * noise + np.float32(1.5), dtype=np.uint8)
 
 
-def inside_region(region: Region, shape: tuple[int, ...]) -> Grey:
+def inside_region(region: Region, shape: tuple[int, ...]) -> GreyImage:
     """1 where the region is, which may reach beyond the picture."""
     x, y, width, height = (round(side) for side in region)
     inside = np.zeros(shape, dtype=np.uint8)
@@ -100,7 +99,7 @@ def inside_region(region: Region, shape: tuple[int, ...]) -> Grey:
     return inside
 
 
-def _spots(difference: Picture, mask: Grey, corner: tuple[int, int], most: int) -> list[Spot]:
+def _spots(difference: FloatImage, mask: GreyImage, corner: tuple[int, int], most: int) -> list[Spot]:
     """The largest spots of a mask whose top-left pixel is `corner` of the picture."""
     count, labels, stats, centres = cv2.connectedComponentsWithStats(mask, connectivity=8)
     spots = []
@@ -125,7 +124,7 @@ class Search:
     def __init__(self, scene: Scene, region: Region | None) -> None:
         self.scene, self.region, self.repeats = scene, region, Repeats()
         self.poses: list[Pose] = []
-        self._at_strongest: list[Picture] = []
+        self._at_strongest: list[FloatImage] = []
         height, width = scene.picture.shape
         self._large = height * width > LARGE
         if self._large:
@@ -157,7 +156,7 @@ class Search:
         """Of all frames, with how far the scene's strongest edges lie off each."""
         return self.scene.with_strongest(self.poses, self._at_strongest)
 
-    def _windows(self, small: Grey, pose: Pose) -> list[Box] | None:
+    def _windows(self, small: GreyImage, pose: Pose) -> list[Box] | None:
         """The parts that have changed; None where that is much of the picture."""
         x, y = pose.shake[0] / COARSE, pose.shake[1] / COARSE
         if max(abs(x), abs(y)) > STEADY:
@@ -179,7 +178,7 @@ class Search:
         corners = [(left + x, top + y, left + x + wide, top + y + high) for x, y, wide, high in boxes]
         return [(COARSE * x, COARSE * y, COARSE * right, COARSE * bottom) for x, y, right, bottom in corners]
 
-    def _in_windows(self, grey: Grey, pose: Pose, windows: list[Box], most: int) -> list[Spot]:
+    def _in_windows(self, grey: GreyImage, pose: Pose, windows: list[Box], most: int) -> list[Spot]:
         scene = self.scene
         if len(self.poses) % 8 == 1:
             self._left = self._noise_left(grey, pose)
@@ -191,7 +190,7 @@ class Search:
             spots += _spots(difference, mask, box[:2], 4 * most)
         return _strongest(spots, most)
 
-    def _noise_left(self, grey: Grey, pose: Pose) -> float:
+    def _noise_left(self, grey: GreyImage, pose: Pose) -> float:
         """As `moving_spots` finds it, from a few rows of the frame."""
         scene, width = self.scene, grey.shape[1]
         strips = [(row, row + 3) for row in self._strips.tolist()]
@@ -214,7 +213,7 @@ def _noise_left(ratios: npt.NDArray[np.floating], scene: Scene) -> float:
     return max(float(ordered[middle]) / 0.6745, widest)
 
 
-def _boxes_apart(mask: Grey) -> list[Box]:
+def _boxes_apart(mask: GreyImage) -> list[Box]:
     """Left, top, width and height of boxes around all parts of a mask; those that would overlap are made one."""
     count = 0
     while True:

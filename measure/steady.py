@@ -10,9 +10,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from rigtwin.lab.arrays import Array
 
 SHORTEST = 8  # frames below which nothing is said of a record's course in time
 JUMP = 3.0  # standard deviations of the steady flow by which a start or an end differs from it

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, Image
 from rigtwin.measure.media import Video
 from rigtwin.measure.scene import Background, Pose, Scene
 
-Array = npt.NDArray[np.float64]
-Image = npt.NDArray[np.uint8]
 Region = tuple[float, float, float, float]
 
 FINEST = 960  # [px], longer side of the picture that is measured

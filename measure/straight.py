@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Picture = npt.NDArray[np.float32]
+from rigtwin.lab.arrays import Array, FloatImage
 
 STEP = math.radians(0.1)  # of the vote
 
@@ -38,7 +37,7 @@ class Line:
         return math.atan2(self.end[1] - self.start[1], self.end[0] - self.start[0])
 
 
-def gradient(picture: Picture, blur: float = 1.2) -> tuple[Picture, Picture]:
+def gradient(picture: FloatImage, blur: float = 1.2) -> tuple[FloatImage, FloatImage]:
     """Change of grey per pixel to the right and down, of the picture smoothed by `blur` pixels."""
     smooth = cv2.GaussianBlur(picture, (0, 0), blur)
     return (
@@ -48,7 +47,7 @@ def gradient(picture: Picture, blur: float = 1.2) -> tuple[Picture, Picture]:
 
 
 def long_lines(
-    picture: Picture, usable: npt.NDArray[np.bool_], *, steepest: float, shortest: float, most: int
+    picture: FloatImage, usable: npt.NDArray[np.bool_], *, steepest: float, shortest: float, most: int
 ) -> list[Line]:
     """Edges within `steepest` [rad] of the rows and at least `shortest` px long, the clearest first."""
     slope_x, slope_y = gradient(picture)
@@ -67,8 +66,8 @@ def long_lines(
 def _lines_of(
     x: npt.NDArray[np.int64],
     y: npt.NDArray[np.int64],
-    weight: Picture,
-    change: Picture,
+    weight: FloatImage,
+    change: FloatImage,
     steepest: float,
     shortest: float,
     most: int,
@@ -96,7 +95,7 @@ def _lines_of(
     return found
 
 
-def _laid(change: Picture, angle: float, row: float, shortest: float) -> Line | None:
+def _laid(change: FloatImage, angle: float, row: float, shortest: float) -> Line | None:
     """The line near a peak of the vote, to a fraction of a pixel."""
     width = change.shape[1]
     x = np.arange(4.0, width - 4.0)

@@ -17,11 +17,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, GreyImage
 from rigtwin.measure.freefall import BEGINS, LEAST_FALL, FreeFall
 from rigtwin.measure.piv import vertex
-
-Array = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
 
 FINE = 12.0  # [px], a bead's diameter in the picture that is correlated: finer ones tell no more
 WINDOW = 1.5  # bead diameters, height of what is sought in the next frame
@@ -71,7 +69,7 @@ class Stream:
         self._sums: defaultdict[int, Array] = defaultdict(lambda: np.zeros(1))
         self._counts: Counter[int] = Counter()
 
-    def add(self, before: Grey, after: Grey, *, steady: bool) -> None:
+    def add(self, before: GreyImage, after: GreyImage, *, steady: bool) -> None:
         """The next frame and the one before: how much pixels from the slot on downwards differ from the empty hopper.
 
         `steady`: whether beads flow steadily and no time is missing between the two.
@@ -129,7 +127,7 @@ class Stream:
             return None
         return Usual(row.astype(int), shift, float(slope) / 2, float((high - low) / 2 / slope))
 
-    def _smaller(self, picture: Grey) -> Grey:
+    def _smaller(self, picture: GreyImage) -> GreyImage:
         if self._zoom == 1:
             return picture
         height, width = (max(round(self._zoom * side), 1) for side in picture.shape)

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, Image
 from rigtwin.measure.disc import FOCAL_LENGTH, Disc, find_disc
 from rigtwin.measure.exposure import exposure_of
 from rigtwin.measure.grains import (
@@ -28,9 +29,6 @@ from rigtwin.measure.grains import (
     shares,
 )
 from rigtwin.measure.straight import fullest_run
-
-Array = npt.NDArray[np.float64]
-Image = npt.NDArray[np.uint8]
 
 FINEST = 1000  # [px], width of the picture that is measured; of 1400 the angles of the sample heap are no nearer
 TALLEST = 2.0  # height of a picture over its width above which its height sets the size instead

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rigtwin.lab.records import Array
+from rigtwin.lab.arrays import Array
 
 STEP = 0.008  # [s], of the Runge-Kutta integration: error below 3e-6 rad over a swing of a 100 mm pendulum
 

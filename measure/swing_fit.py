@@ -13,14 +13,12 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, Mask
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.quantity import root_sum_of_squares
-from rigtwin.lab.records import Array, Track
+from rigtwin.lab.records import Track
 from rigtwin.measure.swing import Swings, angles, positions, states_at_collision
-
-Mask = npt.NDArray[np.bool_]
 
 SETTLED = 0.02  # of the noise: the fit is done when it was weighed by the noise that it leaves
 

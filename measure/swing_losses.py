@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import NothingToMeasure
-from rigtwin.lab.records import Array, Track
+from rigtwin.lab.records import Track
 from rigtwin.measure.lost_frames import MOST, WILD, Loss, in_time
 from rigtwin.measure.swing import angles, positions
 from rigtwin.measure.swing_fit import SwingFit, correlation, frame_interval, misses_of, slopes_of

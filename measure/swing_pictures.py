@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, Image
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.quantity import Quantity
-from rigtwin.lab.records import Array
 from rigtwin.lab.wording import title
 from rigtwin.measure import overlay
 from rigtwin.measure.bead import BeadImage
-from rigtwin.measure.media import Image, Video
+from rigtwin.measure.media import Video
 from rigtwin.measure.swing import angles, turning_points
 from rigtwin.measure.swing_fit import SwingFit
 from rigtwin.measure.two_beads import Beads

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, FloatImage
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.content import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
@@ -51,9 +52,6 @@ from rigtwin.measure.starved import compression_check
 from rigtwin.measure.stated_roll import roll_check
 from rigtwin.measure.tilt_checks import BEGIN_EARLIER, LEAST_REST, checks_of
 from rigtwin.measure.turning import gaps_by_run, gaps_by_turn
-
-Array = npt.NDArray[np.float64]
-Picture = npt.NDArray[np.float32]
 
 FRICTION = {"slide": "static_friction", "roll": "rolling_friction"}
 PERSPECTIVE = math.radians(0.02)  # a plate that is not quite parallel to the picture
@@ -256,7 +254,7 @@ class Film:
     steps: tuple[Step | None, ...]  # the body against its place at rest
     poses: tuple[Pose, ...]  # of the frames over the still scene
     uphill: int  # +1 where the arm rises to the right
-    picture: Picture = field(repr=False)  # the still scene
+    picture: FloatImage = field(repr=False)  # the still scene
     missing: npt.NDArray[np.int64]  # frames that the film lacks before each, shape (n,)
     told: npt.NDArray[np.bool_]  # whether the plate turns so far that one which is missing stands out, shape (n,)
     repeated: int = 0  # frames of the run that repeat the one before and put off all that follow
@@ -399,7 +397,7 @@ def _watch(video: Video, camera: Camera, progress: Progress) -> Film:
     return _follow(video, scene, arm, level, body, uphill, progress)
 
 
-def _poorly_lit(samples: Mapping[int, Picture]) -> str:
+def _poorly_lit(samples: Mapping[int, FloatImage]) -> str:
     """What is wrong with the pictures themselves, as the beginning of a sentence; empty where nothing is."""
     blank = sum(float(np.ptp(np.percentile(picture, (0.5, 99.5)))) < DIMMEST for picture in samples.values())
     if blank:
@@ -410,7 +408,7 @@ def _poorly_lit(samples: Mapping[int, Picture]) -> str:
     return f"{100 * white:.0f} % of the picture is white, overexposed; " if white > MOST_WHITE else ""
 
 
-def _laid_over(scene: Scene, learnt: Background) -> dict[int, Picture]:
+def _laid_over(scene: Scene, learnt: Background) -> dict[int, FloatImage]:
     return {number: scene.view(frame).grey for number, frame in learnt.samples().items()}
 
 

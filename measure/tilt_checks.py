@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.quantity import Check
 from rigtwin.measure.onset import FACTOR, USUAL_DRIFT, Onset, Variant, Way, jitter, smooth_angle
-
-Array = npt.NDArray[np.float64]
 
 LIKELY = math.log(20)  # odds from which on one kind of motion is believed rather than the other
 LEAST_KINETIC = 0.5  # kinetic friction over static, of what slides

@@ -6,8 +6,8 @@ import math
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, Image
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.quantity import Measurement, Quantity
 from rigtwin.lab.records import Series, write_series, write_tracks
@@ -20,7 +20,6 @@ from rigtwin.measure.overlay import (
     SKY,
     YELLOW,
     Colour,
-    Image,
     OverlayVideo,
     draw_caption,
     draw_cross,
@@ -30,8 +29,6 @@ from rigtwin.measure.overlay import (
     save_plot,
 )
 from rigtwin.measure.tilt import Film
-
-Array = npt.NDArray[np.float64]
 
 
 def write_pictures(

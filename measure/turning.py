@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import median_filter
 
-Array = npt.NDArray[np.float64]
+from rigtwin.lab.arrays import Array
 
 AROUND = 7  # frames before and after, from which a frame's usual turn is taken
 FEW_AROUND = 4  # the same of a run, which is shorter

@@ -17,12 +17,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, GreyImage
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.measure.bead import BeadFit, BeadImage, Look, common_look, fit_bead
 from rigtwin.measure.channel import Channel, best_channel
 from rigtwin.measure.follow import frames_of
-from rigtwin.measure.media import Frame, Grey, Video
+from rigtwin.measure.media import Frame, Video
 from rigtwin.measure.meeting import (
     JUST_LEFT,
     Collision,
@@ -36,8 +37,6 @@ from rigtwin.measure.meeting import (
 )
 from rigtwin.measure.scene import Background, Pose, Scene, rounded, shakes_of
 from rigtwin.measure.spots import Spot, SpotPath
-
-Array = npt.NDArray[np.float64]
 
 SPARSER = (4, 16)  # frames, of which one is looked at where all are too alike to show a collision
 FEWEST = 60  # of these that a swing needs
@@ -56,7 +55,7 @@ class Beads:
     channel: Channel
     poses: tuple[Pose, ...]  # of each frame over the scene
     looked: npt.NDArray[np.bool_]  # where each bead was looked for, shape (2, n)
-    greys: dict[int, Grey]  # the frames from which the scene was learnt
+    greys: dict[int, GreyImage]  # the frames from which the scene was learnt
 
     @property
     def shakes(self) -> Array:
@@ -158,12 +157,12 @@ def _right_after(video: Video, collision: Collision) -> Iterable[Frame]:
     return video.frames(first, collision.rise.frames[0] + JUST_LEFT - 1)
 
 
-def _steady(scene: Scene, greys: dict[int, Grey]) -> dict[int, Grey]:
+def _steady(scene: Scene, greys: dict[int, GreyImage]) -> dict[int, GreyImage]:
     """The frames, by number, laid over the scene."""
     return {index: rounded(scene.view(grey).grey) for index, grey in greys.items()}
 
 
-def still_scene(greys: dict[int, Grey]) -> Scene:
+def still_scene(greys: dict[int, GreyImage]) -> Scene:
     """What the frames, by number, show of the scene."""
     background = Background()
     for index, grey in greys.items():
@@ -189,7 +188,7 @@ def sample_frames(video: Video, progress: Progress) -> dict[int, Frame]:
 
 
 def _without_beads(
-    scene: Scene, greys: dict[int, Grey], rest: Array, radius: float, places: dict[int, list[Array]]
+    scene: Scene, greys: dict[int, GreyImage], rest: Array, radius: float, places: dict[int, list[Array]]
 ) -> Scene:
     """The still scene behind the beads as well, from the frames in `places`, which says where beads may be in them.
 
@@ -303,7 +302,7 @@ class _Walk:
         self._release = self.fall.frames[int(np.argmax(left))] - 2
         self._rest_steps = (max(1, round((self._release - first) / 10)), max(1, round((self._hit - first) / 25)))
 
-    def step(self, index: int, grey: Grey) -> None:
+    def step(self, index: int, grey: GreyImage) -> None:
         view = self.scene.view(grey, self.poses[-1].shake if self.poses else (0.0, 0.0))
         (expected_a, speed_a), (expected_b, speed_b) = self._expect_a(index), self._expect_b(index)
         # in its swing B is well known beforehand; just after the collision A is not

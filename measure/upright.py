@@ -13,9 +13,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.measure.grains import at
-
-Array = npt.NDArray[np.float64]
 
 STURDY = 7.0  # [deg], a camera on a stand is not turned by more
 STEEPEST = 25.0  # [deg], a picture turned by more is seen to be; struts and the walls of a hopper are steeper

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.measure.bead import BeadImage
@@ -21,8 +22,6 @@ from rigtwin.measure.spots import SpotPath
 from rigtwin.measure.starved import by_bits
 from rigtwin.measure.swing_fit import fit_circle
 from rigtwin.measure.two_beads import as_spots, sample_frames, still_scene
-
-Array = npt.NDArray[np.float64]
 
 
 def find_wall_bead(

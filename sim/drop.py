@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput, RigtwinError
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.model import NO_EFFECTS, Effects
@@ -17,7 +18,7 @@ from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY, Drop
 from rigtwin.sim.engine.clock import positive
 from rigtwin.sim.film import frame_times
-from rigtwin.sim.trials import FRAMES_AT_REST, Array, Release, each, film, released
+from rigtwin.sim.trials import FRAMES_AT_REST, Release, each, film, released
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.drum import FILL, fill_check
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import PACKING, Contact, Material, Particle
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from rigtwin.sim.engine.walls import Shape
     from rigtwin.sim.logbook import Logbook
 
-Array = npt.NDArray[np.float64]
 
 DEPTH = 0.5  # of the diameter, where the rig does not say
 FULLEST = 0.9  # part of the drum, beyond which nothing turns over

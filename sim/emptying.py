@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Particle
 from rigtwin.lab.progress import Progress
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from rigtwin.sim.engine.walls import Shape
     from rigtwin.sim.logbook import Logbook
 
-Array = npt.NDArray[np.float64]
 
 DRAIN = 1 / 3  # of the base, where the rig does not say, but not below
 LEAST_DRAIN = 7  # bead diameters; rough spheres arch over narrower holes

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Unpack
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from rigtwin.sim.engine.walls import Shape
     from rigtwin.sim.logbook import Logbook
 
-Array = npt.NDArray[np.float64]
 
 LOOK = 0.01  # [s], how often the twin looks at the hopper, as the paper's simulations were saved
 STUCK = 0.5  # [s] without a bead leaving, after which the hopper counts as blocked or empty

@@ -12,8 +12,8 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import SimulationFailed
 from rigtwin.sim.engine.clock import positive
 from rigtwin.sim.trajectory import Trajectory, begin, write_walls
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from rigtwin.sim.engine.bulk import Bulk
     from rigtwin.sim.engine.checkpoint import Checkpoint, State
 
-Array = npt.NDArray[np.float64]
 
 SNAPSHOT_INTERVAL = 1.0  # [s] of computing; what Ctrl-C may cost
 RISE_LIMIT = 0.01  # of the energy supplied; a bed that gains more has a step too large for its contacts

@@ -6,12 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, Mask
 from rigtwin.lab.quantity import Detail, Quantity, doubted
-
-Array = npt.NDArray[np.float64]
-Marks = npt.NDArray[np.bool_]
 
 CELL = 3.0  # bead diameters, side of the cells in which mixing is counted
 FEWEST = 5  # beads in a cell that counts
@@ -39,7 +36,7 @@ class Mixing:
         return doubted(found, few if self.cells < FEWEST_CELLS else "")
 
 
-def lacey(centres: Array, marked: Marks, cell: float) -> float:
+def lacey(centres: Array, marked: Mask, cell: float) -> float:
     """Lacey's mixing index of the marked beads in cells of side `cell` [m] across the drum: 0 apart, 1 at random.
 
     M = (S0^2 - S^2) / (S0^2 - SR^2), with S0^2 = p (1 - p) apart, SR^2 = p (1 - p) / n at random, and S^2 the variance
@@ -52,7 +49,7 @@ def lacey(centres: Array, marked: Marks, cell: float) -> float:
     return _index(*_counted(centres, marked, cell))
 
 
-def mixing(centres: Array, marked: Marks, cell: float) -> Mixing:
+def mixing(centres: Array, marked: Mask, cell: float) -> Mixing:
     """`lacey` with what chance makes of it."""
     beads, share = _counted(centres, marked, cell)
     count, every = len(beads), np.arange(len(beads))
@@ -61,7 +58,7 @@ def mixing(centres: Array, marked: Marks, cell: float) -> Mixing:
     return Mixing(_index(beads, share), scatter, count)
 
 
-def _counted(centres: Array, marked: Marks, cell: float) -> tuple[Array, Array]:
+def _counted(centres: Array, marked: Mask, cell: float) -> tuple[Array, Array]:
     """How many beads each cell with enough of them holds, and which part of them is marked."""
     place = np.floor(centres[:, [0, 2]] / cell).astype(int)
     _cells, which = np.unique(place, axis=0, return_inverse=True)

@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.records import Profile
-
-Array = npt.NDArray[np.float64]
 
 VIEWS = (0.0, 45.0, 90.0, 135.0)  # [deg], about an upright axis, from which a round rig is seen
 POINTS_PER_DIAMETER = 24

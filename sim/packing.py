@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Unpack
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from rigtwin.sim.engine.walls import Shape
     from rigtwin.sim.logbook import Logbook
 
-Array = npt.NDArray[np.float64]
 
 OUTLET = 0.6  # of the cylinder's diameter
 LEAST_RATE = 200.0  # [1/s]

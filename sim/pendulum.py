@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput, RigtwinError
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.model import NO_EFFECTS, Effects
@@ -19,7 +20,7 @@ from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY, Pendulum
 from rigtwin.sim.engine.clock import positive
 from rigtwin.sim.film import frame_times
-from rigtwin.sim.trials import FRAMES_AT_REST, Array, Release, Seen, each, film, released
+from rigtwin.sim.trials import FRAMES_AT_REST, Release, Seen, each, film, released
 
 
 @dataclass(frozen=True)

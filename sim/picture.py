@@ -6,14 +6,11 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, Image
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.records import Track
 from rigtwin.sim.engine.clock import positive
-
-Array = npt.NDArray[np.float64]
-Image = npt.NDArray[np.uint8]
 
 LIGHT = np.array([-0.4, 0.6, 0.7]) / math.sqrt(1.01)  # from the upper left, before the picture's plane
 AMBIENT = 0.35

@@ -12,6 +12,7 @@ from typing import Any, Protocol, Unpack
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
@@ -25,9 +26,6 @@ from rigtwin.sim.logbook import History
 from rigtwin.sim.outline import VIEWS, silhouette
 from rigtwin.sim.piling import Course, piling
 from rigtwin.sim.pouring import pouring
-
-Array = npt.NDArray[np.float64]
-
 
 # a photo of a bowl shows no more than what stands out over its rim: angles of the two are not of the same heap
 COUNTED_FROM = "counted from the base plate, also where a rim hides it from the side"

@@ -6,9 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-import numpy.typing as npt
-
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Particle
 from rigtwin.lab.progress import Progress
@@ -21,7 +19,6 @@ if TYPE_CHECKING:
     from rigtwin.sim.engine.walls import Shape
     from rigtwin.sim.logbook import Logbook
 
-Array = npt.NDArray[np.float64]
 
 SLOW = 0.1  # [m/s], a bead below this speed belongs to the heap, above it is still falling
 QUICK_RATE = 400.0  # [1/s], poured at least, to keep a run short, while the throw adds no more than the fall

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Particle
 from rigtwin.lab.progress import Progress
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from rigtwin.sim.engine.walls import Shape
     from rigtwin.sim.logbook import Logbook
 
-Array = npt.NDArray[np.float64]
 
 LIFT_SPEED = 0.02  # [m/s], where the rig does not say
 NARROWEST = 4  # bead diameters

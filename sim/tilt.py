@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput, RigtwinError, SimulationFailed
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.model import NO_EFFECTS, Effects
@@ -24,7 +25,6 @@ from rigtwin.sim.trials import FRAMES_AT_REST, TRACK_SIGMA, each, name
 if TYPE_CHECKING:
     from rigtwin.sim.engine.few_body import Case, Motion
 
-Array = npt.NDArray[np.float64]
 
 STEP = 0.1  # of Rayleigh's
 STEEPEST = math.radians(85)

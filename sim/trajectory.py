@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.grains import Beads
     from rigtwin.sim.engine.walls import Shape
 
-Array = npt.NDArray[np.float64]
 
 AROUND = 72  # corners of a circle in the mesh of a wall
 CHUNK = 4096  # rows of a dataset that are packed together

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput, RigtwinError
 from rigtwin.lab.progress import Progress
 from rigtwin.sim.engine.clock import of_kind
@@ -16,7 +16,6 @@ from rigtwin.sim.engine.clock import of_kind
 if TYPE_CHECKING:
     from rigtwin.sim.engine.few_body import Case
 
-Array = npt.NDArray[np.float64]
 _Trial = TypeVar("_Trial")
 _Ready = TypeVar("_Ready")
 

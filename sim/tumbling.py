@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array, Image
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.model import NO_EFFECTS, Effects
@@ -20,8 +21,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY, Drop
 from rigtwin.sim.engine.clock import positive
-from rigtwin.sim.picture import Image
-from rigtwin.sim.trials import FRAMES_AT_REST, TRACK_SIGMA, Array
+from rigtwin.sim.trials import FRAMES_AT_REST, TRACK_SIGMA
 
 STEP = 0.1  # of Rayleigh's time step
 SHORTEST = 6  # frames of a flight that can be read; the record ends before shorter ones

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rigtwin.compare.diagnose.runs import hermite
-from rigtwin.lab.records import Array
+from rigtwin.lab.arrays import Array
 
 STEPS = 24
 LATE, LONGEST = 1.5, 8.0

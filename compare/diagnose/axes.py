@@ -14,8 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.compare.diagnose.labs import Condition, TrackedLab, start_of
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.records import Array, Track
+from rigtwin.lab.records import Track
 
 WINDOWS = (0.06, 0.12)  # [s], through which a parabola is laid
 FEWEST = 6  # rows of such a window

@@ -9,8 +9,9 @@ import numpy as np
 
 from rigtwin.compare.diagnose.labs import TrackedLab
 from rigtwin.compare.diagnose.unknowns import Unknown
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.records import Array, Track
+from rigtwin.lab.records import Track
 from rigtwin.sim.effects import Effect, named
 from rigtwin.sim.effects.effect import WIDENING
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from rigtwin.compare.diagnose.runs import hermite
 from rigtwin.compare.diagnose.swing import LEAST_RATE, Push, runge_kutta
-from rigtwin.lab.records import Array
+from rigtwin.lab.arrays import Array
 
 PER_PERIOD = 50  # steps
 MOST_EXTRA = 40  # contacts followed

@@ -8,7 +8,7 @@ import numpy as np
 
 from rigtwin.compare.diagnose.linear import Bench, Linear, State, linearise
 from rigtwin.compare.diagnose.unknowns import Unknown
-from rigtwin.lab.records import Array
+from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 
 FAR, FAR_WORTH = 3.0, 3e-5  # squared deviation per coordinate beyond which a model is no description

@@ -23,7 +23,7 @@ from rigtwin.compare.diagnose.linear import linear_at
 from rigtwin.compare.diagnose.locate import Regioned
 from rigtwin.compare.diagnose.slopes import slopes
 from rigtwin.compare.diagnose.subset import subset
-from rigtwin.lab.records import Array
+from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import named
 from rigtwin.sim.effects.effect import WIDENING
 

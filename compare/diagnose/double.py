@@ -20,7 +20,7 @@ from rigtwin.compare.diagnose.pendulum import OWN_LENGTH, pushing
 from rigtwin.compare.diagnose.runs import Runs, coefficients, shared
 from rigtwin.compare.diagnose.slopes import SMALL, Moved
 from rigtwin.compare.diagnose.unknowns import Unknown
-from rigtwin.lab.records import Array
+from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 
 MOST_IMPACTS = 7

@@ -21,7 +21,8 @@ from rigtwin.compare.diagnose.labs import TrackedLab
 from rigtwin.compare.diagnose.runs import Beads, coefficients, shared
 from rigtwin.compare.diagnose.slopes import SMALL, Mechanics
 from rigtwin.compare.diagnose.unknowns import Unknown
-from rigtwin.lab.records import Array, Track
+from rigtwin.lab.arrays import Array
+from rigtwin.lab.records import Track
 from rigtwin.sim.effects import Effect, named
 
 SIDEWAYS = 0.006  # [m/s], of a release, where the lab states nothing

@@ -18,7 +18,7 @@ from rigtwin.compare.diagnose.descent import HOPELESS, NOTHING, descend, newton_
 from rigtwin.compare.diagnose.linear import Bench, Linear, State, linearise, noise
 from rigtwin.compare.diagnose.scatter import expect_scatter, jitter_of
 from rigtwin.compare.diagnose.unknowns import Unknown
-from rigtwin.lab.records import Array
+from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rigtwin.lab.records import Array
+from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 
 STEPS = 14  # per flight in a vacuum; the path between two steps is a cubic

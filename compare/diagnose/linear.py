@@ -11,7 +11,7 @@ import numpy as np
 
 from rigtwin.compare.diagnose.slopes import Moving, Slopes, slopes
 from rigtwin.compare.diagnose.unknowns import Unknown
-from rigtwin.lab.records import Array
+from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 
 BLOCK = 128  # rows

@@ -16,7 +16,7 @@ import numpy as np
 
 from rigtwin.compare.diagnose.fit import Fit
 from rigtwin.compare.diagnose.linear import Bench
-from rigtwin.lab.records import Array
+from rigtwin.lab.arrays import Array
 
 AXES = ("x", "y")
 

@@ -19,10 +19,11 @@ from rigtwin.compare.diagnose.labs import (
     other_rates,
 )
 from rigtwin.compare.repetitions import Failure, measure_repetition
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.notebook import Experiment, Lab, read_lab
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.records import Array, Track, read_tracks
+from rigtwin.lab.records import Track, read_tracks
 from rigtwin.lab.rigs import DropSettings, PendulumSettings
 
 GRAVITY = 9.81  # [m/s^2]

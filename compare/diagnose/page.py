@@ -15,7 +15,7 @@ from rigtwin.compare.diagnose.fit import Fit
 from rigtwin.compare.diagnose.gap import closed
 from rigtwin.compare.diagnose.labs import TrackedLab
 from rigtwin.compare.filled import filled
-from rigtwin.lab.records import Array
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.wording import unit_of
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from rigtwin.compare.diagnose.runs import Beads, eighths, shared
 from rigtwin.compare.diagnose.slopes import SMALL, Moved
 from rigtwin.compare.diagnose.swing import Push, angle_at, half_swings
 from rigtwin.compare.diagnose.unknowns import Unknown
-from rigtwin.lab.records import Array
+from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 
 OWN_LENGTH = 0.5  # share of the stated length uncertainty that each length has on its own

@@ -11,7 +11,8 @@ import numpy as np
 from rigtwin.compare.diagnose.camera import noise_of
 from rigtwin.compare.diagnose.labs import Condition, TrackedLab, stated_doubt
 from rigtwin.compare.diagnose.unknowns import Unknown
-from rigtwin.lab.records import Array, Track
+from rigtwin.lab.arrays import Array
+from rigtwin.lab.records import Track
 from rigtwin.sim.effects import Effect
 
 DIAMETER = 2e-5  # [m], how well a bead's diameter is known where nothing is stated

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rigtwin.compare.diagnose.linear import Bench, Linear, State
-from rigtwin.lab.records import Array
+from rigtwin.lab.arrays import Array
 
 LEAST_SCATTER = 1e-3  # of a restitution or a rebound direction: smaller is not believed
 LEAST_TOLD = 0.2  # share of the deviations that the data determine, at least, in one step of the scatter

@@ -13,8 +13,9 @@ import numpy as np
 
 from rigtwin.compare.diagnose.camera import noise_of
 from rigtwin.compare.diagnose.labs import Condition, TrackedLab
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.records import Array, Track
+from rigtwin.lab.records import Track
 
 SIDE = 5  # rows on either side of a moment, through which a parabola is laid
 FAR = 12.0  # typical errors of such a parabola, carried on by a row, that no noise reaches

@@ -16,7 +16,7 @@ from rigtwin.compare.diagnose.labs import TrackedLab
 from rigtwin.compare.diagnose.runs import Runs
 from rigtwin.compare.diagnose.slopes import STEADY, Moved
 from rigtwin.compare.diagnose.unknowns import Unknown
-from rigtwin.lab.records import Array
+from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from rigtwin.compare.diagnose.camera import exposed, is_camera, viewed
 from rigtwin.compare.diagnose.unknowns import Unknown
-from rigtwin.lab.records import Array
+from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 
 SMALL = 1e-4  # of a visible change: differences taken over more tell apart what the data cannot

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from rigtwin.compare.diagnose.fit import Fit
-from rigtwin.lab.records import Array
+from rigtwin.lab.arrays import Array
 
 RESAMPLES = 2000
 SEED = 20

@@ -12,7 +12,7 @@ import numpy as np
 
 from rigtwin.compare.diagnose.fit import Fit
 from rigtwin.compare.diagnose.locate import Regioned
-from rigtwin.lab.records import Array
+from rigtwin.lab.arrays import Array
 
 ENOUGH_ROWS, ENOUGH_RUNS = 100, 12  # per repetition, in all, to see a strong effect
 

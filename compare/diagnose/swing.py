@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from rigtwin.lab.records import Array
+from rigtwin.lab.arrays import Array
 
 STEPS = 30  # per half swing, which then loses 1e-8 of its amplitude a step; the path between two is a cubic
 LEAST_RATE = 1e-3  # [rad/s], dry friction acts fully from here on

@@ -11,8 +11,8 @@ orthogonal, and errs in third order of the angle where the splitting errs in sec
 """
 
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Particle
 from rigtwin.sim.engine.backend import ti
@@ -30,8 +30,6 @@ MEMBER_SIZE = 4  # place in the body's axes 3, number of the body (-1: none)
 NEWTON_STEPS = 5  # moments that differ by a factor of twenty need no more
 NO_SPIN2 = 1e-200  # [rad^2/s^2]; below, the square loses its digits, and a spin so slow is what rounding left of one
 ALL_BUT_HELD = 1e-9  # relative: a spin that is stopped but for so little rests; what is left of it has no digits
-
-Array = npt.NDArray[np.float64]
 
 
 class RigidBodies:

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.sim.engine.contact import SPEED, STIFFNESS, linear_stiffness
 from rigtwin.sim.engine.elements import Vector
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.grains import Grains
 
-Array = npt.NDArray[np.float64]
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
 

@@ -16,6 +16,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput, RigtwinError, SimulationFailed
 from rigtwin.lab.materials import Contact, Particle
 from rigtwin.lab.progress import Progress, silent
@@ -34,8 +35,6 @@ from rigtwin.sim.engine.terms import Active, Terms, adhesion_of, terms_of
 from rigtwin.sim.engine.wall_contacts import THREADS
 from rigtwin.sim.engine.wall_table import KINDS, UNTIL, WANDERS, WallTable, motion_of, motion_row, wall_table
 from rigtwin.sim.engine.walls import Motion, Shape, Wall, gaps
-
-Array = npt.NDArray[np.float64]
 
 SMALLEST_ARENA = 1024  # beads; arenas come in steps of four, so that few kernels are ever compiled
 PAIRS_PER_BEAD, PAIRS_PER_PART = 5, 8  # half the neighbours of a bead, and of one in a clump, with room

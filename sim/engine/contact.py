@@ -10,13 +10,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material
 from rigtwin.sim.engine.backend import ti
 
-Array = npt.NDArray[np.float64]
 Rolling = Literal["type A", "type A explicit", "type C"]
 ROLLING: tuple[Rolling, ...] = ("type A", "type A explicit", "type C")
 ContactLaw = Literal["Hertz-Mindlin", "linear"]

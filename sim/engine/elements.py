@@ -7,11 +7,10 @@ a straight line makes when it turns about an axis; plates, boxes and meshes are 
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.sim.engine.backend import ti
 
-Array = npt.NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 PLANE, ROUND, TRIANGLE = range(3)

@@ -13,6 +13,7 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 from rigtwin.sim.engine import backend
 from rigtwin.sim.engine.backend import GRAIN, ti
@@ -39,7 +40,6 @@ from rigtwin.sim.engine.terms import Active, Terms, terms_among
 from rigtwin.sim.engine.wall_contacts import WallContacts
 from rigtwin.sim.engine.wall_table import KINDS, MOTION_SIZE, WallTable
 
-Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int32]
 
 # there is room for so many copies; more make it so many times larger, so that few kernels are ever compiled.  A power

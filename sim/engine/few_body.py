@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput, RigtwinError, SimulationFailed
 from rigtwin.lab.materials import Contact, Particle
 from rigtwin.lab.progress import Progress, silent
@@ -31,7 +31,6 @@ from rigtwin.sim.engine.terms import Active, checked
 from rigtwin.sim.engine.wall_table import WallTable, wall_table
 from rigtwin.sim.engine.walls import Wall, gaps
 
-Array = npt.NDArray[np.float64]
 _Result = TypeVar("_Result")
 
 BODIES = 16

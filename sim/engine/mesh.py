@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
 from rigtwin.sim.engine import elements
 
-Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int32]
 
 MOST_CELLS = 32_768

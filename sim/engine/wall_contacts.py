@@ -10,9 +10,7 @@ Walls move in closed form: their place follows from the time alone, so that noth
 anywhere.
 """
 
-import numpy as np
-import numpy.typing as npt
-
+from rigtwin.lab.arrays import Array
 from rigtwin.sim.engine.backend import ti
 from rigtwin.sim.engine.contact import (
     CONSTANTS,
@@ -45,8 +43,6 @@ from rigtwin.sim.engine.wall_table import (
     WANDERS,
     WallTable,
 )
-
-Array = npt.NDArray[np.float64]
 
 THREADS = 64  # that may work on one simulation
 SAME = 1e-6  # of a radius; what stands out less is the same surface

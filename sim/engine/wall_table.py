@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Particle
 from rigtwin.sim.engine import elements as shape
@@ -14,8 +15,6 @@ from rigtwin.sim.engine.contact import IMPACT_SPEED, LAW_SIZE, pair_law
 from rigtwin.sim.engine.elements import ELEMENT_SIZE, OF_WALL, TRIANGLE
 from rigtwin.sim.engine.mesh import ALONE, sort_into_cells
 from rigtwin.sim.engine.walls import Motion, Shape, Wall, wandering
-
-Array = npt.NDArray[np.float64]
 
 KINDS, WALLS = 16, 64
 ROOM = 16_384  # elements; more make it eight times larger, so that few kernels are ever compiled

@@ -13,15 +13,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material
 from rigtwin.sim.engine import elements
 from rigtwin.sim.engine.elements import Vector, unit
 from rigtwin.sim.engine.mesh import Mesh, least_distances
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
