@@ -27,24 +27,24 @@ format: $(READY)
 
 # SEED=7 make verify: another start of whatever is random
 verify: $(READY)
-	$(BIN)/python benchmarks/verify.py
+	$(BIN)/python benchmarks/engine/verify.py
 
 bench: $(READY)
-	$(BIN)/python benchmarks/engine.py
+	$(BIN)/python benchmarks/engine/speed.py
 
 # trackpy, which stands in its table, comes with the group `bench`
 bench-measure: $(READY)
 	UV_PROJECT_ENVIRONMENT=.venv $(BIN)/uv sync --frozen --inexact --quiet --group bench
-	$(BIN)/python benchmarks/measure.py
+	$(BIN)/python benchmarks/measure/accuracy.py
 
 # SEED=7 COUNT=3 make bench-footage: other clips, three of each hardness
 bench-footage: $(READY)
-	$(BIN)/python benchmarks/hard_footage.py $(if $(COUNT),--count $(COUNT))
-	$(BIN)/python benchmarks/hard_bulk.py $(if $(COUNT),--count $(COUNT))
+	$(BIN)/python benchmarks/measure/hard_footage.py $(if $(COUNT),--count $(COUNT))
+	$(BIN)/python benchmarks/measure/hard_bulk.py $(if $(COUNT),--count $(COUNT))
 
 # SEED=7 COUNT=40 make bench-diagnose: other labs, fewer of them
 bench-diagnose: $(READY)
-	$(BIN)/python benchmarks/diagnose.py $(if $(COUNT),--count $(COUNT))
+	$(BIN)/python benchmarks/diagnose/verdicts.py $(if $(COUNT),--count $(COUNT))
 
 clean:
 	rm -rf .venv .typing out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -10,7 +10,7 @@ The map of the project (the folders at the top level import as ``rigtwin.*``)::
     cli.py     the door: run a command, turn every error into one sentence
 
 Arrows run one way: ``cli -> commands -> compare -> {measure, sim} -> lab``.  The same rig has the same file name in
-every room: ``measure/drop.py`` and ``sim/drop.py`` together tell the whole drop test.
+every room: ``measure/drop/measurement.py`` and ``sim/drop.py`` together tell the whole drop test.
 """
 
 __version__ = "0.1.0"

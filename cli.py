@@ -17,20 +17,9 @@ import typer
 
 from rigtwin import __version__
 from rigtwin.commands import measure, simulate
-from rigtwin.commands.ending import Work, finished
-from rigtwin.commands.options import (
-    Json,
-    Out,
-    Quiet,
-    Runs,
-    Seed,
-    Stiffness,
-    Threads,
-    TimeStep,
-    file_option,
-    out_option,
-)
-from rigtwin.commands.show import print_json, show_comparison, show_diagnosis, show_reproduction
+from rigtwin.commands.display import print_json, show_comparison, show_diagnosis, show_reproduction
+from rigtwin.commands.options import Json, Out, Quiet, Runs, Seed, Stiffness, Threads, TimeStep, file_option, out_option
+from rigtwin.commands.run_command import Work, finished
 from rigtwin.lab.units import MOST_PARTICLES
 
 app = typer.Typer(
@@ -88,7 +77,7 @@ def demo(*, out: DemoOut = None, count: Count = 1000, seed: Seed = 1, runs: Runs
             f"{lab}: the sample media are not here; they come with the source repository, not with the installed "
             "package: run the demo from a clone, or `rigtwin compare LAB` on a lab folder of your own."
         )
-    from rigtwin.compare.comparison import compare as compare_lab
+    from rigtwin.compare.compare_lab import compare as compare_lab
 
     return partial(compare_lab, lab, out or Path("out/demo"), count=count, seed=seed, runs=runs, threads=threads)
 
@@ -101,7 +90,7 @@ def init(
     quiet: Quiet = False,
 ) -> None:
     """Make a new lab folder with a commented lab.toml."""
-    from rigtwin.lab.notebook import new_lab
+    from rigtwin.lab.file.lab_file import new_lab
 
     written = new_lab(folder)
     if as_json:
@@ -143,7 +132,7 @@ def compare(
     Every experiment of lab.toml is measured and its matched twin run; a table, CSV and JSON files and a report tell
     measured, simulated and the difference.
     """
-    from rigtwin.compare.comparison import compare as compare_lab
+    from rigtwin.compare.compare_lab import compare as compare_lab
 
     return partial(
         compare_lab,
@@ -181,7 +170,7 @@ def diagnose(
 
     The missing effect is named, added to the model, and the gap before and after is shown.
     """
-    from rigtwin.compare.diagnose.run import diagnose_folder
+    from rigtwin.compare.diagnose.diagnose_folder import diagnose_folder
 
     return partial(diagnose_folder, lab, _beside(lab, out), own=effect or (), only=only or ())
 
@@ -207,8 +196,8 @@ def export(
 
     Rolling friction means different torques in different codes; the value here is the one that gives the same limit.
     """
-    from rigtwin.compare.export import export as convert
-    from rigtwin.compare.results import write_together
+    from rigtwin.compare.result_files import write_together
+    from rigtwin.sim.export import export as convert
 
     cast = simulate.cast_of(particle, wall, lab, restitution, static_friction, rolling_friction)
     made = convert(
@@ -257,7 +246,7 @@ def reproduce(
 
     The twins run with the published parameters. A run is kept when it ends; called again, only missing ones are run.
     """
-    from rigtwin.compare.reproduce.reproduction import reproduce as fill
+    from rigtwin.compare.reproduce.reproduce import reproduce as fill
 
     return partial(
         fill,

@@ -8,16 +8,8 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from rigtwin.commands.ending import Work, measured
-from rigtwin.commands.options import (
-    PHOTO,
-    BeadDiameter,
-    BeadMass,
-    TotalMass,
-    density,
-    filmed,
-    quantity,
-)
+from rigtwin.commands.options import PHOTO, BeadDiameter, BeadMass, TotalMass, density, filmed, quantity
+from rigtwin.commands.run_command import Work, measured
 
 app = typer.Typer(help="Measure one rig from its video or photos.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -42,7 +34,7 @@ def measure_drop(
 ) -> Work:
     """A bead bounces on a plate: heights and restitution per bounce."""
     solid = density(bead_density, bead_mass, bead_diameter)
-    from rigtwin.measure import drop
+    from rigtwin.measure.drop import measurement as drop
 
     return partial(drop.measure, clip, camera, bead_diameter=bead_diameter, bead_density=solid)
 
@@ -65,7 +57,7 @@ def measure_pendulum(
     bead_mass: BeadMass = None,
 ) -> Work:
     """Bead A swings against bead B or a wall: angles and restitution."""
-    from rigtwin.measure import pendulum
+    from rigtwin.measure.pendulum import measurement as pendulum
 
     return partial(
         pendulum.measure, clip, camera, variant=variant, length=length, bead_diameter=bead_diameter, bead_mass=bead_mass
@@ -88,7 +80,7 @@ def measure_tilt(
     ] = None,
 ) -> Work:
     """A plate is tilted until a body moves: its angle of friction."""
-    from rigtwin.measure import tilt
+    from rigtwin.measure.tilt import measurement as tilt
 
     return partial(tilt.measure, clip, camera, variant=variant, bead_diameter=bead_diameter, arm_length=arm_length)
 
@@ -110,7 +102,7 @@ def measure_packing(
     ] = None,
 ) -> Work:
     """A bed in a cylinder: its height and bulk density."""
-    from rigtwin.measure import packing
+    from rigtwin.measure.packing import measurement as packing
 
     return partial(
         packing.measure,
@@ -138,7 +130,7 @@ def measure_pile(
     bead_diameter: BeadDiameter = None,
 ) -> Work:
     """A heap on a base: its profile and angle of repose."""
-    from rigtwin.measure import pile
+    from rigtwin.measure.pile import measurement as pile
 
     return partial(pile.measure, photos, camera, base_diameter=base_diameter, bead_diameter=bead_diameter)
 
@@ -157,7 +149,7 @@ def measure_drum(
     bead_diameter: BeadDiameter = None,
 ) -> Work:
     """A bed in a rotating drum: its dynamic angle of repose."""
-    from rigtwin.measure import drum
+    from rigtwin.measure.drum import measurement as drum
 
     return partial(drum.measure, clip, camera, drum_diameter=drum_diameter, speed=speed, bead_diameter=bead_diameter)
 
@@ -176,7 +168,7 @@ def measure_hopper(
     bead_diameter: BeadDiameter = None,
 ) -> Work:
     """A hopper empties: discharge time and flow rate."""
-    from rigtwin.measure import hopper
+    from rigtwin.measure.hopper import measurement as hopper
 
     return partial(
         hopper.measure, clip, camera, bead_diameter=bead_diameter, total_mass=total_mass, bin_width=bin_width

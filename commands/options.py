@@ -245,7 +245,7 @@ def camera_of(*, camera_roll: float | None = None, plumb_line: float | None = No
     described = camera.Camera(**said, roll=camera_roll if plumb_line is None else plumb_line)
     if described.board is None:
         return described
-    from rigtwin.measure.board import straightened
+    from rigtwin.measure.geometry.calibration_board import straightened
 
     return straightened(described)
 

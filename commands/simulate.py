@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import typer
 
-from rigtwin.commands.ending import Work, simulated
 from rigtwin.commands.options import (
     Command,
     Device,
@@ -25,6 +24,7 @@ from rigtwin.commands.options import (
     option,
     quantity,
 )
+from rigtwin.commands.run_command import Work, simulated
 from rigtwin.lab.rigs import UPSIDE_DOWN
 from rigtwin.lab.units import MOST_PARTICLES
 
@@ -176,12 +176,12 @@ def cast_of(
     rolling_friction: float | None,
 ) -> Any:
     """Particle, wall, their contacts among themselves and with the wall; the options go before lab and reference."""
-    from rigtwin.compare import cast
-    from rigtwin.compare.bulk_twins import Cast
+    from rigtwin.compare.twins import by_name
+    from rigtwin.compare.twins.many_body import Cast
 
-    model = cast.model_of(lab)
-    bead, base = cast.particle(particle, model), cast.wall(wall, model)
-    contact = cast.contact(
+    model = by_name.model_of(lab)
+    bead, base = by_name.particle(particle, model), by_name.wall(wall, model)
+    contact = by_name.contact(
         bead.name,
         bead.name,
         model,
@@ -189,7 +189,7 @@ def cast_of(
         static_friction=static_friction,
         rolling_friction=rolling_friction,
     )
-    return Cast(bead, base, contact, cast.contact(bead.name, base.name, model))
+    return Cast(bead, base, contact, by_name.contact(bead.name, base.name, model))
 
 
 @app.command("drop", epilog="Example: rigtwin simulate drop --drop-height 300mm --particle D6 --wall steel")
@@ -217,7 +217,7 @@ def simulate_drop(
     ] = None,
 ) -> Work:
     """A bead or a clump dropped on a plate."""
-    from rigtwin.compare import cast
+    from rigtwin.compare.twins import by_name
     from rigtwin.lab.errors import BadInput
     from rigtwin.lab.rigs import Drop
 
@@ -226,12 +226,12 @@ def simulate_drop(
     if turned is not None:
         not_beside("--turned", "nothing is left to chance", {"--seed": seed})
     rig = Drop(drop_height, turned=turned) if bounces is None else Drop(drop_height, bounces, turned)
-    model = cast.model_of(lab)
-    bead, plate = cast.particle(particle, model), cast.wall(wall, model)
+    model = by_name.model_of(lab)
+    bead, plate = by_name.particle(particle, model), by_name.wall(wall, model)
     if seed is not None and bead.shape is None:
         raise BadInput(f"--seed: {bead.name} is a sphere, of whose fall nothing is left to chance; leave it out.")
-    contact = cast.contact(bead.name, plate.name, model, ("restitution",), restitution=restitution)
-    from rigtwin.compare.few_twins import drop_twin
+    contact = by_name.contact(bead.name, plate.name, model, ("restitution",), restitution=restitution)
+    from rigtwin.compare.twins.drop import drop_twin
 
     seed = 1 if seed is None else seed
     return partial(drop_twin, rig, bead, plate, contact, frame_rate=frame_rate, duration=duration, seed=seed)
@@ -265,17 +265,20 @@ def simulate_pendulum(
     duration: Duration = None,
 ) -> Work:
     """Bead A swings from an angle and hits bead B at rest, or a wall."""
-    from rigtwin.compare import cast
+    from rigtwin.compare.twins import by_name
     from rigtwin.lab.rigs import Pendulum
 
     only_with("--variant", variant, {"--wall": (wall, "wall")})
     only_with("--hanger", hanger, {"--rod-mass": (rod_mass, "rod")})
     rig = Pendulum(length, release_angle, variant, hanger, rod_mass or 0.0)
-    model = cast.model_of(lab)
-    bead, upright = cast.particle(particle, model), cast.wall(wall or "steel", model) if variant == "wall" else None
+    model = by_name.model_of(lab)
+    bead, upright = (
+        by_name.particle(particle, model),
+        by_name.wall(wall or "steel", model) if variant == "wall" else None,
+    )
     other = bead.name if upright is None else upright.name
-    contact = cast.contact(bead.name, other, model, ("restitution",), restitution=restitution)
-    from rigtwin.compare.few_twins import pendulum_twin
+    contact = by_name.contact(bead.name, other, model, ("restitution",), restitution=restitution)
+    from rigtwin.compare.twins.pendulum import pendulum_twin
 
     return partial(pendulum_twin, rig, bead, contact, frame_rate=frame_rate, wall=upright, duration=duration)
 
@@ -352,7 +355,7 @@ def simulate_pile(
         drain_diameter,
     )
     cast, asked = run()
-    from rigtwin.compare.bulk_twins import pile_twin
+    from rigtwin.compare.twins.pile import pile_twin
 
     waits: dict[str, Any] = {"fill_limit": fill_limit, "settle_limit": settle_limit}
     return partial(pile_twin, rig, cast, pour_rate=pour_rate, fall_height=fall_height, **waits, **asked)
@@ -384,17 +387,17 @@ def simulate_tilt(
     duration: Duration = None,
 ) -> Work:
     """A plate tilted until the body on it moves."""
-    from rigtwin.compare import cast
+    from rigtwin.compare.twins import by_name
     from rigtwin.lab.rigs import Tilt
 
     only_with("--variant", variant, {"--rolling-friction": (rolling_friction, "roll")})
     rig = Tilt(variant, speed, start_angle, plate_length)
-    model = cast.model_of(lab)
-    bead, plate = cast.particle(particle, model), cast.wall(wall, model)
+    model = by_name.model_of(lab)
+    bead, plate = by_name.particle(particle, model), by_name.wall(wall, model)
     needs = ("static_friction", "rolling_friction")
     friction: dict[str, Any] = {"static_friction": static_friction, "rolling_friction": rolling_friction}
-    contact = cast.contact(bead.name, plate.name, model, needs, **friction)
-    from rigtwin.compare.few_twins import tilt_twin
+    contact = by_name.contact(bead.name, plate.name, model, needs, **friction)
+    from rigtwin.compare.twins.tilt import tilt_twin
 
     return partial(tilt_twin, rig, bead, plate, contact, frame_rate=frame_rate, duration=duration)
 
@@ -450,7 +453,7 @@ def simulate_packing(
         hopper_diameter=hopper_diameter,
     )
     cast, asked = run()
-    from rigtwin.compare import bulk_twins
+    from rigtwin.compare.twins import packing as bulk_twins
 
     if cylinder_height is None:
         rig = bulk_twins.cylinder_for(rig, cast.particle, asked["count"])
@@ -499,7 +502,7 @@ def simulate_drum(
         fill,
     )
     cast, asked = run()
-    from rigtwin.compare.bulk_twins import drum_twin
+    from rigtwin.compare.twins.drum import drum_twin
 
     return partial(drum_twin, rig, cast, count=count, turns=turns, fill_limit=fill_limit, **asked)
 
@@ -554,12 +557,12 @@ def simulate_hopper(
         "--settle-limit": (settle_limit, "slot"),
     }
     only_with("--variant", variant, others)
-    from rigtwin.compare.twin import stated
+    from rigtwin.compare.twins.twin import stated
 
     shape = stated(cone_height=cone_height, inclination=inclination, slide_angle=slide_angle, slide_drop=slide_drop)
     rig = replace(HopperSettings(variant, bin_width, depth, outlet).rig(), **shape)
     cast, asked = run()
-    from rigtwin.compare.bulk_twins import hopper_twin
+    from rigtwin.compare.twins.hopper import hopper_twin
 
     waits: dict[str, Any] = {"fill_limit": fill_limit, "settle_limit": settle_limit}
     return partial(hopper_twin, rig, cast, duration=duration, **waits, **asked)

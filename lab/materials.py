@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from rigtwin.lab.clumps import Clump
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.shapes import Clump
 
 HEAVIEST = 25_000.0  # [kg/m^3], osmium has 22 600
 AIR = 1.2  # [kg/m^3]

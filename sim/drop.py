@@ -1,6 +1,6 @@
 """The twin of the drop test: a bead falls on a plate and bounces (Hlosta et al. 2020, fig. 3b).
 
-What is no sphere leaves the plate sideways, with a spin: see `rigtwin.sim.tumbling`.
+What is no sphere leaves the plate sideways, with a spin: see `rigtwin.sim.drop_clump`.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ from dataclasses import dataclass, field
 
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput, RigtwinError
+from rigtwin.lab.file.model_file import NO_EFFECTS, Effects
 from rigtwin.lab.materials import Contact, Material, Particle
-from rigtwin.lab.model import NO_EFFECTS, Effects
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY, Drop
-from rigtwin.sim.engine.clock import positive
-from rigtwin.sim.film import frame_times
-from rigtwin.sim.trials import FRAMES_AT_REST, Release, each, film, released
+from rigtwin.sim.engine.time_step import positive
+from rigtwin.sim.run.frame_times import frame_times
+from rigtwin.sim.run.trials import FRAMES_AT_REST, Release, each, film, released
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def run(
     The stiffness is the real one; the step in contact is halved until the track no longer moves.  `effects` are those
     of a model by name, with their parameters.
     """
-    from rigtwin.sim.engine.few_body import the_one
+    from rigtwin.sim.engine.few.few_body import the_one
 
     return the_one(run_many([Trial(rig, particle, wall, contact, frame_rate, duration, effects)], progress=progress))
 
@@ -89,9 +89,9 @@ def _frames(trial: Trial) -> Array:
 
 
 def _release(trial: Trial) -> Release:
-    from rigtwin.sim.engine.few_body import Body, Case
-    from rigtwin.sim.engine.terms import acting
-    from rigtwin.sim.engine.walls import Plane, Wall
+    from rigtwin.sim.engine.effect_terms import acting
+    from rigtwin.sim.engine.few.few_body import Body, Case
+    from rigtwin.sim.engine.walls.shapes import Plane, Wall
 
     rig, time = trial.rig, _frames(trial)
     start = (0.0, 0.0, rig.drop_height + trial.particle.radius)

@@ -10,25 +10,24 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array
-from rigtwin.lab.drum import FILL, fill_check
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import PACKING, Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check
 from rigtwin.lab.records import Profile, Series
-from rigtwin.lab.rigs import Drum
-from rigtwin.sim import fill
-from rigtwin.sim.bench import Bench, Numerics
-from rigtwin.sim.engine.clock import positive
-from rigtwin.sim.logbook import History
-from rigtwin.sim.mixing import CELL, Mixing, lacey, mixing
-from rigtwin.sim.outline import bed, outline
+from rigtwin.lab.rigs import FILL, Drum, fill_check
+from rigtwin.sim.engine.time_step import positive
+from rigtwin.sim.output.mixing import CELL, Mixing, lacey, mixing
+from rigtwin.sim.output.outline import bed, outline
+from rigtwin.sim.run import filling
+from rigtwin.sim.run.run_log import History
+from rigtwin.sim.run.set_up import Bench, Numerics
 
 if TYPE_CHECKING:
-    from rigtwin.sim.engine.bulk import Bulk
-    from rigtwin.sim.engine.grains import Grains
-    from rigtwin.sim.engine.walls import Shape
-    from rigtwin.sim.logbook import Logbook
+    from rigtwin.sim.engine.bulk.bulk import Bulk
+    from rigtwin.sim.engine.bulk.particle_state import Grains
+    from rigtwin.sim.engine.walls.shapes import Shape
+    from rigtwin.sim.run.run_log import Logbook
 
 
 DEPTH = 0.5  # of the diameter, where the rig does not say
@@ -173,8 +172,8 @@ def checks(rig: Drum, particle: Particle, rotation: Rotation) -> tuple[Check, ..
 
 def picture(rig: Drum, rotation: Rotation) -> npt.NDArray[np.uint8]:
     """The bed in the end, seen along the axis, an RGB image; its front wall is left out."""
-    from rigtwin.sim.picture import draw
-    from rigtwin.sim.trajectory import triangles
+    from rigtwin.sim.output.picture import draw
+    from rigtwin.sim.output.trajectory import triangles
 
     depth, _ = _filled_in(rig)
     reach = np.full(3, rig.diameter + depth)
@@ -188,11 +187,11 @@ def picture(rig: Drum, rotation: Rotation) -> npt.NDArray[np.uint8]:
 
 def _filled_in(rig: Drum) -> tuple[float, float]:
     depth = DEPTH * rig.diameter if rig.depth is None else rig.depth
-    fill = FILL if rig.fill is None else rig.fill
+    share = FILL if rig.fill is None else rig.fill
     positive(diameter=rig.diameter, depth=depth)
-    if not 0 < fill < FULLEST:
-        raise BadInput(f"fill: {fill:g} of the drum must be above 0 and below {FULLEST:g}.")
-    return depth, fill
+    if not 0 < share < FULLEST:
+        raise BadInput(f"fill: {share:g} of the drum must be above 0 and below {FULLEST:g}.")
+    return depth, share
 
 
 def _given(value: float | None) -> str:
@@ -229,11 +228,11 @@ def _scatter(
         return np.asarray(free & (deep - np.abs(points[:, 1]) > clear))
 
     low = np.array([-half, -deep, -half])
-    fill.scatter_in_turns(bulk, logbook, course, count, inside, (low, -low), particle, progress, said)
+    filling.scatter_in_turns(bulk, logbook, course, count, inside, (low, -low), particle, progress, said)
 
 
 def _shapes(rig: Drum, depth: float) -> tuple[Shape, ...]:
-    from rigtwin.sim.engine.walls import Cylinder, Disc
+    from rigtwin.sim.engine.walls.shapes import Cylinder, Disc
 
     axis, half, deep = (0.0, 1.0, 0.0), rig.diameter / 2, depth / 2
     return (
@@ -252,7 +251,7 @@ def _domain(rig: Drum, depth: float, particle: Particle) -> tuple[list[float], l
 
 
 @dataclass(kw_only=True)
-class _Course(fill.Course):
+class _Course(filling.Course):
     """How far filling and turning have come: with the beads, all that a run needs to go on."""
 
     level: float | None = None  # [m], that parted the bed at rest into halves
@@ -271,11 +270,11 @@ def _settle(
     bulk: Bulk, logbook: Logbook, course: _Course, rig: Drum, particle: Particle, limit: float, progress: Progress
 ) -> None:
     """Let the bed come to rest, look at it, then set the drum turning."""
-    from rigtwin.sim.engine.walls import Motion
+    from rigtwin.sim.engine.walls.shapes import Motion
 
     if course.let_go is not None:
         return
-    fill.settle_and_let_go(bulk, logbook, course, particle, limit, progress)
+    filling.settle_and_let_go(bulk, logbook, course, particle, limit, progress)
     grains = bulk.grains()
     course.level = float(np.median(grains.position[:, 2]))
     course.low_at_first = grains.ident[grains.position[:, 2] < course.level].tolist()
@@ -345,7 +344,7 @@ def check(rig: Drum, particle: Particle, *, count: int | None) -> None:
             f"drum_diameter: a drum of {rig.diameter * 1e3:.3g} mm is too small for beads of "
             f"{particle.diameter * 1e3:.3g} mm; give at least four bead diameters."
         )
-    fill.need_gap("depth", depth, particle)
+    filling.need_gap("depth", depth, particle)
     if count is None:
         return
     if count < 1:

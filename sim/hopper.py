@@ -19,17 +19,17 @@ from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Profile, Series
 from rigtwin.lab.rigs import GRAVITY, Hopper
-from rigtwin.sim import fill
-from rigtwin.sim.bench import Bench, Numerics
-from rigtwin.sim.engine.clock import positive
-from rigtwin.sim.logbook import History
-from rigtwin.sim.outline import bed, outline
+from rigtwin.sim.engine.time_step import positive
+from rigtwin.sim.output.outline import bed, outline
+from rigtwin.sim.run import filling
+from rigtwin.sim.run.run_log import History
+from rigtwin.sim.run.set_up import Bench, Numerics
 
 if TYPE_CHECKING:
-    from rigtwin.sim.engine.bulk import Bulk
-    from rigtwin.sim.engine.grains import Beads, Grains
-    from rigtwin.sim.engine.walls import Shape
-    from rigtwin.sim.logbook import Logbook
+    from rigtwin.sim.engine.bulk.bulk import Bulk
+    from rigtwin.sim.engine.bulk.particle_state import Beads, Grains
+    from rigtwin.sim.engine.walls.shapes import Shape
+    from rigtwin.sim.run.run_log import Logbook
 
 
 LOOK = 0.01  # [s], how often the twin looks at the hopper, as the paper's simulations were saved
@@ -99,10 +99,10 @@ def run(
         if kept := logbook.resume():
             course = _Course(**kept)
         else:
-            fill.scatter(bulk, count, plan.inside, plan.filled, particle, np.random.default_rng(seed))
+            filling.scatter(bulk, count, plan.inside, plan.filled, particle, np.random.default_rng(seed))
         _settle(bulk, logbook, course, particle, fill_limit, progress)
         _discharge(bulk, logbook, course, plan, duration, progress)
-        at_rest = not plan.floor or fill.settle(bulk, logbook, course, particle, settle_limit, progress, every=LOOK)
+        at_rest = not plan.floor or filling.settle(bulk, logbook, course, particle, settle_limit, progress, every=LOOK)
     beads = bulk.beads()
     times = np.sort(np.array([when for when in course.left_at if when is not None], dtype=float))
     emptied = len(times)
@@ -134,8 +134,8 @@ def run(
 
 def picture(rig: Hopper, particle: Particle, discharge: Discharge) -> npt.NDArray[np.uint8]:
     """The hopper and what lies in and below it in the end, an RGB image; a slot hopper without its upright plates."""
-    from rigtwin.sim.picture import draw
-    from rigtwin.sim.trajectory import triangles
+    from rigtwin.sim.output.picture import draw
+    from rigtwin.sim.output.trajectory import triangles
 
     plan = _plan(rig, particle, discharge.asked)
     triangles_of = [triangles(shape, plan.domain) for shape in plan.shapes[LID + 1 :]]
@@ -171,7 +171,7 @@ class _Plan:
     shapes: tuple[Shape, ...]
     filled: tuple[Array, Array]  # [m], corners of a box that holds all beads before they fall
     domain: tuple[Array, Array]  # [m]
-    inside: fill.Inside
+    inside: filling.Inside
     floor: float  # [m], height of the floor below the outlet, negative; 0: there is none
     assumptions: dict[str, str]
     outlet: float  # [m], diameter, or width of the slot
@@ -193,10 +193,10 @@ def _conical(rig: Hopper, particle: Particle, room: float) -> _Plan:
     wide, cone = rig.diameter / 2, rig.cone_height
     top = cone + room / (math.pi * wide**2)
     return _Plan(
-        shapes=fill.funnel(rig.outlet, rig.diameter, cone, top),
+        shapes=filling.funnel(rig.outlet, rig.diameter, cone, top),
         filled=(np.array([-wide, -wide, 0.0]), np.array([wide, wide, top])),
         domain=(np.array([-1.5 * wide, -1.5 * wide, -BELOW]), np.array([1.5 * wide, 1.5 * wide, top + wide])),
-        inside=fill.in_funnel(rig.outlet, rig.diameter, cone),
+        inside=filling.in_funnel(rig.outlet, rig.diameter, cone),
         floor=0.0,
         assumptions={
             "cylinder": f"{rig.diameter * 1e3:.3g} mm wide and as high as the filling needs, on a cone of "
@@ -208,7 +208,7 @@ def _conical(rig: Hopper, particle: Particle, room: float) -> _Plan:
 
 
 def _slot(rig: Hopper, particle: Particle, room: float) -> _Plan:
-    from rigtwin.sim.engine.walls import Plate
+    from rigtwin.sim.engine.walls.shapes import Plate
 
     width = WIDTH if rig.width is None else rig.width
     length = SLOT_LENGTH if rig.slot_length is None else rig.slot_length
@@ -272,7 +272,7 @@ def _given(value: float | None) -> str:
 
 
 @dataclass(kw_only=True)
-class _Course(fill.Filling):
+class _Course(filling.Filling):
     """How far filling and emptying have come: with the beads, all that a run needs to go on."""
 
     count: int
@@ -290,7 +290,7 @@ def _settle(
 ) -> None:
     """Let the bed come to rest on the lid, then take the lid away."""
     if course.let_go is None:
-        fill.settle_and_let_go(bulk, logbook, course, particle, limit, progress, every=LOOK)
+        filling.settle_and_let_go(bulk, logbook, course, particle, limit, progress, every=LOOK)
         course.looks.append((0.0, course.count))
         bulk.remove_wall(LID)
 
@@ -369,7 +369,7 @@ def check(rig: Hopper, particle: Particle, *, count: int, duration: float | None
             f"outlet: {rig.outlet * 1e3:.3g} mm lets no bead of {particle.diameter * 1e3:.3g} mm through; widen it."
         )
     if rig.variant == "slot":
-        fill.need_gap("depth", SLOT_LENGTH if rig.slot_length is None else rig.slot_length, particle)
+        filling.need_gap("depth", SLOT_LENGTH if rig.slot_length is None else rig.slot_length, particle)
     if count < 1:
         raise BadInput(f"count: {count} beads fill no hopper; give at least 1.")
     if duration is not None:
@@ -383,7 +383,7 @@ def _warnings(
     if not course.in_time:
         warnings.append("the bed was still moving when the outlet was opened; raise --fill-limit")
     if emptied < count:
-        jam = fill.arch_in_words("the others", rig.outlet, particle)
+        jam = filling.arch_in_words("the others", rig.outlet, particle)
         why = f": {jam}; give a wider --outlet" if course.arched else ""
         warnings.append(f"only {emptied} of {count} beads had left the hopper when the run ended{why}")
     if not at_rest:

@@ -15,16 +15,16 @@ from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Profile
 from rigtwin.lab.rigs import Packing
-from rigtwin.sim import fill
-from rigtwin.sim.bench import Bench, Numerics
-from rigtwin.sim.engine.clock import positive
-from rigtwin.sim.logbook import History
-from rigtwin.sim.outline import VIEWS, silhouette
+from rigtwin.sim.engine.time_step import positive
+from rigtwin.sim.output.outline import VIEWS, silhouette
+from rigtwin.sim.run import filling
+from rigtwin.sim.run.run_log import History
+from rigtwin.sim.run.set_up import Bench, Numerics
 
 if TYPE_CHECKING:
-    from rigtwin.sim.engine.bulk import Bulk
-    from rigtwin.sim.engine.walls import Shape
-    from rigtwin.sim.logbook import Logbook
+    from rigtwin.sim.engine.bulk.bulk import Bulk
+    from rigtwin.sim.engine.walls.shapes import Shape
+    from rigtwin.sim.run.run_log import Logbook
 
 
 OUTLET = 0.6  # of the cylinder's diameter
@@ -110,23 +110,23 @@ def run(
     bench = Bench(rig, particle, wall, contact, wall_contact, numerics)
     source = _outlet(rig, particle, pour_rate)
     if rig.hopper_diameter is None:
-        fill.need_bearable(source, bench.fastest)
+        filling.need_bearable(source, bench.fastest)
     if bench.falls_freely:
         higher = "fall_height" if rig.fall_height > rig.cylinder_height else "cylinder_height"
-        fill.need_bearable_fall(higher, source.height, source.speed, bench.fastest)
+        filling.need_bearable_fall(higher, source.height, source.speed, bench.fastest)
     hopper = None if rig.hopper_diameter is None else Hopper(rig.hopper_diameter, source, particle, count)
     shapes = _shapes(rig) if hopper is None else [*_shapes(rig), *hopper.shapes]
-    bulk = bench.bulk(shapes, _domain(rig, particle, source, hopper), skin=fill.SKIN)
-    course = fill.Course(random=np.random.default_rng(seed))
+    bulk = bench.bulk(shapes, _domain(rig, particle, source, hopper), skin=filling.SKIN)
+    course = filling.Course(random=np.random.default_rng(seed))
     asked = {"count": count, "seed": seed, "settle_limit": settle_limit, "fill_limit": fill_limit}
     with bench.logbook(bulk, outlet=source.settings, **asked) as logbook:
         if kept := logbook.resume():
             course.go_on(kept)
         if hopper is None:
-            fill.rain(bulk, logbook, course, lambda: (source, bulk.grains().position), particle, count, progress)
+            filling.rain(bulk, logbook, course, lambda: (source, bulk.grains().position), particle, count, progress)
         elif course.settling_until is None or course.let_go is None:
             hopper.pour(bulk, logbook, course, fill_limit, progress)
-        at_rest = fill.settle(bulk, logbook, course, particle, settle_limit, progress)
+        at_rest = filling.settle(bulk, logbook, course, particle, settle_limit, progress)
     return _bed(
         rig,
         particle,
@@ -146,7 +146,7 @@ class Hopper:
     """A round hopper above the cylinder, closed by a slide."""
 
     diameter: float  # [m], inside, above the cone
-    outlet: fill.Outlet
+    outlet: filling.Outlet
     particle: Particle
     count: int
 
@@ -158,28 +158,28 @@ class Hopper:
     @property
     def top(self) -> float:
         """z [m] of its upper edge, as high as the filling needs when it is scattered."""
-        loose = fill.loose_height(self.particle, self.count, self.diameter)
+        loose = filling.loose_height(self.particle, self.count, self.diameter)
         return self.outlet.height + self.cone_height + loose
 
     @property
     def shapes(self) -> list[Shape]:
         """The slide first."""
         source = self.outlet
-        return [*fill.funnel(source.diameter, self.diameter, self.cone_height, self.top, source.height)]
+        return [*filling.funnel(source.diameter, self.diameter, self.cone_height, self.top, source.height)]
 
-    def pour(self, bulk: Bulk, logbook: Logbook, course: fill.Course, limit: float, progress: Progress) -> None:
+    def pour(self, bulk: Bulk, logbook: Logbook, course: filling.Course, limit: float, progress: Progress) -> None:
         """Fill the hopper, draw its slide, and wait until nothing leaves it any more."""
         wide, low = self.diameter / 2, self.outlet.height
         if not course.placed:
             box = np.array([-wide, -wide, low]), np.array([wide, wide, self.top])
-            inside = fill.in_funnel(self.outlet.diameter, self.diameter, self.cone_height, low)
-            fill.scatter(bulk, self.count, inside, box, self.particle, course.random)
+            inside = filling.in_funnel(self.outlet.diameter, self.diameter, self.cone_height, low)
+            filling.scatter(bulk, self.count, inside, box, self.particle, course.random)
             course.placed = self.count
         if course.let_go is None:
-            fill.settle_and_let_go(bulk, logbook, course, self.particle, limit, progress)
+            filling.settle_and_let_go(bulk, logbook, course, self.particle, limit, progress)
             bulk.remove_wall(SLIDE)
-        steps = max(1, round(fill.LOOK / bulk.time_step))
-        while (above := self._above(bulk)) and course.patience * fill.LOOK < FLOWING:
+        steps = max(1, round(filling.LOOK / bulk.time_step))
+        while (above := self._above(bulk)) and course.patience * filling.LOOK < FLOWING:
             logbook.run(steps)
             course.patience = 0 if self._above(bulk) < above else course.patience + 1
             logbook.look(course.kept())
@@ -209,8 +209,8 @@ def surface(centres: Array, radii: Array, diameter: float) -> Array:
 
 def picture(rig: Packing, bed: Bed, *, turn: float = 30.0, tilt: float = 15.0) -> npt.NDArray[np.uint8]:
     """The cylinder and its bed, an RGB image; the eye `turn` [deg] about z and `tilt` [deg] above."""
-    from rigtwin.sim.picture import draw
-    from rigtwin.sim.trajectory import triangles
+    from rigtwin.sim.output.picture import draw
+    from rigtwin.sim.output.trajectory import triangles
 
     reach = np.full(3, rig.cylinder_height + rig.cylinder_diameter)
     walls = np.concatenate([triangles(shape, (-reach, reach)) for shape in _shapes(rig)])
@@ -218,7 +218,7 @@ def picture(rig: Packing, bed: Bed, *, turn: float = 30.0, tilt: float = 15.0) -
 
 
 def _domain(
-    rig: Packing, particle: Particle, source: fill.Outlet, hopper: Hopper | None
+    rig: Packing, particle: Particle, source: filling.Outlet, hopper: Hopper | None
 ) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
     wide = max(rig.cylinder_diameter, source.diameter, hopper.diameter if hopper else 0.0)
     side = wide / 2 + 2 * particle.diameter
@@ -227,7 +227,7 @@ def _domain(
 
 
 def _shapes(rig: Packing) -> list[Shape]:
-    from rigtwin.sim.engine.walls import Cylinder, Disc
+    from rigtwin.sim.engine.walls.shapes import Cylinder, Disc
 
     up = (0.0, 0.0, 1.0)
     radius = rig.cylinder_diameter / 2
@@ -237,13 +237,13 @@ def _shapes(rig: Packing) -> list[Shape]:
 def _bed(
     rig: Packing,
     particle: Particle,
-    source: fill.Outlet,
+    source: filling.Outlet,
     bulk: Bulk,
     logbook: Logbook,
     *,
     at_rest: bool,
     asked: int,
-    course: fill.Course,
+    course: filling.Course,
     assumptions: dict[str, str],
     warnings: tuple[str, ...],
 ) -> Bed:
@@ -255,7 +255,7 @@ def _bed(
         within &= z < source.height
         above = z > source.height
         stuck = int(above.sum())
-        arched = stuck > 0 and bool(np.linalg.norm(grains.velocity[above], axis=1).max() < fill.SETTLED.speed)
+        arched = stuck > 0 and bool(np.linalg.norm(grains.velocity[above], axis=1).max() < filling.SETTLED.speed)
     spheres = np.isin(beads.ident if beads.grain is None else beads.grain, grains.ident[within])
     centres, radii = beads.position[spheres], beads.radius[spheres]
     heights = surface(centres, radii, rig.cylinder_diameter)
@@ -269,7 +269,7 @@ def _bed(
     if overfull:  # what it does not hold stands up to the hopper
         stuck, arched = 0, False
     if arched:
-        jam = fill.arch_in_words(f"{stuck} of {placed} particles", source.diameter, particle)
+        jam = filling.arch_in_words(f"{stuck} of {placed} particles", source.diameter, particle)
         said.append(f"{jam}; give a wider --outlet-diameter")
     elif stuck:
         said.append(f"only {placed - stuck} of {placed} particles had left the hopper when the run ended")
@@ -338,15 +338,15 @@ def check(
         )
     source = _outlet(rig, particle, pour_rate)
     if rig.hopper_diameter is None:
-        fill.need_end(source, count)
+        filling.need_end(source, count)
 
 
-def _outlet(rig: Packing, particle: Particle, pour_rate: float | None) -> fill.Outlet:
+def _outlet(rig: Packing, particle: Particle, pour_rate: float | None) -> filling.Outlet:
     opening = OUTLET * rig.cylinder_diameter if rig.outlet_diameter is None else rig.outlet_diameter
-    return fill.outlet(particle, opening, rig.cylinder_height + rig.fall_height, pour_rate, LEAST_RATE)
+    return filling.outlet(particle, opening, rig.cylinder_height + rig.fall_height, pour_rate, LEAST_RATE)
 
 
-def _assumptions(rig: Packing, source: fill.Outlet) -> dict[str, str]:
+def _assumptions(rig: Packing, source: filling.Outlet) -> dict[str, str]:
     given = f"{OUTLET:g} of the cylinder" if rig.outlet_diameter is None else "as given"
     words = {
         "cylinder": f"{rig.cylinder_diameter * 1e3:.3g} mm wide, {rig.cylinder_height * 1e3:.3g} mm high",

@@ -13,14 +13,14 @@ import numpy as np
 
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput, RigtwinError
+from rigtwin.lab.file.model_file import NO_EFFECTS, Effects
 from rigtwin.lab.materials import Contact, Material, Particle
-from rigtwin.lab.model import NO_EFFECTS, Effects
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY, Pendulum
-from rigtwin.sim.engine.clock import positive
-from rigtwin.sim.film import frame_times
-from rigtwin.sim.trials import FRAMES_AT_REST, Release, Seen, each, film, released
+from rigtwin.sim.engine.time_step import positive
+from rigtwin.sim.run.frame_times import frame_times
+from rigtwin.sim.run.trials import FRAMES_AT_REST, Release, Seen, each, film, released
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def run(
     wide and as heavy.  Uniform rods of `rig.rod_mass` M swing faster than the beads' m would, by
     sqrt((m + M/2) / (m + M/3)), and meet as beads of m + M/3 do.
     """
-    from rigtwin.sim.engine.few_body import the_one
+    from rigtwin.sim.engine.few.few_body import the_one
 
     trial = Trial(rig, particle, contact, frame_rate, wall, duration, effects)
     return the_one(run_many([trial], progress=progress))
@@ -99,9 +99,9 @@ def _frames(trial: Trial) -> Array:
 
 
 def _release(trial: Trial) -> Release:
-    from rigtwin.sim.engine.few_body import Body, Case
-    from rigtwin.sim.engine.terms import acting
-    from rigtwin.sim.engine.walls import Plane, Wall
+    from rigtwin.sim.engine.effect_terms import acting
+    from rigtwin.sim.engine.few.few_body import Body, Case
+    from rigtwin.sim.engine.walls.shapes import Plane, Wall
 
     time = _frames(trial)
     rig, contact, wall = trial.rig, trial.contact, trial.wall

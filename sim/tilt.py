@@ -12,18 +12,18 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput, RigtwinError, SimulationFailed
+from rigtwin.lab.file.model_file import NO_EFFECTS, Effects
 from rigtwin.lab.materials import Contact, Material, Particle
-from rigtwin.lab.model import NO_EFFECTS, Effects
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Series, Track
 from rigtwin.lab.rigs import GRAVITY, Tilt
-from rigtwin.sim.engine.clock import positive
 from rigtwin.sim.engine.contact import Rolling
-from rigtwin.sim.film import MOST_FRAMES, frame_times
-from rigtwin.sim.trials import FRAMES_AT_REST, TRACK_SIGMA, each, name
+from rigtwin.sim.engine.time_step import positive
+from rigtwin.sim.run.frame_times import MOST_FRAMES, frame_times
+from rigtwin.sim.run.trials import FRAMES_AT_REST, TRACK_SIGMA, each, name
 
 if TYPE_CHECKING:
-    from rigtwin.sim.engine.few_body import Case, Motion
+    from rigtwin.sim.engine.few.few_body import Case, Motion
 
 
 STEP = 0.1  # of Rayleigh's
@@ -79,7 +79,7 @@ def run(
     and 0.1 m a 300,000th of gravity before the onset, 0.4 % of it per m/s after.
     Young's moduli are multiplied by `stiffness_factor`: the onset does not hang on them.
     """
-    from rigtwin.sim.engine.few_body import the_one
+    from rigtwin.sim.engine.few.few_body import the_one
 
     trial = Trial(rig, particle, wall, contact, frame_rate, duration, stiffness_factor, rolling, effects)
     return the_one(run_many([trial], progress=progress))
@@ -93,7 +93,7 @@ def run_many(
     Spheres and blocks move in one launch, clumps one after the other.  In the place of a trial that breaks down stands
     the error that says so.
     """
-    from rigtwin.sim.engine import few_body
+    from rigtwin.sim.engine.few import few_body
 
     filmed = list(each(trials, Trial, _frames))
     moving = [k for k, frames in enumerate(filmed) if not trials[k].rolls_a_clump and frames.moving.any()]
@@ -167,9 +167,9 @@ def _start(trial: Trial) -> tuple[Particle, tuple[float, float, float]]:
 
 def _case(trial: Trial, frames: _Frames) -> Case:
     """A sphere or a block on the plate, in the plate's axes."""
-    from rigtwin.sim.engine.few_body import Body, Case, contact_step
-    from rigtwin.sim.engine.terms import acting
-    from rigtwin.sim.engine.walls import Plane, Wall
+    from rigtwin.sim.engine.effect_terms import acting
+    from rigtwin.sim.engine.few.few_body import Body, Case, contact_step
+    from rigtwin.sim.engine.walls.shapes import Plane, Wall
 
     rig, contact = trial.rig, trial.contact
     if rig.variant == "slide":
@@ -204,7 +204,7 @@ def _seen(trial: Trial, frames: _Frames, motion: Motion | None) -> Array:
 
 def left_out(rig: Tilt, particle: Particle, effects: Effects) -> tuple[str, ...]:
     """What is to be said of a model's effects that `run` cannot add."""
-    from rigtwin.sim.engine.terms import acting_among, acting_on_few
+    from rigtwin.sim.engine.effect_terms import acting_among, acting_on_few
 
     rolls = rig.variant == "roll" and particle.shape is not None
     return (acting_among(effects, particle) if rolls else acting_on_few(effects))[1]
@@ -251,9 +251,9 @@ def _rolled_clump(trial: Trial, time: Array, progress: Progress) -> Array:
 
     A row of spheres lies with its axis across the plate, anything else as its own axes say.
     """
-    from rigtwin.sim.engine.bulk import Bulk
-    from rigtwin.sim.engine.terms import acting_among
-    from rigtwin.sim.engine.walls import Motion, Plane, Wall
+    from rigtwin.sim.engine.bulk.bulk import Bulk
+    from rigtwin.sim.engine.effect_terms import acting_among
+    from rigtwin.sim.engine.walls.shapes import Motion, Plane, Wall
 
     rig, contact, factor = trial.rig, trial.contact, trial.stiffness_factor
     clump = replace(trial.particle, material=trial.particle.material.softened(factor))

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from rigtwin.cli import run
-from rigtwin.commands.show import show_measurement
-from rigtwin.lab.entries import RIGS
+from rigtwin.commands.display import show_measurement
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.file.schema import RIGS
 from rigtwin.lab.quantity import Check, Measurement, Quantity
 
 HEAVY = {
@@ -226,7 +226,7 @@ def test_the_rolling_model_of_a_comparison_is_that_of_its_twins(tmp_path, capfd,
         asked.update(given)
         raise BadInput("seen")
 
-    monkeypatch.setattr("rigtwin.compare.bulk_twins.pile_twin", twin)
+    monkeypatch.setattr("rigtwin.compare.twins.pile.pile_twin", twin)
     pile = 'rig = "pile"\nvariant = "piling"\nbase_diameter = "90 mm"\n'
     folder = lab_with(tmp_path, 'rig = "drop"\n', pile)
     lab = folder / "lab.toml"
@@ -240,7 +240,7 @@ def test_the_rolling_model_of_a_comparison_is_that_of_its_twins(tmp_path, capfd,
 
 
 def test_a_twin_s_advice_in_a_comparison_names_no_option_that_compare_does_not_have(tmp_path, capfd, monkeypatch):
-    from rigtwin.compare import bulk_twins
+    from rigtwin.compare.twins import pile as bulk_twins
 
     ends_at_once = partial(bulk_twins.pile_twin, settle_limit=0.001)  # [s], while beads fall yet
     monkeypatch.setattr(bulk_twins, "pile_twin", ends_at_once)
@@ -408,7 +408,7 @@ def test_a_fault_of_the_program_is_one_sentence_and_code_1(monkeypatch, capfd):
     def fall_over(folder):
         raise ZeroDivisionError("division by zero")
 
-    monkeypatch.setattr(rigtwin.lab.notebook, "new_lab", fall_over)
+    monkeypatch.setattr(rigtwin.lab.file.lab_file, "new_lab", fall_over)
     assert run(["init", "lab"]) == 1
     out, err = capfd.readouterr()
     assert out == ""
@@ -423,7 +423,7 @@ def test_the_traceback_of_a_fault_is_shown_on_demand(monkeypatch, capfd):
     def fall_over(folder):
         raise ZeroDivisionError("division by zero")
 
-    monkeypatch.setattr(rigtwin.lab.notebook, "new_lab", fall_over)
+    monkeypatch.setattr(rigtwin.lab.file.lab_file, "new_lab", fall_over)
     monkeypatch.setenv("RIGTWIN_DEBUG", "1")
     assert run(["init", "lab"]) == 1
     assert "fall_over" in capfd.readouterr().err
@@ -435,7 +435,7 @@ def test_an_interrupt_ends_with_code_130(monkeypatch, capfd):
     def interrupted(folder):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(rigtwin.lab.notebook, "new_lab", interrupted)
+    monkeypatch.setattr(rigtwin.lab.file.lab_file, "new_lab", interrupted)
     assert run(["init", "lab", "--json"]) == 130
     assert json.loads(capfd.readouterr().out)["error"]["type"] == "interrupted"
 
@@ -449,7 +449,7 @@ def test_an_interrupted_twin_says_what_is_kept_and_the_next_run_where_it_goes_on
         progress("pouring", 2.0, 2.0)
         raise stop
 
-    monkeypatch.setattr("rigtwin.compare.bulk_twins.pile_twin", twin)
+    monkeypatch.setattr("rigtwin.compare.twins.pile.pile_twin", twin)
     np.savez("heap.npz", words=np.array(json.dumps({"time_s": 0.25})))
     arguments = ["simulate", "pile", "--base-diameter", "90mm", "--checkpoint", "heap.npz"]
     assert run(arguments) == 130
@@ -597,7 +597,7 @@ def test_device_and_time_step_of_a_bulk_twin_can_be_said(capfd, monkeypatch):
         asked.update(given)
         raise BadInput("seen")
 
-    monkeypatch.setattr("rigtwin.compare.bulk_twins.pile_twin", twin)
+    monkeypatch.setattr("rigtwin.compare.twins.pile.pile_twin", twin)
     pile = ["simulate", "pile", "--base-diameter", "90mm", "--rim-height", "10mm"]
     refused([*pile, "--device", "auto", "--time-step-fraction", "90%", "--force"], capfd, "seen")
     assert (asked["device"], asked["time_step_fraction"], asked["forced"]) == ("auto", 0.9, True)
@@ -731,7 +731,7 @@ def test_a_twin_that_does_not_fit_into_memory_is_refused(monkeypatch, capfd):
     def too_much(*arguments, **settings):
         raise MemoryError
 
-    monkeypatch.setattr("rigtwin.compare.few_twins.drop_twin", too_much)
+    monkeypatch.setattr("rigtwin.compare.twins.drop.drop_twin", too_much)
     refused(["simulate", "drop", "--drop-height", "300mm"], capfd, "memory")
 
 
@@ -808,11 +808,11 @@ def test_results_are_written_even_when_nobody_listens(tmp_path):
 
 
 def test_progress_goes_to_a_file_as_a_line_now_and_then(capfd, monkeypatch):
-    from rigtwin.commands import show
+    from rigtwin.commands import display
 
     def said(hidden, every):
-        monkeypatch.setattr(show, "LOG_EVERY", every)
-        with show.progress_bars(hidden) as tell:
+        monkeypatch.setattr(display, "LOG_EVERY", every)
+        with display.progress_bars(hidden) as tell:
             tell("running", 1, 4)
             tell("running", 2, 4)
         return capfd.readouterr().err
@@ -825,11 +825,11 @@ def test_progress_goes_to_a_file_as_a_line_now_and_then(capfd, monkeypatch):
 def test_a_comparison_shows_the_results_first_and_says_why_a_number_is_doubtful(capfd):
     from datetime import UTC, datetime
 
-    from rigtwin.commands.show import show_comparison
+    from rigtwin.commands.display import show_comparison
     from rigtwin.compare.comparison import Comparison, Outcome
     from rigtwin.compare.deviation import deviations
-    from rigtwin.compare.twin import Twin
-    from rigtwin.lab.notebook import read_lab
+    from rigtwin.compare.twins.twin import Twin
+    from rigtwin.lab.file.lab_file import read_lab
     from rigtwin.lab.quantity import Evaluation, Quantity
 
     lab = read_lab(lab_with(Path.cwd()))

@@ -15,29 +15,30 @@ from typing import Any
 
 import numpy as np
 
-from rigtwin.compare.diagnose.axes import check_axes, check_heights
-from rigtwin.compare.diagnose.candidate import Candidate, refused
-from rigtwin.compare.diagnose.design import CLEAR, Design, designs
-from rigtwin.compare.diagnose.double import DoubleBench
-from rigtwin.compare.diagnose.doubt import parameters
-from rigtwin.compare.diagnose.drop import DropBench
-from rigtwin.compare.diagnose.fit import Fit, fit, screen
-from rigtwin.compare.diagnose.formula import Formula, find_formula, fixed_forms
-from rigtwin.compare.diagnose.gap import Beside, Gap, beside, closed, gap, names, noise_floor
-from rigtwin.compare.diagnose.labs import BULK, TrackedLab, need_repetitions
-from rigtwin.compare.diagnose.locate import Disagreement, Location, Regioned, locate
-from rigtwin.compare.diagnose.naming import ALARM, FORM, Naming, name_effects, spread_of
-from rigtwin.compare.diagnose.pendulum import PendulumBench
-from rigtwin.compare.diagnose.roll import LEVER, RollBench, one_material_of_many_sizes
-from rigtwin.compare.diagnose.sift import sifted
-from rigtwin.compare.diagnose.slide import SlideBench
-from rigtwin.compare.diagnose.stability import Claim, Stability, stability
+from rigtwin.compare.diagnose.data.axis_checks import check_axes, check_heights
+from rigtwin.compare.diagnose.data.exclusions import sifted
+from rigtwin.compare.diagnose.data.tracked_lab import BULK, TrackedLab, need_repetitions
+from rigtwin.compare.diagnose.fitting.fit import Fit, fit, screen
+from rigtwin.compare.diagnose.fitting.normal_equations import Regioned
+from rigtwin.compare.diagnose.fitting.parameter_uncertainty import parameters
+from rigtwin.compare.diagnose.models.double_pendulum import DoubleBench
+from rigtwin.compare.diagnose.models.drop import DropBench
+from rigtwin.compare.diagnose.models.pendulum import PendulumBench
+from rigtwin.compare.diagnose.models.roll import LEVER, RollBench, one_material_of_many_sizes
+from rigtwin.compare.diagnose.models.slide import SlideBench
+from rigtwin.compare.diagnose.selection.candidate import Candidate, refused
+from rigtwin.compare.diagnose.selection.formula import Formula, find_formula, fixed_forms
+from rigtwin.compare.diagnose.selection.gap import Beside, Gap, beside, closed, gap, names, noise_floor
+from rigtwin.compare.diagnose.selection.locate import Disagreement, Location, locate
+from rigtwin.compare.diagnose.selection.name_effects import ALARM, FORM, Naming, name_effects, spread_of
+from rigtwin.compare.diagnose.selection.next_experiment import CLEAR, Design, designs
+from rigtwin.compare.diagnose.selection.stability import Claim, Stability, stability
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.formatting import unit_of
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.wording import unit_of
 from rigtwin.sim.effects import Effect, library
 from rigtwin.sim.effects.effect import WIDENING
-from rigtwin.sim.effects.forms import nameless
+from rigtwin.sim.effects.nameless_terms import nameless
 
 MOST_RIVALS = 3  # of a set, that the next experiment is computed for
 SURE = 1e-4  # of the residual statistic, below which something is left over

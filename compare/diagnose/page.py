@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rigtwin.compare.diagnose.data.tracked_lab import TrackedLab
 from rigtwin.compare.diagnose.diagnosis import Diagnosis, in_words
-from rigtwin.compare.diagnose.doubt import parameters
-from rigtwin.compare.diagnose.fit import Fit
-from rigtwin.compare.diagnose.gap import closed
-from rigtwin.compare.diagnose.labs import TrackedLab
-from rigtwin.compare.filled import filled
+from rigtwin.compare.diagnose.fitting.fit import Fit
+from rigtwin.compare.diagnose.fitting.parameter_uncertainty import parameters
+from rigtwin.compare.diagnose.selection.gap import closed
+from rigtwin.compare.report.fill_template import filled
 from rigtwin.lab.arrays import Array
-from rigtwin.lab.wording import unit_of
+from rigtwin.lab.formatting import unit_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,7 +12,7 @@ from statistics import fmean, stdev
 from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare.reproduce.tables import pile_run, under
-from rigtwin.compare.runs import Run
+from rigtwin.compare.run_store import Run
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.reference import hlosta2020
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from statistics import fmean, stdev
 from typing import TYPE_CHECKING, Any
 
-from rigtwin.compare.doubts import once, spoilt
-from rigtwin.compare.reproduce import cost, rigs
-from rigtwin.compare.runs import Run
+from rigtwin.compare.reproduce import paper_runs, run_time
+from rigtwin.compare.run_store import Run
+from rigtwin.compare.twins.run_warnings import once, spoilt
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.reference import hlosta2020
 
@@ -140,10 +140,10 @@ def under(rolling: Rolling, run: Run) -> Run:
     if rolling != "type C":
         name = f"{rolling.replace(' ', '_')}-{run.name}"
         run = replace(run, name=name, settings={**run.settings, "rolling": rolling})
-    return replace(run, inputs=rigs.inputs(run.function.partition(":")[2], run.settings))
+    return replace(run, inputs=paper_runs.inputs(run.function.partition(":")[2], run.settings))
 
 
-_RIGS = "rigtwin.compare.reproduce.rigs"
+_RIGS = "rigtwin.compare.reproduce.paper_runs"
 
 Rows = Iterator[tuple[Sequence[Run], Cell]]
 
@@ -219,7 +219,7 @@ def _bed(number: int, row: hlosta2020.Row, stage: str, repeated: int, seed: int,
     """One bed of table 7, calibrated or at an earlier stage."""
     particle = str(row["virtual_particle"])
     count = _in_bed(particle)
-    lasts = cost.of_bed(particle, count)
+    lasts = run_time.of_bed(particle, count)
     runs = [_run("packing", particle, seed + k, lasts, stage, **taken, count=count) for k in range(repeated)]
     names = tuple(run.name for run in runs)
     experiment, experiment_std, dem, dem_std = (
@@ -259,7 +259,7 @@ def _frictions(number: int, quick: bool, repetitions: int | None, seed: int) -> 
                 f"packing-{name}-seed{seed + k}",
                 f"{_RIGS}:packing",
                 {"particle": particle, "seed": seed + k, **settings},
-                cost.of_bed(particle, count),
+                run_time.of_bed(particle, count),
             )
             for k in range(repetitions or 1)
         ]
@@ -298,7 +298,7 @@ def _flows(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows
                 f"conical-G{modulus:.0e}-seed{seed + k}",
                 f"{_RIGS}:conical_hopper",
                 {"shear_modulus": modulus, "seed": seed + k},
-                cost.of_flow(15000, modulus),
+                run_time.of_flow(15000, modulus),
             )
             for k in range(repetitions or 1)
         ]
@@ -322,7 +322,7 @@ def _discharges(number: int, quick: bool, repetitions: int | None, seed: int) ->
         if quick and particle not in _QUICK_SLOTS:
             continue
         outlet = float(row["outlet_mm"]) * 1e-3
-        lasts = cost.of_discharge(particle, count, float(row["discharge_time_dem_s"]))
+        lasts = run_time.of_discharge(particle, count, float(row["discharge_time_dem_s"]))
         repeated = repetitions or (1 if quick else 3)
         runs = [_run("slot_hopper", particle, seed + k, lasts, count=count, outlet=outlet) for k in range(repeated)]
         yield (
@@ -349,8 +349,8 @@ def _run(rig: str, particle: str, seed: int, lasts: float, stage: str = "", /, *
 
 
 def _drum_run(particle: str, seed: int) -> Run:
-    inside = {"depth": rigs.DEPTH, "fill": rigs.FILL}
-    return _run("drum", particle, seed, cost.of_drum(particle, _DRUM_SPEED), speed=_DRUM_SPEED, **inside)
+    inside = {"depth": paper_runs.DEPTH, "fill": paper_runs.FILL}
+    return _run("drum", particle, seed, run_time.of_drum(particle, _DRUM_SPEED), speed=_DRUM_SPEED, **inside)
 
 
 def pile_run(particle: str, base: float, seed: int, count: int | None = None) -> Run:
@@ -364,7 +364,7 @@ def pile_run(particle: str, base: float, seed: int, count: int | None = None) ->
     }
     poured = "" if count is None else f"-{count}"
     name = f"piling_{base * 1e3:.4g}mm-{particle}{poured}-seed{seed}"
-    return Run(name, f"{_RIGS}:piling", settings, cost.of_pile(particle, base, count))
+    return Run(name, f"{_RIGS}:piling", settings, run_time.of_pile(particle, base, count))
 
 
 TABLES: dict[int, Callable[[int, bool, int | None, int], Rows]] = {

@@ -29,10 +29,10 @@ from functools import cache
 from importlib import resources
 from itertools import product
 
+from rigtwin.lab.clumps import Clump, clump, cubic
+from rigtwin.lab.clumps import row as spheres_in_a_row
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle, clumped
-from rigtwin.lab.shapes import Clump, clump, cubic
-from rigtwin.lab.shapes import row as spheres_in_a_row
 
 CITATION = "Hlosta et al. 2020"
 SOFTENING = 1e-3

@@ -18,19 +18,21 @@ from types import ModuleType
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.sim.effects.effect import Effect, Parameter
-from rigtwin.sim.effects.forms import PREFIX, form
-from rigtwin.sim.effects.tried import check, one_sided
+from rigtwin.sim.effects.nameless_terms import PREFIX, form
+from rigtwin.sim.effects.validate import check, one_sided
 
 __all__ = ["Effect", "Parameter", "library", "named", "own_effect"]
 
 
 @cache
 def library() -> tuple[Effect, ...]:
-    """Every effect of this folder, in the order of their names."""
+    """Every effect in the sub-folders of this folder, sorted by name."""
+    families = [module.name for module in pkgutil.iter_modules(__path__) if module.ispkg]
     found = []
-    for module in pkgutil.iter_modules(__path__):
-        if module.name not in ("effect", "forms", "shapes", "tried"):
-            found.append(_effect_of(importlib.import_module(f"{__name__}.{module.name}"), module.name))
+    for family in families:
+        package = importlib.import_module(f"{__name__}.{family}")
+        for module in pkgutil.iter_modules(package.__path__):
+            found.append(_effect_of(importlib.import_module(f"{package.__name__}.{module.name}"), module.name))
     return tuple(sorted(found, key=lambda effect: effect.name))
 
 
@@ -65,5 +67,7 @@ def own_effect(path: Path) -> Effect:
 def _effect_of(module: ModuleType, name: str) -> Effect:
     effect = getattr(module, "EFFECT", None)
     if not isinstance(effect, Effect):
-        raise BadInput(f"{name}: defines no EFFECT = Effect(...); see rigtwin/sim/effects/air_drag.py for a model.")
+        raise BadInput(
+            f"{name}: defines no EFFECT = Effect(...); see rigtwin/sim/effects/flight/air_drag.py for a model."
+        )
     return effect

@@ -1,0 +1,71 @@
+"""Where results go, so that nothing of another clip or another rig's twin is overwritten.
+
+Beside a measurement's pictures and records stands ``NAME-measurement.json``, the document of ``--json``; it tells whose
+results these are: where none is asked for, only the same rig measured from the same content comes to the same folder
+again.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from rigtwin.lab.checksums import sha256
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.quantity import Measurement
+
+
+def results_folder(rig: str, media: Path | Sequence[Path]) -> Path:
+    """The first of ``out/drop/r01``, ``r01~2`` ... without another input's results."""
+    every = _each(media)
+    place = Path("out") / rig / _name(every[0])
+    places = itertools.chain([place], (place.with_name(f"{place.name}~{k}") for k in itertools.count(2)))
+    return next(place for place in places if _free(place, rig, every))
+
+
+def keep(measurement: Measurement, folder: Path, media: Path | Sequence[Path]) -> Measurement:
+    """Write the document that tells whose results stand in `folder`."""
+    from rigtwin.compare.result_files import document, write_together
+
+    path = _document(folder, measurement.source)
+    kept = replace(measurement, files={**measurement.files, "measurement": path})
+    told = {**kept.to_json(), "media_sha256": [measurement.source_sha256, *map(sha256, _each(media)[1:])]}
+    write_together(folder, {path.name: document(told)})
+    return kept
+
+
+def check_only(rig: str, folder: Path) -> None:
+    """Refuse a folder with another rig's twin, whose files would stay beside a document that is not theirs."""
+    try:
+        other = json.loads((folder / "quantities.json").read_text(encoding="utf-8"))["rig"]
+    except (OSError, ValueError, LookupError, TypeError):  # none, or not of ours
+        return
+    if other != rig:
+        raise BadInput(f"--out: {folder} holds results of a {other}; give this twin a folder of its own.")
+
+
+def _each(media: Path | Sequence[Path]) -> list[Path]:
+    return [media] if isinstance(media, Path) else list(media)
+
+
+def _document(folder: Path, source: Path) -> Path:
+    return folder / f"{_name(source)}-measurement.json"
+
+
+def _name(source: Path) -> str:
+    """Of a clip, or of the folder that "." stands for."""
+    return source.resolve().stem
+
+
+def _free(folder: Path, rig: str, media: Sequence[Path]) -> bool:
+    try:
+        known = json.loads(_document(folder, media[0]).read_text(encoding="utf-8"))
+        told = (known["rig"], known["media_sha256"])
+    except FileNotFoundError:
+        return True
+    except (ValueError, KeyError, TypeError, NotADirectoryError):  # not of ours
+        return False
+    return not all(one.exists() for one in media) or told == (rig, [sha256(one) for one in media])

@@ -1,0 +1,112 @@
+"""How every command ends: progress bars, the work, and what came out kept and shown.
+
+A command decorated here reads its own options and returns its work as a function that is still to be called; options
+such as ``--json`` are added to its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
+from functools import cache, partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from rigtwin.commands.display import kept_in_words, progress_bars, show_measurement, show_twin
+from rigtwin.commands.options import Command, Json, Quiet, out_option, with_options, writable_folder
+
+Work = partial[Any]
+
+JSON_QUIET = {"as_json": (Json, False), "quiet": (Quiet, False)}
+
+
+def finished(show: Callable[[Any, bool, bool], None]) -> Callable[[Command], Command]:
+    """Do a command's work under progress bars; `show` tells what came out."""
+
+    def around(own: Command, *, as_json: bool, quiet: bool) -> None:
+        show(_done(own(), hidden=as_json or quiet), as_json, quiet)
+
+    return lambda command: with_options(command, JSON_QUIET, around)
+
+
+def measured(rig: str) -> Callable[[Command], Command]:
+    """Measure; the first argument of the work is the clip, or the list of photos."""
+    name = "the photo's" if rig in ("packing", "pile") else "the clip's"
+    folder_text = (
+        f"Folder for results; by default out/{rig}/NAME (NAME being {name}), "
+        "with ~2, ~3 ... behind it where another input's results stand."
+    )
+
+    def around(own: Command, *, out: Path | None, as_json: bool, quiet: bool) -> None:
+        work: Work = own()
+        from rigtwin.commands.output_folder import keep, results_folder
+
+        folder = out or writable_folder(results_folder(rig, work.args[0]))
+        measurement = _done(partial(work, out=folder), hidden=as_json or quiet)
+        show_measurement(keep(measurement, folder, work.args[0]), as_json, quiet)
+
+    return lambda command: with_options(command, _with_out(folder_text), around)
+
+
+def simulated(rig: str) -> Callable[[Command], Command]:
+    """Run a twin; its record and quantities go into the results' folder."""
+    default = Path(f"out/simulate-{rig}")
+
+    def around(own: Any, *, out: Path | None, as_json: bool, quiet: bool) -> None:
+        with _told_by_option(own.keywords):
+            work, hidden, folder = own(), as_json or quiet, out or writable_folder(default)
+            from rigtwin.commands.output_folder import check_only
+
+            check_only(rig, folder)
+            checkpoint = work.keywords.get("checkpoint")
+            going_on = "" if checkpoint is None or hidden else kept_in_words(checkpoint)
+            twin = _done(work, hidden=hidden, first=going_on)
+        show_twin(twin, folder, as_json, quiet)
+
+    return lambda command: with_options(command, _with_out(f"Folder for results; {default} by default."), around)
+
+
+@contextmanager
+def _told_by_option(names: Collection[str]) -> Iterator[None]:
+    """A refusal that begins with the name of a setting begins with its option instead, where there is one."""
+    from rigtwin.lab.errors import BadInput
+
+    try:
+        yield
+    except BadInput as error:
+        name, colon, why = str(error).partition(":")
+        if not colon or name not in names:
+            raise
+        raise BadInput(f"--{name.replace('_', '-')}:{why}") from error
+
+
+def _done(work: Work, *, hidden: bool, first: str = "") -> Any:
+    """What the work gives; `first` is told at its first progress or its end: work that is refused tells nothing."""
+
+    @cache
+    def tell() -> None:
+        if first:
+            typer.echo(first, err=True)
+
+    with progress_bars(hidden) as bars:
+
+        def progress(stage: str, done: float, total: float) -> None:
+            tell()
+            bars(stage, done, total)
+
+        try:
+            found = work(progress=progress)
+            tell()
+            return found
+        except KeyboardInterrupt as stop:
+            if not (kept := getattr(stop, "__notes__", None)):
+                raise
+            from rigtwin.lab.errors import Interrupted
+
+            raise Interrupted(f"interrupted; {' '.join(kept)}") from stop
+
+
+def _with_out(help_text: str) -> dict[str, tuple[Any, Any]]:
+    return {"out": (Annotated[Path | None, out_option(help_text)], None), **JSON_QUIET}

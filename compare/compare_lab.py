@@ -1,0 +1,297 @@
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, replace
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rigtwin.compare import result_files
+from rigtwin.compare.comparison import Comparison, Outcome
+from rigtwin.compare.curve_overlays import overlays
+from rigtwin.compare.deviation import deviations, over_views
+from rigtwin.compare.measure_repetitions import Measured, measuring
+from rigtwin.compare.preflight import need_possible
+from rigtwin.compare.twins.matched import (
+    BULK,
+    NEEDS,
+    checkpoints,
+    needs_measurement,
+    takes_count,
+    twin_of,
+)
+from rigtwin.compare.twins.twin import Twin
+from rigtwin.lab.checksums import sha256
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.file.lab_file import Experiment, Lab, read_lab
+from rigtwin.lab.file.model_file import Model, read_model
+from rigtwin.lab.file.schema import suggestion
+from rigtwin.lab.materials import PARAMETERS, KnownContact, pair
+from rigtwin.lab.progress import Progress, silent
+
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.contact import Rolling
+
+
+UNFINISHED = "unfinished"  # the folder beside the results that keeps twins while they run
+
+
+def compare(
+    lab_folder: Path,
+    out: Path,
+    progress: Progress = silent,
+    *,
+    only: Sequence[str] | None = None,
+    count: int | None = None,
+    seed: int = 1,
+    runs: int = 1,
+    threads: int | None = None,
+    workers: int | None = None,
+    model: Path | None = None,
+    stiffness_factor: float | None = None,
+    rolling: Rolling | None = None,
+) -> Comparison:
+    """Compare a lab with its twins and write everything into `out`.
+
+    `only` names the experiments to take (all by default), `count` the particles of a pile's twin where lab.toml gives
+    none, `runs` how many times a twin of many particles is run, with seeds from `seed` upwards, `stiffness_factor` what
+    its moduli are multiplied by, `rolling` its rolling resistance.
+    `model` is a model.toml whose contacts and effects go before what lab.toml says.  A repetition that cannot be
+    measured is left out with a warning.  Raises `BadInput` when an experiment has none left, an option has no taker, or
+    `out` holds results of other experiments, `BadLabFile` when lab.toml is at fault, and then leaves the files of an
+    earlier run as they were.  Interrupted, it keeps the twins of many particles in ``out/unfinished``, from where the
+    next call goes on.
+    """
+    started, clock = datetime.now(UTC), time.perf_counter()
+    lab = read_lab(lab_folder)
+    experiments = _chosen(lab, only)
+    remarks = [*_stale(lab, experiments, out)]
+    if model is not None:
+        given = read_model(model)
+        lab = _under(lab, given)
+        remarks += _made_for_others(model, given, experiments)
+    for experiment in experiments:
+        _need_contacts(lab, experiment)
+    _need_takers(lab, experiments, count=count, runs=runs, stiffness_factor=stiffness_factor, rolling=rolling)
+    for experiment in experiments:
+        need_possible(lab, experiment, count=count)
+    twins: dict[str, list[Twin]] = {}
+    run = partial(
+        twin_of,
+        model=lab.model,
+        count=count,
+        threads=threads,
+        stiffness_factor=stiffness_factor,
+        kept_in=out / UNFINISHED,
+        rolling=rolling,
+        progress=progress,
+    )
+    with _kept_told(out / UNFINISHED, experiments):
+        with measuring(experiments, out, workers) as pending:
+            for experiment in experiments:
+                if not needs_measurement(experiment):
+                    number = runs if isinstance(experiment.rig, BULK) else 1
+                    twins[experiment.id] = [run(experiment, seed=seed + k) for k in range(number)]
+            measured = pending.results(progress)
+        measured_after = time.perf_counter() - clock
+        for experiment in experiments:
+            _need_one(experiment, measured[experiment.id])
+            if experiment.id not in twins:
+                found = measured[experiment.id].measurements
+                twins[experiment.id] = [run(experiment, measurements=found)]
+    seconds = {f"twin of {name}": sum(twin.seconds for twin in runs) for name, runs in twins.items()}
+    outcomes = tuple(_outcome(experiment, measured[experiment.id], twins[experiment.id]) for experiment in experiments)
+    seconds["measuring, beside early twins"] = measured_after
+    comparison = Comparison(lab, outcomes, seed, started, seconds, remarks=tuple(remarks))
+    written = _written(comparison, out, clock, progress)
+    for experiment in experiments:
+        for kept in checkpoints(out / UNFINISHED, experiment):
+            kept.unlink(missing_ok=True)
+    with suppress(OSError):  # it holds others' twins, or was never made
+        (out / UNFINISHED).rmdir()
+    return written
+
+
+@contextmanager
+def _kept_told(folder: Path, experiments: Sequence[Experiment]) -> Iterator[None]:
+    """Who interrupts between two twins learns that the first is kept; within one its run says so itself."""
+    try:
+        yield
+    except KeyboardInterrupt as stop:
+        if not getattr(stop, "__notes__", None) and any(checkpoints(folder, one) for one in experiments):
+            stop.add_note(f"twins that have run are kept in {folder}; the same command goes on from there.")
+        raise
+
+
+def observations(comparison: Comparison) -> list[dict[str, Any]]:
+    """Rows of ``observations.csv``: every quantity of every repetition, measured and simulated."""
+    rows = []
+    for outcome in comparison.outcomes:
+        name, rig = outcome.experiment.id, outcome.experiment.rig_name
+        for item in outcome.measurements:
+            source = _relative(item.source, comparison.lab.folder)
+            rows += [result_files.observation(name, rig, "measured", source, quantity) for quantity in item.quantities]
+        for number, twin in enumerate(outcome.twins):
+            run = f"twin, seed {comparison.seed + number}"
+            rows += [result_files.observation(name, rig, "simulated", run, item) for item in twin.evaluation.quantities]
+    return rows
+
+
+def provenance(comparison: Comparison) -> dict[str, Any]:
+    """Everything needed to tell, later, what these results were made from."""
+    lab = comparison.lab
+    media = [view for outcome in comparison.outcomes for views in outcome.experiment.repetitions for view in views]
+    return {
+        **result_files.surroundings(),
+        "started": comparison.started.isoformat(timespec="seconds"),
+        "seconds": {name: round(value, 3) for name, value in comparison.seconds.items()},
+        "seed": comparison.seed,
+        "inputs": [
+            {"file": _relative(path, lab.folder), "sha256": sha256(path)} for path in dict.fromkeys([lab.path, *media])
+        ],
+        "model": {
+            "materials": {name: asdict(material) for name, material in lab.model.materials.items()},
+            "particles": {name: asdict(particle) for name, particle in lab.model.particles.items()},
+            "contacts": {"-".join(names): asdict(contact) for names, contact in lab.model.contacts.items()},
+            "effects": {name: dict(values) for name, values in lab.model.effects.items()},
+        },
+        "borrowed": list(lab.borrowed),
+        "twins": {outcome.experiment.id: [twin.settings for twin in outcome.twins] for outcome in comparison.outcomes},
+        "cameras": {
+            outcome.experiment.id: [item.camera for item in outcome.measurements] for outcome in comparison.outcomes
+        },
+    }
+
+
+def _written(comparison: Comparison, out: Path, clock: float, progress: Progress) -> Comparison:
+    from rigtwin.compare.report.page import report
+
+    progress("writing the report", 0, 1)
+    comparison.seconds["total before the report"] = time.perf_counter() - clock
+    record = result_files.plain(provenance(comparison))
+    names = ("observations.csv", "deviations.csv", "deviations.json", "report.html", "provenance.json")
+    comparison.files.update({name: out / name for name in names})
+    contents = {
+        "observations.csv": result_files.table(observations(comparison), result_files.OBSERVATION_COLUMNS),
+        "deviations.csv": result_files.deviations_csv(comparison.deviations),
+        "deviations.json": result_files.document(comparison.to_json()),
+        "report.html": report(comparison, record, out),
+        "provenance.json": result_files.document(record),
+    }
+    result_files.write_together(out, contents)
+    progress("writing the report", 1, 1)
+    return comparison
+
+
+def _chosen(lab: Lab, only: Sequence[str] | None) -> tuple[Experiment, ...]:
+    if not only:
+        return lab.experiments
+    known = [experiment.id for experiment in lab.experiments]
+    for name in only:
+        if name not in known:
+            raise BadInput(f"{lab.path}: there is no experiment {name!r}; {suggestion(name, known)}.")
+    return tuple(experiment for experiment in lab.experiments if experiment.id in only)
+
+
+def _under(lab: Lab, model: Model) -> Lab:
+    """The lab with the contacts that a model gives in place of its own, and the model's effects."""
+    contacts = dict(lab.model.contacts)
+    for names, known in model.contacts.items():
+        contacts[names] = known.filled(contacts.get(names, KnownContact()))
+    return replace(lab, contacts=contacts, model=replace(lab.model, contacts=contacts, effects=model.effects))
+
+
+def _stale(lab: Lab, experiments: Sequence[Experiment], out: Path) -> Iterator[str]:
+    """What `out` holds of experiments that lab.toml has no more.
+
+    Raises `BadInput` where it holds results of others, which would go from its tables without having been measured.
+    """
+    try:
+        before = json.loads((out / "deviations.json").read_text(encoding="utf-8"))
+        source, names = Path(before["lab"]), [str(one["id"]) for one in before["experiments"]]
+    except (OSError, ValueError, LookupError, TypeError):  # none, or not of ours
+        return
+    others = [name for name in names if name not in {one.id for one in experiments}]
+    known = {one.id for one in lab.experiments}
+    lost = others if source.resolve() != lab.path.resolve() else [name for name in others if name in known]
+    if lost:
+        raise BadInput(
+            f"{out}: holds results of {', '.join(lost)} ({source}), which would go from its tables; give --out another "
+            "folder, or delete this one."
+        )
+    if others:
+        yield f"{', '.join(others)}: no longer in {lab.path.name} nor in these tables; a folder of pictures may be left"
+
+
+def _made_for_others(file: Path, model: Model, experiments: Sequence[Experiment]) -> Iterator[str]:
+    """Experiments in which nothing touches that the model has a contact of, so that its effects are another pair's."""
+    theirs = ", ".join("-".join(names) for names in model.contacts)
+    acting = f"; its effects ({', '.join(model.effects)}) act in this twin all the same" if model.effects else ""
+    for experiment in experiments:
+        if model.contacts and not any(pair(*names) in model.contacts for names in experiment.contacts):
+            mine = ", ".join("-".join(names) for names in experiment.contacts)
+            yield f"{experiment.id}: {file.name} has contacts of {theirs} and none of {mine}{acting}"
+
+
+def _need_takers(
+    lab: Lab,
+    experiments: Sequence[Experiment],
+    *,
+    count: int | None,
+    runs: int,
+    stiffness_factor: float | None,
+    rolling: Rolling | None,
+) -> None:
+    """Refuse an option that no twin would take."""
+    few = not any(isinstance(one.rig, BULK) for one in experiments)
+    idle = {
+        "--count: it is for piles and beds of which lab.toml does not say how many particles they have, and there is "
+        "none": count is not None and not any(map(takes_count, experiments)),
+        "--runs: no experiment is of many particles": runs > 1 and few,
+        "--stiffness-factor: no experiment is of many particles": stiffness_factor is not None and few,
+        "--rolling-model: no experiment is of many particles": rolling is not None and few,
+    }
+    for what, given in idle.items():
+        if given:
+            raise BadInput(f"{lab.path}: {what} ({', '.join(one.id for one in experiments)}); leave it out.")
+
+
+def _need_contacts(lab: Lab, experiment: Experiment) -> None:
+    """Refuse before any work when the twin lacks a parameter."""
+    for a, b in experiment.contacts:
+        try:
+            lab.model.contact(a, b, NEEDS.get(experiment.rig_name, PARAMETERS))
+        except BadInput as error:
+            raise BadInput(f"{lab.path}: the twin of {experiment.id} cannot be built: {error}") from None
+
+
+def _need_one(experiment: Experiment, measured: Measured) -> None:
+    if measured.measurements:
+        return
+    first, *others = measured.failures
+    which = f"none of its {len(others) + 1} repetitions" if others else "its only repetition"
+    verb = "could be measured" if others else "could not be measured"
+    raise BadInput(f"{experiment.id}: {which} {verb}: {first.message}")
+
+
+def _outcome(experiment: Experiment, measured: Measured, twins: Sequence[Twin]) -> Outcome:
+    rows = deviations(
+        experiment.id,
+        experiment.rig_name,
+        [quantity for item in measured.measurements for quantity in over_views(item.quantities)],
+        [quantity for twin in twins for quantity in over_views(twin.evaluation.quantities)],
+        set_from=twins[0].set_from,
+    )
+    shapes = overlays(experiment.rig, experiment.particle.diameter, measured.measurements, twins)
+    return Outcome(experiment, measured.measurements, measured.failures, twins[0], rows, tuple(twins[1:]), shapes)
+
+
+def _relative(path: Path, folder: Path) -> str:
+    try:
+        return path.relative_to(folder).as_posix()
+    except ValueError:  # media may lie outside the lab folder
+        return str(path)

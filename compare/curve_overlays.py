@@ -1,0 +1,344 @@
+"""Shapes laid over one another: profiles, discharge curves, trajectories, and how far measured and simulated lie apart.
+
+"It is always advisable to make an overall visual comparison of the slope shape between the calibration simulation and
+the experimental curves" (Hlosta et al. 2020, section 5).  A scalar may agree where the shapes do not: a round tip and a
+hollow flank give one angle.
+
+Every curve is brought to one common axis, repetitions (or views, or moments) are averaged on it, and the distance is
+the root mean square of the difference of the two means where both are known.  Beside it stands how far the single
+measured curves scatter about their own mean: a distance below that is no disagreement.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rigtwin.lab.arrays import Array
+from rigtwin.lab.quantity import Measurement
+from rigtwin.lab.records import Profile, Series, Track
+from rigtwin.lab.rigs import (
+    DropSettings,
+    DrumSettings,
+    HopperSettings,
+    PackingSettings,
+    PendulumSettings,
+    PileSettings,
+    RigSettings,
+    TiltSettings,
+)
+
+GRID = 400  # points of the common axis
+STEADY = 0.5  # of a drum's film, from which on its surface counts as steady
+INSIDE = 0.95  # of a drum's or cylinder's radius; at the wall an outline ends with the side of the last bead
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One repetition, view or moment."""
+
+    x: Array
+    y: Array  # NaN where it is not known
+
+
+@dataclass(frozen=True)
+class Overlay:
+    """Measured and simulated curves of one thing, on common axes."""
+
+    what: str  # "profile", "discharge", "height of the bead" ...
+    x_label: str
+    y_label: str
+    unit: str  # of y
+    measured: tuple[Curve, ...]
+    simulated: tuple[Curve, ...]
+    bead: float | None = None  # bead diameter in the unit of y, where y is a length
+    to_scale: bool = False
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Where both sides are known."""
+        low = max(min(_known(curve)[0] for curve in side) for side in (self.measured, self.simulated))
+        high = min(max(_known(curve)[1] for curve in side) for side in (self.measured, self.simulated))
+        return low, high
+
+    @property
+    def meet(self) -> bool:
+        """Whether there is a stretch on which both sides are known."""
+        low, high = self.span
+        return high > low and math.isfinite(self.distance)
+
+    def mean(self, curves: Sequence[Curve]) -> Curve:
+        """Mean over `curves` on the common axis."""
+        x = np.linspace(*self.span, GRID)
+        rows = np.array([_at(curve, x) for curve in curves])
+        known = np.isfinite(rows)
+        count = known.sum(axis=0)
+        total = np.where(known, rows, 0.0).sum(axis=0)
+        return Curve(x, np.where(count > 0, total / np.maximum(count, 1), np.nan))
+
+    @property
+    def distance(self) -> float:
+        """Root mean square of simulated minus measured mean [`unit`]."""
+        return _rms(self.mean(self.simulated).y - self.mean(self.measured).y)
+
+    @property
+    def offset(self) -> float:
+        """Mean of simulated minus measured mean [`unit`]: the part of the distance that is a shift."""
+        return float(np.mean(_finite(self.mean(self.simulated).y - self.mean(self.measured).y)))
+
+    def scatter(self, curves: Sequence[Curve]) -> float | None:
+        """Root mean square of single curves about their mean [`unit`]; None for a single one."""
+        if len(curves) < 2:
+            return None
+        mean = self.mean(curves)
+        return _rms(np.concatenate([_at(curve, mean.x) - mean.y for curve in curves]))
+
+    def row(self, experiment: str) -> dict[str, Any]:
+        """A row of the table of shapes."""
+        return {
+            "experiment": experiment,
+            "shape": self.what,
+            "unit": self.unit,
+            "distance_rms": self.distance,
+            "offset": self.offset,
+            "distance_bead_diameters": None if self.bead is None else self.distance / self.bead,
+            "scatter_measured": self.scatter(self.measured),
+            "scatter_simulated": self.scatter(self.simulated),
+            "measured_n": len(self.measured),
+            "simulated_n": len(self.simulated),
+        }
+
+
+def overlays(
+    rig: RigSettings, bead_diameter: float, measured: Sequence[Measurement], twins: Sequence[Any]
+) -> tuple[Overlay, ...]:
+    """The shapes of an experiment that both sides have; `twins` hold tracks, profiles and series as records."""
+    match rig:
+        case DropSettings():
+            found = _drop(measured, twins, bead_diameter)
+        case PendulumSettings():
+            found = _pendulum(measured, twins, rig.length, bead_diameter)
+        case TiltSettings():
+            found = _tilt(measured, twins, bead_diameter)
+        case HopperSettings():
+            found = _hopper(measured, twins)
+        case DrumSettings():
+            found = _drum(measured, twins, rig.drum_diameter, bead_diameter)
+        case PackingSettings():
+            found = _surface("outline of the bed", measured, twins, bead_diameter, rig.cylinder_diameter)
+        case PileSettings():
+            found = _surface("outline of the heap", measured, twins, bead_diameter, None)
+    return tuple(shape for shape in found if shape.measured and shape.simulated and shape.meet)
+
+
+# ---------------------------------------------------------------------- the rigs
+
+
+def _drop(measured: Sequence[Measurement], twins: Sequence[Any], bead: float) -> Iterable[Overlay]:
+    def curves(side: Sequence[Any]) -> tuple[Curve, ...]:
+        return tuple(_since_contact(one.tracks[0]) for one in side if one.tracks)
+
+    yield Overlay(
+        "height of the bead",
+        "time from the first contact / s",
+        "height above the plate / mm",
+        "mm",
+        curves(measured),
+        curves(twins),
+        bead * 1e3,
+    )
+
+
+def _pendulum(
+    measured: Sequence[Measurement], twins: Sequence[Any], length: float, diameter: float
+) -> Iterable[Overlay]:
+    sides = [[_angles(one.tracks, length, diameter) for one in side if one.tracks] for side in (measured, twins)]
+    for number, body in enumerate("AB"):
+        mine, theirs = (tuple(angles[number] for angles in side if len(angles) > number) for side in sides)
+        if mine and theirs:
+            yield Overlay(
+                f"angle of bead {body}",
+                "time from the collision / s",
+                "angle from the vertical / °",
+                "deg",
+                mine,
+                theirs,
+            )
+
+
+def _tilt(measured: Sequence[Measurement], twins: Sequence[Any], bead: float) -> Iterable[Overlay]:
+    def curves(side: Sequence[Any]) -> tuple[Curve, ...]:
+        return tuple(_down_the_plate(one.series[0], one.tracks[0]) for one in side if one.series and one.tracks)
+
+    yield Overlay(
+        "way down the plate",
+        "angle of the plate / °",
+        "way of the body / mm",
+        "mm",
+        curves(measured),
+        curves(twins),
+        bead * 1e3,
+    )
+
+
+def _hopper(measured: Sequence[Measurement], twins: Sequence[Any]) -> Iterable[Overlay]:
+    def share(left: Series, opened: float) -> Curve:
+        return Curve(left.time - opened, 100 * left.value / float(np.nanmax(left.value)))
+
+    yield Overlay(
+        "discharge",
+        "time from the opening / s",
+        "left in the hopper / %",
+        "%",
+        tuple(share(one.series[0], _opening(one)) for one in measured if one.series),
+        tuple(share(one.series[0], 0.0) for one in twins if one.series),
+    )
+
+
+def _drum(measured: Sequence[Measurement], twins: Sequence[Any], diameter: float, bead: float) -> Iterable[Overlay]:
+    reach = INSIDE * diameter / 2
+
+    def steady(profiles: Sequence[Profile]) -> Curve:
+        x = np.linspace(-reach, reach, GRID)
+        late = profiles[int(STEADY * len(profiles)) :]
+        rows = np.array([_at(Curve(one.x, one.height), x) for one in late])
+        # where the bed's edge comes and goes, only what is seen in most moments
+        often = np.isfinite(rows).mean(axis=0) > 0.5
+        mean = np.where(often, np.nanmean(np.where(often, rows, 0.0), axis=0), np.nan)
+        known = np.isfinite(mean)
+        falls = known.any() and np.polyfit(x[known], mean[known], 1)[0] < 0
+        # films turn either way; here the surface falls to the right
+        return Curve(x, mean if falls else mean[::-1])
+
+    yield Overlay(
+        "mean surface of the bed",
+        "distance from the axis / mm",
+        "height from the axis / mm",
+        "mm",
+        tuple(_in_mm(steady(one.profiles)) for one in measured if one.profiles),
+        tuple(_in_mm(steady(one.profiles)) for one in twins if one.profiles),
+        bead * 1e3,
+        to_scale=True,
+    )
+
+
+def _surface(
+    what: str, measured: Sequence[Measurement], twins: Sequence[Any], bead: float, width: float | None
+) -> Iterable[Overlay]:
+    def curves(side: Sequence[Any]) -> tuple[Curve, ...]:
+        found = [_in_mm(_centred(profile)) for one in side for profile in one.profiles]
+        if width is None:
+            return tuple(found)
+        return tuple(Curve(c.x, np.where(np.abs(c.x) < INSIDE * width / 2 * 1e3, c.y, np.nan)) for c in found)
+
+    yield Overlay(
+        what,
+        "distance from the middle / mm",
+        "height above the base / mm",
+        "mm",
+        curves(measured),
+        curves(twins),
+        bead * 1e3,
+        to_scale=True,
+    )
+
+
+# ---------------------------------------------------------------------- records to curves
+
+
+def _since_contact(track: Track) -> Curve:
+    """Time [s] and height [mm] from the first contact, where lines through the frames on both sides of it meet.
+
+    The zeros of a record are its own: the plate, the contact, or whatever the tracking program chose.
+    """
+    time, height = track.time, track.position[:, 1]
+    span = float(np.ptp(height))
+    low = int(np.argmax(height < np.min(height) + 0.15 * span))
+    turn = low + int(np.argmax(np.diff(height[low:], append=np.inf) > 0))
+    before, after = slice(max(turn - 3, 0), turn), slice(turn + 1, turn + 4)
+    if len(time[before]) < 2 or len(time[after]) < 2:
+        return Curve(np.asarray(time - time[turn]), np.asarray((height - height[turn]) * 1e3))
+    down, up = np.polyfit(time[before], height[before], 1), np.polyfit(time[after], height[after], 1)
+    contact = (up[1] - down[1]) / (down[0] - up[0])
+    return Curve(np.asarray(time - contact), np.asarray((height - np.polyval(down, contact)) * 1e3))
+
+
+def _angles(tracks: Sequence[Track], length: float, diameter: float) -> list[Curve]:
+    """Per bead: time from the first collision [s] and angle [deg], from the horizontal way off the pivot."""
+    from rigtwin.measure.geometry.circle import fit_circle
+
+    first = tracks[0]
+    (pivot, _), _ = fit_circle(first.position)
+    side = 1.0 if float(first.position[0, 0]) < pivot else -1.0
+    angles = [
+        np.degrees(np.arcsin(np.clip(side * (track.position[:, 0] - pivot) / length - shift, -1, 1)))
+        for track, shift in zip(tracks, (0.0, diameter / length), strict=False)
+    ]
+    hit = float(first.time[int(np.argmax(angles[0] > -0.5))])
+    return [Curve(track.time - hit, angle) for track, angle in zip(tracks, angles, strict=False)]
+
+
+def _down_the_plate(angle: Series, track: Track) -> Curve:
+    """Angle of the plate [deg] and how far the body came down it [mm]."""
+    known = np.isfinite(angle.value)
+    turned = np.interp(track.time, angle.time[known], np.asarray(angle.value)[known])
+    turned = np.radians(turned) if angle.unit == "deg" else turned
+    up = track.position[:, 0] * np.cos(turned) + track.position[:, 1] * np.sin(turned)
+    return Curve(np.degrees(turned), -(up - np.median(up[: max(3, len(up) // 20)])) * 1e3)
+
+
+def _opening(item: Measurement) -> float:
+    """[s], as measured; else the record's first moment."""
+    found = [one.value for one in item.quantities if one.quantity == "opening_time" and math.isfinite(one.value)]
+    return found[0] if found else float(item.series[0].time[0])
+
+
+def _centred(profile: Profile) -> Curve:
+    return Curve(profile.x - middle(profile), profile.height)
+
+
+def middle(profile: Profile) -> float:
+    """x [m] of the base's middle, or of what is seen."""
+    if profile.base is not None:
+        return sum(profile.base) / 2
+    seen = np.isfinite(profile.height) & (profile.height > 0)
+    return float(np.mean(profile.x[seen][[0, -1]])) if np.any(seen) else 0.0
+
+
+def _in_mm(curve: Curve) -> Curve:
+    return Curve(curve.x * 1e3, curve.y * 1e3)
+
+
+# ---------------------------------------------------------------------- curves
+
+
+def _known(curve: Curve) -> tuple[float, float]:
+    x = curve.x[np.isfinite(curve.y) & np.isfinite(curve.x)]
+    return (float(x.min()), float(x.max())) if len(x) else (math.inf, -math.inf)
+
+
+def _at(curve: Curve, x: Array) -> Array:
+    """The curve at `x`; NaN outside it and in gaps wider than a fiftieth of it."""
+    known = np.isfinite(curve.y) & np.isfinite(curve.x)
+    if known.sum() < 2:
+        return np.full(len(x), np.nan)
+    order = np.argsort(curve.x[known], kind="stable")
+    at, value = curve.x[known][order], curve.y[known][order]
+    found = np.interp(x, at, value, left=np.nan, right=np.nan)
+    after = np.clip(np.searchsorted(at, x), 1, len(at) - 1)
+    wide = max(float(np.ptp(at)) / 50, 3 * float(np.median(np.diff(at))))
+    return np.where(at[after] - at[after - 1] > wide, np.nan, found)
+
+
+def _finite(values: Array) -> Array:
+    return values[np.isfinite(values)]
+
+
+def _rms(values: Array) -> float:
+    """NaN where nothing is known."""
+    known = _finite(values)
+    return float(np.sqrt(np.mean(known**2))) if len(known) else math.nan

@@ -1,0 +1,150 @@
+"""What is left out of a lab before anything is fitted, each in one sentence that the report repeats.
+
+Rows that hold no position, single rows far off the path on either side of them, what follows a break of the path (a
+frame lost without a trace), and repetitions in which nothing rolled or slid.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rigtwin.compare.diagnose.data.tracked_lab import Condition, TrackedLab
+from rigtwin.compare.diagnose.data.tracking_noise import noise_of
+from rigtwin.lab.arrays import Array
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.records import Track
+
+SIDE = 5  # rows on either side of a moment, through which a parabola is laid
+FAR = 12.0  # typical errors of such a parabola, carried on by a row, that no noise reaches
+MOST = 0.02  # of the rows of a track: more outlying ones are noise of its own kind, and stay
+STAYS = 8.0  # noises: a bead that is not further off at the end than this has not moved
+TOLD = 3  # tracks that are named, of those in which rows hold no position
+CLEAR = 1.5  # bead diameters above the plate where no impact is near
+
+
+def sifted(lab: TrackedLab) -> tuple[TrackedLab, tuple[str, ...]]:
+    """The lab without what cannot be used, and what that was.  Raises `BadInput` where nothing is left."""
+    noise = noise_of(lab, [track for c in lab.conditions for repetition in c.repetitions for track in repetition])
+    said = _unseen(lab)
+    conditions = []
+    for condition in lab.conditions:
+        kept: list[tuple[Track, ...]] = []
+        files: list[str] = []
+        for number, repetition in enumerate(condition.repetitions):
+            where = f"{condition.name}, repetition {number + 1}"
+            if _stayed(lab.rig, condition, repetition[0], noise):
+                said.append(f"{where}: left out, nothing moved")
+                continue
+            kept.append(_cleaned(lab.rig, condition, repetition, noise, where, said))
+            files.extend(condition.files[number : number + 1])
+        if kept:
+            conditions.append(replace(condition, repetitions=tuple(kept), files=tuple(files)))
+    if not conditions:
+        raise BadInput(
+            f"{lab.folder}: nothing moves by more than {STAYS:g} times the tracking noise of {noise:.2g} m in any of "
+            f"the {lab.repetitions} repetitions; check the tracks, and tracking_noise_m where it is stated."
+        )
+    return replace(lab, conditions=tuple(conditions)), tuple(said)
+
+
+def _unseen(lab: TrackedLab) -> list[str]:
+    """Rows without a position, which the reading of the files left out, in one sentence."""
+    gaps = []
+    for condition in lab.conditions:
+        for number, repetition in enumerate(condition.repetitions):
+            where = next(iter(condition.files[number : number + 1]), f"{condition.name}, repetition {number + 1}")
+            gaps += [(track.unseen, track.unseen + len(track.time), where) for track in repetition if track.unseen]
+    if not gaps:
+        return []
+    gaps.sort(reverse=True)
+    most = ", ".join(f"{gap} of {rows} in {where}" for gap, rows, where in gaps[:TOLD])
+    others = f" and {sum(gap for gap, _, _ in gaps[TOLD:])} in {len(gaps) - TOLD} more" if len(gaps) > TOLD else ""
+    return [f"rows without a position left out: {most}{others}"]
+
+
+def _stayed(rig: str, condition: Condition, track: Track, noise: float) -> bool:
+    """Whether a bead never fell or swung, one on an incline never rolled, a clump on the arm never slid."""
+    if rig == "slide":
+        way = np.hypot(track.position[:, 0], track.position[:, 1])  # the arm itself moves
+    elif rig == "roll" and not condition.settings.get("push_speed_m_s"):
+        way = track.position[:, 0]
+    else:
+        return bool(np.ptp(track.position, axis=0).max() <= STAYS * noise)
+    return bool(abs(np.median(way[-SIDE:]) - np.median(way[:SIDE])) < STAYS * noise)
+
+
+def _cleaned(
+    rig: str, condition: Condition, repetition: tuple[Track, ...], noise: float, where: str, said: list[str]
+) -> tuple[Track, ...]:
+    tracks = []
+    for track in repetition:
+        off, _ = _faults(track, noise)
+        if off.sum() > max(MOST * len(off), 1):
+            off[:] = False
+        if off.any():
+            at = ", ".join(f"{t:.4f}" for t in track.time[off][:4])
+            said.append(f"{where}: {off.sum()} rows left out that are off the path on either side (t = {at} s)")
+        smooth = _part(track, ~off)
+        end = _break(smooth, condition, noise) if rig == "drop" else len(smooth.time)
+        if end < len(smooth.time):
+            said.append(f"{where}: left out after t = {smooth.time[end - 1]:.4f} s, where the path jumps")
+        tracks.append(_part(smooth, slice(end)))
+    return tuple(tracks)
+
+
+def _break(track: Track, condition: Condition, noise: float) -> int:
+    """How many rows there are before the path of a drop jumps well above the plate, as where frames are missing."""
+    high = CLEAR * condition.bead.diameter + condition.bead.radius
+    for k in np.flatnonzero(_faults(track, noise)[1]):
+        if float(track.position[max(k - SIDE, 0) : k + SIDE + 1, 1].min()) > high and k > 4 * SIDE:
+            return int(k) + 1
+    return len(track.time)
+
+
+def _part(track: Track, rows: Any) -> Track:
+    return replace(track, time=track.time[rows], position=track.position[rows], sigma=track.sigma[rows])
+
+
+def _faults(track: Track, noise: float) -> tuple[Any, Any]:
+    """Which rows are off the path on both sides, and after which rows the path jumps."""
+    n = len(track.time)
+    off, broken = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
+    if n < 4 * SIDE:
+        return off, broken
+    step = float(np.median(np.diff(track.time)))
+    ahead, behind = _carried_on(track, step, 1), _carried_on(track, step, -1)
+    for k in range(track.position.shape[1]):
+        y = track.position[:, k]
+        before, after = y - ahead[0][:, k], y - behind[0][:, k]
+        # a track with noise of its own kind, such as uneven frames, sets its own measure
+        typical = max(1.4826 * float(np.nanmedian(np.abs(before))), 2.3 * noise)
+        far = (np.abs(before) > FAR * typical) & (np.abs(after) > FAR * typical)
+        off |= far & (np.sign(before) == np.sign(after))
+        # the path as it was, and as it goes on, half a step each to the middle between two rows
+        jump = behind[1][1:, k] - ahead[1][:-1, k]
+        here, there = y[1:] - ahead[0][1:, k], behind[0][:-1, k] - y[:-1]
+        alike = (np.sign(jump) == np.sign(here)) & (np.sign(jump) == np.sign(there))
+        least = np.minimum(np.abs(here), np.abs(there))
+        broken[:-1] |= alike & (least > FAR * typical) & (np.abs(jump) > 0.7 * np.maximum(np.abs(here), np.abs(there)))
+    return off, broken
+
+
+def _carried_on(track: Track, step: float, way: int) -> tuple[Array, Array]:
+    """Parabolas through the `SIDE` rows before (or, with `way` -1, after) each row: carried on to the row, and from
+    each row half a step beyond it; NaN where there are too few rows."""
+    time, place = track.time[::way] * way, track.position[::way]
+    n = len(time)
+    to_row, beyond = np.full(place.shape, np.nan), np.full(place.shape, np.nan)
+    t = np.lib.stride_tricks.sliding_window_view(time, SIDE)
+    y = np.lib.stride_tricks.sliding_window_view(place, SIDE, axis=0)  # (n - SIDE + 1, coordinates, SIDE)
+    s = (t - t[:, -1:]) / step
+    powers = np.stack([np.ones_like(s), s, s * s], axis=-1)
+    weights = np.linalg.pinv(powers)  # (windows, 3, SIDE)
+    bent = np.einsum("wps,wks->wkp", weights, y)
+    late = (time[SIDE:] - time[SIDE - 1 : n - 1]) / step
+    to_row[SIDE:] = bent[:-1, :, 0] + bent[:-1, :, 1] * late[:, None] + bent[:-1, :, 2] * late[:, None] ** 2
+    beyond[SIDE - 1 :] = bent[..., 0] + 0.5 * bent[..., 1] + 0.25 * bent[..., 2]
+    return to_row[::way], beyond[::way]

@@ -1,0 +1,163 @@
+"""The experiments of a lab.toml as a tracked lab: records already tracked are read, media are measured first."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from rigtwin.compare.diagnose.data.tracked_lab import (
+    Bead,
+    Camera,
+    Condition,
+    TrackedLab,
+    need_repetitions,
+    on_the_bench,
+    other_rates,
+)
+from rigtwin.compare.measure_repetitions import Failure, measure_repetition
+from rigtwin.lab.arrays import Array
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.file.lab_file import Experiment, Lab, read_lab
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.records import Track, read_tracks
+from rigtwin.lab.rigs import DropSettings, PendulumSettings
+
+GRAVITY = 9.81  # [m/s^2]
+OPEN_HEIGHT, OPEN_ANGLE = 0.05, math.radians(5.0)
+"""[m], [rad]: standard uncertainty of a release that is not stated, but read off the tracks."""
+GEOMETRY = {  # key under [uncertainty] -> the name in a lab.json, and its unit there per SI unit
+    "drop_height": ("drop_height_uncertainty_m", 1.0),
+    "plate_level": ("plate_level_uncertainty_deg", 180 / math.pi),
+    "length": ("length_uncertainty_m", 1.0),
+    "release_angle": ("release_angle_uncertainty_deg", 180 / math.pi),
+}
+
+
+def tracked_lab(path: Path, only: Sequence[str] = (), progress: Progress = silent) -> TrackedLab:
+    """The lab's drops, or its pendulums of one kind.  Raises `BadInput` in one sentence."""
+    lab = read_lab(path)
+    chosen = _chosen(lab, only)
+    rig, wall = _kind(chosen[0])
+    others = [one.id for one in chosen if _kind(one) != (rig, wall)]
+    if others:
+        raise BadInput(
+            f"{lab.path}: {chosen[0].id} and {others[0]} are different rigs; a diagnosis looks at one: name its "
+            "experiments with --only ID, given again for each."
+        )
+    need_repetitions(lab.path, sum(len(one.repetitions) for one in chosen))  # before the measuring, which takes long
+    conditions, sigmas = [], []
+    for number, experiment in enumerate(chosen):
+        progress("tracks", number, len(chosen))
+        tracks = [on_the_bench(rig, _tracks(lab, experiment, views, rig)) for views in experiment.repetitions]
+        sigmas += [track.sigma for repetition in tracks for track in repetition]
+        conditions.append(_condition(experiment, tracks, rig))
+    stated = lab.uncertainty
+    geometry = {name: stated[key] * unit for key, (name, unit) in GEOMETRY.items() if key in stated}
+    if any("read_off" in one.settings for one in conditions):
+        geometry["drop_height_uncertainty_m"] = OPEN_HEIGHT
+        geometry["release_angle_uncertainty_deg"] = math.degrees(OPEN_ANGLE)
+    rates = [1 / float(np.median(np.diff(c.repetitions[0][0].time))) for c in conditions]
+    sigma = np.concatenate(sigmas)
+    camera = Camera(
+        frame_rate=rates[0],
+        noise=stated.get("tracking_noise", float(np.median(sigma[sigma > 0])) if (sigma > 0).any() else math.nan),
+        scale_rel=stated.get("scale", Camera.scale_rel),
+        clock_rel=stated.get("frame_rate", Camera.clock_rel),
+        roll=stated.get("camera_roll", Camera.roll),
+    )
+    about = {
+        name: {"density_kg_m3": m.density, "youngs_modulus_Pa": m.youngs_modulus, "poissons_ratio": m.poisson_ratio}
+        for name, m in lab.materials.items()
+    }
+    odd = tuple(other_rates(conditions, [one.camera.frame_rate for one in chosen]))
+    return TrackedLab(
+        lab.title, rig, GRAVITY, camera, geometry, tuple(conditions), lab.folder, {"walls": about}, odd
+    )  # fmt: skip
+
+
+def _chosen(lab: Lab, only: Sequence[str]) -> list[Experiment]:
+    known = [one.id for one in lab.experiments]
+    for name in only:
+        if name not in known:
+            raise BadInput(f"{lab.path}: there is no experiment {name!r}; known are {', '.join(known)}.")
+    chosen = [one for one in lab.experiments if (one.id in only if only else _kind(one)[0])]
+    if not chosen:
+        raise BadInput(f"{lab.path}: no drop or pendulum in it; those are what a diagnosis takes from a lab.toml.")
+    for one in chosen:
+        if not _kind(one)[0]:
+            raise BadInput(f"{lab.path}: {one.id}: a diagnosis of a {one.rig_name} takes a folder with a lab.json.")
+    return chosen
+
+
+def _kind(experiment: Experiment) -> tuple[str, bool]:
+    """The rig's name in a lab.json, empty where it has none, and whether a pendulum strikes a wall."""
+    if isinstance(experiment.rig, DropSettings):
+        return "drop", False
+    if isinstance(experiment.rig, PendulumSettings):
+        return ("double", False) if experiment.rig.variant == "double" else ("pendulum", True)
+    return "", False
+
+
+def _tracks(lab: Lab, experiment: Experiment, views: Sequence[Path], rig: str) -> tuple[Track, ...]:
+    """One repetition in the axes of a lab.json."""
+    if views[0].suffix.lower() == ".csv":
+        return _upon_the_plate(read_tracks(views[0]), views[0], experiment) if rig == "drop" else read_tracks(views[0])
+    found = measure_repetition(experiment, views, None)
+    if isinstance(found, Failure):
+        raise BadInput(f"{found.source}: {found.message}")
+    radius = experiment.particle.diameter / 2
+    # measured drops have the centre at the first contact as origin, pendulums the place where the last bead hangs
+    shift = np.array([0.0, radius])
+    if isinstance(experiment.rig, PendulumSettings):
+        shift = np.array([radius if rig == "double" else 0.0, -experiment.rig.length])
+    return tuple(_moved(track, shift) for track in found.tracks)
+
+
+def _upon_the_plate(tracks: tuple[Track, ...], path: Path, experiment: Experiment) -> tuple[Track, ...]:
+    """With the origin on the plate, from tracks whose origin is there or at the centre of the bead in contact."""
+    radius = experiment.particle.diameter / 2
+    lowest = float(tracks[0].position[:, 1].min())
+    if abs(lowest - radius) < 0.6 * radius:
+        return tracks
+    if abs(lowest) < 0.6 * radius:
+        return tuple(_moved(track, np.array([0.0, radius])) for track in tracks)
+    raise BadInput(
+        f"{path}: the lowest place is y = {1e3 * lowest:.1f} mm; y must be the height of the bead's centre above the "
+        f"plate, so {1e3 * radius:.1f} mm at contact, or zero there."
+    )
+
+
+def _moved(track: Track, shift: Array) -> Track:
+    return replace(track, position=track.position + shift)
+
+
+def _condition(experiment: Experiment, tracks: Sequence[tuple[Track, ...]], rig: str) -> Condition:
+    particle = experiment.particle
+    mass = particle.effective_density * math.pi / 6 * particle.diameter**3
+    solid = particle.material
+    about = {
+        "material": solid.name, "density_kg_m3": solid.density, "youngs_modulus_Pa": solid.youngs_modulus,
+        "poissons_ratio": solid.poisson_ratio,
+    }  # fmt: skip
+    bead = Bead(particle.name, particle.diameter, mass, about)
+    starts = np.array([repetition[0].position[:5].mean(axis=0) for repetition in tracks])
+    settings: dict[str, float] = {}
+    if isinstance(experiment.rig, DropSettings):
+        stated = experiment.rig.drop_height
+        read_off = float(np.median(starts[:, 1])) - particle.diameter / 2
+        settings["drop_height_m"] = read_off if stated is None else stated
+    elif isinstance(experiment.rig, PendulumSettings):
+        stated = experiment.rig.release_angle
+        side = -particle.diameter / 2 if rig == "double" else 0.0
+        read_off = float(np.median(np.abs(np.arctan2(starts[:, 0] - side, -starts[:, 1]))))
+        settings["length_m"] = experiment.rig.length
+        settings["release_angle_deg"] = math.degrees(read_off if stated is None else stated)
+    if stated is None:
+        settings["read_off"] = 1.0
+    wall = experiment.wall.name if experiment.wall is not None else ""
+    names = tuple(str(views[0]) for views in experiment.repetitions)
+    return Condition(experiment.id, bead, wall, settings, tuple(tracks), names)

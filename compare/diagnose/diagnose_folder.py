@@ -1,0 +1,128 @@
+"""From a folder to the files of a diagnosis: diagnosis.json, model.toml and the page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from rigtwin.compare import result_files
+from rigtwin.compare.diagnose.data.from_lab_toml import tracked_lab
+from rigtwin.compare.diagnose.data.read_lab_json import read_tracked_lab
+from rigtwin.compare.diagnose.data.tracked_lab import TrackedLab
+from rigtwin.compare.diagnose.diagnosis import Diagnosis, diagnose
+from rigtwin.compare.diagnose.fitting.parameter_uncertainty import parameters
+from rigtwin.compare.diagnose.page import page
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.file.model_file import Model, model_text
+from rigtwin.lab.materials import PARAMETERS, KnownContact, Material, Pair, Particle, pair
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.sim.effects import own_effect
+from rigtwin.sim.effects.nameless_terms import PREFIX, form
+
+ASSUMED = {"density_kg_m3": 1000.0, "youngs_modulus_Pa": 1e9, "poissons_ratio": 0.3}
+"""What a material is taken to have where the lab states nothing."""
+
+
+def diagnose_folder(
+    folder: Path, out: Path, *, own: Sequence[Path] = (), only: Sequence[str] = (), progress: Progress = silent
+) -> tuple[Diagnosis, dict[str, Path]]:
+    """Diagnose the lab in `folder` and write what was found into `out`.  Returns the diagnosis and the files.
+
+    A folder with a lab.json is taken as it is; of a lab.toml the experiments named in `only`, or all of them.
+    """
+    effects = [own_effect(path) for path in own]
+    notebook = folder.suffix == ".toml" or ((folder / "lab.toml").is_file() and not (folder / "lab.json").is_file())
+    if only and not notebook:
+        raise BadInput(f"{folder}: --only names experiments of a lab.toml; a lab.json is diagnosed whole.")
+    lab = tracked_lab(folder, only, progress) if notebook else read_tracked_lab(folder)
+    diagnosis = diagnose(lab, effects, progress)
+    model = model_of(diagnosis)
+    remarks = [f"left out: {reason}" for reason in _not_carried(diagnosis).values()] + _assumed(diagnosis.lab)
+    contents = {
+        "diagnosis.json": result_files.document(diagnosis.to_json()),
+        "diagnosis.html": page(diagnosis),
+        "model.toml": "".join(f"# {remark}\n" for remark in remarks) + model_text(model),
+    }
+    return diagnosis, result_files.write_together(out, contents)
+
+
+def model_of(diagnosis: Diagnosis) -> Model:
+    """The lab's beads with the fitted contacts, and the effects that were named."""
+    lab = diagnosis.lab
+    materials: dict[str, Material] = {}
+    particles: dict[str, Particle] = {}
+    for condition in lab.conditions:
+        bead = condition.bead
+        solid = _material(f"{bead.about.get('material') or 'material'} of {bead.name}", bead.about)
+        materials[solid.name] = solid
+        particles[bead.name] = Particle(bead.name, solid, bead.diameter, bead.density)
+        about = (lab.stated.get("walls") or {}).get(condition.wall)
+        if isinstance(about, dict):
+            materials[condition.wall] = _material(condition.wall, about)
+    return Model(materials, particles, _contacts(diagnosis), _named(diagnosis))
+
+
+def _material(name: str, about: Mapping[str, object]) -> Material:
+    return Material(name, *(_known(about, key, default) for key, default in ASSUMED.items()))
+
+
+def _known(about: Mapping[str, object], key: str, default: float) -> float:
+    value = about.get(key)
+    return float(value) if isinstance(value, (int, float)) else default
+
+
+def _assumed(lab: TrackedLab) -> list[str]:
+    """What the model has that the lab does not state, by bead and wall."""
+    walls = lab.stated.get("walls") or {}
+    stated = {condition.bead.name: condition.bead.about for condition in lab.conditions}
+    stated |= {condition.wall: walls[condition.wall] for condition in lab.conditions if condition.wall in walls}
+    return [
+        f"assumed, for the lab does not state it of {name}: {key} = {default:g}"
+        for name, about in stated.items()
+        for key, default in ASSUMED.items()
+        if key not in about and not (key == "density_kg_m3" and ("mass_g" in about or "mass_kg" in about))
+    ]
+
+
+def _contacts(diagnosis: Diagnosis) -> dict[Pair, KnownContact]:
+    if diagnosis.naming is None:
+        return {}
+    fitted = diagnosis.chosen.fitted if diagnosis.chosen else diagnosis.naming.base
+    known = {unknown.name: value for unknown, value in zip(fitted.unknowns, fitted.values, strict=True)}
+    if hasattr(diagnosis.bench, "restitutions"):
+        known |= {f"restitution.{name}": value for name, value in diagnosis.bench.restitutions(known).items()}
+    found: dict[Pair, KnownContact] = {}
+    for condition in diagnosis.lab.conditions:
+        bead, other = condition.bead.name, condition.wall or condition.bead.name
+        fits = {name: float(known[key]) for name in PARAMETERS if (key := f"{name}.{bead}-{other}") in known}
+        if "restitution" in fits:  # a fit may leave by its noise what a contact can have
+            fits["restitution"] = min(max(fits["restitution"], 0.01), 1.0)
+        if fits:
+            found[pair(bead, other)] = KnownContact(**fits)
+    return found
+
+
+def _named(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
+    if diagnosis.chosen is None:
+        return {}
+    left_out = _not_carried(diagnosis)
+    return {
+        term.name: {
+            name: float(one["value"])
+            for name, one in parameters(diagnosis.lab, diagnosis.chosen.fitted, (term,)).items()
+        }
+        for term in diagnosis.chosen.terms
+        if term.name not in left_out
+    }
+
+
+def _not_carried(diagnosis: Diagnosis) -> dict[str, str]:
+    """The formulas that no twin carries yet, and why: a model.toml with them could not be read."""
+    reasons = {}
+    for term in diagnosis.chosen.terms if diagnosis.chosen else ():
+        if term.name.startswith(PREFIX):
+            try:
+                form(term.name)
+            except BadInput as problem:
+                reasons[term.name] = str(problem)
+    return reasons

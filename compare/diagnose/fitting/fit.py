@@ -1,0 +1,327 @@
+"""Nested least squares: a rig's global unknowns together with the random start and impacts of every repetition.
+
+The local unknowns of a repetition touch only its own data, so they are eliminated block by block (Schur complement).
+Scatter between impacts is a random effect: its standard deviation is estimated along with them, and the
+deviance integrates the local unknowns out (Laplace).  What the experimenter states with an uncertainty (scale, clock,
+roll, level, length) is an unknown with that prior: an effect may not take credit for it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from rigtwin.compare.diagnose.fitting.impact_scatter import expect_scatter, jitter_of
+from rigtwin.compare.diagnose.fitting.levenberg_marquardt import HOPELESS, NOTHING, descend, newton_step
+from rigtwin.compare.diagnose.fitting.normal_equations import Bench, Linear, State, linearise, noise
+from rigtwin.compare.diagnose.models.unknown import Unknown
+from rigtwin.lab.arrays import Array
+from rigtwin.sim.effects import Effect
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A model fitted to a lab."""
+
+    terms: tuple[Effect, ...]
+    unknowns: tuple[Unknown, ...]
+    values: Array  # (G,)
+    local: Array  # (R, L)
+    scatter: Array  # (H,)
+    jitter: float  # [s]
+    covariance: Array  # (G, G)
+    robust: Array  # (G,), standard deviations from the scatter between repetitions
+    deviance: float
+    """-2 log of the likelihood with all random effects integrated out, priors included."""
+    chi2: float
+    """Sum of squared data residuals over the stated noise."""
+    objective: float
+    """The deviance before anything is integrated out: residuals, deviations of the impacts and priors, squared."""
+    pulls: Mapping[str, float]
+    residual: Array  # (N, 2), in units of the noise
+    speed: Array  # (N, 2) [m/s]
+    seen: Array  # (N, 2) [m]
+    converged: bool
+    soft: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """(R, S), deviations of the impacts from the contact law."""
+    white: float = 1.0
+    """Squared differences of the residuals from row to row over twice their squares: 1 for noise that is white."""
+    leverage: float = 0.0
+    """How many of the deviations the unknowns take up."""
+    jitter_std: float = math.nan  # [s]
+    kicks: int = 0
+    """Impacts that the last of `scatter` speaks of."""
+    by_run: Array = field(default_factory=lambda: np.zeros(0))
+    """(R,), each repetition's share of the deviance; the priors of the global unknowns are the rest of it."""
+    frame: float = math.nan  # [s], from row to row
+
+    @property
+    def per_row(self) -> float:
+        """chi2 per coordinate."""
+        return self.chi2 / max(self.residual.size, 1)
+
+    def value(self, name: str) -> float:
+        return float(self.values[self.index(name)])
+
+    def std(self, name: str) -> float:
+        """The larger of the formal and the repetition-robust standard deviation."""
+        at = self.index(name)
+        return max(math.sqrt(max(self.covariance[at, at], 0.0)), float(self.robust[at]))
+
+    def index(self, name: str) -> int:
+        return [unknown.name for unknown in self.unknowns].index(name)
+
+    def of(self, effect: str) -> list[Unknown]:
+        return [unknown for unknown in self.unknowns if unknown.effect == effect]
+
+
+def fit(
+    bench: Bench,
+    terms: Sequence[Effect] = (),
+    *,
+    near: Fit | None = None,
+    start: Mapping[str, float] | None = None,
+    local: Array | None = None,
+    use: Array | None = None,
+    most: int = 40,
+    held: Mapping[str, float] | None = None,
+    beside: Mapping[str, float] | None = None,
+    rounds: int = 3,
+) -> Fit:
+    """Fit the baseline with `terms` added.
+
+    `near` starts from another fit's values; `start` sets single unknowns and lets releases and impacts be guessed anew,
+    `beside` sets them and keeps those of `near`; `use` is a mask over rows; `held` keeps the named unknowns at these
+    values.
+    """
+    unknowns = tuple(bench.unknowns(terms))
+    fixed = dict(held or {})
+    values = np.array([unknown.start for unknown in unknowns])
+    if near is not None:
+        known = {unknown.name: value for unknown, value in zip(near.unknowns, near.values, strict=True)}
+        values = np.array([known.get(u.name, u.start) for u in unknowns])
+    for number, unknown in enumerate(unknowns):
+        if start and unknown.name in start:
+            values[number] = start[unknown.name]
+        if beside and unknown.name in beside:
+            values[number] = beside[unknown.name]
+        if unknown.name in fixed:
+            values[number] = fixed[unknown.name]
+    if local is None:
+        named = {u.name: float(v) for u, v in zip(unknowns, values, strict=True)}
+        local = near.local if near is not None and not start else bench.first_guess(named)
+    scatter = near.scatter if near is not None else bench.scatter_start
+    jittered = any(term.geometry == "jitter" for term in terms)
+    state = State(local.copy(), values, scatter.copy(), near.jitter if near is not None and jittered else 0.0)
+    free = np.array([u.name not in fixed for u in unknowns], dtype=bool)
+    mask = np.ones(len(bench.rows), dtype=bool) if use is None else use
+    if jittered and state.jitter == 0.0:
+        state.jitter = next(term.parameters[0].typical for term in terms if term.geometry == "jitter")
+    odd = any(term.geometry == "scatter" for term in terms)
+    most_scatter = np.full(len(state.scatter), np.inf) if odd else bench.scatter_most
+    converged = False
+    if near is None or start:
+        for horizon in getattr(bench, "horizons", list)():
+            early = linearise(bench, terms, unknowns, state, mask & horizon)
+            descend(bench, terms, unknowns, state, mask & horizon, free, early, most)
+    linear = linearise(bench, terms, unknowns, state, mask)
+    for _ in range(rounds):
+        linear, converged = descend(bench, terms, unknowns, state, mask, free, linear, most)
+        before = state.scatter.copy(), state.jitter
+        expect_scatter(bench, state, linear, most_scatter)
+        if jittered:
+            state.jitter, state.jitter_std = jitter_of(bench, linear, mask)
+        same = np.allclose(state.scatter, before[0], rtol=0.01) and math.isclose(state.jitter, before[1], rel_tol=0.01)
+        linear = linearise(bench, terms, unknowns, state, mask)
+        # how impacts scatter is no question where nothing fits
+        if same or linear.objective > HOPELESS * bench.rows.size:
+            break
+    linear = _above_zero(bench, terms, unknowns, state, mask, linear)
+    return _finished(bench, terms, unknowns, state, mask, free, linear, converged)
+
+
+def _above_zero(
+    bench: Bench, terms: Sequence[Effect], unknowns: tuple[Unknown, ...], state: State, mask: Array, linear: Linear
+) -> Linear:
+    """The same fit with the unknowns whose sign says nothing above zero."""
+    even = {f"{term.name}.{term.parameters[0].name}" for term in terms if term.even}
+    below = [k for k, unknown in enumerate(unknowns) if unknown.name in even and state.values[k] < 0]
+    if not below:
+        return linear
+    state.values[below] *= -1.0
+    return linearise(bench, terms, unknowns, state, mask)
+
+
+def screen(bench: Bench, near: Fit, candidates: Sequence[Effect]) -> list[Fit]:
+    """What the fit `near` would come to with each of the candidates added, by one Newton step for all of them.
+
+    Exact where the gain is small.  The gain leaves the scatter between impacts as it was, so it is never promised too
+    much.
+    """
+    smooth = [term for term in candidates if not term.flat and term.geometry != "jitter"]
+    every = tuple(bench.unknowns((*near.terms, *smooth)))
+    known = {unknown.name: float(value) for unknown, value in zip(near.unknowns, near.values, strict=True)}
+    state = State(
+        near.local.copy(), np.array([known.get(u.name, u.start) for u in every]), near.scatter.copy(), near.jitter
+    )
+    linear = linearise(bench, (*near.terms, *smooth), every, state, np.ones(len(bench.rows), dtype=bool))
+    ab = np.linalg.solve(linear.a, linear.b)
+    information = linear.c.sum(0) - np.einsum("rlg,rlh->gh", linear.b, ab)
+    scores = linear.g_global - np.einsum("rlg,rl->rg", ab, linear.g_local)
+    place = {u.name: k for k, u in enumerate(every)}
+    found = []
+    for term in candidates:
+        if term not in smooth:
+            found.append(_glance(bench, (*near.terms, term), near))
+            continue
+        terms = (*near.terms, term)
+        unknowns = tuple(bench.unknowns(terms))
+        at = [place[u.name] for u in unknowns]
+        values = state.values[at]
+        tie = np.array([1 / u.sd**2 for u in unknowns])
+        block = information[np.ix_(at, at)] + np.diag(tie)
+        pull = scores[:, at].sum(0) + tie * (np.array([u.prior for u in unknowns]) - values)
+        scale = np.sqrt(np.maximum(np.diag(block), NOTHING))
+        inverse = np.linalg.inv(block / np.outer(scale, scale) + 1e-12 * np.eye(len(at))) / np.outer(scale, scale)
+        # a calibration quantity that is set free no longer pays for being far from what was stated
+        lifted = sum(near.pulls.get(u.name, 0.0) ** 2 for u in unknowns if math.isinf(u.sd))
+        found.append(
+            replace(
+                near, terms=terms, unknowns=unknowns, values=values + inverse @ pull, covariance=inverse,
+                robust=_robust(scores[:, at], inverse, tie),
+                deviance=near.deviance - lifted - float(pull @ inverse @ pull),
+            )
+        )  # fmt: skip
+    return found
+
+
+def _robust(scores: Array, inverse: Array, tie: Array) -> Array:
+    """Standard deviations from the scatter of the scores between repetitions, and from what is stated (`tie`)."""
+    repetitions = len(scores)
+    centred = scores - scores.mean(0)
+    meat = centred.T @ centred * repetitions / max(repetitions - 1, 1)
+    return np.asarray(np.sqrt(np.maximum(np.diag(inverse @ (meat + np.diag(tie)) @ inverse), 0.0)))
+
+
+def _glance(bench: Bench, terms: Sequence[Effect], near: Fit) -> Fit:
+    """As `screen`, for one effect that has no slope at zero or that only widens the noise."""
+    unknowns = tuple(bench.unknowns(terms))
+    known = {unknown.name: value for unknown, value in zip(near.unknowns, near.values, strict=True)}
+    flat = {f"{term.name}.{term.parameters[0].name}" for term in terms if term.flat}
+    # an effect that has no slope at zero is looked at from a little beside it
+    values = np.array([known.get(u.name, 0.5 * u.step if u.name in flat else u.start) for u in unknowns])
+    state = State(near.local.copy(), values, near.scatter.copy(), near.jitter)
+    mask, free = np.ones(len(bench.rows), dtype=bool), np.ones(len(unknowns), dtype=bool)
+    linear = linearise(bench, terms, unknowns, state, mask)
+    gain = 0.0
+    if any(term.geometry == "jitter" for term in terms) and near.jitter == 0.0:
+        state.jitter, state.jitter_std = jitter_of(bench, linear, mask)
+        sigma = noise(bench, linear.seen, state.jitter)
+        off = (bench.rows - linear.seen.position) ** 2
+        plain = bench.sigma[:, None] ** 2 + 0 * off
+        gain = float(np.sum(off / plain + np.log(plain)) - np.sum(off / sigma**2 + np.log(sigma**2)))
+        step = np.zeros(len(unknowns))
+    else:
+        step_local, step = newton_step(unknowns, state, free, linear, 0.0)
+        pull = np.array([(u.prior - v) / u.sd**2 for u, v in zip(unknowns, values, strict=True)])
+        beside = linear.objective - near.objective
+        gain = -beside + float(np.sum(linear.g_local * step_local) + np.sum((linear.g_global.sum(0) + pull) * step))
+    glanced = _finished(bench, terms, unknowns, state, mask, free, linear, True)
+    return replace(glanced, values=values + step, deviance=near.deviance - gain)
+
+
+def _finished(
+    bench: Bench,
+    terms: Sequence[Effect],
+    unknowns: tuple[Unknown, ...],
+    state: State,
+    mask: Array,
+    free: Array,
+    linear: Linear,
+    converged: bool,
+) -> Fit:
+    ab = np.linalg.solve(linear.a, linear.b)
+    information = linear.c.sum(0) - np.einsum("rlg,rlh->gh", linear.b, ab)
+    # score of each repetition, its local unknowns eliminated
+    scores = linear.g_global - np.einsum("rlg,rl->rg", ab, linear.g_local)
+    for k, unknown in enumerate(unknowns):
+        information[k, k] += 1 / unknown.sd**2
+    at = np.flatnonzero(free)
+    covariance = np.zeros((len(unknowns), len(unknowns)))
+    robust = np.zeros(len(unknowns))
+    if len(at):
+        scale = np.sqrt(np.maximum(np.diag(information)[at], NOTHING))
+        block = information[np.ix_(at, at)] / np.outer(scale, scale) + 1e-12 * np.eye(len(at))
+        inverse = np.linalg.inv(block) / np.outer(scale, scale)
+        covariance[np.ix_(at, at)] = inverse
+        robust[at] = _robust(scores[:, at], inverse, np.array([1 / unknowns[k].sd ** 2 for k in at]))
+    tied = np.zeros_like(linear.a)
+    diagonal = np.arange(tied.shape[1])
+    tied[:, diagonal, diagonal] = 1.0 / bench.local_sd**2
+    leverage = float(np.trace(np.linalg.solve(linear.a, linear.a - tied), axis1=1, axis2=2).sum()) + len(at)
+    by_run = _by_run(bench, state, mask, linear)
+    stated = sum(((v - u.prior) / u.sd) ** 2 for u, v in zip(unknowns, state.values, strict=True))
+    deviance = float(by_run.sum()) + stated
+    pulls = {
+        u.name: (float(v) - u.prior) / u.sd
+        for u, v in zip(unknowns, state.values, strict=True)
+        if math.isfinite(u.sd) and u.sd > 0
+    }
+    return Fit(
+        tuple(terms),
+        unknowns,
+        state.values.copy(),
+        state.local.copy(),
+        state.scatter.copy(),
+        state.jitter,
+        covariance,
+        robust,
+        deviance,
+        linear.chi2,
+        linear.objective,
+        pulls,
+        linear.residual,
+        linear.seen.speed,
+        linear.seen.position,
+        converged,
+        linear.soft,
+        _whiteness(bench, linear.residual),
+        leverage,
+        state.jitter_std,
+        int(np.sum(bench.scatter == len(state.scatter) - 1)),
+        by_run,
+        _frame(bench),
+    )
+
+
+def _frame(bench: Bench) -> float:
+    """[s], from row to row, as most are."""
+    steps = np.diff(bench.time)
+    return float(np.median(steps[steps > 0])) if np.any(steps > 0) else math.nan
+
+
+def _by_run(bench: Bench, state: State, mask: Array, linear: Linear) -> Array:
+    """(R,): -2 log of the likelihood of each repetition, its random effects integrated out."""
+    square = np.sum(linear.residual**2, axis=1)
+    if state.jitter > 0:
+        sigma = noise(bench, linear.seen, state.jitter)
+        wider = np.log(sigma / bench.sigma[:, None]).sum(axis=1) * (1 if sigma.shape[1] == 2 else 2)
+        square = square + 2 * np.where(mask, wider, 0.0)
+    found = np.array([float(square[span].sum()) for span in bench.spans])
+    seen = bench.scatter >= 0
+    if seen.size:
+        spread = np.where(seen, state.scatter[np.maximum(bench.scatter, 0)], np.inf)
+        found += np.sum((linear.soft / spread) ** 2 + 2 * np.log(np.where(seen, spread, 1.0)), axis=1)
+    found += np.sum(((state.local - bench.local_prior) / bench.local_sd) ** 2, axis=1)
+    return np.asarray(found + np.linalg.slogdet(linear.a)[1])
+
+
+def _whiteness(bench: Bench, residual: Array) -> float:
+    body = getattr(bench, "body", np.zeros(len(residual), dtype=int))
+    # the rows of one bead in one repetition follow each other
+    follows = (bench.owner[1:] == bench.owner[:-1]) & (body[1:] == body[:-1])
+    change = (residual[1:] - residual[:-1])[follows]
+    return float(np.mean(change**2) / max(2 * np.mean(residual**2), 1e-300)) if follows.any() else 1.0

@@ -1,0 +1,96 @@
+"""Levenberg and Marquardt's descent, local unknowns eliminated repetition by repetition."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rigtwin.compare.diagnose.fitting.normal_equations import Bench, Linear, State, linearise
+from rigtwin.compare.diagnose.models.unknown import Unknown
+from rigtwin.lab.arrays import Array
+from rigtwin.sim.effects import Effect
+
+FAR, FAR_WORTH = 3.0, 3e-5  # squared deviation per coordinate beyond which a model is no description
+HOPELESS, HOPELESS_WORTH = 100.0, 5e-3
+IDLE = 4  # steps in a row that change nothing, after which none will: what is integrated in steps is not quite smooth
+DAMPED, FREE = 1e-4, 1e-9
+"""Of the information on each unknown, added at first where a model is far off, and in the end: what the data say of
+two calibration quantities that stand for each other is a millionth of what they say of either."""
+NOTHING = 1e-120  # information on an unknown of which the data say nothing
+
+
+def descend(
+    bench: Bench,
+    terms: Sequence[Effect],
+    unknowns: Sequence[Unknown],
+    state: State,
+    mask: Array,
+    free: Array,
+    linear: Linear,
+    most: int,
+) -> tuple[Linear, bool]:
+    """Levenberg-Marquardt with the scatter held; changes `state`."""
+    refused, idle = False, 0
+    damping = DAMPED if linear.objective > FAR * bench.rows.size else FREE
+    low, high = np.array([u.low for u in unknowns]), np.array([u.high for u in unknowns])
+    for _ in range(most):
+        step_local, step_global = newton_step(unknowns, state, free, linear, damping)
+        # an unknown that stands at its limit stays there: the others must not count on its going further
+        held = ((state.values <= low) & (step_global < 0)) | ((state.values >= high) & (step_global > 0))
+        if held.any():
+            step_local, step_global = newton_step(unknowns, state, np.logical_and(free, ~held), linear, damping)
+        trial = State(
+            state.local + step_local,
+            np.clip(state.values + step_global, low, high),
+            state.scatter,
+            state.jitter,
+        )
+        tried = linearise(bench, terms, unknowns, trial, mask)
+        gain = linear.objective - tried.objective
+        small = 1e-2 + _worth(tried.objective / bench.rows.size) * abs(tried.objective)
+        idle = idle + 1 if abs(gain) < small else 0
+        if gain >= 0:
+            state.local, state.values, linear = trial.local, trial.values, tried
+            # a step just refused at less damping would be refused again
+            damping = damping if refused else max(damping / 10, FREE)
+            if idle >= IDLE or (idle and damping <= FREE):
+                return linear, True
+            if idle and not refused:
+                damping = FREE
+            refused = False
+        else:
+            if idle >= IDLE or (gain > -1e-2 and damping <= DAMPED):
+                return linear, True
+            damping, refused = damping * (10 if damping >= DAMPED else 100), True
+            if damping > (1e8 if linear.objective < HOPELESS * bench.rows.size else 1.0):
+                return linear, True
+    return linear, False
+
+
+def _worth(per_row: float) -> float:
+    """The relative gain for which another step is worth while: how badly a model fails is of no use to the digit."""
+    return HOPELESS_WORTH if per_row > HOPELESS else FAR_WORTH if per_row > FAR else 1e-7
+
+
+def newton_step(
+    unknowns: Sequence[Unknown], state: State, free: Array, linear: Linear, damping: float
+) -> tuple[Array, Array]:
+    a = linear.a.copy()
+    diagonal = np.arange(a.shape[1])
+    a[:, diagonal, diagonal] *= 1 + damping
+    reduced = np.linalg.solve(a, np.concatenate([linear.b, linear.g_local[..., None]], axis=2))
+    ab, ag = reduced[..., :-1], reduced[..., -1]
+    s = linear.c.sum(0) - np.einsum("rlg,rlh->gh", linear.b, ab)
+    g = linear.g_global.sum(0) - np.einsum("rlg,rl->g", linear.b, ag)
+    for k, (unknown, value) in enumerate(zip(unknowns, state.values, strict=True)):
+        s[k, k] += 1 / unknown.sd**2
+        g[k] += (unknown.prior - value) / unknown.sd**2
+    at = np.flatnonzero(free)
+    step = np.zeros(len(unknowns))
+    if len(at):
+        block = s[np.ix_(at, at)]
+        scale = np.sqrt(np.maximum(np.diag(block), NOTHING))
+        block = block / np.outer(scale, scale) + (1e-12 + damping) * np.eye(len(at))
+        step[at] = np.linalg.solve(block, g[at] / scale) / scale
+    return ag - ab @ step, step

@@ -1,0 +1,138 @@
+"""A rig's objective and its normal equations at one setting of all unknowns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from rigtwin.compare.diagnose.models.sensitivities import Moving, Slopes, slopes
+from rigtwin.compare.diagnose.models.unknown import Unknown
+from rigtwin.lab.arrays import Array
+from rigtwin.sim.effects import Effect
+
+BLOCK = 128  # rows
+
+
+class Bench(Moving, Protocol):
+    """A rig with its data, as the fit sees it."""
+
+    sigma: Array  # [m], (N,)
+    local_prior: Array  # (R, L)
+    local_sd: Array  # (R, L)
+    scatter: Array  # (R, S) index of the scatter that a soft row belongs to, -1 where there is none
+    scatter_start: Array  # (H,)
+    scatter_most: Array  # (H,), what the scatter of an ordinary lab stays below
+    condition: Array  # (R,) number of the condition of each repetition
+
+    def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]: ...
+
+    def first_guess(self, values: Mapping[str, float]) -> Array: ...
+
+
+@dataclass
+class State:
+    local: Array
+    values: Array
+    scatter: Array
+    jitter: float
+    jitter_std: float = math.nan
+
+
+@dataclass
+class Linear:
+    """Everything at one point: the objective and its normal equations."""
+
+    objective: float
+    chi2: float
+    seen: Slopes
+    residual: Array
+    a: Array  # (R, L, L)
+    b: Array  # (R, L, G)
+    c: Array  # (R, G, G)
+    g_local: Array  # (R, L)
+    g_global: Array  # (R, G)
+    soft: Array  # (R, S)
+    soft_slope: Array  # (R, S, L)
+
+
+def linear_at(
+    bench: Bench, terms: Sequence[Effect], unknowns: Sequence[Unknown], local: Array, values: Array, scatter: Array
+) -> Linear:
+    """The objective and its normal equations at given unknowns, on all rows."""
+    state = State(local, values, scatter, 0.0)
+    return linearise(bench, terms, unknowns, state, np.ones(len(bench.rows), dtype=bool))
+
+
+@np.errstate(all="ignore")  # a step too far may overflow; it is then refused as one that fits infinitely badly
+def linearise(bench: Bench, terms: Sequence[Effect], unknowns: Sequence[Unknown], state: State, mask: Array) -> Linear:
+    """Residuals and normal equations at a state."""
+    repetitions, size = state.local.shape
+    count = len(unknowns)
+    seen = slopes(bench, unknowns, terms, state.local, state.values)
+    sigma = noise(bench, seen, state.jitter)
+    weight = np.where(mask, 1.0, 0.0)[:, None] / sigma
+    residual = (bench.rows - seen.position) * weight
+    by_row = seen.by_row * weight
+    spread = np.where(bench.scatter >= 0, state.scatter[np.maximum(bench.scatter, 0)], np.inf)
+    soft = seen.soft
+    whole = np.empty((repetitions, size + count, size + count))
+    gradient = np.empty((repetitions, size + count))
+    for r, span in enumerate(bench.spans):
+        j = by_row[:, span].reshape(size + count, -1)
+        whole[r] = _gram(j)
+        gradient[r] = j @ residual[span].reshape(-1)
+    scaled = np.moveaxis(seen.by_soft, 0, 1) / spread[:, None]  # (R, L + G, S)
+    whole += scaled @ np.moveaxis(scaled, 1, 2)
+    gradient -= (scaled @ (soft / spread)[..., None])[..., 0]
+    tie = 1.0 / bench.local_sd**2
+    index = np.arange(size)
+    whole[:, index, index] += tie
+    gradient[:, :size] += tie * (bench.local_prior - state.local)
+    chi2 = float(np.sum(residual**2))
+    objective = chi2 + float(np.sum((soft / spread) ** 2))
+    objective += float(np.sum(tie * (state.local - bench.local_prior) ** 2))
+    objective += sum(((v - u.prior) / u.sd) ** 2 for u, v in zip(unknowns, state.values, strict=True))
+    if state.jitter > 0:
+        objective += (
+            2 * float(np.sum(np.log(sigma[mask] / bench.sigma[mask, None]))) * (1 if sigma.shape[1] == 2 else 2)
+        )
+    return Linear(
+        objective if math.isfinite(objective) and np.isfinite(whole).all() else math.inf,
+        chi2,
+        seen,
+        residual,
+        whole[:, :size, :size],
+        whole[:, :size, size:],
+        whole[:, size:, size:],
+        gradient[:, :size],
+        gradient[:, size:],
+        soft,
+        np.moveaxis(seen.by_soft[:size], 0, -1),
+    )
+
+
+def _gram(j: Array) -> Array:
+    """j @ j.T, in blocks so small that the library starts no threads: those cost more than they bring here."""
+    even = j.shape[1] // BLOCK * BLOCK
+    blocks = j[:, :even].reshape(len(j), -1, BLOCK).swapaxes(0, 1)
+    rest = j[:, even:]
+    return np.asarray((blocks @ blocks.swapaxes(1, 2)).sum(0) + rest @ rest.T)
+
+
+def noise(bench: Bench, seen: Slopes, jitter: float) -> Array:
+    """[m], (N, 1) or (N, 2): the noise of each coordinate."""
+    if jitter == 0.0:
+        return bench.sigma[:, None]
+    return np.sqrt(bench.sigma[:, None] ** 2 + (jitter * seen.speed) ** 2)
+
+
+class Regioned(Bench, Protocol):
+    """A bench that can say in which region of the motion each row lies."""
+
+    region: Any  # (N,) number of the region, -1 for none
+    region_names: Sequence[str]
+    condition_names: Sequence[str]

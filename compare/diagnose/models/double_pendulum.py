@@ -1,0 +1,249 @@
+"""Pendulums that strike, as the diagnosis sees them: bead A against bead B, or a bead against an upright wall.
+
+World axes: x right, y up; origin midway between the two pivots, or at the pivot.  A hangs on the left and is released
+to the left; the wall stands to the left of a bead released to the right.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from rigtwin.compare.diagnose.data.tracked_lab import TrackedLab
+from rigtwin.compare.diagnose.models.camera import camera_unknowns
+from rigtwin.compare.diagnose.models.pendulum import OWN_LENGTH, pushing
+from rigtwin.compare.diagnose.models.rows import Runs, coefficients, shared
+from rigtwin.compare.diagnose.models.sensitivities import SMALL, Moved
+from rigtwin.compare.diagnose.models.unknown import Unknown
+from rigtwin.lab.arrays import Array
+from rigtwin.sim.effects import Effect
+from rigtwin.sim.reduced.swing_and_collide import angles_at, swing_and_hit
+
+MOST_IMPACTS = 7
+HANGS = 5e-4  # [rad], how far off the vertical the waiting bead may hang
+FIRST_GUESS = 0.65  # of a restitution
+PIVOTS = 1e-4  # [m], how well the pivots stand where they should
+
+
+class DoubleBench(Runs):
+    """All repetitions of a lab of two pendulums, or of one against a wall."""
+
+    onset = 0
+    small = SMALL
+    per_run = ("conditions", "length", "which", "pair", "bead", "active")
+
+    def __init__(self, lab: TrackedLab) -> None:
+        super().__init__(lab)
+        self.wall = lab.rig == "pendulum"
+        self.length = self.setting("length_m")
+        self.lengths = sorted(set(self.length.tolist()))
+        self.which = np.array([self.lengths.index(length) for length in self.length.tolist()])
+        others = [c.wall if self.wall else c.bead.name for c in self.conditions]
+        names = [f"{c.bead.name}-{other}" for c, other in zip(self.conditions, others, strict=True)]
+        self.pairs = list(dict.fromkeys(names))
+        self.pair = np.array([self.pairs.index(name) for name in names])
+        side = 1.0 if self.wall else -1.0
+        angle = side * np.abs(np.radians(self.setting("release_angle_deg")))
+        self.bodies = 1 if self.wall else 2
+        numbers = [k % self.bodies for k, (_, _, track) in enumerate(self.runs) for _ in track.time]
+        self.body: Any = np.array(numbers)
+        count = len(self.conditions)
+        doubt = math.radians(lab.doubt("release_angle_uncertainty_deg", default=0.3))
+        ends = np.array([float(self.time[span].max()) for span in self.spans])
+        # a contact each half period, the first after a quarter
+        half = math.pi * np.sqrt(self.length / lab.gravity)
+        seen = np.clip(((ends - 0.05 - half / 2) / half + 0.9).astype(int), 1, MOST_IMPACTS)
+        self.impacts = int(seen.max())
+        self.active = np.arange(self.impacts)[None] < seen[:, None]
+        self.local_prior = np.concatenate(
+            [np.zeros((count, 1)), angle[:, None], np.zeros((count, 1)), np.full((count, self.impacts), FIRST_GUESS)],
+            axis=1,
+        )
+        waits = np.full((count, 1), 1e-7 if self.wall else HANGS)
+        self.local_sd = np.concatenate(
+            [
+                np.full((count, 1), 10.0),
+                doubt * shared(self.condition)[:, None],
+                waits,
+                np.where(self.active, np.inf, 1e-3),
+            ],
+            axis=1,
+        )
+        self.local_step = np.array([1e-3, 1e-2, 1e-3, *([1e-2] * self.impacts)])
+        self.scatter = np.where(self.active, self.pair[:, None], -1)
+        self.scatter_start = np.full(len(self.pairs), 0.03)
+        self.scatter_most = np.full(len(self.pairs), np.inf)
+
+    def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
+        """Restitution of each pair, the threads' lengths and the calibration with their priors."""
+        own = [Unknown(f"restitution.{pair}", FIRST_GUESS, 0.05, low=0.01, high=1.2) for pair in self.pairs]
+        doubt = self.lab.doubt("length_uncertainty_m", default=5e-4)
+        bodies = "A" if self.wall else "AB"
+        threads = [
+            Unknown(f"length.{body}.{length:g}", 0.0, 1e-3, sd=OWN_LENGTH * doubt, low=-0.02, high=0.02)
+            for length in self.lengths
+            for body in bodies
+        ]
+        if not self.wall:
+            set_up = self.lab.doubt("pivot_spacing_uncertainty_m", default=PIVOTS)
+            own += [*self.beads.unknowns(), *self.beads.unknowns("pivots", set_up)]
+        if self.wall:
+            level = math.radians(self.lab.doubt("plate_level_uncertainty_deg", default=0.1))
+            own.append(Unknown("wall.angle", 0.0, 1e-3, sd=level, low=-0.1, high=0.1))
+        return [*own, *threads, *camera_unknowns(self.lab, terms, {"length_error": doubt})]
+
+    def first_guess(self, values: Mapping[str, float]) -> Array:
+        """Release time from the moment A's angle has fallen by a tenth."""
+        clock = 1.0 + values.get("frame_rate_error.relative", 0.0)
+        guess = self.local_prior.copy()
+        for r, span in enumerate(self.spans):
+            mine = self.body[span] == 0
+            time, place = self.time[span][mine] / clock, self.rows[span][mine]
+            shift = 0.0 if self.wall else self.radius[r]
+            angle = np.abs(np.arctan2(place[:, 0] + shift, -place[:, 1]))
+            part = int(np.argmax(angle < 0.9 * float(np.median(angle[:3]))))
+            omega = math.sqrt(self.lab.gravity / self.length[r])
+            guess[r, 0] = max(float(time[part]) - math.sqrt(0.2) / omega, 0.0)
+        return guess
+
+    def horizons(self) -> list[Any]:
+        """The first contact first, then the second."""
+        half = (math.pi * np.sqrt(self.length / self.lab.gravity))[self.owner]
+        return [self.time < 0.9 * half + 0.05, self.time < 1.9 * half + 0.05]
+
+    def move(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect], true: Array, seen: int) -> Moved:
+        """Swing and strike all repetitions for a stack of settings."""
+        reach = [self._lengths("A", values), self._lengths("A" if self.wall else "B", values)]
+        gravity = self.lab.gravity
+        wider = self._of_bead("diameter", values)
+        radius = self.radius + 0.5 * wider
+        first, omega = pushing(reach[0], self.mass, radius, gravity, values, terms)
+        second, _ = pushing(reach[1], self.mass, radius, gravity, values, terms)
+        since = true - local[..., 0][:, self.owner]
+        until = np.array([np.maximum(since[:, span].max(axis=1), 1e-3) for span in self.spans]).T
+        laws = self._laws(values)
+        still: Any = (lambda a, w: 0 * a) if self.wall else second
+        stands = values["wall.angle"][:, None] if self.wall else 0.0
+        apart = self._of_bead("pivots", values)
+        law = partial(self._law, laws, values, terms)
+        contacts = _Contacts(self, local, reach, law, stands, (apart, apart - wider))
+        motion = swing_and_hit(
+            (local[..., 1], local[..., 2]),
+            (first, still),
+            2 * math.pi / omega,
+            until,
+            contacts.gap,
+            contacts.hit,
+            self.impacts,
+            dry=any(term.torque is not None for term in terms),
+        )
+        angle, rate = angles_at(motion, since, self.owner, self.body)
+        thread = np.where(self.body == 0, reach[0][:, self.owner], reach[1][:, self.owner])
+        aside = np.where(self.body == 0, -1.0, 1.0)
+        offset = 0.0 if self.wall else aside * (self.radius + 0.5 * apart)[:, self.owner]
+        x, y = offset + thread * np.sin(angle), -thread * np.cos(angle)
+        speed = thread[0] * rate[0]
+        soft = np.where(self.active, local[..., 3:] - law(np.moveaxis(motion.speeds, 0, -1)), 0.0)
+        return Moved(x, y, speed * np.cos(angle[0]), speed * np.sin(angle[0]), soft)
+
+    def quiet(self, name: str, terms: Sequence[Effect]) -> bool:
+        """The law moves the beads after the impacts that are followed one by one."""
+        return False
+
+    def touches(self, name: str) -> tuple[str, Array] | None:
+        """Restitutions belong to a pair, lengths of either thread to their conditions."""
+        kind, _, rest = name.partition(".")
+        if kind == "restitution":
+            return kind, self.pair == self.pairs.index(rest)
+        if kind == "length":
+            body, _, length = rest.partition(".")
+            return f"length.{body}", self.which == [f"{one:g}" for one in self.lengths].index(length)
+        if kind in ("diameter", "pivots"):
+            return kind, self.bead == self.beads.names.index(rest)
+        return None
+
+    def _lengths(self, body: str, values: Mapping[str, Array]) -> Array:
+        own = np.stack([values[f"length.{body}.{length:g}"] for length in self.lengths], axis=-1)[:, self.which]
+        return self.length + own + values["length_error.offset"][:, None]
+
+    def _of_bead(self, kind: str, values: Mapping[str, Array]) -> Array:
+        """[m], by how much the diameters or the pivots' distance are off in each repetition."""
+        if self.wall:
+            return np.zeros((1, 1))
+        return self.beads.of(kind, values, self.bead)
+
+    def restitutions(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """That of each pair, before any effect."""
+        return {pair: values[f"restitution.{pair}"] for pair in self.pairs}
+
+    def _laws(self, values: Mapping[str, Array]) -> Array:
+        return np.stack(list(self.restitutions(values).values()), axis=-1)[:, self.pair]
+
+    def _law(self, laws: Array, values: Mapping[str, Array], terms: Sequence[Effect], speed: Array) -> Array:
+        """The restitution at each of the speeds (settings, R, impacts) [m/s]."""
+        e = laws[..., None] + 0 * speed
+        for term in terms:
+            if term.restitution is not None:
+                own = coefficients(term, values, self.lab, self.conditions)
+                e = term.restitution(e, speed, self.radius[:, None], self.mass[:, None], *own)
+        return e
+
+
+class _Contacts:
+    """Where the surfaces are and what an impact does, for one stack of settings."""
+
+    def __init__(
+        self,
+        bench: DoubleBench,
+        local: Array,
+        reach: list[Array],
+        law: Callable[[Array], Array],
+        stands: Array | float,
+        room: tuple[Array, Array],
+    ) -> None:
+        self.bench, self.local, self.reach, self.law, self.stands = bench, local, reach, law, stands
+        # [m], beyond a stated diameter: from pivot to pivot, and between the beads when both hang straight
+        self.apart, self.play = room
+
+    def gap(self, a: Array, b: Array, u: Array, v: Array) -> tuple[Array, Array]:
+        if self.bench.wall:
+            return self.reach[0] * np.sin(a - self.stands), self.reach[0] * u * np.cos(a - self.stands)
+        x, y, _ = self._between(a, b)
+        left, right = self.reach[0] * u, self.reach[1] * v
+        # along x alone: the distance of the centres no longer falls where one bead is half way through the other
+        touch = 2 * self.bench.radius + self.apart - self.play
+        aside = np.sqrt(np.maximum(touch**2 - y**2, (0.1 * touch) ** 2))
+        closing = right * np.cos(b) - left * np.cos(a) + y / aside * (right * np.sin(b) - left * np.sin(a))
+        return x - aside, closing
+
+    def hit(self, a: Array, b: Array, u: Array, v: Array, count: Array) -> tuple[Array, Array, Array]:
+        impacts = self.bench.impacts
+        at = np.minimum(count, impacts - 1)
+        e = np.take_along_axis(self.local[..., 3:], at[..., None], axis=2)[..., 0]
+        filmed = np.take_along_axis(np.broadcast_to(self.bench.active, (*count.shape, impacts)), at[..., None], axis=2)
+        followed = (count < impacts) & filmed[..., 0]
+        if self.bench.wall:
+            speed = np.abs(self.reach[0] * u)
+            return -self._after(e, followed, speed) * u, v, speed
+        x, y, distance = self._between(a, b)
+        along_a = (x * np.cos(a) + y * np.sin(a)) / distance
+        along_b = (x * np.cos(b) + y * np.sin(b)) / distance
+        closing = self.reach[1] * v * along_b - self.reach[0] * u * along_a
+        e = self._after(e, followed, np.abs(closing))
+        impulse = -(1 + e) * closing / (along_a**2 + along_b**2)
+        return u - impulse * along_a / self.reach[0], v + impulse * along_b / self.reach[1], np.abs(closing)
+
+    def _after(self, own: Array, followed: Array, speed: Array) -> Array:
+        """The impact's own restitution; that of the law at its speed where it is not followed one by one."""
+        if followed.all():
+            return own
+        return np.where(followed, own, self.law(np.maximum(speed, 1e-3)[..., None])[..., 0])
+
+    def _between(self, a: Array, b: Array) -> tuple[Array, Array, Array]:
+        x = 2 * self.bench.radius + self.apart + self.reach[1] * np.sin(b) - self.reach[0] * np.sin(a)
+        y = self.reach[0] * np.cos(a) - self.reach[1] * np.cos(b)
+        return x, y, np.hypot(x, y)

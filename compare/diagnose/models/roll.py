@@ -1,0 +1,196 @@
+"""Rolling as the diagnosis sees it: a bead rolls down an incline from rest, or along a level surface from a push.
+
+World axes: x right along the level, y up, origin where the bead touches the surface at the start.  The bead rolls
+without slipping: to the right, or to the left where the push is stated below zero.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from rigtwin.compare.diagnose.data.tracked_lab import TrackedLab
+from rigtwin.compare.diagnose.models.camera import camera_unknowns
+from rigtwin.compare.diagnose.models.rows import Runs
+from rigtwin.compare.diagnose.models.sensitivities import SMALL, Moved
+from rigtwin.compare.diagnose.models.unknown import Unknown
+from rigtwin.lab.arrays import Array
+from rigtwin.sim.effects import Effect
+from rigtwin.sim.reduced.track import place_at, ride
+
+LEVER, TIED = "rolling_lever", 1e-6
+"""One lever arm stands for the coefficients of all sizes, which are nought beside it."""
+WIDEST = 1.5  # largest over smallest size, below which 1/d is hardly told from one coefficient for all
+FEWEST_SIZES = 3  # of one material, that fall on one lever arm by no accident
+ROLLS = 5 / 7  # of a force is left to a solid sphere that rolls
+EARLY = 0.4  # of the way: what tells where and how fast a bead began that a drag slows
+
+
+class RollBench(Runs):
+    """All repetitions of a lab of rolling beads."""
+
+    bodies = 1
+    onset = 0
+    small = SMALL
+    drivable = True
+    per_run = ("conditions", "slope", "push", "side", "pair", "bead")
+
+    def __init__(self, lab: TrackedLab) -> None:
+        super().__init__(lab)
+        self.slope = np.radians(self.setting("incline_angle_deg", 0.0))
+        push = self.setting("push_speed_m_s", 0.0)
+        self.push, self.side = np.abs(push), np.where(push < 0, -1.0, 1.0)
+        self.pairs = list(dict.fromkeys(f"{c.bead.name}-{c.wall}" for c in self.conditions))
+        self.pair = np.array([self.pairs.index(f"{c.bead.name}-{c.wall}") for c in self.conditions])
+        count = len(self.conditions)
+        pushed = self.push > 0
+        # release time, starting place, speed at the start, rolling friction of this repetition
+        self.local_prior = np.stack([np.zeros(count), np.zeros(count), self.push, np.full(count, 0.03)], axis=1)
+        self.local_sd = np.stack(
+            [
+                np.full(count, 10.0), np.full(count, 2e-3), np.where(pushed, 0.1 * self.push + 1e-6, 1e-5),
+                np.full(count, np.inf),
+            ],
+            axis=1,
+        )  # fmt: skip
+        self.local_step = np.array([1e-3, 1e-3, 1e-2, 1e-3])
+        self.scatter = self.pair[:, None].copy()
+        self.scatter_start = np.full(len(self.pairs), 3e-3)
+        self.scatter_most = np.full(len(self.pairs), np.inf)
+
+    def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
+        """Rolling friction of each pair, each condition's angle, the level and the calibration with their priors."""
+        start, tie = (0.0, TIED) if any(term.name == LEVER for term in terms) else (0.03, math.inf)
+        own = [Unknown(f"rolling_friction.{pair}", start, 3e-3, sd=tie, low=0.0, high=1.0) for pair in self.pairs]
+        doubt = math.radians(self.lab.doubt("incline_angle_uncertainty_deg", default=0.05))
+        tips = [Unknown(f"angle.{name}", 0.0, 1e-3, sd=doubt) for name in self.condition_names]
+        level = math.radians(self.lab.doubt("plate_level_uncertainty_deg", default=0.1))
+        return [*own, *tips, *self.beads.unknowns(), *camera_unknowns(self.lab, terms, {"plate_tilt": level})]
+
+    def first_guess(self, values: Mapping[str, float]) -> Array:
+        """Start from the moment the bead has moved; friction from the distance it then took to go where it went."""
+        clock = 1.0 + values.get("frame_rate_error.relative", 0.0)
+        guess = self.local_prior.copy()
+        gravity = self.lab.gravity
+        for r, span in enumerate(self.spans):
+            time = self.time[span] / clock
+            place = self.side[r] * self.rows[span][:, 0] / math.cos(self.slope[r])
+            place = place - float(np.median(place[:3]))
+            moved = int(np.argmax(place > max(0.06 * float(place.max()), 6 * self.noise)))
+            if self.push[r] > 0:
+                t0, bend, speed = self._pushed(time[moved:], place[moved:])
+                if self._misses(time[moved:], place[moved:]):
+                    # what slows it wanes with the speed: where it began is seen early, its friction late
+                    half = moved + int(np.argmax(place[moved:] > EARLY * place.max()))
+                    t0, _, speed = self._pushed(time[moved:half], place[moved:half])
+                    bend = self._pushed(time[half:], place[half:])[1]
+                guess[r, 2] = min(max(speed, 0.7 * self.push[r]), 1.3 * self.push[r])
+                guess[r, 0] = max(t0, 0.0)
+                guess[r, 3] = np.clip(-bend / ROLLS / gravity, 1e-3, 0.5)
+            else:
+                quadratic = np.polyfit(time[moved:], place[moved:], 2)
+                bend = max(2 * float(quadratic[0]), 1e-3)
+                guess[r, 0] = max(float(-quadratic[1] / (2 * quadratic[0])), 0.0) if quadratic[0] > 0 else time[moved]
+                friction = math.tan(self.slope[r]) - bend / ROLLS / gravity / math.cos(self.slope[r])
+                guess[r, 3] = np.clip(friction, 1e-3, 0.5)
+        return guess
+
+    def _misses(self, time: Array, place: Array) -> bool:
+        """Whether a parabola misses the moving part by far more than the noise."""
+        moving = place < 0.97 * place.max()
+        left = place[moving] - np.polyval(np.polyfit(time[moving], place[moving], 2), time[moving])
+        return float(np.std(left)) > 5 * self.noise
+
+    @staticmethod
+    def _pushed(time: Array, place: Array) -> tuple[float, float, float]:
+        """Start time [s], acceleration [m/s^2] and starting speed [m/s] from a parabola over the moving part."""
+        moving = place < 0.97 * place.max()
+        quadratic = np.polyfit(time[moving], place[moving], 2)
+        a, b, c = (float(value) for value in quadratic)
+        inside = b * b - 4 * a * c
+        if a >= 0 or inside <= 0:
+            return float(time[0]), -0.1, float(np.polyfit(time[moving], place[moving], 1)[0])
+        t0 = (-b + math.sqrt(inside)) / (2 * a)
+        return t0, 2 * a, 2 * a * t0 + b
+
+    def move(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect], true: Array, seen: int) -> Moved:
+        """Roll all repetitions for a stack of settings."""
+        tips = np.stack([values[f"angle.{name}"] for name in self.condition_names], axis=-1)[:, self.condition]
+        every = self.side * (self.slope + tips + values["plate_tilt.angle"][:, None])
+        # the unknown is the friction on the stated slope: one off it, friction made up for, is the same motion
+        stated = np.sin(self.side * self.slope) - local[..., 3] * np.cos(self.slope)
+        frictions = (np.sin(every) - stated) / np.cos(every)
+        slope, friction = every[:seen], frictions[:seen]
+        t0, start, push = (local[:seen, :, k] for k in range(3))
+        sine, cosine = np.sin(slope), np.cos(slope)
+        acting = [
+            (term, [values[f"{term.name}.{p.name}"][:seen, None] for p in term.parameters])
+            for term in terms
+            if term.name != LEVER
+            and any(hook is not None for hook in (term.force, term.rolling, term.torque, term.drive))
+        ]
+
+        radii = self.radius + 0.5 * self.beads.of("diameter", values, self.bead)
+
+        def pull(time: Array, place: Array, speed: Array) -> Array:
+            mu = friction
+            extra = np.zeros_like(speed)
+            for term, own in acting:
+                if term.rolling is not None:
+                    mu = term.rolling(mu, np.abs(speed), self.radius, *own)
+                if term.force is not None:
+                    # the track is straight: the force along it depends on the speed alone
+                    extra = extra + term.force(speed, 0 * speed, 0.0, radii[:seen], self.mass, *own)[0] / self.mass
+                if term.torque is not None:
+                    extra = extra + term.torque(place, speed, 1.0, 1.0, *own)
+                if term.drive is not None:
+                    extra = extra + term.drive(t0 + time, place, speed, *own)
+            return np.asarray(ROLLS * (self.lab.gravity * (sine - mu * cosine) + extra))
+
+        since = true - t0[:, self.owner]
+        until = np.array([np.maximum(since[:, span].max(axis=1), 1e-3) for span in self.spans]).T
+        motion = ride(start, np.maximum(push, 0.0), pull, until)
+        place, speed = place_at(motion, since, self.owner)
+        s, c = sine[:, self.owner], cosine[:, self.owner]
+        radius = radii[:seen, self.owner]
+        side = self.side[self.owner]
+        x, y = side * (place * c + radius * s), radius * c - place * s
+        law = np.stack([values[f"rolling_friction.{pair}"] for pair in self.pairs], axis=-1)[:, self.pair]
+        for term in terms:
+            if term.name == LEVER and term.rolling is not None:
+                # the friction of each repetition is seen as a whole; what a lever arm makes of it is the same at any
+                # speed, and goes with the bead as it is, not as it is stated
+                own = [values[f"{term.name}.{p.name}"][:, None] for p in term.parameters]
+                law = term.rolling(law, 0.0, radii, *own)
+        return Moved(x, y, side * speed[0] * c[0], -speed[0] * s[0], (frictions - law)[..., None])
+
+    def tied(self, terms: Sequence[Effect]) -> list[str]:
+        """Coefficients of the baseline in whose place one of these terms has a single one."""
+        levers = any(term.name == LEVER for term in terms)
+        return [f"rolling_friction.{pair}" for pair in self.pairs] if levers else []
+
+    def quiet(self, name: str, terms: Sequence[Effect]) -> bool:
+        """The friction of each repetition is an unknown of its own: that of the pair changes no motion."""
+        return name.startswith(("rolling_friction.", f"{LEVER}."))
+
+    def touches(self, name: str) -> tuple[str, Array] | None:
+        """Frictions belong to a pair, angles to a condition, diameters to a bead."""
+        kind, _, rest = name.partition(".")
+        if kind == "rolling_friction":
+            return kind, self.pair == self.pairs.index(rest)
+        if kind == "angle":
+            return kind, self.condition == self.condition_names.index(rest)
+        if kind == "diameter":
+            return kind, self.bead == self.beads.names.index(rest)
+        return None
+
+
+def one_material_of_many_sizes(lab: TrackedLab) -> bool:
+    """Whether a lever arm can be told from coefficients of each bead's own."""
+    materials = {str(one.bead.about.get("material") or one.bead.name) for one in lab.conditions}
+    sizes = {round(one.bead.diameter, 4) for one in lab.conditions}
+    apart = max(sizes) >= WIDEST * min(sizes)
+    walls = {one.wall for one in lab.conditions}
+    return len(materials) == len(walls) == 1 and len(sizes) >= FEWEST_SIZES and apart

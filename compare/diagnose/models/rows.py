@@ -1,0 +1,117 @@
+"""What every tracked rig shares: its repetitions as one long table of rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from rigtwin.compare.diagnose.data.tracked_lab import Condition, TrackedLab, stated_doubt
+from rigtwin.compare.diagnose.data.tracking_noise import noise_of
+from rigtwin.compare.diagnose.models.unknown import Unknown
+from rigtwin.lab.arrays import Array
+from rigtwin.lab.records import Track
+from rigtwin.sim.effects import Effect
+
+DIAMETER = 2e-5  # [m], how well a bead's diameter is known where nothing is stated
+
+
+class Runs:
+    """The repetitions of a lab of one track each, in order, with their rows one below the other."""
+
+    def __init__(self, lab: TrackedLab) -> None:
+        self.lab = lab
+        self.runs: list[tuple[int, Condition, Track]] = [
+            (number, condition, track)
+            for number, condition in enumerate(lab.conditions)
+            for tracks in condition.repetitions
+            for track in tracks
+        ]
+        per_run = len(lab.conditions[0].repetitions[0])
+        firsts = self.runs[::per_run]
+        self.condition = np.array([number for number, _, _ in firsts])
+        self.condition_names = [condition.name for condition in lab.conditions]
+        self.conditions = [condition for _, condition, _ in firsts]
+        self.radius = np.array([condition.bead.radius for condition in self.conditions])
+        self.mass = np.array([condition.bead.mass for condition in self.conditions])
+        self.beads = Beads(self.conditions)
+        self.bead = self.beads.number
+        self.noise = noise_of(lab, [track for _, _, track in self.runs])
+        self.time = np.concatenate([track.time for _, _, track in self.runs])
+        self.rows = np.concatenate([track.position for _, _, track in self.runs])
+        counts = [
+            sum(len(track.time) for _, _, track in self.runs[k : k + per_run])
+            for k in range(0, len(self.runs), per_run)
+        ]
+        self.spans = [slice(int(a), int(b)) for a, b in pairwise(np.concatenate([[0], np.cumsum(counts)]))]
+        self.owner: Any = np.repeat(np.arange(len(counts)), counts)
+        self.sigma: Array = np.full(len(self.rows), self.noise)
+        self.scatter: Any = np.zeros((len(counts), 0), dtype=int)
+        self.scatter_start: Array = np.zeros(0)
+        self.scatter_most: Array = np.zeros(0)
+        self.region: Any
+        self.region_names: Sequence[str]
+        self.region, self.region_names = eighths(self.time, self.spans)
+
+    def setting(self, name: str, default: float | None = None) -> Array:
+        """A number that each condition states, one per repetition."""
+        return np.array(self.lab.setting(name, default))
+
+
+class Beads:
+    """The beads of a lab, whose true diameters are unknowns: a contact is seen to a micrometre."""
+
+    def __init__(self, conditions: Sequence[Condition]) -> None:
+        """`conditions`: that of each repetition."""
+        self.known = {condition.bead.name: condition.bead for condition in conditions}
+        self.names = list(self.known)
+        self.number: Any = np.array([self.names.index(condition.bead.name) for condition in conditions])
+
+    def unknowns(self, kind: str = "diameter", doubt: float | None = None) -> list[Unknown]:
+        """One for each bead, [m] beyond what is stated, known as well as `doubt` or as the diameter is."""
+        return [
+            Unknown(f"{kind}.{name}", 0.0, 1e-3, sd=self._doubt(name) if doubt is None else doubt, low=-2e-3, high=2e-3)
+            for name in self.names
+        ]
+
+    def _doubt(self, name: str) -> float:
+        return stated_doubt(self.known[name].about, "diameter_uncertainty_m", DIAMETER)
+
+    def of(self, kind: str, values: Mapping[str, Array], runs: Any) -> Array:
+        """[m], (settings, R): the unknowns of this kind in each repetition, `runs` their beads' numbers."""
+        return np.stack([values[f"{kind}.{name}"] for name in self.names], axis=-1)[:, runs]
+
+
+def coefficients(
+    term: Effect, values: Mapping[str, Array], lab: TrackedLab, conditions: Sequence[Condition]
+) -> list[Array]:
+    """An effect's parameters at each impact, (settings, R, 1): what the lab states of a bead and a wall is not fitted.
+
+    `conditions`: that of each repetition.
+    """
+    found = []
+    for parameter in term.parameters:
+        fitted = values[f"{term.name}.{parameter.name}"][:, None]
+        if parameter.stated is not None:
+            stated = np.array([lab.stated_for(condition, parameter) for condition in conditions], dtype=float)
+            fitted = np.where(np.isnan(stated), fitted, stated)
+        found.append(fitted[..., None])
+    return found
+
+
+def shared(condition: Array) -> Array:
+    """Factor (R,) on the doubt of what is set once for all repetitions of a condition (a height, an angle).
+
+    They share its error: n of them know it no better than one, so each speaks with n times the variance.
+    """
+    return np.asarray(np.sqrt(np.bincount(condition)[condition]))
+
+
+def eighths(time: Array, spans: Sequence[slice]) -> tuple[Any, list[str]]:
+    """Eighths of the record by time."""
+    region = np.concatenate(
+        [np.minimum((8 * (time[s] - time[s].min()) / (np.ptp(time[s]) + 1e-9)).astype(int), 7) for s in spans]
+    )
+    return region, [f"eighth {k + 1} of the record" for k in range(8)]

@@ -1,0 +1,161 @@
+"""Sliding as the diagnosis sees it: a clump lies on an arm that tilts at a steady rate until it slips, then slides.
+
+World axes: x right along the level, y up, origin on the hinge axis in the arm's surface; the arm rises to the right.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from rigtwin.compare.diagnose.data.tracked_lab import TrackedLab
+from rigtwin.compare.diagnose.models.camera import camera_unknowns
+from rigtwin.compare.diagnose.models.rows import Runs
+from rigtwin.compare.diagnose.models.sensitivities import STEADY, Moved
+from rigtwin.compare.diagnose.models.unknown import Unknown
+from rigtwin.lab.arrays import Array
+from rigtwin.sim.effects import Effect
+from rigtwin.sim.reduced.track import place_at, ride
+
+
+class SlideBench(Runs):
+    """All repetitions of a lab of clumps on a tilting arm."""
+
+    bodies = 1
+    onset = -1
+    small = STEADY
+    drivable = True
+    per_run = ("conditions", "start", "rate", "waiting", "distance", "clump", "pair", "bead")
+
+    def __init__(self, lab: TrackedLab) -> None:
+        super().__init__(lab)
+        self.start = np.radians(self.setting("start_angle_deg", 0.0))
+        self.rate = np.radians(self.setting("tilt_rate_deg_s"))
+        self.waiting = self.setting("waiting_time_s", 0.0)
+        self.distance = self.setting("start_distance_m")
+        self.clump = self.setting("clump_mass_g", math.nan) * 1e-3
+        self.clump = np.where(np.isfinite(self.clump), self.clump, self.mass)
+        self.pairs = list(dict.fromkeys(f"{c.bead.name}-{c.wall}" for c in self.conditions))
+        self.pair = np.array([self.pairs.index(f"{c.bead.name}-{c.wall}") for c in self.conditions])
+        count = len(self.conditions)
+        # where it lies on the arm, and the arm's stated angle at the moment when it slips.  The rows tell that moment
+        # to microseconds: its friction in this place would bend the way along which tilt and roll are traded.
+        self.local_prior = np.stack([self.distance, np.full(count, 0.4)], axis=1)
+        self.local_sd = np.stack([np.full(count, 2e-3), np.full(count, np.inf)], axis=1)
+        self.local_step = np.array([1e-3, 1e-3])
+        self.scatter = self.pair[:, None].copy()
+        self.scatter_start = np.full(len(self.pairs), 0.01)
+        self.scatter_most = np.full(len(self.pairs), np.inf)
+
+    def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
+        """Friction of each pair, the arm's rate and level and the calibration with their priors."""
+        own = [Unknown(f"static_friction.{pair}", 0.4, 0.01, low=0.01, high=3.0) for pair in self.pairs]
+        rate = Unknown("tilt_rate", 0.0, 1e-3, sd=self.lab.doubt("tilt_rate_uncertainty_rel", default=0.002))
+        level = math.radians(self.lab.doubt("plate_level_uncertainty_deg", default=0.1))
+        return [*own, rate, *self.beads.unknowns(), *camera_unknowns(self.lab, terms, {"plate_tilt": level})]
+
+    def first_guess(self, values: Mapping[str, float]) -> Array:
+        """The arm's angle at the moment from which the clump has moved."""
+        clock = 1.0 + values.get("frame_rate_error.relative", 0.0)
+        guess = self.local_prior.copy()
+        for r, span in enumerate(self.spans):
+            time = self.time[span] / clock
+            reach = np.hypot(self.rows[span][:, 0], self.rows[span][:, 1])
+            still = float(np.median(reach[: max(len(reach) // 10, 3)]))
+            guess[r, 0] = still
+            gone = still - reach
+            fast = np.flatnonzero(gone > 0.3 * float(gone.max()))[0]
+            moved = np.flatnonzero(gone[: fast + 1] < max(6 * self.noise, 0.01 * float(gone.max())))[-1]
+            guess[r, 1] = self.start[r] + self.rate[r] * float(time[moved])
+        return guess
+
+    def move(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect], true: Array, seen: int) -> Moved:
+        """Tilt, slip and slide all repetitions for a stack of settings."""
+        gravity, high = self.lab.gravity, self.radius
+        rate = self.rate * (1 + values["tilt_rate"][:, None])
+        start = self.start + values["plate_tilt.angle"][:, None]
+        place, begin = local[..., 0], (local[..., 1] - self.start) / self.rate
+        slip = start + rate * begin
+        # the arm's turning loads the clump a little, and what drives it along pulls at it before it slips too
+        driving = np.zeros_like(place)
+        for term in terms:
+            if term.drive is not None:
+                own = [values[f"{term.name}.{p.name}"][:, None] for p in term.parameters]
+                driving = driving + term.drive(begin, 0 * place, 0 * place, *own)
+        static = (gravity * np.sin(slip) - place * rate**2 + driving) / (gravity * np.cos(slip) - high * rate**2)
+        soft = self._soft(static, slip, begin, values, terms)
+        place, static, slip, begin = place[:seen], static[:seen], slip[:seen], begin[:seen]
+        rate, start = rate[:seen], start[:seen]
+        acting = [
+            (term, [values[f"{term.name}.{p.name}"][:seen, None] for p in term.parameters])
+            for term in terms
+            if any(hook is not None for hook in (term.torque, term.sliding, term.onset, term.drive))
+        ]
+        plain = self._plain(values)[:seen]
+        at_slip = self.clump * gravity * np.cos(slip)
+
+        def pull(time: Array, way: Array, speed: Array) -> Array:
+            """Down the arm."""
+            angle = slip + rate * time
+            pressing = gravity * np.cos(angle) - 2 * speed * rate - high * rate**2
+            extra = np.zeros_like(speed)
+            mu = static
+            for term, own in acting:
+                if term.torque is not None:
+                    extra = extra + term.torque(way, speed, 1.0, 1.0, *own)
+                if term.drive is not None:
+                    extra = extra + term.drive(begin + time, way, speed, *own)
+                if term.onset is not None:
+                    # what holds beside the weight holds while it slides too, and the weight's share changes
+                    now = term.onset(plain, self.waiting, self.clump * pressing, *own)
+                    mu = mu + now - term.onset(plain, self.waiting, at_slip, *own)
+                if term.sliding is not None:
+                    mu = term.sliding(mu, np.abs(speed), self.waiting, *own)
+            return gravity * np.sin(angle) - (place - way) * rate**2 - mu * pressing + extra
+
+        since = true - begin[:, self.owner]
+        until = np.array([np.maximum(since[:, span].max(axis=1), 1e-3) for span in self.spans]).T
+        motion = ride(np.zeros_like(place), np.full_like(place, 1e-6), pull, until, may_stop=False)
+        way, speed = place_at(motion, since, self.owner)
+        angle = start[:, self.owner] + rate[:, self.owner] * true
+        lift = (high + 0.5 * self.beads.of("diameter", values, self.bead))[:seen, self.owner]
+        reach = place[:, self.owner] - way
+        x, y = reach * np.cos(angle) - lift * np.sin(angle), reach * np.sin(angle) + lift * np.cos(angle)
+        turning = rate[0][self.owner]
+        vx, vy = -speed[0] * np.cos(angle[0]) - turning * y[0], -speed[0] * np.sin(angle[0]) + turning * x[0]
+        return Moved(x, y, vx, vy, soft)
+
+    def quiet(self, name: str, terms: Sequence[Effect]) -> bool:
+        """The angle at each repetition's slip is an unknown of its own: the law for the friction changes no motion."""
+        return name.startswith("static_friction.") and not any(term.onset is not None for term in terms)
+
+    def touches(self, name: str) -> tuple[str, Array] | None:
+        """Frictions belong to a pair, diameters to a bead."""
+        kind, _, rest = name.partition(".")
+        if kind == "diameter":
+            return kind, self.bead == self.beads.names.index(rest)
+        return (kind, self.pair == self.pairs.index(rest)) if kind == "static_friction" else None
+
+    def _plain(self, values: Mapping[str, Array]) -> Array:
+        """The friction of each repetition's pair."""
+        return np.stack([values[f"static_friction.{pair}"] for pair in self.pairs], axis=-1)[:, self.pair]
+
+    def _soft(
+        self,
+        static: Array,
+        slip: Array,
+        begin: Array,
+        values: Mapping[str, Array],
+        terms: Sequence[Effect],
+    ) -> Array:
+        """How far each repetition's friction is from the law at the slip."""
+        plain = self._plain(values)
+        onset = plain
+        normal = self.clump * self.lab.gravity * np.cos(slip)
+        for term in terms:
+            if term.onset is not None:
+                own = [values[f"{term.name}.{p.name}"][:, None] for p in term.parameters]
+                onset = term.onset(onset, self.waiting + begin, normal, *own)
+        return (static - onset)[..., None]

@@ -1,0 +1,77 @@
+"""What of a lab cannot work is said before anything is measured, simulated or written."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from rigtwin.compare.twins.matched import BULK, check_settings, takes_count
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.file.lab_file import Experiment, Lab, fault
+from rigtwin.lab.rigs import DrumSettings, PackingSettings, PileSettings
+
+OPTION = re.compile(r"--(region|known-length|start|end|frame-rate)\b")
+"""What `measure` calls a key of ``[experiments.camera]``."""
+
+
+def need_possible(lab: Lab, experiment: Experiment, *, count: int | None) -> None:
+    """Refuse an experiment of which no repetition fits its camera, or whose twin cannot be run.
+
+    Raises `BadLabFile`.
+    """
+    rate = _need_view(lab, experiment)
+    try:
+        check_settings(experiment, model=lab.model, frame_rate=rate, count=count)
+    except BadInput as error:
+        name, colon, why = str(error).partition(": ")
+        if name == "count" and count is not None and takes_count(experiment):
+            raise BadInput(f"--count: {experiment.id}: the twin cannot be run: {why}") from None
+        named = bool(colon) and name.isidentifier()
+        said = why if named else str(error)
+        raise fault(lab, experiment, (name,) if named else (), f"the twin cannot be run: {said}") from None
+
+
+def _need_view(lab: Lab, experiment: Experiment) -> float | None:
+    """Hold what the camera is said to show against the media; [1/s] the rate at which they are filmed, where known.
+
+    As when measuring, one repetition that fits is enough.  Nothing is opened where nothing hangs on it: a film must be
+    read through for its time stamps.
+    """
+    camera = experiment.camera
+    stated = any((camera.region, camera.start, camera.end, camera.known_length))
+    asked = camera.frame_rate is None and not isinstance(experiment.rig, BULK)
+    if not stated and not asked:
+        return camera.frame_rate
+    first: BadInput | None = None
+    for views in experiment.repetitions:
+        try:
+            return _opened(experiment, views)
+        except BadInput as error:
+            first = first or error
+    assert first is not None  # a lab file has no experiment without repetitions
+    option = OPTION.search(str(first))
+    if option is None:
+        raise fault(lab, experiment, ("repetitions",), str(first)) from None
+    name = option[1].replace("-", "_")
+    if name == "start" and camera.start is None:  # both are named where a window is too short
+        name = "end"
+    said = OPTION.sub(lambda found: found[1].replace("-", "_"), str(first))
+    raise fault(lab, experiment, ("camera", name), said) from None
+
+
+def _opened(experiment: Experiment, views: Sequence[Path]) -> float | None:
+    """Open the media of a repetition with its camera; its frame rate [1/s] where it is a film."""
+    from rigtwin.measure.media.photo import PHOTOS, read_photo
+    from rigtwin.measure.media.video import open_video
+
+    camera, rate = experiment.camera, experiment.camera.frame_rate
+    for view in views:
+        if view.suffix.lower() == ".csv":  # a record already tracked has no picture
+            continue
+        still = isinstance(experiment.rig, DrumSettings) and view.suffix.lower() in PHOTOS
+        if isinstance(experiment.rig, (PackingSettings, PileSettings)) or still:
+            read_photo(view, camera)
+        else:
+            rate = open_video(view, camera).frame_rate
+    return rate

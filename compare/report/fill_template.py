@@ -1,0 +1,19 @@
+"""Templates filled in: the pages for a person."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+def filled(template: str, **values: Any) -> str:
+    """The text of a template of ``compare/report/templates``; only HTML has its special signs escaped."""
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("rigtwin.compare.report", "templates"),
+        autoescape=template.endswith(".html"),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template(template).render(values)

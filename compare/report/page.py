@@ -1,0 +1,362 @@
+"""The report: one HTML file that opens offline and tells measured, simulated and the difference to a person."""
+
+from __future__ import annotations
+
+import base64
+import math
+import re
+import shlex
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rigtwin.compare.deviation import Deviation, headlines, primary_first
+from rigtwin.compare.measure_repetitions import filling
+from rigtwin.compare.report import figures
+from rigtwin.compare.report.fill_template import filled
+from rigtwin.compare.twins.matched import NEEDS
+from rigtwin.lab.formatting import RIG_TITLES, percent, reading, siblings, title, uncertainty, z_score
+from rigtwin.lab.materials import PARAMETERS
+from rigtwin.lab.quantity import Check, Measurement
+from rigtwin.lab.rigs import (
+    DropSettings,
+    DrumSettings,
+    HopperSettings,
+    PackingSettings,
+    PendulumSettings,
+    PileSettings,
+    TiltSettings,
+)
+
+if TYPE_CHECKING:
+    from rigtwin.compare.comparison import Comparison, Outcome
+    from rigtwin.compare.curve_overlays import Overlay
+    from rigtwin.lab.file.lab_file import Experiment
+
+MOST_STILLS = 4  # pictures shown per experiment; all of them lie beside the report
+STILL_WIDTH = 1200  # [px], wide enough to judge a bead's outline when the picture is enlarged
+
+
+@dataclass(frozen=True)
+class Row:
+    """A deviation as the tables show it."""
+
+    experiment: str
+    quantity: str
+    which: str
+    method: str
+    measured: str
+    n: int
+    simulated: str
+    percent: str
+    z: str
+    verdict: str
+    tone: str  # "good", "bad", "doubt" or "plain"
+    notes: tuple[int, ...]  # numbers of the notes below the table
+    bar: Bar | None
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A percent deviation drawn as a dot with its 95 % whisker; positions in percent of the drawing's width."""
+
+    dot: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class CheckLine:
+    """One self-check over all repetitions."""
+
+    name: str
+    passed: int
+    of: int
+    message: str
+
+    @property
+    def verdict(self) -> str:
+        if self.passed == self.of:
+            return "passed" if self.of == 1 else f"passed in all {self.of}"
+        return "failed" if self.passed == 0 else f"failed in {self.of - self.passed} of {self.of}"
+
+
+def report(comparison: Comparison, provenance: Mapping[str, Any], out: Path) -> str:
+    """The whole page; `provenance` is what provenance.json says, `out` the folder the page will lie in."""
+    return filled(
+        "report.html",
+        title=comparison.lab.title,
+        made=comparison.started.strftime("%d %B %Y, %H:%M UTC"),
+        summary=_summary(comparison),
+        headlines=_table(headlines(comparison.deviations)),
+        sections=[_section(outcome, out) for outcome in comparison.outcomes],
+        borrowed=comparison.lab.borrowed,
+        remarks=comparison.remarks,
+        provenance=provenance,
+        command=shlex.join(provenance["command_line"]),
+    )
+
+
+def _summary(comparison: Comparison) -> str:
+    compared = [row for row in comparison.deviations if row.z is not None and row.verdict != "set equal"]
+    verdicts = [row.verdict for row in compared]
+    words = ("agrees", "doubtful", "too few repetitions to tell", "too uncertain to tell")
+    agree, doubtful, few, vague = (verdicts.count(word) for word in words)
+    differ = len(compared) - agree - doubtful - few - vague
+    parts = [f"{agree or 'none'} agree within their uncertainty", f"{differ or 'none'} differ"]
+    if few:
+        parts.append(f"{few} cannot be told apart with so few repetitions")
+    if vague:
+        parts.append(f"{vague} are known too loosely to tell")
+    if doubtful:
+        parts.append(f"{doubtful} are doubtful")
+    rigs = len(comparison.outcomes)
+    return (
+        f"{rigs} experiment{'s' if rigs != 1 else ''}, {len(compared)} quantities measured and simulated: "
+        f"{', '.join(parts)}."
+    )
+
+
+def _section(outcome: Outcome, out: Path) -> dict[str, Any]:
+    experiment = outcome.experiment
+    wall = f" on {experiment.wall.name}" if experiment.wall is not None else ""
+    stills, more = _stills(outcome.measurements)
+    primary, rest = primary_first(outcome.deviations)
+    return {
+        "id": experiment.id,
+        "rig": RIG_TITLES[experiment.rig_name],
+        "what": f"{experiment.particle.name}{wall}",
+        "settings": _settings(outcome),
+        "shapes": [_shape(overlay) for overlay in outcome.shapes],
+        "stills": stills,
+        "more_stills": more,
+        "table": _table(primary),
+        "more_rows": _table(rest) if rest else None,
+        "checks": list(_check_lines([item.checks for item in outcome.measurements])),
+        "twin_checks": list(_check_lines([twin.evaluation.checks for twin in outcome.twins])),
+        "warnings": outcome.warnings,
+        "budgets": list(_budgets(outcome.deviations)),
+        "repetitions": [_repetition(item, out) for item in outcome.measurements],
+        "assumptions": outcome.twin.assumptions,
+        "twin_settings": list(_flat(outcome.twin.settings)),
+        "seconds": sum(twin.seconds for twin in outcome.twins),
+    }
+
+
+def _table(rows: Sequence[Deviation]) -> dict[str, Any]:
+    widest = _widest(rows)
+    notes = list(dict.fromkeys(note for row in rows for note in _notes(row)))
+    return {"rows": [_row(row, widest, notes) for row in rows], "widest": f"{widest:g}", "notes": notes}
+
+
+def _notes(row: Deviation) -> list[str]:
+    doubt = f"Doubtful: {row.doubtful}." if row.doubtful else ""
+    note = f"{row.note[:1].upper()}{row.note[1:]}." if row.note else ""
+    return [text for text in (doubt, note) if text]
+
+
+def _row(deviation: Deviation, widest: float, notes: list[str]) -> Row:
+    return Row(
+        experiment=deviation.experiment,
+        quantity=title(deviation.quantity),
+        which=siblings(deviation.row()),
+        method=deviation.method,
+        measured=reading(deviation.measured, deviation.measured_std_uncertainty, deviation.unit),
+        n=deviation.measured_n,
+        simulated=reading(deviation.simulated, deviation.simulated_std_uncertainty, deviation.unit),
+        percent=percent(deviation.percent_deviation, deviation.percent_deviation_std),
+        z=z_score(deviation.z),
+        verdict=deviation.verdict,
+        tone=_tone(deviation),
+        notes=tuple(1 + notes.index(note) for note in _notes(deviation)),
+        bar=_bar(deviation, widest),
+    )
+
+
+def _tone(row: Deviation) -> str:
+    if row.doubtful:
+        return "doubt"
+    if row.verdict.startswith("agree"):
+        return "good"
+    return "bad" if row.verdict.startswith(("twin", "differs")) else "plain"
+
+
+def _bar(row: Deviation, widest: float) -> Bar | None:
+    if row.percent_deviation is None or row.percent_deviation_std is None:
+        return None
+
+    def place(value: float) -> float:
+        return 50 + 46 * max(-1.0, min(1.0, value / widest))
+
+    half = (row.coverage_factor or 1.96) * row.percent_deviation_std
+    half = half if math.isfinite(half) else widest
+    return Bar(place(row.percent_deviation), place(row.percent_deviation - half), place(row.percent_deviation + half))
+
+
+def _widest(rows: Iterable[Deviation]) -> float:
+    """[%] one scale for the drawings of a table, wide enough for each dot: 5, 10, 20, 50, ..."""
+    largest = max((abs(row.percent_deviation) for row in rows if row.percent_deviation is not None), default=0.0)
+    steps = (factor * 10**power for power in range(6) for factor in (1, 2, 5))
+    return float(next((step for step in steps if step >= max(largest, 5)), largest))
+
+
+def _settings(outcome: Outcome) -> list[tuple[str, str]]:
+    experiment = outcome.experiment
+    n = len(outcome.measurements)
+    lines = [
+        ("repetitions", f"{n} measured" + (f", {len(outcome.failures)} left out" if outcome.failures else "")),
+        ("bead", f"{experiment.particle.diameter * 1e3:.2f} mm, {experiment.particle.mass * 1e3:.3g} g"),
+    ]
+    lines += _stated(experiment)
+    rates = {
+        round(float(item.camera["frame_rate_hz"]), 2)
+        for item in outcome.measurements
+        if item.camera.get("frame_rate_hz")
+    }
+    if rates:
+        lines.append(("frame rate", ", ".join(f"{rate:g} Hz" for rate in sorted(rates))))
+    scales = [
+        float(item.camera["scale_m_per_px"]) for item in outcome.measurements if item.camera.get("scale_m_per_px")
+    ]
+    if scales:
+        sources = {str(item.camera["scale_from"]) for item in outcome.measurements if item.camera.get("scale_from")}
+        origin = f" ({', '.join(sorted(sources))})" if sources else ""
+        lines.append(("scale", f"{1e3 * sum(scales) / len(scales):.4f} mm/px{origin}"))
+    for pair, contact in outcome.twin.settings["contacts"].items():
+        needed = NEEDS.get(experiment.rig_name, PARAMETERS)
+        values = ", ".join(f"{name.replace('_', ' ')} {contact[name]:g}" for name in needed)
+        lines.append((f"put into the twin, {pair}:", values))
+    return lines
+
+
+def _stated(experiment: Experiment) -> list[tuple[str, str]]:
+    """What the experimenter said of the rig, as far as it is said."""
+    rig, mass = experiment.rig, filling(experiment)
+    said: list[tuple[str, float | None, float, str]] = []  # name, value in SI, factor and unit as it is shown
+    if isinstance(rig, DropSettings):
+        said = [("drop height, stated", rig.drop_height, 1e3, " mm")]
+    elif isinstance(rig, PendulumSettings):
+        said = [("length", rig.length, 1e3, " mm"), ("release, stated", rig.release_angle, math.degrees(1), "°")]
+    elif isinstance(rig, TiltSettings):
+        said = [("plate", rig.arm_length, 1e3, " mm"), ("tilted by", rig.speed, math.degrees(1), "°/s")]
+    elif isinstance(rig, PileSettings):
+        said = [("base", rig.base_diameter, 1e3, " mm"), ("rim", rig.rim_height, 1e3, " mm")]
+    elif isinstance(rig, DrumSettings):
+        turning = ("turning at", rig.speed, 30 / math.pi, " rpm")
+        said = [("drum", rig.drum_diameter, 1e3, " mm"), turning, ("depth", rig.depth, 1e3, " mm")]
+    elif isinstance(rig, PackingSettings):
+        said = [("cylinder", rig.cylinder_diameter, 1e3, " mm")]
+    else:
+        said = [
+            ("outlet", rig.outlet, 1e3, " mm"),
+            ("bin", rig.bin_width, 1e3, " mm"),
+            ("depth", rig.depth, 1e3, " mm"),
+        ]
+    counted = isinstance(rig, (PackingSettings, HopperSettings)) and rig.total_mass is None
+    said.append((f"filling, {'counted' if counted else 'weighed'}", mass, 1e3, " g"))
+    return [(name, f"{value * factor:.4g}{unit}") for name, value, factor, unit in said if value is not None]
+
+
+def _shape(overlay: Overlay) -> dict[str, str]:
+    """The drawing of a shape and the sentence below it."""
+    unit = {"deg": "°", "%": " %"}.get(overlay.unit, f" {overlay.unit}")
+    beads = "" if overlay.bead is None else f" ({overlay.distance / overlay.bead:.2g} bead diameters)"
+    scatter = overlay.scatter(overlay.measured)
+    own = "" if scatter is None else f"; single measured curves lie {scatter:.2g}{unit} about their mean"
+    return {
+        "figure": figures.overlay_figure(overlay),
+        "caption": f"{overlay.what[:1].upper()}{overlay.what[1:]}: measured and simulated means lie "
+        f"{overlay.distance:.2g}{unit} apart{beads}, root mean square, {overlay.offset:+.2g}{unit} on average{own}.",
+    }
+
+
+def _stills(measurements: Sequence[Measurement]) -> tuple[list[dict[str, Any]], int]:
+    """Overlay pictures as data addresses, and how many more there are."""
+    paths = dict.fromkeys(path for item in measurements for path in item.files.values() if path.is_file())
+    pictures = [
+        (re.sub(r"-(still|overlay)$", "", path.stem), path) for path in paths if path.suffix in (".png", ".jpg")
+    ]
+    shown = [{"name": name, **_embedded(path)} for name, path in pictures[:MOST_STILLS]]
+    return shown, len(pictures) - len(shown)
+
+
+def _embedded(path: Path) -> dict[str, Any]:
+    """A picture at the report's size as a data address, and whether it is wider than high."""
+    import cv2
+    import numpy as np
+
+    picture = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_COLOR)
+    if picture is None:
+        return {"source": "", "wide": True}
+    height, width = picture.shape[:2]
+    shrink = min(1.0, STILL_WIDTH / width, 1.2 * STILL_WIDTH / height)
+    if shrink < 1:
+        size = (max(1, round(width * shrink)), max(1, round(height * shrink)))
+        picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    _, packed = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 86])
+    data = base64.b64encode(packed.tobytes()).decode("ascii")
+    return {"source": f"data:image/jpeg;base64,{data}", "wide": width > height}
+
+
+def _check_lines(repetitions: Sequence[Sequence[Check]]) -> Iterable[CheckLine]:
+    """Each check once, with the message of a failed repetition where there is one."""
+    names = dict.fromkeys(check.check for checks in repetitions for check in checks)
+    for name in names:
+        mine = [check for checks in repetitions for check in checks if check.check == name]
+        worst = next((check for check in mine if not check.passed), mine[0])
+        yield CheckLine(name.replace("_", " "), sum(check.passed for check in mine), len(mine), worst.message)
+
+
+def _budgets(rows: Sequence[Deviation]) -> Iterable[dict[str, Any]]:
+    for row in rows:
+        total = row.measured_std_uncertainty
+        if not row.budget or not math.isfinite(total) or total <= 0:
+            continue
+        parts = sorted(row.budget.items(), key=lambda part: -part[1])
+        yield {
+            "quantity": title(row.quantity),
+            "which": ", ".join(word for word in (siblings(row.row()), row.method) if word),
+            "total": uncertainty(total, row.unit),
+            "parts": [
+                {
+                    "name": name.replace("_", " "),
+                    "value": uncertainty(value, row.unit),
+                    "share": 100 * (value / total) ** 2,
+                }
+                for name, value in parts
+                if value > 0.02 * total
+            ],
+        }
+
+
+def _repetition(measurement: Measurement, out: Path) -> dict[str, Any]:
+    kinds: dict[Path, str] = {}
+    for kind, path in measurement.files.items():  # of a photo, overlay and still are one file
+        kinds.setdefault(path.resolve(), kind.replace("_", " "))
+    here = out.resolve()  # what was written elsewhere could not be reached by a report that is moved
+    files = [(kind, path.relative_to(here).as_posix()) for path, kind in kinds.items() if path.is_relative_to(here)]
+    return {
+        "name": measurement.source.name,
+        "quantities": [
+            {
+                "quantity": title(quantity.quantity),
+                "which": siblings(quantity.detail),
+                "method": quantity.method,
+                "reading": reading(quantity.value, quantity.std_uncertainty, quantity.unit),
+                "doubtful": quantity.doubtful,
+            }
+            for quantity in measurement.quantities
+        ],
+        "files": files,
+    }
+
+
+def _flat(settings: Mapping[str, Any], prefix: str = "") -> Iterable[tuple[str, str]]:
+    """Nested settings as lines: ``particle, diameter``, ``0.0062``."""
+    for name, value in settings.items():
+        words = f"{prefix}{name.replace('_', ' ')}"
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{words}, ")
+        elif value is not None:
+            yield words, f"{value:.6g}" if isinstance(value, float) else str(value)

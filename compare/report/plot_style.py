@@ -1,0 +1,62 @@
+from __future__ import annotations
+
+import io
+import math
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from rigtwin.lab.arrays import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+# told apart by colour-blind readers and in grey print (Okabe and Ito 2008)
+MEASURED, TWIN = "#0072b2", "#d55e00"
+
+_STYLE: Any = {
+    "font.family": "sans-serif",
+    "font.size": 9,
+    "svg.fonttype": "none",  # text stays text: smaller, sharp and searchable
+    "svg.hashsalt": "rigtwin",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#8a94a0",
+    "axes.labelcolor": "#3c4650",
+    "xtick.color": "#5b6670",
+    "ytick.color": "#5b6670",
+    "axes.grid": True,
+    "grid.color": "#e6eaee",
+    "axes.axisbelow": True,
+    "legend.frameon": False,
+}
+
+_MOST_POINTS = 500  # per curve; more is not seen and makes the file heavy
+
+
+@contextmanager
+def canvas(height: float = 3.2) -> Iterator[tuple[Figure, Axes]]:
+    """A figure of `height` [inch] with one pair of axes in the report's style; no pyplot, so nothing global is left."""
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(_STYLE):
+        figure = Figure(figsize=(7.2, height), layout="constrained")
+        yield figure, figure.add_subplot()
+
+
+def svg(figure: Figure, label: str) -> str:
+    text = io.StringIO()
+    figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+    drawing = text.getvalue()
+    # inside a page, the drawing's own style sheet would reach all of the page
+    drawing = re.sub(r"<style.*?</style>", "", drawing[drawing.index("<svg") :], flags=re.DOTALL)
+    return drawing.replace("<svg ", f'<svg role="img" aria-label="{label}" ', 1)
+
+
+def thin(x: Array, y: Array) -> tuple[Array, Array]:
+    step = max(1, math.ceil(len(x) / _MOST_POINTS))
+    return x[::step], y[::step]

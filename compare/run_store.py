@@ -1,0 +1,156 @@
+"""Many runs and a folder that keeps what they gave: a queue over all cores that can be interrupted and taken up again.
+
+Every finished run is kept at once, under a name that holds a digest of its settings: asked for again with the same
+settings it is read, not run; with other settings it is another run.  What the settings only name, as a particle, is
+kept inside the file: where it is another by now, the kept run is not the one asked for, and that is run.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import traceback
+from collections.abc import Iterator, Mapping, Sequence, Sized
+from concurrent.futures import as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from rigtwin import __version__
+from rigtwin.compare import result_files
+from rigtwin.compare.worker_processes import interrupts_held, spawned
+from rigtwin.lab.errors import RigtwinError
+from rigtwin.lab.progress import Progress, silent
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run: a function and what it is told."""
+
+    name: str  # of the run among its like, fit for a file name
+    function: str  # "module:function"; takes the settings as keywords, returns plain numbers and texts
+    settings: Mapping[str, Any]  # plain numbers and texts
+    cost: float = 1.0  # [s] that it takes, about; dear ones start first
+    inputs: Mapping[str, Any] = field(default_factory=dict)  # what the settings stand for: plain numbers and texts
+
+    @property
+    def file_name(self) -> str:
+        """Where its result is kept."""
+        what = json.dumps([__version__, self.function, self.settings], sort_keys=True)
+        return f"{self.name}-{hashlib.sha256(what.encode()).hexdigest()[:10]}.json"
+
+
+@dataclass(frozen=True)
+class Done:
+    """Results of the runs by name, and why others have none."""
+
+    results: Mapping[str, dict[str, Any]]
+    failures: Mapping[str, str]
+    faults: Mapping[str, str] = field(default_factory=dict)
+    """Tracebacks of those failures that rigtwin did not foresee."""
+    out_of_memory: tuple[str, ...] = ()
+    """Those failures for which the machine is too small."""
+
+
+def run_all(
+    runs: Sequence[Run],
+    folder: Path,
+    *,
+    workers: int | None = None,
+    only_kept: bool = False,
+    progress: Progress = silent,
+) -> Done:
+    """Run what `folder` does not hold yet, one process per core, and return everything.
+
+    A run that fails is listed with its sentence (`RigtwinError`), or as a fault of rigtwin (any other exception), and
+    tried again the next time.  With `only_kept` nothing is run.
+    """
+    if not only_kept:
+        folder.mkdir(parents=True, exist_ok=True)
+    kept = {run.name: found for run in runs if (found := _read(folder / run.file_name, run)) is not None}
+    missing = sorted((run for run in runs if run.name not in kept), key=lambda run: -run.cost)
+    failures: dict[str, str] = {}
+    faults: dict[str, str] = {}
+    out_of_memory: list[str] = []
+    whole, still = sum(run.cost for run in runs), sum(run.cost for run in missing)
+    progress("running", whole - still, whole)
+    if missing and not only_kept:
+        with _kept_told(runs, kept, folder), spawned(len(missing), workers) as pool:
+            with interrupts_held():
+                pending = {pool.submit(_perform, run.function, dict(run.settings)): run for run in missing}
+            for job in as_completed(pending):
+                run = pending[job]
+                try:
+                    found = job.result()
+                except RigtwinError as error:
+                    failures[run.name] = str(error)
+                except BrokenProcessPool:  # no other run can go on either
+                    raise
+                except MemoryError:
+                    failures[run.name] = "does not fit into memory; close other programs or give fewer --workers."
+                    out_of_memory.append(run.name)
+                except Exception as error:  # whatever it is, the other runs are not to blame
+                    failures[run.name] = f"a fault of rigtwin itself ({_in_short(error)})"
+                    faults[run.name] = "".join(traceback.format_exception(error))
+                else:
+                    kept[run.name] = found
+                    record = {
+                        "rigtwin": __version__, "function": run.function, "settings": dict(run.settings),
+                        "inputs": run.inputs, "result": found,
+                    }  # fmt: skip
+                    result_files.write_together(
+                        folder, {run.file_name: result_files.document(result_files.plain(record))}
+                    )
+                still -= run.cost
+                progress("running", whole - still, whole)
+    finished = {run.name: kept[run.name] for run in runs if run.name in kept}
+    return Done(finished, failures, faults, tuple(out_of_memory))
+
+
+@contextmanager
+def _kept_told(runs: Sized, kept: Sized, folder: Path) -> Iterator[None]:
+    """Who interrupts learns what is kept."""
+    try:
+        yield
+    except KeyboardInterrupt as stop:
+        stop.add_note(f"{len(kept)} of {len(runs)} runs are kept in {folder}; called again, the others are run.")
+        raise
+
+
+def _in_short(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}".splitlines()[0]
+
+
+def _perform(function: str, settings: dict[str, Any]) -> dict[str, Any]:
+    module, name = function.split(":")
+    found: dict[str, Any] = result_files.plain(getattr(import_module(module), name)(**settings))
+    return found
+
+
+def fits(record: Mapping[str, Any], run: Run) -> bool:
+    """Whether a kept run was made of the inputs that it would have now; one that does not tell them was."""
+    return not record.get("inputs") or not run.inputs or _alike(record["inputs"], result_files.plain(run.inputs))
+
+
+def _alike(one: Any, other: Any) -> bool:
+    """The same but for rounding, which differs from machine to machine."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(_alike(value, other[name]) for name, value in one.items())
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(_alike, one, other))
+    if isinstance(one, (int, float)) and isinstance(other, (int, float)):
+        return math.isclose(one, other, rel_tol=1e-6, abs_tol=1e-15)
+    return bool(one == other)
+
+
+def _read(path: Path, run: Run) -> dict[str, Any] | None:
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+        found = record["result"] if fits(record, run) else None
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):
+        return None  # not there, or cut short by a crash: run again
+    return found if isinstance(found, dict) and found else None  # every run gives something

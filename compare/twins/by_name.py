@@ -1,0 +1,61 @@
+"""Who plays in a twin asked for by name: particle, wall and contact from a lab file or the published reference."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.file.lab_file import read_cast
+from rigtwin.lab.file.model_file import Model
+from rigtwin.lab.file.schema import suggestion
+from rigtwin.lab.materials import PARAMETERS, Contact, KnownContact, Material, Particle
+from rigtwin.lab.reference import hlosta2020
+
+
+def model_of(lab: Path | None) -> Model:
+    """The model of a lab folder, whose media need not be there yet, or an empty one."""
+    return Model() if lab is None else read_cast(lab)
+
+
+def particle(name: str, model: Model) -> Particle:
+    """A particle of the model, else of the published reference."""
+    if name in model.particles:
+        return model.particles[name]
+    if name in hlosta2020.NAMES:
+        return hlosta2020.particle(name)
+    known = (*model.particles, *hlosta2020.NAMES)
+    raise BadInput(f"--particle: there is no particle {name!r}; {suggestion(name, known)}.")
+
+
+def wall(name: str, model: Model) -> Material:
+    """A material of the model, else of the published reference."""
+    if name in model.materials:
+        return model.materials[name]
+    if name in hlosta2020.MATERIALS:
+        return hlosta2020.material(name)
+    known = (*model.materials, *hlosta2020.MATERIALS)
+    raise BadInput(f"--wall: there is no material {name!r}; {suggestion(name, known)}.")
+
+
+def contact(
+    a: str,
+    b: str,
+    model: Model,
+    needs: Sequence[str] = PARAMETERS,
+    *,
+    restitution: float | None = None,
+    static_friction: float | None = None,
+    rolling_friction: float | None = None,
+) -> Contact:
+    """A contact as given by option, else by the model, else by the published reference, parameter by parameter."""
+    known = KnownContact(restitution, static_friction, rolling_friction).filled(model.known_contact(a, b))
+    with suppress(BadInput):  # not a published pair: what is known so far must do
+        known = known.filled(hlosta2020.contact(a, b))
+    if gaps := known.missing(needs):
+        raise BadInput(
+            f"the {gaps[0].replace('_', ' ')} of the contact {a}-{b} is not known; give it as an option, or under "
+            f"[contacts.{a}-{b}] in the lab.toml of --lab."
+        )
+    return known.complete(needs)

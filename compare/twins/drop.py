@@ -1,0 +1,114 @@
+from __future__ import annotations
+
+import math
+import time
+
+from rigtwin.compare.twins.few_body import IDEAL, as_a_twin, flashes, ground, settings_to_try
+from rigtwin.compare.twins.twin import Twin, settings_of
+from rigtwin.lab.file.model_file import NO_EFFECTS, Effects
+from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.rigs import GRAVITY, Drop
+
+
+def drop_twin(
+    rig: Drop,
+    particle: Particle,
+    wall: Material,
+    contact: Contact,
+    *,
+    frame_rate: float,
+    duration: float | None = None,
+    seed: int = 1,
+    effects: Effects = NO_EFFECTS,
+    progress: Progress = silent,
+) -> Twin:
+    """A bead dropped on a plate, its record taken at `frame_rate` [1/s] for `duration` [s] or as long as
+    `rig.bounces` take; a clump that is not turned by the rig is turned at random, by `seed`."""
+    from rigtwin.measure.drop import evaluate as ruler
+    from rigtwin.sim import drop
+    from rigtwin.sim.engine.effect_terms import acting_on_few
+
+    if particle.shape is not None:
+        return _tumbling_twin(
+            rig,
+            particle,
+            wall,
+            contact,
+            frame_rate=frame_rate,
+            duration=duration,
+            seed=seed,
+            effects=effects,
+            progress=progress,
+        )
+    begun = time.perf_counter()
+    track = drop.run(
+        rig, particle, wall, contact, frame_rate=frame_rate, duration=duration, effects=effects, progress=progress
+    )
+    flight = 2 * contact.restitution * math.sqrt(2 * rig.drop_height / GRAVITY)  # [s], of the first rebound
+    rises = 1e3 * contact.restitution**2 * rig.drop_height
+    higher = f"a greater drop height or restitution (the first rebound rises {rises:.2g} mm in {flight:.2g} s)"
+    with as_a_twin("drop", settings_to_try("a higher frame rate", duration, higher)):
+        evaluation = ruler.evaluate(track, bead_diameter=particle.diameter, bead_density=None)
+    return Twin(
+        "drop",
+        evaluation,
+        settings_of(rig, particle, {f"{particle.name}-{wall.name}": contact}, frame_rate_hz=frame_rate),
+        tracks=(track,),
+        assumptions=(IDEAL, "The plate is flat, level and does not move."),
+        warnings=acting_on_few(effects)[1],
+        draw=lambda: flashes((track,), particle, ground(track, particle.diameter)),
+        seconds=time.perf_counter() - begun,
+    )
+
+
+def _tumbling_twin(
+    rig: Drop,
+    particle: Particle,
+    wall: Material,
+    contact: Contact,
+    *,
+    frame_rate: float,
+    duration: float | None,
+    seed: int,
+    effects: Effects,
+    progress: Progress,
+) -> Twin:
+    """A clump dropped on a plate, seen from the front and from the side."""
+    from rigtwin.measure.drop import evaluate as ruler
+    from rigtwin.sim import drop_clump
+    from rigtwin.sim.engine.effect_terms import acting_among
+
+    begun = time.perf_counter()
+    fall = drop_clump.run(
+        rig,
+        particle,
+        wall,
+        contact,
+        frame_rate=frame_rate,
+        duration=duration,
+        seed=seed,
+        effects=effects,
+        progress=progress,
+    )
+    other = "another seed or turn" if rig.turned is None else "another turn"
+    with as_a_twin("drop", f"{other}, a greater drop height or restitution, or a higher frame rate"):
+        evaluation = ruler.evaluate(fall.front, side=fall.side)
+    turned = f"at random (seed {seed})" if rig.turned is None else f"by {math.degrees(rig.turned):.4g} degrees"
+    return Twin(
+        "drop",
+        evaluation,
+        settings_of(rig, particle, {f"{particle.name}-{wall.name}": contact}, frame_rate_hz=frame_rate, seed=seed),
+        tracks=(fall.front, fall.side),
+        assumptions=(
+            IDEAL,
+            "The plate is flat, level and does not move.",
+            f"The clump falls turned {turned}; where it goes from the plate, and how fast, hangs on that: one fall is "
+            f"one of many. Its contact has a restitution of {contact.restitution:g}.",
+            "Each of its spheres that touch the plate damps by itself: a face that lands flat rebounds less than the "
+            "restitution says.",
+        ),
+        warnings=acting_among(effects, particle)[1],
+        draw=lambda: drop_clump.picture(fall, particle, walls=ground(fall.front, particle.diameter)),
+        seconds=time.perf_counter() - begun,
+    )

@@ -1,0 +1,66 @@
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING, Unpack
+
+from rigtwin.compare.twins.many_body import Cast, bulk_twin
+from rigtwin.compare.twins.twin import Twin, stated
+from rigtwin.lab.errors import BadInput, NothingToMeasure
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.quantity import doubted, failed
+from rigtwin.lab.rigs import Drum, froude_check
+
+if TYPE_CHECKING:
+    from rigtwin.sim.run.set_up import Numerics
+
+
+def drum_twin(
+    rig: Drum,
+    cast: Cast,
+    *,
+    seed: int,
+    count: int | None = None,
+    turns: float = 1.0,
+    fill_limit: float | None = None,
+    progress: Progress = silent,
+    **numerics: Unpack[Numerics],
+) -> Twin:
+    """A bed in a drum that turns `turns` times, its surface seen along the axis; `fill_limit` [s] as in its `run`."""
+    from rigtwin.sim import drum
+
+    begun = time.perf_counter()
+    waits = stated(fill_limit=fill_limit)
+    rotation = drum.run(rig, *cast, count=count, turns=turns, seed=seed, progress=progress, **waits, **numerics)
+    from rigtwin.measure.drum import evaluate as ruler
+
+    checks = drum.checks(rig, cast.particle, rotation)
+    try:
+        evaluation = ruler.evaluate(
+            rotation.profiles[1:],  # without the bed at rest
+            rotation.time[1:],
+            drum_diameter=rig.diameter,
+            speed=abs(rig.speed),
+            bead_diameter=cast.particle.diameter,
+        )
+    except NothingToMeasure as error:
+        flows = froude_check(rig.speed, rig.diameter / 2)
+        if not flows.passed:
+            raise BadInput(f"speed: {flows.message}") from error
+        if why := failed(checks, {"fill", "beads_enough"}):
+            raise BadInput(f"{'fill' if count is None else 'count'}: {why}.") from error
+        raise
+    angles = tuple(doubted(one, failed(checks)) for one in evaluation.quantities)
+    mixed = (rotation.mixed.quantity(turns),) if math.isfinite(rotation.mixed.index) else ()
+    evaluation = replace(evaluation, quantities=(*angles, *mixed), checks=(*checks, *evaluation.checks))
+    over_time = ruler.angles_over_time(rotation.profiles, rotation.time, drum_diameter=rig.diameter)
+    course = {
+        "count": rotation.count,
+        "turns": rotation.turns,
+        "steady_from_s": rotation.steady_from,
+        "mixing_index": float(rotation.mixing.value[-1]),
+    }
+    shown = (rotation.steady,), (rotation.mixing, *over_time), lambda: drum.picture(rig, rotation)
+    twin = bulk_twin("drum", rig, cast, rotation, evaluation, begun, seed, numerics, course, *shown)
+    return replace(twin, surfaces=rotation.profiles)

@@ -1,0 +1,103 @@
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING, Unpack
+
+from rigtwin.compare.twins.many_body import Cast, bulk_twin
+from rigtwin.compare.twins.run_warnings import warned
+from rigtwin.compare.twins.twin import Twin, stated
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import Particle
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.quantity import Evaluation, Quantity, doubted, failed
+from rigtwin.lab.rigs import Hopper
+
+if TYPE_CHECKING:
+    from rigtwin.sim.hopper import Discharge
+    from rigtwin.sim.run.set_up import Numerics
+
+
+def hopper_twin(
+    rig: Hopper,
+    cast: Cast,
+    *,
+    count: int,
+    seed: int,
+    duration: float | None = None,
+    fill_limit: float | None = None,
+    settle_limit: float | None = None,
+    progress: Progress = silent,
+    **numerics: Unpack[Numerics],
+) -> Twin:
+    """A hopper of `count` particles that empties, watched for `duration` [s] or until nothing leaves any more.
+
+    Limits [s] as in `rigtwin.sim.hopper.run`.
+    """
+    from rigtwin.sim import hopper
+
+    begun = time.perf_counter()
+    waits = stated(fill_limit=fill_limit, settle_limit=settle_limit)
+    discharge = hopper.run(
+        rig, *cast, count=count, seed=seed, duration=duration, progress=progress, **waits, **numerics
+    )
+    from rigtwin.measure.hopper import evaluate as ruler
+
+    try:
+        evaluation = ruler.evaluate(discharge.mass_left, total_mass=count * cast.particle.mass, opened=0.0)
+    except BadInput as error:
+        if why := _no_flow(rig, cast.particle, discharge, duration):
+            raise BadInput(why) from error
+        raise
+    if discharge.arched or failed(evaluation.checks, {"emptied"}):
+        evaluation = _not_emptied(evaluation, discharge)
+    course = {
+        "asked": discharge.asked,
+        "emptied": discharge.emptied,
+        "remaining": discharge.remaining,
+        "last_bead_s": discharge.discharge_time,
+        "mass_flow_rate_kg_s": discharge.mass_flow_rate,
+    }
+    heap = () if discharge.pile is None else (discharge.pile,)
+    shown = heap, (discharge.mass_left,), lambda: hopper.picture(rig, cast.particle, discharge)
+    return bulk_twin("hopper", rig, cast, discharge, evaluation, begun, seed, numerics, course, *shown)
+
+
+def _not_emptied(evaluation: Evaluation, discharge: Discharge) -> Evaluation:
+    """Times of a hopper that holds particles still are doubtful, and where these arch over its outlet all that left."""
+    why = next(sentence for sentence in warned({"warnings": discharge.warnings}) if sentence.startswith("only "))
+
+    def doubtful(one: Quantity) -> bool:
+        if one.quantity == "opening_time":
+            return False
+        return discharge.arched or (one.unit == "s" and not one.doubtful)
+
+    return replace(
+        evaluation, quantities=tuple(doubted(one, why) if doubtful(one) else one for one in evaluation.quantities)
+    )
+
+
+def _no_flow(rig: Hopper, particle: Particle, discharge: Discharge, duration: float | None) -> str:
+    """What setting is to blame where no discharge can be read from the run; empty where it is none of those."""
+    from rigtwin.measure.hopper.evaluate import STAYS
+    from rigtwin.sim.hopper import STUCK
+    from rigtwin.sim.run.filling import arch_in_words
+
+    end = float(discharge.mass_left.time[-1])
+    if discharge.emptied == discharge.asked:
+        return (
+            f"a count of {discharge.asked} makes no flow: all is out after {end:.2g} s; "
+            "give more particles or a narrower outlet."
+        )
+    stay = f"{discharge.remaining} of {discharge.asked} particles"
+    if discharge.arched:
+        return f"outlet: {arch_in_words(stay, rig.outlet, particle)}; give a wider one."
+    latest = float(discharge.outlet_times[-1]) if discharge.emptied else 0.0
+    if duration is not None and end >= duration and end - latest <= STUCK:
+        return (
+            f"duration: {duration:g} s after the opening {discharge.emptied} of {discharge.asked} particles have left "
+            "and more are on their way; give a longer duration, or none to wait until the flow has stopped."
+        )
+    if discharge.remaining < STAYS * discharge.asked:
+        return ""
+    return f"{stay} stay in the hopper around its outlet; give steeper walls or a wider outlet."

@@ -1,0 +1,87 @@
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING, Unpack
+
+from rigtwin.compare.twins.many_body import Cast, bulk_twin
+from rigtwin.compare.twins.twin import Twin, stated
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import PACKING, Particle
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.rigs import Packing
+
+if TYPE_CHECKING:
+    from rigtwin.sim.run.set_up import Numerics
+
+
+def packing_twin(
+    rig: Packing,
+    cast: Cast,
+    *,
+    count: int,
+    seed: int,
+    pour_rate: float | None = None,
+    fill_limit: float | None = None,
+    settle_limit: float | None = None,
+    progress: Progress = silent,
+    **numerics: Unpack[Numerics],
+) -> Twin:
+    """A bed of `count` particles poured into a cylinder, its surface seen from the sides.
+
+    `pour_rate` [1/s] and limits [s] as in `rigtwin.sim.packing.run`.
+    """
+    from rigtwin.sim import packing
+    from rigtwin.sim.run.filling import arch_in_words
+
+    begun = time.perf_counter()
+    waits = stated(fill_limit=fill_limit, settle_limit=settle_limit)
+    bed = packing.run(rig, *cast, count=count, seed=seed, pour_rate=pour_rate, progress=progress, **waits, **numerics)
+    from rigtwin.measure.packing import evaluate as ruler
+
+    try:
+        evaluation = ruler.evaluate(
+            bed.profiles,
+            cylinder_diameter=rig.cylinder_diameter,
+            total_mass=bed.mass,
+            bead_diameter=cast.particle.diameter,
+        )
+    except BadInput as error:
+        if bed.arched:
+            jam = arch_in_words(f"{bed.stuck} of {bed.placed} particles", bed.outlet_diameter, cast.particle)
+            raise BadInput(f"outlet_diameter: {jam}, and leave no bed below; give a wider one.") from error
+        layer = _one_layer(rig, cast.particle)
+        if bed.stuck or bed.placed - bed.missed >= layer:
+            raise
+        raise BadInput(
+            f"a count of {count} makes no bed: about {layer} cover the floor of a cylinder of "
+            f"{rig.cylinder_diameter * 1e3:.3g} mm once; give several times as many."
+        ) from error
+    course = {
+        "asked": bed.asked,
+        "placed": bed.placed,
+        "missed": bed.missed,
+        "stuck": bed.stuck,
+        "at_rest": bed.at_rest,
+        "surface_height_m": bed.height,
+        "packing_fraction": bed.packing_fraction,
+        "seconds_per_particle": bed.seconds_per_particle,
+    }
+    shown = bed.profiles, (), lambda: packing.picture(rig, bed)
+    twin = bulk_twin("packing", rig, cast, bed, evaluation, begun, seed, numerics, course, *shown)
+    each = bed.seconds_per_particle
+    if math.isnan(each):
+        return replace(twin, cost="not known: the checkpoint was written by an earlier rigtwin")
+    return replace(twin, cost=f"{each:.3g} s of processor time per particle")
+
+
+def cylinder_for(rig: Packing, particle: Particle, count: int) -> Packing:
+    """The rig with a measuring cylinder that holds `count` particles with room to spare."""
+    loose = 2.2 * count * particle.mass / particle.effective_density / (math.pi / 4 * rig.cylinder_diameter**2)
+    return replace(rig, cylinder_height=max(rig.cylinder_height, loose))
+
+
+def _one_layer(rig: Packing, particle: Particle) -> int:
+    """How many particles cover the cylinder's floor once."""
+    return math.ceil(PACKING * math.pi / 4 * rig.cylinder_diameter**2 * particle.diameter / particle.volume)

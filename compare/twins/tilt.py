@@ -1,0 +1,68 @@
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.compare.twins.few_body import as_a_twin, flashes
+from rigtwin.compare.twins.twin import Twin, settings_of
+from rigtwin.lab.file.model_file import NO_EFFECTS, Effects
+from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.records import Series, Track
+from rigtwin.lab.rigs import Tilt
+
+
+def tilt_twin(
+    rig: Tilt,
+    particle: Particle,
+    wall: Material,
+    contact: Contact,
+    *,
+    frame_rate: float,
+    duration: float | None = None,
+    effects: Effects = NO_EFFECTS,
+    progress: Progress = silent,
+) -> Twin:
+    """A plate that rises until the body on it slides or rolls, the record taken at `frame_rate` [1/s]."""
+    from rigtwin.measure.tilt import evaluate as ruler
+    from rigtwin.sim import tilt
+
+    begun = time.perf_counter()
+    angle, track = tilt.run(
+        rig, particle, wall, contact, frame_rate=frame_rate, duration=duration, effects=effects, progress=progress
+    )
+    progress("reading the record", 0, 0)  # it may take longer than the run
+    other = "a longer duration" if duration is not None else "a contact with less friction"
+    with as_a_twin("tilt", other):
+        evaluation = ruler.evaluate(angle, [track], variant=rig.variant, bead_diameter=particle.diameter)
+    return Twin(
+        "tilt",
+        evaluation,
+        settings_of(rig, particle, {f"{particle.name}-{wall.name}": contact}, frame_rate_hz=frame_rate),
+        tracks=(track,),
+        series=(angle,),
+        assumptions=(
+            f"The plate rises by {math.degrees(rig.speed):.3g} degrees per second, steadily and without shaking"
+            + (f", from {math.degrees(rig.start_angle):.3g} degrees on." if rig.start_angle else "."),
+            tilt.body_in_words(rig, particle),
+        ),
+        warnings=tilt.left_out(rig, particle, effects),
+        draw=lambda: _tilted(rig, angle, track, particle),
+        seconds=time.perf_counter() - begun,
+    )
+
+
+def _tilted(rig: Tilt, angle: Series, track: Track, particle: Particle) -> npt.NDArray[np.uint8]:
+    """The body on its way down, and the plate as it stands at the end: in that time it hardly turns."""
+    from rigtwin.sim.output.picture import slab
+
+    end, size = float(angle.value[-1]), particle.diameter
+    along = (track.position * np.stack([np.cos(angle.value), np.sin(angle.value)], axis=1)).sum(axis=1)
+    left = int(np.argmax(np.abs(along - along[0]) > 0.01 * size))  # 0 where it never does
+    left = min(left, len(along) - 2)
+    seen = replace(track, time=track.time[left:], position=track.position[left:], sigma=track.sigma[left:])
+    return flashes((seen,), particle, slab((0.0, -size / 2), (rig.plate_length, 0.0), turned=end), turned=end)

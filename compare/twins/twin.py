@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.compare import result_files
+from rigtwin.lab.materials import Contact, Particle
+from rigtwin.lab.quantity import Evaluation
+from rigtwin.lab.records import Profile, Series, Track, write_profile, write_profiles, write_series, write_tracks
+from rigtwin.lab.rigs import (
+    Rig,
+)
+
+if TYPE_CHECKING:
+    pass
+
+
+@dataclass(frozen=True)
+class Twin:
+    """What the simulated counterpart of an experiment gave."""
+
+    rig: str
+    evaluation: Evaluation
+    settings: dict[str, Any]
+    """Rig, particle, contacts and numerics as simulated, in SI."""
+    tracks: tuple[Track, ...] = ()
+    profiles: tuple[Profile, ...] = ()
+    series: tuple[Series, ...] = ()
+    surfaces: tuple[Profile, ...] = ()
+    """A surface that moves, at the times of `series`."""
+    assumptions: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    set_from: dict[str, str] = field(default_factory=dict)
+    """Quantities that were handed to the twin: name -> ``"measured"`` or ``"stated"``."""
+    seconds: float = 0.0  # [s], time the run took
+    cost: str = ""
+    """What the run cost, in words, where the rig's result has that."""
+    draw: Callable[[], npt.NDArray[np.uint8]] | None = None
+    """A picture of the run, RGB."""
+
+    def to_json(self) -> dict[str, Any]:
+        """The document of `rigtwin simulate --json`."""
+        return {
+            "rig": self.rig,
+            "settings": self.settings,
+            "quantities": [quantity.to_json() for quantity in self.evaluation.quantities],
+            "checks": [check.to_json() for check in self.evaluation.checks],
+            "assumptions": list(self.assumptions),
+            "warnings": [*self.warnings, *self.evaluation.warnings],
+        }
+
+
+def write_twin(twin: Twin, out: Path) -> dict[str, Path]:
+    """Write the twin's record and quantities into `out`; returns what was written by kind."""
+    out.mkdir(parents=True, exist_ok=True)
+    files: dict[str, Path] = {}
+    if twin.tracks:
+        files["record"] = out / f"{twin.rig}-twin-track.csv"
+        write_tracks(files["record"], twin.tracks)
+    for item in twin.series:
+        name = f"{twin.rig}-twin-{item.quantity}.csv"
+        files[item.quantity] = out / name
+        write_series(out / name, item)
+    for number, profile in enumerate(twin.profiles, start=1):
+        name = f"{twin.rig}-twin-profile-{number}.csv"
+        files[f"record_{number}"] = out / name
+        write_profile(out / name, profile)
+    if twin.surfaces:
+        files["surfaces"] = out / f"{twin.rig}-twin-profiles-over-time.csv"
+        write_profiles(files["surfaces"], twin.surfaces, twin.series[0].time)
+    if twin.draw is not None:
+        files["picture"] = out / f"{twin.rig}-twin.png"
+        _write_picture(files["picture"], twin.draw())
+    written = result_files.write_together(out, {"quantities.json": result_files.document(twin.to_json())})
+    files["quantities"] = written["quantities.json"]
+    return files
+
+
+def _write_picture(path: Path, picture: npt.NDArray[np.uint8]) -> None:
+    from PIL import Image
+
+    partial = path.with_name(path.name + ".part")
+    Image.fromarray(picture).save(partial, format="PNG", optimize=True)
+    partial.replace(path)
+
+
+def stated(**settings: Any) -> dict[str, Any]:
+    """Those settings that are stated; of the others whoever gets them has its own."""
+    return {name: value for name, value in settings.items() if value is not None}
+
+
+def settings_of(
+    rig: Rig, particle: Particle, contacts: dict[str, Contact], *, threads: int | None = None, **more: Any
+) -> dict[str, Any]:
+    """What a twin that has run was run with, in SI, and where; `threads` of the CPU (None: all)."""
+    from rigtwin.sim.engine import backend
+
+    engine = backend.running()
+    return {
+        "rig": asdict(rig),
+        "particle": {**asdict(particle), "density": particle.effective_density},
+        "contacts": {name: asdict(contact) for name, contact in contacts.items()},
+        "engine": {"device": engine.device, "threads": min(threads or engine.threads, engine.threads)},
+        **more,
+    }

@@ -1,0 +1,282 @@
+"""The lab's notebook: reads a folder with a `lab.toml` that says all the experimenter knows.
+
+Every quantity in the file carries its unit as text ("6.2 mm"); a bare number is SI.  Names that the file does not
+define are looked up in the published reference, and `Lab.borrowed` says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from importlib import resources
+from pathlib import Path
+
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.checksums import copies
+from rigtwin.lab.errors import BadInput, BadLabFile
+from rigtwin.lab.file.lookup import Inventory
+from rigtwin.lab.file.model_file import Model
+from rigtwin.lab.file.schema import (
+    RIGS,
+    Document,
+    DropEntry,
+    DrumEntry,
+    ExperimentEntry,
+    HopperEntry,
+    LabFile,
+    PackingEntry,
+    PendulumEntry,
+    PileEntry,
+    Problem,
+    read_document,
+    validated,
+)
+from rigtwin.lab.file.toml_lines import Key, dotted
+from rigtwin.lab.materials import PARAMETERS, Contact, KnownContact, Material, Pair, Particle
+from rigtwin.lab.rigs import (
+    DropSettings,
+    DrumSettings,
+    HopperSettings,
+    PackingSettings,
+    PendulumSettings,
+    PileSettings,
+    RigSettings,
+    TiltSettings,
+)
+
+SEEN_FROM_SIDES = (PackingEntry, PileEntry)
+"""Rigs at rest, of which one repetition may have several photos."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One rig with one particle, its settings and its repetitions."""
+
+    id: str
+    rig: RigSettings
+    particle: Particle
+    wall: Material | None  # None in the double pendulum
+    camera: Camera
+    repetitions: tuple[
+        tuple[Path, ...], ...
+    ]  # per repetition its media or tracked CSV; several views of one bed or pile
+
+    @property
+    def rig_name(self) -> str:
+        """``"drop"``, ``"pendulum"``, ``"tilt"``, ``"packing"``, ``"pile"``, ``"drum"`` or ``"hopper"``."""
+        return self.rig.name
+
+    @property
+    def contacts(self) -> tuple[tuple[str, str], ...]:
+        """The pairs that touch in this experiment, for `Model.contact`: with the wall first, then with its like."""
+        bead = self.particle.name
+        wall = () if self.wall is None else ((bead, self.wall.name),)
+        alone = self.rig_name in ("drop", "tilt") or (self.rig_name == "pendulum" and self.wall)
+        like = () if alone else ((bead, bead),)
+        return (*wall, *like)
+
+
+@dataclass(frozen=True)
+class Lab:
+    """All that a lab.toml says."""
+
+    title: str
+    folder: Path
+    materials: Mapping[str, Material]
+    particles: Mapping[str, Particle]
+    contacts: Mapping[Pair, KnownContact]
+    experiments: tuple[Experiment, ...]
+    model: Model  # the materials, particles and contacts above, without effects
+    borrowed: tuple[str, ...]  # one sentence for each thing taken from the published reference
+    path: Path  # the lab.toml
+    uncertainty: Mapping[str, float] = field(default_factory=dict)
+    """Standard uncertainties that are stated, by key: SI, or relative."""
+
+    def contact(self, a: str, b: str, needs: Sequence[str] = PARAMETERS) -> Contact:
+        """The contact of two names in any order.  Raises `BadInput` when a parameter in `needs` is not known."""
+        return self.model.contact(a, b, needs)
+
+    def experiment(self, name: str) -> Experiment:
+        """The experiment with this id; raises `KeyError`."""
+        return {experiment.id: experiment for experiment in self.experiments}[name]
+
+
+def read_lab(folder: Path) -> Lab:
+    """Read the lab in `folder` (or the lab.toml itself).
+
+    Raises `BadLabFile` in one sentence: the file, the line, the key, what is wrong and what to write instead.
+    """
+    path = folder / "lab.toml" if folder.is_dir() else folder
+    document = read_document(path)
+    file = validated(document, LabFile)
+    inventory = Inventory(file)
+    experiments = [
+        _experiment(path.parent, inventory, entry, ("experiments", number))
+        for number, entry in enumerate(file.experiments)
+    ]
+    problems = [*inventory.problems, *_repeated_ids(document, file)]
+    if not file.experiments:
+        problems.append(Problem((), "has no experiments; add one under [[experiments]]."))
+    if problems:
+        raise document.error(problems)
+    complete = tuple(experiment for experiment in experiments if experiment is not None)
+    for experiment in complete:
+        for a, b in experiment.contacts:
+            inventory.borrow_contact(a, b)
+    model = Model(inventory.materials, inventory.particles, inventory.contacts)
+    return Lab(
+        title=file.lab.title or path.resolve().parent.name,
+        folder=path.parent,
+        materials=model.materials,
+        particles=model.particles,
+        contacts=model.contacts,
+        experiments=complete,
+        model=model,
+        borrowed=tuple(dict.fromkeys(inventory.borrowed)),
+        path=path,
+        uncertainty=file.uncertainty.model_dump(exclude_none=True),
+    )
+
+
+def fault(lab: Lab, experiment: Experiment, key: Key, why: str) -> BadLabFile:
+    """What only media or twin tell of an experiment's `key`, said as `read_lab` says it: with the file and the line."""
+    document = read_document(lab.path)
+    return document.error([Problem(("experiments", lab.experiments.index(experiment), *key), why)])
+
+
+def read_cast(folder: Path) -> Model:
+    """Materials, particles and contacts of the lab in `folder` (or the lab.toml itself), its media unread.
+
+    Raises `BadLabFile` like `read_lab`.
+    """
+    document = read_document(folder / "lab.toml" if folder.is_dir() else folder)
+    inventory = Inventory(validated(document, LabFile))
+    if inventory.problems:
+        raise document.error(inventory.problems)
+    return Model(inventory.materials, inventory.particles, inventory.contacts)
+
+
+def new_lab(folder: Path) -> list[Path]:
+    """Start a lab folder: a commented lab.toml with one experiment per rig, and a folder for each rig's media.
+
+    Returns the files written.  Raises `BadInput` when there is a lab.toml already; nothing is overwritten.
+    """
+    path = folder / "lab.toml"
+    if path.exists():
+        raise BadInput(f"{path}: is there already and is not overwritten; name another folder.")
+    template = (resources.files("rigtwin.lab.file") / "template.toml").read_text(encoding="utf-8")
+    try:
+        for rig in RIGS:
+            (folder / rig).mkdir(parents=True, exist_ok=True)
+        path.write_text(template, encoding="utf-8")
+    except OSError as error:
+        raise BadInput(f"{folder}: cannot be made a lab folder ({error.strerror}); name another folder.") from None
+    return [path]
+
+
+def _experiment(folder: Path, inventory: Inventory, entry: ExperimentEntry, key: Key) -> Experiment | None:
+    particle = inventory.particle(entry.particle, (*key, "particle"))
+    wall = None if entry.wall is None else inventory.material(entry.wall, (*key, "wall"))
+    repetitions = tuple(tuple(folder / view for view in views) for views in entry.repetitions)
+    found = [
+        *_wall_problems(entry, key),
+        *_drain_problems(entry, key),
+        *_media_problems(entry, repetitions, key),
+        *_camera_problems(entry, folder, key),
+    ]
+    inventory.problems += found
+    if particle is None or found or (entry.wall is not None and wall is None):
+        return None
+    return Experiment(entry.id, _settings(entry), particle, wall, entry.camera.camera(folder), repetitions)
+
+
+def _settings(entry: ExperimentEntry) -> RigSettings:
+    if isinstance(entry, DropEntry):
+        return DropSettings(entry.drop_height, entry.bounces, entry.turned)
+    if isinstance(entry, PendulumEntry):
+        return PendulumSettings(entry.length, entry.release_angle, entry.variant, entry.hanger, entry.rod_mass or 0.0)
+    if isinstance(entry, PileEntry):
+        return PileSettings(**{field.name: getattr(entry, field.name) for field in fields(PileSettings)})
+    if isinstance(entry, PackingEntry):
+        return PackingSettings(**{field.name: getattr(entry, field.name) for field in fields(PackingSettings)})
+    if isinstance(entry, DrumEntry):
+        return DrumSettings(entry.drum_diameter, entry.speed, entry.depth, entry.fill, entry.count)
+    if isinstance(entry, HopperEntry):
+        sizes = (entry.bin_width, entry.depth, entry.outlet)
+        return HopperSettings(entry.variant, *sizes, entry.total_mass, entry.count)
+    return TiltSettings(entry.variant, entry.arm_length, entry.speed)
+
+
+def _wall_problems(entry: ExperimentEntry, key: Key) -> list[Problem]:
+    if not isinstance(entry, PendulumEntry):
+        return []
+    if entry.variant == "wall" and entry.wall is None:
+        return [Problem((*key, "wall"), 'this key is missing; a pendulum with variant = "wall" needs wall = "steel".')]
+    if entry.variant == "double" and entry.wall is not None:
+        return [Problem((*key, "wall"), 'a double pendulum has no wall; leave it out, or set variant = "wall".')]
+    return []
+
+
+def _drain_problems(entry: ExperimentEntry, key: Key) -> list[Problem]:
+    if not isinstance(entry, PileEntry) or entry.variant != "emptying":
+        return []
+    if entry.drain_diameter is None:
+        why = 'this key is missing; what stays in an emptied container lies between its wall and drain: "30 mm".'
+        return [Problem((*key, "drain_diameter"), why)]
+    if entry.drain_diameter >= entry.base_diameter:
+        return [Problem((*key, "drain_diameter"), "the drain is as wide as the container; give its own diameter.")]
+    return []
+
+
+def _media_problems(entry: ExperimentEntry, repetitions: tuple[tuple[Path, ...], ...], key: Key) -> list[Problem]:
+    problems = []
+    seen: dict[Path, Key] = {}
+    for number, views in enumerate(repetitions):
+        place: Key = (*key, "repetitions", number)
+        if len(views) > 1 and not isinstance(entry, SEEN_FROM_SIDES):
+            problems.append(Problem(place, f"a {entry.rig} has one file per repetition; take it out of its brackets."))
+        for view in views:
+            if not _stands_there(view, folder_too=not isinstance(entry, SEEN_FROM_SIDES)):
+                problems.append(Problem(place, f"there is no file {view}; put it there or correct the name."))
+            elif (file := view.resolve()) in seen:
+                # counted twice it would halve the variance of a mean without a second measurement
+                problems.append(Problem(place, f"{view} is listed twice; take one of them out."))
+            else:
+                seen[file] = place
+    # a copy under another name is no second measurement either
+    given = {view.resolve(): view for views in repetitions for view in views}
+    problems += [
+        Problem(seen[copy], f"{given[copy]} holds the same as {given[original]}; take one of them out.")
+        for original, copy in copies(seen)
+    ]
+    return problems
+
+
+def _stands_there(path: Path, *, folder_too: bool) -> bool:
+    """Whether there is such a file, or a folder of numbered pictures, which is a clip too."""
+    try:
+        return path.is_file() or (folder_too and path.is_dir())
+    except OSError:  # a name too long, a folder that may not be read
+        return False
+
+
+def _camera_problems(entry: ExperimentEntry, folder: Path, key: Key) -> list[Problem]:
+    return [Problem((*key, "camera", name), why) for name, why in entry.camera.faults(folder)]
+
+
+def _repeated_ids(document: Document, file: LabFile) -> list[Problem]:
+    problems = []
+    first: dict[str, int] = {}
+    for number, entry in enumerate(file.experiments):
+        key: Key = ("experiments", number, "id")
+        if entry.id in first:
+            earlier = ("experiments", first[entry.id], "id")
+            problems.append(
+                Problem(
+                    key,
+                    f"{entry.id!r} is already the id of {dotted(earlier[:2])} on line {document.line(earlier)}; "
+                    "give each experiment an id of its own.",
+                )
+            )
+        first.setdefault(entry.id, number)
+    return problems

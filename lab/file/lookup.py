@@ -1,0 +1,127 @@
+"""What a file names, found in the file itself or else in the published reference, and never in silence."""
+
+from __future__ import annotations
+
+import math
+
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.file.schema import LabFile, ModelFile, ParticleEntry, Problem, suggestion
+from rigtwin.lab.file.toml_lines import Key
+from rigtwin.lab.materials import PARAMETERS, KnownContact, Material, Pair, Particle, no_bead_has, pair
+from rigtwin.lab.reference import hlosta2020
+
+
+class Inventory:
+    """Materials, particles and contacts of one file; gathers problems instead of stopping at the first."""
+
+    def __init__(self, file: LabFile | ModelFile) -> None:
+        self.file = file
+        self.borrowed: list[str] = []
+        self.problems: list[Problem] = []
+        self.particles: dict[str, Particle] = {}
+        self.contacts: dict[Pair, KnownContact] = {}
+        self.materials = {
+            name: Material(name, entry.density, entry.youngs_modulus, entry.poisson_ratio)
+            for name, entry in file.materials.items()
+        }
+        for name in file.particles:
+            self.particle(name, ("particles", name))
+        for name in file.contacts:
+            self._read_contact(name)
+
+    def material(self, name: str, key: Key) -> Material | None:
+        """A material by name; None, and a problem at `key`, when there is none."""
+        if name in self.materials:
+            return self.materials[name]
+        if name not in hlosta2020.MATERIALS:
+            near = suggestion(name, (*self.materials, *hlosta2020.MATERIALS))
+            self.problems.append(Problem(key, f"there is no material {name!r}; {near}, or add [materials.{name}]."))
+            return None
+        self.materials[name] = hlosta2020.material(name)
+        self.borrowed.append(f"material {name} taken from {hlosta2020.CITATION} (table 2)")
+        return self.materials[name]
+
+    def particle(self, name: str, key: Key) -> Particle | None:
+        """A particle by name; None, and a problem at `key`, when there is none."""
+        if name in self.particles:
+            return self.particles[name]
+        if name in self.file.particles:
+            return self._own_particle(name, self.file.particles[name])
+        if name not in hlosta2020.NAMES:
+            near = suggestion(name, (*self.file.particles, *hlosta2020.NAMES))
+            self.problems.append(Problem(key, f"there is no particle {name!r}; {near}, or add [particles.{name}]."))
+            return None
+        try:
+            self.particles[name] = hlosta2020.particle(name)
+        except BadInput as error:
+            self.problems.append(Problem(key, str(error)))
+            return None
+        self.borrowed.append(f"particle {name} taken from {hlosta2020.CITATION} (tables 2, 3 and A2)")
+        return self.particles[name]
+
+    def borrow_contact(self, a: str, b: str) -> None:
+        """Fill what the file leaves open of a contact from the reference, where the reference has it."""
+        known = self.contacts.get(pair(a, b), KnownContact())
+        gaps = known.missing()
+        try:
+            published = hlosta2020.contact(a, b)
+        except BadInput:
+            return
+        if not gaps:
+            return
+        self.contacts[pair(a, b)] = known.filled(published)
+        what = "" if len(gaps) == len(PARAMETERS) else f"{' and '.join(gap.replace('_', ' ') for gap in gaps)} of "
+        own = [name for name in dict.fromkeys((a, b)) if name in self.file.particles or name in self.file.materials]
+        caution = f"; the file has its own {' and '.join(own)}, so check that they are the same" if own else ""
+        self.borrowed.append(
+            f"{what}contact {a}-{b} taken from {hlosta2020.CITATION} ({hlosta2020.contact_tables(a, b)}){caution}"
+        )
+
+    def _own_particle(self, name: str, entry: ParticleEntry) -> Particle | None:
+        key: Key = ("particles", name)
+        if name in self.file.materials or name in hlosta2020.MATERIALS:
+            self.problems.append(Problem(key, f"{name!r} is also a material; give the particle a name of its own."))
+            return None
+        if entry.density is not None and entry.mass is not None:
+            self.problems.append(Problem((*key, "mass"), "density and mass are both given; leave one of them out."))
+            return None
+        solid = self.material(entry.material, (*key, "material"))
+        if solid is None:
+            return None
+        density = entry.density
+        if entry.mass is not None:
+            density = entry.mass / (math.pi / 6 * entry.diameter**3)
+        if density is not None and (odd := no_bead_has(density)):
+            self.problems.append(Problem((*key, "density" if entry.mass is None else "mass"), odd))
+            return None
+        self.particles[name] = Particle(name, solid, entry.diameter, density)
+        return self.particles[name]
+
+    def _read_contact(self, name: str) -> None:
+        key: Key = ("contacts", name)
+        particles = {*self.file.particles, *hlosta2020.NAMES}
+        materials = {*self.file.materials, *hlosta2020.MATERIALS}
+        known = particles | materials
+        halves = [(name[:k], name[k + 1 :]) for k, letter in enumerate(name) if letter == "-"]
+        pairs = [both for both in halves if both[0] in known and both[1] in known]
+        if len(pairs) != 1:
+            self.problems.append(Problem(key, _unresolved(name, halves, pairs, sorted(known))))
+            return
+        a, b = pairs[0]
+        if not {a, b} & particles:
+            self.problems.append(Problem(key, "names two materials; one side must be a particle."))
+        elif pair(a, b) in self.contacts:
+            self.problems.append(Problem(key, "this contact is given twice (the order of names does not matter)."))
+        else:
+            entry = self.file.contacts[name]
+            self.contacts[pair(a, b)] = KnownContact(entry.restitution, entry.static_friction, entry.rolling_friction)
+
+
+def _unresolved(name: str, halves: list[tuple[str, str]], pairs: list[tuple[str, str]], known: list[str]) -> str:
+    if pairs:
+        readings = " or ".join(f"{a} with {b}" for a, b in pairs)
+        return f"can be read as {readings}; rename one of them without a hyphen."
+    if not halves:
+        return "is not a pair of names; write it like [contacts.D6-steel]."
+    unknown = next((half for both in halves for half in both if half not in known), name)
+    return f"there is no particle or material {unknown!r}; {suggestion(unknown, known)}."

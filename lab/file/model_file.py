@@ -1,0 +1,107 @@
+"""The model that a twin runs on: materials, particles, contacts and the effects switched on; a `model.toml`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import MappingProxyType
+
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.file.lookup import Inventory
+from rigtwin.lab.file.schema import ModelFile, read_document, validated
+from rigtwin.lab.materials import PARAMETERS, Contact, KnownContact, Material, Pair, Particle, pair
+from rigtwin.lab.reference import hlosta2020
+
+Effects = Mapping[str, Mapping[str, float]]
+"""Effects by name, each with its parameters in SI."""
+
+NO_EFFECTS: Effects = MappingProxyType({})
+
+
+@dataclass(frozen=True)
+class Model:
+    """What the simulation is told of the world."""
+
+    materials: Mapping[str, Material] = field(default_factory=dict)
+    particles: Mapping[str, Particle] = field(default_factory=dict)
+    contacts: Mapping[Pair, KnownContact] = field(default_factory=dict)
+    effects: Effects = field(default_factory=dict)
+    """Effects added to plain contact mechanics, by name, each with its parameters in SI."""
+
+    def known_contact(self, a: str, b: str) -> KnownContact:
+        """What is known of a contact, in any order of names; all unknown when nothing is."""
+        return self.contacts.get(pair(a, b), KnownContact())
+
+    def contact(self, a: str, b: str, needs: Sequence[str] = PARAMETERS) -> Contact:
+        """The contact of two particles, or of a particle and a wall, in any order.
+
+        Raises `BadInput` when a parameter named in `needs` is not known.
+        """
+        return self.known_contact(a, b).complete(needs, name=f"{a}-{b}")
+
+    def with_contact(
+        self,
+        a: str,
+        b: str,
+        *,
+        restitution: float | None = None,
+        static_friction: float | None = None,
+        rolling_friction: float | None = None,
+    ) -> Model:
+        """The same model with the given parameters of one contact set, for example to what was measured."""
+        known = KnownContact(restitution, static_friction, rolling_friction).filled(self.known_contact(a, b))
+        return replace(self, contacts={**self.contacts, pair(a, b): known})
+
+
+def read_model(path: Path) -> Model:
+    """Read a model.toml; the sections are those of lab.toml.  Raises `BadLabFile` naming file, line and key."""
+    document = read_document(path, made_by="take the model.toml that `rigtwin diagnose` leaves in its results")
+    file = validated(document, ModelFile)
+    inventory = Inventory(file)
+    if inventory.problems:
+        raise document.error(inventory.problems)
+    return Model(inventory.materials, inventory.particles, inventory.contacts, dict(file.effects))
+
+
+def write_model(path: Path, model: Model) -> None:
+    """Write a model.toml that `read_model` reads back the same; all values in SI."""
+    partial = path.with_name(path.name + ".part")
+    partial.write_text(model_text(model), encoding="utf-8")
+    partial.replace(path)
+
+
+def model_text(model: Model) -> str:
+    """The text of a model.toml; all values in SI."""
+    lines = ["# all values in SI units"]
+    for name, material in model.materials.items():
+        lines += _section("materials", name, ("density", "youngs_modulus", "poisson_ratio"), material)
+    for name, particle in model.particles.items():
+        if particle.shape is not None:
+            _check_known(particle)  # found again by its name
+            continue
+        lines += _section("particles", name, ("diameter", "density"), particle)
+        lines.append(f"material = {_text(particle.material.name)}")
+    for (a, b), contact in model.contacts.items():
+        lines += _section("contacts", f"{a}-{b}", PARAMETERS, contact)
+    for name, parameters in model.effects.items():
+        lines += ["", f"[effects.{_text(name)}]", *(f"{_text(key)} = {value!r}" for key, value in parameters.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _check_known(clump: Particle) -> None:
+    if clump.name not in hlosta2020.NAMES or hlosta2020.particle(clump.name) != clump:
+        raise BadInput(
+            f"{clump.name} is a clump that no file can describe; a model.toml holds spheres, and the clumps of "
+            f"{hlosta2020.CITATION} by name."
+        )
+
+
+def _section(kind: str, name: str, keys: Sequence[str], item: object) -> list[str]:
+    values = [(key, getattr(item, key)) for key in keys]
+    return ["", f"[{kind}.{_text(name)}]", *(f"{key} = {value!r}" for key, value in values if value is not None)]
+
+
+def _text(name: str) -> str:
+    return json.dumps(name, ensure_ascii=False)

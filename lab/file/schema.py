@@ -1,0 +1,484 @@
+"""What may stand in lab.toml and model.toml, and the sentence that says what is wrong there and on which line.
+
+The classes are the edge: texts with units go in, SI floats come out, an unknown key is an error.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+import tomllib
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationError
+from pydantic_core import ErrorDetails
+
+from rigtwin.lab import camera
+from rigtwin.lab.errors import BadInput, BadLabFile
+from rigtwin.lab.file.toml_lines import Key, dotted, key_lines
+from rigtwin.lab.rigs import UPSIDE_DOWN
+from rigtwin.lab.units import DIMENSIONS, LONGEST, MOST_PARTICLES, si
+
+HERE = Path()
+RIGS = ("drop", "pendulum", "tilt", "packing", "pile", "drum", "hopper")
+
+
+class Problem(NamedTuple):
+    """Something wrong in the file: where, and the rest of the sentence."""
+
+    key: Key
+    what: str
+
+
+@dataclass(frozen=True)
+class Document:
+    """A TOML file, its content and the line of every key."""
+
+    path: Path
+    data: dict[str, Any]
+    lines: dict[Key, int]
+
+    def line(self, key: Key) -> int:
+        """Line of a key, or of the table it should stand in."""
+        while key not in self.lines:
+            key = key[:-1]
+        return self.lines[key]
+
+    def error(self, problems: Iterable[Problem]) -> BadLabFile:
+        """One sentence on the first problem by line, and in which lines there are more.
+
+        A missing key comes last: it may be the misspelt one.
+        """
+        first, *others = sorted(
+            dict.fromkeys(problems), key=lambda problem: (problem.key not in self.lines, self.line(problem.key))
+        )
+        where = f"{self.path}, line {self.line(first.key)}: "
+        key = f"{dotted(first.key)}: " if first.key else ""
+        if not others:
+            return BadLabFile(f"{where}{key}{first.what}")
+        lines = ", ".join(map(str, sorted({self.line(other.key) for other in others})))
+        stop = "." if first.what.endswith(".") else ""
+        return BadLabFile(
+            f"{where}{key}{first.what.removesuffix('.')} (and {len(others)} more, see line {lines}){stop}"
+        )
+
+
+def read_document(path: Path, *, made_by: str = "make one with `rigtwin init`") -> Document:
+    """Read a TOML file, `made_by` where it is not there.  Raises `BadLabFile` with the line of what is no TOML."""
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+        data = tomllib.loads(text)
+        lines = key_lines(text)
+    except FileNotFoundError:
+        raise BadLabFile(f"{path}: no such file; check the path, or {made_by}.") from None
+    except OSError as error:
+        raise BadLabFile(f"{path}: cannot be read ({error.strerror}); check the path and its permissions.") from None
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        raise BadLabFile(f"{path}, line {line}: is not UTF-8 text; save the file as UTF-8.") from None
+    except (ValueError, RecursionError) as error:  # bad syntax, or a number or nesting beyond Python's limits
+        raise BadLabFile(_syntax_error(path, text, error)) from None
+    return Document(path, data, lines)
+
+
+def _syntax_error(path: Path, text: str, error: Exception) -> str:
+    said = str(error)
+    place = re.search(r"\(at line (\d+), column (\d+)\)", said)
+    line = int(place[1]) if place else text.rstrip().count("\n") + 1
+    reason = re.sub(r"\s*\(at .*\)$", "", said)
+    reason = reason.replace("Cannot overwrite a value", "the key or table stands there twice")
+    written = text.split("\n")[line - 1].strip()[:60]
+    return (
+        f"{path}, line {line}: not valid TOML ({reason[:1].lower()}{reason[1:]}) in {written!r}; "
+        'write key = "text" or key = number, one per line.'
+    )
+
+
+def _edge(parse: Callable[[Any], Any]) -> PlainValidator:
+    def check(value: Any) -> Any:
+        try:
+            return parse(value)
+        except BadInput as error:
+            raise ValueError(str(error).removeprefix("value: ")) from None
+
+    return PlainValidator(check)
+
+
+def _quantity(dimension: str, lowest: float = -math.inf, highest: float = math.inf, *, open_low: bool = True) -> Any:
+    def parse(value: Any) -> float:
+        number = si(value, dimension)
+        too_large = number > highest and not math.isclose(number, highest)  # as radians(175) is another than 175 deg
+        if number < lowest or too_large or (open_low and number == lowest):
+            bare = dimension != "number" and not isinstance(value, str)
+            unit, example = DIMENSIONS[dimension]
+            hint = f"; a bare number is in {unit}, write it with its unit, like {example!r}" if bare else ""
+            limits = _limits(lowest, highest, open_low) + ("" if unit == "1" or highest == math.inf else f" {unit}")
+            raise BadInput(f"{value!r} is out of range; it must be {limits}{hint}.")
+        return number
+
+    return _edge(parse)
+
+
+def _limits(lowest: float, highest: float, open_low: bool) -> str:
+    low = "" if lowest == -math.inf else f"{'above' if open_low else 'at least'} {lowest:g}"
+    high = "" if highest == math.inf else f"at most {highest:g}"
+    return " and ".join(word for word in (low, high) if word)
+
+
+def _roll(value: Any) -> float:
+    return camera.roll(value, name="value")
+
+
+def _region(value: Any) -> tuple[float, float, float, float]:
+    if isinstance(value, list):
+        value = ",".join(str(number) for number in value)
+    return camera.region(_text(value, "120,40,640,480"), name="value")
+
+
+def _known_length(value: Any) -> camera.KnownLength:
+    return camera.known_length(_text(value, "100mm:10,20,510,20"), name="value")
+
+
+def _plumb_line(value: Any) -> float:
+    return camera.plumb_line(_text(value, "100,0,90,500"), name="value")
+
+
+def _board(value: Any) -> camera.Board:
+    return camera.board(_text(value, "checkerboard 9x6 10mm board.jpg"), name="value")
+
+
+def _text(value: Any, example: str) -> str:
+    if not isinstance(value, str):
+        raise BadInput(f"{value!r} is not a text; write it like {example!r}.")
+    return value
+
+
+def _views(value: Any) -> list[str]:
+    views = [value] if isinstance(value, str) else value
+    if not isinstance(views, list) or not views or not all(isinstance(view, str) and view for view in views):
+        raise BadInput(f"{value!r} is not a file name; write it like 'r01.mp4', or ['front.jpg', 'left.jpg'].")
+    return views
+
+
+def _whole(value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise BadInput(f"{value!r} is not a whole number of at least 1.")
+    if value > MOST_PARTICLES:
+        raise BadInput(f"{value!r} is more than the {MOST_PARTICLES} particles that a twin can have.")
+    return value
+
+
+def _moment(value: Any) -> camera.Moment:
+    return camera.moment(value, name="value")
+
+
+Length = Annotated[float, _quantity("length", 0, LONGEST), Field(examples=["6.2 mm"])]
+Height = Annotated[float, _quantity("length", 0, open_low=False), Field(examples=["10 mm"])]
+Density = Annotated[float, _quantity("density", 0), Field(examples=["568 kg/m^3"])]
+Mass = Annotated[float, _quantity("mass", 0), Field(examples=["0.69 g"])]
+Modulus = Annotated[float, _quantity("pressure", 0), Field(examples=["11 GPa"])]
+Poisson = Annotated[float, _quantity("number", 0, 0.499, open_low=False), Field(examples=[0.44])]
+Restitution = Annotated[float, _quantity("number", 0, 1), Field(examples=[0.42])]
+Friction = Annotated[float, _quantity("number", 0, open_low=False), Field(examples=[0.36])]
+Rate = Annotated[float, _quantity("frequency", 0), Field(examples=["240 Hz"])]
+Scale = Annotated[float, _quantity("scale", 0), Field(examples=["0.2 mm/px"])]
+Speed = Annotated[float, _quantity("speed", 0), Field(examples=["20 mm/s"])]
+Turning = Annotated[float, _quantity("angular_speed", 0), Field(examples=["3 rpm"])]
+Tilting = Annotated[float, _quantity("tilting_speed", 0), Field(examples=["2 deg/s"])]
+Fraction = Annotated[float, _quantity("number", 0, 1), Field(examples=[0.35])]
+Release = Annotated[float, _quantity("angle", 0, UPSIDE_DOWN), Field(examples=["45 deg"])]
+Tilted = Annotated[float, _quantity("angle", 0, math.radians(45)), Field(examples=["0.1 deg"])]
+Count = Annotated[int, _edge(_whole), Field(examples=[1000])]
+Moment = Annotated[camera.Moment, _edge(_moment), Field(examples=["0.25 s"])]
+KnownLength = Annotated[camera.KnownLength, _edge(_known_length)]
+PlumbLine = Annotated[float, _edge(_plumb_line)]
+Board = Annotated[camera.Board, _edge(_board)]
+Views = Annotated[list[str], _edge(_views)]
+Name = Annotated[str, Field(min_length=1)]
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class LabEntry(_Entry):
+    title: str = ""
+
+
+class MaterialEntry(_Entry):
+    density: Density
+    youngs_modulus: Modulus
+    poisson_ratio: Poisson
+
+
+class ParticleEntry(_Entry):
+    material: Name = Field(examples=["ash"])
+    diameter: Length
+    density: Density | None = None
+    mass: Mass | None = None
+
+
+class ContactEntry(_Entry):
+    restitution: Restitution | None = None
+    static_friction: Friction | None = None
+    rolling_friction: Friction | None = None
+
+
+class CameraEntry(_Entry):
+    frame_rate: Rate | None = None
+    scale: Scale | None = None
+    known_length: KnownLength | None = None
+    region: Annotated[tuple[float, float, float, float], _edge(_region)] | None = None
+    start: Moment | None = None
+    end: Moment | None = None
+    camera_roll: Annotated[float, _edge(_roll)] | None = None
+    plumb_line: PlumbLine | None = None
+    board: Board | None = None
+
+    def camera(self, folder: Path = HERE) -> camera.Camera:
+        """What the keys say; a board's photo is named relative to the lab's `folder`."""
+        roll = self.camera_roll if self.plumb_line is None else self.plumb_line
+        board = None if self.board is None else replace(self.board, photo=folder / self.board.photo)
+        return camera.Camera(
+            self.frame_rate, self.scale, self.known_length, self.region, self.start, self.end, roll, board
+        )
+
+    def faults(self, folder: Path) -> Iterable[tuple[str, str]]:
+        """Keys that do not go together, or with what lies in the lab's folder, and why."""
+        if self.camera_roll is not None and self.plumb_line is not None:
+            yield "plumb_line", "camera_roll is given too; leave one of them out."
+        if self.board is not None:
+            if self.scale is not None or self.known_length is not None:
+                yield "board", "the board gives the scale; leave scale and known_length out."
+            if not (folder / self.board.photo).is_file():
+                yield "board", f"there is no file {folder / self.board.photo}; put it there or correct the name."
+        start, end = self.start, self.end
+        if start and end and start.unit == end.unit and start.value >= end.value:
+            yield "end", f"end ({end.value:g} {end.unit}) is not after start ({start.value:g} {start.unit})."
+
+
+class _ExperimentEntry(_Entry):
+    id: Name = Field(examples=["drop-D6-steel"])
+    particle: Name = Field(examples=["D6"])
+    repetitions: list[Views] = Field(min_length=1, examples=[["r01.mp4", "r02.mp4"]])
+    camera: CameraEntry = CameraEntry()
+
+
+class UncertaintyEntry(_Entry):
+    """Standard uncertainties of what is stated, for the diagnosis; relative ones as numbers."""
+
+    scale: Fraction | None = None
+    frame_rate: Fraction | None = None
+    camera_roll: Tilted | None = None
+    tracking_noise: Length | None = None
+    drop_height: Length | None = None
+    plate_level: Tilted | None = None
+    length: Length | None = None
+    release_angle: Tilted | None = None
+
+
+class DropEntry(_ExperimentEntry):
+    rig: Literal["drop"]
+    wall: Name = Field(examples=["steel"])
+    drop_height: Length | None = None
+    bounces: Count = 4
+    turned: Release | None = None
+
+
+class PendulumEntry(_ExperimentEntry):
+    rig: Literal["pendulum"]
+    wall: Name | None = None
+    variant: Literal["double", "wall"] = Field(examples=["double"])
+    length: Length = Field(examples=["300 mm"])
+    release_angle: Release | None = None
+    hanger: Literal["string", "rod"] = Field("string", examples=["rod"])
+    rod_mass: Mass | None = None
+
+
+class PileEntry(_ExperimentEntry):
+    rig: Literal["pile"]
+    wall: Name = Field(examples=["steel"])
+    variant: Literal["piling", "pouring", "emptying"] = Field(examples=["piling"])
+    base_diameter: Length = Field(examples=["90 mm"])
+    rim_height: Height = 0.0
+    outlet_diameter: Length | None = None
+    outlet_height: Length | None = None
+    tube_diameter: Length | None = None
+    lift_speed: Speed | None = None
+    drain_diameter: Length | None = None
+    count: Count | None = None
+
+
+class TiltEntry(_ExperimentEntry):
+    rig: Literal["tilt"]
+    wall: Name = Field(examples=["steel"])
+    variant: Literal["slide", "roll"] = Field(examples=["slide"])
+    arm_length: Length | None = None
+    speed: Tilting | None = None
+
+
+class PackingEntry(_ExperimentEntry):
+    rig: Literal["packing"]
+    wall: Name = Field(examples=["PMMA"])
+    cylinder_diameter: Length = Field(examples=["65 mm"])
+    hopper_diameter: Length | None = None
+    outlet_diameter: Length | None = None
+    total_mass: Mass | None = None
+    count: Count | None = None
+
+
+class DrumEntry(_ExperimentEntry):
+    rig: Literal["drum"]
+    wall: Name = Field(examples=["PMMA"])
+    drum_diameter: Length = Field(examples=["140 mm"])
+    speed: Turning = Field(examples=["3 rpm"])
+    depth: Length | None = None
+    fill: Fraction | None = None
+    count: Count | None = None
+
+
+class HopperEntry(_ExperimentEntry):
+    rig: Literal["hopper"]
+    wall: Name = Field(examples=["PMMA"])
+    variant: Literal["slot", "conical"] = Field(examples=["slot"])
+    bin_width: Length | None = None
+    depth: Length | None = None
+    outlet: Length | None = None
+    total_mass: Mass | None = None
+    count: Count | None = None
+
+
+ExperimentEntry = DropEntry | PendulumEntry | TiltEntry | PackingEntry | PileEntry | DrumEntry | HopperEntry
+
+
+class LabFile(_Entry):
+    lab: LabEntry = LabEntry()
+    materials: dict[str, MaterialEntry] = {}
+    particles: dict[str, ParticleEntry] = {}
+    contacts: dict[str, ContactEntry] = {}
+    uncertainty: UncertaintyEntry = UncertaintyEntry()
+    experiments: list[Annotated[ExperimentEntry, Field(discriminator="rig")]] = []
+
+
+class ModelFile(_Entry):
+    materials: dict[str, MaterialEntry] = {}
+    particles: dict[str, ParticleEntry] = {}
+    contacts: dict[str, ContactEntry] = {}
+    effects: dict[str, dict[str, float]] = {}
+
+
+_SECTIONS: dict[str, type[_Entry]] = {
+    "lab": LabEntry,
+    "materials": MaterialEntry,
+    "particles": ParticleEntry,
+    "contacts": ContactEntry,
+    "camera": CameraEntry,
+    "uncertainty": UncertaintyEntry,
+    "drop": DropEntry,
+    "pendulum": PendulumEntry,
+    "tilt": TiltEntry,
+    "packing": PackingEntry,
+    "pile": PileEntry,
+    "drum": DrumEntry,
+    "hopper": HopperEntry,
+}
+
+File = TypeVar("File", LabFile, ModelFile)
+
+
+def validated(document: Document, kind: type[File]) -> File:
+    """The document as `kind`.  Raises `BadLabFile` naming file, line and key."""
+    try:
+        return kind.model_validate(document.data)
+    except ValidationError as error:
+        raise document.error([_problem(details, kind) for details in error.errors()]) from None
+
+
+def _problem(details: ErrorDetails, kind: type[_Entry]) -> Problem:
+    place = details["loc"]
+    parent = place[:-1]
+    section = kind if not parent else _section(parent)
+    key: Key = (*place[:2], *place[3:]) if place[:1] == ("experiments",) and len(place) > 2 else place
+    name, given = str(place[-1]) if place else "", _shown(details["input"])
+    match details["type"]:
+        case "missing":
+            return Problem(key, f"this key is missing; add {name} = {_example(section, name)}.")
+        case "extra_forbidden":
+            return Problem(key, f"unknown key; {suggestion(name, section.model_fields)}.")
+        case "value_error":
+            return Problem(key, str(details["ctx"]["error"]))
+        case "union_tag_not_found":
+            return Problem((*key, "rig"), f'this key is missing; add rig = "drop" (known: {", ".join(RIGS)}).')
+        case "union_tag_invalid":
+            return Problem((*key, "rig"), unknown_rig(str(details["ctx"]["tag"])))
+        case "literal_error":
+            return Problem(key, f"{given} is not known; write {details['ctx']['expected']}.")
+        case "too_short":
+            return Problem(key, f"is empty; write {name} = {_example(section, name)}.")
+        case "string_too_short":
+            return Problem(key, "is empty; write a name.")
+        case "string_type":
+            return Problem(key, f"{given} is not a text; put it in quotes.")
+        case "list_type":
+            return Problem(key, f"{given} is not a list; write {_list_hint(section, name)}.")
+        case "dict_type" | "model_type" | "model_attributes_type":
+            return Problem(key, f"{given} is not a table; write it as [{_header(key)}] with its keys below.")
+    return Problem(key, f"{given} cannot be used ({details['msg'].lower()}).")
+
+
+def _section(parent: Key) -> type[_Entry]:
+    """The class whose keys stand under `parent`; pydantic puts the rig's name after an experiment's number."""
+    if parent[0] in ("materials", "particles", "contacts", "lab"):
+        return _SECTIONS[str(parent[0])]
+    if parent[0] == "experiments" and len(parent) > 2:
+        return CameraEntry if parent[3:4] == ("camera",) else _SECTIONS[str(parent[2])]
+    return LabFile
+
+
+def _example(section: type[_Entry], name: str) -> str:
+    examples = section.model_fields[name].examples or ["..."]
+    return _toml(examples[0])
+
+
+def _shown(value: Any) -> str:
+    return "a table" if isinstance(value, dict) else repr(value)
+
+
+def _header(key: Key) -> str:
+    return dotted(tuple(part for part in key if isinstance(part, str)))
+
+
+def _list_hint(section: type[_Entry], name: str) -> str:
+    if name == "experiments":
+        return "each experiment under [[experiments]], with double brackets"
+    return f"{name} = {_example(section, name)}"
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, list):
+        return "[" + ", ".join(_toml(item) for item in value) + "]"
+    return f'"{value}"' if isinstance(value, str) else str(value)
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """The nearest known name as advice, or all of them.
+
+    >>> suggestion("framerate", ["frame_rate", "scale"])
+    "did you mean 'frame_rate'? (known: frame_rate, scale)"
+    """
+    names = list(dict.fromkeys(known))
+    near = difflib.get_close_matches(name.lower(), [word.lower() for word in names], n=1)
+    listed = ", ".join(names) or "none"
+    if not near:
+        return f"known are {listed}"
+    found = next(word for word in names if word.lower() == near[0])
+    return f"did you mean {found!r}? (known: {listed})"
+
+
+def unknown_rig(name: str) -> str:
+    """What to say of a rig that cannot be read."""
+    return f"there is no rig {name!r}; {suggestion(name, RIGS)}."

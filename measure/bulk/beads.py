@@ -1,0 +1,289 @@
+"""Find a heap of roughly equal beads in a picture, without clicks.
+
+Every edge pixel votes for the centre of the circle it may belong to (Hough, by gradient direction); a centre counts
+when edges that point at it surround it.  Beads of a heap touch: the largest group of such circles one bead apart is
+the heap.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.arrays import Array
+from rigtwin.measure.geometry.lines import at
+
+Numbers = npt.NDArray[np.float32]
+
+SPOKES = 24  # directions in which a circle's edge is looked for
+
+SURROUNDED = 0.5  # share of the spokes that must meet an edge; half of a bead in a heap is hidden
+
+WELL_SURROUNDED = 0.7  # beads at the front of a heap hide behind none
+
+NEARLY = 0.5  # share of the best score at which a larger radius is preferred
+
+FEWEST_BEADS = 10
+
+# radii, of the scatter across their line; of two layers of beads it is 0.8, of marks of one length 0.1 to 0.6
+ROW = 0.7
+
+SAMPLED = 300  # rows and columns at least, from which a picture's usual edges are learnt
+
+ROUGH = 0.3  # of a bead's radius, over which roughness is averaged
+
+GREY = 6  # [levels of Lab], by which hues of a picture without colour may differ
+
+MOST_ROWS = 30_000  # that OpenCV reads at once are less than 32,767
+
+
+@dataclass(frozen=True)
+class Beads:
+    """Circles in the picture that form one group."""
+
+    centre: Array  # [px], shape (n, 2), x right, y down
+    radius: float  # [px], common to all
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Brightness gradient of a picture."""
+
+    x: npt.NDArray[np.float32]  # [grey/px], shape (height, width)
+    y: npt.NDArray[np.float32]  # [grey/px], shape (height, width)
+    strength: npt.NDArray[np.float32]  # [grey/px], shape (height, width)
+    noise: float  # [grey/px], above this an edge is no accident
+    strong: float  # [grey/px], an edge as clear as any in this picture
+
+    @cached_property
+    def both(self) -> npt.NDArray[np.float32]:
+        """[grey/px], along x and y, shape (height, width, 2)"""
+        return np.asarray(cv2.merge([self.x, self.y]), dtype=np.float32)
+
+    @cached_property
+    def points(self) -> tuple[Numbers, Numbers, Numbers, Numbers]:
+        """Pixels on edges: column, row, and the direction across the edge there."""
+        row, column = np.nonzero(self.strength > self.noise)
+        strength = self.strength[row, column]
+        across = (self.x[row, column] / strength, self.y[row, column] / strength)
+        return column.astype(np.float32), row.astype(np.float32), *across
+
+
+def edges(grey: npt.NDArray[np.uint8], blur: float = 1.0) -> Edges:
+    """Gradient of the picture smoothed by `blur` pixels; 1 px suits circles."""
+    smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), blur)
+    x = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8), dtype=np.float32)
+    y = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8), dtype=np.float32)
+    strength = np.asarray(cv2.magnitude(x, y), dtype=np.float32)
+    apart = max(1, min(strength.shape) // SAMPLED)
+    usual, strong = (float(level) for level in np.percentile(strength[::apart, ::apart], (50, 90)))
+    noise = max(2 * usual, 1.0)
+    return Edges(x, y, strength, noise, max(strong, noise))
+
+
+def find_beads(grey: npt.NDArray[np.uint8], radii: tuple[float, float]) -> Beads | None:
+    """The largest group of touching circles with a radius between `radii` [px], None when there is none.
+
+    What counts is how completely edges surround the circles: larger ones through the gaps between beads, and smaller
+    ones inside beads, meet an edge on part of their rim only.  Shading puts the clearest edge inside a bead's rim,
+    therefore the largest radius that does nearly as well as the best.
+    """
+    picture = edges(grey)
+    tried: list[tuple[float, Beads]] = []
+    for radius in np.geomspace(*radii, num=max(2, round(np.log(radii[1] / radii[0]) / 0.12) + 1)):
+        for sign in (1, -1):  # beads brighter, then darker than the gaps between them
+            centre = _circles(picture, float(radius), sign)
+            group = _largest_group(centre, 3.0 * radius) if len(centre) >= FEWEST_BEADS else centre
+            if len(group) < FEWEST_BEADS:
+                continue
+            surrounded = _surrounded(picture, group, float(radius), sign)
+            tried.append((float(np.sum(np.maximum(surrounded - WELL_SURROUNDED, 0)) * radius), Beads(group, radius)))
+    if not tried:
+        return None
+    # the graduations of a rule make a row of good circles; where there are others, beads lie above each other
+    piled = [(score, beads) for score, beads in tried if not _in_a_row(beads)]
+    tried = piled or tried
+    best, leader = max(tried, key=lambda one: one[0])
+    close = [beads for score, beads in tried if score >= NEARLY * best and beads.radius < 1.5 * leader.radius]
+    return max(close, key=lambda beads: beads.radius)
+
+
+def _in_a_row(beads: Beads) -> bool:
+    across = float(np.linalg.eigvalsh(np.cov(beads.centre.T))[0])
+    return bool(math.sqrt(max(across, 0.0)) < ROW * beads.radius)
+
+
+def more_beads(picture: Edges, alike: npt.NDArray[np.float32], beads: Beads, *, least_group: float = 1.0) -> Beads:
+    """All the circles of the heap, found more readily now that size and colour of the beads are known.
+
+    `least_group` is the share of the largest group that another one must hold to belong to the beads, too.
+    """
+    found = [beads.centre]
+    for stretch in (0.88, 1.0, 1.14):
+        for sign in (1, -1):
+            centre = _circles(picture, stretch * beads.radius, sign, surrounded=0.36)
+            found.append(centre[at(alike, centre) > 0.6])
+    return Beads(_largest_group(np.concatenate(found), 2.4 * beads.radius, least_group), beads.radius)
+
+
+def likeness(
+    image: npt.NDArray[np.uint8], beads: Beads, cells: npt.NDArray[np.int32] | None = None
+) -> npt.NDArray[np.float32]:
+    """How much each pixel has the colour of the beads rather than of what is around them, 0 to 1.
+
+    Ratio of two colour histograms (Swain and Ballard 1991): inside the circles, and further than two beads from
+    them; what is nearest behind the heap counts as much as all the rest.  `cells` are the picture's colour cells where
+    they are known.
+    """
+    inside = np.zeros(image.shape[:2], np.uint8)
+    for x, y in np.rint(beads.centre).astype(int):
+        cv2.circle(inside, (int(x), int(y)), max(1, round(0.75 * beads.radius)), 255, -1)
+    away = cv2.distanceTransform(255 - inside, cv2.DIST_L2, 3) / beads.radius
+    index = colour_cells(image, beads.radius) if cells is None else cells
+    of_beads = index[inside > 0]
+    here = shares(of_beads)
+    there = 0.5 * (shares(index[away > 4]) + shares(index[(away > 4) & (away < 10)]))
+    return np.asarray((here / (here + there + rare(here, of_beads))).astype(np.float32)[index], dtype=np.float32)
+
+
+def rim_radius(grey: npt.NDArray[np.uint8], beads: Beads) -> float:
+    """Radius [px] at which the clearest circles' edges end: half as steep as at their steepest, on its outer side."""
+    picture = edges(grey)
+    stretch = np.arange(0.6, 1.6, 0.04)
+    steepest = np.zeros(len(stretch))
+    for sign in (1, -1):
+        surrounded = _surrounded(picture, beads.centre, beads.radius, sign)
+        clear = beads.centre[surrounded >= np.percentile(surrounded, 80)]
+        inward, _ = _along_spokes(picture, clear, (stretch * beads.radius).tolist(), sign)
+        mean = inward.mean(axis=(0, 2), dtype=np.float64)
+        if mean.max() > steepest.max():
+            steepest = mean
+    top = int(np.argmax(steepest))
+    below = np.flatnonzero(steepest[top:] < steepest[top] / 2)
+    if len(below) == 0 or below[0] == 0:
+        return beads.radius
+    k = top + int(below[0])
+    part = (steepest[k - 1] - steepest[top] / 2) / (steepest[k - 1] - steepest[k])
+    return float(beads.radius * (stretch[k - 1] + part * (stretch[k] - stretch[k - 1])))
+
+
+def rare(share: Array, index: npt.NDArray[np.int32]) -> float:
+    """A share so small that it is no evidence: a false circle or two among the beads makes as much."""
+    return 0.1 * float(np.median(share[index])) if index.size else 0.1  # without beads nothing is evidence
+
+
+def colour_cells(image: npt.NDArray[np.uint8], radius: float) -> npt.NDArray[np.int32]:
+    """Every pixel's colour as the number of a cell of the Lab space, of the picture smoothed to a part of a bead."""
+    smooth = cv2.GaussianBlur(image, (0, 0), max(0.1 * radius, 0.8))
+    return _cells(np.asarray(cv2.cvtColor(smooth, cv2.COLOR_BGR2LAB), dtype=np.uint8))
+
+
+def look_cells(image: npt.NDArray[np.uint8], radius: float, *, textured: bool = False) -> npt.NDArray[np.int32]:
+    """Likewise, but of a picture without hues in finer steps of lightness, `textured` with those of roughness.
+
+    Shaded beads differ from a wall as light as they are in how rough they look.
+    """
+    lightness, *hues = cv2.split(cv2.cvtColor(image, cv2.COLOR_BGR2LAB))
+    # a sticker makes no photo one in colour
+    if max(float(np.ptp(np.percentile(hue, (0.5, 99.5)))) for hue in hues) > GREY:
+        return colour_cells(image, radius)
+    light = cv2.GaussianBlur(lightness.astype(np.float32), (0, 0), max(0.1 * radius, 0.8))
+    texture = np.zeros_like(light)
+    if textured:
+        window = (2 * round(ROUGH * radius) + 1,) * 2
+        rough = np.sqrt(np.maximum(cv2.blur(light * light, window) - cv2.blur(light, window) ** 2, 0))
+        # of the windows that hold a pixel the plainest (Kuwahara et al. 1976): an edge makes nothing beside it rough
+        texture = 40 * np.log2(cv2.erode(rough, np.ones(window, np.uint8)) + 1)
+    return _cells(np.clip(cv2.merge([texture, light, np.zeros_like(light)]), 0, 255).astype(np.uint8))
+
+
+def _cells(lab: npt.NDArray[np.uint8]) -> npt.NDArray[np.int32]:
+    levels = np.arange(256, dtype=np.int32)
+    cells = np.take(levels // 16 * 43 * 43, lab[..., 0])
+    cells += np.take(levels // 6 * 43, lab[..., 1])
+    cells += np.take(levels // 6, lab[..., 2])
+    return np.asarray(cells)
+
+
+def shares(index: npt.NDArray[np.int32]) -> Array:
+    """Smoothed histogram of colour cells, sum 1."""
+    from scipy.ndimage import gaussian_filter
+
+    count = np.bincount(index, minlength=16 * 43 * 43).reshape(16, 43, 43).astype(np.float64)
+    return np.asarray(gaussian_filter(count / max(len(index), 1), 1.0).ravel())
+
+
+def _circles(picture: Edges, radius: float, sign: int, surrounded: float = SURROUNDED) -> Array:
+    """Centres [px], shape (n, 2), of circles of this radius."""
+    height, width = picture.strength.shape
+    column, row, across_x, across_y = picture.points
+    spread = max(0.12 * radius, 0.8)
+    # votes are spread over so many pixels anyway that those of a large circle are counted in larger cells
+    cell = max(int(spread), 1)
+    reach = np.float32(sign * radius)
+    # a margin takes the votes that fall outside: cheaper than to leave them out
+    margin = (int(radius) + 2) // cell + 1
+    x, y = (
+        ((place + reach * across + np.float32(0.5)) * np.float32(1 / cell) + np.float32(margin)).astype(np.int32)
+        for place, across in ((column, across_x), (row, across_y))
+    )
+    wide, high = (-(-side // cell) for side in (width, height))
+    stride = wide + 2 * margin
+    votes = np.bincount(y * stride + x, minlength=stride * (high + 2 * margin)).reshape(-1, stride)
+    votes = votes[margin : margin + high, margin : margin + wide]
+    density = cv2.GaussianBlur(votes.astype(np.float32), (0, 0), spread / cell) * ((spread / cell) ** 2 / radius)
+    size = 2 * int(0.8 * radius / cell) + 1
+    peaks = (density == cv2.dilate(density, np.ones((size, size), np.uint8))) & (density > 0.3)
+    peak_y, peak_x = np.divmod(np.flatnonzero(peaks), peaks.shape[1])  # of a flat array they are found sooner
+    centre = np.asarray(np.column_stack([peak_x, peak_y]) * cell + (cell - 1) / 2, dtype=np.float64)
+    return centre[_surrounded(picture, centre, radius, sign) >= surrounded]
+
+
+def _along_spokes(picture: Edges, centre: Array, lengths: Sequence[float], sign: int) -> tuple[Numbers, Numbers]:
+    """Gradient towards the centre, and the whole gradient, at every length along every spoke.
+
+    Both of shape (n, lengths, SPOKES); 0 outside the picture.
+    """
+    angle = np.arange(SPOKES, dtype=np.float32) * np.float32(2 * np.pi / SPOKES)
+    cos, sin = np.cos(angle), np.sin(angle)
+    length = np.array(lengths, dtype=np.float32)[:, None]
+    at_x, at_y = (
+        (centre[:, k].astype(np.float32)[:, None] + (length * away).ravel()) for k, away in enumerate((cos, sin))
+    )
+    read = [np.zeros((0, at_x.shape[1], 2), np.float32)]
+    for part in (slice(first, first + MOST_ROWS) for first in range(0, len(centre), MOST_ROWS)):
+        read.append(cv2.remap(picture.both, at_x[part], at_y[part], cv2.INTER_NEAREST, borderValue=0))
+    seen = np.concatenate(read).reshape(-1, len(length), SPOKES, 2)
+    inward = (seen[..., 0] * cos + seen[..., 1] * sin) * np.float32(-sign)
+    return inward, np.hypot(seen[..., 0], seen[..., 1])
+
+
+def _surrounded(picture: Edges, centre: Array, radius: float, sign: int) -> Array:
+    """Share of the spokes that meet an edge pointing at the centre, shape (n,)."""
+    lengths = [stretch * radius for stretch in (0.85, 0.93, 1.0, 1.07, 1.15)]
+    inward, whole = _along_spokes(picture, centre, lengths, sign)
+    met = (whole > picture.noise) & (inward > np.float32(0.8) * whole)
+    return np.asarray(met.any(axis=1).mean(axis=1), dtype=np.float64)
+
+
+def _largest_group(centre: Array, reach: float, least: float = 1.0) -> Array:
+    """The largest group of circles, with others that hold the share `least` of it."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    if len(centre) < 2:
+        return centre
+    pairs = cKDTree(centre).query_pairs(reach, output_type="ndarray")
+    links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(centre), len(centre)))
+    _, label = connected_components(links, directed=False)
+    count = np.bincount(label)
+    kept = count > least * count.max()
+    kept[count.argmax()] = True
+    return np.asarray(centre[kept[label]])

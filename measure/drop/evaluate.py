@@ -1,0 +1,299 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rigtwin.lab.arrays import Array
+from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.lab.quantity import Detail, Evaluation, Quantity, doubted, root_sum_of_squares
+from rigtwin.lab.records import Track
+from rigtwin.measure.drop.bounce_fit import Bounces, Heights, Reader, find_contacts, fit_bounces, third_difference_noise
+from rigtwin.measure.drop.checks import (
+    fall_check,
+    gravity_check,
+    plane_check,
+    residual_check,
+    timing_check,
+)
+from rigtwin.measure.drop.fall_in_air import AirDrag
+from rigtwin.measure.drop.lost_frames import find_losses
+from rigtwin.measure.media.duplicate_frames import repeated
+from rigtwin.measure.media.frame_loss import Loss, in_time
+
+HEIGHTS_REST_ON = ("first_fall", "lost_frames", "gravity", "flight_residuals", "out_of_plane")
+
+GAIN = "a restitution above 1 cannot be: the track is wrong there"
+
+ONE_VIEW = "seen from one side: what goes across the view is left out"
+
+SPUN = "it leaves the plate faster than it came down: its spin drives it up, which is no restitution"
+
+
+# ------------------------------------------------------------------------------------------------- record -> quantities
+
+
+def evaluate(
+    track: Track,
+    *,
+    side: Track | None = None,
+    bead_diameter: float | None = None,
+    bead_density: float | None = None,
+) -> Evaluation:
+    """Quantities and checks of one track; y up, against gravity.
+
+    `side` is the same body at the same times as one sees it from the side, its x away from the viewer of `track`.
+    `bead_diameter` [m] and `bead_density` [kg/m^3] fix the air drag; without them its strength is fitted.  A `sigma`
+    of NaN means unknown: the noise is taken from the residuals.  Raises `NothingToMeasure` when there is no bounce.
+    """
+    rate = rate_of(track)
+    drag = AirDrag(bead_diameter, bead_density)
+    whole = track
+    track, repeats, losses, fitted = readable(track, drag)
+    if side is not None:  # a body that turns meets the plate higher and lower: that is no loss of frames
+        track, losses, fitted = whole, (), None
+    bounces = bounces_of(track, drag, str(track.body), fitted=fitted, in_metres=True)
+    return evaluate_bounces(track, bounces, side=side, scale_doubt=0.0, rate=rate, repeats=repeats, losses=losses)
+
+
+def readable(track: Track, drag: AirDrag) -> tuple[Track, int, tuple[Loss, ...], Bounces | None]:
+    """The track without points that are blank or repeat the one before, how many these were, and its bounces.
+
+    Its times are true then, also where frames were surely lost.
+    """
+    finite = np.isfinite(track.time) & np.all(np.isfinite(track.position), axis=1)
+    time, position = track.time[finite], track.position[finite]
+    again = np.zeros(len(time), dtype=bool)
+    if len(time) > 12:
+        steps = np.diff(position, axis=0)
+        onwards = np.sum(steps[:-2] * steps[2:], axis=1) > 0  # not where the bead turns round
+        lengths = np.hypot(*steps.T)
+        lengths[1:-1][~onwards] = np.max(lengths)
+        again[1:] = repeated(lengths)
+    kept = Track(time[~again], position[~again], track.sigma[finite][~again], track.body)
+    losses, fitted = find_losses(heights_of(kept), lambda record: fit(record, drag))
+    return replace(kept, time=in_time(kept.time, losses)), int(np.sum(again)), losses, fitted
+
+
+def rate_of(track: Track) -> float:
+    """[1/s]"""
+    return 1 / float(np.nanmedian(np.diff(track.time))) if len(track.time) > 1 else math.nan
+
+
+def bounces_of(
+    track: Track,
+    drag: AirDrag,
+    name: str,
+    *,
+    fitted: Bounces | None = None,
+    in_metres: bool = False,
+    filmed: bool = False,
+) -> Bounces:
+    """The bounces of a track, as `fitted` already where they are."""
+    record = heights_of(track, filmed=filmed)
+    if fitted is None and len(record.time) > 12:
+        fitted = fit(record, drag)
+    if fitted is None:
+        raise NothingToMeasure(f"{name}: {_why_no_bounce(record)}")
+    if in_metres and drag.known and abs(fitted.read(lambda at: at.size)[0] - 1) > 0.2:
+        # the air's drag on the bead is known in true metres and seconds only
+        return fit_bounces(record, AirDrag()) or fitted
+    return fitted
+
+
+def heights_of(track: Track, *, filmed: bool = False) -> Heights:
+    return Heights(track.time, track.position[:, 1], track.sigma, track.position[:, 0] if filmed else None)
+
+
+def fit(record: Heights, drag: AirDrag) -> Bounces | None:
+    """With the known drag, or, where that fits nothing because time runs at another rate, with a free one."""
+    fitted = fit_bounces(record, drag)
+    return fit_bounces(record, AirDrag()) if fitted is None and drag.known else fitted
+
+
+def _why_no_bounce(record: Heights) -> str:
+    if len(record.time) < 8 or np.ptp(record.height) <= 12 * third_difference_noise(record):
+        return "the particle hardly moves; give a clip in which it falls and bounces."
+    top, low = int(np.argmax(record.height)), int(np.argmin(record.height))
+    if len(find_contacts(record)) == 0:
+        return (
+            f"the particle moves (highest at {record.time[top]:.3f} s, lowest at {record.time[low]:.3f} s) but no "
+            "rebound follows before the record ends; film longer, until it has bounced at least once, or move --end."
+        )
+    return (
+        f"the particle turns round at {record.time[low]:.3f} s, but what comes before and after is no free flight of "
+        "at least five frames; if this is a drop, film at a higher frame rate, or move --start and --end to the fall "
+        "and the bounces."
+    )
+
+
+def evaluate_bounces(
+    track: Track,
+    bounces: Bounces,
+    *,
+    side: Track | None = None,
+    scale_doubt: float,
+    rate: float,
+    repeats: int,
+    losses: tuple[Loss, ...],
+) -> Evaluation:
+    """`repeats` frames that showed the same as the one before are left out, sure `losses` mended in the times."""
+    share = repeats / max(repeats + len(track.time), 1)
+    checks = (
+        gravity_check(bounces, scale_doubt, rate, share),
+        residual_check(bounces),
+        plane_check(track, bounces, side),
+        fall_check(track, bounces),
+        timing_check(track, bounces, repeats, losses),
+    )
+    failed = {check.check: check.message for check in checks if not check.passed}
+    if not all(loss.sure for loss in losses):
+        failed["lost_frames"] = failed["frame_timing"]
+    along = [_Along(track, None, bounces)] if side is not None or "out_of_plane" in failed else []
+    along += [] if side is None else [_Along(track, side, bounces)]
+    turns = side is not None
+    wrong_from = math.inf if turns else _wrong_from(bounces)
+    quantities = [
+        *_restitutions(bounces, failed, along, wrong_from),
+        *_heights(bounces, scale_doubt, failed, wrong_from),
+    ]
+    return Evaluation(tuple(quantities), checks)
+
+
+class _Along:
+    """How fast the body goes along the plate before and after its bounces, in the unit of the record per second."""
+
+    def __init__(self, track: Track, side: Track | None, bounces: Bounces) -> None:
+        self.method = "picture plane" if side is None else "all directions"
+        contacts = bounces.contact_times
+        starts = [float(track.time[0]), *contacts]
+        ends = [*contacts, float(track.time[-1])]
+        places = [track.position[:, 0], *([] if side is None else [side.position[:, 0]])]
+        flights = [
+            bounces.used & (track.time > start) & (track.time < end) for start, end in zip(starts, ends, strict=True)
+        ]
+        lines = [[_slope(track.time[flight], x[flight]) for x in places] for flight in flights]
+        self.speeds = [math.hypot(*(slope for slope, _ in line)) for line in lines]
+        self.doubts = [math.hypot(*(doubt for _, doubt in line)) for line in lines]
+
+
+def _slope(time: Array, x: Array) -> tuple[float, float]:
+    """Slope of a straight line [1/s] and its standard uncertainty; infinite doubt where there are too few points."""
+    if len(time) < 4:
+        return 0.0, math.inf
+    (slope, _), covariance = np.polyfit(time - time.mean(), x, 1, cov=True)
+    return float(slope), math.sqrt(float(covariance[0, 0]))
+
+
+def _restitutions(
+    bounces: Bounces, failed: dict[str, str], along: Sequence[_Along], wrong_from: float
+) -> list[Quantity]:
+    doubt = "; ".join(failed[name] for name in ("first_fall", "flight_residuals", "frame_timing") if name in failed)
+    height_doubt = "; ".join(text for text in (doubt, failed.get("out_of_plane", "")) if text)
+    speed_doubt = doubt
+    if "gravity" in failed and abs(bounces.read(lambda at: at.size)[0] - 1) > 0.1:
+        drag = "how much the air slows the bead is not known, as scale or frame rate contradict gravity"
+        speed_doubt = "; ".join(text for text in (doubt, drag) if text)
+    found = []
+    for k in range(1, bounces.count + 1):
+        speed, parts = bounces.read(_impact_speed(k))
+        detail: dict[str, Detail] = {
+            "bounce": k,
+            "impact_speed_m_s": round(speed, 6),
+            "impact_speed_std_m_s": round(root_sum_of_squares(parts), 6),
+            "contact_time_s": round(float(bounces.contact_times[k - 1]), 7),
+        }
+        by_height, by_speed = bounces.read(_height_ratio(k)), bounces.read(_speed_ratio(k))
+        mine = [
+            _quantity("restitution_wall", by_height, "1", "height", detail, height_doubt),
+            _quantity("restitution_wall", by_speed, "1", "velocity", detail, speed_doubt),
+        ]
+        if k > 1:
+            mine.append(_quantity("restitution_wall", bounces.read(_time_ratio(k)), "1", "time", detail, height_doubt))
+        gains = GAIN if k >= wrong_from else SPUN if along and _gains(bounces, k) else ""
+        found += [doubted(quantity, gains) for quantity in mine]
+        found += [
+            doubted(_with_speed_along(bounces, one, k, detail, speed_doubt), GAIN if k >= wrong_from else "")
+            for one in along
+            if math.isfinite(one.doubts[k - 1] + one.doubts[k])
+        ]
+    return found
+
+
+def _with_speed_along(bounces: Bounces, along: _Along, k: int, detail: dict[str, Detail], doubt: str) -> Quantity:
+    """Speed after over speed before, with what goes along the plate; the energy in the spin is no part of it."""
+    before, after = along.speeds[k - 1], along.speeds[k]
+
+    def ratio(at: Reader) -> float:
+        return math.hypot(at.rebound_speed(k) * at.size, after) / math.hypot(at.impact_speed(k) * at.size, before)
+
+    value, parts = bounces.read(ratio)
+    fast = bounces.read(_impact_speed(k))[0] ** 2 + before**2
+    parts["along the plate"] = math.hypot(after * along.doubts[k] / value, value * before * along.doubts[k - 1]) / fast
+    if along.method == "picture plane":
+        doubt = "; ".join(text for text in (doubt, ONE_VIEW) if text)
+    return _quantity("restitution_wall", (value, parts), "1", along.method, detail, doubt)
+
+
+def _wrong_from(bounces: Bounces) -> float:
+    """The bounce before the first that seems to leave the plate faster than it came: they share a contact.
+
+    0 where that is the first of all: then the fall to it is not to be trusted either.
+    """
+    return next((k - 1 for k in range(1, bounces.count + 1) if _gains(bounces, k)), math.inf)
+
+
+def _gains(bounces: Bounces, bounce: int) -> bool:
+    """Whether it seems to leave the plate faster than it came down."""
+    value, parts = bounces.read(_speed_ratio(bounce))
+    return value - 2 * root_sum_of_squares(parts) > 1
+
+
+def _impact_speed(bounce: int) -> Callable[[Reader], float]:
+    return lambda at: at.impact_speed(bounce) * at.size
+
+
+def _height_ratio(bounce: int) -> Callable[[Reader], float]:
+    """sqrt(h_{k+1} / h_k) (Hlosta et al. 2020, eq. 5)."""
+    return lambda at: math.sqrt(at.heights[bounce] / at.heights[bounce - 1])
+
+
+def _speed_ratio(bounce: int) -> Callable[[Reader], float]:
+    return lambda at: at.rebound_speed(bounce) / at.impact_speed(bounce)
+
+
+def _time_ratio(bounce: int) -> Callable[[Reader], float]:
+    return lambda at: float(at.flight_times[bounce - 1] / at.flight_times[bounce - 2])
+
+
+def _apex_height(bounce: int) -> Callable[[Reader], float]:
+    return lambda at: float(at.heights[bounce]) * at.size
+
+
+def _heights(bounces: Bounces, scale_doubt: float, failed: dict[str, str], wrong_from: float) -> list[Quantity]:
+    doubt = "; ".join(failed[name] for name in HEIGHTS_REST_ON if name in failed)
+    found = []
+    for k in range(bounces.count + 1):
+        value, parts = bounces.read(_apex_height(k))
+        if scale_doubt > 0:
+            parts["scale"] = abs(value) * float(scale_doubt)
+        name = "rebound_height" if k else "drop_height"
+        detail: dict[str, Detail] = {"bounce": k} if k else {}
+        height = _quantity(name, (value, parts), "m", "height", detail, doubt)
+        found.append(doubted(height, GAIN if k >= wrong_from else ""))
+    return found
+
+
+def _quantity(
+    name: str,
+    read: tuple[float, dict[str, float]],
+    unit: str,
+    method: str,
+    detail: dict[str, Detail],
+    doubtful: str,
+) -> Quantity:
+    value, parts = read
+    found = Quantity(name, value, root_sum_of_squares(parts), unit, method, detail=dict(detail), budget=parts)
+    return doubted(found, doubtful)

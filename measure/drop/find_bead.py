@@ -1,0 +1,162 @@
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.lab.progress import Progress
+from rigtwin.lab.records import Track
+from rigtwin.measure.drop.bounce_fit import Bounces
+from rigtwin.measure.drop.checks import (
+    residual_check,
+)
+from rigtwin.measure.drop.evaluate import fit, heights_of
+from rigtwin.measure.drop.fall_in_air import AirDrag
+from rigtwin.measure.drop.lost_frames import find_losses
+from rigtwin.measure.drop.select_path import join_flights, likeness
+from rigtwin.measure.media.frame_loss import Loss, in_time
+from rigtwin.measure.media.video import Video
+from rigtwin.measure.scene.background import learn_scene
+from rigtwin.measure.tracking.find_paths import find_paths
+from rigtwin.measure.tracking.follow import Chase, chase_path, look_again
+
+AS_WELL, AS_BRIGHT = 1.3, 0.7  # times the usual misfit and contrast, up and down to which a bead is seen whole
+
+STREAK_OFF = 0.5  # [px], of a bead's streak, from which on a frame is fitted again with the one that its flight makes
+
+
+@dataclass(frozen=True)
+class _Found:
+    """The bead of a clip."""
+
+    video: Video  # with true times, where frames were lost
+    seen: Chase
+    pixels: Track
+    repeats: frozenset[int]  # frames that show the same as the one before
+    losses: tuple[Loss, ...]
+    fitted: Bounces | None
+
+
+def find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float | None, progress: Progress) -> _Found:
+    """The bead among all that moves: the thing that falls and bounces."""
+    scene = learn_scene(video, quickly=True).scene()
+    moves = find_paths(video, scene, camera.region, progress)
+    paths, doubled = moves.paths, moves.repeated | video.skipped
+    size = None
+    if bead_diameter is not None and camera.given_scale is not None:
+        size = bead_diameter / 2 / camera.given_scale
+    ranked = sorted(paths, key=lambda path: -likeness(path, size))
+    joined = join_flights(ranked, size)
+    ranked = ranked if joined is None else [joined, *ranked]
+    best_likeness = max((likeness(path, size) for path in ranked), default=0.0)
+    likely = [path for path in ranked[:3] if likeness(path, size) > 0.02 * best_likeness]
+    if not likely and camera.region is not None:
+        region = ",".join(f"{side:g}" for side in camera.region)
+        raise NothingToMeasure(
+            f"{video.path}: nothing falls inside --region {region} (frames {video.first} to {video.last}); "
+            "move it to where the bead falls, or leave it out."
+        )
+    if not likely:
+        raise NothingToMeasure(
+            f"{video.path}: nothing falls in this clip (frames {video.first} to {video.last}); film the bead with a "
+            "still camera, or narrow the search with --region, --start and --end."
+        )
+    best, bouncing = None, []
+    for path in likely:
+        found = _in_true_time(video, chase_path(video, path, moves, progress), doubled, drag)
+        if len(found.pixels.time) > 8 and best is None:
+            best = found
+        if found.fitted is not None:
+            bouncing.append((residual_check(found.fitted), found, found.fitted))
+            if bouncing[-1][0].passed:
+                break
+    if bouncing:
+        # what else moves may seem to bounce as well, but hardly in free flight
+        _, found, fitted = min(bouncing, key=lambda each: (not each[0].passed, each[0].value))
+        expected = _expected(found.seen, found.pixels, fitted, found.video)
+        better = look_again(found.seen, {index: at for index, at in expected.items() if index not in doubled})
+        return replace(found, seen=better, pixels=_pixel_track(better))
+    if best is None:
+        raise NothingToMeasure(
+            f"{video.path}: something moves, but no bead could be made out in it; use a larger or better lit picture "
+            "of the bead, or narrow the search with --region."
+        )
+    return best
+
+
+def _in_true_time(video: Video, seen: Chase, repeats: frozenset[int], drag: AirDrag) -> _Found:
+    """The bead of a path; where its flights show that frames were lost, the times of all that comes after are moved."""
+    pixels = _pixel_track(seen)
+    losses, fitted = find_losses(heights_of(pixels), lambda record: fit(record, drag))
+    if not losses:
+        return _Found(video, seen, pixels, repeats, losses, fitted)
+    times = in_time(video.times, tuple(replace(loss, index=seen.sightings[loss.index].frame) for loss in losses))
+    video = replace(video, times=times)
+    sightings = tuple(replace(sighting, time=float(times[sighting.frame])) for sighting in seen.sightings)
+    cuts = tuple(replace(cut, time=float(times[cut.frame])) for cut in seen.cuts)
+    seen = replace(seen, sightings=sightings, cuts=cuts)
+    return _Found(video, seen, _pixel_track(seen), repeats, losses, fitted)
+
+
+def _pixel_track(seen: Chase) -> Track:
+    """In pixels, y up."""
+    frames = np.array([sighting.frame for sighting in seen.sightings])
+    # where the bead was lost from sight, what is seen just before and after may be only a part of it
+    in_part = _beside_a_gap(frames, np.array(seen.path.frames)) & ~_as_usual(seen)
+    doubted = np.where(in_part, 5.0, 1.0)
+    return Track(
+        time=np.array([sighting.time for sighting in seen.sightings]),
+        position=np.array([(sighting.image.x, -sighting.image.y) for sighting in seen.sightings]).reshape(-1, 2),
+        sigma=doubted * np.array([sighting.image.sigma for sighting in seen.sightings]),
+    )
+
+
+def _as_usual(seen: Chase) -> npt.NDArray[np.bool_]:
+    """Whether each sighting is of a bead as bright and as well explained as in most frames, shape (n,)."""
+    misfits = np.array([sighting.fit.misfit for sighting in seen.sightings])
+    contrasts = np.abs([sighting.image.contrast for sighting in seen.sightings])
+    explained = misfits < AS_WELL * np.median(misfits)
+    return np.asarray(explained & (contrasts > AS_BRIGHT * np.median(contrasts)))
+
+
+def _beside_a_gap(frames: npt.NDArray[np.intp], path: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
+    """Whether each frame lies in, or within two frames of, a stretch of two or more frames without a moving spot."""
+    beside = np.zeros(len(frames), dtype=bool)
+    for k in np.flatnonzero(np.diff(path) > 2):
+        beside |= (frames > path[k] - 2) & (frames < path[k + 1] + 2)
+    return beside
+
+
+def _expected(
+    seen: Chase, pixels: Track, fitted: Bounces, video: Video
+) -> dict[int, tuple[tuple[float, float], tuple[float, float]]]:
+    """Where the bead should be in the frames of the flights that are worth another look.
+
+    These are those whose bead was lost or taken for something else, and those fitted with another streak than the
+    flight makes: beside a bounce the way from frame to frame is not that within a frame.
+    """
+    good = fitted.used
+    known = {sighting.frame for sighting, used in zip(seen.sightings, good, strict=True) if used}
+    steps = {cut.frame: cut.step for cut in seen.cuts}
+    half = 1 / video.frame_rate / 2
+    expected = {}
+    for index in range(video.first, video.last + 1):
+        time = float(video.times[index])
+        if not pixels.time[good][0] <= time <= pixels.time[good][-1]:
+            continue
+        moments = np.array([time - half, time, time + half])
+        heights = fitted.curve(moments)
+        x = np.interp(moments, pixels.time[good], pixels.position[good, 0])
+        motion = (float(x[2] - x[0]), float(heights[0] - heights[2]))
+        if np.all(np.isfinite(heights)) and (index not in known or _streak_off(seen, steps[index], motion)):
+            expected[index] = ((float(x[1]), -float(heights[1])), motion)
+    return expected
+
+
+def _streak_off(seen: Chase, taken: tuple[float, float], motion: tuple[float, float]) -> bool:
+    """Whether a frame was fitted with another streak than the bead's motion [px/frame] makes."""
+    return seen.shutter.share * math.dist(taken, motion) > STREAK_OFF

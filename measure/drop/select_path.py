@@ -1,0 +1,91 @@
+"""Which of the paths of what moves is that of a bead that falls and bounces."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from rigtwin.measure.tracking.link import SpotPath
+
+
+@dataclass(frozen=True)
+class _Arc:
+    """A piece of a path without a kink, and how it accelerates."""
+
+    path: SpotPath
+    acceleration: float  # [px/frame^2], down
+    doubt: float  # standard uncertainty of it
+    weight: float  # how surely it is a bead in free flight: way times contrast
+
+
+def join_flights(paths: list[SpotPath], size: float | None) -> SpotPath | None:
+    """One path from all arcs that fall alike: at a bounce, or behind a post, a bead is easily mixed up with its shadow.
+
+    Shadows and reflections on a plate move too, but only the bead always accelerates by the same gravity.
+    """
+    arcs = [arc for path in paths if likeness(path, size) > 0 for piece in _arcs(path) for arc in _as_arc(piece)]
+    if not arcs:
+        return None
+    best = max(arcs, key=lambda arc: arc.weight)
+    frames: dict[int, int] = {}
+    chosen: list[SpotPath] = []
+    for arc in sorted(arcs, key=lambda arc: -arc.weight):
+        alike = abs(arc.acceleration - best.acceleration) < 0.1 * best.acceleration + 3 * arc.doubt
+        same = 0.6 < arc.path.radius / best.path.radius < 1.7
+        free = [k for k, frame in enumerate(arc.path.frames) if frame not in frames]
+        if alike and same and len(free) > 0.7 * len(arc.path.frames):
+            frames.update(dict.fromkeys(arc.path.frames, 1))
+            chosen.append(SpotPath(tuple(arc.path.frames[k] for k in free), tuple(arc.path.spots[k] for k in free)))
+    pairs = sorted(
+        (pair for path in chosen for pair in zip(path.frames, path.spots, strict=True)), key=lambda pair: pair[0]
+    )
+    return SpotPath(tuple(frame for frame, _ in pairs), tuple(spot for _, spot in pairs))
+
+
+def _arcs(path: SpotPath) -> list[SpotPath]:
+    """Pieces between kinks."""
+    y = path.centres[:, 1]
+    frames = np.array(path.frames)
+    speed = np.diff(y) / np.diff(frames)
+    kinks = np.flatnonzero(np.abs(np.diff(speed)) > 0.4 * path.radius + 0.15 * np.abs(speed[1:])) + 1
+    pieces = np.split(np.arange(len(y)), kinks)
+    return [
+        SpotPath(tuple(path.frames[k] for k in piece), tuple(path.spots[k] for k in piece))
+        for piece in pieces
+        if len(piece) >= 5
+    ]
+
+
+def _as_arc(path: SpotPath) -> list[_Arc]:
+    """The piece as an arc when it is a parabola bent downwards; resting frames before a release are left out."""
+    y, frames = path.centres[:, 1], np.array(path.frames, dtype=np.float64)
+    moving = np.flatnonzero(np.abs(y - y[0]) > 0.5 * path.radius)
+    first = 0 if np.ptp(y) < 2 * path.radius or not len(moving) else max(int(moving[0]) - 2, 0)
+    if len(y) - first < 5:
+        return []
+    t, y = frames[first:] - frames[first], y[first:]
+    bend, slope, base = np.polyfit(t, y, 2)
+    rms = float(np.std(y - np.polyval([bend, slope, base], t)))
+    doubt = 2 * 13.4 * max(rms, 0.1) / (float(np.ptp(t)) ** 2 * math.sqrt(len(t)))
+    if bend <= 0 or np.ptp(y) < path.radius or rms > 0.25 * path.radius + 0.01 * np.ptp(y) or doubt > bend:
+        return []
+    contrast = float(np.median([spot.contrast for spot in path.spots]))
+    whole = SpotPath(path.frames, path.spots)
+    return [_Arc(whole, 2 * float(bend), doubt, float(np.ptp(y)) * math.sqrt(contrast))]
+
+
+def likeness(path: SpotPath, size: float | None) -> float:
+    """How much a path looks like a falling bead: long way up and down, steady steps, clear and of the right size."""
+    y = path.centres[:, 1]
+    if len(y) < 8:
+        return 0.0
+    steps = np.diff(y) / np.diff(np.array(path.frames))
+    smooth = np.abs(np.diff(steps)) < 0.5 * path.radius + 0.2 * np.abs(steps[1:]) + 1
+    way = float(np.sum(np.abs(np.diff(y))))
+    if np.ptp(y) < 3 * path.radius or np.mean(smooth) < 0.5:
+        return 0.0
+    fit = 1.0 if size is None else math.exp(-(math.log(path.radius / size) ** 2))
+    contrast = float(np.median([spot.contrast for spot in path.spots]))
+    return way * float(np.mean(smooth)) ** 4 * math.sqrt(contrast) * fit

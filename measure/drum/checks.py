@@ -1,0 +1,131 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.lab.quantity import Check, Quantity
+from rigtwin.lab.rigs import fill_check
+from rigtwin.measure.drum.bed import Bed
+from rigtwin.measure.drum.evaluate import FREQUENCY, HIGHEST_STEP, MOST_BOW
+from rigtwin.measure.geometry.camera_roll import upright_checks
+
+GLARE = 0.05  # share of the surface under a reflection, from which on lines along parts of it are off
+
+
+def _runs_out(bed: Bed) -> bool:
+    """Whether the surface ends where the picture does, within a bead, and not at the drum's wall."""
+    heights = np.array([outline.height for outline in bed.outlines])
+    seen = np.flatnonzero(np.isfinite(heights).mean(axis=0) > 0.5)
+    if len(seen) < 2:
+        return False
+    ends = seen[[0, -1]]
+    x, height = bed.outlines[0].x[ends], np.nanmedian(heights[:, ends], axis=0)
+    cos, sin = math.cos(bed.upright.roll), math.sin(bed.upright.roll)
+    places = np.column_stack([x * cos + height * sin, x * sin - height * cos]) + np.array(bed.rim.centre)
+    far = np.array(bed.shape[1::-1]) - 1.0 - places
+    at_edge = np.minimum(places, far).min(axis=1) < bed.bead
+    return bool(np.any(at_edge & (np.hypot(x, height) < 0.9 * bed.rim.radius)))
+
+
+def _checks_of_shape(bed: Bed) -> list[Check]:
+    """Whether the median outline can be the surface of flowing beads."""
+    heights = np.array([outline.height for outline in bed.outlines])
+    seen = np.flatnonzero(np.isfinite(heights).mean(axis=0) > 0.5)
+    if len(seen) < 8:
+        return []
+    x, height = bed.outlines[0].x[seen], np.nanmedian(heights[:, seen], axis=0)
+    length = float(np.ptp(x))
+    inner = np.abs(x - (x[0] + x[-1]) / 2) < 0.4 * length
+    x, height = x[inner], height[inner]
+    if len(x) < 8:
+        return []
+    bow = abs(float(np.polyfit(x, height, 2)[0])) * length / 4
+    apart = max(1, round(bed.bead))
+    near = x[apart:] - x[:-apart] < 1.5 * apart  # not across what stands in front of the bed
+    step = float(np.abs(height[apart:] - height[:-apart])[near].max(initial=0.0)) / bed.bead
+    return [
+        Check(
+            "surface_shape",
+            bow < MOST_BOW,
+            bow,
+            0.0,
+            f"the surface bows by {bow:.2f} of its length"
+            + ("." if bow < MOST_BOW else ": no flowing bed does; the drum itself may have been taken for the bed."),
+        ),
+        Check(
+            "surface_steps",
+            step < HIGHEST_STEP,
+            step,
+            0.0,
+            f"from one bead to the next the surface rises by {step:.1f} bead diameters at most"
+            + ("." if step < HIGHEST_STEP else ": beads cannot stand so; something is in front of them."),
+        ),
+    ]
+
+
+def rests_on(one: Quantity, of_picture: Sequence[Check]) -> set[str]:
+    """What a number needs of the picture: how often the bed slides is seen in one that leans as well."""
+    return {each.check for each in of_picture} - ({"camera_roll"} if one.quantity == FREQUENCY else set())
+
+
+def must_be_a_drum(clip: Path, checks: Sequence[Check]) -> None:
+    """Refuse a film that shows neither the rim of a drum nor the surface of a bed."""
+    wrong = {each.check: each for each in checks if each.passed is False}
+    if {"rim_found", "surface_shape"} <= set(wrong):
+        raise NothingToMeasure(
+            f"{clip}: no turning drum is seen: what moves has no round rim about it, and its upper border bows by "
+            f"{wrong['surface_shape'].value:.2f} of its length, as no flowing bed does; film the drum's end, the whole "
+            "rim in view."
+        )
+
+
+def checks_of_picture(bed: Bed, still: Check | str) -> list[Check]:
+    seen = [outline.area for outline in bed.outlines if not outline.hidden]
+    areas = np.array(seen if 2 * len(seen) >= len(bed.outlines) else [outline.area for outline in bed.outlines])
+    swing = float(np.std(areas) / max(float(np.mean(areas)), 1.0))
+    fill = float(np.median(areas) / (math.pi * bed.rim.radius**2))
+    checks = [
+        Check(
+            "rim_found",
+            bed.rim_seen,
+            bed.rim.support,
+            1.0,
+            f"an edge was seen along {100 * bed.rim.support:.0f} % of the drum's circle."
+            if bed.rim_seen
+            else "the drum's rim shows no edge; its circle was laid through the lower border of the bed.",
+        ),
+        fill_check(fill, "the bed fills"),
+        *_checks_of_shape(bed),
+        *([still] if isinstance(still, Check) else []),
+    ]
+    whole = not _runs_out(bed)
+    ending = "inside the picture." if whole else "at the picture's edge: its line is of a part; film the whole drum."
+    checks.append(Check("bed_in_view", whole, float(whole), 1.0, f"the bed's surface ends {ending}"))
+    checks += upright_checks(bed.upright)
+    if math.isfinite(bed.glare):
+        checks.append(
+            Check(
+                "even_light",
+                bed.glare < GLARE,
+                bed.glare,
+                0.0,
+                f"light lies over {100 * bed.glare:.0f} % of the surface, brighter than elsewhere"
+                + ("." if bed.glare < GLARE else ": a lamp's reflection hides it; turn the lamp or the camera."),
+            )
+        )
+    if bed.shows_motion:
+        checks.append(
+            Check(
+                "same_bed",
+                swing < 0.12,
+                swing,
+                0.0,
+                f"the bed's area varies by {100 * swing:.1f} % from frame to frame"
+                + ("." if swing < 0.12 else ": something passes in front of it, or bead and drum look alike."),
+            )
+        )
+    return checks

@@ -1,0 +1,385 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from rigtwin.lab.arrays import Array
+from rigtwin.lab.errors import BadInput, NothingToMeasure
+from rigtwin.lab.quantity import Check, Detail, Evaluation, Quantity, doubted, failed, root_sum_of_squares
+from rigtwin.lab.records import Profile, Series
+from rigtwin.lab.rigs import froude_check
+from rigtwin.measure.drum.time_average import Avalanches, Mean, find_avalanches, mean_over_time, steady_part
+from rigtwin.measure.media.time_base import UNSTEADY
+
+GRAPHICAL, GEOMETRIC = "angle_of_repose_graphical", "angle_of_repose_geometric"
+
+UPPER, LOWER = "angle_of_repose_upper", "angle_of_repose_lower"
+
+FREQUENCY = "avalanche_frequency"
+
+MIDDLE = "line, middle half"
+
+WHOLE = "line, 10-90 %"
+
+TANGENT = "tangent at the axis"
+
+CHORD = "chord, wall to wall"
+
+CHORD_ENDS = 0.05  # of the surface's extent, averaged for each end of the chord: about one bead
+
+AT_WALL = 0.02  # of the radius: a border that near the wall is the wall's, not the surface's
+
+# shares of the surface's horizontal extent, from its lower to its upper end
+WINDOWS = {
+    (GRAPHICAL, MIDDLE): (0.25, 0.75),
+    (GRAPHICAL, WHOLE): (0.1, 0.9),
+    (LOWER, "line, 10-50 %"): (0.1, 0.5),
+    (UPPER, "line, 50-90 %"): (0.5, 0.9),
+}
+
+TANGENT_REACH = 0.2  # of the radius, to both sides of the axis
+
+S_SHAPE = 2.0  # [deg], difference of upper and lower angle below which a surface counts as straight
+
+# [deg], perspective, lens, and beads in flight that hide the bed they have left, most of all at its upper end
+VIEW_DOUBT = {GRAPHICAL: 0.25, LOWER: 0.5, UPPER: 1.2, GEOMETRIC: 1.2}
+
+# a line over a bent surface has the mean slope of its two halves, and half of the doubt of each
+HALVES_DOUBT = math.hypot(VIEW_DOUBT[LOWER], VIEW_DOUBT[UPPER]) / 2
+
+ONE_MOMENT = 2.0  # [deg], how far a flowing surface is from its mean at one moment: drums of 25 beads width sway so
+
+MOST_BOW = 0.2  # sagitta over length of the surface; S-shapes are odd about the middle, the drum's own arc has 0.5
+
+HIGHEST_STEP = 4.0  # bead diameters over the width of one: a slope of 76 degrees
+
+# checks of the record that every angle rests on
+RESTS_ON = ("surface_in_view", "steady_flow", "frame_timing", "surface_falls", "froude_number")
+
+SURELY_UP = 3.0  # standard uncertainties by which a half of the surface has to rise the wrong way
+
+SMEARED = 0.25  # share of frames that may be left out before the result is doubtful
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What a clip shows: profiles over time, and the same under other readings of it, one standard deviation away."""
+
+    profiles: Sequence[Profile]
+    times: Array  # [s]
+    radius: float | None  # of the drum, in the unit of the profiles
+    variants: Mapping[str, tuple[Sequence[Profile], Sequence[Profile]]] = field(default_factory=dict)
+    roll_doubt: float = 0.0  # [deg]
+    roll_seen: bool = True  # or stated
+    filmed: bool = False
+    bead: float | None = None  # bead diameter, in the unit of the profiles
+
+
+def evaluate(
+    profiles: Sequence[Profile],
+    times: Array,
+    *,
+    drum_diameter: float | None,
+    speed: float | None = None,
+    bead_diameter: float | None = None,
+) -> Evaluation:
+    """Angles of a drum's surface from its profiles over time, filmed or simulated.
+
+    The origin of a profile is the drum's axis.  A simulated surface is the upper edge of its spheres.  Raises
+    `NothingToMeasure` when no profile holds a surface, `BadInput` when profiles and times do not fit together.
+    """
+    must_be_positive(drum_diameter=drum_diameter, speed=speed, bead_diameter=bead_diameter)
+    if len(profiles) != len(times):
+        raise BadInput(f"drum: {len(profiles)} profiles but {len(times)} times; give one time for each profile.")
+    times = np.asarray(times, dtype=np.float64)
+    if len(times) > 1 and not np.all(np.diff(times) > 0):
+        raise BadInput("drum: times do not rise from profile to profile; sort the profiles by time.")
+    radius = drum_diameter / 2 if drum_diameter is not None else None
+    return evaluate_observation(Observation(profiles, times, radius, bead=bead_diameter), speed, radius)
+
+
+def angles_over_time(profiles: Sequence[Profile], times: Array, *, drum_diameter: float) -> tuple[Series, Series]:
+    """The graphical angle (line, middle half) and the geometric one (chord) of each profile, NaN where it is not seen.
+
+    In degrees, rising as the surface mostly does; `evaluate` takes their means over the steady part.
+    """
+    must_be_positive(drum_diameter=drum_diameter)
+    free = _without_wall(profiles, drum_diameter / 2)
+    angles = _angles(free, rising_side(free), drum_diameter / 2)
+    graphical, geometric = angles[GRAPHICAL, MIDDLE], angles[GEOMETRIC, CHORD]
+    return Series(times, graphical, GRAPHICAL, "deg"), Series(times, geometric, GEOMETRIC, "deg")
+
+
+def surface_line(profile: Profile, window: tuple[float, float]) -> tuple[float, float, float, float] | None:
+    """Slope, height at x = 0 and the ends of the least-squares line over a share of the surface's extent.
+
+    `window` counts from the left end to the right one; None where too little of the surface is seen there.
+    """
+    ends = surface_ends(profile)
+    if ends is None:
+        return None
+    low, high = (ends[0] + share * (ends[1] - ends[0]) for share in window)
+    slope, offset = _line(profile, low, high)
+    return (slope, offset, low, high) if math.isfinite(slope) else None
+
+
+def surface_ends(profile: Profile) -> tuple[float, float] | None:
+    """x where the surface begins and ends."""
+    seen = np.isfinite(profile.height)
+    if np.sum(seen) < 8:
+        return None
+    x = profile.x[seen]
+    return float(x[0]), float(x[-1])
+
+
+# ------------------------------------------------------------------------------------------------- record -> quantities
+
+
+def evaluate_observation(seen: Observation, speed: float | None, radius: float | None) -> Evaluation:
+    """`speed` [rad/s] and `radius` [m] of the drum, where they are known."""
+    if seen.radius is not None:
+        variants = {
+            name: (_without_wall(one, seen.radius), _without_wall(other, seen.radius))
+            for name, (one, other) in seen.variants.items()
+        }
+        seen = replace(seen, profiles=_without_wall(seen.profiles, seen.radius), variants=variants)
+    rises = rising_side(seen.profiles)
+    angles = _angles(seen.profiles, rises, seen.radius)
+    main = angles[GRAPHICAL, MIDDLE]
+    if not np.isfinite(main).any():
+        raise NothingToMeasure(
+            "no profile holds the surface of a bed: heights must be finite over at least eight points of x."
+        )
+    first, last = steady_part(seen.times, main)
+    kept = slice(first, last + 1)
+    avalanches = find_avalanches(seen.times[kept], main[kept], None if speed is None else math.degrees(abs(speed)))
+    varied = {
+        name: [_angles(profiles, rises, seen.radius) for profiles in pair] for name, pair in seen.variants.items()
+    }
+    means = {
+        key: mean_over_time(seen.times[kept], series[kept])
+        for key, series in angles.items()
+        if np.isfinite(series[kept]).sum() > 0
+    }
+    s_shaped = _s_shaped(means)
+    quantities = []
+    for key, mean in means.items():
+        doubt = {
+            part: _spread([_shift(other[key][kept], angles[key][kept]) for other in pair])
+            for part, pair in varied.items()
+        }
+        quantities.append(_quantity(key, mean, doubt, seen, int(np.isfinite(angles[key][kept]).sum()), rises, s_shaped))
+    warnings = []
+    if isinstance(avalanches, str):
+        warnings.append(f"avalanche frequency and angles: none given, for {avalanches}.")
+    else:
+        quantities += _of_avalanches(avalanches, quantities[0].budget)
+    checks = [*_checks(seen, main, first, last, means.get((GRAPHICAL, MIDDLE)), speed), *_falls_check(quantities)]
+    if speed is not None and radius is not None:
+        checks.append(froude_check(speed, radius))
+    quantities = [doubted(one, failed(checks, RESTS_ON)) for one in quantities]
+    if last - first + 1 < len(seen.times):
+        warnings.append(
+            f"steady part: {seen.times[first]:.3f} s to {seen.times[last]:.3f} s; before and after it the surface lies "
+            "clearly elsewhere, and these frames are left out."
+        )
+    return Evaluation(tuple(quantities), tuple(checks), tuple(warnings))
+
+
+def _without_wall(profiles: Sequence[Profile], radius: float) -> list[Profile]:
+    """Without the ends of an outline that run along the wall, as they do where the bed reaches above the axis."""
+    cut = []
+    for profile in profiles:
+        free = np.flatnonzero(np.hypot(profile.x, profile.height) < (1 - AT_WALL) * radius)
+        inner = np.zeros(len(profile.x), dtype=bool)
+        if len(free):
+            inner[free[0] : free[-1] + 1] = True
+        cut.append(replace(profile, height=np.where(inner, profile.height, np.nan)))
+    return cut
+
+
+def rising_side(profiles: Sequence[Profile]) -> float:
+    """+1 where the surface rises to the right, -1 where it rises to the left."""
+    slopes = [line[0] for line in (surface_line(profile, (0.1, 0.9)) for profile in profiles) if line is not None]
+    return -1.0 if slopes and float(np.median(slopes)) < 0 else 1.0
+
+
+def _angles(profiles: Sequence[Profile], rises: float, radius: float | None) -> dict[tuple[str, str], Array]:
+    """Every angle [deg] by (quantity, method), one number per profile, NaN where it is not seen."""
+    table: dict[tuple[str, str], list[float]] = {key: [] for key in WINDOWS}
+    table[GEOMETRIC, CHORD] = []
+    if radius is not None:
+        table[GRAPHICAL, TANGENT] = []
+    for profile in profiles:
+        for key, (low, high) in WINDOWS.items():
+            line = surface_line(profile, (low, high) if rises > 0 else (1 - high, 1 - low))
+            table[key].append(math.nan if line is None else rises * math.degrees(math.atan(line[0])))
+        table[GEOMETRIC, CHORD].append(rises * _chord(profile))
+        if radius is not None:
+            slope, _ = _line(profile, -TANGENT_REACH * radius, TANGENT_REACH * radius)
+            table[GRAPHICAL, TANGENT].append(rises * math.degrees(math.atan(slope)))
+    return {key: np.array(values) for key, values in table.items()}
+
+
+def _line(profile: Profile, low: float, high: float) -> tuple[float, float]:
+    """Slope and height at x = 0 of the least-squares line between two x."""
+    part = np.isfinite(profile.height) & (profile.x >= low) & (profile.x <= high)
+    x, height = profile.x[part], profile.height[part]
+    # a line needs most of its window: half of it hidden would be another window
+    if np.sum(part) < 4 or np.ptp(x) < 0.7 * (high - low):
+        return math.nan, math.nan
+    slope, offset = np.polyfit(x, height, 1)
+    return float(slope), float(offset)
+
+
+def _chord(profile: Profile) -> float:
+    """Angle [deg] of the straight line between the places where the surface meets the wall."""
+    ends = surface_ends(profile)
+    if ends is None:
+        return math.nan
+    seen = np.isfinite(profile.height)
+    x, height = profile.x[seen], profile.height[seen]
+    reach = CHORD_ENDS * (ends[1] - ends[0])
+    (ax, ay), (bx, by) = (
+        (float(np.mean(x[part])), float(np.mean(height[part]))) for part in (x <= ends[0] + reach, x >= ends[1] - reach)
+    )
+    return math.degrees(math.atan2(by - ay, bx - ax))
+
+
+def _s_shaped(means: Mapping[tuple[str, str], Mean]) -> bool:
+    upper, lower = (
+        next((mean for (name, _), mean in means.items() if name == wanted), None) for wanted in (UPPER, LOWER)
+    )
+    if upper is None or lower is None:
+        return False
+    apart = abs(upper.value - lower.value)
+    return apart > max(S_SHAPE, 2 * math.hypot(upper.std_error, lower.std_error))
+
+
+def _quantity(
+    key: tuple[str, str],
+    mean: Mean,
+    doubt: Mapping[str, float],
+    seen: Observation,
+    frames: int,
+    rises: float,
+    s_shaped: bool,
+) -> Quantity:
+    name, method = key
+    # neighbours that agree may all show one moment: a mean over time counts at least three moments, even in a record
+    # that never comes back to its mean, so that two of them tell nothing
+    moments = max(mean.independent - 2, 1.0)
+    # their scatter is told by them as far as they are many, else it is the usual one
+    scatter2 = ((moments - 1) * mean.deviation**2 + ONE_MOMENT**2) / moments
+    budget = {"flow over time": max(mean.std_error, math.sqrt(scatter2 / moments))}
+    budget |= {"camera roll" if seen.roll_seen else "camera roll, not measured": seen.roll_doubt, **doubt}
+    if seen.filmed:
+        budget["perspective, beads in flight"] = HALVES_DOUBT if method == WHOLE else VIEW_DOUBT[name]
+    budget = {part: float(value) for part, value in budget.items() if math.isfinite(value) and value > 0}
+    this_clip = root_sum_of_squares({part: value for part, value in budget.items() if part != "flow over time"})
+    detail: dict[str, Detail] = {
+        "turning": "anticlockwise" if rises > 0 else "clockwise",
+        "standard_deviation": mean.deviation,
+        "frames": frames,
+        "independent_frames": round(mean.independent, 1),
+        "std_uncertainty_of_this_clip": this_clip,
+    }
+    if name in (UPPER, LOWER):
+        detail["s_shaped"] = s_shaped
+    return Quantity(name, mean.value, root_sum_of_squares(budget), "deg", method, 1, detail, budget)
+
+
+def _of_avalanches(found: Avalanches, budget: Mapping[str, float]) -> list[Quantity]:
+    error = {"scatter of intervals": found.frequency_error}
+    angle = {part: value for part, value in budget.items() if part != "flow over time"}
+    angle["scatter of avalanches"] = budget.get("flow over time", 0.0)
+    detail: dict[str, Detail] = {"avalanches": found.count}
+    total = root_sum_of_squares(angle)
+    return [
+        Quantity(FREQUENCY, found.frequency, found.frequency_error, "Hz", "maxima", 1, detail, error),
+        Quantity("avalanche_start_angle", found.start_angle, total, "deg", MIDDLE, 1, detail, angle),
+        Quantity("avalanche_stop_angle", found.stop_angle, total, "deg", MIDDLE, 1, detail, angle),
+    ]
+
+
+def _checks(
+    seen: Observation, main: Array, first: int, last: int, mean: Mean | None, speed: float | None
+) -> list[Check]:
+    count = last - first + 1
+    checks = []
+    if len(main) > 1:
+        share = count / len(main)
+        # how far is told, not judged: a film may begin long after the drum did
+        turns = None if speed is None else abs(speed) * float(seen.times[last] - seen.times[first]) / (2 * math.pi)
+        checks.append(
+            Check(
+                "steady_flow",
+                share > 0.5,
+                share,
+                1.0,
+                f"{100 * share:.0f} % of the record is steady flow, worth "
+                f"{mean.independent if mean else 0:.0f} independent moments"
+                f"{'' if turns is None else f' in {turns:.2g} turns'}; a longer one tells more where these are few.",
+            )
+        )
+    measured = float(np.isfinite(main[first : last + 1]).mean())
+    checks.append(
+        Check(
+            "surface_in_view",
+            measured > 1 - SMEARED,
+            measured,
+            1.0,
+            f"the surface was measured in {100 * measured:.0f} % of {count} frames"
+            + ("." if measured > 1 - SMEARED else ": something hides it."),
+        )
+    )
+    if len(seen.times) > 2:
+        steps = np.diff(seen.times)
+        odd = float(np.mean(np.abs(steps / np.median(steps) - 1) > 0.25))
+        checks.append(
+            Check(
+                "frame_timing",
+                odd < UNSTEADY,
+                odd,
+                0.0,
+                f"{100 * odd:.0f} % of the frame intervals differ by more than a quarter from the usual one; "
+                "means are taken over time, not over frames.",
+            )
+        )
+    return checks
+
+
+def _falls_check(quantities: Sequence[Quantity]) -> list[Check]:
+    """Whether both halves of the surface fall the same way: beads flow down, and at a toe that hangs back level out."""
+    halves = [one for one in quantities if one.quantity in (LOWER, UPPER)]
+    if len(halves) < 2:
+        return []
+    least = min(halves, key=lambda one: one.value + SURELY_UP * one.std_uncertainty)
+    passed = least.value + SURELY_UP * least.std_uncertainty > 0
+    message = (
+        f"the {'upper' if least.quantity == UPPER else 'lower'} half of the surface falls by {least.value:.0f} "
+        f"± {least.std_uncertainty:.0f} deg"
+    )
+    ending = "." if passed else ", against the other half: no bed flows so; something else was taken for it."
+    return [Check("surface_falls", passed, least.value, 0.0, message + ending)]
+
+
+def _shift(other: Array, usual: Array) -> float:
+    """How another reading moves the angle: frame by frame, so that the few frames in which it fails do not count."""
+    both = np.isfinite(other) & np.isfinite(usual)
+    return float(np.median(other[both] - usual[both])) if both.any() else math.nan
+
+
+def _spread(changes: Sequence[float]) -> float:
+    """Root mean square of the changes that the readings one standard deviation away bring."""
+    known = [change for change in changes if math.isfinite(change)]
+    return math.sqrt(sum(change * change for change in known) / len(known)) if known else 0.0
+
+
+def must_be_positive(**given: float | None) -> None:
+    for name, value in given.items():
+        if value is not None and not (math.isfinite(value) and (value > 0 or (name == "speed" and value != 0))):
+            raise BadInput(f"drum: {name.replace('_', ' ')} must be positive, got {value:g}.")

@@ -1,0 +1,162 @@
+"""A drum that turns slowly, part full of beads, seen from its end: dynamic angle of repose of the flowing surface.
+
+`measure` turns a clip into one profile per frame, `evaluate` profiles into angles; a simulated drum goes through the
+same `evaluate`.  A drum's profile has its origin on the drum's axis: x to the right, height up against gravity, so
+that the surface of a drum less than half full lies at negative heights; NaN where there is no bed.  Angles are the
+magnitude; ``turning`` tells which way the surface rises.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rigtwin.lab.arrays import Image
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.checksums import sha256
+from rigtwin.lab.errors import BadInput, NothingToMeasure
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.quantity import Measurement, doubted, failed
+from rigtwin.lab.records import Profile
+from rigtwin.measure.drum.bed import Bed, bed_in_photo, follow_bed
+from rigtwin.measure.drum.checks import checks_of_picture, must_be_a_drum, rests_on
+from rigtwin.measure.drum.evaluate import Observation, evaluate_observation, must_be_positive, rising_side
+from rigtwin.measure.drum.profiles import credible, hidden_columns, profile_of, without_flights
+from rigtwin.measure.drum.rotation import stance_checks
+from rigtwin.measure.geometry.camera_roll import NOT_SEEN, nothing_level
+from rigtwin.measure.media.duplicate_frames import at_its_pace
+from rigtwin.measure.media.photo import PHOTOS, read_photo
+from rigtwin.measure.media.video import Video, open_video
+from rigtwin.measure.scene.checks import camera_by_scene
+
+
+def measure(
+    clip: Path,
+    camera: Camera,
+    *,
+    drum_diameter: float | None,
+    speed: float | None = None,
+    bead_diameter: float | None = None,
+    out: Path,
+    progress: Progress = silent,
+) -> Measurement:
+    """Dynamic angle of repose from a clip of a turning drum, or from a single picture of it.
+
+    `drum_diameter` [m] inside, `speed` [rad/s] of turning, `bead_diameter` [m].  Raises `NothingToMeasure` when no
+    drum with a bed is seen.
+    """
+    must_be_positive(drum_diameter=drum_diameter, speed=speed, bead_diameter=bead_diameter)
+    share = bead_diameter / drum_diameter if bead_diameter and drum_diameter else None
+    if share is not None and share > 0.5:
+        raise BadInput(
+            "measure drum: the bead is larger than half of the drum; check --bead-diameter, --drum-diameter."
+        )
+    warnings: list[str] = []
+    rate, spoilt = None, ""
+    shown: Video | Image
+    if clip.suffix.lower() in PHOTOS:
+        shown, odd = read_photo(clip, camera)
+        warnings += odd
+        bed = bed_in_photo(shown, roll=camera.roll, bead_share=share, region=camera.region)
+        if bed is None:
+            raise NothingToMeasure(
+                f"{clip}: shows no round drum with a bed that differs in colour from what is above it; "
+                "give a picture of the drum's end with the whole rim in view."
+            )
+        warnings.append("a single picture shows one moment of the flow; film the drum for a mean over time.")
+    else:
+        shown = at_its_pace(open_video(clip, camera), progress)
+        warnings += shown.warnings
+        rate, spoilt = shown.frame_rate, shown.spoilt
+        bed = follow_bed(shown, roll=camera.roll, bead_share=share, region=camera.region, progress=progress)
+    scale, scale_from = _scale(bed, camera, drum_diameter)
+    seen = _observation(bed, scale or 1.0, bead_diameter)
+    still = camera_by_scene(bed.poses) if bed.poses else ""
+    if isinstance(still, str) and still:
+        warnings.append(still)
+    of_picture = [*checks_of_picture(bed, still), *stance_checks(bed.aside, bed.turning, rising_side(seen.profiles))]
+    must_be_a_drum(clip, of_picture)
+    try:
+        evaluation = evaluate_observation(seen, speed, None if scale is None else seen.radius)
+    except NothingToMeasure as nothing:
+        where = f"in every one of {len(bed.outlines)} frames" if bed.poses else "in this picture"
+        raise NothingToMeasure(
+            f"{clip}: too little of the bed's surface is seen {where}: something stands in front of it, or bed and "
+            "drum look alike where it is dark or strongly compressed; give the original file, light the drum from the "
+            "front, keep hands out of the view."
+        ) from nothing
+    quantities = tuple(
+        doubted(doubted(one, failed(of_picture, rests_on(one, of_picture))), spoilt) for one in evaluation.quantities
+    )
+    checks = (*of_picture, *evaluation.checks)
+    if scale is None:
+        warnings.append("scale: not known, so profiles are left out; give --drum-diameter or --scale.")
+    if turned := nothing_level(bed.upright):
+        warnings.append(turned)
+    hidden = sum(outline.hidden for outline in bed.outlines)
+    if 0 < hidden <= len(bed.outlines) / 2:
+        warnings.append(
+            f"in {hidden} of {len(bed.outlines)} frames something passes in front of the drum; they are left out."
+        )
+    view: dict[str, Any] = {
+        "frame_rate_hz": rate,
+        "scale_m_per_px": None if scale is None else scale * bed.lens.zoom,
+        "scale_from": scale_from,
+        "camera_roll_deg": math.degrees(bed.upright.roll),
+        "camera_roll_from": bed.upright.source,
+        "drum_centre_px": [float(each) for each in bed.lens.in_clip(np.array([bed.rim.centre]))[0]],
+        "drum_radius_px": bed.rim.radius / bed.lens.zoom,
+        "frames": len(bed.outlines),
+    }
+    result = Measurement(
+        rig="drum",
+        source=clip,
+        source_sha256=sha256(clip),
+        quantities=quantities,
+        checks=checks,
+        warnings=(*warnings, *evaluation.warnings),
+        camera=view,
+        profiles=tuple(seen.profiles) if scale is not None else (),
+    )
+    from rigtwin.measure.drum.figures import write_pictures
+
+    return replace(result, files=write_pictures(out, result, shown, bed, scale or 1.0, progress))
+
+
+# ----------------------------------------------------------------------------------------------------- media -> record
+
+
+def _scale(bed: Bed, camera: Camera, drum_diameter: float | None) -> tuple[float | None, str]:
+    """[m/px] of the measured picture, and where it comes from."""
+    if camera.given_scale is not None:
+        return camera.given_scale / bed.lens.zoom, camera.scale_from
+    if drum_diameter is not None:
+        return drum_diameter / (2 * bed.rim.radius), "drum diameter"
+    return None, "not known"
+
+
+def _observation(bed: Bed, unit: float, bead_diameter: float | None) -> Observation:
+    outlines = credible(bed.outlines)
+    hidden = hidden_columns(outlines)
+    outlines = without_flights(outlines, bed.bead)
+    half_bead = 0.25 * bed.bead
+
+    def profiles(which: str, shorter: float = 0.0) -> list[Profile]:
+        return [profile_of(outline, which, hidden, unit, shorter, bed.bead) for outline in outlines]
+
+    variants = {"outline level": (profiles("looser"), profiles("stricter"))}
+    variants["ends of the surface"] = (profiles("height", half_bead), profiles("height", 2 * half_bead))
+    return Observation(
+        profiles("height"),
+        np.array([outline.time for outline in outlines]),
+        bed.rim.radius * unit,
+        variants,
+        math.degrees(bed.upright.sigma),
+        bed.upright.source != NOT_SEEN,
+        True,
+        bead_diameter or bed.bead * unit,
+    )

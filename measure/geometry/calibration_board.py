@@ -1,0 +1,190 @@
+"""A board of known pattern, photographed where the motion is, takes lens and perspective out of the pictures.
+
+The plane is mapped to the picture by a homography followed by radial distortion, fitted to the board's corners alone;
+neither focal length nor the camera's place need be known.  A straightened picture shows that plane, and only that
+plane, as a camera without lens errors would that looks at it squarely: every pixel is as long as any other.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+
+from rigtwin.lab.arrays import Array, Image
+from rigtwin.lab.camera import Board, Camera, Lens
+from rigtwin.lab.errors import BadInput
+from rigtwin.measure.media.photo import read_photo
+from rigtwin.measure.media.undistort import project
+
+DICTIONARIES = (
+    cv2.aruco.DICT_4X4_1000,
+    cv2.aruco.DICT_5X5_1000,
+    cv2.aruco.DICT_6X6_1000,
+    cv2.aruco.DICT_7X7_1000,
+    cv2.aruco.DICT_ARUCO_ORIGINAL,
+    cv2.aruco.DICT_APRILTAG_36h11,
+)
+FEWEST = 6  # corners of a board that is partly hidden
+FEWEST_FOR_LENS = 12  # corners; fewer do not tell distortion from perspective
+FEWEST_FOR_EDGE = 30  # corners; the fourth power of the radius lives near the rim
+WORST = 1.5  # [px], rms of corners against the fit: a bent board, or one that was misread
+CORNER = 0.1  # [px], what a corner is at best read to
+USUAL_BEND = (0.1, 0.03)  # standard deviations of `Lens.bend`: a board in the middle says little of the picture's rim
+
+
+def straightened(camera: Camera) -> Camera:
+    """The camera with what its board says: the `lens` that straightens its pictures, and their scale.
+
+    Raises `BadInput` where no such board is seen in its photo.
+    """
+    if camera.board is None:
+        return camera
+    lens = read_board(camera.board)
+    return replace(camera, scale=lens.scale, lens=lens)
+
+
+def read_board(board: Board) -> Lens:
+    """Find the board in its photo and fit plane and lens."""
+    photo, _ = read_photo(board.photo)
+    grey = np.asarray(cv2.cvtColor(photo, cv2.COLOR_BGR2GRAY), np.uint8)
+    on_board, seen = _FINDERS[board.kind](grey, board)
+    return _fitted(board, on_board, seen, (grey.shape[1], grey.shape[0]))
+
+
+# ------------------------------------------------------------------------------------------------------------- corners
+
+
+def _checkerboard(grey: Image, board: Board) -> tuple[Array, Array]:
+    inner = (board.columns - 1, board.rows - 1)
+    found, corners = cv2.findChessboardCornersSB(grey, inner, flags=cv2.CALIB_CB_ACCURACY)
+    if not found:
+        found, corners = cv2.findChessboardCornersSB(grey, inner, flags=cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE)
+    if not found:
+        raise BadInput(
+            f"{board.photo}: no checkerboard of {board.columns} x {board.rows} squares is seen whole; count squares, "
+            "not inner corners, and show the board with a light margin."
+        )
+    down, across = np.divmod(np.arange(inner[0] * inner[1]), inner[0])
+    return np.column_stack([across, down]) * board.square, _points(corners)
+
+
+def _charuco(grey: Image, board: Board) -> tuple[Array, Array]:
+    book, _ = _markers(grey, board)
+    best: tuple[Array, Array] = np.empty((0, 2)), np.empty((0, 2))
+    for legacy in (False, True):  # boards printed before OpenCV 4.6 begin with the other colour
+        drawn = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square, board.marker or 0.0, book)
+        drawn.setLegacyPattern(legacy)
+        corners, ids, _, _ = cv2.aruco.CharucoDetector(drawn).detectBoard(grey)
+        if ids is not None and len(ids) > len(best[0]):
+            best = np.asarray(drawn.getChessboardCorners())[ids.ravel(), :2].astype(float), _points(corners)
+    if len(best[0]) < FEWEST:
+        raise BadInput(
+            f"{board.photo}: {len(best[0])} corners of a ChArUco board of {board.columns} x {board.rows} squares are "
+            "seen; check its numbers of squares, and that the board is sharp and evenly lit."
+        )
+    return best
+
+
+def _aruco(grey: Image, board: Board) -> tuple[Array, Array]:
+    _, found = _markers(grey, board)
+    largest = max(found, key=lambda marker: cv2.contourArea(marker.astype(np.float32)))
+    return np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * board.square, largest
+
+
+def _markers(grey: Image, board: Board) -> tuple[Any, list[Array]]:
+    """The dictionary that most of the markers in view are from, and their corners [px]."""
+    settings = cv2.aruco.DetectorParameters()
+    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    best: tuple[Any, list[Array]] = None, []
+    for name in DICTIONARIES:
+        book = cv2.aruco.getPredefinedDictionary(name)
+        corners, _, _ = cv2.aruco.ArucoDetector(book, settings).detectMarkers(grey)
+        if len(corners) > len(best[1]):
+            best = book, [_points(marker) for marker in corners]
+    if not best[1]:
+        raise BadInput(f"{board.photo}: no ArUco marker is seen; show the board sharp, with its white margin.")
+    return best
+
+
+_FINDERS = {"checkerboard": _checkerboard, "charuco": _charuco, "aruco": _aruco}
+
+
+def _points(corners: Any) -> Array:
+    return np.asarray(corners, dtype=float).reshape(-1, 2)
+
+
+# ----------------------------------------------------------------------------------------------------------------- fit
+
+
+def _fitted(board: Board, on_board: Array, seen: Array, size: tuple[int, int]) -> Lens:
+    """Homography and distortion that put the board's corners [m] where they are seen [px]."""
+    from scipy.optimize import least_squares
+
+    middle_of_board = on_board.mean(axis=0)
+    across = on_board - middle_of_board
+    first, _ = cv2.findHomography(across, seen)
+    if first is None or np.linalg.matrix_rank(across) < 2:
+        raise BadInput(f"{board.photo}: the corners seen lie on one line; show more of the board.")
+    terms = (len(seen) >= FEWEST_FOR_LENS) + (len(seen) >= FEWEST_FOR_EDGE)
+    unit = math.sqrt(abs(np.linalg.det(first / first[2, 2])))  # [px/m], so that all unknowns are of one size
+    start = np.concatenate([(first / first[2, 2] / [[unit], [unit], [1.0]]).ravel()[:8], np.zeros(terms)])
+
+    def residuals(unknown: Array) -> Array:
+        plane, bend = _model(unknown, unit)
+        off = project(across, plane, bend, size) - seen
+        return np.append(off.ravel(), CORNER * unknown[8:] / USUAL_BEND[:terms])
+
+    found = least_squares(residuals, start, x_scale="jac", method="lm" if len(seen) * 2 > len(start) else "trf")
+    freedom = max(2 * len(seen) - len(start), 1)
+    rms = math.sqrt(float(np.sum(found.fun[: 2 * len(seen)] ** 2)) / freedom)
+    if rms > WORST:
+        raise BadInput(
+            f"{board.photo}: the corners miss a flat board by {rms:.1f} px; take a flat board, and check its squares."
+        )
+    plane, bend = _model(found.x, unit)
+    doubt = _scale_doubt(np.asarray(found.jac), found.x, unit, max(rms, CORNER))
+    return _squarely(plane, bend, size, rms, doubt)
+
+
+def _model(unknown: Array, unit: float) -> tuple[Array, tuple[float, float]]:
+    plane = np.append(unknown[:8], 1.0).reshape(3, 3) * [[unit], [unit], [1.0]]
+    bend = [*map(float, unknown[8:]), 0.0, 0.0]
+    return plane, (bend[0], bend[1])
+
+
+def _local(plane: Array) -> Array:
+    """[px/m] Derivative of the homography where the board's middle is, shape (2, 2)."""
+    return np.asarray((plane[:2, :2] - np.outer(plane[:2, 2], plane[2, :2]) / plane[2, 2]) / plane[2, 2])
+
+
+def _scale_doubt(jacobian: Array, unknown: Array, unit: float, sigma: float) -> float:
+    """Relative standard uncertainty of the scale at the board, from the corners' scatter `sigma` [px]."""
+
+    def scale(at: Array) -> float:
+        return 0.5 * math.log(abs(np.linalg.det(_local(_model(at, unit)[0]))))
+
+    slope = np.zeros(len(unknown))
+    for k in range(8):
+        step = np.zeros(len(unknown))
+        step[k] = 1e-6 * max(abs(unknown[k]), 1e-3)
+        slope[k] = (scale(unknown + step) - scale(unknown - step)) / (2 * step[k])
+    spread = np.linalg.pinv(jacobian.T @ jacobian) * sigma**2
+    return math.sqrt(max(float(slope @ spread @ slope), 0.0))
+
+
+def _squarely(plane: Array, bend: tuple[float, float], size: tuple[int, int], rms: float, doubt: float) -> Lens:
+    """The lens whose straight pictures keep size and turn of the pictures where the board was."""
+    local = _local(plane)
+    left, stretch, right = np.linalg.svd(local)
+    like = left @ right * math.sqrt(stretch[0] * stretch[1])  # the similarity nearest to the true map; may be mirrored
+    middle = plane[:2, 2] / plane[2, 2]
+    back = np.eye(3)  # from pixels of the straight picture to metres on the board
+    back[:2, :2] = np.linalg.inv(like)
+    back[:2, 2] = -back[:2, :2] @ middle
+    whole = plane @ back
+    rows = tuple(tuple(map(float, row)) for row in whole / whole[2, 2])
+    return Lens(size, rows, bend, scale=1 / math.sqrt(stretch[0] * stretch[1]), doubt=doubt, residual=rms)

@@ -1,0 +1,27 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rigtwin.lab.arrays import Array
+
+
+def fit_circle(points: Array) -> tuple[Array, float]:
+    """Centre and radius of the circle through an arc, robust against single wild points."""
+    from scipy.optimize import least_squares
+
+    # x^2 + y^2 = 2 a x + 2 b y + c is linear; its bias towards small circles is undone by the second, geometric fit
+    middle = points.mean(axis=0)
+    near = points - middle
+    a, b, c = np.linalg.lstsq(np.column_stack([2 * near, np.ones(len(near))]), np.sum(near * near, axis=1), rcond=None)[
+        0
+    ]
+    size = math.sqrt(max(c + a * a + b * b, 1e-30))
+
+    def miss(circle: Array) -> Array:
+        return np.asarray(np.hypot(near[:, 0] - circle[0], near[:, 1] - circle[1]) - circle[2])
+
+    scatter = 1.4826 * float(np.median(np.abs(miss(np.array([a, b, size]))))) + 1e-9 * size
+    circle = least_squares(miss, [a, b, size], loss="soft_l1", f_scale=2 * scatter, x_scale=size).x
+    return middle + circle[:2], float(abs(circle[2]))

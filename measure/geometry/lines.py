@@ -1,0 +1,165 @@
+"""Long straight edges in a picture: found by a Hough vote of the edge pixels, laid to a fraction of a pixel."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.arrays import Array, FloatImage
+
+STEP = math.radians(0.1)  # of the vote
+
+
+@dataclass(frozen=True)
+class Line:
+    """A straight edge that runs from left to right."""
+
+    start: tuple[float, float]  # [px]
+    end: tuple[float, float]  # [px]
+    sigma: float  # [rad], of its slope
+    strength: float  # [grey/px]
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        return (self.start[0] + self.end[0]) / 2, (self.start[1] + self.end[1]) / 2
+
+    @property
+    def length(self) -> float:
+        return math.dist(self.start, self.end)
+
+    @property
+    def slope(self) -> float:
+        """[rad], positive where the line falls to the right."""
+        return math.atan2(self.end[1] - self.start[1], self.end[0] - self.start[0])
+
+
+def gradient(picture: FloatImage, blur: float = 1.2) -> tuple[FloatImage, FloatImage]:
+    """Change of grey per pixel to the right and down, of the picture smoothed by `blur` pixels."""
+    smooth = cv2.GaussianBlur(picture, (0, 0), blur)
+    return (
+        np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8), dtype=np.float32),
+        np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8), dtype=np.float32),
+    )
+
+
+def long_lines(
+    picture: FloatImage, usable: npt.NDArray[np.bool_], *, steepest: float, shortest: float, most: int
+) -> list[Line]:
+    """Edges within `steepest` [rad] of the rows and at least `shortest` px long, the clearest first."""
+    slope_x, slope_y = gradient(picture)
+    strength = np.hypot(slope_x, slope_y)
+    noise = max(3.0 * float(np.median(strength)), 0.4)
+    known = (strength > noise) & usable & (np.abs(slope_x) < math.tan(steepest + 0.12) * np.abs(slope_y))
+    known[:3] = known[-3:] = False
+    found: list[Line] = []
+    for sign in (1, -1):
+        y, x = np.nonzero(known & (sign * slope_y > 0))
+        found += _lines_of(x, y, np.minimum(strength[y, x], 4 * noise), sign * slope_y, steepest, shortest, most)
+    found.sort(key=lambda line: -line.length * min(line.strength, 10.0))
+    return found[:most]
+
+
+def _lines_of(
+    x: npt.NDArray[np.int64],
+    y: npt.NDArray[np.int64],
+    weight: FloatImage,
+    change: FloatImage,
+    steepest: float,
+    shortest: float,
+    most: int,
+) -> list[Line]:
+    """Lines of edges of one sign, peak by peak."""
+    height, width = change.shape
+    angles = np.arange(-steepest, steepest + STEP / 2, STEP)
+    rows = 3 * height
+    table = np.zeros((len(angles), rows), dtype=np.float32)
+    for k, angle in enumerate(angles):
+        # the row at which the line crosses the picture's middle
+        row = np.rint(y - (x - width / 2) * math.tan(angle)).astype(np.int64) + height
+        table[k] = np.bincount(np.clip(row, 0, rows - 1), weights=weight, minlength=rows)
+    table = cv2.blur(table, (3, 1)) * 3
+    found: list[Line] = []
+    for _ in range(2 * most):
+        k, row = divmod(int(np.argmax(table)), rows)
+        if table[k, row] < 0.3 * shortest * float(np.median(weight)) or len(found) == most:
+            break
+        line = _laid(change, float(angles[k]), float(row) - height, shortest)
+        if line is not None and not any(abs(line.middle[1] - other.middle[1]) < 3 for other in found):
+            found.append(line)
+        # nothing else may be made of the same pixels: clear what crosses near there at nearly the same slope
+        table[max(k - 20, 0) : k + 21, max(row - 5, 0) : row + 6] = 0.0
+    return found
+
+
+def _laid(change: FloatImage, angle: float, row: float, shortest: float) -> Line | None:
+    """The line near a peak of the vote, to a fraction of a pixel."""
+    width = change.shape[1]
+    x = np.arange(4.0, width - 4.0)
+    reach = np.arange(-4.0, 5.0)
+    offset, slope = row, math.tan(angle)
+    for turn in range(3):
+        y = offset + (x - width / 2) * slope
+        columns = np.broadcast_to(x, (len(reach), len(x))).astype(np.float32)
+        band = cv2.remap(
+            change, columns, (y[None, :] + reach[:, None]).astype(np.float32), cv2.INTER_LINEAR, borderValue=0.0
+        )
+        near = np.abs(reach) <= (4, 3, 2)[turn]
+        weight = np.maximum(band[near], 0).astype(np.float64) ** 2
+        power = weight.sum(axis=0)
+        top = math.sqrt(float(np.percentile(power, 90))) + 1e-9
+        seen = power > max(0.04 * top * top, 1e-6)
+        run = fullest_run(seen, gap=max(10, width // 20))
+        if run is None or x[run[1]] - x[run[0]] < shortest:
+            return None
+        inside = np.flatnonzero(seen)
+        inside = inside[(inside >= run[0]) & (inside <= run[1])]
+        centre = (weight * reach[near][:, None]).sum(axis=0)[inside] / power[inside]
+        (constant, lean), sigma, kept = straight(x[inside] - width / 2, centre, np.minimum(power[inside], top * top))
+        if kept < 0.55 or len(inside) < 0.5 * (run[1] - run[0]):
+            return None
+        offset, slope = offset + constant, slope + lean
+        span = x[run[0]], x[run[1]]
+    ends = [(float(end), offset + (float(end) - width / 2) * slope) for end in span]
+    return Line(ends[0], ends[1], sigma, float(np.median(np.sqrt(power[inside]))))
+
+
+def straight(x: Array, y: Array, weight: Array) -> tuple[tuple[float, float], float, float]:
+    """Robust line through points: offset and slope, standard error of the slope, share of the points on the line."""
+    usual = np.ones_like(y)
+    offset, slope, miss, scale = 0.0, 0.0, np.abs(y), 1.0
+    for _ in range(12):
+        w = weight * usual
+        total = w.sum() + 1e-12
+        mean_x, mean_y = (w @ x) / total, (w @ y) / total
+        slope = float((w @ ((x - mean_x) * (y - mean_y))) / (w @ (x - mean_x) ** 2 + 1e-12))
+        offset = float(mean_y - slope * mean_x)
+        miss = np.abs(y - offset - slope * x)
+        scale = max(1.4826 * float(np.median(miss)), 0.05)
+        usual = 1 / (1 + (miss / (2.5 * scale)) ** 2) ** 2
+    w = weight * usual
+    # neighbouring pixels share texture and compression: some ten columns tell as much as one
+    sigma = scale * math.sqrt(10 * float(w @ (w * (x - w @ x / w.sum()) ** 2))) / float(w @ (x - w @ x / w.sum()) ** 2)
+    return (offset, slope), sigma, float(np.mean(miss < 3 * scale))
+
+
+def fullest_run(kept: npt.NDArray[np.bool_], gap: int) -> tuple[int, int] | None:
+    """First and last index of the run that holds most of what is kept, across gaps of up to `gap`.
+
+    Not of the widest: a row of specks reaches far, and an edge or a heap fills its columns.
+    """
+    places = np.flatnonzero(kept)
+    if len(places) == 0:
+        return None
+    best = max(np.split(places, np.flatnonzero(np.diff(places) > gap) + 1), key=len)
+    return int(best[0]), int(best[-1])
+
+
+def at(picture: npt.NDArray[Any], points: Array) -> npt.NDArray[Any]:
+    """Values of the pixels at points x, y, shape (n, 2), or of the nearest ones inside the picture."""
+    x, y = (np.clip(np.rint(points[:, k]).astype(np.int64), 0, picture.shape[1 - k] - 1) for k in (0, 1))
+    return np.asarray(picture[y, x])

@@ -1,0 +1,301 @@
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rigtwin.lab.arrays import Array
+from rigtwin.lab.errors import BadInput, NothingToMeasure
+from rigtwin.lab.quantity import Check, Detail, Evaluation, Quantity, doubted, root_sum_of_squares
+from rigtwin.lab.records import Series
+
+STEADY = (0.2, 0.8)  # of what leaves, the part over which the flow is steady
+
+# of the time between two values, in which an instant lies anywhere: 1.96 of it make 95 % of that time.  Its standard
+# deviation, 1 / sqrt 12 of it, would make intervals that hold the truth always
+WITHIN = 0.95 / (2 * 1.96)
+
+CUT = "end of the record"
+
+CUT_SHORT = (
+    "beads still leave at the end of the record, so that the discharge lasts longer than told (a lower bound) and the "
+    "empty hopper is not seen; a longer record shows it"
+)
+
+UNKNOWN_SHARE = 1 / math.sqrt(12)  # standard deviation of a share of which nothing is known
+
+TAIL = 0.02  # of the discharge, without a loss at the record's end, from which on the flow has stopped
+
+LASTING = 5  # values by most of which what was there is told: something may pass in one
+
+REFILL = 0.1  # share of the filling, by which it must: light and codec change the bed's area by some hundredths
+
+BINS = 6  # parts of the steady flow whose rates are compared
+
+STAYS = 0.7  # of the bed, above which no discharge is seen
+
+RESIDUE = 0.02  # share of the bed that may stay behind before it is worth a warning
+
+AT_ENDS = 0.25  # of that, where little has loosened yet, and where little is left
+
+
+@dataclass(frozen=True)
+class Instant:
+    """A moment found, with its doubt."""
+
+    time: float  # [s]
+    budget: dict[str, float]  # [s]
+    method: str
+    doubtful: str = ""
+
+
+def evaluate(left: Series, *, total_mass: float | None = None, opened: float | None = None) -> Evaluation:
+    """Quantities of a discharge from what is left in the hopper over time, filmed or simulated.
+
+    `left` is a fraction, a mass [kg] or a number of particles, falling over time; a particle counts as left until its
+    centre is one radius below the outlet.  `total_mass` [kg] of the filling; `opened` [s], without it the first loss
+    counts as the opening.  Raises `NothingToMeasure` when nothing leaves.
+    """
+    if total_mass is not None and not (math.isfinite(total_mass) and total_mass > 0):
+        raise BadInput(f"hopper: total mass must be positive, got {total_mass:g}.")
+    start = None if opened is None else Instant(opened, {}, "given")
+    return evaluate_discharge(left, total_mass, start, None, None, 0.0)
+
+
+# ------------------------------------------------------------------------------------------------- record -> quantities
+
+
+def evaluate_discharge(
+    left: Series,
+    total_mass: float | None,
+    opened: Instant | None,
+    last: Instant | None,
+    residue: float | None,
+    area_doubt: float,
+) -> Evaluation:
+    time, share, full = _share_left(left)
+    warnings = []
+    if opened is None:
+        first = int(np.argmax(share < 1 - 1e-9 - 3 * _noise(share)))
+        opened = Instant(float(time[first]), {"time step": WITHIN * _step(time)}, "first loss")
+        warnings.append("opening: not known, the first particle's leaving was taken for it; give the time of opening.")
+    if last is None:
+        last = _last_loss(time, share)
+    if not last.time > opened.time:
+        raise NothingToMeasure(
+            f"{_named(left)}: the last particle leaves at {last.time:.4g} s, "
+            f"before the opening at {opened.time:.4g} s; check the time of opening."
+        )
+    stays = float(share[-1]) if residue is None else residue
+    cut = last.method == CUT or _still_flows(time, share, last.time - opened.time)
+    if cut and not last.doubtful:
+        last = replace(last, doubtful=CUT_SHORT)
+    quantities = [
+        _instant("opening_time", opened),
+        _instant("last_particle_time", last),
+        _discharge(opened, last),
+    ]
+    rates = _rates(time, share, full, left.unit, total_mass, area_doubt)
+    quantities += rates
+    if len(rates) == 1:
+        warnings.append(
+            "flow rate: none given, for too few frames show the steady flow; a higher rate or a longer flow shows more."
+        )
+    elif rates[1].quantity != "mass_flow_rate":
+        warnings.append(f"mass flow rate: none given, but a {rates[1].quantity.replace('_', ' ')}; give --total-mass.")
+    share_doubt = UNKNOWN_SHARE if cut else max(area_doubt * stays, 0.003 if area_doubt else 0.0)
+    remains = Quantity("residue_fraction", stays, share_doubt, "1", CUT, doubtful=CUT_SHORT if cut else "")
+    quantities.append(remains)
+    within = _within_check(rates[0], last.time - opened.time)
+    falling = _falling_check(time, share)
+    checks = [_emptied_check(stays, cut), within, falling]
+    doubts = (opened.doubtful, last.doubtful, "" if within.passed else within.message)
+    doubt = "; ".join(dict.fromkeys(text for text in doubts if text))
+    if doubt:
+        quantities = [replace(one, doubtful=doubt) if one.unit == "s" else one for one in quantities]
+    told = with_times_doubted(tuple(quantities), failed_message(falling))
+    return Evaluation(told, tuple(checks), tuple(warnings))
+
+
+def _still_flows(time: Array, share: Array, lasted: float) -> bool:
+    """Whether a record that does not end empty ends with its last loss: nothing tells that no other follows."""
+    if share[-1] <= 1e-9 + 3 * _noise(share):
+        return False
+    end = float(np.median(share[-3:]))
+    losing = np.flatnonzero(share > end + max(4 * _noise(share), 1e-9))
+    return bool(len(losing) and time[-1] - time[losing[-1]] < max(TAIL * lasted, 3 * _step(time)))
+
+
+def _emptied_check(stays: float, cut: bool) -> Check:
+    message = f"{100 * stays:.1f} % of the filling stays in the hopper"
+    if cut:
+        message = f"the share that stays in the hopper is not known: {CUT_SHORT}."
+    elif stays < RESIDUE:
+        message += "."
+    else:
+        message += "; the last particle is the last one that left."
+    return Check("emptied", stays < RESIDUE and not cut, stays, 0.0, message)
+
+
+def _falling_check(time: Array, share: Array) -> Check:
+    """Whether beads only leave."""
+    from scipy.ndimage import median_filter
+
+    lasting = np.asarray(median_filter(share, LASTING, mode="nearest"))
+    risen = lasting - np.minimum.accumulate(lasting)
+    worst = int(np.argmax(risen))
+    rise = float(risen[worst])
+    if rise < REFILL:
+        return Check("only_falls", True, rise, 0.0, "what is left in the hopper only falls.")
+    message = (
+        f"what is left in the hopper rises by {100 * rise:.0f} % of the filling until {time[worst]:.3f} s, but beads "
+        "do not come back: the record is joined, or the hopper was filled again; give one discharge (--start, --end)."
+    )
+    return Check("only_falls", False, rise, 0.0, message)
+
+
+def _within_check(middle: Quantity, lasted: float) -> Check:
+    """Whether what leaves does so between the opening and the last particle."""
+    passed = middle.value < lasted + 2 * middle.std_uncertainty
+    message = (
+        f"the middle 90 % leaves in {middle.value:.3f} s of the {lasted:.3f} s from the opening to the last particle"
+    )
+    ending = "." if passed else ", which cannot be: is this a hopper, seen from before its opening until it is empty?"
+    return Check("flow_within", passed, middle.value / lasted if lasted > 0 else math.inf, 0.9, message + ending)
+
+
+def _share_left(left: Series) -> tuple[Array, Array, float]:
+    """Time, share that is left, and the full value."""
+    time, value = np.asarray(left.time, dtype=np.float64), np.asarray(left.value, dtype=np.float64)
+    if time.shape != value.shape or len(time) < 5:
+        raise BadInput(
+            f"{_named(left)}: needs at least five times, each with one value; got {len(time)}, {len(value)}."
+        )
+    if not np.all(np.isfinite(time)) or not np.all(np.diff(time) > 0):
+        raise BadInput(f"{_named(left)}: time does not rise from value to value; sort the series.")
+    seen = np.isfinite(value)
+    if seen.sum() < 5:
+        raise BadInput(f"{_named(left)}: holds fewer than five finite values.")
+    value = np.interp(time, time[seen], value[seen])
+    full = float(np.median(value[: max(3, len(value) // 50)]))
+    if not full > 0:
+        raise BadInput(f"{_named(left)}: begins at {full:g}; give what is left from before the opening on.")
+    if float(value[-1]) > STAYS * full:
+        percent = 100 * float(value[-1]) / full
+        tail = value[-max(5, len(value) // 10) :]
+        stopped = float(np.ptp(tail)) <= max(1e-9, 6 * _noise(value))
+        advice = (
+            "nothing leaves any more: beads arch over the outlet, or it was not opened; take a wider outlet"
+            if stopped
+            else "beads still leave; give a record that goes on until the flow has stopped"
+        )
+        raise NothingToMeasure(f"{_named(left)}: {percent:.0f} % is still left at the end and {advice}.")
+    return time, value / full, full
+
+
+def _named(left: Series) -> str:
+    return left.quantity.replace("_", " ")
+
+
+def _noise(share: Array) -> float:
+    """Standard deviation of single values, from their second differences; 0 for a counted record."""
+    bends = np.diff(share, 2)
+    quiet = bends[-max(len(bends) // 5, 3) :]
+    return float(np.median(np.abs(quiet))) * 1.4826 / math.sqrt(6)
+
+
+def _step(time: Array) -> float:
+    return float(np.median(np.diff(time)))
+
+
+def _last_loss(time: Array, share: Array) -> Instant:
+    end = float(np.median(share[-max(3, len(share) // 50) :]))
+    above = np.flatnonzero(share > end + max(3 * _noise(share), 1e-9))
+    if len(above) == 0:
+        raise NothingToMeasure("hopper: nothing leaves in this record.")
+    k = min(int(above[-1]), len(time) - 2)
+    # a counted record loses its last particle somewhere between these two values
+    middle, step = (time[k] + time[k + 1]) / 2, time[k + 1] - time[k]
+    return Instant(float(middle), {"time step": WITHIN * float(step)}, "last loss")
+
+
+def _instant(name: str, found: Instant) -> Quantity:
+    return Quantity(
+        name, found.time, root_sum_of_squares(found.budget), "s", found.method, 1, {}, found.budget, found.doubtful
+    )
+
+
+def _discharge(opened: Instant, last: Instant) -> Quantity:
+    # an exposure that lies late in its frame's interval moves both ends alike
+    shared = ("exposure",)
+    budget = {f"opening: {part}": value for part, value in opened.budget.items() if part not in shared}
+    budget |= {f"last particle: {part}": value for part, value in last.budget.items() if part not in shared}
+    return Quantity(
+        "discharge_time",
+        last.time - opened.time,
+        root_sum_of_squares(budget),
+        "s",
+        f"{opened.method} to {last.method}",
+        1,
+        {},
+        budget,
+    )
+
+
+def _rates(
+    time: Array, share: Array, full: float, unit: str, total_mass: float | None, area_doubt: float
+) -> list[Quantity]:
+    """Steady rate of flow, and the time from 5 to 95 %, which no straggler can stretch."""
+    gone = 1 - np.minimum.accumulate(share)
+    final = float(gone[-1])
+
+    def when(part: float) -> float:
+        k = int(np.argmax(gone >= part * final))
+        if k == 0:
+            return float(time[0])
+        return float(np.interp(part * final, gone[k - 1 : k + 1], time[k - 1 : k + 1]))
+
+    start, end = when(STEADY[0]), when(STEADY[1])
+    step = _step(time)
+    quantities = [
+        Quantity(
+            "discharge_time_5_95",
+            when(0.95) - when(0.05),
+            math.hypot(step / 4, math.sqrt(2) * AT_ENDS * area_doubt / (STEADY[1] - STEADY[0]) * (end - start)),
+            "s",
+            "5 to 95 % of what leaves",
+        )
+    ]
+    part = (time >= start) & (time <= end)
+    if part.sum() < 4:
+        return quantities
+    slope = -float(np.polyfit(time[part], share[part], 1)[0])
+    edges = np.linspace(start, end, BINS + 1)
+    pieces = -np.diff(np.interp(edges, time, share)) / np.diff(edges)
+    drift = float(pieces[BINS // 2 :].mean() - pieces[: BINS // 2].mean())
+    budget = {
+        "scatter of the flow": slope * float(np.std(pieces, ddof=1) / slope) / math.sqrt(BINS),
+        "area for mass": area_doubt * slope,
+    }
+    detail: dict[str, Detail] = {"from_s": round(start, 5), "to_s": round(end, 5), "drift": round(drift / slope, 4)}
+    method = f"line, {STEADY[0]:.0%} to {STEADY[1]:.0%}".replace("%", " %")
+    if total_mass is not None or unit == "kg":
+        name, factor, of = "mass_flow_rate", total_mass if total_mass is not None else full, "kg/s"
+    elif full <= 1.5:
+        name, factor, of = "discharged_fraction_rate", full, "1/s"
+    else:
+        name, factor, of = "particle_flow_rate", full, "1/s"
+    budget = {key: value * factor for key, value in budget.items() if value > 0}
+    quantities.append(Quantity(name, slope * factor, root_sum_of_squares(budget), of, method, 1, detail, budget))
+    return quantities
+
+
+def failed_message(check: Check | str) -> str:
+    """What a check says against the numbers; nothing where it passed or could not be made."""
+    return check.message if isinstance(check, Check) and not check.passed else ""
+
+
+def with_times_doubted(quantities: tuple[Quantity, ...], why: str) -> tuple[Quantity, ...]:
+    """What is counted in seconds hangs on the clip's clock, and on a slot and beads that are seen."""
+    return tuple(doubted(one, why) if "s" in one.unit.split("/") else one for one in quantities)

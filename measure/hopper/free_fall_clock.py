@@ -1,0 +1,132 @@
+"""How fast beads leave an outlet and fall from it: a clock in the picture, for gravity is known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.arrays import Array
+from rigtwin.lab.formatting import reading
+from rigtwin.lab.quantity import Check
+from rigtwin.lab.rigs import GRAVITY
+
+LEAST_FRAMES = 5
+BEGINS = 1.0  # bead diameters below the outlet: a bead that is wholly out of it is held by nothing
+LEAST_FALL = 1.5  # bead diameters over which it must be seen
+PASSING = 0.5  # bead diameters, by which another bead may have become the lowest one on the way
+JUMP = 0.6  # bead diameters by which a step may differ from the one before: then it is another bead, or the floor
+UNEVEN = 0.12  # bead diameters, standard deviation from a parabola up to which it is a free fall
+# relative, that the acceleration must be off gravity before rate or scale are doubted: the air takes some hundredths
+# from beads of a few millimetres, and a rate that was mixed up is wrong by a quarter or more
+LEAST_OFF = 0.1
+# of sqrt(g W), the speed at which a body has fallen half of the slot's width W: between these beads leave slots from
+# three beads wide to many (Beverloo's law), whereas a clip in slow motion plays them eight times slower or more
+OUTLET_SPEED = (0.15, 3.0)
+
+
+@dataclass(frozen=True)
+class FreeFall:
+    """Acceleration of the lowest bead below the outlet."""
+
+    acceleration: float  # [px/s^2]
+    doubt: float  # [px/s^2], standard uncertainty
+
+    def at(self, zoom: float) -> FreeFall:
+        """The same in a picture `zoom` times as large."""
+        return FreeFall(self.acceleration * zoom, self.doubt * zoom)
+
+
+def surer(falls: Iterable[FreeFall | None]) -> FreeFall | None:
+    """The one whose acceleration is known best."""
+    seen = [fall for fall in falls if fall is not None]
+    return min(seen, key=lambda fall: fall.doubt / fall.acceleration, default=None)
+
+
+def together(falls: Iterable[FreeFall | None]) -> FreeFall | None:
+    """The mean of what different ways to look at it tell, as doubtful as these contradict each other (Birge ratio)."""
+    seen = [fall for fall in falls if fall is not None]
+    if not seen:
+        return None
+    weights = np.array([fall.doubt**-2 for fall in seen])
+    each = np.array([fall.acceleration for fall in seen])
+    mean = float(np.average(each, weights=weights))
+    ratio = float(np.sum(weights * (each - mean) ** 2)) / max(len(seen) - 1, 1)
+    return FreeFall(mean, math.sqrt(max(ratio, 1.0) / float(np.sum(weights))))
+
+
+def fall_below(time: Array, fronts: Array, bead: float) -> FreeFall | None:
+    """The fall that shows its acceleration best, None where none is seen.
+
+    `fronts` [px], shape (any, n), is how far below the outlet the lowest bead is at `time` [s] by one or another way to
+    look for it, NaN where there is none; `bead` [px] is a diameter.  The lowest bead falls freely: nothing below holds
+    it, and those above are slower.
+    """
+    return surer(_fitted(time[run], front[run], bead) for front in fronts for run in _runs(front, bead))
+
+
+def _runs(front: Array, bead: float) -> list[npt.NDArray[np.intp]]:
+    """Stretches over which the front goes down from frame to frame without a jump."""
+    step = np.diff(front)
+    on = np.isfinite(step) & (step > 0) & (front[1:] > BEGINS * bead) & (front[:-1] > BEGINS * bead)
+    before = np.concatenate([[0.0], step[:-1]])
+    on &= np.abs(step - np.where(np.isfinite(before), before, 0.0)) < JUMP * bead
+    runs = np.split(np.arange(len(front)), np.flatnonzero(~on) + 1)
+    return [run for run in runs if len(run) >= LEAST_FRAMES and np.ptp(front[run]) > LEAST_FALL * bead]
+
+
+def _fitted(time: Array, front: Array, bead: float) -> FreeFall | None:
+    since = time - time.mean()
+    fit, covariance = np.polyfit(since, front, 2, cov="unscaled")
+    scatter = float(np.sqrt(np.sum((front - np.polyval(fit, since)) ** 2) / (len(front) - 3)))
+    if scatter > UNEVEN * bead:
+        return None
+    # rows are whole pixels, and which of a bead's rows is its lowest changes with its light
+    noise = max(scatter, 0.5)
+    acceleration, doubt = 2 * float(fit[0]), 2 * noise * math.sqrt(float(covariance[0, 0]))
+    if acceleration < 3 * doubt:  # it glides
+        return None
+    return FreeFall(acceleration, math.hypot(doubt, PASSING * bead / float(np.ptp(front)) * acceleration))
+
+
+def fall_check(fall: FreeFall, scale: float, scale_doubt: float, rate: float) -> Check:
+    """Whether the first beads fall as gravity lets them; `scale` [m/px] and its relative doubt, `rate` [1/s] stated."""
+    found, doubt = fall.acceleration * scale, math.hypot(fall.doubt / fall.acceleration, scale_doubt)
+    reach = max(3 * doubt, LEAST_OFF)
+    message = f"beads below the outlet fall with {reading(found, found * doubt, 'm/s^2')}"
+    off = abs(math.log(found / GRAVITY))
+    if off < reach:
+        # it grows with the square of the rate
+        told = f"a frame rate off by less than a factor of {math.exp((reach + off) / 2):.2f} would not show"
+        return Check("frame_rate", True, found, GRAVITY, f"{message}: scale and frame rate fit together; {told}.")
+    captured = rate / math.sqrt(found / GRAVITY)
+    return Check(
+        "frame_rate",
+        False,
+        found,
+        GRAVITY,
+        f"{message} instead of {GRAVITY}: either the clip was captured at {captured:.0f} ± {captured * doubt / 2:.0f} "
+        f"Hz and not at {rate:.4g} (--frame-rate), or lengths (the scale) are {found / GRAVITY:.2g} times what they "
+        "should be.",
+    )
+
+
+def outlet_check(velocity: float, width: float) -> Check:
+    """Whether beads leave a slot `width` [m] about as fast as gravity lets them; `velocity` [m/s].
+
+    Wide, for it depends on how large the beads are: what is left where no bead is seen to fall from the slot.
+    """
+    ratio = velocity / math.sqrt(GRAVITY * width)
+    passed = OUTLET_SPEED[0] < ratio < OUTLET_SPEED[1]
+    ending = ": is the frame rate that of the capture (--frame-rate), and is the scale right?"
+    if ratio < 0:
+        ending = ": they rise; is the clip played backwards?"
+    if passed:
+        # it grows with the rate
+        low, high = OUTLET_SPEED[1] / ratio, ratio / OUTLET_SPEED[0]
+        ending = f", so that a rate {low:.1f} times too low or {high:.1f} times too high would not show."
+    message = f"beads leave the slot {ratio:.2g} times as fast as a body that has fallen half its width{ending}"
+    return Check("frame_rate", passed, ratio, 1.0, message)

@@ -1,0 +1,152 @@
+"""A hopper with a slot that a slide opens: discharge time, mass flow, and what stays behind.
+
+`measure` turns a clip into what is left in the hopper over time, `evaluate` that into quantities; a simulated hopper
+goes through the same `evaluate`.  The slot opens when the slide's trailing edge passes its near edge; the last particle
+is out when its centre is one radius below the slot, which is when its upper edge passes the slot.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.checksums import sha256
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.quantity import Check, Measurement, doubted
+from rigtwin.measure.bulk.bead_spacing import bead_spacing
+from rigtwin.measure.geometry.camera_roll import nothing_level, upright_checks
+from rigtwin.measure.hopper.checks import (
+    HIDDEN,
+    bed_check,
+    checks_of_picture,
+    compression_effect,
+    flow_timing_check,
+    hidden_share,
+    rate_check,
+    size_check,
+    spoils_times,
+)
+from rigtwin.measure.hopper.evaluate import CUT, CUT_SHORT, evaluate_discharge, failed_message, with_times_doubted
+from rigtwin.measure.hopper.observe import (
+    closed_before,
+    edges_of_slot,
+    last_particle,
+    opening_instant,
+    share_left,
+    slide_opening,
+    unhidden,
+    with_compression,
+)
+from rigtwin.measure.hopper.outflow import follow_outflow
+from rigtwin.measure.hopper.scale import outlet_velocity, scale_of
+from rigtwin.measure.media.duplicate_frames import at_its_pace
+from rigtwin.measure.media.video import open_video
+from rigtwin.measure.scene.checks import camera_by_scene
+
+AREA_DOUBT = 0.05  # relative, how far the bed's visible area follows its mass
+
+
+def measure(
+    clip: Path,
+    camera: Camera,
+    *,
+    bead_diameter: float | None = None,
+    total_mass: float | None = None,
+    bin_width: float | None = None,
+    out: Path,
+    progress: Progress = silent,
+) -> Measurement:
+    """Opening, last particle, discharge time and flow rate from a clip of a hopper that empties.
+
+    `bead_diameter` [m], `total_mass` [kg] of the filling, `bin_width` [m] inside.  Raises `NothingToMeasure` when no
+    bed leaves.
+    """
+    for name, value in (("bead diameter", bead_diameter), ("total mass", total_mass), ("bin width", bin_width)):
+        if value is not None and not (math.isfinite(value) and value > 0):
+            raise BadInput(f"hopper: {name} must be positive, got {value:g}.")
+    video = at_its_pace(open_video(clip, camera), progress)
+    bead = bead_diameter / camera.given_scale if bead_diameter and camera.given_scale else None
+    seen = follow_outflow(video, roll=camera.roll, region=camera.region, bead=bead, progress=progress)
+    edges = edges_of_slot(seen)
+    gate = slide_opening(seen, edges)
+    opened = opening_instant(seen, gate)
+    hidden = hidden_share(seen, edges)
+    last = last_particle(seen, edges)
+    if hidden > HIDDEN:
+        last = replace(last, budget=last.budget | {"hidden part of the slot": seen.interval})
+    opened, last = (unhidden(seen, moment) for moment in (closed_before(seen, opened), last))
+    still = camera_by_scene([moment.pose for moment in seen.moments])
+    compression, starved = compression_effect(seen, video, still)
+    if starved:
+        opened, last = (with_compression(seen, moment, failed_message(compression)) for moment in (opened, last))
+    left = share_left(seen)
+    evaluation = evaluate_discharge(left, total_mass, opened, last, seen.residue, AREA_DOUBT)
+    timing = flow_timing_check(seen, left.value, opened, last)
+    spacing = bead_spacing(seen.scenery.full, seen.scenery.bed)
+    scale, scale_from, scale_doubt = scale_of(seen, camera, bead_diameter, bin_width, spacing)
+    warnings = [*video.warnings, *evaluation.warnings]
+    warnings.append("mass left: taken from the bed's visible area, as of a slab of even depth.")
+    view: dict[str, Any] = {
+        "frame_rate_hz": video.frame_rate,
+        "scale_m_per_px": scale,
+        "scale_from": scale_from,
+        "camera_roll_deg": math.degrees(seen.upright.roll),
+        "camera_roll_from": seen.upright.source,
+        "slot_width_px": (edges[1] - edges[0]) / seen.lens.zoom,
+        "slide_goes": {1: "right", -1: "left", 0: "not told"}[gate.direction if gate is not None else 0],
+        "frames": len(seen.moments),
+    }
+    velocity = outlet_velocity(seen, scale, scale_doubt, bin_width)
+    quantities = evaluation.quantities
+    size: Check | str = ""
+    rate: Check | str = "frame rate not confirmed: without a scale the beads' fall does not show it."
+    if isinstance(velocity, str):
+        warnings.append(f"outlet velocity: none given, for {velocity}.")
+    if scale is not None:
+        size = size_check(seen, scale, scale_from, scale_doubt, bead_diameter, spacing, bin_width)
+        told = None if isinstance(velocity, str) else doubted(velocity, failed_message(size))
+        width = view["slot_width_px"] * scale
+        rate = rate_check(seen, told, width, video.frame_rate, scale=scale, doubt=scale_doubt, hidden=hidden > HIDDEN)
+        quantities = quantities if told is None else (*quantities, told)
+    asked = (timing, rate, size, still, nothing_level(seen.upright))
+    warnings += [each for each in asked if isinstance(each, str) and each]
+    judged = [each for each in asked if isinstance(each, Check)]
+    checks = (
+        *checks_of_picture(seen, gate, hidden),
+        bed_check(seen, left.value, opened),
+        *upright_checks(seen.upright),
+        compression,
+        *evaluation.checks,
+        *judged,
+    )
+    for why in (
+        failed_message(timing),
+        failed_message(rate),
+        video.spoilt,
+        *(failed_message(one) for one in checks if spoils_times(one)),
+    ):
+        quantities = with_times_doubted(quantities, why)
+    if why := video.broken_off:
+        quantities = tuple(
+            each if why.removesuffix(".") in each.doubtful else doubted(each, why) for each in quantities
+        )
+    if last.method == CUT:
+        quantities = tuple(each if each.doubtful else doubted(each, CUT_SHORT) for each in quantities)
+    result = Measurement(
+        rig="hopper",
+        source=clip,
+        source_sha256=sha256(clip),
+        quantities=quantities,
+        checks=checks,
+        warnings=tuple(warnings),
+        camera=view,
+        series=(left,),
+    )
+    from rigtwin.measure.hopper.figures import write_pictures
+
+    files = write_pictures(out, result, video, seen, left, edges, scale, progress)
+    return replace(result, files=files)

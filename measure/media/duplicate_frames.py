@@ -1,0 +1,165 @@
+"""Frames that only repeat the one before them: a film of 120 pictures a second stored as one of 240, say.
+
+Where something moves, a repeated frame stands out: nothing has changed in it, although everything around it has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.arrays import Array, GreyImage
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.measure.media.pictures import Picture, Source
+from rigtwin.measure.media.time_base import SAME_RATE
+from rigtwin.measure.media.video import Video
+
+COARSE = 4  # pixels of a frame in one of the coarser picture, across
+LARGE = 1_000_000  # [px], of a picture
+SELDOM = 6  # frames: the slowest of the usual doublings is every sixth
+CLOSE = 0.1  # by which the share that is found may differ from the one that two rates tell
+LEAST_SHARE = 0.15  # of the moving frames: single ones may be a bead that passes the same place up and down
+RHYTHM = 0.5  # share of the gaps between them that are one and the same, from which on they follow a rhythm
+IN_STEP = 0.9  # share of the doubled frames that one steady rate must explain
+IN_RHYTHM = 0.5  # share of those in a rhythm that is seen: a codec changes some, and slow steps hide some
+
+
+def coarse(grey: GreyImage) -> GreyImage:
+    """The picture a quarter as large: a moving bead changes some cell of it much, noise changes all a little."""
+    if grey.size > LARGE:  # halving is much quicker than anything else
+        # a sum reads the picture in order, which a processor foresees; halving takes two rows at once, and would wait
+        cv2.sumElems(grey)
+        half = cv2.resize(grey, (grey.shape[1] // 2, grey.shape[0] // 2), interpolation=cv2.INTER_AREA)
+        grey = np.asarray(half, dtype=np.uint8)
+        return np.asarray(cv2.resize(grey, (grey.shape[1] // 2, grey.shape[0] // 2), interpolation=cv2.INTER_AREA))
+    size = (max(grey.shape[1] // COARSE, 1), max(grey.shape[0] // COARSE, 1))
+    return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+class Repeats:
+    """Takes the frames of a clip one by one, then says which of them repeat the one before."""
+
+    def __init__(self) -> None:
+        self._last: GreyImage | None = None
+        self._indices: list[int] = []
+        self._changes: list[float] = []
+
+    def add(self, index: int, small: GreyImage) -> None:
+        """See the next frame, made `coarse`."""
+        if self._last is not None:
+            self._indices.append(index)
+            self._changes.append(float(np.max(cv2.absdiff(small, self._last))))
+        self._last = small
+
+    def frames(self) -> frozenset[int]:
+        """Numbers of the repeated frames; none where there are only a few."""
+        marked = repeated(np.array(self._changes), noise=2.0)
+        return frozenset(int(index) for index, mark in zip(self._indices, marked, strict=True) if mark)
+
+
+def without_repeats(video: Video, progress: Progress = silent) -> Video:
+    """The video that skips such frames."""
+    repeats = Repeats()
+    for frame in video.frames():
+        repeats.add(frame.index, coarse(frame.grey))
+        progress("looking for doubled frames", frame.index - video.first + 1, video.last - video.first + 1)
+    return _by_those_that_remain(video, repeats.frames())
+
+
+def at_its_pace(video: Video, progress: Progress = silent) -> Video:
+    """The video without doubled frames, looked for only where it plays faster than it is said to be captured."""
+    return without_repeats(video, progress) if video.frame_rate < (1 - SAME_RATE) * video.playback_rate else video
+
+
+def _by_those_that_remain(video: Video, doubled: frozenset[int]) -> Video:
+    skipped = video.skipped | doubled
+    apart = np.diff(sorted(doubled))
+    apart = apart[apart <= SELDOM]  # where nothing moves they are not seen
+    if len(apart) == 0 or abs(video.frame_rate / video.playback_rate - 1) < SAME_RATE:
+        return replace(video, skipped=skipped)  # a file that plays as fast as it was captured has true time stamps
+    share, stored = 1 / float(np.mean(apart)), 1 - video.frame_rate / video.playback_rate
+    # a few are missed where little moves: the two rates tell the share to the digit where it is about that
+    share = stored if abs(share - stored) < CLOSE else 1 / float(np.median(apart))
+    note = (
+        f"doubled frames: about {100 * share:.0f} % repeat the one before and were left out; the time runs by those "
+        "that remain, at the capture rate as given."
+    )
+    warnings = (*video.warnings, note)
+    beat = _in_step(video.times * video.frame_rate * (1 - share), doubled)
+    if beat is None:
+        return replace(video, skipped=skipped, times=video.times * (1 - share), warnings=warnings)
+    kept = [k for k in range(len(beat)) if k == 0 or beat[k] > beat[k - 1]]
+    inside = [number for number, index in enumerate(kept) if video.first <= index <= video.last]
+    return replace(
+        video,
+        source=_Captured(video.source, kept),
+        times=beat[kept] / video.frame_rate,
+        frame_count=len(kept),
+        first=inside[0],
+        last=inside[-1],
+        skipped=frozenset(),
+        warnings=warnings,
+    )
+
+
+def _in_step(taken: Array, doubled: frozenset[int]) -> Array | None:
+    """Numbers of the captured frames that the stored ones show, where these play them at one steady rate.
+
+    At each moment the last frame `taken` until then is shown, so that doubled frames tell the beat of all, also where
+    nothing moves; from one to the next it is a whole interval then, and not the shorter one of the file.
+    """
+    seen = np.array(sorted(doubled))
+    phases = np.arange(0.0, 1.0, 0.01)
+    numbers = np.floor(taken[None] + phases[:, None])
+    agree = np.sum(numbers[:, seen] == numbers[:, seen - 1], axis=1)
+    most = np.flatnonzero(agree == np.max(agree))
+    return np.asarray(numbers[most[len(most) // 2]]) if np.max(agree) > IN_STEP * len(seen) else None
+
+
+class _Captured:
+    """The pictures of a source that were captured one by one, numbered anew."""
+
+    def __init__(self, source: Source, kept: list[int]) -> None:
+        self.source, self.kept = source, kept
+        self.shape, self.rate, self.tick, self.notes = source.shape, source.rate, source.tick, source.notes
+        self.stamps = [source.stamps[index] for index in kept]
+
+    def pictures(self, start: int = 0) -> Iterator[Picture]:
+        kept = frozenset(self.kept)
+        first = self.kept[start]
+        return (each for index, each in enumerate(self.source.pictures(first), start=first) if index in kept)
+
+    def at(self, numbers: Sequence[int]) -> Iterator[Picture]:
+        return self.source.at([self.kept[number] for number in numbers])
+
+    def cheap(self, first: int, last: int) -> list[int]:
+        keys = frozenset(self.source.cheap(self.kept[first], self.kept[last]))
+        return [number for number in range(first, last + 1) if self.kept[number] in keys]
+
+
+def repeated(changes: Array, *, noise: float = 0.0) -> npt.NDArray[np.bool_]:
+    """Which of the steps from frame to frame are none, although there are some right before and after.
+
+    `changes` says how much changes in each step, shape (n,), `noise` how much may where nothing moves.
+    """
+    none = np.zeros(len(changes), dtype=bool)
+    if len(changes) < 8:
+        return none
+    before = np.array([np.max(changes[max(k - 2, 0) : k], initial=0.0) for k in range(len(changes))])
+    after = np.array([np.max(changes[k + 1 : k + 3], initial=0.0) for k in range(len(changes))])
+    around = np.minimum(before, after)
+    calm = max(1.5 * float(np.percentile(changes, 5)), noise)
+    moving = around > 4 * calm
+    # at the top of a flight steps shrink evenly: half a step beside two and a half is the nearest they come to this
+    marked = moving & (changes < np.maximum(0.15 * around, calm))
+    gaps = np.diff(np.flatnonzero(marked))
+    if len(gaps) < 3:
+        return none
+    usual = float(np.median(gaps))
+    least = IN_RHYTHM / usual if float(np.mean(gaps == usual)) > RHYTHM else LEAST_SHARE
+    # the tops of flights come seldom
+    return marked if usual <= SELDOM and np.sum(marked) > least * np.sum(moving) else none

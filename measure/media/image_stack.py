@@ -1,0 +1,104 @@
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+
+from rigtwin.lab.errors import UnreadableMedia
+from rigtwin.measure.media.pictures import (
+    BROKEN_PAGE,
+    CUT_OFF,
+    FILMS,
+    STILLS,
+    Picture,
+    bit_shift,
+    counted_pictures,
+    eight_bit,
+    in_order,
+    must_be_whole,
+    spread,
+    still,
+)
+from rigtwin.measure.media.video_file import Apart
+
+
+class Stills(Apart):
+    """A folder of numbered pictures."""
+
+    rate = tick = 0.0
+
+    def __init__(self, path: Path) -> None:
+        self.files = sorted((file for file in path.iterdir() if file.suffix.lower() in STILLS), key=in_order)
+        if len(self.files) < 3:
+            films = sorted(file.name for file in path.iterdir() if file.suffix.lower() in FILMS)
+            advice = (
+                f"of its {len(films)} videos give one, like {path / films[0]}, or name them as repetitions in lab.toml"
+                if films
+                else "give a video, or a folder of numbered pictures"
+            )
+            raise UnreadableMedia(
+                f"{path}: is a folder with {counted_pictures(len(self.files))} ({', '.join(STILLS)}); {advice}."
+            )
+        first = still(self.files[0])
+        self.shape = (first.shape[0], first.shape[1])
+        self.stamps: list[float | None] = [None] * len(self.files)
+        must_be_whole(self.files[0], first)
+        others = (still(self.files[number]) for number in spread(len(self.files))[1:])
+        self.shift, self.notes = bit_shift(chain([first], others))
+
+    def pictures(self, start: int = 0) -> Iterator[Picture]:
+        for file in self.files[start:]:
+            image = still(file)
+            if image.shape[:2] != self.shape:
+                raise UnreadableMedia(
+                    f"{file}: is {image.shape[1]} x {image.shape[0]} px where the first picture of the folder is "
+                    f"{self.shape[1]} x {self.shape[0]} px; keep pictures of one clip in a folder of their own."
+                )
+            yield eight_bit(image, self.shift)
+
+
+class Stack(Apart):
+    """A TIFF file of many pictures."""
+
+    rate = tick = 0.0
+
+    def __init__(self, path: Path) -> None:
+        import tifffile
+
+        self.path = path
+        try:
+            with tifffile.TiffFile(path) as file:
+                count = len(file.pages)
+                stated = max([int(one["shape"][0]) for one in file.shaped_metadata or () if "shape" in one], default=0)
+                first = np.asarray(file.pages[0].asarray())
+                some = [first]
+                for number in spread(count)[1:]:
+                    with suppress(*BROKEN_PAGE, tifffile.TiffFileError):  # told where the pictures are read
+                        some.append(np.asarray(file.pages[number].asarray()))
+        except (*BROKEN_PAGE, tifffile.TiffFileError):
+            raise UnreadableMedia(f"{path}: cannot be decoded as a TIFF file; give a clip or a stack.") from None
+        if count < 3:
+            raise UnreadableMedia(f"{path}: holds {counted_pictures(count)}; a measurement needs a clip.")
+        self.shape = (first.shape[0], first.shape[1])
+        self.stamps: list[float | None] = [None] * count
+        must_be_whole(path, first)
+        self.shift, self.notes = bit_shift(some)
+        if count < stated:
+            self.notes += (f"{path.name} holds {count} of {counted_pictures(stated)}; used those.", CUT_OFF)
+
+    def pictures(self, start: int = 0) -> Iterator[Picture]:
+        import tifffile
+
+        with tifffile.TiffFile(self.path) as file:
+            for number in range(start, len(self.stamps)):
+                try:
+                    image = np.asarray(file.pages[number].asarray())
+                except (*BROKEN_PAGE, tifffile.TiffFileError):
+                    raise UnreadableMedia(
+                        f"{self.path}: is damaged after picture {number - 1}; copy it again, or end the measurement "
+                        f"before it with --end {number - 1}f."
+                    ) from None
+                yield eight_bit(image[..., 2::-1] if image.ndim == 3 else image, self.shift)

@@ -1,0 +1,60 @@
+"""Where the pictures of a clip come from: a video file, numbered stills, a stack of stills, or a Photron recording.
+
+Every source says how large its pictures are, when they were taken as far as the file knows, and hands them out in
+order, one at a time.  FFmpeg (through PyAV) reads the video files, Phantom's ``.cine`` among them.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+
+from rigtwin.lab.arrays import Image
+from rigtwin.lab.camera import Lens
+from rigtwin.measure.media.image_stack import Stack, Stills
+from rigtwin.measure.media.photron import Photron
+from rigtwin.measure.media.pictures import PHOTRON, STACKS, Picture, Source
+from rigtwin.measure.media.undistort import straight
+from rigtwin.measure.media.video_file import Film
+
+# what is odd about a stack is told in our own words, and not on stderr besides
+logging.getLogger("tifffile").addHandler(logging.NullHandler())
+
+
+def source(path: Path) -> Source:
+    """The source that fits the path.  Raises `UnreadableMedia` in one sentence when nothing can be read there."""
+    if path.is_dir():
+        return Stills(path)
+    if path.suffix.lower() in PHOTRON:
+        return Photron(path)
+    if path.suffix.lower() in STACKS:
+        return Stack(path)
+    return Film(path)
+
+
+class Straight:
+    """Another source, its pictures straightened by what a board told of lens and perspective."""
+
+    def __init__(self, taken: Source, lens: Lens) -> None:
+        self.taken, self.lens = taken, lens
+        self.shape, self.stamps, self.rate, self.tick = taken.shape, taken.stamps, taken.rate, taken.tick
+        self.notes = taken.notes
+
+    def cheap(self, first: int, last: int) -> list[int]:
+        return self.taken.cheap(first, last)
+
+    def pictures(self, start: int = 0) -> Iterator[Picture]:
+        return map(self._straightened, self.taken.pictures(start))
+
+    def at(self, numbers: Sequence[int]) -> Iterator[Picture]:
+        return map(self._straightened, self.taken.at(numbers))
+
+    def _straightened(self, picture: Picture) -> Picture:
+        grey, in_colour = picture
+        return straight(grey, self.lens), partial(_straight_colour, in_colour, self.lens)
+
+
+def _straight_colour(in_colour: Callable[[], Image], lens: Lens) -> Image:
+    return straight(in_colour(), lens)

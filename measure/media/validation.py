@@ -1,0 +1,38 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+from rigtwin.lab.camera import Camera, Lens
+from rigtwin.lab.errors import BadInput, UnreadableMedia
+
+SMALLEST = 5  # [px], no rig fits into less
+
+
+def must_lie_inside(path: Path, camera: Camera, width: int, height: int) -> None:
+    """Refuse places of another picture: a region or a known length that this one does not show."""
+    outside = f"outside the picture of {width} x {height} px."
+    if camera.region is not None and (camera.region[0] >= width or camera.region[1] >= height):
+        raise BadInput(f"{path}: --region begins at {camera.region[0]:g},{camera.region[1]:g}, {outside}")
+    for x, y in () if camera.known_length is None else (camera.known_length.start, camera.known_length.end):
+        if not (-1 <= x <= width and -1 <= y <= height):
+            raise BadInput(f"{path}: --known-length has an end at {x:g},{y:g}, {outside}")
+
+
+def must_fit(path: Path, shape: tuple[int, ...], lens: Lens) -> None:
+    height, width = shape[:2]
+    if (width, height) != lens.size:
+        raise BadInput(
+            f"{path}: has {width} x {height} px, the board was photographed with {lens.size[0]} x {lens.size[1]} px; "
+            "photograph the board with the same camera, lens and resolution."
+        )
+
+
+def must_exist(path: Path, kind: str) -> None:
+    if not path.exists():
+        raise UnreadableMedia(f"{path}: no such file; check the path of the {kind}.")
+    if path.is_dir():
+        if kind == "video":
+            return  # of numbered pictures
+        raise UnreadableMedia(f"{path}: is a folder, not a {kind}; give the file itself.")
+    if path.stat().st_size == 0:
+        raise UnreadableMedia(f"{path}: is empty (0 bytes); copy the {kind} again.")

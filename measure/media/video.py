@@ -1,0 +1,186 @@
+"""Videos and photos as they really are: frames with their own time stamps, photos with their orientation applied.
+
+A video is read in one pass and never held in memory whole.  Times are capture times: where the capture rate is given
+it is used; where the file's own time stamps cannot be trusted (B-frames in AVI) the frame index is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.arrays import GreyImage, Image
+from rigtwin.lab.camera import Camera, Moment
+from rigtwin.lab.errors import BadInput, UnreadableMedia
+from rigtwin.measure.media import pictures as sources
+from rigtwin.measure.media import sources as sources_sources
+from rigtwin.measure.media.time_base import ROUNDED, time_base
+from rigtwin.measure.media.validation import SMALLEST, must_exist, must_fit, must_lie_inside
+
+FEWEST_KEYS = 9  # pictures at which decoding can begin, below which a film is read as a whole
+
+BEHIND_KEY = 6  # frames: what moves has moved on by then, and few pictures are decoded on the way there
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One picture of a video."""
+
+    index: int  # 0 for the first picture in the file
+    time: float  # [s], capture time of the start of the exposure, 0 for the first picture in the file
+    grey: GreyImage  # the luma plane as stored, shape (height, width)
+    in_colour: Callable[[], Image] = field(repr=False)
+
+    @cached_property
+    def colour(self) -> Image:
+        """BGR, shape (height, width, 3); converted only when asked for."""
+        return self.in_colour()
+
+
+@dataclass(frozen=True)
+class Video:
+    """A readable video; iterate `frames()` as often as needed, each time one pass over the file."""
+
+    path: Path
+    width: int  # [px]
+    height: int  # [px]
+    frame_count: int  # pictures that decode
+    frame_rate: float  # [1/s], capture rate
+    playback_rate: float  # [1/s], at which the file plays
+    times: npt.NDArray[np.float64]  # [s], capture time of every picture, shape (frame_count,)
+    first: int  # first frame inside --start/--end
+    last: int  # last frame inside --start/--end
+    source: sources.Source = field(repr=False)
+    warnings: tuple[str, ...] = field(default=())
+    skipped: frozenset[int] = field(default=frozenset())  # pictures that `frames()` leaves out
+
+    @property
+    def spoilt(self) -> str:
+        """Why nothing that moves can be trusted to be seen, where it is or to its end; empty where it can."""
+        return "; ".join(note for note in (sources.INTERLACED, sources.CUT_OFF) if note in self.warnings)
+
+    @property
+    def broken_off(self) -> str:
+        """Why the film may not show all that was filmed; empty where it does."""
+        return sources.CUT_OFF if sources.CUT_OFF in self.warnings else ""
+
+    def frames(self, first: int | None = None, last: int | None = None) -> Iterator[Frame]:
+        """The pictures from `first` to `last`, the video's own where not given, in order."""
+        first = self.first if first is None else max(first, self.first)
+        last = self.last if last is None else min(last, self.last)
+        index = first - 1
+        try:
+            for index, (grey, in_colour) in enumerate(self.source.pictures(first), start=first):
+                if index not in self.skipped:
+                    yield Frame(index, float(self.times[index]), grey, in_colour)
+                if index == last:
+                    return  # a damaged rest of the file is never touched
+        except av.FFmpegError:
+            pass
+        raise self._damaged(index)
+
+    def spread(self, count: int, *, quickly: bool = False) -> set[int]:
+        """`count` frames spread evenly from `first` to `last`; `quickly`: about as many that are soon read."""
+        there = [index for index in range(self.first, self.last + 1) if index not in self.skipped]
+        keys = [index for index in self.source.cheap(self.first, self.last) if index not in self.skipped]
+        if FEWEST_KEYS <= len(keys) < count:
+            # a scene is learnt from many pictures: add those that come a while after the key pictures
+            keys = sorted({*keys, *(key + BEHIND_KEY for key in keys)} & set(there))
+        # a film cut at scene changes may have most of its key pictures in one place
+        widest = max(np.diff([self.first, *keys, self.last])) if keys else math.inf
+        even = widest <= 2 * (self.last - self.first) / FEWEST_KEYS
+        chosen = keys if quickly and even and len(keys) >= 2 * FEWEST_KEYS else there
+        places = np.linspace(0, len(chosen) - 1, min(count, len(chosen))).round().astype(int)
+        return {chosen[k] for k in places}
+
+    def single(self, indices: Collection[int]) -> list[Frame]:
+        """Some frames, in order; what lies between them is read only where that is quicker than to skip it."""
+        wanted = [k for k in sorted(indices) if self.first <= k <= self.last and k not in self.skipped]
+        found = list[Frame]()
+        try:
+            for index, (grey, in_colour) in zip(wanted, self.source.at(wanted), strict=False):
+                found.append(Frame(index, float(self.times[index]), grey, in_colour))
+        except av.FFmpegError:
+            pass
+        if len(found) < len(wanted):
+            last = found[-1].index if found else self.first
+            for frame in self.frames(last):  # which says where the damage is, not which picture was wanted before it
+                last = frame.index
+            raise self._damaged(last)
+        return found
+
+    def _damaged(self, index: int) -> UnreadableMedia:
+        return UnreadableMedia(
+            f"{self.path}: is damaged after picture {index}; end the measurement before it with --end {index}f."
+        )
+
+
+def open_video(path: Path, camera: Camera) -> Video:
+    """Open a video and find its true time base.
+
+    Raises `UnreadableMedia` for a missing, empty or undecodable file, `BadInput` when the file states no frame rate
+    and none was given, or when the time window holds too few frames.
+    """
+    must_exist(path, "video")
+    cv2.setNumThreads(1)  # more threads would spend more on waiting for each other than on pictures
+    film = sources_sources.source(path)
+    if camera.lens is not None:
+        must_fit(path, film.shape, camera.lens)
+        film = sources_sources.Straight(film, camera.lens)
+    stamps, stated, (height, width), warnings = film.stamps, film.rate, film.shape, list(film.notes)
+    if len(stamps) < 3:
+        raise UnreadableMedia(
+            f"{path}: decodes to {len(stamps)} picture{'s' * (len(stamps) != 1)}; a measurement needs a clip."
+        )
+    if min(height, width) < SMALLEST:
+        raise UnreadableMedia(f"{path}: is only {width} x {height} px, too small to show a rig; give the clip itself.")
+    must_lie_inside(path, camera, width, height)
+    if not (camera.frame_rate or stated) > 0:
+        raise BadInput(f"{path}: the file states no frame rate; give the capture rate with --frame-rate 240Hz.")
+    times, plays_at, oddities = time_base(stamps, stated, film.tick, camera.frame_rate)
+    rate = camera.frame_rate or plays_at
+    if camera.frame_rate is None:
+        warnings.append(
+            f"frame rate {rate:.6g} Hz read from the file; high-speed files often play slower than captured: "
+            "give the capture rate with --frame-rate."
+        )
+    first = _frame_of(camera.start, times, 0)
+    last = _frame_of(camera.end, times, len(times) - 1)
+    warnings += _ends_before(camera.end, times)
+    if last - first < 2:
+        left = max(last - first + 1, 0)
+        raise BadInput(
+            f"{path}: --start and --end leave {left} {'frame' if left == 1 else 'frames'} of {len(times)}; "
+            "a measurement needs at least three."
+        )
+    return Video(path, width, height, len(times), rate, plays_at, times, first, last, film, (*warnings, *oddities))
+
+
+def _ends_before(end: Moment | None, times: npt.NDArray[np.float64]) -> list[str]:
+    """What is said of a clip without the moment asked for; its last picture is shown until the next would come."""
+    count = len(times)
+    shown = float(times[-1] + np.max(np.diff(times)))
+    # a length that a player or a person has rounded, to a hundredth of a second, is that of the clip
+    beyond = end is not None and end.value > (count if end.unit == "frame" else shown + ROUNDED)
+    if end is None or not beyond:
+        return []
+    asked = f"{end.value:g} s" if end.unit == "s" else f"{end.value:g}f"
+    return [
+        f"--end {asked} lies beyond the clip, whose last picture ({count - 1}f) is of {times[-1]:.4g} s: all of it was "
+        "measured; check --end, and --frame-rate, by which seconds count."
+    ]
+
+
+def _frame_of(moment: Moment | None, times: npt.NDArray[np.float64], default: int) -> int:
+    if moment is None:
+        return default
+    frame = moment.value if moment.unit == "frame" else float(np.searchsorted(times, moment.value - 1e-9))
+    return int(min(max(frame, 0), len(times) - 1))

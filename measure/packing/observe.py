@@ -1,0 +1,114 @@
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rigtwin.lab.arrays import Image
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.errors import BadInput, NothingToMeasure
+from rigtwin.lab.quantity import (
+    Check,
+    failed,
+)
+from rigtwin.lab.records import Profile
+from rigtwin.measure.bulk.checks import size_unseen
+from rigtwin.measure.geometry.camera_roll import roll_check
+from rigtwin.measure.packing.bed_profile import Observation
+from rigtwin.measure.packing.checks import NEARER, SAME_PLANE, STATED, gauge_pitch, picture_checks
+from rigtwin.measure.packing.cylinder import Bed, find_bed
+from rigtwin.measure.packing.evaluate import BEAD_DOUBT
+
+GIVEN_DOUBT = 0.003  # relative, of a scale read off a length in the plane of the axis
+
+WALL_DOUBT = 0.006  # relative, of a scale read off the cylinder's inner walls
+
+GAUGE_DOUBT = 0.002  # relative, of a scale read off a gauge in the plane of the axis
+
+
+def observe(
+    photo: Path, image: Image, camera: Camera, cylinder: float | None, bead: float | None
+) -> tuple[Bed, Observation, dict[str, Any], list[Check]]:
+    bed = find_bed(image, cylinder=cylinder, bead=bead, roll=camera.roll, region=camera.region)
+    if bed is None:
+        raise NothingToMeasure(
+            f"{photo}: shows no bed of beads in a cylinder; photograph it from the side, the beads a dozen pixels wide "
+            "or more, or point at it with --region x,y,width,height."
+        )
+    scale, doubt, source = _scale(photo, bed, camera, cylinder, bead)
+    x, above = bed.outline
+    if bed.gauge is not None and source == "gauge":
+        height = bed.gauge.reading(bed.gauge_rows(x, above)) * 1e-3
+        floor_doubt, floor_from = 0.15e-3, "gauge"
+    else:
+        height = above * scale
+        floor_doubt, floor_from = bed.floor_sigma * scale, "lowest beads"
+    steep = bed.steepness()
+    grain = 2 * bed.bead_radius * scale
+    # seen from above or below, the near or the far side of the bed stands out over the middle
+    raised = 0.25 * steep[0] ** 2 * grain
+    spread = max(0.25 * steep[1] * math.hypot(2 * steep[0], math.sqrt(2) * steep[1]), 0.02) * grain
+    profile = Profile(x * scale, height - raised, np.full(len(x), 0.8 * scale), view=photo.stem)
+    mean = float(np.nanmean(height))
+    doubts = {
+        "scale": doubt * mean,
+        "floor": floor_doubt,
+        "outline level": bed.outline_doubt * scale,
+        "camera height": spread,
+    }
+    view = {
+        "scale_m_per_px": scale,
+        "scale_from": source,
+        "floor_from": floor_from,
+        "camera_roll_deg": math.degrees(bed.roll),
+        "bead_radius_px": bed.bead_radius,
+    }
+    checks = picture_checks(bed, scale, source, cylinder, bead)
+    if camera.roll is not None and bed.roll_seen is not None:
+        checks.append(roll_check(camera.roll, *bed.roll_seen, "the upright edges in the picture show"))
+    misfit = failed(checks, STATED)
+    observation = Observation(
+        profile, doubts, bed.flaw, misfit, _unconfirmed(bed, source, cylinder, bead), 2 * bed.bead_seen * scale / NEARER
+    )
+    return bed, observation, view, checks
+
+
+def _unconfirmed(bed: Bed, source: str, cylinder: float | None, bead: float | None) -> str:
+    """What hangs on one stated size that nothing else in the picture checks; empty where something does."""
+    if bed.gauge is not None:
+        return ""  # its millimetres are known
+    if source == "cylinder diameter" and bead is None:
+        what, advice = "bed height and, by its third power, bulk density hang", "--bead-diameter"
+        given = f"--cylinder-diameter {(cylinder or 0) * 1e3:g} mm"
+    elif source == "bead diameter":
+        what, advice, given = "bed height hangs", "--cylinder-diameter", f"--bead-diameter {(bead or 0) * 1e3:g} mm"
+    elif bead is None and cylinder is None:
+        what, advice, given = "bed height hangs", "--cylinder-diameter or --bead-diameter", "the given scale"
+    else:
+        return ""
+    return size_unseen(what, given, f"give {advice} too, or photograph a length gauge beside the cylinder")
+
+
+def _scale(
+    photo: Path, bed: Bed, camera: Camera, cylinder: float | None, bead: float | None
+) -> tuple[float, float, str]:
+    """[m/px] in the plane of the axis at the bed's middle, its relative doubt, and where it is from."""
+    if camera.given_scale is not None:
+        return camera.given_scale, camera.scale_doubt(GIVEN_DOUBT), camera.scale_from
+    wall = None if cylinder is None else cylinder / bed.width
+    doubt = WALL_DOUBT
+    if bed.gauge is not None:
+        pitch = gauge_pitch(bed)
+        if wall is None or abs(pitch / wall - 1) < SAME_PLANE:
+            return pitch, GAUGE_DOUBT, "gauge"
+        # the truth lies anywhere between the two
+        doubt = math.hypot(WALL_DOUBT, (pitch / wall - 1) / math.sqrt(3))
+    if wall is not None:
+        return wall, doubt, "cylinder diameter"
+    if bead is not None:
+        return NEARER * bead / (2 * bed.bead_seen), BEAD_DOUBT, "bead diameter"
+    raise BadInput(
+        f"{photo}: no scale; give --cylinder-diameter, --scale, or a photo with a graduated gauge beside the cylinder."
+    )

@@ -1,0 +1,174 @@
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from rigtwin.lab.arrays import Array, Mask
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.lab.progress import Progress
+from rigtwin.lab.records import Track
+from rigtwin.lab.rigs import GRAVITY
+from rigtwin.measure.media.frame_loss import Loss, in_time
+from rigtwin.measure.media.video import Video
+from rigtwin.measure.pendulum.evaluate import outcomes_of
+from rigtwin.measure.pendulum.lost_frames import find_losses
+from rigtwin.measure.pendulum.swing_fit import SwingFit, fit_swings
+from rigtwin.measure.pendulum.swing_model import angles, centres, positions
+from rigtwin.measure.pendulum.track_one_bead import find_wall_bead, images_by_frame
+from rigtwin.measure.pendulum.track_two_beads import Beads, find_beads, relocate
+from rigtwin.measure.tracking.colour_channel import LUMA
+from rigtwin.measure.tracking.follow import Chase, look_again
+
+# What the texture behind a bead and the codec shift its centre by, as a share of a point's noise, goes with the place
+# and not with the frame, or drifts, and does not average out.  By maximum likelihood of the errors of beads in 15 drawn
+# films of known truth (benchmarks/measure/background_bias.py) it was 0.35 to 0.5 without the drifts.  More is taken:
+# restitutions of 71 drawn films of all hardnesses are off by 0.84 of what is stated, root mean square, and by 0.97
+# without the drifts; of 18 plain ones that were compressed as usual they are 0.0009 too large on average.
+GROUND = 0.7
+
+
+@dataclass(frozen=True)
+class Film:
+    """The beads followed through a clip, and their swings fitted in pixels (y up)."""
+
+    beads: Beads
+    times: Array  # [s], of every frame
+    fit: SwingFit
+    losses: tuple[Loss, ...] = ()  # of frames, the sure ones put right in the times
+
+
+def watch(video: Video, camera: Camera, length: float | None, progress: Progress) -> Film:
+    """Both beads of a double pendulum in every frame, and their swings; `length` [m] only serves what is told."""
+    beads = find_beads(video, camera.region, stated_length=length, progress=progress)
+    times, fit, losses = _swings(video, beads)
+    places, velocities, again = _second_look(fit, beads, times)
+    beads = relocate(video, beads, places, velocities, again)
+    return Film(beads, times, fit, losses)
+
+
+def watch_wall(video: Video, camera: Camera, length: float | None, progress: Progress) -> Film:
+    chase = find_wall_bead(video, camera.region, stated_length=length, progress=progress)
+    beads = _one_bead(chase, video)
+    times, fit, losses = _swings(video, beads)
+    places, velocities, again = _second_look(fit, beads, times)
+    expected = {
+        int(beads.frames[k]): ((float(x), float(y)), (float(u), float(v)))
+        for k, ((x, y), (u, v)) in enumerate(zip(places[0], velocities[0], strict=True))
+        if again[0, k]
+    }
+    beads = _one_bead(look_again(chase, expected), video)
+    return Film(beads, times, fit_clip(video.path, picture_tracks(beads, times), axis=camera_axis(video)), losses)
+
+
+def _swings(video: Video, beads: Beads) -> tuple[Array, SwingFit, tuple[Loss, ...]]:
+    """Times [s] of all frames, with frames that were lost put right, the swings, and what was lost."""
+    times = video.times[beads.frames]
+    losses, fit = find_losses(
+        times, picture_tracks(beads, times), lambda tracks: fit_clip(video.path, tracks, axis=camera_axis(video))
+    )
+    return in_time(times, losses), fit, losses
+
+
+def _one_bead(chase: Chase, video: Video) -> Beads:
+    look = chase.look
+    if look is None:
+        raise NothingToMeasure(f"{video.path}: what moves in this clip does not look like a bead.")
+    frames = np.array([index for index in range(video.first, video.last + 1) if index not in video.skipped])
+    images = images_by_frame(chase, frames)
+    # where the bead rests for long its frames are not cut out, and the next that is tells the pose
+    cut = np.array([cut.frame for cut in chase.cuts])
+    following = np.clip(np.searchsorted(cut, frames), 0, len(cut) - 1)
+    poses = tuple(chase.cuts[k].pose for k in following.tolist())
+    looked = np.ones((1, len(frames)), dtype=bool)
+    return Beads(frames, (images,), [look], chase.shutter.share, chase.scene, LUMA, poses, looked, {})
+
+
+def picture_tracks(beads: Beads, times: Array) -> tuple[Track, ...]:
+    """Tracks in pixels, y up."""
+    tracks = []
+    for body, images in zip("AB", beads.images, strict=False):
+        seen = [(time, image) for time, image in zip(times, images, strict=True) if image is not None]
+        position = np.array([(image.x, -image.y) for _, image in seen]).reshape(-1, 2)
+        sigma = np.array([image.sigma for _, image in seen])
+        tracks.append(Track(np.array([time for time, _ in seen]), position, sigma, body))
+    return tuple(tracks)
+
+
+def _second_look(fit: SwingFit, beads: Beads, times: Array) -> tuple[Array, Array, Mask]:
+    """Where the fitted swings put the beads [px, y down], how fast [px/frame], which frames need a second look.
+
+    These are frames around a collision, where the beads touch, and frames where a bead was lost or another thing found.
+    """
+    frame = float(np.median(np.diff(times)))
+    after, before = (positions(fit.swings, angles(fit.swings, times + side * frame)[0]) for side in (0.5, -0.5))
+    middle = ((after + before) / 2)[:, :, 0] * [1, -1]
+    velocity = (after - before)[:, :, 0] * [1, -1]
+    again = np.zeros((fit.swings.beads, len(times)), dtype=bool)
+    for k in range(fit.swings.collisions):
+        again |= np.abs(times - float(fit.swings[f"time_{k}"])) < 5 * frame
+    for bead, track in enumerate(fit.tracks):
+        known = np.searchsorted(times, track.time)
+        good = np.zeros(len(times), dtype=bool)
+        good[known] = np.hypot(*fit.residuals[bead].T) < 6 * fit.noise
+        again[bead] |= ~good
+    return middle, velocity, again
+
+
+def camera_axis(video: Video) -> tuple[float, float]:
+    """Where the camera's axis goes through the picture [px, y up]: its middle, unless the film was cropped."""
+    return (video.width - 1) / 2, -(video.height - 1) / 2
+
+
+def fit_clip(
+    clip: Path, tracks: tuple[Track, ...], *, axis: tuple[float, float] | None = None, ground: float = 0.0
+) -> SwingFit:
+    try:
+        return fit_swings(tracks, axis=axis, ground=ground)
+    except NothingToMeasure as error:
+        raise NothingToMeasure(f"{clip}: {error}") from None
+
+
+def scale_of(film: Film, camera: Camera, length: float | None, bead_diameter: float | None) -> tuple[float, str]:
+    """[m/px] and where it is from."""
+    fit = film.fit
+    if camera.given_scale is not None:
+        return camera.given_scale, camera.scale_from
+    found = fit.propagate(outcomes_of)
+    if length is not None:
+        return length / found["length"].value, "pendulum length"
+    if bead_diameter is not None:
+        # two beads touch at the collision; one alone shows its rim only
+        across = found["distance"].value if "distance" in found else 2 * film.beads.looks[0].radius
+        return bead_diameter / across, "bead diameter"
+    return GRAVITY / found["gravity"].value, "gravity"
+
+
+def upright(
+    film: Film, axis: tuple[float, float], scale: float, roll: float
+) -> tuple[tuple[Track, ...], tuple[float, float]]:
+    """Tracks and the camera's axis in metres from where the last bead hangs, x to the right, y against gravity."""
+    swings = film.fit.swings
+    rest = centres(swings, np.zeros((swings.beads, 1, 1)))[-1, 0, 0]
+    back = np.array([[math.cos(roll), math.sin(roll)], [-math.sin(roll), math.cos(roll)]]) * scale
+    tracks = tuple(
+        replace(track, position=(track.position - rest) @ back, sigma=track.sigma * scale)
+        for track in picture_tracks(film.beads, film.times)
+    )
+    x, y = (np.array(axis) - rest) @ back
+    return tracks, (float(x), float(y))
+
+
+def roll_warning(fit: SwingFit, camera: Camera) -> tuple[str, ...]:
+    if camera.roll is None:
+        return ()
+    found = math.degrees(-float(fit.swings["tilt"]))
+    if abs(found - math.degrees(camera.roll)) < 0.3:
+        return ()
+    return (
+        f"camera roll: {math.degrees(camera.roll):.2f} degrees were given, but the beads hang at {found:.2f} degrees; "
+        "angles are measured from where they hang",
+    )

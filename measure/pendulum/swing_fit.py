@@ -1,0 +1,565 @@
+"""The swing of one or two beads fitted to their tracks as a whole.
+
+All frames before, between and after the collisions are fitted at once, so the speeds *at* the contact follow from
+hundreds of frames, damping is not counted as restitution, and the moment of contact is where the fits before and after
+meet.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rigtwin.lab.arrays import Array, Mask
+from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.lab.quantity import root_sum_of_squares
+from rigtwin.lab.records import Track
+from rigtwin.measure.geometry.circle import fit_circle
+from rigtwin.measure.pendulum.swing_model import Swings, angles, positions, states_at_collision
+
+SETTLED = 0.02  # of the noise: the fit is done when it was weighed by the noise that it leaves
+
+FEWEST_AFTER = 3  # points of a bead after a collision, that say how fast it leaves
+
+# share of bead A's way after which what held it hides or touches its rim no more: a finger is drawn back as it falls
+CLEAR = 0.03
+
+# What is known beforehand of things that one short swing hardly shows; (mean, standard deviation).
+PRIORS = {
+    "damping": (0.03, 0.1),  # [1/s], pivot and thread
+    # [1/rad], rho_air Cd A L / (2 m): 0.006 to 0.01 for 6 to 12 mm beads of plastic or wood on 0.15 to 0.3 m
+    "drag": (0.01, 0.015),
+    # A camera two and a half pendulum lengths away whose axis stands 2 degrees off the normal of the swing plane makes
+    # things one length from the middle 1.4 % larger on one side; a lens barrels by up to about half a percent there.
+    "perspective_x": (0.0, 0.014),
+    "perspective_y": (0.0, 0.014),
+    "lens": (0.0, 0.003),
+}
+
+# A lens that bends lines shows in the tracks of a long swing: what it does to them is then taken from there, up to some
+# tenth at the picture's edge.
+BENT = {"perspective_x": (0.0, 0.05), "perspective_y": (0.0, 0.05), "lens": (0.0, 0.05)}
+
+MOST_BENT = 3.0  # standard deviations of what is known beforehand, that a usual camera's view may be fitted off by
+
+_CAUSES = {
+    "damping": "damping",
+    "drag": "damping",
+    "perspective_x": "perspective",
+    "perspective_y": "perspective",
+    "lens": "lens",
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A number derived from a fit, and its standard uncertainty by cause."""
+
+    value: float
+    budget: dict[str, float]
+
+    @property
+    def std(self) -> float:
+        return root_sum_of_squares(self.budget)
+
+
+@dataclass(frozen=True)
+class SwingFit:
+    """`Swings` fitted to tracks."""
+
+    swings: Swings
+    tracks: tuple[Track, ...]
+    used: tuple[Mask, ...]  # which points of each track the fit rests on
+    residuals: tuple[Array, ...]  # [m], observed minus fitted, shape (n, 2) per track, also of points not used
+    noise: float  # [m], standard deviation of one coordinate of a used point
+    covariance: Array  # of the vector
+    parts: dict[str, Array]  # parts of the covariance by cause; they add up to it
+    bent: bool = False  # whether the view bends more than a usual lens and a careful set-up make it
+
+    def propagate(self, function: Callable[[Swings], dict[str, Array]]) -> dict[str, Outcome]:
+        """What `function` derives from the swings (each of shape (batch,)), with its standard uncertainty by cause."""
+        columns, steps = _perturbed(self.swings, np.sqrt(np.diag(self.covariance)) * 0.05)
+        outcomes = {}
+        for name, values in function(self.swings.batch(columns)).items():
+            gradient = (values[1:] - values[0]) / steps
+            variances = {cause: float(gradient @ part @ gradient) for cause, part in self.parts.items()}
+            budget = {cause: math.sqrt(max(variance, 0.0)) for cause, variance in variances.items()}
+            outcomes[name] = Outcome(float(values[0]), budget)
+        return outcomes
+
+
+def fit_swings(
+    tracks: Sequence[Track],
+    *,
+    axis: tuple[float, float] | None = None,
+    ground: float = 0.0,
+    most_collisions: int = 3,
+) -> SwingFit:
+    """Fit the swing of bead A (``tracks[0]``) into bead B (``tracks[1]``) or, alone, into a wall.
+
+    `axis` is the place in the record's axes that the camera's own goes through, where it is known: a view askew shrinks
+    lengths about it.  `ground` is how far a filmed bead's centre seems to shift from place to place with what lies
+    behind it, as a share of the noise.
+
+    Raises `NothingToMeasure` when there is no release, no collision, or too little of either to fit.
+    """
+    origin, unit = tracks[0].position[0], float(np.ptp(tracks[0].position[:, 0]))
+    if not unit > 0:
+        raise NothingToMeasure("Bead A never moves in this record; let the clip run from before the release.")
+    scaled = tuple(
+        replace(track, position=(track.position - origin) / unit, sigma=track.sigma / unit) for track in tracks
+    )
+    first = _first_guess(scaled)
+    if axis is not None:
+        first = replace(first, axis=((axis[0] - float(origin[0])) / unit, (axis[1] - float(origin[1])) / unit))
+    fit = _fit(first, scaled, ground)
+    if axis is not None and _bends(fit.swings):
+        with suppress(NothingToMeasure):  # then the straight one stands
+            fit = _fit(fit.swings, scaled, ground, bent=True)
+    while fit.swings.collisions < most_collisions:
+        further = _with_next_collision(fit)
+        if further is None:
+            break
+        # where a later collision does not fit (the beads turn out of the plane, a track is lost) the earlier ones stand
+        try:
+            longer = _fit(further, scaled, ground, bent=fit.bent)
+        except NothingToMeasure:
+            break
+        if longer.noise > 1.5 * fit.noise:
+            break
+        fit = longer
+    return _in_record_units(fit, tuple(tracks), origin, unit)
+
+
+def misses_of(fit: SwingFit, late: float = 0.0) -> Array:
+    """Misses of all used points, and of what is known beforehand, in units of their noise; points `late` [s] later.
+
+    Bead by bead x of all points, then y; then what is known beforehand.
+    """
+    data = _data_of(fit)
+    moved = tuple(replace(track, time=track.time + late) for track in data.tracks)
+    return _misses(fit.swings.batched(), replace(data, tracks=moved))[:, 0]
+
+
+def slopes_of(fit: SwingFit) -> Array:
+    """Derivatives of the misses by the vector, shape (n, parameters)."""
+    return _slopes(fit.swings, _data_of(fit))
+
+
+def _data_of(fit: SwingFit) -> _Data:
+    priors = PRIORS | BENT if fit.bent else PRIORS
+    return _Data(fit.tracks, tuple(_weights(track) for track in fit.tracks), fit.used, fit.noise, priors)
+
+
+def _bends(swings: Swings) -> bool:
+    return any(abs(float(swings[name]) - PRIORS[name][0]) > MOST_BENT * PRIORS[name][1] for name in BENT)
+
+
+def onset(track: Track) -> int | None:
+    """Index of the first point at which the body has clearly left its first place; None when it never does."""
+    first = np.median(track.position[:5], axis=0)
+    away = np.hypot(*(track.position - first).T)
+    moved = away > max(8 * jitter(track), 0.02 * float(np.percentile(away, 95)))
+    settled = moved[:-2] & moved[1:-1] & moved[2:]
+    if float(np.percentile(away, 95)) < 12 * jitter(track) or not np.any(settled):
+        return None
+    return int(np.argmax(settled))
+
+
+def jitter(track: Track) -> float:
+    """Noise of one coordinate [m] from neighbouring points: an upper bound, for it takes in the path's curvature."""
+    second = np.diff(track.position, n=2, axis=0)
+    return float(np.median(np.abs(second))) / (0.6745 * math.sqrt(6))
+
+
+def frame_interval(track: Track) -> float:
+    """[s]"""
+    return float(np.median(np.diff(track.time)))
+
+
+def _first_guess(tracks: tuple[Track, ...]) -> Swings:
+    a = tracks[0]
+    start, hit = onset(a), _first_hit(tracks)
+    if start is None:
+        raise NothingToMeasure("Bead A never moves in this record; let the clip run from before the release.")
+    hit_time = float(tracks[-1].time[hit])
+    falling = np.arange(start, int(np.searchsorted(a.time, hit_time)))
+    if len(falling) < 6:
+        raise NothingToMeasure(
+            f"Only {len(falling)} frames lie between the release of bead A and the collision at {hit_time:.3f} s; "
+            "film at a higher rate, or let the clip begin before the release."
+        )
+    circles = [fit_circle(track.position) for track in tracks]
+    lowest = np.median(tracks[1].position[: max(hit, 1)], axis=0) if len(tracks) > 1 else a.position[hit]
+    down = lowest - circles[-1][0]
+    tilt = math.atan2(down[0], -down[1])
+    angle = [_angle(track, centre, tilt) for track, (centre, _) in zip(tracks, circles, strict=True)]
+    pull = _pull(a.time[falling], angle[0][falling])
+    if len(tracks) > 1:  # run B back to where it hung
+        leaving = _slope(tracks[1].time, angle[1], float(tracks[1].time[hit - 1]), 0.3 / math.sqrt(pull))
+        hit_time -= max(float(angle[1][hit]) / leaving, 0.0) if leaving != 0 else 0.0
+    _seen_after(hit_time, tracks)
+    release = float(np.median(angle[0][: max(start, 1)]))
+    fallen = abs(float(angle[0][start]) - release)
+    release_time = float(a.time[start]) - math.sqrt(2 * fallen / (pull * max(abs(math.sin(release)), 0.05)))
+    values = {
+        "tilt": tilt,
+        "gravity": pull * circles[0][1],
+        **{name: mean for name, (mean, _) in PRIORS.items()},
+        "release_angle": release,
+        "release_time": release_time,
+        "time_0": hit_time,
+    }
+    beads = len(tracks)
+    for bead, (centre, radius) in enumerate(circles):
+        values |= {f"pivot_x_{bead}": centre[0], f"pivot_y_{bead}": centre[1], f"length_{bead}": radius}
+        values[f"speed_0_{bead}"] = _slope(tracks[bead].time, angle[bead], hit_time, 0.5 / math.sqrt(pull))
+    return Swings(np.array([values[name] for name in Swings.names(beads, 1)]), beads, 1)
+
+
+def _seen_after(hit: float, tracks: tuple[Track, ...]) -> None:
+    """Refuse a record that shows one bead after the collision and not the other."""
+    ends = [float(np.max(track.time)) for track in tracks]
+    for track, end in zip(tracks, ends, strict=True):
+        if np.sum(track.time > hit) < FEWEST_AFTER and max(ends) > max(end, hit) + FEWEST_AFTER * frame_interval(track):
+            raise NothingToMeasure(
+                f"Bead {track.body} is not seen after the collision at {hit:.3f} s, though the record goes on to "
+                f"{max(ends):.3f} s: something hides it, or another thing was taken for it; clear the view, film "
+                "larger, or narrow the search with --region."
+            )
+
+
+def _first_hit(tracks: tuple[Track, ...]) -> int:
+    """Index into the last track of the first frame after the first collision."""
+    if len(tracks) > 1:
+        hit = onset(tracks[1])
+        if hit is None:
+            raise NothingToMeasure(
+                "Bead B never moves: there is no collision in this record; let the clip run on past the collision."
+            )
+        return hit
+    # a wall turns the bead around at full speed; at an end of its swing it turns slowly
+    track = tracks[0]
+    step = np.diff(track.position, axis=0)
+    kink = np.hypot(*np.diff(step, axis=0).T)
+    if len(kink) < 10 or np.max(kink) < 6 * np.percentile(kink, 80) + 6 * jitter(track):
+        raise NothingToMeasure("The bead never rebounds from a wall in this record; let the clip run past the impact.")
+    return int(np.argmax(kink > 0.5 * np.max(kink))) + 2
+
+
+def _angle(track: Track, centre: Array, tilt: float) -> Array:
+    away = track.position - centre
+    turned = np.arctan2(away[:, 0], -away[:, 1]) - tilt
+    return np.asarray((turned + math.pi) % (2 * math.pi) - math.pi)
+
+
+def _pull(time: Array, angle: Array) -> float:
+    """g/L [1/s^2] from the energy of a fall: omega^2 grows as 2 g/L cos(theta)."""
+    curve = np.polynomial.Polynomial.fit(time, angle, min(4, len(time) - 1))
+    energy = curve.deriv()(time) ** 2
+    slope = float(np.polynomial.Polynomial.fit(np.cos(curve(time)), energy, 1).convert().coef[-1])
+    if not slope > 0:
+        raise NothingToMeasure(
+            "Bead A does not gain speed as a falling pendulum does; let the clip begin before the release, upright."
+        )
+    return slope / 2
+
+
+def _slope(time: Array, angle: Array, start: float, span: float) -> float:
+    """Angular speed [rad/s] shortly after `start`."""
+    later = time[time > start]
+    near = (time > start) & (time <= max(start + span, later[min(4, len(later) - 1)] if len(later) else start))
+    if np.sum(near) < FEWEST_AFTER:
+        raise NothingToMeasure(
+            f"The record ends right after the collision at {start:.3f} s; film on for one more swing."
+        )
+    degree = 2 if np.sum(near) > 4 else 1
+    return float(np.polynomial.Polynomial.fit(time[near], angle[near], degree).deriv()(start))
+
+
+def _fit(swings: Swings, tracks: tuple[Track, ...], ground: float, *, bent: bool = False) -> SwingFit:
+    """Least squares with the priors; frames of contact, held frames and wild points stay out."""
+    from scipy.optimize import least_squares
+
+    priors = PRIORS | BENT if bent else PRIORS
+    weights = [_weights(track) for track in tracks]
+    wild = [~np.all(np.isfinite(track.position), axis=1) for track in tracks]
+    noise = 0.01 * float(swings["length_0"])
+    used, weighed_by = list[Mask](), math.inf
+    for _ in range(6):
+        end = _end_of_last_swing(swings)
+        chosen = [_usable(swings, track, bead, end) & ~wild[bead] for bead, track in enumerate(tracks)]
+        settled = abs(noise - weighed_by) < SETTLED * noise  # before, the priors weigh too much against the points
+        if settled and all(np.array_equal(old, new) for old, new in zip(used, chosen, strict=True)):
+            break
+        used, weighed_by = chosen, noise
+        _enough(used, swings, tracks)
+
+        data = _Data(tracks, tuple(weights), tuple(used), noise, priors)
+        found = least_squares(
+            _misses_at, swings.vector, jac=_slopes_at, args=(swings, data), method="lm", x_scale="jac", max_nfev=25
+        )
+        swings = swings.batch(found.x)
+        residuals = _residuals(swings, tracks)
+        swinging = float(swings["gravity"]) > 0 and np.all(swings.per_bead("length") > 0)
+        if not (swinging and all(np.all(np.isfinite(residual)) for residual in residuals)):
+            raise NothingToMeasure(
+                "The swing does not show the pull of gravity: too little of it, or something else than the beads, was "
+                "followed; film larger, from before the release to past the collision, or narrow the search with "
+                "--region."
+            )
+        scaled = np.concatenate([(r * w[:, None])[u] for r, w, u in zip(residuals, weights, used, strict=True)])
+        spread = 1.4826 * float(np.median(np.abs(scaled)))
+        noise = max(float(np.sqrt(np.mean(scaled[np.abs(scaled) < 6 * spread + 1e-12] ** 2))), 1e-7)
+        wild = [
+            np.max(np.abs(r * w[:, None]), axis=1) > 6 * spread + 1e-9 for r, w in zip(residuals, weights, strict=True)
+        ]
+    data = _Data(tracks, tuple(weights), tuple(used), noise, priors)
+    covariance, parts = _covariance(swings, data, residuals, ground)
+    return SwingFit(swings, tracks, tuple(used), tuple(residuals), noise, covariance, parts, bent)
+
+
+def _weights(track: Track) -> Array:
+    """Relative weight of each point: one over its sigma, around one."""
+    sigma = track.sigma
+    if not np.all(np.isfinite(sigma)) or np.min(sigma) <= 0:
+        return np.ones(len(track.time))
+    return np.asarray(np.median(sigma) / sigma)
+
+
+def _usable(swings: Swings, track: Track, bead: int, end: float) -> Mask:
+    """Points in free swing: A after its release, none whose exposure may straddle a collision, none after `end` [s]."""
+    dt = frame_interval(track)
+    usable = track.time < end - dt
+    if bead == 0:
+        usable &= track.time > float(swings["release_time"]) + max(dt, _clearing(swings))
+    for k in range(swings.collisions):
+        usable &= np.abs(track.time - float(swings[f"time_{k}"])) > dt
+    return np.asarray(usable)
+
+
+def _clearing(swings: Swings) -> float:
+    """How long after its release bead A is still beside what held it [s]: until it has gone `CLEAR` of its way.
+
+    From rest it falls by g sin(a) t^2 / 2 along its circle of radius L, on which its way is a L.
+    """
+    way, pull = abs(float(swings["release_angle"])), float(swings["gravity"] / swings["length_0"])
+    return math.sqrt(2 * CLEAR * way / (pull * max(math.sin(way), 0.05)))
+
+
+def _enough(used: list[Mask], swings: Swings, tracks: tuple[Track, ...]) -> None:
+    hit = float(swings["time_0"])
+    for mask, track in zip(used, tracks, strict=True):
+        after = int(np.sum(mask & (track.time > hit)))
+        if after < 5 or (track is tracks[0] and np.sum(mask & (track.time < hit)) < 5):
+            raise NothingToMeasure(
+                f"Too few frames show bead {track.body} swinging freely before and after the collision at {hit:.3f} s; "
+                "film at a higher rate, and for one swing past the collision."
+            )
+
+
+def _residuals(swings: Swings, tracks: tuple[Track, ...]) -> list[Array]:
+    return [
+        track.position - positions(swings, angles(swings, track.time)[0])[bead, :, 0]
+        for bead, track in enumerate(tracks)
+    ]
+
+
+@dataclass(frozen=True)
+class _Data:
+    """What a fit is held against."""
+
+    tracks: tuple[Track, ...]
+    weights: tuple[Array, ...]  # relative, of every point
+    used: tuple[Mask, ...]
+    noise: float  # [m], of a point of weight 1
+    priors: dict[str, tuple[float, float]]  # mean and standard deviation of what is known beforehand
+
+
+def _misses_at(vector: Array, swings: Swings, data: _Data) -> Array:
+    return _misses(swings.batch(vector[:, None]), data)[:, 0]
+
+
+def _slopes_at(vector: Array, swings: Swings, data: _Data) -> Array:
+    return _slopes(swings.batch(vector), data)
+
+
+def _slopes(swings: Swings, data: _Data) -> Array:
+    """Derivatives of the misses, shape (n, parameters)."""
+    columns, steps = _perturbed(swings)
+    table = _misses(swings.batch(columns), data)
+    return np.asarray((table[:, 1:] - table[:, :1]) / steps)
+
+
+def _misses(swings: Swings, data: _Data) -> Array:
+    """Weighted misses of all used points and of the priors, shape (n, batch)."""
+    rows = []
+    time = np.unique(np.concatenate([track.time[mask] for track, mask in zip(data.tracks, data.used, strict=True)]))
+    seen = positions(swings, angles(swings, time)[0])
+    for bead, (track, weight, mask) in enumerate(zip(data.tracks, data.weights, data.used, strict=True)):
+        here = seen[bead, np.searchsorted(time, track.time[mask])]
+        miss = (track.position[mask][:, None] - here) * (weight[mask][:, None, None] / data.noise)
+        rows += [miss[..., 0], miss[..., 1]]
+    rows += [((swings[name] - mean) / deviation)[None] for name, (mean, deviation) in data.priors.items()]
+    return np.concatenate(rows)
+
+
+def _perturbed(swings: Swings, steps: Array | None = None) -> tuple[Array, Array]:
+    """The vector and, one column each, the vector with one entry moved a little; shape (n, n + 1)."""
+    if steps is None:
+        steps = 1e-6 * np.maximum(np.abs(swings.vector), 0.1)
+    return swings.vector[:, None] + np.column_stack([np.zeros(len(steps)), np.diag(steps)]), steps
+
+
+def _covariance(swings: Swings, data: _Data, residuals: list[Array], ground: float) -> tuple[Array, dict[str, Array]]:
+    """Covariance of the vector, and its parts: tracking noise, each thing known beforehand only, and the ground.
+
+    With information N from the data and P from the priors, C = (N + P)^-1 = C N C + sum of C P_i C.  What shifts all
+    points from place to place hides in the parameters and not in the residuals: C J^T d for every pattern d of it.
+    """
+    slopes = _slopes(swings, data)
+    count = len(slopes) - len(PRIORS)
+    # neighbouring residuals that go together (background, lens, texture) carry less information than their number says
+    seen = slopes[:count].T @ slopes[:count] / correlation(residuals, data.used)
+    causes = {"tracking": seen}
+    for row, name in enumerate(PRIORS):
+        cause = _CAUSES[name]
+        causes[cause] = causes.get(cause, np.zeros_like(seen)) + np.outer(slopes[count + row], slopes[count + row])
+    inverse = _inverse(sum(causes.values(), np.zeros_like(seen)))
+    parts = {cause: inverse @ information @ inverse for cause, information in causes.items()}
+    if ground > 0:
+        shifts = _inverse(slopes.T @ slopes) @ slopes[:count].T @ _shifts(swings, data) * ground
+        parts["ground"] = shifts @ shifts.T
+    return np.asarray(sum(parts.values(), np.zeros_like(seen))), parts
+
+
+def _inverse(information: Array) -> Array:
+    size = np.sqrt(np.diag(information))
+    return np.asarray(np.linalg.inv(information / np.outer(size, size)) / np.outer(size, size))
+
+
+def _shifts(swings: Swings, data: _Data) -> Array:
+    """Ways in which the ground may shift the points seen, in units of their noise, shape (points, ways).
+
+    To either side and up or down, each bead by itself.
+    """
+    rows = []
+    for bead, (track, weight, mask) in enumerate(zip(data.tracks, data.weights, data.used, strict=True)):
+        ways = _ways(swings, bead, track.time[mask]) * weight[mask][:, None]
+        rows += [np.hstack([ways, 0 * ways]), np.hstack([0 * ways, ways])]
+    return np.concatenate(rows)
+
+
+def ground_ways(fit: SwingFit) -> list[Array]:
+    """Ways in which what lies behind a bead may shift its centre, of the points used of each, shape (points, ways)."""
+    swings, both = fit.swings, zip(fit.tracks, fit.used, strict=True)
+    return [_ways(swings, bead, track.time[mask]) for bead, (track, mask) in enumerate(both)]
+
+
+def _ways(swings: Swings, bead: int, time: Array) -> Array:
+    """Along a line, a parabola and a cubic over the places of the swing; rest; the square of the speed; and in time.
+
+    A bead at rest hangs before a ground that was hidden so long, against one that moves; with the speed blur weighs a
+    bead's lit and dark side otherwise, and a codec keeps slow things by what it showed before.  What it keeps drifts,
+    too, from the release or a collision to the next one: along a line and a parabola.
+    """
+    hit, reach = float(swings["time_0"]), float(swings["length_0"] * np.abs(np.sin(swings["release_angle"])))
+    angle, speed = angles(swings, time)
+    place = np.clip(float(swings[f"length_{bead}"]) * np.sin(angle[bead, :, 0]) / reach, -1, 1)
+    waits = (time < hit) & (bead > 0)
+    blur = (speed[bead, :, 0] / np.max(np.abs(speed))) ** 2
+    drifts = _drifts(time, [float(swings[f"time_{k}"]) for k in range(swings.collisions)])
+    drifts[waits] = 0
+    return np.column_stack([np.polynomial.legendre.legvander(place, 3)[:, 1:], waits, blur, drifts])
+
+
+def _drifts(time: Array, cuts: list[float]) -> Array:
+    """A line and a parabola in time over every stretch between the cuts, each of which is 0 elsewhere."""
+    columns = np.zeros((len(time), 2 * (len(cuts) + 1)))
+    stretch = np.searchsorted(cuts, time)
+    for k in np.unique(stretch):
+        mine = stretch == k
+        since = time[mine] - time[mine][0]
+        along = 2 * since / max(float(since[-1]), 1e-9) - 1
+        columns[mine, 2 * k : 2 * k + 2] = np.polynomial.legendre.legvander(along, 2)[:, 1:]
+    return columns
+
+
+def correlation(residuals: list[Array], used: Sequence[Mask]) -> float:
+    """How many neighbouring residuals count as one: 1 + 2 sum of the autocorrelation up to its first zero."""
+    lengths = []
+    for residual, mask in zip(residuals, used, strict=True):
+        for series in residual[mask].T:
+            rest = series - np.mean(series)
+            total = float(rest @ rest)
+            together = 1.0
+            for lag in range(1, min(25, len(rest) // 3)):
+                rho = float(rest[lag:] @ rest[:-lag]) / total if total > 0 else 0.0
+                if rho <= 0:
+                    break
+                together += 2 * rho
+            lengths.append(together)
+    return max(float(np.mean(lengths)), 1.0)
+
+
+def _end_of_last_swing(swings: Swings) -> float:
+    """When the beads come together again after the last collision [s]."""
+    start = float(swings[f"time_{swings.collisions - 1}"])
+    period = 2 * math.pi * math.sqrt(float(np.max(swings.per_bead("length"))) / float(swings["gravity"]))
+    time = start + np.linspace(0, 1.3 * period, 400)
+    angle, _ = angles(swings, time)
+    at, _ = states_at_collision(swings, swings.collisions - 1)
+    apart = (angle - at[:, None])[..., 0]
+    way = apart[0] if swings.beads == 1 else apart[1] - apart[0]
+    opened = len(time) // 6  # a fifth of a period after the collision: well apart, far from back together
+    closed = np.flatnonzero(way[opened:] * np.sign(way[opened]) <= 0)
+    return float(time[opened + closed[0]]) if len(closed) else float(time[-1])
+
+
+def _with_next_collision(fit: SwingFit) -> Swings | None:
+    """The fitted swings with a guess at the next collision; None when the record does not show it well."""
+    swings = fit.swings
+    hit = _end_of_last_swing(swings)
+    values = dict(zip(Swings.names(swings.beads, swings.collisions), swings.vector, strict=True))
+    pull = float(swings["gravity"] / swings["length_0"])
+    k = swings.collisions
+    values[f"time_{k}"] = hit
+    for bead, track in enumerate(fit.tracks):
+        if np.sum(track.time > hit + 1.5 * frame_interval(track)) < 12:
+            return None
+        centre = np.array([swings[f"pivot_x_{bead}"], swings[f"pivot_y_{bead}"]])
+        angle = _angle(track, centre, float(swings["tilt"]))
+        values[f"speed_{k}_{bead}"] = _slope(track.time, angle, hit + frame_interval(track), 0.4 / math.sqrt(pull))
+    before = states_at_collision(swings, k - 1)[1]
+    approach = abs(float(np.ptp(before))) if swings.beads > 1 else abs(float(before[0, 0]))
+    # a soft collision hides in the noise and in the frames left out around it
+    leaving = np.ptp(swings.after(k - 1)) if swings.beads > 1 else abs(float(swings.after(k - 1)[0]))
+    if float(leaving) < 0.15 * approach:
+        return None
+    return Swings(
+        np.array([values[name] for name in Swings.names(swings.beads, k + 1)]), swings.beads, k + 1, swings.axis
+    )
+
+
+def _in_record_units(fit: SwingFit, tracks: tuple[Track, ...], origin: Array, unit: float) -> SwingFit:
+    names = Swings.names(fit.swings.beads, fit.swings.collisions)
+    lengths = np.array([unit if name.startswith(("pivot", "length", "gravity")) else 1.0 for name in names])
+    offset = np.array([origin["xy".index(name[6])] if name.startswith("pivot") else 0.0 for name in names])
+    both = np.outer(lengths, lengths)
+    axis = fit.swings.axis
+    if axis is not None:
+        axis = float(origin[0]) + axis[0] * unit, float(origin[1]) + axis[1] * unit
+    return SwingFit(
+        replace(fit.swings, vector=fit.swings.vector * lengths + offset, axis=axis),
+        tracks,
+        fit.used,
+        tuple(residual * unit for residual in fit.residuals),
+        fit.noise * unit,
+        fit.covariance * both,
+        {cause: part * both for cause, part in fit.parts.items()},
+        fit.bent,
+    )

@@ -1,0 +1,461 @@
+"""Follow the two beads of a double pendulum through the film of a still camera, sub-pixel, in touch or apart.
+
+`find_beads` follows both from their collision (`meeting`) to the ends of the clip; `relocate` looks again where the
+fitted swings say a bead must be.  The beads swing in one plane and cannot pass each other.
+
+Picture coordinates: x right, y down, centre of the top-left pixel (0, 0).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.arrays import Array, GreyImage
+from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.measure.media.video import Frame, Video
+from rigtwin.measure.pendulum.find_collision import (
+    JUST_LEFT,
+    Collision,
+    Path,
+    Region,
+    find_collision,
+    find_paths,
+    hanging_place,
+    hung,
+    weight_of,
+)
+from rigtwin.measure.scene.background import Background, frames_of
+from rigtwin.measure.scene.pose import Pose, rounded, shakes_of
+from rigtwin.measure.scene.scene import Scene
+from rigtwin.measure.tracking.bead_image import BeadFit, BeadImage, Look
+from rigtwin.measure.tracking.colour_channel import Channel, best_channel
+from rigtwin.measure.tracking.detect import Spot
+from rigtwin.measure.tracking.link import SpotPath
+from rigtwin.measure.tracking.refine import common_look, fit_bead
+
+SPARSER = (4, 16)  # frames, of which one is looked at where all are too alike to show a collision
+FEWEST = 60  # of these that a swing needs
+SAMPLES = 21  # frames from which the still scene is learnt
+
+
+@dataclass(frozen=True)
+class Beads:
+    """Both beads (the one bead, before a wall) in every frame of the clip."""
+
+    frames: npt.NDArray[np.int64]  # frame numbers, shape (n,)
+    images: tuple[list[BeadImage | None], ...]  # of A and B, by frame
+    looks: list[Look]  # of A and B
+    exposure: float  # share of the frame interval
+    scene: Scene
+    channel: Channel
+    poses: tuple[Pose, ...]  # of each frame over the scene
+    looked: npt.NDArray[np.bool_]  # where each bead was looked for, shape (2, n)
+    greys: dict[int, GreyImage]  # the frames from which the scene was learnt
+
+    @property
+    def shakes(self) -> Array:
+        """[px], where the scene's origin lies in each frame, shape (n, 2)"""
+        return shakes_of(self.poses)
+
+
+def find_beads(
+    video: Video,
+    region: Region | None = None,
+    *,
+    stated_length: float | None = None,
+    progress: Progress = silent,
+) -> Beads:
+    """Both beads in every frame; `stated_length` [m] of the pendulum only helps to say what is wrong.
+
+    Raises `NothingToMeasure` when no two bodies collide in the clip.
+    """
+    samples = sample_frames(video, progress)
+    scene = still_scene({index: frame.grey for index, frame in samples.items()})
+    collision = _collision(video, scene, samples, region, stated_length, progress)
+    falling = np.linspace(collision.fall.frames[0], collision.fall.frames[-1], 12).round().astype(int)
+    channel = best_channel(frames_of(video, set(falling.tolist())), as_spots(collision.fall))
+    greys = {index: channel.grey(frame) for index, frame in samples.items()}
+    scene = still_scene(greys)
+    greys |= {frame.index: channel.grey(frame) for frame in _right_after(video, collision)}
+    collision = replace(collision, rest=hanging_place(_steady(scene, greys), collision))
+    scene = _without_beads(scene, greys, collision.rest, collision.radius, _rough_places(collision, greys))
+    looks, exposure = _learn_looks(video, channel, scene, collision)
+    walk = _Walk(scene, collision, looks, exposure, video.first)
+    for frame in video.frames():
+        progress("following the beads", frame.index - video.first, video.last - video.first + 1)
+        walk.step(frame.index, channel.grey(frame))
+    return Beads(
+        np.array(walk.frames),
+        (walk.a, walk.b),
+        looks,
+        exposure,
+        scene,
+        channel,
+        tuple(walk.poses),
+        np.array(walk.looked, dtype=bool).T,
+        greys,
+    )
+
+
+def _collision(
+    video: Video,
+    scene: Scene,
+    samples: dict[int, Frame],
+    region: Region | None,
+    stated_length: float | None,
+    progress: Progress,
+) -> Collision:
+    """The collision; where none is seen, again in the frames of films several times slower.
+
+    In a high-speed film the beads' one spot creeps from the one over to the other without a leap, while glimpses of
+    their threads seem to meet.  Pieces of paths are put together only where no whole ones meet.
+    """
+    seen: dict[int, list[Path]] = {}
+    steady = _steady(scene, {index: frame.grey for index, frame in samples.items()})
+
+    def shown(pace: tuple[int, int], meeting: Collision) -> bool:
+        meeting = meeting.of_every(*pace)
+        right_after = {frame.index: frame.grey for frame in _right_after(video, meeting)}
+        return hung(steady | _steady(scene, right_after), meeting)
+
+    refused: NothingToMeasure | None = None
+    for in_pieces in (False, True):
+        best: Collision | None = None
+        for every in (1, *SPARSER):
+            if every > 1 and video.last - video.first < every * FEWEST:
+                break
+            if every not in seen:
+                seen[every] = find_paths(video, scene, samples, region, progress, every=every)
+            try:
+                # where every frame is looked at paths count the film's own
+                pace = (1, 0) if every == 1 else (every, video.first)
+                found = find_collision(seen[every], video, stated_length, partial(shown, pace), in_pieces=in_pieces)
+                found = found.of_every(*pace)
+            except NothingToMeasure as error:
+                refused = refused or error  # what is said of periods counts all frames
+                continue
+            if found.weight > max(weight_of(path) for path in seen[every]):
+                return found
+            # something larger moves further, the beads themselves perhaps
+            if best is None or found.weight > best.weight:
+                best = found
+        if best is not None:
+            return best
+    assert refused is not None
+    raise refused
+
+
+def _right_after(video: Video, collision: Collision) -> Iterable[Frame]:
+    """Right after the collision B has left its place and A has not come to it yet: the best view of what B hid."""
+    # A's path may run on along B's
+    first = min(collision.fall.frames[-1] + 1, collision.rise.frames[0], video.last)
+    return video.frames(first, collision.rise.frames[0] + JUST_LEFT - 1)
+
+
+def _steady(scene: Scene, greys: dict[int, GreyImage]) -> dict[int, GreyImage]:
+    """The frames, by number, laid over the scene."""
+    return {index: rounded(scene.view(grey).grey) for index, grey in greys.items()}
+
+
+def still_scene(greys: dict[int, GreyImage]) -> Scene:
+    """What the frames, by number, show of the scene."""
+    background = Background()
+    for index, grey in greys.items():
+        background.add(index, grey)
+    return background.scene()
+
+
+def as_spots(path: Path) -> SpotPath:
+    """The path as `follow` takes it."""
+    spots = [
+        Spot(float(x), float(y), math.pi / 4 * size**2, size, size, 0.0)
+        for (x, y), size in zip(path.places, path.sizes, strict=True)
+    ]
+    return SpotPath(tuple(path.frames), tuple(spots))
+
+
+def sample_frames(video: Video, progress: Progress) -> dict[int, Frame]:
+    """Frames spread evenly over the clip, by number."""
+    progress("learning the still scene", 0, 1)
+    samples = {frame.index: frame for frame in video.single(video.spread(SAMPLES))}
+    progress("learning the still scene", 1, 1)
+    return samples
+
+
+def _without_beads(
+    scene: Scene, greys: dict[int, GreyImage], rest: Array, radius: float, places: dict[int, list[Array]]
+) -> Scene:
+    """The still scene behind the beads as well, from the frames in `places`, which says where beads may be in them.
+
+    Where beads cover a pixel in many frames the median over time is no background: there the frames are taken in which
+    the beads are furthest away, and where they never leave, the surroundings grow in.
+    """
+    reach = round(1.7 * radius + 3)
+    cover = np.zeros(scene.picture.shape, dtype=np.float32)
+    for spots in places.values():
+        disc = np.zeros(cover.shape, dtype=np.uint8)
+        for place in spots:
+            cv2.circle(disc, (round(place[0]), round(place[1])), reach, 1, cv2.FILLED)
+        cover += disc
+    slow = np.zeros(cover.shape, dtype=np.uint8)
+    cv2.circle(slow, (round(rest[0]), round(rest[1])), round(5 * radius), 1, cv2.FILLED)
+    y, x = np.nonzero((cover > 0.1 * len(places)) | (slow > 0))
+    away = np.stack(
+        [np.min([np.hypot(x - place[0], y - place[1]) for place in spots], axis=0) for spots in places.values()]
+    )
+    values = np.stack([scene.view(greys[index]).grey[y, x] for index in places])
+    furthest = np.argsort(-away, axis=0)[:5]
+    picture, hidden = scene.picture.copy(), np.zeros(cover.shape, dtype=np.uint8)
+    picture[y, x] = np.median(np.take_along_axis(values, furthest, 0), axis=0)
+    never = np.take_along_axis(away, furthest, 0)[-1] < radius + 1.5
+    hidden[y[never], x[never]] = 1
+    filled = cv2.inpaint(np.clip(np.round(picture), 0, 255).astype(np.uint8), hidden, 5, cv2.INPAINT_NS)
+    return Scene(np.where(hidden > 0, filled, picture).astype(np.float32), scene.noise)
+
+
+def _rough_places(collision: Collision, indices: Iterable[int]) -> dict[int, list[Array]]:
+    """Where beads may be, in those of the frames `indices` in which that is known well enough."""
+    hit, rest = collision.rise.frames[0], collision.rest
+    fall = collision.fall.clear_of(rest, 2.5 * collision.radius, from_end=True)
+    velocity = collision.rise.velocity(at_end=False)
+    touch = rest - 2 * collision.radius * velocity / max(float(np.hypot(*velocity)), 1e-9)
+    places = {}
+    for index in indices:
+        if index <= fall.frames[-1]:
+            places[index] = [fall.at(index), rest]
+        elif hit <= index < hit + 12:
+            # A may stay where it hit or go on, up to half as fast as B (which leaves out a restitution below 0.3)
+            onwards = [touch + share * velocity * (index - hit + 2) for share in np.linspace(0, 0.5, 6)]
+            places[index] = [collision.rise.at(index), *onwards]
+    return places
+
+
+# --- following ------------------------------------------------------------------------------------------------------
+
+
+def _learn_looks(video: Video, channel: Channel, scene: Scene, collision: Collision) -> tuple[list[Look], float]:
+    """What A and B look like, from frames in which they are apart, and the exposure's share of the frame interval."""
+    fall = collision.fall.clear_of(collision.rest, 3 * collision.radius, from_end=True)
+    rise = collision.rise.clear_of(collision.rest, 3 * collision.radius, from_end=False)
+    # not the first frames of the fall: something may hold the bead there
+    wanted = [
+        _spread(path.frames[len(path.frames) // 3 * (1 - k)], path.frames[-1]) for k, path in enumerate((fall, rise))
+    ]
+    fits: list[list[BeadFit]] = [[], []]
+    smears: list[float] = []
+    for frame in video.frames(min(wanted[0] | wanted[1]), max(wanted[0] | wanted[1])):
+        for bead, path in enumerate((fall, rise)):
+            if frame.index in wanted[bead]:
+                (x, y), speed = path.along(frame.index)
+                grey = scene.view(channel.grey(frame)).grey
+                # neither radius nor exposure is known yet, and the fit is held near those it starts from
+                tries = [
+                    fit_bead(
+                        grey,
+                        scene.picture,
+                        (float(x), float(y)),
+                        share * collision.radius,
+                        blur_guess=(float(exposure * speed[0]) + 0.01, float(exposure * speed[1])),
+                    )
+                    for share, exposure in ((0.85, 0.2), (1.05, 0.2), (1.05, 0.8))
+                ]
+                found = [fit for fit in tries if fit is not None]
+                if found:
+                    best = min(found, key=lambda fit: fit.image.sigma)
+                    fits[bead].append(best)
+                    pace = float(np.hypot(*speed))
+                    smears += [math.hypot(*best.image.blur) / pace] if pace > 3 else []
+    if len(fits[0]) < 3 and len(fits[1]) < 3:
+        raise NothingToMeasure(f"{video.path}: what moves in this clip does not look like beads.")
+    looks = [common_look(own if len(own) >= 3 else other) for own, other in (fits, fits[::-1])]
+    return looks, min(float(np.median(smears)), 1.0) if len(smears) > 2 else 0.3
+
+
+def _spread(first: int, last: int) -> set[int]:
+    return set(np.unique(np.linspace(first, last, 8).round().astype(int)).tolist())
+
+
+class _Walk:
+    """Locates both beads frame by frame, each from where its path or its last frames say it should be."""
+
+    def __init__(self, scene: Scene, collision: Collision, looks: list[Look], exposure: float, first: int) -> None:
+        self.scene, self.collision, self.looks, self.exposure = scene, collision, looks, exposure
+        self.frames: list[int] = []
+        self.poses: list[Pose] = []
+        self.a: list[BeadImage | None] = []
+        self.b: list[BeadImage | None] = []
+        self.looked: list[list[bool]] = []
+        reach = looks[0].radius + looks[1].radius
+        self.fall = collision.fall.clear_of(collision.rest, 1.2 * reach, from_end=True)
+        self.rise = collision.rise.clear_of(collision.rest, 1.2 * reach, from_end=False)
+        arriving, leaving = self.fall.velocity(at_end=True), self.rise.velocity(at_end=False)
+        self._hit = _hit_frame(self.fall, arriving, collision.rest, reach)
+        # beads of equal mass: A keeps what B does not take; the search around it forgives other masses
+        self._kept = arriving - leaving
+        # a bead at rest is the same in every frame: a few dozen frames say where
+        left = np.hypot(*(np.array(self.fall.places) - self.fall.places[0]).T) > 1.5
+        self._release = self.fall.frames[int(np.argmax(left))] - 2
+        self._rest_steps = (max(1, round((self._release - first) / 10)), max(1, round((self._hit - first) / 25)))
+
+    def step(self, index: int, grey: GreyImage) -> None:
+        view = self.scene.view(grey, self.poses[-1].shake if self.poses else (0.0, 0.0))
+        (expected_a, speed_a), (expected_b, speed_b) = self._expect_a(index), self._expect_b(index)
+        # in its swing B is well known beforehand; just after the collision A is not
+        b, a = None, None
+        looked = [
+            index >= self._release or index % self._rest_steps[0] == 0,
+            index > self._hit - 3 or index % self._rest_steps[1] == 0,
+        ]
+        if looked[1]:
+            b = self._see(view.grey, expected_b, speed_b, 1, expected_a if index < self._hit else None)
+        if looked[0]:
+            beside = expected_b if b is None else np.array([b.x, b.y])
+            a = self._see(view.grey, expected_a, speed_a, 0, beside)
+        self.looked.append(looked)
+        self.frames.append(index)
+        self.poses.append(view.pose)
+        self.a.append(a)
+        self.b.append(b)
+
+    def _expect_a(self, index: int) -> tuple[Array, Array]:
+        """Place [px] and velocity [px/frame]."""
+        last, arriving = self.fall.frames[-1], self.fall.velocity(at_end=True)
+        if index < last:
+            return self.fall.along(index)
+        if index <= self._hit:
+            return self.fall.places[-1] + arriving * (index - last), arriving
+        return self._onwards(self.a, index, self.fall.places[-1] + arriving * (self._hit - last), self._kept, self._hit)
+
+    def _expect_b(self, index: int) -> tuple[Array, Array]:
+        rise, rest = self.rise, self.collision.rest
+        found = [image for image in self.b if image is not None]
+        if index <= self._hit:
+            if len(found) >= 5:
+                rest = np.array([np.median([image.x for image in found]), np.median([image.y for image in found])])
+            return rest, np.zeros(2)
+        if index < rise.frames[0]:
+            velocity = (rise.places[0] - rest) / max(rise.frames[0] - self._hit, 1e-9)
+            return rest + (index - self._hit) * velocity, velocity
+        if index < rise.frames[-1]:
+            return rise.along(index)
+        return self._onwards(self.b, index, rise.places[-1], rise.velocity(at_end=True), rise.frames[-1])
+
+    def _onwards(
+        self, images: list[BeadImage | None], index: int, start: Array, velocity: Array, since: float
+    ) -> tuple[Array, Array]:
+        """Straight on from the last frames in which the bead was found since the collision."""
+        seen = [
+            (frame, image)
+            for frame, image in zip(self.frames[-12:], images[-12:], strict=True)
+            if image is not None and frame > since
+        ][-3:]
+        if not seen:
+            return start + velocity * (index - since), velocity
+        places = np.array([[image.x, image.y] for _, image in seen])
+        if len(seen) > 1:
+            velocity = (places[-1] - places[0]) / (seen[-1][0] - seen[0][0])
+        return places[-1] + velocity * (index - seen[-1][0]), velocity
+
+    def _see(
+        self, grey: npt.NDArray[np.float32], expected: Array, velocity: Array, bead: int, other: Array | None
+    ) -> BeadImage | None:
+        look, blur = self.looks[bead], velocity * self.exposure
+        image = _locate_beside(
+            grey, self.scene, expected, look, blur, other=other, other_radius=self.looks[1 - bead].radius
+        )
+        if image is None:
+            return None
+        return image if np.hypot(image.x - expected[0], image.y - expected[1]) < 1.2 * look.radius + 5 else None
+
+
+def relocate(video: Video, beads: Beads, places: Array, velocities: Array, again: npt.NDArray[np.bool_]) -> Beads:
+    """Look again, in the frames and for the beads marked in `again` (shape (2, n)), where the fitted swings put them.
+
+    `places` [px] and `velocities` [px/frame] have shape (2, n, 2).  Knowing where both beads are in every frame shows
+    the scene behind them better; where that changes it, beads are looked at again too.  A bead that is not found
+    where it should be is not seen.
+    """
+    known = {int(frame): [places[0, k], places[1, k]] for k, frame in enumerate(beads.frames)}
+    radius = max(look.radius for look in beads.looks)
+    rest = np.median(places[1, beads.frames <= min(beads.greys) + 3], axis=0)
+    scene = _without_beads(beads.scene, beads.greys, rest, radius, {index: known[index] for index in beads.greys})
+    again = (again | _in_front_of(np.abs(scene.picture - beads.scene.picture), places, beads.looks)) & beads.looked
+    beads = replace(beads, scene=scene)
+    found = [list(images) for images in beads.images]
+    numbers = {int(frame): k for k, frame in enumerate(beads.frames)}
+    for frame in video.frames():
+        k = numbers[frame.index]
+        if not np.any(again[:, k]):
+            continue
+        grey = beads.scene.view(beads.channel.grey(frame), beads.poses[k].shake).grey
+        for bead in np.flatnonzero(again[:, k]):
+            look, place, blur = beads.looks[bead], places[bead, k], velocities[bead, k] * beads.exposure
+            image = _locate_beside(
+                grey,
+                beads.scene,
+                place,
+                look,
+                blur,
+                other=places[1 - bead, k],
+                other_radius=beads.looks[1 - bead].radius,
+            )
+            if image is not None and np.hypot(image.x - place[0], image.y - place[1]) > 2 + 0.3 * look.radius:
+                image = None
+            found[bead][k] = image
+    return replace(beads, images=tuple(found))
+
+
+def _in_front_of(change: npt.NDArray[np.float32], places: Array, looks: list[Look]) -> npt.NDArray[np.bool_]:
+    """Which beads stand before a part of the scene that has changed by some grey levels, shape (2, n)."""
+    near = np.zeros(places.shape[:2], dtype=bool)
+    for bead, look in enumerate(looks):
+        size = 2 * math.ceil(look.radius) + 1
+        mean = cv2.blur(change, (size, size))
+        x, y = (np.clip(np.round(places[bead, :, axis]).astype(int), 0, change.shape[1 - axis] - 1) for axis in (0, 1))
+        near[bead] = mean[y, x] > 1.0
+    return near
+
+
+def _locate_beside(
+    grey: npt.NDArray[np.float32],
+    scene: Scene,
+    expected: Array,
+    look: Look,
+    blur: Array,
+    *,
+    other: Array | None,
+    other_radius: float,
+) -> BeadImage | None:
+    """One bead where the other may be close by: the other's pixels are not looked at."""
+    # all that the fit may look at
+    reach = 1.5 * look.radius + 6 + np.abs(blur) / 2
+    left, top = (max(int(place - far), 0) for place, far in zip(expected, reach, strict=True))
+    right, bottom = (max(int(place + far) + 2, 0) for place, far in zip(expected, reach, strict=True))
+    window = np.s_[top:bottom, left:right]
+    part = grey[window]
+    hidden = None
+    if other is not None and np.hypot(*(expected - other)) < 2.5 * (look.radius + other_radius) + 10:
+        x, y = np.arange(part.shape[1])[None, :] + left, np.arange(part.shape[0])[:, None] + top
+        to_other = np.hypot(x - other[0], y - other[1])
+        nearer = to_other - other_radius < np.hypot(x - expected[0], y - expected[1]) - look.radius
+        hidden = nearer & (to_other < other_radius + 3)
+    place = (float(expected[0]) - left, float(expected[1]) - top)
+    # no blur at all would mean "unknown"
+    smear = (float(blur[0]) + 0.01, float(blur[1]))
+    fit = fit_bead(part, scene.picture[window], place, look.radius, blur_guess=smear, hidden=hidden, look=look)
+    return None if fit is None else replace(fit.image, x=fit.image.x + left, y=fit.image.y + top)
+
+
+def _hit_frame(fall: Path, arriving: Array, rest: Array, reach: float) -> float:
+    """When A, going on as it does, comes within `reach` [px] of B at rest: a frame number with a fraction."""
+    speed = float(np.hypot(*arriving))
+    ahead = float((rest - fall.places[-1]) @ arriving) / max(speed, 1e-9) - reach
+    return float(fall.frames[-1] + max(ahead, 0.0) / max(speed, 1e-9))

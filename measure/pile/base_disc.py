@@ -1,0 +1,508 @@
+"""Find the round base under a heap: rim ends, roll, and how far one looks down on it.
+
+The base is a disc seen from slightly above: its front rim is half an ellipse, its lower edge another half ellipse
+below it, its sides two straight walls; bead colour above the rim, none on its face.  This template is laid where it
+fits best.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.arrays import Array
+from rigtwin.measure.bulk.beads import Beads, Edges, edges
+
+Numbers = npt.NDArray[np.floating[Any]]  # of either precision: candidates are compared in single
+
+LEAST_RIM = 0.5  # share of the lower rim that must lie on edges
+LEAST_WALL = 0.3  # likewise of both walls, less the edges that run on where a wall should end
+DOUBTFUL_SUPPORT = 0.8  # share of the outline on edges below which the find may be another edge
+ENOUGH_BEADS = 300  # their share on one side of a line is known to 3 %
+POPULATION, ISLANDERS = 160, 100  # candidates searched together, of all and of one island
+ISLANDS = 4  # parts of the height in which the front rim may lie
+ISLAND_GENERATIONS, GENERATIONS = 25, 35
+SAMPLES = (20, 40)  # along a rim, on the islands and for the best of them all
+LEADERS = 12  # of the population, around which mutants are made
+CROSSED = 0.7  # share of a candidate's numbers that a mutant gives it
+ALIKE = 1e-3  # relative spread of the costs at which a search ends
+USUAL_WALL = 0.6  # share of a wall on edges
+RUNNING_ON = 0.5  # weight of edges that run on where a wall should end
+HEAP = 3.0  # weight of bead colour right above the rim
+FACE = 2.0  # weight of bead colour on the face: beads are no disc
+PLAIN = 1.5  # weight of edges on the face
+MOST_ROLL = 0.1  # [rad], that a camera is turned, or a base leans, unless it is said
+BASE_LEANS = 0.02  # [rad], that a base leans beside a roll that is said
+THICK = 1.5  # cost of a thickness of half the width: bases are plates
+EMPTY = 4.0  # cost of a base twice as wide as the heap
+LIT = 4.0  # [grey], by which a lit top is brighter than the face at least
+SHADOW = 0.3  # of what follows a face in darkness: shadows on the face itself are fainter
+EDGE_ROWS = 8  # half pixels within which an edge as blurred as a lens makes it reaches its height
+SEEN_LARGER = 1.15  # circles are found on the clearest edge of a shaded bead, a little inside its rim
+SIZE_DOUBT = 0.2  # error of the logarithm of the circles' radius that is nothing unusual
+FOCAL_LENGTH = 2.0  # in widths of the photo: between a phone (0.75) and a macro lens (3 and more)
+FOCAL_DOUBT = 0.4  # standard deviation of the logarithm of the above
+
+
+@dataclass(frozen=True)
+class Disc:
+    """The base in the picture, a disc seen from the side."""
+
+    centre: tuple[float, float]  # [px], middle of the line between the rim's two ends, x right, y down
+    half_width: float  # [px], half the distance of the rim's ends
+    roll: float  # [rad], positive when the base looks turned clockwise in the picture
+    bulge: float  # [px], how far the front of the rim hangs below the line between its ends
+    thickness: float  # [px]
+    nearness: float  # [1], disc radius / distance of the camera, by the expected focal length: one photo hardly tells
+    support: float  # [1], share of the template that lies on edges
+
+    @property
+    def sigma(self) -> float:
+        """Standard uncertainty [px] of the rim's height; the less of the outline is seen, the more."""
+        return 1.5 * (1 + 10 * max(0.0, 0.9 - self.support))
+
+    @property
+    def doubtful(self) -> bool:
+        return self.support < DOUBTFUL_SUPPORT
+
+
+@dataclass(frozen=True)
+class _Template:
+    """Candidates for the disc, each field of shape (candidates, 1), lengths in half widths unless said.
+
+    Held by its lower rim, which nothing hides.
+    """
+
+    x: Numbers  # [px], middle of the line between the lower rim's ends
+    y: Numbers  # [px], likewise
+    half: Numbers  # [px]
+    roll: Numbers  # [rad]
+    low: Numbers  # how far the front of the lower rim hangs below the line between its ends
+    thickness: Numbers
+
+    def pixel(self, along: Numbers, down: Numbers) -> tuple[Numbers, Numbers]:
+        """Picture point of a template point, given in half widths from the middle of the lower rim."""
+        cos, sin = np.cos(self.roll), np.sin(self.roll)
+        x, y = along * cos - down * sin, along * sin + down * cos
+        x *= self.half
+        x += self.x
+        y *= self.half
+        y += self.y
+        return x, y
+
+    def bulge(self, focal_length: float) -> Array:
+        """One looks down on the upper rim less steeply, by the disc's thickness over the distance."""
+        near = nearness(self.half, focal_length)
+        return np.asarray(np.maximum(self.low - self.thickness * near / (1 - near * near), 0))
+
+
+def nearness(half: Numbers, focal_length: float) -> Array:
+    """Disc radius over the camera's distance, from half its width and the focal length, both in px."""
+    return np.asarray(np.minimum(half / focal_length, 0.5))
+
+
+def find_disc(
+    grey: npt.NDArray[np.uint8],
+    alike: npt.NDArray[np.float32],
+    beads: Beads,
+    *,
+    focal_length: float,
+    roll: float | None,
+    beads_across: float | None,
+) -> Disc | None:
+    """The disc under the beads, None when there is none to be seen.
+
+    `alike` is the bead likeness of every pixel, `focal_length` in px, `roll` [rad] the camera's roll where it was
+    given, `beads_across` the disc's diameter in bead diameters where it is known.  A roll that is given only widens
+    the search, to both sides: the disc tells whether it is right, and its sign.
+    """
+    pictures = [edges(grey, blur=2.5), edges(grey, blur=1.5)]
+    costs = [
+        _Cost(picture, alike, beads, focal_length, beads_across, samples)
+        for picture, samples in zip(pictures, SAMPLES, strict=True)
+    ]
+    best = _candidate(_search(costs, _bounds(beads, roll)))
+    fine = edges(grey, blur=1.2)
+    candidate = _sharpened(grey, fine, best, focal_length)
+    template = _Template(*candidate[:, None, None])
+    lower, left, right, *_ = _support(fine, alike, template, beads.radius, focal_length, 160)[:, 0]
+    if lower < LEAST_RIM or (left + right) / 2 < LEAST_WALL:
+        return None
+    _, _, half, turn, _, thickness = (float(value) for value in candidate)
+    x, y = (float(part[0, 0]) for part in template.pixel(np.zeros((1, 1)), -template.thickness))
+    bulge, near = float(template.bulge(focal_length)[0, 0]), float(nearness(template.half, focal_length)[0, 0])
+    return Disc((x, y), half, turn, bulge * half, thickness * half, near, float((2 * lower + left + right) / 4))
+
+
+def _search(costs: Sequence[_Cost], bounds: Array) -> Array:
+    """The cheapest place: one island per height of the front rim, then the best of them all on the finer picture.
+
+    Strong edges above or below the disc would otherwise draw the whole population to them.
+    """
+    sills = np.linspace(bounds[2, 0], bounds[2, 1], ISLANDS + 1)
+    parts = np.repeat(bounds[None], ISLANDS, axis=0)
+    parts[:, 2] = np.column_stack([sills[:-1] - 0.2 * np.diff(sills), sills[1:]])
+    islands, energies = _evolved(costs[0], parts, None, ISLAND_GENERATIONS)
+    best = np.argsort(energies, axis=1)[:, : POPULATION // ISLANDS]
+    start = np.take_along_axis(islands, best[..., None], axis=1).reshape(1, -1, len(bounds))
+    population, energies = _evolved(costs[1], bounds[None], start, GENERATIONS)
+    return np.asarray(population[0, np.argmin(energies)])
+
+
+def _evolved(
+    cost: Callable[[Array], Array], bounds: Array, start: Array | None, generations: int
+) -> tuple[Array, Array]:
+    """Populations, shape (islands, candidates, numbers), and their costs after differential evolution, best/1/bin
+    (Storn and Price 1997), around several leaders of each (Zhang and Sanderson 2009): around the best alone a
+    population may settle on an edge that is not the disc's.
+
+    `bounds` of shape (islands, numbers, 2); `start` are the first populations, spread evenly over the bounds where they
+    are None.  All islands are judged in one call: that, not the candidates' number, is what takes its time.
+    """
+    random = np.random.default_rng(len(bounds))
+    low, span = bounds[:, None, :, 0], np.maximum(np.diff(bounds, axis=2), 1e-12)[:, None, :, 0]
+    islands, size = bounds.shape[:2]
+    if start is None:  # a Latin hypercube
+        rows = np.argsort(random.random((islands, ISLANDERS, size)), axis=1)
+        population = (rows + random.random(rows.shape)) / ISLANDERS
+    else:
+        population = np.clip((start - low) / span, 0, 1)
+    count = population.shape[1]
+
+    def costs(of: Array) -> Array:
+        return cost((low + span * of).reshape(-1, size).T).reshape(islands, count)
+
+    def members(which: npt.NDArray[np.int64]) -> Array:
+        return np.asarray(np.take_along_axis(population, which[..., None], axis=1))
+
+    energies = costs(population)
+    for _ in range(generations):
+        one, other = random.integers(0, count, (2, islands, count))
+        leader = np.take_along_axis(np.argsort(energies, axis=1), random.integers(0, LEADERS, (islands, count)), axis=1)
+        mutant = members(leader) + random.uniform(0.5, 1) * (members(one) - members(other))
+        crossed = random.random(population.shape) < CROSSED
+        np.put_along_axis(crossed, random.integers(0, size, (islands, count, 1)), True, axis=2)
+        trial = np.where(crossed, mutant, population)
+        trial = np.where((trial < 0) | (trial > 1), random.random(trial.shape), trial)
+        found = costs(trial)
+        better = found <= energies
+        population[better], energies[better] = trial[better], found[better]
+        if np.all(np.std(energies, axis=1) <= ALIKE * np.abs(np.mean(energies, axis=1))):
+            break
+    return low + span * population, energies
+
+
+def _candidate(place: Array) -> Array:
+    """Fields of a template from what is searched for: x of both ends, y of the lower rim's front, and the rest.
+
+    Each edge then hangs on as few numbers as can be.
+    """
+    left, right, front, roll, low, thickness = place
+    half = (right - left) / (2 * np.cos(roll))
+    middle = np.array([(left + right) / 2, front])
+    return np.array(
+        [middle[0] + low * half * np.sin(roll), middle[1] - low * half * np.cos(roll), half, roll, low, thickness]
+    )
+
+
+def _sharpened(grey: npt.NDArray[np.uint8], fine: Edges, candidate: Array, focal_length: float) -> Array:
+    """The candidate moved to the sub-pixel edges: walls, then lower rim, then the upper rim by the face's height."""
+    p = candidate.copy()
+    for reach in (7.0, 5.0, 3.0):
+        template = _Template(*p[:, None, None])
+        down = np.linspace(-0.8, -0.15, 24) * p[5]
+        left = _edge_offset(fine, template, -np.ones(24), down, (1.0, 0.0), reach)
+        right = _edge_offset(fine, template, np.ones(24), down, (1.0, 0.0), reach)
+        shift = np.array([np.median(left[0]), np.median(right[0])])
+        p[0], p[2] = p[0] + shift.mean(), p[2] + (shift[1] - shift[0]) / 2
+        along = np.linspace(-0.95, 0.95, 240)
+        arc = np.sqrt(1 - along * along)
+        offset, strength = _edge_offset(fine, template, along, p[4] * arc, (0.0, 1.0), reach)
+        move = _robust_fit(np.column_stack([np.ones_like(along), along, arc]), offset, strength)
+        p[1], p[4] = p[1] + move[0], max(p[4] + move[2] / p[2], 0.0)
+        p[3] += move[1] / p[2]
+        p[5] *= _face_share(grey, _Template(*p[:, None, None]), focal_length)
+    return p
+
+
+def _edge_offset(
+    picture: Edges, template: _Template, along: Array, down: Array, normal: tuple[float, float], reach: float
+) -> tuple[Array, Array]:
+    """Where the strongest edge lies off the template [px] in the direction `normal`, and how strong it is."""
+    steps = np.arange(-reach, reach + 0.25, 0.5)
+    half = float(template.half[0, 0])
+    u, v = along[:, None] + normal[0] * steps / half, down[:, None] + normal[1] * steps / half
+    x, y = (part.astype(np.float32) for part in template.pixel(u, v))
+    cos, sin = float(np.cos(template.roll[0, 0])), float(np.sin(template.roll[0, 0]))
+    across = (normal[0] * cos - normal[1] * sin, normal[0] * sin + normal[1] * cos)
+    gradient = np.abs(
+        across[0] * cv2.remap(picture.x, x, y, cv2.INTER_LINEAR)
+        + across[1] * cv2.remap(picture.y, x, y, cv2.INTER_LINEAR)
+    )
+    at = np.argmax(gradient, axis=1)
+    rows = np.arange(len(at))
+    return steps[at] + 0.5 * _vertex(gradient, rows, at), gradient[rows, at].astype(np.float64)
+
+
+def _vertex(values: npt.NDArray[np.float32], rows: npt.NDArray[np.int64], at: npt.NDArray[np.int64]) -> Array:
+    """Offset, in samples, of the parabola's top through the largest sample and its neighbours."""
+    at = np.clip(at, 1, values.shape[1] - 2)
+    before, here, after = (values[rows, at + k].astype(np.float64) for k in (-1, 0, 1))
+    bend = before - 2 * here + after
+    return np.asarray(np.clip(np.where(bend < -1e-9, 0.5 * (before - after) / np.minimum(bend, -1e-9), 0.0), -0.5, 0.5))
+
+
+def _robust_fit(design: Array, values: Array, weight: Array) -> Array:
+    """Weighted least squares with Huber's weights."""
+    usual = np.ones_like(values)
+    answer = np.zeros(design.shape[1])
+    for _ in range(12):
+        w = np.sqrt(weight * usual)
+        answer = np.asarray(np.linalg.lstsq(design * w[:, None], values * w, rcond=None)[0], dtype=np.float64)
+        miss = np.abs(values - design @ answer)
+        scale = max(1.4826 * float(np.median(miss)), 0.1)
+        usual = np.minimum(1.0, 1.345 * scale / np.maximum(miss, 1e-9))
+    return answer
+
+
+def _face_share(grey: npt.NDArray[np.uint8], template: _Template, focal_length: float) -> float:
+    """How tall the plain face is as a share of the template's, read along its whole front.
+
+    The front row of beads hides the upper rim's edge in part, and its shadow lies on the face.  Where at least every
+    fourth column shows a strip of the lit top the rim lies at the strip's lower edge; where none does, the face ends
+    where columns stop looking like the face below them.
+    """
+    along = np.linspace(-0.9, 0.9, 320)
+    arc = np.sqrt(1 - along * along)
+    half, low = float(template.half[0, 0]), template.low * arc
+    tall = template.thickness + low - template.bulge(focal_length) * arc  # the middle of a face is nearer
+    guess = half * float(np.max(tall))
+    rows = np.arange(2.0, max(1.8 * guess, guess + 10, 12), 0.5)  # [px] above the lower rim, at the tallest column
+    x, y = template.pixel(along[None, :], low - rows[:, None] / guess * tall)
+    # every column's own noise averages out, so that no smoothing need widen a strip of one or two pixels
+    values = cv2.remap(grey.astype(np.float32), x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR)
+    plain = rows < max(0.5 * guess, 2.5)  # of the thinnest face its first row at least
+    light = np.median(values[plain], axis=0)
+    unlit = light < _usual(light) + LIT
+    change = (values - light)[:, unlit]
+    dark, bright = np.percentile(change, (25, 75), axis=1) * np.array([[-1.0], [1.0]])
+    dark, bright = (each - np.median(each[plain]) for each in (dark, bright))
+    faint = SHADOW * float(dark.max())
+    ends, lit = _first_edge(dark, plain, faint), _first_edge(bright, plain, LIT)
+    # up to a lit top the face goes on in every fourth column; what is bright behind darker columns is a bead
+    if lit is not None and dark[round(lit)] < dark.max() / 2 and bright[: round(lit)].min() > -max(faint, LIT):
+        ends = lit
+    return 1.0 if ends is None else float(np.interp(ends, np.arange(len(rows)), rows)) / guess
+
+
+def _usual(light: Array) -> float:
+    """What the light of a face's columns hardly exceeds where no lamp's reflection lies over it."""
+    middle = float(np.median(light))
+    return middle + 3 * 1.4826 * float(np.median(np.abs(light - middle)))
+
+
+def _first_edge(departure: Array, plain: npt.NDArray[np.bool_], least: float) -> float | None:
+    """Row at which a departure from the plain rows first reaches half of what it comes to, None where it stays."""
+    first, usual = int(np.sum(plain)), float(np.std(departure[plain]))
+    (clear,) = np.nonzero(departure[first:] > max(least, 4 * usual, 2.0))
+    if len(clear) == 0:
+        return None
+    start = first + int(clear[0])
+    level = float(departure[start : start + EDGE_ROWS].max()) / 2
+    row = start
+    while row > first and departure[row - 1] >= level:
+        row -= 1
+    while departure[row] < level:
+        row += 1
+    before = float(departure[row - 1])
+    # the last plain row may depart as far as the level, too: the edge then lies there
+    return row - min((float(departure[row]) - level) / max(float(departure[row]) - before, 1e-9), 1.0)
+
+
+def _bounds(beads: Beads, roll: float | None) -> Array:
+    low, high, reach, foot = _reach(beads)
+    turn = max(MOST_ROLL, abs(roll or 0.0) + BASE_LEANS)
+    return np.array(
+        [
+            (low - 0.6 * reach, low + 0.15 * reach),
+            (high - 0.15 * reach, high + 0.6 * reach),
+            (foot - 0.1 * reach, foot + 0.45 * reach),
+            (-turn, turn),
+            (0.0, 0.4),  # looking down by up to 20 degrees
+            (0.02, 0.5),
+        ]
+    )
+
+
+def _reach(beads: Beads) -> tuple[float, float, float, float]:
+    """Left and right end of the heap, half its width, and its foot, all in px.
+
+    A few circles beside the heap may have been taken for beads of it.
+    """
+    left, right = np.percentile(beads.centre[:, 0], (1, 99)) + np.array([-beads.radius, beads.radius])
+    return left, right, (right - left) / 2, float(np.percentile(beads.centre[:, 1], 95)) + beads.radius
+
+
+@dataclass(frozen=True)
+class _Cost:
+    """How badly candidates fit: edges on the outline, beads above the rim and neither below nor beside, a plain face.
+
+    The lower rim weighs most: it is the longest edge, and nothing stands before it.
+    """
+
+    picture: Edges
+    alike: npt.NDArray[np.float32]
+    beads: Beads
+    focal_length: float
+    beads_across: float | None
+    samples: int  # along a rim
+
+    @cached_property
+    def heap_reach(self) -> float:
+        """Half the heap's width [px]."""
+        return _reach(self.beads)[2]
+
+    @cached_property
+    def some_centres(self) -> Numbers:
+        """Centres of beads [px], enough of them to say how many lie below the rim."""
+        return self.beads.centre[:: math.ceil(len(self.beads.centre) / ENOUGH_BEADS)].astype(np.float32)
+
+    def __call__(self, places: Array) -> Array:
+        """Cost of places, shape (6, n), as `_candidate` reads them."""
+        template = _Template(*_candidate(places).astype(np.float32)[..., None])
+        bead = self.beads.radius
+        lower, left, right, upper, face, uneven, heap, spilled = _support(
+            self.picture, self.alike, template, bead, self.focal_length, self.samples
+        )
+        x, y = self.some_centres[:, 0] - template.x, self.some_centres[:, 1] - template.y
+        along = (x * np.cos(template.roll) + y * np.sin(template.roll)) / template.half
+        down = (y * np.cos(template.roll) - x * np.sin(template.roll)) / template.half
+        arc = np.sqrt(np.clip(1 - along * along, 0, 1))
+        front = template.bulge(self.focal_length) * arc - template.thickness
+        below = np.mean(down > front - 0.3 * bead / template.half, axis=1)
+        # walls lower than a bead are little evidence: a bead's own side may pass for one
+        tall = np.minimum(template.thickness * template.half / bead, 1)[:, 0]
+        walls = 0.45 * (tall * (left + right + np.minimum(left, right)) + (1 - tall) * 3 * USUAL_WALL)
+        score = 2.5 * lower + walls + upper + HEAP * heap - FACE * face - PLAIN * uneven - spilled - 2 * below
+        score -= THICK * template.thickness[:, 0]
+        score -= EMPTY * np.maximum(template.half[:, 0] / self.heap_reach - 1.15, 0)
+        if self.beads_across is not None:
+            size = np.log(template.half[:, 0] / bead / (self.beads_across * SEEN_LARGER))
+            score -= np.maximum(np.abs(size) - SIZE_DOUBT, 0) / SIZE_DOUBT
+        return np.asarray(-score)
+
+
+def _support(
+    picture: Edges, alike: npt.NDArray[np.float32], template: _Template, bead: float, focal_length: float, samples: int
+) -> Array:
+    """Shares, shape (8, n): edges on lower rim, both walls, upper rim; on the face bead colour and edges; bead colour
+    above and beside the heap's foot.
+    """
+    along = np.linspace(-0.97, 0.97, samples, dtype=np.float32)
+    some = along[::2]  # of what is read in several rows
+    bulge = template.bulge(focal_length)
+
+    def rim(hang: Numbers, u: Numbers) -> Numbers:
+        return np.asarray(hang * np.sqrt(1 - u * u))
+
+    def slope(hang: Numbers, u: Numbers) -> Numbers:
+        return np.asarray(hang * u / np.sqrt(1 - u * u))
+
+    upper, lower = rim(bulge, some) - template.thickness, rim(template.low, some)
+
+    def on_face(share: float) -> Numbers:
+        return np.asarray(upper + share * (lower - upper))
+
+    on, beyond = (np.linspace(*ends, 8, dtype=np.float32) for ends in ((-0.9, -0.1), (0.15, 0.9)))
+    walls = [(side * np.ones_like(part), template.thickness * part, None) for side in (-1, 1) for part in (on, beyond)]
+    low, high, left, left_on, right, right_on, *uneven = _on_edges(
+        picture,
+        template,
+        [
+            (along, rim(template.low, along), slope(template.low, along)),
+            (along, rim(bulge, along) - template.thickness, slope(bulge, along)),
+            *walls,
+            *((some, on_face(share), slope(template.low, some)) for share in (0.3, 0.5, 0.7)),
+        ],
+    )
+    inner = some[np.abs(some) < 0.75]  # a heap need not reach the rim at the sides
+    beside = np.concatenate([np.linspace(*ends, 6, dtype=np.float32) for ends in ((-1.3, -1.07), (1.07, 1.3))])
+    above = [-share * bead / template.half - template.thickness for share in (0.5, 1.0, 1.5, 2.0)]
+    colour = _at(
+        alike,
+        template,
+        [
+            *((some, on_face(share)) for share in (0.15, 0.35, 0.6, 0.85)),
+            *((inner, rim(bulge, inner) + row) for row in above),
+            *((beside, row) for row in above),
+        ],
+    )
+    return np.array(
+        [
+            low,
+            left - RUNNING_ON * left_on,
+            right - RUNNING_ON * right_on,
+            high,
+            colour[:4].mean(axis=0),
+            # the quietest row stands for a face so thin that its rims' edges fill it
+            (np.mean(uneven, axis=0) + np.min(uneven, axis=0)) / 2,
+            colour[4:8].mean(axis=0),
+            colour[8:].mean(axis=0),
+        ]
+    )
+
+
+def _on_edges(picture: Edges, template: _Template, lines: Sequence[tuple[Numbers, Numbers, Numbers | None]]) -> Array:
+    """Share of lines that lies on edges along them, shape (lines, n).
+
+    Each line is given along and down the template, and by how steeply it falls (None: upright); all are read at once,
+    which is what makes a search of thousands of candidates quick.
+    """
+    x, y, starts = _laid_out(template, [line[:2] for line in lines])
+    seen = cv2.remap(picture.both, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+    cos, sin = np.cos(template.roll), np.sin(template.roll)
+    across, down = seen[..., 0] * cos + seen[..., 1] * sin, seen[..., 1] * cos - seen[..., 0] * sin
+    clear = np.empty_like(across)
+    for (_, _, falls), part in zip(lines, _parts(starts, x.shape[1]), strict=True):
+        if falls is None:
+            clear[:, part] = across[:, part]
+        else:
+            clear[:, part] = (falls * across[:, part] + down[:, part]) / np.sqrt(1 + falls * falls)
+    np.minimum(np.abs(clear, out=clear), picture.strong, out=clear)
+    return _means(clear, starts) / picture.strong
+
+
+def _at(layer: npt.NDArray[np.float32], template: _Template, lines: Sequence[tuple[Numbers, Numbers]]) -> Array:
+    """Mean of a picture along lines, given along and down the template, shape (lines, n)."""
+    x, y, starts = _laid_out(template, lines)
+    return _means(cv2.remap(layer, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE), starts)
+
+
+def _means(values: npt.NDArray[Any], starts: Sequence[int]) -> Array:
+    """Of each line's samples, shape (lines, n)."""
+    sizes = np.diff([*starts, values.shape[1]])
+    return np.asarray((np.add.reduceat(values, starts, axis=1) / sizes.astype(np.float32)).T)
+
+
+def _laid_out(
+    template: _Template, lines: Sequence[tuple[Numbers, Numbers]]
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], list[int]]:
+    """Picture points of all lines beside each other, shape (n, samples), and where each line begins."""
+    *starts, end = itertools.accumulate((line[0].shape[-1] for line in lines), initial=0)
+    laid = np.empty((2, len(template.x), end), dtype=np.float32)
+    for line, part in zip(lines, _parts(starts, end), strict=True):
+        laid[0, :, part], laid[1, :, part] = line
+    x, y = (np.asarray(each, dtype=np.float32) for each in template.pixel(laid[0], laid[1]))
+    return x, y, starts
+
+
+def _parts(starts: Sequence[int], end: int) -> list[slice]:
+    return [slice(*ends) for ends in itertools.pairwise([*starts, end])]

@@ -1,0 +1,132 @@
+"""Pictures of a measured heap: the photo with outline, base line and flank lines, and the profile with its angles."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from rigtwin.lab.arrays import Array, Image
+from rigtwin.lab.quantity import Evaluation, Quantity
+from rigtwin.lab.records import Profile, write_profile
+from rigtwin.measure import drawing
+from rigtwin.measure.bulk.outline import Silhouette
+from rigtwin.measure.pile import repose_angles
+
+
+def write_pictures(
+    folder: Path,
+    stem: str,
+    photo: Image,
+    found: Silhouette,
+    profile: Profile,
+    evaluation: Evaluation,
+    base_diameter: float | None,
+    scale: float | None,
+    grain: float | None,
+) -> dict[str, Path]:
+    """Overlay, plot and, where the scale is known, the profile as CSV."""
+    still = folder / f"{stem}-overlay.png"
+    drawing.save_picture(still, _overlay(photo, found, profile, evaluation, scale or 1.0, grain))
+    unit = "m" if scale is not None else "px"
+    width = base_diameter if scale is not None else None
+    files = {
+        "overlay": still,
+        "still": still,
+        "plot": write_plot(folder / f"{stem}-plot.svg", profile, width, grain, unit),
+    }
+    if scale is not None:
+        files["record"] = folder / f"{stem}-profile.csv"
+        write_profile(files["record"], profile)
+    return files
+
+
+def write_plot(path: Path, profile: Profile, base_diameter: float | None, grain: float | None, unit: str) -> Path:
+    """The profile with base, apex, feet and flank lines, in mm (px where no scale is known)."""
+    from matplotlib.figure import Figure
+
+    factor, label = (1e3, "mm") if unit == "m" else (1.0, "px")
+    figure = Figure(figsize=(7.5, 3.6))
+    axes = figure.add_axes((0.08, 0.14, 0.91, 0.84))
+    axes.fill_between(profile.x * factor, profile.height * factor, color="#e6d9b8", linewidth=0)
+    axes.plot(profile.x * factor, profile.height * factor, color="#555555", linewidth=1, label="outline")
+    heap = repose_angles.find_parts(profile, base_diameter, grain)
+    if heap is not None:
+        axes.axhline(0, color="black", linewidth=0.8)
+        axes.plot(heap.apex[0] * factor, heap.apex[1] * factor, "v", color="#d55e00", label="apex")
+        axes.plot([foot * factor for foot in heap.feet], [0, 0], "|", color="#d55e00", markersize=12, label="feet")
+        for side, colour in zip(repose_angles.SIDES, ("#0072b2", "#009e73"), strict=True):
+            line = repose_angles.flank_line(heap, side)
+            if line is not None:
+                ends = np.array([line.inner, line.outer])
+                axes.plot(
+                    ends * factor,
+                    _on_line(line, side, ends) * factor,
+                    color=colour,
+                    linewidth=2.5,
+                    label=f"{side} {line.angle:.1f}°",
+                )
+    axes.set_xlabel(f"x along the base [{label}]")
+    axes.set_ylabel(f"height [{label}]")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.legend(loc="upper right", fontsize=8, frameon=False)
+    drawing.save_plot(path, figure, trimmed=False)
+    return path
+
+
+def _on_line(line: repose_angles.Line, side: str, x: Array) -> Array:
+    falls = math.tan(math.radians(line.angle)) * (1.0 if side == "right" else -1.0)
+    return np.asarray(line.middle[1] - falls * (x - line.middle[0]))
+
+
+def _overlay(
+    photo: Image,
+    found: Silhouette,
+    profile: Profile,
+    evaluation: Evaluation,
+    unit: float,
+    grain: float | None,
+) -> Image:
+    """The photo, at a size that fits a screen, with all that was measured drawn on it."""
+    picture = photo.copy()
+    if found.zoom < 1:
+        picture = np.asarray(cv2.resize(photo, None, fx=found.zoom, fy=found.zoom, interpolation=cv2.INTER_AREA))
+    seen = np.isfinite(found.height)
+    drawing.draw_path(picture, found.view.to_picture(found.x[seen], found.height[seen]), drawing.ORANGE)
+    reach = found.view.radius or float(np.abs(found.x[seen]).max())
+    _draw(picture, found, np.array([-reach, reach]), np.zeros(2), drawing.SKY)
+    heap = repose_angles.find_parts(profile, None, grain)
+    if heap is None:
+        return picture
+    for side in repose_angles.SIDES:
+        line = repose_angles.flank_line(heap, side)
+        if line is not None:
+            ends = np.array([line.inner, line.outer])
+            _draw(picture, found, ends / unit, _on_line(line, side, ends) / unit, drawing.BLUE, width=3)
+    apex = found.view.to_picture(np.array([heap.apex[0] / unit]), np.array([heap.apex[1] / unit]))[0]
+    drawing.draw_cross(picture, (float(apex[0]), float(apex[1])), 0.5 * found.bead_radius, drawing.RED)
+    drawing.draw_caption(picture, _labels(evaluation))
+    return picture
+
+
+def _draw(
+    picture: Image, found: Silhouette, x: Array, height: Array, colour: drawing.Colour, width: int | None = None
+) -> None:
+    (ax, ay), (bx, by) = found.view.to_picture(x, height)
+    drawing.draw_line(picture, (float(ax), float(ay)), (float(bx), float(by)), colour, width=width)
+
+
+def _labels(evaluation: Evaluation) -> list[str]:
+    def words(one: Quantity) -> str:
+        return f"{one.detail['side']} {one.value:.1f} ± {one.std_uncertainty:.1f}°"
+
+    main = {"angle_of_repose_graphical": "line 15-85 %", "angle_of_repose_geometric": "apex"}
+    texts = []
+    for quantity, method in main.items():
+        ones = [one for one in evaluation.quantities if (one.quantity, one.method) == (quantity, method)]
+        name = f"angle of repose, {quantity.rsplit('_', 1)[1]} ({method}), ± standard uncertainty"
+        texts.append(f"{name}: {', '.join(words(one) for one in ones)}")
+    doubts = sorted({one.doubtful for one in evaluation.quantities if one.doubtful})
+    return texts + [f"doubtful: {doubt}" for doubt in doubts]

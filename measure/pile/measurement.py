@@ -1,0 +1,93 @@
+"""A heap on a round base, photographed from the side: angle of repose, graphical and geometric.
+
+`measure` turns photos into profiles, `evaluate` profiles into angles; a simulated heap goes through the same
+`evaluate`.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from pathlib import Path
+
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.checksums import all_different, sha256
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.quantity import Measurement
+from rigtwin.measure.pile.evaluate import evaluate_views
+from rigtwin.measure.pile.observe import NO_SCALE, Draw, observe_photo, observe_table
+
+
+def measure(
+    photos: Sequence[Path],
+    camera: Camera,
+    *,
+    base_diameter: float | None = None,
+    bead_diameter: float | None = None,
+    out: Path | None = None,
+    progress: Progress = silent,
+) -> Measurement:
+    """Angles of repose from photos of one heap, one photo per view; a ``.csv`` is a profile that is ready.
+
+    `base_diameter` [m] of the disc the heap stands on, `bead_diameter` [m].  Angles need neither; heights and widths
+    need one of them, or a scale in `camera`.  Raises `NothingToMeasure` when a photo shows no heap.
+    """
+    if not photos:
+        raise BadInput("measure pile: no photo given; name one or more photos of the heap.")
+    all_different(photos)
+    if base_diameter is not None and bead_diameter is not None and bead_diameter >= base_diameter:
+        raise BadInput(
+            f"beads of {bead_diameter * 1e3:g} mm make no heap on a base of {base_diameter * 1e3:g} mm; "
+            "check the base's and the bead's diameter."
+        )
+    observations, views, draws = [], [], []
+    for number, (photo, name) in enumerate(zip(photos, _names(photos), strict=True)):
+        progress("looking for the heap", number, len(photos))
+        if photo.suffix.lower() == ".csv":
+            seen, view, draw = observe_table(photo, name, base_diameter)
+        else:
+            seen, view, draw = observe_photo(photo, name, camera, base_diameter, bead_diameter)
+        observations.append(seen)
+        views.append(view)
+        draws.append(draw)
+    progress("looking for the heap", len(photos), len(photos))
+    scaled = all(view["scale_from"] != NO_SCALE for view in views)
+    evaluation = evaluate_views(observations, base_diameter if scaled else None, bead_diameter if scaled else None)
+    warnings = list(evaluation.warnings)
+    quantities = evaluation.quantities
+    if not scaled:
+        quantities = tuple(quantity for quantity in quantities if quantity.unit != "m")
+        warnings.append(
+            "scale: not known, so heights and widths are left out; give --base-diameter, --bead-diameter or --scale."
+        )
+    return Measurement(
+        rig="pile",
+        source=photos[0],
+        source_sha256=sha256(photos[0]),
+        quantities=quantities,
+        checks=evaluation.checks,
+        warnings=tuple(warnings),
+        camera=views[0] if len(views) == 1 else {**views[0], "views": views},
+        profiles=tuple(seen.profile for seen in observations) if scaled else (),
+        files={} if out is None else _drawn(draws, out),
+    )
+
+
+def _drawn(draws: Sequence[Draw], out: Path) -> dict[str, Path]:
+    """The pictures of all views; drawn once none of them can be refused any more, so that nothing is half written."""
+    files: dict[str, Path] = {}
+    out.mkdir(parents=True, exist_ok=True)
+    for number, draw in enumerate(draws):
+        written = draw(out)
+        files.update(written if number == 0 else {f"{name}_{number + 1}": path for name, path in written.items()})
+    return files
+
+
+def _names(photos: Sequence[Path]) -> list[str]:
+    """A name for every photo's view and files: its stem, numbered where an earlier photo has the same."""
+    names: list[str] = []
+    for photo in photos:
+        taken = (f"{photo.stem}-{number}" for number in itertools.count(2))
+        names.append(photo.stem if photo.stem not in names else next(name for name in taken if name not in names))
+    return names

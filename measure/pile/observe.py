@@ -1,0 +1,224 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.arrays import Array
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.lab.quantity import failed
+from rigtwin.lab.records import Profile, read_profile
+from rigtwin.measure.bulk.outline import Silhouette, View
+from rigtwin.measure.geometry.camera_roll import roll_check
+from rigtwin.measure.media.photo import read_photo
+from rigtwin.measure.pile import repose_angles
+from rigtwin.measure.pile.base_disc import FOCAL_DOUBT, Disc
+from rigtwin.measure.pile.checks import (
+    BASE_DOUBT,
+    base_check,
+    size_checks,
+    sizes_against_base,
+    uneven_flanks,
+    washed_out,
+)
+from rigtwin.measure.pile.evaluate import Observation, evaluate_views
+from rigtwin.measure.pile.silhouette import find_heap, undo_view
+
+Draw = Callable[[Path], dict[str, Path]]
+"""Writes the pictures of a view into a folder."""
+
+NO_SCALE = "not known"
+
+STATED_FOCAL_DOUBT = 0.1  # standard deviation of the logarithm of a focal length that the photo states
+
+FULL_FRAME_DIAGONAL = 43.27  # [mm]
+
+EXIF_IFD, FOCAL_LENGTH_35MM = 0x8769, 0xA405  # EXIF 2.32, tables 4 and 9
+
+BEAD_DOUBT, GIVEN_DOUBT = 0.06, 0.01  # relative, of a scale by beads, or given
+
+STEEPEST_VIEW = 10.0  # [deg]; heaps come out 1 degree too steep from 12, 2 from 20
+
+DOUBTFUL_COVER = 0.83  # share of the heap that circles cover, below which its outline may belong to something else
+
+
+def observe_table(path: Path, name: str, base_diameter: float | None) -> tuple[Observation, dict[str, Any], Draw]:
+    profile = replace(read_profile(path), view=name)
+    if base_diameter is not None:
+        profile = replace(profile, base=(-base_diameter / 2, base_diameter / 2))
+
+    def draw(out: Path) -> dict[str, Path]:
+        from rigtwin.measure.pile.figures import write_plot
+
+        return {"plot": write_plot(out / f"{name}-plot.svg", profile, base_diameter, None, "m")}
+
+    view = {"scale_m_per_px": None, "scale_from": "profile table", "camera_roll_deg": None}
+    return Observation(profile), view, draw
+
+
+def observe_photo(
+    photo: Path, name: str, camera: Camera, base_diameter: float | None, bead_diameter: float | None
+) -> tuple[Observation, dict[str, Any], Draw]:
+    image, odd = read_photo(photo, camera)
+    ratio = base_diameter / bead_diameter if base_diameter and bead_diameter else None
+    focal_length = _focal_length(photo, image)
+    look = partial(find_heap, image, roll=camera.roll, region=camera.region, focal_length=focal_length)
+    found = look(beads_across=ratio)
+    if found is None:
+        raise NothingToMeasure(
+            f"{photo}: shows no heap of beads standing out from what is behind it; "
+            "give a side view of the whole heap, or point at it with --region x,y,width,height."
+        )
+    scale, scale_from = _scale(found, camera, base_diameter, bead_diameter)
+    unit = scale if scale is not None else 1.0
+    profile = _profile(found, found.view, found.height, unit, name)
+    sizes, unconfirmed = size_checks(found, scale, scale_from, bead_diameter, base_diameter)
+    contradicted = sizes_against_base(look(), ratio) if found.disc is None and ratio is not None else ""
+    misfit = failed(sizes)
+    if base_diameter is not None and scale is not None and found.disc is not None and scale_from != "base diameter":
+        across = 2 * found.view.radius * scale
+        sizes = (*sizes, base_check(across, _scale_doubt(scale_from, camera), base_diameter, scale_from))
+    if camera.roll is not None and found.disc is not None:
+        seen_turn = found.view.roll, found.base_line_doubt[1]
+        sizes = (*sizes, roll_check(camera.roll, *seen_turn, "the base that the angles count from shows"))
+    heap = repose_angles.find_parts(profile, None, 2 * found.bead_radius * unit)
+    hidden = washed_out(found, image) if heap is not None and uneven_flanks(profile, heap) else ""
+    seen = Observation(
+        profile,
+        _variants(found, unit, name, FOCAL_DOUBT if focal_length is None else STATED_FOCAL_DOUBT),
+        contradicted or _flaw_of_picture(found) or misfit or hidden,
+        2 * found.bead_radius * unit,
+        sizes,
+        _scale_doubt(scale_from, camera),
+        unconfirmed,
+        odd,
+    )
+    view = {
+        "scale_m_per_px": None if scale is None else scale * found.zoom,
+        "scale_from": scale_from,
+        "camera_roll_deg": math.degrees(found.view.roll),
+        "looking_down_deg": found.view.looking_down,
+        "base_found": found.disc is not None,
+    }
+
+    def draw(out: Path) -> dict[str, Path]:
+        from rigtwin.measure.pile.figures import write_pictures
+
+        evaluation = evaluate_views([seen], base_diameter if scale else None, bead_diameter if scale else None)
+        return write_pictures(out, name, image, found, profile, evaluation, base_diameter, scale, seen.grain)
+
+    return seen, view, draw
+
+
+def _focal_length(photo: Path, image: npt.NDArray[np.uint8]) -> float | None:
+    """Focal length [px] by the photo's own note of its 35 mm equivalent, which goes by the diagonal (CIPA DCG-001)."""
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with Image.open(photo) as file:
+            equivalent = file.getexif().get_ifd(EXIF_IFD).get(FOCAL_LENGTH_35MM)
+    except (UnidentifiedImageError, Image.DecompressionBombError):  # of a kind, or a size, that OpenCV alone reads
+        return None
+    if not equivalent:
+        return None
+    return float(equivalent) / FULL_FRAME_DIAGONAL * math.hypot(*image.shape[:2])
+
+
+def _scale(
+    found: Silhouette, camera: Camera, base_diameter: float | None, bead_diameter: float | None
+) -> tuple[float | None, str]:
+    """[m/px] of the measured picture in the plane through the base's axis, and where it comes from."""
+    if camera.given_scale is not None:
+        return camera.given_scale / found.zoom, camera.scale_from
+    if base_diameter is not None and found.disc is not None:
+        return base_diameter / (2 * found.view.radius), "base diameter"
+    if bead_diameter is not None:
+        return bead_diameter / (2 * found.bead_radius), "bead diameter"
+    return None, NO_SCALE
+
+
+def _scale_doubt(scale_from: str, camera: Camera) -> float:
+    """Relative standard uncertainty of the scale; 0 where there is none."""
+    by_sizes = {"base diameter": BASE_DOUBT, "bead diameter": BEAD_DOUBT, NO_SCALE: 0.0}
+    return by_sizes.get(scale_from, camera.scale_doubt(GIVEN_DOUBT))
+
+
+def _profile(found: Silhouette, view: View, height: Array, unit: float, name: str) -> Profile:
+    """The outline as a section through the heap, in metres (in px where `unit` is 1)."""
+    seen = np.isfinite(height)
+    x, level = found.x[seen], height[seen]
+    raw = repose_angles.find_parts(Profile(x, level, level), None, 2 * found.bead_radius)
+    if raw is not None:
+        lines = [repose_angles.flank_line(raw, side) for side in repose_angles.SIDES]
+        left, right = (max(math.tan(math.radians(line.angle)), 0.1) if line else 0.5 for line in lines)
+        x, level = undo_view(x, level, view, (left, right))
+    order = np.argsort(x)
+    x, level = x[order], level[order]
+    base = (-view.radius * unit, view.radius * unit) if view.radius > 0 else None
+    return Profile(x * unit, level * unit, np.full(len(x), found.sigma * unit), base, name)
+
+
+def _variants(found: Silhouette, unit: float, name: str, focal_doubt: float) -> dict[str, tuple[Profile, Profile]]:
+    """Other readings of the same photo, each pair one standard deviation to either side."""
+    view, height = found.view, found.height
+    raised, turned = found.base_line_doubt
+    pairs = {
+        "outline level": ((view, found.looser), (view, found.stricter)),
+        "base line height": ((view, height + raised), (view, height - raised)),
+        "base line angle": ((view, height + turned * found.x), (view, height - turned * found.x)),
+    }
+    if found.disc is not None:
+        factor = math.exp(focal_doubt)
+        (far, far_lift), (near, near_lift) = (
+            _other_distance(view, found.disc, stretch) for stretch in (factor, 1 / factor)
+        )
+        pairs["camera distance"] = (far, height + far_lift), (near, height + near_lift)
+    return {
+        part: (_profile(found, *first, unit, name), _profile(found, *second, unit, name))
+        for part, (first, second) in pairs.items()
+    }
+
+
+def _other_distance(view: View, disc: Disc, factor: float) -> tuple[View, float]:
+    """The view with the camera `factor` times as far away, and how much higher heights then are [px].
+
+    Lower rim and front of the face are what was seen.  From further away the lower rim bulges less beyond the upper
+    one, so that the upper one must bulge more, and the axis meets the base plane elsewhere (see `Disc`).
+    """
+    near, other = disc.nearness, disc.nearness / factor
+    deepening, changed = near / (1 - near * near), other / (1 - other * other)
+    thickness = disc.thickness * (1 + deepening) / (1 + changed)
+    bulge = max(disc.bulge + disc.thickness * deepening - thickness * changed, 0.0)
+    lift = (disc.thickness - thickness) + near * disc.bulge - other * bulge
+    radius = disc.half_width * math.sqrt(1 - other * other)
+    seen = replace(view, radius=radius, camera_height=bulge / changed, camera_distance=radius / other)
+    return seen, lift
+
+
+def _flaw_of_picture(found: Silhouette) -> str:
+    if found.cut_off:
+        return "the outline touches the edge of the picture"
+    if found.contrast < 0.3:
+        return "the outline is hardly to be told from the background"
+    if found.covered < DOUBTFUL_COVER or found.unexplained > 0.04:
+        return "beads were made out in only part of the heap"
+    if found.disc is None:
+        return "the base disc was not found, so the base line is taken from the outermost beads"
+    if found.view.looking_down > STEEPEST_VIEW:
+        down = found.view.looking_down
+        return (
+            f"the camera looks down by {down:.0f} degrees and sees no section; film from less than {STEEPEST_VIEW:.0f}"
+        )
+    if found.disc.doubtful:
+        return "the edges of the base disc are unclear, so the base line may be off"
+    apart = np.abs(found.looser - found.stricter)
+    if float(np.nanmean(apart > found.bead_radius)) > 0.1:
+        return "more than a tenth of the outline depends on the level at which beads are told from the background"
+    return ""

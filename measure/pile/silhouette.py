@@ -1,0 +1,166 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from rigtwin.lab.arrays import Array, Image
+from rigtwin.measure.bulk.beads import (
+    Beads,
+    edges,
+    find_beads,
+    likeness,
+    look_cells,
+    more_beads,
+    rim_radius,
+)
+from rigtwin.measure.bulk.outline import COVERED, Silhouette, View, outline_of
+from rigtwin.measure.pile.base_disc import FOCAL_LENGTH, Disc, find_disc
+from rigtwin.measure.scene.contrast_stretch import exposure_of
+
+FINEST = 1000  # [px], width of the picture that is measured; of 1400 the angles of the sample heap are no nearer
+
+TALLEST = 2.0  # height of a picture over its width above which its height sets the size instead
+
+COARSE = 900  # [px], width of the picture that is searched for beads
+
+
+def find_heap(
+    photo: Image,
+    *,
+    roll: float | None = None,
+    region: tuple[float, float, float, float] | None = None,
+    beads_across: float | None = None,
+    focal_length: float | None = None,
+) -> Silhouette | None:
+    """The outline of a heap of beads in a photo (BGR), None when the photo shows none.
+
+    `roll` [rad] and `region` [px] as the camera gives them, `beads_across` the base's diameter in bead diameters,
+    `focal_length` [px] of the lens where it is known.
+    """
+    focal_length = focal_length or FOCAL_LENGTH * photo.shape[1]
+    if region is not None:
+        left, top, width, height = (max(round(side), 0) for side in region)
+        part = photo[top : top + height, left : left + width]
+        found = _heap_in(part, roll, beads_across, focal_length) if part.size else None
+        return None if found is None else _moved(found, left, top)
+    return _heap_in(photo, roll, beads_across, focal_length)
+
+
+def _moved(found: Silhouette, left: float, top: float) -> Silhouette:
+    """The same in a photo that reaches further by `left` and `top` [px]."""
+    by = (left * found.zoom, top * found.zoom)
+    origin = (found.view.origin[0] + by[0], found.view.origin[1] + by[1])
+    disc = found.disc
+    if disc is not None:
+        disc = replace(disc, centre=(disc.centre[0] + by[0], disc.centre[1] + by[1]))
+    return replace(found, view=replace(found.view, origin=origin), disc=disc)
+
+
+def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal_length: float) -> Silhouette | None:
+    zoom = min(1.0, FINEST / _breadth(photo))
+    image = _shrunk(photo, zoom)
+    grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+    exposure = exposure_of(grey[::2, ::2])
+    image, grey = exposure.applied(image), exposure.applied(grey)
+    circles = _beads(grey)
+    if circles is None:
+        return None
+    beads, bead_seen = circles
+    cells = look_cells(image, beads.radius, textured=True)
+    rims = edges(grey)
+    beads = more_beads(rims, likeness(image, beads, cells), beads)
+    alike = likeness(image, beads, cells)
+    disc = find_disc(grey, alike, beads, focal_length=focal_length * zoom, roll=roll, beads_across=beads_across)
+    view = _view_of_disc(disc) if disc is not None else _view_of_feet(beads, roll)
+    if disc is not None and beads_across is not None:
+        beads = more_beads(rims, alike, Beads(beads.centre, view.radius / beads_across))
+        alike = likeness(image, beads, look_cells(image, beads.radius, textured=True))
+    found = outline_of(image, alike, beads, view)
+    if found is None:
+        return None
+    found = replace(found, disc=disc, zoom=zoom, bead_seen=bead_seen)
+    return found if _looks_like_a_heap(found) else None
+
+
+def undo_view(x: Array, height: Array, view: View, slopes: tuple[float, float]) -> tuple[Array, Array]:
+    """Outline points as they would be in a view from far away and level; all lengths in px.
+
+    The outline of a cone of slope theta is where the surface is seen edge-on: at the azimuth phi behind the plane
+    through the axis with sin phi = ((c - z) / tan theta - rho) / D, c and D the camera's height and distance.
+    `slopes` are tan(theta) of the left and right flank.
+    """
+    if not np.isfinite(view.camera_distance):
+        return x, height
+    gradient = np.where(x < 0, slopes[0], slopes[1])
+    # the camera is pointed at the heap's foot: heights are foreshortened, and what is high is nearer to it
+    down = math.radians(view.looking_down)
+    nearer = math.sin(down) * math.cos(down) / view.camera_distance
+    height = height / (math.cos(down) + nearer * height)
+    x = x * (1 - nearer * height)
+    rho, z = np.abs(x), height.copy()
+    for _ in range(4):
+        behind = np.clip(((view.camera_height - z) / gradient - rho) / view.camera_distance, -0.5, 0.5)
+        stretch = 1 + rho * behind / view.camera_distance
+        z = view.camera_height + (height - view.camera_height) * stretch
+        rho = np.abs(x) * stretch / np.sqrt(1 - behind * behind)
+    return np.sign(x) * rho, z
+
+
+def _breadth(picture: Image) -> float:
+    """[px], the width, or half the height of a picture so tall that it would take minutes by its width."""
+    return float(max(picture.shape[1], picture.shape[0] / TALLEST))
+
+
+def _shrunk(picture: Image, factor: float) -> Image:
+    if factor >= 1:
+        return picture
+    return np.asarray(cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def _beads(grey: Image) -> tuple[Beads, float] | None:
+    """Circles of the heap, and the radius [px] at which their edges end."""
+    shrink = min(1.0, COARSE / _breadth(grey))
+    small = _shrunk(grey, shrink)
+    beads = find_beads(small, (0.0045 * small.shape[1], 0.05 * small.shape[1]))
+    if beads is None:
+        return None
+    return Beads(beads.centre / shrink, beads.radius / shrink), rim_radius(small, beads) / shrink
+
+
+def _view_of_disc(disc: Disc) -> View:
+    """The camera's place relative to the base, from the ellipse of its rim.
+
+    With q the disc's radius over the camera's distance D: the rim's ends lie R / sqrt(1 - q^2) from the middle, its
+    front bulges by c q / (1 - q^2) below the line between them, and the axis meets the base plane q bulges above it.
+    """
+    q = disc.nearness
+    lift = q * disc.bulge
+    radius = disc.half_width * np.sqrt(1 - q * q)
+    origin = (disc.centre[0] + lift * np.sin(disc.roll), disc.centre[1] - lift * np.cos(disc.roll))
+    return View(origin, disc.roll, float(radius), disc.bulge * (1 - q * q) / q, float(radius / q))
+
+
+def _view_of_feet(beads: Beads, roll: float | None) -> View:
+    """No disc in sight: the base line runs under the outermost beads."""
+    order = np.argsort(beads.centre[:, 0])
+    few = max(2, len(order) // 12)
+    feet = [beads.centre[part][np.argmax(beads.centre[part][:, 1])] for part in (order[:few], order[-few:])]
+    turn = float(np.arctan2(feet[1][1] - feet[0][1], feet[1][0] - feet[0][0])) if roll is None else roll
+    middle = (feet[0] + feet[1]) / 2
+    return View((float(middle[0]), float(middle[1] + beads.radius)), turn, 0.0, 0.0, float("inf"))
+
+
+def _looks_like_a_heap(found: Silhouette) -> bool:
+    """Whether beads fill the outline, something else is behind it, and it has a heap's proportions.
+
+    Circles are found in many pictures; that they cover all of an area that ends at them is a heap's own.
+    """
+    height, width = float(np.nanmax(found.height)), float(np.sum(np.isfinite(found.height)))
+    bead = 2 * found.bead_radius
+    if height < 1.2 * bead or width < 5 * bead or height > 0.75 * width or found.alike_behind > 0.45:
+        return False
+    on_disc = found.disc is not None and found.contrast > 0.5 and found.alike_behind < 0.3
+    return found.covered > (0.6 if on_disc else COVERED)

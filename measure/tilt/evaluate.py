@@ -1,0 +1,201 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rigtwin.lab.errors import BadInput, NothingToMeasure
+from rigtwin.lab.quantity import Check, Evaluation, Quantity, doubted, failed, root_sum_of_squares
+from rigtwin.lab.records import Series, Track
+from rigtwin.measure.tilt.checks import checks_of
+from rigtwin.measure.tilt.onset import (
+    FACTOR,
+    LEAST_DOUBT,
+    USUAL_DRIFT,
+    Onset,
+    Run,
+    Variant,
+    Way,
+    find_onset,
+    find_run,
+)
+from rigtwin.measure.tilt.plate_angle import LEAST_TURN
+
+FRICTION = {"slide": "static_friction", "roll": "rolling_friction"}
+
+GIVEN_DOUBT = 0.02  # relative, of a scale read off a length in view, or of a record that somebody tracked
+
+WRONG_SCALE = 0.3  # relative misfit of the acceleration from which on the scale is not believed
+
+# checks that every number rests on
+BEHIND_ALL = {
+    "variant",
+    "creep",
+    "steady_rise",
+    "run_residuals",
+    "rest_seen",
+    "picture_at_rest",
+    "onset_certainty",
+    "shape",
+    "arm_in_view",
+    "static_camera",
+}
+
+ANGLES_ON = {"level", "camera_roll", "proportions"}
+
+# and those that it rests on besides: an angle needs no clock and no scale, a moment no horizontal
+RESTS_ON = {
+    "static_friction": BEHIND_ALL | ANGLES_ON,
+    "static_friction_angle": BEHIND_ALL | ANGLES_ON,
+    "rolling_friction": BEHIND_ALL | ANGLES_ON,
+    "rolling_friction_angle": BEHIND_ALL | ANGLES_ON,
+    "onset_time": BEHIND_ALL | {"gravity", "frame_timing", "compression"},
+    "kinetic_friction": BEHIND_ALL | {"gravity", "frame_timing"} | ANGLES_ON,
+}
+
+
+# ------------------------------------------------------------------------------------------------- record -> quantities
+
+
+def evaluate(
+    angle: Series, tracks: Sequence[Track], *, variant: Variant, bead_diameter: float | None = None
+) -> Evaluation:
+    """Friction and its angle at the onset of motion, with the time of the onset.
+
+    `angle` is the plate's angle against the horizontal over time ("rad" or "deg"); `tracks` hold the body, or the
+    bodies of one rigid clump, fixed in space with the origin on the plate's axis.  Raises `NothingToMeasure` when
+    nothing starts to move.
+    """
+    check_variant(variant)
+    way = way_down(angle, tracks, variant, bead_diameter, scale_doubt=GIVEN_DOUBT)
+    run, onset = onset_of(way, "the record")
+    return evaluate_run(way, run, onset, variant, bead_diameter)
+
+
+def check_variant(variant: str) -> None:
+    if variant not in FRICTION:
+        raise BadInput(f"measure tilt: variant {variant!r} is unknown; give 'slide' or 'roll'.")
+
+
+def way_down(
+    angle: Series, tracks: Sequence[Track], variant: Variant, bead_diameter: float | None, scale_doubt: float
+) -> Way:
+    """How far the body came down the plate: its track turned back by the plate's angle."""
+    if not tracks:
+        raise BadInput("measure tilt: the record holds no track of the body; give one beside the angle.")
+    if any(len(track.time) == 0 for track in tracks):
+        raise NothingToMeasure(
+            "measure tilt: what is on the plate is seen in no frame together with the plate's angle; is this a clip of "
+            "a tilting plate, with the body in view?"
+        )
+    turned = np.radians(angle.value) if angle.unit == "deg" else np.asarray(angle.value)
+    known = np.isfinite(turned) & np.isfinite(angle.time)
+    if known.sum() < 8:
+        raise NothingToMeasure(
+            f"measure tilt: the plate's angle is known in only {int(known.sum())} frames; is this a clip of a tilting "
+            "plate, seen from the side, and light enough?"
+        )
+    time = tracks[0].time
+    ways, sigmas = [], []
+    alpha = np.interp(time, angle.time[known], turned[known], left=np.nan, right=np.nan)
+    for track in tracks:
+        x = np.interp(time, track.time, track.position[:, 0])
+        y = np.interp(time, track.time, track.position[:, 1])
+        up = x * np.cos(alpha) + y * np.sin(alpha)
+        ways.append(-(up - np.nanmedian(up[: max(3, len(up) // 20)])))
+        sigmas.append(np.interp(time, track.time, track.sigma))
+    seen = np.isfinite(alpha) & np.all(np.isfinite(ways), axis=0)
+    if seen.sum() < 8:
+        raise NothingToMeasure(
+            f"measure tilt: body and angle are known together in only {int(seen.sum())} frames; "
+            "give records that overlap in time."
+        )
+    return Way(
+        time[seen],
+        alpha[seen],
+        np.mean(ways, axis=0)[seen],
+        np.mean(sigmas, axis=0)[seen],
+        FACTOR[variant],
+        scale_doubt,
+        bead_diameter or USUAL_DRIFT,
+        float(np.median([np.hypot(track.position[0, 0], track.position[0, 1]) for track in tracks])),
+    )
+
+
+def onset_of(way: Way, whose: str) -> tuple[Run, Onset]:
+    run = find_run(way)
+    if run is None:
+        first, last = (math.degrees(angle) for angle in (way.angle[0], way.angle[-1]))
+        if abs(last - first) < math.degrees(LEAST_TURN):
+            raise NothingToMeasure(
+                f"{whose}: what is taken for the body is seen only while the plate stands at {first:.1f} degrees, and "
+                "stays where it is; is the clip whole, sharp and one of a tilting plate?"
+            )
+        rises = last > first
+        advice = "film on until it has run down the plate." if rises else "is the clip played backwards?"
+        raise NothingToMeasure(
+            f"{whose}: the body stays where it is while the plate {'rises' if rises else 'sinks'} from {first:.1f} to "
+            f"{last:.1f} degrees; {advice}"
+        )
+    onset = find_onset(way, run)
+    if onset is not None and math.isfinite(way.scale_doubt) and abs(onset.gain - 1) > WRONG_SCALE:
+        # a scale that far off must not pull the onset along: let the run tell its own
+        onset = find_onset(replace(way, scale_doubt=math.inf), run)
+    if onset is None:
+        raise NothingToMeasure(
+            f"{whose}: the body is already moving, or hardly seen, when it starts down the plate at "
+            f"{way.time[run.start]:.3f} s; let the clip begin at least 0.2 s before and end after the run."
+        )
+    return run, onset
+
+
+def evaluate_run(
+    way: Way,
+    run: Run,
+    onset: Onset,
+    variant: Variant,
+    bead_diameter: float | None,
+    geometry: Mapping[str, float] | None = None,
+    timing: Mapping[str, float] | None = None,
+) -> Evaluation:
+    """`geometry` and `timing` hold what a film adds to the doubt of the angle [rad] and of the time [s]."""
+    geometry = geometry or {}
+    judged = checks_of(way, onset, variant, bead_diameter)
+    checks = tuple(each for each in judged if isinstance(each, Check))
+    name = FRICTION[variant]
+    budget = {"onset": onset.angle_sigma, **geometry}
+    slope = 1 + math.tan(onset.angle) ** 2
+    degrees = {part: math.degrees(value) for part, value in budget.items()}
+    tangent = {part: slope * value for part, value in budget.items()}
+    quantities = [
+        _quantity(name, math.tan(onset.angle), "1", tangent),
+        _quantity(f"{name}_angle", math.degrees(onset.angle), "deg", degrees),
+        _quantity("onset_time", onset.time, "s", {"onset": onset.time_sigma, **(timing or {})}),
+    ]
+    if variant == "slide" and math.isfinite(way.scale_doubt):
+        # the acceleration, which the friction of the moving body falls short of the slope by, goes with the scale
+        scale = min(way.scale_doubt, LEAST_DOUBT) * abs(math.tan(onset.angle) - onset.moving_friction)
+        turned = {part: slope * value for part, value in geometry.items()}
+        moving = {"acceleration": onset.moving_sigma, "scale": scale, **turned}
+        quantities.append(
+            Quantity(
+                "kinetic_friction",
+                onset.moving_friction,
+                root_sum_of_squares(moving),
+                "1",
+                "acceleration",
+                budget=moving,
+            )
+        )
+    warnings = tuple(each for each in judged if isinstance(each, str))
+    return Evaluation(judged_quantities(quantities, checks), checks, warnings)
+
+
+def judged_quantities(quantities: Sequence[Quantity], checks: Sequence[Check]) -> tuple[Quantity, ...]:
+    return tuple(doubted(quantity, failed(checks, RESTS_ON[quantity.quantity])) for quantity in quantities)
+
+
+def _quantity(name: str, value: float, unit: str, budget: dict[str, float]) -> Quantity:
+    return Quantity(name, value, root_sum_of_squares(budget), unit, "onset", budget=budget)

@@ -1,0 +1,147 @@
+"""What a measured tilt looks like: annotated video, still at the onset, plot of the way down the plate and its fit."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from rigtwin.lab.arrays import Array, Image
+from rigtwin.lab.progress import Progress
+from rigtwin.lab.quantity import Measurement, Quantity
+from rigtwin.lab.records import Series, write_series, write_tracks
+from rigtwin.measure.drawing import (
+    GREEN,
+    ORANGE,
+    RED,
+    SKY,
+    YELLOW,
+    Colour,
+    OverlayVideo,
+    draw_caption,
+    draw_cross,
+    draw_line,
+    draw_path,
+    save_picture,
+    save_plot,
+)
+from rigtwin.measure.media.video import Video
+from rigtwin.measure.tilt.observe import Film
+from rigtwin.measure.tilt.onset import Onset, Way
+
+
+def write_pictures(
+    out: Path,
+    measurement: Measurement,
+    video: Video,
+    film: Film,
+    way: Way,
+    onset: Onset,
+    angle: Series,
+    progress: Progress,
+) -> dict[str, Path]:
+    """Write overlay, still, plot, track and angle into `out`; returns what was written."""
+    out.mkdir(parents=True, exist_ok=True)
+    stem = measurement.source.stem
+    files = {
+        "overlay": out / f"{stem}-overlay.mp4",
+        "still": out / f"{stem}-still.png",
+        "plot": out / f"{stem}-plot.svg",
+        "record": out / f"{stem}-track.csv",
+        "angle": out / f"{stem}-angle.csv",
+    }
+    still = _write_video(files["overlay"], measurement, video, film, onset, angle, progress)
+    if still is not None:
+        save_picture(files["still"], still)
+    write_plot(files["plot"], way, onset, measurement.quantities[1])
+    write_tracks(files["record"], measurement.tracks)
+    write_series(files["angle"], angle)
+    return files
+
+
+def write_plot(path: Path, way: Way, onset: Onset, found: Quantity) -> None:
+    """Way down the plate with the fitted run, its residuals, and the angle of the plate."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8, 6.5))
+    upper, middle, lower = figure.subplots(3, 1, sharex=True, height_ratios=[3, 1, 1.5])
+    upper.plot(way.time, way.down * 1e3, ".", ms=3, color="0.6", label="body, every frame")
+    upper.plot(way.time, onset.fitted * 1e3, color="#D55E00", lw=1, label="fitted rest and run")
+    upper.set_ylabel("way down the plate / mm")
+    upper.legend(fontsize=7, loc="upper left")
+    residual = (way.down - onset.fitted) * 1e3
+    middle.plot(way.time, residual, ".", ms=3, color="#0072B2")
+    reach = 6 * onset.noise * 1e3
+    middle.set_ylim(-reach, reach)
+    middle.set_ylabel("residual / mm")
+    lower.plot(way.time, np.degrees(way.angle), color="#0072B2", lw=1)
+    lower.axhline(found.value, color="#009E73", lw=0.6)
+    lower.set_ylabel("angle / deg")
+    lower.set_xlabel("time / s")
+    for axes in (upper, middle, lower):
+        axes.axvspan(onset.time - 2 * onset.time_sigma, onset.time + 2 * onset.time_sigma, color="#009E73", alpha=0.3)
+        axes.axvline(onset.time, color="#009E73", lw=0.8)
+    upper.set_title(f"onset at {onset.time:.3f} s, {found.value:.2f} ± {found.std_uncertainty:.2f}°", fontsize=9)
+    save_plot(path, figure)
+
+
+def _write_video(
+    path: Path,
+    measurement: Measurement,
+    video: Video,
+    film: Film,
+    onset: Onset,
+    angle: Series,
+    progress: Progress,
+) -> Image | None:
+    """The annotated clip; returns the picture of the first frame after the onset."""
+    still = None
+    with OverlayVideo(path, frame_rate=min(video.playback_rate or 30.0, 30.0)) as overlay:
+        for k, frame in enumerate(video.frames()):
+            picture = frame.colour.copy()
+            _mark(picture, film, k)
+            alpha = math.degrees(float(np.interp(frame.time, angle.time, angle.value)))
+            caption: list[str | tuple[str, Colour]] = [f"frame {frame.index}   {frame.time:.3f} s   {alpha:.2f}°"]
+            if frame.time >= onset.time:
+                found = measurement.quantities[1]
+                caption.append((f"onset at {found.value:.2f} ± {found.std_uncertainty:.2f}°", RED))
+            draw_caption(picture, caption)
+            if frame.time >= onset.time and still is None:
+                still = picture.copy()
+            overlay.write(picture)
+            progress("drawing the overlay", k + 1, len(film.frames))
+    return still
+
+
+def _mark(picture: Image, film: Film, k: int) -> None:
+    """Arm, its pivot, the level edges and the body in one frame."""
+    shake = np.array(film.poses[k].shake)
+    for line in () if film.level is None else film.level.lines:
+        draw_line(picture, _moved(line.start, shake), _moved(line.end, shake), SKY)
+    direction = film.directions[k]
+    if not math.isfinite(direction):
+        return
+    for edge in film.arm.edges:
+        ends = [
+            _place(film, direction, float(film.arm.along[column]), edge.row, shake) for column in (edge.start, edge.end)
+        ]
+        draw_line(picture, ends[0], ends[1], GREEN)
+    draw_cross(picture, _moved(film.arm.pivot, shake), 6, YELLOW)
+    step = film.steps[k]
+    if step is not None:
+        x, y = film.body.centre[0] + step.along, film.body.centre[1] + step.across
+        wide, high = film.body.size[0] / 2, film.body.size[1] / 2
+        corners = [(x - wide, y - high), (x + wide, y - high), (x + wide, y + high), (x - wide, y + high)]
+        draw_path(picture, [_place(film, direction, *corner, shake) for corner in corners], ORANGE, closed=True)
+
+
+def _place(film: Film, direction: float, along: float, across: float, shake: Array) -> tuple[float, float]:
+    cos, sin = math.cos(direction), math.sin(direction)
+    x = film.arm.pivot[0] + along * cos - across * sin + shake[0]
+    y = film.arm.pivot[1] + along * sin + across * cos + shake[1]
+    return float(x), float(y)
+
+
+def _moved(point: tuple[float, float], shake: Array) -> tuple[float, float]:
+    return float(point[0] + shake[0]), float(point[1] + shake[1])

@@ -1,0 +1,120 @@
+"""A plate is tilted until a body on it slides or rolls: friction from the angle at the onset.
+
+Hlosta et al. 2020, eqs. 3 and 4: mu = tan(alpha) where motion begins.
+
+`measure` turns a clip into the plate's angle and the body's track, `evaluate` does the rest for any such record, filmed
+or simulated.  The onset is found by running the body's motion back to rest (`measure.onset`), not by a threshold.
+
+A track is fixed in space, its origin on the axis about which the plate turns: x points to where the plate rises, y up.
+The angle is that of the plate against the horizontal, positive.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.checksums import sha256
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.quantity import Check, Measurement, doubted
+from rigtwin.lab.records import Series, Track
+from rigtwin.measure.media.compression import compression_check
+from rigtwin.measure.media.duplicate_frames import at_its_pace
+from rigtwin.measure.media.video import open_video
+from rigtwin.measure.scene.checks import camera_by_scene
+from rigtwin.measure.tilt.evaluate import check_variant, evaluate_run, judged_quantities, onset_of, way_down
+from rigtwin.measure.tilt.film_checks import portrait_check, shape_check, view_checks
+from rigtwin.measure.tilt.observe import PERSPECTIVE, Film, Gauge, by_the_run, gauge_of, record, watch
+from rigtwin.measure.tilt.onset import (
+    Onset,
+    Run,
+    Variant,
+    Way,
+)
+
+STARVED = 0.006  # bits per pixel, below which a film in which so little moves leaves out what is faint
+
+
+def measure(
+    clip: Path,
+    camera: Camera,
+    *,
+    variant: Variant,
+    bead_diameter: float | None = None,
+    arm_length: float | None = None,
+    out: Path | None = None,
+    progress: Progress = silent,
+) -> Measurement:
+    """Measure a clip of a tilting plate with a body on it.
+
+    `bead_diameter` [m] or `arm_length` [m, hinge to tip] give the scale, which only the acceleration check and the
+    kinetic friction need; the angle needs none.  The base plate under the arm is taken to be level, unless the
+    camera's roll is given.  Raises `NothingToMeasure` when no straight arm turns or nothing moves on it.
+    """
+    check_variant(variant)
+    video = at_its_pace(open_video(clip, camera), progress)
+    film = watch(video, camera, progress)
+    gauge = gauge_of(film, camera, bead_diameter, arm_length)
+
+    def read(film: Film, gauge: Gauge) -> tuple[Series, Track, Way, Run, Onset]:
+        angle, track = record(film, gauge)
+        way = way_down(angle, [track], variant, bead_diameter, gauge.doubt)
+        return angle, track, way, *onset_of(way, str(clip))
+
+    angle, track, way, run, onset = read(film, gauge)
+    by_turn_alone, film = film, by_the_run(film, way, run, onset, video)
+    if np.any(film.missing != by_turn_alone.missing):
+        angle, track, way, run, onset = read(film, gauge)
+    if not math.isfinite(gauge.doubt):
+        # only now, for it hangs on the square of all times
+        gauge = replace(gauge, scale=gauge.scale / onset.gain, source="gravity")
+        angle, track, way, run, onset = read(film, gauge)
+    geometry = {
+        "level": gauge.level.sigma,
+        "arm": max(film.arm.tilt_sigma, float(np.nanmedian(film.sigmas))),
+        "perspective": PERSPECTIVE,
+    }
+    # an exposure lasts up to a frame, and a time stamp tells its start
+    timing = {"exposure": 0.2 / video.frame_rate}
+    if put_right := int(np.sum(film.missing[film.times <= onset.time] > 0)):
+        # a jerk of the plate looks like a frame that is missing
+        timing["missing frames"] = 0.5 * math.sqrt(put_right) / video.frame_rate
+    evaluation = evaluate_run(way, run, onset, variant, bead_diameter, geometry, timing)
+    still = camera_by_scene(film.poses)
+    of_film = (
+        shape_check(film.body, variant),
+        *portrait_check(film, onset),
+        *view_checks(film, gauge, video, onset),
+        compression_check(video, STARVED),
+        *([still] if isinstance(still, Check) else []),
+    )
+    checks = (*evaluation.checks, *of_film)
+    quantities = judged_quantities([doubted(each, video.spoilt) for each in evaluation.quantities], of_film)
+    measurement = Measurement(
+        rig="tilt",
+        source=clip,
+        source_sha256=sha256(clip),
+        quantities=quantities,
+        checks=checks,
+        warnings=(*video.warnings, *evaluation.warnings, *([still] if isinstance(still, str) else [])),
+        camera={
+            "frame_rate_hz": video.frame_rate,
+            "playback_rate_hz": video.playback_rate,
+            "scale_m_per_px": gauge.scale,
+            "scale_from": gauge.source,
+            "camera_roll_deg": math.degrees(gauge.level.roll),
+            "camera_roll_std_deg": math.degrees(gauge.level.sigma),
+            "camera_roll_from": gauge.level.source,
+        },
+        tracks=(track,),
+        series=(angle,),
+    )
+    if out is None:
+        return measurement
+    from rigtwin.measure.tilt.figures import write_pictures
+
+    return replace(measurement, files=write_pictures(out, measurement, video, film, way, onset, angle, progress))

@@ -1,0 +1,286 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.arrays import Array, FloatImage
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.lab.progress import Progress
+from rigtwin.lab.records import Series, Track
+from rigtwin.measure.geometry.horizon import Level, find_level
+from rigtwin.measure.media.video import Video
+from rigtwin.measure.scene.background import Background, learn_scene
+from rigtwin.measure.scene.contrast_stretch import DIMMEST
+from rigtwin.measure.scene.pose import Pose
+from rigtwin.measure.scene.scene import Scene
+from rigtwin.measure.tilt.body_track import SATURATED, Arrival, Passenger, Step, find_passenger, follow, glare
+from rigtwin.measure.tilt.checks import BEGIN_EARLIER, LEAST_REST
+from rigtwin.measure.tilt.evaluate import GIVEN_DOUBT
+from rigtwin.measure.tilt.lost_frames import gaps_by_run, gaps_by_turn
+from rigtwin.measure.tilt.occluders import in_front
+from rigtwin.measure.tilt.onset import (
+    Onset,
+    Run,
+    Way,
+    jitter,
+)
+from rigtwin.measure.tilt.plate_angle import LEAST_TURN, Arm, find_arm, lay_over
+
+PERSPECTIVE = math.radians(0.02)  # a plate that is not quite parallel to the picture
+
+GIVEN_ROLL = math.radians(0.1)  # standard uncertainty of a stated camera roll
+
+MOVED = 0.08  # [px], how far a body that has left the pixels on which it rested lies off its picture
+
+AT_REST = 0.1  # [px], within which it has not left them
+
+NO_LEVEL = math.radians(1.0)  # standard uncertainty of a camera roll that nothing tells
+
+BEAD_DOUBT = 0.12  # relative, of a scale from the outline of a body on the plate
+
+MOST_WHITE = 0.25  # of the picture: more is no highlight
+
+NOMINAL = 3e-4  # [m/px], where no scale is known: only a unit
+
+
+# ---------------------------------------------------------------------------------------------------- media -> record
+
+
+@dataclass(frozen=True)
+class Film:
+    """Arm and body followed through a clip; directions and shifts as the picture shows them."""
+
+    arm: Arm
+    level: Level | None
+    body: Passenger
+    frames: npt.NDArray[np.int64]  # frame numbers, shape (n,)
+    times: Array  # [s], shape (n,)
+    directions: Array  # [rad], of the arm in the picture, NaN where it is not seen, shape (n,)
+    sigmas: Array  # [rad], of the directions
+    steps: tuple[Step | None, ...]  # the body against its place at rest
+    poses: tuple[Pose, ...]  # of the frames over the still scene
+    uphill: int  # +1 where the arm rises to the right
+    picture: FloatImage = field(repr=False)  # the still scene
+    missing: npt.NDArray[np.int64]  # frames that the film lacks before each, shape (n,)
+    told: npt.NDArray[np.bool_]  # whether the plate turns so far that one which is missing stands out, shape (n,)
+    repeated: int = 0  # frames of the run that repeat the one before and put off all that follow
+    lost_in_run: int = 0  # frames that are missing there by how far the body moves, and not by the plate's turn
+
+
+@dataclass(frozen=True)
+class Horizontal:
+    """How the horizontal runs through the picture at the arm's height."""
+
+    roll: float  # [rad], positive where it falls to the right
+    sigma: float  # [rad], one standard deviation
+    source: str
+    seen: tuple[float, float] | None  # [rad], that of the base plate's edges and its standard deviation
+
+
+@dataclass(frozen=True)
+class Gauge:
+    """Scale and horizontal."""
+
+    scale: float  # [m/px]
+    doubt: float  # relative standard uncertainty; infinite without a scale
+    source: str
+    level: Horizontal
+
+
+def watch(video: Video, camera: Camera, progress: Progress) -> Film:
+    learnt = learn_scene(video)
+    scene = learnt.scene()
+    stack = np.stack(list(_laid_over(scene, learnt).values()))
+    moved = np.percentile(stack, 90, axis=0) - np.percentile(stack, 10, axis=0)
+    still = moved < 6 * float(np.median(moved)) + 6
+    # of a scene with few edges of its own the arm as it turns would pull the frames along
+    scene = replace(scene, moving=~still)
+    samples = _laid_over(scene, learnt)
+    progress("looking for the arm", 0, 1)
+    arm = find_arm(samples)
+    if arm is None or not arm.edges:
+        raise NothingToMeasure(
+            f"{video.path}: {_poorly_lit(samples)}no straight arm turns by {math.degrees(LEAST_TURN):.1f} degrees or "
+            "more in the clip; film the plate from the side with a still camera, from before the tilt to after the run."
+        )
+    lowest = arm.pivot[1] + max(edge.row for edge in arm.edges) + 4
+    level = find_level(scene.picture, still, lowest, arm.converging)
+    horizontal = 0.0 if level is None else level.slope
+    usual = float(np.median(list(arm.directions.values()))) + arm.tilt
+    uphill = 1 if usual < horizontal else -1
+    body = find_passenger(arm, samples, uphill, glare(scene.picture) | in_front(arm, still))
+    if body is None:
+        raise NothingToMeasure(
+            f"{video.path}: {_poorly_lit(samples)}an arm turns, but nothing is seen to rest on its upper side at first "
+            "and to have left its place at the end; film on until the body has slid or rolled down, in contrast."
+        )
+    if isinstance(body, Arrival):
+        raise NothingToMeasure(
+            f"{video.path}: what comes down the plate by {video.times[body.frame]:.3f} s is not seen at rest before: "
+            f"it moves in the first pictures already. {BEGIN_EARLIER}"
+        )
+    return _follow(video, scene, arm, level, body, uphill, progress)
+
+
+def _poorly_lit(samples: Mapping[int, FloatImage]) -> str:
+    """What is wrong with the pictures themselves, as the beginning of a sentence; empty where nothing is."""
+    blank = sum(float(np.ptp(np.percentile(picture, (0.5, 99.5)))) < DIMMEST for picture in samples.values())
+    if blank:
+        rest = "in what remains " if blank < len(samples) else ""
+        return f"{blank} of {len(samples)} pictures looked at show nothing but one brightness; {rest}"
+    # a film's brightness often ends at 235
+    white = float(np.mean([np.mean(picture >= max(picture.max() - 3, SATURATED)) for picture in samples.values()]))
+    return f"{100 * white:.0f} % of the picture is white, overexposed; " if white > MOST_WHITE else ""
+
+
+def _laid_over(scene: Scene, learnt: Background) -> dict[int, FloatImage]:
+    return {number: scene.view(frame).grey for number, frame in learnt.samples().items()}
+
+
+def _follow(
+    video: Video, scene: Scene, arm: Arm, level: Level | None, body: Passenger, uphill: int, progress: Progress
+) -> Film:
+    """Arm and body in every frame, each predicted from the frames before."""
+    numbers, directions, sigmas, steps, poses = [], [], [], [], []
+    shake = (0.0, 0.0)
+    known = sorted(arm.directions)
+    sampled = np.array([arm.directions[n] for n in known])
+    place, speed, lost = np.zeros(2), 0.0, 0
+    usual, before = float(np.median(np.diff(video.times))), math.nan
+    for frame in video.frames():
+        # where frames are missing it goes as much further
+        lasts = 1.0 if math.isnan(before) else (video.times[frame.index] - before) / usual
+        before = video.times[frame.index]
+        view = scene.view(frame.grey, shake)
+        shake = view.shake
+        guess = float(np.interp(frame.index, known, sampled))
+        turn = lay_over(arm, view.grey, guess, reach=6)
+        direction = guess if turn is None else turn.direction
+        step = None
+        if lost < 20:
+            # downhill it may speed up by a good part of its size from frame to frame
+            expected = place + np.array([speed * lasts, 0.0])
+            step = follow(arm, body, view.grey, direction, expected.tolist(), 1.0)
+            if step is None or abs(speed) > 1.0 or abs(step.along - place[0]) > 1.0:
+                reach = 6.0 + 0.6 * abs(speed) * lasts + 1.5 * lost
+                wide = follow(arm, body, view.grey, direction, expected.tolist(), reach)
+                if wide is None or step is None or wide.likeness > step.likeness + 0.01:
+                    step = wide if wide is not None else step
+            if step is not None:
+                moved = (step.along - place[0]) / max(lasts, 0.5)
+                speed = moved if abs(moved) > 0.5 else 0.0
+                place, lost = np.array([step.along, step.across]), 0
+            elif frame.index > body.rests[-1]:
+                lost += 1
+                place = expected
+        numbers.append(frame.index)
+        directions.append(math.nan if turn is None else turn.direction)
+        sigmas.append(math.nan if turn is None else turn.sigma)
+        steps.append(step)
+        poses.append(view.pose)
+        progress("following arm and body", frame.index - video.first + 1, video.last - video.first + 1)
+    index = np.array(numbers)
+    gaps = gaps_by_turn(video.times[index], np.array(directions))
+    return Film(
+        arm,
+        level,
+        body,
+        index,
+        video.times[index] + np.cumsum(gaps.missing) / video.frame_rate,
+        np.array(directions),
+        np.array(sigmas),
+        tuple(steps),
+        tuple(poses),
+        uphill,
+        scene.picture,
+        gaps.missing,
+        gaps.told,
+    )
+
+
+def by_the_run(film: Film, way: Way, run: Run, onset: Onset, video: Video) -> Film:
+    """The film with the frames that are missing by the body's run where that tells, and else by the plate's turn."""
+    first = int(np.searchsorted(way.time, onset.time))
+    rest = float(np.median(way.down[max(first - LEAST_REST, 0) : first + 1]))
+    frames = np.searchsorted(film.times, way.time[first : run.end])
+    raw = video.times[film.frames]
+    gaps = gaps_by_run(raw[frames], way.down[first : run.end] - rest, way.sigma[first : run.end])
+    lost = np.maximum(gaps.missing, 0)
+    missing = film.missing.copy()
+    missing[frames[gaps.told]] = lost[gaps.told]
+    return replace(
+        film,
+        missing=missing,
+        times=raw + np.cumsum(missing) / video.frame_rate,
+        repeated=int(np.sum(gaps.missing < 0)),
+        lost_in_run=int(lost[film.missing[frames] == 0].sum()),
+    )
+
+
+def gauge_of(film: Film, camera: Camera, bead_diameter: float | None, arm_length: float | None) -> Gauge:
+    level = _horizontal(film, camera)
+    if camera.given_scale is not None:
+        doubt = camera.scale_doubt(GIVEN_DOUBT)
+        return Gauge(camera.given_scale, doubt, camera.scale_from, level)
+    if arm_length is not None:
+        tip = film.arm.span[1] if film.uphill > 0 else -film.arm.span[0]
+        # the arm's front is nearer to the camera than the body on its middle
+        return Gauge(arm_length / tip, 0.05, "arm length", level)
+    if bead_diameter is not None:
+        # a clump is one bead high; what glare leaves of its picture has notches, which no circle may be fitted between
+        return Gauge(bead_diameter / film.body.size[1], BEAD_DOUBT, "bead diameter", level)
+    return Gauge(NOMINAL, math.inf, "not known", level)
+
+
+def _horizontal(film: Film, camera: Camera) -> Horizontal:
+    """The horizontal at the arm's height in the picture."""
+    usual = float(np.nanmedian(film.directions)) if np.any(np.isfinite(film.directions)) else 0.0
+    x, y = (film.picture.shape[1] - 1) / 2, (film.picture.shape[0] - 1) / 2
+    # an edge that runs through the picture's middle is seen at its own slope, wherever the camera looks
+    row = y + (film.arm.pivot[1] - y) * math.cos(usual) - (film.arm.pivot[0] - x) * math.sin(usual)
+    seen = None if film.level is None else film.level.at(row)
+    if camera.roll is not None:
+        # where the picture shows another horizontal, either may be right: a bench may slope, a reading may be off
+        apart = 0.0 if seen is None else abs(camera.roll - seen[0])
+        return Horizontal(camera.roll, math.hypot(GIVEN_ROLL, apart / 2), "given", seen)
+    if seen is None:
+        return Horizontal(0.0, NO_LEVEL, "not known", None)
+    return Horizontal(*seen, "base plate", seen)
+
+
+def record(film: Film, gauge: Gauge) -> tuple[Series, Track]:
+    """The plate's angle, and the body's track in metres about the axis."""
+    sign = film.uphill
+    angle = -sign * (film.directions + film.arm.tilt - gauge.level.roll)
+    seen = np.array([step is not None for step in film.steps]) & np.isfinite(angle)
+    kept = [step for step in film.steps if step is not None]
+    both = np.array([step is not None for step in film.steps])
+    along = np.full(len(both), np.nan)
+    across = np.full(len(both), np.nan)
+    sigma = np.full(len(both), np.nan)
+    along[both] = [film.body.centre[0] + step.along for step in kept]
+    across[both] = [film.body.centre[1] + step.across for step in kept]
+    sigma[both] = [step.sigma for step in kept]
+    sigma = np.hypot(sigma, _wander(along - film.body.centre[0]))
+    up, high = sign * along[seen] * gauge.scale, -across[seen] * gauge.scale
+    cos, sin = np.cos(angle[seen]), np.sin(angle[seen])
+    position = np.column_stack([up * cos - high * sin, up * sin + high * cos])
+    series = Series(film.times[np.isfinite(angle)], angle[np.isfinite(angle)], "plate_angle", "rad")
+    return series, Track(film.times[seen], position, sigma[seen] * gauge.scale, "body")
+
+
+def _wander(moved: Array) -> Array:
+    """[px], doubt of the place of a body that has moved off the pixels it rested on by `moved` [px].
+
+    It lies over its picture to a part of a pixel only, and all along one pixel wrong alike: the many frames in which it
+    is slow tell no more than one.
+    """
+    moved = np.maximum(np.abs(moved) - max(AT_REST, 4 * jitter(moved)), 0.0)
+    near = np.sort(moved[np.isfinite(moved)])
+    alike = np.searchsorted(near, moved + 0.5) - np.searchsorted(near, moved - 0.5)
+    return np.asarray(MOVED * np.minimum(moved, 1.0) * np.sqrt(np.maximum(alike, 1)))

@@ -1,0 +1,401 @@
+"""Find a straight arm that turns about a hinge in a video of a still scene, and its angle in every frame.
+
+The arm shows as long straight edges that turn together, whatever its colour: moving edges are collected in a few
+frames spread over the clip (Hough, by gradient direction), one hinge explains them all, and the arm turned back about
+that hinge is a still picture.  Every frame is then laid over that picture edge by edge: one common turn, and a shift
+of each edge of its own, because edges at other depths shift a little differently.
+
+Picture coordinates: x right, y down.  An arm's direction is the angle [rad] of its line in the picture, positive where
+it falls to the right.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.arrays import Array, FloatImage, GreyImage
+from rigtwin.measure.geometry.lines import fullest_run, gradient, straight
+
+STEEPEST = math.radians(65)  # of an arm
+TURN_STEP = math.radians(0.25)  # of the search
+SHORTEST = 0.12  # of the picture's width, of an edge that counts
+REACH = 4  # [px], rows on each side of an edge that are compared
+PARALLEL = math.radians(0.35)  # edges of the arm
+NOT_PARALLEL = math.radians(0.025)  # how parallel the edges of an arm are
+LEAST_TURN = math.radians(0.4)  # of a clip that shows a tilt
+
+
+@dataclass(frozen=True)
+class Edge:
+    """A straight edge of the arm, in the arm's own coordinates."""
+
+    row: float  # [px], across the arm, positive towards the picture's bottom
+    start: int  # first column along the arm
+    end: int  # last column
+    slope: float  # [rad], of the edge against the arm's coordinates
+    strength: float  # [grey/px]
+
+
+@dataclass(frozen=True)
+class Arm:
+    """An arm at rest: its picture turned back about the pivot."""
+
+    pivot: tuple[float, float]  # [px], in the still scene
+    along: Array  # [px], distance from the pivot of every column, signed as x
+    across: Array  # [px], of every row, positive down
+    picture: FloatImage = field(repr=False)  # [grey levels], shape (rows, columns)
+    edges: tuple[Edge, ...]
+    span: tuple[float, float]  # [px], along: where the arm's edges begin and end
+    directions: dict[int, float]  # [rad], of the sample frames, from the search
+
+    def cut(self, frame: FloatImage | GreyImage, direction: float, along: Array, across: Array) -> FloatImage:
+        """The pixels of a steady frame in the arm's coordinates, shape (rows, columns)."""
+        return turned_back(frame, self.pivot, direction, along, across)
+
+    @property
+    def tilt(self) -> float:
+        """[rad], of the edges against the arm's coordinates, and with it the arm's direction at turn zero."""
+        weight = np.array([edge.strength**2 * (edge.end - edge.start) ** 3 for edge in self.edges])
+        return float(weight @ np.array([edge.slope for edge in self.edges]) / weight.sum())
+
+    @property
+    def tilt_sigma(self) -> float:
+        """[rad], scatter between its edges: perspective, and edges that are not quite parallel."""
+        slopes = np.array([edge.slope for edge in self.edges])
+        weight = np.array([edge.strength**2 * (edge.end - edge.start) ** 3 for edge in self.edges])
+        spread = math.sqrt(float(weight @ (slopes - self.tilt) ** 2 / weight.sum()))
+        return spread / math.sqrt(max(len(slopes) - 1, 1))
+
+    @property
+    def converging(self) -> tuple[float, float] | None:
+        """How the slope of its edges changes per row downwards, and how surely [rad/px]: the camera looks sideways."""
+        rows = np.array([edge.row for edge in self.edges])
+        if len(rows) < 3 or np.ptp(rows) < 8:
+            return None
+        slopes = np.array([edge.slope for edge in self.edges])
+        weight = np.array([edge.strength * (edge.end - edge.start) for edge in self.edges])
+        middle = weight @ rows / weight.sum()
+        moment = float(weight @ (rows - middle) ** 2 / weight.sum())
+        change = float(weight @ ((rows - middle) * slopes) / weight.sum()) / moment
+        # what lies on the plate, or a mark on it, makes edges that run their own way
+        off = slopes - weight @ slopes / weight.sum() - change * (rows - middle)
+        scatter = math.sqrt(float(weight @ off**2 / weight.sum()) * len(rows) / (len(rows) - 2))
+        return change, math.hypot(NOT_PARALLEL, scatter) / math.sqrt(moment * len(rows))
+
+
+@dataclass(frozen=True)
+class Turn:
+    """The arm in one frame."""
+
+    direction: float  # [rad]
+    sigma: float  # [rad]
+    shift: float  # [px], across the arm, mean of its edges
+
+
+def turned_back(
+    frame: FloatImage | GreyImage, pivot: tuple[float, float], direction: float, along: Array, across: Array
+) -> FloatImage:
+    """Pixels at `along` x `across` in coordinates turned by `direction` about `pivot`, shape (rows, columns)."""
+    cos, sin = math.cos(direction), math.sin(direction)
+    x = pivot[0] + along[None, :] * cos - across[:, None] * sin
+    y = pivot[1] + along[None, :] * sin + across[:, None] * cos
+    return np.asarray(
+        cv2.remap(frame, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE),
+        dtype=np.float32,
+    )
+
+
+def find_arm(frames: dict[int, FloatImage]) -> Arm | None:
+    """The arm in steady sample frames by frame number; None when nothing straight turns."""
+    numbers = sorted(frames)
+    pictures = [frames[number] for number in numbers]
+    moving = [_moving_edges(pictures, k) for k in range(len(pictures))]
+    height, width = pictures[0].shape
+    votes = [_votes(x, y, slope, weight, width, height) for x, y, slope, weight in moving]
+    path = _direction_path(np.array([_evidence(vote) for vote in votes]))
+    directions = _GRID[path]
+    if float(np.ptp(directions)) < LEAST_TURN:
+        return None
+    pivot = _pivot(votes, path, width, height)
+    if pivot is None:
+        return None
+    return _picture_of(dict(zip(numbers, directions.tolist(), strict=True)), pivot, frames)
+
+
+_GRID = np.arange(-STEEPEST, STEEPEST + TURN_STEP / 2, TURN_STEP)
+
+
+def _moving_edges(pictures: Sequence[FloatImage], k: int) -> tuple[Array, Array, Array, Array]:
+    """x, y, direction and weight of edge pixels of picture k that some other picture does not have there."""
+    here_x, here_y = gradient(pictures[k])
+    strength = np.hypot(here_x, here_y)
+    others = {0, len(pictures) // 2, len(pictures) - 1} - {k}
+    moved = np.zeros_like(strength)
+    for other in others:
+        there_x, there_y = gradient(pictures[other])
+        moved = np.maximum(moved, np.hypot(here_x - there_x, here_y - there_y))
+    weight = np.minimum(strength, moved)
+    noise = max(3.5 * float(np.median(weight)), 0.5)
+    weight[:3] = weight[-3:] = 0
+    weight[:, :3] = weight[:, -3:] = 0
+    y, x = np.nonzero((weight > noise) & (np.abs(here_x) < math.tan(STEEPEST + 0.1) * np.abs(here_y)))
+    direction = np.arctan(-here_x[y, x] / here_y[y, x])
+    # a strong edge is not many times better than a clear one: length is what tells an arm
+    capped = np.minimum(weight[y, x], 4 * noise) / noise
+    return x.astype(np.float64), y.astype(np.float64), direction.astype(np.float64), capped.astype(np.float64)
+
+
+def _votes(x: Array, y: Array, direction: Array, weight: Array, width: int, height: int) -> Array:
+    """Hough votes by direction and distance of the line from the picture's centre, shape (directions, distances)."""
+    reach = math.ceil(math.hypot(width, height) / 2) + 2
+    table = np.zeros((len(_GRID), 2 * reach + 1))
+    nearest = np.rint((direction + STEEPEST) / TURN_STEP).astype(np.int64)
+    for offset in range(-24, 25):
+        k = nearest + offset
+        fits = (k >= 0) & (k < len(_GRID))
+        angle = _GRID[k[fits]]
+        distance = -(x[fits] - width / 2) * np.sin(angle) + (y[fits] - height / 2) * np.cos(angle)
+        place = k[fits] * table.shape[1] + np.rint(distance).astype(np.int64) + reach
+        table += np.bincount(place, weights=weight[fits], minlength=table.size).reshape(table.shape)
+    return np.asarray(cv2.blur(table, (3, 1)) * 3)
+
+
+def _evidence(votes: Array) -> Array:
+    """How strongly each direction shows: its three longest lines, squared so that one long one beats many short."""
+    longest = np.sort(votes[:, ::3], axis=1)[:, -3:]
+    return np.asarray(np.sqrt(np.sum(longest**2, axis=1)))
+
+
+def _direction_path(evidence: Array) -> npt.NDArray[np.int64]:
+    """The direction in every sample frame that shows best and moves steadily (Viterbi)."""
+    count, grid = evidence.shape
+    scale = np.percentile(evidence, 99.5) + 1e-9
+    gain = evidence / scale
+    step = np.abs(np.arange(grid)[:, None] - np.arange(grid)[None, :])
+    price = 0.012 * np.minimum(step, 60)
+    total = gain[0]
+    came = np.zeros((count, grid), dtype=np.int64)
+    for k in range(1, count):
+        table = total[None, :] - price
+        came[k] = np.argmax(table, axis=1)
+        total = table[np.arange(grid), came[k]] + gain[k]
+    path = np.zeros(count, dtype=np.int64)
+    path[-1] = int(np.argmax(total))
+    for k in range(count - 1, 0, -1):
+        path[k - 1] = came[k, path[k]]
+    return path
+
+
+def _pivot(votes: Sequence[Array], path: npt.NDArray[np.int64], width: int, height: int) -> tuple[float, float] | None:
+    """The point about which the line turns: seen from there all sample frames have it at one height."""
+    reach = (votes[0].shape[1] - 1) // 2
+    rows = np.arange(-height, height, dtype=np.float64)
+    best, pivot = 0.0, None
+    for x in np.linspace(-0.8 * width, 0.8 * width, 161):
+        # a row y at column x lies on the line of this distance
+        total = np.zeros(len(rows))
+        for vote, k in zip(votes, path, strict=True):
+            angle = _GRID[k]
+            distance = -x * math.sin(angle) + rows * math.cos(angle) + reach
+            total += np.interp(distance, np.arange(vote.shape[1]), vote[k], left=0.0, right=0.0)
+        top = int(np.argmax(total))
+        if total[top] > best:
+            best, pivot = float(total[top]), (x + width / 2, float(rows[top]) + height / 2)
+    return pivot
+
+
+def _picture_of(directions: dict[int, float], pivot: tuple[float, float], frames: dict[int, FloatImage]) -> Arm | None:
+    """The arm's own picture: sample frames turned back, laid over each other, the pivot refined on the way."""
+    width = next(iter(frames.values())).shape[1]
+    numbers = sorted(frames)
+    along = np.arange(-width, width, dtype=np.float64)
+    visible = [
+        all(-2 <= pivot[0] + s * math.cos(angle) < width + 2 for angle in directions.values()) for s in along.tolist()
+    ]
+    along = along[np.array(visible)]
+    depth = max(0.14 * width, 24)
+    across = np.arange(-round(depth), round(depth) + 1, dtype=np.float64)
+    if len(along) < SHORTEST * width:
+        return None
+    arm = None
+    for turn in range(4):
+        cuts = [turned_back(frames[n], pivot, directions[n], along, across) for n in numbers]
+        middle, noise = _still(np.stack(cuts))
+        edges = _edges(middle, noise, along, across, width)
+        if not edges:
+            return arm
+        arm = Arm(pivot, along, across, middle, edges, _span(edges, along), dict(directions))
+        if turn == 3:
+            break
+        found = {n: lay_over(arm, frames[n], directions[n], reach=7 - turn) for n in numbers}
+        directions = {n: turned.direction if (turned := found[n]) is not None else directions[n] for n in numbers}
+        pivot = _shifted_pivot(pivot, directions, {n: each.shift for n, each in found.items() if each is not None})
+    return arm
+
+
+def _shifted_pivot(
+    pivot: tuple[float, float], directions: dict[int, float], shifts: dict[int, float]
+) -> tuple[float, float]:
+    """Move the pivot along the arm until the edges no longer shift as it turns."""
+    numbers = [n for n in shifts if n in directions]
+    if len(numbers) < 4:
+        return pivot
+    angle = np.array([directions[n] for n in numbers])
+    shift = np.array([shifts[n] for n in numbers])
+    middle = float(np.median(angle))
+    if np.ptp(angle) < 0.01:
+        return pivot
+    # a pivot that lies d too far along the arm shifts its edges by d times the turn
+    slope = float(np.polyfit(angle - middle, shift, 1)[0])
+    slope = float(np.clip(slope, -60, 60))
+    return pivot[0] - slope * math.cos(middle), pivot[1] - slope * math.sin(middle)
+
+
+def _still(stack: npt.NDArray[np.float32]) -> tuple[FloatImage, FloatImage]:
+    """Median over the cuts and their scatter about it."""
+    middle = np.median(stack, axis=0).astype(np.float32)
+    scatter = np.median(np.abs(stack - middle), axis=0).astype(np.float32) * np.float32(1.4826)
+    return middle, np.asarray(cv2.blur(scatter, (5, 3)) + np.float32(0.5), dtype=np.float32)
+
+
+def _edges(middle: FloatImage, noise: FloatImage, along: Array, across: Array, width: int) -> tuple[Edge, ...]:
+    """Straight edges along the arm: rows in which the picture changes across it over a long way."""
+    smooth = cv2.GaussianBlur(middle, (0, 0), sigmaX=2.0, sigmaY=1.0)
+    change = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8), dtype=np.float32)
+    clear = np.abs(change) > np.maximum(0.25 * noise, 0.6)
+    signed = np.where(clear, np.clip(change, -8, 8), 0.0)
+    strength = np.abs(cv2.blur(signed, (1, 3)).sum(axis=1)) / len(along)
+    strength[: REACH + 3] = strength[-REACH - 3 :] = 0.0
+    found: list[Edge] = []
+    order = np.argsort(-strength)
+    for row in order[:60]:
+        if len(found) == 6 or strength[row] < 0.12 * strength[order[0]]:
+            break
+        if any(abs(across[row] - edge.row) < 2 * REACH - 2 for edge in found):
+            continue
+        edge = _edge_at(int(row), change, signed, along, across, width)
+        if edge is not None:
+            found.append(edge)
+    slopes = np.array([edge.slope for edge in found])
+    length = np.array([edge.strength * (edge.end - edge.start) for edge in found])
+    # the arm's edges are parallel; what is not is a mark on it, or something beside it
+    leader = 0.0 if not found else slopes[int(np.argmax(length))]
+    return tuple(edge for edge, slope in zip(found, slopes, strict=True) if abs(slope - leader) < PARALLEL)
+
+
+def _edge_at(row: int, change: FloatImage, signed: Array, along: Array, across: Array, width: int) -> Edge | None:
+    """The edge near a row: where it runs, and its slope to a fraction of a pixel."""
+    band = slice(row - 3, row + 4)
+    sign = 1.0 if signed[row - 1 : row + 2].sum() > 0 else -1.0
+    support = np.max(sign * signed[band], axis=0)
+    covered = support > 0.3 * np.percentile(support[support > 0], 75) if np.any(support > 0) else support > 0
+    run = fullest_run(covered, gap=max(12, width // 12))
+    if run is None or run[1] - run[0] < SHORTEST * width:
+        return None
+    columns = np.arange(run[0], run[1] + 1)
+    columns = columns[covered[columns]]
+    if len(columns) < 0.4 * (run[1] - run[0]):
+        return None
+    weight = np.maximum(sign * change[band, columns].astype(np.float64), 0) ** 2
+    rows = across[band][:, None]
+    centre = (weight * rows).sum(axis=0) / (weight.sum(axis=0) + 1e-9)
+    line, _, kept = straight(along[columns], centre, weight.sum(axis=0))
+    if kept < 0.5:
+        return None
+    mean = float(np.mean(np.abs(change[band, columns]).max(axis=0)))
+    return Edge(float(across[row]), run[0], run[1], float(line[1]), mean)
+
+
+def _span(edges: tuple[Edge, ...], along: Array) -> tuple[float, float]:
+    return (
+        float(along[int(np.median([edge.start for edge in edges]))]),
+        float(along[int(np.median([edge.end for edge in edges]))]),
+    )
+
+
+def lay_over(arm: Arm, frame: FloatImage, direction: float, *, reach: int = REACH) -> Turn | None:
+    """The arm's direction in a steady frame, from a guess; None when its edges are not found near there."""
+    found: Turn | None = None
+    shifts = np.zeros(len(arm.edges))
+    for step in range(4):
+        parts = [
+            _edge_shift(arm, edge, frame, direction, shift, reach if step == 0 else min(reach, REACH))
+            for edge, shift in zip(arm.edges, shifts, strict=True)
+        ]
+        along = np.concatenate([part[0] for part in parts])
+        shift = np.concatenate([part[1] for part in parts])
+        weight = np.concatenate([part[2] for part in parts])
+        which = np.concatenate([np.full(len(part[0]), k) for k, part in enumerate(parts)])
+        if np.sum(weight > 0) < 20:
+            return None
+        turn, moved, sigma, good = _common_turn(along, shift, weight, which, len(parts))
+        if good < 0.3:
+            return None
+        direction += turn
+        shifts = shifts + moved
+        found = Turn(direction, sigma, float(np.average(shifts, weights=[edge.strength for edge in arm.edges])))
+        if abs(turn) < 2e-5 and np.max(np.abs(moved)) < 0.02:
+            break
+    return found
+
+
+def _edge_shift(
+    arm: Arm, edge: Edge, frame: FloatImage, direction: float, shift: float, reach: int
+) -> tuple[Array, Array, Array]:
+    """Along the arm: place, how far the edge lies off its place in the arm's picture, and what that is worth."""
+    columns = np.arange(edge.start, edge.end + 1)
+    row = int(np.argmin(np.abs(arm.across - edge.row)))
+    low, high = max(row - reach - 1, 0), min(row + reach + 2, len(arm.across))
+    rows = np.arange(low, high)
+    width = 5  # columns are averaged in groups: less noise, less work
+    model = _grouped(arm.picture[np.ix_(rows, columns)], width)
+    seen = _grouped(turned_back(frame, arm.pivot, direction, arm.along[columns], arm.across[rows] + shift), width)
+    along = _grouped(arm.along[columns][None, :].astype(np.float32), width)[0]
+    slope = np.gradient(model, axis=0)
+    model, seen = model - model.mean(axis=0), seen - seen.mean(axis=0)
+    power = np.sum(slope * slope, axis=0)
+    # the light on the arm changes as it turns: compare shapes, not levels
+    gain = np.clip(np.sum(model * seen, axis=0) / (np.sum(model * model, axis=0) + 1e-6), 0.3, 3.0)
+    miss = seen - gain * model
+    offset = -np.sum(slope * miss, axis=0) / (gain * power + 1e-6)
+    error = np.sum(miss * miss, axis=0) / (np.sum(seen * seen, axis=0) + 1e-6)
+    worth = np.where((np.abs(offset) < reach) & (error < 0.7), power, 0.0)
+    return along.astype(np.float64), offset.astype(np.float64), worth.astype(np.float64)
+
+
+def _grouped(values: npt.NDArray[np.float32], width: int) -> npt.NDArray[np.float64]:
+    count = values.shape[1] // width
+    return np.asarray(values[:, : count * width].reshape(values.shape[0], count, width).mean(axis=2), dtype=np.float64)
+
+
+def _common_turn(
+    along: Array, shift: Array, weight: Array, which: npt.NDArray[np.int64], count: int
+) -> tuple[float, Array, float, float]:
+    """One turn for all edges and a shift of each, robust: [rad], [px], standard error [rad], share that fits."""
+    design = np.zeros((len(along), count + 1))
+    design[:, 0] = along
+    design[np.arange(len(along)), which + 1] = 1.0
+    size = np.array([np.abs(along).max() + 1.0, *np.ones(count)])
+    design /= size
+    usual = np.ones_like(shift)
+    answer, miss, scale = np.zeros(count + 1), shift, 1.0
+    normal = np.eye(count + 1)
+    for _ in range(10):
+        w = weight * usual
+        normal = (design * w[:, None]).T @ design + 1e-6 * np.eye(count + 1) * (w.sum() + 1e-9)
+        answer = np.linalg.solve(normal, design.T @ (w * shift))
+        miss = np.abs(shift - design @ answer)
+        known = weight > 0
+        scale = max(1.4826 * float(np.median(miss[known])), 0.02)
+        usual = 1 / (1 + (miss / (2.5 * scale)) ** 2) ** 2
+    w = weight * usual
+    inverse = np.linalg.inv(normal)
+    spread = inverse @ ((design * (w**2 * scale**2)[:, None]).T @ design) @ inverse
+    good = float(np.mean(miss[weight > 0] < max(3 * scale, 0.5))) * float(np.mean(weight > 0))
+    return float(answer[0] / size[0]), answer[1:], math.sqrt(float(spread[0, 0])) / float(size[0]), good

@@ -1,0 +1,116 @@
+"""Which mix of a picture's colours shows a bead best."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.arrays import Array, GreyImage
+from rigtwin.measure.media.video import Frame
+from rigtwin.measure.tracking.link import SpotPath, place_on
+
+VISIBLE = 6.0  # difference of a bead to its background, in units of the noise, at which luma is good enough
+LEAST_NOISE = 0.3  # [grey levels squared], of each of three colours, of their mix a third: what rounding leaves
+
+
+@dataclass(frozen=True)
+class Channel:
+    """How a colour picture becomes one grey level: plain luma, or the mix that shows the bead best."""
+
+    weights: tuple[float, float, float] | None = None  # of blue, green, red; None: luma
+    offset: float = 0.0  # [grey levels]
+
+    def grey(self, frame: Frame) -> GreyImage:
+        """8 bit, shape (height, width)."""
+        if self.weights is None:
+            return frame.grey
+        mix = cv2.transform(frame.colour, np.array([[*self.weights, self.offset]], dtype=np.float32))
+        return np.asarray(mix, dtype=np.uint8)
+
+
+LUMA = Channel()
+
+
+def best_channel(frames: Sequence[Frame], path: SpotPath) -> Channel:
+    """The mix of colours in which the bead differs most surely from what is behind it (Fisher's discriminant).
+
+    A wooden bead in front of a grey wall has its own lit and dark side, but one hue.  Luma is kept unless another mix
+    is clearly better: it has the full resolution.  A dozen frames spread over the path are enough.
+    """
+    where = place_on(path)
+    places = [where(frame.index)[0] for frame in frames]
+    differences, noises, scenery = [], [], []
+    for k, (frame, place) in enumerate(zip(frames, places, strict=True)):
+        other = int(np.argmax([math.dist(place, elsewhere) for elsewhere in places]))
+        if math.dist(place, places[other]) < 4 * path.radius:
+            continue
+        rows, columns = _disc_pixels(place, 0.7 * path.radius, frame.grey.shape)
+        behind = frames[other].colour[rows, columns].astype(np.float64)
+        differences.append(frame.colour[rows, columns] - behind)
+        scenery.append(behind)
+        third = frames[k - 1].colour[::7, ::7].astype(np.float64) - frame.colour[::7, ::7]
+        noises.append(third.reshape(-1, 3))
+    if not differences:
+        return LUMA
+    return _fisher(np.concatenate(differences), np.concatenate(noises), np.concatenate(scenery))
+
+
+def luma_is_clear(greys: Mapping[int, GreyImage], path: SpotPath) -> bool:
+    """Whether luma alone shows the bead so well that no mix of colours is asked for."""
+    where = place_on(path)
+    places = {index: where(index)[0] for index in greys}
+    differences, noises = [], []
+    for index, before in zip(list(greys)[1:], greys, strict=False):
+        other = max(places, key=lambda k: math.dist(places[index], places[k]))
+        noises.append(greys[before][::7, ::7].astype(np.float64) - greys[index][::7, ::7])
+        if math.dist(places[index], places[other]) >= 4 * path.radius:
+            disc = _disc_pixels(places[index], 0.7 * path.radius, greys[index].shape)
+            differences.append(greys[index][disc].astype(np.float64) - greys[other][disc])
+    if not differences:
+        return False
+    noise = _noise(np.concatenate([each.reshape(-1, 1) for each in noises]))
+    return _visibility(np.concatenate(differences)[:, None], np.ones(1), noise) > VISIBLE
+
+
+def _noise(changes: Array) -> Array:
+    """Covariance of one frame's noise by what changes from frame to frame, shape (n, colours), without what moves."""
+    calm = changes[np.all(np.abs(changes) <= 3 * np.percentile(np.abs(changes), 68, axis=0) + 1, axis=1)]
+    colours = changes.shape[1]
+    return np.asarray(np.atleast_2d(np.cov(calm.T)) / 2 + LEAST_NOISE * colours / 3 * np.eye(colours))
+
+
+def _visibility(differences: Array, weights: Array, noise: Array) -> float:
+    """Difference to the background over noise, root mean square over the bead, shading included."""
+    return math.sqrt(float(np.mean((differences @ weights) ** 2)) / float(weights @ noise @ weights))
+
+
+def _disc_pixels(
+    centre: tuple[float, float], radius: float, shape: tuple[int, ...]
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    height, width = shape[:2]
+    disc = np.zeros((height, width), dtype=np.uint8)
+    cv2.circle(disc, (round(centre[0]), round(centre[1])), max(round(radius), 1), 1, cv2.FILLED)
+    rows, columns = np.nonzero(disc)
+    return rows, columns
+
+
+def _fisher(differences: Array, noises: Array, scenery: Array) -> Channel:
+    noise = _noise(noises)
+    mean = differences.mean(axis=0)
+    mix = np.linalg.solve(np.cov(differences.T) + 2 * noise, mean)
+    luma = np.array([0.114, 0.587, 0.299])
+
+    # colour is stored at half the resolution and coarser steps: it must be far better where luma is just enough
+    seen = _visibility(differences, luma, noise)
+    if seen > VISIBLE or _visibility(differences, mix, noise) < 2 * seen:
+        return LUMA
+    # as much gain as 8 bits hold: contrast of 90 levels, or noise of 2 where that is less
+    gain = min(90 / abs(float(mix @ mean)), 2 / math.sqrt(float(mix @ noise @ mix)))
+    weights = mix * gain
+    middle = 128.0 - float(weights @ (np.median(scenery, axis=0) + mean / 2))
+    return Channel((float(weights[0]), float(weights[1]), float(weights[2])), middle)

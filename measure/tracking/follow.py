@@ -1,0 +1,387 @@
+"""Follow one bead through a clip of a still scene: find what moves, link it into paths, fit the bead in every frame.
+
+Passes over the video, none of which holds it in memory: learn the scene, find the moving spots and keep what is around
+them, and, where that is not enough, cut out the bead; then the bead is fitted in the cut-outs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from rigtwin.lab.arrays import Array, GreyImage, Mask
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.measure.media.video import Frame, Video
+from rigtwin.measure.scene.background import Background
+from rigtwin.measure.scene.pose import Pose, rounded, shakes_of
+from rigtwin.measure.scene.scene import Scene
+from rigtwin.measure.tracking.bead_image import Look
+from rigtwin.measure.tracking.colour_channel import LUMA, best_channel, luma_is_clear
+from rigtwin.measure.tracking.consistency import in_steady_light, scatter
+from rigtwin.measure.tracking.cutouts import (
+    Cut,
+    Sighting,
+    around,
+    busy,
+    cut_around,
+    cut_out,
+    inside_picture,
+    occluders,
+    shows,
+)
+from rigtwin.measure.tracking.detect import Box
+from rigtwin.measure.tracking.exposure_time import (
+    CLOSER,
+    LEAST_SHARE,
+    NOT_TOLD,
+    ROUGHLY,
+    TRIED,
+    Shutter,
+    fast_frames,
+    shutter_of,
+)
+from rigtwin.measure.tracking.find_paths import Movement
+from rigtwin.measure.tracking.link import SpotPath, place_on
+from rigtwin.measure.tracking.refine import common_look, fit_bead
+
+BADLY = 2.0  # times the usual misfit, from which on a fit may lie in a wrong place
+
+
+@dataclass(frozen=True)
+class Chase:
+    """A bead followed through a clip."""
+
+    sightings: tuple[Sighting, ...]
+    path: SpotPath
+    poses: tuple[Pose, ...]  # of every frame
+    shutter: Shutter
+    radius: float  # [px]
+    scene: Scene = field(repr=False)
+    cuts: tuple[Cut, ...] = field(repr=False)
+    look: Look | None = field(repr=False)
+    hidden: Mask | None = field(repr=False)
+
+    @property
+    def shakes(self) -> Array:
+        """[px], of the camera in every frame, shape (frames, 2)"""
+        return shakes_of(self.poses)
+
+
+def _spread(first: int, last: int, count: int) -> set[int]:
+    return set(np.unique(np.linspace(first, last, count).round().astype(int)).tolist())
+
+
+def chase(path: SpotPath, moves: Movement, scene: Scene, cuts: Sequence[Cut], progress: Progress = silent) -> Chase:
+    """Fit the bead of a path in every frame, also before and after the path where it rests.
+
+    Two rounds on the pixels cut out around the bead: the first finds radius and exposure, and what stands in front of
+    the bead's path; the second fits again knowing these.
+    """
+    cuts = [cut for cut in cuts if cut.frame not in moves.repeated]
+    poses = tuple(moves.poses.values())
+    moving = [cut for cut in cuts if path.frames[0] <= cut.frame <= path.frames[-1]]
+    few = moving[:: max(1, len(moving) // 40)]
+    first = _fit_cuts(few, scene, path.radius, progress=progress)
+    good = [sighting for sighting in first if sighting.fit.image.sigma < max(0.3, 0.04 * path.radius)]
+    if len(good) < 5:
+        return Chase(tuple(first), path, poses, NOT_TOLD, path.radius, scene, tuple(cuts), None, None)
+    shutter = NOT_TOLD
+    hidden = occluders(cuts, good, path.radius, scene)
+    radius = float(np.median([sighting.image.radius for sighting in good]))
+    # slow frames show the look; fast ones smear it
+    slow = sorted(few, key=lambda cut: math.hypot(*cut.step))[: max(15, len(few) // 2)]
+    look = None
+    for _ in range(2):
+        calm = _fit_cuts(slow, scene, radius, shutter=shutter, hidden=hidden, progress=progress)
+        if len(calm) < 3:
+            break
+        look = common_look([sighting.fit for sighting in calm])
+        radius = look.radius
+        cuts, slow = (_moved_by(_off(calm, slow), some) for some in (cuts, slow))
+        shutter = told_shutter(cuts, path, scene, look, hidden, shutter)
+    sightings = _fit_cuts(cuts, scene, radius, shutter=shutter, hidden=hidden, look=look, progress=progress)
+    found = Chase(tuple(sightings), path, poses, shutter, radius, scene, tuple(cuts), look, hidden)
+    return _steadied(found if look is None else _started_again(found))
+
+
+def _started_again(chase: Chase) -> Chase:
+    """Frames whose pixels are badly explained are fitted again from where the bead is in those before and after.
+
+    Something that touches the bead, what holds it say, makes a second place where a disc seems to fit.
+    """
+    misfits = np.array([sighting.fit.misfit for sighting in chase.sightings])
+    good = [sighting for sighting in chase.sightings if sighting.fit.misfit <= BADLY * float(np.median(misfits))]
+    if not good:
+        return chase
+    frames = [sighting.frame for sighting in good]
+    places = np.array([(sighting.image.x, sighting.image.y) for sighting in good])
+    bad = [
+        replace(
+            cut,
+            near=(float(np.interp(cut.frame, frames, places[:, 0])), float(np.interp(cut.frame, frames, places[:, 1]))),
+        )
+        for cut in chase.cuts
+        if cut.frame not in frames
+    ]
+    found = {sighting.frame: sighting for sighting in chase.sightings}
+    for sighting in _fit_again(chase, bad):
+        before = found.get(sighting.frame)
+        if before is None or sighting.fit.misfit < before.fit.misfit:
+            found[sighting.frame] = sighting
+    return replace(chase, sightings=tuple(found[frame] for frame in sorted(found)))
+
+
+def _off(sightings: Sequence[Sighting], cuts: Sequence[Cut]) -> tuple[float, float]:
+    """How far beads lie off where their cut-outs have them [px]: the middle of a shaded bead is not its brightest."""
+    near = {cut.frame: cut.near for cut in cuts}
+    off = [(each.image.x - near[each.frame][0], each.image.y - near[each.frame][1]) for each in sightings]
+    x, y = np.median(np.array(off), axis=0).tolist()
+    return x, y
+
+
+def _moved_by(off: tuple[float, float], cuts: Sequence[Cut]) -> list[Cut]:
+    return [replace(cut, near=(cut.near[0] + off[0], cut.near[1] + off[1])) for cut in cuts]
+
+
+def chase_path(video: Video, path: SpotPath, moves: Movement, progress: Progress = silent) -> Chase:
+    """`chase` in the best channel, before the scene without the bead, wherever it rests."""
+    kept = _from_album(path, moves)
+    if kept is not None:
+        scene, cuts = kept
+        return chase(path, moves, scene, cuts, progress)
+    begin, end = busy(path)
+    chosen = _spread(max(path.frames[0], begin), min(path.frames[-1], end), Background.capacity)
+    seen, cuts = _seen_and_cut(video, path, moves, chosen, progress)
+    channel = best_channel([frame for frame, _ in seen[::2]], path)
+    # another mix of colours has another gain: the background finds it
+    layers = {
+        frame.index: rounded(
+            (pose if channel == LUMA else replace(pose, gain=1.0, offset=0.0)).seen(channel.grey(frame))
+        )
+        for frame, pose in seen
+    }
+    del seen  # colour pictures are large
+    scene = _scene_behind(path, layers)
+    if channel != LUMA:
+        cuts = cut_out(video, path, scene, channel, progress)
+    return chase(path, moves, scene, cuts, progress)
+
+
+def _scene_behind(path: SpotPath, layers: Mapping[int, GreyImage]) -> Scene:
+    """What the frames, laid over each other, show behind the bead of a path."""
+    background = _background(layers)
+    return background.scene(_bead_in(path, background.indices), reach=_reach(path))
+
+
+def _scene_within(path: SpotPath, layers: Mapping[int, GreyImage], box: Box, scene: Scene) -> Scene:
+    """The scene with what is behind the bead of a path, learnt from this part of frames that lie over it already."""
+    background = _background(layers)
+    left, top, right, bottom = box
+    bead = {index: (x - left, y - top) for index, (x, y) in _bead_in(path, background.indices).items()}
+    part = background.scene(bead, reach=_reach(path), laid_over=True)
+    picture, noise = scene.picture.copy(), scene.noise.copy()
+    picture[top:bottom, left:right], noise[top:bottom, left:right] = part.picture, part.noise
+    return Scene(picture, noise)
+
+
+def _background(layers: Mapping[int, GreyImage]) -> Background:
+    background = Background()
+    for index, layer in layers.items():
+        background.add(index, layer)
+    return background
+
+
+def _bead_in(path: SpotPath, indices: Sequence[int]) -> dict[int, tuple[float, float]]:
+    """Where the bead of a path is in some frames [px]."""
+    frames, centres = np.array(path.frames), path.centres
+    return {
+        index: (float(np.interp(index, frames, centres[:, 0])), float(np.interp(index, frames, centres[:, 1])))
+        for index in indices
+    }
+
+
+def _reach(path: SpotPath) -> float:
+    """[px], how far from its centre the bead may cover the scene."""
+    return 1.6 * path.radius + 6
+
+
+def _from_album(path: SpotPath, moves: Movement) -> tuple[Scene, list[Cut]] | None:
+    """Scene and cut-outs without reading the film again: where the camera stands still and luma shows the bead well."""
+    if moves.album is None:
+        return None
+    album, where = moves.album, place_on(path)
+    begin, end = busy(path)
+    greys = album.greys(max(path.frames[0], begin), min(path.frames[-1], end))
+    if not greys or not luma_is_clear(greys, path):
+        return None
+    cuts: list[Cut] = []
+    shape = moves.scene.picture.shape
+    for index in range(begin, end + 1):
+        near, step = where(index)
+        box = inside_picture(around(path, near, step), shape)
+        part = None if box is None else album.cut(index, box)
+        if part is not None and box is not None:
+            seen = moves.poses[index].seen(part)
+            cuts.append(Cut(index, album.times[index], seen, box[0], box[1], near, step, moves.poses[index]))
+        elif box is not None and path.frames[0] <= index <= path.frames[-1] and index in moves.poses:
+            return None
+    if not cuts:
+        return None
+    left, top = min(cut.left for cut in cuts), min(cut.top for cut in cuts)
+    right = max(cut.left + cut.grey.shape[1] for cut in cuts)
+    bottom = max(cut.top + cut.grey.shape[0] for cut in cuts)
+    within = (left, top, right, bottom)  # the rest of the frames need not be copied
+    layers = {index: rounded(moves.poses[index].seen(grey, within)) for index, grey in greys.items()}
+    return _scene_within(path, layers, within, moves.scene), cuts
+
+
+def _seen_and_cut(
+    video: Video, path: SpotPath, moves: Movement, chosen: set[int], progress: Progress
+) -> tuple[list[tuple[Frame, Pose]], list[Cut]]:
+    """The chosen frames and how they lie, and in the same pass the cut-outs of luma."""
+    where = place_on(path)
+    seen, cuts = [], []
+    for frame in video.frames(*busy(path)):
+        pose = moves.pose(frame)
+        if frame.index in chosen:
+            seen.append((frame, pose))
+        cuts += cut_around(frame, frame.grey, pose, path, where)
+        progress("cutting out the bead", frame.index - video.first + 1, video.last - video.first + 1)
+    return seen, cuts
+
+
+def _fit_again(chase: Chase, cuts: Sequence[Cut]) -> list[Sighting]:
+    """Cuts fitted with all that is known of the bead by now, which is surely near the place that they name."""
+    return _fit_cuts(
+        cuts,
+        chase.scene,
+        chase.radius,
+        shutter=chase.shutter,
+        hidden=chase.hidden,
+        look=chase.look,
+        surely_near=True,
+        progress=silent,
+    )
+
+
+def look_again(chase: Chase, expected: Mapping[int, tuple[tuple[float, float], tuple[float, float]]]) -> Chase:
+    """Fit some frames again, started where the bead is expected.
+
+    `expected` maps frames to centre [px] and motion [px/frame].  A frame in which no bead is found there loses its
+    sighting: what was found elsewhere was not the bead.
+    """
+    renewed = {sighting.frame: sighting for sighting in chase.sightings if sighting.frame not in expected}
+    cuts = [
+        replace(cut, near=expected[cut.frame][0], step=expected[cut.frame][1])
+        for cut in chase.cuts
+        if cut.frame in expected and shows(cut, expected[cut.frame][0])
+    ]
+    again = _fit_again(chase, cuts)
+    for sighting in again:
+        (x, y), _ = expected[sighting.frame]
+        if math.hypot(sighting.image.x - x, sighting.image.y - y) < 0.7 * chase.radius:
+            renewed[sighting.frame] = sighting
+    return _steadied(replace(chase, sightings=tuple(renewed[frame] for frame in sorted(renewed))))
+
+
+def _steadied(chase: Chase) -> Chase:
+    """With what the frames of a clip say of each other: how the bead is lit, and how far its places scatter."""
+    frames = np.array([each.frame for each in chase.sightings])
+    images = in_steady_light([each.fit for each in chase.sightings], frames)
+    more = scatter(np.array([each.time for each in chase.sightings]), frames, images)
+    seen = [
+        replace(each, image=replace(image, sigma=more * image.sigma))
+        for each, image in zip(chase.sightings, images, strict=True)
+    ]
+    return replace(chase, sightings=tuple(seen))
+
+
+def _fit_cuts(
+    cuts: Sequence[Cut],
+    scene: Scene,
+    radius: float,
+    *,
+    shutter: Shutter = NOT_TOLD,
+    hidden: Mask | None = None,
+    look: Look | None = None,
+    room: float | None = None,
+    surely_near: bool = False,
+    streaks_held: bool = False,
+    progress: Progress,
+) -> list[Sighting]:
+    found: list[Sighting] = []
+    for done, cut in enumerate(cuts):
+        ahead = _onwards(found[-3:], cut.frame)
+        window = np.s_[cut.top : cut.top + cut.grey.shape[0], cut.left : cut.left + cut.grey.shape[1]]
+        fit = fit_bead(
+            cut.grey,
+            scene.picture[window],
+            (cut.near[0] - cut.left, cut.near[1] - cut.top),
+            radius,
+            blur_guess=shutter.streak(cut.step),
+            blur_doubt=None if streaks_held else shutter.streak_doubt(cut.step),
+            hidden=None if hidden is None else hidden[window],
+            look=look,
+            room=room,
+            surely_near=surely_near,
+            onwards=None if ahead is None else (ahead[0] - cut.left, ahead[1] - cut.top),
+        )
+        if fit is not None:
+            fit = replace(fit, image=replace(fit.image, x=fit.image.x + cut.left, y=fit.image.y + cut.top))
+            found.append(Sighting(cut.frame, cut.time, fit.image, cut.pose.shake, fit))
+        progress("measuring the bead", done + 1, len(cuts))
+    return found
+
+
+def _onwards(last: Sequence[Sighting], frame: int) -> tuple[float, float] | None:
+    """Where the bead of the three frames before is next, if it falls on as it did [px]."""
+    if [each.frame for each in last] != [frame - 3, frame - 2, frame - 1]:
+        return None
+    first, second, third = (each.image for each in last)
+    return 3 * (third.x - second.x) + first.x, 3 * (third.y - second.y) + first.y
+
+
+def told_shutter(
+    cuts: Sequence[Cut], path: SpotPath, scene: Scene, look: Look, hidden: Mask | None, known: Shutter = NOT_TOLD
+) -> Shutter:
+    """The exposure whose streaks fit the fastest frames of a path best; looked for near the one `known` where told."""
+    ways = fast_frames(path)
+    fast = [cut for cut in cuts if cut.frame in ways]
+    if len(fast) < 3:
+        return NOT_TOLD
+    tried = np.maximum(known.share + CLOSER, LEAST_SHARE * np.arange(1, len(CLOSER) + 1)) if known.told else TRIED
+    misfits = _misfits(fast, tried, max(ways.values()) / 2, scene, look, hidden)
+    told = shutter_of(tried[: len(misfits)], misfits, np.array([ways[cut.frame] for cut in fast]))
+    return told if known.told else replace(told, doubt=math.hypot(told.doubt, ROUGHLY))
+
+
+def _misfits(fast: Sequence[Cut], tried: Array, room: float, scene: Scene, look: Look, hidden: Mask | None) -> Array:
+    """[grey levels], with streaks of the shares in `tried`, shape (shares, cuts); the same pixels for all.
+
+    Else the emptier patch would win; `room` [px] is what the longest streak needs.  Each share is begun where the one
+    before has put the beads.  Once two in a row did worse than the best before them, no longer streak is tried.
+    """
+    misfits: list[list[float]] = []
+    for share in tried.tolist():
+        sightings = _fit_cuts(
+            fast,
+            scene,
+            look.radius,
+            shutter=Shutter(share, 0.0),
+            hidden=hidden,
+            look=look,
+            room=room,
+            surely_near=bool(misfits),
+            streaks_held=True,
+            progress=silent,
+        )
+        found = {sighting.frame: sighting for sighting in sightings}
+        misfits.append([found[cut.frame].fit.misfit if cut.frame in found else np.nan for cut in fast])
+        fast = [replace(cut, near=found[cut.frame].place) if cut.frame in found else cut for cut in fast]
+        seen = np.array(misfits)[:, np.all(np.isfinite(misfits), axis=0)]
+        if seen.size and int(np.argmin(np.median(seen, axis=1))) < len(seen) - 2:
+            break
+    return np.array(misfits)

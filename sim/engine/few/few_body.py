@@ -1,0 +1,314 @@
+"""One to a few bodies: each run one serial loop, with a step that adapts to the contact; many runs in one launch.
+
+For the rigs whose result hangs on a single collision (drop, pendulum) the stiffness is the real one and the step in
+contact a small part of Rayleigh's; between contacts the step grows with the gap, never crossing it.  Velocity Verlet,
+float64; a body may hang on a rigid massless thread (RATTLE).
+
+::
+
+    motion = run([Body(bead, (0, 0, 0.3))], times, walls=[floor])
+    motions = run_many([Case([Body(bead, (0, 0, h))], times, walls=[floor]) for h in heights])
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from rigtwin.lab.arrays import Array
+from rigtwin.lab.errors import BadInput, RigtwinError, SimulationFailed
+from rigtwin.lab.materials import Contact, Particle
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.rigs import GRAVITY
+from rigtwin.sim.effects import Effect
+from rigtwin.sim.engine import backend
+from rigtwin.sim.engine.contact import IMPACT_SPEED, LAW_SIZE, ContactLaw, Mechanics, Rolling, pair_law
+from rigtwin.sim.engine.effect_terms import Active, checked
+from rigtwin.sim.engine.few import batch
+from rigtwin.sim.engine.few import step as few_step
+from rigtwin.sim.engine.few.batch import Copy, Outcome
+from rigtwin.sim.engine.time_step import of_kind
+from rigtwin.sim.engine.walls.shapes import Wall, gaps
+from rigtwin.sim.engine.walls.wall_table import WallTable, wall_table
+
+_Result = TypeVar("_Result")
+
+BODIES = 16
+ELEMENTS = 64  # planes, discs, triangles ... that the walls are made of
+ACCURATE_FRACTION = 0.015  # of Rayleigh's step: a twentieth of the usual 30 %, restitution then errs by < 0.1 %
+FLIGHT_STEP = 1e-4  # [s], longest step out of contact
+HALVINGS = 6
+UNTURNABLE = 1e30  # [kg m^2]
+
+
+@dataclass(frozen=True)
+class Body:
+    """One sphere, where it starts, and the thread it may hang on."""
+
+    particle: Particle
+    position: tuple[float, float, float]  # [m]
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m/s]
+    spin: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [rad/s]
+    pivot: tuple[float, float, float] | None = None  # [m], the thread's other end; None: free
+    turns: bool = True  # False: it keeps its spin, as a body too broad to roll does
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A few bodies and all that they feel, from t = 0 on.
+
+    `contacts` is one Contact for all pairs of bodies, or one per pair (i, j) with i < j; None: bodies never touch.
+    Gravity turns about y by `gravity_turns`, from z towards x: what a plate feels whose far end (x > 0) sinks.
+    `effects` act on all bodies and contacts.  The springs of the "linear" law are as stiff as Hertz's contacts at
+    `impact_speed`.
+    """
+
+    bodies: Sequence[Body]
+    times: Array  # [s], rising, when the motion is sampled
+    walls: Sequence[Wall] = ()
+    contacts: Mapping[tuple[int, int], Contact] | Contact | None = None
+    gravity: tuple[float, float, float] = (0.0, 0.0, -GRAVITY)  # [m/s^2]
+    gravity_turns: float = 0.0  # [rad/s]
+    step: float | None = None  # [s], in contact; None: `contact_step`
+    flight_step: float = FLIGHT_STEP  # [s], the longest out of contact
+    rolling: Rolling = "type C"
+    contact_law: ContactLaw = "Hertz-Mindlin"
+    impact_speed: float = IMPACT_SPEED  # [m/s]
+    effects: Sequence[Active] = ()
+    name: str = ""  # by which errors call it where there are many; else its place, as in "cases[3]"
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Sampled motion of the bodies."""
+
+    time: Array  # [s], shape (k,)
+    position: Array  # [m], shape (k, n, 3)
+    velocity: Array  # [m/s], shape (k, n, 3)
+    spin: Array  # [rad/s], shape (k, n, 3)
+    steps: int
+
+
+def contact_step(particles: Sequence[Particle], fraction: float = ACCURATE_FRACTION) -> float:
+    """Step in contact [s]: `fraction` of the smallest Rayleigh step (Hlosta et al. 2020, eq. 7)."""
+    return fraction * min(particle.rayleigh_time_step for particle in particles)
+
+
+def run(bodies: Sequence[Body], times: Array, *, progress: Progress = silent, **settings: Any) -> Motion:
+    """Move the bodies from t = 0 and sample them at `times` [s], rising; `settings` are those of a `Case`."""
+    return the_one(run_many([Case(bodies, times, **settings)], progress=progress))
+
+
+def run_many(
+    cases: Sequence[Case], *, threads: int | None = None, progress: Progress = silent
+) -> list[Motion | RigtwinError]:
+    """Move all the cases side by side, spread over `threads` (None: all cores); each gets the bits that it gets alone.
+
+    In the place of a case that breaks down stands the error that says so.
+    """
+    return _run(_ready(cases), threads, progress)
+
+
+def run_halved(
+    bodies: Sequence[Body], times: Array, *, tolerance: float, progress: Progress = silent, **settings: Any
+) -> tuple[Motion, float]:
+    """`run` with the step in contact halved until no sample moves by more than `tolerance` [m].
+
+    Returns the finer of the last two runs and how far they lie apart [m], which is above the tolerance only when
+    six halvings were not enough.
+    """
+    return the_one(run_many_halved([Case(bodies, times, **settings)], tolerance=tolerance, progress=progress))
+
+
+def run_many_halved(
+    cases: Sequence[Case], *, tolerance: float, threads: int | None = None, progress: Progress = silent
+) -> list[tuple[Motion, float] | RigtwinError]:
+    """`run_halved` for many cases at once; those that have settled take no part in the next halving."""
+    ready = _ready(cases)
+    latest = _run(ready, threads, progress)
+    apart = np.full(len(cases), math.inf)
+    for halving in range(1, HALVINGS + 1):
+        left = [k for k, it in enumerate(latest) if isinstance(it, Motion) and not apart[k] <= tolerance]
+        finer = _run([ready[k].halved(halving) for k in left], threads, progress)
+        for k, fine in zip(left, finer, strict=True):
+            coarse = latest[k]
+            if isinstance(fine, Motion) and isinstance(coarse, Motion):
+                apart[k] = np.abs(fine.position - coarse.position).max()
+            latest[k] = fine
+    return [(it, float(apart[k])) if isinstance(it, Motion) else it for k, it in enumerate(latest)]
+
+
+def the_one(results: Sequence[_Result | RigtwinError]) -> _Result:
+    """The only result, or the error that stands in its place, raised."""
+    (result,) = results
+    if isinstance(result, RigtwinError):
+        raise result
+    return result
+
+
+# ---------------------------------------------------------------------- cases in numbers
+
+
+@dataclass(frozen=True)
+class _Ready:
+    """A case that was looked through, ready for the bench."""
+
+    copy: Copy
+    mechanics: Mechanics
+    prefix: str  # of errors
+
+    @property
+    def alike(self) -> tuple[tuple[Effect, ...], Mechanics]:
+        """What those that run in one launch have in common: one kernel is compiled for it."""
+        return tuple(one.effect for one in self.copy.effects), self.mechanics
+
+    def halved(self, times: int) -> "_Ready":
+        clock = self.copy.clock.copy()
+        clock[few_step.STEP] /= 2**times
+        return replace(self, copy=replace(self.copy, clock=clock))
+
+
+def _run(ready: Sequence[_Ready], threads: int | None, progress: Progress) -> list[Motion | RigtwinError]:
+    """One launch after the other until all are done, the cases of one kernel together."""
+    if threads is not None and threads < 1:
+        raise BadInput(f"threads: {threads} is too few; give at least 1.")
+    threads = threads or backend.running().threads
+    groups: dict[object, list[int]] = {}
+    for k, one in enumerate(ready):
+        groups.setdefault(one.alike, []).append(k)
+    whole = sum(float(one.copy.times[-1]) for one in ready)
+    before = 0.0
+    found: dict[int, Motion | RigtwinError] = {}
+    for members in groups.values():
+
+        def tell(time: float, before: float = before) -> None:
+            progress("simulating", before + time, whole)
+
+        copies = [ready[k].copy for k in members]
+        outcomes = batch.run(copies, ready[members[0]].mechanics, threads, tell)
+        found |= {k: _motion(ready[k], one) for k, one in zip(members, outcomes, strict=True)}
+        before += sum(float(copy.times[-1]) for copy in copies)
+    return [found[k] for k in range(len(ready))]
+
+
+def _motion(ready: _Ready, outcome: Outcome) -> Motion | RigtwinError:
+    if outcome.culprit >= 0:
+        return SimulationFailed(
+            f"{ready.prefix}The simulation broke down at t = {outcome.time:.6g} s (body {outcome.culprit}): "
+            "its speed is above 1000 km/s or no number; use a smaller step."
+        )
+    data = outcome.samples
+    return Motion(ready.copy.times, data[:, :, 0:3], data[:, :, 3:6], data[:, :, 6:9], outcome.steps)
+
+
+def _ready(cases: Sequence[Case]) -> list[_Ready]:
+    ready = []
+    for k, case in enumerate(cases):
+        name = getattr(case, "name", "") or (f"cases[{k}]" if len(cases) > 1 else "")
+        prefix = f"{name}: " if name else ""
+        try:
+            of_kind(case, Case)
+            ready.append(_Ready(_in_numbers(case), Mechanics(case.contact_law, case.rolling), prefix))
+        except BadInput as error:
+            raise type(error)(f"{prefix}{error}") from None
+    return ready
+
+
+def _in_numbers(case: Case) -> Copy:
+    times = np.ascontiguousarray(case.times, dtype=np.float64)
+    _check(case.bodies, times, case.walls, case.contacts)
+    step = case.step
+    if step is None:
+        step = min(contact_step([body.particle for body in case.bodies]), case.flight_step)
+    if not 0 < step <= case.flight_step:
+        raise BadInput(f"step: {step:g} s does not lie between 0 and the flight step of {case.flight_step:g} s.")
+    kinds = list(dict.fromkeys(body.particle for body in case.bodies))
+    clock = np.zeros(few_step.CLOCK)
+    clock[few_step.STEP], clock[few_step.LONGEST] = step, case.flight_step
+    clock[few_step.STEPS] = -1.0
+    clock[few_step.GRAVITY : few_step.TURNS + 1] = *case.gravity, case.gravity_turns
+    return Copy(
+        np.array([_body_row(body, kinds) for body in case.bodies]),
+        _pair_rows(case),
+        _walls(case, kinds),
+        times,
+        clock,
+        any(wall.motion is not None or math.isfinite(wall.until) for wall in case.walls),
+        tuple(checked(case.effects)),
+    )
+
+
+def _body_row(body: Body, kinds: Sequence[Particle]) -> tuple[float, ...]:
+    particle = body.particle
+    pivot = body.pivot or (0.0, 0.0, 0.0)
+    length = 0.0 if body.pivot is None else float(np.linalg.norm(np.subtract(body.position, pivot)))
+    inertia = 0.4 * particle.mass * particle.radius**2 if body.turns else UNTURNABLE
+    return (
+        *body.position, *body.velocity, *body.spin, particle.radius, particle.mass, inertia, *pivot, length,
+        kinds.index(particle),
+    )  # fmt: skip
+
+
+def _pair_rows(case: Case) -> Array:
+    bodies, contacts = case.bodies, case.contacts
+    if isinstance(contacts, Mapping):
+        for i, j in contacts:
+            if not 0 <= i < j < len(bodies):
+                raise BadInput(f"contacts: ({i}, {j}) is no pair (i, j) of {len(bodies)} bodies with i < j.")
+    rows = np.zeros((len(bodies), len(bodies), LAW_SIZE + 1))
+    for i in range(len(bodies) if contacts is not None else 0):
+        for j in range(i + 1, len(bodies)):
+            contact = contacts if isinstance(contacts, Contact) or contacts is None else contacts.get((i, j))
+            if contact is not None:
+                law = pair_law(bodies[i].particle.material, bodies[j].particle.material, contact, case.impact_speed)
+                rows[i, j] = (*law.row, 1.0)
+    return rows.reshape(-1, LAW_SIZE + 1)
+
+
+def _walls(case: Case, kinds: Sequence[Particle]) -> WallTable:
+    """The table of the walls without the rows that it keeps free for more."""
+    everywhere = np.full(3, -few_step.ENDLESS), np.full(3, few_step.ENDLESS)
+    given = [(wall,) * len(kinds) for wall in case.walls]
+    table = wall_table(given, kinds, skin=0.0, domain=everywhere, impact_speed=case.impact_speed)
+    count = len(given)
+    elements = table.elements if count else table.elements[:0]
+    return replace(table, elements=elements, motion=table.motion[:count], law=table.law[:, :count])
+
+
+def _check(
+    bodies: Sequence[Body],
+    times: Array,
+    walls: Sequence[Wall],
+    contacts: Mapping[tuple[int, int], Contact] | Contact | None,
+) -> None:
+    if not 1 <= len(bodies) <= BODIES:
+        raise BadInput(
+            f"bodies: {len(bodies)} were given; this path moves 1 to {BODIES}, use the bulk engine for more."
+        )
+    if (count := sum(len(wall.shape.rows) for wall in walls)) > ELEMENTS:
+        raise BadInput(
+            f"walls: they are made of {count} parts; this path takes {ELEMENTS}, use the bulk engine for larger meshes."
+        )
+    for body in bodies:
+        if body.particle.shape is not None:
+            raise BadInput(f"{body.particle.name} is a clump; this twin moves single spheres, name a sphere instead.")
+    if len(times) == 0 or times[0] < 0 or not np.all(np.isfinite(times)) or not np.all(np.diff(times) > 0):
+        raise BadInput("times: must be finite, rise, and start at or after 0 s.")
+    state = np.array([[*b.position, *b.velocity, *b.spin, *(b.pivot or ())][:9] for b in bodies])
+    if not np.all(np.isfinite(state)):
+        bad = int(np.flatnonzero(~np.isfinite(state).all(axis=1))[0])
+        raise BadInput(f"body {bad}: its position, velocity or spin is not a finite number.")
+    centres, radii = state[:, :3], np.array([b.particle.radius for b in bodies])
+    tolerance = 1e-3 * radii  # hanging beads touch; a thousandth of a radius is no blunder
+    for wall in walls:
+        gap = gaps(wall.shape, wall.motion.undone(centres, 0.0) if wall.motion else centres, radii)
+        if np.any(gap < -tolerance):
+            bad = int(np.argmin(gap))
+            raise BadInput(f"body {bad} starts {-gap[bad] * 1e3:.3g} mm inside a wall; move it out.")
+    for i in range(len(bodies) if contacts is not None else 0):
+        gap = np.linalg.norm(centres[i + 1 :] - centres[i], axis=1) - radii[i + 1 :] - radii[i]
+        if np.any(gap < -tolerance[i]):
+            bad = i + 1 + int(np.argmin(gap))
+            raise BadInput(f"bodies {i} and {bad} overlap at the start by {-gap.min() * 1e3:.3g} mm; move them apart.")

@@ -1,0 +1,162 @@
+"""A picture of a run for the report: shaded spheres in parallel projection, drawn with numpy alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from rigtwin.lab.arrays import Array, Image
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.records import Track
+from rigtwin.sim.engine.time_step import positive
+
+LIGHT = np.array([-0.4, 0.6, 0.7]) / math.sqrt(1.01)  # from the upper left, before the picture's plane
+AMBIENT = 0.35
+PAPER = 255
+BEAD_COLOUR = (205, 160, 105)
+WALL_COLOUR = (165, 175, 190)
+WALL_VEIL = 0.45  # how much of what is behind a wall it hides; walls are drawn as thin veils
+MARGIN = 0.04
+
+
+def draw(
+    centres: Array,
+    radii: Array,
+    *,
+    walls: Array | None = None,
+    width: int = 640,
+    height: int = 480,
+    turn: float = 30.0,
+    tilt: float = 20.0,
+    colours: Array | None = None,
+) -> Image:
+    """Picture of spheres, shape (height, width, 3), RGB, scaled to show all beads and walls.
+
+    `centres` [m], shape (n, 3), z up; `radii` [m], shape (n,).  `walls` are triangles [m], shape (m, 3, 3), as
+    `trajectory.triangles` makes them.  The eye stands `turn` [deg] about z from looking along y, and `tilt` [deg] above
+    the horizon.  `colours` are RGB of each bead, 0 to 255, shape (n, 3).
+    """
+    positive(width=width, height=height)
+    centres, radii = np.asarray(centres, dtype=float).reshape(-1, 3), np.broadcast_to(radii, len(centres))
+    walls = np.zeros((0, 3, 3)) if walls is None else walls
+    if not (len(centres) or len(walls)):
+        raise BadInput("picture: there is nothing to draw, neither a bead nor a wall.")
+    axes = _axes(turn, tilt)
+    seen, corners = centres @ axes.T, walls @ axes.T
+    scale, shift = _fit(seen, radii, corners.reshape(-1, 3), width, height)
+    tints = np.broadcast_to(BEAD_COLOUR if colours is None else colours, (len(centres), 3))
+
+    image = np.full((height, width, 3), float(PAPER))
+    depth = np.full((height, width), -np.inf)
+    for k in np.argsort(-seen[:, 2]):  # nearest first: what is hidden is never shaded
+        _sphere(image, depth, seen[k] * scale + shift, radii[k] * scale, tints[k])
+    for triangle in corners * scale + shift:
+        _veil(image, depth, triangle)
+    return np.asarray(np.clip(np.rint(image), 0, 255), dtype=np.uint8)
+
+
+def strobe(
+    tracks: Sequence[Track],
+    radii: Array | Sequence[float],
+    offsets: Array | Sequence[Sequence[float]] = ((0.0, 0.0, 0.0),),
+    *,
+    walls: Array | None = None,
+    flashes: int = 40,
+) -> Image:
+    """Bodies that do not turn on their way, as an open shutter sees them by `flashes`; tracks lie in x and y.
+
+    A body is spheres of `radii` [m], shape (n,), at `offsets` [m] from its centre, shape (n, 3), z up.  Later ones are
+    darker.  `walls` are triangles [m] as `draw` has them, with y into the picture; `slab` makes such.
+    """
+    lasts = max(float(np.ptp(track.time)) for track in tracks)
+    centres, shades = [], []
+    for track in tracks:
+        at = np.arange(track.time[0], track.time[-1] + 0.5 * lasts / flashes, lasts / flashes)
+        across, up = (np.interp(at, track.time, track.position[:, axis]) for axis in (0, 1))
+        centres.append(np.stack([across, np.zeros(len(at)), up], axis=1))
+        shades.append(1.0 - 0.5 * (at - at[0])[:, None] / max(lasts, 1e-9) * np.ones(3))
+    tint = np.concatenate(shades) * np.array(BEAD_COLOUR)
+    place = (np.concatenate(centres) + np.asarray(offsets, dtype=float)[:, None]).reshape(-1, 3)  # by sphere and flash
+    each = len(tint)
+    return draw(
+        place, np.repeat(radii, each), walls=walls, turn=0.0, tilt=0.0, colours=np.tile(tint, (len(offsets), 1))
+    )
+
+
+def slab(low: Sequence[float], high: Sequence[float], *, turned: float = 0.0) -> Array:
+    """Two triangles [m], shape (2, 3, 3): what is seen of a plate from `low` to `high` (right, up), and then turned.
+
+    It turns by `turned` [rad] about the origin, anticlockwise as it is seen.
+
+    >>> slab((0, 0), (2, 1)).shape
+    (2, 3, 3)
+    """
+    corners = np.array([low, (high[0], low[1]), high, (low[0], high[1])], dtype=float)
+    turn = np.array([[math.cos(turned), -math.sin(turned)], [math.sin(turned), math.cos(turned)]])
+    corners = np.insert(corners @ turn.T, 1, 0.0, axis=1)
+    return corners[[[0, 1, 2], [0, 2, 3]]]
+
+
+def _axes(turn: float, tilt: float) -> Array:
+    """Rows: to the right, up and towards the eye."""
+    a, b = math.radians(turn), math.radians(tilt)
+    right = [math.cos(a), math.sin(a), 0.0]
+    towards = [math.sin(a) * math.cos(b), -math.cos(a) * math.cos(b), math.sin(b)]
+    return np.array([right, np.cross(towards, right), towards])
+
+
+def _fit(seen: Array, radii: Array, corners: Array, width: int, height: int) -> tuple[float, Array]:
+    """Pixels per metre, and the shift that puts the middle of all into the middle of the picture."""
+    low = np.concatenate([seen - radii[:, None], corners])[:, :2].min(axis=0)
+    high = np.concatenate([seen + radii[:, None], corners])[:, :2].max(axis=0)
+    room = np.array([width, height]) * (1 - 2 * MARGIN)
+    scale = float(np.min(room / np.maximum(high - low, 1e-12)))
+    middle = (low + high) / 2 * scale
+    return scale, np.array([width / 2 - middle[0], height / 2 - middle[1], 0.0])
+
+
+def _patch(depth: Array, low: Array, high: Array) -> tuple[slice, slice, Array, Array] | None:
+    """The pixels from `low` to `high` (x, y; y up) as slices, with their centres; None outside the picture."""
+    rows, columns = depth.shape
+    left, right = max(0, math.floor(low[0])), min(columns, math.ceil(high[0]))
+    bottom, top = max(0, math.floor(low[1])), min(rows, math.ceil(high[1]))
+    if left >= right or bottom >= top:
+        return None
+    x = np.arange(left, right) + 0.5
+    y = np.arange(top - 1, bottom - 1, -1)[:, None] + 0.5
+    return slice(rows - top, rows - bottom), slice(left, right), x, y
+
+
+def _sphere(image: Array, depth: Array, centre: Array, radius: float, tint: Array) -> None:
+    patch = _patch(depth, centre - radius, centre + radius)
+    if patch is None:
+        return
+    rows, columns, x, y = patch
+    across, up = (x - centre[0]) / radius, (y - centre[1]) / radius
+    out2 = 1 - across**2 - up**2
+    out = np.sqrt(np.maximum(out2, 0.0))
+    surface = centre[2] + radius * out
+    shown = (out2 > 0) & (surface > depth[rows, columns])
+    shade = AMBIENT + (1 - AMBIENT) * np.maximum(0.0, across * LIGHT[0] + up * LIGHT[1] + out * LIGHT[2])
+    image[rows, columns][shown] = (shade[..., None] * tint)[shown]
+    depth[rows, columns][shown] = surface[shown]
+
+
+def _veil(image: Array, depth: Array, triangle: Array) -> None:
+    """A wall before the beads dims them, one behind them shows between them."""
+    patch = _patch(depth, triangle.min(axis=0), triangle.max(axis=0))
+    (x0, y0, z0), one, other = triangle[0], triangle[1] - triangle[0], triangle[2] - triangle[0]
+    twice = one[0] * other[1] - one[1] * other[0]
+    if patch is None or abs(twice) < 1e-9:  # seen edge-on
+        return
+    rows, columns, x, y = patch
+    a = ((x - x0) * other[1] - (y - y0) * other[0]) / twice
+    b = (one[0] * (y - y0) - one[1] * (x - x0)) / twice
+    # a round wall made of flat pieces cuts a little into the beads that lean on it: give it a pixel
+    before = z0 + a * one[2] + b * other[2] + 1 > depth[rows, columns]
+    # half-open edges, so that neighbours do not veil their common pixels twice
+    shown = (a >= 0) & (b > 0) & (a + b <= 1) & before
+    view = image[rows, columns]
+    view[shown] += WALL_VEIL * (np.array(WALL_COLOUR) - view[shown])

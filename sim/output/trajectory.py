@@ -1,0 +1,347 @@
+"""A run's frames in a file that OVITO (GSD) or ParaView (temporal VTKHDF) plays, and the walls beside it as a mesh.
+
+While a run goes on its frames stand in `<name>.part`, readable after every frame; closing gives the file its name.
+Numbers are float32: viewing, and measuring to 1e-7 of the rig's size.
+"""
+
+from __future__ import annotations
+
+import math
+import shutil
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.arrays import Array
+from rigtwin.lab.errors import BadInput
+
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.bulk.particle_state import Beads
+    from rigtwin.sim.engine.walls.shapes import Shape
+
+
+AROUND = 72  # corners of a circle in the mesh of a wall
+CHUNK = 4096  # rows of a dataset that are packed together
+
+
+class Trajectory(ABC):
+    """A file that frames are added to."""
+
+    def __init__(self, path: Path, frames: int) -> None:
+        self.path = path
+        self.part = path.with_name(path.name + ".part")
+        self.frames = frames
+        path.parent.mkdir(parents=True, exist_ok=True)
+
+    @abstractmethod
+    def add(self, beads: Beads, time: float, step: int) -> None:
+        """Add the state at `time` [s], after `step` steps."""
+
+    @abstractmethod
+    def _finish(self) -> None:
+        """Write all that is pending and let the file go."""
+
+    def close(self) -> None:
+        """Give the file its name; one of that name from before is replaced."""
+        self._finish()
+        self.part.replace(self.path)
+
+
+def begin(path: Path, kinds: Sequence[str], domain: tuple[Array, Array], *, frames: int = 0) -> Trajectory:
+    """A trajectory in the format of the suffix, .gsd or .vtkhdf.
+
+    `kinds` are the names of the kinds of particles, `domain` [m] the corners of the box that holds all.  With
+    `frames` the file of that name is gone on with, after so many of its frames; where there is none it begins empty.
+    """
+    if path.suffix not in FORMATS:
+        raise BadInput(
+            f"trajectory: {path.name} has no suffix that tells its format; use .gsd (OVITO) or .vtkhdf (ParaView)."
+        )
+    part = path.with_name(path.name + ".part")
+    copied = frames > 0 and path.exists() and not part.exists()
+    if copied:
+        shutil.copyfile(path, part)
+    if not frames or not part.exists():
+        part.unlink(missing_ok=True)
+        frames = 0
+    try:
+        return FORMATS[path.suffix](path, kinds, domain, frames)
+    except (OSError, RuntimeError, KeyError, EOFError) as trouble:
+        part.with_name(part.name + ".cut").unlink(missing_ok=True)
+        if copied:  # a copy left behind would be taken for the film of a run that was broken off
+            part.unlink(missing_ok=True)
+        broken = part if part.exists() else path
+        raise BadInput(
+            f"The trajectory {broken} cannot be written or gone on with ({trouble}); move it away or name another."
+        ) from None
+
+
+class Gsd(Trajectory):
+    """GSD in HOOMD's schema: position, velocity, diameter, mass, type, and as body the clump that a bead is part of.
+
+    Spin, name of each bead and time are logs.
+
+    The schema's box is centred on the origin, so it is the smallest such box that holds the domain.
+    """
+
+    def __init__(self, path: Path, kinds: Sequence[str], domain: tuple[Array, Array], frames: int) -> None:
+        import gsd.hoomd
+
+        super().__init__(path, frames)
+        self._frame = gsd.hoomd.Frame
+        self._kinds = list(kinds)
+        self._box = [*(2 * np.maximum(*np.abs(domain))), 0, 0, 0]
+        if frames:
+            self._cut(frames)
+        self._file = gsd.hoomd.open(self.part, mode="r+" if frames else "w")
+
+    def _cut(self, frames: int) -> None:
+        import gsd.hoomd
+
+        shorter = self.part.with_name(self.part.name + ".cut")
+        with gsd.hoomd.open(self.part, mode="r") as old:
+            _enough(len(old), frames)
+            if len(old) == frames:
+                return
+            with gsd.hoomd.open(shorter, mode="w") as new:
+                for k in range(frames):
+                    new.append(old[k])
+        shorter.replace(self.part)
+
+    def add(self, beads: Beads, time: float, step: int) -> None:
+        frame = self._frame()
+        frame.configuration.step = step
+        frame.configuration.box = self._box
+        frame.particles.N = len(beads.ident)
+        frame.particles.types = self._kinds
+        frame.particles.typeid = beads.kind
+        frame.particles.position = beads.position
+        frame.particles.velocity = beads.velocity
+        frame.particles.diameter = 2 * beads.radius
+        frame.particles.mass = beads.mass
+        if beads.grain is not None:
+            frame.particles.body = beads.grain
+        frame.log["particles/spin"] = beads.spin.astype(np.float32)
+        frame.log["particles/ident"] = beads.ident.astype(np.int32)
+        frame.log["time_s"] = np.array([time])
+        self._file.append(frame)
+        self._file.flush()
+        self.frames += 1
+
+    def _finish(self) -> None:
+        self._file.close()
+
+
+class VtkHdf(Trajectory):
+    """Temporal VTKHDF, type PolyData: beads as points with radius, velocity, spin, ident, kind and grain (the
+    particle that a clump's bead is part of).
+
+    Every frame has one vertex cell per bead.  Cells are numbered alike in all frames, so that all frames share one
+    table of them, as long as the largest frame.
+    """
+
+    DATA = (
+        ("radius", 1),
+        ("velocity", 3),
+        ("spin", 3),
+        ("ident", 0),
+        ("kind", 0),
+        ("grain", 0),
+    )  # components; 0: a whole number
+
+    def __init__(self, path: Path, kinds: Sequence[str], domain: tuple[Array, Array], frames: int) -> None:
+        import h5py
+
+        super().__init__(path, frames)
+        self._file: Any = h5py.File(self.part, "r+" if frames else "w")
+        if frames:
+            try:
+                self._cut(frames)
+            except BaseException:
+                self._file.close()
+                raise
+        else:
+            self._lay_out()
+
+    def _lay_out(self) -> None:
+        root = self._file.create_group("VTKHDF")
+        root.attrs["Version"] = np.array([2, 1], dtype=np.int64)
+        root.attrs.create("Type", np.bytes_("PolyData"))
+        steps = root.create_group("Steps")
+        steps.attrs["NSteps"] = np.int64(0)
+        _growing(root, "Points", np.float32, 3, packed=True)
+        _growing(root, "NumberOfPoints", np.int64)
+        for cells in ("Vertices", "Lines", "Polygons", "Strips"):
+            group = root.create_group(cells)
+            for name in ("NumberOfCells", "NumberOfConnectivityIds", "Offsets", "Connectivity"):
+                _growing(group, name, np.int64)
+            # the reader asks for the offset that begins even an empty table
+            _append(group["Offsets"], np.zeros(1, dtype=np.int64))
+        _growing(steps, "Values", np.float64)
+        for name in ("PartOffsets", "NumberOfParts", "PointOffsets"):
+            _growing(steps, name, np.int64)
+        for name in ("CellOffsets", "ConnectivityIdOffsets"):
+            _growing(steps, name, np.int64, 4)
+        data, offsets = root.create_group("PointData"), steps.create_group("PointDataOffsets")
+        for name, components in self.DATA:
+            dtype = np.float32 if components else np.int32
+            _growing(data, name, dtype, components if components > 1 else 0, packed=True)
+            _growing(offsets, name, np.int64)
+
+    def _cut(self, frames: int) -> None:
+        root = self._file["VTKHDF"]
+        steps = root["Steps"]
+        _enough(int(steps.attrs["NSteps"]), frames)
+        points = int(root["NumberOfPoints"][:frames].sum())
+        steps.attrs["NSteps"] = np.int64(frames)
+        for group in (steps, steps["PointDataOffsets"]):
+            for dataset in group.values():
+                if hasattr(dataset, "shape"):
+                    dataset.resize(frames, axis=0)
+        for dataset in (root["Points"], *root["PointData"].values()):
+            dataset.resize(points, axis=0)
+        root["NumberOfPoints"].resize(frames, axis=0)
+        for cells in ("Vertices", "Lines", "Polygons", "Strips"):
+            for name in ("NumberOfCells", "NumberOfConnectivityIds"):
+                root[cells][name].resize(frames, axis=0)
+
+    def add(self, beads: Beads, time: float, step: int) -> None:
+        root = self._file["VTKHDF"]
+        steps = root["Steps"]
+        count, before = len(beads.ident), len(root["Points"])
+        _append(root["Points"], beads.position)
+        _append(root["NumberOfPoints"], [count])
+        for cells in ("Vertices", "Lines", "Polygons", "Strips"):
+            for name in ("NumberOfCells", "NumberOfConnectivityIds"):
+                _append(root[cells][name], [count if cells == "Vertices" else 0])
+        known = len(root["Vertices"]["Connectivity"])
+        _append(root["Vertices"]["Connectivity"], np.arange(known, count))
+        _append(root["Vertices"]["Offsets"], np.arange(known, count) + 1)
+        _append(steps["Values"], [time])
+        _append(steps["PartOffsets"], [self.frames])
+        _append(steps["NumberOfParts"], [1])
+        _append(steps["PointOffsets"], [before])
+        _append(steps["CellOffsets"], [[0, 0, 0, 0]])
+        _append(steps["ConnectivityIdOffsets"], [[0, 0, 0, 0]])
+        for name, _components in self.DATA:
+            rows = beads.ident if name == "grain" and beads.grain is None else getattr(beads, name)
+            _append(root["PointData"][name], rows)
+            _append(steps["PointDataOffsets"][name], [before])
+        self.frames += 1
+        steps.attrs["NSteps"] = np.int64(self.frames)
+        self._file.flush()
+
+    def _finish(self) -> None:
+        self._file.close()
+
+
+FORMATS: dict[str, type[Gsd | VtkHdf]] = {".gsd": Gsd, ".vtkhdf": VtkHdf}
+
+
+def _enough(there: int, wanted: int) -> None:
+    if there < wanted:
+        raise EOFError(f"it holds {there} of the {wanted} frames that the checkpoint knows of")
+
+
+def _growing(group: Any, name: str, dtype: npt.DTypeLike, components: int = 0, *, packed: bool = False) -> None:
+    more = (components,) if components else ()
+    packing: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if packed else {}
+    rows = CHUNK if packed else 256
+    group.create_dataset(name, shape=(0, *more), maxshape=(None, *more), dtype=dtype, chunks=(rows, *more), **packing)
+
+
+def _append(dataset: Any, rows: npt.ArrayLike) -> None:
+    rows = np.asarray(rows)
+    dataset.resize(len(dataset) + len(rows), axis=0)
+    if len(rows):
+        dataset[-len(rows) :] = rows
+
+
+# ---------------------------------------------------------------------- walls
+
+
+def write_walls(path: Path, shapes: Sequence[Shape], domain: tuple[Array, Array]) -> None:
+    """The walls as one mesh of triangles in VTK's old text format, which OVITO and ParaView both read.
+
+    An infinite plane is cut to the `domain` [m].  Each triangle carries the number of its wall.
+    """
+    meshes = [triangles(shape, domain) for shape in shapes]
+    corners = np.concatenate([mesh.reshape(-1, 3) for mesh in meshes]) if meshes else np.zeros((0, 3))
+    count = len(corners) // 3
+    wall = np.repeat(np.arange(len(meshes)), [len(mesh) for mesh in meshes])
+    lines = ["# vtk DataFile Version 3.0", "walls, lengths in metres", "ASCII", "DATASET POLYDATA"]
+    lines += [f"POINTS {len(corners)} double", *(f"{x:.9g} {y:.9g} {z:.9g}" for x, y, z in corners)]
+    lines += [f"POLYGONS {count} {4 * count}", *(f"3 {3 * k} {3 * k + 1} {3 * k + 2}" for k in range(count))]
+    lines += [f"CELL_DATA {count}", "SCALARS wall int 1", "LOOKUP_TABLE default", *map(str, wall), ""]
+    part = path.with_name(path.name + ".part")
+    part.write_text("\n".join(lines), encoding="ascii")
+    part.replace(path)
+
+
+def triangles(shape: Shape, domain: tuple[Array, Array]) -> Array:
+    """The wall as triangles [m], shape (n, 3 corners, 3); a plane is cut to the `domain`."""
+    from rigtwin.sim.engine.walls import elements
+    from rigtwin.sim.engine.walls.shapes import Plane
+
+    if isinstance(shape, Plane):
+        return _fan(_cut_plane(np.array(shape.point), np.array(shape.normal), domain))
+    rows = shape.rows
+    if rows[0, elements.KIND] == elements.TRIANGLE:
+        return rows[:, elements.POINT :].reshape(-1, 3, 3)
+    return _turned_line(
+        rows[0, elements.POINT : elements.AXIS], rows[0, elements.AXIS : elements.LOW_RADIUS],
+        *rows[0, elements.LOW_RADIUS :],
+    )  # fmt: skip
+
+
+def _turned_line(point: Array, axis: Array, radius: float, far_radius: float, height: float) -> Array:
+    """What a straight line makes that turns about an axis; at a tip there is one triangle where else there are two."""
+    one, other = _circle(point, axis, radius), _circle(point + height * axis, axis, far_radius)
+    one_next, other_next = np.roll(one, -1, axis=0), np.roll(other, -1, axis=0)
+    parts = []
+    if radius > 0:
+        parts.append(np.stack([one, one_next, other], 1))
+    if far_radius > 0:
+        parts.append(np.stack([one_next, other_next, other], 1))
+    return np.concatenate(parts)
+
+
+def _fan(corners: Array) -> Array:
+    first = np.broadcast_to(corners[0], (max(0, len(corners) - 2), 3)) if len(corners) else corners
+    return np.stack([first, corners[1:-1], corners[2:]], axis=1)
+
+
+def _circle(centre: Array, normal: Array, radius: float) -> Array:
+    one, other = _across(normal)
+    angle = np.arange(AROUND)[:, None] * 2 * math.pi / AROUND
+    return centre + radius * (np.cos(angle) * one + np.sin(angle) * other)
+
+
+def _cut_plane(point: Array, normal: Array, domain: tuple[Array, Array]) -> Array:
+    """Where the plane cuts the edges of the box, in order around it."""
+    bits = np.array([[k >> axis & 1 for axis in range(3)] for k in range(8)])
+    box = np.where(bits, domain[1], domain[0])
+    side = (box - point) @ normal
+    found = []
+    for a in range(8):
+        for b in range(a + 1, 8):
+            if abs(bits[a] - bits[b]).sum() == 1 and side[a] * side[b] <= 0 and side[a] != side[b]:
+                found.append(box[a] + side[a] / (side[a] - side[b]) * (box[b] - box[a]))
+    if not found:
+        return np.zeros((0, 3))
+    corners = np.unique(np.round(found, 12), axis=0)
+    one, other = _across(normal)
+    out = corners - corners.mean(axis=0)
+    return np.asarray(corners[np.argsort(np.arctan2(out @ other, out @ one))])
+
+
+def _across(normal: Array) -> tuple[Array, Array]:
+    """Two unit vectors at right angles to `normal` and to each other."""
+    normal = normal / np.linalg.norm(normal)
+    one = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    one /= np.linalg.norm(one)
+    return one, np.cross(normal, one)

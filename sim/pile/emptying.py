@@ -1,0 +1,145 @@
+"""A heap by emptying: a filled round container drains through a hole in the middle of its floor.
+
+What stays is a crater whose slope rises from the hole to the wall.  Its profile is the surface in a section through
+the axis, both halves set back to back: the walls meet in the middle, the hole's edges are the feet, and the slopes are
+read as those of any heap.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rigtwin.lab.arrays import Array
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import Particle
+from rigtwin.lab.progress import Progress
+from rigtwin.lab.records import Profile
+from rigtwin.lab.rigs import Pile
+from rigtwin.sim.engine.time_step import positive
+from rigtwin.sim.output.outline import POINTS_PER_DIAMETER, SIGMA, highest
+from rigtwin.sim.pile.piling import Course
+from rigtwin.sim.run import filling
+
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.bulk.bulk import Bulk
+    from rigtwin.sim.engine.walls.shapes import Shape
+    from rigtwin.sim.run.run_log import Logbook
+
+
+DRAIN = 1 / 3  # of the base, where the rig does not say, but not below
+LEAST_DRAIN = 7  # bead diameters; rough spheres arch over narrower holes
+BELOW = 0.05  # [m], how far below the floor beads are followed
+SECTION = 1.0  # bead diameters to either side of the section's plane
+LID = 0  # number of the wall that closes the drain
+
+
+@dataclass(frozen=True)
+class Emptying:
+    """Container and drain."""
+
+    rig: Pile
+    particle: Particle
+    count: int
+    drain_diameter: float  # [m]
+    fill_limit: float  # [s]
+
+    @property
+    def height(self) -> float:
+        """Of the container [m], as high as the filling needs when it is scattered."""
+        return filling.loose_height(self.particle, self.count, self.rig.base_diameter)
+
+    @property
+    def shapes(self) -> list[Shape]:
+        from rigtwin.sim.engine.walls.shapes import Annulus, Cylinder, Disc
+
+        at, up = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+        hole, wide = self.drain_diameter / 2, self.rig.base_diameter / 2
+        return [Disc(at, up, hole), Annulus(at, up, hole, wide), Cylinder(at, up, wide, self.height)]
+
+    @property
+    def domain(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        side = self.rig.base_diameter / 2 + 2 * self.particle.diameter
+        return (-side, -side, -BELOW), (side, side, self.height + 2 * self.particle.diameter)
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        return {"fill_limit": self.fill_limit}
+
+    @property
+    def assumptions(self) -> dict[str, str]:
+        assumed = f"not stated: a third of the base, at least {LEAST_DRAIN} bead diameters"
+        given = assumed if self.rig.drain_diameter is None else "as given"
+        return {
+            "heap": "what stays in the container around the drain, in sections through its axis",
+            "container": f"round, {self.rig.base_diameter * 1e3:.3g} mm wide, of the base's material",
+            "drain_diameter": f"{self.drain_diameter * 1e3:.3g} mm ({given}), opened at once",
+            "filling": "scattered in the container and let fall until it rested",
+        }
+
+    def need_bearable(self, fastest: float, *, falls_freely: bool) -> None:
+        """Beads that leave are only followed for a little way down."""
+
+    def form(self, bulk: Bulk, logbook: Logbook, course: Course, progress: Progress) -> None:
+        """Fill the container and open its drain."""
+        if not course.placed:
+            half = self.rig.base_diameter / 2
+            box = np.array([-half, -half, 0.0]), np.array([half, half, self.height])
+            filling.scatter(bulk, self.count, filling.in_tube(2 * half), box, self.particle, course.random)
+            course.placed = self.count
+        if course.let_go is None:
+            filling.settle_and_let_go(bulk, logbook, course, self.particle, self.fill_limit, progress)
+            bulk.remove_wall(LID)
+
+    def warnings(self, course: Course, staying: Array) -> list[str]:
+        found = []
+        if not course.in_time:
+            found.append("the filling was still moving when the drain was opened; raise --fill-limit")
+        if (np.hypot(*staying[:, :2].T) < self.drain_diameter / 4).any():
+            drained = course.placed - len(staying)
+            found.append(f"the drain is bridged: {drained} of {course.placed} beads drained, and beads stand over it")
+        return found
+
+
+def emptying(rig: Pile, particle: Particle, count: int, fill_limit: float) -> Emptying:
+    """The container and its drain."""
+    usual = max(DRAIN * rig.base_diameter, LEAST_DRAIN * particle.diameter)
+    drain = usual if rig.drain_diameter is None else rig.drain_diameter
+    positive(drain_diameter=drain, fill_limit=fill_limit)
+    if rig.rim_height:
+        raise BadInput("rim_height: a container that is emptied has a wall, not a rim; leave it out.")
+    if drain < 2 * particle.diameter:
+        raise BadInput(
+            f"drain_diameter: {drain * 1e3:.3g} mm lets no beads of {particle.diameter * 1e3:.3g} mm through; give "
+            f"{LEAST_DRAIN} bead diameters, below which they arch."
+        )
+    if drain > rig.base_diameter - 2 * particle.diameter:
+        raise BadInput(
+            f"drain_diameter: {drain * 1e3:.3g} mm leaves no floor in a container of {rig.base_diameter * 1e3:.3g} mm; "
+            "give a smaller hole."
+        )
+    return Emptying(rig, particle, count, drain, fill_limit)
+
+
+def section(centres: Array, radii: Array, rig: Pile, drain_diameter: float, grain: float, view: float) -> Profile:
+    """Surface of what stays, in the section that stands across the line of sight `view` [deg], back to back.
+
+    Beads whose centre lies within a diameter `grain` [m] of the plane belong to it.  x runs from one edge of the hole
+    (negative) over the wall (0) to the other edge, heights are above the floor.
+    """
+    wide, hole = rig.base_diameter / 2, drain_diameter / 2
+    angle = math.radians(view)
+    cosine, sine = math.cos(angle), math.sin(angle)
+    across = centres[:, 0] * cosine + centres[:, 1] * sine
+    near = np.abs(centres[:, 1] * cosine - centres[:, 0] * sine) < SECTION * grain
+    reach = wide - hole
+    x = np.linspace(-reach, reach, 2 * math.ceil(reach / grain * POINTS_PER_DIAMETER) + 1)
+    height = np.zeros(len(x))
+    for side in (-1, 1):
+        mine = (x >= 0) if side > 0 else (x <= 0)
+        place = side * (wide - np.abs(x[mine]))  # where in the container the point lies
+        height[mine] = np.maximum(height[mine], highest(place, across[near], centres[near, 2], radii[near]))
+    return Profile(x=x, height=height, sigma=np.full(len(x), SIGMA), base=(-reach, reach), view=f"{view:g} deg")

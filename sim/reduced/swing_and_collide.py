@@ -1,0 +1,173 @@
+"""One or two bobs on threads that swing and collide, integrated for many settings at once.
+
+Steps have a fixed length, shortened to end at each contact; the impact acts there, and the next step starts after it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rigtwin.lab.arrays import Array
+from rigtwin.sim.reduced.hermite import hermite
+from rigtwin.sim.reduced.swing import LEAST_RATE, Push, runge_kutta
+
+PER_PERIOD = 50  # steps
+MOST_EXTRA = 40  # contacts followed
+
+Gap = Callable[[Array, Array, Array, Array], tuple[Array, Array]]
+"""Distance of the surfaces [m] and its rate [m/s] from angles and rates of both bobs."""
+Hit = Callable[[Array, Array, Array, Array, Array], tuple[Array, Array, Array]]
+"""Rates after an impact and its closing speed, from angles, rates, number of the impact."""
+Advance = Callable[[Push, Array, Array, Array], tuple[Array, Array]]
+"""Angle [rad] and rate [rad/s] after a step [s] under a push."""
+
+
+@dataclass(frozen=True)
+class Encounter:
+    """Intervals (intervals, settings, repetitions) of a motion with contacts; ends are before the impact there."""
+
+    begin: Array  # [s]
+    length: Array  # [s]
+    angle: tuple[Array, Array]  # [rad] at the begin, of both bobs
+    rate: tuple[Array, Array]  # [rad/s]
+    angle_end: tuple[Array, Array]
+    rate_end: tuple[Array, Array]
+    speeds: Array  # [m/s], (impacts, settings, repetitions), closing speed of each; 1 where there was none
+
+
+def swing_and_hit(
+    start: tuple[Array, Array],
+    push: tuple[Push, Push],
+    period: Array,
+    until: Array,
+    gap: Gap,
+    hit: Hit,
+    impacts: int,
+    *,
+    dry: bool = False,
+) -> Encounter:
+    """From rest at the angles `start` for at least `until` [s].
+
+    Friction that is `dry` changes its side where a bob turns, within a step, or holds it there.
+    """
+    a, b = start
+    u, v = np.zeros_like(a), np.zeros_like(b)
+    t = np.zeros_like(a)
+    count = np.zeros(a.shape, dtype=int)
+    speeds = np.ones((impacts, *a.shape))
+    step = np.broadcast_to(period / PER_PERIOD, a.shape)
+    saved: list[tuple[Array, ...]] = []
+    # a step of the fit that went too far has no end; it is refused for what it predicts
+    limit = int(np.nan_to_num(until / step, nan=0.0, posinf=0.0).max()) + MOST_EXTRA
+    for _ in range(limit):
+        hit_once = np.where(count > 0, 1.0, 0.0)  # until then the second bob hangs still
+
+        def second(angle: Array, rate: Array, mobile: Array = hit_once) -> Array:
+            return mobile * push[1](angle, rate)
+
+        advance = _dry if dry else runge_kutta
+        pushes: tuple[Push, Push] = (push[0], second)
+        ends = _both(advance, pushes, a, b, u, v, step)
+        distance, closing = gap(a, b, u, v)
+        distance_end, closing_end = gap(ends[0], ends[1], ends[2], ends[3])
+        touching = (distance_end < 0) & (closing_end < 0)
+        length = step.copy()
+        if touching.any():
+            share = _first_zero(np.maximum(distance, 0.0), distance_end, closing * step, closing_end * step)
+            length = np.where(touching, step * share, step)
+            for _again in range(2):  # Newton, from a start within a thousandth of the step
+                ends = _both(advance, pushes, a, b, u, v, length)
+                off, speed_off = gap(ends[0], ends[1], ends[2], ends[3])
+                length = np.where(touching, np.clip(length - off / np.minimum(speed_off, -1e-6), 1e-9, step), step)
+            ends = _both(advance, pushes, a, b, u, v, length)
+        saved.append((t, length, a, b, u, v, *ends))
+        t = t + length
+        a, b, u, v = ends
+        if touching.any():
+            u2, v2, speed = hit(a, b, u, v, count)
+            u, v = np.where(touching, u2, u), np.where(touching, v2, v)
+            for k in range(impacts):
+                speeds[k] = np.where(touching & (count == k), np.maximum(speed, 1e-3), speeds[k])
+            count = count + touching
+        if (t >= until).all():
+            break
+    columns = [np.stack(column) for column in zip(*saved, strict=True)]
+    return Encounter(
+        columns[0], columns[1], (columns[2], columns[3]), (columns[4], columns[5]),
+        (columns[6], columns[7]), (columns[8], columns[9]), speeds,
+    )  # fmt: skip
+
+
+def _both(
+    advance: Advance, push: tuple[Push, Push], a: Array, b: Array, u: Array, v: Array, h: Array
+) -> tuple[Array, Array, Array, Array]:
+    a2, u2 = advance(push[0], a, u, h)
+    b2, v2 = advance(push[1], b, v, h)
+    return a2, b2, u2, v2
+
+
+def _dry(push: Push, angle: Array, rate: Array, h: Array) -> tuple[Array, Array]:
+    """The end of a step with dry friction: on one side all the way, then put right where the bob turned."""
+    resting = rate == 0
+    side = np.where(resting, np.where(angle > 0, -1.0, 1.0), np.sign(rate))
+    stuck = resting & (side * push(angle, side * LEAST_RATE) <= 0)
+
+    def one_way(a: Array, w: Array) -> Array:
+        return np.where(stuck, 0.0, push(a, side * np.maximum(side * w, LEAST_RATE)))
+
+    angle_end, rate_end = runge_kutta(one_way, angle, rate, h)
+    turns = side * rate_end < 0
+    if not turns.any():
+        return angle_end, rate_end
+    there, back = push(angle_end, side * LEAST_RATE), push(angle_end, -side * LEAST_RATE)
+    bend = np.where(turns, there, 1.0)
+    change = 2 * (bend - (rate_end - rate) / h)  # of the acceleration over the step
+    since = rate_end / bend
+    since = np.where(turns, np.clip(rate_end / (bend - change * since / (2 * h)), 0.0, h), 0.0)
+    gone = since * (rate_end - since * (bend / 2 - change * since / (6 * h)))  # [rad], from the turning point
+    sticks = turns & (side * back >= 0)
+    return (
+        np.where(sticks, angle_end - gone, angle_end + 0.5 * (back - there) * since**2),
+        np.where(sticks, 0.0, rate_end + (back - there) * since),
+    )
+
+
+def _first_zero(high: Array, low: Array, slope: Array, slope_end: Array) -> Array:
+    """Fraction of the step at which a cubic from `high` falls below zero, by halving."""
+    left, right = np.zeros_like(high), np.ones_like(high)
+    for _ in range(12):
+        middle = 0.5 * (left + right)
+        value, _rate = hermite(high, low, slope, slope_end, middle)
+        left, right = np.where(value > 0, middle, left), np.where(value > 0, right, middle)
+    return 0.5 * (left + right)
+
+
+def angles_at(motion: Encounter, since: Array, owner: Any, body: Any) -> tuple[Array, Array]:
+    """Angle [rad] and rate [rad/s] of each row's bob at times `since` the release; at rest before it."""
+    intervals, settings, repetitions = motion.begin.shape
+    size = settings * repetitions
+    base = np.arange(settings)[:, None] * repetitions + owner[None]
+    held = since < 0
+    inside = np.maximum(since, 0.0)
+    number = np.empty(base.shape, dtype=np.int64)
+    edges = np.flatnonzero(np.diff(owner, prepend=-1))
+    spans = [slice(x, y) for x, y in zip(edges, [*edges[1:], len(owner)], strict=True)]
+    for r, span in enumerate(spans):
+        for k in range(settings):
+            number[k, span] = np.searchsorted(motion.begin[:, k, r], inside[k, span], side="right") - 1
+    number = np.clip(number, 0, intervals - 1)
+    cell = number * size + base
+    length = motion.length.reshape(-1)[cell]
+    s = np.minimum((inside - motion.begin.reshape(-1)[cell]) / length, 1.0)
+
+    def of(pair: tuple[Array, Array]) -> Array:
+        return np.asarray(np.where(body[None] == 0, pair[0].reshape(-1)[cell], pair[1].reshape(-1)[cell]))
+
+    value, slope = hermite(
+        of(motion.angle), of(motion.angle_end), of(motion.rate) * length, of(motion.rate_end) * length, s
+    )
+    return value, np.where(held, 0.0, slope / length)

@@ -1,0 +1,102 @@
+"""Motion along a straight track, slowed until it stops, for many settings at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rigtwin.lab.arrays import Array
+from rigtwin.sim.reduced.hermite import hermite
+
+STEPS = 24
+LATE, LONGEST = 1.5, 8.0
+"""In steps: a last one that is longer is no step, and up to how long it tells about when the stop is."""
+MOST_ROUNDS = 12  # of looking for the stop, a third later each at most
+SLOW = 1e-3  # [m/s], a speed that counts as rest at the start
+
+Pull = Callable[[Array, Array, Array], Array]
+"""Acceleration along the track [m/s^2] from the time since the start, the place and the speed."""
+
+
+@dataclass(frozen=True)
+class Ride:
+    """Nodes (STEPS + 1, settings, repetitions) of a motion that begins at time 0."""
+
+    step: Array  # [s]
+    end: Array  # [s], of the last node: the stop, or the end of the record
+    place: Array  # [m]
+    speed: Array  # [m/s]
+
+
+def ride(place: Array, speed: Array, pull: Pull, until: Array, *, may_stop: bool = True) -> Ride:
+    """Ride from `place` at `speed` until `until` [s], or until it stops."""
+    zero = np.zeros_like(place)
+    slowing = np.maximum(-pull(zero, place, np.maximum(speed, 1e-4)), 1e-9)
+    # what is let go from rest where it speeds up does not stop
+    slows = may_stop & (speed > SLOW) & (slowing > 1e-6)
+    stops = np.where(slows & (speed / slowing < until), speed / slowing, np.inf)
+    stopping = np.isfinite(stops)
+    for _ in range(MOST_ROUNDS):
+        h = np.maximum(np.where(stopping, stops, until), 1e-4) / STEPS
+        places, speeds, last = _ridden(place, speed, pull, h, stopping)
+        # a drag wanes with the speed: the stop is later than the first deceleration says
+        late = stopping & (last > LATE * h)
+        if not late.any():
+            break
+        stops = np.where(late, (STEPS - 1) * h + np.minimum(last, LONGEST * h), stops)
+        stopping = stops < until
+    return Ride(h, (STEPS - 1) * h + last, np.stack(places), np.stack(speeds))
+
+
+def _ridden(place: Array, speed: Array, pull: Pull, h: Array, stopping: Any) -> tuple[list[Array], list[Array], Array]:
+    """Places and speeds after each step, and how long the last one takes, which ends where it stops."""
+    places, speeds = [place], [speed]
+    t, s, v = np.zeros_like(place), place, speed
+    for _ in range(STEPS - 1):
+        s, v = _step(pull, t, s, v, h)
+        t = t + h
+        places.append(s)
+        speeds.append(v)
+    last = h
+    end_s, end_v = _step(pull, t, s, v, last)
+    for _ in range(4):  # Newton to the stop, where it stops
+        bend = pull(t + last, end_s, np.maximum(end_v, 1e-5))
+        correction = np.where(stopping & (bend < -1e-9), -end_v / np.where(bend == 0, 1.0, bend), 0.0)
+        last = np.clip(last + correction, 0.05 * h, STEPS * h)
+        end_s, end_v = _step(pull, t, s, v, last)
+    places.append(end_s)
+    speeds.append(np.where(stopping, 0.0, end_v))
+    return places, speeds, last
+
+
+def _step(pull: Pull, t: Array, s: Array, v: Array, h: Array) -> tuple[Array, Array]:
+    k1 = pull(t, s, v)
+    v2 = v + 0.5 * h * k1
+    k2 = pull(t + 0.5 * h, s + 0.5 * h * v, v2)
+    v3 = v + 0.5 * h * k2
+    k3 = pull(t + 0.5 * h, s + 0.5 * h * v2, v3)
+    v4 = v + h * k3
+    k4 = pull(t + h, s + h * v3, v4)
+    return s + h / 6 * (v + 2 * v2 + 2 * v3 + v4), v + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
+def place_at(motion: Ride, since: Array, owner: Any) -> tuple[Array, Array]:
+    """Place [m] and speed [m/s] at times `since` the start (settings, rows); at rest before and after the stop."""
+    nodes, settings, repetitions = motion.place.shape
+    size = settings * repetitions
+    base = np.arange(settings)[:, None] * repetitions + owner[None]
+    h, end = motion.step.reshape(-1)[base], motion.end.reshape(-1)[base]
+    held = since < 0
+    inside = np.clip(since, 0.0, None)
+    k = np.clip((inside / h).astype(np.int64), 0, nodes - 2)
+    length = np.where(k == nodes - 2, end - k * h, h)
+    over = np.maximum(inside - end, 0.0)
+    s = np.minimum((inside - k * h) / length, 1.0)
+    place, speed = motion.place.reshape(-1), motion.speed.reshape(-1)
+    first = k * size + base
+    value, slope = hermite(place[first], place[first + size], speed[first] * length, speed[first + size] * length, s)
+    final = speed[(nodes - 1) * size + base]
+    return value + over * final, np.where(held, 0.0, slope / length)

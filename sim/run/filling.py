@@ -1,0 +1,416 @@
+"""Filling a rig: particles rain from an outlet or lie scattered in a container, without overlap, seeded; then the wait
+until all rests.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from rigtwin.lab.arrays import Array
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import PACKING, Particle
+from rigtwin.lab.progress import Progress
+from rigtwin.lab.rigs import GRAVITY
+from rigtwin.sim.engine.time_step import positive
+
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.bulk.bulk import Bulk
+    from rigtwin.sim.engine.bulk.particle_state import Grains
+    from rigtwin.sim.engine.walls.shapes import Shape
+    from rigtwin.sim.run.run_log import Logbook
+
+Inside = Callable[[Array, float], npt.NDArray[np.bool_]]
+"""Which of the points, shape (n, 3), lie in a container and farther than so many metres from its walls."""
+
+SKIN = 0.2  # of a diameter; a rain makes a list of neighbours short-lived
+LOOK = 0.02  # [s], how often the filling looks at what it did
+CLEAR = 1.02  # of a diameter between new particles
+TRIES = 20  # places tried for each particle that is due
+GIVEN = "as given"  # is a rate, not by a law
+LONGEST_POUR = 600.0  # [s]
+PATIENCE = 100  # looks in a row at which no particle found room
+REST_LOOKS = 3  # times in a row
+LOOSEST, TIGHTEST = 1.35, 1.02  # pitch of the lattice, in diameters
+MIDDLE, NOTHING = np.full(3, 0.5), np.zeros((0, 3))
+THROWN = 0.2  # [m/s], standard deviation of each component; so that no lattice survives the fall
+
+
+@dataclass(frozen=True)
+class Stillness:
+    """When particles count as resting."""
+
+    energy: float  # their mean kinetic energy, in m g R
+    speed: float  # [m/s], of the fastest
+
+
+AT_REST = Stillness(1e-5, 0.01)
+SETTLED = Stillness(1e-3, 0.05)  # a bed that is about to be let go need not be at rest for good
+
+
+@dataclass(frozen=True)
+class Outlet:
+    """A round opening above the origin that particles leave downwards."""
+
+    diameter: float  # [m]
+    height: float  # [m], z
+    rate: float  # [1/s]
+    speed: float  # [m/s]
+    rate_from: str  # in words
+
+    @property
+    def slab(self) -> float:
+        """Thickness [m] of the layer above the opening into which the particles of one look are set."""
+        return 1.5 * self.speed * LOOK
+
+    @property
+    def pours(self) -> str:
+        """The rate in words."""
+        return f"{self.rate:.0f} particles per second" if self.rate >= 100 else f"{self.rate:.3g} particles per second"
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What makes another run of it, without how it is told."""
+        return {name: value for name, value in asdict(self).items() if name != "rate_from"}
+
+
+def outlet(particle: Particle, diameter: float, height: float, rate: float | None, least: float) -> Outlet:
+    """The outlet of a hopper; without a `rate` [1/s] that of Beverloo's law, but at least `least`."""
+    if diameter < 2 * particle.diameter:
+        raise BadInput(
+            f"outlet_diameter: {diameter * 1e3:.3g} mm lets no particles of {particle.diameter * 1e3:.3g} mm through; "
+            "give at least two diameters."
+        )
+    rate_from = GIVEN
+    if rate is None:
+        grain = particle.equivalent_diameter
+        rate = beverloo(particle, diameter, grain)
+        grains = f"for grains of {grain * 1e3:.3g} mm"
+        rate_from = f"Beverloo's discharge of the outlet {grains}"
+        if rate < least:
+            rate_from = f"{least:g} per second, above Beverloo's {rate:.0f} {grains}, to keep the run short"
+            rate = least
+    positive(pour_rate=rate)
+    # as fast as a free discharge leaves, and fast enough that the particles keep clear of each other
+    thinnest = rate * particle.diameter**3 / (0.3 * diameter**2)
+    return Outlet(diameter, height, rate, max(math.sqrt(GRAVITY * diameter / 2), thinnest), rate_from)
+
+
+def need_end(outlet: Outlet, count: int) -> None:
+    """Refuse an outlet that `count` particles take longer to leave than anybody waits for."""
+    if count / outlet.rate <= LONGEST_POUR:
+        return
+    named, advice = "count", "give fewer or a wider outlet"
+    if outlet.rate_from == GIVEN:
+        named, advice = "pour_rate", f"give at least {math.ceil(1e3 * count / LONGEST_POUR) / 1e3:g} per second"
+    raise BadInput(f"{named}: {count} particles take {count / outlet.rate:.4g} s at {outlet.pours}; {advice}.")
+
+
+def need_bearable(outlet: Outlet, fastest: float) -> None:
+    """Refuse an outlet that particles leave as fast as no time step bears, at `fastest` [m/s] or more."""
+    if outlet.speed < fastest:
+        return
+    advice = "give a narrower outlet or a larger --stiffness-factor"
+    given = outlet.rate_from == GIVEN
+    if given and math.sqrt(GRAVITY * outlet.diameter / 2) < fastest:  # it is the rate that throws them
+        most = math.floor(0.99 * outlet.rate * fastest / outlet.speed)
+        advice = f"give at most {most} per second, a wider outlet or a larger --stiffness-factor"
+    named = "pour_rate: " if given else ""
+    raise BadInput(
+        f"{named}{outlet.pours} leave an outlet of {outlet.diameter * 1e3:.3g} mm at "
+        f"{outlet.speed:.3g} m/s, and the time step bears {fastest:.3g} m/s; {advice}."
+    )
+
+
+def need_bearable_fall(name: str, fall: float, speed: float, fastest: float) -> None:
+    """Refuse the setting `name` where particles thrown down at `speed` [m/s] come too fast after a `fall` [m]."""
+    lands = math.sqrt(speed**2 + 2 * GRAVITY * fall)
+    if lands >= fastest:
+        raise BadInput(
+            f"{name}: after a fall of {fall:.3g} m particles come down at {lands:.3g} m/s, and the time step bears "
+            f"{fastest:.3g} m/s; make it lower, or give a larger --stiffness-factor."
+        )
+
+
+def arch_in_words(who: str, width: float, particle: Particle) -> str:
+    """What to say of particles that jam the outlet of a hopper, `width` [m] wide."""
+    diameters = width / particle.diameter
+    return f"{who} arch over the outlet, which is {width * 1e3:.3g} mm or {diameters:.2g} of their diameters wide"
+
+
+def beverloo(particle: Particle, outlet: float, grain: float) -> float:
+    """Particles per second through a round outlet [m], by Beverloo's law; `grain` [m] is the diameter it goes by.
+
+    The bulk density is `PACKING` of the particle's.
+    """
+    flow: float = 0.58 * PACKING * particle.effective_density * math.sqrt(GRAVITY) * (outlet - 1.4 * grain) ** 2.5
+    return flow / particle.mass
+
+
+@dataclass
+class Filling:
+    """How far a filling has come to rest and was let go: with the beads, all that a run needs to go on."""
+
+    settling_until: float | None = None  # [s]; None before and after it is waited for
+    quiet: int = 0  # looks in a row at which all rested
+    let_go: float | None = None  # [s], when lid, slide, tube or drum first moved
+    in_time: bool = True  # whether the filling rested before
+
+    def kept(self) -> dict[str, Any]:
+        """The course in JSON's types."""
+        return dict(vars(self))
+
+    def go_on(self, kept: dict[str, Any]) -> None:
+        """Take up a course that was kept."""
+        vars(self).update(kept)
+
+
+@dataclass(kw_only=True)
+class Course(Filling):
+    """How far pouring and settling have come."""
+
+    random: np.random.Generator
+    placed: int = 0
+    patience: int = 0  # looks in a row at which no particle found room
+
+    def kept(self) -> dict[str, Any]:
+        return {**super().kept(), "random": self.random.bit_generator.state}
+
+    def go_on(self, kept: dict[str, Any]) -> None:
+        if "random" not in kept:
+            raise BadInput("The checkpoint was written by an earlier rigtwin; delete it or name another.")
+        self.random.bit_generator.state = kept["random"]
+        super().go_on({name: value for name, value in kept.items() if name != "random"})
+
+
+def rain(
+    bulk: Bulk,
+    logbook: Logbook,
+    course: Course,
+    above: Callable[[], tuple[Outlet, Array]],
+    particle: Particle,
+    count: int,
+    progress: Progress,
+) -> None:
+    """Let particles rain until `count` are placed or no more find room; clumps turned at random.
+
+    `above` gives the outlet as it stands, and the places [m], shape (n, 3), of what new particles keep clear of.
+    """
+    steps = max(1, round(LOOK / bulk.time_step))
+    while course.placed < count and course.patience < PATIENCE:
+        source, occupied = above()
+        due = min(count, math.ceil(source.rate * (bulk.time + LOOK))) - course.placed
+        new = places(occupied, source, particle.diameter, due, course.random)
+        turn = None if particle.shape is None else course.random.normal(size=(len(new), 4))
+        bulk.add(new, np.array([0.0, 0.0, -source.speed]), turn=turn)
+        course.patience = 0 if len(new) or due <= 0 else course.patience + 1
+        course.placed += len(new)
+        logbook.run(steps)
+        logbook.look(course.kept())
+        progress("pouring", course.placed, count)
+
+
+def places(occupied: Array, source: Outlet, diameter: float, due: int, rng: np.random.Generator) -> Array:
+    """Up to `due` places in the layer above the outlet, clear of all particles and of each other."""
+    clear2 = (CLEAR * diameter) ** 2
+    taken = occupied[occupied[:, 2] > source.height - CLEAR * diameter]
+    reach = (source.diameter - diameter) / 2
+    found: list[Array] = []
+    for _ in range(TRIES * due):
+        if len(found) == due:
+            break
+        distance, angle = reach * math.sqrt(rng.random()), rng.uniform(0, 2 * math.pi)
+        height = source.height + (source.slab + diameter) * rng.random()
+        place = np.array([distance * math.cos(angle), distance * math.sin(angle), height])
+        if not len(taken) or ((taken - place) ** 2).sum(1).min() > clear2:
+            taken = np.vstack([taken, place])
+            found.append(place)
+    return np.array(found).reshape(-1, 3)
+
+
+def scatter(
+    bulk: Bulk, count: int, inside: Inside, box: tuple[Array, Array], particle: Particle, random: np.random.Generator
+) -> None:
+    """Add `count` particles to a simulation, in the container, which lies in the `box` [m].
+
+    A lattice as loose as fits, every bead moved off its site at random, filled from below.
+    """
+    sites, shift = _sites(count, inside, box, particle)
+    if len(sites) < count:
+        raise _too_many(count, particle, len(sites))
+    _place(bulk, sites[:count], shift, particle, random)
+
+
+def scatter_in_turns(
+    bulk: Bulk,
+    logbook: Logbook,
+    course: Course,
+    count: int,
+    inside: Inside,
+    box: tuple[Array, Array],
+    particle: Particle,
+    progress: Progress,
+    said: str = "count",
+) -> None:
+    """As `scatter`, but what finds no room waits until those before it have fallen: clumps lie closer than lattices.
+
+    `said` is the setting that told how many there are.
+    """
+    steps = max(1, round(LOOK / bulk.time_step))
+    while course.placed < count:
+        taken = bulk.grains().position
+        phase = course.random.random(3) if len(taken) else MIDDLE
+        new, shift = _sites(count - course.placed, inside, box, particle, taken, phase)
+        new = new[: count - course.placed]
+        if not len(new) and course.patience == PATIENCE:
+            raise _too_many(count, particle, course.placed, said)
+        if len(new):
+            _place(bulk, new, shift, particle, course.random)
+        course.patience = 0 if len(new) else course.patience + 1
+        course.placed += len(new)
+        if course.placed < count:
+            logbook.run(steps)
+            logbook.look(course.kept())
+            progress("filling", course.placed, count)
+
+
+def _sites(
+    count: int,
+    inside: Inside,
+    box: tuple[Array, Array],
+    particle: Particle,
+    taken: Array = NOTHING,
+    phase: Array = MIDDLE,
+) -> tuple[Array, float]:
+    """Sites of the loosest lattice with `count` that are clear of `taken` centres, else of the tightest; lowest first.
+
+    The lattice begins a `phase` of its pitch behind the box's low corner.  Also how far [m] a site may be moved.
+    """
+    for pitch in np.linspace(LOOSEST, TIGHTEST, 12) * particle.diameter:
+        shift = float(0.45 * (pitch - particle.diameter))
+        steps = [np.arange(low + part * pitch, high, pitch) for low, high, part in zip(*box, phase, strict=True)]
+        sites = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
+        sites = sites[inside(sites, particle.radius + shift)]
+        if len(taken) and len(sites):
+            near, _ = cKDTree(taken).query(sites, distance_upper_bound=particle.diameter + shift)
+            sites = sites[np.isinf(near)]
+        if len(sites) >= count:
+            break
+    return sites[np.argsort(sites[:, 2], kind="stable")], shift
+
+
+def _place(bulk: Bulk, sites: Array, shift: float, particle: Particle, random: np.random.Generator) -> None:
+    places = sites + random.uniform(-shift, shift, sites.shape) / np.sqrt(3)
+    velocities = random.normal(0, THROWN, sites.shape)
+    turn = None if particle.shape is None else random.normal(size=(len(sites), 4))
+    bulk.add(places, velocities, turn=turn)
+
+
+def _too_many(count: int, particle: Particle, room: int, said: str = "count") -> BadInput:
+    more = f"at most {room} find room" if room else "give more room or smaller beads"
+    return BadInput(f"{said}: {count} beads of {particle.diameter * 1e3:.3g} mm do not fit in; {more}.")
+
+
+def loose_height(particle: Particle, count: int, diameter: float) -> float:
+    """Height [m] in a round container within which `count` particles find room when they are scattered."""
+    # scattered loosely they take five times their volume; a narrow container wastes its edge
+    free = math.pi / 4 * (diameter - 0.5 * particle.diameter) ** 2
+    return 5 * count * particle.diameter**3 / free + 2 * particle.diameter
+
+
+def resting(grains: Grains, particle: Particle, still: Stillness = AT_REST) -> bool:
+    """Whether the particles rest."""
+    mean = grains.kinetic_energy / max(len(grains.ident), 1)
+    fastest = math.sqrt((grains.velocity**2).sum(1).max(initial=0.0))
+    return mean < still.energy * particle.mass * GRAVITY * particle.radius and fastest < still.speed
+
+
+def settle(
+    bulk: Bulk,
+    logbook: Logbook,
+    course: Filling,
+    particle: Particle,
+    limit: float,
+    progress: Progress,
+    *,
+    still: Stillness = AT_REST,
+    every: float = LOOK,
+) -> bool:
+    """Run until all is at rest, looking at it `every` so many seconds; False when it still moved `limit` [s] later."""
+    steps = max(1, round(every / bulk.time_step))
+    if course.settling_until is None:
+        course.settling_until = bulk.time + limit
+    while bulk.time < course.settling_until and course.quiet < REST_LOOKS:
+        logbook.run(steps)
+        course.quiet = course.quiet + 1 if resting(bulk.grains(), particle, still) else 0
+        logbook.look(course.kept())
+        progress("settling", limit - (course.settling_until - bulk.time), limit)
+    return course.quiet >= REST_LOOKS
+
+
+def settle_and_let_go(
+    bulk: Bulk,
+    logbook: Logbook,
+    course: Filling,
+    particle: Particle,
+    limit: float,
+    progress: Progress,
+    *,
+    every: float = LOOK,
+) -> None:
+    """Wait until the filling is quiet enough to be let go, and note when that was and whether it was in time."""
+    course.in_time = settle(bulk, logbook, course, particle, limit, progress, still=SETTLED, every=every)
+    course.let_go, course.settling_until, course.quiet = bulk.time, None, 0
+
+
+def need_gap(name: str, gap: float, particle: Particle) -> None:
+    """Refuse the setting `name`, a `gap` [m] between two upright walls, where no particle finds room in it."""
+    least = TIGHTEST * particle.diameter
+    if gap < least:
+        raise BadInput(
+            f"{name}: {gap * 1e3:.3g} mm between the end walls leave no room for particles of "
+            f"{particle.diameter * 1e3:.3g} mm; give at least {math.ceil(least * 1e4) / 10:g} mm."
+        )
+
+
+def in_tube(diameter: float) -> Inside:
+    """Which points lie in a round tube that stands on z = 0."""
+
+    def inside(points: Array, clear: float) -> npt.NDArray[np.bool_]:
+        return np.asarray((diameter / 2 - np.hypot(points[:, 0], points[:, 1]) > clear) & (points[:, 2] > clear))
+
+    return inside
+
+
+def funnel(outlet: float, diameter: float, height: float, top: float, bottom: float = 0.0) -> tuple[Shape, ...]:
+    """Walls of a cone as in `in_funnel` and the tube above it up to z = `top`, the lid of the outlet first."""
+    from rigtwin.sim.engine.walls.shapes import Cone, Cylinder, Disc
+
+    up, narrow, wide = (0.0, 0.0, 1.0), outlet / 2, diameter / 2
+    shoulder = bottom + height
+    return (
+        Disc((0.0, 0.0, bottom), up, narrow),
+        Cone((0.0, 0.0, bottom), up, narrow, wide, height),
+        Cylinder((0.0, 0.0, shoulder), up, wide, top - shoulder),
+    )
+
+
+def in_funnel(outlet: float, diameter: float, height: float, bottom: float = 0.0) -> Inside:
+    """Which points lie in a cone of `height` [m] that opens from `outlet` to `diameter` [m], and the tube above it.
+
+    The outlet is at z = `bottom`.
+    """
+    slope = (diameter - outlet) / 2 / height
+
+    def inside(points: Array, clear: float) -> npt.NDArray[np.bool_]:
+        from_axis, above = np.hypot(points[:, 0], points[:, 1]), points[:, 2] - bottom
+        free = outlet / 2 + slope * above - from_axis > clear * math.hypot(1, slope)
+        return np.asarray(free & (diameter / 2 - from_axis > clear) & (above > clear))
+
+    return inside

@@ -1,0 +1,217 @@
+"""What every twin of many particles begins with: who takes part, by which numerics, and what is kept of the run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypedDict
+
+import numpy as np
+
+from rigtwin.lab.arrays import Array
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.file.model_file import NO_EFFECTS, Effects
+from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.rigs import Rig
+from rigtwin.sim.engine.time_step import USUAL, positive, time_step
+
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.bulk.bulk import Bulk
+    from rigtwin.sim.engine.contact import ContactLaw, Rolling
+    from rigtwin.sim.engine.device import Device
+    from rigtwin.sim.engine.effect_terms import Active
+    from rigtwin.sim.engine.walls.shapes import Shape
+    from rigtwin.sim.run.run_log import Logbook
+
+
+FRAME_INTERVAL = 0.01  # [s]
+CHECKPOINT_INTERVAL = 60.0  # [s] of computing; what a power cut may cost
+OVERLAP_LIMIT = 0.05  # of a radius; softer contacts than this bend the result
+
+
+class Numerics(TypedDict, total=False):
+    """How a twin of many particles is worked out; none of it is the experimenter's."""
+
+    stiffness_factor: float  # Young's moduli are multiplied by it; a thousandth (Hlosta et al. 2020, section 2.2.3)
+    time_step_fraction: float  # of Rayleigh's step; 30 %
+    forced: bool  # even an unstable step is taken
+    device: Device  # "cpu"; "cuda" where there is one, else the CPU, and the result says so; "auto": without a word
+    rolling: Rolling  # "type C"
+    contact_law: ContactLaw  # "Hertz-Mindlin"
+    impact_speed: float  # [m/s], at which springs of the "linear" law are as stiff as Hertz's contacts; 1 m/s
+    effects: Effects  # those of a model, by name
+    threads: int | None  # None: all
+    trajectory: Path | None  # .gsd or .vtkhdf, with the walls beside it in <stem>-walls.vtk
+    trajectory_interval: float  # [s] simulated
+    checkpoint: Path | None  # a run whose file is there goes on from it, and ends with the same bits
+    checkpoint_interval: float  # [s] of computing
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A rig, what is filled into it, and the numerics."""
+
+    rig: Rig
+    particle: Particle
+    wall: Material
+    contact: Contact
+    wall_contact: Contact
+    numerics: Numerics
+
+    def __post_init__(self) -> None:
+        positive(stiffness_factor=self.stiffness_factor)
+        if self.stiffness_factor > 1:
+            raise BadInput(f"stiffness_factor: {self.stiffness_factor:g} would stiffen the beads; give at most 1.")
+        self.time_step()
+        positive(impact_speed=self.impact_speed)  # last: where it is not given, the engine is imported for it
+
+    @property
+    def stiffness_factor(self) -> float:
+        return self.numerics.get("stiffness_factor", 1e-3)
+
+    @property
+    def rolling(self) -> Rolling:
+        return self.numerics.get("rolling", "type C")
+
+    @property
+    def contact_law(self) -> ContactLaw:
+        return self.numerics.get("contact_law", "Hertz-Mindlin")
+
+    @property
+    def impact_speed(self) -> float:
+        from rigtwin.sim.engine.contact import IMPACT_SPEED
+
+        return self.numerics.get("impact_speed", IMPACT_SPEED)
+
+    @property
+    def soft(self) -> Particle:
+        """The particle as it is simulated."""
+        return replace(self.particle, material=self.particle.material.softened(self.stiffness_factor))
+
+    def time_step(self) -> tuple[float, tuple[str, ...]]:
+        """[s], with what speaks against it."""
+        fraction, forced = self.numerics.get("time_step_fraction", USUAL), self.numerics.get("forced", False)
+        return time_step([self.soft], fraction, forced=forced)
+
+    @property
+    def fastest(self) -> float:
+        """[m/s], that a bead or a wall may have: what goes further in a step misses contacts."""
+        from rigtwin.sim.engine.bulk.bulk import STEP_IN_RADII
+
+        return STEP_IN_RADII * min(self.soft.radii) / self.time_step()[0]
+
+    @property
+    def falls_freely(self) -> bool:
+        """Whether weight alone acts on what falls, and no force that an effect brings, as the drag of air."""
+        from rigtwin.sim.engine.effect_terms import acting_among
+
+        active, _ = acting_among(self.numerics.get("effects", NO_EFFECTS), self.particle)
+        return all(one.effect.force is None for one in active)
+
+    def bulk(
+        self,
+        shapes: Sequence[Shape],
+        domain: tuple[Sequence[float] | Array, Sequence[float] | Array],
+        *,
+        skin: float | None = None,
+        open_domain: bool = True,
+    ) -> Bulk:
+        """The simulation, still without beads, in a `domain` [m] from its low to its high corner."""
+        from rigtwin.sim.engine.bulk.bulk import SKIN, Bulk
+        from rigtwin.sim.engine.walls.shapes import Wall
+
+        (x, y, z), (to_x, to_y, to_z) = ([float(c) for c in corner] for corner in domain)
+        wall = self.wall.softened(self.stiffness_factor)
+        return Bulk(
+            [self.soft],
+            self.contact,
+            [Wall(shape, wall, self.wall_contact) for shape in shapes],
+            low=(x, y, z),
+            high=(to_x, to_y, to_z),
+            open_domain=open_domain,
+            time_step=self.time_step()[0],
+            rolling=self.rolling,
+            contact_law=self.contact_law,
+            impact_speed=self.impact_speed,
+            effects=self._effects()[0],
+            threads=self.numerics.get("threads"),
+            device=self.numerics.get("device", "cpu"),
+            skin=SKIN if skin is None else skin,
+        )
+
+    def logbook(self, bulk: Bulk, **settings: Any) -> Logbook:
+        """What runs `bulk` and writes it down; `settings` are those of the rig's own that decide the outcome."""
+        from rigtwin.sim.run.run_log import Logbook
+
+        parts = ("rig", "particle", "wall", "contact", "wall_contact")
+        numerics = {
+            "stiffness_factor": self.stiffness_factor,
+            "time_step_fraction": self.numerics.get("time_step_fraction", USUAL),
+            "device": bulk.device,  # the last bits are another one's
+            "rolling": self.rolling,
+            **self._lever(),
+            "contact_law": self.contact_law,
+            "impact_speed": self.impact_speed,
+            "effects": {name: dict(values) for name, values in self.numerics.get("effects", NO_EFFECTS).items()},
+        }
+        return Logbook(
+            bulk,
+            {**{name: asdict(getattr(self, name)) for name in parts}, **numerics, **settings},
+            trajectory=self.numerics.get("trajectory"),
+            trajectory_interval=self.numerics.get("trajectory_interval", FRAME_INTERVAL),
+            checkpoint=self.numerics.get("checkpoint"),
+            checkpoint_interval=self.numerics.get("checkpoint_interval", CHECKPOINT_INTERVAL),
+        )
+
+    def assumptions(self) -> dict[str, str]:
+        """The numerics in words, for the result."""
+        acting, _ = self._effects()
+        effects = {"effects": ", ".join(one.effect.name.replace("_", " ") for one in acting)} if acting else {}
+        linear = f"linear springs, as stiff as Hertz's contacts at {self.impact_speed:g} m/s"
+        return {
+            "contact_law": linear if self.contact_law == "linear" else self.contact_law,
+            "stiffness_factor": f"{self.stiffness_factor:g} of the real Young's moduli of beads and walls",
+            "time_step": f"{100 * self.numerics.get('time_step_fraction', USUAL):g}% of Rayleigh's",
+            "rolling_resistance": f"{self.rolling}, torque limit mu_r Fn R on each bead"
+            + (", R from a contact to the centre of mass" if self.rolling != "type C" else ""),
+            **effects,
+        }
+
+    def warnings(self, bulk: Bulk, logbook: Logbook) -> tuple[str, ...]:
+        """What speaks against the numerics of a run that ended."""
+        said = [*self.time_step()[1], *logbook.warnings, *([bulk.note] if bulk.note else [])]
+        said += self._effects()[1]
+        if bulk.largest_overlap > OVERLAP_LIMIT:
+            said.append(pressed(bulk.largest_overlap, logbook.history.largest_overlap))
+        return tuple(said)
+
+    def _lever(self) -> dict[str, str]:
+        """What tells a clump's run under type A from earlier ones, whose lever was the radius of the touched sphere."""
+        if self.rolling == "type C" or self.particle.shape is None:
+            return {}
+        return {"rolling_lever": "from a contact to the centre of mass"}
+
+    def _effects(self) -> tuple[tuple[Active, ...], tuple[str, ...]]:
+        """Effects of the model that act here, and what is to be said of those that do not."""
+        from rigtwin.sim.engine.effect_terms import acting_among
+
+        return acting_among(self.numerics.get("effects", NO_EFFECTS), self.particle)
+
+
+def pressed(most: float, seen: Array) -> str:
+    """What to say of beads that are too soft, from the largest overlaps [radii] of the whole run and at each look.
+
+    A bead that falls a metre onto a bed is pressed in for a tenth of a millisecond; that bends rebounds, and leaves the
+    bed as it would lie anyway.  What most looks show is no impact: a bed that lies or flows, if only until it is gone.
+    """
+    lasting = float(max(np.median(seen), seen[-1]))
+    if lasting > OVERLAP_LIMIT:
+        return (
+            f"beads lie up to {lasting:.1%} of a radius in each other; "
+            f"above {OVERLAP_LIMIT:.0%} give a larger --stiffness-factor"
+        )
+    return (
+        f"impacts pressed beads up to {most:.1%} of a radius together (otherwise {lasting:.1%}); "
+        "where rebounds matter give a larger --stiffness-factor"
+    )

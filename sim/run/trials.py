@@ -1,0 +1,83 @@
+"""Many trials of a rig of few bodies: what each shows its camera, all of them worked out side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+
+from rigtwin.lab.arrays import Array
+from rigtwin.lab.errors import BadInput, RigtwinError
+from rigtwin.lab.progress import Progress
+from rigtwin.sim.engine.time_step import of_kind
+
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.few.few_body import Case
+
+_Trial = TypeVar("_Trial")
+_Ready = TypeVar("_Ready")
+
+FRAMES_AT_REST = 5  # shown before anything moves
+TRACK_SIGMA = 1e-6  # [m], the step is halved until samples move by less
+
+
+@dataclass(frozen=True, eq=False)
+class Release:
+    """Bodies at rest until they are let go after some frames."""
+
+    time: Array  # [s], of all frames, shape (k,)
+    case: Case  # from the moment when they are let go
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """Where the bodies are in each frame."""
+
+    time: Array  # [s], shape (k,)
+    position: Array  # [m], shape (k, n, 3)
+    sigma: Array  # [m], shape (k,)
+
+
+def each(trials: Sequence[_Trial], kind: type[_Trial], prepare: Callable[[_Trial], _Ready]) -> Iterator[_Ready]:
+    """The trials made ready, all of one `kind`; what is wrong with one of many says with which."""
+    for k, trial in enumerate(trials):
+        try:
+            of_kind(trial, kind)
+            yield prepare(trial)
+        except BadInput as error:
+            raise type(error)(f"{name(k, trials)}: {error}" if len(trials) > 1 else str(error)) from None
+
+
+def name(place: int, trials: Sequence[object]) -> str:
+    """By which errors call one of many; one alone needs no name."""
+    return f"trials[{place}]" if len(trials) > 1 else ""
+
+
+def released(time: Array, frame_rate: float) -> Array:
+    """The times [s] since the release of those frames that come after it."""
+    return time[FRAMES_AT_REST + 1 :] - FRAMES_AT_REST / frame_rate
+
+
+def film(releases: Sequence[Release], *, threads: int | None = None, progress: Progress) -> list[Seen | RigtwinError]:
+    """What cameras see of these releases, worked out in one launch with the step halved until nothing moves."""
+    from rigtwin.sim.engine.few.few_body import run_many_halved
+
+    moving = [k for k, release in enumerate(releases) if len(release.case.times)]
+    cases = [replace(releases[k].case, name=name(k, releases)) for k in moving]
+    motions = run_many_halved(cases, tolerance=TRACK_SIGMA, threads=threads, progress=progress)
+    found = dict(zip(moving, motions, strict=True))
+    seen: list[Seen | RigtwinError] = []
+    for k, release in enumerate(releases):
+        frames = len(release.time)
+        position = np.tile([body.position for body in release.case.bodies], (frames, 1, 1))
+        sigma, motion = TRACK_SIGMA, found.get(k)
+        if isinstance(motion, RigtwinError):
+            seen.append(motion)
+            continue
+        if motion is not None:
+            position[FRAMES_AT_REST + 1 :] = motion[0].position
+            sigma = max(sigma, motion[1])
+        seen.append(Seen(release.time, position, np.full(frames, sigma)))
+    return seen

@@ -1,0 +1,155 @@
+"""Diagnosis: a second name must not stand for what the first effect's law leaves, nor drown beside a strong first."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from rigtwin.compare.diagnose.selection import name_effects
+from rigtwin.compare.diagnose.selection.bent_laws import bends, gained_beside
+from rigtwin.compare.diagnose.selection.candidate import Candidate, refused
+from rigtwin.compare.diagnose.selection.name_effects import ALARM, _plainest, _Search, spared
+from rigtwin.sim.effects import library, named
+
+FITTED = SimpleNamespace(value=lambda name: 0.4)
+MOTION = {
+    "force": (0.5, -2.0, 0.1, 3e-3, 1e-4), "torque": (0.3, 2.0, 0.25, 1e-3), "restitution": (0.6, 1.3, 3e-3, 1e-4),
+    "rolling": (0.02, 0.5, 3e-3), "sliding": (0.4, 0.5, 10.0), "onset": (0.4, 10.0, 0.02), "view": (0.1, 0.2),
+    "exposure": (1.0, 0.1, 0.2),
+}  # fmt: skip
+
+
+def test_a_quadratic_drag_bends_towards_one_that_is_linear_and_one_that_is_cubic():
+    drag = named("air_drag")
+    slower, faster = bends(drag, FITTED, sizes=False)
+    for term, power in ((slower, 1), (faster, 3)):
+        single, double = (np.array(term.force(0.0, -v, 0.1, 3e-3, 1e-4, 0.1)) for v in (1.0, 2.0))
+        assert double[1] == pytest.approx(2**power * single[1], rel=1e-6)
+        assert single[0] == 0.0
+    # at 1 m/s a bend is that share of the drag itself
+    plain = drag.force(0.0, -1.0, 0.1, 3e-3, 1e-4, 0.4)[1]
+    assert slower.force(0.0, -1.0, 0.1, 3e-3, 1e-4, 0.1)[1] == pytest.approx(0.1 * plain, rel=1e-6)
+
+
+def test_a_drag_on_beads_of_two_sizes_may_depend_on_the_size_in_another_way():
+    more = bends(named("air_drag"), FITTED, sizes=True)
+    assert len(more) == 5
+    small, large = (more[2].force(0.0, -1.0, 0.1, radius, 1e-4, 1.0)[1] for radius in (2e-3, 4e-3))
+    assert large == pytest.approx(8 * small)  # once more than the area
+
+
+@pytest.mark.parametrize("effect", library(), ids=lambda effect: effect.name)
+def test_every_law_is_bent_in_proportion_to_the_coefficient_and_what_moves_the_rig_has_none(effect):
+    found = bends(effect, FITTED, sizes=True)
+    assert bool(found) == (not effect.geometry)
+    for term in found:
+        hook = next(name for name in MOTION if getattr(term, name) is not None)
+        nought, once, twice = (np.array(getattr(term, hook)(*MOTION[hook], c)) for c in (0.0, 0.01, 0.02))
+        assert twice - nought == pytest.approx(2 * (once - nought), rel=1e-6)
+
+
+def test_a_share_of_a_strong_first_effect_is_asked_only_of_what_its_law_may_have_left(monkeypatch):
+    """Beside 1e9 gained, 100 is a small share: it counts where the law of the first cannot have left it."""
+    search = _Search(SimpleNamespace(lab=SimpleNamespace(rig="pendulum")), None, 1.0)
+    fitted = SimpleNamespace(unknowns=(), std=lambda name: 1.0, value=lambda name: 0.44)
+    drag = Candidate((named("air_drag"),), fitted, 1e9)
+    for gained, beside, earned in ((100.0, 60.0, True), (100.0, 5.0, False), (15.0, 60.0, False), (2e3, 5.0, True)):
+        monkeypatch.setattr(name_effects, "gained_beside", lambda *_, beside=beside: beside)
+        search.beside.clear()
+        both = Candidate((*drag.terms, named("length_error")), fitted, 1e9 + gained)
+        assert search.earned(drag, both) is earned
+
+
+def test_sets_of_which_one_is_no_part_of_the_other_are_not_weighed_so():
+    fewer, more = (
+        Candidate(tuple(map(named, names)), FITTED, 0.0) for names in (("air_drag",), ("pivot_friction", "scale_error"))
+    )
+    assert gained_beside(SimpleNamespace(), fewer, more) == 0.0
+
+
+def test_of_forms_that_fit_alike_the_one_that_takes_no_thin_plate_is_named(monkeypatch):
+    plate, bead = (
+        Candidate((named(name),), SimpleNamespace(value=lambda _: 0.5), gain)
+        for name, gain in (("plate_compliance", 378.1), ("restitution_viscoelastic", 377.4))
+    )
+    done = {frozenset(one.names): one for one in (plate, bead)}
+    search = SimpleNamespace(done=done, certified=lambda one: one)
+    chosen, others = _plainest(search, plate)
+    assert chosen is bead
+    assert others == [plate]
+    clear = Candidate(bead.terms, bead.fitted, 370.0)
+    search.done = {frozenset(one.names): one for one in (plate, clear)}
+    assert _plainest(search, plate) == (plate, [])
+
+
+def test_a_plain_form_that_was_not_fitted_to_the_end_is_before_it_is_left_behind():
+    """It seemed 5 behind and is 12 ahead: then the thin plate, and a drag as good as that, no longer do as well."""
+    plate, rough, fine, drag = (
+        Candidate((named(name),), SimpleNamespace(value=lambda _: 0.5), gain)
+        for name, gain in (
+            ("plate_compliance", 100.0), ("restitution_viscoelastic", 95.0), ("restitution_viscoelastic", 112.0),
+            ("adhesion_jkr", 99.0),
+        )
+    )  # fmt: skip
+    done = {frozenset(one.names): one for one in (plate, rough, drag)}
+
+    def certified(one):
+        done[frozenset(one.names)] = fine
+        return fine
+
+    assert _plainest(SimpleNamespace(done=done, certified=certified), plate) == (fine, [])
+
+
+def test_a_law_of_the_impact_under_which_beads_would_win_energy_is_refused():
+    def fitted(e, std):
+        unknowns = [SimpleNamespace(name="restitution.D6-glass"), SimpleNamespace(name="plate_compliance.strength")]
+        own = dict(zip([one.name for one in unknowns], ((e, std), (50.0, 5.0)), strict=True))
+        values = [value for value, _ in own.values()]
+        return SimpleNamespace(
+            unknowns=unknowns, values=values, value=lambda name: own[name][0], std=lambda name: own[name][1]
+        )
+
+    terms = (named("plate_compliance"),)
+    assert refused(fitted(1.1, 0.02), terms) == "restitution.D6-glass = 1.1 is above one"
+    assert refused(fitted(1.1, 0.08), terms) == ""
+    assert refused(fitted(0.9, 0.01), terms) == ""
+
+
+def test_a_candidate_whose_equations_have_no_solution_is_left_out_and_told():
+    search = _Search(SimpleNamespace(), None, 1.0)
+
+    def singular():
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    search._attempt((named("air_drag"), named("plate_tilt")), singular)
+    assert search.done == {}
+    assert list(search.broken) == ["air drag and non-level plate"]
+
+
+@pytest.mark.parametrize(
+    ("repetitions", "scatter", "lever"),
+    [(2, 0.1, False), (3, 0.1, False), (2, 0.15, False), (15, 0.03, False), (15, 0.03, True)],
+)
+def test_frictions_of_three_sizes_are_tied_where_the_data_say_so_and_not_where_they_say_little(
+    repetitions, scatter, lever
+):
+    """Equal ones are no lever arm, however few and scattered the repetitions; those that go with 1/d are one."""
+    rng = np.random.default_rng(3)
+    sizes, draws, found = np.array([1.0, 1.25, 1.5]), 200, 0
+    for _ in range(draws):
+        seen = rng.normal(0.0 if not lever else -np.log(sizes)[:, None], scatter, (3, repetitions))
+        doubt = np.full(3, max(float(np.var(seen, axis=1).mean()), 1e-6) / repetitions)
+        tied = seen.mean(axis=1) + np.log(sizes)
+        lost = float(np.sum((tied - np.average(tied, weights=1 / doubt)) ** 2 / doubt))
+        base = SimpleNamespace(index=int, covariance=np.diag(doubt), values=np.ones(3))
+        found += spared(base, ("0", "1", "2")) - lost > ALARM
+    assert found >= 0.85 * draws if lever else found <= 0.01 * draws
+
+
+def test_frictions_that_share_their_doubt_are_worth_tying():
+    """An incline that is not quite as stated moves all of them alike: what is known of their ratios counts."""
+    apart, shared = 1e-4 * np.eye(3), 0.01 * np.ones((3, 3))
+    alone = SimpleNamespace(index=int, covariance=apart + 0.01 * np.eye(3), values=np.ones(3))
+    alike = SimpleNamespace(index=int, covariance=apart + shared, values=np.ones(3))
+    assert spared(alike, ("0", "1", "2")) > spared(alone, ("0", "1", "2")) + 8
+    assert spared(alone, ()) == 0.0

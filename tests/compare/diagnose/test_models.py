@@ -1,0 +1,406 @@
+"""Diagnosis: its reduced models against closed forms, and the library of effects that enter them."""
+
+import math
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from rigtwin.compare.diagnose.data import tracked_lab as labs
+from rigtwin.compare.diagnose.diagnosis import _closed
+from rigtwin.compare.diagnose.fitting.fit import fit
+from rigtwin.compare.diagnose.models.double_pendulum import MOST_IMPACTS, DoubleBench, _Contacts
+from rigtwin.compare.diagnose.models.pendulum import pushing
+from rigtwin.compare.diagnose.models.rows import coefficients
+from rigtwin.compare.diagnose.models.unknown import Unknown
+from rigtwin.compare.diagnose.selection.complexity_penalty import SECOND, feigned
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.records import Track
+from rigtwin.sim.effects import Effect, Parameter, library, named, own_effect
+from rigtwin.sim.effects.nameless_terms import beside, nameless
+from rigtwin.sim.effects.validate import check, one_sided
+from rigtwin.sim.reduced import flight, swing, swing_and_collide, track
+
+G = 9.81
+
+
+# ------------------------------------------------------------------------------------------------ reduced models
+
+
+def test_a_flight_without_air_is_a_parabola():
+    one = np.ones((1, 1, 1))
+    path = flight.fly(0.2 * one, 3.0 * one, 0 * one, 0 * one, one, radius=one, mass=one, gravity=G, terms=(), values={})
+    assert path.duration.item() == pytest.approx(2 * 3.0 / G, rel=1e-9)
+    assert path.land_x.item() == pytest.approx(0.2 * 6.0 / G, rel=1e-9)
+    assert path.land_vy.item() == pytest.approx(-3.0, rel=1e-9)
+
+
+def test_a_long_fall_ends_at_the_terminal_speed_of_its_drag():
+    one = np.ones((1, 1, 1))
+    radius, mass = 0.006, 2.5e-5
+    drag = named("air_drag")
+    path = flight.fly(
+        0 * one, 0 * one, 12.0 * one, 0 * one, one,
+        radius=radius * one, mass=mass * one, gravity=G, terms=(drag,),
+        values={"air_drag.drag_coefficient": np.array([0.44])},
+    )  # fmt: skip
+    terminal = math.sqrt(mass * G / (0.5 * 1.2 * 0.44 * math.pi * radius**2))
+    assert -path.land_vy.item() == pytest.approx(terminal, rel=1e-3)
+
+
+@pytest.mark.parametrize(("up", "height"), [(0.3, 0.0), (2.0, 0.0), (0.0, 0.05), (0.0, 1.0)])
+def test_a_charged_bead_keeps_its_energy_however_steep_the_pull_of_its_image_is(up, height):
+    one, charge = np.ones((1, 1, 1)), 1e-9
+    radius, mass = 0.003, 2e-4
+    path = flight.fly(
+        0 * one, up * one, height * one, 0 * one, one,
+        radius=radius * one, mass=mass * one, gravity=G, terms=(named("electrostatic"),),
+        values={"electrostatic.charge": np.array([charge])},
+    )  # fmt: skip
+    image = charge**2 / (16 * math.pi * 8.8541878128e-12)
+    landing = up**2 + 2 * G * height + 2 * image / mass * (1 / radius - 1 / (radius + height))
+    assert path.land_vy.item() ** 2 == pytest.approx(landing, abs=0.01 * 2 * image / mass / radius)
+
+
+def test_a_pendulum_swings_slower_at_large_angles_as_the_elliptic_integral_says():
+    from scipy.special import ellipk
+
+    angle = np.array([[1.0]])
+    push, omega = pushing(np.array([[0.25]]), np.array([1e-3]), np.array([3e-3]), G, {}, ())
+    swings = swing.half_swings(angle, push, omega, np.array([[2.0]]))
+    half = 2 * math.sqrt(0.25 / G) * ellipk(math.sin(0.5) ** 2)
+    assert np.diff(swings.begin[:, 0, 0]) == pytest.approx(half, rel=2e-5)
+
+
+def test_dry_friction_takes_the_same_angle_from_every_swing():
+    moment, length, mass = 2e-6, 0.25, 2e-4
+    values = {"pivot_friction.moment": np.array([moment])}
+    push, omega = pushing(
+        np.array([[length]]), np.array([mass]), np.array([3e-3]), G, values, (named("pivot_friction"),)
+    )
+    swings = swing.half_swings(np.array([[0.05]]), push, omega, np.array([[3.0]]))
+    loss = -np.diff(np.abs(swings.angle[:, 0, 0, 0]))
+    assert loss == pytest.approx(2 * moment / (mass * G * length), rel=2e-3)
+
+
+def hung_free(start: float, moment: float, times: np.ndarray):
+    """Angles [rad] of a bob that has dry friction and nothing to strike, stepped and from turn to turn."""
+    length, mass, far = np.array([[0.25]]), np.array([2e-4]), np.array([[3.0]])
+    values = {"pivot_friction.moment": np.array([moment])}
+    push, omega = pushing(length, mass, np.array([3e-3]), G, values, (named("pivot_friction"),))
+    exact = swing.half_swings(np.array([[start]]), push, omega, far)
+
+    def nothing_near(a, b, u, v):
+        return 1.0 + 0 * a, 0 * a
+
+    def never(a, b, u, v, count):
+        raise AssertionError("nothing is near that could be struck")
+
+    begin = np.array([[start]]), np.array([[0.0]])
+    stepped = swing_and_collide.swing_and_hit(
+        begin, (push, push), 2 * math.pi / omega, far, nothing_near, never, 1, dry=True
+    )
+    owner = np.zeros(len(times), dtype=int)
+    return swing_and_collide.angles_at(stepped, times[None], owner, owner)[0][0], swing.angle_at(
+        exact, times[None], owner
+    )[0][0]
+
+
+def test_dry_friction_of_a_pendulum_that_strikes_turns_where_the_bob_turns_not_at_the_step():
+    stepped, exact = hung_free(0.7, 4e-6, np.linspace(0.0, 3.0, 200))
+    # a micrometre of the path; with the friction's sign taken at the step it is a hundred
+    assert 0.25 * stepped == pytest.approx(0.25 * exact, abs=2e-6)
+
+
+def test_dry_friction_of_a_pendulum_that_strikes_holds_the_bob_where_it_comes_to_rest():
+    zone = 4e-6 / (2e-4 * G * 0.25)  # [rad], where friction bears the weight; a turn takes two of it
+    stepped, _ = hung_free(0.03, 4e-6, np.linspace(2.0, 3.0, 50))
+    assert zone > 0.03 - 4 * zone > -zone
+    assert stepped == pytest.approx(0.03 - 4 * zone, abs=1e-5)
+    assert np.ptp(stepped) == 0
+
+
+def test_slow_contacts_of_two_beads_are_found_wherever_in_a_step_they_fall():
+    e = np.linspace(0.40, 0.50, 101)[:, None]
+    one, radius, length = np.ones_like(e), 2.5e-3, 0.25
+    local = np.concatenate([0 * e, -1.05 * one, 0 * e, e, e, e], axis=1)[:, None]
+    bench = SimpleNamespace(wall=False, radius=radius, impacts=3, active=np.ones((1, 3), dtype=bool))
+    contacts = _Contacts(
+        bench, local, [length * one, length * one], lambda speed: e[..., None] + 0 * speed, 0.0, (0 * e, 0 * e)
+    )
+    push, omega = pushing(length * one, np.array([5e-4]), np.array([radius]), G, {}, ())
+    motion = swing_and_collide.swing_and_hit(
+        (-1.05 * one, 0 * e), (push, push), 2 * math.pi / omega, 1.8 * one, contacts.gap, contacts.hit, 3
+    )
+    x = 2 * radius + length * (np.sin(motion.angle_end[1]) - np.sin(motion.angle_end[0]))
+    y = length * (np.cos(motion.angle_end[0]) - np.cos(motion.angle_end[1]))
+    assert (np.hypot(x, y) > 2 * radius - 1e-9).all()
+    assert (x > 0).all()
+    assert (motion.speeds < 1.0).sum() >= 2 * len(e)
+
+
+@pytest.mark.parametrize("told", [0.01, 0.1, 0.3])
+def test_leftovers_gain_less_than_its_price_by_setting_a_stated_quantity_free(told):
+    """Data on a line with noise 1 know the roll to `told` of what is stated; all that is left over looks like it."""
+    stated, left = 0.01, 400.0
+    column = np.ones(100) / (told * stated) / math.sqrt(100)
+    leftover = math.sqrt(left) * column / np.linalg.norm(column)
+    held, *_ = np.linalg.lstsq(np.append(column, 1 / stated)[:, None], np.append(leftover, 0.0), rcond=None)
+    gained = np.sum((leftover - column * held) ** 2) + (held[0] / stated) ** 2
+    fewer = SimpleNamespace(fitted=SimpleNamespace(unknowns=[Unknown("camera_roll.angle", 0.0, 1e-3, sd=stated)]))
+    more = SimpleNamespace(fitted=SimpleNamespace(std=lambda name: told * stated))
+    price = feigned(fewer, more, [named("camera_roll")], left)
+    assert gained + SECOND < price + 1e-9
+    assert price < 1.1 * (math.sqrt(gained) + math.sqrt(SECOND)) ** 2
+    assert feigned(fewer, more, [named("camera_roll"), named("air_drag")], left) == math.inf
+
+
+@pytest.mark.parametrize(
+    ("common", "every", "noise", "closed"),
+    [(1.1, 1.1, 1.0, 0.99), (1.1, 51.0, 1.0, 0.5), (51.0, 1.1, 1.0, 0.5), (1.0, 1.5, 1.5, 1.0)],
+)
+def test_a_gap_is_closed_where_it_is_closed_in_common_and_in_each_repetition(common, every, noise, closed):
+    naming = SimpleNamespace(
+        location=SimpleNamespace(statistic=101.0), after=SimpleNamespace(statistic=common),
+        base=SimpleNamespace(per_row=101.0), best=SimpleNamespace(fitted=SimpleNamespace(per_row=every)),
+    )  # fmt: skip
+    assert _closed(naming, noise) == pytest.approx(closed, abs=0.01)
+
+
+def test_a_sphere_that_rolls_to_rest_stops_where_its_friction_says():
+    deceleration = 5 / 7 * G * 0.05
+    one = np.ones((1, 1))
+    motion = track.ride(0 * one, 0.5 * one, lambda t, s, v: -deceleration * np.ones_like(v), 5 * one)
+    place, speed = track.place_at(motion, np.array([[0.1, 4.0]]), np.array([0, 0]))
+    assert place[0, 1] == pytest.approx(0.5**2 / (2 * deceleration), rel=1e-9)
+    assert place[0, 0] == pytest.approx(0.5 * 0.1 - deceleration * 0.005, rel=1e-9)
+    assert speed[0, 1] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(("friction", "drag"), [(0.1, 1.0), (0.1, 10.0), (0.01, 4.0), (0.4, 0.1)])
+def test_a_sphere_that_a_drag_slows_stops_where_and_when_its_equation_says(friction, drag):
+    """v' = -a - c v.  A drag many times the friction slows it at first: the stop is long after v/v' of the start."""
+    speed, one = 0.7, np.ones((1, 1))
+    motion = track.ride(0 * one, speed * one, lambda t, s, v: -friction - drag * v, 60 * one)
+    lasts = math.log(1 + drag * speed / friction) / drag
+    assert motion.end.item() == pytest.approx(lasts, rel=1e-4)
+    assert motion.place[-1].item() == pytest.approx((speed - friction * lasts) / drag, abs=1e-6)
+
+
+# ------------------------------------------------------------------------------------------------------- effects
+
+
+def test_every_effect_says_what_it_is_and_how_it_enters():
+    for effect in library():
+        assert effect.title
+        assert effect.equation
+        assert effect.source
+        assert effect.synonyms
+        assert effect.splits
+        assert set(effect.rigs) <= set(labs.TRACKED)
+        hooks = (effect.force, effect.torque, effect.restitution, effect.rolling, effect.sliding, effect.onset)
+        contact = (effect.attraction, effect.neck)
+        assert any((*hooks, *contact, effect.exposure, effect.view)) or effect.geometry
+        for parameter in effect.parameters:
+            assert parameter.low <= 0.0 <= parameter.high
+            assert parameter.low < parameter.typical < parameter.high
+
+
+def bounced(speed, radius, density, thickness):
+    """Restitution of an elastic sphere of wood on a wide, free plate of steel: Zener's equation, integrated."""
+    wood, steel, plate_density = 11e9 / (1 - 0.44**2), 200e9 / (1 - 0.3**2), 7800.0
+    mass = density * 4 / 3 * math.pi * radius**3
+    spring = 4 / 3 / (1 / wood + 1 / steel) * math.sqrt(radius)
+    # a force on a wide plate moves it at this speed per newton, and is not given back
+    yields = 1 / (8 * math.sqrt(steel * thickness**3 / 12 * plate_density * thickness))
+
+    def motion(_t, s):
+        force = spring * max(s[0], 0.0) ** 1.5  # s[0]: the overlap, s[1]: the speed of the sphere, downwards
+        return [s[1] - yields * force, -force / mass]
+
+    def parts(_t, s):
+        return s[0]
+
+    parts.terminal, parts.direction = True, -1
+    last = 6 * (mass / spring) ** 0.4 * speed**-0.2  # [s], about twice the contact
+    run = solve_ivp(motion, (0, last), [1e-12, speed], events=parts, rtol=1e-9, atol=1e-14)
+    return -run.y[1, -1] / speed
+
+
+def test_the_loss_to_a_thin_plate_is_that_of_zeners_equation():
+    effect = named("plate_compliance")
+    wood = {"density_kg_m3": 570, "youngs_modulus_Pa": 11e9, "poissons_ratio": 0.44}
+    steel = {"density_kg_m3": 7800, "youngs_modulus_Pa": 200e9, "poissons_ratio": 0.3}
+    for radius, density, thickness, speed in (
+        (3e-3, 1000.0, 0.010, 4.0), (6e-3, 1000.0, 0.012, 0.3), (3e-3, 7800.0, 0.010, 2.0), (2e-3, 500.0, 0.004, 3.0)
+    ):  # fmt: skip
+        mass = density * 4 / 3 * math.pi * radius**3
+        plate = effect.parameters[1].stated(wood, {**steel, "thickness_m": thickness})
+        told = effect.restitution(1.0, speed, radius, mass, 1.0, plate)
+        assert math.log(told) == pytest.approx(math.log(bounced(speed, radius, density, thickness)), rel=0.04)
+
+
+def test_what_a_lab_states_of_a_plate_is_not_fitted_and_is_assumed_where_it_states_none():
+    effect, values = named("plate_compliance"), {"strength": 0.5, "plate": 0.005}
+    known = {f"plate_compliance.{name}": np.array([value]) for name, value in values.items()}
+    wood, glass = ({"youngs_modulus_Pa": modulus, "poissons_ratio": 0.3} for modulus in (11e9, 70e9))
+    bead = labs.Bead("wood", 6e-3, 1e-4, wood)
+    conditions = [labs.Condition(wall, bead, wall, {}, ()) for wall in ("thin", "thick")]
+    walls = {name: {**glass, "density_kg_m3": 2600, "thickness_m": h} for name, h in (("thin", 4e-3), ("thick", 8e-3))}
+    thick = effect.parameters[1].stated(wood, walls["thick"])
+    for stated, plates in (
+        (walls, [4 * thick, thick]),
+        ({"thin": walls["thin"]}, [4 * thick, 0.005]),
+        ({}, [0.005, 0.005]),
+    ):
+        lab = labs.TrackedLab("", "drop", G, labs.Camera(240.0, 1e-4), {}, tuple(conditions), Path(), {"walls": stated})
+        strength, found = coefficients(effect, known, lab, conditions)
+        assert strength.ravel() == pytest.approx([0.5])
+        assert found.ravel() == pytest.approx(plates)
+        told = list(lab.assumed([effect]))
+        assert len(told) == (1 if len(stated) == 1 else 0)
+        assert all("wood on thick; 0.005 is taken for plate there" in one for one in told)
+
+
+def struck(length, release, seconds, rng):
+    """A bob against an upright wall through its pivot that strikes with e = 0.7 v^(-0.1), filmed; and its impacts."""
+
+    def swing(_t, s):
+        return [s[1], -G / length * math.sin(s[0])]
+
+    def at_the_wall(_t, s):
+        return s[0]
+
+    at_the_wall.terminal, at_the_wall.direction = True, -1
+    time = np.arange(0, seconds, 1 / 240)
+    angle, at, state, count = np.full(len(time), release), 0.05, [release, 0.0], 0
+    while at < time[-1]:
+        run = solve_ivp(swing, (at, seconds), state, events=at_the_wall, rtol=1e-9, atol=1e-11, dense_output=True)
+        inside = (time >= at) & (time <= run.t[-1])
+        angle[inside] = run.sol(time[inside])[0]
+        rate, at, count = run.y[1, -1], float(run.t[-1]), count + len(run.t_events[0])
+        speed = length * abs(rate)
+        state = [1e-9, 0.7 * speed**-0.1 * abs(rate)]
+    place = length * np.column_stack([np.sin(angle), -np.cos(angle)])
+    return Track(time, place + rng.normal(0, 1e-4, place.shape), np.full(len(time), np.nan)), count
+
+
+def test_impacts_after_those_that_are_followed_one_by_one_obey_the_law_at_their_speed():
+    rng = np.random.default_rng(8)
+    bead = labs.Bead("b", 0.01, 5e-4)
+    conditions, most = [], 0
+    for length, angle, seconds in ((0.125, 15, 3.5), (0.25, 15, 2.0), (0.25, 50, 2.0)):
+        drawn = [struck(length, math.radians(angle), seconds, rng) for _ in range(2)]
+        most = max(most, *(count for _, count in drawn))
+        settings = {"length_m": length, "release_angle_deg": angle}
+        conditions.append(labs.Condition(f"{length}_{angle}", bead, "w", settings, tuple((one,) for one, _ in drawn)))
+    assert most > MOST_IMPACTS
+    lab = labs.TrackedLab("", "pendulum", G, labs.Camera(240.0, 1e-4), {}, tuple(conditions), Path())
+    fitted = fit(DoubleBench(lab), (named("restitution_plastic"),))
+    name = "restitution_plastic.exponent"
+    assert fitted.value(name) == pytest.approx(0.1, abs=3 * fitted.std(name))
+    assert fitted.std(name) < 0.01
+    assert fitted.value("restitution.b-w") == pytest.approx(0.7, abs=0.01)
+
+
+def test_schiller_naumann_is_stokes_when_slow_and_newton_when_fast():
+    slow = named("air_drag_schiller_naumann").force(1e-6, 0.0, 1.0, 1e-3, 1.0, 1.0)[0]
+    assert slow == pytest.approx(-6 * math.pi * 1.8e-5 * 1e-3 * 1e-6, rel=1e-2)
+    fast = named("air_drag_schiller_naumann").force(1.2, 0.0, 1.0, 6e-3, 1.0, 1.0)[0]
+    assert fast == pytest.approx(named("air_drag").force(1.2, 0.0, 1.0, 6e-3, 1.0, 0.44)[0], rel=0.05)
+    # Re = 4000: Newton's plateau, where the fitted formula alone would say 0.27
+    faster = named("air_drag_schiller_naumann").force(5.0, 0.0, 1.0, 6e-3, 1.0, 1.0)[0]
+    assert faster == pytest.approx(named("air_drag").force(5.0, 0.0, 1.0, 6e-3, 1.0, 0.44)[0], rel=1e-6)
+
+
+def test_the_standard_drag_curve_goes_through_what_was_measured():
+    radius, section = 3e-3, math.pi * 9e-6
+    # drag coefficients of smooth spheres (Clift, Grace & Weber 1978)
+    for reynolds, coefficient in ((1, 27.1), (100, 1.09), (1000, 0.471), (1e4, 0.405), (1e5, 0.48)):
+        speed = reynolds * 1.8e-5 / (1.2 * 2 * radius)
+        force = named("air_drag_standard").force(speed, 0.0, 1.0, radius, 1.0, 1.0)[0]
+        assert -force == pytest.approx(0.5 * 1.2 * section * speed**2 * coefficient, rel=0.04)
+
+
+@pytest.mark.parametrize(("gradient", "level"), [(0.05, 0.2), (-0.3, -0.5), (-1.0, 1.0), (1.0, -1.0), (-1.0, 2.0)])
+def test_a_camera_keeps_the_origin_and_shows_a_finite_picture(gradient, level):
+    view = named("perspective").view
+    assert view(0.0, 0.0, gradient, level) == pytest.approx((0.0, 0.0), abs=1e-12)
+    assert np.isfinite(view(0.3, np.linspace(-2.0, 2.0, 9), gradient, level)[1]).all()
+
+
+def test_a_users_own_effect_takes_part(tmp_path):
+    path = tmp_path / "wind.py"
+    path.write_text(
+        "from rigtwin.sim.effects import Effect, Parameter\n"
+        "def force(vx, vy, gap, radius, mass, a):\n    return mass * a + 0 * vx, 0 * vy\n"
+        "EFFECT = Effect(name='wind', title='wind', kind='physical', rigs=('drop',),\n"
+        "    parameters=(Parameter('acceleration', 'm/s^2', -5, 5, 0.1),), equation='a', source='own', force=force)\n"
+    )
+    wind = own_effect(path)
+    assert wind.name == "wind"
+    assert wind.aimed  # it blows to one side, however a bead moves
+
+
+def lifts_one_way(vx, vy, gap, radius, mass, c):
+    return 0.0 * vx, mass * c * vx + 0.0 * vy
+
+
+def blows_high_up(vx, vy, gap, radius, mass, c):
+    return mass * c * (gap > 0.5) + 0.0 * vx, 0.0 * vy
+
+
+def brakes(vx, vy, gap, radius, mass, c):
+    return -c * vx, -c * vy
+
+
+@pytest.mark.parametrize(("force", "aimed"), [(lifts_one_way, True), (blows_high_up, True), (brakes, False)])
+def test_a_push_that_the_mirror_changes_has_a_side_of_its_own(force, aimed):
+    parameters = (Parameter("c", "1", -1.0, 1.0, 0.1),)
+    effect = Effect("own", "own", "physical", ("drop",), parameters, "", "", force=force)
+    assert one_sided(effect) == aimed
+
+
+@pytest.mark.parametrize(
+    ("takes", "gives", "parameters", "told"),
+    [
+        ("vx, vy, gap, radius, a", "a * vx, a * vy", "(Parameter('a', '1', 0, 1, 0.1),)", "force of effect mine fails"),
+        ("vx, vy, gap, radius, mass, a", "a * vx", "(Parameter('a', '1', 0, 1, 0.1),)", "two numbers"),
+        ("vx, vy, gap, radius, mass, a", "a * vx / 0, vy", "(Parameter('a', '1', 0, 1, 0.1),)", "no finite number"),
+        ("vx, vy, gap, radius, mass", "vx, vy", "()", "no parameter"),
+    ],
+)
+def test_an_own_effect_whose_functions_do_not_fit_is_refused(tmp_path, takes, gives, parameters, told):
+    path = tmp_path / "mine.py"
+    path.write_text(
+        "from rigtwin.sim.effects import Effect, Parameter\n"
+        f"def force({takes}):\n    return {gives}\n"
+        "EFFECT = Effect(name='mine', title='mine', kind='physical', rigs=('drop',),\n"
+        f"    parameters={parameters}, equation='a', source='own', force=force)\n"
+    )
+    with pytest.raises(BadInput, match=told) as refused:
+        own_effect(path)
+    assert "mine.py" in str(refused.value)
+
+
+@pytest.mark.parametrize("effect", library(), ids=lambda effect: effect.name)
+def test_every_effect_of_the_library_could_be_a_users_own(effect):
+    check(effect, Path("library"))
+    assert one_sided(effect) == effect.aimed
+
+
+@pytest.mark.parametrize("rig", ["drop", "double"])
+def test_formulas_know_whether_they_push_to_a_side_of_their_own(rig):
+    for effect in (*nameless(rig), *beside(rig)):
+        assert one_sided(effect) == effect.aimed, effect.name
+
+
+@pytest.mark.parametrize("text", [None, "EFFECT = 3\n", "1/0\n"])
+def test_an_own_effect_that_is_none_is_refused(tmp_path, text):
+    path = tmp_path / "bad.py"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(BadInput, match=r"bad\.py"):
+        own_effect(path)

@@ -1,0 +1,474 @@
+"""A whole lab compared: the files it leaves, the page a person opens, and what stays when a run fails."""
+
+import csv
+import hashlib
+import json
+import multiprocessing
+import re
+import shutil
+import signal
+import time
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from rigtwin.compare import compare_lab as subject_compare_lab
+from rigtwin.compare import comparison as subject
+from rigtwin.compare.compare_lab import compare
+from rigtwin.compare.measure_repetitions import measuring
+from rigtwin.compare.result_files import document, write_together
+from rigtwin.compare.twins.matched import twin_of
+from rigtwin.lab.errors import BadInput, BadLabFile
+from rigtwin.lab.file.lab_file import read_lab
+from rigtwin.lab.quantity import Measurement, Quantity
+from rigtwin.lab.records import Series
+from rigtwin.lab.rigs import TiltSettings
+
+FILES = ("observations.csv", "deviations.csv", "deviations.json", "report.html", "provenance.json")
+
+LAB = """
+[lab]
+title = "Ash <beads> & steel"
+
+[particles.bead]
+material = "wood_ash"
+diameter = "12 mm"
+density = "760 kg/m^3"
+
+[contacts.bead-bead]
+restitution = 0.70
+
+[[experiments]]
+id = "pair/1"
+rig = "pendulum"
+variant = "double"
+particle = "bead"
+length = "200 mm"
+repetitions = ["day1/swing.csv", "day2/swing.csv", "day2/nothing.csv"]
+"""
+
+
+def swing(path: Path, restitution: float, *, angle: float, seed: int, length: float = 0.2, diameter: float = 0.012):
+    """Tracks of two beads with 20 µm of noise, from the small print of a pendulum: energy and restitution only."""
+    rate, gravity = 240.0, 9.81
+    start, step = np.radians(angle), 1e-5
+    quarter, theta, speed = [-start] * 5000, -start, 0.0  # held for 50 ms
+    while theta < 0:  # bead A swings down
+        quarter.append(theta)
+        speed -= gravity / length * np.sin(theta) * step
+        theta += speed * step
+    hit = len(quarter) * step
+    after = {"A": speed * (1 - restitution) / 2, "B": speed * (1 + restitution) / 2}
+    time = np.arange(int((hit + 0.35) * rate)) / rate
+    rng, rows = np.random.default_rng(seed), ["time_s,x_m,y_m,particle"]
+    for body, rest in (("A", -diameter / 2), ("B", diameter / 2)):
+        angles, theta, speed = list(quarter) if body == "A" else [0.0] * len(quarter), 0.0, after[body]
+        while len(angles) * step < time[-1] + 0.01:
+            angles.append(theta)
+            speed -= gravity / length * np.sin(theta) * step
+            theta += speed * step
+        seen = np.asarray(angles)[(time / step).astype(int)]
+        x = rest + length * np.sin(seen) + rng.normal(0, 2e-5, len(time))
+        y = length * (1 - np.cos(seen)) + rng.normal(0, 2e-5, len(time))
+        rows += [f"{t:.6f},{a:.7f},{b:.7f},{body}" for t, a, b in zip(time, x, y, strict=True)]
+    path.parent.mkdir(exist_ok=True, parents=True)
+    path.write_text("\n".join(rows) + "\n")
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("lab")
+    (folder / "lab.toml").write_text(LAB)
+    swing(folder / "day1/swing.csv", 0.64, angle=40, seed=1)
+    swing(folder / "day2/swing.csv", 0.64, angle=42, seed=2)
+    still = "\n".join(f"{t / 240:.6f},0.0,0.0,{body}" for body in "AB" for t in range(100))
+    (folder / "day2/nothing.csv").write_text("time_s,x_m,y_m,particle\n" + still + "\n")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def compared(lab, tmp_path_factory):
+    return compare(lab, tmp_path_factory.mktemp("out"), workers=1)
+
+
+@pytest.fixture(scope="module")
+def out(compared):
+    return compared.files["report.html"].parent
+
+
+@pytest.fixture(scope="module")
+def page(out):
+    return (out / "report.html").read_text(encoding="utf-8")
+
+
+def rows_of(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def row_of(rows, **wanted):
+    return next(row for row in rows if all(row[name] == value for name, value in wanted.items()))
+
+
+def test_all_files_are_there_and_nothing_half_written(out):
+    assert {path.name for path in out.iterdir() if path.is_file()} == set(FILES)
+
+
+def test_the_deviation_is_that_of_the_restitution_in_the_lab_file(out):
+    row = row_of(rows_of(out / "deviations.csv"), quantity="restitution_pair", method="velocity")
+    assert float(row["measured"]) == pytest.approx(0.64, abs=0.004)
+    assert float(row["simulated"]) == pytest.approx(0.70, rel=0.005)
+    assert float(row["percent_deviation"]) == pytest.approx(100 * 0.06 / 0.64, abs=1.0)
+    assert (row["measured_n"], row["simulated_n"], row["experiment"]) == ("2", "1", "pair/1")
+
+
+def test_the_twin_starts_from_the_measured_mean_where_the_lab_file_does_not_state_it(out):
+    row = row_of(rows_of(out / "deviations.csv"), quantity="release_angle")
+    assert float(row["simulated"]) == pytest.approx(41, abs=0.2)
+    assert row["verdict"] == "set equal"
+    assert "measured" in row["note"]
+
+
+def test_every_repetition_and_the_twin_are_in_the_observations(out):
+    rows = [row for row in rows_of(out / "observations.csv") if row["quantity"] == "release_angle"]
+    found = [(row["origin"], row["repetition"]) for row in rows]
+    assert found == [("measured", "day1/swing.csv"), ("measured", "day2/swing.csv"), ("simulated", "twin, seed 1")]
+    assert [float(row["value"]) for row in rows] == pytest.approx([40, 42, 41], abs=0.3)
+
+
+def test_json_and_csv_say_the_same(out):
+    table = rows_of(out / "deviations.csv")
+    document = json.loads((out / "deviations.json").read_text())
+    assert len(table) == len(document["deviations"])
+    for row, entry in zip(table, document["deviations"], strict=True):
+        for name, cell in row.items():
+            if cell == "":
+                assert entry[name] in (None, "")
+            elif isinstance(entry[name], float):
+                assert float(cell) == pytest.approx(entry[name], rel=1e-6)
+            else:
+                assert cell == str(entry[name])
+
+
+def test_a_repetition_that_shows_nothing_is_left_out_with_a_warning(compared, page):
+    (outcome,) = compared.outcomes
+    assert [failure.source.name for failure in outcome.failures] == ["nothing.csv"]
+    assert any("nothing.csv was left out" in warning for warning in outcome.warnings)
+    assert "nothing.csv was left out" in page
+
+
+def test_a_warning_about_one_view_of_several_is_not_laid_to_the_first_photo(compared):
+    def view(name: str) -> Quantity:
+        return Quantity("angle_of_repose_graphical", 28.0, 1.0, "deg", "line", 1, {"view": name}, {}, "")
+
+    (outcome,) = compared.outcomes
+    pile = Measurement(
+        "pile", Path("front.jpg"), "", (view("front"), view("side")), (), ("side: too dark.", "scale: not known.")
+    )
+    told = replace(outcome, measurements=(pile,), failures=()).warnings
+    assert "side: too dark." in told
+    assert "front.jpg and its other views: scale: not known." in told
+
+
+def test_a_doubtful_repetition_beside_sound_ones_is_said_to_be_in_no_mean(compared):
+    def drop(name: str, doubtful: str = "") -> Measurement:
+        found = [
+            Quantity("restitution_wall", 0.42, 0.01, "1", method, doubtful=doubtful) for method in ("height", "time")
+        ]
+        return Measurement("drop", Path(name), "", tuple(found))
+
+    (outcome,) = compared.outcomes
+    said = "r2.mp4 is doubtful and not in the mean of Restitution on the wall: the plate moved"
+
+    def told(*measurements):
+        return replace(outcome, measurements=measurements).warnings
+
+    assert said in told(drop("r1.mp4"), drop("r2.mp4", "the plate moved"))
+    assert said not in told(drop("r2.mp4", "the plate moved")), "alone it is in the mean"
+
+
+@pytest.mark.parametrize(
+    ("stated", "by_hand", "told"),
+    [(2.0, 0.0, False), (2.08, 0.0, False), (0.1, 0.0, True), (2.2, 0.0, True), (2.2, 0.2, False), (3.0, 0.2, True)],
+)
+def test_a_plate_that_rises_at_another_speed_than_stated_is_told(compared, stated, by_hand, told):
+    """At 2 deg/s after a second of rest; by hand it goes 20 % faster and slower in turn."""
+    time = np.arange(600) / 100
+    speed = np.where(time < 1, 0, 2 * (1 + by_hand * np.sign(np.sin(1.5 * time))))
+    angle = np.cumsum(speed) / 100 + np.random.default_rng(1).normal(0, 0.02, len(time))
+    film = Measurement("tilt", Path("t.mp4"), "", (), series=(Series(time, np.radians(angle), "plate_angle", "rad"),))
+    (outcome,) = compared.outcomes
+    tilt = replace(outcome.experiment, rig=TiltSettings("slide", speed=np.radians(stated)))
+    warnings = replace(outcome, experiment=tilt, measurements=(film,), failures=()).warnings
+    assert any(f"states a speed of {stated:.3g} deg/s" in warning for warning in warnings) == told
+
+
+def test_provenance_names_every_input_by_its_content(lab, out):
+    record = json.loads((out / "provenance.json").read_text())
+    inputs = {entry["file"]: entry["sha256"] for entry in record["inputs"]}
+    assert set(inputs) == {"lab.toml", "day1/swing.csv", "day2/swing.csv", "day2/nothing.csv"}
+    for name, digest in inputs.items():
+        assert digest == hashlib.sha256((lab / name).read_bytes()).hexdigest()
+    assert record["seed"] == 1
+    assert record["model"]["contacts"]["bead-bead"]["restitution"] == 0.70
+    assert {"rigtwin", "python", "numpy", "taichi"} <= set(record["versions"])
+    assert record["borrowed"]
+
+
+class Page(HTMLParser):
+    """Everything in a page that could fetch something or run."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.sources: list[str] = []
+        self.addresses, self.tags, self.ids = [], set(), set()
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.add(tag)
+        for name, value in attributes:
+            if name in ("src", "srcset"):
+                self.sources.append(value)
+            if name in ("src", "href", "xlink:href", "data", "srcset", "poster", "action"):
+                self.addresses.append(value)
+            if name == "id":
+                self.ids.add(value)
+            assert not name.startswith("on"), f"{tag} runs a script: {name}"
+
+
+def linked(addresses):
+    return [address for address in addresses if not address.startswith(("#", "data:image/"))]
+
+
+def test_the_report_opens_offline_and_runs_nothing(page, out):
+    parsed = Page(page)
+    for address in linked(parsed.addresses):
+        assert (out / address).is_file(), "only files of the same run may be linked to"
+    assert all(source.startswith("data:image/") for source in parsed.sources)
+    assert parsed.tags.isdisjoint({"script", "link", "iframe", "object", "embed", "base"})
+    assert not re.search(r"@import|url\(\s*['\"]?(?!#)", page)
+    assert "<svg" in page
+
+
+def test_names_from_the_lab_file_cannot_break_the_page(page):
+    assert "Ash &lt;beads&gt; &amp; steel" in page
+    assert "<beads>" not in page
+
+
+def test_the_summary_links_to_the_section_of_its_experiment(page):
+    parsed = Page(page)
+    targets = [address[1:] for address in parsed.addresses if address.startswith("#pair")]
+    assert targets
+    assert set(targets) <= parsed.ids
+
+
+def test_overlay_pictures_are_inside_the_report(lab, tmp_path):
+    import cv2
+
+    picture = np.random.default_rng(5).integers(0, 255, (1500, 2000, 3), dtype=np.uint8)
+    cv2.imwrite(str(tmp_path / "swing-still.png"), picture)
+    experiment = read_lab(lab).experiments[0]
+    angle = Quantity("release_angle", 40.0, 0.1, "deg", "swing", detail={"body": "A"}, budget={"tracking": 0.1})
+    files = {"still": tmp_path / "swing-still.png", "overlay": tmp_path / "pair" / "swing-overlay.mp4"}
+    measurement = Measurement(
+        "pendulum", Path("swing.mp4"), "0" * 64, (angle,), camera={"frame_rate_hz": 240}, files=files
+    )
+    twin = twin_of(experiment, model=read_lab(lab).model, measurements=[measurement])
+    measured = subject.Measured((measurement,), ())
+    outcome = subject.Outcome(experiment, measured.measurements, (), twin, ())
+    whole = subject.Comparison(read_lab(lab), (outcome,), 1, subject.datetime.now(subject.UTC))
+    from rigtwin.compare.report.page import report
+
+    parsed = Page(report(whole, subject_compare_lab.provenance(whole), tmp_path))
+    (embedded,) = [address for address in parsed.addresses if address.startswith("data:image/")]
+    assert len(embedded) < 1_000_000
+    assert linked(parsed.addresses) == ["swing-still.png", "pair/swing-overlay.mp4"]
+
+
+def test_results_of_experiments_that_are_not_measured_now_are_not_replaced(lab, out):
+    before = {name: (out / name).read_bytes() for name in FILES}
+    text = (lab / "lab.toml").read_text()
+    part = text[text.index("[[experiments]]") :]
+    whole = lab / "whole.toml"
+    whole.write_text(text.replace("pair/1", "other") + part)
+    other = lab / "other.toml"
+    other.write_text(text.replace("pair/1", "other"))
+    for path, only in ((whole, ["other"]), (other, None)):
+        with pytest.raises(BadInput, match=r"holds results of pair/1 .*--out another folder"):
+            compare(path, out, only=only, workers=1)
+    assert {name: (out / name).read_bytes() for name in FILES} == before
+
+
+def test_an_experiment_that_was_renamed_in_the_lab_file_is_said_to_be_gone(lab, compared, tmp_path):
+    mine = Path(shutil.copytree(lab, tmp_path / "lab"))
+    results = Path(shutil.copytree(compared.files["report.html"].parent, tmp_path / "out"))
+    told = results / "deviations.json"  # as if this folder had been compared into it
+    told.write_text(told.read_text().replace(str(lab), str(mine)))
+    (mine / "lab.toml").write_text(LAB.replace("pair/1", "pair-1"))
+    (said,) = compare(mine, results, workers=1).remarks
+    assert said.startswith("pair/1: no longer in lab.toml")
+    assert compare(mine, results, workers=1, model=contact_of(tmp_path, "bead-bead")).remarks == ()
+
+
+def test_a_model_made_of_other_contacts_is_said_to_act_all_the_same(lab, tmp_path):
+    other = contact_of(tmp_path, "D6_ABS-glass")
+    (said,) = compare(lab, tmp_path / "out", workers=1, model=other).remarks
+    assert "pair/1: model.toml has contacts of D6_ABS-glass and none of bead-bead; its effects (air_drag)" in said
+
+
+def contact_of(folder, pair):
+    """A model that knows the lab's bead, one contact, and of the air."""
+    file, bead = folder / "model.toml", LAB[LAB.index("[particles") : LAB.index("[contacts")]
+    effect = "[effects.air_drag]\ndrag_coefficient = 0.47\n"
+    file.write_text(f"{bead}\n[contacts.{pair}]\nrestitution = 0.5\n\n{effect}")
+    return file
+
+
+def test_an_experiment_without_any_usable_repetition_is_an_error_that_leaves_old_results(lab, compared, out):
+    before = {name: (out / name).read_bytes() for name in FILES}
+    text = (lab / "lab.toml").read_text()
+    broken = lab / "broken.toml"
+    broken.write_text(text.replace('["day1/swing.csv", "day2/swing.csv", "day2/nothing.csv"]', '["day2/nothing.csv"]'))
+    with pytest.raises(BadInput, match=r"pair/1: its only repetition could not be measured"):
+        compare(broken, out, workers=1)
+    assert {name: (out / name).read_bytes() for name in FILES} == before
+
+
+def test_a_twin_without_its_restitution_is_refused_before_any_work(lab):
+    text = (lab / "lab.toml").read_text()
+    unknown = lab / "unknown.toml"
+    unknown.write_text(text.replace("restitution = 0.70", ""))
+    with pytest.raises(BadInput, match=r"pair/1.*restitution.*bead-bead"):
+        compare(unknown, lab / "never", workers=1)
+    assert not (lab / "never").exists()
+
+
+BARE = """
+[[experiments]]
+id = "one"
+particle = "D6"
+wall = "steel"
+repetitions = ["clip.avi"]
+"""
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ("rig='tilt'\nvariant='slide'\nspeed='1e-4 deg/s'", ["line 9: experiment 1, speed: the twin", "1,000,000"]),
+        ("rig='drop'\ndrop_height='1 m'\ncamera.frame_rate='1e7 Hz'", ["experiment 1: the twin", "frame rate"]),
+        ("rig='hopper'\nvariant='slot'\noutlet='2 mm'\ncount=90", ["line 9: experiment 1, outlet: the twin"]),
+        ("rig='drum'\ndrum_diameter='9 cm'\nspeed='3 rpm'\ncount=9999", ["line 10: experiment 1, count: the twin"]),
+        ("rig='packing'\ncylinder_diameter='65 mm'", ["experiment 1: the twin", "add total_mass or count"]),
+        ("rig='packing'\ncylinder_diameter='65 mm'\ntotal_mass='1 mg'", ["experiment 1, total_mass: the twin", "half"]),
+        ("rig='drop'\ncamera.region=[500,0,9,9]", ["line 8: experiment 1, camera.region: ", "80 x 60 px"]),
+        ("rig='drop'\ncamera.start='9 s'", ["line 8: experiment 1, camera.start: ", "clip.avi: start and end leave"]),
+        ("rig='drop'\ncamera.end='1 frame'", ["line 8: experiment 1, camera.end: ", "2 frames of 20"]),
+    ],
+)
+def test_what_cannot_work_is_said_with_its_line_before_anything_is_measured(keys, words, tmp_path, monkeypatch):
+    clip = cv2.VideoWriter(str(tmp_path / "clip.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30, (80, 60))
+    for _ in range(20):
+        clip.write(np.full((60, 80, 3), 90, np.uint8))
+    clip.release()
+    (tmp_path / "lab.toml").write_text(BARE + keys)
+    monkeypatch.setattr(subject, "measuring", lambda *_: pytest.fail("something was measured"))
+    with pytest.raises(BadLabFile) as refusal:
+        compare(tmp_path, tmp_path / "out")
+    assert str(refusal.value).startswith(f"{tmp_path / 'lab.toml'}, line ")
+    assert all(word in str(refusal.value) for word in words), str(refusal.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_count_of_the_command_line_that_no_drum_holds_is_no_fault_of_the_lab(tmp_path):
+    (tmp_path / "clip.avi").write_bytes(b"never opened")
+    (tmp_path / "lab.toml").write_text(BARE + "rig='drum'\ndrum_diameter='9 cm'\nspeed='3 rpm'")
+    with pytest.raises(BadInput, match=r"^--count: one: the twin cannot be run: 9999 ") as refusal:
+        compare(tmp_path, tmp_path / "out", count=9999)
+    assert not isinstance(refusal.value, BadLabFile)
+
+
+def test_an_interrupted_comparison_does_not_wait_for_its_measuring_processes(lab, tmp_path):
+    workers, others = [], set(multiprocessing.active_children())
+
+    def interrupted():
+        with measuring(read_lab(lab).experiments, tmp_path, workers=2):
+            workers.extend(set(multiprocessing.active_children()) - others)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert workers
+    for worker in workers:
+        deadline = time.monotonic() + 60  # not by `join`: the pool's own thread may be the one that learns how it ended
+        while worker.exitcode is None and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert worker.exitcode == -signal.SIGTERM  # ended, where one that is waited for ends by itself, with 0
+
+
+def test_an_interrupted_comparison_goes_on_with_its_twins_where_they_were(tmp_path):
+    (tmp_path / "bed.csv").write_text("x_m,height_m\n" + "\n".join(f"{x / 1e3},0.03" for x in range(-12, 13)))
+    bare = BARE.replace("clip.avi", "bed.csv").replace("steel", "PMMA")
+    (tmp_path / "lab.toml").write_text(bare + "rig='packing'\ncylinder_diameter='30 mm'\ncount=80")
+
+    def impatient(what, _done, _whole):
+        if what == "settling":
+            raise KeyboardInterrupt
+
+    out = tmp_path / "out"
+    with pytest.raises(KeyboardInterrupt) as stop:
+        compare(tmp_path, out, impatient, workers=1, threads=1)
+    (kept,) = (out / "unfinished").iterdir()
+    assert str(kept) in stop.value.__notes__[0]
+    looks, more = [], []
+    whole = compare(tmp_path, tmp_path / "whole", lambda *_: looks.append(1), workers=1, threads=1)
+    resumed = compare(tmp_path, out, lambda *_: more.append(1), workers=1, threads=1)
+    assert len(more) < len(looks)
+    values = [[q.value for q in one.outcomes[0].twin.evaluation.quantities] for one in (whole, resumed)]
+    assert values[0] == values[1]
+    assert not (out / "unfinished").exists()
+
+    with pytest.raises(KeyboardInterrupt):
+        compare(tmp_path, out, impatient, workers=1, threads=1)
+    kept.write_bytes(kept.read_bytes()[:1000])  # damaged: begun anew
+    (out / "unfinished/notes.txt").write_text("mine")
+    again = compare(tmp_path, out, workers=1, threads=1)
+    assert [q.value for q in again.outcomes[0].twin.evaluation.quantities] == values[0]
+    assert [path.name for path in (out / "unfinished").iterdir()] == ["notes.txt"]
+
+
+def test_ids_that_make_no_folder_names_still_get_folders_of_their_own(lab):
+    from dataclasses import replace
+
+    from rigtwin.compare.measure_repetitions import folders
+
+    (experiment,) = read_lab(lab).experiments
+    ids = ["a/b", "a_b", "A b", "..", "../../etc", "größe 1"]
+    names = folders([replace(experiment, id=name) for name in ids])
+    assert len({name.lower() for name in names}) == len(ids)
+    assert all(Path(name).parts == (name,) and name not in {".", ".."} for name in names)
+
+
+def test_files_are_replaced_all_or_none(tmp_path):
+    write_together(tmp_path, {"a.csv": "old", "b.csv": "old"})
+    with pytest.raises(TypeError):
+        write_together(tmp_path, {"a.csv": "new", "b.csv": 3})
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"a.csv": "old", "b.csv": "old"}
+
+
+def test_a_folder_in_the_place_of_a_result_is_found_before_anything_is_replaced(tmp_path):
+    write_together(tmp_path, {"a.csv": "old"})
+    (tmp_path / "b.csv").mkdir()
+    with pytest.raises(IsADirectoryError) as refused:
+        write_together(tmp_path, {"a.csv": "new", "b.csv": "new"})
+    assert refused.value.filename == str(tmp_path / "b.csv")
+    assert (tmp_path / "a.csv").read_text() == "old"
+
+
+def test_json_holds_no_nan_and_no_infinity():
+    text = document({"a": float("nan"), "b": [np.float64("inf"), np.int64(3)], "c": Path("x"), "d": np.array([1.0])})
+    assert json.loads(text, parse_constant=pytest.fail) == {"a": None, "b": [None, 3], "c": "x", "d": [1.0]}

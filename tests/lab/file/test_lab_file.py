@@ -1,0 +1,416 @@
+"""A lab.toml is read whole, or refused in one sentence that names file, line and key."""
+
+import re
+
+import pytest
+
+from rigtwin.lab.camera import Moment
+from rigtwin.lab.errors import BadInput, BadLabFile
+from rigtwin.lab.file.lab_file import new_lab, read_lab
+from rigtwin.lab.file.schema import suggestion
+from rigtwin.lab.reference import hlosta2020
+from rigtwin.lab.rigs import DropSettings, PendulumSettings, PileSettings
+
+LAB = """\
+[lab]
+title = "Ash beads on steel"
+
+[materials.ash]
+density = "568 kg/m^3"
+youngs_modulus = "11 GPa"
+poisson_ratio = 0.44
+
+[particles.oak-bead]
+material = "ash"
+diameter = "6 mm"
+mass = "0.0710 g"
+
+[contacts.steel-oak-bead]
+restitution = 0.5
+
+[[experiments]]
+id = "drop-1"
+rig = "drop"
+particle = "oak-bead"
+wall = "steel"
+repetitions = ["r01.mp4", "r02.csv"]
+[experiments.camera]
+frame_rate = "240 Hz"
+scale = "0.2 mm/px"
+region = "10,20,300,400"
+start = "12 frames"
+end = "60 frames"
+camera_roll = "-1.5 deg"
+
+[[experiments]]
+id = "pendulum-1"
+rig = "pendulum"
+variant = "double"
+particle = "D12"
+length = "300 mm"
+release_angle = "40 deg"
+repetitions = ["r01.mp4"]
+camera = { known_length = "100 mm:0,0,500,0" }
+
+[[experiments]]
+id = "pile-1"
+rig = "pile"
+variant = "piling"
+particle = "D6"
+wall = "steel"
+base_diameter = "90 mm"
+count = 1000
+repetitions = [["p1.jpg", "p2.jpg"], "p3.jpg"]
+"""
+MEDIA = ("r01.mp4", "r02.csv", "p1.jpg", "p2.jpg", "p3.jpg")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name in MEDIA:
+        (tmp_path / name).touch()
+    (tmp_path / "lab.toml").write_text(LAB, encoding="utf-8")
+    return tmp_path
+
+
+def refusal(folder, old, new):
+    """The message when `old` in the lab file is `new` instead, and the new text."""
+    assert LAB.count(old) == 1
+    text = LAB.replace(old, new)
+    (folder / "lab.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(BadLabFile) as refused:
+        read_lab(folder)
+    message = str(refused.value)
+    assert message.startswith(f"{folder / 'lab.toml'}, line ")
+    assert "\n" not in message
+    return message, text
+
+
+def test_the_lab_holds_what_the_file_says_in_si(folder):
+    lab = read_lab(folder)
+    assert lab.title == "Ash beads on steel"
+    drop, pendulum, pile = lab.experiments
+    assert drop.rig == DropSettings(drop_height=None)
+    assert pendulum.rig == PendulumSettings(length=0.3, release_angle=pytest.approx(0.6981317), variant="double")
+    assert pile.rig == PileSettings(base_diameter=0.09, count=1000)
+    assert [experiment.rig_name for experiment in lab.experiments] == ["drop", "pendulum", "pile"]
+    assert drop.camera.frame_rate == 240
+    assert drop.camera.scale == pytest.approx(2e-4)
+    assert drop.camera.region == (10, 20, 300, 400)
+    assert drop.camera.start == Moment(12, "frame")
+    assert drop.camera.roll == pytest.approx(-0.02617994)
+    assert pendulum.camera.given_scale == pytest.approx(2e-4)
+    assert drop.particle.mass == pytest.approx(7.1e-5)
+    assert drop.wall is not None
+    assert pendulum.wall is None
+
+
+def test_repetitions_are_files_beside_the_lab_file_and_a_pile_may_have_several_views(folder):
+    drop, _, pile = read_lab(folder).experiments
+    assert drop.repetitions == ((folder / "r01.mp4",), (folder / "r02.csv",))
+    assert pile.repetitions == ((folder / "p1.jpg", folder / "p2.jpg"), (folder / "p3.jpg",))
+
+
+def test_the_lab_file_itself_may_be_named_in_place_of_its_folder(folder):
+    assert read_lab(folder / "lab.toml").experiments == read_lab(folder).experiments
+
+
+def test_what_the_file_states_of_a_contact_stands_in_either_order_of_names(folder):
+    lab = read_lab(folder)
+    needs = ("restitution",)
+    assert lab.contact("oak-bead", "steel", needs) == lab.contact("steel", "oak-bead", needs)
+    assert lab.contact("oak-bead", "steel", needs).restitution == 0.5
+
+
+def test_a_contact_parameter_that_nobody_gave_is_asked_for_by_name(folder):
+    with pytest.raises(BadInput, match=r"static_friction of the contact oak-bead-steel.*\[contacts.oak-bead-steel\]"):
+        read_lab(folder).contact("oak-bead", "steel")
+
+
+def test_whatever_comes_from_the_paper_is_said(folder):
+    lab = read_lab(folder)
+    assert lab.particles["D12"].diameter == pytest.approx(12.2e-3)
+    assert lab.contact("D6", "D6").restitution == 0.75
+    assert lab.contact("steel", "D6").static_friction == 0.36
+    for thing in ("material steel", "particle D6 ", "particle D12", "contact D6-steel", "contact D12-D12"):
+        assert sum(thing in sentence and "Hlosta et al. 2020" in sentence for sentence in lab.borrowed) == 1
+    assert not any("oak-bead" in sentence or "ash " in sentence for sentence in lab.borrowed)
+
+
+def test_what_the_file_defines_goes_before_the_paper_and_only_gaps_are_filled(folder):
+    own = '[materials.steel]\ndensity = 7000\nyoungs_modulus = "200 GPa"\npoisson_ratio = 0.3\n\n'
+    contact = "[contacts.D6-steel]\nrestitution = 0.9\n\n"
+    (folder / "lab.toml").write_text(LAB.replace("[[experiments]]", own + contact + "[[experiments]]", 1))
+    lab = read_lab(folder)
+    assert lab.materials["steel"].density == 7000
+    assert lab.contact("D6", "steel").restitution == 0.9
+    assert lab.contact("D6", "steel").static_friction == 0.36
+    (said,) = [sentence for sentence in lab.borrowed if "contact D6-steel" in sentence]
+    assert said.startswith("static friction and rolling friction of contact D6-steel")
+    assert "its own steel" in said
+
+
+@pytest.mark.parametrize("again", ["r01.mp4", "./r01.mp4"])
+def test_a_clip_listed_twice_is_refused_for_it_is_no_second_measurement(folder, again):
+    message, _ = refusal(folder, '"r02.csv"', f'"{again}"')
+    assert "experiment 1, repetition 2" in message
+    assert "listed twice" in message
+
+
+@pytest.mark.parametrize("one", ["r01.mp4", "r01.mp4/1.png"])
+def test_a_copy_of_a_clip_under_another_name_is_refused_and_both_are_named(folder, one):
+    for name in (one, one.replace("r01.mp4", "r02.csv")):
+        if "/" in name:
+            (folder / name).parent.unlink()
+            (folder / name).parent.mkdir()
+        (folder / name).write_bytes(b"film")
+    with pytest.raises(BadLabFile, match=r"experiment 1, repetition 2: .*r02\.csv holds the same as .*r01\.mp4"):
+        read_lab(folder)
+    (folder / one).write_bytes(b"Film")
+    assert len(read_lab(folder).experiments[0].repetitions) == 2
+
+
+@pytest.mark.parametrize("name", ["C6", "C6_24s", "P6x15_3s"])
+def test_the_clumps_of_the_paper_are_found_by_name_with_their_contacts(folder, name):
+    (folder / "lab.toml").write_text(LAB.replace('particle = "D6"', f'particle = "{name}"'), encoding="utf-8")
+    lab = read_lab(folder)
+    assert lab.experiment("pile-1").particle == hlosta2020.particle(name)
+    assert lab.contact(name, "steel") == hlosta2020.contact(name, "steel")
+    assert f"particle {name} taken from Hlosta et al. 2020 (tables 2, 3 and A2)" in lab.borrowed
+
+
+def test_each_experiment_names_the_pairs_that_touch_in_it(folder):
+    drop, pendulum, pile = read_lab(folder).experiments
+    assert drop.contacts == (("oak-bead", "steel"),)
+    assert pendulum.contacts == (("D12", "D12"),)
+    assert pile.contacts == (("D6", "steel"), ("D6", "D6"))
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        # wrong units and values
+        ('"240 Hz"', '"240 mm"', "experiment 1, camera.frame_rate", "240 mm", "wrong unit for a frequency"),
+        ('"0.0710 g"', '"0.0710 kg"', "particles.oak-bead.mass", "0.0710 kg", "more than any metal"),
+        ('"240 Hz"', '"fast"', "experiment 1, camera.frame_rate", "fast", "'240 Hz'"),
+        ('"240 Hz"', '"0 Hz"', "experiment 1, camera.frame_rate", "0 Hz", "above 0"),
+        ('"0.2 mm/px"', '"0.2 mm"', "experiment 1, camera.scale", "0.2 mm", "wrong unit for a scale"),
+        ('"-1.5 deg"', "1.5", "experiment 1, camera.camera_roll", "camera_roll", "85.9 degrees"),
+        ('"10,20,300,400"', '"10,20"', "experiment 1, camera.region", "region", "x,y,width,height"),
+        ("100 mm:0,0,500,0", "100 mm", "experiment 2, camera.known_length", "known_length", "100mm:x1,y1,x2,y2"),
+        ('"60 frames"', '"6 frames"', "experiment 1, camera.end", "end =", "not after start"),
+        ('"12 frames"', '"-1 s"', "experiment 1, camera.start", "start =", "before the clip begins"),
+        ('"11 GPa"', '"11 kg"', "materials.ash.youngs_modulus", "11 kg", "wrong unit for a pressure"),
+        ("0.44", "0.5", "materials.ash.poisson_ratio", "poisson_ratio", "at most 0.499"),
+        ("restitution = 0.5", "restitution = 1.2", "contacts.steel-oak-bead.restitution", "1.2", "at most 1"),
+        ("restitution = 0.5", "static_friction = nan", "contacts.steel-oak-bead.static_friction", "nan", "finite"),
+        ('"6 mm"', "6e3", "particles.oak-bead.diameter", "6e3", "at most 10"),
+        ('"6 mm"', '"-6 mm"', "particles.oak-bead.diameter", "-6 mm", "above 0"),
+        ("count = 1000", "count = 0", "experiment 3, count", "count", "whole number"),
+        ("count = 1000", 'count = "many"', "experiment 3, count", "count", "'many' is not a whole number"),
+        ('"40 deg"', '"200 deg"', "experiment 2, release_angle", "200 deg", "at most"),
+        ('"piling"', '"heaping"', "experiment 3, variant", "heaping", "'piling'"),
+        ('"piling"', '"emptying"', "experiment 3, drain_diameter", '[[experiments]]\nid = "pile-1"', "missing"),
+        ('"Ash beads on steel"', "3", "lab.title", "title", "put it in quotes"),
+        # missing and unknown keys, wrong shapes
+        ('diameter = "6 mm"\n', "", "particles.oak-bead.diameter", "[particles.oak-bead]", 'diameter = "6.2 mm"'),
+        ('wall = "steel"\nbase', "base", "experiment 3, wall", '[[experiments]]\nid = "pile-1"', "missing"),
+        ('base_diameter = "90 mm"', "", "experiment 3, base_diameter", '[[experiments]]\nid = "pile-1"', "missing"),
+        ('rig = "drop"\n', "", "experiment 1, rig", '[[experiments]]\nid = "drop-1"', 'rig = "drop"'),
+        ("frame_rate", "framerate", "experiment 1, camera.framerate", "framerate", "did you mean 'frame_rate'"),
+        ("[lab]", "[lap]", "lap", "[lap]", "did you mean 'lab'"),
+        ("count = 1000", "drop_height = 1", "experiment 3, drop_height", "drop_height", "unknown key"),
+        ('["r01.mp4"]', '"r01.mp4"', "experiment 2, repetitions", 'repetitions = "r01', "is not a list"),
+        ('["r01.mp4"]', "[]", "experiment 2, repetitions", "repetitions = []", "is empty"),
+        ('["r01.mp4"]', "[7]", "experiment 2, repetition 1", "[7]", "not a file name"),
+        (
+            'camera = { known_length = "100 mm:0,0,500,0" }',
+            "camera = 3",
+            "experiment 2, camera",
+            "camera = 3",
+            "table",
+        ),
+        # names
+        ('id = "pile-1"', 'id = "drop-1"', "experiment 3, id", '"drop-1"\nrig = "pile"', "line 18"),
+        ('particle = "D12"', 'particle = "D11"', "experiment 2, particle", "D11", "[particles.D11]"),
+        ('particle = "oak-bead"', 'particle = "oak-bed"', "experiment 1, particle", "oak-bed", "did you mean 'oak-b"),
+        ('wall = "steel"\nrep', 'wall = "steal"\nrep', "experiment 1, wall", "steal", "did you mean 'steel'"),
+        ('material = "ash"', 'material = "oak"', "particles.oak-bead.material", '= "oak"', "[materials.oak]"),
+        ("[contacts.steel-oak-bead]", "[contacts.lead-D6]", "contacts.lead-D6", "lead-D6", "'lead'"),
+        ("[contacts.steel-oak-bead]", "[contacts.steel]", "contacts.steel", "[contacts.steel]", "D6-steel"),
+        ("[contacts.steel-oak-bead]", "[contacts.steel-ash]", "contacts.steel-ash", "steel-ash", "a particle"),
+        ('mass = "0.0710 g"', 'mass = 1\ndensity = "1 g/cm^3"', "particles.oak-bead.mass", "mass = 1", "both given"),
+        ("[particles.oak-bead]", "[particles.ash]", "particles.ash", "[particles.ash]", "also a material"),
+        ('"double"', '"wall"', "experiment 2, wall", '[[experiments]]\nid = "pendulum-1"', "missing"),
+        ('"double"', '"double"\nwall = "steel"', "experiment 2, wall", 'wall = "steel"\nparticle', "no wall"),
+        # rigs and media
+        ('rig = "drop"', 'rig = "dorp"', "experiment 1, rig", "dorp", "did you mean 'drop'"),
+        ('"r02.csv"]', '\n"r03.csv"]', "experiment 1, repetition 2", "r03.csv", "no file"),
+        ('"p3.jpg"', '"."', "experiment 3, repetition 2", '"."', "no file"),
+        ('["r01.mp4", "r02.csv"]', '[["r01.mp4", "r02.csv"]]', "experiment 1, repetition 1", '[["r01', "one file"),
+    ],
+)
+def test_a_wrong_entry_is_refused_with_key_line_and_advice(folder, case):
+    old, new, key, on_line, words = case
+    message, text = refusal(folder, old, new)
+    line = text.count("\n", 0, text.index(on_line)) + 1
+    assert f", line {line}: {key}: " in message
+    assert words in message
+
+
+def test_the_same_contact_given_in_both_orders_is_refused(folder):
+    again = '[contacts.oak-bead-steel]\nrestitution = 0.4\n\n[[experiments]]\nid = "drop-1"'
+    message, _ = refusal(folder, '[[experiments]]\nid = "drop-1"', again)
+    assert "contacts.oak-bead-steel: " in message
+    assert "twice" in message
+
+
+def test_a_contact_that_can_be_read_in_two_ways_is_refused(folder):
+    particle = '[particles.{}]\nmaterial = "ash"\ndiameter = 0.006\n\n'
+    names = "".join(particle.format(name) for name in ("a", "b", "a-b", "b-b"))
+    message, _ = refusal(folder, "[contacts.steel-oak-bead]", names + "[contacts.a-b-b]")
+    assert "a with b-b or a-b with b" in message
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "on_line"),
+    [
+        ('title = "Ash', "title = Ash", "title"),
+        ('title = "Ash beads on steel"', 'title = "Ash', "title"),
+        ('rig = "pile"', 'rig = "pile"\nrig = "pile"', 'rig = "pile"\nvariant'),
+        ("[materials.ash]", "[materials.ash", "[materials.ash"),
+        ("count = 1000", "count 1000", "count"),
+    ],
+)
+def test_a_slip_of_syntax_is_refused_with_its_line(folder, old, new, on_line):
+    message, text = refusal(folder, old, new)
+    line = text.count("\n", 0, text.index(on_line)) + 1
+    assert f", line {line}: not valid TOML" in message
+
+
+def test_a_text_that_never_ends_is_refused(folder):
+    message, _ = refusal(folder, 'title = "Ash', 'title = """Ash')
+    assert "not valid TOML" in message
+
+
+def test_of_several_slips_the_first_by_line_is_told_and_where_the_others_stand(folder):
+    message, text = refusal(
+        folder, '[experiments.camera]\nframe_rate = "240 Hz"\nscale', "[experiments.camera]\nfps = 1\nscael"
+    )
+    assert "experiment 1, camera.fps" in message
+    line = text.count("\n", 0, text.index("scael")) + 1
+    assert message.removesuffix(".").endswith(f"(and 1 more, see line {line})")
+
+
+def test_a_lab_without_experiments_is_refused(tmp_path):
+    (tmp_path / "lab.toml").write_text("[lab]\n")
+    with pytest.raises(BadLabFile, match="has no experiments"):
+        read_lab(tmp_path)
+
+
+def test_a_file_that_is_not_utf_8_is_refused_with_its_line(tmp_path):
+    (tmp_path / "lab.toml").write_bytes("[lab]\n# 90 µm\n".encode("latin-1"))
+    with pytest.raises(BadLabFile, match="line 2: is not UTF-8"):
+        read_lab(tmp_path)
+
+
+def test_a_byte_order_mark_and_windows_line_ends_do_no_harm(folder):
+    plain = read_lab(folder)
+    (folder / "lab.toml").write_bytes(b"\xef\xbb\xbf" + LAB.replace("\n", "\r\n").encode())
+    assert read_lab(folder) == plain
+    (folder / "lab.toml").write_bytes(LAB.replace("240 Hz", "240 mm").replace("\n", "\r\n").encode())
+    with pytest.raises(BadLabFile, match="line 24: "):
+        read_lab(folder)
+
+
+@pytest.mark.parametrize("name", ["", "nowhere", "nowhere/lab.toml"])
+def test_a_folder_without_a_lab_file_is_refused_with_the_way_to_make_one(tmp_path, name):
+    with pytest.raises(BadLabFile, match=r"no such file.*rigtwin init"):
+        read_lab(tmp_path / name)
+
+
+def test_a_new_lab_reads_once_its_media_are_there(tmp_path):
+    folder = tmp_path / "new" / "lab"
+    assert new_lab(folder) == [folder / "lab.toml"]
+    with pytest.raises(BadLabFile, match=r"there is no file .*drop.r01.mp4"):
+        read_lab(folder)
+    for name in re.findall(r'"([\w/]+\.(?:mp4|jpg))"', (folder / "lab.toml").read_text()):
+        (folder / name).touch()
+    lab = read_lab(folder)
+    assert {experiment.rig_name for experiment in lab.experiments} == {"drop", "pendulum", "pile"}
+    for experiment in lab.experiments:
+        for a, b in experiment.contacts:
+            lab.contact(a, b)  # complete: the twins can start
+
+
+def test_every_commented_line_of_the_new_lab_is_valid_when_uncommented(tmp_path):
+    new_lab(tmp_path)
+    path = tmp_path / "lab.toml"
+    text = re.sub(r"^# (?=\w+ = )", "", path.read_text(), flags=re.M)
+    text, scales = re.subn(r"^scale = .*\n(?=known_length = )", "", text, flags=re.M)  # one or the other, as it says
+    assert scales == text.count("\nknown_length = ") == 1
+    path.write_text(text)
+    for name in re.findall(r'"([\w/]+\.(?:mp4|jpg))"', text):
+        (tmp_path / name).touch()
+    drop, pendulum, pile = read_lab(tmp_path).experiments
+    assert drop.rig.drop_height == pytest.approx(0.3)
+    assert drop.camera.end == Moment(1.5, "s")
+    assert pendulum.rig.release_angle == pytest.approx(0.698, abs=1e-3)
+    assert pile.rig.count == 1000
+
+
+CAMERA_SAID_TWICE = {
+    'plumb_line = "412,20,405,700"\ncamera_roll = "1 deg"': "camera_roll is given too",
+    'scale = "0.2 mm/px"\nboard = "checkerboard 9x6 10mm board.png"': "leave scale and known_length out",
+    'board = "checkerboard 9x6 10mm missing.png"': "missing.png",
+    'board = "chess 9x6 10mm board.png"': "is no board",
+}
+
+
+@pytest.mark.parametrize(("lines", "told"), CAMERA_SAID_TWICE.items())
+def test_what_is_said_twice_of_the_camera_is_refused(tmp_path, lines, told):
+    new_lab(tmp_path)
+    path = tmp_path / "lab.toml"
+    path.write_text(path.read_text().replace("[experiments.camera] ", f"[experiments.camera]\n{lines}\n#", 1))
+    for name in ("drop/r01.mp4", "board.png"):
+        (tmp_path / name).touch()
+    with pytest.raises(BadLabFile, match=told):
+        read_lab(tmp_path)
+
+
+def test_a_new_lab_overwrites_nothing(folder):
+    with pytest.raises(BadInput, match="not overwritten"):
+        new_lab(folder)
+    assert (folder / "lab.toml").read_text() == LAB
+
+
+def test_a_new_lab_in_place_of_a_file_is_refused(tmp_path):
+    (tmp_path / "taken").touch()
+    with pytest.raises(BadInput, match="name another folder"):
+        new_lab(tmp_path / "taken")
+
+
+def test_a_twin_takes_the_stated_height_first_then_the_measured_one():
+    assert DropSettings(drop_height=0.3).rig(0.28).drop_height == 0.3
+    assert DropSettings().rig(0.28).drop_height == 0.28
+    with pytest.raises(BadInput, match="drop height is neither stated nor measured; add drop_height"):
+        DropSettings().rig()
+
+
+def test_a_name_like_nothing_known_gets_the_list_of_what_is():
+    assert suggestion("xyz", ["drop", "pile"]) == "known are drop, pile"
+
+
+def test_a_folder_of_pictures_is_a_clip_and_no_photo(tmp_path):
+    folder = tmp_path / "lab"
+    new_lab(folder)
+    text = (folder / "lab.toml").read_text()
+    for name in re.findall(r'"([\w/]+\.(?:mp4|jpg))"', text):
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).mkdir() if name.endswith("mp4") else (folder / name).touch()
+    assert read_lab(folder).experiments[0].repetitions[0][0].is_dir()
+    photo = next(folder.rglob("*.jpg"))
+    photo.unlink()
+    photo.mkdir()
+    with pytest.raises(BadLabFile, match=rf"there is no file .*{photo.name}"):
+        read_lab(folder)

@@ -1,0 +1,595 @@
+"""A drum's surface: closed-form records, and small films drawn with a known slope."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.errors import BadInput, NothingToMeasure
+from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
+from rigtwin.lab.records import Profile
+from rigtwin.measure.drum import checks as drum_checks
+from rigtwin.measure.drum import evaluate as drum
+from rigtwin.measure.drum import measurement as drum_measurement
+from rigtwin.measure.drum.bed import Bed, Outline, Still, _hides
+from rigtwin.measure.drum.glare import brightened_share
+from rigtwin.measure.drum.rotation import turning_of
+from rigtwin.measure.drum.time_average import mean_over_time
+
+Array = npt.NDArray[np.float64]
+
+RADIUS = 0.075  # [m]
+SIZE = (300, 280)  # [px], width and height of the drawn films
+CENTRE = (150.0, 130.0)  # [px]
+RADIUS_PX = 100.0
+
+
+def profile(angle: float, *, below: float = 0.2, bend: float = 0.0) -> Profile:
+    """Surface through (0, -below R), rising to the right by `angle` [deg], S-shaped by `bend` [1/m^2]."""
+    x = np.linspace(-RADIUS, RADIUS, 301)
+    height = -below * RADIUS + math.tan(math.radians(angle)) * x - bend * x**3
+    inside = np.hypot(x, height) < RADIUS
+    return Profile(x, np.where(inside, height, np.nan), np.full(len(x), 1e-4))
+
+
+def find(of: Evaluation | Measurement, quantity: str, method: str = "") -> Quantity:
+    return next(one for one in of.quantities if one.quantity == quantity and (not method or one.method == method))
+
+
+def correlated(random: np.random.Generator, count: int, likeness: float) -> Array:
+    noise = random.normal(size=count + 200)
+    value = np.zeros(count + 200)
+    for k in range(1, count + 200):
+        value[k] = likeness * value[k - 1] + math.sqrt(1 - likeness**2) * noise[k]
+    return value[200:]
+
+
+@pytest.mark.parametrize("angle", [-52.0, -26.0, 12.0, 37.5])
+def test_every_definition_gives_the_angle_of_a_straight_surface(angle: float) -> None:
+    found = drum.evaluate([profile(angle)] * 20, np.arange(20) / 30, drum_diameter=2 * RADIUS)
+    for one in found.quantities:
+        assert one.value == pytest.approx(abs(angle), abs=0.05), (one.quantity, one.method)
+        assert one.detail["turning"] == ("anticlockwise" if angle > 0 else "clockwise")
+
+
+def test_an_s_shaped_surface_is_steeper_at_the_axis_than_from_wall_to_wall() -> None:
+    bend = 40.0
+    found = drum.evaluate([profile(45.0, below=0.0, bend=bend)] * 20, np.arange(20) / 30, drum_diameter=2 * RADIUS)
+    # least squares of a x - b x^3 over |x| < c has the slope a - (3/5) b c^2
+    tangent = math.degrees(math.atan(1 - 0.6 * bend * (0.2 * RADIUS) ** 2))
+    assert find(found, drum.GRAPHICAL, drum.TANGENT).value == pytest.approx(tangent, abs=0.05)
+    by_method = {(one.quantity, one.method): one.value for one in found.quantities}
+    assert by_method[drum.GEOMETRIC, drum.CHORD] < by_method[drum.GRAPHICAL, drum.MIDDLE] < tangent
+
+
+def test_a_bed_that_hangs_back_at_its_toe_has_a_smaller_lower_angle() -> None:
+    x = np.linspace(-RADIUS, RADIUS, 301)
+    height = -0.02 + np.where(x < 0, 0.3 * x, 0.7 * x)
+    bent = Profile(x, np.where(np.hypot(x, height) < RADIUS, height, np.nan), np.full(len(x), 1e-4))
+    found = drum.evaluate([bent] * 20, np.arange(20) / 30, drum_diameter=2 * RADIUS)
+    assert find(found, drum.UPPER).value > find(found, drum.LOWER).value + 5
+    assert find(found, drum.UPPER).detail["s_shaped"] is True
+
+
+def test_the_interval_of_the_mean_holds_although_neighbouring_frames_are_alike() -> None:
+    random = np.random.default_rng(3)
+    held, runs = 0, 200
+    for _ in range(runs):
+        mean = mean_over_time(np.arange(240) / 60, 30 + 2 * correlated(random, 240, 0.9))
+        held += abs(mean.value - 30) < 1.96 * mean.std_error
+    # 90 to 99 %, and what 200 tries may scatter
+    assert 0.88 <= held / runs <= 0.995
+
+
+def test_frames_that_do_not_resemble_each_other_give_the_usual_standard_error() -> None:
+    random = np.random.default_rng(4)
+    errors = [mean_over_time(np.arange(400) / 60, random.normal(size=400)).std_error for _ in range(20)]
+    assert np.mean(errors) == pytest.approx(1 / math.sqrt(400), rel=0.15)
+
+
+def test_dropped_frames_do_not_pull_the_mean() -> None:
+    times = np.arange(400) / 100
+    angles = 30 + 5 * np.sin(2 * np.pi * times)
+    # the high half is filmed at a tenth of the rate
+    kept = (np.sin(2 * np.pi * times) < 0) | (np.arange(400) % 10 == 0)
+    found = drum.evaluate([profile(a) for a in angles[kept]], times[kept], drum_diameter=2 * RADIUS)
+    assert find(found, drum.GRAPHICAL, drum.MIDDLE).value == pytest.approx(30.0, abs=0.35)
+    assert next(check for check in found.checks if check.check == "frame_timing").value > 0.05
+    assert not find(found, drum.GRAPHICAL, drum.MIDDLE).doubtful
+
+
+def test_times_that_jump_about_make_every_number_doubtful() -> None:
+    random = np.random.default_rng(6)
+    times, angles = np.cumsum(random.exponential(1 / 30, 200)), 30 + 0.8 * correlated(random, 200, 0.5)
+    found = drum.evaluate([profile(a) for a in angles], times, drum_diameter=2 * RADIUS)
+    assert not next(check for check in found.checks if check.check == "frame_timing").passed
+    assert all("frame intervals" in one.doubtful for one in found.quantities)
+
+
+def test_the_start_of_the_drum_is_left_out() -> None:
+    random = np.random.default_rng(5)
+    angles = np.concatenate([np.linspace(0, 30, 25), 30 + 0.8 * correlated(random, 175, 0.5)])
+    found = drum.evaluate([profile(a) for a in angles], np.arange(200) / 30, drum_diameter=2 * RADIUS)
+    assert find(found, drum.GRAPHICAL, drum.MIDDLE).value == pytest.approx(30.0, abs=0.4)
+    assert any("steady part" in warning for warning in found.warnings)
+
+
+def test_avalanches_are_counted_where_the_bed_turns_with_the_drum_between_them() -> None:
+    random = np.random.default_rng(6)
+    times = np.arange(600) / 30
+    speed = math.radians(3.0)  # [rad/s]
+    angles = 27 + (3.0 * times) % 5.0 + random.normal(0, 0.1, 600)  # 5 degrees slide every 5/3 s
+    found = drum.evaluate([profile(a) for a in angles], times, drum_diameter=2 * RADIUS, speed=speed)
+    assert find(found, "avalanche_frequency").value == pytest.approx(0.6, rel=0.03)
+    assert find(found, "avalanche_start_angle").value == pytest.approx(32.0, abs=0.6)
+    assert find(found, "avalanche_stop_angle").value == pytest.approx(27.0, abs=0.6)
+
+
+def test_a_flow_that_only_sways_has_no_avalanches() -> None:
+    times = np.arange(600) / 30
+    angles = 30 + 2 * np.sin(2 * np.pi * 0.6 * times)
+    found = drum.evaluate([profile(a) for a in angles], times, drum_diameter=2 * RADIUS)
+    assert not any(one.quantity.startswith("avalanche") for one in found.quantities)
+    assert any("avalanche frequency" in warning and "as quickly as it falls" in warning for warning in found.warnings)
+
+
+def test_a_drum_whose_wall_throws_beads_off_has_doubtful_slopes() -> None:
+    def wrong(speed: float) -> str:
+        seen = [profile(a) for a in 30 + np.random.default_rng(8).normal(size=40)]
+        found = drum.evaluate(seen, np.arange(40) / 30, drum_diameter=2 * RADIUS, speed=speed)
+        return find(found, drum.GRAPHICAL, drum.MIDDLE).doubtful
+
+    # where the wall's acceleration is that of gravity a bead stays at it, whichever way the drum turns
+    assert "centrifuges" in wrong(-math.sqrt(9.82 / RADIUS))
+    assert "thrown" in wrong(math.sqrt(0.6 * 9.81 / RADIUS))
+    assert wrong(math.sqrt(0.1 * 9.81 / RADIUS)) == ""
+
+
+@pytest.mark.parametrize("frames", [1, 2, 4, 7, 8, 12])
+def test_neighbouring_frames_are_known_no_better_than_one_moment_of_the_flow(frames: int) -> None:
+    # of a flow that sways by two degrees over seconds: they agree, however many they are, and say nothing of its mean
+    seen = [profile(32 + 0.02 * k) for k in range(frames)]
+    found = find(drum.evaluate(seen, np.arange(frames) / 240, drum_diameter=2 * RADIUS), drum.GRAPHICAL)
+    assert 1.8 < found.std_uncertainty < 2.4
+    assert not found.doubtful
+
+
+def test_many_moments_of_the_flow_are_known_better_than_one() -> None:
+    seen = [profile(angle) for angle in 32 + np.random.default_rng(3).normal(size=100)]
+    found = drum.evaluate(seen, np.arange(100) / 4, drum_diameter=2 * RADIUS)
+    assert find(found, drum.GRAPHICAL).std_uncertainty < 0.2
+
+
+def test_bad_records_are_told_in_a_sentence() -> None:
+    one = profile(30)
+    with pytest.raises(BadInput, match="2 profiles but 1 times"):
+        drum.evaluate([one, one], np.array([0.0]), drum_diameter=0.15)
+    with pytest.raises(BadInput, match="do not rise"):
+        drum.evaluate([one, one], np.array([1.0, 0.0]), drum_diameter=0.15)
+    with pytest.raises(BadInput, match="must be positive"):
+        drum.evaluate([one], np.array([0.0]), drum_diameter=-0.15)
+    empty = Profile(one.x, np.full(len(one.x), np.nan), one.sigma)
+    with pytest.raises(NothingToMeasure, match="surface"):
+        drum.evaluate([empty], np.array([0.0]), drum_diameter=0.15)
+
+
+# ------------------------------------------------------------------------------------------------------------- films
+
+
+def surface(x: Any, angle: float, bend: float = 0.0) -> Any:
+    """Height [px] of a drawn bed at x [px], both from the drum's axis; `bend` of the radius at its ends."""
+    return math.tan(math.radians(angle)) * x + (bend * (x / RADIUS_PX) ** 2 - 0.3) * RADIUS_PX
+
+
+def film(
+    path: Path,
+    angle: float,
+    *,
+    roll: float = 0.0,
+    frames: int = 18,
+    drum_grey: int = 190,
+    bead_grey: int = 110,
+    noise: float = 3.0,
+    turn: float = 0.05,
+    flicker: float = 0.0,
+    quarters: int = 0,
+    bend: float = 0.0,
+    shown: float = 1.0,
+    stand: int | None = 250,
+    slides: float = 0.0,
+) -> None:
+    """A drum on a level stand; its beads `turn` [rad] with it per frame and are taken away above a line or bow.
+
+    The line keeps its `angle`, or turns with the drum and falls back to it from `slides` [deg] above.
+
+    The stand begins at the row `stand` [px], None: it is not in view.  The camera lies on its side by `quarters` of a
+    turn, and the left share `shown` of the picture is filmed.
+    """
+    random = np.random.default_rng(11)
+    bead = 4.0  # [px], radius
+    side = np.arange(-RADIUS_PX, RADIUS_PX, 2.05 * bead)
+    grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    grid = grid + random.uniform(-0.6, 0.6, grid.shape) * bead
+    grid = grid[np.hypot(*grid.T) < RADIUS_PX - bead]
+    shade = random.integers(-25, 25, len(grid))
+    rolled = cv2.getRotationMatrix2D(CENTRE, -roll, 1.0)  # OpenCV turns anticlockwise
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=30, options={"crf": "16", "x264-params": "mbtree=0"})
+        width = round(shown * SIZE[0]) // 2 * 2
+        stream.width, stream.height = (SIZE[1], width) if quarters % 2 else (width, SIZE[1])
+        stream.pix_fmt = "yuv420p"
+        for k in range(frames):
+            picture = np.full((SIZE[1], SIZE[0], 3), 225, np.uint8)
+            if stand is not None:
+                cv2.rectangle(picture, (0, stand), (SIZE[0], SIZE[1]), (120, 120, 120), -1)
+            cv2.circle(picture, (150, 130), 112, (90, 90, 95), -1, cv2.LINE_AA)
+            cv2.circle(picture, (150, 130), 100, (drum_grey,) * 3, -1, cv2.LINE_AA)
+            # anticlockwise where the surface rises to the right
+            a = math.copysign(turn * k, angle)
+            slope = angle + math.copysign(math.degrees(turn * k) % slides, angle) if slides else angle
+            x = grid[:, 0] * math.cos(a) - grid[:, 1] * math.sin(a)
+            y = grid[:, 0] * math.sin(a) + grid[:, 1] * math.cos(a)
+            for px, py, tone in zip(x, y, shade, strict=True):
+                if py < surface(px, slope, bend):
+                    grey = int(np.clip(bead_grey + tone, 0, 255))
+                    where = (round(16 * (CENTRE[0] + px)), round(16 * (CENTRE[1] - py)))
+                    cv2.circle(picture, where, round(16 * bead), (grey - 40, grey, grey + 30), -1, cv2.LINE_AA, 4)
+            picture = cv2.warpAffine(picture, rolled, SIZE, borderMode=cv2.BORDER_REPLICATE)
+            picture = picture * (1 + flicker * math.sin(2 * math.pi * 100.7 * k / 30))
+            noisy = np.clip(picture + random.normal(0, noise, picture.shape), 0, 255).astype(np.uint8)
+            noisy = np.ascontiguousarray(np.rot90(noisy[:, :width], quarters))
+            for packet in stream.encode(av.VideoFrame.from_ndarray(noisy, format="bgr24")):
+                container.mux(packet)
+        for packet in stream.encode():
+            container.mux(packet)
+
+
+def measured(path: Path, roll: float | None = None, **known: float) -> Measurement:
+    return drum_measurement.measure(
+        path,
+        Camera(frame_rate=30.0, roll=roll),
+        drum_diameter=0.15,
+        bead_diameter=0.006,
+        out=path.parent / "out",
+        **known,
+    )
+
+
+def test_a_filmed_drum_gives_the_slope_it_was_drawn_with(tmp_path: Path) -> None:
+    film(tmp_path / "drum.mp4", -30.0, roll=2.0)
+    found = measured(tmp_path / "drum.mp4")
+    angle = find(found, drum.GRAPHICAL, drum.MIDDLE)
+    assert angle.value == pytest.approx(30.0, abs=0.6)
+    assert angle.interval95[0] < 30.0 < angle.interval95[1]
+    assert angle.detail["turning"] == "clockwise"
+    assert found.camera["camera_roll_deg"] == pytest.approx(2.0, abs=0.2)
+    assert found.camera["drum_radius_px"] == pytest.approx(RADIUS_PX, abs=1.5)
+    assert found.camera["scale_m_per_px"] == pytest.approx(0.15 / (2 * RADIUS_PX), rel=0.015)
+    assert all(path.exists() for path in found.files.values())
+    assert not angle.doubtful
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_stated_roll_is_held_against_the_level_stand(tmp_path: Path, sign: int) -> None:
+    film(tmp_path / "drum.mp4", 30.0, roll=1.5)  # clockwise
+    found = measured(tmp_path / "drum.mp4", roll=math.radians(1.5 * sign))
+    (check,) = [each for each in found.checks if each.check == "camera_roll"]
+    angle = find(found, drum.GRAPHICAL, drum.MIDDLE)
+    assert check.passed is (sign > 0)
+    assert bool(angle.doubtful) is (sign < 0)
+    # a scene turned clockwise is turned back, a wrong sign turns it by as much again
+    assert angle.value == pytest.approx(30.0 if sign > 0 else 27.0, abs=0.6)
+
+
+def test_a_wrong_roll_is_held_against_a_stand_right_below_the_drum(tmp_path: Path) -> None:
+    film(tmp_path / "drum.mp4", 30.0, stand=244)
+    found = measured(tmp_path / "drum.mp4", roll=math.radians(8.0))
+    assert all("camera roll of +8.00 degrees was given" in one.doubtful for one in found.quantities)
+
+
+@pytest.mark.parametrize("roll", [-8.0, 12.0, 20.0])
+def test_a_camera_turned_by_more_than_a_stand_allows_is_righted_and_doubted(tmp_path: Path, roll: float) -> None:
+    film(tmp_path / "drum.mp4", 30.0, roll=roll)
+    found = measured(tmp_path / "drum.mp4")
+    angle = find(found, drum.GRAPHICAL, drum.MIDDLE)
+    assert found.camera["camera_roll_deg"] == pytest.approx(roll, abs=0.4)
+    assert angle.value == pytest.approx(30.0, abs=0.8)
+    assert "as none on a stand is" in angle.doubtful
+    assert not find(measured(tmp_path / "drum.mp4", roll=math.radians(roll)), drum.GRAPHICAL).doubtful
+
+
+@pytest.mark.parametrize("roll", [0.0, 6.0])
+def test_a_roll_that_nothing_shows_is_in_the_doubt(tmp_path: Path, roll: float) -> None:
+    film(tmp_path / "drum.mp4", 30.0, roll=roll, stand=None)
+    found = measured(tmp_path / "drum.mp4")
+    angle = find(found, drum.GRAPHICAL, drum.MIDDLE)
+    assert abs(angle.value - 30.0) < 3 * float(angle.detail["std_uncertainty_of_this_clip"])
+    assert max(angle.budget, key=lambda part: angle.budget[part]) == "camera roll, not measured"
+    assert any("give --camera-roll, 0deg where" in warning for warning in found.warnings)
+    assert not angle.doubtful
+
+
+def test_a_large_roll_that_is_stated_and_that_nothing_shows_is_believed(tmp_path: Path) -> None:
+    film(tmp_path / "drum.mp4", 30.0, roll=12.0, stand=None)
+    found = measured(tmp_path / "drum.mp4", roll=math.radians(12.0))
+    angle = find(found, drum.GRAPHICAL, drum.MIDDLE)
+    assert angle.value == pytest.approx(30.0, abs=0.8)
+    assert not angle.doubtful
+
+
+def test_how_often_the_bed_slides_does_not_hang_on_the_cameras_roll(tmp_path: Path) -> None:
+    film(tmp_path / "drum.mp4", 30.0, roll=12.0, frames=90, turn=math.radians(0.4), slides=8.0)
+    found = measured(tmp_path / "drum.mp4")
+    often = find(found, drum.FREQUENCY)
+    assert often.value == pytest.approx(1.5, rel=0.05)  # [1/s], every twentieth frame of 30 a second
+    assert not often.doubtful
+    assert "give --camera-roll" in find(found, drum.GRAPHICAL).doubtful
+
+
+def test_beads_in_flight_over_the_upper_end_do_not_count_as_its_surface() -> None:
+    random = np.random.default_rng(5)
+    times = np.arange(40) / 30
+    x = np.arange(-90.0, 91.0)
+    outlines = []
+    for k, time in enumerate(times):
+        height = math.tan(math.radians(28.0)) * x - 20
+        height[np.hypot(x, height) > RADIUS_PX] = np.nan
+        start = random.uniform(40, 70)
+        flying = height + 12.0 * ((x > start) & (x < start + 14) & (k % 2 == 0))
+        outlines.append(Outline(k, time, x, flying, flying, flying, 5e3, (0.0, 0.0)))
+    bed = SimpleNamespace(
+        outlines=tuple(outlines),
+        bead=8.0,
+        rim=SimpleNamespace(radius=RADIUS_PX),
+        upright=SimpleNamespace(sigma=0.0, source=""),
+    )
+    seen = drum_measurement._observation(bed, RADIUS / RADIUS_PX, 0.006)
+    found = drum.evaluate(seen.profiles, times, drum_diameter=2 * RADIUS)
+    assert find(found, drum.UPPER).value == pytest.approx(28.0, abs=0.5)
+    assert find(found, drum.GRAPHICAL, drum.WHOLE).value == pytest.approx(28.0, abs=0.2)
+
+
+@pytest.mark.parametrize("bend", [-0.05, 0.05])
+def test_every_filmed_angle_of_a_bent_surface_lies_within_its_doubt(tmp_path: Path, bend: float) -> None:
+    """The lines' true slopes, by the drawn curve; a surface that bows up or down is steeper in one half."""
+    film(tmp_path / "drum.mp4", 28.0, bend=bend)
+    found = measured(tmp_path / "drum.mp4")
+    x = np.linspace(-RADIUS_PX, RADIUS_PX, 2001)
+    height = surface(x, 28.0, bend)
+    inside = np.hypot(x, height) < RADIUS_PX
+    truth = drum.evaluate([Profile(x[inside], height[inside], 0 * x[inside])], np.zeros(1), drum_diameter=None)
+    for name, method in (
+        (drum.LOWER, ""),
+        (drum.UPPER, ""),
+        (drum.GRAPHICAL, drum.MIDDLE),
+        (drum.GRAPHICAL, drum.WHOLE),
+    ):
+        one, true = find(found, name, method), find(truth, name, method)
+        assert abs(one.value - true.value) < 2 * float(one.detail["std_uncertainty_of_this_clip"])
+        assert not one.doubtful
+
+
+def test_a_film_broken_off_has_nothing_that_is_not_doubtful(tmp_path: Path) -> None:
+    clip = tmp_path / "drum.mkv"
+    film(clip, 30.0)
+    clip.write_bytes(clip.read_bytes()[: int(0.9 * clip.stat().st_size)])
+    assert all("broken off" in one.doubtful for one in measured(clip).quantities)
+
+
+def test_a_slow_drum_is_found_in_a_film_whose_noise_hides_the_motion_of_single_pixels(tmp_path: Path) -> None:
+    film(tmp_path / "drum.mp4", 30.0, noise=26.0, turn=0.02)
+    angle = find(measured(tmp_path / "drum.mp4"), drum.GRAPHICAL, drum.MIDDLE)
+    assert angle.interval95[0] < 30.0 < angle.interval95[1]
+    assert angle.std_uncertainty < 2.5
+
+
+def test_a_surface_that_runs_out_of_the_picture_is_doubted(tmp_path: Path) -> None:
+    film(tmp_path / "drum.mp4", 30.0, shown=0.6)
+    found = measured(tmp_path / "drum.mp4")
+    assert all("picture's edge" in one.doubtful for one in found.quantities)
+
+
+def test_a_surface_of_which_one_half_rises_against_the_other_is_doubted() -> None:
+    for toe in (25.0, -25.0):
+        x = profile(25.0).x
+        height = np.where(x > 0, math.tan(math.radians(25.0)) * x, math.tan(math.radians(toe)) * x) - 0.2 * RADIUS
+        found = drum.evaluate([Profile(x, height, 0 * x)], np.zeros(1), drum_diameter=2 * RADIUS)
+        assert all(bool(one.doubtful) is (toe < 0) for one in found.quantities)
+
+
+def test_the_mirrored_drum_has_the_same_angle_and_turns_the_other_way(tmp_path: Path) -> None:
+    film(tmp_path / "right.mp4", 30.0)
+    found = measured(tmp_path / "right.mp4")
+    angle = find(found, drum.GRAPHICAL, drum.MIDDLE)
+    assert angle.value == pytest.approx(30.0, abs=0.6)
+    assert angle.detail["turning"] == "anticlockwise"
+    assert {"turning", "bed_below"} <= {check.check for check in found.checks if check.passed}
+
+
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+def test_a_film_on_its_side_is_doubted(tmp_path: Path, quarters: int) -> None:
+    film(tmp_path / "drum.mp4", -28.0, quarters=quarters)
+    found = measured(tmp_path / "drum.mp4")
+    assert all("on its side" in one.doubtful for one in found.quantities)
+
+
+@pytest.mark.parametrize("step", [0.4, -1.0, 6.0])
+def test_beads_at_the_wall_tell_which_way_a_drum_turns_past_dirt_and_flicker(step: float) -> None:
+    random = np.random.default_rng(4)
+    texture = cv2.GaussianBlur(random.normal(0, 1, (20, 900)), (0, 0), 2.5) * 200
+    dirt = cv2.GaussianBlur(random.normal(0, 1, (20, 150)), (0, 0), 2.5) * 200
+    frames = np.arange(40)
+
+    def rings(places: Array) -> list[npt.NDArray[np.uint8]]:
+        columns = 400 + np.arange(150)
+        beds = [np.array([np.interp(columns - place, np.arange(900), row) for row in texture]) for place in places]
+        light = 1 + 0.1 * random.normal(0, 1, len(places))
+        return [np.clip((128 + bed + dirt) * by, 0, 255).astype(np.uint8) for bed, by in zip(beds, light, strict=True)]
+
+    assert turning_of(rings(step * frames)) == np.sign(step)
+    assert turning_of(rings(random.normal(0, abs(step), len(frames)))) == 0  # it shakes in its place
+
+
+def test_a_lamp_that_flickers_does_not_hide_the_surface(tmp_path: Path) -> None:
+    film(tmp_path / "lamp.mp4", 30.0, turn=0.01, flicker=0.1)
+    angle = find(measured(tmp_path / "lamp.mp4"), drum.GRAPHICAL, drum.MIDDLE)
+    assert angle.value == pytest.approx(30.0, abs=0.6)
+    assert not angle.doubtful
+
+
+def test_a_single_picture_is_measured_and_said_to_be_one_moment(tmp_path: Path) -> None:
+    picture = np.full((240, 240), 235, np.uint8)
+    y, x = np.mgrid[:240, :240] - 119.5
+    bed = -y < math.tan(math.radians(-38)) * x
+    picture[np.hypot(x, y) < 110] = 240
+    picture[(np.hypot(x, y) < 110) & bed] = 25
+    cv2.circle(picture, (119, 119), 110, 60, 1, cv2.LINE_AA)
+    cv2.imwrite(str(tmp_path / "drum.bmp"), cv2.GaussianBlur(picture, (0, 0), 1.0))
+    found = drum_measurement.measure(tmp_path / "drum.bmp", Camera(), drum_diameter=None, out=tmp_path / "out")
+    assert find(found, drum.GRAPHICAL, drum.TANGENT).value == pytest.approx(38.0, abs=0.4)
+    assert any("single picture" in warning for warning in found.warnings)
+    assert any("scale" in warning for warning in found.warnings)
+    assert found.profiles == ()
+
+
+def test_a_clip_without_a_drum_is_refused(tmp_path: Path) -> None:
+    random = np.random.default_rng(2)
+    with av.open(str(tmp_path / "none.mp4"), "w") as container:
+        stream = container.add_stream("libx264", rate=30, options={"x264-params": "mbtree=0"})
+        stream.width, stream.height = SIZE
+        stream.pix_fmt = "yuv420p"
+        for _ in range(12):
+            grey = random.integers(0, 40, (SIZE[1], SIZE[0], 3)).astype(np.uint8)
+            for packet in stream.encode(av.VideoFrame.from_ndarray(grey, format="bgr24")):
+                container.mux(packet)
+        for packet in stream.encode():
+            container.mux(packet)
+    with pytest.raises(NothingToMeasure, match="drum"):
+        drum_measurement.measure(
+            tmp_path / "none.mp4", Camera(frame_rate=30.0), drum_diameter=0.15, out=tmp_path / "out"
+        )
+
+
+def test_a_heap_that_slides_away_in_no_drum_is_refused(tmp_path: Path) -> None:
+    random = np.random.default_rng(4)
+    grains = random.uniform((-60, 0), (60, 60), (500, 2))
+    grains = grains[grains[:, 1] < 60 - 0.016 * grains[:, 0] ** 2]
+    shade = random.integers(70, 140, len(grains))
+    with av.open(str(tmp_path / "heap.mp4"), "w") as container:
+        stream = container.add_stream("libx264", rate=30, options={"crf": "16", "x264-params": "mbtree=0"})
+        stream.width, stream.height = SIZE
+        stream.pix_fmt = "yuv420p"
+        for _ in range(14):
+            picture = np.full((SIZE[1], SIZE[0], 3), 225, np.uint8)
+            for (x, y), tone in zip(grains + random.normal(0, 1.5, grains.shape), shade, strict=True):
+                cv2.circle(picture, (round(150 + x), round(220 - y)), 4, (int(tone),) * 3, -1, cv2.LINE_AA)
+            for packet in stream.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")):
+                container.mux(packet)
+        for packet in stream.encode():
+            container.mux(packet)
+    with pytest.raises(NothingToMeasure, match="no turning drum is seen"):
+        measured(tmp_path / "heap.mp4")
+
+
+def test_a_film_that_shows_no_surface_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    film(tmp_path / "drum.mp4", 30.0, frames=12)
+    follow = drum_measurement.follow_bed
+
+    def unseen(*media: object, **known: object) -> Bed:
+        bed = follow(*media, **known)  # type: ignore[arg-type]
+        # a border that is seen along a few beads at either end only
+        for outline in bed.outlines:
+            outline.height[np.abs(outline.x) < 0.6 * RADIUS_PX] = np.nan
+        return bed
+
+    monkeypatch.setattr(drum, "follow_bed", unseen)
+    with pytest.raises(NothingToMeasure, match="give the original file, light the drum"):
+        measured(tmp_path / "drum.mp4")
+
+
+# ----------------------------------------------------------------------------------------- what is in front of the drum
+
+
+def test_what_passes_beside_the_drum_is_seen_and_a_flickering_lamp_is_not() -> None:
+    random = np.random.default_rng(3)
+    scene = np.clip(120 + cv2.GaussianBlur(random.normal(0, 120, (240, 240)), (0, 0), 4), 0, 255).astype(np.float32)
+    y, x = np.mgrid[:240, :240]
+    beside = np.hypot(x - 120, y - 120) > 1.15 * 80
+
+    def hides(grey: Array) -> bool:
+        noisy = np.clip(grey + random.normal(0, 3, grey.shape), 0, 255).astype(np.uint8)
+        still = Still(0, 0.0, cv2.merge([noisy] * 3), np.zeros((240, 240), np.float32), (0.0, 0.0))
+        return _hides(still, scene, beside)
+
+    hand = scene.copy()
+    hand[:, :40] = 200
+    assert hides(hand)
+    assert not hides(scene)
+    assert not hides(1.1 * scene)
+
+
+@pytest.mark.parametrize(
+    ("lift", "failing"), [("none", set()), ("arc", {"surface_shape"}), ("step", {"surface_steps"})]
+)
+def test_an_outline_that_no_flowing_bed_has_fails_a_check(lift: str, failing: set[str]) -> None:
+    x = np.linspace(-100, 100, 201)
+    height = {
+        "none": 0.5 * x + 10 * np.sin(np.pi * x / 100),
+        "arc": np.sqrt(120.0**2 - x**2),
+        "step": 0.5 * x + 60 * (x > 10),
+    }[lift]
+    outline = Outline(0, 0.0, x, height, height, height, 1.0, (0.0, 0.0))
+    checks = drum_checks._checks_of_shape(SimpleNamespace(outlines=(outline,) * 3, bead=8.0))  # type: ignore[arg-type]
+    assert {check.check for check in checks if not check.passed} == failing
+
+
+@pytest.mark.parametrize(
+    ("light", "hidden"),
+    [
+        ("even", False),
+        ("falling off by 30 grey levels", False),
+        ("a lamp at the axis", True),
+        ("a lamp at the end", True),
+        ("lighter beads in 0.2 of the bed", False),
+        ("lighter beads in 0.35 of the bed", False),
+        ("lighter beads in 0.5 of the bed", False),
+    ],
+)
+@pytest.mark.parametrize("wall", [40, 170, 250])
+def test_a_lamp_mirrored_in_the_glass_is_told_from_uneven_light_and_lighter_beads(
+    light: str, hidden: bool, wall: int
+) -> None:
+    random = np.random.default_rng(4)
+    y, x = np.mgrid[:240, :240] - 120.0
+    lamp = {"a lamp at the axis": (0.0, 0.0), "a lamp at the end": (80.0, -40.0)}.get(light)
+    added = np.zeros_like(x) if lamp is None else 100 * np.exp(-(np.hypot(x - lamp[0], y - lamp[1]) ** 2) / 700)
+    if light.startswith("falling"):
+        added = 30 * (120 - x) / 240
+    tone = np.full_like(x, 90)
+    if light.startswith("lighter"):
+        tone[np.abs(x - 20) < 110 * float(light.split()[3])] += 80
+    border = np.arange(-110.0, 111.0)
+    heights = 0.5 * border + random.normal(0, 2, (6, len(border)))
+    pictures = []
+    for height in heights:
+        bed = -y < np.interp(x, border, height)
+        grey = np.where(bed, tone * (1 + random.standard_normal(x.shape) / 3), wall) + added
+        pictures.append(cv2.merge([np.clip(grey, 0, 255).astype(np.uint8)] * 3))
+    share = brightened_share(pictures, border, heights, (120.0, 120.0), 118.0, 0.0, 8.0)
+    assert (share > drum_checks.GLARE) == hidden
+
+
+def test_a_surface_seen_at_both_ends_alone_tells_nothing_of_the_light() -> None:
+    x = np.concatenate([np.arange(-110.0, -100.0), np.arange(101.0, 111.0)])
+    picture = np.full((240, 240, 3), 90, np.uint8)
+    share = brightened_share([picture] * 3, x, np.tile(0.5 * x, (3, 1)), (120.0, 120.0), 118.0, 0.0, 8.0)
+    assert math.isnan(share)

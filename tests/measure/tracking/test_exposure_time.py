@@ -1,0 +1,85 @@
+"""The shutter is told by the streaks of a fast bead, and by nothing else."""
+
+import math
+
+import numpy as np
+import pytest
+
+from rigtwin.measure.scene.pose import Pose
+from rigtwin.measure.scene.scene import Scene
+from rigtwin.measure.tracking.bead_image import Look
+from rigtwin.measure.tracking.cutouts import Cut
+from rigtwin.measure.tracking.detect import Spot
+from rigtwin.measure.tracking.exposure_time import TRIED, Shutter, fast_frames, shutter_of
+from rigtwin.measure.tracking.follow import told_shutter
+from rigtwin.measure.tracking.link import SpotPath
+
+LOOK = Look(8.0, 0.8, np.array([150.0, 0.0, 0.0, 0.0]))
+SIZE = (320, 80)
+
+
+def falling(frames, pull=1.2, start=20.0):
+    """A path that falls ever faster [px], frame by frame."""
+    spots = [Spot(40.0, start + pull * frame**2 / 2, 200, 16, 16, 60.0) for frame in frames]
+    return SpotPath(tuple(frames), tuple(spots))
+
+
+def film(path, share, *, empty=(), seed=0):
+    """What is cut out of a film of a bead on that path with the shutter open for a share of the frame interval."""
+    noise = np.random.default_rng(seed)
+    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]].astype(float)
+    cuts = []
+    for k in range(1, len(path.frames) - 1):
+        (x, y), step = path.centres[k], (path.centres[k + 1] - path.centres[k - 1]) / 2
+        picture = np.full(SIZE, 80.0)
+        if path.frames[k] not in empty:
+            moments = y + share * step[1] * ((np.arange(40) + 0.5) / 40 - 0.5)
+            away = np.hypot(columns[None] - x, rows[None] - moments[:, None, None])
+            cover = np.mean(np.clip((LOOK.radius - away) / 1.6 + 0.5, 0, 1), axis=0)
+            picture += cover * 70
+        grey = (picture + noise.normal(0, 2.0, SIZE)).astype(np.float32)
+        step = (float(step[0]), float(step[1]))
+        cuts.append(Cut(path.frames[k], k / 240, grey, 0, 0, (float(x), float(y)), step, Pose()))
+    return cuts
+
+
+def scene():
+    return Scene(np.full(SIZE, 80, dtype=np.float32), np.full(SIZE, 2.0, dtype=np.float32))
+
+
+@pytest.mark.parametrize("share", [0.12, 0.35, 0.7, 0.95])
+def test_the_streaks_of_a_fast_bead_tell_how_long_the_shutter_was_open(share):
+    path = falling(range(20))
+    roughly = told_shutter(film(path, share), path, scene(), LOOK, None)
+    assert abs(roughly.share - share) < 2 * roughly.doubt
+    told = told_shutter(film(path, share), path, scene(), LOOK, None, roughly)
+    assert abs(told.share - share) < 2 * told.doubt < 0.12
+
+
+def test_frames_without_the_bead_do_not_tell_the_shutter():
+    path = falling(range(20))
+    told = told_shutter(film(path, 0.3, empty=(13, 15, 16)), path, scene(), LOOK, None)
+    assert abs(told.share - 0.3) < 2 * told.doubt
+
+
+def test_a_slow_bead_tells_nothing_of_the_shutter():
+    path = falling(range(20), pull=0.05)
+    told = told_shutter(film(path, 0.5), path, scene(), LOOK, None)
+    assert not told.told
+    assert math.isinf(told.doubt)
+
+
+def test_frames_at_a_bounce_and_beside_gaps_are_not_taken():
+    fall = falling(range(12))
+    up = [Spot(40.0, fall.spots[-1].y - 9.0 * k, 200, 16, 16, 60.0) for k in range(1, 8)]
+    path = SpotPath((*fall.frames, *range(12, 15), *range(20, 24)), (*fall.spots, *up))
+    assert not {11, 14, 20} & set(fast_frames(path))
+    assert {10, 12, 13, 21} <= set(fast_frames(path))
+
+
+def test_a_frame_that_likes_all_lengths_alike_has_no_say():
+    flat = np.full(7, 3.0)
+    sharp = 2 + 3 * (TRIED - 0.4) ** 2
+    told = shutter_of(TRIED, np.stack([sharp, flat, flat, sharp, flat], axis=1), np.full(5, 20.0))
+    assert told.share == pytest.approx(0.4, abs=0.01)
+    assert Shutter(told.share, told.doubt).told
