@@ -13,11 +13,11 @@ files may move inside the package.
   states what a user knows (`kind`, `file`, `bead_diameter_mm` ..., see `GIVEN`).
 - simulate: three twins of each rig with fixed seeds and few particles, on one thread.
 - diagnose: each folder of `--hidden` that has a `lab.json`.
-- compare: both labs of `sample_media`, with few particles.
+- compare: both labs of `sample_media`.
 
 Compared are the exit code, the JSON document on stdout and the files that the command wrote: their names, JSON and TOML
-as documents, CSV files by their sha256 or, where they hold text, cell by cell.  Left out are timings, versions,
-checksums and the command line (`LEFT_OUT`); paths are made relative to the checkout, the media and the output folder.
+as documents, CSV files by a checksum and their means or, where they hold sentences, cell by cell.  Left out are
+timings, versions, checksums and the command line (`LEFT_OUT`); paths are relative to the checkout, media or output.
 Numbers, names and statuses have to be the same to the last digit.  Sentences (`SENTENCES`) may be worded anew: such
 differences are counted apart and fail nothing, but the number of warnings has to stay.
 
@@ -36,6 +36,7 @@ import json
 import math
 import os
 import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -44,7 +45,7 @@ import time
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -163,8 +164,11 @@ def cases(media: Sequence[Path], hidden: Path | None) -> list[Case]:
     return found
 
 
-def _smallest(labs: Sequence[Path]) -> Path:
-    return min(labs, key=lambda lab: sum(path.stat().st_size for path in lab.rglob("*.csv")))
+def _smallest(labs: Sequence[Path]) -> Path | None:
+    """The quickest lab of tracked beads: of heaps, drums and hoppers the diagnosis fits nothing."""
+    sizes = {lab: [path.stat().st_size for path in lab.glob("*/*.csv")] for lab in labs}
+    tracked = [lab for lab in labs if sizes[lab]]
+    return min(tracked, key=lambda lab: sum(sizes[lab]), default=None)
 
 
 def sample_media() -> list[Case]:
@@ -397,17 +401,22 @@ def contents(path: Path, relative: Callable[[str], str]) -> Any:
 
 
 def table(text: str) -> Any:
-    """A CSV of numbers as checksum, rows and mean of each column; one with text as its rows."""
+    """A CSV as checksum, rows and mean of each column of numbers; one with sentences in it as its rows."""
     header, *rows = list(csv.reader(io.StringIO(text))) or [[]]
     columns = {name: [row[i] for row in rows if i < len(row)] for i, name in enumerate(header) if name not in LEFT_OUT}
-    try:
-        numbers = {name: [float(cell) for cell in cells if cell] for name, cells in columns.items()}
-    except ValueError:
+    if SENTENCES.intersection(header):
         return [{name: cells[i] for name, cells in columns.items() if i < len(cells)} for i in range(len(rows))]
-    means = {
-        name: math.fsum(filter(math.isfinite, cells)) / len(cells) if cells else None for name, cells in numbers.items()
-    }
-    return {"checksum": hashlib.sha256(json.dumps(columns).encode()).hexdigest(), "rows": len(rows), "means": means}
+    checksum = hashlib.sha256(json.dumps(columns).encode()).hexdigest()
+    return {"checksum": checksum, "rows": len(rows), "means": {name: _mean(columns[name]) for name in columns}}
+
+
+def _mean(cells: Sequence[str]) -> float | None:
+    try:
+        numbers = [float(cell) for cell in cells if cell]
+    except ValueError:
+        return None
+    finite = [number for number in numbers if math.isfinite(number)]
+    return math.fsum(finite) / len(finite) if finite else None
 
 
 def _same_but_files(what: Any, document: Any) -> bool:
@@ -550,7 +559,7 @@ class Writer:
 
     def finish(self, wanted: Sequence[Case]) -> None:
         unfinished = self.path.with_suffix(".tmp")
-        kept = [asdict(self.results[case.name]) for case in wanted]
+        kept = [asdict(replace(self.results[case.name], quick=case.quick)) for case in wanted]
         unfinished.write_text(json.dumps({**self.head, "results": kept}, indent=1) + "\n")
         unfinished.replace(self.path)
 
@@ -650,7 +659,8 @@ def recorded(chosen: Sequence[Case], checkout: Path, roots: dict[str, Path], wan
 def each_case(
     chosen: Sequence[Case], run: Callable[[Case], Any], runners: Sequence[Runner], jobs: int
 ) -> Iterator[tuple[Case, Any]]:
-    """Cases as they end.  An interrupt stops the commands that run and starts no other."""
+    """Cases as they end.  An interrupt or `kill` stops the commands that run and starts no other."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     with ThreadPoolExecutor(max(jobs, 1)) as pool:
         futures = {pool.submit(run, case): case for case in chosen}
         try:
