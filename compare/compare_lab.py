@@ -17,20 +17,17 @@ from rigtwin.compare.deviation import deviations, over_views
 from rigtwin.compare.measure_repetitions import Measured, measuring
 from rigtwin.compare.preflight import need_possible
 from rigtwin.compare.twins.matched import (
-    BULK,
-    NEEDS,
     checkpoints,
-    needs_measurement,
-    takes_count,
     twin_of,
 )
+from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.twins.twin import Twin
 from rigtwin.lab.checksums import sha256
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import Experiment, Lab, read_lab
 from rigtwin.lab.file.model_file import Model, read_model
 from rigtwin.lab.file.schema import suggestion
-from rigtwin.lab.materials import PARAMETERS, KnownContact, pair
+from rigtwin.lab.materials import KnownContact, pair
 from rigtwin.lab.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -93,8 +90,8 @@ def compare(
     with _kept_told(out / UNFINISHED, experiments):
         with measuring(experiments, out, workers) as pending:
             for experiment in experiments:
-                if not needs_measurement(experiment):
-                    number = runs if isinstance(experiment.rig, BULK) else 1
+                if not entry_of(experiment).needs_measurement(experiment):
+                    number = runs if entry_of(experiment).many_particles else 1
                     twins[experiment.id] = [run(experiment, seed=seed + k) for k in range(number)]
             measured = pending.results(progress)
         measured_after = time.perf_counter() - clock
@@ -247,10 +244,10 @@ def _need_takers(
     rolling: Rolling | None,
 ) -> None:
     """Refuse an option that no twin would take."""
-    few = not any(isinstance(one.rig, BULK) for one in experiments)
+    few = not any(entry_of(one).many_particles for one in experiments)
     idle = {
         "--count: it is for piles and beds of which lab.toml does not say how many particles they have, and there is "
-        "none": count is not None and not any(map(takes_count, experiments)),
+        "none": count is not None and not any(entry_of(one).takes_count(one) for one in experiments),
         "--runs: no experiment is of many particles": runs > 1 and few,
         "--stiffness-factor: no experiment is of many particles": stiffness_factor is not None and few,
         "--rolling-model: no experiment is of many particles": rolling is not None and few,
@@ -264,7 +261,7 @@ def _need_contacts(lab: Lab, experiment: Experiment) -> None:
     """Refuse before any work when the twin lacks a parameter."""
     for a, b in experiment.contacts:
         try:
-            lab.model.contact(a, b, NEEDS.get(experiment.rig_name, PARAMETERS))
+            lab.model.contact(a, b, entry_of(experiment).needs)
         except BadInput as error:
             raise BadInput(f"{lab.path}: the twin of {experiment.id} cannot be built: {error}") from None
 

@@ -11,20 +11,12 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.worker_processes import interrupts_held, spawned
-from rigtwin.lab.errors import BadInput, RigtwinError
+from rigtwin.lab.errors import RigtwinError
 from rigtwin.lab.file.lab_file import Experiment
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement
-from rigtwin.lab.rigs import (
-    DropSettings,
-    DrumSettings,
-    HopperSettings,
-    PackingSettings,
-    PendulumSettings,
-    PileSettings,
-    TiltSettings,
-)
 
 
 @dataclass(frozen=True)
@@ -113,52 +105,14 @@ def _places(experiment: Experiment, folder: Path) -> list[Path]:
 def _measure(experiment: Experiment, views: Sequence[Path], out: Path | None) -> Measurement:
     from rigtwin.measure.geometry.calibration_board import straightened
 
-    rig, camera = experiment.rig, straightened(experiment.camera)
-    if isinstance(rig, PileSettings) and rig.variant == "emptying":
-        _need_sections(views)
-    ruler = import_module(f"rigtwin.measure.{rig.name}.measurement")
-    media = list(views) if isinstance(rig, (PackingSettings, PileSettings)) else views[0]
+    entry, camera = entry_of(experiment), straightened(experiment.camera)
+    entry.check_media(experiment, views)
+    ruler = import_module(f"rigtwin.measure.{experiment.rig.name}.measurement")
+    media = list(views) if entry.several_views else views[0]
     measurement: Measurement = ruler.measure(media, camera, **known(experiment), out=out, progress=silent)
     return measurement
 
 
-def _need_sections(views: Sequence[Path]) -> None:
-    for view in views:
-        if view.suffix.lower() != ".csv":
-            raise BadInput(
-                f"{view}: a photo from outside does not show the crater of an emptied container; give its surface in a "
-                "section through the axis as x_m,height_m, both halves set back to back: x from the wall (0) to the "
-                "hole's edges."
-            )
-
-
 def known(experiment: Experiment) -> dict[str, Any]:
-    """What the ruler of the experiment's rig is told beforehand, by keyword."""
-    rig, particle = experiment.rig, experiment.particle
-    told: dict[str, Any] = {"bead_diameter": particle.diameter}
-    match rig:
-        case DropSettings():
-            return told | {"bead_density": particle.effective_density}
-        case PendulumSettings():
-            return told | {"variant": rig.variant, "length": rig.length, "bead_mass": particle.mass}
-        case TiltSettings():
-            return told | {"variant": rig.variant, "arm_length": rig.arm_length}
-        case PackingSettings():
-            filled = {"total_mass": filling(experiment), "bead_density": particle.effective_density}
-            return told | {"cylinder_diameter": rig.cylinder_diameter, "spheres": particle.shape is None} | filled
-        case PileSettings():
-            drained = rig.drain_diameter or 0.0 if rig.variant == "emptying" else 0.0
-            return told | {"base_diameter": rig.base_diameter - drained}
-        case DrumSettings():
-            return told | {"drum_diameter": rig.drum_diameter, "speed": rig.speed}
-    return told | {"bin_width": rig.bin_width, "total_mass": filling(experiment)}
-
-
-def filling(experiment: Experiment) -> float | None:
-    """[kg] What a cylinder or hopper is filled with: as weighed, else as counted times the mass of one."""
-    rig = experiment.rig
-    if not isinstance(rig, (PackingSettings, HopperSettings)):
-        return None
-    if rig.total_mass is None and rig.count is not None:
-        return rig.count * experiment.particle.mass
-    return rig.total_mass
+    """Return the keyword arguments of the rig's `measure` that the lab file states."""
+    return {"bead_diameter": experiment.particle.diameter, **entry_of(experiment).known(experiment)}

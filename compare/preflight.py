@@ -6,10 +6,9 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from rigtwin.compare.twins.matched import BULK, check_settings, takes_count
+from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import Experiment, Lab, fault
-from rigtwin.lab.rigs import DrumSettings, PackingSettings, PileSettings
 
 OPTION = re.compile(r"--(region|known-length|start|end|frame-rate)\b")
 """What `measure` calls a key of ``[experiments.camera]``."""
@@ -22,10 +21,10 @@ def need_possible(lab: Lab, experiment: Experiment, *, count: int | None) -> Non
     """
     rate = _need_view(lab, experiment)
     try:
-        check_settings(experiment, model=lab.model, frame_rate=rate, count=count)
+        entry_of(experiment).check(experiment, model=lab.model, frame_rate=rate, count=count)
     except BadInput as error:
         name, colon, why = str(error).partition(": ")
-        if name == "count" and count is not None and takes_count(experiment):
+        if name == "count" and count is not None and entry_of(experiment).takes_count(experiment):
             raise BadInput(f"--count: {experiment.id}: the twin cannot be run: {why}") from None
         named = bool(colon) and name.isidentifier()
         said = why if named else str(error)
@@ -40,7 +39,7 @@ def _need_view(lab: Lab, experiment: Experiment) -> float | None:
     """
     camera = experiment.camera
     stated = any((camera.region, camera.start, camera.end, camera.known_length))
-    asked = camera.frame_rate is None and not isinstance(experiment.rig, BULK)
+    asked = camera.frame_rate is None and not entry_of(experiment).many_particles
     if not stated and not asked:
         return camera.frame_rate
     first: BadInput | None = None
@@ -62,15 +61,14 @@ def _need_view(lab: Lab, experiment: Experiment) -> float | None:
 
 def _opened(experiment: Experiment, views: Sequence[Path]) -> float | None:
     """Open the media of a repetition with its camera; its frame rate [1/s] where it is a film."""
-    from rigtwin.measure.media.photo import PHOTOS, read_photo
+    from rigtwin.measure.media.photo import read_photo
     from rigtwin.measure.media.video import open_video
 
     camera, rate = experiment.camera, experiment.camera.frame_rate
     for view in views:
         if view.suffix.lower() == ".csv":  # a record already tracked has no picture
             continue
-        still = isinstance(experiment.rig, DrumSettings) and view.suffix.lower() in PHOTOS
-        if isinstance(experiment.rig, (PackingSettings, PileSettings)) or still:
+        if entry_of(experiment).is_photo(view):
             read_photo(view, camera)
         else:
             rate = open_video(view, camera).frame_rate

@@ -12,22 +12,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare.deviation import Deviation, headlines, primary_first
-from rigtwin.compare.measure_repetitions import filling
 from rigtwin.compare.report import figures
 from rigtwin.compare.report.fill_template import filled
-from rigtwin.compare.twins.matched import NEEDS
+from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.formatting import RIG_TITLES, percent, reading, siblings, title, uncertainty, z_score
-from rigtwin.lab.materials import PARAMETERS
 from rigtwin.lab.quantity import Check, Measurement
-from rigtwin.lab.rigs import (
-    DropSettings,
-    DrumSettings,
-    HopperSettings,
-    PackingSettings,
-    PendulumSettings,
-    PileSettings,
-    TiltSettings,
-)
 
 if TYPE_CHECKING:
     from rigtwin.compare.comparison import Comparison, Outcome
@@ -224,7 +213,7 @@ def _settings(outcome: Outcome) -> list[tuple[str, str]]:
         origin = f" ({', '.join(sorted(sources))})" if sources else ""
         lines.append(("scale", f"{1e3 * sum(scales) / len(scales):.4f} mm/px{origin}"))
     for pair, contact in outcome.twin.settings["contacts"].items():
-        needed = NEEDS.get(experiment.rig_name, PARAMETERS)
+        needed = entry_of(experiment).needs
         values = ", ".join(f"{name.replace('_', ' ')} {contact[name]:g}" for name in needed)
         lines.append((f"put into the twin, {pair}:", values))
     return lines
@@ -232,29 +221,7 @@ def _settings(outcome: Outcome) -> list[tuple[str, str]]:
 
 def _stated(experiment: Experiment) -> list[tuple[str, str]]:
     """What the experimenter said of the rig, as far as it is said."""
-    rig, mass = experiment.rig, filling(experiment)
-    said: list[tuple[str, float | None, float, str]] = []  # name, value in SI, factor and unit as it is shown
-    if isinstance(rig, DropSettings):
-        said = [("drop height, stated", rig.drop_height, 1e3, " mm")]
-    elif isinstance(rig, PendulumSettings):
-        said = [("length", rig.length, 1e3, " mm"), ("release, stated", rig.release_angle, math.degrees(1), "°")]
-    elif isinstance(rig, TiltSettings):
-        said = [("plate", rig.arm_length, 1e3, " mm"), ("tilted by", rig.speed, math.degrees(1), "°/s")]
-    elif isinstance(rig, PileSettings):
-        said = [("base", rig.base_diameter, 1e3, " mm"), ("rim", rig.rim_height, 1e3, " mm")]
-    elif isinstance(rig, DrumSettings):
-        turning = ("turning at", rig.speed, 30 / math.pi, " rpm")
-        said = [("drum", rig.drum_diameter, 1e3, " mm"), turning, ("depth", rig.depth, 1e3, " mm")]
-    elif isinstance(rig, PackingSettings):
-        said = [("cylinder", rig.cylinder_diameter, 1e3, " mm")]
-    else:
-        said = [
-            ("outlet", rig.outlet, 1e3, " mm"),
-            ("bin", rig.bin_width, 1e3, " mm"),
-            ("depth", rig.depth, 1e3, " mm"),
-        ]
-    counted = isinstance(rig, (PackingSettings, HopperSettings)) and rig.total_mass is None
-    said.append((f"filling, {'counted' if counted else 'weighed'}", mass, 1e3, " g"))
+    said = entry_of(experiment).stated(experiment)
     return [(name, f"{value * factor:.4g}{unit}") for name, value, factor, unit in said if value is not None]
 
 

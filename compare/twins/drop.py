@@ -2,13 +2,20 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from rigtwin.compare.twins.few_body import IDEAL, as_a_twin, flashes, ground, settings_to_try
+from rigtwin.compare.twins.few_body import IDEAL, FewBodyEntry, as_a_twin, flashes, ground, settings_to_try
+from rigtwin.compare.twins.rig_entry import Stated
 from rigtwin.compare.twins.twin import Twin, settings_of
 from rigtwin.lab.file.model_file import NO_EFFECTS, Effects
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.rigs import GRAVITY, Drop
+from rigtwin.lab.rigs import GRAVITY, Drop, DropSettings
+
+if TYPE_CHECKING:
+    from rigtwin.lab.file.lab_file import Experiment
+    from rigtwin.lab.quantity import Measurement
 
 
 def drop_twin(
@@ -112,3 +119,54 @@ def _tumbling_twin(
         draw=lambda: drop_clump.picture(fall, particle, walls=ground(fall.front, particle.diameter)),
         seconds=time.perf_counter() - begun,
     )
+
+
+class DropEntry(FewBodyEntry[DropSettings]):
+    """The drop test in `compare`."""
+
+    settings = DropSettings
+    starts_from: ClassVar[str | None] = "drop_height"
+
+    def known(self, experiment: Experiment) -> dict[str, Any]:
+        return {"bead_density": experiment.particle.effective_density}
+
+    def stated(self, experiment: Experiment) -> list[Stated]:
+        return [Stated("drop height, stated", self.rig(experiment).drop_height, 1e3, " mm")]
+
+    def stated_start(self, experiment: Experiment) -> float | None:
+        return self.rig(experiment).drop_height  # [m]
+
+    def needs_measurement(self, experiment: Experiment) -> bool:
+        return self.stated_start(experiment) is None or experiment.camera.frame_rate is None
+
+    def check_trial(self, experiment: Experiment, contact: Contact, frame_rate: float) -> None:
+        from rigtwin.sim import drop
+
+        if self.rig(experiment).drop_height is None:
+            return
+        assert experiment.wall is not None  # the lab file demands one
+        drop.check(drop.Trial(self.rig(experiment).rig(), experiment.particle, experiment.wall, contact, frame_rate))
+
+    def filmed_twin(
+        self,
+        experiment: Experiment,
+        contact: Contact,
+        *,
+        start: float | None,
+        measurements: Sequence[Measurement],
+        seed: int,
+        frame_rate: float,
+        effects: Effects,
+        progress: Progress,
+    ) -> Twin:
+        assert experiment.wall is not None
+        return drop_twin(
+            self.rig(experiment).rig(start),
+            experiment.particle,
+            experiment.wall,
+            contact,
+            frame_rate=frame_rate,
+            seed=seed,
+            effects=effects,
+            progress=progress,
+        )

@@ -3,16 +3,19 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING, Unpack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Unpack
 
-from rigtwin.compare.twins.many_body import Cast, bulk_twin
+from rigtwin.compare.twins.many_body import Cast, ManyBodyEntry, bulk_twin
+from rigtwin.compare.twins.rig_entry import Stated
 from rigtwin.compare.twins.twin import Twin, stated
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import doubted, failed
-from rigtwin.lab.rigs import Drum, froude_check
+from rigtwin.lab.rigs import Drum, DrumSettings, froude_check
 
 if TYPE_CHECKING:
+    from rigtwin.lab.file.lab_file import Experiment
     from rigtwin.sim.run.set_up import Numerics
 
 
@@ -64,3 +67,42 @@ def drum_twin(
     shown = (rotation.steady,), (rotation.mixing, *over_time), lambda: drum.picture(rig, rotation)
     twin = bulk_twin("drum", rig, cast, rotation, evaluation, begun, seed, numerics, course, *shown)
     return replace(twin, surfaces=rotation.profiles)
+
+
+class DrumEntry(ManyBodyEntry[DrumSettings]):
+    """The rotating drum in `compare`."""
+
+    settings = DrumSettings
+
+    def is_photo(self, view: Path) -> bool:
+        from rigtwin.measure.media.photo import PHOTOS
+
+        return view.suffix.lower() in PHOTOS
+
+    def known(self, experiment: Experiment) -> dict[str, Any]:
+        rig = self.rig(experiment)
+        return {"drum_diameter": rig.drum_diameter, "speed": rig.speed}
+
+    def stated(self, experiment: Experiment) -> list[Stated]:
+        rig = self.rig(experiment)
+        return [
+            Stated("drum", rig.drum_diameter, 1e3, " mm"),
+            Stated("turning at", rig.speed, 30 / math.pi, " rpm"),
+            Stated("depth", rig.depth, 1e3, " mm"),
+        ]
+
+    def takes_count(self, experiment: Experiment) -> bool:
+        rig = self.rig(experiment)
+        return rig.count is None and rig.fill is None
+
+    def count(self, experiment: Experiment, count: int | None) -> int | None:
+        rig = self.rig(experiment)
+        return rig.count or (count if self.takes_count(experiment) else None)
+
+    def check_count(self, experiment: Experiment, count: int | None) -> None:
+        from rigtwin.sim import drum
+
+        drum.check(self.rig(experiment).rig(), experiment.particle, count=count)
+
+    def filled_twin(self, experiment: Experiment, cast: Cast, count: int | None, **run: Any) -> Twin:
+        return drum_twin(self.rig(experiment).rig(), cast, count=count, **run)

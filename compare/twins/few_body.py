@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from statistics import fmean
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.compare.twins.rig_entry import RigEntry, Settings
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Particle
 from rigtwin.lab.records import Track
 
 IDEAL = "The bead moves in a vacuum and does not spin at the start."
+
+if TYPE_CHECKING:
+    from rigtwin.compare.twins.twin import Twin
+    from rigtwin.lab.file.lab_file import Experiment
+    from rigtwin.lab.file.model_file import Effects, Model
+    from rigtwin.lab.materials import Contact
+    from rigtwin.lab.progress import Progress
+    from rigtwin.lab.quantity import Measurement
 
 
 def flashes(
@@ -52,3 +64,73 @@ def as_a_twin(rig: str, remedies: str) -> Iterator[None]:
         words = str(error).removeprefix("bead: ").removeprefix("clump: ").removeprefix("the record: ")
         finding = words.rpartition("; ")[0] or words.rstrip(".")
         raise BadInput(f"the twin of the {rig} gives nothing to measure: {finding}; try {remedies}.") from None
+
+
+class FewBodyEntry(RigEntry[Settings]):
+    """A rig of one or two bodies: its twin has the film's frame rate, and starts as measured unless stated."""
+
+    needs: ClassVar[tuple[str, ...]] = ("restitution",)
+
+    def needs_measurement(self, experiment: Experiment) -> bool:
+        return True
+
+    def check(self, experiment: Experiment, *, model: Model, frame_rate: float | None, count: int | None) -> None:
+        if frame_rate is not None:
+            self.check_trial(experiment, model.contact(*experiment.contacts[0], self.needs), frame_rate)
+
+    @abstractmethod
+    def check_trial(self, experiment: Experiment, contact: Contact, frame_rate: float) -> None:
+        """Raise `BadInput` where the simulation would refuse its settings at this `frame_rate` [1/s]."""
+
+    def twin(
+        self,
+        experiment: Experiment,
+        contacts: Sequence[Contact],
+        *,
+        measurements: Sequence[Measurement],
+        start: float | None,
+        count: int | None,
+        seed: int,
+        effects: Effects,
+        progress: Progress,
+        numerics: dict[str, Any],
+    ) -> Twin:
+        return self.filmed_twin(
+            experiment,
+            contacts[0],
+            start=start,
+            measurements=measurements,
+            seed=seed,
+            frame_rate=_frame_rate(experiment, measurements),
+            effects=effects,
+            progress=progress,
+        )
+
+    @abstractmethod
+    def filmed_twin(
+        self,
+        experiment: Experiment,
+        contact: Contact,
+        *,
+        start: float | None,
+        measurements: Sequence[Measurement],
+        seed: int,
+        frame_rate: float,
+        effects: Effects,
+        progress: Progress,
+    ) -> Twin:
+        """Run the twin at the film's `frame_rate` [1/s]."""
+
+
+def _frame_rate(experiment: Experiment, measurements: Sequence[Measurement]) -> float:
+    """[1/s] as stated, else as the clips have it, else from the time steps of tracked records."""
+    if experiment.camera.frame_rate is not None:
+        return experiment.camera.frame_rate
+    rates = [float(rate) for item in measurements if (rate := item.camera.get("frame_rate_hz"))]
+    rates = rates or [1 / float(np.median(np.diff(track.time))) for item in measurements for track in item.tracks]
+    if not rates:
+        raise BadInput(
+            f"{experiment.id}: the frame rate is neither stated nor measured; "
+            'add frame_rate = "240 Hz" under [experiments.camera].'
+        )
+    return fmean(rates)

@@ -2,18 +2,20 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
-from rigtwin.compare.twins.many_body import Cast, bulk_twin
+from rigtwin.compare.twins.many_body import Cast, ManyBodyEntry, bulk_twin, filling_count, filling_mass, stated_filling
+from rigtwin.compare.twins.rig_entry import Stated
 from rigtwin.compare.twins.run_warnings import warned
 from rigtwin.compare.twins.twin import Twin, stated
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Evaluation, Quantity, doubted, failed
-from rigtwin.lab.rigs import Hopper
+from rigtwin.lab.rigs import Hopper, HopperSettings
 
 if TYPE_CHECKING:
+    from rigtwin.lab.file.lab_file import Experiment
     from rigtwin.sim.hopper import Discharge
     from rigtwin.sim.run.set_up import Numerics
 
@@ -101,3 +103,41 @@ def _no_flow(rig: Hopper, particle: Particle, discharge: Discharge, duration: fl
     if discharge.remaining < STAYS * discharge.asked:
         return ""
     return f"{stay} stay in the hopper around its outlet; give steeper walls or a wider outlet."
+
+
+class HopperEntry(ManyBodyEntry[HopperSettings]):
+    """The hopper in `compare`."""
+
+    settings = HopperSettings
+
+    def known(self, experiment: Experiment) -> dict[str, Any]:
+        return {"bin_width": self.rig(experiment).bin_width, "total_mass": self.filling(experiment)}
+
+    def stated(self, experiment: Experiment) -> list[Stated]:
+        rig = self.rig(experiment)
+        return [
+            Stated("outlet", rig.outlet, 1e3, " mm"),
+            Stated("bin", rig.bin_width, 1e3, " mm"),
+            Stated("depth", rig.depth, 1e3, " mm"),
+            stated_filling(rig, experiment.particle),
+        ]
+
+    def filling(self, experiment: Experiment) -> float | None:
+        return filling_mass(self.rig(experiment), experiment.particle)
+
+    def takes_count(self, experiment: Experiment) -> bool:
+        rig = self.rig(experiment)
+        return rig.count is None and rig.total_mass is None
+
+    def count(self, experiment: Experiment, count: int | None) -> int:
+        return filling_count(self.rig(experiment), experiment.particle, count)
+
+    def check_count(self, experiment: Experiment, count: int | None) -> None:
+        from rigtwin.sim import hopper
+
+        assert count is not None
+        hopper.check(self.rig(experiment).rig(), experiment.particle, count=count)
+
+    def filled_twin(self, experiment: Experiment, cast: Cast, count: int | None, **run: Any) -> Twin:
+        assert count is not None
+        return hopper_twin(self.rig(experiment).rig(), cast, count=count, **run)

@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.compare.twins.rig_entry import RigEntry, Settings, Stated
 from rigtwin.compare.twins.run_warnings import spoilt
 from rigtwin.compare.twins.twin import Twin, settings_of
+from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.quantity import Evaluation, doubted
 from rigtwin.lab.records import Profile, Series
 from rigtwin.lab.rigs import Drum, Hopper, Packing, Pile
 
 if TYPE_CHECKING:
+    from rigtwin.lab.file.lab_file import Experiment
+    from rigtwin.lab.file.model_file import Effects, Model
+    from rigtwin.lab.progress import Progress
+    from rigtwin.lab.quantity import Measurement
     from rigtwin.sim.run.set_up import Numerics
 
 
@@ -63,3 +70,75 @@ def bulk_twin(
         seconds=time.perf_counter() - begun,
         draw=draw,
     )
+
+
+class ManyBodyEntry(RigEntry[Settings]):
+    """A rig of many particles: its twin waits for no measurement, and is filled as stated."""
+
+    many_particles: ClassVar[bool] = True
+
+    @abstractmethod
+    def count(self, experiment: Experiment, count: int | None) -> int | None:
+        """Return how many particles the twin has: by the lab file, else `count`; None where another setting says so."""
+
+    @abstractmethod
+    def check_count(self, experiment: Experiment, count: int | None) -> None:
+        """Raise `BadInput` where the simulation would refuse its settings with so many particles."""
+
+    @abstractmethod
+    def filled_twin(self, experiment: Experiment, cast: Cast, count: int | None, **run: Any) -> Twin:
+        """Run the twin of so many particles."""
+
+    def check(self, experiment: Experiment, *, model: Model, frame_rate: float | None, count: int | None) -> None:
+        self.check_count(experiment, self.count(experiment, count))
+
+    def twin(
+        self,
+        experiment: Experiment,
+        contacts: Sequence[Contact],
+        *,
+        measurements: Sequence[Measurement],
+        start: float | None,
+        count: int | None,
+        seed: int,
+        effects: Effects,
+        progress: Progress,
+        numerics: dict[str, Any],
+    ) -> Twin:
+        assert experiment.wall is not None  # the lab file demands a wall for these rigs
+        cast = Cast(experiment.particle, experiment.wall, contacts[1], contacts[0])
+        filled = self.count(experiment, count)
+        return self.filled_twin(experiment, cast, filled, seed=seed, effects=effects, progress=progress, **numerics)
+
+
+class Weighed(Protocol):
+    """Settings of a rig whose filling is weighed or counted."""
+
+    @property
+    def total_mass(self) -> float | None: ...  # [kg]
+    @property
+    def count(self) -> int | None: ...
+
+
+def filling_mass(rig: Weighed, particle: Particle) -> float | None:
+    """[kg] of all particles: as weighed, else as counted times the mass of one."""
+    if rig.total_mass is None and rig.count is not None:
+        return rig.count * particle.mass
+    return rig.total_mass
+
+
+def filling_count(rig: Weighed, particle: Particle, count: int | None) -> int:
+    """Return how many particles: as counted, else as weighed, else `count`.  Raises `BadInput` where none is known."""
+    weighed = None if rig.total_mass is None else round(rig.total_mass / particle.mass)
+    if weighed == 0 and not rig.count:
+        raise BadInput("total_mass: is less than half of a particle's mass; state the mass of all of them.")
+    filled = rig.count or weighed or count
+    if not filled:
+        raise BadInput("how many particles there are is not known; add total_mass or count to the experiment.")
+    return filled
+
+
+def stated_filling(rig: Weighed, particle: Particle) -> Stated:
+    """Return the filling as the report shows it."""
+    source = "counted" if rig.total_mass is None else "weighed"
+    return Stated(f"filling, {source}", filling_mass(rig, particle), 1e3, " g")

@@ -3,16 +3,18 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING, Any, ClassVar, Unpack
 
-from rigtwin.compare.twins.many_body import Cast, bulk_twin
+from rigtwin.compare.twins.many_body import Cast, ManyBodyEntry, bulk_twin, filling_count, filling_mass, stated_filling
+from rigtwin.compare.twins.rig_entry import Stated
 from rigtwin.compare.twins.twin import Twin, stated
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import PACKING, Particle
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.rigs import Packing
+from rigtwin.lab.rigs import Packing, PackingSettings
 
 if TYPE_CHECKING:
+    from rigtwin.lab.file.lab_file import Experiment
     from rigtwin.sim.run.set_up import Numerics
 
 
@@ -85,3 +87,46 @@ def cylinder_for(rig: Packing, particle: Particle, count: int) -> Packing:
 def _one_layer(rig: Packing, particle: Particle) -> int:
     """How many particles cover the cylinder's floor once."""
     return math.ceil(PACKING * math.pi / 4 * rig.cylinder_diameter**2 * particle.diameter / particle.volume)
+
+
+class PackingEntry(ManyBodyEntry[PackingSettings]):
+    """The packed cylinder in `compare`."""
+
+    settings = PackingSettings
+    several_views: ClassVar[bool] = True
+
+    def known(self, experiment: Experiment) -> dict[str, Any]:
+        return {
+            "cylinder_diameter": self.rig(experiment).cylinder_diameter,
+            "spheres": experiment.particle.shape is None,
+            "total_mass": self.filling(experiment),
+            "bead_density": experiment.particle.effective_density,
+        }
+
+    def stated(self, experiment: Experiment) -> list[Stated]:
+        rig = self.rig(experiment)
+        return [
+            Stated("cylinder", rig.cylinder_diameter, 1e3, " mm"),
+            stated_filling(rig, experiment.particle),
+        ]
+
+    def filling(self, experiment: Experiment) -> float | None:
+        return filling_mass(self.rig(experiment), experiment.particle)
+
+    def takes_count(self, experiment: Experiment) -> bool:
+        rig = self.rig(experiment)
+        return rig.count is None and rig.total_mass is None
+
+    def count(self, experiment: Experiment, count: int | None) -> int:
+        return filling_count(self.rig(experiment), experiment.particle, count)
+
+    def check_count(self, experiment: Experiment, count: int | None) -> None:
+        from rigtwin.sim import packing
+
+        assert count is not None
+        packing.check(self.rig(experiment).rig(), experiment.particle, count=count)
+
+    def filled_twin(self, experiment: Experiment, cast: Cast, count: int | None, **run: Any) -> Twin:
+        assert count is not None
+        rig = cylinder_for(self.rig(experiment).rig(), experiment.particle, count)
+        return packing_twin(rig, cast, count=count, **run)

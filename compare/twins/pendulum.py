@@ -2,16 +2,25 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from rigtwin.compare.twins.few_body import IDEAL, as_a_twin, flashes, settings_to_try
+import numpy as np
+
+from rigtwin.compare.twins.few_body import IDEAL, FewBodyEntry, as_a_twin, flashes, settings_to_try
+from rigtwin.compare.twins.rig_entry import Stated
 from rigtwin.compare.twins.twin import Twin, settings_of
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.file.model_file import NO_EFFECTS, Effects
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Evaluation
-from rigtwin.lab.rigs import Pendulum
+from rigtwin.lab.rigs import GRAVITY, Pendulum, PendulumSettings
+
+if TYPE_CHECKING:
+    from rigtwin.lab.file.lab_file import Experiment
+    from rigtwin.lab.quantity import Measurement
 
 
 def pendulum_twin(
@@ -119,3 +128,63 @@ def _slack(rig: Pendulum) -> tuple[str, ...]:
         f"a bead let go at {math.degrees(rig.release_angle):.4g} deg falls on a slack string; the twin holds for a rod "
         "without mass, so film one, or release at 90 deg or less",
     )
+
+
+class PendulumEntry(FewBodyEntry[PendulumSettings]):
+    """The double pendulum, or one bead against a wall, in `compare`."""
+
+    settings = PendulumSettings
+    starts_from: ClassVar[str | None] = "release_angle"
+
+    def known(self, experiment: Experiment) -> dict[str, Any]:
+        rig = self.rig(experiment)
+        return {"variant": rig.variant, "length": rig.length, "bead_mass": experiment.particle.mass}
+
+    def stated(self, experiment: Experiment) -> list[Stated]:
+        rig = self.rig(experiment)
+        return [
+            Stated("length", rig.length, 1e3, " mm"),
+            Stated("release, stated", rig.release_angle, math.degrees(1), "°"),
+        ]
+
+    def stated_start(self, experiment: Experiment) -> float | None:
+        angle = self.rig(experiment).release_angle
+        return None if angle is None else math.degrees(angle)
+
+    def check_trial(self, experiment: Experiment, contact: Contact, frame_rate: float) -> None:
+        from rigtwin.sim import pendulum
+
+        rig = self.rig(experiment)
+        if rig.release_angle is not None:
+            pendulum.check(pendulum.Trial(rig.rig(), experiment.particle, contact, frame_rate, experiment.wall))
+
+    def filmed_twin(
+        self,
+        experiment: Experiment,
+        contact: Contact,
+        *,
+        start: float | None,
+        measurements: Sequence[Measurement],
+        seed: int,
+        frame_rate: float,
+        effects: Effects,
+        progress: Progress,
+    ) -> Twin:
+        rig = self.rig(experiment).rig(None if start is None else math.radians(start))
+        return pendulum_twin(
+            rig,
+            experiment.particle,
+            contact,
+            frame_rate=frame_rate,
+            wall=experiment.wall,
+            duration=_filmed_duration(rig, frame_rate, measurements),
+            effects=effects,
+            progress=progress,
+        )
+
+
+def _filmed_duration(rig: Pendulum, rate: float, measurements: Sequence[Measurement]) -> float:
+    """[s] as long as the films, so that later collisions have their twin, and until the beads have turned."""
+    film = max((float(np.ptp(track.time)) for item in measurements for track in item.tracks), default=0.0)
+    period = 2 * math.pi * math.sqrt(rig.length / GRAVITY) * (1 + rig.release_angle**2 / 16)
+    return max(film, 0.6 * period + 5 / rate)

@@ -1,14 +1,19 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Unpack
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Unpack
 
-from rigtwin.compare.twins.many_body import Cast, bulk_twin
+from rigtwin.compare.twins.many_body import Cast, ManyBodyEntry, bulk_twin
+from rigtwin.compare.twins.rig_entry import Stated
 from rigtwin.compare.twins.twin import Twin, stated
+from rigtwin.lab.errors import BadInput
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.rigs import Pile
+from rigtwin.lab.rigs import Pile, PileSettings
 
 if TYPE_CHECKING:
+    from rigtwin.lab.file.lab_file import Experiment
     from rigtwin.sim.run.set_up import Numerics
 
 
@@ -49,3 +54,50 @@ def pile_twin(
     course = {"asked": heap.asked, "placed": heap.placed, "fallen": heap.fallen, "at_rest": heap.at_rest}
     shown = heap.profiles, (), lambda: pile.picture(rig, heap)
     return bulk_twin("pile", rig, cast, heap, evaluation, begun, seed, numerics, course, *shown)
+
+
+PILE_COUNT = 1000
+"""Particles poured on a pile's twin where neither the lab file nor the command says how many."""
+
+
+class PileEntry(ManyBodyEntry[PileSettings]):
+    """The heap in `compare`."""
+
+    settings = PileSettings
+    several_views: ClassVar[bool] = True
+
+    def known(self, experiment: Experiment) -> dict[str, Any]:
+        rig = self.rig(experiment)
+        drained = rig.drain_diameter or 0.0 if rig.variant == "emptying" else 0.0
+        return {"base_diameter": rig.base_diameter - drained}
+
+    def stated(self, experiment: Experiment) -> list[Stated]:
+        rig = self.rig(experiment)
+        return [Stated("base", rig.base_diameter, 1e3, " mm"), Stated("rim", rig.rim_height, 1e3, " mm")]
+
+    def takes_count(self, experiment: Experiment) -> bool:
+        return self.rig(experiment).count is None
+
+    def count(self, experiment: Experiment, count: int | None) -> int:
+        return self.rig(experiment).count or count or PILE_COUNT
+
+    def check_count(self, experiment: Experiment, count: int | None) -> None:
+        from rigtwin.sim.pile import pile
+
+        assert count is not None
+        pile.check(self.rig(experiment).rig(), experiment.particle, count=count)
+
+    def check_media(self, experiment: Experiment, views: Sequence[Path]) -> None:
+        if self.rig(experiment).variant != "emptying":
+            return
+        for view in views:
+            if view.suffix.lower() != ".csv":
+                raise BadInput(
+                    f"{view}: a photo from outside does not show the crater of an emptied container; give its surface "
+                    "in a section through the axis as x_m,height_m, both halves set back to back: x from the wall (0) "
+                    "to the hole's edges."
+                )
+
+    def filled_twin(self, experiment: Experiment, cast: Cast, count: int | None, **run: Any) -> Twin:
+        assert count is not None
+        return pile_twin(self.rig(experiment).rig(), cast, count=count, **run)

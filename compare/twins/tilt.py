@@ -2,18 +2,25 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.compare.twins.few_body import as_a_twin, flashes
+from rigtwin.compare.twins.few_body import FewBodyEntry, as_a_twin, flashes
+from rigtwin.compare.twins.rig_entry import Stated
 from rigtwin.compare.twins.twin import Twin, settings_of
 from rigtwin.lab.file.model_file import NO_EFFECTS, Effects
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Series, Track
-from rigtwin.lab.rigs import Tilt
+from rigtwin.lab.rigs import Tilt, TiltSettings
+
+if TYPE_CHECKING:
+    from rigtwin.lab.file.lab_file import Experiment
+    from rigtwin.lab.quantity import Measurement
 
 
 def tilt_twin(
@@ -66,3 +73,50 @@ def _tilted(rig: Tilt, angle: Series, track: Track, particle: Particle) -> npt.N
     left = min(left, len(along) - 2)
     seen = replace(track, time=track.time[left:], position=track.position[left:], sigma=track.sigma[left:])
     return flashes((seen,), particle, slab((0.0, -size / 2), (rig.plate_length, 0.0), turned=end), turned=end)
+
+
+class TiltEntry(FewBodyEntry[TiltSettings]):
+    """The tilting plate in `compare`."""
+
+    settings = TiltSettings
+    needs: ClassVar[tuple[str, ...]] = ("static_friction", "rolling_friction")
+
+    def known(self, experiment: Experiment) -> dict[str, Any]:
+        rig = self.rig(experiment)
+        return {"variant": rig.variant, "arm_length": rig.arm_length}
+
+    def stated(self, experiment: Experiment) -> list[Stated]:
+        rig = self.rig(experiment)
+        return [
+            Stated("plate", rig.arm_length, 1e3, " mm"),
+            Stated("tilted by", rig.speed, math.degrees(1), "°/s"),
+        ]
+
+    def check_trial(self, experiment: Experiment, contact: Contact, frame_rate: float) -> None:
+        from rigtwin.sim import tilt
+
+        assert experiment.wall is not None  # the lab file demands one
+        tilt.check(tilt.Trial(self.rig(experiment).rig(), experiment.particle, experiment.wall, contact, frame_rate))
+
+    def filmed_twin(
+        self,
+        experiment: Experiment,
+        contact: Contact,
+        *,
+        start: float | None,
+        measurements: Sequence[Measurement],
+        seed: int,
+        frame_rate: float,
+        effects: Effects,
+        progress: Progress,
+    ) -> Twin:
+        assert experiment.wall is not None
+        return tilt_twin(
+            self.rig(experiment).rig(),
+            experiment.particle,
+            experiment.wall,
+            contact,
+            frame_rate=frame_rate,
+            effects=effects,
+            progress=progress,
+        )

@@ -9,9 +9,10 @@ from rigtwin.compare.twins import by_name
 from rigtwin.compare.twins.drop import drop_twin
 from rigtwin.compare.twins.drum import drum_twin
 from rigtwin.compare.twins.many_body import Cast
-from rigtwin.compare.twins.matched import needs_measurement, twin_of
+from rigtwin.compare.twins.matched import twin_of
 from rigtwin.compare.twins.pendulum import pendulum_twin
 from rigtwin.compare.twins.pile import pile_twin
+from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.twins.tilt import tilt_twin
 from rigtwin.compare.twins.twin import settings_of
 from rigtwin.lab.camera import Camera
@@ -181,7 +182,8 @@ def test_a_drop_neither_stated_nor_measured_is_refused_with_the_key_to_add():
     ],
 )
 def test_a_twin_waits_for_the_measurement_only_where_it_needs_it(rig, frame_rate, waits):
-    assert needs_measurement(experiment(rig, frame_rate=frame_rate)) is waits
+    lab_entry = experiment(rig, frame_rate=frame_rate)
+    assert entry_of(lab_entry).needs_measurement(lab_entry) is waits
 
 
 def test_an_option_replaces_one_parameter_of_a_published_contact_and_leaves_the_others():

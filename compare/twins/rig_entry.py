@@ -1,0 +1,108 @@
+"""What `compare` needs to know about a rig: one `RigEntry` for each rig, listed in `registry`.
+
+A new rig adds its entry beside its twin in ``compare/twins/<rig>.py``.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeVar, cast
+
+from rigtwin.lab.materials import PARAMETERS
+
+if TYPE_CHECKING:
+    from rigtwin.compare.twins.twin import Twin
+    from rigtwin.lab.file.lab_file import Experiment
+    from rigtwin.lab.file.model_file import Effects, Model
+    from rigtwin.lab.materials import Contact
+    from rigtwin.lab.progress import Progress
+    from rigtwin.lab.quantity import Measurement
+
+Settings = TypeVar("Settings")
+
+
+class Stated(NamedTuple):
+    """A setting of the rig as the report shows it: ``value * factor`` with `unit`."""
+
+    name: str
+    value: float | None  # in SI; None where the lab file does not state it
+    factor: float
+    unit: str
+
+
+class RigEntry(ABC, Generic[Settings]):
+    """A rig as `compare` sees it: what it measures, which twin it has, and what the twin is given.
+
+    `Settings` is the rig's settings class in `rigtwin.lab.rigs`.
+    """
+
+    settings: ClassVar[type[Any]]
+    many_particles: ClassVar[bool] = False  # such a twin does not wait for a measurement and depends on a seed
+    several_views: ClassVar[bool] = False  # a repetition may be several photos, which are measured together
+    needs: ClassVar[tuple[str, ...]] = PARAMETERS  # parameters of a contact that the twin cannot do without
+    starts_from: ClassVar[str | None] = None  # quantity whose measured mean starts the twin unless it is stated
+
+    def rig(self, experiment: Experiment) -> Settings:
+        """Return the settings of the experiment's rig."""
+        assert isinstance(experiment.rig, self.settings)
+        return cast("Settings", experiment.rig)
+
+    def is_photo(self, view: Path) -> bool:
+        """Whether a medium of this rig is a photo, not a film."""
+        return self.several_views
+
+    def check_media(self, experiment: Experiment, views: Sequence[Path]) -> None:
+        """Raise `BadInput` where the rig's quantities cannot be read from these media."""
+
+    @abstractmethod
+    def known(self, experiment: Experiment) -> dict[str, Any]:
+        """Return the keyword arguments of ``measure.<rig>.measurement.measure`` that the lab file states."""
+
+    @abstractmethod
+    def stated(self, experiment: Experiment) -> list[Stated]:
+        """Return the rig's settings for the report."""
+
+    def filling(self, experiment: Experiment) -> float | None:
+        """Return the mass [kg] of all particles, weighed or counted; None where the rig holds a single body."""
+        return None
+
+    def stated_start(self, experiment: Experiment) -> float | None:
+        """Return the stated value of `starts_from`, in that quantity's unit; None where it is not stated."""
+        return None
+
+    def needs_measurement(self, experiment: Experiment) -> bool:
+        """Whether the twin takes its start, frame rate or duration from the measurement."""
+        return False
+
+    def takes_count(self, experiment: Experiment) -> bool:
+        """Whether the lab file leaves open how many particles the twin has."""
+        return False
+
+    @abstractmethod
+    def check(self, experiment: Experiment, *, model: Model, frame_rate: float | None, count: int | None) -> None:
+        """Raise `BadInput` where the twin would refuse its settings.
+
+        What depends on a measurement, or on a `frame_rate` [1/s] that is not known (None), is not checked.
+        """
+
+    @abstractmethod
+    def twin(
+        self,
+        experiment: Experiment,
+        contacts: Sequence[Contact],
+        *,
+        measurements: Sequence[Measurement],
+        start: float | None,
+        count: int | None,
+        seed: int,
+        effects: Effects,
+        progress: Progress,
+        numerics: dict[str, Any],
+    ) -> Twin:
+        """Run the twin.
+
+        `start` is the measured mean of `starts_from` in that quantity's unit, `contacts` has the wall first, `numerics`
+        are the settings of a simulation of many particles.
+        """
