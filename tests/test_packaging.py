@@ -1,6 +1,8 @@
 """The wheel carries every folder of the package and nothing else; arrows between the rooms run one way."""
 
 import ast
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -75,3 +77,9 @@ def test_the_engine_language_is_imported_in_one_module_only():
         or (isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "taichi")
     }
     assert importing == {"sim/engine/backend.py"}
+
+
+@pytest.mark.parametrize("rig", ["drop", "pendulum", "tilt", "packing", "pile", "drum", "hopper"])
+def test_evaluating_a_record_needs_no_opencv(rig):
+    code = f"import sys, conftest, rigtwin.measure.{rig}.evaluate; sys.exit('cv2' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parent, check=True, timeout=60)

@@ -23,9 +23,31 @@ from rigtwin.measure.bulk.beads import (
     shares,
 )
 from rigtwin.measure.geometry.lines import fullest_run
-from rigtwin.measure.pile.base_disc import Disc
 
+DOUBTFUL_SUPPORT = 0.8  # share of the outline on edges below which the find may be another edge
 COVERED = 0.8  # share of the area under the outline that circles must cover
+
+
+@dataclass(frozen=True)
+class Disc:
+    """The base in the picture, a disc seen from the side."""
+
+    centre: tuple[float, float]  # [px], middle of the line between the rim's two ends, x right, y down
+    half_width: float  # [px], half the distance of the rim's ends
+    roll: float  # [rad], positive when the base looks turned clockwise in the picture
+    bulge: float  # [px], how far the front of the rim hangs below the line between its ends
+    thickness: float  # [px]
+    nearness: float  # [1], disc radius / distance of the camera, by the expected focal length: one photo hardly tells
+    support: float  # [1], share of the template that lies on edges
+
+    @property
+    def sigma(self) -> float:
+        """Standard uncertainty [px] of the rim's height; the less of the outline is seen, the more."""
+        return 1.5 * (1 + 10 * max(0.0, 0.9 - self.support))
+
+    @property
+    def doubtful(self) -> bool:
+        return self.support < DOUBTFUL_SUPPORT
 
 
 @dataclass(frozen=True)

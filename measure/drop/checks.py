@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rigtwin.lab.formatting import reading
 from rigtwin.lab.quantity import Check, root_sum_of_squares
-from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.drop.bounce_fit import FEWEST_SEEN, LEAST_SEEN, Bounces
 from rigtwin.measure.drop.sideways_motion import fly_aside
-from rigtwin.measure.media.duplicate_frames import LEAST_SHARE
-from rigtwin.measure.media.frame_loss import Loss
-from rigtwin.measure.media.video import Video
+from rigtwin.measure.media.frame_loss import LEAST_SHARE
 from rigtwin.measure.scene.checks import bead_in_view, static_camera
-from rigtwin.measure.tracking.follow import Chase
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rigtwin.lab.records import Track
+    from rigtwin.measure.media.frame_loss import Loss
+    from rigtwin.measure.media.video import Video
+    from rigtwin.measure.tracking.follow import Chase
 
 # Capture rates that cameras offer [1/s]; a wrong rate is most often another one of these.
 USUAL_RATES = (24, 25, 30, 48, 50, 60, 90, 100, 120, 200, 240, 250, 300, 400, 480, 500, 600, 960, 1000, 1200, 2000)

@@ -20,8 +20,7 @@ from rigtwin.measure.drop.checks import (
 )
 from rigtwin.measure.drop.fall_in_air import AirDrag
 from rigtwin.measure.drop.lost_frames import find_losses
-from rigtwin.measure.media.duplicate_frames import repeated
-from rigtwin.measure.media.frame_loss import Loss, in_time
+from rigtwin.measure.media.frame_loss import Loss, in_time, repeated
 
 HEIGHTS_REST_ON = ("first_fall", "lost_frames", "gravity", "flight_residuals", "out_of_plane")
 

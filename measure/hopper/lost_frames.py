@@ -10,7 +10,7 @@ import numpy.typing as npt
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.quantity import Check
 from rigtwin.measure.hopper.falling_stream import STILL
-from rigtwin.measure.media.duplicate_frames import repeated
+from rigtwin.measure.media.frame_loss import repeated
 
 FEWEST = 10  # pairs of frames that must show how far beads fall between them
 MORE = 0.6  # frames, more than its times tell, from which on a step is one in which a frame is missing

@@ -10,22 +10,18 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, GreyImage
 from rigtwin.lab.progress import Progress, silent
+from rigtwin.measure.media.frame_loss import SELDOM, repeated
 from rigtwin.measure.media.pictures import Picture, Source
 from rigtwin.measure.media.time_base import SAME_RATE
 from rigtwin.measure.media.video import Video
 
 COARSE = 4  # pixels of a frame in one of the coarser picture, across
 LARGE = 1_000_000  # [px], of a picture
-SELDOM = 6  # frames: the slowest of the usual doublings is every sixth
 CLOSE = 0.1  # by which the share that is found may differ from the one that two rates tell
-LEAST_SHARE = 0.15  # of the moving frames: single ones may be a bead that passes the same place up and down
-RHYTHM = 0.5  # share of the gaps between them that are one and the same, from which on they follow a rhythm
 IN_STEP = 0.9  # share of the doubled frames that one steady rate must explain
-IN_RHYTHM = 0.5  # share of those in a rhythm that is seen: a codec changes some, and slow steps hide some
 
 
 def coarse(grey: GreyImage) -> GreyImage:
@@ -139,27 +135,3 @@ class _Captured:
     def cheap(self, first: int, last: int) -> list[int]:
         keys = frozenset(self.source.cheap(self.kept[first], self.kept[last]))
         return [number for number in range(first, last + 1) if self.kept[number] in keys]
-
-
-def repeated(changes: Array, *, noise: float = 0.0) -> npt.NDArray[np.bool_]:
-    """Which of the steps from frame to frame are none, although there are some right before and after.
-
-    `changes` says how much changes in each step, shape (n,), `noise` how much may where nothing moves.
-    """
-    none = np.zeros(len(changes), dtype=bool)
-    if len(changes) < 8:
-        return none
-    before = np.array([np.max(changes[max(k - 2, 0) : k], initial=0.0) for k in range(len(changes))])
-    after = np.array([np.max(changes[k + 1 : k + 3], initial=0.0) for k in range(len(changes))])
-    around = np.minimum(before, after)
-    calm = max(1.5 * float(np.percentile(changes, 5)), noise)
-    moving = around > 4 * calm
-    # at the top of a flight steps shrink evenly: half a step beside two and a half is the nearest they come to this
-    marked = moving & (changes < np.maximum(0.15 * around, calm))
-    gaps = np.diff(np.flatnonzero(marked))
-    if len(gaps) < 3:
-        return none
-    usual = float(np.median(gaps))
-    least = IN_RHYTHM / usual if float(np.mean(gaps == usual)) > RHYTHM else LEAST_SHARE
-    # the tops of flights come seldom
-    return marked if usual <= SELDOM and np.sum(marked) > least * np.sum(moving) else none

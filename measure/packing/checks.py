@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,7 +9,6 @@ from rigtwin.lab.quantity import (
     Check,
     Quantity,
 )
-from rigtwin.lab.records import Profile
 from rigtwin.measure.bulk.checks import MISFIT, size_seen, views_check
 from rigtwin.measure.packing.bed_profile import (
     LINE_WIDTH,
@@ -21,7 +20,12 @@ from rigtwin.measure.packing.bed_profile import (
     inside_cylinder,
     on_a_line,
 )
-from rigtwin.measure.packing.cylinder import Bed
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rigtwin.lab.records import Profile
+    from rigtwin.measure.packing.cylinder import Bed
 
 SAME_PLANE = 0.02  # how far the two may differ when the gauge stands in the plane of the axis
 

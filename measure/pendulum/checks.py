@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rigtwin.lab.quantity import Check
 from rigtwin.lab.rigs import GRAVITY
-from rigtwin.measure.media.frame_loss import Loss
-from rigtwin.measure.media.video import Video
 from rigtwin.measure.pendulum.swing_fit import Outcome, SwingFit, frame_interval
 from rigtwin.measure.pendulum.swing_model import turning_points
-from rigtwin.measure.pendulum.track_two_beads import Beads
 from rigtwin.measure.scene.checks import bead_in_view, static_camera
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rigtwin.measure.media.frame_loss import Loss
+    from rigtwin.measure.media.video import Video
+    from rigtwin.measure.pendulum.track_two_beads import Beads
 
 MOST_MISFIT = 1.4  # times the noise from frame to frame, that a track may leave the fitted swings by
 LEAST_MISFIT = 5e-4  # of the pendulum's length: textures behind a bead shift it by less, and slowly in high-speed films

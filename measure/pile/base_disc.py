@@ -20,12 +20,12 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array
 from rigtwin.measure.bulk.beads import Beads, Edges, edges
+from rigtwin.measure.bulk.outline import Disc
 
 Numbers = npt.NDArray[np.floating[Any]]  # of either precision: candidates are compared in single
 
 LEAST_RIM = 0.5  # share of the lower rim that must lie on edges
 LEAST_WALL = 0.3  # likewise of both walls, less the edges that run on where a wall should end
-DOUBTFUL_SUPPORT = 0.8  # share of the outline on edges below which the find may be another edge
 ENOUGH_BEADS = 300  # their share on one side of a line is known to 3 %
 POPULATION, ISLANDERS = 160, 100  # candidates searched together, of all and of one island
 ISLANDS = 4  # parts of the height in which the front rim may lie
@@ -50,28 +50,6 @@ SEEN_LARGER = 1.15  # circles are found on the clearest edge of a shaded bead, a
 SIZE_DOUBT = 0.2  # error of the logarithm of the circles' radius that is nothing unusual
 FOCAL_LENGTH = 2.0  # in widths of the photo: between a phone (0.75) and a macro lens (3 and more)
 FOCAL_DOUBT = 0.4  # standard deviation of the logarithm of the above
-
-
-@dataclass(frozen=True)
-class Disc:
-    """The base in the picture, a disc seen from the side."""
-
-    centre: tuple[float, float]  # [px], middle of the line between the rim's two ends, x right, y down
-    half_width: float  # [px], half the distance of the rim's ends
-    roll: float  # [rad], positive when the base looks turned clockwise in the picture
-    bulge: float  # [px], how far the front of the rim hangs below the line between its ends
-    thickness: float  # [px]
-    nearness: float  # [1], disc radius / distance of the camera, by the expected focal length: one photo hardly tells
-    support: float  # [1], share of the template that lies on edges
-
-    @property
-    def sigma(self) -> float:
-        """Standard uncertainty [px] of the rim's height; the less of the outline is seen, the more."""
-        return 1.5 * (1 + 10 * max(0.0, 0.9 - self.support))
-
-    @property
-    def doubtful(self) -> bool:
-        return self.support < DOUBTFUL_SUPPORT
 
 
 @dataclass(frozen=True)

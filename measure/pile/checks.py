@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-import cv2
-import numpy as np
-
-from rigtwin.lab.arrays import Image
 from rigtwin.lab.quantity import Check, Quantity
-from rigtwin.lab.records import Profile
 from rigtwin.measure.bulk.checks import MISFIT, size_seen, size_unseen, views_check
-from rigtwin.measure.bulk.hidden_surface import glare_in, under_glare
-from rigtwin.measure.bulk.outline import Silhouette
 from rigtwin.measure.pile import repose_angles
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rigtwin.lab.records import Profile
+    from rigtwin.measure.bulk.outline import Silhouette
 
 ADVISED_RATIO = 25  # base over bead diameter (Hlosta et al. 2020, section 2.1.5 advises more)
 BASE_DOUBT = 0.01  # relative, of the base's edges in the picture
 NEARER = 1.08  # the beads in front, clearest of all, are nearer to the camera than the base's axis
-
-MOSTLY = 0.5  # share of the outline beside white from which on it is the wall that is white
 
 
 def narrow_base(base: float, bead: float) -> list[str]:
@@ -46,17 +43,6 @@ def uneven_flanks(profile: Profile, heap: repose_angles.Heap) -> str:
         f"left minus right flank ({profile.view}) is {difference:+.1f} deg, its grains explain about {doubt:.1f} deg: "
         "the heap is uneven, or its base not level; more views tell its mean better."
     )
-
-
-def washed_out(found: Silhouette, photo: Image) -> str:
-    """What is said against an outline of which light hides a part; before a wall that is all white it hides none."""
-    image = cv2.resize(photo, None, fx=found.zoom, fy=found.zoom, interpolation=cv2.INTER_AREA)
-    seen = np.isfinite(found.height)
-    points = found.view.to_picture(found.x[seen], found.height[seen])
-    hidden = under_glare(points, glare_in(np.asarray(image, dtype=np.uint8)), found.bead_radius)
-    if not 2 * found.bead_radius < np.sum(hidden) < MOSTLY * len(hidden):
-        return ""
-    return "light washes out a part of the outline, and the flanks differ"
 
 
 def views_checks(quantities: Sequence[Quantity], line: str) -> list[Check]:

@@ -7,14 +7,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.lab.arrays import Array
+from rigtwin.lab.arrays import Array, Image
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.quantity import failed
 from rigtwin.lab.records import Profile, read_profile
+from rigtwin.measure.bulk.hidden_surface import glare_in, under_glare
 from rigtwin.measure.bulk.outline import Silhouette, View
 from rigtwin.measure.geometry.camera_roll import roll_check
 from rigtwin.measure.media.photo import read_photo
@@ -26,7 +28,6 @@ from rigtwin.measure.pile.checks import (
     size_checks,
     sizes_against_base,
     uneven_flanks,
-    washed_out,
 )
 from rigtwin.measure.pile.evaluate import Observation, evaluate_views
 from rigtwin.measure.pile.silhouette import find_heap, undo_view
@@ -34,6 +35,7 @@ from rigtwin.measure.pile.silhouette import find_heap, undo_view
 Draw = Callable[[Path], dict[str, Path]]
 """Writes the pictures of a view into a folder."""
 
+MOSTLY = 0.5  # share of the outline beside white from which on it is the wall that is white
 NO_SCALE = "not known"
 
 STATED_FOCAL_DOUBT = 0.1  # standard deviation of the logarithm of a focal length that the photo states
@@ -89,7 +91,7 @@ def observe_photo(
         seen_turn = found.view.roll, found.base_line_doubt[1]
         sizes = (*sizes, roll_check(camera.roll, *seen_turn, "the base that the angles count from shows"))
     heap = repose_angles.find_parts(profile, None, 2 * found.bead_radius * unit)
-    hidden = washed_out(found, image) if heap is not None and uneven_flanks(profile, heap) else ""
+    hidden = _washed_out(found, image) if heap is not None and uneven_flanks(profile, heap) else ""
     seen = Observation(
         profile,
         _variants(found, unit, name, FOCAL_DOUBT if focal_length is None else STATED_FOCAL_DOUBT),
@@ -222,3 +224,14 @@ def _flaw_of_picture(found: Silhouette) -> str:
     if float(np.nanmean(apart > found.bead_radius)) > 0.1:
         return "more than a tenth of the outline depends on the level at which beads are told from the background"
     return ""
+
+
+def _washed_out(found: Silhouette, photo: Image) -> str:
+    """What is said against an outline of which light hides a part; before a wall that is all white it hides none."""
+    image = cv2.resize(photo, None, fx=found.zoom, fy=found.zoom, interpolation=cv2.INTER_AREA)
+    seen = np.isfinite(found.height)
+    points = found.view.to_picture(found.x[seen], found.height[seen])
+    hidden = under_glare(points, glare_in(np.asarray(image, dtype=np.uint8)), found.bead_radius)
+    if not 2 * found.bead_radius < np.sum(hidden) < MOSTLY * len(hidden):
+        return ""
+    return "light washes out a part of the outline, and the flanks differ"

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rigtwin.lab.quantity import Check
-from rigtwin.measure.scene.pose import LOST, Pose, shakes_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rigtwin.measure.scene.pose import Pose
 
 MOST_SHAKE = 3.0  # [px], standard deviation, up to which a shaking camera only shifts its picture
 STILL = 0.1  # [px], likewise, up to which it counts as none
@@ -20,6 +24,8 @@ LEAST_SEEN = 0.7  # of the frames of its path, in which a bead must be measured
 
 def camera_by_scene(poses: Sequence[Pose]) -> Check | str:
     """`static_camera` by the scene alone, or in words that a picture without edges cannot tell."""
+    from rigtwin.measure.scene.pose import LOST
+
     if all(pose == LOST for pose in poses):
         return f"{UNSEEN}; {ADVICE}."
     return static_camera(poses)
@@ -30,6 +36,8 @@ def static_camera(poses: Sequence[Pose], most: float = MOST_SHAKE, *, vouched: s
 
     `vouched` says what else shows it where the scene has nothing to go by, `doubt` what speaks against it.
     """
+    from rigtwin.measure.scene.pose import shakes_of
+
     placed = [pose for pose in poses if pose.placed]
     lost = 1 - len(placed) / max(len(poses), 1)
     if not placed:

@@ -13,6 +13,7 @@ from rigtwin.measure.tilt.checks import checks_of
 from rigtwin.measure.tilt.onset import (
     FACTOR,
     LEAST_DOUBT,
+    LEAST_TURN,
     USUAL_DRIFT,
     Onset,
     Run,
@@ -21,7 +22,6 @@ from rigtwin.measure.tilt.onset import (
     find_onset,
     find_run,
 )
-from rigtwin.measure.tilt.plate_angle import LEAST_TURN
 
 FRICTION = {"slide": "static_friction", "roll": "rolling_friction"}
 

@@ -24,12 +24,13 @@ from rigtwin.measure.tilt.evaluate import GIVEN_DOUBT
 from rigtwin.measure.tilt.lost_frames import gaps_by_run, gaps_by_turn
 from rigtwin.measure.tilt.occluders import in_front
 from rigtwin.measure.tilt.onset import (
+    LEAST_TURN,
     Onset,
     Run,
     Way,
     jitter,
 )
-from rigtwin.measure.tilt.plate_angle import LEAST_TURN, Arm, find_arm, lay_over
+from rigtwin.measure.tilt.plate_angle import Arm, find_arm, lay_over
 
 PERSPECTIVE = math.radians(0.02)  # a plate that is not quite parallel to the picture
 

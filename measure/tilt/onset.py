@@ -25,6 +25,7 @@ from rigtwin.lab.rigs import GRAVITY
 
 Variant = Literal["slide", "roll"]
 
+LEAST_TURN = math.radians(0.4)  # of a clip that shows a tilt
 FACTOR = {"slide": 1.0, "roll": 5 / 7}  # of gravity along the plate; a solid ball that rolls also has to be spun up
 USUAL_DRIFT = 0.006  # [m], how far the axis may lie off the origin of a track
 MOST_POINTS = 250  # a longer record is averaged down: the onset hangs on all of the run, not on single frames

@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, FloatImage, GreyImage
 from rigtwin.measure.geometry.lines import fullest_run, gradient, straight
+from rigtwin.measure.tilt.onset import LEAST_TURN
 
 STEEPEST = math.radians(65)  # of an arm
 TURN_STEP = math.radians(0.25)  # of the search
@@ -28,7 +29,6 @@ SHORTEST = 0.12  # of the picture's width, of an edge that counts
 REACH = 4  # [px], rows on each side of an edge that are compared
 PARALLEL = math.radians(0.35)  # edges of the arm
 NOT_PARALLEL = math.radians(0.025)  # how parallel the edges of an arm are
-LEAST_TURN = math.radians(0.4)  # of a clip that shows a tilt
 
 
 @dataclass(frozen=True)

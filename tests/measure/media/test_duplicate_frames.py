@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from rigtwin.lab.camera import Camera
-from rigtwin.measure.media.duplicate_frames import Repeats, at_its_pace, coarse, repeated, without_repeats
+from rigtwin.measure.media.duplicate_frames import Repeats, at_its_pace, coarse, without_repeats
+from rigtwin.measure.media.frame_loss import repeated
 from rigtwin.measure.media.video import open_video
 
 
