@@ -208,6 +208,8 @@ def sample_media() -> list[Case]:
 
 def twins() -> list[Case]:
     """Three of each rig, or of each variant that has code of its own; the quick one of each rig stands first."""
+    plate = "--base-diameter 60mm --rim-height 6mm --count 200"
+    container = "--method emptying --base-diameter 80mm --count 300"
     conical = "--variant conical --bin-width 70mm --cone-height 50mm --count 200"
     lines = {
         "drop": [
@@ -236,21 +238,20 @@ def twins() -> list[Case]:
         "packing": [
             "--cylinder-diameter 40mm --count 150 --seed 1",
             "--cylinder-diameter 40mm --count 150 --seed 2 --rolling-model A --contact-law linear",
-            "--cylinder-diameter 40mm --count 60 --seed 3 --particle P6x15_3s --hopper-diameter 80mm",
+            "--cylinder-diameter 50mm --count 60 --seed 3 --particle P6x15_3s --hopper-diameter 100mm"
+            " --outlet-diameter 40mm",
         ],
         "pile": [
-            f"--base-diameter 60mm --rim-height 6mm --count 200 {method}"
-            for method in (
-                "--method piling --seed 1",
-                "--method piling --seed 2 --rolling-model A-explicit",
-                "--method piling --seed 3 --particle C6_8s-a --outlet-height 60mm",
-                "--method pouring --seed 1",
-                "--method pouring --seed 2 --contact-law linear",
-                "--method pouring --seed 3 --lift-speed 40mm/s",
-                "--method emptying --seed 1",
-                "--method emptying --seed 2 --rolling-model A",
-                "--method emptying --seed 3 --drain-diameter 30mm",
-            )
+            f"{plate} --method piling --seed 1",
+            f"{plate} --method piling --seed 2 --rolling-model A-explicit",
+            f"{plate} --method piling --seed 3 --particle C6_8s-a --outlet-height 60mm",
+            f"{plate} --method pouring --seed 1",
+            f"{plate} --method pouring --seed 2 --contact-law linear",
+            f"{plate} --method pouring --seed 3 --lift-speed 40mm/s",
+            f"{container} --drain-diameter 36mm --seed 1",
+            f"{container} --drain-diameter 36mm --seed 2 --rolling-model A",
+            f"{container} --drain-diameter 28mm --seed 3",
+            f"{plate} --method emptying",  # refused: a container has no rim
         ],
         "drum": [
             f"--drum-diameter 70mm --depth 25mm {rest}"
