@@ -34,6 +34,8 @@ from rigtwin.lab.records import Series
 from rigtwin.lab.rigs import TiltSettings
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     pass
 
 
@@ -90,6 +92,18 @@ class Comparison:
     @property
     def deviations(self) -> tuple[Deviation, ...]:
         return tuple(row for outcome in self.outcomes for row in outcome.deviations)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the deviations as a table.
+
+        Returns
+        -------
+        pandas.DataFrame
+            The columns of ``deviations.csv``, one row for each quantity.
+        """
+        import pandas as pd
+
+        return pd.DataFrame([row.row() for row in self.deviations])
 
     def to_json(self) -> dict[str, Any]:
         """The document of `rigtwin compare --json`."""

@@ -10,11 +10,16 @@ import math
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rigtwin.lab.errors import BadInput
 from rigtwin.lab.records import Profile, Series, Track
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
 
 Detail = str | int | float | bool
 
@@ -138,6 +143,99 @@ def failed(checks: Iterable[Check], among: Collection[str] | None = None) -> str
     return in_a_row(check.message for check in told)
 
 
+class Readable:
+    """Access to quantities by name, shared by measurements and twins."""
+
+    quantities: tuple[Quantity, ...]
+
+    def quantity(self, name: str, method: str | None = None, **detail: Detail) -> Quantity:
+        """Return the one quantity of that name.
+
+        Parameters
+        ----------
+        name : str
+            Name of the quantity, ``"restitution_wall"`` for example.
+        method : str, optional
+            How it was obtained, ``"velocity"`` for example; needed where several methods give it.
+        **detail : str, int, float or bool
+            What else distinguishes it: ``bounce=1``, ``side="left"``.
+
+        Returns
+        -------
+        Quantity
+            Value, standard uncertainty, unit, budget and the reason where it is doubtful.
+
+        Raises
+        ------
+        rigtwin.lab.errors.BadInput
+            If none, or more than one, is meant; the message lists what there is.
+
+        Examples
+        --------
+        >>> m = Measurement("drop", Path("r01.mp4"), "", (Quantity("drop_height", 0.25, 0.001, "m", "fit"),))
+        >>> m.quantity("drop_height").std_uncertainty
+        0.001
+        """
+        found = [
+            each
+            for each in self.quantities
+            if each.quantity == name
+            and method in (None, each.method)
+            and all(each.detail.get(key) == value for key, value in detail.items())
+        ]
+        if len(found) == 1:
+            return found[0]
+        candidates = found or self.quantities
+        there = "; ".join(dict.fromkeys(_label(each) for each in candidates)) or "nothing"
+        what = "is not among the quantities" if not found else "is meant by several quantities"
+        raise BadInput(f"{name}: {what}; there are {there}.")
+
+    def value(self, name: str, method: str | None = None, **detail: Detail) -> float:
+        """Return the value of one quantity in its unit; parameters and errors as in `quantity`.
+
+        Examples
+        --------
+        >>> m = Measurement("drop", Path("r01.mp4"), "", (Quantity("drop_height", 0.25, 0.001, "m", "fit"),))
+        >>> m.value("drop_height")
+        0.25
+        """
+        return self.quantity(name, method, **detail).value
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the quantities as a table.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row for each quantity: ``quantity``, ``method``, its details (``bounce``, ``side``, ...), ``value``,
+            ``std_uncertainty``, ``unit``, ``n``, ``doubtful``.
+        """
+        import pandas as pd
+
+        return pd.DataFrame(
+            [
+                {
+                    "quantity": each.quantity,
+                    "method": each.method,
+                    **each.detail,
+                    "value": each.value,
+                    "std_uncertainty": each.std_uncertainty,
+                    "unit": each.unit,
+                    "n": each.n,
+                    "doubtful": each.doubtful,
+                }
+                for each in self.quantities
+            ]
+        )
+
+
+def _label(quantity: Quantity) -> str:
+    """`name (method, bounce=1)`."""
+    said = [quantity.method]
+    said += [f"{name}={value}" for name, value in quantity.detail.items() if not isinstance(value, float)]
+    return f"{quantity.quantity} ({', '.join(said)})"
+
+
 @dataclass(frozen=True)
 class Evaluation:
     """What an estimator says of one record, filmed or simulated: the part of a measurement that knows no camera."""
@@ -148,7 +246,7 @@ class Evaluation:
 
 
 @dataclass(frozen=True)
-class Measurement:
+class Measurement(Readable):
     """Everything one repetition gave: quantities, checks, warnings, the record behind them, pictures to trust it by."""
 
     rig: str
@@ -176,6 +274,22 @@ class Measurement:
             "warnings": list(self.warnings),
             "files": {name: str(path) for name, path in self.files.items()},
         }
+
+    def plot(self) -> Figure:
+        """Return a figure of the measured records: tracks and series over time, profiles over their base.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Not shown; in a notebook it displays itself.
+        """
+        from rigtwin.lab.record_figure import record_figure
+
+        return record_figure(self.tracks, self.profiles, self.series)
+
+    def without_files(self) -> Measurement:
+        """Return the measurement without the names of written files."""
+        return replace(self, files={})
 
 
 def _finite(value: float) -> float | None:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from rigtwin.compare import result_files
 from rigtwin.lab.materials import Contact, Particle
-from rigtwin.lab.quantity import Evaluation
+from rigtwin.lab.quantity import Evaluation, Quantity, Readable
 from rigtwin.lab.records import Profile, Series, Track, write_profile, write_profiles, write_series, write_tracks
 from rigtwin.lab.rigs import (
     Rig,
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Twin:
+class Twin(Readable):
     """What the simulated counterpart of an experiment gave."""
 
     rig: str
@@ -42,6 +42,11 @@ class Twin:
     """What the run cost, in words, where the rig's result has that."""
     draw: Callable[[], npt.NDArray[np.uint8]] | None = None
     """A picture of the run, RGB."""
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:  # type: ignore[override]
+        """The quantities of the simulated record."""
+        return self.evaluation.quantities
 
     def to_json(self) -> dict[str, Any]:
         """The document of `rigtwin simulate --json`."""

@@ -17,11 +17,11 @@ from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.quantity import failed
 from rigtwin.lab.records import Profile, read_profile
 from rigtwin.measure.bulk.hidden_surface import glare_in, under_glare
-from rigtwin.measure.bulk.outline import Silhouette, View
+from rigtwin.measure.bulk.outline import Disc, Silhouette, View
 from rigtwin.measure.geometry.camera_roll import roll_check
 from rigtwin.measure.media.photo import read_photo
 from rigtwin.measure.pile import repose_angles
-from rigtwin.measure.pile.base_disc import FOCAL_DOUBT, Disc
+from rigtwin.measure.pile.base_disc import FOCAL_DOUBT
 from rigtwin.measure.pile.checks import (
     BASE_DOUBT,
     base_check,

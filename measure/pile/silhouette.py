@@ -16,8 +16,8 @@ from rigtwin.measure.bulk.beads import (
     more_beads,
     rim_radius,
 )
-from rigtwin.measure.bulk.outline import COVERED, Silhouette, View, outline_of
-from rigtwin.measure.pile.base_disc import FOCAL_LENGTH, Disc, find_disc
+from rigtwin.measure.bulk.outline import COVERED, Disc, Silhouette, View, outline_of
+from rigtwin.measure.pile.base_disc import FOCAL_LENGTH, find_disc
 from rigtwin.measure.scene.contrast_stretch import exposure_of
 
 FINEST = 1000  # [px], width of the picture that is measured; of 1400 the angles of the sample heap are no nearer

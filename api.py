@@ -1,0 +1,319 @@
+"""The Python API: the commands of the command line as functions.
+
+``rigtwin.measure``, ``rigtwin.simulate`` and ``rigtwin.open_lab`` take the options of the commands of the same names as
+keyword arguments, as text with a unit (``"6.2 mm"``) or as a number in SI units.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Sequence
+from difflib import get_close_matches
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
+
+if TYPE_CHECKING:
+    from rigtwin.commands.run_command import Work
+    from rigtwin.compare.comparison import Comparison
+    from rigtwin.compare.diagnose.diagnosis import Diagnosis
+    from rigtwin.compare.twins.twin import Twin
+    from rigtwin.lab.file.lab_file import Lab
+    from rigtwin.lab.progress import Progress
+    from rigtwin.lab.quantity import Measurement
+
+MeasuredRig = Literal["drop", "pendulum", "tilt", "packing", "pile", "drum", "hopper"]
+Setting = str | float | int | Path | None
+
+
+def measure(
+    rig: MeasuredRig,
+    *media: str | Path,
+    out: str | Path | None = None,
+    progress: Progress | None = None,
+    **settings: Setting,
+) -> Measurement:
+    """Measure one rig from its media.
+
+    Parameters
+    ----------
+    rig : {"drop", "pendulum", "tilt", "packing", "pile", "drum", "hopper"}
+        The rig that the media show.
+    *media : str or pathlib.Path
+        One clip, or one or more photos of the same bed or heap.
+    out : str or pathlib.Path, optional
+        Folder for overlay pictures, plot and record.  Without it they go into a temporary folder that is removed.
+    progress : callable, optional
+        Called as ``progress(stage, done, total)``.
+    **settings : str, float, int, pathlib.Path or None
+        Options of ``rigtwin measure RIG`` with underscores: ``frame_rate="240 Hz"``, ``bead_diameter="6.2 mm"``.
+        Text carries a unit; a number is in SI units.
+
+    Returns
+    -------
+    rigtwin.lab.quantity.Measurement
+        Quantities with standard uncertainties, checks, warnings and the records behind them.
+
+    Raises
+    ------
+    rigtwin.lab.errors.BadInput
+        If a setting is unknown, misses its unit or cannot be.
+    rigtwin.lab.errors.UnreadableMedia
+        If a file is no video or photo.
+    rigtwin.lab.errors.NothingToMeasure
+        If the media do not show the rig's experiment.
+
+    Examples
+    --------
+    >>> import rigtwin
+    >>> from pathlib import Path
+    >>> clip = Path(rigtwin.__file__).parent / "sample_media" / "drop" / "r01.mp4"
+    >>> m = rigtwin.measure("drop", clip, frame_rate="240 Hz", bead_diameter="6.2 mm")
+    >>> round(m.value("restitution_wall", method="velocity", bounce=1), 2)
+    0.41
+    """
+    from tempfile import TemporaryDirectory
+
+    from rigtwin.commands import measure as commands
+    from rigtwin.lab.progress import silent
+
+    if rig not in get_args(MeasuredRig):
+        raise _unknown("rig", rig, get_args(MeasuredRig))
+    command = _command(commands.app, rig)
+    paths = [Path(each) for each in media]
+    positional = next(iter(inspect.signature(command).parameters))
+    many = positional == "photos"
+    if not paths or (len(paths) > 1 and not many):
+        from rigtwin.lab.errors import BadInput
+
+        raise BadInput(
+            f"measure {rig}: {len(paths)} media are given; give {'at least one photo' if many else 'one clip'}."
+        )
+    work = _work(command, {positional: paths if many else paths[0]}, settings)
+    if out is not None:
+        kept: Measurement = _run(work, out=Path(out), progress=progress or silent)
+        return kept
+    with TemporaryDirectory(prefix="rigtwin-") as folder:
+        measurement: Measurement = _run(work, out=Path(folder), progress=progress or silent)
+    return measurement.without_files()
+
+
+def simulate(rig: MeasuredRig, *, progress: Progress | None = None, **settings: Setting) -> Twin:
+    """Run the digital twin of one rig.
+
+    Parameters
+    ----------
+    rig : {"drop", "pendulum", "tilt", "packing", "pile", "drum", "hopper"}
+        The rig.
+    progress : callable, optional
+        Called as ``progress(stage, done, total)``.
+    **settings : str, float, int, pathlib.Path or None
+        Options of ``rigtwin simulate RIG`` with underscores: ``particle="D6"``, ``base_diameter="90 mm"``,
+        ``count=900``.  Text carries a unit; a number is in SI units.
+
+    Returns
+    -------
+    rigtwin.compare.twins.twin.Twin
+        The simulated record, evaluated by the function that evaluates a filmed one.
+
+    Raises
+    ------
+    rigtwin.lab.errors.BadInput
+        If a setting is unknown, misses its unit or cannot be simulated.
+
+    Examples
+    --------
+    >>> import rigtwin
+    >>> twin = rigtwin.simulate("drop", particle="D6", wall="steel", drop_height="250 mm", restitution=0.5)
+    >>> round(twin.value("restitution_wall", method="velocity", bounce=1), 2)
+    0.5
+    """
+    from rigtwin.commands import simulate as commands
+    from rigtwin.lab.progress import silent
+
+    if rig not in get_args(MeasuredRig):
+        raise _unknown("rig", rig, get_args(MeasuredRig))
+    twin: Twin = _run(_work(_command(commands.app, rig), {}, settings), progress=progress or silent)
+    return twin
+
+
+def open_lab(folder: str | Path) -> OpenLab:
+    """Read a lab folder and its ``lab.toml``.
+
+    Parameters
+    ----------
+    folder : str or pathlib.Path
+        The lab folder.
+
+    Returns
+    -------
+    OpenLab
+        The lab, with `OpenLab.compare` and `OpenLab.diagnose`.
+
+    Raises
+    ------
+    rigtwin.lab.errors.BadLabFile
+        If ``lab.toml`` is missing or wrong; the message has the line.
+
+    Examples
+    --------
+    >>> import rigtwin
+    >>> from pathlib import Path
+    >>> lab = rigtwin.open_lab(Path(rigtwin.__file__).parent / "sample_media")
+    >>> [experiment.id for experiment in lab.experiments]
+    ['drop-D6-steel', 'pendulum-D12', 'pile-D6-90mm']
+    """
+    return OpenLab(Path(folder))
+
+
+class OpenLab:
+    """A lab folder that was read.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        The lab folder.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        from rigtwin.lab.file.lab_file import read_lab
+
+        self.folder = folder
+        self.lab: Lab = read_lab(folder)
+
+    @property
+    def experiments(self) -> tuple[Any, ...]:
+        """The experiments of the lab file, in its order."""
+        return tuple(self.lab.experiments)
+
+    def compare(
+        self,
+        *,
+        out: str | Path | None = None,
+        only: Sequence[str] = (),
+        progress: Progress | None = None,
+        **settings: Any,
+    ) -> Comparison:
+        """Measure every experiment, run its twin and set the two side by side.
+
+        Parameters
+        ----------
+        out : str or pathlib.Path, optional
+            Folder for tables, report and provenance; ``out`` in the lab folder by default.
+        only : sequence of str, optional
+            Ids of the experiments to take; all by default.
+        progress : callable, optional
+            Called as ``progress(stage, done, total)``.
+        **settings
+            ``count``, ``seed``, ``runs``, ``threads``, ``workers``, ``model``, ``stiffness_factor``, ``rolling`` of
+            `rigtwin.compare.compare_lab.compare`.
+
+        Returns
+        -------
+        rigtwin.compare.comparison.Comparison
+            Percent deviations; ``to_frame()`` gives them as a table.
+        """
+        from rigtwin.compare.compare_lab import compare
+        from rigtwin.lab.progress import silent
+
+        folder = self.folder / "out" if out is None else Path(out)
+        return compare(self.folder, folder, progress or silent, only=only or None, **settings)
+
+    def diagnose(
+        self, *, out: str | Path | None = None, only: Sequence[str] = (), progress: Progress | None = None
+    ) -> Diagnosis:
+        """Find where twin and measurement disagree, and which effect the model lacks.
+
+        Parameters
+        ----------
+        out : str or pathlib.Path, optional
+            Folder for results; ``out`` in the lab folder by default.
+        only : sequence of str, optional
+            Ids of the experiments to take; all by default.
+        progress : callable, optional
+            Called as ``progress(stage, done, total)``.
+
+        Returns
+        -------
+        rigtwin.compare.diagnose.diagnosis.Diagnosis
+            The verdict, the named effects with their parameters, and the gap before and after.
+        """
+        from rigtwin.compare.diagnose.diagnose_folder import diagnose_folder
+        from rigtwin.lab.progress import silent
+
+        folder = self.folder / "out" if out is None else Path(out)
+        diagnosis, _files = diagnose_folder(self.folder, folder, only=tuple(only), progress=progress or silent)
+        return diagnosis
+
+
+def _command(app: Any, rig: str) -> Callable[..., Work]:
+    """The command's function with all options of its experiment, without those of the command line's output."""
+    callback = next(command.callback for command in app.registered_commands if command.name == rig)
+    inner: Callable[..., Work] = callback.__wrapped__
+    return inner
+
+
+def _work(command: Callable[..., Work], given: dict[str, Any], settings: dict[str, Any]) -> Work:
+    parameters = inspect.signature(command, eval_str=True).parameters
+    for name in settings:
+        if name not in parameters or name in given:
+            raise _unknown("setting", name, [known for known in parameters if known not in given])
+    for name, parameter in parameters.items():
+        if name in given:
+            continue
+        if name in settings and settings[name] is not None:
+            given[name] = _in_own_words(partial(_read, name, settings[name], parameter))
+        elif parameter.default is not inspect.Parameter.empty:
+            given[name] = parameter.default
+        else:
+            from rigtwin.lab.errors import BadInput
+
+            raise BadInput(f"{name}: is missing; give it as a keyword argument.")
+    work: Work = _in_own_words(lambda: command(**given))
+    return work
+
+
+def _run(work: Work, **more: Any) -> Any:
+    return _in_own_words(lambda: work(**more))
+
+
+def _read(name: str, value: Any, parameter: inspect.Parameter) -> Any:
+    """A setting as its command takes it: text through the option's own reader, a number in SI as it is."""
+    kind, option = get_args(parameter.annotation)[:2]
+    if getattr(option, "parser", None) is not None:
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        return option.parser(float(value) if number else str(value))
+    kinds = get_args(kind) if get_origin(kind) is not Literal else (kind,)
+    choices = next((get_args(each) for each in kinds if get_origin(each) is Literal), None)
+    if choices is not None and value not in choices:
+        raise _unknown(name, value, choices)
+    whole = int in kinds or kind is int
+    if whole and (isinstance(value, bool) or not isinstance(value, int) or not _within(value, option)):
+        from rigtwin.lab.errors import BadInput
+
+        raise BadInput(f"{name}: {value!r} is not a whole number of the range that is allowed; see the option's help.")
+    return value
+
+
+def _within(value: int, option: Any) -> bool:
+    return (option.min is None or value >= option.min) and (option.max is None or value <= option.max)
+
+
+def _in_own_words(call: Callable[[], Any]) -> Any:
+    """Call; a refusal names the keyword argument where the command line names the option."""
+    from rigtwin.lab.errors import RigtwinError
+
+    try:
+        return call()
+    except RigtwinError as error:
+        words = re.sub(r"--([a-z][a-z-]*)", lambda option: option[1].replace("-", "_"), str(error))
+        raise type(error)(words) from error
+
+
+def _unknown(what: str, name: object, known: Sequence[str]) -> Exception:
+    from rigtwin.lab.errors import BadInput
+
+    close = get_close_matches(str(name), known, n=1)
+    hint = f"; did you mean {close[0]!r}?" if close else f"; known are {', '.join(known)}."
+    return BadInput(f"{what}: there is no {name!r}{hint}")

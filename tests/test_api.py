@@ -1,0 +1,101 @@
+"""The Python API: the same answers as the commands, tables, figures, and refusals in the API's own words."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import rigtwin
+from rigtwin import cli
+from rigtwin.lab.errors import BadInput
+
+SAMPLES = Path(__file__).parents[1] / "sample_media"
+CLIP = SAMPLES / "drop" / "r01.mp4"
+
+
+@pytest.fixture(scope="module")
+def drop():
+    return rigtwin.measure("drop", CLIP, frame_rate="240 Hz", bead_diameter="6.2 mm")
+
+
+def test_measure_gives_what_the_command_gives(drop, tmp_path, capsys):
+    said = ["measure", "drop", str(CLIP), "--frame-rate", "240Hz", "--bead-diameter", "6.2mm"]
+    assert cli.run([*said, "--json", "--quiet", "--out", str(tmp_path)]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert [quantity.to_json() for quantity in drop.quantities] == document["quantities"]
+
+
+def test_numbers_are_taken_in_si(drop):
+    plain = rigtwin.measure("drop", str(CLIP), frame_rate=240, bead_diameter=6.2e-3)
+    assert plain.quantities == drop.quantities
+
+
+def test_value_and_table_hold_the_same_number(drop):
+    frame = drop.to_frame()
+    rows = frame[(frame["quantity"] == "restitution_wall") & (frame["method"] == "velocity") & (frame["bounce"] == 1)]
+    assert list(rows["value"]) == [drop.value("restitution_wall", method="velocity", bounce=1)]
+
+
+def test_a_value_that_several_quantities_have_is_refused_with_what_there_is(drop):
+    with pytest.raises(BadInput, match=r"several quantities; there are restitution_wall \(height, bounce=1\)"):
+        drop.value("restitution_wall")
+    with pytest.raises(BadInput, match="is not among the quantities"):
+        drop.value("bed_height")
+
+
+def test_a_plot_shows_the_track(drop):
+    panel = drop.plot().axes[0]
+    assert panel.get_ylabel() == "height y / mm"
+    assert len(panel.lines[0].get_xdata()) == len(drop.tracks[0].time)
+
+
+def test_without_out_no_files_are_named(drop):
+    assert drop.files == {}
+
+
+def test_with_out_the_files_stand_there(tmp_path):
+    found = rigtwin.measure("drop", CLIP, out=tmp_path, frame_rate="240 Hz", bead_diameter="6.2 mm")
+    assert found.files
+    assert all(path.is_file() and path.parent == tmp_path for path in found.files.values())
+
+
+def test_a_twin_has_values_and_a_table():
+    twin = rigtwin.simulate("drop", particle="D6", wall="steel", drop_height="250 mm", restitution=0.6)
+    assert twin.value("restitution_wall", method="velocity", bounce=1) == pytest.approx(0.6, abs=0.01)
+    assert "restitution_wall" in set(twin.to_frame()["quantity"])
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: rigtwin.measure("drop", CLIP, bead_diametr="6 mm"), "did you mean 'bead_diameter'"),
+        (lambda: rigtwin.measure("dropp", CLIP), "did you mean 'drop'"),
+        (lambda: rigtwin.measure("drop", CLIP, CLIP), "give one clip"),
+        (lambda: rigtwin.measure("drop", CLIP, bead_diameter="6"), "^bead_diameter: "),
+        (lambda: rigtwin.simulate("pile", base_diameter="90 mm", count=1.5), "^count: .*whole number"),
+        (lambda: rigtwin.simulate("tilt", variant="slid"), "did you mean 'slide'"),
+        (lambda: rigtwin.simulate("drop"), "^drop_height: is missing"),
+    ],
+)
+def test_refusals_name_the_keyword(call, words):
+    with pytest.raises(BadInput, match=words):
+        call()
+
+
+def test_a_lab_is_opened_with_its_experiments():
+    assert [each.id for each in rigtwin.open_lab(SAMPLES).experiments] == [
+        "drop-D6-steel",
+        "pendulum-D12",
+        "pile-D6-90mm",
+    ]
+
+
+def test_importing_rigtwin_loads_nothing_heavy_and_calling_works_beside_the_package():
+    code = (
+        "import sys, conftest, rigtwin; heavy = {'numpy', 'cv2', 'taichi', 'pandas', 'typer'} & set(sys.modules)\n"
+        "import rigtwin.measure.drop.evaluate; assert callable(rigtwin.measure)\n"
+        "sys.exit(', '.join(heavy) or 0)"
+    )
+    subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parent, check=True, timeout=60)
