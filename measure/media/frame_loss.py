@@ -1,3 +1,5 @@
+"""Lost and repeated frames of a recording, and the times corrected for them."""
+
 from __future__ import annotations
 
 from collections.abc import Iterable
@@ -5,31 +7,31 @@ from dataclasses import dataclass
 
 from rigtwin.lab.arrays import Array
 
-MOST = 3  # places in a record: where more are torn, its times are not worth mending
+MOST = 3  # places in a record; with more losses its times are not corrected
 
-WILD = 5.0  # times the noise, more than which a point does not count: it may show something else
+WILD = 5.0  # outlier limit in noise standard deviations; such a point may show another object
 
 
 @dataclass(frozen=True)
 class Loss:
-    """A place in a record where frames are lost, or one is shown twice."""
+    """A place in a record where frames are lost or repeated."""
 
-    index: int  # of the first point after it
-    frames: int  # lost; negative: shown twice
-    time: float  # [s], of that point as the record tells it
-    shift: float  # [s], by which all that follows is late
-    at_contact: bool  # told by where the flights meet alone
-    sure: bool = True  # whether nothing else could look the same; else times are not to be moved
+    index: int  # of the first point after the loss
+    frames: int  # number of lost frames; negative: repeated frames
+    time: float  # [s], recorded time of that point
+    shift: float  # [s], added to the times of all later points
+    at_contact: bool  # found only from the intersection of two flights
+    sure: bool = True  # no other cause is possible; otherwise the times must not be shifted
 
     @property
     def in_words(self) -> str:
-        """What the camera did, before which point."""
+        """Number and kind of the frames, for messages."""
         count = abs(self.frames)
         return f"{count} frame{'s' * (count > 1)} {'shown twice' if self.frames < 0 else 'lost'}"
 
 
 def in_time(time: Array, losses: Iterable[Loss]) -> Array:
-    """[s], with all that comes after a sure loss moved on by the frames that are lost, or back."""
+    """Times [s], shape (n,), with all points after each certain loss shifted by its `shift`."""
     moved = time.copy()
     for loss in losses:
         if loss.sure:
