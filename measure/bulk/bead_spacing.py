@@ -14,8 +14,8 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, Image, Mask
 
-# distance of neighbours in bead diameters as seen in the outermost layers of a settled bed, where not all beads touch or
-# lie at the same depth; and its relative standard uncertainty
+# distance of neighbours in bead diameters as seen in the outermost layers of a settled bed, where not all beads touch
+# or lie at the same depth; and its relative standard uncertainty
 NEIGHBOURS, NEIGHBOURS_DOUBT = 1.08, 0.05
 PARTS = 2  # shifts per pixel
 FINE = 8.0  # [px], sigma of the first high-pass filter

@@ -153,7 +153,7 @@ def likeness(
 
 
 def rim_radius(grey: npt.NDArray[np.uint8], beads: Beads) -> float:
-    """Outer radius [px] of the clearest circles: where the mean gradient falls to half its maximum on the outer side."""
+    """Outer radius [px] of the clearest circles: half maximum of the mean gradient on its outer side."""
     picture = edges(grey)
     stretch = np.arange(0.6, 1.6, 0.04)
     steepest = np.zeros(len(stretch))
@@ -224,10 +224,10 @@ def _circles(picture: Edges, radius: float, sign: int, surrounded: float = SURRO
     height, width = picture.strength.shape
     column, row, across_x, across_y = picture.points
     spread = max(0.12 * radius, 0.8)
-    # votes are spread over so many pixels anyway that those of a large circle are counted in larger cells
+    # the votes are smoothed over `spread` anyway, so those for a large circle are counted in larger cells
     cell = max(int(spread), 1)
     reach = np.float32(sign * radius)
-    # a margin takes the votes that fall outside: cheaper than to leave them out
+    # a margin collects the votes outside the picture, which is faster than excluding them
     margin = (int(radius) + 2) // cell + 1
     x, y = (
         ((place + reach * across + np.float32(0.5)) * np.float32(1 / cell) + np.float32(margin)).astype(np.int32)
@@ -240,15 +240,15 @@ def _circles(picture: Edges, radius: float, sign: int, surrounded: float = SURRO
     density = cv2.GaussianBlur(votes.astype(np.float32), (0, 0), spread / cell) * ((spread / cell) ** 2 / radius)
     size = 2 * int(0.8 * radius / cell) + 1
     peaks = (density == cv2.dilate(density, np.ones((size, size), np.uint8))) & (density > 0.3)
-    peak_y, peak_x = np.divmod(np.flatnonzero(peaks), peaks.shape[1])  # of a flat array they are found sooner
+    peak_y, peak_x = np.divmod(np.flatnonzero(peaks), peaks.shape[1])  # faster on a flat array
     centre = np.asarray(np.column_stack([peak_x, peak_y]) * cell + (cell - 1) / 2, dtype=np.float64)
     return centre[_surrounded(picture, centre, radius, sign) >= surrounded]
 
 
 def _along_spokes(picture: Edges, centre: Array, lengths: Sequence[float], sign: int) -> tuple[Numbers, Numbers]:
-    """Gradient towards the centre, and the whole gradient, at every length along every spoke.
+    """Radial component (towards the centre) and magnitude of the gradient at every length along every spoke.
 
-    Both of shape (n, lengths, SPOKES); 0 outside the picture.
+    Both have shape (n, lengths, SPOKES) and are 0 outside the picture.
     """
     angle = np.arange(SPOKES, dtype=np.float32) * np.float32(2 * np.pi / SPOKES)
     cos, sin = np.cos(angle), np.sin(angle)
@@ -273,7 +273,7 @@ def _surrounded(picture: Edges, centre: Array, radius: float, sign: int) -> Arra
 
 
 def _largest_group(centre: Array, reach: float, least: float = 1.0) -> Array:
-    """The largest group of circles, with others that hold the share `least` of it."""
+    """Circles of the largest connected group, and of groups with more than `least` times its size, shape (m, 2)."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree

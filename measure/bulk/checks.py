@@ -1,7 +1,5 @@
 """Checks of the bead size and of the agreement between views of one heap or bed."""
 
-"""Whether the beads of a bed look as large as stated, and what is told where nothing in the picture says so."""
-
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -49,5 +47,5 @@ def views_check(what: str, values: Sequence[float], sigmas: Sequence[float], uni
         f"the {what} of {len(value)} views scatters by {scatter:.3g} {unit}, their uncertainties explain "
         f"{usual:.2g} {unit}"
     )
-    ending = "." if passed else ": check that all views show the same object, unchanged."
+    ending = "." if passed else ": check that all of them show the same one, unchanged."
     return Check("views_agree", passed, scatter / usual, 1.0, message + ending)

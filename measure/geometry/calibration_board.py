@@ -84,7 +84,7 @@ def _charuco(grey: Image, board: Board) -> tuple[Array, Array]:
     if len(best[0]) < FEWEST:
         raise BadInput(
             f"{board.photo}: only {len(best[0])} corners of a ChArUco board of {board.columns} x {board.rows} squares "
-            f"were found, at least {FEWEST} are needed; check the numbers of squares, focus and lighting."
+            "were found, too few for a fit; check the numbers of squares, focus and lighting."
         )
     return best
 
@@ -130,7 +130,9 @@ def _fitted(board: Board, on_board: Array, seen: Array, size: tuple[int, int]) -
     if first is None or np.linalg.matrix_rank(across) < 2:
         raise BadInput(f"{board.photo}: all corners found lie on one line; show more of the board.")
     terms = (len(seen) >= FEWEST_FOR_LENS) + (len(seen) >= FEWEST_FOR_EDGE)
-    unit = math.sqrt(abs(np.linalg.det(first / first[2, 2])))  # [px/m], scales all unknowns to the same order of magnitude
+    unit = math.sqrt(
+        abs(np.linalg.det(first / first[2, 2]))
+    )  # [px/m], scales all unknowns to the same order of magnitude
     start = np.concatenate([(first / first[2, 2] / [[unit], [unit], [1.0]]).ravel()[:8], np.zeros(terms)])
 
     def residuals(unknown: Array) -> Array:

@@ -43,8 +43,9 @@ def upright_checks(upright: Upright) -> list[Check]:
     if abs(turned) <= STURDY:
         return []
     message = (
-        f"the edges taken as level show a camera roll of {turned:+.1f} degrees, more than {STURDY:.0f} degrees: they "
-        f"may not be level. If the camera was rotated like this, give --camera-roll {turned:.1f}deg."
+        f"the edges taken as level show a camera roll of {turned:+.1f} degrees, unusually large for a "
+        "camera on a stand: they may not be level. If the camera was rotated like this, give "
+        f"--camera-roll {turned:.1f}deg."
     )
     return [Check("camera_roll", False, turned, 0.0, message)]
 

@@ -15,7 +15,6 @@ import numpy.typing as npt
 from rigtwin.lab.arrays import Array, FloatImage
 from rigtwin.measure.geometry.lines import Line, long_lines
 
-MOST_ROLL = math.radians(8)
 MOST_ROLL = math.radians(8)  # largest slope of an edge that counts as level
 SIDEWAYS = math.radians(2.0)  # prior standard deviation of the angle between view and normal of the rig's plane
 FOCAL_WIDTHS = 1.6  # typical focal length in picture widths; sets the prior of the convergence

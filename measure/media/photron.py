@@ -91,7 +91,9 @@ def _photron_header(path: Path) -> _PhotronHeader:
             f"{path}: rate, size or bit depth cannot be read from it; save the recording as TIFF or AVI."
         ) from None
     if header.bits not in (8, 12, 16) or min(header.rate, header.width, header.height, header.used - 7) <= 0:
-        raise UnreadableMedia(f"{path}: {header.bits} bits per pixel cannot be read; save the recording as TIFF or AVI.")
+        raise UnreadableMedia(
+            f"{path}: {header.bits} bits per pixel cannot be read; save the recording as TIFF or AVI."
+        )
     return header
 
 

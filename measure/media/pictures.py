@@ -34,7 +34,7 @@ PHOTRON = (".cihx", ".cih", ".mraw")
 
 INTERLACED = "the video is interlaced: every picture mixes two moments; deinterlace it first."
 
-CUT_OFF = "the file is shorter than its header states: the copy or the recording was interrupted; copy it again."
+CUT_OFF = "the file is shorter than its header states: the copy or the recording was broken off; copy it again."
 
 SQUARE = 0.005  # relative difference of pixel width and height that counts as rounding of a resized video
 

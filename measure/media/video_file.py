@@ -55,7 +55,7 @@ class Film:
             first, _colour = self._shown(head)
         except (av.FFmpegError, StopIteration) as error:
             advice = (
-                "its end with the index is missing, as after an interrupted recording or copy; copy it again"
+                "its end with the index is missing: the recording or the copy was broken off; copy it again"
                 if breaks_off(path)
                 else "give a clip that a video player shows"
             )

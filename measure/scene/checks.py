@@ -39,7 +39,9 @@ def static_camera(poses: Sequence[Pose], most: float = MOST_SHAKE, *, vouched: s
     shake = float(np.max(np.std(shakes_of(placed), axis=0)))
     ending = ("" if shake < STILL else "; it was measured and removed") + doubt
     if lost > MOST_LOST:
-        ending += f"; {100 * lost:.0f} % of the frames could not be registered to the background, their shift is unknown"
+        ending += (
+            f"; {100 * lost:.0f} % of the frames could not be registered to the background, their shift is unknown"
+        )
     ending += "." if shake < most else ". Use a tripod: so large a shake also rotates and tilts the view."
     return Check(
         "static_camera",

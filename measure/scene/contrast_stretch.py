@@ -1,4 +1,4 @@
-"""Stretch the contrast of dark or low-contrast pictures to that of well exposed ones, so colour limits apply to both."""
+"""Stretch dark or low-contrast pictures to the range of well exposed ones, so that colour limits apply to both."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Exposure:
 
 
 def exposure_of(grey: npt.NDArray[np.uint8] | npt.NDArray[np.float32]) -> Exposure:
-    """The contrast stretch for pictures like this one; 0.5 % of the pixels at either end may be outliers (lamps, holes)."""
+    """The contrast stretch for pictures like this one; 0.5 % of the pixels at either end may be outliers."""
     low, high = (float(each) for each in np.percentile(grey, (0.5, 99.5)))
     levels = np.arange(256, dtype=np.float64)
     if high - low > NARROW * FULL_RANGE:

@@ -98,7 +98,7 @@ class Scene:
 
     @cached_property
     def camera_noise(self) -> FloatImage:
-        """[grey levels], the noise limited from above: a bead that rests for a third of the clip inflates the spread."""
+        """[grey levels], the noise with an upper limit: a bead at rest for a third of the clip inflates the spread."""
         return np.minimum(self.noise, np.float32(MOST_UNUSUAL * self.usual_noise))
 
     def view(self, grey: GreyImage, start: tuple[float, float] = (0.0, 0.0)) -> View:
@@ -243,7 +243,7 @@ class Scene:
 
     @cached_property
     def _edges(self) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], Array, Mask]:
-        """Columns and rows of the strongest edges in each of 6 x 6 blocks, `rows` of `_Anchors`, and the half of each."""
+        """Columns and rows of the strongest edges per block (6 x 6), `rows` of `_Anchors`, and marks of one half."""
         smooth = cv2.GaussianBlur(self.picture, (0, 0), 1.0)
         slope_x = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)
         slope_y = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)

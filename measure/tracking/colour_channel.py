@@ -15,7 +15,9 @@ from rigtwin.measure.media.video import Frame
 from rigtwin.measure.tracking.link import SpotPath, place_on
 
 VISIBLE = 6.0  # contrast-to-noise ratio above which luma is sufficient
-LEAST_NOISE = 0.3  # [grey levels squared], minimum variance of each of three colours (rounding); a third for one channel
+LEAST_NOISE = (
+    0.3  # [grey levels squared], minimum variance of each of three colours (rounding); a third for one channel
+)
 
 
 @dataclass(frozen=True)

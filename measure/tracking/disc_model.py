@@ -241,7 +241,7 @@ class Pixels:
         return np.asarray((away_x - along * along_x) ** 2 + (away_y - along * along_y) ** 2)
 
     def _rows_of_scene(self) -> Array:
-        """Derivatives of the background model at every pixel: an offset, and two slopes if the background is unknown."""
+        """Derivatives of the background model at every pixel: offset, and two slopes if the background is unknown."""
         if self.behind is not None:
             return np.ones((1, len(self.x)))
         return np.stack([np.ones_like(self.x), self.x / self._unit, self.y / self._unit])

@@ -346,7 +346,7 @@ def _onwards(last: Sequence[Sighting], frame: int) -> tuple[float, float] | None
 def told_shutter(
     cuts: Sequence[Cut], path: SpotPath, scene: Scene, look: Look, hidden: Mask | None, known: Shutter = NOT_TOLD
 ) -> Shutter:
-    """The exposure time with the smallest misfit in the fastest frames of a path, searched near `known` if it is set."""
+    """The exposure time with the smallest misfit in the fastest frames of a path, searched near `known` if set."""
     ways = fast_frames(path)
     fast = [cut for cut in cuts if cut.frame in ways]
     if len(fast) < 3:

@@ -114,8 +114,8 @@ def fit_bead(
 
     Notes
     -----
-    The bead is a disc of radius r with a soft edge, lit like a sphere (constant, two slopes and a bulge). It is averaged
-    over its path during the exposure and hides the background B. The difference image is
+    The bead is a disc of radius r with a soft edge, lit like a sphere (constant, two slopes and a bulge). It is
+    averaged over its path during the exposure and hides the background B. The difference image is
 
     D = mean_k d_k (p_k - B)
 
@@ -240,7 +240,9 @@ def _fit_disc(pixels: Pixels, prior: Prior, usual: Array | None) -> _Fit | None:
             damped[steps, steps] += damping * normal[steps, steps] + 1e-12
             change = np.linalg.solve(damped, pull)
             if turn >= 2 and float(change @ (2 * pull - normal @ change)) < _SETTLED:
-                parameters = _bounded(parameters + change, parameters, prior)  # accept so small a step without evaluating the cost
+                parameters = _bounded(
+                    parameters + change, parameters, prior
+                )  # accept so small a step without evaluating the cost
                 break
             tried = _bounded(parameters + (_BEYOND if turn >= 2 else 1.0) * change, parameters, prior)
             tried_jacobian, tried_residual = pixels.linearise(tried)
