@@ -1,7 +1,7 @@
-"""Pictures that let a person judge a measurement at a glance: annotated video, still, plot.
+"""Draw annotations on pictures and save pictures, plots and overlay videos.
 
-Drawing takes sub-pixel picture coordinates (x right, y down, centre of the top-left pixel is (0, 0)) and BGR images.
-Files are written under a temporary name and renamed, so a crash leaves the old file or the new one, never half a file.
+Coordinates are sub-pixel picture coordinates (x right, y down, centre of the top-left pixel (0, 0)); images are BGR.
+Files are written under a temporary name and then renamed, so that a crash leaves no incomplete file.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 Point = tuple[float, float]
 Colour = tuple[int, int, int]
 
-# BGR; told apart by colour-blind readers too (Okabe and Ito 2008)
+# BGR; distinguishable with colour blindness (Okabe and Ito 2008)
 ORANGE: Colour = (0, 159, 230)
 SKY: Colour = (233, 180, 86)
 GREEN: Colour = (115, 158, 0)
@@ -36,20 +36,20 @@ BLUE: Colour = (178, 114, 0)
 RED: Colour = (0, 94, 213)
 WHITE: Colour = (255, 255, 255)
 
-CAPITAL = 0.7  # height of a capital over the size of the font, of OpenCV's own sans
-WEIGHT = 600  # of the font: half bold, to be read on any background
+CAPITAL = 0.7  # height of a capital letter relative to the font size, for OpenCV's font "sans"
+WEIGHT = 600  # font weight, semi-bold for legibility on any background
 _SUBPIXEL_BITS = 4  # OpenCV draws in sixteenths of a pixel
 
 
 class OverlayVideo:
-    """An H.264 file that any player and browser shows; give it pictures one by one.
+    """An H.264 file for all players and browsers, written picture by picture.
 
     >>> with OverlayVideo(path, frame_rate=30) as video:  # doctest: +SKIP
     ...     video.write(picture)
     """
 
     def __init__(self, path: Path, *, frame_rate: float) -> None:
-        """`frame_rate` [1/s] is how fast the overlay plays, not how fast the clip was captured."""
+        """`frame_rate` is the playback rate of the overlay [1/s], not the capture rate of the clip."""
         self.path = path
         self._partial = path.with_name(path.stem + ".part" + path.suffix)
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -58,11 +58,11 @@ class OverlayVideo:
         self._stream: av.VideoStream | None = None
 
     def write(self, picture: Image) -> None:
-        """Append one BGR picture; all must have the size of the first."""
+        """Append one BGR picture, shape (height, width, 3); all must have the size of the first."""
         if self._stream is None:
             self._stream = self._open_stream(picture)
         height, width = self._stream.height, self._stream.width
-        # 4:2:0 colour needs even sides: the odd last row or column is dropped
+        # 4:2:0 chroma subsampling needs even sides: an odd last row or column is dropped
         frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture[:height, :width]), format="bgr24")
         for packet in self._stream.encode(frame):
             self._container.mux(packet)
@@ -90,20 +90,20 @@ class OverlayVideo:
 
 
 def save_picture(path: Path, picture: Image) -> None:
-    """Write a BGR picture in the format of its file name."""
+    """Write a BGR picture; the file extension sets the format."""
     path.parent.mkdir(parents=True, exist_ok=True)
     written, data = cv2.imencode(path.suffix, picture)
     if not written:
-        raise BadInput(f"{path}: cannot write a picture of this kind; use .png or .jpg.")
+        raise BadInput(f"{path}: cannot write a picture with this file extension; use .png or .jpg.")
     partial = path.with_name(path.name + ".part")
     partial.write_bytes(data.tobytes())
     partial.replace(path)
 
 
 def save_plot(path: Path, figure: Figure, *, trimmed: bool = True) -> None:
-    """Write a matplotlib figure in the format of its file name.
+    """Write a matplotlib figure; the file extension sets the format.
 
-    Trimming the white border off takes as long as the drawing itself: a figure with set margins needs none.
+    `trimmed` removes the white border, which takes as long as drawing; not needed for a figure with set margins.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(path.name + ".part")
@@ -112,12 +112,12 @@ def save_plot(path: Path, figure: Figure, *, trimmed: bool = True) -> None:
 
 
 def line_width(picture: Image) -> int:
-    """[px], a stroke that is seen on this size of picture without hiding what it marks."""
+    """Line width [px] in proportion to the size of the picture."""
     return max(1, round(float(min(picture.shape[:2])) / 700))
 
 
 def draw_circle(picture: Image, centre: Point, radius: float, colour: Colour, *, width: int | None = None) -> None:
-    """A circle at a sub-pixel centre."""
+    """Draw a circle at a sub-pixel centre [px]."""
     if not np.all(np.isfinite((*centre, radius))):
         return
     cv2.circle(
@@ -132,7 +132,7 @@ def draw_circle(picture: Image, centre: Point, radius: float, colour: Colour, *,
 
 
 def draw_dot(picture: Image, centre: Point, colour: Colour, *, radius: float = 1.5) -> None:
-    """A filled dot at a sub-pixel centre."""
+    """Draw a filled dot at a sub-pixel centre [px]."""
     if np.all(np.isfinite(centre)):
         cv2.circle(
             picture, _fixed(centre), round(radius * 2**_SUBPIXEL_BITS), colour, cv2.FILLED, cv2.LINE_AA, _SUBPIXEL_BITS
@@ -140,7 +140,7 @@ def draw_dot(picture: Image, centre: Point, colour: Colour, *, radius: float = 1
 
 
 def draw_line(picture: Image, start: Point, end: Point, colour: Colour, *, width: int | None = None) -> None:
-    """A straight line between two sub-pixel points."""
+    """Draw a straight line between two sub-pixel points [px]."""
     if np.all(np.isfinite((*start, *end))):
         cv2.line(picture, _fixed(start), _fixed(end), colour, width or line_width(picture), cv2.LINE_AA, _SUBPIXEL_BITS)
 
@@ -153,7 +153,7 @@ def draw_path(
     width: int | None = None,
     closed: bool = False,
 ) -> None:
-    """A polyline through sub-pixel points; a point that is not finite breaks the line."""
+    """Draw a polyline through sub-pixel points [px], shape (n, 2); a point that is not finite interrupts the line."""
     array = np.asarray(points, dtype=np.float64).reshape(-1, 2)
     finite = np.all(np.isfinite(array), axis=1)
     pieces = np.split(np.arange(len(array)), np.flatnonzero(~finite))
@@ -173,16 +173,17 @@ def draw_path(
 
 
 def draw_cross(picture: Image, centre: Point, size: float, colour: Colour, *, width: int | None = None) -> None:
-    """An upright cross with arms of `size` pixels."""
+    """Draw an upright cross with arms of `size` [px]."""
     x, y = centre
     draw_line(picture, (x - size, y), (x + size, y), colour, width=width)
     draw_line(picture, (x, y - size), (x, y + size), colour, width=width)
 
 
 def draw_text(picture: Image, text: str, corner: Point, colour: Colour = WHITE, *, size: float | None = None) -> None:
-    """One line of text with a dark rim, its bottom-left corner at `corner`, pushed inside the picture.
+    """Draw one line of text with a dark outline.
 
-    `size` is the height of a capital letter in pixels.
+    `corner` is its bottom-left corner [px]; the text is shifted to lie inside the picture. `size` is the height of a
+    capital letter [px].
     """
     if not text or not np.all(np.isfinite(corner)):
         return
@@ -198,9 +199,9 @@ def draw_text(picture: Image, text: str, corner: Point, colour: Colour = WHITE, 
 def draw_caption(
     picture: Image, lines: Sequence[str | tuple[str, Colour]], *, bottom: bool = False, size: float | None = None
 ) -> None:
-    """Lines of text in the top (or bottom) left corner, one below the other, broken where the picture is too narrow.
+    """Draw lines of text in the top (or bottom) left corner, wrapped to the width of the picture.
 
-    A line may bring its colour.
+    A line may be a pair of text and colour.
     """
     letter = round(size or _letter(picture))
     rows = [
@@ -215,12 +216,12 @@ def draw_caption(
 
 
 def _letter(picture: Image) -> float:
-    """[px], height of a capital that is read easily on a picture of this size."""
+    """Height of a capital letter [px] that is legible on a picture of this size."""
     return max(9.0, float(min(picture.shape[:2])) / 45)
 
 
 def _broken(text: str, letter: int, width: float) -> list[str]:
-    """The text in lines of at most `width` [px], broken between words."""
+    """The text wrapped to lines of at most `width` [px]."""
     rows: list[str] = []
     for word in text.split(" "):
         if rows and _lettering(f"{rows[-1]} {word}", letter)[0].shape[1] <= width:
@@ -232,13 +233,13 @@ def _broken(text: str, letter: int, width: float) -> list[str]:
 
 @lru_cache(maxsize=256)
 def _lettering(text: str, letter: int) -> tuple[FloatImage, FloatImage, int]:
-    """Ink of a line of text, its rim about it, both 0 to 1, and how many rows lie below the line.
+    """Masks of a line of text and of its outline, both 0 to 1, and the number of rows below the base line.
 
-    One drawing serves all frames of a clip that carry the same words.
+    Cached, because many frames of a clip carry the same text.
     """
     face = cv2.FontFace("sans")
     size = round(letter / CAPITAL)
-    # the box leaves out the space that the text itself begins or ends with
+    # getTextSize excludes the margins left and right of the text
     _, _, width, _ = cv2.getTextSize((1, 1), text, (0, 0), face, size, WEIGHT)
     stroke = max(1, round(letter / 10))
     below = round(0.45 * letter) + stroke

@@ -1,7 +1,7 @@
-"""How far apart neighbouring beads of a bed lie in a picture, without making out a single one.
+"""Distance of neighbouring beads in the picture of a bed from its autocorrelation, without detecting single beads.
 
-The picture of a bed is correlated with itself: shifted by a bead's diameter beads fall on their neighbours, whichever
-way they look.  This holds where beads are a few pixels wide, blurred, or shaded, so that no rim of theirs is seen.
+The first ring of the autocorrelation lies at the mean distance of neighbours. This also works for beads a few pixels
+wide, blurred or shaded, whose rims are not visible.
 """
 
 from __future__ import annotations
@@ -14,19 +14,22 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, Image, Mask
 
-# bead diameters, between neighbours as they are seen in the outermost layers of a settled bed, not all of which touch
-# or lie at the same depth; and its relative standard deviation
+# distance of neighbours in bead diameters as seen in the outermost layers of a settled bed, where not all beads touch
+# or lie at the same depth; and its relative standard uncertainty
 NEIGHBOURS, NEIGHBOURS_DOUBT = 1.08, 0.05
-PARTS = 2  # of a pixel, in which shifts are told
-FINE = 8.0  # [px], over which the picture is evened out at first
-CLEAR = 0.03  # correlation with the neighbours below which there is no pattern of beads
-LEAST = 3.0  # [px], between neighbours that can be told apart
-RING = (1.3, 2.4)  # times the shift at which least falls on a bead: half a diameter and a little more
-LARGEST = 0.34  # of the bed's smaller side, between neighbours
+PARTS = 2  # shifts per pixel
+FINE = 8.0  # [px], sigma of the first high-pass filter
+CLEAR = 0.03  # minimum correlation at the first ring
+LEAST = 3.0  # [px], smallest distance of neighbours that is resolved
+RING = (1.3, 2.4)  # search range of the ring, in units of the first minimum (slightly more than half a diameter)
+LARGEST = 0.34  # of the bed's smaller side, largest distance of neighbours
 
 
 def bead_spacing(image: Image, bed: Mask) -> float | None:
-    """Distance [px] of neighbouring beads where `bed` marks them in a picture (BGR or grey); None: not clear."""
+    """Distance [px] of neighbouring beads in a picture (BGR or grey), None if no ring is clear.
+
+    `bed` marks the pixels of the bed, shape (height, width).
+    """
     grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     rows, columns = np.flatnonzero(bed.any(axis=1)), np.flatnonzero(bed.any(axis=0))
     if len(rows) < 8 or len(columns) < 8:
@@ -34,7 +37,7 @@ def bead_spacing(image: Image, bed: Mask) -> float | None:
     box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
     picture, inside = grey[box].astype(np.float32), bed[box].astype(np.float32)
     found = None
-    for _ in range(3):  # what varies over more than a bead or two is light, and is taken out
+    for _ in range(3):  # remove the illumination, which varies over more than a bead or two
         found = _first_ring(_correlation(picture, inside, FINE if found is None else 0.8 * found))
         if found is None:
             return None
@@ -42,7 +45,7 @@ def bead_spacing(image: Image, bed: Mask) -> float | None:
 
 
 def size_of_beads(spacing: float) -> float:
-    """Bead diameter by the distance of neighbours, in its unit.
+    """Bead diameter from the distance of neighbours, in the same unit.
 
     >>> round(size_of_beads(10.8), 3)
     10.0
@@ -51,7 +54,7 @@ def size_of_beads(spacing: float) -> float:
 
 
 def _correlation(picture: npt.NDArray[np.float32], inside: npt.NDArray[np.float32], fine: float) -> Array:
-    """Correlation of the bed's fine pattern with itself by shift, in steps of 1 / PARTS px, 1 at no shift."""
+    """Autocorrelation of the high-pass filtered bed over the radial shift in steps of 1 / PARTS px; 1 at zero shift."""
     share = np.maximum(cv2.GaussianBlur(inside, (0, 0), fine), 1e-3)
     pattern = (picture - cv2.GaussianBlur(picture * inside, (0, 0), fine) / share) * inside
     size = [cv2.getOptimalDFTSize(2 * side) for side in pattern.shape]
@@ -66,13 +69,13 @@ def _correlation(picture: npt.NDArray[np.float32], inside: npt.NDArray[np.float3
 
 
 def _first_ring(correlation: Array) -> float | None:
-    """[px], of the first maximum beyond the first minimum."""
+    """Radius [px] of the first maximum beyond the first minimum; None if there is none."""
     smooth = np.convolve(correlation, (0.25, 0.5, 0.25), mode="same")[:-1]
     below = np.flatnonzero(smooth < 0)
     if len(below) == 0:
         return None
     lowest = below[0] + int(np.argmin(smooth[below[0] : 3 * below[0] + 1]))
-    # the next ring may be the clearer one in a blurred picture
+    # take the first ring: in a blurred picture the second one may be higher
     highest = [
         k
         for k in range(math.ceil(RING[0] * lowest), min(int(RING[1] * lowest), len(smooth) - 1))
@@ -81,7 +84,7 @@ def _first_ring(correlation: Array) -> float | None:
     if not highest:
         return None
     top = highest[0]
-    # the ring is broad: its middle is told by a parabola through its upper part
+    # the ring is broad: fit a parabola to its upper part
     width = max(2, top // 8)
     near = np.arange(max(top - width, lowest), min(top + width + 1, len(smooth)))
     bend, slope, _ = np.polyfit(near - top, smooth[near], 2)

@@ -1,8 +1,8 @@
-"""Find a heap of roughly equal beads in a picture, without clicks.
+"""Detect a heap of roughly equal beads in a picture automatically.
 
-Every edge pixel votes for the centre of the circle it may belong to (Hough, by gradient direction); a centre counts
-when edges that point at it surround it.  Beads of a heap touch: the largest group of such circles one bead apart is
-the heap.
+Every edge pixel votes for the centre of the circle it may belong to (Hough transform along the gradient). A centre is
+accepted if edges that point at it surround it. Beads of a heap touch: the heap is the largest group of such circles
+at most a bead apart.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ from rigtwin.measure.geometry.lines import at
 
 Numbers = npt.NDArray[np.float32]
 
-SPOKES = 24  # directions in which a circle's edge is looked for
+SPOKES = 24  # number of directions in which a circle's edge is searched
 
-SURROUNDED = 0.5  # share of the spokes that must meet an edge; half of a bead in a heap is hidden
+SURROUNDED = 0.5  # minimum share of the spokes that meet an edge; half of a bead in a heap is hidden
 
-WELL_SURROUNDED = 0.7  # beads at the front of a heap hide behind none
+WELL_SURROUNDED = 0.7  # the same for beads at the front of a heap, which are not occluded
 
-NEARLY = 0.5  # share of the best score at which a larger radius is preferred
+NEARLY = 0.5  # share of the best score above which a larger radius is preferred
 
 FEWEST_BEADS = 10
 
-# radii, of the scatter across their line; of two layers of beads it is 0.8, of marks of one length 0.1 to 0.6
+# [bead radii], largest scatter across the line of a row of marks: two layers of beads have 0.8, marks 0.1 to 0.6
 ROW = 0.7
 
-SAMPLED = 300  # rows and columns at least, from which a picture's usual edges are learnt
+SAMPLED = 300  # minimum rows and columns sampled for the statistics of the gradient
 
-ROUGH = 0.3  # of a bead's radius, over which roughness is averaged
+ROUGH = 0.3  # of a bead's radius, half width of the window for roughness
 
-GREY = 6  # [levels of Lab], by which hues of a picture without colour may differ
+GREY = 6  # [Lab levels], largest range of hues in a picture without colour
 
-MOST_ROWS = 30_000  # that OpenCV reads at once are less than 32,767
+MOST_ROWS = 30_000  # rows per call of cv2.remap, which accepts fewer than 32,767
 
 
 @dataclass(frozen=True)
@@ -58,17 +58,17 @@ class Edges:
     x: npt.NDArray[np.float32]  # [grey/px], shape (height, width)
     y: npt.NDArray[np.float32]  # [grey/px], shape (height, width)
     strength: npt.NDArray[np.float32]  # [grey/px], shape (height, width)
-    noise: float  # [grey/px], above this an edge is no accident
-    strong: float  # [grey/px], an edge as clear as any in this picture
+    noise: float  # [grey/px], limit above which a gradient counts as an edge
+    strong: float  # [grey/px], strength of the clearest edges in this picture
 
     @cached_property
     def both(self) -> npt.NDArray[np.float32]:
-        """[grey/px], along x and y, shape (height, width, 2)"""
+        """[grey/px], gradient along x and y, shape (height, width, 2)."""
         return np.asarray(cv2.merge([self.x, self.y]), dtype=np.float32)
 
     @cached_property
     def points(self) -> tuple[Numbers, Numbers, Numbers, Numbers]:
-        """Pixels on edges: column, row, and the direction across the edge there."""
+        """Edge pixels: column, row, and unit vector of the gradient, each of shape (n,)."""
         row, column = np.nonzero(self.strength > self.noise)
         strength = self.strength[row, column]
         across = (self.x[row, column] / strength, self.y[row, column] / strength)
@@ -76,7 +76,7 @@ class Edges:
 
 
 def edges(grey: npt.NDArray[np.uint8], blur: float = 1.0) -> Edges:
-    """Gradient of the picture smoothed by `blur` pixels; 1 px suits circles."""
+    """Gradient of the picture smoothed by a Gaussian of sigma `blur` [px]; 1 px suits circles."""
     smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), blur)
     x = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8), dtype=np.float32)
     y = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8), dtype=np.float32)
@@ -88,11 +88,11 @@ def edges(grey: npt.NDArray[np.uint8], blur: float = 1.0) -> Edges:
 
 
 def find_beads(grey: npt.NDArray[np.uint8], radii: tuple[float, float]) -> Beads | None:
-    """The largest group of touching circles with a radius between `radii` [px], None when there is none.
+    """The largest group of touching circles with a radius between `radii` [px], None if there is none.
 
-    What counts is how completely edges surround the circles: larger ones through the gaps between beads, and smaller
-    ones inside beads, meet an edge on part of their rim only.  Shading puts the clearest edge inside a bead's rim,
-    therefore the largest radius that does nearly as well as the best.
+    The score of a radius is how completely edges surround its circles: too large circles through the gaps between
+    beads and too small ones inside beads meet edges on a part of their rim only. Shading moves the clearest edge inside
+    the rim. Therefore the largest radius with a score close to the best one is taken.
     """
     picture = edges(grey)
     tried: list[tuple[float, Beads]] = []
@@ -106,7 +106,7 @@ def find_beads(grey: npt.NDArray[np.uint8], radii: tuple[float, float]) -> Beads
             tried.append((float(np.sum(np.maximum(surrounded - WELL_SURROUNDED, 0)) * radius), Beads(group, radius)))
     if not tried:
         return None
-    # the graduations of a rule make a row of good circles; where there are others, beads lie above each other
+    # graduations of a ruler give a row of good circles; prefer groups with circles above each other
     piled = [(score, beads) for score, beads in tried if not _in_a_row(beads)]
     tried = piled or tried
     best, leader = max(tried, key=lambda one: one[0])
@@ -120,9 +120,10 @@ def _in_a_row(beads: Beads) -> bool:
 
 
 def more_beads(picture: Edges, alike: npt.NDArray[np.float32], beads: Beads, *, least_group: float = 1.0) -> Beads:
-    """All the circles of the heap, found more readily now that size and colour of the beads are known.
+    """All circles of the heap, with lower limits because size and colour of the beads are known now.
 
-    `least_group` is the share of the largest group that another one must hold to belong to the beads, too.
+    `alike` is the likeness of every pixel to beads, shape (height, width). A further group belongs to the beads if its
+    size is at least `least_group` times that of the largest one.
     """
     found = [beads.centre]
     for stretch in (0.88, 1.0, 1.14):
@@ -135,11 +136,10 @@ def more_beads(picture: Edges, alike: npt.NDArray[np.float32], beads: Beads, *, 
 def likeness(
     image: npt.NDArray[np.uint8], beads: Beads, cells: npt.NDArray[np.int32] | None = None
 ) -> npt.NDArray[np.float32]:
-    """How much each pixel has the colour of the beads rather than of what is around them, 0 to 1.
+    """Likeness of each pixel's colour to that of the beads rather than their surroundings, 0 to 1.
 
-    Ratio of two colour histograms (Swain and Ballard 1991): inside the circles, and further than two beads from
-    them; what is nearest behind the heap counts as much as all the rest.  `cells` are the picture's colour cells where
-    they are known.
+    Ratio of two colour histograms (Swain and Ballard 1991): inside the circles, and further than two beads from them.
+    The near background has the same weight as all the rest. `cells` are the colour cells of the picture if known.
     """
     inside = np.zeros(image.shape[:2], np.uint8)
     for x, y in np.rint(beads.centre).astype(int):
@@ -153,7 +153,7 @@ def likeness(
 
 
 def rim_radius(grey: npt.NDArray[np.uint8], beads: Beads) -> float:
-    """Radius [px] at which the clearest circles' edges end: half as steep as at their steepest, on its outer side."""
+    """Outer radius [px] of the clearest circles: half maximum of the mean gradient on its outer side."""
     picture = edges(grey)
     stretch = np.arange(0.6, 1.6, 0.04)
     steepest = np.zeros(len(stretch))
@@ -174,23 +174,23 @@ def rim_radius(grey: npt.NDArray[np.uint8], beads: Beads) -> float:
 
 
 def rare(share: Array, index: npt.NDArray[np.int32]) -> float:
-    """A share so small that it is no evidence: a false circle or two among the beads makes as much."""
-    return 0.1 * float(np.median(share[index])) if index.size else 0.1  # without beads nothing is evidence
+    """Smallest histogram share that counts as evidence; one or two false circles among the beads give as much."""
+    return 0.1 * float(np.median(share[index])) if index.size else 0.1
 
 
 def colour_cells(image: npt.NDArray[np.uint8], radius: float) -> npt.NDArray[np.int32]:
-    """Every pixel's colour as the number of a cell of the Lab space, of the picture smoothed to a part of a bead."""
+    """Index of the Lab colour cell of every pixel, after smoothing over a tenth of a bead radius."""
     smooth = cv2.GaussianBlur(image, (0, 0), max(0.1 * radius, 0.8))
     return _cells(np.asarray(cv2.cvtColor(smooth, cv2.COLOR_BGR2LAB), dtype=np.uint8))
 
 
 def look_cells(image: npt.NDArray[np.uint8], radius: float, *, textured: bool = False) -> npt.NDArray[np.int32]:
-    """Likewise, but of a picture without hues in finer steps of lightness, `textured` with those of roughness.
+    """As `colour_cells`; for a picture without hues finer steps of lightness and, if `textured`, of roughness.
 
-    Shaded beads differ from a wall as light as they are in how rough they look.
+    Roughness separates shaded beads from a wall of equal brightness.
     """
     lightness, *hues = cv2.split(cv2.cvtColor(image, cv2.COLOR_BGR2LAB))
-    # a sticker makes no photo one in colour
+    # percentiles: a coloured sticker does not make the picture a colour picture
     if max(float(np.ptp(np.percentile(hue, (0.5, 99.5)))) for hue in hues) > GREY:
         return colour_cells(image, radius)
     light = cv2.GaussianBlur(lightness.astype(np.float32), (0, 0), max(0.1 * radius, 0.8))
@@ -198,7 +198,7 @@ def look_cells(image: npt.NDArray[np.uint8], radius: float, *, textured: bool = 
     if textured:
         window = (2 * round(ROUGH * radius) + 1,) * 2
         rough = np.sqrt(np.maximum(cv2.blur(light * light, window) - cv2.blur(light, window) ** 2, 0))
-        # of the windows that hold a pixel the plainest (Kuwahara et al. 1976): an edge makes nothing beside it rough
+        # smoothest window that contains the pixel (Kuwahara et al. 1976), so that an edge adds no roughness beside it
         texture = 40 * np.log2(cv2.erode(rough, np.ones(window, np.uint8)) + 1)
     return _cells(np.clip(cv2.merge([texture, light, np.zeros_like(light)]), 0, 255).astype(np.uint8))
 
@@ -224,10 +224,10 @@ def _circles(picture: Edges, radius: float, sign: int, surrounded: float = SURRO
     height, width = picture.strength.shape
     column, row, across_x, across_y = picture.points
     spread = max(0.12 * radius, 0.8)
-    # votes are spread over so many pixels anyway that those of a large circle are counted in larger cells
+    # the votes are smoothed over `spread` anyway, so those for a large circle are counted in larger cells
     cell = max(int(spread), 1)
     reach = np.float32(sign * radius)
-    # a margin takes the votes that fall outside: cheaper than to leave them out
+    # a margin collects the votes outside the picture, which is faster than excluding them
     margin = (int(radius) + 2) // cell + 1
     x, y = (
         ((place + reach * across + np.float32(0.5)) * np.float32(1 / cell) + np.float32(margin)).astype(np.int32)
@@ -240,15 +240,15 @@ def _circles(picture: Edges, radius: float, sign: int, surrounded: float = SURRO
     density = cv2.GaussianBlur(votes.astype(np.float32), (0, 0), spread / cell) * ((spread / cell) ** 2 / radius)
     size = 2 * int(0.8 * radius / cell) + 1
     peaks = (density == cv2.dilate(density, np.ones((size, size), np.uint8))) & (density > 0.3)
-    peak_y, peak_x = np.divmod(np.flatnonzero(peaks), peaks.shape[1])  # of a flat array they are found sooner
+    peak_y, peak_x = np.divmod(np.flatnonzero(peaks), peaks.shape[1])  # faster on a flat array
     centre = np.asarray(np.column_stack([peak_x, peak_y]) * cell + (cell - 1) / 2, dtype=np.float64)
     return centre[_surrounded(picture, centre, radius, sign) >= surrounded]
 
 
 def _along_spokes(picture: Edges, centre: Array, lengths: Sequence[float], sign: int) -> tuple[Numbers, Numbers]:
-    """Gradient towards the centre, and the whole gradient, at every length along every spoke.
+    """Radial component (towards the centre) and magnitude of the gradient at every length along every spoke.
 
-    Both of shape (n, lengths, SPOKES); 0 outside the picture.
+    Both have shape (n, lengths, SPOKES) and are 0 outside the picture.
     """
     angle = np.arange(SPOKES, dtype=np.float32) * np.float32(2 * np.pi / SPOKES)
     cos, sin = np.cos(angle), np.sin(angle)
@@ -273,7 +273,7 @@ def _surrounded(picture: Edges, centre: Array, radius: float, sign: int) -> Arra
 
 
 def _largest_group(centre: Array, reach: float, least: float = 1.0) -> Array:
-    """The largest group of circles, with others that hold the share `least` of it."""
+    """Circles of the largest connected group, and of groups with more than `least` times its size, shape (m, 2)."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree

@@ -1,4 +1,4 @@
-"""Whether the beads of a bed look as large as stated, and what is told where nothing in the picture says so."""
+"""Checks of the bead size and of the agreement between views of one heap or bed."""
 
 from __future__ import annotations
 
@@ -8,32 +8,33 @@ import numpy as np
 
 from rigtwin.lab.quantity import Check
 
-# relative, by which single beads may look larger or smaller than they are: shaded rims are soft, and their size
-# scatters by 0.04 from photo to photo, whatever blur, noise and light
+# relative limit for the apparent size of single beads: shaded rims are soft, and their measured size scatters by 0.04
+# from photo to photo for all tested blur, noise and light
 MISFIT = 0.16
 
 
 def size_seen(ratio: float, most: float, scale_from: str) -> Check:
-    """`ratio` of the size seen, by the scale, to the one stated; `most` it may be off by."""
+    """Check `bead_size`: `ratio` of the measured to the stated size must differ from 1 by less than `most`."""
     passed = abs(ratio - 1) < most
-    usual = f"{max(1 - most, 0):.2f} to {1 + most:.2f} is let pass"
-    ending = "." if passed else f": check --bead-diameter, and the scale (from {scale_from})."
+    usual = f"{max(1 - most, 0):.2f} to {1 + most:.2f} is accepted"
+    ending = "." if passed else f": check --bead-diameter and the scale (from {scale_from})."
     message = f"beads look {ratio:.2f} times as large as stated; {usual}{ending}"
     return Check("bead_size", passed, ratio, 1.0, message)
 
 
 def size_unseen(what: str, given: str, advice: str) -> str:
-    """Nothing contradicts the one size that all lengths hang on, and nothing confirms it: a warning, no check."""
-    return f"size not confirmed: {what} on {given} alone, which nothing in the picture checks; {advice}."
+    """The warning that all lengths depend on one stated size that the picture could not confirm."""
+    return f"size not confirmed: {what} on {given} alone, and nothing in the picture could check it; {advice}."
 
 
-CHANCE = 1e-3  # how rarely views of one thing may scatter that much
+CHANCE = 1e-3  # significance level of the chi-squared test
 
 
 def views_check(what: str, values: Sequence[float], sigmas: Sequence[float], unit: str) -> Check:
-    """Whether `values` of `what`, one a view, agree within `sigmas`, what of their doubts views do not share.
+    """Check `views_agree`: `values` of `what`, one per view, agree within `sigmas`.
 
-    Weighted sum of squares about their weighted mean, which for views of one thing follows chi squared.
+    `sigmas` are the uncertainty components that the views do not share. The weighted sum of squares about the weighted
+    mean is tested against the chi-squared distribution.
     """
     from scipy.stats import chi2
 
@@ -43,7 +44,8 @@ def views_check(what: str, values: Sequence[float], sigmas: Sequence[float], uni
     passed = off < float(chi2.isf(CHANCE, len(value) - 1))
     usual, scatter = float(np.sqrt(np.mean(1 / weight))), float(np.std(value, ddof=1))
     message = (
-        f"the {what} of {len(value)} views scatters by {scatter:.3g} {unit}, their doubts explain {usual:.2g} {unit}"
+        f"the {what} of {len(value)} views scatters by {scatter:.3g} {unit}, their uncertainties explain "
+        f"{usual:.2g} {unit}"
     )
-    ending = "." if passed else ": do all of them show the same one, as it was?"
+    ending = "." if passed else ": check that all of them show the same one, unchanged."
     return Check("views_agree", passed, scatter / usual, 1.0, message + ending)

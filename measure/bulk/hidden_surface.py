@@ -1,8 +1,7 @@
-"""What covers the surface of a bed behind glass: glare, or something held in front of it.
+"""Detect occlusions of the surface of a bed behind glass: glare, or an object in front of it.
 
-A cover is told by what a bed's surface cannot do: pixels that are saturated over more than a highlight, an outline
-with no bead near it, and a background that changes abruptly across the cylinder where the surface does so too, or where
-no beads go on below it.
+Signs of an occlusion: a saturated area larger than a highlight; an outline without beads near it; an abrupt change of
+the background above the outline where the outline leaves its usual height or no beads follow below it.
 """
 
 from __future__ import annotations
@@ -18,27 +17,27 @@ from rigtwin.measure.bulk.beads import Beads
 from rigtwin.measure.bulk.outline import Silhouette
 from rigtwin.measure.geometry.lines import at
 
-SATURATED = 252  # [grey levels], from which on glare hides what is behind it
-NO_BEAD = 3.0  # bead radii; that near to a point of a packing's surface lie four beads, of which one will be made out
-ABOVE = (0.6, 2.6)  # bead radii above the outline: clear of its blur, and still behind this place of it
+SATURATED = 252  # [grey levels], smallest level of a saturated pixel
+NO_BEAD = 3.0  # [bead radii]; within this distance of a packing's surface lie four beads, at least one is detected
+ABOVE = (0.6, 2.6)  # [bead radii] above the outline: outside its blur, but still next to it
 ABRUPT = 4.0  # times the usual scatter of the background's colour along the surface
 FAINTEST = 14.0  # [grey levels], smaller changes of colour are shadows and reflections of the beads
-BELOW = (0.7, 4.0)  # bead radii below the outline: what stands behind the cylinder ends at the outline
-USUAL_LEVEL = 2.0  # bead radii, off the middle height, that the outline keeps within where nothing covers it
-FEWEST_KEPT = 0.3  # share of the outline below which nothing is said of the usual background
+BELOW = (0.7, 4.0)  # [bead radii] below the outline: objects behind the cylinder end at the outline
+USUAL_LEVEL = 2.0  # [bead radii], largest deviation from the median height without an occlusion
+FEWEST_KEPT = 0.3  # minimum share of the outline for an estimate of the usual background
 
 
 def glare_in(image: Image) -> Mask:
-    """Where the photo (BGR) is saturated."""
+    """Saturated pixels of a BGR photo, shape (height, width)."""
     return np.asarray(image.min(axis=2) >= SATURATED)
 
 
 def covered_columns(
     found: Silhouette, image: Image, beads: Beads, alike: npt.NDArray[np.float32], glare: Mask, inside: Mask
 ) -> Mask:
-    """Columns of the outline in which something covers the surface; `inside` are those between the walls.
+    """Columns of the outline in which the surface is occluded, shape (n,); `inside` marks those between the walls.
 
-    `alike` is every pixel's likeness to beads.
+    `alike` is the likeness of every pixel to beads.
     """
     seen = inside & np.isfinite(found.height)
     covered = np.zeros(len(found.x), dtype=bool)
@@ -52,7 +51,7 @@ def covered_columns(
 
 
 def under_glare(points: Array, glare: Mask, radius: float) -> Mask:
-    """Near patches of glare; a highlight on a bead is smaller than these."""
+    """Points, shape (n, 2) [px], near patches of glare that are larger than the highlight on a bead."""
     size = max(3, round(0.8 * radius) | 1)
     patch = cv2.morphologyEx(glare.astype(np.uint8), cv2.MORPH_OPEN, np.ones((size, size), np.uint8))
     if not patch.any():
@@ -70,7 +69,7 @@ def _far_from_beads(points: Array, beads: Beads) -> Mask:
 
 
 def _goes_on_below(found: Silhouette, alike: npt.NDArray[np.float32], seen: Mask) -> Mask:
-    """Where the outline is at its usual height and beads are below it: what is odd above it stands behind the bed."""
+    """Columns with the outline at its usual height and beads below it: the object above is behind the bed."""
     steps = np.arange(BELOW[0], BELOW[1], 0.25) * found.bead_radius
     below = [at(alike, found.view.to_picture(found.x, np.nan_to_num(found.height) - step)) for step in steps]
     usual = float(np.median(found.height[seen])) if seen.any() else 0.0
@@ -79,7 +78,7 @@ def _goes_on_below(found: Silhouette, alike: npt.NDArray[np.float32], seen: Mask
 
 
 def _odd_background(found: Silhouette, image: Image, seen: Mask) -> Mask:
-    """Where the colour just above the outline is off its own slow change across the cylinder."""
+    """Columns in which the colour just above the outline deviates from its linear trend across the cylinder."""
     odd = np.zeros(len(found.x), dtype=bool)
     if not seen.any():
         return odd
@@ -91,7 +90,7 @@ def _odd_background(found: Silhouette, image: Image, seen: Mask) -> Mask:
     x = found.x / max(float(np.abs(found.x[seen]).max(initial=1.0)), 1.0)
     off = np.zeros(len(x))
     for channel in above.T:
-        # from the level that most columns share to the line through them: a lamp stands to one side
+        # robust: start from the median, then a line, because light from one side gives a linear trend
         miss, kept, spread = np.abs(channel - np.median(channel[seen])), seen, 0.0
         for _ in range(6):
             spread = max(1.4826 * float(np.median(miss[kept])), FAINTEST / ABRUPT)
@@ -101,7 +100,7 @@ def _odd_background(found: Silhouette, image: Image, seen: Mask) -> Mask:
             miss = np.abs(channel - np.polyval(np.polyfit(x[kept], channel[kept], 1), x))
         off = np.maximum(off, miss / (ABRUPT * spread))
     odd |= off > 1
-    # a bead's own width: less is a scratch on the glass
+    # narrower than a bead radius: a scratch on the glass
     size = max(3, round(found.bead_radius) | 1)
     kernel = np.ones((1, size), np.uint8)
     opened = cv2.morphologyEx((odd & seen).astype(np.uint8)[None], cv2.MORPH_OPEN, kernel)

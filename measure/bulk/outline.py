@@ -1,7 +1,7 @@
-"""From a photo of a heap to its surface profile: silhouette, base line, and the view undone.
+"""Outline (silhouette) of a heap or bed in a photo, column by column above the base line.
 
-A heap is seen from slightly above and from near by: its outline is not its section.  `undo_view` takes each outline
-point back to the plane through the disc's axis, as on a cone of the flank's slope.
+The border between beads and background is the path of least cost through per-pixel evidence, found by dynamic
+programming and refined to sub-pixel precision. Lengths are in pixels of the measured picture.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from rigtwin.measure.bulk.beads import (
 )
 from rigtwin.measure.geometry.lines import fullest_run
 
-DOUBTFUL_SUPPORT = 0.8  # share of the outline on edges below which the find may be another edge
-COVERED = 0.8  # share of the area under the outline that circles must cover
+DOUBTFUL_SUPPORT = 0.8  # share of the outline on edges; with less another edge may have been found
+COVERED = 0.8  # minimum share of the area under the outline that circles cover
 
 
 @dataclass(frozen=True)
@@ -52,44 +52,44 @@ class Disc:
 
 @dataclass(frozen=True)
 class View:
-    """How the base lies in the picture; all lengths in px of the measured picture."""
+    """Pose of the base in the picture; all lengths in px of the measured picture."""
 
     origin: tuple[float, float]  # picture point of the disc's axis at the top of the base
-    roll: float  # [rad], positive when the base looks turned clockwise in the picture
-    radius: float  # of the base, in the scale of the plane through its axis; 0 when no disc is seen
+    roll: float  # [rad], positive when the base looks rotated clockwise in the picture
+    radius: float  # of the base, at the scale of the plane through its axis; 0: no disc found
     camera_height: float  # above the base plane
-    camera_distance: float  # from the axis; infinite when not known
+    camera_distance: float  # from the axis; infinite: unknown
 
     @property
     def looking_down(self) -> float:
-        """[deg], from the level view"""
+        """Depression angle of the view [deg]; 0 is horizontal."""
         return math.degrees(math.atan2(self.camera_height, self.camera_distance))
 
     def to_picture(self, x: Array, height: Array) -> Array:
-        """Picture points, shape (n, 2), of points given along and above the base line."""
+        """Picture points [px], shape (n, 2), of points `x` along and `height` above the base line, shape (n,)."""
         cos, sin = np.cos(self.roll), np.sin(self.roll)
         return np.column_stack([self.origin[0] + x * cos + height * sin, self.origin[1] + x * sin - height * cos])
 
 
 @dataclass(frozen=True)
 class Silhouette:
-    """Outline of the heap against what is behind it; lengths in px of the measured picture."""
+    """Outline of the heap against the background; lengths in px of the measured picture, arrays of shape (n,)."""
 
-    x: Array  # along the base line, 0 at the disc's axis, rising
-    height: Array  # above the base line, NaN where there is no heap
-    looser: Array  # the same outline when more pixels are taken for beads
-    stricter: Array  # and when fewer are
-    sigma: float  # of the height of one point
-    contrast: float  # [1], median clearness of the outline, 1 is as clear as any edge in the picture
+    x: Array  # along the base line, 0 at the disc's axis, ascending
+    height: Array  # above the base line, NaN outside the heap
+    looser: Array  # the same outline with a lower limit for beads
+    stricter: Array  # the same outline with a higher limit for beads
+    sigma: float  # standard uncertainty of the height of one point
+    contrast: float  # [1], median edge strength along the outline, 1: the clearest edges in the picture
     bead_radius: float
     view: View
     disc: Disc | None
     zoom: float  # px of the measured picture per px of the photo
-    cut_off: bool  # touches the picture's edge
+    cut_off: bool  # the outline touches the border of the picture
     covered: float  # [1], share of the area under the outline that circles cover
-    alike_behind: float  # [1], bead likeness just above the outline
-    unexplained: float  # [1], share of the outline that runs more than a radius above all circles
-    bead_seen: float = float("nan")  # radius by the picture alone, whatever sizes are stated
+    alike_behind: float  # [1], mean likeness to beads just above the outline
+    unexplained: float  # [1], share of the outline more than a bead radius above all circles
+    bead_seen: float = float("nan")  # bead radius from the picture alone, independent of stated sizes
 
     @property
     def base_line_doubt(self) -> tuple[float, float]:
@@ -101,9 +101,35 @@ class Silhouette:
 def outline_of(
     image: Image, alike: npt.NDArray[np.float32], beads: Beads, view: View, *, solid: bool = False
 ) -> Silhouette | None:
-    """The border between beads and background, column by column above the base line.
+    """Find the border between beads and background, column by column above the base line.
 
-    `solid`: below the uppermost circles there are beads everywhere, as in a filled cylinder, whatever a gap looks like.
+    Parameters
+    ----------
+    image : array, shape (height, width, 3), uint8
+        The photo in BGR order.
+    alike : array, shape (height, width)
+        Likeness of every pixel to beads, 0 to 1 (see `beads.likeness`).
+    beads : Beads
+        Circles found in the heap [px].
+    view : View
+        Pose of the base line in the picture [px, rad].
+    solid : bool, optional
+        Everything below the uppermost circles is beads, as in a filled cylinder; gaps are ignored.
+
+    Returns
+    -------
+    Silhouette or None
+        The outline with its quality measures. `disc` is None and `zoom` is 1; the caller sets them. None if fewer than
+        `FEWEST_BEADS` circles lie above the base line, or if the outline is narrower than six bead radii.
+
+    Notes
+    -----
+    The evidence e for beads is the log odds of `alike` plus the log ratio of two local colour histograms, reduced with
+    the height above the circles. The border b(c) minimises the sum over columns c of
+
+    sum_r +-e(r, c) / 3 - 0.35 R E(b, c) + 0.15 |b(c) - b(c - 1)|
+
+    where the sign is + above and - below the border, E is the edge strength and R the bead radius [px].
     """
     across = beads.centre - np.array(view.origin)
     cos, sin = np.cos(view.roll), np.sin(view.roll)
@@ -115,7 +141,7 @@ def outline_of(
     reach = max(view.radius, float(np.abs(u).max())) + 4 * beads.radius
     top = float(h.max()) + 6 * beads.radius
     columns = np.arange(-np.ceil(reach), np.ceil(reach) + 1)
-    rows = np.arange(np.ceil(top), -1, -1.0)  # from the sky down to the base line
+    rows = np.arange(np.ceil(top), -1, -1.0)  # from the top down to the base line
     points = view.to_picture(np.tile(columns, len(rows)), np.repeat(rows, len(columns))).reshape(len(rows), -1, 2)
     map_x, map_y = points[..., 0].astype(np.float32), points[..., 1].astype(np.float32)
     seen = cv2.remap(image, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -123,7 +149,7 @@ def outline_of(
     colour = cv2.remap(alike, map_x, map_y, cv2.INTER_LINEAR, borderValue=0.0).astype(np.float64)
     higher = _above_beads(columns, rows, u, h, beads.radius)
     evidence = np.log((colour + 0.02) / (1.02 - colour)) + _against_local_sky(level, higher, colour, beads.radius)
-    # the further above the circles found, the surer a pixel's colour has to be
+    # the further above the circles, the stronger the colour evidence must be
     evidence = np.clip(np.clip(evidence, -3, 3) - 1.2 * higher, -3, 3)
     if solid:
         evidence = np.where(_above_beads(columns, rows, u, h - 2.4 * beads.radius, beads.radius) == 0, 3.0, evidence)
@@ -133,7 +159,7 @@ def outline_of(
         _bead_shaped(border, beads.radius) for border in _cheapest_borders(readings, borders, 0.35 * beads.radius)
     )
     fine, clearness = _sub_pixel(borders, usual)
-    # the foot of a heap is a bead's side, steep: what runs out flat is something behind it
+    # the foot of a heap is as steep as the side of a bead: a flat tail belongs to an object behind it
     empty = usual >= len(rows) - 1 - 0.5 * beads.radius
     first, last = fullest_run(~empty, gap=int(2 * beads.radius) + 1) or (0, -1)
     empty[:first] = empty[last + 1 :] = True
@@ -175,13 +201,13 @@ def _covered(
 
 
 def _just_above(values: Array, border: Array, radius: float) -> Array:
-    """Values one to six tenths of a bead above the border, shape (rows, columns)."""
+    """Values 0.2 to 1.2 bead radii above the border, shape (6, columns)."""
     rows = border[None, :] - np.linspace(0.2, 1.2, 6)[:, None] * radius
     return np.take_along_axis(values, np.clip(np.rint(rows), 0, len(values) - 1).astype(np.int64), axis=0)
 
 
 def _above_beads(columns: Array, rows: Array, u: Array, h: Array, radius: float) -> Array:
-    """How many radii above the circles found a pixel lies, shape (rows, columns)."""
+    """Height of each pixel above the circles in bead radii, 0 below them, shape (rows, columns)."""
     from scipy.ndimage import grey_closing
 
     envelope = np.zeros(len(columns))
@@ -193,9 +219,9 @@ def _above_beads(columns: Array, rows: Array, u: Array, h: Array, radius: float)
 
 
 def _against_local_sky(level: Image, higher: Array, colour: Array, radius: float) -> Array:
-    """How much a pixel's colour speaks for beads against what stands behind just this part of the heap.
+    """Evidence of a pixel's colour for beads against the local background, shape (rows, columns).
 
-    Logarithm of the ratio of two histograms: beads, and the strip above the circles within a few beads to both sides.
+    Log ratio of two histograms: the beads, and the strip above the circles within a few beads to both sides.
     """
     index = look_cells(level, radius)
     inside = index[(higher == 0) & (colour > 0.5)]
@@ -213,7 +239,7 @@ def _against_local_sky(level: Image, higher: Array, colour: Array, radius: float
 
 
 def _edge_map(level: Image) -> Array:
-    """Strength of the colour edge that a border running through a pixel would follow, 0 to 1."""
+    """Colour edge strength of each pixel, 0 to 1, shape (rows, columns)."""
     strength = np.zeros(level.shape[:2], dtype=np.float32)
     for channel in range(3):
         strength = np.maximum(strength, edges(np.ascontiguousarray(level[..., channel]), blur=1.0).strength)
@@ -221,11 +247,11 @@ def _edge_map(level: Image) -> Array:
 
 
 def _cheapest_borders(evidence: Array, borders: Array, edge_reward: float) -> Array:
-    """Row of the border in every column, shape (readings, columns): background above it, beads below, on edges where
-    it can be; `evidence` of shape (readings, rows, columns).
+    """Row of the border in every column, shape (readings, columns): background above it, beads below.
 
-    Dynamic programming over the columns; a step between neighbours costs a part of what an edge gains, because the
-    sides of beads are steep.  The exact minimum, found by two running minima per column.
+    `evidence` has shape (readings, rows, columns). Dynamic programming over the columns. A step between neighbouring
+    columns costs less than an edge gains, because the sides of beads are steep. The minimum is exact: the cost of a
+    step is linear in its height, so two running minima per column are enough.
     """
     gain = evidence / 3
     total = gain.sum(axis=1, keepdims=True)
@@ -254,7 +280,7 @@ def _cheapest_borders(evidence: Array, borders: Array, edge_reward: float) -> Ar
 
 
 def _bead_shaped(border: Array, radius: float) -> Array:
-    """Without deep slits and high spikes narrower than a bead; rows grow downwards."""
+    """Remove deep slits and high spikes narrower than a bead; rows count downwards."""
     from scipy.ndimage import grey_closing, grey_opening
 
     spikes_cut = grey_closing(border, size=(int(1.6 * radius) | 1,))
@@ -264,7 +290,7 @@ def _bead_shaped(border: Array, radius: float) -> Array:
 
 
 def _sub_pixel(borders: Array, border: Array) -> tuple[Array, Array]:
-    """The border moved to the strongest edge within two rows of it, and how clear that edge is."""
+    """The border moved to the centroid of the edge strength within two rows, and the maximum strength there."""
     rows, columns = borders.shape
     reach = np.arange(-2, 3)
     near = np.clip(border.astype(int)[:, None] + reach, 0, rows - 1)

@@ -1,7 +1,7 @@
-"""Velocities of a texture between frames by cross-correlation of small windows (particle image velocimetry).
+"""Particle image velocimetry: displacements of a texture by cross-correlation of small windows.
 
-The correlation maps of all pairs of frames are summed before the peak is looked for (ensemble correlation, Meinhart
-et al. 2000): a peak that is there in every pair stands out, an accidental one does not.
+The correlation maps of all pairs of frames are summed before the peak search (ensemble correlation, Meinhart et al.
+2000), so that random peaks average out.
 """
 
 from __future__ import annotations
@@ -14,21 +14,21 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, GreyImage
 
-FLAT = 1.0  # [grey levels], standard deviation below which a window shows no texture
+FLAT = 1.0  # [grey levels], minimum standard deviation of a window with texture
 
 
 @dataclass(frozen=True)
 class Displacements:
-    """Mean displacement from one frame to the next at a number of places."""
+    """Mean displacement between consecutive frames at n places."""
 
-    place: Array  # [px], shape (n, 2), centre of the windows, x right, y down
-    shift: Array  # [px], shape (n, 2); NaN where no texture was seen
+    place: Array  # [px], shape (n, 2), centres of the windows, x right, y down
+    shift: Array  # [px], shape (n, 2); NaN without texture or peak
     score: Array  # [1], shape (n,), mean correlation at the peak, 1 is perfect
-    pairs: npt.NDArray[np.int64]  # shape (n,), how many pairs of frames it is the mean of
+    pairs: npt.NDArray[np.int64]  # shape (n,), number of frame pairs averaged
 
 
 class MeanCorrelation:
-    """Adds up pairs of frames; `displacements` reads the mean displacement.
+    """Sum of the correlation maps of frame pairs; `displacements` returns the mean displacement.
 
     >>> import numpy as np
     >>> texture = np.random.default_rng(0).integers(0, 255, (60, 60)).astype(np.uint8)
@@ -39,7 +39,7 @@ class MeanCorrelation:
     """
 
     def __init__(self, place: Array, *, window: int, reach: tuple[int, int]) -> None:
-        """`place` [px] of the windows' centres, shape (n, 2); `reach` [px], the largest shift looked for in x and y."""
+        """`place` are the centres of the windows [px], shape (n, 2); `reach` is the largest shift in x and y [px]."""
         self.place = np.asarray(place, dtype=np.float64).reshape(-1, 2)
         self._window = window
         self._reach = reach
@@ -47,7 +47,7 @@ class MeanCorrelation:
         self._pairs = np.zeros(len(self.place), dtype=np.int64)
 
     def add(self, one: GreyImage, other: GreyImage) -> None:
-        """Correlate two neighbouring frames."""
+        """Add the correlation of two consecutive frames."""
         across, down = self._reach
         for k, (x, y) in enumerate(self.place):
             left, top = round(x - self._window / 2), round(y - self._window / 2)
@@ -62,7 +62,7 @@ class MeanCorrelation:
             self._pairs[k] += 1
 
     def displacements(self) -> Displacements:
-        """Peak of every summed map, to a part of a pixel."""
+        """Sub-pixel peak of every summed correlation map."""
         shift = np.full((len(self.place), 2), np.nan)
         score = np.zeros(len(self.place))
         for k, (total, pairs) in enumerate(zip(self._sum, self._pairs, strict=True)):
@@ -77,7 +77,7 @@ class MeanCorrelation:
 
 
 def without_outliers(found: Displacements, *, lowest_score: float = 0.2) -> Displacements:
-    """Displacements that differ from the median of the others near by more than their scatter allows are left out.
+    """The displacements with outliers set to NaN.
 
     Normalised median test (Westerweel and Scarano 2005) over the four nearest places.
     """
@@ -97,6 +97,6 @@ def without_outliers(found: Displacements, *, lowest_score: float = 0.2) -> Disp
 
 
 def vertex(three: Array) -> float:
-    """Where, from the middle one of three values, the parabola through them has its top."""
+    """Position of the maximum of the parabola through three values, relative to the middle one."""
     bend = three[0] - 2 * three[1] + three[2]
     return float(0.5 * (three[0] - three[2]) / bend) if bend < 0 else 0.0

@@ -1,8 +1,8 @@
-"""A board of known pattern, photographed where the motion is, takes lens and perspective out of the pictures.
+"""Calibrate lens distortion, perspective and scale with a board photographed in the plane of motion.
 
-The plane is mapped to the picture by a homography followed by radial distortion, fitted to the board's corners alone;
-neither focal length nor the camera's place need be known.  A straightened picture shows that plane, and only that
-plane, as a camera without lens errors would that looks at it squarely: every pixel is as long as any other.
+A homography followed by radial distortion maps the plane to the picture. Both are fitted to the corners of the board;
+focal length and camera position are not needed. A rectified picture shows this plane (and only this plane) as an
+ideal camera with perpendicular view: all pixels have the same size in metres.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ DICTIONARIES = (
     cv2.aruco.DICT_ARUCO_ORIGINAL,
     cv2.aruco.DICT_APRILTAG_36h11,
 )
-FEWEST = 6  # corners of a board that is partly hidden
-FEWEST_FOR_LENS = 12  # corners; fewer do not tell distortion from perspective
-FEWEST_FOR_EDGE = 30  # corners; the fourth power of the radius lives near the rim
-WORST = 1.5  # [px], rms of corners against the fit: a bent board, or one that was misread
-CORNER = 0.1  # [px], what a corner is at best read to
-USUAL_BEND = (0.1, 0.03)  # standard deviations of `Lens.bend`: a board in the middle says little of the picture's rim
+FEWEST = 6  # minimum number of corners of a partly occluded board
+FEWEST_FOR_LENS = 12  # corners; with fewer, distortion and perspective are not separable
+FEWEST_FOR_EDGE = 30  # corners; needed for the r^4 term, which matters only near the picture's border
+WORST = 1.5  # [px], largest rms residual of the corners; above it the board is bent or was misread
+CORNER = 0.1  # [px], smallest standard uncertainty of a corner
+USUAL_BEND = (0.1, 0.03)  # prior standard deviations of `Lens.bend`; a board in the centre constrains it only weakly
 
 
 def straightened(camera: Camera) -> Camera:
-    """The camera with what its board says: the `lens` that straightens its pictures, and their scale.
+    """The camera with `lens` and `scale` from its calibration board; unchanged if it has none.
 
-    Raises `BadInput` where no such board is seen in its photo.
+    Raises `BadInput` if the board is not found in its photo.
     """
     if camera.board is None:
         return camera
@@ -48,7 +48,7 @@ def straightened(camera: Camera) -> Camera:
 
 
 def read_board(board: Board) -> Lens:
-    """Find the board in its photo and fit plane and lens."""
+    """Find the board in its photo and fit homography and distortion."""
     photo, _ = read_photo(board.photo)
     grey = np.asarray(cv2.cvtColor(photo, cv2.COLOR_BGR2GRAY), np.uint8)
     on_board, seen = _FINDERS[board.kind](grey, board)
@@ -65,8 +65,8 @@ def _checkerboard(grey: Image, board: Board) -> tuple[Array, Array]:
         found, corners = cv2.findChessboardCornersSB(grey, inner, flags=cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE)
     if not found:
         raise BadInput(
-            f"{board.photo}: no checkerboard of {board.columns} x {board.rows} squares is seen whole; count squares, "
-            "not inner corners, and show the board with a light margin."
+            f"{board.photo}: no complete checkerboard of {board.columns} x {board.rows} squares was found; give the "
+            "number of squares, not of inner corners, and show the board with a light margin."
         )
     down, across = np.divmod(np.arange(inner[0] * inner[1]), inner[0])
     return np.column_stack([across, down]) * board.square, _points(corners)
@@ -75,7 +75,7 @@ def _checkerboard(grey: Image, board: Board) -> tuple[Array, Array]:
 def _charuco(grey: Image, board: Board) -> tuple[Array, Array]:
     book, _ = _markers(grey, board)
     best: tuple[Array, Array] = np.empty((0, 2)), np.empty((0, 2))
-    for legacy in (False, True):  # boards printed before OpenCV 4.6 begin with the other colour
+    for legacy in (False, True):  # OpenCV before 4.6 drew these boards with the colours swapped
         drawn = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square, board.marker or 0.0, book)
         drawn.setLegacyPattern(legacy)
         corners, ids, _, _ = cv2.aruco.CharucoDetector(drawn).detectBoard(grey)
@@ -83,8 +83,8 @@ def _charuco(grey: Image, board: Board) -> tuple[Array, Array]:
             best = np.asarray(drawn.getChessboardCorners())[ids.ravel(), :2].astype(float), _points(corners)
     if len(best[0]) < FEWEST:
         raise BadInput(
-            f"{board.photo}: {len(best[0])} corners of a ChArUco board of {board.columns} x {board.rows} squares are "
-            "seen; check its numbers of squares, and that the board is sharp and evenly lit."
+            f"{board.photo}: only {len(best[0])} corners of a ChArUco board of {board.columns} x {board.rows} squares "
+            "were found, too few for a fit; check the numbers of squares, focus and lighting."
         )
     return best
 
@@ -96,7 +96,7 @@ def _aruco(grey: Image, board: Board) -> tuple[Array, Array]:
 
 
 def _markers(grey: Image, board: Board) -> tuple[Any, list[Array]]:
-    """The dictionary that most of the markers in view are from, and their corners [px]."""
+    """The dictionary with the most markers found, and the corners of each marker [px], shape (4, 2)."""
     settings = cv2.aruco.DetectorParameters()
     settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     best: tuple[Any, list[Array]] = None, []
@@ -106,7 +106,7 @@ def _markers(grey: Image, board: Board) -> tuple[Any, list[Array]]:
         if len(corners) > len(best[1]):
             best = book, [_points(marker) for marker in corners]
     if not best[1]:
-        raise BadInput(f"{board.photo}: no ArUco marker is seen; show the board sharp, with its white margin.")
+        raise BadInput(f"{board.photo}: no ArUco marker was found; show the board in focus, with its white margin.")
     return best
 
 
@@ -121,16 +121,18 @@ def _points(corners: Any) -> Array:
 
 
 def _fitted(board: Board, on_board: Array, seen: Array, size: tuple[int, int]) -> Lens:
-    """Homography and distortion that put the board's corners [m] where they are seen [px]."""
+    """Fit homography and distortion from board corners [m], shape (n, 2), to picture corners [px], shape (n, 2)."""
     from scipy.optimize import least_squares
 
     middle_of_board = on_board.mean(axis=0)
     across = on_board - middle_of_board
     first, _ = cv2.findHomography(across, seen)
     if first is None or np.linalg.matrix_rank(across) < 2:
-        raise BadInput(f"{board.photo}: the corners seen lie on one line; show more of the board.")
+        raise BadInput(f"{board.photo}: all corners found lie on one line; show more of the board.")
     terms = (len(seen) >= FEWEST_FOR_LENS) + (len(seen) >= FEWEST_FOR_EDGE)
-    unit = math.sqrt(abs(np.linalg.det(first / first[2, 2])))  # [px/m], so that all unknowns are of one size
+    unit = math.sqrt(
+        abs(np.linalg.det(first / first[2, 2]))
+    )  # [px/m], scales all unknowns to the same order of magnitude
     start = np.concatenate([(first / first[2, 2] / [[unit], [unit], [1.0]]).ravel()[:8], np.zeros(terms)])
 
     def residuals(unknown: Array) -> Array:
@@ -143,11 +145,12 @@ def _fitted(board: Board, on_board: Array, seen: Array, size: tuple[int, int]) -
     rms = math.sqrt(float(np.sum(found.fun[: 2 * len(seen)] ** 2)) / freedom)
     if rms > WORST:
         raise BadInput(
-            f"{board.photo}: the corners miss a flat board by {rms:.1f} px; take a flat board, and check its squares."
+            f"{board.photo}: the corners deviate from a flat board by {rms:.1f} px (rms); use a flat board, and check "
+            "its numbers of squares."
         )
     plane, bend = _model(found.x, unit)
-    doubt = _scale_doubt(np.asarray(found.jac), found.x, unit, max(rms, CORNER))
-    return _squarely(plane, bend, size, rms, doubt)
+    uncertainty = _scale_uncertainty(np.asarray(found.jac), found.x, unit, max(rms, CORNER))
+    return _rectified(plane, bend, size, rms, uncertainty)
 
 
 def _model(unknown: Array, unit: float) -> tuple[Array, tuple[float, float]]:
@@ -157,12 +160,12 @@ def _model(unknown: Array, unit: float) -> tuple[Array, tuple[float, float]]:
 
 
 def _local(plane: Array) -> Array:
-    """[px/m] Derivative of the homography where the board's middle is, shape (2, 2)."""
+    """Jacobian of the homography at the board's centre [px/m], shape (2, 2)."""
     return np.asarray((plane[:2, :2] - np.outer(plane[:2, 2], plane[2, :2]) / plane[2, 2]) / plane[2, 2])
 
 
-def _scale_doubt(jacobian: Array, unknown: Array, unit: float, sigma: float) -> float:
-    """Relative standard uncertainty of the scale at the board, from the corners' scatter `sigma` [px]."""
+def _scale_uncertainty(jacobian: Array, unknown: Array, unit: float, sigma: float) -> float:
+    """Relative standard uncertainty of the scale at the board, propagated from the corners' scatter `sigma` [px]."""
 
     def scale(at: Array) -> float:
         return 0.5 * math.log(abs(np.linalg.det(_local(_model(at, unit)[0]))))
@@ -176,15 +179,15 @@ def _scale_doubt(jacobian: Array, unknown: Array, unit: float, sigma: float) -> 
     return math.sqrt(max(float(slope @ spread @ slope), 0.0))
 
 
-def _squarely(plane: Array, bend: tuple[float, float], size: tuple[int, int], rms: float, doubt: float) -> Lens:
-    """The lens whose straight pictures keep size and turn of the pictures where the board was."""
+def _rectified(plane: Array, bend: tuple[float, float], size: tuple[int, int], rms: float, uncertainty: float) -> Lens:
+    """The lens whose rectified pictures keep position, size and rotation of the picture at the board's centre."""
     local = _local(plane)
     left, stretch, right = np.linalg.svd(local)
-    like = left @ right * math.sqrt(stretch[0] * stretch[1])  # the similarity nearest to the true map; may be mirrored
+    like = left @ right * math.sqrt(stretch[0] * stretch[1])  # the similarity closest to the Jacobian; may be mirrored
     middle = plane[:2, 2] / plane[2, 2]
-    back = np.eye(3)  # from pixels of the straight picture to metres on the board
+    back = np.eye(3)  # from pixels of the rectified picture to metres on the board
     back[:2, :2] = np.linalg.inv(like)
     back[:2, 2] = -back[:2, :2] @ middle
     whole = plane @ back
     rows = tuple(tuple(map(float, row)) for row in whole / whole[2, 2])
-    return Lens(size, rows, bend, scale=1 / math.sqrt(stretch[0] * stretch[1]), doubt=doubt, residual=rms)
+    return Lens(size, rows, bend, scale=1 / math.sqrt(stretch[0] * stretch[1]), doubt=uncertainty, residual=rms)

@@ -1,4 +1,4 @@
-"""A camera's roll that is stated, held against the one that the picture shows, and one that only the picture shows."""
+"""Camera roll from level edges in the picture, and checks of a roll stated by the user against them."""
 
 from __future__ import annotations
 
@@ -13,84 +13,89 @@ from rigtwin.lab.arrays import Array
 from rigtwin.lab.quantity import Check
 from rigtwin.measure.geometry.lines import at
 
-STATED_TO = math.radians(0.5)  # nobody reads a camera's lean better
+STATED_TO = math.radians(0.5)  # accuracy of a stated camera roll
 
 
-def roll_check(given: float, seen: float, doubt: float, witness: str) -> Check:
-    """A stated roll against that which a `witness` in the picture shows, with its standard uncertainty [rad]."""
-    passed = abs(given - seen) < max(3 * doubt, STATED_TO)
+def roll_check(given: float, seen: float, sigma: float, witness: str) -> Check:
+    """Check `camera_roll`: stated roll against the one seen in the picture, with its standard uncertainty [rad].
+
+    `witness` names the object that shows the roll, with its verb.
+    """
+    passed = abs(given - seen) < max(3 * sigma, STATED_TO)
     message = (
         f"a camera roll of {math.degrees(given):+.2f} degrees was given, {witness} "
-        f"{math.degrees(seen):+.2f} ± {math.degrees(doubt):.2f}"
+        f"{math.degrees(seen):+.2f} ± {math.degrees(sigma):.2f}"
     )
     ending = (
         "."
         if passed
-        else ": its sign may be wrong (positive when the scene looks turned clockwise), or what is seen there is not "
-        "level, which a spirit level on it tells; where it is, leave --camera-roll out."
+        else ": the sign may be wrong (positive when the scene looks rotated clockwise), or that object is not level. "
+        "Check it with a spirit level; if it is level, leave out --camera-roll."
     )
     return Check("camera_roll", passed, math.degrees(given), math.degrees(seen), message + ending)
 
 
 def upright_checks(upright: Upright) -> list[Check]:
-    """Whether level edges bear out a stated roll, or that they alone show one as no camera on a stand has."""
+    """Check `camera_roll`: a stated roll against level edges, or an implausibly large roll found from edges alone."""
     if upright.source == GIVEN_ROLL:
         return [roll_check(upright.roll, *upright.seen, "the level edges in the picture show")] if upright.seen else []
     turned = math.degrees(upright.roll)
     if abs(turned) <= STURDY:
         return []
     message = (
-        f"the edges taken for level show a camera turned by {turned:+.1f} degrees, as none on a stand is: they "
-        f"may lie aslant; where it was turned so, give --camera-roll {turned:.1f}deg."
+        f"the edges taken as level show a camera roll of {turned:+.1f} degrees, unusually large for a "
+        "camera on a stand: they may not be level. If the camera was rotated like this, give "
+        f"--camera-roll {turned:.1f}deg."
     )
     return [Check("camera_roll", False, turned, 0.0, message)]
 
 
 def nothing_level(upright: Upright) -> str:
-    """What to say where neither a stated roll nor an edge tells how the camera was turned; nothing where one does."""
+    """The warning if the roll is neither stated nor found from edges; otherwise empty."""
     if upright.source != NOT_SEEN:
         return ""
     return (
-        "camera roll: nothing level is seen, the picture was taken as upright, to "
-        f"{math.degrees(upright.sigma):.0f} degrees; give --camera-roll, 0deg where the camera was levelled."
+        "camera roll: no level edge was found; a roll of 0 degrees was assumed, with a standard uncertainty of "
+        f"{math.degrees(upright.sigma):.0f} degrees. Give --camera-roll (0deg if the camera was levelled)."
     )
 
 
-STURDY = 7.0  # [deg], a camera on a stand is not turned by more
+STURDY = 7.0  # [deg], largest plausible roll of a camera on a stand
 
-STEEPEST = 25.0  # [deg], a picture turned by more is seen to be; struts and the walls of a hopper are steeper
+STEEPEST = 25.0  # [deg], steepest edge used; a larger roll is obvious to the user, struts and hopper walls are steeper
 
-SHORTEST = 0.06  # of the picture's width
+SHORTEST = 0.06  # of the picture's width, shortest edge used
 
-LIKE = 0.35  # [deg], edges that differ by less tell of one direction
+LIKE = 0.35  # [deg], width of the vote: edges that differ by less count as parallel
 
-FEWEST = 0.25  # of the picture's width, total length of the edges that must agree
+FEWEST = 0.25  # of the picture's width, minimum total length of the edges that agree
 
-ELSEWHERE = 0.3  # weight of an edge that is not the stand's
+ELSEWHERE = 0.3  # weight of an edge that is not part of the stand
 
-WITHOUT = STURDY / 3  # [deg], how far a camera may be turned where nothing level is seen; few are by thrice that
+WITHOUT = STURDY / 3  # [deg], standard uncertainty of the roll without level edges (STURDY is three of it)
 
 NOT_SEEN = "not seen: the picture is taken as upright"
 
-GIVEN = 0.1  # [deg], doubt of a roll that the user states
+GIVEN = 0.1  # [deg], standard uncertainty of a roll stated by the user
 
-GIVEN_ROLL = "given"  # the source of such a roll
+GIVEN_ROLL = "given"  # `Upright.source` of a stated roll
 
-# [deg], nothing is level to better than this, and a camera that looks slightly aside turns level edges by as much
+# [deg], standard uncertainty of "level": objects are not level to better than this, and an oblique view rotates level
+# edges by about as much
 NOT_LEVEL = 0.2
 
-ROW = 1 / math.sqrt(12)  # [px], how far a codec that holds a border on its row may move the end of an edge
+ROW = 1 / math.sqrt(12)  # [px], standard uncertainty of an edge's end that a codec rounds to a pixel row
 
 
 @dataclass(frozen=True)
 class Upright:
-    """How the camera was turned about its axis."""
+    """Camera roll (rotation about the optical axis)."""
 
-    roll: float  # [rad], positive when the scene looks turned clockwise in the picture
-    sigma: float  # [rad], one standard deviation
-    source: str  # what it was told from
+    roll: float  # [rad], positive when the scene looks rotated clockwise in the picture
+    sigma: float  # [rad], standard uncertainty
+    source: str  # origin of the value
     edges: Array  # [px], shape (n, 4): x1, y1, x2, y2 of the level edges found
-    seen: tuple[float, float] | None = None  # [rad], the roll that the edges show, and its doubt; None: none are seen
+    seen: tuple[float, float] | None = None  # [rad], roll from the edges and its standard uncertainty; None: no edges
 
 
 def upright(
@@ -100,9 +105,9 @@ def upright(
     stand: npt.NDArray[np.bool_] | None = None,
     apart_from: npt.NDArray[np.bool_] | None = None,
 ) -> Upright:
-    """The camera's roll from level edges in a grey picture of the still scene; `given` [rad] goes before.
+    """The camera's roll from level edges in a grey picture of the background; `given` [rad] overrides it.
 
-    `stand` marks where what is known to be level is; edges elsewhere count less.  Edges in `apart_from` do not count.
+    `stand` marks objects known to be level, edges elsewhere have less weight. Edges in `apart_from` are ignored.
     """
     none = np.empty((0, 4))
     if given is not None:
@@ -116,8 +121,8 @@ def upright(
     angle = np.degrees(np.arctan2(found[:, 3] - found[:, 1], found[:, 2] - found[:, 0]))
     length = np.hypot(found[:, 2] - found[:, 0], found[:, 3] - found[:, 1])
     trust = np.where(_at_middle(found, stand), 1.0, ELSEWHERE) if stand is not None else np.ones(len(found))
-    # many edges that agree tell more than one long and clear one, which may lie on a border of the codec's blocks; a
-    # faint one may be a shadow's
+    # the square root limits the weight of contrast: a single clear edge may be a block border of the codec, so several
+    # agreeing edges must outweigh it; faint edges may be shadows
     weight = trust * length * np.sqrt(_clearness(picture, found)) * _as_on_a_stand(angle)
     middle = float(angle[int(np.argmax(_votes(angle, angle, weight)))])
     for _ in range(5):
@@ -137,22 +142,22 @@ def upright(
 
 
 def _as_on_a_stand(angle: Array) -> Array:
-    """How likely a camera is turned by so much [deg]: what lies more aslant is rather no level thing."""
+    """Prior weight of a roll angle [deg]: steeper edges are less likely to be level objects."""
     return np.asarray((np.maximum(np.abs(angle), STURDY) / STURDY) ** -2.0)
 
 
 def _like(apart: Array) -> Array:
-    """How far directions that are so far apart [deg] are the same one."""
+    """Gaussian similarity of two directions with this difference [deg]."""
     return np.asarray(np.exp(-0.5 * (apart / LIKE) ** 2))
 
 
 def _votes(directions: Array, angle: Array, weight: Array) -> Array:
-    """What edges of these angles [deg] say for each of these directions [deg]."""
+    """Sum of the edges' weights for each direction [deg], shape (len(directions),)."""
     return np.asarray((weight[None, :] * _like(directions[:, None] - angle[None, :])).sum(axis=1))
 
 
 def _disagreement(angle: Array, weight: Array, agree: npt.NDArray[np.bool_], middle: float) -> float:
-    """[deg], by which edges of another direction may be the level ones: a rival of half the votes by a quarter."""
+    """Uncertainty [deg] from edges with another direction: share of votes squared times difference of the angles."""
     if agree.all():
         return 0.0
     most = float(_votes(np.array([middle]), angle, weight)[0])
@@ -165,14 +170,14 @@ def _at_middle(found: Array, marked: npt.NDArray[np.bool_]) -> npt.NDArray[np.bo
 
 
 def _share_in(found: Array, marked: npt.NDArray[np.bool_]) -> Array:
-    """How much of each edge lies where it is marked: a table's edge goes on to both sides of the drum above it."""
+    """Share of each edge inside the mask, shape (n,); e.g. a table's edge extends beyond the drum in front of it."""
     along = np.linspace(0, 1, 24)[:, None, None]
     places = found[:, :2] + along * (found[:, 2:4] - found[:, :2])
     return np.asarray(at(marked, places.reshape(-1, 2)).reshape(len(along), -1).mean(axis=0))
 
 
 def _clearness(picture: npt.NDArray[np.float32], found: Array) -> Array:
-    """Brightness step across every edge, 1 for the clearest one, shape (n,)."""
+    """Brightness gradient across every edge relative to the strongest one, shape (n,)."""
     slope = np.abs(cv2.Sobel(cv2.GaussianBlur(picture, (0, 0), 1.5), cv2.CV_32F, 0, 1, scale=1 / 8))
     steps = []
     for x1, y1, x2, y2 in found:
@@ -185,11 +190,11 @@ def _clearness(picture: npt.NDArray[np.float32], found: Array) -> Array:
 
 def _edges(picture: npt.NDArray[np.float32]) -> Array:
     """Nearly level straight edges, shape (n, 4)."""
-    # a dark film shows its edges as well as a bright one
+    # normalise the contrast, so that dark recordings work as well as bright ones
     low, high = (float(each) for each in np.percentile(picture, (1, 99)))
     grey = np.clip(np.rint((picture - low) * 255 / max(high - low, 8.0)), 0, 255).astype(np.uint8)
     detector = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD)
-    lines: object = detector.detect(grey)[0]  # None where there is no line, whatever the stubs say
+    lines: object = detector.detect(grey)[0]  # None without lines, contrary to the type stubs
     if lines is None:
         return np.empty((0, 4))
     segments = np.asarray(lines, dtype=np.float64).reshape(-1, 4)
@@ -203,7 +208,7 @@ def _edges(picture: npt.NDArray[np.float32]) -> Array:
 
 
 def _sharpened(picture: npt.NDArray[np.float32], segment: Array) -> Array:
-    """The same edge, laid through the places of steepest brightness across it (the detector's ends are rough)."""
+    """The same edge refined by a robust line through the steepest gradients (the detector's ends are inaccurate)."""
     x = np.linspace(segment[0], segment[2], max(int(segment[2] - segment[0]), 8))
     y = np.interp(x, segment[[0, 2]], segment[[1, 3]])
     across = np.arange(-3.0, 3.5, 0.5)

@@ -1,3 +1,5 @@
+"""Robust circle fit."""
+
 from __future__ import annotations
 
 import math
@@ -8,10 +10,16 @@ from rigtwin.lab.arrays import Array
 
 
 def fit_circle(points: Array) -> tuple[Array, float]:
-    """Centre and radius of the circle through an arc, robust against single wild points."""
+    """Centre [shape (2,)] and radius of the circle through points of an arc, shape (n, 2); robust against outliers.
+
+    >>> angle = np.linspace(0, 2, 20)
+    >>> centre, radius = fit_circle(np.column_stack([3 + 5 * np.cos(angle), 4 + 5 * np.sin(angle)]))
+    >>> centre.round(6).tolist(), round(radius, 6)
+    ([3.0, 4.0], 5.0)
+    """
     from scipy.optimize import least_squares
 
-    # x^2 + y^2 = 2 a x + 2 b y + c is linear; its bias towards small circles is undone by the second, geometric fit
+    # the algebraic fit x^2 + y^2 = 2 a x + 2 b y + c is biased towards small circles; the geometric fit removes this
     middle = points.mean(axis=0)
     near = points - middle
     a, b, c = np.linalg.lstsq(np.column_stack([2 * near, np.ones(len(near))]), np.sum(near * near, axis=1), rcond=None)[

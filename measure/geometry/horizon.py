@@ -1,7 +1,7 @@
-"""The horizontal in a picture, from the long level edges of the base plate under a rig.
+"""Direction of the horizontal in a picture, from long level edges such as those of the base plate under a rig.
 
-Edges that are parallel in space run together in the picture when the camera looks at them slightly from the side: their
-slope then changes steadily with their height in the picture.  The level at another height follows from that.
+If the camera looks slightly from the side, edges that are parallel in space converge in the picture: their slope
+changes linearly with the picture row. The fit of slope against row gives the horizontal at any height.
 """
 
 from __future__ import annotations
@@ -15,29 +15,29 @@ import numpy.typing as npt
 from rigtwin.lab.arrays import Array, FloatImage
 from rigtwin.measure.geometry.lines import Line, long_lines
 
-MOST_ROLL = math.radians(8)
-SIDEWAYS = math.radians(2.0)  # usual angle between the camera's view and the normal of the rig's plane
-FOCAL_WIDTHS = 1.6  # usual focal length in picture widths: enough to say how fast parallel edges may run together
-NOT_QUITE = math.radians(0.012)  # how straight and parallel the edges of a plate are
-ELSEWHERE = math.radians(0.15)  # how level and parallel to the rig the edges of other things are: a shelf, a scale
-ALONE = math.radians(0.5)  # the same, where no edge of the plate is seen
-FAINT = 0.35  # strength of an edge of the plate over that of the strongest
-POOR = math.radians(0.06)  # an edge whose direction is less certain is no edge of a plate
-ODD = 4.0  # times its uncertainty, that an edge counts as off at most
-PARALLEL = math.radians(0.7)  # edges that differ more are not taken for parallel
+MOST_ROLL = math.radians(8)  # largest slope of an edge that counts as level
+SIDEWAYS = math.radians(2.0)  # prior standard deviation of the angle between view and normal of the rig's plane
+FOCAL_WIDTHS = 1.6  # typical focal length in picture widths; sets the prior of the convergence
+NOT_QUITE = math.radians(0.012)  # standard uncertainty of straightness and parallelism of a plate's edges
+ELSEWHERE = math.radians(0.15)  # the same for edges of other objects (a shelf, a scale), level and parallel to the rig
+ALONE = math.radians(0.5)  # the same if no edge of the plate is found
+FAINT = 0.35  # minimum strength of a plate's edge relative to the strongest one
+POOR = math.radians(0.06)  # largest standard uncertainty of an edge's direction
+ODD = 4.0  # residuals are clipped at this many standard uncertainties
+PARALLEL = math.radians(0.7)  # largest difference between edges that count as parallel
 
 
 @dataclass(frozen=True)
 class Level:
-    """How the horizontal runs through a picture."""
+    """Slope of the horizontal as a linear function of the picture row."""
 
-    slope: float  # [rad], through the picture's middle, positive where it falls to the right
+    slope: float  # [rad], at the picture's centre, positive if it falls to the right
     slope_sigma: float  # [rad]
     converging: float  # [rad/px], change of the slope per row downwards
     converging_sigma: float  # [rad/px]
-    lines: tuple[Line, ...]  # the edges it rests on
-    centre: tuple[float, float]  # [px], of the picture
-    covariance: float = 0.0  # [rad^2/px], between slope and converging
+    lines: tuple[Line, ...]  # edges used in the fit
+    centre: tuple[float, float]  # [px], centre of the picture
+    covariance: float = 0.0  # [rad^2/px], of slope and converging
 
     def at(self, row: float) -> tuple[float, float]:
         """Slope of the horizontal and its standard uncertainty [rad] at a row [px] of the picture."""
@@ -49,9 +49,10 @@ class Level:
 def find_level(
     picture: FloatImage, still: npt.NDArray[np.bool_], below: float, converging: tuple[float, float] | None = None
 ) -> Level | None:
-    """The horizontal of a still scene; `still` marks pixels that nothing moves over, `below` [px] is the lowest row
-    that cannot belong to the base plate, `converging` what other parallel edges say of their convergence, with its
-    standard uncertainty [rad/px].  None when no long level edge is seen.
+    """The horizontal of a static background; None if no long level edge is found.
+
+    `still` marks pixels without moving objects. `below` [px] is the lowest row that cannot belong to the base plate.
+    `converging` is the convergence from other parallel edges with its standard uncertainty [rad/px].
     """
     lines = long_lines(picture, still, steepest=MOST_ROLL, shortest=0.3 * picture.shape[1], most=24)
     lines = [line for line in lines if line.sigma < POOR]
@@ -59,16 +60,16 @@ def find_level(
         return None
     height, width = picture.shape
     strongest = max((line.strength for line in lines if line.middle[1] > below), default=0.0)
-    # faint lines below the rig are the grain of a table or a shadow's border
+    # faint lines below the rig are wood grain of a table or borders of shadows
     plate = np.array([line.middle[1] > below and line.strength > FAINT * strongest for line in lines])
-    doubt = np.where(plate, NOT_QUITE, ELSEWHERE) if np.any(plate) else np.full(len(lines), ALONE)
+    systematic = np.where(plate, NOT_QUITE, ELSEWHERE) if np.any(plate) else np.full(len(lines), ALONE)
     centre = ((width - 1) / 2, (height - 1) / 2)
     usual = 0.0, math.tan(SIDEWAYS) / (FOCAL_WIDTHS * width)
-    return _fit(lines, doubt, centre, usual if converging is None else _combined(usual, converging))
+    return _fit(lines, systematic, centre, usual if converging is None else _combined(usual, converging))
 
 
 def level_of(lines: list[Line], shape: tuple[int, ...], given: float | None = None) -> Level:
-    """The direction that long edges share, and how it changes from row to row; `given` [rad] where it is known."""
+    """Common direction of long edges and its change per row; `given` is the slope [rad] if known."""
     height, width = shape[:2]
     centre = ((width - 1) / 2, (height - 1) / 2)
     usual = 0.0, math.tan(SIDEWAYS) / (FOCAL_WIDTHS * width)
@@ -85,16 +86,20 @@ def _combined(one: tuple[float, float], other: tuple[float, float]) -> tuple[flo
     return float(weight @ [one[0], other[0]] / weight.sum()), 1 / math.sqrt(float(weight.sum()))
 
 
-def _fit(lines: list[Line], doubt: Array, centre: tuple[float, float], usual: tuple[float, float]) -> Level:
-    """Slope against row, robust, with what is usual for the convergence."""
+def _fit(lines: list[Line], systematic: Array, centre: tuple[float, float], usual: tuple[float, float]) -> Level:
+    """Robust line fit of slope against row.
+
+    `systematic` is the uncertainty of each edge as a horizontal [rad], `usual` the prior of the convergence: mean and
+    standard deviation [rad/px].
+    """
     rows = np.array([line.middle[1] - centre[1] for line in lines])
     slopes = np.array([line.slope for line in lines])
-    sigma = np.hypot([line.sigma for line in lines], doubt)
+    sigma = np.hypot([line.sigma for line in lines], systematic)
     worth = np.array([line.length * min(line.strength, 10.0) for line in lines]) / sigma
-    # the direction that most edges share
+    # start from the direction with the largest total weight
     leader = slopes[int(np.argmax([np.sum(worth * (np.abs(slopes - s) < PARALLEL)) for s in slopes]))]
     kept = np.abs(slopes - leader) < PARALLEL
-    rows, slopes, sigma, doubt = rows[kept], slopes[kept], sigma[kept], doubt[kept]
+    rows, slopes, sigma, systematic = rows[kept], slopes[kept], sigma[kept], systematic[kept]
     lines = [line for line, keep in zip(lines, kept, strict=True) if keep]
     usual_weight = np.ones(len(lines))
     design = np.column_stack([np.ones_like(rows), rows])
@@ -105,10 +110,10 @@ def _fit(lines: list[Line], doubt: Array, centre: tuple[float, float], usual: tu
         answer = covariance @ (design.T @ (w * slopes) + np.array([0.0, usual[0] / usual[1] ** 2]))
         miss = np.abs(slopes - design @ answer) / sigma
         usual_weight = 1 / (1 + (miss / 3) ** 2) ** 2
-    if len(lines) > 2:  # edges that do not run together tell less than each of them would
+    if len(lines) > 2:  # scale the covariance by the reduced chi-square if the edges disagree
         covariance = covariance * max(1.0, float(np.sum(np.minimum(miss, ODD) ** 2)) / (len(lines) - 2))
-    # edges of one plate share its flaws: their number does not average these out
-    own = math.hypot(math.sqrt(covariance[0, 0]), float(doubt.min()) / 2)
+    # edges of one plate share its systematic errors, which do not average out
+    own = math.hypot(math.sqrt(covariance[0, 0]), float(systematic.min()) / 2)
     return Level(
         float(answer[0]),
         own,

@@ -1,4 +1,4 @@
-"""Long straight edges in a picture: found by a Hough vote of the edge pixels, laid to a fraction of a pixel."""
+"""Long straight edges in a picture: Hough transform of the edge pixels, then sub-pixel refinement."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, FloatImage
 
-STEP = math.radians(0.1)  # of the vote
+STEP = math.radians(0.1)  # angular resolution of the Hough transform
 
 
 @dataclass(frozen=True)
 class Line:
-    """A straight edge that runs from left to right."""
+    """A straight edge from left to right."""
 
     start: tuple[float, float]  # [px]
     end: tuple[float, float]  # [px]
-    sigma: float  # [rad], of its slope
-    strength: float  # [grey/px]
+    sigma: float  # [rad], standard uncertainty of the slope
+    strength: float  # [grey/px], median gradient
 
     @property
     def middle(self) -> tuple[float, float]:
@@ -34,12 +34,12 @@ class Line:
 
     @property
     def slope(self) -> float:
-        """[rad], positive where the line falls to the right."""
+        """[rad], positive if the line falls to the right."""
         return math.atan2(self.end[1] - self.start[1], self.end[0] - self.start[0])
 
 
 def gradient(picture: FloatImage, blur: float = 1.2) -> tuple[FloatImage, FloatImage]:
-    """Change of grey per pixel to the right and down, of the picture smoothed by `blur` pixels."""
+    """Gradient [grey/px] to the right and downwards of the picture smoothed by a Gaussian of sigma `blur` [px]."""
     smooth = cv2.GaussianBlur(picture, (0, 0), blur)
     return (
         np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8), dtype=np.float32),
@@ -50,7 +50,10 @@ def gradient(picture: FloatImage, blur: float = 1.2) -> tuple[FloatImage, FloatI
 def long_lines(
     picture: FloatImage, usable: npt.NDArray[np.bool_], *, steepest: float, shortest: float, most: int
 ) -> list[Line]:
-    """Edges within `steepest` [rad] of the rows and at least `shortest` px long, the clearest first."""
+    """At most `most` edges with |slope| below `steepest` [rad] and length above `shortest` [px], best first.
+
+    `usable` marks the pixels to search.
+    """
     slope_x, slope_y = gradient(picture)
     strength = np.hypot(slope_x, slope_y)
     noise = max(3.0 * float(np.median(strength)), 0.4)
@@ -73,13 +76,13 @@ def _lines_of(
     shortest: float,
     most: int,
 ) -> list[Line]:
-    """Lines of edges of one sign, peak by peak."""
+    """Lines with one sign of the gradient, from the highest peaks of the Hough transform."""
     height, width = change.shape
     angles = np.arange(-steepest, steepest + STEP / 2, STEP)
     rows = 3 * height
     table = np.zeros((len(angles), rows), dtype=np.float32)
     for k, angle in enumerate(angles):
-        # the row at which the line crosses the picture's middle
+        # the row at which the line crosses the picture's centre column
         row = np.rint(y - (x - width / 2) * math.tan(angle)).astype(np.int64) + height
         table[k] = np.bincount(np.clip(row, 0, rows - 1), weights=weight, minlength=rows)
     table = cv2.blur(table, (3, 1)) * 3
@@ -91,13 +94,13 @@ def _lines_of(
         line = _laid(change, float(angles[k]), float(row) - height, shortest)
         if line is not None and not any(abs(line.middle[1] - other.middle[1]) < 3 for other in found):
             found.append(line)
-        # nothing else may be made of the same pixels: clear what crosses near there at nearly the same slope
+        # clear the surroundings of the peak, so that the same pixels give no second line
         table[max(k - 20, 0) : k + 21, max(row - 5, 0) : row + 6] = 0.0
     return found
 
 
 def _laid(change: FloatImage, angle: float, row: float, shortest: float) -> Line | None:
-    """The line near a peak of the vote, to a fraction of a pixel."""
+    """Sub-pixel line near a peak of the Hough transform; None if it is too short or too ragged."""
     width = change.shape[1]
     x = np.arange(4.0, width - 4.0)
     reach = np.arange(-4.0, 5.0)
@@ -129,7 +132,10 @@ def _laid(change: FloatImage, angle: float, row: float, shortest: float) -> Line
 
 
 def straight(x: Array, y: Array, weight: Array) -> tuple[tuple[float, float], float, float]:
-    """Robust line through points: offset and slope, standard error of the slope, share of the points on the line."""
+    """Robust line fit: (offset, slope), standard uncertainty of the slope, share of inliers.
+
+    `x`, `y` and `weight` have shape (n,).
+    """
     usual = np.ones_like(y)
     offset, slope, miss, scale = 0.0, 0.0, np.abs(y), 1.0
     for _ in range(12):
@@ -142,15 +148,15 @@ def straight(x: Array, y: Array, weight: Array) -> tuple[tuple[float, float], fl
         scale = max(1.4826 * float(np.median(miss)), 0.05)
         usual = 1 / (1 + (miss / (2.5 * scale)) ** 2) ** 2
     w = weight * usual
-    # neighbouring pixels share texture and compression: some ten columns tell as much as one
+    # residuals of neighbouring columns are correlated (texture, compression): ten columns count as one independent one
     sigma = scale * math.sqrt(10 * float(w @ (w * (x - w @ x / w.sum()) ** 2))) / float(w @ (x - w @ x / w.sum()) ** 2)
     return (offset, slope), sigma, float(np.mean(miss < 3 * scale))
 
 
 def fullest_run(kept: npt.NDArray[np.bool_], gap: int) -> tuple[int, int] | None:
-    """First and last index of the run that holds most of what is kept, across gaps of up to `gap`.
+    """First and last index of the run with the most marked entries; gaps up to `gap` are bridged.
 
-    Not of the widest: a row of specks reaches far, and an edge or a heap fills its columns.
+    Not the widest run: a row of scattered specks may be wider, but an edge or a heap has more marked entries.
     """
     places = np.flatnonzero(kept)
     if len(places) == 0:
@@ -160,6 +166,6 @@ def fullest_run(kept: npt.NDArray[np.bool_], gap: int) -> tuple[int, int] | None
 
 
 def at(picture: npt.NDArray[Any], points: Array) -> npt.NDArray[Any]:
-    """Values of the pixels at points x, y, shape (n, 2), or of the nearest ones inside the picture."""
+    """Values of the pixels nearest to points (x, y), shape (n, 2); points outside are moved to the border."""
     x, y = (np.clip(np.rint(points[:, k]).astype(np.int64), 0, picture.shape[1 - k] - 1) for k in (0, 1))
     return np.asarray(picture[y, x])

@@ -1,0 +1,17 @@
+"""Read videos and photos.
+
+- `video.py`: `open_video`, `Video`, `Frame`
+- `photo.py`: `read_photo`
+- `sources.py`: choose the reader for a file or folder; `Straight` corrects lens and perspective
+- `video_file.py`: video files through FFmpeg, with a cache of decoded pictures
+- `image_stack.py`: folders of numbered pictures, multi-page TIFF files
+- `photron.py`: Photron recordings (.cihx, .cih, .mraw)
+- `pictures.py`: bit depth, brightness, colour, pixel aspect ratio, rotation; interface `Source`
+- `time_base.py`: capture times from time stamps and frame rates
+- `duplicate_frames.py`: detect and remove repeated frames
+- `frame_loss.py`: lost frames and corrected times
+- `compression.py`: check of the bits per pixel
+- `truncation.py`: detect truncated video files
+- `undistort.py`: lens distortion and perspective correction
+- `validation.py`: refusal of missing files and of places outside the picture
+"""

@@ -1,4 +1,4 @@
-"""Whether a film has bits enough to show what is faint: a codec that has not leaves it standing still."""
+"""Detect over-compressed video (bits per pixel); the codec freezes low-contrast motion."""
 
 from __future__ import annotations
 
@@ -9,33 +9,33 @@ from rigtwin.measure.media.video import Video
 
 
 def compression_check(video: Video, least: float, moving: float = 1.0, few: float = 0.0) -> Check:
-    """`compression`, by the bits that a picture's pixels have on the average; `least` is what the rig's film needs.
+    """Check `compression`: mean bits per pixel against `least`, the minimum that the rig's recording needs.
 
-    Where `moving` is the share of the picture that changes, by the bits of these pixels: a codec spends next to none on
-    what stays.  With less than `few` of them times need a frame of doubt, which is for whoever asks to put there.
+    `moving` is the share of the picture that changes. The bits are then counted per changing pixel, because a codec
+    spends almost none on the still rest. If bpp < `few`, the caller adds one frame to the timing uncertainty.
     """
     if not video.path.is_file():
-        return Check("compression", True, math.inf, least, "pictures in a folder leave nothing out.")
+        return Check("compression", True, math.inf, least, "a folder of pictures is not video-compressed.")
     bits = _bits(video) / moving
     passed = bits > least
     ending = "."
     if not passed:
-        ending = ": so few that faint things stand still in it for a frame or more; give the original."
+        ending = ": too few; low-contrast motion freezes for a frame or more. Give the original file."
     elif bits < few:
-        ending = ": few, so that faint things may stand still in it for a frame, which is in the doubt of its times."
-    where = "" if moving == 1 else " of what moves"
+        ending = ": few; low-contrast motion may freeze for a frame. The timing uncertainty includes one frame."
+    where = "" if moving == 1 else " of the moving part"
     return Check("compression", passed, bits, least, f"the clip has {bits:.3g} bits per pixel{where}{ending}")
 
 
 def by_bits(video: Video) -> str:
-    """What to do where a codec may have left out what is looked for, with the bits by which one can judge it."""
+    """Advice for a recording in which compression may hide the searched event, with its bits per pixel."""
     if not video.path.is_file():
         return ""
     return (
-        f" If one does, strong compression ({_bits(video):.2g} bits per pixel here) has smeared it: give the original."
+        f" If one does, strong compression ({_bits(video):.2g} bits per pixel here) hides it: give the original file."
     )
 
 
 def _bits(video: Video) -> float:
-    """Bits that a picture's pixels have on the average."""
+    """Mean bits per pixel of the file."""
     return 8 * video.path.stat().st_size / (video.width * video.height * max(len(video.times), 1))

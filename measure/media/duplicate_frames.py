@@ -1,6 +1,6 @@
-"""Frames that only repeat the one before them: a film of 120 pictures a second stored as one of 240, say.
+"""Detect frames that repeat the previous one, e.g. a 120 Hz recording stored at 240 Hz.
 
-Where something moves, a repeated frame stands out: nothing has changed in it, although everything around it has.
+While something moves, a repeated frame is recognised by its zero change between frames that do change.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from rigtwin.measure.media.pictures import Picture, Source
 from rigtwin.measure.media.time_base import SAME_RATE
 from rigtwin.measure.media.video import Video
 
-COARSE = 4  # pixels of a frame in one of the coarser picture, across
-LARGE = 1_000_000  # [px], of a picture
-CLOSE = 0.1  # by which the share that is found may differ from the one that two rates tell
-IN_STEP = 0.9  # share of the doubled frames that one steady rate must explain
+COARSE = 4  # downsampling factor per axis
+LARGE = 1_000_000  # [px], picture size above which downsampling is done by two halvings
+CLOSE = 0.1  # largest difference between the share of repeats found and the share expected from the two frame rates
+IN_STEP = 0.9  # share of the repeated frames that one constant rate must explain
 
 
 def coarse(grey: GreyImage) -> GreyImage:
-    """The picture a quarter as large: a moving bead changes some cell of it much, noise changes all a little."""
-    if grey.size > LARGE:  # halving is much quicker than anything else
-        # a sum reads the picture in order, which a processor foresees; halving takes two rows at once, and would wait
+    """The picture at a quarter of its size: a moving bead changes a few cells strongly, noise all cells weakly."""
+    if grey.size > LARGE:  # halving is the fastest resize
+        # the sum reads the picture sequentially into the cache; halving reads two rows at once and would stall
         cv2.sumElems(grey)
         half = cv2.resize(grey, (grey.shape[1] // 2, grey.shape[0] // 2), interpolation=cv2.INTER_AREA)
         grey = np.asarray(half, dtype=np.uint8)
@@ -37,7 +37,7 @@ def coarse(grey: GreyImage) -> GreyImage:
 
 
 class Repeats:
-    """Takes the frames of a clip one by one, then says which of them repeat the one before."""
+    """Collect the frames of a clip one by one, then list those that repeat the previous one."""
 
     def __init__(self) -> None:
         self._last: GreyImage | None = None
@@ -45,20 +45,20 @@ class Repeats:
         self._changes: list[float] = []
 
     def add(self, index: int, small: GreyImage) -> None:
-        """See the next frame, made `coarse`."""
+        """Add the next frame, already reduced by `coarse`."""
         if self._last is not None:
             self._indices.append(index)
             self._changes.append(float(np.max(cv2.absdiff(small, self._last))))
         self._last = small
 
     def frames(self) -> frozenset[int]:
-        """Numbers of the repeated frames; none where there are only a few."""
+        """Indices of the repeated frames; empty if there are only a few."""
         marked = repeated(np.array(self._changes), noise=2.0)
         return frozenset(int(index) for index, mark in zip(self._indices, marked, strict=True) if mark)
 
 
 def without_repeats(video: Video, progress: Progress = silent) -> Video:
-    """The video that skips such frames."""
+    """The video without repeated frames."""
     repeats = Repeats()
     for frame in video.frames():
         repeats.add(frame.index, coarse(frame.grey))
@@ -67,22 +67,22 @@ def without_repeats(video: Video, progress: Progress = silent) -> Video:
 
 
 def at_its_pace(video: Video, progress: Progress = silent) -> Video:
-    """The video without doubled frames, looked for only where it plays faster than it is said to be captured."""
+    """The video without repeated frames; they are searched only if the playback rate exceeds the capture rate."""
     return without_repeats(video, progress) if video.frame_rate < (1 - SAME_RATE) * video.playback_rate else video
 
 
 def _by_those_that_remain(video: Video, doubled: frozenset[int]) -> Video:
     skipped = video.skipped | doubled
     apart = np.diff(sorted(doubled))
-    apart = apart[apart <= SELDOM]  # where nothing moves they are not seen
+    apart = apart[apart <= SELDOM]  # repeats are invisible while nothing moves; larger gaps come from there
     if len(apart) == 0 or abs(video.frame_rate / video.playback_rate - 1) < SAME_RATE:
-        return replace(video, skipped=skipped)  # a file that plays as fast as it was captured has true time stamps
+        return replace(video, skipped=skipped)  # playback at the capture rate: the time stamps are true times
     share, stored = 1 / float(np.mean(apart)), 1 - video.frame_rate / video.playback_rate
-    # a few are missed where little moves: the two rates tell the share to the digit where it is about that
+    # some repeats are missed where little moves; if the share found agrees with the two rates, theirs is exact
     share = stored if abs(share - stored) < CLOSE else 1 / float(np.median(apart))
     note = (
-        f"doubled frames: about {100 * share:.0f} % repeat the one before and were left out; the time runs by those "
-        "that remain, at the capture rate as given."
+        f"doubled frames: about {100 * share:.0f} % repeat the previous one and were left out; the remaining frames "
+        "are timed at the given capture rate."
     )
     warnings = (*video.warnings, note)
     beat = _in_step(video.times * video.frame_rate * (1 - share), doubled)
@@ -103,10 +103,10 @@ def _by_those_that_remain(video: Video, doubled: frozenset[int]) -> Video:
 
 
 def _in_step(taken: Array, doubled: frozenset[int]) -> Array | None:
-    """Numbers of the captured frames that the stored ones show, where these play them at one steady rate.
+    """Captured frame number of each stored frame, shape (n,), if one constant rate explains the repeats; else None.
 
-    At each moment the last frame `taken` until then is shown, so that doubled frames tell the beat of all, also where
-    nothing moves; from one to the next it is a whole interval then, and not the shorter one of the file.
+    The file shows the last frame captured so far, so stored frame i shows floor(taken_i + phase). The repeats found
+    fix the phase for all frames, also while nothing moves. `taken` is the time in capture intervals, shape (n,).
     """
     seen = np.array(sorted(doubled))
     phases = np.arange(0.0, 1.0, 0.01)
@@ -117,7 +117,7 @@ def _in_step(taken: Array, doubled: frozenset[int]) -> Array | None:
 
 
 class _Captured:
-    """The pictures of a source that were captured one by one, numbered anew."""
+    """The distinct pictures of a source, renumbered."""
 
     def __init__(self, source: Source, kept: list[int]) -> None:
         self.source, self.kept = source, kept

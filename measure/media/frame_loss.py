@@ -1,4 +1,4 @@
-"""Lost and repeated frames: what a record of one has, and which steps of a clip repeat the frame before."""
+"""Lost and repeated frames of a recording, and the times corrected for them."""
 
 from __future__ import annotations
 
@@ -9,36 +9,36 @@ import numpy as np
 
 from rigtwin.lab.arrays import Array, Mask
 
-MOST = 3  # places in a record: where more are torn, its times are not worth mending
+MOST = 3  # places in a record; with more losses its times are not corrected
 
-WILD = 5.0  # times the noise, more than which a point does not count: it may show something else
+WILD = 5.0  # outlier limit in noise standard deviations; such a point may show another object
 
-SELDOM = 6  # frames: the slowest of the usual doublings is every sixth
-LEAST_SHARE = 0.15  # of the moving frames: single ones may be a bead that passes the same place up and down
-RHYTHM = 0.5  # share of the gaps between them that are one and the same, from which on they follow a rhythm
-IN_RHYTHM = 0.5  # share of those in a rhythm that is seen: a codec changes some, and slow steps hide some
+SELDOM = 6  # frames; largest usual distance between repeated frames (every sixth)
+LEAST_SHARE = 0.15  # minimum share of the moving frames; a single one may be a bead near the top of its flight
+RHYTHM = 0.5  # share of equal gaps above which the repeats count as periodic
+IN_RHYTHM = 0.5  # minimum share found of a periodic pattern; the codec alters some repeats, slow motion hides some
 
 
 @dataclass(frozen=True)
 class Loss:
-    """A place in a record where frames are lost, or one is shown twice."""
+    """A place in a record where frames are lost or repeated."""
 
-    index: int  # of the first point after it
-    frames: int  # lost; negative: shown twice
-    time: float  # [s], of that point as the record tells it
-    shift: float  # [s], by which all that follows is late
-    at_contact: bool  # told by where the flights meet alone
-    sure: bool = True  # whether nothing else could look the same; else times are not to be moved
+    index: int  # of the first point after the loss
+    frames: int  # number of lost frames; negative: repeated frames
+    time: float  # [s], recorded time of that point
+    shift: float  # [s], added to the times of all later points
+    at_contact: bool  # found only from the intersection of two flights
+    sure: bool = True  # no other cause is possible; otherwise the times must not be shifted
 
     @property
     def in_words(self) -> str:
-        """What the camera did, before which point."""
+        """Number and kind of the frames, for messages."""
         count = abs(self.frames)
         return f"{count} frame{'s' * (count > 1)} {'shown twice' if self.frames < 0 else 'lost'}"
 
 
 def in_time(time: Array, losses: Iterable[Loss]) -> Array:
-    """[s], with all that comes after a sure loss moved on by the frames that are lost, or back."""
+    """Times [s], shape (n,), with all points after each certain loss shifted by its `shift`."""
     moved = time.copy()
     for loss in losses:
         if loss.sure:
@@ -47,9 +47,9 @@ def in_time(time: Array, losses: Iterable[Loss]) -> Array:
 
 
 def repeated(changes: Array, *, noise: float = 0.0) -> Mask:
-    """Which of the steps from frame to frame are none, although there are some right before and after.
+    """Mark the frames without change, shape (n,), whose neighbours before and after do change.
 
-    `changes` says how much changes in each step, shape (n,), `noise` how much may where nothing moves.
+    `changes` is the change of each frame against the previous one, shape (n,); `noise` is the largest change at rest.
     """
     none = np.zeros(len(changes), dtype=bool)
     if len(changes) < 8:
@@ -59,12 +59,12 @@ def repeated(changes: Array, *, noise: float = 0.0) -> Mask:
     around = np.minimum(before, after)
     calm = max(1.5 * float(np.percentile(changes, 5)), noise)
     moving = around > 4 * calm
-    # at the top of a flight steps shrink evenly: half a step beside two and a half is the nearest they come to this
+    # at the apex of a flight steps shrink linearly: there the smallest step is still 0.2 of its neighbours
     marked = moving & (changes < np.maximum(0.15 * around, calm))
     gaps = np.diff(np.flatnonzero(marked))
     if len(gaps) < 3:
         return none
     usual = float(np.median(gaps))
     least = IN_RHYTHM / usual if float(np.mean(gaps == usual)) > RHYTHM else LEAST_SHARE
-    # the tops of flights come seldom
+    # apexes of flights are rarer than this
     return marked if usual <= SELDOM and np.sum(marked) > least * np.sum(moving) else none

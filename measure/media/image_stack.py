@@ -1,3 +1,5 @@
+"""Clips stored as single pictures: a folder of numbered pictures or a multi-page TIFF file."""
+
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -35,7 +37,7 @@ class Stills(Apart):
         if len(self.files) < 3:
             films = sorted(file.name for file in path.iterdir() if file.suffix.lower() in FILMS)
             advice = (
-                f"of its {len(films)} videos give one, like {path / films[0]}, or name them as repetitions in lab.toml"
+                f"give one of its {len(films)} videos, e.g. {path / films[0]}, or list them as repetitions in lab.toml"
                 if films
                 else "give a video, or a folder of numbered pictures"
             )
@@ -54,14 +56,14 @@ class Stills(Apart):
             image = still(file)
             if image.shape[:2] != self.shape:
                 raise UnreadableMedia(
-                    f"{file}: is {image.shape[1]} x {image.shape[0]} px where the first picture of the folder is "
-                    f"{self.shape[1]} x {self.shape[0]} px; keep pictures of one clip in a folder of their own."
+                    f"{file}: is {image.shape[1]} x {image.shape[0]} px, but the first picture of the folder is "
+                    f"{self.shape[1]} x {self.shape[0]} px; keep the pictures of each clip in a separate folder."
                 )
             yield eight_bit(image, self.shift)
 
 
 class Stack(Apart):
-    """A TIFF file of many pictures."""
+    """A multi-page TIFF file."""
 
     rate = tick = 0.0
 
@@ -76,7 +78,7 @@ class Stack(Apart):
                 first = np.asarray(file.pages[0].asarray())
                 some = [first]
                 for number in spread(count)[1:]:
-                    with suppress(*BROKEN_PAGE, tifffile.TiffFileError):  # told where the pictures are read
+                    with suppress(*BROKEN_PAGE, tifffile.TiffFileError):  # reported when the pictures are read
                         some.append(np.asarray(file.pages[number].asarray()))
         except (*BROKEN_PAGE, tifffile.TiffFileError):
             raise UnreadableMedia(f"{path}: cannot be decoded as a TIFF file; give a clip or a stack.") from None
@@ -87,7 +89,7 @@ class Stack(Apart):
         must_be_whole(path, first)
         self.shift, self.notes = bit_shift(some)
         if count < stated:
-            self.notes += (f"{path.name} holds {count} of {counted_pictures(stated)}; used those.", CUT_OFF)
+            self.notes += (f"{path.name} holds {count} of {counted_pictures(stated)}; only those were used.", CUT_OFF)
 
     def pictures(self, start: int = 0) -> Iterator[Picture]:
         import tifffile

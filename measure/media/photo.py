@@ -1,3 +1,5 @@
+"""Read photos (JPEG, PNG, TIFF, HEIC) as 8-bit BGR arrays."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -16,12 +18,41 @@ PHOTOS = (".bmp", ".png", ".jpg", ".jpeg", ".tif", ".tiff")
 
 
 def read_photo(path: Path, camera: Camera | None = None) -> tuple[Image, tuple[str, ...]]:
-    """A photo as BGR, shape (height, width, 3), 8 bit, with its EXIF orientation applied, straightened by the lens.
+    """Read a photo, apply its EXIF orientation and correct lens distortion and perspective.
 
-    And what is odd about it.  Raises `UnreadableMedia`, or `BadInput` where the camera names places outside of it.
+    Parameters
+    ----------
+    path : Path
+        JPEG, PNG, BMP, TIFF, HEIC or any other file that OpenCV or Pillow reads.
+    camera : Camera, optional
+        Its `lens` corrects distortion and perspective; its `region` and `known_length` must lie inside the photo.
+
+    Returns
+    -------
+    photo : array, shape (height, width, 3), uint8
+        The picture in BGR order.
+    notes : tuple of str
+        Warnings for the user, e.g. that a 16-bit file uses only some of its bits.
+
+    Raises
+    ------
+    UnreadableMedia
+        The file is missing, empty, a folder, cut off or not a photo.
+    BadInput
+        The photo's size differs from that of the calibration board, or `camera` names a place outside the photo.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "grey.png"
+    ...     _ = path.write_bytes(cv2.imencode(".png", np.full((4, 6), 128, np.uint8))[1].tobytes())
+    ...     photo, notes = read_photo(path)
+    >>> photo.shape, notes
+    ((4, 6, 3), ())
     """
     must_exist(path, "photo")
-    # decode from memory: imread reports a broken file on stderr by itself, and once more to us as None
+    # decode from memory: imread would also write its own message about a broken file to stderr
     stored = np.fromfile(path, dtype=np.uint8)
     image = cv2.imdecode(stored, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
     if image is not None and image.dtype not in (np.uint8, np.uint16):
@@ -30,12 +61,12 @@ def read_photo(path: Path, camera: Camera | None = None) -> tuple[Image, tuple[s
     if image is None:
         photo = _phone_photo(path)
     else:
-        shift, told = sources.bit_shift([image])
+        shift, reduced = sources.bit_shift([image])
         photo = sources.dropped(image, shift)
-        if told:
+        if reduced:
             notes = (
-                f"{path.name}: none of its 16-bit pixels is brighter than {image.max()}, so it was read as of "
-                f"{shift + 8} bits, {2 ** (8 - shift)} times brighter; if the photo is just dim, expose it longer.",
+                f"{path.name}: its brightest 16-bit pixel has the value {image.max()}, so it was read as a "
+                f"{shift + 8}-bit photo, {2 ** (8 - shift)} times brighter; if it is only underexposed, expose longer.",
             )
     if camera is not None:
         if camera.lens is not None:
@@ -46,7 +77,7 @@ def read_photo(path: Path, camera: Camera | None = None) -> tuple[Image, tuple[s
 
 
 def _phone_photo(path: Path) -> Image:
-    """What OpenCV does not read: HEIC, and the rest that Pillow knows."""
+    """Read formats that OpenCV does not support: HEIC and others that Pillow knows."""
     import pillow_heif
     from PIL import Image as Pictures
     from PIL import ImageOps, UnidentifiedImageError
@@ -63,7 +94,7 @@ def _phone_photo(path: Path) -> Image:
 
 
 def _what_is_left(path: Path) -> str:
-    """How much can be read of a photo whose file is cut off."""
+    """Describe how much of a truncated photo can be read."""
     from PIL import ExifTags, ImageFile
     from PIL import Image as Pictures
 
@@ -77,12 +108,13 @@ def _what_is_left(path: Path) -> str:
         return "the file is cut off, and nothing of the photo can be read"
     finally:
         ImageFile.LOAD_TRUNCATED_IMAGES = before
-    # what is missing is filled with one grey, or goes on as the last row that is there
+    # the decoder fills missing rows with one grey level or repeats the last row
     seen = np.flatnonzero(np.any(rows != rows[-1], axis=(1, 2)))
     there = int(seen[-1]) + 1 if len(seen) else 0
     size = f"{rows.shape[1]} x {rows.shape[0]} px"
-    if whole or turned or there >= len(rows) - 1:  # a coarse whole, a part to one side, or all but the end
+    # progressive: the whole picture at low resolution; rotated: the missing part is not at the bottom
+    if whole or turned or there >= len(rows) - 1:
         return f"the file is cut off: a photo of {size}"
     if there == 0:
-        return f"the file is cut off: a photo of {size}, of which only the head can be read"
+        return f"the file is cut off: a photo of {size}, of which only the header can be read"
     return f"the file is cut off: a photo of {size}, of which only the upper {there} rows can be read"

@@ -1,3 +1,5 @@
+"""Photron high-speed recordings: header (.cihx or .cih) and raw pictures (.mraw)."""
+
 from __future__ import annotations
 
 import re
@@ -21,12 +23,12 @@ class _PhotronHeader:
     width: int
     height: int
     count: int
-    bits: int  # of one stored pixel
-    used: int  # of these, filled by the sensor
+    bits: int  # per stored pixel
+    used: int  # bits per pixel that the sensor fills
 
 
 class Photron(Apart):
-    """A Photron recording: a header (.cihx or .cih) beside the raw pictures (.mraw); 8, 12 (packed) or 16 bits."""
+    """A Photron recording: header (.cihx or .cih) and raw pictures (.mraw) with 8, 12 (packed) or 16 bits per pixel."""
 
     tick = 0.0
 
@@ -42,7 +44,7 @@ class Photron(Apart):
         whole = self.raw.stat().st_size // size
         self.notes: tuple[str, ...] = ()
         if whole < header.count:
-            self.notes = (f"{self.raw.name} holds {whole} of {counted_pictures(header.count)}; used those.",)
+            self.notes = (f"{self.raw.name} holds {whole} of {counted_pictures(header.count)}; only those were used.",)
         self.shape = (header.height, header.width)
         self.rate = header.rate
         self.stamps: list[float | None] = [k / header.rate for k in range(min(whole, header.count))]
@@ -62,7 +64,7 @@ def _photron_header(path: Path) -> _PhotronHeader:
     text = path.read_bytes().decode("utf-8", errors="replace")
     try:
         if path.suffix.lower() == ".cihx":
-            # the XML stands between blocks of settings that are no text
+            # the XML part is embedded between binary blocks
             root = Xml.fromstring(text[text.index("<cih>") : text.index("</cih>") + len("</cih>")])
             found = {
                 "Record Rate(fps)": root.findtext("recordInfo/recordRate"),
@@ -89,7 +91,9 @@ def _photron_header(path: Path) -> _PhotronHeader:
             f"{path}: rate, size or bit depth cannot be read from it; save the recording as TIFF or AVI."
         ) from None
     if header.bits not in (8, 12, 16) or min(header.rate, header.width, header.height, header.used - 7) <= 0:
-        raise UnreadableMedia(f"{path}: {header.bits} bits a pixel cannot be read; save the recording as TIFF or AVI.")
+        raise UnreadableMedia(
+            f"{path}: {header.bits} bits per pixel cannot be read; save the recording as TIFF or AVI."
+        )
     return header
 
 

@@ -1,3 +1,8 @@
+"""Decode single pictures: bit depth, brightness, colour, pixel aspect ratio and orientation.
+
+`Source` is the interface of all picture sources: video files, folders of pictures, TIFF stacks, Photron recordings.
+"""
+
 from __future__ import annotations
 
 import lzma
@@ -17,7 +22,7 @@ from rigtwin.lab.arrays import GreyImage, Image
 from rigtwin.lab.errors import UnreadableMedia
 
 Picture = tuple[GreyImage, Callable[[], Image]]
-"""Brightness, shape (height, width), and a call that gives it as BGR, shape (height, width, 3)."""
+"""Brightness, shape (height, width), and a function that returns the BGR picture, shape (height, width, 3)."""
 
 STILLS = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp")
 
@@ -27,48 +32,49 @@ STACKS = (".tif", ".tiff")
 
 PHOTRON = (".cihx", ".cih", ".mraw")
 
-INTERLACED = "the film is interlaced: every picture mixes two moments; deinterlace it first."
+INTERLACED = "the video is interlaced: every picture mixes two moments; deinterlace it first."
 
-CUT_OFF = "the file ends before the length that it states: a copy or a recording was broken off; copy it again."
+CUT_OFF = "the file is shorter than its header states: the copy or the recording was broken off; copy it again."
 
-SQUARE = 0.005  # relative, by which the sides of a pixel may differ: less is the rounding of a film made smaller
+SQUARE = 0.005  # relative difference of pixel width and height that counts as rounding of a resized video
 
-HEAD = 24  # pictures decoded to see whether packets and pictures have the same time stamps
+HEAD = 24  # pictures decoded to compare their time stamps with those of the packets
 
-LOOKED_AT = 5  # pictures of a folder or a stack, to see how many bits they use
+LOOKED_AT = 5  # pictures of a folder or a stack that are read to find how many bits are used
 
 DEEP_GREY = ("gray16le", "gray16be")
 
-BROKEN_PAGE = (zlib.error, lzma.LZMAError, ValueError, IndexError, KeyError, RuntimeError, OSError)  # of a TIFF file
+# errors that tifffile raises for a damaged page
+BROKEN_PAGE = (zlib.error, lzma.LZMAError, ValueError, IndexError, KeyError, RuntimeError, OSError)
 
-# pixels of a picture up to which one thread decodes: what it decoded is looked at while its processor still has it in
-# its cache, which takes a sixth less CPU time than with several threads; larger ones take the more time to decode
+# [px], largest picture decoded by one thread: the decoded picture is then still in the processor's cache when it is
+# analysed, which takes a sixth less CPU time than several threads; for larger pictures decoding dominates
 IN_CACHE = 1920 * 1088
 
-KEPT = 128 * 2**20  # [bytes], of decoded pictures that a film keeps, so that a short one is decoded once only
+KEPT = 128 * 2**20  # [bytes], cache of decoded pictures per video, so that a short one is decoded only once
 
 
 class Source(Protocol):
-    """Pictures in order."""
+    """An ordered sequence of pictures with time stamps."""
 
     shape: tuple[int, int]  # height, width [px]
-    stamps: list[float | None]  # [s], of every picture, as the file has them
-    rate: float  # [1/s], as the file states it; 0 where it does not
-    tick: float  # [s], unit of the stamps
-    notes: tuple[str, ...]  # what is odd about the file
+    stamps: list[float | None]  # [s], time stamp of every picture as stored in the file
+    rate: float  # [1/s], frame rate stated by the file; 0 if none
+    tick: float  # [s], resolution of the time stamps
+    notes: tuple[str, ...]  # warnings about the file
 
     def pictures(self, start: int = 0) -> Iterator[Picture]:
-        """All pictures from number `start` on; one pass over the file."""
+        """All pictures from index `start` on; one pass over the file."""
 
     def at(self, numbers: Sequence[int]) -> Iterator[Picture]:
-        """The pictures of these numbers, in order; what lies between is read only where that is quicker."""
+        """The pictures with these indices, in order; those in between are read only if that is faster than seeking."""
 
     def cheap(self, first: int, last: int) -> list[int]:
-        """Numbers of the pictures from `first` to `last` that are read without reading others, where that matters."""
+        """Indices from `first` to `last` that can be read without decoding others; empty if that saves nothing."""
 
 
 def in_order(file: Path) -> tuple[list[Any], str]:
-    """img2 before img10."""
+    """Natural sort key: img2 before img10."""
     parts = re.split(r"(\d+)", file.name.lower())
     return [(int(part) if part.isdigit() else 0, part) for part in parts], file.name
 
@@ -81,7 +87,7 @@ def still(path: Path) -> npt.NDArray[Any]:
 
 
 def must_be_whole(path: Path, first: npt.NDArray[Any]) -> None:
-    # cut to their lowest eight bits they would be read as something else
+    # other pixel types would be truncated to their lowest eight bits
     if first.dtype not in (np.uint8, np.uint16):
         raise UnreadableMedia(f"{path}: its pixels are {first.dtype} numbers; save it with 8 or 16 bits, unsigned.")
 
@@ -91,9 +97,9 @@ def counted_pictures(count: int) -> str:
 
 
 def bit_shift(some: Iterable[npt.NDArray[Any]]) -> tuple[int, tuple[str, ...]]:
-    """How many low bits to drop, told by some of the pictures: a 12-bit sensor fills only a part of a 16-bit file.
+    """Number of low bits to drop, from a sample of pictures: a 12-bit sensor fills only a part of a 16-bit file.
 
-    One picture after the other is looked at: together they may fill some hundred megabytes.
+    The pictures are read one after the other: together they may take some hundred megabytes.
     """
     brightest = []
     for image in some:
@@ -103,17 +109,17 @@ def bit_shift(some: Iterable[npt.NDArray[Any]]) -> tuple[int, tuple[str, ...]]:
     used = max(8, max(brightest).bit_length())
     bits = next(width for width in (8, 10, 12, 14, 16) if width >= used)
     return bits - 8, (
-        f"16-bit pictures that use {bits} bits (told by {len(brightest)} of them): read as such.",
+        f"16-bit pictures that use {bits} bits (found from {len(brightest)} of them): read as {bits}-bit pictures.",
     ) if bits < 16 else ()
 
 
 def spread(count: int) -> list[int]:
-    """Numbers of some pictures of `count`: the first may be dim."""
+    """Indices of a few evenly spread pictures of `count`; the first alone may be dark."""
     return sorted(set(np.linspace(0, count - 1, LOOKED_AT).round().astype(int).tolist()))
 
 
 def dropped(image: npt.NDArray[Any], shift: int) -> npt.NDArray[np.uint8]:
-    """A picture without its low bits; what is brighter than all that `shift` was told by is white."""
+    """A picture without its `shift` low bits; pixels brighter than the sample that set `shift` become white."""
     return np.ascontiguousarray(np.minimum(image >> shift, 255) if image.dtype == np.uint16 else image, dtype=np.uint8)
 
 
@@ -125,7 +131,7 @@ def eight_bit(image: npt.NDArray[Any], shift: int) -> Picture:
 
 
 def decode(path: Path, start: int | None = None) -> Iterator[av.VideoFrame]:
-    """All pictures, or those from the key picture with time stamp `start` on."""
+    """All pictures, or those from the keyframe with time stamp `start` on."""
     with opened(path, "AUTO") as (container, stream):
         if start is not None:
             container.seek(start, stream=stream, backward=True)
@@ -134,7 +140,7 @@ def decode(path: Path, start: int | None = None) -> Iterator[av.VideoFrame]:
 
 @contextmanager
 def opened(path: Path, threads: str) -> Iterator[tuple[Any, Any]]:
-    """The file and its film; threads share out large pictures, their slices, or what is best."""
+    """The container and its video stream; `threads` is FFmpeg's thread type, used for large pictures."""
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
         stream.thread_type = threads
@@ -144,21 +150,21 @@ def opened(path: Path, threads: str) -> Iterator[tuple[Any, Any]]:
 
 
 def combed(interlaced: Sequence[bool]) -> tuple[str, ...]:
-    """What is told of pictures of which these are interlaced."""
+    """The warning if most of the pictures are interlaced."""
     return (INTERLACED,) if sum(interlaced) > len(interlaced) / 2 else ()
 
 
 def luma(picture: av.VideoFrame, shift: int) -> GreyImage:
-    """The luma plane itself where it is stored with 8 bits: no colour conversion, no rounding.
+    """Brightness; the luma plane itself if it is stored with 8 bits: no colour conversion, no rounding.
 
-    Of grey pictures of 16 bits `shift` low bits are dropped.
+    16-bit grey pictures lose their `shift` low bits.
     """
     if picture.format.name.startswith(("yuv4", "yuvj4", "nv12", "nv21", "gray")) and all(
         component.bits == 8 for component in picture.format.components
     ):
         plane = picture.planes[0]
         rows: GreyImage = np.frombuffer(memoryview(plane), dtype=np.uint8).reshape(-1, plane.line_size)
-        return rows[: picture.height, : picture.width]  # the decoder's own memory, which the array keeps alive
+        return rows[: picture.height, : picture.width]  # a view of the decoder's memory; the array keeps it alive
     if picture.format.name in DEEP_GREY and shift < 8:
         return dropped(picture.to_ndarray(), shift)
     return np.asarray(picture.to_ndarray(format="gray"), dtype=np.uint8)
@@ -180,7 +186,7 @@ def square(squeeze: float) -> bool:
 
 
 def squared(image: npt.NDArray[np.uint8], squeeze: float) -> npt.NDArray[np.uint8]:
-    """Pixels `squeeze` times as wide as high made square, as a player shows them; none are thrown together."""
+    """Resample pixels of aspect ratio `squeeze` (width / height) to square ones; the picture only grows."""
     if square(squeeze):
         return image
     height, width = image.shape[:2]
@@ -189,7 +195,7 @@ def squared(image: npt.NDArray[np.uint8], squeeze: float) -> npt.NDArray[np.uint
 
 
 def upright(picture: av.VideoFrame, image: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-    """Pixels with the display matrix applied, as a player shows them."""
+    """The picture rotated by the display matrix, as a player shows it."""
     turns = round(getattr(picture, "rotation", 0) / 90) % 4  # counter-clockwise
     return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
 

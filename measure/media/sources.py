@@ -1,7 +1,7 @@
-"""Where the pictures of a clip come from: a video file, numbered stills, a stack of stills, or a Photron recording.
+"""Choose the reader for a clip: video file, numbered pictures, TIFF stack or Photron recording.
 
-Every source says how large its pictures are, when they were taken as far as the file knows, and hands them out in
-order, one at a time.  FFmpeg (through PyAV) reads the video files, Phantom's ``.cine`` among them.
+Every source states the picture size and the time stamps of the file and returns the pictures in order, one at a time.
+FFmpeg (through PyAV) reads the video files, including Phantom's ``.cine``.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from rigtwin.measure.media.pictures import PHOTRON, STACKS, Picture, Source
 from rigtwin.measure.media.undistort import straight
 from rigtwin.measure.media.video_file import Film
 
-# what is odd about a stack is told in our own words, and not on stderr besides
+# warnings about a stack are reported by `Stack`; tifffile must not write them to stderr as well
 logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
 
 def source(path: Path) -> Source:
-    """The source that fits the path.  Raises `UnreadableMedia` in one sentence when nothing can be read there."""
+    """The source for a path. Raises `UnreadableMedia` if nothing can be read there."""
     if path.is_dir():
         return Stills(path)
     if path.suffix.lower() in PHOTRON:
@@ -35,7 +35,7 @@ def source(path: Path) -> Source:
 
 
 class Straight:
-    """Another source, its pictures straightened by what a board told of lens and perspective."""
+    """A source whose pictures are corrected for lens distortion and perspective (see `undistort`)."""
 
     def __init__(self, taken: Source, lens: Lens) -> None:
         self.taken, self.lens = taken, lens

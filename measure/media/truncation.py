@@ -1,4 +1,4 @@
-"""Whether a film's file is as long as it says it is: copies and recordings break off."""
+"""Detect truncated video files: MP4 family, AVI and Matroska."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import BinaryIO
 
 MATROSKA = b"\x1a\x45\xdf\xa3"
-SEGMENT = b"\x18\x53\x80\x67"  # of Matroska: all pictures are in it
-STREAMED = (0, 0xFFFFFFFF)  # lengths of a RIFF file whose writer did not know them
-INDEX, PICTURES, FRAGMENT = b"moov", b"mdat", b"moof"  # of the MP4 family
-ANNOUNCING = (b"styp", b"sidx", b"ssix", b"prft", b"emsg", FRAGMENT)  # boxes of a fragment ahead of its pictures
+SEGMENT = b"\x18\x53\x80\x67"  # Matroska element that holds all pictures
+STREAMED = (0, 0xFFFFFFFF)  # RIFF lengths written when the length was unknown
+INDEX, PICTURES, FRAGMENT = b"moov", b"mdat", b"moof"  # box types of the MP4 family
+ANNOUNCING = (b"styp", b"sidx", b"ssix", b"prft", b"emsg", FRAGMENT)  # boxes that precede a fragment's pictures
 
 
 def breaks_off(path: Path) -> bool:
-    """Whether the file ends before a part of it that says how long it is; False where nothing says so.
+    """Whether the file is shorter than one of its parts states; False if no length is stated.
 
     Reads files of the MP4 family (ISO 14496-12), AVI (RIFF) and Matroska.
     """
@@ -22,7 +22,7 @@ def breaks_off(path: Path) -> bool:
         head = file.read(12)
         if head[:4] == b"RIFF":
             length = int.from_bytes(head[4:8], "little")
-            # the length leaves out the 8 bytes up to itself, which some writers forget
+            # the length excludes the 8 bytes of the header; some writers include them
             return length not in STREAMED and length > size
         if head[:4] == MATROSKA:
             return _segment_breaks_off(file, size)
@@ -30,10 +30,10 @@ def breaks_off(path: Path) -> bool:
 
 
 def _boxes_break_off(file: BinaryIO, size: int) -> bool:
-    """Of the MP4 family: boxes one behind the other, one of which says where the pictures are.
+    """The MP4 family: consecutive boxes, among them the index and the pictures.
 
-    Behind these two there may follow what a camera appends, which need be no box; not in a film written in fragments,
-    which goes on for as long as it announces another one.
+    After these two a camera may append data that are not boxes. A fragmented file is complete when its last box does
+    not announce another fragment.
     """
     place = 0
     seen: set[bytes] = set()
@@ -49,19 +49,19 @@ def _boxes_break_off(file: BinaryIO, size: int) -> bool:
         seen.add(kind)
         if length == 1:
             length = int.from_bytes(head[8:16], "big")
-        if length < 8:  # none: it reaches to the end of the file
+        if length < 8:  # no length: the box extends to the end of the file
             break
         if place + length > size:
             return not appended
         place += length
     file.seek(place)
-    # what announces a fragment is shorter than 16 MiB: its length begins with a zero
+    # a box that announces a fragment is shorter than 16 MiB, so its length begins with a zero byte
     head_cut = FRAGMENT in seen and 0 < size - place < 8 and file.read(1) == b"\0"
     return INDEX not in seen or kind in ANNOUNCING or head_cut
 
 
 def _segment_breaks_off(file: BinaryIO, size: int) -> bool:
-    """Of Matroska: a head, then a segment."""
+    """Matroska: a header, then one segment."""
     file.seek(len(MATROSKA))
     head = _number(file)
     file.seek(head or 0, 1)
@@ -72,7 +72,7 @@ def _segment_breaks_off(file: BinaryIO, size: int) -> bool:
 
 
 def _number(file: BinaryIO) -> int | None:
-    """A number whose first byte tells by its leading zeros how many follow; None where it is left open."""
+    """An EBML variable-length integer: the leading zeros of the first byte give the length; None if unknown."""
     first = file.read(1)
     if not first or first[0] == 0:
         return None

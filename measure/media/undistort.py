@@ -1,4 +1,4 @@
-"""Pictures as a camera without lens errors would take them that looks squarely at the plane of the motion."""
+"""Correct pictures for lens distortion and perspective: as seen perpendicular to the plane of motion."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rigtwin.lab.camera import Lens
 
 
 def straight(picture: Image, lens: Lens) -> Image:
-    """A picture of the lens's size, grey or colour, as seen squarely; beyond its border it is as bright as there."""
+    """Undistorted and rectified picture (grey or colour) of the lens's size; the border pixels are replicated."""
     across, down = _maps(lens)
     return np.asarray(
         cv2.remap(picture, across, down, interpolation=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE), np.uint8
@@ -22,7 +22,12 @@ def straight(picture: Image, lens: Lens) -> Image:
 
 
 def project(points: Array, plane: Array, bend: tuple[float, float], size: tuple[int, int]) -> Array:
-    """Pixels of points in the plane, with the lens's radial distortion about the picture's middle."""
+    """Pixel coordinates, shape (n, 2), of points in the plane, shape (n, 2), with radial distortion.
+
+    `plane` is the homography, shape (3, 3), from plane to ideal pixels; `bend` the two radial coefficients; `size`
+    width and height [px]. The distortion factor about the picture's centre is 1 + k1 r^2 + k2 r^4, where r is the
+    distance in units of half the diagonal.
+    """
     flat = points @ plane[:, :2].T + plane[:, 2]
     pixels = flat[:, :2] / flat[:, 2:]
     middle = (np.array(size, dtype=float) - 1) / 2

@@ -1,3 +1,5 @@
+"""Refuse input that cannot be read or does not fit the picture."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -5,11 +7,11 @@ from pathlib import Path
 from rigtwin.lab.camera import Camera, Lens
 from rigtwin.lab.errors import BadInput, UnreadableMedia
 
-SMALLEST = 5  # [px], no rig fits into less
+SMALLEST = 5  # [px], minimum width and height
 
 
 def must_lie_inside(path: Path, camera: Camera, width: int, height: int) -> None:
-    """Refuse places of another picture: a region or a known length that this one does not show."""
+    """Refuse a region or a known length outside the picture."""
     outside = f"outside the picture of {width} x {height} px."
     if camera.region is not None and (camera.region[0] >= width or camera.region[1] >= height):
         raise BadInput(f"{path}: --region begins at {camera.region[0]:g},{camera.region[1]:g}, {outside}")

@@ -1,7 +1,7 @@
-"""Videos and photos as they really are: frames with their own time stamps, photos with their orientation applied.
+"""Open a video and iterate over its frames with their capture times.
 
-A video is read in one pass and never held in memory whole.  Times are capture times: where the capture rate is given
-it is used; where the file's own time stamps cannot be trusted (B-frames in AVI) the frame index is.
+A video is read in one pass and never held in memory as a whole. Times are capture times: a given capture rate is used;
+if the file's time stamps are not monotonic (B-frames in AVI), the frame index replaces them.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from rigtwin.measure.media import sources as sources_sources
 from rigtwin.measure.media.time_base import ROUNDED, time_base
 from rigtwin.measure.media.validation import SMALLEST, must_exist, must_fit, must_lie_inside
 
-FEWEST_KEYS = 9  # pictures at which decoding can begin, below which a film is read as a whole
+FEWEST_KEYS = 9  # keyframes; with fewer, all frames are decoded instead of only these
 
-BEHIND_KEY = 6  # frames: what moves has moved on by then, and few pictures are decoded on the way there
+BEHIND_KEY = 6  # frames after a keyframe: moving objects have moved on, and few pictures must be decoded to get there
 
 
 @dataclass(frozen=True)
@@ -41,20 +41,20 @@ class Frame:
 
     @cached_property
     def colour(self) -> Image:
-        """BGR, shape (height, width, 3); converted only when asked for."""
+        """BGR, shape (height, width, 3); converted at the first access."""
         return self.in_colour()
 
 
 @dataclass(frozen=True)
 class Video:
-    """A readable video; iterate `frames()` as often as needed, each time one pass over the file."""
+    """A readable video; each iteration over `frames()` is one pass over the file."""
 
     path: Path
     width: int  # [px]
     height: int  # [px]
-    frame_count: int  # pictures that decode
+    frame_count: int  # number of pictures that can be decoded
     frame_rate: float  # [1/s], capture rate
-    playback_rate: float  # [1/s], at which the file plays
+    playback_rate: float  # [1/s], rate at which the file plays
     times: npt.NDArray[np.float64]  # [s], capture time of every picture, shape (frame_count,)
     first: int  # first frame inside --start/--end
     last: int  # last frame inside --start/--end
@@ -64,16 +64,16 @@ class Video:
 
     @property
     def spoilt(self) -> str:
-        """Why nothing that moves can be trusted to be seen, where it is or to its end; empty where it can."""
+        """Why motion in this video is unreliable or incomplete (interlaced, truncated); empty if it is not."""
         return "; ".join(note for note in (sources.INTERLACED, sources.CUT_OFF) if note in self.warnings)
 
     @property
     def broken_off(self) -> str:
-        """Why the film may not show all that was filmed; empty where it does."""
+        """Why the recording may be incomplete; empty if it is complete."""
         return sources.CUT_OFF if sources.CUT_OFF in self.warnings else ""
 
     def frames(self, first: int | None = None, last: int | None = None) -> Iterator[Frame]:
-        """The pictures from `first` to `last`, the video's own where not given, in order."""
+        """The frames from `first` to `last` (inclusive, default: those of the video), in order."""
         first = self.first if first is None else max(first, self.first)
         last = self.last if last is None else min(last, self.last)
         index = first - 1
@@ -82,19 +82,19 @@ class Video:
                 if index not in self.skipped:
                     yield Frame(index, float(self.times[index]), grey, in_colour)
                 if index == last:
-                    return  # a damaged rest of the file is never touched
+                    return  # a damaged rest of the file is not read
         except av.FFmpegError:
             pass
         raise self._damaged(index)
 
     def spread(self, count: int, *, quickly: bool = False) -> set[int]:
-        """`count` frames spread evenly from `first` to `last`; `quickly`: about as many that are soon read."""
+        """Indices of `count` evenly spread frames; `quickly`: of frames at or near keyframes, which decode faster."""
         there = [index for index in range(self.first, self.last + 1) if index not in self.skipped]
         keys = [index for index in self.source.cheap(self.first, self.last) if index not in self.skipped]
         if FEWEST_KEYS <= len(keys) < count:
-            # a scene is learnt from many pictures: add those that come a while after the key pictures
+            # too few keyframes for the background: add frames shortly after them
             keys = sorted({*keys, *(key + BEHIND_KEY for key in keys)} & set(there))
-        # a film cut at scene changes may have most of its key pictures in one place
+        # an encoder that places keyframes at scene changes may put most of them in one part of the video
         widest = max(np.diff([self.first, *keys, self.last])) if keys else math.inf
         even = widest <= 2 * (self.last - self.first) / FEWEST_KEYS
         chosen = keys if quickly and even and len(keys) >= 2 * FEWEST_KEYS else there
@@ -102,7 +102,7 @@ class Video:
         return {chosen[k] for k in places}
 
     def single(self, indices: Collection[int]) -> list[Frame]:
-        """Some frames, in order; what lies between them is read only where that is quicker than to skip it."""
+        """Single frames, in order; those in between are read only if that is faster than seeking."""
         wanted = [k for k in sorted(indices) if self.first <= k <= self.last and k not in self.skipped]
         found = list[Frame]()
         try:
@@ -112,7 +112,7 @@ class Video:
             pass
         if len(found) < len(wanted):
             last = found[-1].index if found else self.first
-            for frame in self.frames(last):  # which says where the damage is, not which picture was wanted before it
+            for frame in self.frames(last):  # finds the place of the damage itself
                 last = frame.index
             raise self._damaged(last)
         return found
@@ -124,13 +124,42 @@ class Video:
 
 
 def open_video(path: Path, camera: Camera) -> Video:
-    """Open a video and find its true time base.
+    """Open a video and determine the capture time of every frame.
 
-    Raises `UnreadableMedia` for a missing, empty or undecodable file, `BadInput` when the file states no frame rate
-    and none was given, or when the time window holds too few frames.
+    Parameters
+    ----------
+    path : Path
+        Video file, folder of numbered pictures, multi-page TIFF file or Photron recording.
+    camera : Camera
+        `frame_rate` is the capture rate [1/s] (None: the file's rate), `start` and `end` the time window, `lens` the
+        distortion to correct. `region` and `known_length` must lie inside the picture.
+
+    Returns
+    -------
+    Video
+        Picture size [px], capture times [s], first and last frame of the time window, and warnings for the user.
+
+    Raises
+    ------
+    UnreadableMedia
+        The file is missing, empty, cannot be decoded, holds fewer than three pictures or only tiny ones.
+    BadInput
+        No frame rate is known, the time window holds fewer than three frames, `camera` names a place outside the
+        picture, or the picture size differs from that of the calibration board.
+
+    Notes
+    -----
+    Evenly spaced time stamps give t_i = i / rate with the capture rate. Uneven stamps are used as they are if the file
+    plays at the capture rate, otherwise they are scaled by playback rate / capture rate. See `time_base`.
+
+    Examples
+    --------
+    >>> video = open_video(Path("drop.mp4"), Camera())  # doctest: +SKIP
+    >>> video.times[:3]  # doctest: +SKIP
+    array([0.        , 0.00416667, 0.00833333])
     """
     must_exist(path, "video")
-    cv2.setNumThreads(1)  # more threads would spend more on waiting for each other than on pictures
+    cv2.setNumThreads(1)  # more threads cost more time in synchronisation than they save
     film = sources_sources.source(path)
     if camera.lens is not None:
         must_fit(path, film.shape, camera.lens)
@@ -165,17 +194,17 @@ def open_video(path: Path, camera: Camera) -> Video:
 
 
 def _ends_before(end: Moment | None, times: npt.NDArray[np.float64]) -> list[str]:
-    """What is said of a clip without the moment asked for; its last picture is shown until the next would come."""
+    """The warning for an --end beyond the clip; the last picture lasts as long as the longest interval."""
     count = len(times)
     shown = float(times[-1] + np.max(np.diff(times)))
-    # a length that a player or a person has rounded, to a hundredth of a second, is that of the clip
+    # a clip length rounded to a hundredth of a second still counts as the clip's end
     beyond = end is not None and end.value > (count if end.unit == "frame" else shown + ROUNDED)
     if end is None or not beyond:
         return []
     asked = f"{end.value:g} s" if end.unit == "s" else f"{end.value:g}f"
     return [
-        f"--end {asked} lies beyond the clip, whose last picture ({count - 1}f) is of {times[-1]:.4g} s: all of it was "
-        "measured; check --end, and --frame-rate, by which seconds count."
+        f"--end {asked} lies beyond the clip, whose last picture ({count - 1}f) is at {times[-1]:.4g} s: the clip was "
+        "measured to its end; check --end, and --frame-rate, which sets the time scale."
     ]
 
 

@@ -1,3 +1,5 @@
+"""Video files decoded by FFmpeg (PyAV), with a cache for short ones; base class of sources with separate pictures."""
+
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
@@ -31,7 +33,7 @@ from rigtwin.measure.media.truncation import breaks_off
 
 
 class Film:
-    """A video file that FFmpeg reads; a short one stays in memory as decoded."""
+    """A video file that FFmpeg reads; the decoded pictures of a short one stay in memory."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -48,12 +50,12 @@ class Film:
             head = next(self._reel.at([0]))
             self.shift = 8
             if head.format.name in DEEP_GREY:
-                self.shift, told = bit_shift(each.to_ndarray() for each in islice(self._reel.pictures(), HEAD))
-                self.notes += told
+                self.shift, notes = bit_shift(each.to_ndarray() for each in islice(self._reel.pictures(), HEAD))
+                self.notes += notes
             first, _colour = self._shown(head)
         except (av.FFmpegError, StopIteration) as error:
             advice = (
-                "its end with the index is missing, as of a recording or a copy that was broken off; copy it again"
+                "its end with the index is missing: the recording or the copy was broken off; copy it again"
                 if breaks_off(path)
                 else "give a clip that a video player shows"
             )
@@ -62,8 +64,8 @@ class Film:
         self.notes += (CUT_OFF,) if breaks_off(path) else ()
         if not square(self.squeeze):
             self.notes += (
-                f"the film's pixels are {self.squeeze:.4g} times as wide as high: the pictures were stretched to "
-                f"{self.shape[1]} x {self.shape[0]} px, in which they are square.",
+                f"the video's pixels are {self.squeeze:.4g} times as wide as high: the pictures were resized to "
+                f"{self.shape[1]} x {self.shape[0]} px, so that pixels are square.",
             )
 
     def pictures(self, start: int = 0) -> Iterator[Picture]:
@@ -80,7 +82,7 @@ class Film:
         return [key for key in self._reel.keys if first <= key <= last] if self._reel.too_long else []
 
     def _stamps(self, container: Any, stream: Any) -> tuple[list[float | None], tuple[str, ...]]:
-        """Stamps of all pictures: those of the packets, which costs no decoding, where the two are the same."""
+        """Time stamps of all pictures, from the packets if these agree (no decoding), otherwise by decoding."""
         packets, keys, sound = [], [], True
         try:
             for packet in container.demux(stream):
@@ -94,9 +96,9 @@ class Film:
         expected = stream.frames or len(packets)
         if sound and len(known) == len(packets) == expected and len(set(known)) == len(known) > 0:
             known.sort()
-            bytes_each = 1.5 * stream.width * stream.height  # at least
+            bytes_each = 1.5 * stream.width * stream.height  # lower bound: 4:2:0 with 8 bits
             self._reel.too_long = bytes_each * len(known) > KEPT
-            # not the pictures themselves: at 4096 x 2160 px they fill some hundred megabytes
+            # keep the stamps, not the pictures: at 4096 x 2160 px these take some hundred megabytes
             head = [(picture.pts, picture.interlaced_frame) for picture in islice(self._reel.pictures(), HEAD)]
             if [pts for pts, _ in head] == known[: len(head)]:
                 place = {pts: index for index, pts in enumerate(known)}
@@ -120,21 +122,21 @@ class Film:
 
 
 class _Reel:
-    """Decoded pictures of a film, kept for later passes as long as all of them fit into `KEPT`."""
+    """Cache of decoded pictures for later passes, used as long as all of them fit into `KEPT`."""
 
     def __init__(self, path: Path) -> None:
-        self.points: list[int] = []  # time stamp of every picture, in the film's ticks, where all are known
-        self.keys: list[int] = []  # pictures at which decoding can begin
+        self.points: list[int] = []  # time stamp of every picture in ticks; empty if not all are known
+        self.keys: list[int] = []  # indices of the keyframes
         self.too_long = False
         self._path = path
         self._kept: list[av.VideoFrame] = []
         self._room = KEPT
-        self._decoder: Iterator[av.VideoFrame] | None = None  # stands right behind the kept ones
-        self._ended = False  # the film holds no more than the kept ones
-        self._fault: av.FFmpegError | None = None  # on which it ended
+        self._decoder: Iterator[av.VideoFrame] | None = None  # positioned after the cached ones
+        self._ended = False  # the cache holds the whole video
+        self._fault: av.FFmpegError | None = None  # error that ended the decoding
 
     def pictures(self, start: int = 0) -> Iterator[av.VideoFrame]:
-        """The pictures from number `start` on; several may read at once."""
+        """The pictures from index `start` on; several readers may run at the same time."""
         index = 0
         while not self.too_long and (index < len(self._kept) or self._keep_next()):
             if index >= start:
@@ -143,15 +145,15 @@ class _Reel:
         if self._fault is not None:
             raise self._fault
         if not self._ended:
-            # what was kept of too long a film would only save the first of several passes
+            # the video does not fit: drop the cache, which would only help the first pass
             decoder, self._decoder, self._kept = self._decoder, None, []
             start = max(start, index)
             yield from decoder if decoder is not None and index == start else self._decoded(start)
 
     def at(self, numbers: Sequence[int]) -> Iterator[av.VideoFrame]:
-        """The pictures of these numbers, which rise, each from the key picture before it on where the film is long."""
+        """The pictures with these indices (ascending); in a long video each is decoded from the keyframe before it."""
         if self.too_long and self.keys:
-            # of threads that decode ahead of each other most of the work would be thrown away at the next key picture
+            # frame threads decode ahead; most of that work would be discarded at the next seek
             with opened(self._path, "SLICE") as (container, stream):
                 decoded, begun = container.decode(stream), -1
                 for done, number in enumerate(numbers):
@@ -161,7 +163,7 @@ class _Reel:
                         decoded = container.decode(stream)
                     begun, wanted = number, self.points[number]
                     picture = next((each for each in decoded if each.pts is not None and each.pts >= wanted), None)
-                    if picture is None or picture.pts != wanted:  # the file seeks elsewhere
+                    if picture is None or picture.pts != wanted:  # the seek went to a wrong place
                         numbers = numbers[done:]
                         break
                     yield picture
@@ -174,7 +176,7 @@ class _Reel:
                 return
 
     def _keep_next(self) -> bool:
-        """Decode and keep one picture more; False where the film ends or is too long to be kept."""
+        """Decode and cache one more picture; False if the video ends or is too long for the cache."""
         if self._ended:
             return False
         if self._room <= 0:
@@ -184,7 +186,7 @@ class _Reel:
         try:
             picture = next(self._decoder)
         except (av.FFmpegError, StopIteration) as end:
-            # a traceback would hold on to this reel, and the reel to it
+            # a traceback would keep a reference cycle with this object
             self._fault = end.with_traceback(None) if isinstance(end, av.FFmpegError) else None
             self._ended, self._decoder = True, None
             return False
@@ -193,7 +195,7 @@ class _Reel:
         return True
 
     def _decoded(self, start: int) -> Iterator[av.VideoFrame]:
-        """From number `start` on, begun at the key picture before it where there is one."""
+        """The pictures from index `start` on, decoded from the keyframe before it if known."""
         before = [key for key in self.keys if key <= start]
         if not before or start == 0:
             yield from islice(decode(self._path), start, None)
@@ -205,7 +207,7 @@ class _Reel:
             if picture.pts is not None and picture.pts >= wanted
         )
         first = next(pictures, None)
-        if first is None or first.pts != wanted:  # the file seeks elsewhere
+        if first is None or first.pts != wanted:  # the seek went to a wrong place
             yield from islice(decode(self._path), start, None)
             return
         yield first
@@ -213,7 +215,7 @@ class _Reel:
 
 
 class Apart(ABC):
-    """Pictures that are stored apart: each is read without the others."""
+    """Base class of sources whose pictures are stored separately: each can be read without the others."""
 
     @abstractmethod
     def pictures(self, start: int = 0) -> Iterator[Picture]: ...

@@ -1,3 +1,5 @@
+"""Learn the static background of a clip as the median over frames spread in time."""
+
 from __future__ import annotations
 
 import math
@@ -16,7 +18,7 @@ from rigtwin.measure.scene.scene import Scene
 
 
 def learn_scene(video: Video, *, quickly: bool = False) -> Background:
-    """Background from frames spread evenly over the clip, of a long film such as are soon read where wanted."""
+    """Background from frames spread evenly over the clip; `quickly`: prefer frames that decode fast (keyframes)."""
     background = Background()
     for frame in video.single(video.spread(Background.capacity, quickly=quickly)):
         background.add(frame.index, frame.grey)
@@ -24,16 +26,16 @@ def learn_scene(video: Video, *, quickly: bool = False) -> Background:
 
 
 def frames_of(video: Video, indices: Collection[int]) -> list[Frame]:
-    """Some frames of a video; what lies before the first and behind the last of them is not read."""
+    """The frames with these indices; nothing before the first or after the last of them is read."""
     return [frame for frame in video.frames(min(indices), max(indices)) if frame.index in indices]
 
 
 class Background:
-    """Learns the still scene from frames spread over a clip; keeps at most `capacity` of them.
+    """Learns the static background from frames spread over a clip; keeps at most `capacity` of them.
 
-    The scene is the median over time, so whatever covers a pixel for less than half of the frames is not in it.
-    `scene` can leave out the surroundings of a bead whose place in those frames is known: then even the scene behind a
-    bead that rested for most of the clip is found.
+    The background is the median over time, so it does not contain what covers a pixel in less than half of the frames.
+    `scene` can exclude the surroundings of a bead with known positions. This recovers the background even behind a
+    bead that rested for most of the clip.
     """
 
     capacity = 21
@@ -42,7 +44,7 @@ class Background:
         self._frames: dict[int, GreyImage] = {}
 
     def add(self, index: int, grey: GreyImage) -> None:
-        """Remember a frame; every second one is dropped again when there are too many."""
+        """Keep a frame; if there are more than `capacity`, drop every second one."""
         self._frames[index] = grey
         if len(self._frames) > self.capacity:
             for old in sorted(self._frames)[1::2]:
@@ -50,11 +52,11 @@ class Background:
 
     @property
     def indices(self) -> tuple[int, ...]:
-        """Frame numbers kept."""
+        """Indices of the frames kept."""
         return tuple(sorted(self._frames))
 
     def samples(self) -> dict[int, GreyImage]:
-        """The frames kept, by frame number."""
+        """The frames kept, by frame index."""
         return dict(self._frames)
 
     def scene(
@@ -64,9 +66,9 @@ class Background:
         *,
         laid_over: bool = False,
     ) -> Scene:
-        """The still scene; `bead` maps frame numbers to bead centres [px], `reach` [px] is how far it may cover.
+        """The static background; `bead` maps frame indices to bead centres [px], `reach` is the covered radius [px].
 
-        `laid_over`: the frames lie over each other and are levelled already.
+        `laid_over`: the frames are already registered and have equal brightness.
         """
         indices, layers = self.indices, [self._frames[index] for index in self.indices]
         scene = _median_scene(layers)
@@ -74,7 +76,7 @@ class Background:
             return scene if not bead else _without_bead(scene, layers, indices, bead, reach)
         poses = [scene.pose(layer) for layer in layers]
         if _shaken_far(poses):
-            # the median of frames that lie apart shows nothing well: start from one of them
+            # the median of badly registered frames is blurred: register against a single frame first
             scene, indices, layers, poses = _of_those_that_fit(scene, indices, layers)
         if not stands_still(poses) or np.std([pose.gain for pose in poses]) > FLICKER:
             for _ in range(2):
@@ -90,19 +92,19 @@ def _shaken_far(poses: Sequence[Pose]) -> bool:
 def _of_those_that_fit(
     scene: Scene, indices: tuple[int, ...], layers: list[GreyImage]
 ) -> tuple[Scene, tuple[int, ...], list[GreyImage], list[Pose]]:
-    """A sharper scene of the frames that lie over the middle one, these frames and how they lie.
+    """A sharper background from the frames that register to the middle one, with these frames and their poses.
 
-    Where most do not, all is as it was.
+    If at most half of the frames register, the background and the frames are returned unchanged.
     """
     middle = layers[len(layers) // 2]
-    # the spread over time is the shake's, not the noise's
+    # the spread over time is due to camera shake here: estimate the noise within one frame
     grain = 1.4826 * float(np.mean(cv2.absdiff(middle, cv2.medianBlur(middle, 3)))) + 0.3
     one = Scene(middle.astype(np.float32), np.full(middle.shape, grain, dtype=np.float32))
     poses = [one.pose(layer) for layer in layers]
     kept = [k for k, pose in enumerate(poses) if pose.placed]
     if 2 * len(kept) <= len(layers):
         return scene, indices, layers, [scene.pose(layer) for layer in layers]
-    # the camera's usual place is the scene's
+    # the median shake defines the origin of the background
     x, y = np.median(shakes_of([poses[k] for k in kept]), axis=0).tolist()
     moved = [replace(poses[k], shake=(poses[k].shake[0] - x, poses[k].shake[1] - y)) for k in kept]
     chosen = [layers[k] for k in kept]
@@ -112,7 +114,7 @@ def _of_those_that_fit(
 
 
 def _laid_over(scene: Scene, layers: Sequence[GreyImage]) -> list[GreyImage]:
-    """The frames moved and levelled as the scene is, each rounded at once: as floats they would fill the memory."""
+    """The frames registered to the background, position and brightness; rounded at once to save memory."""
     return [rounded(scene.pose(layer).seen(layer)) for layer in layers]
 
 
@@ -120,7 +122,7 @@ def _median_scene(layers: Sequence[GreyImage]) -> Scene:
     ordered = _sorted(layers)
     middle: FloatImage = _twice_the_middle(ordered).astype(np.float32) / np.float32(2)
     low, high = (ordered[round(share * (len(ordered) - 1))] for share in (0.16, 0.84))
-    # 8-bit steps make the spread of one pixel coarse: share it with its neighbours
+    # 8-bit quantisation makes the spread of a single pixel coarse: average over the neighbours
     noise = cv2.blur((high.astype(np.float32) - low) / 2, (5, 5)) + np.float32(0.3)
     usual = float(np.median(noise))
     return Scene(middle, np.asarray(np.clip(noise, 0.5 * usual, 4 * usual), dtype=np.float32))
@@ -132,12 +134,12 @@ def middle_picture(layers: Sequence[GreyImage]) -> GreyImage:
 
 
 def _twice_the_middle(ordered: Sequence[GreyImage]) -> npt.NDArray[np.uint16]:
-    """The two middle ones of an even number of sorted layers added up, or twice the one of an odd number."""
+    """Twice the median of sorted layers, an integer for both even and odd numbers of layers."""
     return ordered[(len(ordered) - 1) // 2].astype(np.uint16) + ordered[len(ordered) // 2]
 
 
 def _sorted(layers: Sequence[GreyImage]) -> list[GreyImage]:
-    """The layers sorted pixel by pixel: Batcher's odd-even merging, a few times faster than sorting each pixel."""
+    """The layers sorted pixel by pixel by Batcher's odd-even merge sort; a few times faster than `np.sort`."""
     rows = [np.asarray(layer) for layer in layers]
     for low, high in _exchanges(len(rows)):
         smaller = np.minimum(rows[low], rows[high])
@@ -148,7 +150,7 @@ def _sorted(layers: Sequence[GreyImage]) -> list[GreyImage]:
 
 @lru_cache
 def _exchanges(count: int) -> tuple[tuple[int, int], ...]:
-    """Pairs to put in order, one after the other, that sort any `count` values (Batcher 1968)."""
+    """Compare-exchange pairs, in order, that sort any `count` values (Batcher 1968)."""
     pairs = []
     size = 1
     while size < count:
@@ -170,7 +172,7 @@ def _without_bead(
     bead: Mapping[int, tuple[float, float]],
     reach: float,
 ) -> Scene:
-    """Median over those frames only in which the bead is away from the pixel, where there are any."""
+    """Median over the frames in which the bead does not cover the pixel, if there are at least two."""
     picture = scene.picture.copy()
     touched = np.zeros(picture.shape, dtype=np.uint8)
     for index in indices:

@@ -1,4 +1,4 @@
-"""What every clip must show: the still scene at rest in the picture, and the bead all the way."""
+"""Checks common to all clips: static camera, bead in view."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ if TYPE_CHECKING:
 
     from rigtwin.measure.scene.pose import Pose
 
-MOST_SHAKE = 3.0  # [px], standard deviation, up to which a shaking camera only shifts its picture
-STILL = 0.1  # [px], likewise, up to which it counts as none
-MOST_LOST = 0.1  # of the frames, that may not be found in the scene: a hand passes, a lamp goes on
-UNSEEN = "not seen whether the camera stood still: nothing in the picture stands out that stays in its place"
-ADVICE = "film something fixed and sharp with it, the rig's stand say"
-LEAST_SEEN = 0.7  # of the frames of its path, in which a bead must be measured
+MOST_SHAKE = 3.0  # [px], standard deviation; a larger camera shake is no pure shift of the picture
+STILL = 0.1  # [px], standard deviation; a smaller shake counts as none
+MOST_LOST = 0.1  # share of the frames that may fail to register (a hand passes, a lamp is switched on)
+UNSEEN = "camera motion could not be checked: no fixed object with clear edges was found in the picture"
+ADVICE = "keep a fixed, sharp object in view, e.g. the rig's stand"
+LEAST_SEEN = 0.7  # share of the frames of its path in which the bead must be measured
 
 
 def camera_by_scene(poses: Sequence[Pose]) -> Check | str:
-    """`static_camera` by the scene alone, or in words that a picture without edges cannot tell."""
+    """Check `static_camera` from the background alone, or a note that the picture has too few edges for it."""
     from rigtwin.measure.scene.pose import LOST
 
     if all(pose == LOST for pose in poses):
@@ -32,9 +32,10 @@ def camera_by_scene(poses: Sequence[Pose]) -> Check | str:
 
 
 def static_camera(poses: Sequence[Pose], most: float = MOST_SHAKE, *, vouched: str = "", doubt: str = "") -> Check:
-    """Whether the camera stood still, or its shake was followed; what does not show either is not taken for still.
+    """Check that the camera stood still or that its shake was measured; fails if neither could be determined.
 
-    `vouched` says what else shows it where the scene has nothing to go by, `doubt` what speaks against it.
+    `vouched` is other evidence of a static camera, used if no frame registers to the background. `doubt` is evidence
+    against it. Both are parts of the message.
     """
     from rigtwin.measure.scene.pose import shakes_of
 
@@ -44,26 +45,28 @@ def static_camera(poses: Sequence[Pose], most: float = MOST_SHAKE, *, vouched: s
         message = f"{UNSEEN}; {vouched or ADVICE}{doubt}."
         return Check("static_camera", bool(vouched) and not doubt, math.nan, 0.0, message)
     shake = float(np.max(np.std(shakes_of(placed), axis=0)))
-    ending = ("" if shake < STILL else "; it was followed and taken out") + doubt
+    ending = ("" if shake < STILL else "; it was measured and removed") + doubt
     if lost > MOST_LOST:
-        ending += f"; in {100 * lost:.0f} % of the frames the scene was not found again, so how they lie is not known"
-    ending += "." if shake < most else ". Use a tripod: so large a shake turns and tilts the view as well."
+        ending += (
+            f"; {100 * lost:.0f} % of the frames could not be registered to the background, their shift is unknown"
+        )
+    ending += "." if shake < most else ". Use a tripod: so large a shake also rotates and tilts the view."
     return Check(
         "static_camera",
         shake < most and lost <= MOST_LOST and not doubt,
         shake,
         0.0,
-        f"the scene shakes by {shake:.2f} px (standard deviation){ending}",
+        f"camera shake: {shake:.2f} px (standard deviation){ending}",
     )
 
 
 def bead_in_view(share: float, frames: int, what: str) -> Check:
-    """Whether the bead was seen in most of the frames of `what`."""
+    """Check that the bead was measured in most of the frames of `what`."""
     return Check(
         "bead_in_view",
         share > LEAST_SEEN,
         share,
         1.0,
         f"the bead was measured in {100 * share:.0f} % of the {frames} frames of {what}"
-        + ("." if share > LEAST_SEEN else ": something hides it; the rest is filled by the fit."),
+        + ("." if share > LEAST_SEEN else ": it is occluded in the others, which are filled by the fit."),
     )

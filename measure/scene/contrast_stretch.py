@@ -1,4 +1,4 @@
-"""Dark or dull pictures brought to the range of well exposed ones, so that colours differ by as much as they should."""
+"""Stretch dark or low-contrast pictures to the range of well exposed ones, so that colour limits apply to both."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Image
 
-FULL_RANGE = 200.0  # [grey levels], between dark and bright in a well exposed picture
-NARROW = 0.77  # of it, below which a picture is stretched
-DIMMEST = 8.0  # [grey levels], a smaller range is noise
+FULL_RANGE = 200.0  # [grey levels], brightness range of a well exposed picture
+NARROW = 0.77  # of FULL_RANGE; a picture with a smaller range is stretched
+DIMMEST = 8.0  # [grey levels], a smaller range counts as noise
 
 
 @dataclass(frozen=True)
 class Exposure:
-    """A straight line from what the camera gave to what a well exposed picture shows, the same in all three colours."""
+    """Linear map of grey levels, the same for all three colours."""
 
     gain: float
-    table: Image = field(repr=False)  # new grey level by old one, shape (256,)
+    table: Image = field(repr=False)  # new grey level for each old one, shape (256,)
 
     def applied(self, picture: Image) -> Image:
-        """The picture, stretched where it needs to be."""
+        """The stretched picture; unchanged if the gain is 1."""
         if self.gain == 1:
             return picture
         return np.asarray(cv2.LUT(picture, self.table), dtype=np.uint8)
 
 
 def exposure_of(grey: npt.NDArray[np.uint8] | npt.NDArray[np.float32]) -> Exposure:
-    """How to stretch pictures like this one; 1 in 200 pixels at either end may be a lamp or a hole."""
+    """The contrast stretch for pictures like this one; 0.5 % of the pixels at either end may be outliers."""
     low, high = (float(each) for each in np.percentile(grey, (0.5, 99.5)))
     levels = np.arange(256, dtype=np.float64)
     if high - low > NARROW * FULL_RANGE:

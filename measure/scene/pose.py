@@ -1,3 +1,5 @@
+"""Position and brightness of a frame relative to the static background (camera shake, flicker)."""
+
 from __future__ import annotations
 
 import math
@@ -9,32 +11,36 @@ import numpy as np
 
 from rigtwin.lab.arrays import Array, FloatImage, GreyImage
 
-STEADY = 0.03  # [px], a shake that moving the picture back would blur more than it helps
+STEADY = 0.03  # [px], smaller shakes are not removed: interpolation would blur the picture more than it helps
 
-NEAR = 1.5  # [px], within which a coarse and a fine look at a shake agree
+NEAR = 1.5  # [px], tolerance between the coarse and the fine estimate of a shake
 
-FLICKER = 0.01  # relative change of brightness above which a frame is levelled with an offset as well
+FLICKER = 0.01  # relative brightness change above which an offset is fitted as well as a gain
 
 
 @dataclass(frozen=True)
 class Pose:
-    """How a frame lies over the scene, and how bright it is against it."""
+    """Shift and brightness of a frame relative to the background."""
 
-    shake: tuple[float, float] = (0.0, 0.0)  # [px], where the scene's origin lies in the frame
+    shake: tuple[float, float] = (0.0, 0.0)  # [px], position of the background's origin in the frame
     gain: float = 1.0
     offset: float = 0.0  # [grey levels]
-    doubt: tuple[float, float] = (0.0, 0.0)  # [px], half of what two halves of the scene disagree by on the shake
-    misfit: float = math.inf  # [grey levels], median of what it leaves at the scene's edges
-    placed: bool = True  # else the picture does not tell where the frame lies, and the shake is a guess
-    beside: float = 0.0  # [grey levels], likewise left some pixels beside; 0 where that was not looked at
-    strongest_off: tuple[float, float] = (0.0, 0.0)  # [px], how far the scene's strongest edges lie off it
+    # [px], uncertainty of the shake: half the difference between the results of two halves of the background
+    doubt: tuple[float, float] = (0.0, 0.0)
+    misfit: float = math.inf  # [grey levels], median absolute residual at the background's edges
+    placed: bool = True  # False: the registration failed and the shake is only a guess
+    beside: float = 0.0  # [grey levels], the same residual some pixels away from the found shift; 0: not computed
+    strongest_off: tuple[float, float] = (0.0, 0.0)  # [px], shift of the strongest edges relative to `shake`
 
     def seen(self, grey: GreyImage, box: tuple[int, int, int, int] | None = None) -> FloatImage:
-        """A part of the frame (left, top, right, bottom; all where None), moved back and levelled to the scene's."""
+        """Part of the frame in the background's pixels and brightness.
+
+        `box` is left, top, right, bottom [px]; None: the whole frame.
+        """
         left, top, right, bottom = box or (0, 0, grey.shape[1], grey.shape[0])
         if max(map(abs, self.shake)) > STEADY:
             x, y = (first + (end - 1 - first) / 2 for first, end in ((left, right), (top, bottom)))
-            # exact, where cv2.warpAffine goes in steps of a thirty-second of a pixel
+            # getRectSubPix shifts exactly; cv2.warpAffine rounds to 1/32 px
             middle = (x + self.shake[0], y + self.shake[1])
             moved = cv2.getRectSubPix(grey, (right - left, bottom - top), middle, patchType=cv2.CV_32F)
             part: FloatImage = np.asarray(moved, dtype=np.float32)
@@ -47,7 +53,7 @@ class Pose:
         return part
 
     def standing(self) -> Pose:
-        """Of a camera that is known to stand still."""
+        """The same pose for a camera known to be static."""
         return replace(self, shake=(0.0, 0.0), doubt=(0.0, 0.0))
 
 
@@ -64,7 +70,7 @@ def shakes_of(poses: Sequence[Pose]) -> Array:
 
 
 def stands_still(poses: Sequence[Pose]) -> bool:
-    """Whether the shake is no more than its own error: taking it out would only add that error to every place."""
+    """Whether the shake does not exceed its own uncertainty; removing it would only add this error to all positions."""
     poses = [pose for pose in poses if pose.placed]
     if not poses:
         return True
@@ -75,17 +81,17 @@ def stands_still(poses: Sequence[Pose]) -> bool:
 
 @dataclass(frozen=True)
 class View:
-    """One frame laid over the scene."""
+    """One frame registered to the background."""
 
-    grey: FloatImage  # [grey levels], shape (height, width), in the scene's pixels
+    grey: FloatImage  # [grey levels], shape (height, width), in the background's pixels
     pose: Pose
 
     @property
     def shake(self) -> tuple[float, float]:
-        """[px], where the scene's origin lies in the frame"""
+        """[px], position of the background's origin in the frame."""
         return self.pose.shake
 
 
 def rounded(picture: FloatImage) -> GreyImage:
-    """In whole grey levels."""
+    """The picture rounded to whole grey levels."""
     return np.asarray(cv2.convertScaleAbs(np.maximum(picture, 0)), dtype=np.uint8)

@@ -1,6 +1,7 @@
-"""The still scene of a clip: learnt from frames spread over it, and how a shaken, flickering frame lies over it.
+"""Static background of a clip, and registration of frames to it (camera shake, flicker).
 
-Picture coordinates: x right, y down, centre of the top-left pixel (0, 0).
+Frames are registered by Gauss-Newton on the grey levels at strong edges of the background; phase correlation and
+template matching find large shifts. Picture coordinates: x right, y down, centre of the top-left pixel (0, 0).
 """
 
 from __future__ import annotations
@@ -18,54 +19,54 @@ from rigtwin.lab.arrays import Array, FloatImage, GreyImage, Mask
 from rigtwin.measure.robust import middle_of
 from rigtwin.measure.scene.pose import FLICKER, LOST, NEAR, STEADY, Pose, View, rounded, worth_moving
 
-FAR = 0.12  # of the picture's longer side, up to which a shake is believed
+FAR = 0.12  # of the picture's longer side, largest accepted shake
 
-SHARP = 0.12  # of the misfit some pixels beside it, that a frame in its place may leave; in a wrong one it leaves more
+SHARP = 0.12  # largest residual of a correct registration, relative to the residual some pixels away from it
 
-AS_BEFORE = 0.9  # of what frames before left some pixels beside their place, that one in its place leaves at most
+AS_BEFORE = 0.9  # the same limit relative to the residual beside the previous frame's position; above it, recompute
 
-FEWEST = 60  # pixels at edges by which a frame is laid over the scene
+FEWEST = 60  # minimum number of edge pixels for a registration
 
-# [grey levels] that the clearest edges leave some pixels beside their place: what codecs freeze of noise leaves up to
-# 5, the edges of films five times too dark 8 and more
+# [grey levels], minimum residual of the strongest edges some pixels beside their position: noise frozen by a codec
+# gives up to 5, real edges in recordings five times too dark give 8 and more
 GRAIN = 6.0
 
-MOST_UNUSUAL = 2.0  # times the usual noise: bright pixels of a camera have that much more than dark ones
+MOST_UNUSUAL = 2.0  # largest camera noise relative to its median; bright pixels have more noise than dark ones
 
-BORDER = 8  # [px], of a scene, in which no edges are looked at
+BORDER = 8  # [px], margin of the background without anchors
 
-STRONGEST = 300  # pixels, at the strongest edges of all
+STRONGEST = 300  # number of pixels at the strongest edges
 
-AT_ONCE = 256  # frames whose strongest edges are looked at together
+AT_ONCE = 256  # frames per batch, limits the memory
 
-AS_NOISE = 2.0  # times the scene's noise, that it may leave as well
+AS_NOISE = 2.0  # alternative limit of the residual, in units of the background's noise
 
-COARSE = 480  # [px], longer side of the picture in which a large shake is looked for
+COARSE = 480  # [px], longer side of the downsampled picture for the search of large shakes
 
 
 @dataclass(frozen=True)
 class _Anchors:
-    """Pixels at strong edges, spread over a picture, by which a frame is laid over it."""
+    """Pixels at strong edges, spread over the picture, used to register frames."""
 
     x: npt.NDArray[np.intp]
     y: npt.NDArray[np.intp]
     rows: Array  # slope in x, slope in y, minus the grey level; shape (3, n)
-    halves: tuple[slice, slice]  # those in one half and in the other of the picture, in checks
+    halves: tuple[slice, slice]  # pixels in the two halves of a chequered partition of the picture
 
     @classmethod
     def of(cls, x: npt.NDArray[np.intp], y: npt.NDArray[np.intp], rows: Array, half: Mask) -> _Anchors:
-        """`half` says of each pixel whether it lies in the first half."""
+        """`half` marks the pixels of the first half, shape (n,)."""
         order, first = np.argsort(~half, kind="stable"), int(np.sum(half))
         return cls(x[order], y[order], rows[:, order], (slice(first), slice(first, None)))
 
     def best(self, count: int) -> _Anchors:
-        """The `count` of them with the strongest edges."""
+        """The `count` anchors with the strongest edges."""
         chosen = np.argsort(-np.sum(self.rows[:2] ** 2, axis=0), kind="stable")[:count]
         half = np.arange(len(self.x)) < self.halves[0].stop
         return _Anchors.of(self.x[chosen], self.y[chosen], self.rows[:, chosen], half[chosen])
 
     def seen(self, grey: GreyImage, shift: Array) -> Array:
-        """Grey levels of a frame at the anchors moved by `shift` [px]."""
+        """Grey levels of a frame at the anchors shifted by `shift` [px], bilinear, shape (n,)."""
         if not shift.any():
             return grey[self.y, self.x].astype(np.float64)
         x, y = shift.tolist()
@@ -84,32 +85,32 @@ class _Anchors:
 
 @dataclass(frozen=True)
 class Scene:
-    """What a clip shows without the bead."""
+    """Static background of a clip, without the moving objects."""
 
     picture: FloatImage  # [grey levels], shape (height, width)
-    noise: FloatImage  # [grey levels], one standard deviation of every pixel over time, same shape
-    moving: Mask | None = None  # pixels that something passes over, by which no frame is laid, same shape
+    noise: FloatImage  # [grey levels], standard deviation over time of every pixel, same shape
+    moving: Mask | None = None  # pixels that moving objects cover, excluded from the registration, same shape
 
     @cached_property
     def usual_noise(self) -> float:
-        """[grey levels], of most pixels"""
+        """[grey levels], median noise of the pixels."""
         return float(np.median(self.noise[::8, ::8]))
 
     @cached_property
     def camera_noise(self) -> FloatImage:
-        """[grey levels], the noise, but where a bead stays for a third of the clip and the spread is mostly its own."""
+        """[grey levels], the noise with an upper limit: a bead at rest for a third of the clip inflates the spread."""
         return np.minimum(self.noise, np.float32(MOST_UNUSUAL * self.usual_noise))
 
     def view(self, grey: GreyImage, start: tuple[float, float] = (0.0, 0.0)) -> View:
-        """A frame laid over the scene: moved back by the camera's shake, levelled to the scene's brightness.
+        """A frame registered to the background: shake removed, brightness matched.
 
-        `start` is a guess of the shake, e.g. that of the frame before.
+        `start` is a guess of the shake [px], e.g. that of the previous frame.
         """
         pose = self.pose(grey, start)
         return View(pose.seen(grey), pose)
 
     def pose(self, grey: GreyImage, start: tuple[float, float] = (0.0, 0.0)) -> Pose:
-        """Where a frame lies; `start` is a guess of its shake."""
+        """Pose of a frame; `start` is a guess of its shake [px]."""
         if not self.textured:
             return LOST
         near = worth_moving(start)
@@ -120,16 +121,16 @@ class Scene:
         return self._levelled(grey, pose)
 
     def next_pose(self, grey: GreyImage, before: Pose) -> Pose:
-        """Likewise, quickly, of the frame after one that lies as `before`.
+        """Pose of the frame after one with pose `before`; faster than `pose`.
 
-        By a quarter of the edges, which doubles the error of the shake.
+        Uses a quarter of the anchors, which doubles the uncertainty of the shake.
         """
         if not self.textured:
             return LOST
         pose = self._placed(grey, worth_moving(before.shake), self._few_anchors, to=STEADY)
         if pose is None:
             return self.pose(grey, before.shake)
-        # what is left beside a place hardly changes from frame to frame
+        # the residual beside the position hardly changes from frame to frame
         pose = replace(pose, beside=before.beside * pose.gain / before.gain)
         if pose.misfit > AS_BEFORE * pose.beside:
             pose = replace(pose, beside=self._beside(grey, pose))
@@ -141,12 +142,12 @@ class Scene:
         return pose if not pose.placed or abs(pose.gain - 1) < FLICKER else self._lit(grey, pose)
 
     def _placed_from_afar(self, grey: GreyImage, guess: Pose, fine: Pose | None) -> Pose:
-        """Where a frame lies that the search from a guess did not place: there still, or far from it."""
-        # a plate that turns pulls at a scene of few edges, which lies where it lay none the less
+        """Pose of a frame that could not be registered from a guess: at the guess itself, or far away from it."""
+        # a rotating plate can disturb the registration to a background with few edges although the camera is static
         if fine is None and self._sharp(grey, guess):
             return guess
         for rough in (self._by_phase(grey), self._by_likeness(grey)):
-            # what both ways find is believed, however little stands out
+            # accepted if coarse and fine search agree, even at low contrast
             if fine is not None and math.dist(rough, fine.shake) < NEAR:
                 return fine
             pose = self._placed(grey, rough, self._anchors)
@@ -156,16 +157,16 @@ class Scene:
 
     @cached_property
     def textured(self) -> bool:
-        """Whether it has edges enough to lay a frame over it, and some that are clearer than frozen grain.
+        """Whether the background has enough edges for a registration, some of them clearer than frozen noise.
 
-        A codec keeps what it made of the noise of a plain picture for many frames, and moves it where it likes.
+        In a uniform picture a codec freezes the noise for many frames and may shift it.
         """
         if len(self._anchors.x) < FEWEST:
             return False
         return self._beside(rounded(self.picture), Pose(), self._strongest.best(FEWEST)) > GRAIN
 
     def _sharp(self, grey: GreyImage, pose: Pose) -> bool:
-        """Whether the frame fits there and not some pixels beside: many wrong places fit somewhat."""
+        """Whether the frame fits there clearly better than some pixels beside; wrong positions may fit partly."""
         if pose.misfit < SHARP * pose.gain * self._contrast:
             return True
         if 1.4826 * pose.misfit > AS_NOISE * self._noise_at_edges:
@@ -177,14 +178,14 @@ class Scene:
         return middle_of(np.abs(anchors.seen(grey, shift) + gain * anchors.rows[2]))
 
     def _beside(self, grey: GreyImage, pose: Pose, anchors: _Anchors | None = None) -> float:
-        """What is left [grey levels] some pixels beside a pose, by `anchors`, the few where not given."""
+        """Mean residual [grey levels] some pixels beside a pose, at `anchors` (default: a quarter of all)."""
         whole = np.round(pose.shake)
         steps = ((6, 2), (-2, 6), (-6, -2), (2, -6))
         return float(np.mean([self._misfit(grey, whole + step, pose.gain, anchors) for step in steps]))
 
     @cached_property
     def _contrast(self) -> float:
-        """What the scene itself leaves [grey levels] some pixels beside its place."""
+        """Residual [grey levels] of the background itself some pixels beside its position."""
         return self._beside(rounded(self.picture), Pose())
 
     @cached_property
@@ -192,20 +193,20 @@ class Scene:
         return float(np.median(self.noise[self._few_anchors.y, self._few_anchors.x]))
 
     def _by_phase(self, grey: GreyImage) -> Array:
-        """Shift of a frame [px] to about a pixel, however far: the phase correlation of small pictures."""
+        """Shift of a frame [px], accurate to about a pixel, any distance: phase correlation of downsampled pictures."""
         small, window, step = self._small
         frame = cv2.resize(grey, (small.shape[1], small.shape[0]), interpolation=cv2.INTER_AREA).astype(np.float32)
-        # OpenCV 5 lays the window over the pictures that it is given
+        # OpenCV 5 multiplies its input by the window in place
         (x, y), _ = cv2.phaseCorrelate(small.copy(), frame, window)
         return np.array([x, y]) * step
 
     def _by_likeness(self, grey: GreyImage) -> Array:
-        """The same from where it is most alike: of soft or few edges the phase tells too little."""
+        """The same by template matching, for soft or few edges, where phase correlation is not reliable."""
         small, _, step = self._small
         height, width = small.shape
         frame = cv2.resize(grey, (width, height), interpolation=cv2.INTER_AREA).astype(np.float32)
         far = round(FAR * max(width, height))
-        # the whole frame, for its middle may be plain
+        # use the whole frame, because its centre may be uniform
         wide = cv2.copyMakeBorder(small, far, far, far, far, cv2.BORDER_REPLICATE)
         likeness = cv2.matchTemplate(wide, frame, cv2.TM_CCOEFF_NORMED)
         _, _, _, (x, y) = cv2.minMaxLoc(likeness)
@@ -213,7 +214,7 @@ class Scene:
 
     @cached_property
     def _small(self) -> tuple[FloatImage, FloatImage, Array]:
-        """The picture made small, a window that hides its borders, and the size of its pixels [px]."""
+        """Downsampled picture, Hanning window, and size of its pixels [px], shape (2,)."""
         height, width = self.picture.shape
         share = min(1.0, COARSE / max(height, width))
         size = (round(width * share), round(height * share))
@@ -222,7 +223,7 @@ class Scene:
         return small, window, np.array([width / size[0], height / size[1]])
 
     def _lit(self, grey: GreyImage, pose: Pose) -> Pose:
-        """Gain and offset of a flickering frame: black is not 0 in most videos, so a gain alone would not level it."""
+        """Gain and offset of a flickering frame; the offset is needed because black is not 0 in most videos."""
         step = max(1, min(self.picture.shape) // 60)
         moved = replace(pose, gain=1.0).seen(grey) if max(map(abs, pose.shake)) > 1 else grey
         wanted, seen = (each[::step, ::step].ravel().astype(np.float64) for each in (self.picture, moved))
@@ -233,7 +234,7 @@ class Scene:
             weights = 1 / (1 + (error / (2 * spread)) ** 2) ** 2
             middle = float(np.average(wanted, weights=weights))
             power = float(np.average((wanted - middle) ** 2, weights=weights))
-            if power < 20:  # [grey levels squared]: one even grey tells no gain from an offset
+            if power < 20:  # [grey levels squared]; in a uniform picture gain and offset are not separable
                 offset = float(np.average(seen - gain * wanted, weights=weights))
                 break
             gain = float(np.average((wanted - middle) * seen, weights=weights)) / power
@@ -242,7 +243,7 @@ class Scene:
 
     @cached_property
     def _edges(self) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], Array, Mask]:
-        """Columns and rows of the strongest edges, what `_Anchors` knows of them, and in which half each lies."""
+        """Columns and rows of the strongest edges per block (6 x 6), `rows` of `_Anchors`, and marks of one half."""
         smooth = cv2.GaussianBlur(self.picture, (0, 0), 1.0)
         slope_x = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)
         slope_y = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)
@@ -279,15 +280,16 @@ class Scene:
         return self._anchors.best(STRONGEST)
 
     def at_strongest(self, grey: GreyImage, pose: Pose) -> FloatImage:
-        """What a frame leaves of the scene's strongest edges [grey levels]."""
+        """Residual of a frame at the background's strongest edges [grey levels], shape (n,)."""
         anchors = self._strongest
         error = anchors.seen(grey, np.array(pose.shake)) - pose.offset + pose.gain * anchors.rows[2]
         return np.asarray(error, dtype=np.float32)
 
     def with_strongest(self, poses: Sequence[Pose], left: Sequence[FloatImage]) -> list[Pose]:
-        """With how far the strongest edges lie off it: where a camera shakes, a coarse codec redraws them alone.
+        """The poses with `strongest_off`: under camera shake a coarse codec updates only the strongest edges.
 
-        `left` is what each frame leaves `at_strongest`.  Across the edges only: along them nothing is seen.
+        `left` is the residual `at_strongest` of each frame. Only the shift across an edge is observable; the one along
+        it is damped.
         """
         slopes = self._strongest.rows[:2]
         if slopes.shape[1] < FEWEST:
@@ -307,9 +309,9 @@ class Scene:
         ]
 
     def _placed(self, grey: GreyImage, start: Array, anchors: _Anchors, to: float = 0.003) -> Pose | None:
-        """Shift of a frame against the scene [px] and its gain, by Gauss-Newton on the strongest edges.
+        """Shift of a frame relative to the background [px] and gain, by Gauss-Newton at the anchors.
 
-        Steps shorter than `to` [px] are the last; None where they do not come to an end, or tell too little.
+        Stops at steps shorter than `to` [px]; None if it does not converge or the result is too uncertain.
         """
         if len(anchors.x) < FEWEST:
             return None
@@ -319,10 +321,10 @@ class Scene:
             error = anchors.seen(grey, shift) + gain * rows[2]
             misfit = middle_of(np.abs(error))
             spread = 1.4826 * misfit + 0.3
-            weights = 1 / (1 + (error / (2 * spread)) ** 2) ** 2  # a moving bead or hand must not pull the scene along
+            weights = 1 / (1 + (error / (2 * spread)) ** 2) ** 2  # robust against a moving bead or hand
             weighted, both = rows * weights, np.concatenate([rows, error[None]])
             one, other = (weighted[:, half] @ both[:, half].T for half in anchors.halves)
-            equations = np.stack([one + other, one, other])  # of all anchors, and of each half alone
+            equations = np.stack([one + other, one, other])  # all anchors, first half, second half
             inverses = _inverses(equations[:, :, :3])
             changes = -(inverses @ equations[:, :, 3:])[:, :, 0]
             across, down, brighter = changes[0].tolist()
@@ -332,15 +334,15 @@ class Scene:
                 break
         worst = max(inverses[0, 0, 0], inverses[0, 1, 1]) * spread**2
         if worst > 0.05**2 or max(abs(across), abs(down)) > STEADY:
-            return None  # too little texture to tell, or too far away
+            return None  # too little texture, or not converged
         x, y = shift.tolist()
         if max(abs(x), abs(y)) > max(FAR * max(grey.shape), 40) or not 0.5 < gain < 2:
             return None
-        doubt = np.abs(changes[1] - changes[2]) / 2
-        return Pose((x, y), gain, 0.0, (float(doubt[0]), float(doubt[1])), misfit)
+        uncertainty = np.abs(changes[1] - changes[2]) / 2
+        return Pose((x, y), gain, 0.0, (float(uncertainty[0]), float(uncertainty[1])), misfit)
 
 
 def _inverses(normals: Array) -> Array:
-    """Of small matrices, shape (n, 3, 3); of singular ones large."""
+    """Inverses of matrices, shape (n, 3, 3); regularised, so singular ones give large values."""
     traces = np.einsum("kii->k", normals)
     return np.asarray(np.linalg.inv(normals + (1e-12 * traces)[:, None, None] * np.eye(3) + 1e-300))

@@ -1,4 +1,4 @@
-"""Frames laid over the still scene: what is measured of the picture, at a sensible size, without shake and flicker."""
+"""Frames registered to the static background: cropped, downsampled, without camera shake and flicker."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from rigtwin.measure.scene.scene import Scene
 
 Region = tuple[float, float, float, float]
 
-FINEST = 960  # [px], longer side of the picture that is measured
-NO_SHAKE = 0.15  # [px], a shake that moving the picture back would blur more than it helps
-EVEN_LIGHT = 2.0  # [grey levels], a change of the lamp that no colour is mistaken for
+FINEST = 960  # [px], largest side of the analysed picture
+NO_SHAKE = 0.15  # [px], smaller shakes are not removed: interpolation would blur the picture more than it helps
+EVEN_LIGHT = 2.0  # [grey levels], brightness changes below this do not affect the colour classification
 
 
 @dataclass(frozen=True)
 class Cut:
-    """The part of every frame that is measured, and at which size."""
+    """Crop and zoom of the analysed frames."""
 
-    zoom: float  # px measured per px of the clip
+    zoom: float  # analysed pixels per pixel of the clip
     region: Region | None = None  # [px] of the clip: x, y, width, height
 
     def seen(self, picture: Image) -> Image:
-        """The part, made smaller where the clip is larger than need be."""
+        """The cropped and downsampled picture."""
         if self.region is not None:
             left, top, width, height = (max(round(side), 0) for side in self.region)
             picture = picture[top : top + height, left : left + width]
@@ -38,14 +38,14 @@ class Cut:
         return np.asarray(cv2.resize(picture, None, fx=self.zoom, fy=self.zoom, interpolation=cv2.INTER_AREA), np.uint8)
 
     def in_clip(self, points: Array) -> Array:
-        """Points measured [px], shape (n, 2), as px of the clip."""
+        """Points in analysed pixels, shape (n, 2), converted to pixels of the clip."""
         left, top = (max(round(side), 0) for side in self.region[:2]) if self.region is not None else (0, 0)
         return np.asarray(points / self.zoom + np.array([left, top]))
 
 
 @dataclass(frozen=True)
 class Steadied:
-    """One frame moved back by the camera's shake, as bright as the still scene."""
+    """One frame with the camera shake removed and the brightness of the background."""
 
     index: int
     time: float  # [s]
@@ -54,17 +54,17 @@ class Steadied:
 
     @property
     def shake(self) -> tuple[float, float]:
-        """[px], add it to a place in the still scene to draw on the frame"""
+        """[px], to be added to background coordinates to draw on the frame."""
         return self.pose.shake
 
 
 def cut_for(width: int, height: int, region: Region | None = None) -> Cut:
-    """The whole picture, or a region of it, no larger than need be."""
+    """Crop and zoom for a clip: the region (default: all) with a longer side of at most `FINEST`."""
     return Cut(min(1.0, FINEST / max(width, height)), region)
 
 
 def still_scene(video: Video, lens: Cut) -> Scene:
-    """What does not move in the clip."""
+    """The static background of the clip."""
     background = Background()
     wanted = set(np.unique(np.linspace(video.first, video.last, Background.capacity).round().astype(int)).tolist())
     for frame in video.frames():
@@ -74,7 +74,7 @@ def still_scene(video: Video, lens: Cut) -> Scene:
 
 
 def steadied(video: Video, scene: Scene, lens: Cut) -> Iterator[Steadied]:
-    """Every frame of the clip, in order."""
+    """Every frame of the clip, registered to the background, in order."""
     shake = (0.0, 0.0)
     for frame in video.frames():
         pose = scene.pose(lens.seen(frame.grey), shake)
@@ -83,8 +83,8 @@ def steadied(video: Video, scene: Scene, lens: Cut) -> Iterator[Steadied]:
 
 
 def _levelled(picture: Image, pose: Pose) -> Image:
-    """The picture in the light of the still scene, for a lamp flickers and a camera sets its exposure anew."""
-    # of a dark picture the gain is known less well, and grey levels are few
+    """The picture with the brightness of the background: lamps flicker and cameras change their exposure."""
+    # in dark pictures the gain is uncertain and there are few grey levels: correct only a visible change
     middle = float(np.mean(cv2.mean(picture)[:3]))
     if abs(middle - (middle - pose.offset) / pose.gain) < EVEN_LIGHT:
         return picture
@@ -102,6 +102,6 @@ def _moved(picture: Image, shake: tuple[float, float]) -> Image:
 
 
 def apart(one: Image, other: Image) -> Image:
-    """Largest difference of the three colours, pixel by pixel."""
+    """Largest absolute difference of the three colours, per pixel, shape (height, width)."""
     blue, green, red = cv2.split(cv2.absdiff(one, other))
     return np.asarray(cv2.max(cv2.max(blue, green), red), dtype=np.uint8)

@@ -1,3 +1,5 @@
+"""Results of the bead fit: position, look (radius, edge, light) and shading of a bead in one frame."""
+
 from __future__ import annotations
 
 import math
@@ -10,19 +12,19 @@ from rigtwin.lab.arrays import Array
 
 @dataclass(frozen=True)
 class BeadImage:
-    """A bead as one frame shows it."""
+    """Position, radius and motion blur of a bead in one frame."""
 
     x: float  # [px]
     y: float  # [px]
-    sigma: float  # [px], one standard deviation of each coordinate
+    sigma: float  # [px], standard uncertainty of each coordinate
     radius: float  # [px]
-    blur: tuple[float, float]  # [px], path of the centre during the exposure; its sign is not seen
-    contrast: float  # [grey levels], mean difference between the bead and what it hides, signed
+    blur: tuple[float, float]  # [px], path of the centre during the exposure; its sign is not observable
+    contrast: float  # [grey levels], mean signed difference between the bead and the background
 
 
 @dataclass(frozen=True)
 class Look:
-    """What a bead looks like wherever it is: learnt from many frames, it steadies the fit of each."""
+    """Radius, edge and light of a bead, common to all frames; a prior that stabilises the fit of each frame."""
 
     radius: float  # [px]
     edge: float  # [px], softness of the rim
@@ -31,32 +33,33 @@ class Look:
 
 @dataclass(frozen=True)
 class Shading:
-    """The light's slopes in one frame: their freedom costs more of the centre than that of all else together.
+    """Slopes of the light in one frame, with their covariance with the centre.
 
-    A bead brighter on its left looks much like one further left.
+    The slopes correlate with the centre more strongly than all other parameters: a bead brighter on its left looks
+    much like one further left.
     """
 
     slopes: Array  # [grey levels per radius] in x and y, shape (2,)
     covariance: Array  # of x, y [px] and the slopes, shape (4, 4)
-    usual: Array  # slopes that were held likely, shape (2,)
-    spread: Array  # and how far off, shape (2,)
+    usual: Array  # prior mean of the slopes, shape (2,)
+    spread: Array  # prior standard deviation of the slopes, shape (2,)
 
 
 @dataclass(frozen=True)
 class BeadFit:
-    """A located bead with what its pixels say of its look."""
+    """A fitted bead with its look and the information of its pixels."""
 
     image: BeadImage
     look: Look
     misfit: float  # [grey levels], mean absolute residual
     shading: Shading
-    information: Array  # of all parameters, the pixels of a patch alone, shape (n, n)
+    information: Array  # Fisher information of all parameters from the pixels alone, shape (n, n)
     step: int  # picture pixels per patch pixel
 
     def certainty(self) -> Array:
         """Inverse covariance of (radius, edge, light), shape (6, 6).
 
-        What is left of the information when place, blur and scene of this frame are unknown (Schur complement).
+        The information after marginalising over position, blur and background of this frame (Schur complement).
         """
         mine = np.array([2, 3, *range(SHAPES, SHAPES + LIGHTS)])
         other = np.array([k for k in range(len(self.information)) if k not in mine])
@@ -67,9 +70,9 @@ class BeadFit:
         return np.asarray(schur / np.outer(unit, unit))
 
     def with_slopes(self, slopes: Array, spread: Array) -> BeadImage:
-        """The bead had it been known that the light's slopes are these, give or take `spread`.
+        """The bead with the prior of the light's slopes replaced by `slopes` +- `spread`, each of shape (2,).
 
-        No new fit: near its best, what is known beforehand shifts a fit of least squares in proportion.
+        No new fit: near the optimum a least-squares solution changes linearly with the prior.
         """
         known, light = self.shading, self.shading.covariance[:, 2:]
         more = np.diag(1 / spread**2 - 1 / known.spread**2)
@@ -81,8 +84,8 @@ class BeadFit:
         return replace(self.image, x=self.image.x + x, y=self.image.y + y, sigma=sigma)
 
 
-LEAST_SIGMA = 0.004  # [px], for what is left of faults of the model
+LEAST_SIGMA = 0.004  # [px], lower limit of the standard uncertainty, for remaining errors of the model
 
-SHAPES = 6
+SHAPES = 6  # number of shape parameters: x, y, radius, edge, blur x, blur y
 
-LIGHTS = 4
+LIGHTS = 4  # number of light parameters: constant, slope x, slope y, bulge

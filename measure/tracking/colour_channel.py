@@ -1,4 +1,4 @@
-"""Which mix of a picture's colours shows a bead best."""
+"""Choose the linear combination of colours with the highest contrast of a bead to its background."""
 
 from __future__ import annotations
 
@@ -14,19 +14,21 @@ from rigtwin.lab.arrays import Array, GreyImage
 from rigtwin.measure.media.video import Frame
 from rigtwin.measure.tracking.link import SpotPath, place_on
 
-VISIBLE = 6.0  # difference of a bead to its background, in units of the noise, at which luma is good enough
-LEAST_NOISE = 0.3  # [grey levels squared], of each of three colours, of their mix a third: what rounding leaves
+VISIBLE = 6.0  # contrast-to-noise ratio above which luma is sufficient
+LEAST_NOISE = (
+    0.3  # [grey levels squared], minimum variance of each of three colours (rounding); a third for one channel
+)
 
 
 @dataclass(frozen=True)
 class Channel:
-    """How a colour picture becomes one grey level: plain luma, or the mix that shows the bead best."""
+    """Conversion of a colour picture to grey: luma, or a linear combination of the colours."""
 
     weights: tuple[float, float, float] | None = None  # of blue, green, red; None: luma
     offset: float = 0.0  # [grey levels]
 
     def grey(self, frame: Frame) -> GreyImage:
-        """8 bit, shape (height, width)."""
+        """The grey picture, 8 bit, shape (height, width)."""
         if self.weights is None:
             return frame.grey
         mix = cv2.transform(frame.colour, np.array([[*self.weights, self.offset]], dtype=np.float32))
@@ -37,10 +39,10 @@ LUMA = Channel()
 
 
 def best_channel(frames: Sequence[Frame], path: SpotPath) -> Channel:
-    """The mix of colours in which the bead differs most surely from what is behind it (Fisher's discriminant).
+    """The combination of colours that separates the bead best from the background (Fisher's discriminant).
 
-    A wooden bead in front of a grey wall has its own lit and dark side, but one hue.  Luma is kept unless another mix
-    is clearly better: it has the full resolution.  A dozen frames spread over the path are enough.
+    A wooden bead in front of a grey wall has a lit and a dark side, but one hue. Luma is kept unless another
+    combination is clearly better, because luma has the full resolution. A dozen frames spread over the path are enough.
     """
     where = place_on(path)
     places = [where(frame.index)[0] for frame in frames]
@@ -61,7 +63,7 @@ def best_channel(frames: Sequence[Frame], path: SpotPath) -> Channel:
 
 
 def luma_is_clear(greys: Mapping[int, GreyImage], path: SpotPath) -> bool:
-    """Whether luma alone shows the bead so well that no mix of colours is asked for."""
+    """Whether the contrast in luma is sufficient, so that colours need not be read."""
     where = place_on(path)
     places = {index: where(index)[0] for index in greys}
     differences, noises = [], []
@@ -78,14 +80,17 @@ def luma_is_clear(greys: Mapping[int, GreyImage], path: SpotPath) -> bool:
 
 
 def _noise(changes: Array) -> Array:
-    """Covariance of one frame's noise by what changes from frame to frame, shape (n, colours), without what moves."""
+    """Noise covariance of one frame, shape (colours, colours), from frame differences, shape (n, colours).
+
+    Large differences (motion) are excluded.
+    """
     calm = changes[np.all(np.abs(changes) <= 3 * np.percentile(np.abs(changes), 68, axis=0) + 1, axis=1)]
     colours = changes.shape[1]
     return np.asarray(np.atleast_2d(np.cov(calm.T)) / 2 + LEAST_NOISE * colours / 3 * np.eye(colours))
 
 
 def _visibility(differences: Array, weights: Array, noise: Array) -> float:
-    """Difference to the background over noise, root mean square over the bead, shading included."""
+    """Contrast-to-noise ratio, root mean square over the bead, shading included."""
     return math.sqrt(float(np.mean((differences @ weights) ** 2)) / float(weights @ noise @ weights))
 
 
@@ -105,11 +110,11 @@ def _fisher(differences: Array, noises: Array, scenery: Array) -> Channel:
     mix = np.linalg.solve(np.cov(differences.T) + 2 * noise, mean)
     luma = np.array([0.114, 0.587, 0.299])
 
-    # colour is stored at half the resolution and coarser steps: it must be far better where luma is just enough
+    # colour is stored with half the resolution and coarser quantisation: it must be clearly better than luma
     seen = _visibility(differences, luma, noise)
     if seen > VISIBLE or _visibility(differences, mix, noise) < 2 * seen:
         return LUMA
-    # as much gain as 8 bits hold: contrast of 90 levels, or noise of 2 where that is less
+    # gain limited by the 8-bit range: contrast of 90 levels or noise of 2 levels, whichever is reached first
     gain = min(90 / abs(float(mix @ mean)), 2 / math.sqrt(float(mix @ noise @ mix)))
     weights = mix * gain
     middle = 128.0 - float(weights @ (np.median(scenery, axis=0) + mean / 2))

@@ -1,3 +1,5 @@
+"""Cut out the pixels around a moving bead in every frame, and find occlusions along its path."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass, field
@@ -16,26 +18,27 @@ from rigtwin.measure.tracking.colour_channel import Channel
 from rigtwin.measure.tracking.detect import Box
 from rigtwin.measure.tracking.link import SpotPath, Where, place_on
 
-REST = 25  # frames of a bead at rest that are worth a look before and after it moves
+REST = 25  # frames analysed before and after the motion, while the bead is at rest
 
 
 @dataclass(frozen=True)
 class Sighting:
-    """The bead in one frame, in the pixels of the still scene."""
+    """The bead in one frame, in background coordinates."""
 
     frame: int
     time: float  # [s]
     image: BeadImage
-    shake: tuple[float, float]  # [px], add it to a scene position to draw on the frame
-    fit: BeadFit = field(repr=False)  # to this frame alone
+    shake: tuple[float, float]  # [px], to be added to a position to draw on the frame
+    fit: BeadFit = field(repr=False)  # fit of this frame alone
 
     @property
     def place(self) -> tuple[float, float]:
-        """[px]"""
+        """Centre [px]."""
         return self.image.x, self.image.y
 
 
 def shows(cut: Cut, place: tuple[float, float]) -> bool:
+    """Whether a place [px] lies inside the cut-out."""
     return bool(
         cut.left <= place[0] < cut.left + cut.grey.shape[1] and cut.top <= place[1] < cut.top + cut.grey.shape[0]
     )
@@ -50,7 +53,7 @@ class Cut:
     grey: npt.NDArray[np.float32]
     left: int
     top: int
-    near: tuple[float, float]  # [px], in the scene
+    near: tuple[float, float]  # [px], expected centre in background coordinates
     step: tuple[float, float]  # [px/frame], motion
     pose: Pose
 
@@ -69,7 +72,7 @@ def cut_out(video: Video, path: SpotPath, scene: Scene, channel: Channel, progre
 
 
 def cut_around(frame: Frame, grey: GreyImage, pose: Pose, path: SpotPath, where: Where) -> list[Cut]:
-    """What is around the bead in one frame; empty where that lies outside."""
+    """The cut-out around the bead in one frame; empty if it lies outside the picture."""
     near, step = where(frame.index)
     box = inside_picture(around(path, near, step), grey.shape)
     if box is None:
@@ -78,20 +81,20 @@ def cut_around(frame: Frame, grey: GreyImage, pose: Pose, path: SpotPath, where:
 
 
 def inside_picture(box: Box, shape: tuple[int, ...]) -> Box | None:
-    """The part of a box that a picture of this shape shows; None where that is too little to fit a bead in."""
+    """The part of a box inside a picture of this shape; None if it is too small for a fit."""
     left, top, right, bottom = box[0], box[1], min(box[2], shape[1]), min(box[3], shape[0])
     return (left, top, right, bottom) if min(right - left, bottom - top) > 4 else None
 
 
 def around(path: SpotPath, near: tuple[float, float], step: tuple[float, float]) -> Box:
-    """Left, top, right and bottom of a cut-out."""
+    """Bounding box of a cut-out [px]: left, top, right, bottom."""
     reach = 2.2 * path.radius + 8 + abs(step[0]) + abs(step[1])
     left, top = max(int(near[0] - reach), 0), max(int(near[1] - reach), 0)
     return left, top, max(int(near[0] + reach) + 2, 0), max(int(near[1] + reach) + 2, 0)
 
 
 def busy(path: SpotPath) -> tuple[int, int]:
-    """First and last frame of interest: while the bead moves, and a while before and after."""
+    """First and last frame to analyse: the motion of the bead and `REST` frames before and after."""
     frames, centres = path.frames, path.centres
     moved = 0.3 * path.radius + 1
     begun = np.flatnonzero(np.hypot(*(centres - np.median(centres[:5], axis=0)).T) > moved)
@@ -102,7 +105,10 @@ def busy(path: SpotPath) -> tuple[int, int]:
 
 
 def occluders(cuts: list[Cut], sightings: list[Sighting], radius: float, scene: Scene) -> Mask | None:
-    """Pixels that keep showing the scene where the bead should hide it: something stands in front of the path."""
+    """Mask of pixels that show the background although the bead should cover them: an object in front of the path.
+
+    None if there are none or too few sightings.
+    """
     centres = _without_jumps(sightings)
     if len(centres) < 4:
         return None
@@ -131,7 +137,7 @@ def occluders(cuts: list[Cut], sightings: list[Sighting], radius: float, scene: 
 
 
 def _without_jumps(sightings: list[Sighting]) -> Array:
-    """Frame, x, y of the sightings without those that leave the line between their neighbours."""
+    """Frame, x, y of the sightings, shape (n, 3), without outliers from the line between their neighbours."""
     table = np.array([(sighting.frame, sighting.image.x, sighting.image.y) for sighting in sightings])
     if len(table) < 7:
         return table
@@ -141,7 +147,7 @@ def _without_jumps(sightings: list[Sighting]) -> Array:
 
 
 def _brightness(cuts: list[Cut], sightings: list[Sighting], scene: Scene) -> float:
-    """Grey level of the bead's middle, median over the clip."""
+    """Grey level at the bead's centre, median over the clip."""
     by_frame = {cut.frame: cut for cut in cuts}
     levels = []
     for sighting in sightings:

@@ -1,4 +1,4 @@
-"""What moves in a clip of a still scene: spots that differ from it, linked from frame to frame into paths."""
+"""Detect moving objects: connected areas (spots) of a frame that differ from the static background."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ Region = tuple[float, float, float, float]
 Box = tuple[int, int, int, int]
 """Left, top, right and bottom [px]."""
 
-MOST_COMPRESSED = 2.0  # [grey levels], scatter that compression makes; a larger one is taken for things that move
+MOST_COMPRESSED = 2.0  # [grey levels], largest scatter attributed to compression; more counts as motion
 
 
 @dataclass(frozen=True)
 class Spot:
-    """A patch of a frame that differs from the still scene."""
+    """A connected area of a frame that differs from the background."""
 
     x: float  # [px]
     y: float  # [px]
@@ -35,9 +35,32 @@ class Spot:
 
 
 def moving_spots(seen: FloatImage, scene: Scene, region: Region | None, *, most: int = 12) -> list[Spot]:
-    """Spots of a frame laid over the scene that stand out of the noise, the strongest first."""
+    """Find spots of a frame that differ from the background by more than the noise.
+
+    Parameters
+    ----------
+    seen : array, shape (height, width)
+        Frame registered to the background [grey levels].
+    scene : Scene
+        Static background with its noise.
+    region : tuple of float, optional
+        x, y, width, height [px] of the searched part; None: the whole frame.
+    most : int, optional
+        Largest number of spots returned.
+
+    Returns
+    -------
+    list of Spot
+        Sorted by area times contrast, largest first. Spots below 6 px^2 are dropped.
+
+    Notes
+    -----
+    A pixel differs if its absolute difference to the background, averaged over 3 x 3 pixels, exceeds
+    6 k sigma + 1.5 grey levels. sigma is the camera noise of the pixel; k is the scatter of the averaged differences
+    in units of the noise, estimated from the frame itself.
+    """
     difference = np.abs(cv2.blur(seen - scene.picture, (3, 3)))
-    # compression and demosaicing tie neighbouring pixels together: learn from the frame what averaging leaves of noise
+    # compression and demosaicing correlate neighbouring pixels: estimate the averaged noise from the frame itself
     left = _noise_left((difference / scene.noise)[::3, ::3], scene)
     mask = _outstanding(difference, scene.camera_noise, left)
     if region is not None:
@@ -50,7 +73,7 @@ def _outstanding(difference: FloatImage, noise: FloatImage, left: float) -> Grey
 
 
 def inside_region(region: Region, shape: tuple[int, ...]) -> GreyImage:
-    """1 where the region is, which may reach beyond the picture."""
+    """Mask of the region, shape `shape`; the region may extend beyond the picture."""
     x, y, width, height = (round(side) for side in region)
     inside = np.zeros(shape, dtype=np.uint8)
     inside[max(y, 0) : y + height, max(x, 0) : x + width] = 1
@@ -58,7 +81,7 @@ def inside_region(region: Region, shape: tuple[int, ...]) -> GreyImage:
 
 
 def _spots(difference: FloatImage, mask: GreyImage, corner: tuple[int, int], most: int) -> list[Spot]:
-    """The largest spots of a mask whose top-left pixel is `corner` of the picture."""
+    """The largest spots of a mask; `corner` is the picture position of its top-left pixel."""
     count, labels, stats, centres = cv2.connectedComponentsWithStats(mask, connectivity=8)
     spots = []
     for k in 1 + np.argsort(-stats[1:count, cv2.CC_STAT_AREA])[:most]:
@@ -77,7 +100,7 @@ def _strongest(spots: list[Spot], most: int) -> list[Spot]:
 
 
 class Search:
-    """Finds what moves in frame after frame; in large ones only where a coarse picture of them has changed."""
+    """Detect moving spots frame by frame; large frames are searched only where a downsampled picture has changed."""
 
     def __init__(self, scene: Scene, region: Region | None) -> None:
         self.scene, self.region, self.repeats = scene, region, Repeats()
@@ -89,16 +112,16 @@ class Search:
             size = (width // COARSE, height // COARSE)
             self._coarse = coarse(rounded(scene.picture))
             noise = cv2.resize(scene.noise, size, interpolation=cv2.INTER_AREA)
-            # what moving a frame back leaves at its edges
+            # residuals of the registration at edges
             edges = cv2.morphologyEx(self._coarse, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
-            # a bead covers whole cells, in which noise averages out
+            # limit per cell: a bead covers whole cells, and noise averages out within them
             self._least = np.clip(np.ceil(noise + 2 + 0.05 * edges), 3, 255).astype(np.uint8)
             self._inside = None if region is None else coarse(255 * inside_region(region, (height, width)))
-            self._left = 1.0  # of the noise, after averaging over 3 x 3 pixels
+            self._left = 1.0  # scatter of 3 x 3 averages in units of the noise
             self._strips = np.linspace(0, height - 3, 12).astype(int)
 
     def spots(self, frame: Frame, most: int = 12) -> list[Spot]:
-        """The spots of the next frame, the strongest first."""
+        """The spots of the next frame, strongest first."""
         small = coarse(frame.grey)
         self.repeats.add(frame.index, small)
         before = self.poses[-1] if self.poses else Pose()
@@ -111,11 +134,11 @@ class Search:
         return moving_spots(pose.seen(frame.grey), self.scene, self.region, most=most)
 
     def all_poses(self) -> list[Pose]:
-        """Of all frames, with how far the scene's strongest edges lie off each."""
+        """Poses of all frames, with `strongest_off`."""
         return self.scene.with_strongest(self.poses, self._at_strongest)
 
     def _windows(self, small: GreyImage, pose: Pose) -> list[Box] | None:
-        """The parts that have changed; None where that is much of the picture."""
+        """Boxes that have changed; None if they cover much of the picture."""
         x, y = pose.shake[0] / COARSE, pose.shake[1] / COARSE
         if max(abs(x), abs(y)) > STEADY:
             height, width = small.shape
@@ -149,20 +172,21 @@ class Search:
         return _strongest(spots, most)
 
     def _noise_left(self, grey: GreyImage, pose: Pose) -> float:
-        """As `moving_spots` finds it, from a few rows of the frame."""
+        """The noise factor of `moving_spots`, from a few rows of the frame."""
         scene, width = self.scene, grey.shape[1]
         strips = [(row, row + 3) for row in self._strips.tolist()]
         seen = np.concatenate([pose.seen(grey, (0, top, width, end)) for top, end in strips])
         usual = np.concatenate([scene.picture[top:end] for top, end in strips])
-        # of each strip the middle row, whose neighbours are its own
+        # the middle row of each strip; its neighbours belong to the same strip
         difference = cv2.blur(seen - usual, (3, 3))[1::3, ::3]
         return _noise_left(difference / scene.noise[self._strips + 1, ::3], scene)
 
 
 def _noise_left(ratios: npt.NDArray[np.floating], scene: Scene) -> float:
-    """Scatter of differences over noise, what moves left out: of all, or, where most stand still, of the widest.
+    """Robust scatter of differences in units of the noise: from the median, or from the 95th percentile if larger.
 
-    Hard compression repeats most of a picture and changes the rest by several grey levels.
+    Strong compression repeats most of a picture and changes the rest by several grey levels. The percentile is limited
+    by `MOST_COMPRESSED`, so that motion does not count.
     """
     flat = np.abs(ratios).ravel()
     middle, far = round(0.5 * (len(flat) - 1)), round(0.95 * (len(flat) - 1))
@@ -172,7 +196,7 @@ def _noise_left(ratios: npt.NDArray[np.floating], scene: Scene) -> float:
 
 
 def _boxes_apart(mask: GreyImage) -> list[Box]:
-    """Left, top, width and height of boxes around all parts of a mask; those that would overlap are made one."""
+    """Bounding boxes (left, top, width, height) of all parts of a mask; overlapping ones are merged."""
     count = 0
     while True:
         found, _, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)

@@ -1,8 +1,8 @@
-"""How long the shutter was open, from the length of the streaks that a fast bead draws.
+"""Exposure time from the motion blur of a fast bead.
 
-One exposure holds for the whole clip.  It is told by the frames in which the bead moves fast and evenly: each is fitted
-with streaks of several lengths, and the length that its pixels like best, over the way from frame to frame, is the
-share of the frame interval that the shutter was open.
+One exposure time holds for the whole clip. The frames with fast, uniform motion are fitted with streaks of several
+lengths. The length with the smallest misfit, divided by the displacement between frames, is the exposure time as a
+share of the frame interval.
 """
 
 from __future__ import annotations
@@ -15,41 +15,41 @@ import numpy as np
 from rigtwin.lab.arrays import Array
 from rigtwin.measure.tracking.link import SpotPath
 
-LEAST_SHARE = 0.02  # no streak at all would mean that it is unknown
-TRIED = np.array([LEAST_SHARE, 0.15, 0.3, 0.45, 0.6, 0.8, 1.0])  # shares of the frame interval, first
-ROUGHLY = 0.04  # of the frame interval, that the best by so few of them may be off
-CLOSER = np.array([-0.16, -0.08, 0.0, 0.08, 0.16])  # then, about the best of them
-STILL = 0.01  # [px], smear of a bead at rest: none at all would mean that it is unknown
-LEAST_WAY = 2.0  # [px/frame], of a bead whose streak shows
-EVEN = 0.35  # change of the way from one frame to the next, relative; at a bounce it is larger
-MOST_STREAKS = 10  # that are looked at, the longest
-STREAK_DOUBT = 0.5  # [px], of a streak's length: shading and gloss of a bead are not those of the model
+LEAST_SHARE = 0.02  # smallest share of the frame interval; 0 would mean unknown
+TRIED = np.array([LEAST_SHARE, 0.15, 0.3, 0.45, 0.6, 0.8, 1.0])  # shares of the frame interval in the first search
+ROUGHLY = 0.04  # of the frame interval, standard uncertainty of this coarse search
+CLOSER = np.array([-0.16, -0.08, 0.0, 0.08, 0.16])  # offsets in the second search, around the result of the first
+STILL = 0.01  # [px], streak of a bead at rest; 0 would mean unknown
+LEAST_WAY = 2.0  # [px/frame], minimum displacement for a visible streak
+EVEN = 0.35  # largest relative change of the displacement between frames; at a bounce it is larger
+MOST_STREAKS = 10  # number of frames used, those with the longest displacement
+STREAK_DOUBT = 0.5  # [px], standard uncertainty of a streak's length, as shading and gloss differ from the model
 
 
 @dataclass(frozen=True)
 class Shutter:
-    """Share of the frame interval that the shutter was open, with its standard uncertainty; none where it is not told.
+    """Exposure time as a share of the frame interval, with its standard uncertainty; infinite: unknown.
 
-    Without it the streak of every frame is as free as its pixels leave it.
+    If it is unknown, the streak is a free parameter in every frame.
     """
 
     share: float = 0.0
-    doubt: float = math.inf
+    doubt: float = math.inf  # standard uncertainty of `share`
 
     @property
     def told(self) -> bool:
-        """Whether anything moved fast enough to show it."""
+        """Whether the exposure time is known, i.e. something moved fast enough."""
         return math.isfinite(self.doubt)
 
     def streak(self, way: tuple[float, float]) -> tuple[float, float]:
-        """Smear of a bead that goes this way from frame to frame, all in pixels; (0, 0) where it is not known."""
+        """Streak [px] of a bead with this displacement per frame [px]; (0, 0) if unknown."""
         if not self.told:
             return 0.0, 0.0
         x, y = self.share * way[0], self.share * way[1]
         return (x, y) if x or y else (STILL, STILL)
 
     def streak_doubt(self, way: tuple[float, float]) -> float:
-        """Standard uncertainty of its length [px] from that of the shutter."""
+        """Standard uncertainty of the streak's length [px]."""
         return self.doubt * math.hypot(*way) if self.told else 0.0
 
 
@@ -57,7 +57,7 @@ NOT_TOLD = Shutter()
 
 
 def fast_frames(path: SpotPath) -> dict[int, float]:
-    """Where the bead is seen to move fastest, evenly from the frame before to the one after: frame and way [px]."""
+    """Frames with the fastest uniform motion: frame index and displacement per frame [px]."""
     frames, centres = np.array(path.frames), path.centres
     ahead, behind = centres[2:] - centres[1:-1], centres[1:-1] - centres[:-2]
     way = np.hypot(*((ahead + behind) / 2).T)
@@ -67,10 +67,11 @@ def fast_frames(path: SpotPath) -> dict[int, float]:
 
 
 def shutter_of(tried: Array, misfits: Array, ways: Array) -> Shutter:
-    """The shutter from the misfit of every frame with streaks of `tried`, shape (tried, frames), and its way [px].
+    """Exposure time from the misfits, shape (tried, frames), of streaks with the shares `tried`.
 
-    A frame counts by how sharply its misfit tells one length from another, which one without a bead does not, and the
-    middle frame decides: a few that show something else have no say.
+    `ways` is the displacement in every frame [px]. The result is the median over the frames, weighted by the curvature
+    of the misfit at its minimum. Frames without a bead have a small curvature, and the median is robust against a few
+    outliers.
     """
     known = np.all(np.isfinite(misfits), axis=0)
     if np.count_nonzero(known) < 3:
@@ -86,7 +87,7 @@ def shutter_of(tried: Array, misfits: Array, ways: Array) -> Shutter:
 
 
 def _liked_best(tried: Array, misfit: Array) -> tuple[float, float]:
-    """The share of least misfit, and how sharply the misfit grows beside it, relative to the least."""
+    """The share with the smallest misfit, and the relative curvature of the misfit there."""
     relative = misfit / max(float(misfit.min()), 1e-6)
     best = int(np.clip(np.argmin(misfit), 1, len(tried) - 2))
     near = np.s_[best - 1 : best + 2]

@@ -1,3 +1,5 @@
+"""Find the paths of all moving objects in a clip, and the camera shake."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -14,17 +16,17 @@ from rigtwin.measure.tracking.link import Linker, SpotPath
 
 @dataclass(frozen=True)
 class Movement:
-    """What moves in a clip."""
+    """Paths of the moving objects in a clip and poses of its frames."""
 
     paths: list[SpotPath]
-    poses: Mapping[int, Pose]  # of the frames against the scene in which the paths were found
-    repeated: frozenset[int]  # frames that only repeat the one before; nothing is looked for in them
+    poses: Mapping[int, Pose]  # of the frames relative to `scene`, by frame index
+    repeated: frozenset[int]  # frames that repeat the previous one; they are not analysed
     scene: Scene = field(repr=False)
-    still: bool = False  # whether the camera is known to stand still; else its shake is looked at again where it counts
-    album: Album | None = field(default=None, repr=False)  # what was kept of the frames of a camera that stands still
+    still: bool = False  # the camera is static; otherwise poses are refined when needed
+    album: Album | None = field(default=None, repr=False)  # cached parts of the frames, only with a static camera
 
     def pose(self, frame: Frame) -> Pose:
-        """Where a frame lies, as exactly as it shows."""
+        """Pose of a frame at full precision."""
         known = self.poses.get(frame.index)
         if known is not None and self.still:
             return known
@@ -32,7 +34,10 @@ class Movement:
 
 
 def find_paths(video: Video, scene: Scene, region: Region | None, progress: Progress = silent) -> Movement:
-    """Paths of everything that moves, and the camera's shake."""
+    """Paths of everything that moves, and the camera's shake.
+
+    `region` is x, y, width, height [px] of the searched part; None: the whole frame.
+    """
     search, album = Search(scene, region), Album()
     found: dict[int, list[Spot]] = {}
     for frame in video.frames():
@@ -46,6 +51,6 @@ def find_paths(video: Video, scene: Scene, region: Region | None, progress: Prog
     seen = search.all_poses()
     still = stands_still(seen)
     poses = [pose.standing() if still else pose for pose in seen]
-    # a shaking camera's frames are read again for their shake, and the album's room is free
+    # with a shaking camera the frames are read again for precise poses: drop the cache
     kept = album if still else None
     return Movement(linker.paths(), dict(zip(found, poses, strict=True)), repeated, scene, still, kept)

@@ -1,7 +1,7 @@
-"""Follow one bead through a clip of a still scene: find what moves, link it into paths, fit the bead in every frame.
+"""Follow one bead of known path through a clip: fit its image in every frame.
 
-Passes over the video, none of which holds it in memory: learn the scene, find the moving spots and keep what is around
-them, and, where that is not enough, cut out the bead; then the bead is fitted in the cut-outs.
+The pixels around the bead come from the cache of the search (`frame_cache`) or, if that is not sufficient, from another
+pass over the video. The video is never held in memory as a whole. The bead is then fitted in these cut-outs.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from rigtwin.measure.tracking.find_paths import Movement
 from rigtwin.measure.tracking.link import SpotPath, place_on
 from rigtwin.measure.tracking.refine import common_look, fit_bead
 
-BADLY = 2.0  # times the usual misfit, from which on a fit may lie in a wrong place
+BADLY = 2.0  # times the median misfit; a fit above it may be at a wrong position
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Chase:
 
     sightings: tuple[Sighting, ...]
     path: SpotPath
-    poses: tuple[Pose, ...]  # of every frame
+    poses: tuple[Pose, ...]  # one per frame
     shutter: Shutter
     radius: float  # [px]
     scene: Scene = field(repr=False)
@@ -66,7 +66,7 @@ class Chase:
 
     @property
     def shakes(self) -> Array:
-        """[px], of the camera in every frame, shape (frames, 2)"""
+        """Camera shake in every frame [px], shape (frames, 2)."""
         return shakes_of(self.poses)
 
 
@@ -75,10 +75,9 @@ def _spread(first: int, last: int, count: int) -> set[int]:
 
 
 def chase(path: SpotPath, moves: Movement, scene: Scene, cuts: Sequence[Cut], progress: Progress = silent) -> Chase:
-    """Fit the bead of a path in every frame, also before and after the path where it rests.
+    """Fit the bead of a path in every cut-out, also before and after its motion.
 
-    Two rounds on the pixels cut out around the bead: the first finds radius and exposure, and what stands in front of
-    the bead's path; the second fits again knowing these.
+    Two rounds: the first finds radius, exposure time and occlusions along the path; the second uses them as known.
     """
     cuts = [cut for cut in cuts if cut.frame not in moves.repeated]
     poses = tuple(moves.poses.values())
@@ -91,7 +90,7 @@ def chase(path: SpotPath, moves: Movement, scene: Scene, cuts: Sequence[Cut], pr
     shutter = NOT_TOLD
     hidden = occluders(cuts, good, path.radius, scene)
     radius = float(np.median([sighting.image.radius for sighting in good]))
-    # slow frames show the look; fast ones smear it
+    # learn the look from slow frames; motion blur hides it in fast ones
     slow = sorted(few, key=lambda cut: math.hypot(*cut.step))[: max(15, len(few) // 2)]
     look = None
     for _ in range(2):
@@ -108,9 +107,9 @@ def chase(path: SpotPath, moves: Movement, scene: Scene, cuts: Sequence[Cut], pr
 
 
 def _started_again(chase: Chase) -> Chase:
-    """Frames whose pixels are badly explained are fitted again from where the bead is in those before and after.
+    """Refit frames with a large misfit, starting from the position interpolated between the good frames.
 
-    Something that touches the bead, what holds it say, makes a second place where a disc seems to fit.
+    An object that touches the bead (e.g. a holder) may cause a second local minimum.
     """
     misfits = np.array([sighting.fit.misfit for sighting in chase.sightings])
     good = [sighting for sighting in chase.sightings if sighting.fit.misfit <= BADLY * float(np.median(misfits))]
@@ -135,7 +134,7 @@ def _started_again(chase: Chase) -> Chase:
 
 
 def _off(sightings: Sequence[Sighting], cuts: Sequence[Cut]) -> tuple[float, float]:
-    """How far beads lie off where their cut-outs have them [px]: the middle of a shaded bead is not its brightest."""
+    """Median offset of the fitted centres from the expected ones [px]; a shaded bead is not brightest at its centre."""
     near = {cut.frame: cut.near for cut in cuts}
     off = [(each.image.x - near[each.frame][0], each.image.y - near[each.frame][1]) for each in sightings]
     x, y = np.median(np.array(off), axis=0).tolist()
@@ -147,7 +146,7 @@ def _moved_by(off: tuple[float, float], cuts: Sequence[Cut]) -> list[Cut]:
 
 
 def chase_path(video: Video, path: SpotPath, moves: Movement, progress: Progress = silent) -> Chase:
-    """`chase` in the best channel, before the scene without the bead, wherever it rests."""
+    """Follow the bead of a path: learn the background without the bead, choose the best channel, then `chase`."""
     kept = _from_album(path, moves)
     if kept is not None:
         scene, cuts = kept
@@ -156,14 +155,14 @@ def chase_path(video: Video, path: SpotPath, moves: Movement, progress: Progress
     chosen = _spread(max(path.frames[0], begin), min(path.frames[-1], end), Background.capacity)
     seen, cuts = _seen_and_cut(video, path, moves, chosen, progress)
     channel = best_channel([frame for frame, _ in seen[::2]], path)
-    # another mix of colours has another gain: the background finds it
+    # gain and offset were found in luma; for another channel the background estimates them again
     layers = {
         frame.index: rounded(
             (pose if channel == LUMA else replace(pose, gain=1.0, offset=0.0)).seen(channel.grey(frame))
         )
         for frame, pose in seen
     }
-    del seen  # colour pictures are large
+    del seen  # free the memory of the colour pictures
     scene = _scene_behind(path, layers)
     if channel != LUMA:
         cuts = cut_out(video, path, scene, channel, progress)
@@ -171,13 +170,13 @@ def chase_path(video: Video, path: SpotPath, moves: Movement, progress: Progress
 
 
 def _scene_behind(path: SpotPath, layers: Mapping[int, GreyImage]) -> Scene:
-    """What the frames, laid over each other, show behind the bead of a path."""
+    """Background without the bead of a path, from registered frames."""
     background = _background(layers)
     return background.scene(_bead_in(path, background.indices), reach=_reach(path))
 
 
 def _scene_within(path: SpotPath, layers: Mapping[int, GreyImage], box: Box, scene: Scene) -> Scene:
-    """The scene with what is behind the bead of a path, learnt from this part of frames that lie over it already."""
+    """The background with the part `box` learned again without the bead, from registered frames of this part."""
     background = _background(layers)
     left, top, right, bottom = box
     bead = {index: (x - left, y - top) for index, (x, y) in _bead_in(path, background.indices).items()}
@@ -195,7 +194,7 @@ def _background(layers: Mapping[int, GreyImage]) -> Background:
 
 
 def _bead_in(path: SpotPath, indices: Sequence[int]) -> dict[int, tuple[float, float]]:
-    """Where the bead of a path is in some frames [px]."""
+    """Interpolated centres [px] of the bead of a path by frame index."""
     frames, centres = np.array(path.frames), path.centres
     return {
         index: (float(np.interp(index, frames, centres[:, 0])), float(np.interp(index, frames, centres[:, 1])))
@@ -204,12 +203,12 @@ def _bead_in(path: SpotPath, indices: Sequence[int]) -> dict[int, tuple[float, f
 
 
 def _reach(path: SpotPath) -> float:
-    """[px], how far from its centre the bead may cover the scene."""
+    """[px], radius around the centre within which the bead may cover the background."""
     return 1.6 * path.radius + 6
 
 
 def _from_album(path: SpotPath, moves: Movement) -> tuple[Scene, list[Cut]] | None:
-    """Scene and cut-outs without reading the film again: where the camera stands still and luma shows the bead well."""
+    """Background and cut-outs from the cache; None if it is incomplete or luma has too little contrast."""
     if moves.album is None:
         return None
     album, where = moves.album, place_on(path)
@@ -233,7 +232,7 @@ def _from_album(path: SpotPath, moves: Movement) -> tuple[Scene, list[Cut]] | No
     left, top = min(cut.left for cut in cuts), min(cut.top for cut in cuts)
     right = max(cut.left + cut.grey.shape[1] for cut in cuts)
     bottom = max(cut.top + cut.grey.shape[0] for cut in cuts)
-    within = (left, top, right, bottom)  # the rest of the frames need not be copied
+    within = (left, top, right, bottom)  # only this part of the frames is needed
     layers = {index: rounded(moves.poses[index].seen(grey, within)) for index, grey in greys.items()}
     return _scene_within(path, layers, within, moves.scene), cuts
 
@@ -241,7 +240,7 @@ def _from_album(path: SpotPath, moves: Movement) -> tuple[Scene, list[Cut]] | No
 def _seen_and_cut(
     video: Video, path: SpotPath, moves: Movement, chosen: set[int], progress: Progress
 ) -> tuple[list[tuple[Frame, Pose]], list[Cut]]:
-    """The chosen frames and how they lie, and in the same pass the cut-outs of luma."""
+    """The chosen frames with their poses, and in the same pass the cut-outs in luma."""
     where = place_on(path)
     seen, cuts = [], []
     for frame in video.frames(*busy(path)):
@@ -254,7 +253,7 @@ def _seen_and_cut(
 
 
 def _fit_again(chase: Chase, cuts: Sequence[Cut]) -> list[Sighting]:
-    """Cuts fitted with all that is known of the bead by now, which is surely near the place that they name."""
+    """Refit cut-outs with the known look, exposure time and occlusions, starting at their expected centre."""
     return _fit_cuts(
         cuts,
         chase.scene,
@@ -268,10 +267,10 @@ def _fit_again(chase: Chase, cuts: Sequence[Cut]) -> list[Sighting]:
 
 
 def look_again(chase: Chase, expected: Mapping[int, tuple[tuple[float, float], tuple[float, float]]]) -> Chase:
-    """Fit some frames again, started where the bead is expected.
+    """Refit some frames, starting at the expected position.
 
-    `expected` maps frames to centre [px] and motion [px/frame].  A frame in which no bead is found there loses its
-    sighting: what was found elsewhere was not the bead.
+    `expected` maps frame indices to centre [px] and motion [px/frame]. A frame without a bead at the expected position
+    loses its sighting, because the one found elsewhere was not the bead.
     """
     renewed = {sighting.frame: sighting for sighting in chase.sightings if sighting.frame not in expected}
     cuts = [
@@ -288,7 +287,7 @@ def look_again(chase: Chase, expected: Mapping[int, tuple[tuple[float, float], t
 
 
 def _steadied(chase: Chase) -> Chase:
-    """With what the frames of a clip say of each other: how the bead is lit, and how far its places scatter."""
+    """Apply the common shading and the scatter of the positions (see `consistency`) to all sightings."""
     frames = np.array([each.frame for each in chase.sightings])
     images = in_steady_light([each.fit for each in chase.sightings], frames)
     more = scatter(np.array([each.time for each in chase.sightings]), frames, images)
@@ -337,7 +336,7 @@ def _fit_cuts(
 
 
 def _onwards(last: Sequence[Sighting], frame: int) -> tuple[float, float] | None:
-    """Where the bead of the three frames before is next, if it falls on as it did [px]."""
+    """Quadratic extrapolation of the centre [px] from the three previous frames; None if one is missing."""
     if [each.frame for each in last] != [frame - 3, frame - 2, frame - 1]:
         return None
     first, second, third = (each.image for each in last)
@@ -347,22 +346,23 @@ def _onwards(last: Sequence[Sighting], frame: int) -> tuple[float, float] | None
 def told_shutter(
     cuts: Sequence[Cut], path: SpotPath, scene: Scene, look: Look, hidden: Mask | None, known: Shutter = NOT_TOLD
 ) -> Shutter:
-    """The exposure whose streaks fit the fastest frames of a path best; looked for near the one `known` where told."""
+    """The exposure time with the smallest misfit in the fastest frames of a path, searched near `known` if set."""
     ways = fast_frames(path)
     fast = [cut for cut in cuts if cut.frame in ways]
     if len(fast) < 3:
         return NOT_TOLD
     tried = np.maximum(known.share + CLOSER, LEAST_SHARE * np.arange(1, len(CLOSER) + 1)) if known.told else TRIED
     misfits = _misfits(fast, tried, max(ways.values()) / 2, scene, look, hidden)
-    told = shutter_of(tried[: len(misfits)], misfits, np.array([ways[cut.frame] for cut in fast]))
-    return told if known.told else replace(told, doubt=math.hypot(told.doubt, ROUGHLY))
+    found = shutter_of(tried[: len(misfits)], misfits, np.array([ways[cut.frame] for cut in fast]))
+    return found if known.told else replace(found, doubt=math.hypot(found.doubt, ROUGHLY))
 
 
 def _misfits(fast: Sequence[Cut], tried: Array, room: float, scene: Scene, look: Look, hidden: Mask | None) -> Array:
-    """[grey levels], with streaks of the shares in `tried`, shape (shares, cuts); the same pixels for all.
+    """Misfits [grey levels] with streaks of the shares in `tried`, shape (shares, cuts).
 
-    Else the emptier patch would win; `room` [px] is what the longest streak needs.  Each share is begun where the one
-    before has put the beads.  Once two in a row did worse than the best before them, no longer streak is tried.
+    All shares use the same pixels, with a margin `room` [px] for the longest streak; otherwise a patch with more
+    background would have the smaller misfit. Each share starts from the centres of the previous one. The search stops
+    after two shares in a row that are worse than the best one.
     """
     misfits: list[list[float]] = []
     for share in tried.tolist():

@@ -1,4 +1,4 @@
-"""What the search for a bead keeps of the frames, so that the bead can be fitted without reading them again."""
+"""Cache of the frame parts around moving spots, so that a bead can be fitted without reading the video again."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from rigtwin.measure.media.video import Frame
 from rigtwin.measure.scene.background import Background
 from rigtwin.measure.tracking.detect import Box, Spot
 
-ROOM = 96 * 2**20  # [bytes] of cut-outs; a clip that asks for more is read again instead
-MOST = 4  # spots of a frame that are kept, the strongest
-GHOSTS = 25  # frames for which the place of a spot is kept on after it has vanished
-FEWEST = 7  # whole frames from which the scene behind a bead is learnt
+ROOM = 96 * 2**20  # [bytes] of cut-outs; a clip that needs more is read again instead
+MOST = 4  # number of spots per frame kept, the strongest
+GHOSTS = 25  # frames for which the surroundings of a spot are still kept after it has vanished
+FEWEST = 7  # minimum number of whole frames to learn the background behind a bead
 
 
 class Album:
-    """Cut-outs around the spots of every frame, and some whole frames in which something moves."""
+    """Cut-outs around the spots of every frame, and some whole frames with motion."""
 
     def __init__(self) -> None:
         self._whole: dict[int, GreyImage] = {}
-        self._moved, self._every = 0, 1  # frames in which something moved, and which of them are kept whole
-        self.times: dict[int, float] = {}  # [s], of the frames of which there are cut-outs
+        self._moved, self._every = 0, 1  # number of frames with motion; every n-th is kept whole
+        self.times: dict[int, float] = {}  # [s], by index of the frames with cut-outs
         self._cuts: dict[int, list[tuple[Box, GreyImage]]] = {}
-        self._places: list[tuple[Box, int]] = []  # and in which frame a spot was last seen there
+        self._places: list[tuple[Box, int]] = []  # box, and last frame with a spot there
         self._room = ROOM
         self._last: Spot | None = None
 
     def add(self, frame: Frame, spots: Sequence[Spot]) -> None:
-        """See the next frame with its spots, the strongest first."""
+        """Add the next frame with its spots, strongest first."""
         if self._last is not None and spots:
             step = math.hypot(spots[0].x - self._last.x, spots[0].y - self._last.y)
             if step > 1:
@@ -42,7 +42,7 @@ class Album:
             if frame.index - seen < GHOSTS and not any(_meets(box, other) for other, _ in here)
         ]
         self._places = (here + gone)[: 2 * MOST]
-        if self._places and self._room > 0:  # of the hours in which nothing moves nothing is kept
+        if self._places and self._room > 0:  # nothing is kept while nothing moves
             self._keep_cuts(frame)
 
     def _keep_cuts(self, frame: Frame) -> None:
@@ -57,7 +57,7 @@ class Album:
             ]
 
     def _keep_whole(self, frame: Frame) -> None:
-        """One frame in so many, spread evenly over all in which something moves."""
+        """Keep every n-th frame with motion; n doubles when the store is full."""
         if self._moved % self._every == 0:
             self._whole[frame.index] = frame.grey.copy()
         self._moved += 1
@@ -67,20 +67,20 @@ class Album:
             self._every *= 2
 
     def cut(self, index: int, box: Box) -> GreyImage | None:
-        """A part of a frame, None where not all of it was kept."""
+        """A part of a frame; None if it was not kept completely."""
         for (left, top, right, bottom), part in self._cuts.get(index, []):
             if left <= box[0] and top <= box[1] and right >= box[2] and bottom >= box[3]:
                 return part[box[1] - top : box[3] - top, box[0] - left : box[2] - left]
         return None
 
     def greys(self, first: int, last: int) -> dict[int, GreyImage]:
-        """The whole frames kept from `first` to `last`, by number; none where they are too few to learn from."""
+        """The whole frames kept from `first` to `last`, by index; empty if there are fewer than `FEWEST`."""
         greys = {index: grey for index, grey in self._whole.items() if first <= index <= last}
         return greys if len(greys) >= FEWEST else {}
 
 
 def _around(spot: Spot) -> Box:
-    """Room for the bead of a spot, for its blur and for what it moves in a frame."""
+    """Box around a spot with a margin for motion blur and the motion within a frame."""
     reach = 2 * max(spot.width, spot.height) + 32
     return (
         max(int(spot.x - reach), 0),

@@ -1,3 +1,5 @@
+"""Link the moving spots of successive frames into paths."""
+
 from __future__ import annotations
 
 import math
@@ -12,29 +14,29 @@ from rigtwin.lab.arrays import Array
 from rigtwin.measure.tracking.detect import Spot
 
 Where = Callable[[int], tuple[tuple[float, float], tuple[float, float]]]
-"""Centre [px] and motion [px/frame] of a bead by frame number."""
+"""Centre [px] and motion [px/frame] of a bead by frame index."""
 
 
 @dataclass(frozen=True)
 class SpotPath:
-    """Spots of one moving thing, frame by frame."""
+    """Spots of one moving object, frame by frame."""
 
     frames: tuple[int, ...]
     spots: tuple[Spot, ...]
 
     @cached_property
     def centres(self) -> Array:
-        """[px], shape (n, 2)"""
+        """Centres of the spots [px], shape (n, 2)."""
         return np.array([(spot.x, spot.y) for spot in self.spots])
 
     @cached_property
     def radius(self) -> float:
-        """[px], of the disc of the spot's narrower side, median over the path: motion blur only lengthens."""
+        """[px], half the narrower side of the spots, median over the path; motion blur widens only the other side."""
         return float(np.median([min(spot.width, spot.height) for spot in self.spots])) / 2
 
 
 def place_on(path: SpotPath) -> Where:
-    """Centre and motion per frame: from the spots, straight lines across gaps, at rest before and after."""
+    """Centre and motion per frame from the spots; linear interpolation across gaps, at rest before and after."""
     frames = np.array(path.frames, dtype=np.float64)
     centres = path.centres
 
@@ -45,7 +47,7 @@ def place_on(path: SpotPath) -> Where:
             return (x, y), (0.0, 0.0)
         ahead = (centres[k + 1] - centres[k]) / (frames[k + 1] - frames[k])
         behind = (centres[k] - centres[k - 1]) / (frames[k] - frames[k - 1])
-        # at a bounce the two disagree in sign, and the bead goes a part of the longer way while the shutter is open
+        # at a bounce the two have opposite signs; use half of the longer one
         step = (ahead + behind) / 2 if np.dot(ahead, behind) > 0 else max(ahead, behind, key=np.linalg.norm) / 2
         return (x, y), (float(step[0]), float(step[1]))
 
@@ -53,16 +55,19 @@ def place_on(path: SpotPath) -> Where:
 
 
 class Linker:
-    """Joins spots of successive frames into paths; a path survives a few frames without a spot."""
+    """Links spots of successive frames into paths; a path may have gaps.
 
-    patience = 25
+    The assignment of spots to paths minimises the total cost (Hungarian algorithm).
+    """
+
+    patience = 25  # frames without a spot after which a path ends
 
     def __init__(self) -> None:
         self._open: list[_Thread] = []
         self._closed: list[_Thread] = []
 
     def add(self, frame: int, spots: Sequence[Spot]) -> None:
-        """Take the spots of the next frame."""
+        """Add the spots of the next frame."""
         cost = np.array([[thread.cost(frame, spot) for spot in spots] for thread in self._open]).reshape(
             len(self._open), len(spots)
         )
@@ -96,13 +101,13 @@ class _Thread:
         self.spots.append(spot)
 
     def cost(self, frame: int, spot: Spot) -> float:
-        """Distance to where the bead may be: flying on, or bounced back; infinite when out of reach."""
+        """Normalised distance to the predicted position (free flight or bounce) plus dissimilarity; inf: impossible."""
         last, gap = self.spots[-1], frame - self.frames[-1]
         size = math.sqrt(last.area) + 2
         x, y = spot.x - last.x, spot.y - last.y
         u, v = self.velocity
         reach = (1.4 * math.hypot(u, v) + 1.2 * size) * gap if len(self.frames) > 1 else 4 * size * gap
-        # specks of noise must not win a bead's path, nor lend theirs to it; a factor of six is a merged shadow
+        # specks of noise must not be linked to a bead; an area ratio up to six occurs when a shadow merges with a bead
         if math.hypot(x, y) > reach or abs(math.log(spot.area / last.area)) > math.log(6):
             return math.inf
         flying = math.hypot(x - u * gap, y - v * gap)

@@ -1,4 +1,4 @@
-"""The pixels around a guess of where a bead is, and where among them a bead seems to be before anything is fitted."""
+"""Pixels around the expected position of a bead, and the start of the fit from image moments."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ import numpy.typing as npt
 from rigtwin.lab.arrays import Array, Mask
 from rigtwin.measure.robust import middle_of
 
-LARGEST_RADIUS = 20.0  # [px] of twice as large a bead block means tell as much as matters and save time
+LARGEST_RADIUS = 20.0  # [px], beads of at least twice this radius are downsampled by block means to save time
 
 
 @dataclass(frozen=True)
 class Patch:
-    """Pixels around a guess, averaged down where the bead is larger than the fit needs."""
+    """Pixels around the expected centre, downsampled if the bead is larger than the fit needs."""
 
-    grey: Array  # difference to the background where there is one, shape (h, w)
+    grey: Array  # difference to the background if known, otherwise grey levels, shape (h, w)
     behind: Array | None  # background, shape (h, w)
-    usable: Mask
-    origin: tuple[float, float]  # picture position of the patch's pixel (0, 0)
+    usable: Mask  # pixels that are not occluded, shape (h, w)
+    origin: tuple[float, float]  # [px], picture position of the patch's pixel (0, 0)
     step: int  # picture pixels per patch pixel
-    near: tuple[float, float]  # in patch pixels, like the rest below
-    radius: float
+    near: tuple[float, float]  # expected centre [patch px]
+    radius: float  # [patch px]
 
     def place(self, point: tuple[float, float]) -> tuple[float, float]:
-        """A place in the picture [px] in patch pixels."""
+        """A picture position [px] converted to patch pixels."""
         return (point[0] - self.origin[0]) / self.step, (point[1] - self.origin[1]) / self.step
 
 
@@ -41,7 +41,10 @@ def cut_patch(
     radius: float,
     hidden: Mask | None,
 ) -> Patch | None:
-    """The pixels within `reach` [px] of a guess, in x and y; None where too few of them lie in the picture."""
+    """The pixels within `reach` (x, y) of `near` [px]; None if too few of them lie inside the picture.
+
+    `hidden` marks occluded pixels, shape (height, width).
+    """
     height, width = grey.shape
     if not (np.all(np.isfinite(near)) and radius > 0):
         return None
@@ -78,7 +81,7 @@ def _block_mean(values: Array, step: int) -> Array:
 
 
 def start_from_moments(patch: Patch, blur_guess: tuple[float, float]) -> Array | None:
-    """x, y, blur x, blur y and contrast, from the moments of the spot nearest to the guess."""
+    """x, y, blur x, blur y [patch px] and contrast from the moments of the spot nearest to the guess; None: no spot."""
     values = patch.grey - surroundings(patch)
     level = cv2.GaussianBlur(np.abs(values) * patch.usable, (0, 0), 0.8)
     away_x = np.arange(values.shape[1])[None, :] - patch.near[0]
@@ -103,7 +106,7 @@ def start_from_moments(patch: Patch, blur_guess: tuple[float, float]) -> Array |
 
 
 def surroundings(patch: Patch) -> float:
-    """Median grey along the rim of the patch: what is there without the bead."""
+    """Background level: median along the border of the patch; 0 if the background is already subtracted."""
     if patch.behind is not None:
         return 0.0
     rim = np.concatenate([patch.grey[0], patch.grey[-1], patch.grey[:, 0], patch.grey[:, -1]])
@@ -111,7 +114,7 @@ def surroundings(patch: Patch) -> float:
 
 
 def _blur_from_moments(x: Array, y: Array) -> Array:
-    """Smear of a disc from the second moments of its image: lambda_1 - lambda_2 = L^2 / 12."""
+    """Motion blur L of a disc from the second moments of its image: lambda_1 - lambda_2 = L^2 / 12."""
     if len(x) < 6:
         return np.array([0.3, 0.3])
     values, vectors = np.linalg.eigh(np.cov(np.stack([x, y])))
@@ -120,6 +123,6 @@ def _blur_from_moments(x: Array, y: Array) -> Array:
 
 
 def _part(values: npt.NDArray[Any], share: float) -> float:
-    """The value that a share of all lies below, of many."""
+    """Quantile without interpolation, faster than `np.quantile`."""
     place = min(round(share * (len(values) - 1)), len(values) - 1)
     return float(np.partition(values, place)[place])

@@ -1,7 +1,7 @@
-"""Find a bead in a frame before a known scene, with the centre to a few hundredths of a pixel.
+"""Fit a bead in a frame with known background; the centre is accurate to a few hundredths of a pixel.
 
-`locate` fits a model of a shaded, motion-blurred disc to the pixels around a guess.  `rigtwin.measure.tracking.follow`
-uses it to follow a bead through a clip.  Picture coordinates: x right, y down, centre of the top-left pixel (0, 0).
+`locate` fits a model of a shaded, motion-blurred disc to the pixels around a guess. `rigtwin.measure.tracking.follow`
+uses it to follow a bead through a clip. Picture coordinates: x right, y down, centre of the top-left pixel (0, 0).
 """
 
 from __future__ import annotations
@@ -28,10 +28,37 @@ def locate(
     radius: float,
     blur_guess: tuple[float, float] = (0.0, 0.0),
 ) -> BeadImage | None:
-    """Sub-pixel centre of a disc near a guess; None when there is none.
+    """Locate a disc near a guess with sub-pixel precision.
 
-    `grey` and `background` have shape (height, width); without a background a plane of grey is fitted around the
-    bead.  `near`, `radius` and `blur_guess` in pixels; a `blur_guess` of zero means unknown.
+    Parameters
+    ----------
+    grey : array, shape (height, width)
+        The frame [grey levels].
+    background : array, shape (height, width), or None
+        The same picture without the bead [grey levels]; None: a plane is fitted around the bead.
+    near : tuple of float
+        Expected centre x, y [px].
+    radius : float
+        Expected radius [px].
+    blur_guess : tuple of float, optional
+        Expected motion x, y during the exposure [px]; (0, 0): unknown.
+
+    Returns
+    -------
+    BeadImage or None
+        Centre, standard uncertainty, radius and motion blur [px], contrast [grey levels]; None if no disc is found.
+
+    See Also
+    --------
+    fit_bead : the fit itself, with more prior knowledge and results.
+
+    Examples
+    --------
+    >>> y, x = np.mgrid[:60, :60]
+    >>> grey = 20 + 100 * np.clip(10.5 - np.hypot(x - 30.3, y - 28.6), 0, 1)
+    >>> bead = locate(grey, np.full((60, 60), 20.0), near=(31, 29), radius=10)
+    >>> round(bead.x, 1), round(bead.y, 1), round(bead.radius, 1)
+    (30.3, 28.6, 10.0)
     """
     fit = fit_bead(grey, background, near, radius, blur_guess=blur_guess)
     return None if fit is None else fit.image
@@ -51,16 +78,49 @@ def fit_bead(
     onwards: tuple[float, float] | None = None,
     blur_doubt: float | None = 0.0,
 ) -> BeadFit | None:
-    """As `locate`; `hidden` marks pixels where something stands in front of the bead, `look` is its known look.
+    """Fit the image of a bead near a guess.
 
-    `surely_near` starts the fit at `near` itself: what else moves close by, a shadow say, then cannot mislead it.
-    `room` [px] is how far beyond the bead at rest the pixels are used, half the blur when not given.
-    `onwards` is where the bead is if it goes on as it did, another place to start from.
-    `blur_doubt` [px] is how far the blur may be off its guess beyond what a guess is always off; None: it is exact.
+    Parameters
+    ----------
+    grey : array, shape (height, width)
+        The frame [grey levels].
+    background : array, shape (height, width), or None
+        The same picture without the bead [grey levels]; None: a plane is fitted around the bead.
+    near : tuple of float
+        Expected centre x, y [px].
+    radius : float
+        Expected radius [px].
+    blur_guess : tuple of float, optional
+        Expected motion x, y during the exposure [px]; (0, 0): unknown.
+    hidden : array of bool, shape (height, width), optional
+        Pixels with an object in front of the bead; they are not used.
+    look : Look, optional
+        Known radius, edge and light of the bead, used as a prior.
+    surely_near : bool, optional
+        Start at `near` itself if `look` is given, so that other moving objects close by (e.g. a shadow) cannot mislead
+        the fit. Otherwise it starts from the moments of the difference image.
+    room : float, optional
+        Margin for the motion blur [px]; default: half of `blur_guess`.
+    onwards : tuple of float, optional
+        Extrapolated centre x, y [px], another candidate for the start if `look` is given.
+    blur_doubt : float or None, optional
+        Standard uncertainty of `blur_guess` [px], added to the minimum uncertainty of a guess; None: the guess is
+        exact. Used only if `look` is given.
 
-    The bead is a disc of radius r with a soft edge, lit like a sphere (constant, two slopes and a bulge), averaged over
-    its path during the exposure, and hides the background behind it: D = mean_k d_k (p_k - B).  All parameters are
-    fitted at once by damped least squares with robust weights, started from the moments of the difference image.
+    Returns
+    -------
+    BeadFit or None
+        Centre and radius [px], look, misfit [grey levels] and information matrix; None if no bead is found.
+
+    Notes
+    -----
+    The bead is a disc of radius r with a soft edge, lit like a sphere (constant, two slopes and a bulge). It is
+    averaged over its path during the exposure and hides the background B. The difference image is
+
+    D = mean_k d_k (p_k - B)
+
+    where d_k is the covered share of a pixel and p_k the brightness of the bead at step k of the exposure. All
+    parameters are fitted together by Levenberg-Marquardt with robust (Geman-McClure) weights.
     """
     margin = 0.8 * radius + 5.0 if look is None else 0.5 * radius + 4.0
     along = (abs(blur_guess[0]) / 2, abs(blur_guess[1]) / 2) if room is None else (room, room)
@@ -83,9 +143,9 @@ def fit_bead(
 
 
 def common_look(fits: Sequence[BeadFit]) -> Look:
-    """The look that all fits agree on: their mean, each weighted with the certainty matrix of its own pixels."""
+    """The common look of all fits: the mean weighted with the inverse covariance matrix of each fit."""
     table = np.array([np.concatenate([[fit.look.radius, fit.look.edge], fit.look.light]) for fit in fits])
-    # a fit caught by something else is far off in several parameters at once: only the inner ones vote
+    # a fit of another object is an outlier in several parameters: use only the inliers
     middle = np.median(table, axis=0)
     spread = 1.4826 * np.median(np.abs(table - middle), axis=0) + 1e-6
     inner = np.flatnonzero(np.max(np.abs(table - middle) / spread, axis=1) < 4).tolist()
@@ -99,23 +159,23 @@ def common_look(fits: Sequence[BeadFit]) -> Look:
 @dataclass(frozen=True)
 class _Fit:
     parameters: Array
-    covariance: Array  # by the pixels and what is known beforehand
-    information: Array  # information of the pixels alone
+    covariance: Array  # from the pixels and the prior
+    information: Array  # Fisher information of the pixels alone
     noise: float  # [grey levels], robust residual scatter
     misfit: float  # [grey levels], mean absolute residual
 
 
-_EXACT = 0.02  # [px], spread of a blur that is known
+_EXACT = 0.02  # [px], prior standard deviation of a known blur
 
-_SETTLED = 0.1  # of the cost, that another step may gain at most; a gain of 1 would be one standard deviation
+_SETTLED = 0.1  # gain of the cost below which the iteration stops; a gain of 1 is one standard deviation
 
-_BEYOND = 1.3  # of a step: the weights follow the residuals only in the next turn, so each step is too short
+_BEYOND = 1.3  # over-relaxation: the weights follow the residuals only in the next iteration, so each step is too short
 
-_HOPELESS = 8  # turns in which a bead that is there has been reached, a diameter away or less
+_HOPELESS = 8  # iterations within which a bead up to a diameter away is reached
 
 
 def _start(patch: Patch, blur_guess: tuple[float, float], look: Look | None) -> Array | None:
-    """x, y, blur x, blur y and contrast to start from."""
+    """Start values x, y, blur x, blur y [patch px] and contrast [grey levels]; None: no bead."""
     if look is None:
         return start_from_moments(patch, blur_guess)
     behind = 0.0 if patch.behind is None else float(np.median(patch.behind))
@@ -124,9 +184,10 @@ def _start(patch: Patch, blur_guess: tuple[float, float], look: Look | None) -> 
 
 
 def _prior(pixels: Pixels, start: Array, look: Look | None, patch: Patch, blur_doubt: float | None) -> Prior:
-    """Wide where a bead may be anything, narrow where its look is known.
+    """Prior: wide for an unknown bead, narrow if its look is known.
 
-    The width only matters where the pixels say little: a blurred bead does not tell its radius from its blur.
+    The width matters only if the pixels contain little information, e.g. radius and blur of a blurred bead are not
+    separable.
     """
     x, y, blur_x, blur_y, contrast = start
     blur = math.hypot(blur_x, blur_y)
@@ -141,16 +202,16 @@ def _prior(pixels: Pixels, start: Array, look: Look | None, patch: Patch, blur_d
         shape = [x, y, look.radius / patch.step, max(look.edge / patch.step, 0.4), blur_x, blur_y]
         off = _EXACT if blur_doubt is None else math.hypot(0.3 + 0.1 * blur, blur_doubt / patch.step)
         spread = [np.inf, np.inf, 0.01 * patch.radius, 0.1, off, off]
-        # light changes a little along the path: shadows, the bright plate
+        # the light changes slightly along the path (shadows, bright plate)
         light_spread = [0.15 * contrast, 0.05 * contrast, 0.05 * contrast, 0.05 * contrast]
         mean = np.array([*shape, *look.light, *scene])
     return Prior(mean, np.array([*spread, *light_spread, *np.full(len(scene), np.inf)]))
 
 
 def _fit_disc(pixels: Pixels, prior: Prior, usual: Array | None) -> _Fit | None:
-    """Levenberg-Marquardt on all parameters together, weights and noise renewed at every turn.
+    """Levenberg-Marquardt on all parameters; weights and noise are updated in every iteration.
 
-    None where no bead is seen, of the light that is `usual` where that is known.
+    None if no bead is found, or none with the known light `usual`, shape (4,).
     """
     parameters = prior.mean.copy()
     pixels.arrange(parameters[:SHAPES])
@@ -165,7 +226,7 @@ def _fit_disc(pixels: Pixels, prior: Prior, usual: Array | None) -> _Fit | None:
             return None
         variance = _variance(residual, jacobian[SHAPES])
         weights = _robust_weights(residual, variance)
-        # pixels that repeat each other say less of the shape than they seem to: what is known before counts for more
+        # correlated residuals contain less information on the shape: give the prior more weight instead
         certain = beforehand.copy()
         certain[2:SHAPES] *= correlation_excess(pixels.image(residual))
         information, pull = pixels.normal_equations(jacobian, residual, weights)
@@ -179,7 +240,9 @@ def _fit_disc(pixels: Pixels, prior: Prior, usual: Array | None) -> _Fit | None:
             damped[steps, steps] += damping * normal[steps, steps] + 1e-12
             change = np.linalg.solve(damped, pull)
             if turn >= 2 and float(change @ (2 * pull - normal @ change)) < _SETTLED:
-                parameters = _bounded(parameters + change, parameters, prior)  # so small a step needs no proof
+                parameters = _bounded(
+                    parameters + change, parameters, prior
+                )  # accept so small a step without evaluating the cost
                 break
             tried = _bounded(parameters + (_BEYOND if turn >= 2 else 1.0) * change, parameters, prior)
             tried_jacobian, tried_residual = pixels.linearise(tried)
@@ -212,7 +275,7 @@ def _cost(residual: Array, weights: Array, parameters: Array, mean: Array, certa
 
 
 def _bounded(parameters: Array, before: Array, prior: Prior) -> Array:
-    """A step that stays near enough for the linear model to hold, and a bead that stays one."""
+    """Limit the step to the range of the linear model, and radius and edge to plausible values."""
     radius = float(prior.mean[2])
     for k in (0, 1):
         parameters[k] = min(max(parameters[k], before[k] - 0.5 * radius), before[k] + 0.5 * radius)
@@ -222,12 +285,12 @@ def _bounded(parameters: Array, before: Array, prior: Prior) -> Array:
 
 
 def _variance(residual: Array, cover: Array) -> Array:
-    """[grey levels squared], of every pixel's noise.
+    """Noise variance of every pixel [grey levels squared], shape (n,).
 
-    A bead's grain and gloss are no noise of the camera, but no shading either.
-    `cover` is how much of each of the first pixels the bead covers; of the others it covers nothing.
+    Larger on the bead, where grain and gloss are not part of the model. `cover` is the covered share of the near
+    pixels, which come first; it is zero for the others.
     """
-    # of whole grey levels the median would be a whole number too: noise of 2.4 would count as 3
+    # dither: the median of integer grey levels would be an integer, too (a noise of 2.4 would count as 3)
     off = np.abs(residual + _between_levels(len(residual)))
     around = max(1.4826 * middle_of(off), 0.4)
     inside = off[: len(cover)][cover > 0.5]
@@ -239,14 +302,14 @@ def _variance(residual: Array, cover: Array) -> Array:
 
 @functools.lru_cache(maxsize=8)
 def _between_levels(count: int) -> Array:
-    """[grey levels], evenly spread from one to the next."""
+    """Offsets in [-0.5, 0.5) grey levels, evenly distributed (golden-ratio sequence), shape (count,)."""
     return np.arange(count) * (math.sqrt(5) - 1) / 2 % 1 - 0.5
 
 
 def _robust_weights(residual: Array, variance: Array) -> Array:
-    """Weights of Geman and McClure, flat up to a few times the noise: pixels of an unknown thing count little.
+    """Geman-McClure weights: outlying pixels (unknown objects) have little weight.
 
-    1 / (1 + (residual / 4 noise)^2)^2 / noise^2, in fewer steps.
+    1 / (1 + (residual / 4 noise)^2)^2 / noise^2, in fewer operations.
     """
     broad = 16 * variance
     scaled = broad + residual * residual
@@ -257,7 +320,7 @@ def _robust_weights(residual: Array, variance: Array) -> Array:
 
 
 def _bead_image(patch: Patch, pixels: Pixels, fit: _Fit) -> BeadImage | None:
-    """Back to picture pixels; None when what was found is no bead."""
+    """The result in picture pixels; None if it is no plausible bead."""
     x, y, radius, _, blur_x, blur_y = fit.parameters[:SHAPES]
     sigma = math.sqrt(max(float(fit.covariance[0, 0] + fit.covariance[1, 1]) / 2, 1e-6))
     covered = pixels.near_path(fit.parameters[:SHAPES] * np.array([1, 1, 0.7, 0, 1, 1]))

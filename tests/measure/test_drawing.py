@@ -1,4 +1,4 @@
-"""Captions on overlays: all of the text is in the picture, in letters that a font must have."""
+"""Captions on overlays: the whole text is inside the picture, and all characters are in the font."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from rigtwin.measure.drawing import draw_caption, draw_text
 
 
 def inked(picture):
-    """Rows and columns on which something was drawn."""
+    """Rows and columns that were drawn on."""
     drawn = (picture != 90).any(axis=2)
     return np.flatnonzero(drawn.any(axis=1)), np.flatnonzero(drawn.any(axis=0))
 
@@ -17,7 +17,7 @@ def blank(height, width):
 
 
 @pytest.mark.parametrize("bottom", [False, True])
-def test_a_long_caption_is_broken_and_stays_inside(bottom):
+def test_a_long_caption_is_wrapped_and_stays_inside(bottom):
     line = "angle of repose, graphical (line 15-85 %): left 26.7 ± 0.8°, right 18.1 ± 0.7°, mean 22.4 ± 0.5°"
     wide, narrow = blank(300, 1400), blank(300, 360)
     draw_caption(wide, [line], bottom=bottom)
@@ -26,11 +26,11 @@ def test_a_long_caption_is_broken_and_stays_inside(bottom):
     assert columns.max() < 359
     assert rows.min() > 0
     assert rows.max() < 299
-    # nothing is lost by breaking: more ink than the same words on one line
+    # nothing is lost by wrapping: more ink than the same words on one line
     assert np.sum(narrow != 90) > np.sum(wide != 90)
 
 
-def test_a_plus_minus_sign_is_drawn_as_one():
+def test_a_plus_minus_sign_is_one_character():
     signs = [blank(40, 120) for _ in range(3)]
     for picture, text in zip(signs, ("±", "+", "?"), strict=True):
         draw_text(picture, text, (10, 30))
@@ -38,7 +38,7 @@ def test_a_plus_minus_sign_is_drawn_as_one():
     assert not np.array_equal(signs[0], signs[2])
 
 
-def test_text_wider_than_the_picture_or_nowhere_does_no_harm():
+def test_text_wider_than_the_picture_or_outside_raises_no_error():
     picture = blank(30, 40)
     draw_text(picture, "a text that is far too long for this picture", (5, 20))
     assert (picture != 90).any()

@@ -9,7 +9,7 @@ from rigtwin.measure.bulk.bead_spacing import bead_spacing, size_of_beads
 
 
 def touching(side: float, rng: np.random.Generator) -> np.ndarray:
-    """Places of discs of diameter 1 at random in a square, pushed apart until they hardly overlap; shape (n, 2)."""
+    """Random places of discs of diameter 1 in a square, pushed apart until they hardly overlap, shape (n, 2)."""
     places = rng.uniform(0, side, (round(0.8 * side * side / (np.pi / 4)), 2))
     for _ in range(150):
         pairs = cKDTree(places).query_pairs(1.0, output_type="ndarray")
@@ -22,14 +22,14 @@ def touching(side: float, rng: np.random.Generator) -> np.ndarray:
 
 
 def bed(radius: float, *, seed: int = 1, blur: float = 0.7, noise: float = 2.0, light: float = 0.0) -> np.ndarray:
-    """Shaded beads in three layers; grey levels."""
+    """Shaded beads in three layers [grey levels]."""
     rng = np.random.default_rng(seed)
     side = round(28 * radius)
     picture = np.full((side, side), 30.0)
     y, x = np.mgrid[:side, :side]
     for tone in (0.5, 0.75, 1.0):
         layer = 2 * radius * touching(14, rng)
-        # where a layer is loose beads of the one below are seen
+        # through a loose layer the beads below are visible
         for place in layer[rng.uniform(size=len(layer)) < 0.9]:
             away = np.hypot(x - place[0], y - place[1]) / radius
             inside = away < 1
@@ -50,7 +50,7 @@ def bed(radius: float, *, seed: int = 1, blur: float = 0.7, noise: float = 2.0, 
         (8.0, {"light": 90.0}),
     ],
 )
-def test_beads_are_told_by_how_far_apart_neighbours_lie(radius, options):
+def test_the_bead_size_follows_from_the_distance_of_neighbours(radius, options):
     picture = bed(radius, **options)
     found = bead_spacing(picture, np.ones(picture.shape, dtype=bool))
     assert found is not None
@@ -64,7 +64,7 @@ def test_only_the_marked_part_of_the_picture_counts():
     assert bead_spacing(picture, marked) == pytest.approx(bead_spacing(picture[:, :168], marked[:, :168]))
 
 
-def test_a_wall_shows_no_beads():
+def test_a_wall_gives_no_bead_spacing():
     noise = np.random.default_rng(0).normal(120, 8, (200, 200)).astype(np.uint8)
     whole = np.ones(noise.shape, dtype=bool)
     assert bead_spacing(noise, whole) is None

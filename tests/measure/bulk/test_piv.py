@@ -1,4 +1,4 @@
-"""Cross-correlation on textures that were moved by a known field."""
+"""Cross-correlation of textures moved by a known displacement field."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def shown(picture: npt.NDArray[np.float32], seed: int) -> Grey:
     return np.clip(np.rint(picture + noise), 0, 255).astype(np.uint8)
 
 
-def test_a_shift_is_found_to_a_part_of_a_pixel() -> None:
+def test_a_shift_is_found_with_sub_pixel_precision() -> None:
     wanted = (2.3, 5.7)
     places = np.array([[60.0, 60.0], [100.0, 90.0], [140.0, 120.0]])
     mean = MeanCorrelation(places, window=24, reach=(6, 10))
@@ -43,7 +43,7 @@ def test_a_shift_is_found_to_a_part_of_a_pixel() -> None:
     assert np.all(found.score > 0.8)
 
 
-def test_a_turning_texture_gives_a_field_that_grows_with_the_radius() -> None:
+def test_the_displacement_of_a_rotating_texture_grows_with_the_radius() -> None:
     angle = 0.04  # [rad], clockwise in the picture
     centre = 100.0
     x, y = np.meshgrid(np.arange(40.0, 161, 24), np.arange(40.0, 161, 24))
@@ -60,7 +60,7 @@ def test_a_turning_texture_gives_a_field_that_grows_with_the_radius() -> None:
     assert np.isfinite(found.shift).all(axis=1).mean() > 0.9
 
 
-def test_a_window_without_texture_says_so() -> None:
+def test_a_window_without_texture_gives_nan() -> None:
     flat = np.full((100, 100), 90, np.uint8)
     mean = MeanCorrelation(np.array([[50.0, 50.0]]), window=20, reach=(5, 5))
     mean.add(flat, flat)

@@ -1,4 +1,4 @@
-"""A board in view: whatever lens and tilt the camera has, lengths in the board's plane come out as they are."""
+"""With a calibration board lengths in its plane are correct for any lens distortion and tilt."""
 
 import math
 
@@ -21,7 +21,7 @@ PIXEL = 0.25e-3  # [m], about one pixel
 
 
 class Bench:
-    """A camera that looks at a plane askew, through a lens that bends lines."""
+    """A camera with oblique view of a plane and radial distortion."""
 
     def __init__(self, tilt=12.0, pan=-8.0, bend=-0.06, roll=2.0):
         tilt, pan, roll = map(math.radians, (tilt, pan, roll))
@@ -32,12 +32,12 @@ class Bench:
         self.bend = bend
 
     def in_plane(self):
-        """[m] Where each of the picture's pixels looks, two by two rays a pixel, shape (2h, 2w, 2)."""
+        """Points of the plane [m] seen by each pixel, 2 x 2 rays per pixel, shape (2h, 2w, 2)."""
         down, across = (np.mgrid[: 2 * SIZE[1], : 2 * SIZE[0]] - 0.5) / 2
         middle = (np.array(SIZE) - 1) / 2
         bent = (np.stack([across, down], axis=-1) - middle) / (math.hypot(*SIZE) / 2)
         flat = bent.copy()
-        for _ in range(6):  # the lens maps the other way
+        for _ in range(6):  # inverse of the distortion by iteration
             flat = bent / (1 + self.bend * np.sum(flat * flat, axis=-1, keepdims=True))
         pixels = flat * (math.hypot(*SIZE) / 2) + middle
         points = np.concatenate([pixels, np.ones((*pixels.shape[:2], 1))], axis=-1) @ np.linalg.inv(self.plane).T
@@ -53,14 +53,14 @@ def checkers(columns, rows):
     def brightness(points):
         place = points / SQUARE + np.array([columns, rows]) / 2
         inside = np.all((place > 0) & (place < [columns, rows]), axis=-1)
-        edges = np.clip(20 * np.sin(np.pi * place), -1, 1)  # a little soft, so that four rays a pixel are enough
+        edges = np.clip(20 * np.sin(np.pi * place), -1, 1)  # slightly soft, so that four rays per pixel are enough
         return np.where(inside, 125 - 95 * edges[..., 0] * edges[..., 1], 220.0)
 
     return brightness
 
 
 def printed(picture, width):
-    """A picture of `width` metres laid on the plane, light around it."""
+    """A picture of width `width` [m] on the plane, white around it."""
     scale = picture.shape[1] / width
 
     def brightness(points):
@@ -82,7 +82,7 @@ def film(folder, bench, places, radius):
 
 @settings(max_examples=5, deadline=None, derandomize=True, phases=[Phase.generate])
 @given(st.floats(-15, 15), st.floats(-15, 15), st.floats(-0.1, 0.05), st.floats(-3, 3))
-def test_squares_of_a_straightened_board_are_all_of_one_size(tmp_path_factory, tilt, pan, bend, roll):
+def test_squares_of_a_rectified_board_have_equal_size(tmp_path_factory, tilt, pan, bend, roll):
     file = tmp_path_factory.mktemp("board") / "board.png"
     photo = Bench(tilt, pan, bend, roll).photo(checkers(13, 9))
     cv2.imwrite(str(file), photo)
@@ -97,7 +97,7 @@ def test_squares_of_a_straightened_board_are_all_of_one_size(tmp_path_factory, t
     assert lens.residual < 0.3
 
 
-def test_a_small_board_in_the_middle_does_not_bend_the_rim(tmp_path):
+def test_a_small_board_in_the_centre_does_not_distort_the_border(tmp_path):
     bench = Bench(tilt=5, pan=-5, bend=-0.03)
     cv2.imwrite(str(tmp_path / "board.png"), bench.photo(checkers(9, 6)))
     lens = read_board(board(f"checkerboard 9x6 10mm {tmp_path / 'board.png'}"))
@@ -123,7 +123,7 @@ def test_a_charuco_board_may_be_partly_hidden(tmp_path, legacy):
     assert lens.residual < 0.3
 
 
-def test_one_marker_gives_a_scale_that_admits_its_doubt(tmp_path):
+def test_one_marker_gives_a_scale_with_correct_uncertainty(tmp_path):
     picture = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), 7, 600)
     file = tmp_path / "board.png"
     bench = Bench(tilt=0, pan=0, bend=0.0)
@@ -133,7 +133,7 @@ def test_one_marker_gives_a_scale_that_admits_its_doubt(tmp_path):
     assert 1e-4 < lens.doubt < 0.01
 
 
-def test_a_fall_seen_askew_measures_as_if_seen_squarely(tmp_path):
+def test_a_fall_seen_obliquely_gives_the_same_gravity_as_seen_perpendicularly(tmp_path):
     bench = Bench()
     cv2.imwrite(str(tmp_path / "board.png"), bench.photo(checkers(13, 9)))
     falls = np.column_stack([np.full(12, 0.02), -0.05 + 0.5 * 9.81 * (np.arange(12) / 80) ** 2])
@@ -154,22 +154,22 @@ def test_a_fall_seen_askew_measures_as_if_seen_squarely(tmp_path):
 def test_pictures_of_another_size_than_the_board_are_refused(tmp_path, capsys):
     cv2.imwrite(str(tmp_path / "board.png"), Bench().photo(checkers(13, 9)))
     cv2.imwrite(str(tmp_path / "heap.png"), np.zeros((100, 120), np.uint8))
-    told = f"checkerboard 13x9 10mm {tmp_path / 'board.png'}"
-    assert run(["measure", "pile", str(tmp_path / "heap.png"), "--board", told]) == 2
+    text = f"checkerboard 13x9 10mm {tmp_path / 'board.png'}"
+    assert run(["measure", "pile", str(tmp_path / "heap.png"), "--board", text]) == 2
     message = capsys.readouterr().err
     assert "heap.png" in message
     assert "same camera, lens and resolution" in message
 
 
 @pytest.mark.parametrize("kind", ["checkerboard 9x6 10mm", "charuco 9x6 12mm/9mm", "aruco 30mm"])
-def test_a_photo_without_the_board_is_one_sentence(tmp_path, capsys, kind):
+def test_a_photo_without_the_board_is_refused_in_one_line(tmp_path, capsys, kind):
     file = tmp_path / "plain.png"
     cv2.imwrite(str(file), np.full((480, 640), 128, np.uint8))
     cv2.imwrite(str(tmp_path / "clip.png"), np.full((480, 640), 128, np.uint8))
     assert run(["measure", "pile", str(tmp_path / "clip.png"), "--board", f"{kind} {file}"]) == 2
-    told = capsys.readouterr().err
-    assert "plain.png" in told
-    assert told.count("\n") == 1
+    message = capsys.readouterr().err
+    assert "plain.png" in message
+    assert message.count("\n") == 1
 
 
 @pytest.mark.parametrize(
@@ -187,7 +187,7 @@ def test_a_photo_without_the_board_is_one_sentence(tmp_path, capsys, kind):
         "checkerboard 9x6 10 board.jpg",
     ],
 )
-def test_a_board_that_makes_no_sense_is_refused(text):
+def test_an_invalid_board_is_refused(text):
     with pytest.raises(BadQuantity):
         board(text)
 
@@ -198,7 +198,7 @@ def test_board_and_scale_together_are_refused():
 
 
 @given(st.floats(-40, 40), st.floats(50, 900), st.booleans())
-def test_a_plumb_line_tells_the_roll(degrees, length, upside_down):
+def test_a_plumb_line_gives_the_roll(degrees, length, upside_down):
     lean = math.radians(degrees)
     ends = [(300 + length * math.sin(lean), 100.0), (300.0, 100 + length * math.cos(lean))]  # top, bottom
     (x1, y1), (x2, y2) = reversed(ends) if upside_down else ends

@@ -1,4 +1,4 @@
-"""Which way is up in a picture: level edges that agree, against one that does not."""
+"""Camera roll from level edges that agree, with an edge that disagrees."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ def scene(edges: list[tuple[float, float, float, float, int]]) -> np.ndarray:
 BOARDS = [(10, 100, y, 1.4, 90) for y in (40, 120, 200, 280)] + [(440, 100, y, 1.4, 90) for y in (60, 160, 260, 320)]
 
 
-def test_many_edges_that_agree_outweigh_one_long_clear_edge_on_the_rows_of_the_picture() -> None:
+def test_many_agreeing_edges_outweigh_one_long_clear_edge_along_a_pixel_row() -> None:
     found = upright(scene([*BOARDS, (30, 90, 420, 1.4, 90), (240, 150, 440, 0.0, 40)]), stand=STAND)
     off = abs(math.degrees(found.roll) - 1.4)
     assert off < 0.25
     assert off < 2 * math.degrees(found.sigma) < 1.5
 
 
-def test_edges_that_disagree_widen_the_doubt_of_the_roll() -> None:
+def test_edges_that_disagree_increase_the_uncertainty_of_the_roll() -> None:
     agreeing = upright(scene(BOARDS))
     torn = upright(scene([*BOARDS[:5], *((x, long, y, -1.0, grey) for x, long, y, _, grey in BOARDS[5:])]))
     assert math.degrees(agreeing.roll) == pytest.approx(1.4, abs=0.15)

@@ -1,4 +1,4 @@
-"""Runs of marked columns, by which edges, a drum's bed and a heap are found."""
+"""Runs of marked columns, used to find edges, a drum's bed and a heap."""
 
 import numpy as np
 
@@ -9,14 +9,14 @@ def marked(text: str) -> np.ndarray:
     return np.array([sign == "#" for sign in text])
 
 
-def test_what_fills_its_columns_goes_before_a_row_of_specks_that_reaches_further():
+def test_a_dense_run_is_preferred_to_a_wider_row_of_specks():
     assert fullest_run(marked("#..#..#..#..#....######.."), gap=3) == (17, 22)
 
 
-def test_a_run_goes_across_gaps_as_wide_as_is_allowed_and_no_wider():
+def test_a_run_bridges_gaps_up_to_the_limit():
     assert fullest_run(marked("..##..###...#"), gap=3) == (2, 8)
     assert fullest_run(marked("..##..###...#"), gap=4) == (2, 12)
 
 
-def test_nothing_marked_is_no_run():
+def test_without_marks_there_is_no_run():
     assert fullest_run(marked("...."), gap=1) is None

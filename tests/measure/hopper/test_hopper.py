@@ -744,7 +744,7 @@ def test_few_bits_are_a_frame_of_doubt_and_those_of_a_shaken_film_too_few(tmp_pa
     assert not lasted.doubtful
     assert abs(lasted.value * RATE - (last - OPENED)) < 3 * lasted.std_uncertainty * RATE
     assert not shaken.passed
-    assert "of what moves" in still.message
+    assert "of the moving part" in still.message
     assert "so few that faint things" in find(found[1], "discharge_time").doubtful
     bits = 8 * (tmp_path / "shaken.mp4").stat().st_size / (75 * SIZE[0] * SIZE[1])
     assert f"has {bits:.3g} bits per pixel: so few" in shaken.message

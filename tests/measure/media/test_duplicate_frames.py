@@ -1,4 +1,4 @@
-"""Doubled frames are found by what does not change in them, and nothing else is taken for one."""
+"""Repeated frames are found, and no other frame is taken for one."""
 
 import av
 import cv2
@@ -12,7 +12,7 @@ from rigtwin.measure.media.video import open_video
 
 
 def frames_of_a_bouncing_bead(count, *, noise=2.0, seed=0):
-    """A bright disc that falls and rises again in front of a grey wall, with noise in every frame."""
+    """A bright disc that falls and rises in front of a grey wall, with noise in every frame."""
     rng = np.random.default_rng(seed)
     for k in range(count):
         picture = np.full((240, 80), 90, dtype=np.uint8)
@@ -34,7 +34,7 @@ def test_no_frame_of_a_clean_clip_is_taken_for_a_repeated_one(noise):
 
 
 @pytest.mark.parametrize("pattern", [(0, 0), (0, 1, 2, 3, 3), (0, 0, 1, 1, 1)])
-def test_doubled_frames_are_found_whatever_their_rhythm(pattern):
+def test_repeated_frames_are_found_for_all_usual_patterns(pattern):
     """Every frame twice; 24 frames a second stored as 30; film stored as 60."""
     originals = list(frames_of_a_bouncing_bead(120))
     rng = np.random.default_rng(1)
@@ -44,7 +44,7 @@ def test_doubled_frames_are_found_whatever_their_rhythm(pattern):
         for k, which in enumerate(pattern):
             if k and pattern[k - 1] == which:
                 again.add(len(stored))
-            # compressed anew, a repeated frame is not the same to the last bit
+            # after compression a repeated frame is not bit-identical
             stored.append(np.clip(originals[start + which] + rng.normal(0, 0.3, (240, 80)), 0, 255).astype(np.uint8))
     marked = found(stored)
     assert len(marked & again) > 0.75 * len(again)
@@ -52,7 +52,7 @@ def test_doubled_frames_are_found_whatever_their_rhythm(pattern):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_rhythm_tells_repeated_frames_where_a_codec_hides_some_of_them(seed):
+def test_periodic_repeats_are_found_although_a_codec_hides_some(seed):
     rng = np.random.default_rng(seed)
     steps = 8 + 6 * np.abs(np.sin(np.arange(183) / 11)) + rng.uniform(0, 1, 183)
     steps[5:180:6] = np.where(np.isin(np.arange(30), rng.choice(30, 6, replace=False)), 6.0, 0.3)
@@ -60,20 +60,20 @@ def test_a_rhythm_tells_repeated_frames_where_a_codec_hides_some_of_them(seed):
     assert np.array_equal(np.flatnonzero(marked), np.flatnonzero(steps < 1))
 
 
-def test_the_tops_of_slow_film_are_no_doubled_frames():
-    """Ten frames from contact to contact: at every second top the bead hardly moves for one frame."""
+def test_apexes_of_flights_at_a_low_frame_rate_are_no_repeated_frames():
+    """Ten frames from contact to contact: at every second apex the bead hardly moves for one frame."""
     rng = np.random.default_rng(2)
     steps = np.abs(np.tile([4.5, 3.5, 2.5, 1.5, 0.1, 0.9, 2, 3, 4, 5.0], 8)) + rng.uniform(0, 0.05, 80)
     assert not np.any(repeated(steps))
 
 
-def test_a_bead_that_rests_repeats_nothing():
+def test_a_bead_at_rest_gives_no_repeated_frames():
     rng = np.random.default_rng(4)
     assert not np.any(repeated(rng.uniform(0.5, 2.5, 100), noise=2.0))
 
 
 def doubled_clip(path, count, *, rate=60, every=1):
-    """Pictures of which one in so many is stored twice."""
+    """Pictures of which every n-th is stored twice."""
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=rate, options={"crf": "18", "preset": "ultrafast"})
         stream.width, stream.height, stream.pix_fmt = 80, 240, "yuv420p"
@@ -84,7 +84,7 @@ def doubled_clip(path, count, *, rate=60, every=1):
     return path
 
 
-def test_a_doubled_clip_is_read_without_its_doubled_frames(tmp_path):
+def test_repeated_frames_of_a_clip_are_skipped(tmp_path):
     video = open_video(doubled_clip(tmp_path / "doubled.mp4", 40), Camera(frame_rate=60))
     read = [frame.index for frame in without_repeats(video).frames()]
     assert len(read) < 46
@@ -92,8 +92,8 @@ def test_a_doubled_clip_is_read_without_its_doubled_frames(tmp_path):
     assert len(list(video.frames())) == 80
 
 
-@pytest.mark.parametrize("rate", [30.0, 60.0])  # that of the capture, and that of the file
-def test_a_doubled_clip_lasts_as_long_as_what_was_filmed(tmp_path, rate):
+@pytest.mark.parametrize("rate", [30.0, 60.0])  # capture rate, and rate of the file
+def test_a_doubled_clip_has_its_true_duration(tmp_path, rate):
     """40 pictures taken at 30 Hz and stored at 60, each twice."""
     video = at_its_pace(open_video(doubled_clip(tmp_path / "doubled.mp4", 40), Camera(frame_rate=rate)))
     assert [frame.time for frame in video.frames()][-1] == pytest.approx(39 / 30, abs=0.05)
@@ -101,8 +101,8 @@ def test_a_doubled_clip_lasts_as_long_as_what_was_filmed(tmp_path, rate):
 
 
 @pytest.mark.parametrize("every", [2, 4, 5])
-def test_where_one_frame_in_so_many_is_stored_twice_times_are_those_of_the_capture(tmp_path, every):
-    """80 pictures taken at 60 Hz that play at 90, 75 or 72: from one to the next it is 1/60 s, and none shows again."""
+def test_times_are_capture_times_if_every_nth_frame_is_stored_twice(tmp_path, every):
+    """80 pictures taken at 60 Hz and stored at 90, 75 or 72 Hz: intervals are 1/60 s and no picture repeats."""
     clip = doubled_clip(tmp_path / "pulldown.mp4", 80, rate=60 + 60 // every, every=every)
     video = at_its_pace(open_video(clip, Camera(frame_rate=60)))
     frames = list(video.frames())

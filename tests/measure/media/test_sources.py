@@ -1,4 +1,4 @@
-"""Clips that are no ordinary video file: stills, stacks, Photron recordings, interlaced films; photos from phones."""
+"""Clips other than ordinary video files: stills, stacks, Photron recordings, interlaced videos; photos from phones."""
 
 from fractions import Fraction
 
@@ -32,7 +32,7 @@ def greys(clip, camera=RATE):
 
 
 def ramp(k, top):
-    """A slope of brightness that moves with the frame, from 0 to below `top`."""
+    """A brightness ramp from 0 to below `top` that moves with the frame."""
     return ((np.arange(96).reshape(6, 16) + 7 * k) % 100) * (top / 100)
 
 
@@ -46,14 +46,14 @@ def test_numbered_stills_come_in_the_order_of_their_numbers(tmp_path):
     assert next(video.frames()).colour.shape == (6, 16, 3)
 
 
-def test_stills_without_a_rate_ask_for_it(tmp_path):
+def test_stills_without_a_frame_rate_are_refused(tmp_path):
     for k in range(4):
         cv2.imwrite(str(tmp_path / f"{k}.png"), np.zeros((6, 16), np.uint8))
     with pytest.raises(BadInput, match="--frame-rate"):
         open_video(tmp_path, Camera())
 
 
-def test_stills_of_two_sizes_are_no_clip(tmp_path):
+def test_stills_of_two_sizes_are_refused(tmp_path):
     for k in range(4):
         cv2.imwrite(str(tmp_path / f"{k}.png"), np.zeros((6, 16 + k // 3), np.uint8))
     with pytest.raises(UnreadableMedia, match=r"3\.png.*17 x 6"):
@@ -75,7 +75,7 @@ def test_a_dim_first_picture_does_not_make_the_others_white(tmp_path):
     np.testing.assert_array_equal(greys(tmp_path / "dim.tif")[-1], bright.reshape(4, 20, 30)[-1] >> 4)
 
 
-def test_twelve_bits_of_a_grey_film_and_of_a_photo_fill_the_grey_levels(tmp_path):
+def test_twelve_bits_of_a_grey_video_and_of_a_photo_fill_the_grey_levels(tmp_path):
     deep = np.linspace(0, 4095, 40 * 60, dtype=np.uint16).reshape(40, 60)
     with av.open(str(tmp_path / "deep.mkv"), "w") as out:
         stream = out.add_stream("ffv1", rate=240, width=60, height=40, pix_fmt="gray16le")
@@ -127,7 +127,7 @@ def test_a_photron_recording_gives_its_pictures_and_its_rate(tmp_path, bits, hea
         assert np.array_equal(frame.grey, picture >> (used - 8))
 
 
-def test_a_cut_photron_recording_says_how_much_is_left(tmp_path):
+def test_a_truncated_photron_recording_gives_the_number_of_pictures_left(tmp_path):
     (tmp_path / "clip.mraw").write_bytes(bytes(16 * 6 * 4 + 11))
     (tmp_path / "clip.cih").write_text(CIH.format(count=9, bits=8, used=8))
     video = open_video(tmp_path / "clip.mraw", Camera())
@@ -143,7 +143,7 @@ def test_a_cut_photron_recording_says_how_much_is_left(tmp_path):
         ({"clip.mraw": b"x" * 960, "clip.cih": CIH.format(count=9, bits=10, used=10).encode()}, "10 bits"),
     ],
 )
-def test_a_photron_recording_that_cannot_be_read_is_named(tmp_path, files, words):
+def test_an_unreadable_photron_recording_is_refused_by_name(tmp_path, files, words):
     for name, content in files.items():
         (tmp_path / name).write_bytes(content)
     with pytest.raises(UnreadableMedia, match=words):
@@ -161,8 +161,8 @@ def film(path, pictures, *, layout=None, **options):
 
 
 @pytest.mark.parametrize(("squeeze", "size"), [("4/3", (64, 48)), ("3/4", (48, 48)), ("1/1", (48, 36))])
-def test_a_film_whose_pixels_are_not_square_is_shown_as_a_player_shows_it(tmp_path, squeeze, size):
-    """A disc squeezed to fit the pixels comes out round."""
+def test_a_video_with_non_square_pixels_is_resized_as_in_a_player(tmp_path, squeeze, size):
+    """A disc stored with non-square pixels comes out round."""
     across, down = (int(side) for side in squeeze.split("/"))
     wide, high = (size[0] * down // across, size[1]) if across > down else (size[0], size[1] * across // down)
     big = np.full((size[1] * 8, size[0] * 8, 3), 60, np.uint8)
@@ -185,7 +185,7 @@ def test_a_film_whose_pixels_are_not_square_is_shown_as_a_player_shows_it(tmp_pa
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.int16, np.uint32])
-def test_a_stack_of_other_numbers_than_bytes_and_words_is_refused(tmp_path, dtype):
+def test_a_stack_of_other_types_than_8_and_16_bits_is_refused(tmp_path, dtype):
     tifffile.imwrite(tmp_path / "clip.tif", np.stack([ramp(k, 4000) for k in range(5)]).astype(dtype))
     with pytest.raises(UnreadableMedia, match="save it with 8 or 16 bits"):
         open_video(tmp_path / "clip.tif", RATE)
@@ -193,7 +193,7 @@ def test_a_stack_of_other_numbers_than_bytes_and_words_is_refused(tmp_path, dtyp
 
 @pytest.mark.parametrize("left", [0.6, 0.9])
 @pytest.mark.parametrize("packed", ["zlib", None])
-def test_a_stack_that_is_cut_off_says_how_much_is_left_or_where_it_breaks(tmp_path, left, packed):
+def test_a_truncated_stack_gives_the_number_of_pictures_left_or_the_place_of_damage(tmp_path, left, packed):
     whole = tmp_path / "whole.tif"
     noise = np.random.default_rng(5).integers(0, 255, (10, 40, 50), dtype=np.uint8)
     tifffile.imwrite(whole, noise, compression=packed)
@@ -202,26 +202,26 @@ def test_a_stack_that_is_cut_off_says_how_much_is_left_or_where_it_breaks(tmp_pa
     cut.write_bytes(content[: round(left * len(content))])
     try:
         video = open_video(cut, RATE)
-        told = video.broken_off
+        message = video.broken_off
         assert len(list(video.frames())) < 10
     except UnreadableMedia as broken:
-        told = str(broken)
-    assert told
-    assert "\n" not in told
+        message = str(broken)
+    assert message
+    assert "\n" not in message
 
 
 def plain(count):
     return [np.full((48, 64, 3), 5 * k, dtype=np.uint8) for k in range(count)]
 
 
-@pytest.mark.parametrize("name", ["clip.mp4", "clip.avi"])  # packets of the latter carry no time of showing
-def test_an_interlaced_film_is_named(tmp_path, name):
+@pytest.mark.parametrize("name", ["clip.mp4", "clip.avi"])  # AVI packets carry no presentation time
+def test_an_interlaced_video_is_detected(tmp_path, name):
     clip = film(tmp_path / name, plain(12), **{"x264-params": "interlaced=1"})
     assert "interlaced" in open_video(clip, Camera(frame_rate=50.0)).spoilt
     assert not open_video(film(tmp_path / f"whole_{name}", plain(12)), Camera(frame_rate=50.0)).spoilt
 
 
-def test_reordered_pictures_have_the_times_they_are_shown_at(tmp_path):
+def test_reordered_pictures_have_their_presentation_times(tmp_path):
     clip = film(tmp_path / "clip.mp4", plain(40), bf="3", b_strategy="0")
     video = open_video(clip, Camera(frame_rate=50.0))
     assert video.times == pytest.approx(np.arange(40) / 50)
@@ -237,7 +237,7 @@ def test_reordered_pictures_have_the_times_they_are_shown_at(tmp_path):
         ("clip.mp4", {"movflags": "frag_keyframe+empty_moov"}),
     ],
 )
-def test_a_film_cut_short_gives_what_decodes_and_says_so(tmp_path, name, layout):
+def test_a_truncated_video_gives_what_decodes_and_a_warning(tmp_path, name, layout):
     rng = np.random.default_rng(2)
     noise = [rng.integers(0, 255, (48, 64, 3), dtype=np.uint8) for _ in range(30)]
     whole = film(tmp_path / name, noise, layout=layout, bf="0", g="5")
@@ -252,13 +252,13 @@ def test_a_film_cut_short_gives_what_decodes_and_says_so(tmp_path, name, layout)
 
 @pytest.mark.parametrize("layout", [{}, {"movflags": "faststart"}, {"movflags": "frag_keyframe+empty_moov"}])
 @pytest.mark.parametrize("trailer", [b"recorded by a camera of 1080p50.", b"\xff" * 64, bytes(64), b"end"])
-def test_what_a_camera_appends_to_a_film_does_not_break_it_off(tmp_path, layout, trailer):
+def test_data_appended_by_a_camera_does_not_count_as_truncation(tmp_path, layout, trailer):
     clip = film(tmp_path / "clip.mp4", plain(12), layout=layout)
     clip.write_bytes(clip.read_bytes() + trailer)
     assert not open_video(clip, RATE).spoilt
 
 
-def test_a_film_whose_length_counts_its_own_head_is_whole(tmp_path):
+def test_a_riff_length_that_includes_its_header_is_complete(tmp_path):
     clip = film(tmp_path / "clip.avi", plain(12))
     content = clip.read_bytes()
     clip.write_bytes(content[:4] + len(content).to_bytes(4, "little") + content[8:])
@@ -279,21 +279,21 @@ def test_a_photo_of_a_phone_is_read(tmp_path):
 
 
 @pytest.mark.parametrize("size", [1, 2])
-def test_a_clip_of_a_few_pixels_is_named(tmp_path, size):
+def test_a_clip_of_a_few_pixels_is_refused(tmp_path, size):
     for k in range(4):
         cv2.imwrite(str(tmp_path / f"{k}.png"), np.full((size, size), 40 * k, np.uint8))
     with pytest.raises(UnreadableMedia, match=f"only {size} x {size} px"):
         open_video(tmp_path, RATE)
 
 
-def test_a_folder_of_videos_says_what_to_give_instead(tmp_path):
+def test_the_message_for_a_folder_of_videos_names_one_of_them(tmp_path):
     for name in ("r01.mp4", "r02.mp4"):
         (tmp_path / name).write_bytes(b"x")
-    with pytest.raises(UnreadableMedia, match=r"2 videos give one, like .*r01\.mp4"):
+    with pytest.raises(UnreadableMedia, match=r"give one of its 2 videos, e\.g\. .*r01\.mp4"):
         open_video(tmp_path, Camera(frame_rate=30.0))
 
 
-def test_a_video_without_its_end_is_said_to_be_broken_off(tmp_path):
+def test_a_video_without_its_end_is_reported_as_broken_off(tmp_path):
     whole, part = tmp_path / "whole.mp4", tmp_path / "part.mp4"
     with av.open(str(whole), "w") as container:
         stream = container.add_stream("libx264", rate=30, options={"x264-params": "mbtree=0"})

@@ -1,4 +1,4 @@
-"""Films that break off: a film written in fragments tells where it is cut, but not at the end of a fragment."""
+"""Truncated videos: in a fragmented file a cut is detected except exactly at the end of a fragment."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rigtwin.measure.media.truncation import breaks_off
 
 
 def fragmented(path: Path) -> bytes:
-    """A film in fragments, each announced by its own boxes."""
+    """A fragmented MP4 file; each fragment is announced by its own boxes."""
     random = np.random.default_rng(3)
     options = {"movflags": "dash+frag_keyframe+empty_moov+default_base_moof"}
     with av.open(str(path), "w", options=options) as container:
@@ -26,7 +26,7 @@ def fragmented(path: Path) -> bytes:
 
 
 def boxes(film: bytes) -> list[tuple[bytes, int, int]]:
-    """Kind, begin and end of each box."""
+    """Type, begin and end of each box."""
     place, found = 0, []
     while place < len(film):
         length = int.from_bytes(film[place : place + 4], "big")
@@ -35,14 +35,14 @@ def boxes(film: bytes) -> list[tuple[bytes, int, int]]:
     return found
 
 
-def test_a_whole_film_in_fragments_does_not_break_off(tmp_path: Path) -> None:
+def test_a_complete_fragmented_video_is_not_truncated(tmp_path: Path) -> None:
     film = fragmented(tmp_path / "whole.mp4")
     assert {b"moof", b"sidx"} <= {kind for kind, _, _ in boxes(film)}
     assert not breaks_off(tmp_path / "whole.mp4")
 
 
 @pytest.mark.parametrize("kept", [3, 12, 10_000])
-def test_a_film_cut_in_what_announces_its_next_fragment_breaks_off(tmp_path: Path, kept: int) -> None:
+def test_a_video_cut_within_the_boxes_before_a_fragment_is_truncated(tmp_path: Path, kept: int) -> None:
     film = fragmented(tmp_path / "whole.mp4")
     announcing = [box for box in boxes(film) if box[0] in (b"styp", b"sidx", b"moof")]
     assert len(announcing) > 6
@@ -52,7 +52,7 @@ def test_a_film_cut_in_what_announces_its_next_fragment_breaks_off(tmp_path: Pat
         assert breaks_off(cut)
 
 
-def test_what_a_camera_appends_to_a_film_need_be_no_box(tmp_path: Path) -> None:
+def test_data_appended_by_a_camera_need_not_be_a_box(tmp_path: Path) -> None:
     plain = tmp_path / "plain.mp4"
     with av.open(str(plain), "w") as container:
         stream = container.add_stream("libx264", rate=30, options={"x264-params": "mbtree=0"})

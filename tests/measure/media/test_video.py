@@ -1,4 +1,4 @@
-"""Reading videos and photos: true times, true orientation, and clear words for what cannot be read."""
+"""Reading videos and photos: capture times, orientation, and clear messages for unreadable files."""
 
 from fractions import Fraction
 from pathlib import Path
@@ -19,7 +19,7 @@ from rigtwin.measure.media.video import open_video
 def write_clip(
     path: Path, stamps: list[int], *, rate: int = 30, tick: int = 1000, codec: str = "libx264", group: int = 250
 ) -> Path:
-    """Frame k is a grey of 10 + 5 k shown from `stamps[k]` / `tick` seconds; every `group` frames a new group."""
+    """Frame k has grey level 10 + 5 k and time stamp `stamps[k]` / `tick` [s]; a keyframe every `group` frames."""
     with av.open(str(path), "w") as container:
         options = {"x264-params": "mbtree=0"} if codec == "libx264" else {}
         stream = container.add_stream(codec, rate=rate, options=options)
@@ -40,7 +40,7 @@ def regular(tmp_path: Path, count: int = 12) -> Path:
     return write_clip(tmp_path / "clip.mp4", [round(k * 1000 / 25) for k in range(count)], rate=25)
 
 
-def test_frames_come_in_order_with_their_own_picture_and_time(tmp_path):
+def test_frames_come_in_order_with_their_picture_and_time(tmp_path):
     video = open_video(regular(tmp_path), Camera())
     frames = list(video.frames())
     assert [frame.index for frame in frames] == list(range(12))
@@ -50,8 +50,8 @@ def test_frames_come_in_order_with_their_own_picture_and_time(tmp_path):
     assert frames[3].colour.mean() == pytest.approx(25, abs=4)  # the codec rounds dark greys
 
 
-@pytest.mark.parametrize("kept", [10**9, 1, 20000])  # all, none, the first few
-def test_any_part_of_a_film_is_read_alike_kept_in_memory_or_not(tmp_path, monkeypatch, kept):
+@pytest.mark.parametrize("kept", [10**9, 1, 20000])  # cache holds all, none, the first few pictures
+def test_any_part_of_a_video_is_read_the_same_with_and_without_cache(tmp_path, monkeypatch, kept):
     monkeypatch.setattr(sources, "KEPT", kept)
     stamps = [round(k * 1000 / 25) for k in range(40)]
     video = open_video(write_clip(tmp_path / "clip.mp4", stamps, rate=25, group=2), Camera(frame_rate=25.0))
@@ -69,7 +69,7 @@ def test_any_part_of_a_film_is_read_alike_kept_in_memory_or_not(tmp_path, monkey
             assert all(index % spacing == 0 for index in chosen)
 
 
-def test_a_damage_is_told_where_it_is_however_few_pictures_are_wanted(tmp_path, monkeypatch):
+def test_damage_is_reported_at_its_place_even_if_only_a_few_pictures_are_read(tmp_path, monkeypatch):
     monkeypatch.setattr(sources, "KEPT", 0)
     clip = write_clip(tmp_path / "clip.mp4", [40 * k for k in range(40)], rate=25, group=10)
     with av.open(str(clip)) as container:
@@ -85,7 +85,7 @@ def test_a_damage_is_told_where_it_is_however_few_pictures_are_wanted(tmp_path, 
     assert [frame.index for frame in video.single([5, 30])] == [5, 30]
 
 
-def test_two_readers_of_one_film_do_not_disturb_each_other(tmp_path):
+def test_two_readers_of_one_video_do_not_disturb_each_other(tmp_path):
     video = open_video(regular(tmp_path), Camera())
     both = zip(video.frames(), video.frames(), strict=True)
     assert all(np.array_equal(one.grey, other.grey) for one, other in both)
@@ -97,7 +97,7 @@ def test_a_given_capture_rate_replaces_the_playback_rate(tmp_path):
     assert video.playback_rate == pytest.approx(25)
 
 
-def test_a_rate_read_from_the_file_is_said_aloud(tmp_path):
+def test_a_frame_rate_read_from_the_file_gives_a_warning(tmp_path):
     clip = regular(tmp_path)
     assert any("frame rate 25 Hz read from the file" in line for line in open_video(clip, Camera()).warnings)
     assert open_video(clip, Camera(frame_rate=25.0)).warnings == ()
@@ -125,7 +125,7 @@ def test_frames_missing_between_rounded_time_stamps_leave_the_others_on_time(tmp
 
 @pytest.mark.parametrize("name", ["clip.avi", "clip.mkv", "clip.mp4"])
 @pytest.mark.parametrize("lost", [{20}, set(range(3, 40, 4)), {5, 6, 17, 30}])
-def test_lost_frames_are_told_in_any_file_even_where_a_tick_is_one_frame(tmp_path, name, lost):
+def test_lost_frames_are_counted_even_if_a_tick_is_one_frame(tmp_path, name, lost):
     kept = np.array([k for k in range(40) if k not in lost])
     clip = tmp_path / name
     unit = 1000 if name == "clip.mkv" else 240
@@ -138,7 +138,7 @@ def test_lost_frames_are_told_in_any_file_even_where_a_tick_is_one_frame(tmp_pat
 
 @pytest.mark.parametrize("rate", [240, 333, 600, 700, 1000])
 @pytest.mark.parametrize("given", [True, False])
-def test_a_clock_of_milliseconds_is_no_lost_frame_however_fast_the_film(tmp_path, rate, given):
+def test_millisecond_time_stamps_are_not_taken_for_lost_frames_at_any_rate(tmp_path, rate, given):
     stamps = [round(k * 1000 / rate) for k in range(40)]
     clip = write_clip(tmp_path / "ms.mkv", stamps, rate=rate)
     video = open_video(clip, Camera(frame_rate=float(rate) if given else None))
@@ -146,9 +146,9 @@ def test_a_clock_of_milliseconds_is_no_lost_frame_however_fast_the_film(tmp_path
     assert len(video.warnings) == (not given)
 
 
-@pytest.mark.parametrize("slower", [1, 8])  # in real time, and stored at 30 Hz
+@pytest.mark.parametrize("slower", [1, 8])  # real time, and stored at 30 Hz
 @pytest.mark.parametrize("name", ["clip.mkv", "clip.mp4"])
-def test_a_film_that_loses_every_second_frame_later_on_keeps_its_pace(tmp_path, name, slower):
+def test_a_video_that_later_loses_every_second_frame_keeps_its_time_scale(tmp_path, name, slower):
     taken = np.array([*range(12), *range(12, 50, 2)])
     stamps = np.rint(taken * slower * 1000 / 240).astype(int).tolist()
     video = open_video(write_clip(tmp_path / name, stamps, rate=240 // slower), Camera(frame_rate=240.0))
@@ -156,25 +156,25 @@ def test_a_film_that_loses_every_second_frame_later_on_keeps_its_pace(tmp_path, 
     assert any("are missing" in line for line in video.warnings)
 
 
-def test_time_stamps_are_believed_where_the_head_of_the_file_states_another_rate(tmp_path):
+def test_time_stamps_override_a_different_rate_in_the_file_header(tmp_path):
     clip = write_clip(tmp_path / "head.mkv", [round(k * 1000 / 30) for k in range(40)], rate=240)
     video = open_video(clip, Camera())
     assert video.times == pytest.approx(np.arange(40) / 30, rel=2e-3)
     assert (video.frame_rate, video.playback_rate) == pytest.approx((30, 30), rel=2e-3)
-    assert any("head states 240 Hz" in line for line in video.warnings)
+    assert any("header states 240 Hz" in line for line in video.warnings)
     fast = open_video(clip, Camera(frame_rate=240.0))
     assert fast.times == pytest.approx(np.arange(40) / 240)
     assert any("plays at 30 Hz" in line and "high-speed" in line for line in fast.warnings)
 
 
-def test_rounded_time_stamps_of_a_wandering_clock_are_kept(tmp_path):
+def test_rounded_time_stamps_of_a_drifting_clock_are_kept(tmp_path):
     taken = np.cumsum(np.random.default_rng(3).uniform(20, 60, 30))
     stamps = np.rint(taken - taken[0]).astype(int)
     video = open_video(write_clip(tmp_path / "phone.mkv", stamps.tolist(), rate=25), Camera(frame_rate=25.0))
     assert video.times == pytest.approx(stamps / 1000, abs=1e-6)
 
 
-def test_rounding_of_time_stamps_is_not_taken_for_uneven_frames(tmp_path):
+def test_rounding_of_time_stamps_is_not_taken_for_uneven_intervals(tmp_path):
     stamps = [round(k * 1000 / 240) for k in range(40)]  # 4, 4, 5, 4 ms
     video = open_video(write_clip(tmp_path / "ms.mkv", stamps, rate=240), Camera(frame_rate=240.0))
     assert video.times == pytest.approx(np.arange(40) / 240)
@@ -190,7 +190,7 @@ def test_time_window_takes_seconds_and_frames(tmp_path):
 
 
 @pytest.mark.parametrize("line", ["200 mm:0,0,500,0", "200 mm:-10,5,40,40", "2 mm:5,5,5,60"])
-def test_a_known_length_that_the_picture_does_not_show_is_refused(tmp_path, line):
+def test_a_known_length_outside_the_picture_is_refused(tmp_path, line):
     clip = regular(tmp_path)
     with pytest.raises(BadInput, match=r"--known-length has an end at .* outside the picture of 64 x 48 px"):
         open_video(clip, Camera(known_length=known_length(line)))
@@ -206,7 +206,7 @@ def test_an_empty_window_is_refused(tmp_path):
     ("content", "words"),
     [(None, "no such file"), (b"", "is empty"), (b"notes, not a film\n" * 50, "cannot be decoded")],
 )
-def test_what_is_no_video_is_named(tmp_path, content, words):
+def test_a_file_that_is_no_video_is_refused_by_name(tmp_path, content, words):
     path = tmp_path / "clip.mp4"
     if content is not None:
         path.write_bytes(content)
@@ -225,13 +225,13 @@ def test_a_folder_is_no_video(tmp_path):
     ("end", "beyond"),
     [
         (Moment(11, "frame"), False),  # the last of 12 frames
-        (Moment(12, "frame"), False),  # as many as there are
+        (Moment(12, "frame"), False),  # the number of frames
         (Moment(13, "frame"), True),
-        (Moment(0.48, "s"), False),  # how long the clip plays
+        (Moment(0.48, "s"), False),  # duration of the clip
         (Moment(0.6, "s"), True),
     ],
 )
-def test_an_end_beyond_the_clips_is_said(tmp_path, end, beyond):
+def test_an_end_beyond_the_clip_gives_a_warning(tmp_path, end, beyond):
     video = open_video(regular(tmp_path), Camera(frame_rate=25.0, end=end))
     assert any("lies beyond the clip" in warning for warning in video.warnings) == beyond
     assert video.last == 11
@@ -258,7 +258,7 @@ def test_a_photo_is_read_upright_and_in_colour(tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"", b"not a picture"])
-def test_what_is_no_photo_is_named(tmp_path, content):
+def test_a_file_that_is_no_photo_is_refused_by_name(tmp_path, content):
     path = tmp_path / "photo.jpg"
     path.write_bytes(content)
     with pytest.raises(UnreadableMedia, match=r"photo\.jpg"):
@@ -266,24 +266,24 @@ def test_what_is_no_photo_is_named(tmp_path, content):
 
 
 @pytest.mark.parametrize("kind", ["jpg", "png"])
-def test_of_a_photo_that_is_cut_off_it_is_said_how_much_is_there(tmp_path, kind):
+def test_the_message_for_a_truncated_photo_states_how_much_can_be_read(tmp_path, kind):
     image = np.random.default_rng(3).integers(0, 255, (300, 200, 3), dtype=np.uint8)
     path = tmp_path / f"photo.{kind}"
     content = cv2.imencode(f".{kind}", image)[1].tobytes()
     path.write_bytes(content[: len(content) // 2])
-    with pytest.raises(UnreadableMedia, match=r"cut off: a photo of 200 x 300 px, .* upper (\d+) rows") as told:
+    with pytest.raises(UnreadableMedia, match=r"cut off: a photo of 200 x 300 px, .* upper (\d+) rows") as caught:
         read_photo(path)
-    rows = int(str(told.value).partition("upper ")[2].split()[0])
-    assert 120 < rows < 180  # noise takes as many bytes in every row
+    rows = int(str(caught.value).partition("upper ")[2].split()[0])
+    assert 120 < rows < 180  # noise takes the same number of bytes in every row
 
 
-def test_hash_is_that_of_the_content(tmp_path):
+def test_the_hash_depends_on_the_content_only(tmp_path):
     path = tmp_path / "x"
     path.write_bytes(b"abc")
     assert sha256(path) == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
 
 
-def test_the_hash_of_a_folder_of_pictures_tells_it_from_one_with_another_picture(tmp_path):
+def test_the_hash_of_a_folder_changes_with_one_picture(tmp_path):
     (tmp_path / "0001.png").write_bytes(b"abc")
     one = sha256(tmp_path)
     assert sha256(tmp_path) == one

@@ -1,4 +1,4 @@
-"""Where a frame lies over the scene."""
+"""Registration of frames to the background."""
 
 import cv2
 import numpy as np
@@ -11,7 +11,7 @@ HEIGHT, WIDTH, GROUND = 400, 120, 60.0
 
 
 def frame(pattern: np.ndarray, shake: float, rng: np.random.Generator) -> np.ndarray:
-    """What a camera that has gone up by `shake` [px] shows of a ground with a pattern [grey levels]."""
+    """A patterned background [grey levels] seen by a camera shifted up by `shake` [px]."""
     turn = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, shake]])
     moved = cv2.warpAffine(pattern.astype(np.float32), turn, (WIDTH, HEIGHT), borderMode=cv2.BORDER_REPLICATE)
     return np.clip(np.round(GROUND + moved + rng.normal(0, 0.3, moved.shape)), 0, 255).astype(np.uint8)
@@ -25,13 +25,13 @@ def scene_of(pattern: np.ndarray, rng: np.random.Generator) -> Scene:
 
 
 def grain(rng: np.random.Generator, scatter: float) -> np.ndarray:
-    """Soft spots [grey levels], as a codec makes them of noise and of paper alike."""
+    """Soft spots [grey levels], as a codec makes from noise or paper texture."""
     spots = cv2.GaussianBlur(rng.normal(0, 1, (HEIGHT, WIDTH)), (0, 0), 2.0)
     return np.asarray(scatter * spots / spots.std())
 
 
-def test_frozen_grain_of_a_codec_tells_no_shake():
-    """Noise of a plain wall that a codec keeps and then moves by half a pixel moves no camera."""
+def test_noise_frozen_by_a_codec_gives_no_shake():
+    """Noise of a uniform wall that a codec freezes and then shifts by half a pixel is no camera shake."""
     rng = np.random.default_rng(1)
     pattern = grain(rng, 1.2)
     scene = scene_of(pattern, rng)
@@ -42,10 +42,10 @@ def test_frozen_grain_of_a_codec_tells_no_shake():
 
 
 @pytest.mark.parametrize("edge", [25.0, 100.0])
-def test_a_plate_before_frozen_grain_tells_the_shake(edge):
+def test_a_plate_in_front_of_frozen_noise_gives_the_shake(edge):
     rng = np.random.default_rng(2)
     pattern = grain(rng, 1.2)
-    plate = np.where(np.arange(HEIGHT) < 300, 0.0, edge)  # in a film far too dark for the lesser one
+    plate = np.where(np.arange(HEIGHT) < 300, 0.0, edge)  # the smaller step is that of a far too dark recording
     pattern += cv2.GaussianBlur(plate[:, None], (0, 0), 1.0)
     pose = scene_of(pattern, rng).pose(frame(pattern, 2.0, rng))
     assert pose.placed

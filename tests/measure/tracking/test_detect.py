@@ -1,4 +1,4 @@
-"""Spots that move before a still scene."""
+"""Moving spots in front of a static background."""
 
 import numpy as np
 import pytest
@@ -10,8 +10,8 @@ HEIGHT, WIDTH, RADIUS, GROUND, CONTRAST = 320, 140, 28.0, 60.0, 120.0
 
 
 @pytest.mark.parametrize("signal_to_noise", [6, 40])
-def test_a_bead_that_is_a_third_of_the_clip_over_the_same_pixels_is_one_spot(signal_to_noise):
-    """What a pixel shows scatters there with the bead itself, which is not the camera's noise."""
+def test_a_bead_at_the_same_pixels_for_a_third_of_the_clip_is_one_spot(signal_to_noise):
+    """The spread of these pixels over time is due to the bead, not to camera noise."""
     rng = np.random.default_rng(3)
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     frames = []

@@ -1,4 +1,4 @@
-"""The shutter is told by the streaks of a fast bead, and by nothing else."""
+"""The exposure time follows from the streaks of a fast bead, and from nothing else."""
 
 import math
 
@@ -19,13 +19,13 @@ SIZE = (320, 80)
 
 
 def falling(frames, pull=1.2, start=20.0):
-    """A path that falls ever faster [px], frame by frame."""
+    """An accelerated fall [px], frame by frame."""
     spots = [Spot(40.0, start + pull * frame**2 / 2, 200, 16, 16, 60.0) for frame in frames]
     return SpotPath(tuple(frames), tuple(spots))
 
 
 def film(path, share, *, empty=(), seed=0):
-    """What is cut out of a film of a bead on that path with the shutter open for a share of the frame interval."""
+    """Cut-outs of a bead on that path, exposed for a share of the frame interval."""
     noise = np.random.default_rng(seed)
     rows, columns = np.mgrid[: SIZE[0], : SIZE[1]].astype(float)
     cuts = []
@@ -48,28 +48,28 @@ def scene():
 
 
 @pytest.mark.parametrize("share", [0.12, 0.35, 0.7, 0.95])
-def test_the_streaks_of_a_fast_bead_tell_how_long_the_shutter_was_open(share):
+def test_the_streaks_of_a_fast_bead_give_the_exposure_time(share):
     path = falling(range(20))
     roughly = told_shutter(film(path, share), path, scene(), LOOK, None)
     assert abs(roughly.share - share) < 2 * roughly.doubt
-    told = told_shutter(film(path, share), path, scene(), LOOK, None, roughly)
-    assert abs(told.share - share) < 2 * told.doubt < 0.12
+    found = told_shutter(film(path, share), path, scene(), LOOK, None, roughly)
+    assert abs(found.share - share) < 2 * found.doubt < 0.12
 
 
-def test_frames_without_the_bead_do_not_tell_the_shutter():
+def test_frames_without_the_bead_do_not_change_the_exposure_time():
     path = falling(range(20))
-    told = told_shutter(film(path, 0.3, empty=(13, 15, 16)), path, scene(), LOOK, None)
-    assert abs(told.share - 0.3) < 2 * told.doubt
+    found = told_shutter(film(path, 0.3, empty=(13, 15, 16)), path, scene(), LOOK, None)
+    assert abs(found.share - 0.3) < 2 * found.doubt
 
 
-def test_a_slow_bead_tells_nothing_of_the_shutter():
+def test_a_slow_bead_gives_no_exposure_time():
     path = falling(range(20), pull=0.05)
-    told = told_shutter(film(path, 0.5), path, scene(), LOOK, None)
-    assert not told.told
-    assert math.isinf(told.doubt)
+    found = told_shutter(film(path, 0.5), path, scene(), LOOK, None)
+    assert not found.told
+    assert math.isinf(found.doubt)
 
 
-def test_frames_at_a_bounce_and_beside_gaps_are_not_taken():
+def test_frames_at_a_bounce_and_beside_gaps_are_not_used():
     fall = falling(range(12))
     up = [Spot(40.0, fall.spots[-1].y - 9.0 * k, 200, 16, 16, 60.0) for k in range(1, 8)]
     path = SpotPath((*fall.frames, *range(12, 15), *range(20, 24)), (*fall.spots, *up))
@@ -77,9 +77,9 @@ def test_frames_at_a_bounce_and_beside_gaps_are_not_taken():
     assert {10, 12, 13, 21} <= set(fast_frames(path))
 
 
-def test_a_frame_that_likes_all_lengths_alike_has_no_say():
+def test_a_frame_with_constant_misfit_has_no_weight():
     flat = np.full(7, 3.0)
     sharp = 2 + 3 * (TRIED - 0.4) ** 2
-    told = shutter_of(TRIED, np.stack([sharp, flat, flat, sharp, flat], axis=1), np.full(5, 20.0))
-    assert told.share == pytest.approx(0.4, abs=0.01)
-    assert Shutter(told.share, told.doubt).told
+    found = shutter_of(TRIED, np.stack([sharp, flat, flat, sharp, flat], axis=1), np.full(5, 20.0))
+    assert found.share == pytest.approx(0.4, abs=0.01)
+    assert Shutter(found.share, found.doubt).told

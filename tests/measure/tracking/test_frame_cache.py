@@ -1,4 +1,4 @@
-"""What an album keeps of a clip, and that this does not grow with the clip."""
+"""Contents of the frame cache, and its size limit."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def frame(index: int) -> Frame:
     return Frame(index, index / 240, grey, lambda: np.repeat(grey[..., None], 3, axis=2))
 
 
-def test_a_cut_out_holds_the_frame_around_a_spot_also_at_its_border() -> None:
+def test_a_cut_out_at_the_border_holds_the_frame_around_a_spot() -> None:
     kept = Album()
     kept.add(frame(0), [Spot(110.0, 10.0, 30.0, 6.0, 6.0, 40.0)])
     box = (100, 0, 120, 30)
@@ -27,8 +27,8 @@ def test_a_cut_out_holds_the_frame_around_a_spot_also_at_its_border() -> None:
     assert kept.cut(0, (0, 0, 20, 20)) is None
 
 
-def test_an_album_is_no_larger_for_a_longer_clip(monkeypatch) -> None:
-    """In every frame something large moves, and far more of them are seen than there is room for."""
+def test_the_cache_does_not_grow_with_the_clip(monkeypatch) -> None:
+    """Something large moves in every frame, and there are far more frames than fit."""
     monkeypatch.setattr(frame_cache, "ROOM", 40 * SHAPE[0] * SHAPE[1])
     kept = Album()
     for index in range(300):
@@ -38,7 +38,7 @@ def test_an_album_is_no_larger_for_a_longer_clip(monkeypatch) -> None:
     assert kept.cut(299, (60, 40, 70, 50)) is None
 
 
-def test_of_frames_in_which_nothing_moves_nothing_is_kept() -> None:
+def test_frames_without_motion_are_not_kept() -> None:
     kept = Album()
     for index in range(50):
         kept.add(frame(index), [])

@@ -1,4 +1,4 @@
-"""Sub-pixel bead centres and the still scene behind them, on pictures drawn with known truth."""
+"""Sub-pixel bead centres and the background behind them, on pictures drawn with known truth."""
 
 import math
 
@@ -16,11 +16,11 @@ from rigtwin.measure.tracking.consistency import in_steady_light, scatter
 from rigtwin.measure.tracking.refine import fit_bead, locate
 
 SIZE = 72
-FINE = 6  # drawn on a grid this much finer, then averaged
+FINE = 6  # oversampling factor of the drawing
 
 
 def draw(centre, *, radius=9.0, blur=(0.0, 0.0), bead=170.0, slope=0.0, noise=4.0, scene=None, seed=0):
-    """A lit disc smeared along `blur` in front of a scene, seen through a soft lens by a noisy 8-bit camera."""
+    """A shaded disc with motion blur `blur` in front of a background, with a soft lens and a noisy 8-bit camera."""
     scene = np.full((SIZE, SIZE), 60.0) if scene is None else scene
     y, x = (np.mgrid[: SIZE * FINE, : SIZE * FINE] + 0.5) / FINE - 0.5
     steps = max(1, round(3 * np.hypot(*blur)))
@@ -46,8 +46,8 @@ TEXTURE = 60 + 25 * np.sin(np.arange(SIZE) / 4)[None, :] + 20 * np.cos(np.arange
 @pytest.mark.parametrize(
     ("blur", "slope", "limit"), [((0, 0), 0, 0.02), ((0, 8), 0, 0.045), ((5, 6), 0, 0.045), ((0, 0), 40, 0.025)]
 )
-def test_centre_is_found_near_the_noise_limit_and_sigma_says_how_near(with_background, blur, slope, limit):
-    """The limit for a sharp disc here is 0.013 px; blur, shading and a bead of unknown look cost up to three times."""
+def test_centre_is_found_near_the_noise_limit_with_correct_sigma(with_background, blur, slope, limit):
+    """The limit for a sharp disc is 0.013 px here; blur, shading and an unknown look increase it up to three times."""
     rng = np.random.default_rng(3)
     errors, scaled = [], []
     for seed in range(16):
@@ -64,13 +64,13 @@ def test_centre_is_found_near_the_noise_limit_and_sigma_says_how_near(with_backg
 
 
 @pytest.mark.parametrize(("light", "seen"), [(170.0, True), (125.0, True), (77.0, False)])
-def test_what_is_far_fainter_than_the_bead_is_not_the_bead(light, seen):
+def test_a_much_fainter_object_is_not_the_bead(light, seen):
     look = Look(9.0, 0.8, np.array([170.0, 0.0, 0.0, 0.0]))
     found = fit_bead(draw((36.3, 35.6), bead=light, noise=1.0), np.full((SIZE, SIZE), 60.0), (36, 36), 9.0, look=look)
     assert (found is not None) == seen
 
 
-def test_textured_background_does_not_pull_the_centre():
+def test_a_textured_background_does_not_bias_the_centre():
     errors = []
     for seed in range(8):
         centre = np.array([35.0, 36.0]) + np.random.default_rng(seed).uniform(-2, 2, 2)
@@ -99,7 +99,7 @@ def test_motion_blur_is_measured():
 
 @pytest.mark.parametrize("radius", [5.0, 8.3, 25.0])
 def test_radius_is_measured(radius):
-    """A lens pulls the half height of a small disc's edge inwards: 0.05 px at a radius of 5."""
+    """Lens blur moves the half maximum of a small disc's edge inwards: 0.05 px at a radius of 5 px."""
     radii = []
     for seed in range(12):
         grey = draw((36.2, 35.7), radius=radius, noise=2.0, seed=seed)
@@ -110,7 +110,7 @@ def test_radius_is_measured(radius):
 
 
 def errors_alone_and_in_steady_light(slope):
-    """Errors of x and y [px] over the sigmas, and [px]: frame by frame, and with what the frames say of the light."""
+    """Errors of x and y in units of sigma, and in px: single frames, and with the common light of the frames."""
     rng = np.random.default_rng(8)
     scene, fits, centres = np.full((SIZE, SIZE), 60.0), [], []
     for seed in range(60):
@@ -126,23 +126,23 @@ def errors_alone_and_in_steady_light(slope):
 
 
 @pytest.mark.parametrize("slope", [0.0, 8.0])
-def test_steady_light_tells_a_small_bead_from_a_bead_that_is_brighter_on_one_side(slope):
-    """A frame alone gives the centre 1.4 times worse than one whose light is known (Cramer-Rao)."""
-    (_, alone), (told, steady) = errors_alone_and_in_steady_light(lambda _: slope)
+def test_constant_light_improves_the_centre_of_a_small_bead(slope):
+    """A single frame gives a centre 1.4 times less precise than one with known light (Cramer-Rao)."""
+    (_, alone), (normalised, steady) = errors_alone_and_in_steady_light(lambda _: slope)
     assert steady < 0.85 * alone
-    assert told == pytest.approx(1, abs=0.25)
+    assert normalised == pytest.approx(1, abs=0.25)
 
 
-def test_light_that_changes_from_frame_to_frame_is_not_held_steady():
-    (_, alone), (told, restless) = errors_alone_and_in_steady_light(lambda rng: rng.normal(0, 12))
+def test_light_that_changes_from_frame_to_frame_is_not_taken_as_constant():
+    (_, alone), (normalised, restless) = errors_alone_and_in_steady_light(lambda rng: rng.normal(0, 12))
     assert restless < 1.1 * alone
-    assert told == pytest.approx(1, abs=0.25)
+    assert normalised == pytest.approx(1, abs=0.25)
 
 
 @pytest.mark.parametrize("times", [0.5, 1.0, 3.0])
-def test_sigma_grows_to_what_the_places_of_a_falling_bead_scatter(times):
+def test_sigma_is_increased_to_the_scatter_of_a_falling_bead(times):
     rng, frames = np.random.default_rng(4), np.arange(80)
-    x, y = 0.3 * frames, np.abs(40 - frames) ** 2 * 0.2  # it bounces at frame 40
+    x, y = 0.3 * frames, np.abs(40 - frames) ** 2 * 0.2  # bounce at frame 40
     off = rng.normal(0, 0.02 * times, (2, 80))
     images = [
         BeadImage(float(a), float(b), 0.02, 9.0, (0.0, 1.0), 90.0) for a, b in zip(x + off[0], y + off[1], strict=True)
@@ -150,7 +150,7 @@ def test_sigma_grows_to_what_the_places_of_a_falling_bead_scatter(times):
     assert scatter(frames / 240, frames, images) == pytest.approx(max(times, 1.0), rel=0.2)
 
 
-def test_sigma_grows_to_errors_that_a_codec_keeps_for_two_frames():
+def test_sigma_is_increased_to_errors_that_a_codec_keeps_for_two_frames():
     rng, frames = np.random.default_rng(5), np.arange(160)
     off = np.repeat(rng.normal(0, 0.06, (80, 2)), 2, axis=0)
     images = [
@@ -158,11 +158,11 @@ def test_sigma_grows_to_errors_that_a_codec_keeps_for_two_frames():
         for k, (x, y) in zip(frames.tolist(), off, strict=True)
     ]
     assert scatter(frames / 240, frames, images) == pytest.approx(3.0, rel=0.15)
-    assert scatter(frames / 25, frames, images) < 2.5  # where every second frame is too slow to be compared
+    assert scatter(frames / 25, frames, images) < 2.5  # interval too long for differences over every second frame
 
 
 @pytest.mark.parametrize("rate", [25, 60, 240])
-def test_a_swing_filmed_slowly_is_not_taken_for_scatter(rate):
+def test_a_swing_at_a_low_frame_rate_is_not_taken_for_scatter(rate):
     rng, frames = np.random.default_rng(6), np.arange(2 * rate + 30)
     angle = 0.6 * np.cos(math.sqrt(9.81 / 0.25) * frames / rate)
     places = 500 * np.stack([np.sin(angle), np.cos(angle)], axis=1) + rng.normal(0, 0.03, (len(frames), 2))
@@ -170,12 +170,12 @@ def test_a_swing_filmed_slowly_is_not_taken_for_scatter(rate):
     assert scatter(frames / rate, frames, images) == pytest.approx(1.0, abs=0.3)
 
 
-def test_no_places_tell_no_scatter():
+def test_without_positions_the_scatter_is_one():
     assert scatter(np.arange(0.0), np.arange(0), []) == 1.0
 
 
 @pytest.mark.parametrize("scene", [None, np.full((SIZE, SIZE), 60.0), TEXTURE])
-def test_an_empty_frame_holds_no_bead(scene):
+def test_no_bead_is_found_in_an_empty_frame(scene):
     still = TEXTURE if scene is TEXTURE else np.full((SIZE, SIZE), 60.0)
     grey = np.round(still + 4 * np.random.default_rng(0).standard_normal(still.shape))
     assert locate(grey, scene, (36, 36), 9.0) is None
@@ -185,7 +185,7 @@ def test_a_guess_outside_the_picture_finds_nothing():
     assert locate(draw((36, 36)), np.full((SIZE, SIZE), 60.0), (-200.0, 36.0), 9.0) is None
 
 
-def test_half_a_bead_behind_a_rule_is_still_centred_when_the_rule_is_known():
+def test_a_bead_half_occluded_by_a_known_ruler_is_centred():
     centre = (36.3, 36.4)
     grey = draw(centre, noise=2.0)
     hidden = np.zeros((SIZE, SIZE), dtype=bool)
@@ -197,7 +197,7 @@ def test_half_a_bead_behind_a_rule_is_still_centred_when_the_rule_is_known():
     assert np.hypot(fit.image.x - centre[0], fit.image.y - centre[1]) < 0.08
 
 
-def test_scene_behind_a_bead_that_rests_most_of_the_time_is_recovered():
+def test_the_background_behind_a_bead_mostly_at_rest_is_recovered():
     background, places = Background(), {}
     for index in range(15):
         place = (20.0, 20.0) if index < 11 else (50.0, 50.0)
@@ -216,7 +216,7 @@ def test_background_memory_is_bounded():
     assert max(background.indices) - min(background.indices) > 250
 
 
-def test_shake_of_the_camera_is_measured():
+def test_camera_shake_is_measured():
     rng = np.random.default_rng(5)
     wide = cv2.GaussianBlur(rng.uniform(0, 255, (240, 240)).astype(np.float32), (0, 0), 3) * 3 - 255
     background = Background()
@@ -229,8 +229,8 @@ def test_shake_of_the_camera_is_measured():
 
 
 @pytest.mark.parametrize("sway", [0.0, 0.4])
-def test_a_camera_that_stands_still_is_told_from_one_that_sways(sway):
-    """Of a wall with hardly any texture the shake of single frames is mostly their noise."""
+def test_a_static_camera_is_distinguished_from_a_swaying_one(sway):
+    """With hardly any texture the shake of single frames is mostly noise."""
     rng = np.random.default_rng(7)
     wall = 120 + 3 * cv2.GaussianBlur(rng.normal(0, 30, (240, 240)), (0, 0), 3)
     background, poses = Background(), []
@@ -246,7 +246,7 @@ def test_a_camera_that_stands_still_is_told_from_one_that_sways(sway):
 
 
 def drawn_wall(rng, size=(340, 420)):
-    """Boxes of many sizes and greys."""
+    """Boxes of many sizes and grey levels."""
     wall = np.full(size, 90, dtype=np.float32)
     for _ in range(40):
         x, y, wide, high = (int(value) for value in rng.integers((0, 0, 15, 15), (420, 340, 120, 100)))
@@ -256,7 +256,7 @@ def drawn_wall(rng, size=(340, 420)):
 
 @pytest.mark.parametrize("quickly", [False, True])
 @pytest.mark.parametrize("kind", ["jerks", "swings"])
-def test_a_shake_far_wider_than_an_edge_is_followed_to_a_third_of_a_pixel(kind, quickly):
+def test_a_shake_much_wider_than_an_edge_is_measured_to_a_third_of_a_pixel(kind, quickly):
     rng = np.random.default_rng(21)
     wall, time = drawn_wall(rng), np.arange(42) / 60
     jerks = rng.normal(0, 5, (42, 2))
@@ -281,7 +281,7 @@ def test_a_shake_far_wider_than_an_edge_is_followed_to_a_third_of_a_pixel(kind, 
 
 
 @pytest.mark.parametrize("what", ["a plain wall", "another place"])
-def test_a_camera_of_which_nothing_is_seen_is_not_said_to_stand_still(what):
+def test_a_camera_motion_that_cannot_be_checked_is_not_reported_as_static(what):
     rng = np.random.default_rng(22)
     background, wall = Background(), drawn_wall(rng) if what == "another place" else np.full((340, 420), 90.0)
     for index in range(9):
@@ -289,14 +289,14 @@ def test_a_camera_of_which_nothing_is_seen_is_not_said_to_stand_still(what):
     later = drawn_wall(rng) if what == "another place" else wall
     poses = [background.scene().pose(later.astype(np.uint8)) for _ in range(3)]
     assert not any(pose.placed for pose in poses)
-    told = camera_by_scene(poses)
+    found = camera_by_scene(poses)
     if what == "another place":
-        assert not told.passed
-    assert "not seen" in (told if what == "a plain wall" else told.message)
+        assert not found.passed
+    assert "could not be checked" in (found if what == "a plain wall" else found.message)
 
 
-def test_a_flickering_lamp_is_levelled_although_black_is_not_zero():
-    """Limited-range video stores black as 16: light changes by a factor about 16, not about 0."""
+def test_flicker_is_removed_although_black_is_not_zero():
+    """Limited-range video stores black as 16: the brightness above 16 changes by a factor."""
     rng = np.random.default_rng(6)
     wide = np.clip(cv2.GaussianBlur(rng.uniform(0, 255, (240, 240)).astype(np.float32), (0, 0), 3) * 3 - 255, 30, 220)
     background, true = Background(), wide
@@ -313,7 +313,7 @@ def test_a_flickering_lamp_is_levelled_although_black_is_not_zero():
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 13, 20, 21])
-def test_the_still_scene_is_the_median_over_time(count):
+def test_the_background_is_the_median_over_time(count):
     rng = np.random.default_rng(count)
     background = Background()
     frames = rng.integers(0, 256, (count, 24, 32), dtype=np.uint8)
@@ -322,8 +322,8 @@ def test_the_still_scene_is_the_median_over_time(count):
     assert np.array_equal(background.scene().picture, np.median(frames, axis=0).astype(np.float32))
 
 
-def test_a_bead_that_may_have_gone_on_out_of_the_picture_is_not_found():
-    """Where no pixel is near, nothing speaks against a bead."""
+def test_no_bead_is_found_outside_the_picture():
+    """Without near pixels the misfit does not exclude a bead."""
     look = Look(radius=9.0, edge=0.75, light=np.array([170.0, 0.0, 0.0, 0.0]))
     still = np.full((SIZE, SIZE), 60.0)
     empty = np.round(still + 4 * np.random.default_rng(0).standard_normal(still.shape))
