@@ -47,10 +47,10 @@ TANGENT_REACH = 0.2  # share of the radius, to both sides of the axis
 S_SHAPE = 2.0  # [deg], least difference of upper and lower angle of a curved surface
 
 # [deg], standard uncertainty by perspective, lens, and flying beads, which hide the bed most at its upper end
-VIEW_DOUBT = {GRAPHICAL: 0.25, LOWER: 0.5, UPPER: 1.2, GEOMETRIC: 1.2}
+VIEW_UNCERTAINTY = {GRAPHICAL: 0.25, LOWER: 0.5, UPPER: 1.2, GEOMETRIC: 1.2}
 
 # a line over a curved surface has the mean slope of its two halves, so half of the uncertainty of each
-HALVES_DOUBT = math.hypot(VIEW_DOUBT[LOWER], VIEW_DOUBT[UPPER]) / 2
+HALVES_UNCERTAINTY = math.hypot(VIEW_UNCERTAINTY[LOWER], VIEW_UNCERTAINTY[UPPER]) / 2
 
 ONE_MOMENT = 2.0  # [deg], standard deviation of the angle in one moment, seen in drums 25 beads wide
 
@@ -319,7 +319,7 @@ def _quantity(
     budget = {"flow over time": max(mean.std_error, math.sqrt(scatter2 / moments))}
     budget |= {"camera roll" if seen.roll_seen else "camera roll, not measured": seen.roll_doubt, **doubt}
     if seen.filmed:
-        budget["perspective, beads in flight"] = HALVES_DOUBT if method == WHOLE else VIEW_DOUBT[name]
+        budget["perspective, beads in flight"] = HALVES_UNCERTAINTY if method == WHOLE else VIEW_UNCERTAINTY[name]
     budget = {part: float(value) for part, value in budget.items() if math.isfinite(value) and value > 0}
     this_clip = root_sum_of_squares({part: value for part, value in budget.items() if part != "flow over time"})
     detail: dict[str, Detail] = {
@@ -364,7 +364,7 @@ def _checks(
                 1.0,
                 f"{100 * share:.0f} % of the record is steady flow, worth "
                 f"{mean.independent if mean else 0:.0f} independent moments"
-                f"{'' if turns is None else f' in {turns:.2g} turns'}; if these are few, film for longer.",
+                f"{'' if turns is None else f' in {turns:.2g} turns'}; give a longer record where these are few.",
             )
         )
     measured = float(np.isfinite(main[first : last + 1]).mean())

@@ -39,7 +39,7 @@ UNSEEN = ("slot_in_view", "bed_uncovered", "bed_clear", "static_camera")
 # Bits per pixel of the bed.  Below this a codec may freeze faint motion for about a frame.  The ends of 22 films of
 # 0.09 to 0.18 were wrong by 0.6 frames rms, 1.7 at most; those of 0.37 and more by no more than in an uncompressed
 # film. Films of pouring beads have 0.6.
-STARVED = 0.25
+FEW_BITS = 0.25
 
 USUAL_SHARE = 0.235  # share of the picture that the beds of these films cover
 
@@ -102,12 +102,12 @@ def compression_effect(seen: Outflow, video: Video, still: Check | str) -> tuple
     """Check the bits per pixel of what moves; and whether they are so few that motion may appear a frame late."""
     bed = float(seen.scenery.bed.sum()) / seen.lens.zoom**2 / (video.width * video.height)
     if not (isinstance(still, Check) and still.value > STILL):
-        check = compression_check(video, BLIND, bed, few=STARVED)
-        return check, check.value < STARVED
+        check = compression_check(video, BLIND, bed, few=FEW_BITS)
+        return check, check.value < FEW_BITS
     # if the camera shakes all of the picture moves, so the bed gets only its area's share of the bits
     bed = max(bed, USUAL_SHARE)
-    check = compression_check(video, BLIND * bed, few=STARVED * bed)
-    return check, check.value < STARVED * bed
+    check = compression_check(video, BLIND * bed, few=FEW_BITS * bed)
+    return check, check.value < FEW_BITS * bed
 
 
 def size_check(
@@ -167,11 +167,11 @@ def flow_timing_check(seen: Outflow, left: Array, opened: Instant, last: Instant
     # a hand reaches over the edge of the bed a little before and after it is detected
     hidden = binary_dilation([moment.hidden for moment in seen.moments], np.ones(5, dtype=bool))
     flows = (time[1:] > opened.time) & (time[1:] <= last.time) & ~hidden[1:] & ~hidden[:-1]
-    told = np.diff(time) / seen.interval
+    stamped = np.diff(time) / seen.interval
     changes = np.array([moment.change for moment in seen.moments[1:]])
     # at its ends the flow changes from frame to frame, and a gap in the frames may reach into them
     gone = np.where((left[:-1] > LATE) & (left[1:] < EARLY), -np.diff(left), math.nan)
-    return timing_check(told[flows], seen.stream.frames_between()[flows], changes[flows], gone[flows])
+    return timing_check(stamped[flows], seen.stream.frames_between()[flows], changes[flows], gone[flows])
 
 
 def spoils_times(check: Check) -> bool:

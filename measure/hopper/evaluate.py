@@ -136,7 +136,9 @@ def evaluate_discharge(
     rates = _rates(time, share, full, left.unit, total_mass, area_doubt)
     quantities += rates
     if len(rates) == 1:
-        warnings.append("flow rate: not given, because too few frames show the steady flow; film at a higher rate.")
+        warnings.append(
+            "flow rate: not given, because too few values lie in the steady flow; give more values per second."
+        )
     elif rates[1].quantity != "mass_flow_rate":
         warnings.append(f"mass flow rate: not given, only a {rates[1].quantity.replace('_', ' ')}; give --total-mass.")
     share_doubt = UNKNOWN_SHARE if cut else max(area_doubt * stays, 0.003 if area_doubt else 0.0)
@@ -149,8 +151,8 @@ def evaluate_discharge(
     doubt = "; ".join(dict.fromkeys(text for text in doubts if text))
     if doubt:
         quantities = [replace(one, doubtful=doubt) if one.unit == "s" else one for one in quantities]
-    told = with_times_doubted(tuple(quantities), failed_message(falling))
-    return Evaluation(told, tuple(checks), tuple(warnings))
+    marked = with_times_doubted(tuple(quantities), failed_message(falling))
+    return Evaluation(marked, tuple(checks), tuple(warnings))
 
 
 def _still_flows(time: Array, share: Array, lasted: float) -> bool:

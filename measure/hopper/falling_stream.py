@@ -101,8 +101,8 @@ class Stream:
     def frames_between(self) -> Array:
         """Number of usual steps from each picture to the next, shape (pairs,); NaN if too few beads are seen.
 
-        Of equally good steps the smallest is taken.  Beads nearer to each other than their shift cannot be told apart,
-        so the true step may be larger.
+        Of equally good steps the smallest is taken.  Beads nearer to each other than their shift cannot be
+        distinguished, so the true step may be larger.
         """
         usual = self._usual
         if usual is None:

@@ -92,8 +92,8 @@ def foreign(picture: Image, usual: Usual) -> Mask:
     # most pixels show what they showed before
     off = np.minimum(_off(shown, usual.first), _off(shown, usual.last))
     level = usual.level + float(np.median(off))
-    asked = off > level
-    off[asked] = _off_mixtures(shown[asked], usual.first[asked], usual.last[asked], usual.tones)
+    unusual = off > level
+    off[unusual] = _off_mixtures(shown[unusual], usual.first[unusual], usual.last[unusual], usual.tones)
     found = cv2.dilate(_opened(off > level), _round(SOFT * usual.bead))
     _, labels, stats, _ = cv2.connectedComponentsWithStats(found, connectivity=8)
     large = stats[:, cv2.CC_STAT_AREA] > LEAST * np.pi / 4 * usual.bead**2

@@ -100,8 +100,8 @@ def fall_check(fall: FreeFall, scale: float, scale_doubt: float, rate: float) ->
     off = abs(math.log(found / GRAVITY))
     if off < reach:
         # the acceleration is proportional to the square of the rate
-        told = f"a frame rate off by less than a factor of {math.exp((reach + off) / 2):.2f} would not show"
-        return Check("frame_rate", True, found, GRAVITY, f"{message}: scale and frame rate fit together; {told}.")
+        limit = f"a frame rate off by less than a factor of {math.exp((reach + off) / 2):.2f} would not show"
+        return Check("frame_rate", True, found, GRAVITY, f"{message}: scale and frame rate fit together; {limit}.")
     captured = rate / math.sqrt(found / GRAVITY)
     return Check(
         "frame_rate",

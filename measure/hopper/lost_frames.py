@@ -24,10 +24,10 @@ AROUND = 8  # steps before and after one that give the usual loss
 BESIDE = 3  # steps before and after one that give the usual fall then: the first beads are slower
 
 
-def timing_check(told: Array, shown: Array, changes: Array, gone: Array) -> Check | str:
+def timing_check(stamped: Array, shown: Array, changes: Array, gone: Array) -> Check | str:
     """Check whether frames of a flow are missing or repeated, or state why that cannot be judged.
 
-    All arrays have shape (n,), one value per step from a picture to the next.  `told` is the number of frames by the
+    All arrays have shape (n,), one value per step from a picture to the next.  `stamped` is the number of frames by the
     time stamps, `shown` that by the fall of the beads (NaN where not seen), `changes` the change of the picture in any
     unit, and `gone` the loss of the bed (NaN where it carries no information).
 
@@ -37,7 +37,7 @@ def timing_check(told: Array, shown: Array, changes: Array, gone: Array) -> Chec
     again = repeated(changes)
     if again.any():
         return _repeats_check(again, shown)
-    if cut := _cut_out(gone / told, _unseen_alone(shown)):
+    if cut := _cut_out(gone / stamped, _unseen_alone(shown)):
         message = (
             f"some {sum(cut)} frames of the flow are missing: from one picture to the next the bed loses as much as "
             f"usually in {1 + max(cut)} steps, so times are too short; give the clip as it was recorded."
@@ -48,7 +48,7 @@ def timing_check(told: Array, shown: Array, changes: Array, gone: Array) -> Chec
         return (
             "whether frames of the flow are missing is not known: too few pictures show beads that fall below the slot."
         )
-    excess = _to_the_usual(shown[seen] / told[seen]) * told[seen] - told[seen]
+    excess = _to_the_usual(shown[seen] / stamped[seen]) * stamped[seen] - stamped[seen]
     lost = np.round(excess[excess > MORE])
     if len(lost) == 0:
         message = "from frame to frame beads fall as far as usual: no frame of the flow seems to be missing."

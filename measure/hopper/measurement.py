@@ -42,7 +42,7 @@ from rigtwin.measure.media.duplicate_frames import at_its_pace
 from rigtwin.measure.media.video import open_video
 from rigtwin.measure.scene.checks import camera_by_scene
 
-AREA_DOUBT = 0.05  # relative standard uncertainty of the mass share from the visible area of the bed
+AREA_UNCERTAINTY = 0.05  # relative standard uncertainty of the mass share from the visible area of the bed
 
 
 def measure(
@@ -107,11 +107,11 @@ def measure(
         last = replace(last, budget=last.budget | {"hidden part of the slot": seen.interval})
     opened, last = (unhidden(seen, moment) for moment in (closed_before(seen, opened), last))
     still = camera_by_scene([moment.pose for moment in seen.moments])
-    compression, starved = compression_effect(seen, video, still)
-    if starved:
+    compression, few_bits = compression_effect(seen, video, still)
+    if few_bits:
         opened, last = (with_compression(seen, moment, failed_message(compression)) for moment in (opened, last))
     left = share_left(seen)
-    evaluation = evaluate_discharge(left, total_mass, opened, last, seen.residue, AREA_DOUBT)
+    evaluation = evaluate_discharge(left, total_mass, opened, last, seen.residue, AREA_UNCERTAINTY)
     timing = flow_timing_check(seen, left.value, opened, last)
     spacing = bead_spacing(seen.scenery.full, seen.scenery.bed)
     scale, scale_from, scale_doubt = scale_of(seen, camera, bead_diameter, bin_width, spacing)
@@ -124,7 +124,7 @@ def measure(
         "camera_roll_deg": math.degrees(seen.upright.roll),
         "camera_roll_from": seen.upright.source,
         "slot_width_px": (edges[1] - edges[0]) / seen.lens.zoom,
-        "slide_goes": {1: "right", -1: "left", 0: "not told"}[gate.direction if gate is not None else 0],
+        "slide_goes": {1: "right", -1: "left", 0: "unknown"}[gate.direction if gate is not None else 0],
         "frames": len(seen.moments),
     }
     velocity = outlet_velocity(seen, scale, scale_doubt, bin_width)
@@ -137,13 +137,13 @@ def measure(
         warnings.append(f"outlet velocity: not given, because {velocity}.")
     if scale is not None:
         size = size_check(seen, scale, scale_from, scale_doubt, bead_diameter, spacing, bin_width)
-        told = None if isinstance(velocity, str) else doubted(velocity, failed_message(size))
+        outlet = None if isinstance(velocity, str) else doubted(velocity, failed_message(size))
         width = view["slot_width_px"] * scale
-        rate = rate_check(seen, told, width, video.frame_rate, scale=scale, doubt=scale_doubt, hidden=hidden > HIDDEN)
-        quantities = quantities if told is None else (*quantities, told)
-    asked = (timing, rate, size, still, nothing_level(seen.upright))
-    warnings += [each for each in asked if isinstance(each, str) and each]
-    judged = [each for each in asked if isinstance(each, Check)]
+        rate = rate_check(seen, outlet, width, video.frame_rate, scale=scale, doubt=scale_doubt, hidden=hidden > HIDDEN)
+        quantities = quantities if outlet is None else (*quantities, outlet)
+    outcomes = (timing, rate, size, still, nothing_level(seen.upright))
+    warnings += [each for each in outcomes if isinstance(each, str) and each]
+    judged = [each for each in outcomes if isinstance(each, Check)]
     checks = (
         *checks_of_picture(seen, gate, hidden),
         bed_check(seen, left.value, opened),

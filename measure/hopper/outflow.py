@@ -34,7 +34,7 @@ BEAD_SHARE = 0.06  # bead diameter over the bed's width, if no bead is found
 CLEAR = 6.0  # least difference of bed and empty hopper over the noise
 FLOWING = (0.2, 0.8)  # shares of the bed left between which the flow is steady
 DIP = 0.25  # share of the bead likeness of rows of beads: the row below them contains only their lowest points
-SLOT_DOUBT = 0.12  # [bead diameters], standard uncertainty of the slot's row below the lowest beads
+SLOT_UNCERTAINTY = 0.12  # [bead diameters], standard uncertainty of the slot's row below the lowest beads
 LEAST_BESIDE = 500  # [px^2], least area beside the bed for an occlusion check
 PASSES = 0.03  # least share of that area that an occlusion hides
 AROUND = 3.0  # [bead diameters] above and below the slot, and one to its sides, where a hand is an occlusion
@@ -397,7 +397,7 @@ def _above_slide(odds: Array, coloured: Mask, slot: Slot, bead: float) -> Slot:
     # sub-pixel: interpolate the colour change between the last row of beads and the first of the slide
     above, below = alike[ended - 1] - level, alike[ended] - level
     crossing = row - 1 + above / max(above - below, 1e-6)
-    sigma = max(SLOT_DOUBT * bead, 0.7)
+    sigma = max(SLOT_UNCERTAINTY * bead, 0.7)
     return Slot(float(crossing), float(seen[0]) - 0.5, float(seen[-1]) + 0.5, sigma)
 
 

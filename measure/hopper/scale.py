@@ -12,11 +12,13 @@ from rigtwin.lab.quantity import Detail, Quantity, root_sum_of_squares
 from rigtwin.measure.bulk.bead_spacing import NEIGHBOURS_DOUBT, size_of_beads
 from rigtwin.measure.hopper.outflow import Outflow, bin_walls
 
-GIVEN_DOUBT = 0.01  # relative standard uncertainty of a scale from a length in view
+GIVEN_UNCERTAINTY = 0.01  # relative standard uncertainty of a scale from a length in view
 
-BIN_DOUBT = 0.04  # relative standard uncertainty of a scale from the bin's walls, whose depth in view is unknown
+BIN_UNCERTAINTY = 0.04  # relative standard uncertainty of a scale from the bin's walls, whose depth in view is unknown
 
-BEAD_DOUBT = 0.15  # relative standard uncertainty of a scale from beads in a dense bed, whose rims hide each other
+BEAD_UNCERTAINTY = (
+    0.15  # relative standard uncertainty of a scale from beads in a dense bed, whose rims hide each other
+)
 
 
 def outlet_profile(seen: Outflow, scale: float) -> tuple[Array, Array]:
@@ -50,14 +52,14 @@ def scale_of(
 ) -> tuple[float | None, str, float]:
     """Scale [m/px] of the clip, its source, and its relative standard uncertainty."""
     if camera.given_scale is not None:
-        return camera.given_scale, camera.scale_from, camera.scale_doubt(GIVEN_DOUBT)
+        return camera.given_scale, camera.scale_from, camera.scale_doubt(GIVEN_UNCERTAINTY)
     walls = bin_walls(seen.scenery) if bin_width is not None else None
     if walls is not None and bin_width is not None:
-        return bin_width / (walls[1] - walls[0]) * seen.lens.zoom, "bin width", BIN_DOUBT
+        return bin_width / (walls[1] - walls[0]) * seen.lens.zoom, "bin width", BIN_UNCERTAINTY
     if bead_diameter is not None and spacing is not None:
         return bead_diameter / size_of_beads(spacing) * seen.lens.zoom, "bead diameter", NEIGHBOURS_DOUBT
     if bead_diameter is not None and seen.scenery.bead_seen:
-        return float(bead_diameter / seen.scenery.bead * seen.lens.zoom), "bead diameter", BEAD_DOUBT
+        return float(bead_diameter / seen.scenery.bead * seen.lens.zoom), "bead diameter", BEAD_UNCERTAINTY
     return None, "not known", math.inf
 
 

@@ -43,7 +43,9 @@ WALL_GAPS, WALL_DEPTH, NARROWEST = 0.010 / 0.6, 10.686, 4.0
 # densely.
 ANY_SHAPE = (0.3, 0.8)
 
-SOLID_DOUBT = 0.03  # relative standard uncertainty of a bead's density: from its volume, with a diameter known to 1 %
+SOLID_UNCERTAINTY = (
+    0.03  # relative standard uncertainty of a bead's density: from its volume, with a diameter known to 1 %
+)
 
 # [kg/m^3], possible densities of a bead's material: from balsa wood to tungsten; what is lighter is foam
 SOLID_DENSITIES = (100.0, 19300.0)
@@ -96,7 +98,7 @@ def fraction_check(density: Quantity, solid: float, among: tuple[float, float], 
     """Check the solid fraction of the bed below its mean surface; `solid` is the density of the beads [kg/m^3]."""
     fraction = density.value / solid
     # the limits are widened so that the 95 % interval may touch the possible range
-    slack = 2 * math.hypot(density.std_uncertainty / density.value, SOLID_DOUBT)
+    slack = 2 * math.hypot(density.std_uncertainty / density.value, SOLID_UNCERTAINTY)
     low, high = among[0] * (1 - slack), among[1] * (1 + slack)
     passed = low < fraction < high
     says = (

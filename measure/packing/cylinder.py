@@ -34,14 +34,14 @@ LOOKING = (-0.1, 0.6)  # slope of the line of sight to the floor: from slightly 
 MOST_LEAN = math.radians(7)
 FOCAL_SIDES = 2.0  # usual focal length over the longer side of the picture
 USUAL_STEEPNESS = 0.5  # [bead diameters], standard deviation of the prior of `Bed.steepness`
-FOCAL_DOUBT = 0.4  # standard deviation of the logarithm of the focal length
+FOCAL_UNCERTAINTY = 0.4  # standard deviation of the logarithm of the focal length
 INSIDE = 0.97  # share of the inner radius in which the outline is searched
 # Relative tolerance of the wall distance predicted from the bead size.  Circles are found on the clearest edge of a
 # shaded bead, up to 1/6 inside its rim, and radii are tried in steps of 1/8.
 WALL_TOLERANCE = 0.2
 # [px], half of the 1 px blur under which edges are searched: shading shifts the clearest edge to one side within the
 # blur, by the same amount along the whole outline
-EDGE_DOUBT = 0.6
+EDGE_UNCERTAINTY = 0.6
 LEAST_SHOWN = 0.3  # least visible share of the surface across the cylinder
 HIDDEN_LEVEL = 0.25  # [bead diameters], roughness of the outlines of settled beds
 TEXTURE = 2.0  # limit of the log odds from texture; less than the 3.9 of colour, because neighbouring pixels share it
@@ -100,7 +100,7 @@ class Bed:
         focal = FOCAL_SIDES * self.longer_side
         fallen = float(np.mean(height)) / focal
         steep = self.bulge / (self.width / 2) - fallen
-        doubt = math.hypot(fallen * FOCAL_DOUBT, self.bulge_sigma / (self.width / 2))
+        doubt = math.hypot(fallen * FOCAL_UNCERTAINTY, self.bulge_sigma / (self.width / 2))
         beads = self.width / (4 * self.bead_radius)
         # prior: the camera is usually held near the height of the surface
         share = USUAL_STEEPNESS**2 / (USUAL_STEEPNESS**2 + (doubt * beads) ** 2)
@@ -420,7 +420,7 @@ def _judged(bed: Bed, cut_off: bool) -> Bed | None:
     if shown < LEAST_SHOWN:
         return None
     apart = np.abs(found.looser[known] - found.stricter[known])
-    doubt = 0.15 * float(np.nanmean(np.minimum(apart, 4 * bed.bead_radius))) + EDGE_DOUBT
+    doubt = 0.15 * float(np.nanmean(np.minimum(apart, 4 * bed.bead_radius))) + EDGE_UNCERTAINTY
     flaw = ""
     middle = float(np.mean(bed.gauge_rows(*bed.outline))) if bed.gauge is not None else 0.0
     if cut_off:

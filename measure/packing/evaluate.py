@@ -35,11 +35,13 @@ from rigtwin.measure.packing.checks import (
 
 PITS_BELOW, PITS_SPREAD = 0.50, 0.05  # [bead diameters], mean surface below the bead tops; its standard uncertainty
 
-BEAD_DOUBT = MISFIT / 2  # relative standard uncertainty of a bead size, or of a scale from it, that nothing else checks
+BEAD_UNCERTAINTY = (
+    MISFIT / 2
+)  # relative standard uncertainty of a bead size, or of a scale from it, that nothing else checks
 
 # Estimated bead diameter over the rms roughness of the outline, used where nothing else shows the bead size.  Outlines
 # of settled beds have a roughness of 0.15 to 0.35 bead diameters.
-OF_ROUGHNESS, ROUGHNESS_DOUBT = 4.0, 0.4  # the second is a relative standard uncertainty
+OF_ROUGHNESS, ROUGHNESS_UNCERTAINTY = 4.0, 0.4  # the second is a relative standard uncertainty
 
 
 # ------------------------------------------------------------------------------------------------- record -> quantities
@@ -182,8 +184,8 @@ def _bead_seen(seen: Sequence[Observation], rough: float) -> tuple[float, float]
     """Estimated diameter of a bead of unstated size and its standard uncertainty, both in m."""
     looks = [each.bead for each in seen if each.bead is not None]
     if looks:  # all views share the same bias of the apparent size, so it does not average out
-        return float(np.median(looks)), BEAD_DOUBT * float(np.median(looks))
-    return OF_ROUGHNESS * rough, ROUGHNESS_DOUBT * OF_ROUGHNESS * rough
+        return float(np.median(looks)), BEAD_UNCERTAINTY * float(np.median(looks))
+    return OF_ROUGHNESS * rough, ROUGHNESS_UNCERTAINTY * OF_ROUGHNESS * rough
 
 
 def _flaw(seen: Sequence[Observation], checks: Sequence[Check]) -> str:

@@ -18,7 +18,7 @@ from rigtwin.lab.arrays import Array, GreyImage
 
 # Factor by which a millimetre may be larger or smaller than expected.  It is wide because the gauge is also used to
 # check the stated size from which the expectation comes.
-PITCH_DOUBT = 2.2
+PITCH_RANGE = 2.2
 BENDING = 0.05  # largest relative change of the pitch from end to end, by perspective
 LEAST_LENGTH = 25.0  # [mm], shortest visible length of a gauge
 CLEAR = 7.0  # least amplitude of the wave over that expected for noise
@@ -76,7 +76,7 @@ def find_gauge(
     is the size of a millimetre [px].  `floor` is the approximate row of the gauge's zero [px] and `floor_doubt` the
     largest distance from it [mm].  Returns None if no graduations are found.
     """
-    if expected * PITCH_DOUBT < FINEST or len(columns) == 0:
+    if expected * PITCH_RANGE < FINEST or len(columns) == 0:
         return None
     waves = [_wave(grey, float(column), float(turn)) for column, turn in zip(columns, lean, strict=True)]
     strength, k, (rate, bend) = _clearest(np.stack(waves), expected)
@@ -135,7 +135,7 @@ def _spectrum(waves: Array, expected: float, bend: float) -> tuple[Array, Array]
     rows = waves.shape[1]
     chirp = np.exp(-2j * math.pi * bend * (np.arange(rows) - rows / 2) ** 2)
     count = next_fast_len(PADDED * rows)
-    lowest, highest = 1 / expected / PITCH_DOUBT, min(PITCH_DOUBT / expected, 1 / FINEST)
+    lowest, highest = 1 / expected / PITCH_RANGE, min(PITCH_RANGE / expected, 1 / FINEST)
     part = slice(math.floor(lowest * count), math.ceil(highest * count) + 1)
     size = np.abs(fft((waves * chirp).astype(np.complex64), count, axis=1)[:, part])
     top = np.argmax(size, axis=1)

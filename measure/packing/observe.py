@@ -21,13 +21,13 @@ from rigtwin.measure.geometry.camera_roll import roll_check
 from rigtwin.measure.packing.bed_profile import Observation
 from rigtwin.measure.packing.checks import NEARER, SAME_PLANE, STATED, gauge_pitch, picture_checks
 from rigtwin.measure.packing.cylinder import Bed, find_bed
-from rigtwin.measure.packing.evaluate import BEAD_DOUBT
+from rigtwin.measure.packing.evaluate import BEAD_UNCERTAINTY
 
-GIVEN_DOUBT = 0.003  # relative standard uncertainty of a scale from a length in the plane of the axis
+GIVEN_UNCERTAINTY = 0.003  # relative standard uncertainty of a scale from a length in the plane of the axis
 
-WALL_DOUBT = 0.006  # relative standard uncertainty of a scale from the cylinder's inner walls
+WALL_UNCERTAINTY = 0.006  # relative standard uncertainty of a scale from the cylinder's inner walls
 
-GAUGE_DOUBT = 0.002  # relative standard uncertainty of a scale from a gauge in the plane of the axis
+GAUGE_UNCERTAINTY = 0.002  # relative standard uncertainty of a scale from a gauge in the plane of the axis
 
 
 def observe(
@@ -98,19 +98,19 @@ def _scale(
 ) -> tuple[float, float, str]:
     """Scale [m/px] in the plane of the axis at mid-height, its relative standard uncertainty, and its source."""
     if camera.given_scale is not None:
-        return camera.given_scale, camera.scale_doubt(GIVEN_DOUBT), camera.scale_from
+        return camera.given_scale, camera.scale_doubt(GIVEN_UNCERTAINTY), camera.scale_from
     wall = None if cylinder is None else cylinder / bed.width
-    doubt = WALL_DOUBT
+    doubt = WALL_UNCERTAINTY
     if bed.gauge is not None:
         pitch = gauge_pitch(bed)
         if wall is None or abs(pitch / wall - 1) < SAME_PLANE:
-            return pitch, GAUGE_DOUBT, "gauge"
+            return pitch, GAUGE_UNCERTAINTY, "gauge"
         # rectangular distribution: the true scale lies anywhere between the two
-        doubt = math.hypot(WALL_DOUBT, (pitch / wall - 1) / math.sqrt(3))
+        doubt = math.hypot(WALL_UNCERTAINTY, (pitch / wall - 1) / math.sqrt(3))
     if wall is not None:
         return wall, doubt, "cylinder diameter"
     if bead is not None:
-        return NEARER * bead / (2 * bed.bead_seen), BEAD_DOUBT, "bead diameter"
+        return NEARER * bead / (2 * bed.bead_seen), BEAD_UNCERTAINTY, "bead diameter"
     raise BadInput(
         f"{photo}: no scale; give --cylinder-diameter, --scale, or a photo with a graduated gauge beside the cylinder."
     )

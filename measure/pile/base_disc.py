@@ -47,9 +47,9 @@ LIT = 4.0  # [grey level], least brightness of a lit top above the face
 SHADOW = 0.3  # of the largest darkening above the face: shadows on the face itself are fainter
 EDGE_ROWS = 8  # [half pixels], width of an edge blurred by the lens
 SEEN_LARGER = 1.15  # circles are found on the clearest edge of a shaded bead, a little inside its rim
-SIZE_DOUBT = 0.2  # tolerated error of the logarithm of the circles' radius
+SIZE_TOLERANCE = 0.2  # tolerated error of the logarithm of the circles' radius
 FOCAL_LENGTH = 2.0  # in widths of the photo: between a phone (0.75) and a macro lens (3 and more)
-FOCAL_DOUBT = 0.4  # standard deviation of the logarithm of the above
+FOCAL_UNCERTAINTY = 0.4  # standard deviation of the logarithm of the above
 
 
 @dataclass(frozen=True)
@@ -397,7 +397,7 @@ class _Cost:
         score -= EMPTY * np.maximum(template.half[:, 0] / self.heap_reach - 1.15, 0)
         if self.beads_across is not None:
             size = np.log(template.half[:, 0] / bead / (self.beads_across * SEEN_LARGER))
-            score -= np.maximum(np.abs(size) - SIZE_DOUBT, 0) / SIZE_DOUBT
+            score -= np.maximum(np.abs(size) - SIZE_TOLERANCE, 0) / SIZE_TOLERANCE
         return np.asarray(-score)
 
 

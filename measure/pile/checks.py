@@ -17,7 +17,7 @@ from rigtwin.measure.bulk.outline import Silhouette
 from rigtwin.measure.pile import repose_angles
 
 ADVISED_RATIO = 25  # base over bead diameter (Hlosta et al. 2020, section 2.1.5 advises more)
-BASE_DOUBT = 0.01  # relative standard uncertainty of the base's width in the picture
+BASE_UNCERTAINTY = 0.01  # relative standard uncertainty of the base's width in the picture
 NEARER = 1.08  # the beads in front, which are the clearest, are nearer to the camera than the axis of the base
 
 MOSTLY = 0.5  # share of the outline beside white above which the whole background is white
@@ -29,7 +29,7 @@ def narrow_base(base: float, bead: float) -> list[str]:
         return []
     return [
         f"the base is {base / bead:.1f} bead diameters wide; {ADVISED_RATIO} or more are advised: on a smaller base "
-        "single beads change the angle, so average over several heaps."
+        "single beads change the angle, so use the mean of several heaps."
     ]
 
 
@@ -119,7 +119,7 @@ def sizes_against_base(free: Silhouette | None, stated: float) -> str:
 
 def base_check(seen: float, scale_doubt: float, stated: float, scale_from: str) -> Check:
     """Check the apparent width of the base against the stated one [m]; angles need neither."""
-    passed = abs(seen / stated - 1) < 3 * math.hypot(scale_doubt, BASE_DOUBT)
+    passed = abs(seen / stated - 1) < 3 * math.hypot(scale_doubt, BASE_UNCERTAINTY)
     message = (
         f"by the scale from {scale_from} the base is {seen * 1e3:.1f} mm wide, {stated * 1e3:.1f} mm are stated"
         f"{'.' if passed else ': the scale or the stated base is wrong, and so are heights and widths.'}"

@@ -21,9 +21,9 @@ from rigtwin.measure.bulk.outline import Silhouette, View
 from rigtwin.measure.geometry.camera_roll import roll_check
 from rigtwin.measure.media.photo import read_photo
 from rigtwin.measure.pile import repose_angles
-from rigtwin.measure.pile.base_disc import FOCAL_DOUBT, Disc
+from rigtwin.measure.pile.base_disc import FOCAL_UNCERTAINTY, Disc
 from rigtwin.measure.pile.checks import (
-    BASE_DOUBT,
+    BASE_UNCERTAINTY,
     base_check,
     size_checks,
     sizes_against_base,
@@ -38,13 +38,16 @@ Draw = Callable[[Path], dict[str, Path]]
 
 NO_SCALE = "not known"
 
-STATED_FOCAL_DOUBT = 0.1  # standard deviation of the logarithm of a focal length stated in the photo's EXIF data
+STATED_FOCAL_UNCERTAINTY = 0.1  # standard deviation of the logarithm of a focal length stated in the photo's EXIF data
 
 FULL_FRAME_DIAGONAL = 43.27  # [mm]
 
 EXIF_IFD, FOCAL_LENGTH_35MM = 0x8769, 0xA405  # EXIF 2.32, tables 4 and 9
 
-BEAD_DOUBT, GIVEN_DOUBT = 0.06, 0.01  # relative standard uncertainty of a scale from beads, and of a given one
+BEAD_UNCERTAINTY, GIVEN_UNCERTAINTY = (
+    0.06,
+    0.01,
+)  # relative standard uncertainty of a scale from beads, and of a given one
 
 STEEPEST_VIEW = 10.0  # [deg], of the line of sight; measured angles are 1 degree too steep from 12, 2 degrees from 20
 
@@ -94,7 +97,7 @@ def observe_photo(
     hidden = washed_out(found, image) if heap is not None and uneven_flanks(profile, heap) else ""
     seen = Observation(
         profile,
-        _variants(found, unit, name, FOCAL_DOUBT if focal_length is None else STATED_FOCAL_DOUBT),
+        _variants(found, unit, name, FOCAL_UNCERTAINTY if focal_length is None else STATED_FOCAL_UNCERTAINTY),
         contradicted or _flaw_of_picture(found) or misfit or hidden,
         2 * found.bead_radius * unit,
         sizes,
@@ -148,8 +151,8 @@ def _scale(
 
 def _scale_doubt(scale_from: str, camera: Camera) -> float:
     """Relative standard uncertainty of the scale; 0 if there is no scale."""
-    by_sizes = {"base diameter": BASE_DOUBT, "bead diameter": BEAD_DOUBT, NO_SCALE: 0.0}
-    return by_sizes.get(scale_from, camera.scale_doubt(GIVEN_DOUBT))
+    by_sizes = {"base diameter": BASE_UNCERTAINTY, "bead diameter": BEAD_UNCERTAINTY, NO_SCALE: 0.0}
+    return by_sizes.get(scale_from, camera.scale_doubt(GIVEN_UNCERTAINTY))
 
 
 def _profile(found: Silhouette, view: View, height: Array, unit: float, name: str) -> Profile:

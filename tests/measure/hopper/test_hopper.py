@@ -156,8 +156,8 @@ def test_beads_that_come_back_make_times_and_rates_doubtful(back: float) -> None
     step = float(time[1] - time[0])
     again = Series(step * np.arange(len(joined)), joined, "left", "1")
     assert not any("joined" in one.doubtful for one in hopper_evaluate.evaluate(once).quantities)
-    told = hopper_evaluate.evaluate(again).quantities
-    assert all(("joined" in one.doubtful) == ("s" in one.unit.split("/")) for one in told)
+    found = hopper_evaluate.evaluate(again).quantities
+    assert all(("joined" in one.doubtful) == ("s" in one.unit.split("/")) for one in found)
 
 
 def test_bad_records_are_refused_in_a_sentence() -> None:
@@ -311,8 +311,8 @@ def film(
                 turn = cv2.getRotationMatrix2D((SIZE[0] / 2, SIZE[1] / 2), -roll, 1.0)  # OpenCV turns anticlockwise
                 picture = cv2.warpAffine(picture, turn, SIZE, borderMode=cv2.BORDER_REPLICATE)
             if shake:
-                aside = shake * np.array([math.sin(1.1 * k), math.cos(0.7 * k)])
-                picture = cv2.warpAffine(picture, np.c_[np.eye(2), aside], SIZE, borderMode=cv2.BORDER_REPLICATE)
+                offset = shake * np.array([math.sin(1.1 * k), math.cos(0.7 * k)])
+                picture = cv2.warpAffine(picture, np.c_[np.eye(2), offset], SIZE, borderMode=cv2.BORDER_REPLICATE)
             lamp = 1 + flicker * math.sin(2 * math.pi * 100.7 * k / RATE)
             noisy = np.clip(lamp * picture + random.normal(0, noise, picture.shape), 0, 255).astype(np.uint8)
             pictures.append(noisy)
@@ -631,16 +631,16 @@ def test_what_shows_up_above_the_last_bead_for_a_frame_is_no_bead() -> None:
 
 
 @pytest.mark.parametrize("cut", [2, 11])  # [frames]: an earlier bead is seen below the slot after it, and none
-def test_a_last_bead_that_vanishes_above_the_slot_is_doubtful(tmp_path: Path, cut: int) -> None:
+def test_a_last_bead_that_disappears_above_the_slot_is_doubtful(tmp_path: Path, cut: int) -> None:
     last = film(tmp_path / "gone.mp4")
     film(tmp_path / "gone.mp4", shown=[*range(math.floor(last) - 1), *range(math.ceil(last) + cut - 1, 75)])
     camera = Camera(frame_rate=RATE, scale=DIAMETER / (2 * BEAD))
     found = hopper.measure(tmp_path / "gone.mp4", camera, bead_diameter=DIAMETER, out=tmp_path)
-    assert "vanishes" in find(found, "last_particle_time").doubtful
-    assert "vanishes" in find(found, "discharge_time").doubtful
+    assert "disappears" in find(found, "last_particle_time").doubtful
+    assert "disappears" in find(found, "discharge_time").doubtful
 
 
-def test_a_last_bead_that_vanishes_after_frames_that_do_not_show_it_is_doubtful(tmp_path: Path) -> None:
+def test_a_last_bead_that_disappears_after_frames_that_do_not_show_it_is_doubtful(tmp_path: Path) -> None:
     last = math.floor(film(tmp_path / "gone.mp4"))
 
     def hand(k: int) -> tuple[float, float]:
@@ -649,7 +649,7 @@ def test_a_last_bead_that_vanishes_after_frames_that_do_not_show_it_is_doubtful(
     film(tmp_path / "gone.mp4", hand=hand, shown=[*range(last - 1), *range(last + 3, 75)])
     camera = Camera(frame_rate=RATE, scale=DIAMETER / (2 * BEAD))
     found = hopper.measure(tmp_path / "gone.mp4", camera, bead_diameter=DIAMETER, out=tmp_path)
-    assert "vanishes" in find(found, "last_particle_time").doubtful
+    assert "disappears" in find(found, "last_particle_time").doubtful
 
 
 def test_a_clip_that_ends_while_beads_leave_has_nothing_that_is_not_doubtful(tmp_path: Path) -> None:
@@ -679,9 +679,9 @@ def test_two_scales_that_contradict_make_velocities_doubtful(tmp_path: Path, fac
         tmp_path / "hopper.mp4", Camera(frame_rate=RATE, scale=scale), bead_diameter=0.006, out=tmp_path / "out"
     )
     assert next(check for check in found.checks if check.check == "bead_size").passed == passed
-    told = [one for one in found.quantities if one.quantity == "outlet_velocity"]
-    assert told
-    assert all(("check --bead-diameter" in one.doubtful) != passed for one in told)
+    found = [one for one in found.quantities if one.quantity == "outlet_velocity"]
+    assert found
+    assert all(("check --bead-diameter" in one.doubtful) != passed for one in found)
 
 
 def test_times_of_an_interlaced_film_are_doubtful_and_shares_are_not(tmp_path: Path) -> None:
@@ -791,7 +791,7 @@ def test_a_fall_that_fits_states_which_frame_rates_would_not_show(doubt: float) 
     fits = free_fall_clock.fall_check(fall, 0.001, 0.0, RATE)
     factor = float(fits.message.split("a factor of ")[1].split()[0])
     assert fits.passed
-    # the same frames, said to be taken faster or slower
+    # the same frames with a stated rate that is faster or slower
     for stated, passed in ((0.97 * factor, True), (1.03 * factor, False)):
         for times in (stated, 1 / stated):
             other = free_fall_clock.FreeFall(times**2 * fall.acceleration, times**2 * fall.doubt)
@@ -806,10 +806,10 @@ def test_beads_that_leave_far_slower_than_gravity_lets_them_were_played_in_slow_
     effective = width - 1.4 * bead
     # Beverloo's law for a slot, its flow spread over the slot
     speed = 1.03 * math.sqrt(9.81 * effective) * effective / width / 0.8
-    told = free_fall_clock.outlet_check(speed / slowed, width)
-    assert told.passed == passed
+    found = free_fall_clock.outlet_check(speed / slowed, width)
+    assert found.passed == passed
     if passed:
-        low, high = (float(each) for each in re.findall(r"([\d.]+) times too", told.message))
+        low, high = (float(each) for each in re.findall(r"([\d.]+) times too", found.message))
         # a rate that is too high makes beads faster than they are
         for too_high, possible in ((0.95 * high, True), (1.05 * high, False), (1.05 / low, True), (0.95 / low, False)):
             truth = speed / too_high
