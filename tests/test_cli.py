@@ -535,8 +535,8 @@ def test_a_bed_that_spilled_and_a_heap_that_moves_are_doubtful(capfd):
     [
         ("drop --drop-height 100mm --particle C6 --seed 3", "trust the methods by speeds only"),
         ("pile --base-diameter 40mm --rim-height 8mm --count 60", "the mean of several heaps"),
-        ("drum --drum-diameter 40mm --speed 60rpm --count 40", "a longer one tells more"),
-        ("hopper --outlet 30mm --count 300 --duration 0.3s", "a longer record shows it"),
+        ("drum --drum-diameter 40mm --speed 60rpm --count 40", "give a longer record where these are few"),
+        ("hopper --outlet 30mm --count 300 --duration 0.3s", "give a longer record"),
         ("tilt --variant slide --speed 12deg/s", "tilt the plate more slowly"),
     ],
 )

@@ -24,25 +24,25 @@ from rigtwin.measure.bulk.beads import (
 )
 from rigtwin.measure.geometry.lines import fullest_run
 
-DOUBTFUL_SUPPORT = 0.8  # share of the outline on edges; with less another edge may have been found
+DOUBTFUL_SUPPORT = 0.8  # share of the outline on edges below which another edge may have been found
 COVERED = 0.8  # minimum share of the area under the outline that circles cover
 
 
 @dataclass(frozen=True)
 class Disc:
-    """The base in the picture, a disc seen from the side."""
+    """The base in the picture: a disc seen from the side."""
 
-    centre: tuple[float, float]  # [px], middle of the line between the rim's two ends, x right, y down
+    centre: tuple[float, float]  # [px], midpoint between the rim's two ends, x right, y down
     half_width: float  # [px], half the distance of the rim's ends
-    roll: float  # [rad], positive when the base looks turned clockwise in the picture
-    bulge: float  # [px], how far the front of the rim hangs below the line between its ends
+    roll: float  # [rad], positive when the base appears turned clockwise
+    bulge: float  # [px], distance of the front of the rim below the line between its ends
     thickness: float  # [px]
-    nearness: float  # [1], disc radius / distance of the camera, by the expected focal length: one photo hardly tells
-    support: float  # [1], share of the template that lies on edges
+    nearness: float  # [1], disc radius / camera distance, from the focal length: one photo hardly determines it
+    support: float  # [1], share of the template on edges
 
     @property
     def sigma(self) -> float:
-        """Standard uncertainty [px] of the rim's height; the less of the outline is seen, the more."""
+        """Standard uncertainty [px] of the rim's height; larger if less of the template lies on edges."""
         return 1.5 * (1 + 10 * max(0.0, 0.9 - self.support))
 
     @property

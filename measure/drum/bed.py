@@ -1,7 +1,7 @@
-"""The surface of a moving bed of beads in a drum, frame by frame, told from the empty drum by colour and by motion.
+"""Segment the moving bed of beads in a drum, frame by frame, by colour, motion and texture.
 
-The bed moves and the empty drum does not: averaged over the clip that alone shows where the bed is.  What its pixels
-look like then tells bead from drum in every single frame.  A single picture has no motion; there the bed is the
+The bed moves and the empty drum does not, so motion averaged over the clip shows where the bed is.  The pixels there
+and elsewhere are training data for a classifier of single frames.  A single picture has no motion; there the bed is the
 lower of the two colours in the drum.
 """
 
@@ -32,27 +32,27 @@ from rigtwin.measure.scene.steadied_frames import Cut, Steadied, apart, cut_for,
 
 Region = tuple[float, float, float, float]
 
-SAMPLES = 41  # frames from which the looks of bed and drum are learnt
-BEAD_SHARE = 0.04  # of the drum's diameter, a bead's size where nothing is known of it
-GRAIN_SHARE = 0.012  # likewise in a single picture, whose bed may be of powder
-STEPS = 32  # of a histogram of motion or texture
-STANDS_OUT = 1.6  # times the noise, motion that is no accident
-PIECE = 0.08  # of the bed's area, the least that still belongs to it when it is seen apart
-NOISY = 6.0  # [grey levels], noise from which on frames are smoothed
-LEAST_NOISE = 0.5  # [grey levels], compression may leave a still scene without any
-UNDECIDED = 0.5  # of a bead's diameter, to both sides of the mean border, where only the single frame tells
-MISFIT = 0.15  # of the radius, by which the border of a bed may be off the drum's circle
-GAP = 3.0  # bead diameters, of empty drum between the bed and what else looks like it
-BESIDE = 1.15  # of the drum's radius, from which on nothing should move: walls and flanges are a tenth of it thick
-# share of the picture beside the drum that something in front of it must hide: a finger of 2 cm that reaches half
-# across a view of 30 cm hides 3 %, rollers and belts that turn with the drum less
+SAMPLES = 41  # frames used as training data for bed and drum
+BEAD_SHARE = 0.04  # bead over drum diameter, if unknown
+GRAIN_SHARE = 0.012  # the same in a single picture, whose bed may be of powder
+STEPS = 32  # bins of a histogram of motion or texture
+STANDS_OUT = 1.6  # least motion over noise
+PIECE = 0.08  # least size of a separate part of the bed, as a share of the largest part
+NOISY = 6.0  # [grey levels], noise above which frames are smoothed
+LEAST_NOISE = 0.5  # [grey levels]; compression may remove all noise from a static scene
+UNDECIDED = 0.5  # [bead diameters], band on both sides of the mean border that is decided by the single frame alone
+MISFIT = 0.15  # share of the radius by which the border of a bed may deviate from the drum's circle
+GAP = 3.0  # [bead diameters], empty drum between the bed and other things that look like it
+BESIDE = 1.15  # share of the drum's radius outside which nothing should move; walls and flanges are a tenth of it thick
+# Least share of the picture outside the drum that an object in front of it hides.  A finger 2 cm wide that reaches half
+# across a view of 30 cm hides 3 %; rollers and belts that turn with the drum hide less.
 PASSES = 0.03
-SHIFT = 0.8  # [1], change of the evidence that is one standard deviation of where bead ends and drum begins
+SHIFT = 0.8  # [1], change of the log odds by one standard deviation of the border between bead and drum
 
 
 @dataclass(frozen=True)
 class Still:
-    """One frame laid over the still scene, at the zoom that is measured."""
+    """One frame registered to the static scene, at the zoom of the analysis."""
 
     index: int
     time: float  # [s]
@@ -64,26 +64,26 @@ class Still:
 
 @dataclass(frozen=True)
 class Looks:
-    """What a pixel's colour, motion and texture say for beads against the empty drum."""
+    """Log likelihood ratios of beads against the empty drum by a pixel's colour, motion and texture."""
 
-    colour: Array  # log likelihood ratio by colour cell
-    change: Array  # by step of log motion
-    texture: Array  # by step of log texture
-    before: FloatImage  # log odds by place, from the motion over the whole clip
-    noise: float  # [grey levels], motion of a still scene
+    colour: Array  # by colour cell
+    change: Array  # by bin of log motion
+    texture: Array  # by bin of log texture
+    before: FloatImage  # prior log odds by place, from the motion over the whole clip
+    noise: float  # [grey levels], motion of a static scene
     bead: float  # [px], bead diameter
 
 
 @dataclass(frozen=True)
 class Outline:
-    """The bed's upper border in one frame; upright, in px, x from the drum's axis, heights above it, NaN: no bed."""
+    """Upper border of the bed in one frame; upright, in px, x from the drum's axis, heights above it, NaN: no bed."""
 
     index: int
     time: float  # [s]
-    x: Array
-    height: Array
-    looser: Array  # heights when more pixels are taken for beads
-    stricter: Array  # and when fewer are
+    x: Array  # shape (n,)
+    height: Array  # shape (n,)
+    looser: Array  # heights with a lower threshold for bead pixels
+    stricter: Array  # heights with a higher threshold
     area: float  # [px^2], of the bed
     shake: tuple[float, float]  # [px]
     hidden: bool = False  # something passes in front of the drum
@@ -91,7 +91,7 @@ class Outline:
 
 @dataclass(frozen=True)
 class Bed:
-    """A drum, how it stands in the picture, and its bed's surface over time."""
+    """A drum, its pose in the picture, and the surface of its bed over time."""
 
     outlines: tuple[Outline, ...]
     rim: Rim
@@ -99,13 +99,13 @@ class Bed:
     upright: Upright
     bead: float  # [px]
     lens: Cut
-    clearness: float  # [1], how much more the bed moves (or how much its colour differs) than noise explains
+    clearness: float  # [1], motion of the bed (or its colour difference) over noise
     poses: tuple[Pose, ...]  # of the clip's frames
     shows_motion: bool
-    glare: float  # [1], share of the surface over which light lies, brighter than elsewhere; NaN: not judged
-    shape: tuple[int, ...]  # [px], height and width of the measured picture
-    aside: float  # [rad], where the bed's middle lies about the drum's axis: 0 below it, positive to the right
-    turning: int = 0  # +1 where the beads at the wall go clockwise, -1 anticlockwise, 0: not told
+    glare: float  # [1], share of the surface under a reflection; NaN: not judged
+    shape: tuple[int, ...]  # [px], height and width of the analysed picture
+    aside: float  # [rad], direction of the bed's middle from the drum's axis: 0 below it, positive to the right
+    turning: int = 0  # direction of the beads at the wall: +1 clockwise, -1 anticlockwise, 0 unknown
 
 
 def follow_bed(
@@ -116,9 +116,9 @@ def follow_bed(
     region: Region | None = None,
     progress: Progress = silent,
 ) -> Bed:
-    """The bed's surface in every frame; `bead_share` is the bead's over the drum's diameter, where both are known.
+    """Find the surface of the bed in every frame; `bead_share` is bead over drum diameter where both are known.
 
-    Raises `NothingToMeasure` when no turning drum with a bed in it is seen.
+    Raises `NothingToMeasure` if no turning drum with a bed in it is found.
     """
     lens = cut_for(video.width, video.height, region)
     scene = still_scene(video, lens)
@@ -142,15 +142,15 @@ def follow_bed(
             motion, noise, rim, rim_seen = _drum_in(samples, scene.picture)
     if rim is None:
         raise NothingToMeasure(
-            f"{video.path}: shows no round drum with a moving bed in it; film the drum's end, the whole rim in view, "
-            "with the camera at rest, or point at it with --region x,y,width,height."
+            f"{video.path}: no round drum with a moving bed was found; film the drum's end, the whole rim in view, "
+            "with the camera at rest, or give its place with --region x,y,width,height."
         )
     turned = _upright(scene.picture, rim, roll)
     bead = (bead_share or BEAD_SHARE) * 2 * rim.radius
     looks = _learn(samples, motion, rim, bead)
     if looks is None:
         raise NothingToMeasure(
-            f"{video.path}: nothing moves in the drum of radius {rim.radius / lens.zoom:.0f} px; "
+            f"{video.path}: no motion was found in the drum of radius {rim.radius / lens.zoom:.0f} px; "
             "give a clip in which it turns."
         )
     outlines = []
@@ -189,7 +189,7 @@ def follow_bed(
 def bed_in_photo(
     photo: Image, *, roll: float | None, bead_share: float | None, region: Region | None = None
 ) -> Bed | None:
-    """The bed's surface in a single picture, None when it shows no drum with a bed."""
+    """Find the surface of the bed in a single picture; None if it shows no drum with a bed."""
     lens = cut_for(photo.shape[1], photo.shape[0], region)
     image = lens.seen(photo)
     image = exposure_of(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)).applied(image)
@@ -210,7 +210,7 @@ def bed_in_photo(
 
 
 def _stills(video: Video, scene: Scene, lens: Cut, exposure: Exposure) -> Iterator[Still]:
-    """Every frame with its change against its neighbours in time."""
+    """Every frame with its change against the frames before and after."""
     waiting: list[Steadied] = []
     blur: float | None = None
     for seen in steadied(video, scene, lens):
@@ -228,10 +228,10 @@ def _stills(video: Video, scene: Scene, lens: Cut, exposure: Exposure) -> Iterat
 
 
 def _blur_against_noise(frame: Image, picture: FloatImage) -> float:
-    """[px], by which to smooth frames so noisy that slow beads' motion is lost in it; 0 where they need none."""
+    """Width [px] of the blur for frames so noisy that the motion of slow beads is lost; 0 if none is needed."""
     grey = cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY).astype(np.float32)
     off = grey - picture
-    noise = 1.4826 * float(np.median(np.abs(off - np.median(off))))  # a lamp that flickers is no noise
+    noise = 1.4826 * float(np.median(np.abs(off - np.median(off))))  # without the offset of a flickering lamp
     return float(np.clip(noise / NOISY, 1.0, 2.0)) if noise > NOISY else 0.0
 
 
@@ -241,7 +241,7 @@ def _still(now: Steadied, others: list[Steadied]) -> Still:
 
 
 def _drum_in(samples: list[Still], picture: FloatImage) -> tuple[FloatImage, float, Rim | None, bool]:
-    """Motion over the clip, its noise, the drum, and whether its rim was seen."""
+    """Motion over the clip, its noise, the drum, and whether its rim was found."""
     motion = _motion(samples)
     noise = max(float(np.median(motion)), LEAST_NOISE)
     moving = motion > max(STANDS_OUT * noise, _otsu(motion))
@@ -249,12 +249,12 @@ def _drum_in(samples: list[Still], picture: FloatImage) -> tuple[FloatImage, flo
     if rim is not None:
         return motion, noise, rim, True
     rim = rim_of_bed(moving)
-    # the lower border of a bed is an arc; that of anything else fits no circle
+    # only the lower border of a bed is an arc that fits a circle
     return motion, noise, rim if rim is not None and rim.sigma < MISFIT * rim.radius else None, False
 
 
 def _hides(still: Still, picture: FloatImage, beside: npt.NDArray[np.bool_]) -> bool:
-    """Whether a part of what should stand still looks otherwise in this frame, but for a lamp that flickers."""
+    """Whether a part of the static surroundings looks different in this frame; flicker of the light is removed."""
     grey = cv2.cvtColor(still.colour, cv2.COLOR_BGR2GRAY).astype(np.float32)
     off = cv2.GaussianBlur(grey - picture, (0, 0), 2.0)[beside]
     if off.size < 500:
@@ -264,7 +264,7 @@ def _hides(still: Still, picture: FloatImage, beside: npt.NDArray[np.bool_]) -> 
 
 
 def _motion(samples: list[Still]) -> FloatImage:
-    """How much every pixel changes: between neighbouring frames, and from one end of the clip to the other."""
+    """Change of every pixel: between neighbouring frames plus between samples across the clip."""
     quick = np.mean([still.change for still in samples], axis=0)
     slow = np.mean(
         [apart(one.colour, other.colour) for one, other in itertools.pairwise(samples)],
@@ -274,7 +274,7 @@ def _motion(samples: list[Still]) -> FloatImage:
 
 
 def _otsu(values: FloatImage) -> float:
-    """The value that parts the logarithms of these in two classes best."""
+    """Otsu threshold of the logarithms of the values."""
     logs = np.log(values + 0.1)
     low, high = float(logs.min()), float(logs.max())
     if high - low < 1e-6:
@@ -292,17 +292,17 @@ def _upright(picture: FloatImage, rim: Rim, roll: float | None) -> Upright:
 
 
 def _aside(bed: npt.NDArray[np.bool_], rim: Rim, roll: float) -> float:
-    """Where the middle of the bed's pixels lies about the drum's axis [rad], in a picture put upright."""
+    """Direction of the bed's middle from the drum's axis [rad], in the upright picture."""
     rows, columns = np.nonzero(bed & rim.inside(bed.shape, 1.0))
     if len(rows) == 0:
         return math.nan
     right, down = float(columns.mean()) - rim.centre[0], float(rows.mean()) - rim.centre[1]
-    turned = math.atan2(right, down) + roll  # a scene turned clockwise has its bed further left
+    turned = math.atan2(right, down) + roll  # in a scene turned clockwise the bed appears further left
     return math.remainder(turned, 2 * math.pi)
 
 
 def _learn(samples: list[Still], motion: FloatImage, rim: Rim, bead: float) -> Looks | None:
-    """Looks of bed and empty drum from where there is motion over the clip and where there is none."""
+    """Learn the looks of bed and empty drum from where there is motion over the clip and where there is none."""
     inside = rim.inside(motion.shape, 0.97)
     smooth = cv2.GaussianBlur(motion, (0, 0), max(0.3 * bead, 1.5))
     noise = max(float(np.median(motion)), LEAST_NOISE)
@@ -315,7 +315,7 @@ def _learn(samples: list[Still], motion: FloatImage, rim: Rim, bead: float) -> L
     bed, empty = within > 0.6 * bead, (away > 0.8 * bead) & rim.inside(motion.shape, 0.94)
     if bed.sum() < 200 or empty.sum() < 200:
         return None
-    # the motion was smoothed, and reaches that much further out than the beads
+    # the smoothed motion extends further than the beads
     depth = (within - away) / bead - 1 / 3
     before = (3 * np.sign(depth) * np.clip(np.abs(depth) - UNDECIDED, 0, 1)).astype(np.float32)
     return _looks(samples, bed, empty, before, noise, bead)
@@ -394,7 +394,7 @@ def _outline(still: Still, looks: Looks, rim: Rim, roll: float) -> Outline:
         return np.asarray(seen, dtype=np.float32)
 
     odds = upright_map(_evidence(still, looks))
-    # the level is in question near the mean border, not whether there is a bed at all
+    # the threshold is uncertain near the mean border; far from it the presence of the bed is certain
     open_to_doubt = np.where(np.abs(upright_map(looks.before)) < 2.9, np.float32(SHIFT), np.float32(0))
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     odds[np.hypot(x, y) > rim.radius] = -3.0
@@ -413,7 +413,7 @@ def _outline(still: Still, looks: Looks, rim: Rim, roll: float) -> Outline:
 
 
 def _top(odds: FloatImage, bead: float) -> tuple[Array, float]:
-    """Row of the upper border of the large groups of bead pixels by column, NaN where there is none; and their area."""
+    """Row of the upper border of the large groups of bead pixels by column, NaN if there is none; and their area."""
     size = max(3, round(0.35 * bead) | 1)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
     marked = cv2.morphologyEx((odds > 0).astype(np.uint8), cv2.MORPH_OPEN, kernel)
@@ -421,20 +421,20 @@ def _top(odds: FloatImage, bead: float) -> tuple[Array, float]:
     if count < 2:
         return np.full(odds.shape[1], np.nan), 0.0
     areas = stats[:, cv2.CC_STAT_AREA]
-    # a bar in front of the drum parts the bed in two; what is much smaller is in flight
+    # a bar in front of the drum splits the bed in two; much smaller groups are flying beads
     bed = np.isin(labels, 1 + np.flatnonzero(areas[1:] > PIECE * areas[1:].max()))
     row = _top_of_lowest(bed, GAP * bead)
     columns = np.arange(odds.shape[1])
-    # the border lies between the last pixel above and the first below, where the odds are even
+    # sub-pixel: the border lies where the log odds change sign between two pixels
     below, above = odds[row, columns], odds[np.maximum(row - 1, 0), columns]
     part = np.where((below > 0) & (above < 0), below / np.maximum(below - above, 1e-6), 0.5)
     return np.where(bed.any(axis=0), row - part, np.nan), float(bed.sum())
 
 
 def _top_of_lowest(bed: npt.NDArray[np.bool_], gap: float) -> npt.NDArray[np.int64]:
-    """By column, the first row of the lowest stretch that has no gap as large as `gap` [px]; the last row if none.
+    """By column, the first row of the lowest stretch without a gap of `gap` [px]; the last row if there is none.
 
-    What hangs together with the bed along the wall, a rim that is turning, is not its surface.
+    Pixels connected to the bed along the wall, such as a turning rim, are not its surface.
     """
     joined = cv2.morphologyEx(bed.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((round(gap) | 1, 1), np.uint8))[::-1] > 0
     lowest = np.argmax(joined, axis=0)

@@ -1,3 +1,5 @@
+"""Checks of a drum's picture: rim, fill, shape of the surface, glare, and whether the whole bed is in view."""
+
 from __future__ import annotations
 
 import math
@@ -13,11 +15,11 @@ from rigtwin.measure.drum.bed import Bed
 from rigtwin.measure.drum.evaluate import FREQUENCY, HIGHEST_STEP, MOST_BOW
 from rigtwin.measure.geometry.camera_roll import upright_checks
 
-GLARE = 0.05  # share of the surface under a reflection, from which on lines along parts of it are off
+GLARE = 0.05  # share of the surface under a reflection above which lines along parts of it are wrong
 
 
 def _runs_out(bed: Bed) -> bool:
-    """Whether the surface ends where the picture does, within a bead, and not at the drum's wall."""
+    """Whether the surface ends at the edge of the picture, within a bead, instead of at the drum's wall."""
     heights = np.array([outline.height for outline in bed.outlines])
     seen = np.flatnonzero(np.isfinite(heights).mean(axis=0) > 0.5)
     if len(seen) < 2:
@@ -32,7 +34,7 @@ def _runs_out(bed: Bed) -> bool:
 
 
 def _checks_of_shape(bed: Bed) -> list[Check]:
-    """Whether the median outline can be the surface of flowing beads."""
+    """Check that the median outline can be the surface of flowing beads."""
     heights = np.array([outline.height for outline in bed.outlines])
     seen = np.flatnonzero(np.isfinite(heights).mean(axis=0) > 0.5)
     if len(seen) < 8:
@@ -45,7 +47,7 @@ def _checks_of_shape(bed: Bed) -> list[Check]:
         return []
     bow = abs(float(np.polyfit(x, height, 2)[0])) * length / 4
     apart = max(1, round(bed.bead))
-    near = x[apart:] - x[:-apart] < 1.5 * apart  # not across what stands in front of the bed
+    near = x[apart:] - x[:-apart] < 1.5 * apart  # not across a gap left by something in front of the bed
     step = float(np.abs(height[apart:] - height[:-apart])[near].max(initial=0.0)) / bed.bead
     return [
         Check(
@@ -54,32 +56,34 @@ def _checks_of_shape(bed: Bed) -> list[Check]:
             bow,
             0.0,
             f"the surface bows by {bow:.2f} of its length"
-            + ("." if bow < MOST_BOW else ": no flowing bed does; the drum itself may have been taken for the bed."),
+            + (
+                "." if bow < MOST_BOW else ": a flowing bed bows less; the drum itself may have been taken for the bed."
+            ),
         ),
         Check(
             "surface_steps",
             step < HIGHEST_STEP,
             step,
             0.0,
-            f"from one bead to the next the surface rises by {step:.1f} bead diameters at most"
-            + ("." if step < HIGHEST_STEP else ": beads cannot stand so; something is in front of them."),
+            f"from one bead to the next the surface rises by at most {step:.1f} bead diameters"
+            + ("." if step < HIGHEST_STEP else ": beads cannot form such a step; something is in front of them."),
         ),
     ]
 
 
 def rests_on(one: Quantity, of_picture: Sequence[Check]) -> set[str]:
-    """What a number needs of the picture: how often the bed slides is seen in one that leans as well."""
+    """Names of the checks that a quantity depends on: the avalanche frequency is independent of the camera roll."""
     return {each.check for each in of_picture} - ({"camera_roll"} if one.quantity == FREQUENCY else set())
 
 
 def must_be_a_drum(clip: Path, checks: Sequence[Check]) -> None:
-    """Refuse a film that shows neither the rim of a drum nor the surface of a bed."""
+    """Refuse a clip in which neither the rim of a drum nor the surface of a bed was found."""
     wrong = {each.check: each for each in checks if each.passed is False}
     if {"rim_found", "surface_shape"} <= set(wrong):
         raise NothingToMeasure(
-            f"{clip}: no turning drum is seen: what moves has no round rim about it, and its upper border bows by "
-            f"{wrong['surface_shape'].value:.2f} of its length, as no flowing bed does; film the drum's end, the whole "
-            "rim in view."
+            f"{clip}: no turning drum was found: what moves has no round rim around it, and its upper border bows by "
+            f"{wrong['surface_shape'].value:.2f} of its length, more than a flowing bed does; film the end of the drum "
+            "with the whole rim in view."
         )
 
 
@@ -94,16 +98,16 @@ def checks_of_picture(bed: Bed, still: Check | str) -> list[Check]:
             bed.rim_seen,
             bed.rim.support,
             1.0,
-            f"an edge was seen along {100 * bed.rim.support:.0f} % of the drum's circle."
+            f"an edge was found along {100 * bed.rim.support:.0f} % of the drum's circle."
             if bed.rim_seen
-            else "the drum's rim shows no edge; its circle was laid through the lower border of the bed.",
+            else "no edge of the drum's rim was found; its circle was fitted to the lower border of the bed.",
         ),
         fill_check(fill, "the bed fills"),
         *_checks_of_shape(bed),
         *([still] if isinstance(still, Check) else []),
     ]
     whole = not _runs_out(bed)
-    ending = "inside the picture." if whole else "at the picture's edge: its line is of a part; film the whole drum."
+    ending = "inside the picture." if whole else "at the edge of the picture, so lines fit only a part; film all of it."
     checks.append(Check("bed_in_view", whole, float(whole), 1.0, f"the bed's surface ends {ending}"))
     checks += upright_checks(bed.upright)
     if math.isfinite(bed.glare):
@@ -113,7 +117,7 @@ def checks_of_picture(bed: Bed, still: Check | str) -> list[Check]:
                 bed.glare < GLARE,
                 bed.glare,
                 0.0,
-                f"light lies over {100 * bed.glare:.0f} % of the surface, brighter than elsewhere"
+                f"{100 * bed.glare:.0f} % of the surface is brighter than the rest, as under a reflection"
                 + ("." if bed.glare < GLARE else ": a lamp's reflection hides it; turn the lamp or the camera."),
             )
         )

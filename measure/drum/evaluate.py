@@ -1,3 +1,5 @@
+"""Evaluate profiles of a drum's surface over time: dynamic angles of repose, avalanches, uncertainty budgets."""
+
 from __future__ import annotations
 
 import math
@@ -28,11 +30,11 @@ TANGENT = "tangent at the axis"
 
 CHORD = "chord, wall to wall"
 
-CHORD_ENDS = 0.05  # of the surface's extent, averaged for each end of the chord: about one bead
+CHORD_ENDS = 0.05  # share of the surface's extent averaged at each end of the chord: about one bead
 
-AT_WALL = 0.02  # of the radius: a border that near the wall is the wall's, not the surface's
+AT_WALL = 0.02  # share of the radius; an outline this near to the wall is the wall's, not the surface's
 
-# shares of the surface's horizontal extent, from its lower to its upper end
+# shares of the surface's horizontal extent, from its lower to its upper end, between which lines are fitted
 WINDOWS = {
     (GRAPHICAL, MIDDLE): (0.25, 0.75),
     (GRAPHICAL, WHOLE): (0.1, 0.9),
@@ -40,40 +42,40 @@ WINDOWS = {
     (UPPER, "line, 50-90 %"): (0.5, 0.9),
 }
 
-TANGENT_REACH = 0.2  # of the radius, to both sides of the axis
+TANGENT_REACH = 0.2  # share of the radius, to both sides of the axis
 
-S_SHAPE = 2.0  # [deg], difference of upper and lower angle below which a surface counts as straight
+S_SHAPE = 2.0  # [deg], least difference of upper and lower angle of a curved surface
 
-# [deg], perspective, lens, and beads in flight that hide the bed they have left, most of all at its upper end
-VIEW_DOUBT = {GRAPHICAL: 0.25, LOWER: 0.5, UPPER: 1.2, GEOMETRIC: 1.2}
+# [deg], standard uncertainty by perspective, lens, and flying beads, which hide the bed most at its upper end
+VIEW_UNCERTAINTY = {GRAPHICAL: 0.25, LOWER: 0.5, UPPER: 1.2, GEOMETRIC: 1.2}
 
-# a line over a bent surface has the mean slope of its two halves, and half of the doubt of each
-HALVES_DOUBT = math.hypot(VIEW_DOUBT[LOWER], VIEW_DOUBT[UPPER]) / 2
+# a line over a curved surface has the mean slope of its two halves, so half of the uncertainty of each
+HALVES_UNCERTAINTY = math.hypot(VIEW_UNCERTAINTY[LOWER], VIEW_UNCERTAINTY[UPPER]) / 2
 
-ONE_MOMENT = 2.0  # [deg], how far a flowing surface is from its mean at one moment: drums of 25 beads width sway so
+ONE_MOMENT = 2.0  # [deg], standard deviation of the angle in one moment, seen in drums 25 beads wide
 
-MOST_BOW = 0.2  # sagitta over length of the surface; S-shapes are odd about the middle, the drum's own arc has 0.5
+MOST_BOW = 0.2  # sagitta over length of the surface; an S-shape has none about its middle, the drum's own arc 0.5
 
-HIGHEST_STEP = 4.0  # bead diameters over the width of one: a slope of 76 degrees
+HIGHEST_STEP = 4.0  # [bead diameters], largest rise over one bead diameter: a slope of 76 degrees
 
-# checks of the record that every angle rests on
+# checks of the record; if one fails every angle is doubtful
 RESTS_ON = ("surface_in_view", "steady_flow", "frame_timing", "surface_falls", "froude_number")
 
-SURELY_UP = 3.0  # standard uncertainties by which a half of the surface has to rise the wrong way
+SURELY_UP = 3.0  # standard uncertainties by which half of the surface must rise the wrong way
 
-SMEARED = 0.25  # share of frames that may be left out before the result is doubtful
+SMEARED = 0.25  # share of frames without a surface above which the result is doubtful
 
 
 @dataclass(frozen=True)
 class Observation:
-    """What a clip shows: profiles over time, and the same under other readings of it, one standard deviation away."""
+    """Profiles over time, and the profiles that other readings of the clip give, one standard deviation away."""
 
     profiles: Sequence[Profile]
-    times: Array  # [s]
+    times: Array  # shape (n,), [s]
     radius: float | None  # of the drum, in the unit of the profiles
     variants: Mapping[str, tuple[Sequence[Profile], Sequence[Profile]]] = field(default_factory=dict)
-    roll_doubt: float = 0.0  # [deg]
-    roll_seen: bool = True  # or stated
+    roll_doubt: float = 0.0  # [deg], standard uncertainty of the camera roll
+    roll_seen: bool = True  # whether the roll was measured or stated
     filmed: bool = False
     bead: float | None = None  # bead diameter, in the unit of the profiles
 
@@ -86,25 +88,65 @@ def evaluate(
     speed: float | None = None,
     bead_diameter: float | None = None,
 ) -> Evaluation:
-    """Angles of a drum's surface from its profiles over time, filmed or simulated.
+    """Evaluate the angles of a drum's surface from its profiles over time, filmed or simulated.
 
-    The origin of a profile is the drum's axis.  A simulated surface is the upper edge of its spheres.  Raises
-    `NothingToMeasure` when no profile holds a surface, `BadInput` when profiles and times do not fit together.
+    Parameters
+    ----------
+    profiles : sequence of Profile
+        Surface at each time: x and height from the drum's axis [m], height against gravity, NaN where there is no bed.
+        The surface of a simulated bed is the upper edge of its spheres.
+    times : array, shape (n,)
+        Time of each profile [s], increasing.
+    drum_diameter : float or None
+        Inner diameter of the drum [m]; needed for the tangent at the axis.
+    speed : float, optional
+        Angular speed of the drum [rad/s].
+    bead_diameter : float, optional
+        Bead diameter [m].
+
+    Returns
+    -------
+    Evaluation
+        Means over the steady part of ``angle_of_repose_graphical`` (lines over the middle half and 10 to 90 %,
+        tangent), ``angle_of_repose_geometric`` (chord), ``angle_of_repose_lower`` and ``angle_of_repose_upper`` [deg];
+        where there are avalanches also ``avalanche_frequency`` [Hz] and the angles at which they start and stop.
+
+    Raises
+    ------
+    BadInput
+        If a size or the speed is not positive, the numbers of profiles and times differ, or times do not increase.
+    NothingToMeasure
+        If no profile contains a surface.
+
+    Notes
+    -----
+    Neighbouring frames are correlated.  The standard error of a mean over time therefore follows from the integrated
+    correlation time, see `rigtwin.measure.drum.time_average.mean_over_time`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rigtwin.lab.records import Profile
+    >>> x = np.linspace(-0.06, 0.06, 121)
+    >>> surface = Profile(x, 0.5 * x - 0.02, np.full(121, 1e-5))
+    >>> found = evaluate([surface] * 20, np.arange(20) / 100, drum_diameter=0.15)
+    >>> round(found.quantities[0].value, 1)
+    26.6
     """
     must_be_positive(drum_diameter=drum_diameter, speed=speed, bead_diameter=bead_diameter)
     if len(profiles) != len(times):
         raise BadInput(f"drum: {len(profiles)} profiles but {len(times)} times; give one time for each profile.")
     times = np.asarray(times, dtype=np.float64)
     if len(times) > 1 and not np.all(np.diff(times) > 0):
-        raise BadInput("drum: times do not rise from profile to profile; sort the profiles by time.")
+        raise BadInput("drum: times do not increase from profile to profile; sort the profiles by time.")
     radius = drum_diameter / 2 if drum_diameter is not None else None
     return evaluate_observation(Observation(profiles, times, radius, bead=bead_diameter), speed, radius)
 
 
 def angles_over_time(profiles: Sequence[Profile], times: Array, *, drum_diameter: float) -> tuple[Series, Series]:
-    """The graphical angle (line, middle half) and the geometric one (chord) of each profile, NaN where it is not seen.
+    """Graphical angle (line, middle half) and geometric angle (chord) of each profile [deg], NaN where not seen.
 
-    In degrees, rising as the surface mostly does; `evaluate` takes their means over the steady part.
+    Positive in the direction in which the surface mostly rises.  `evaluate` averages them over the steady part.
     """
     must_be_positive(drum_diameter=drum_diameter)
     free = _without_wall(profiles, drum_diameter / 2)
@@ -114,9 +156,9 @@ def angles_over_time(profiles: Sequence[Profile], times: Array, *, drum_diameter
 
 
 def surface_line(profile: Profile, window: tuple[float, float]) -> tuple[float, float, float, float] | None:
-    """Slope, height at x = 0 and the ends of the least-squares line over a share of the surface's extent.
+    """Slope, height at x = 0, and both ends of the least-squares line over a share of the surface's extent.
 
-    `window` counts from the left end to the right one; None where too little of the surface is seen there.
+    `window` counts from the left end to the right end.  None if too little of the surface is seen there.
     """
     ends = surface_ends(profile)
     if ends is None:
@@ -127,7 +169,7 @@ def surface_line(profile: Profile, window: tuple[float, float]) -> tuple[float, 
 
 
 def surface_ends(profile: Profile) -> tuple[float, float] | None:
-    """x where the surface begins and ends."""
+    """x of both ends of the surface."""
     seen = np.isfinite(profile.height)
     if np.sum(seen) < 8:
         return None
@@ -139,7 +181,7 @@ def surface_ends(profile: Profile) -> tuple[float, float] | None:
 
 
 def evaluate_observation(seen: Observation, speed: float | None, radius: float | None) -> Evaluation:
-    """`speed` [rad/s] and `radius` [m] of the drum, where they are known."""
+    """Evaluate an observation; `speed` [rad/s] and `radius` [m] of the drum where they are known."""
     if seen.radius is not None:
         variants = {
             name: (_without_wall(one, seen.radius), _without_wall(other, seen.radius))
@@ -151,7 +193,7 @@ def evaluate_observation(seen: Observation, speed: float | None, radius: float |
     main = angles[GRAPHICAL, MIDDLE]
     if not np.isfinite(main).any():
         raise NothingToMeasure(
-            "no profile holds the surface of a bed: heights must be finite over at least eight points of x."
+            "no profile contains the surface of a bed: heights must be finite at eight or more points of x."
         )
     first, last = steady_part(seen.times, main)
     kept = slice(first, last + 1)
@@ -174,7 +216,7 @@ def evaluate_observation(seen: Observation, speed: float | None, radius: float |
         quantities.append(_quantity(key, mean, doubt, seen, int(np.isfinite(angles[key][kept]).sum()), rises, s_shaped))
     warnings = []
     if isinstance(avalanches, str):
-        warnings.append(f"avalanche frequency and angles: none given, for {avalanches}.")
+        warnings.append(f"avalanche frequency and angles: not given, because {avalanches}.")
     else:
         quantities += _of_avalanches(avalanches, quantities[0].budget)
     checks = [*_checks(seen, main, first, last, means.get((GRAPHICAL, MIDDLE)), speed), *_falls_check(quantities)]
@@ -183,14 +225,14 @@ def evaluate_observation(seen: Observation, speed: float | None, radius: float |
     quantities = [doubted(one, failed(checks, RESTS_ON)) for one in quantities]
     if last - first + 1 < len(seen.times):
         warnings.append(
-            f"steady part: {seen.times[first]:.3f} s to {seen.times[last]:.3f} s; before and after it the surface lies "
+            f"steady part: {seen.times[first]:.3f} s to {seen.times[last]:.3f} s; before or after it the surface lies "
             "clearly elsewhere, and these frames are left out."
         )
     return Evaluation(tuple(quantities), tuple(checks), tuple(warnings))
 
 
 def _without_wall(profiles: Sequence[Profile], radius: float) -> list[Profile]:
-    """Without the ends of an outline that run along the wall, as they do where the bed reaches above the axis."""
+    """Profiles without the ends that run along the wall, as they do where the bed reaches above the axis."""
     cut = []
     for profile in profiles:
         free = np.flatnonzero(np.hypot(profile.x, profile.height) < (1 - AT_WALL) * radius)
@@ -208,7 +250,7 @@ def rising_side(profiles: Sequence[Profile]) -> float:
 
 
 def _angles(profiles: Sequence[Profile], rises: float, radius: float | None) -> dict[tuple[str, str], Array]:
-    """Every angle [deg] by (quantity, method), one number per profile, NaN where it is not seen."""
+    """Every angle [deg] by (quantity, method), shape (n profiles,), NaN where it is not seen."""
     table: dict[tuple[str, str], list[float]] = {key: [] for key in WINDOWS}
     table[GEOMETRIC, CHORD] = []
     if radius is not None:
@@ -228,7 +270,7 @@ def _line(profile: Profile, low: float, high: float) -> tuple[float, float]:
     """Slope and height at x = 0 of the least-squares line between two x."""
     part = np.isfinite(profile.height) & (profile.x >= low) & (profile.x <= high)
     x, height = profile.x[part], profile.height[part]
-    # a line needs most of its window: half of it hidden would be another window
+    # if too much of the window is hidden the line would have another window
     if np.sum(part) < 4 or np.ptp(x) < 0.7 * (high - low):
         return math.nan, math.nan
     slope, offset = np.polyfit(x, height, 1)
@@ -236,7 +278,7 @@ def _line(profile: Profile, low: float, high: float) -> tuple[float, float]:
 
 
 def _chord(profile: Profile) -> float:
-    """Angle [deg] of the straight line between the places where the surface meets the wall."""
+    """Angle [deg] of the straight line between the points where the surface meets the wall."""
     ends = surface_ends(profile)
     if ends is None:
         return math.nan
@@ -269,15 +311,15 @@ def _quantity(
     s_shaped: bool,
 ) -> Quantity:
     name, method = key
-    # neighbours that agree may all show one moment: a mean over time counts at least three moments, even in a record
-    # that never comes back to its mean, so that two of them tell nothing
+    # at least three moments: neighbours that agree may all show one moment, so two of them carry no information, even
+    # in a record that never returns to its mean
     moments = max(mean.independent - 2, 1.0)
-    # their scatter is told by them as far as they are many, else it is the usual one
+    # the observed scatter, weighted by its degrees of freedom against the usual scatter
     scatter2 = ((moments - 1) * mean.deviation**2 + ONE_MOMENT**2) / moments
     budget = {"flow over time": max(mean.std_error, math.sqrt(scatter2 / moments))}
     budget |= {"camera roll" if seen.roll_seen else "camera roll, not measured": seen.roll_doubt, **doubt}
     if seen.filmed:
-        budget["perspective, beads in flight"] = HALVES_DOUBT if method == WHOLE else VIEW_DOUBT[name]
+        budget["perspective, beads in flight"] = HALVES_UNCERTAINTY if method == WHOLE else VIEW_UNCERTAINTY[name]
     budget = {part: float(value) for part, value in budget.items() if math.isfinite(value) and value > 0}
     this_clip = root_sum_of_squares({part: value for part, value in budget.items() if part != "flow over time"})
     detail: dict[str, Detail] = {
@@ -312,7 +354,7 @@ def _checks(
     checks = []
     if len(main) > 1:
         share = count / len(main)
-        # how far is told, not judged: a film may begin long after the drum did
+        # the number of turns is reported, not judged: the film may begin long after the drum did
         turns = None if speed is None else abs(speed) * float(seen.times[last] - seen.times[first]) / (2 * math.pi)
         checks.append(
             Check(
@@ -322,7 +364,7 @@ def _checks(
                 1.0,
                 f"{100 * share:.0f} % of the record is steady flow, worth "
                 f"{mean.independent if mean else 0:.0f} independent moments"
-                f"{'' if turns is None else f' in {turns:.2g} turns'}; a longer one tells more where these are few.",
+                f"{'' if turns is None else f' in {turns:.2g} turns'}; give a longer record where these are few.",
             )
         )
     measured = float(np.isfinite(main[first : last + 1]).mean())
@@ -333,7 +375,7 @@ def _checks(
             measured,
             1.0,
             f"the surface was measured in {100 * measured:.0f} % of {count} frames"
-            + ("." if measured > 1 - SMEARED else ": something hides it."),
+            + ("." if measured > 1 - SMEARED else ": something may hide it."),
         )
     )
     if len(seen.times) > 2:
@@ -353,7 +395,7 @@ def _checks(
 
 
 def _falls_check(quantities: Sequence[Quantity]) -> list[Check]:
-    """Whether both halves of the surface fall the same way: beads flow down, and at a toe that hangs back level out."""
+    """Check that both halves of the surface fall the same way; near the toe the surface may be level."""
     halves = [one for one in quantities if one.quantity in (LOWER, UPPER)]
     if len(halves) < 2:
         return []
@@ -363,18 +405,18 @@ def _falls_check(quantities: Sequence[Quantity]) -> list[Check]:
         f"the {'upper' if least.quantity == UPPER else 'lower'} half of the surface falls by {least.value:.0f} "
         f"± {least.std_uncertainty:.0f} deg"
     )
-    ending = "." if passed else ", against the other half: no bed flows so; something else was taken for it."
+    ending = "." if passed else ", against the other half: no bed flows so; something else was taken for the surface."
     return [Check("surface_falls", passed, least.value, 0.0, message + ending)]
 
 
 def _shift(other: Array, usual: Array) -> float:
-    """How another reading moves the angle: frame by frame, so that the few frames in which it fails do not count."""
+    """Median change of the angle by another reading, over frames in which both exist."""
     both = np.isfinite(other) & np.isfinite(usual)
     return float(np.median(other[both] - usual[both])) if both.any() else math.nan
 
 
 def _spread(changes: Sequence[float]) -> float:
-    """Root mean square of the changes that the readings one standard deviation away bring."""
+    """Root mean square of the changes by readings one standard deviation away."""
     known = [change for change in changes if math.isfinite(change)]
     return math.sqrt(sum(change * change for change in known) / len(known)) if known else 0.0
 

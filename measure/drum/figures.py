@@ -1,4 +1,4 @@
-"""What a measured drum looks like: annotated video, one still, plot of the surface and of its angle over time."""
+"""Figures of a drum measurement: annotated video, one still, plot of the surface and of its angle over time."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from rigtwin.measure.media.video import Video
 def write_pictures(
     out: Path, measurement: Measurement, shown: Video | Image, bed: Bed, scale: float, progress: Progress
 ) -> dict[str, Path]:
-    """Write overlay, still, plot and the surface over time into `out`; returns what was written.
+    """Write overlay, still, plot and the surface over time into `out`; return the paths by kind.
 
     `shown` is the clip, or the photo, that was measured.
     """
@@ -68,7 +68,7 @@ def _write_video(path: Path, still: Path, video: Video, bed: Bed, text: str, pro
 
 
 def _mark(picture: Image, bed: Bed, outline: Outline, text: str) -> None:
-    """Rim, surface, and the line through its middle half."""
+    """Draw rim, surface, and the line through its middle half."""
     shift = np.array(outline.shake)
 
     def place(x: Array, height: Array) -> Array:
@@ -90,7 +90,7 @@ def _mark(picture: Image, bed: Bed, outline: Outline, text: str) -> None:
         drawing.draw_line(picture, (float(ax), float(ay)), (float(bx), float(by)), drawing.BLUE, width=width)
         angle = abs(math.degrees(math.atan(slope)))
         caption.append(f"this frame {angle:.1f}°")
-    # the horizontal through the axis, as it was found
+    # the horizontal through the axis, by the camera roll
     (ax, ay), (bx, by) = place(np.array([-0.1, 0.1]) * bed.rim.radius, np.zeros(2))
     drawing.draw_line(picture, (float(ax), float(ay)), (float(bx), float(by)), drawing.GREEN)
     drawing.draw_caption(picture, caption)
@@ -137,7 +137,7 @@ def _over_time(bed: Bed) -> tuple[Array, Array]:
 
 
 def _write_record(path: Path, measurement: Measurement) -> Path:
-    """The median surface over time as ``x_m,height_m``, and its scatter; px where no scale is known."""
+    """Write the median surface over time as ``x_m,height_m`` with its scatter; in px if no scale is known."""
     partial = path.with_name(path.name + ".part")
     rows: list[tuple[str, ...]] = []
     if measurement.profiles:

@@ -1,4 +1,4 @@
-"""Light that lies over a part of a bed behind glass: a lamp's reflection brightens what is behind it and hides it."""
+"""Detect a reflection over a part of a bed behind glass: a lamp's reflection brightens and hides what is behind it."""
 
 from __future__ import annotations
 
@@ -11,15 +11,16 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, FloatImage, Image
 
-APART = (0.5, 2.0)  # bead diameters from the surface, where there are beads, or none, whatever hides the surface itself
-# as drawn: beds of shaded beads in even light, and in one that changes by 40 % across the drum, have no column brighter
-# than the darker ones by as much; lighter beads in 20 to 50 % of the bed, and lamps, have
+APART = (0.5, 2.0)  # [bead diameters], distances below and above the surface at which the grey levels are compared
+# A bed column is bright if it exceeds the dark quartile by this much.  In drawn beds of shaded beads no column does so
+# in even light, or in light that changes by 40 % across the drum; lighter beads in 20 to 50 % of the bed, and lamps,
+# do.
 BRIGHTER = 40.0  # [grey levels]
-ALSO_OVER = 10.0  # [grey levels]; above lighter beads less than 1, under lamps 18 and more, even before a wall of 235
-DULLED = 0.75  # times the usual contrast over brightness; of lighter beads 0.85 to 0.92, under lamps 0.39 to 0.66
-WHITE = 255.0  # [grey levels], what no light makes brighter
-INSIDE = 0.93  # of the drum's radius: further out the wall is seen
-PAIRS = 60  # columns, of which every pair gives a slope
+ALSO_OVER = 10.0  # [grey levels]; above lighter beads less than 1, under lamps at least 18, even before a wall of 235
+DULLED = 0.75  # contrast over brightness, relative to the rest; lighter beads have 0.85 to 0.92, lamps 0.39 to 0.66
+WHITE = 255.0  # [grey levels], saturation
+INSIDE = 0.93  # share of the drum's radius: further out the wall is seen
+PAIRS = 60  # columns of which every pair gives a slope
 
 
 def brightened_share(
@@ -31,19 +32,19 @@ def brightened_share(
     roll: float,
     bead: float,
 ) -> float:
-    """Share of the surface's length at which light lies over the bed, in the mean of the pictures.
+    """Share of the surface's length under a reflection, in the mean of the pictures.
 
-    There the bed is far brighter than elsewhere, so is what is above it, and its beads stand out less; lighter beads
-    brighten nothing above them, and stand out from each other as dark ones do.
+    Under a reflection the bed is much brighter than elsewhere, the space above it is brighter, too, and the contrast of
+    its beads is lower.  Lighter beads brighten nothing above them, and their contrast is that of dark ones.
 
-    `heights` [px] above the axis, one row per frame, at the columns `x` [px] right of it, in a picture turned by `roll`
-    [rad]; `centre` and `radius` [px] of the drum.  NaN where too little of a surface is seen.
+    `heights`, shape (frames, n) [px] above the axis, at the columns `x`, shape (n,) [px] right of it, in a picture with
+    roll `roll` [rad]; `centre` and `radius` [px] of the drum.  NaN if too little of the surface is seen.
     """
     seen = np.isfinite(heights).mean(axis=0) > 0.5
     if seen.sum() < 8:
         return math.nan
     x, border = x[seen], np.nanmedian(heights[:, seen], axis=0)
-    # where a reflection pulls the border up or down, the line through the whole surface still lies near it
+    # a reflection may pull the border up or down, but the line through the whole surface stays near it
     line = _line(x, border)
     if line is None:
         return math.nan
@@ -52,7 +53,7 @@ def brightened_share(
     cos, sin = math.cos(roll), math.sin(roll)
 
     def along(picture: FloatImage, level: Array) -> Array:
-        """Mean of a picture over the levels inside the drum, for every column; NaN where there are none."""
+        """Mean of a picture over the levels inside the drum, for every column; NaN if there are none."""
         at_x, at_y = centre[0] + x * cos + level * sin, centre[1] + x * sin - level * cos
         light = cv2.remap(picture, at_x.astype(np.float32), at_y.astype(np.float32), cv2.INTER_LINEAR)
         inner = np.hypot(x, level) < INSIDE * radius
@@ -75,16 +76,16 @@ def brightened_share(
 
 
 def _lies_over(empty: Array, bright: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Columns in which what is not bed is brighter, too; all of them where it is too bright to show it."""
+    """Mask of columns whose empty part is brighter, too; all columns if the background is nearly saturated."""
     plain = empty[~bright & np.isfinite(empty)]
     usual = float(np.median(plain)) if len(plain) else math.nan
     return np.asarray((empty > usual + ALSO_OVER) | (usual > WHITE - ALSO_OVER))
 
 
 def _line(x: Array, height: Array) -> Array | None:
-    """The line of the median slope between columns of the surface's inner part (Theil 1950, Sen 1968).
+    """Theil-Sen line through the inner part of the surface (Theil 1950, Sen 1968).
 
-    None where none of these columns is seen.
+    None if it has fewer than two columns.
     """
     inner = np.flatnonzero(np.abs(x - (x[0] + x[-1]) / 2) < 0.4 * (x[-1] - x[0]))
     if len(inner) < 2:

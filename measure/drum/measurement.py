@@ -1,10 +1,4 @@
-"""A drum that turns slowly, part full of beads, seen from its end: dynamic angle of repose of the flowing surface.
-
-`measure` turns a clip into one profile per frame, `evaluate` profiles into angles; a simulated drum goes through the
-same `evaluate`.  A drum's profile has its origin on the drum's axis: x to the right, height up against gravity, so
-that the surface of a drum less than half full lies at negative heights; NaN where there is no bed.  Angles are the
-magnitude; ``turning`` tells which way the surface rises.
-"""
+"""Measure a slowly turning drum, partly full of beads, seen from its end: dynamic angle of repose of its surface."""
 
 from __future__ import annotations
 
@@ -44,16 +38,48 @@ def measure(
     out: Path,
     progress: Progress = silent,
 ) -> Measurement:
-    """Dynamic angle of repose from a clip of a turning drum, or from a single picture of it.
+    """Measure the dynamic angle of repose from a clip of a turning drum, or from a single picture of it.
 
-    `drum_diameter` [m] inside, `speed` [rad/s] of turning, `bead_diameter` [m].  Raises `NothingToMeasure` when no
-    drum with a bed is seen.
+    Parameters
+    ----------
+    clip : Path
+        Video or photo of the end of the drum.
+    camera : Camera
+        Scale, roll, region, frame rate and other settings of the camera.
+    drum_diameter : float or None
+        Inner diameter of the drum [m].
+    speed : float, optional
+        Angular speed of the drum [rad/s]; used for the Froude number and to recognise avalanches.
+    bead_diameter : float, optional
+        Bead diameter [m].
+    out : Path
+        Folder for annotated video, still, plot and record.
+    progress : Progress
+        Callback that shows the progress.
+
+    Returns
+    -------
+    Measurement
+        Angles [deg] by all methods of `evaluate`, and avalanche frequency [Hz] and angles where the bed slides in
+        avalanches.
+
+    Raises
+    ------
+    BadInput
+        If a size or the speed is not positive, or a bead is larger than half of the drum.
+    NothingToMeasure
+        If no drum with a bed is found, or too little of its surface is visible.
+
+    Notes ----- The origin of a drum's profile is the axis of the drum: x to the right, height upwards against gravity.
+    The surface of a drum less than half full therefore lies at negative heights.  Heights are NaN where there is no
+    bed.  Angles are magnitudes; the detail ``turning`` states the direction of rotation, by the side to which the
+    surface rises.
     """
     must_be_positive(drum_diameter=drum_diameter, speed=speed, bead_diameter=bead_diameter)
     share = bead_diameter / drum_diameter if bead_diameter and drum_diameter else None
     if share is not None and share > 0.5:
         raise BadInput(
-            "measure drum: the bead is larger than half of the drum; check --bead-diameter, --drum-diameter."
+            "measure drum: the bead is larger than half of the drum; check --bead-diameter and --drum-diameter."
         )
     warnings: list[str] = []
     rate, spoilt = None, ""
@@ -64,7 +90,7 @@ def measure(
         bed = bed_in_photo(shown, roll=camera.roll, bead_share=share, region=camera.region)
         if bed is None:
             raise NothingToMeasure(
-                f"{clip}: shows no round drum with a bed that differs in colour from what is above it; "
+                f"{clip}: no round drum was found with a bed that differs in colour from what is above it; "
                 "give a picture of the drum's end with the whole rim in view."
             )
         warnings.append("a single picture shows one moment of the flow; film the drum for a mean over time.")
@@ -85,7 +111,7 @@ def measure(
     except NothingToMeasure as nothing:
         where = f"in every one of {len(bed.outlines)} frames" if bed.poses else "in this picture"
         raise NothingToMeasure(
-            f"{clip}: too little of the bed's surface is seen {where}: something stands in front of it, or bed and "
+            f"{clip}: too little of the bed's surface was found {where}: something may be in front of it, or bed and "
             "drum look alike where it is dark or strongly compressed; give the original file, light the drum from the "
             "front, keep hands out of the view."
         ) from nothing
@@ -94,7 +120,7 @@ def measure(
     )
     checks = (*of_picture, *evaluation.checks)
     if scale is None:
-        warnings.append("scale: not known, so profiles are left out; give --drum-diameter or --scale.")
+        warnings.append("scale: not known, so profiles are omitted; give --drum-diameter or --scale.")
     if turned := nothing_level(bed.upright):
         warnings.append(turned)
     hidden = sum(outline.hidden for outline in bed.outlines)
@@ -131,7 +157,7 @@ def measure(
 
 
 def _scale(bed: Bed, camera: Camera, drum_diameter: float | None) -> tuple[float | None, str]:
-    """[m/px] of the measured picture, and where it comes from."""
+    """Scale [m/px] of the analysed picture, and its source."""
     if camera.given_scale is not None:
         return camera.given_scale / bed.lens.zoom, camera.scale_from
     if drum_diameter is not None:

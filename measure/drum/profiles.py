@@ -1,6 +1,6 @@
-"""From the borders of a drum's bed, frame by frame, to the profiles of its surface: without what is not the surface.
+"""Profiles of a drum's surface from the borders of its bed, frame by frame.
 
-Left out are frames in which the drum is hidden, things in front of it that do not move, and beads in flight.
+Left out are frames in which the drum is hidden, static objects in front of it, and flying beads.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from rigtwin.lab.arrays import Array
 from rigtwin.lab.records import Profile
 from rigtwin.measure.drum.bed import Outline
 
-LOST = 0.25  # share of the bed's area by which a frame may differ from the median one
-FLIGHT = 0.035  # [s], in which a bead of 6 mm falls by its diameter: one in flight has passed, the bed has not
+LOST = 0.25  # largest relative difference of a frame's bed area from the median
+FLIGHT = 0.035  # [s], in which a bead of 6 mm falls by its diameter: a flying bead has passed, the bed has not changed
 
 
 def credible(outlines: Sequence[Outline]) -> list[Outline]:
-    """The same with the heights of frames blanked in which the drum is hidden or the bed's area is far from usual."""
+    """Outlines with heights NaN in frames where the drum is hidden or the bed's area is far from the median."""
     hidden = np.array([outline.hidden for outline in outlines])
-    if hidden.mean() > 0.5:  # what is there that long belongs to the scene
+    if hidden.mean() > 0.5:  # what is there for so long belongs to the scene
         hidden[:] = False
     areas = np.array([outline.area for outline in outlines])
     usual = float(np.median(areas[~hidden]))
@@ -37,7 +37,7 @@ def credible(outlines: Sequence[Outline]) -> list[Outline]:
 
 
 def hidden_columns(outlines: Sequence[Outline]) -> npt.NDArray[np.bool_]:
-    """Columns in which the border never moves: it is that of a thing in front of the drum, not of flowing beads."""
+    """Mask of columns in which the border never moves: it belongs to an object in front of the drum."""
     heights = np.array([outline.height for outline in outlines])
     seen = np.isfinite(heights).mean(axis=0) > 0.5
     if len(outlines) < 8 or seen.sum() < 8:
@@ -53,7 +53,7 @@ def hidden_columns(outlines: Sequence[Outline]) -> npt.NDArray[np.bool_]:
 
 
 def without_flights(outlines: Sequence[Outline], bead: float) -> list[Outline]:
-    """Borders without what is higher by half a `bead` [px] than within the time in which one in flight passes."""
+    """Outlines without flying beads: heights half a `bead` [px] above the minimum within `FLIGHT` are lowered to it."""
     times = np.array([outline.time for outline in outlines])
     first, last = np.searchsorted(times, times - FLIGHT), np.searchsorted(times, times + FLIGHT, side="right")
 
@@ -61,7 +61,7 @@ def without_flights(outlines: Sequence[Outline], bead: float) -> list[Outline]:
         heights = np.array([getattr(outline, which) for outline in outlines])
         filled = np.where(np.isfinite(heights), heights, np.inf)
         lowest_near = [filled[a:b].min(axis=0) for a, b in zip(first, last, strict=True)]
-        # a frame keeps its own extent, and what is only rough
+        # a frame keeps its own extent and its roughness
         return [
             np.where(np.isfinite(own) & (own - low > 0.5 * bead), low, own)
             for own, low in zip(heights, lowest_near, strict=True)
@@ -72,7 +72,7 @@ def without_flights(outlines: Sequence[Outline], bead: float) -> list[Outline]:
 
 
 def _apart_from_gaps(height: Array, bead: float) -> Array:
-    """Without what lies next to a gap in the surface: there the border bends down along the thing that hides it."""
+    """Heights without the neighbourhood of a gap: there the border bends along the object that hides the surface."""
     seen = np.flatnonzero(np.isfinite(height))
     if len(seen) == 0:
         return height

@@ -1,7 +1,7 @@
-"""Find the drum in a picture: the circle its inner wall draws, and how fast and which way it turns.
+"""Find the circle of a drum's inner wall in a picture.
 
-A drum seen from its end shows several circles about one axis: flange, front rim, back wall.  Every edge pixel votes
-for the axis along its brightness gradient; the inner wall is the circle that the bed of beads lies in.
+A drum seen from its end shows several concentric circles: flange, front rim, back wall.  Every edge pixel votes for the
+axis along its brightness gradient (Hough transform).  The inner wall is the circle that contains the bed of beads.
 """
 
 from __future__ import annotations
@@ -15,33 +15,33 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array
 
-COARSE = 400  # [px], longer side of the picture in which the axis is voted for
-SPOKES = 240  # directions in which a circle's edge is looked for
-LEAST_SUPPORT = 0.3  # share of the spokes that must meet an edge of the circle
-THIN = 0.045  # of the picture, what is narrower than this is no bed
-NEAR = 0.07  # of the radius, how far the bed may end short of the wall it lies on
+COARSE = 400  # [px], longer side of the reduced picture in which edges vote for the axis
+SPOKES = 240  # directions in which the edge of a circle is searched
+LEAST_SUPPORT = 0.3  # least share of spokes that meet an edge of the circle
+THIN = 0.045  # share of the picture; what is narrower is not a bed
+NEAR = 0.07  # share of the radius by which the bed may end short of the wall
 
 
 @dataclass(frozen=True)
 class Rim:
-    """The circle of the drum's inner wall, in px of the picture that was searched."""
+    """Circle of the drum's inner wall, in px of the picture that was searched."""
 
     centre: tuple[float, float]  # x to the right, y down
     radius: float
-    support: float  # [1], share of the circle along which an edge was seen
-    sigma: float  # one standard deviation of centre and radius
+    support: float  # [1], share of the circle with an edge
+    sigma: float  # standard uncertainty of centre and radius
 
     def inside(self, shape: tuple[int, int], share: float = 1.0) -> npt.NDArray[np.bool_]:
-        """Pixels within `share` of the radius."""
+        """Mask of pixels within `share` of the radius."""
         y, x = np.mgrid[: shape[0], : shape[1]]
         return np.asarray(np.hypot(x - self.centre[0], y - self.centre[1]) < share * self.radius)
 
 
 def find_rim(picture: npt.NDArray[np.float32], moving: npt.NDArray[np.bool_] | None = None) -> Rim | None:
-    """The drum's inner circle in a grey picture of the still scene; None when there is none.
+    """Find the drum's inner circle in a grey picture of the static scene; None if there is none.
 
-    `moving` marks pixels in which the bed is seen to move: its outer border then tells which of several concentric
-    circles is the inner wall; without it the one that is seen most completely is taken.
+    `moving` marks pixels in which the bed moves.  Its outer border selects the inner wall among concentric circles.
+    Without it the circle with the largest support is used.
     """
     zoom = min(1.0, COARSE / max(picture.shape))
     small = cv2.resize(picture, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_AREA)
@@ -64,7 +64,7 @@ def find_rim(picture: npt.NDArray[np.float32], moving: npt.NDArray[np.bool_] | N
 
 
 def rim_of_bed(moving: npt.NDArray[np.bool_]) -> Rim | None:
-    """The circle through the lower border of the moving bed, for a drum whose rim shows no edge."""
+    """Circle through the lower border of the moving bed, for a drum whose rim shows no edge."""
     bed = _largest(moving)
     columns = np.flatnonzero(bed.any(axis=0))
     if len(columns) < 20:
@@ -78,7 +78,7 @@ def rim_of_bed(moving: npt.NDArray[np.bool_]) -> Rim | None:
 
 
 def _largest(marked: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """The largest thick region: bolts that turn with the flange draw a thin ring next to the bed."""
+    """The largest thick region; bolts that turn with the flange leave a thin ring beside the bed."""
     size = max(3, round(THIN * max(marked.shape)) | 1)
     thick = cv2.morphologyEx(
         marked.astype(np.uint8), cv2.MORPH_OPEN, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
@@ -90,7 +90,7 @@ def _largest(marked: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
 
 
 def _axis(picture: npt.NDArray[np.float32]) -> tuple[float, float] | None:
-    """The point that most edge gradients point to or from."""
+    """The point to or from which most edge gradients point."""
     slope_x, slope_y, strength = _gradient(picture)
     height, width = picture.shape
     y, x = np.nonzero(strength > max(float(np.percentile(strength, 80)), 1.0))
@@ -103,10 +103,10 @@ def _axis(picture: npt.NDArray[np.float32]) -> tuple[float, float] | None:
             to_x = np.rint(x + sign * radius * unit_x).astype(np.int64)
             to_y = np.rint(y + sign * radius * unit_y).astype(np.int64)
             inside = (to_x >= 0) & (to_x < width) & (to_y >= 0) & (to_y < height)
-            # a straight edge votes along a strip, a circle into one point: count how many, not how strong
+            # a straight edge votes along a strip, a circle for one point: count votes, regardless of edge strength
             votes += np.bincount(to_y[inside] * width + to_x[inside], minlength=height * width)
     density = cv2.GaussianBlur(votes.reshape(height, width), (0, 0), 2.0)
-    # straight lines and far crowds of edges raise whole regions: what stands out of its surroundings is a centre
+    # straight lines and dense edges raise whole regions; a centre is a local peak above its surroundings
     density = density - cv2.GaussianBlur(density, (0, 0), 12.0)
     row, column = np.unravel_index(int(np.argmax(density)), density.shape)
     top, left = max(int(row) - 4, 0), max(int(column) - 4, 0)
@@ -126,7 +126,7 @@ def _gradient(
 
 
 def _along_spokes(picture: npt.NDArray[np.float32], centre: Array) -> tuple[Array, Array, float]:
-    """Radii [px], the gradient along every spoke, shape (radii, SPOKES), and the picture's edge noise [grey/px]."""
+    """Radii [px], gradient along every spoke, shape (radii, SPOKES), and the edge noise of the picture [grey/px]."""
     slope_x, slope_y, strength = _gradient(picture)
     height, width = picture.shape
     farthest = float(np.hypot(np.maximum(centre[0], width - centre[0]), np.maximum(centre[1], height - centre[1])))
@@ -144,7 +144,7 @@ def _along_spokes(picture: npt.NDArray[np.float32], centre: Array) -> tuple[Arra
 
 
 def _rings(picture: npt.NDArray[np.float32], centre: Array) -> list[Rim]:
-    """Circles about an axis along which many spokes meet an edge, from the inside outwards."""
+    """Circles around an axis with edges on many spokes, from the inside outwards."""
     radii, radial, noise = _along_spokes(picture, centre)
     met = cv2.dilate((np.abs(radial) > noise).astype(np.float32), np.ones((7, 1), np.uint8))
     support = np.asarray(cv2.GaussianBlur(met.mean(axis=1)[:, None], (1, 9), 2.0), dtype=np.float64)[:, 0]
@@ -157,7 +157,7 @@ def _rings(picture: npt.NDArray[np.float32], centre: Array) -> list[Rim]:
 
 
 def _refined(picture: npt.NDArray[np.float32], ring: Rim) -> Rim:
-    """The circle through the edge points near a ring, less those that lie off it."""
+    """Circle fitted to the edge points near a ring, without outliers."""
     radii, radial, noise = _along_spokes(picture, np.array(ring.centre))
     band = np.abs(radii - ring.radius) < max(0.03 * ring.radius, 3.0)
     strength = np.abs(radial[band])
@@ -174,7 +174,7 @@ def _refined(picture: npt.NDArray[np.float32], ring: Rim) -> Rim:
 
 
 def _reach(moving: npt.NDArray[np.bool_], centre: Array) -> float:
-    """How far from the axis the moving bed ends [px]: the median over the directions in which it reaches far out."""
+    """Distance from the axis to the end of the moving bed [px]: 60th percentile over the directions."""
     y, x = np.nonzero(moving)
     away = np.hypot(x - centre[0], y - centre[1])
     sector = np.floor(np.arctan2(y - centre[1], x - centre[0]) / (2 * np.pi) * 72).astype(int) % 72
@@ -183,7 +183,7 @@ def _reach(moving: npt.NDArray[np.bool_], centre: Array) -> float:
 
 
 def _circle_through(x: Array, y: Array) -> tuple[float, float, float, float] | None:
-    """Centre, radius and scatter of the circle closest to most points: algebraic fit (Kasa 1976), reweighted."""
+    """Centre, radius and scatter of a circle: algebraic fit (Kasa 1976), repeated without outliers."""
     keep = np.ones(len(x), dtype=bool)
     solution: Array = np.zeros(3)
     off = np.zeros(len(x))

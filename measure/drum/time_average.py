@@ -1,7 +1,7 @@
-"""Mean of a fluctuating record, with a doubt that knows that neighbouring frames are alike; avalanches.
+"""Mean of a fluctuating, correlated record with its standard error; steady part; avalanches.
 
-A film shows many frames of few independent moments: a standard deviation over the root of the number of frames would
-promise far too much.
+A film shows many frames but few independent moments.  The standard deviation over the root of the number of frames
+would be far too small.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import numpy as np
 
 from rigtwin.lab.arrays import Array
 
-SHORTEST = 8  # frames below which nothing is said of a record's course in time
-JUMP = 3.0  # standard deviations of the steady flow by which a start or an end differs from it
+SHORTEST = 8  # least number of frames for an analysis over time
+JUMP = 3.0  # standard deviations of the steady flow by which a start or an end must differ from it
 FEWEST_AVALANCHES = 3
 
 
@@ -23,9 +23,9 @@ class Mean:
     """Mean over time."""
 
     value: float
-    std_error: float  # widened for the few independent moments behind it: 1.96 of it make 95 %
+    std_error: float  # widened for the few independent moments, so that 1.96 of it cover 95 %
     deviation: float  # standard deviation of one moment
-    independent: float  # how many independent moments the record is worth
+    independent: float  # effective number of independent moments
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Avalanches:
 
 
 def even(time: Array, value: Array) -> Array:
-    """The record at even steps of its median interval, gaps bridged by straight lines."""
+    """The record resampled in steps of its median interval; gaps are filled by linear interpolation."""
     seen = np.isfinite(value)
     step = float(np.median(np.diff(time)))
     moments = np.arange(round((time[-1] - time[0]) / step) + 1) * step + time[0]
@@ -48,10 +48,11 @@ def even(time: Array, value: Array) -> Array:
 
 
 def mean_over_time(time: Array, value: Array) -> Mean:
-    """Mean over time, each moment weighted alike even where frames were dropped.
+    """Mean over time, with equal weight of all moments even where frames were dropped.
 
-    The standard error goes by the integrated correlation time (Sokal 1997, self-consistent window), corrected for the
-    bias that a short record gives it, and is widened by Student's t for the independent moments that are left.
+    `time` and `value` have shape (n,).  The standard error follows from the integrated correlation time (Sokal 1997,
+    self-consistent window), corrected for the bias of a short record, and is widened by Student's t for the effective
+    number of independent moments.
     """
     from scipy.stats import t as student
 
@@ -69,14 +70,14 @@ def mean_over_time(time: Array, value: Array) -> Mean:
     correlation = np.correlate(off, off, "full")[count - 1 :] / (variance * count)
     length = 1.0
     for _ in range(20):
-        # the mean was taken from the record itself, which pulls every correlation down by what the mean is unsure of
+        # the mean comes from the record itself, which lowers every correlation by the variance of that mean
         raised = correlation + (1 - correlation) * min(length / count, 0.4)
         sums = 2 * np.cumsum(raised) - 1
         window = next((k for k in range(1, count) if k >= 3 * max(sums[k], 0.5)), count - 1)
         before, length = length, float(np.clip(sums[window], 1.0, count / 3))
         if abs(length - before) < 1e-3:
             break
-    # a short record of a slow sway: its correlation from one frame to the next says more than its few swings
+    # in a short record of a slow sway the correlation of neighbouring frames says more than its few swings
     neighbours = min(float(correlation[1]) + (1 + 3 * float(correlation[1])) / count, 0.995)
     length = max(length, min((1 + neighbours) / (1 - neighbours), count / 3))
     independent = count / length
@@ -86,10 +87,10 @@ def mean_over_time(time: Array, value: Array) -> Mean:
 
 
 def steady_part(time: Array, value: Array) -> tuple[int, int]:
-    """First and last index of the flow that has settled.
+    """First and last index of the settled flow.
 
     A start or an end belongs to it unless it lies clearly outside the range of the middle of the record: a drum that
-    is set going raises its bed from rest by many standard deviations of its later flow.
+    starts to turn raises its bed from rest by many standard deviations of its later flow.
     """
     from scipy.ndimage import median_filter
 
@@ -104,7 +105,7 @@ def steady_part(time: Array, value: Array) -> tuple[int, int]:
     first, last = 0, len(level) - 1
     if outside[: len(level) // 3].any():
         start = int(np.flatnonzero(outside[: len(level) // 3])[-1])
-        # from there on to where the flow first comes to its usual level
+        # from there to the first time at which the flow has its usual level
         reached = np.flatnonzero(np.abs(level[start:] - float(np.median(middle))) < spread)
         first = start + int(reached[0]) if len(reached) else start
     tail = len(level) - len(level) // 5
@@ -114,17 +115,17 @@ def steady_part(time: Array, value: Array) -> tuple[int, int]:
 
 
 def find_avalanches(time: Array, angle: Array, turning: float | None) -> Avalanches | str:
-    """Avalanches in the surface's angle [deg] over time, or in words why there are none to be told.
+    """Avalanches in the surface's angle [deg] over time, or the reason why none can be reported.
 
-    Between two avalanches the bed turns with the drum, by `turning` [deg/s] where it is known, and slides back much
-    faster than it rose.
+    Between two avalanches the bed turns with the drum, by `turning` [deg/s] where it is known, and then slides back
+    much faster than it rose.
     """
     from scipy.ndimage import gaussian_filter1d
     from scipy.signal import find_peaks
 
     seen = np.isfinite(angle)
     if np.sum(seen) < 4 * SHORTEST:
-        return f"the surface is seen in {np.sum(seen)} frames only, {4 * SHORTEST} are needed"
+        return f"the surface is seen in only {np.sum(seen)} frames, {4 * SHORTEST} are needed"
     step = float(np.median(np.diff(time)))
     level = even(time[seen], angle[seen])
     noise = float(np.std(np.diff(level, 2))) / math.sqrt(6)
@@ -135,7 +136,7 @@ def find_avalanches(time: Array, angle: Array, turning: float | None) -> Avalanc
         few = f"the angle has {len(tops)} clear maxima, {FEWEST_AVALANCHES} are needed"
         return f"{few}; a longer record may have them, unless the surface flows steadily"
     bottoms = np.array([a + int(np.argmin(smooth[a:b])) for a, b in zip(tops, [*tops[1:], len(smooth)], strict=True)])
-    # the last slide may not be over yet
+    # the last slide may be incomplete
     falls = (bottoms[:-1] - tops[:-1]) * step
     rises = (tops[1:] - bottoms[:-1]) * step
     gained = smooth[tops[1:]] - smooth[bottoms[:-1]]

@@ -1,3 +1,5 @@
+"""Evaluate a discharge from what is left in the hopper over time: times, flow rate, residue, uncertainty budgets."""
+
 from __future__ import annotations
 
 import math
@@ -10,52 +12,87 @@ from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Quantity, doubted, root_sum_of_squares
 from rigtwin.lab.records import Series
 
-STEADY = (0.2, 0.8)  # of what leaves, the part over which the flow is steady
+STEADY = (0.2, 0.8)  # shares of what leaves between which the flow is steady
 
-# of the time between two values, in which an instant lies anywhere: 1.96 of it make 95 % of that time.  Its standard
-# deviation, 1 / sqrt 12 of it, would make intervals that hold the truth always
+# Standard uncertainty of an instant between two values, as a share of their interval.  It is chosen so that +-1.96 of
+# it cover 95 % of the interval; the standard deviation, 1 / sqrt 12, would make intervals that always contain the
+# truth.
 WITHIN = 0.95 / (2 * 1.96)
 
 CUT = "end of the record"
 
 CUT_SHORT = (
-    "beads still leave at the end of the record, so that the discharge lasts longer than told (a lower bound) and the "
-    "empty hopper is not seen; a longer record shows it"
+    "beads still leave at the end of the record, so the discharge lasts longer than stated (a lower bound) and the "
+    "empty hopper is not seen; give a longer record"
 )
 
-UNKNOWN_SHARE = 1 / math.sqrt(12)  # standard deviation of a share of which nothing is known
+UNKNOWN_SHARE = 1 / math.sqrt(12)  # standard deviation of an unknown share, uniform between 0 and 1
 
-TAIL = 0.02  # of the discharge, without a loss at the record's end, from which on the flow has stopped
+TAIL = 0.02  # share of the discharge time without a loss at the record's end after which the flow has stopped
 
-LASTING = 5  # values by most of which what was there is told: something may pass in one
+LASTING = 5  # values over which the median is taken: something may pass in one of them
 
-REFILL = 0.1  # share of the filling, by which it must: light and codec change the bed's area by some hundredths
+REFILL = 0.1  # least rise, as a share of the filling: light and codec change the bed's area by some hundredths
 
-BINS = 6  # parts of the steady flow whose rates are compared
+BINS = 6  # parts of the steady flow whose rates give its scatter
 
-STAYS = 0.7  # of the bed, above which no discharge is seen
+STAYS = 0.7  # share of the bed left at the end above which there was no discharge
 
-RESIDUE = 0.02  # share of the bed that may stay behind before it is worth a warning
+RESIDUE = 0.02  # residue above which the check fails
 
-AT_ENDS = 0.25  # of that, where little has loosened yet, and where little is left
+AT_ENDS = 0.25  # area uncertainty near the ends over that of the whole: little has loosened, or little is left
 
 
 @dataclass(frozen=True)
 class Instant:
-    """A moment found, with its doubt."""
+    """An instant with its uncertainty budget."""
 
     time: float  # [s]
-    budget: dict[str, float]  # [s]
+    budget: dict[str, float]  # [s], named standard uncertainties
     method: str
     doubtful: str = ""
 
 
 def evaluate(left: Series, *, total_mass: float | None = None, opened: float | None = None) -> Evaluation:
-    """Quantities of a discharge from what is left in the hopper over time, filmed or simulated.
+    """Evaluate a discharge from what is left in the hopper over time, filmed or simulated.
 
-    `left` is a fraction, a mass [kg] or a number of particles, falling over time; a particle counts as left until its
-    centre is one radius below the outlet.  `total_mass` [kg] of the filling; `opened` [s], without it the first loss
-    counts as the opening.  Raises `NothingToMeasure` when nothing leaves.
+    Parameters
+    ----------
+    left : Series
+        What is left at each time [s]: a fraction, a mass [kg] or a number of particles, decreasing.  A particle counts
+        as left until its centre is one radius below the outlet.
+    total_mass : float, optional
+        Mass of the filling [kg].
+    opened : float, optional
+        Time of the opening [s]; without it the first loss counts as the opening.
+
+    Returns
+    -------
+    Evaluation
+        ``opening_time``, ``last_particle_time``, ``discharge_time``, ``discharge_time_5_95`` [s], a flow rate and
+        ``residue_fraction`` [1].  The rate is ``mass_flow_rate`` [kg/s] where a mass is known, else
+        ``discharged_fraction_rate`` or ``particle_flow_rate`` [1/s].
+
+    Raises
+    ------
+    BadInput
+        If the mass is not positive, or the series is too short, not in order, or begins empty.
+    NothingToMeasure
+        If most of the filling is left at the end, or the last particle leaves before the opening.
+
+    Notes
+    -----
+    The flow rate is the slope of a line fitted between 20 and 80 % of what leaves.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rigtwin.lab.records import Series
+    >>> time = np.arange(0, 3, 0.01)
+    >>> left = Series(time, np.clip(1 - (time - 0.5) / 2, 0, 1), "mass_left", "kg")
+    >>> found = {one.quantity: round(one.value, 2) for one in evaluate(left, opened=0.5).quantities}
+    >>> found["discharge_time"], found["mass_flow_rate"]
+    (2.0, 0.5)
     """
     if total_mass is not None and not (math.isfinite(total_mass) and total_mass > 0):
         raise BadInput(f"hopper: total mass must be positive, got {total_mass:g}.")
@@ -79,7 +116,7 @@ def evaluate_discharge(
     if opened is None:
         first = int(np.argmax(share < 1 - 1e-9 - 3 * _noise(share)))
         opened = Instant(float(time[first]), {"time step": WITHIN * _step(time)}, "first loss")
-        warnings.append("opening: not known, the first particle's leaving was taken for it; give the time of opening.")
+        warnings.append("opening: not known, so the first loss was taken as the opening; give the time of opening.")
     if last is None:
         last = _last_loss(time, share)
     if not last.time > opened.time:
@@ -100,10 +137,10 @@ def evaluate_discharge(
     quantities += rates
     if len(rates) == 1:
         warnings.append(
-            "flow rate: none given, for too few frames show the steady flow; a higher rate or a longer flow shows more."
+            "flow rate: not given, because too few values lie in the steady flow; give more values per second."
         )
     elif rates[1].quantity != "mass_flow_rate":
-        warnings.append(f"mass flow rate: none given, but a {rates[1].quantity.replace('_', ' ')}; give --total-mass.")
+        warnings.append(f"mass flow rate: not given, only a {rates[1].quantity.replace('_', ' ')}; give --total-mass.")
     share_doubt = UNKNOWN_SHARE if cut else max(area_doubt * stays, 0.003 if area_doubt else 0.0)
     remains = Quantity("residue_fraction", stays, share_doubt, "1", CUT, doubtful=CUT_SHORT if cut else "")
     quantities.append(remains)
@@ -114,12 +151,12 @@ def evaluate_discharge(
     doubt = "; ".join(dict.fromkeys(text for text in doubts if text))
     if doubt:
         quantities = [replace(one, doubtful=doubt) if one.unit == "s" else one for one in quantities]
-    told = with_times_doubted(tuple(quantities), failed_message(falling))
-    return Evaluation(told, tuple(checks), tuple(warnings))
+    marked = with_times_doubted(tuple(quantities), failed_message(falling))
+    return Evaluation(marked, tuple(checks), tuple(warnings))
 
 
 def _still_flows(time: Array, share: Array, lasted: float) -> bool:
-    """Whether a record that does not end empty ends with its last loss: nothing tells that no other follows."""
+    """Whether the record ends while particles are still leaving."""
     if share[-1] <= 1e-9 + 3 * _noise(share):
         return False
     end = float(np.median(share[-3:]))
@@ -139,7 +176,7 @@ def _emptied_check(stays: float, cut: bool) -> Check:
 
 
 def _falling_check(time: Array, share: Array) -> Check:
-    """Whether beads only leave."""
+    """Check that beads only leave."""
     from scipy.ndimage import median_filter
 
     lasting = np.asarray(median_filter(share, LASTING, mode="nearest"))
@@ -150,45 +187,45 @@ def _falling_check(time: Array, share: Array) -> Check:
         return Check("only_falls", True, rise, 0.0, "what is left in the hopper only falls.")
     message = (
         f"what is left in the hopper rises by {100 * rise:.0f} % of the filling until {time[worst]:.3f} s, but beads "
-        "do not come back: the record is joined, or the hopper was filled again; give one discharge (--start, --end)."
+        "do not return: the record is joined, or the hopper was filled again; give one discharge (--start, --end)."
     )
     return Check("only_falls", False, rise, 0.0, message)
 
 
 def _within_check(middle: Quantity, lasted: float) -> Check:
-    """Whether what leaves does so between the opening and the last particle."""
+    """Check that most of the flow lies between the opening and the last particle."""
     passed = middle.value < lasted + 2 * middle.std_uncertainty
     message = (
         f"the middle 90 % leaves in {middle.value:.3f} s of the {lasted:.3f} s from the opening to the last particle"
     )
-    ending = "." if passed else ", which cannot be: is this a hopper, seen from before its opening until it is empty?"
+    ending = "." if passed else ", which cannot be: is this a hopper, filmed from before its opening until it is empty?"
     return Check("flow_within", passed, middle.value / lasted if lasted > 0 else math.inf, 0.9, message + ending)
 
 
 def _share_left(left: Series) -> tuple[Array, Array, float]:
-    """Time, share that is left, and the full value."""
+    """Time [s], share left and full value."""
     time, value = np.asarray(left.time, dtype=np.float64), np.asarray(left.value, dtype=np.float64)
     if time.shape != value.shape or len(time) < 5:
         raise BadInput(
             f"{_named(left)}: needs at least five times, each with one value; got {len(time)}, {len(value)}."
         )
     if not np.all(np.isfinite(time)) or not np.all(np.diff(time) > 0):
-        raise BadInput(f"{_named(left)}: time does not rise from value to value; sort the series.")
+        raise BadInput(f"{_named(left)}: time does not increase from value to value; sort the series.")
     seen = np.isfinite(value)
     if seen.sum() < 5:
-        raise BadInput(f"{_named(left)}: holds fewer than five finite values.")
+        raise BadInput(f"{_named(left)}: contains fewer than five finite values.")
     value = np.interp(time, time[seen], value[seen])
     full = float(np.median(value[: max(3, len(value) // 50)]))
     if not full > 0:
-        raise BadInput(f"{_named(left)}: begins at {full:g}; give what is left from before the opening on.")
+        raise BadInput(f"{_named(left)}: begins at {full:g}; give what is left from before the opening.")
     if float(value[-1]) > STAYS * full:
         percent = 100 * float(value[-1]) / full
         tail = value[-max(5, len(value) // 10) :]
         stopped = float(np.ptp(tail)) <= max(1e-9, 6 * _noise(value))
         advice = (
-            "nothing leaves any more: beads arch over the outlet, or it was not opened; take a wider outlet"
+            "nothing leaves any more: beads arch over the outlet, or it was not opened; use a wider outlet"
             if stopped
-            else "beads still leave; give a record that goes on until the flow has stopped"
+            else "beads still leave; give a record that lasts until the flow has stopped"
         )
         raise NothingToMeasure(f"{_named(left)}: {percent:.0f} % is still left at the end and {advice}.")
     return time, value / full, full
@@ -215,7 +252,7 @@ def _last_loss(time: Array, share: Array) -> Instant:
     if len(above) == 0:
         raise NothingToMeasure("hopper: nothing leaves in this record.")
     k = min(int(above[-1]), len(time) - 2)
-    # a counted record loses its last particle somewhere between these two values
+    # a counted record loses its last particle at an unknown time between these two values
     middle, step = (time[k] + time[k + 1]) / 2, time[k + 1] - time[k]
     return Instant(float(middle), {"time step": WITHIN * float(step)}, "last loss")
 
@@ -227,7 +264,7 @@ def _instant(name: str, found: Instant) -> Quantity:
 
 
 def _discharge(opened: Instant, last: Instant) -> Quantity:
-    # an exposure that lies late in its frame's interval moves both ends alike
+    # the position of the exposure within the frame interval shifts both ends alike
     shared = ("exposure",)
     budget = {f"opening: {part}": value for part, value in opened.budget.items() if part not in shared}
     budget |= {f"last particle: {part}": value for part, value in last.budget.items() if part not in shared}
@@ -246,7 +283,7 @@ def _discharge(opened: Instant, last: Instant) -> Quantity:
 def _rates(
     time: Array, share: Array, full: float, unit: str, total_mass: float | None, area_doubt: float
 ) -> list[Quantity]:
-    """Steady rate of flow, and the time from 5 to 95 %, which no straggler can stretch."""
+    """Steady flow rate, and the time from 5 to 95 %, which does not depend on stragglers."""
     gone = 1 - np.minimum.accumulate(share)
     final = float(gone[-1])
 
@@ -292,10 +329,10 @@ def _rates(
 
 
 def failed_message(check: Check | str) -> str:
-    """What a check says against the numbers; nothing where it passed or could not be made."""
+    """Message of a failed check; empty if it passed or could not be made."""
     return check.message if isinstance(check, Check) and not check.passed else ""
 
 
 def with_times_doubted(quantities: tuple[Quantity, ...], why: str) -> tuple[Quantity, ...]:
-    """What is counted in seconds hangs on the clip's clock, and on a slot and beads that are seen."""
+    """Mark quantities in seconds or per second as doubtful: they depend on the clip's clock and on the visible slot."""
     return tuple(doubted(one, why) if "s" in one.unit.split("/") else one for one in quantities)

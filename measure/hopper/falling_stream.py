@@ -1,9 +1,10 @@
-"""How beads that stream from a slot move on their way down: a clock in the picture, for gravity is known.
+"""Motion of the beads that stream from a slot, by cross-correlation; gravity makes it a clock in the picture.
 
-Between two frames what is at one height moves down by a shift, by a larger one the lower it is.  The correlations of
-all pairs of frames are summed for every height before the usual shift is read (ensemble correlation, see `piv`): so it
-is seen where frames are too few to follow one bead.  Along free fall its square grows evenly: v^2 = v0^2 + 2 g y.
-Beads pass a height always about as fast: where all of them move twice as far between two frames, one is missing there.
+Between two frames the pattern at one height moves down by a shift, which is larger further down.  The correlations of
+all pairs of frames are summed for every height before the usual shift is read (ensemble correlation, see `piv`).  This
+works even if the frame rate is too low to follow single beads.  In free fall the square of the speed increases
+linearly: v^2 = v0^2 + 2 g y.  Beads pass a given height always about as fast, so a step in which all of them move twice
+as far means that a frame is missing.
 """
 
 from __future__ import annotations
@@ -21,58 +22,58 @@ from rigtwin.lab.arrays import Array, GreyImage
 from rigtwin.measure.bulk.piv import vertex
 from rigtwin.measure.hopper.free_fall_clock import BEGINS, LEAST_FALL, FreeFall
 
-FINE = 12.0  # [px], a bead's diameter in the picture that is correlated: finer ones tell no more
-WINDOW = 1.5  # bead diameters, height of what is sought in the next frame
-APART = 0.5  # bead diameters between two heights
-BEADS = 3.0  # times the noise, standard deviation of a window that shows beads
-FEWEST_PAIRS = 5  # of frames at one height
-FEWEST_ROWS = 4  # heights that show a fall
-STANDS_OUT = 0.25  # of a correlation, by which its peak must stand out: shifts of other beads reach half of that
-AS_ALIKE = 0.8  # of the best height's correlation: where beads land, or still push each other, frames are less alike
-# relative, of its acceleration: beads of a dense stream still touch, hit each other and drag air along
+FINE = 12.0  # [px], bead diameter in the picture that is correlated; a finer one gives no better result
+WINDOW = 1.5  # [bead diameters], height of the pattern that is searched in the next frame
+APART = 0.5  # [bead diameters], distance of neighbouring heights
+BEADS = 3.0  # least standard deviation of a pattern over the noise
+FEWEST_PAIRS = 5  # least number of pairs of frames at one height
+FEWEST_ROWS = 4  # least number of heights for a fall
+STANDS_OUT = 0.25  # least height of a correlation peak above the median: shifts of other beads reach half of that
+AS_ALIKE = 0.8  # least peak over that of the best height: it is lower where beads land or still push each other
+# relative standard uncertainty of the acceleration: beads of a dense stream still touch, collide and drag air along
 NOT_FREE = 0.1
-# heights that must show two frames' step: windows overlap so that this many are all different
+# least number of heights that show the step of two frames: windows overlap, and so many are independent
 ROWS = 3
-SURE = 0.4  # mean correlation of a step that is believed
-AS_GOOD = 0.05  # below that of the best step, up to which a smaller one may be meant as well
-STILL = 0.35  # usual steps, below which nothing falls: what lies there, or is in front, looks alike without a step
-PACES = np.arange(0.0, 4.01, 0.1)  # frames between two pictures that are tried
+SURE = 0.4  # least mean correlation of a step
+AS_GOOD = 0.05  # correlation below that of the best step within which a smaller step is preferred
+STILL = 0.35  # [usual steps], below which nothing falls: what lies or stands there correlates without a shift
+PACES = np.arange(0.0, 4.01, 0.1)  # [frames], tried as the time between two pictures
 
 
 @dataclass(frozen=True)
 class Usual:
-    """The step that beads take between two usual frames."""
+    """Shift of the beads between two regular frames, by height."""
 
-    row: npt.NDArray[np.intp]  # [px] below the slot, where it begins
+    row: npt.NDArray[np.intp]  # [px] below the slot, where the shift begins
     shift: Array  # [px]
     acceleration: float  # [px/frame^2]
-    doubt: float  # relative, of that
+    doubt: float  # relative standard uncertainty of the acceleration
 
     def after(self, frames: Array) -> Array:
-        """[px], how far beads go within so many frames, shape (rows, frames)."""
+        """Distance that beads move within so many frames [px], shape (rows, frames)."""
         drawn_apart = self.acceleration * (frames**2 - frames) / 2
         return np.asarray(self.shift[:, None] * frames + drawn_apart)
 
 
 class Stream:
-    """What falls below a slot, seen in pairs of neighbouring frames."""
+    """What falls below a slot, in pairs of neighbouring frames."""
 
     def __init__(self, bead: float, noise: float) -> None:
-        """`bead` [px] is a diameter, `noise` [grey levels]."""
+        """`bead` is a diameter [px], `noise` in grey levels."""
         self._zoom = min(1.0, FINE / bead)
         self._bead = bead * self._zoom
         self._high = max(round(WINDOW * self._bead), 6)
         self._least = BEADS * noise
-        # correlation by shift, of every row; as halves, for a long film has thousands of pairs
+        # correlation by shift, of every row; half precision, because a long film has thousands of pairs
         self._pairs: list[dict[int, npt.NDArray[np.float16]]] = []
-        # the same, sums and numbers of pairs, over the steady flow
+        # sums and numbers of pairs over the steady flow
         self._sums: defaultdict[int, Array] = defaultdict(lambda: np.zeros(1))
         self._counts: Counter[int] = Counter()
 
     def add(self, before: GreyImage, after: GreyImage, *, steady: bool) -> None:
-        """The next frame and the one before: how much pixels from the slot on downwards differ from the empty hopper.
+        """Add the previous and the current frame, as differences from the empty hopper from the slot downwards.
 
-        `steady`: whether beads flow steadily and no time is missing between the two.
+        `steady`: whether beads flow steadily and no frame is missing between the two.
         """
         before, after = self._smaller(before), self._smaller(after)
         height, reach = before.shape
@@ -80,7 +81,7 @@ class Stream:
         for row in np.arange(BEGINS * self._bead, height - self._high - 3, APART * self._bead).astype(int).tolist():
             sought = before[row : row + self._high]
             if float(sought.std()) > self._least:
-                # beads that fall by more than the slot's width between two frames are too much torn apart to be known
+                # beads that fall further than the slot's width between two frames separate too much to be recognised
                 where = after[row : row + self._high + reach]
                 alike = cv2.matchTemplate(where, sought, cv2.TM_CCOEFF_NORMED)
                 pair[row] = np.asarray(alike[:, 0], dtype=np.float16)
@@ -90,7 +91,7 @@ class Stream:
         self._pairs.append(pair)
 
     def fall(self, interval: float) -> FreeFall | None:
-        """The acceleration [px/s^2] of frames `interval` [s] apart, None where too little is seen of it."""
+        """Acceleration [px/s^2] for frames `interval` [s] apart; None if too little is seen."""
         usual = self._usual
         if usual is None:
             return None
@@ -98,9 +99,10 @@ class Stream:
         return FreeFall(acceleration, acceleration * math.hypot(usual.doubt, NOT_FREE))
 
     def frames_between(self) -> Array:
-        """How many usual steps beads take from each picture to the next; NaN where too few are seen.
+        """Number of usual steps from each picture to the next, shape (pairs,); NaN if too few beads are seen.
 
-        Of those that fit alike the least: beads nearer to each other than they move look as if they had moved less.
+        Of equally good steps the smallest is taken.  Beads nearer to each other than their shift cannot be
+        distinguished, so the true step may be larger.
         """
         usual = self._usual
         if usual is None:
@@ -110,7 +112,7 @@ class Stream:
 
     @cached_property
     def _usual(self) -> Usual | None:
-        """Of all pairs: to be asked for when the last one is added."""
+        """Usual shift over all pairs; read it only after the last pair was added."""
         from scipy.stats import theilslopes
 
         means = {row: self._sums[row] / count for row, count in self._counts.items() if count >= FEWEST_PAIRS}
@@ -121,7 +123,7 @@ class Stream:
             return None
         row, shift = seen.T
         halfway = row + shift / 2
-        # a height at which other beads were matched must not bend the line: median of all slopes
+        # median of all slopes: robust against heights at which other beads were matched
         slope, _, low, high = theilslopes(shift**2, halfway, 0.68)
         if np.ptp(halfway) < LEAST_FALL * self._bead or low <= 0:
             return None
@@ -136,7 +138,7 @@ class Stream:
 
 
 def _peak(mean: Array) -> tuple[float, float] | None:
-    """Shift [px] and height of a correlation's peak, None where none stands out or nothing moves."""
+    """Shift [px] and height of a correlation's peak; None if no peak stands out or nothing moves."""
     peak = int(np.argmax(mean))
     if not 0 < peak < len(mean) - 1 or mean[peak] < np.median(mean) + STANDS_OUT:
         return None
@@ -144,7 +146,7 @@ def _peak(mean: Array) -> tuple[float, float] | None:
 
 
 def _frames(pair: dict[int, npt.NDArray[np.float16]], rows: npt.NDArray[np.intp], way: Array) -> float:
-    """The fewest of `PACES` over whose way, [px] of shape (rows, paces), a pair's rows are alike."""
+    """The smallest of `PACES` at whose shifts `way`, shape (rows, paces) [px], the rows of a pair correlate."""
     curves = [
         np.interp(at, np.arange(len(pair[row])), pair[row], right=math.nan)
         for row, at in zip(rows.tolist(), way, strict=True)

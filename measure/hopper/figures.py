@@ -1,4 +1,4 @@
-"""What a measured discharge looks like: annotated video, still, plot of what is left over time, the record as CSV."""
+"""Figures of a hopper measurement: annotated video, still, plot of what is left over time, the record as CSV."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def write_pictures(
     scale: float | None,
     progress: Progress,
 ) -> dict[str, Path]:
-    """Write overlay, still, plot and the record into `out`; returns what was written."""
+    """Write overlay, still, plot and record into `out`; return the paths by kind."""
     out.mkdir(parents=True, exist_ok=True)
     stem = measurement.source.stem
     files = {name: out / f"{stem}-{name}{ending}" for name, ending in (("overlay", ".mp4"), ("still", ".png"))}
@@ -61,7 +61,7 @@ def _write_video(
     )
     moments = {moment.index: moment for moment in seen.moments}
     row = seen.scenery.slot.row
-    # high-speed clips are shown slowly, as one wants to see them
+    # high-speed clips are played slowly
     with drawing.OverlayVideo(path, frame_rate=min(video.playback_rate or 30.0, 30.0)) as written:
         for frame in video.frames():
             picture = frame.colour.copy()

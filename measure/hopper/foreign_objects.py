@@ -1,8 +1,8 @@
-"""What passes in front of a hopper: neither the hopper, full or empty, nor the slide, nor beads.
+"""Find foreign objects in front of a hopper: not the hopper, full or empty, nor the slide, nor beads.
 
-Close about the bed nothing moves: what differs there from before and after is a hand, whatever its colour.  In front of
-bed and slot each place shows what it showed at first, what it shows at the end, a bead, or a mixture of two of these
-where an edge runs or something moves: a colour that is none of them is foreign.
+Close around the bed nothing moves.  What differs there from before and after is a hand, whatever its colour.  In front
+of bed and slot each pixel shows its first colour, its last colour, a bead, or a mixture of two of these at an edge or
+in motion.  A colour that is none of them is foreign.
 """
 
 from __future__ import annotations
@@ -16,47 +16,47 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import FloatImage, Image, Mask
 
-ACROSS = 6.0  # px across a bead are enough to see a hand
-UNLIKE = 15.0  # [grey levels], least difference to all that a place may show
-CLEAR = 6.0  # times the noise, likewise
-TONES = ((0.0, 0.1), (0.45, 0.55), (0.9, 1.0))  # of a bed's pixels by brightness: gaps and shadows, beads, highlights
-COLOURS = 6  # most kinds of beads in a bed that are told apart
-RARE = 0.05  # share of a bed that may be off its tones before beads of another colour are looked for
-SOFT = 0.4  # bead diameters, as far as the border of a hand may be too faint to be told
-LEAST = 5.0  # bead discs that a hand covers at least, its border included; a codec's mistakes are smaller
-ABOUT = (1.0, 3.0)  # bead diameters from the bed, between which nothing moves
-OVER_SLIDE = 0.5  # bead diameters above the slot's level, as low as that is so
-LEAST_CROSSING = 1.5  # bead discs of it that a hand on its way to the bed hides at least
+ACROSS = 6.0  # [px], bead diameter in the reduced picture, enough to detect a hand
+UNLIKE = 15.0  # [grey levels], least difference from all that a pixel may show
+CLEAR = 6.0  # the same in multiples of the noise
+TONES = ((0.0, 0.1), (0.45, 0.55), (0.9, 1.0))  # shares of a bed's pixels by brightness: gaps, beads, highlights
+COLOURS = 6  # largest number of bead colours in a bed
+RARE = 0.05  # share of a bed that may deviate from its tones before another bead colour is added
+SOFT = 0.4  # [bead diameters], width of the border of a hand that may be too faint to detect
+LEAST = 5.0  # [bead discs], least area of a hand with its border; artefacts of a codec are smaller
+ABOUT = (1.0, 3.0)  # [bead diameters], distances from the bed between which nothing moves
+OVER_SLIDE = 0.5  # [bead diameters] above the slot's level, lower end of that region
+LEAST_CROSSING = 1.5  # [bead discs], least area of it that a hand on its way to the bed hides
 
 
 @dataclass(frozen=True)
 class Usual:
-    """What each place of the picture may show while the hopper empties, made smaller."""
+    """Colours that each pixel may show while the hopper empties, at reduced size."""
 
     first: FloatImage  # BGR, shape (height, width, 3)
     last: FloatImage
-    mostly: FloatImage  # grey, shape (height, width, 1): of most frames, where nothing moves
-    tones: FloatImage  # of each colour of beads, from dark to bright, shape (colours, 3, 3)
-    about: Mask  # where nothing moves though it is close to the bed
-    zoom: float  # px of these per px of the picture
-    level: float  # [grey levels], from which on a place shows none of it
-    bead: float  # [px], diameter of a bead
+    mostly: FloatImage  # grey, shape (height, width, 1): median frame, for pixels where nothing moves
+    tones: FloatImage  # of each bead colour, from dark to bright, shape (colours, 3, 3)
+    about: Mask  # pixels close to the bed where nothing moves
+    zoom: float  # pixels of these images per pixel of the picture
+    level: float  # [grey levels], difference above which a pixel shows something else
+    bead: float  # [px], bead diameter
 
     def shown(self, picture: Image) -> FloatImage:
-        """A picture of the size of these."""
+        """The picture at reduced size."""
         return _smaller(picture, self.zoom)
 
     def mask(self, small: npt.NDArray[np.uint8], shape: tuple[int, ...]) -> Mask:
-        """As large as the picture."""
+        """A mask at reduced size, enlarged to the picture."""
         return np.asarray(cv2.resize(small, (shape[1], shape[0]), interpolation=cv2.INTER_NEAREST) > 0)
 
 
 def usual_sight(
     full: Image, empty: Image, mostly: FloatImage, bed: Mask, *, slot_row: float, bead: float, noise: float
 ) -> Usual:
-    """Of a hopper before and after and, grey, in most frames; `bed` marks where beads are in `full`.
+    """Usual colours of a hopper, from pictures before, after and, in grey, of most frames.
 
-    `slot_row` and the `bead`'s diameter are in px, `noise` is that of one frame [grey levels].
+    `bed` marks beads in `full`.  `slot_row` and the diameter `bead` are in px, `noise` in grey levels.
     """
     core = cv2.erode(bed.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     near, far = (cv2.dilate(bed.astype(np.uint8), _round(each * bead)) > 0 for each in ABOUT)
@@ -71,14 +71,14 @@ def usual_sight(
 
 
 def crosses(picture: Image, usual: Usual) -> bool:
-    """Whether something is on its way between the bed and what is around it."""
+    """Whether something is between the bed and its surroundings."""
     if not usual.about.any():
         return False
     shown = usual.shown(picture)
     grey = np.asarray(cv2.cvtColor(shown, cv2.COLOR_BGR2GRAY), np.float32)[..., None]
     passing = np.minimum(_off(shown, usual.first), _off(shown, usual.last))
     for off in (passing, _off(grey, usual.mostly)):
-        # a lamp that flickers moves all pixels alike
+        # flicker of the light changes all pixels alike
         level = usual.level + float(np.median(off[usual.about]))
         found = _opened(off > level)[usual.about].sum()
         if found > LEAST_CROSSING * np.pi / 4 * usual.bead**2:
@@ -87,13 +87,13 @@ def crosses(picture: Image, usual: Usual) -> bool:
 
 
 def foreign(picture: Image, usual: Usual) -> Mask:
-    """Where something else is in front, its soft border included."""
+    """Mask of foreign objects in front, with their soft borders."""
     shown = usual.shown(picture)
-    # most places show what they showed before
+    # most pixels show what they showed before
     off = np.minimum(_off(shown, usual.first), _off(shown, usual.last))
     level = usual.level + float(np.median(off))
-    asked = off > level
-    off[asked] = _off_mixtures(shown[asked], usual.first[asked], usual.last[asked], usual.tones)
+    unusual = off > level
+    off[unusual] = _off_mixtures(shown[unusual], usual.first[unusual], usual.last[unusual], usual.tones)
     found = cv2.dilate(_opened(off > level), _round(SOFT * usual.bead))
     _, labels, stats, _ = cv2.connectedComponentsWithStats(found, connectivity=8)
     large = stats[:, cv2.CC_STAT_AREA] > LEAST * np.pi / 4 * usual.bead**2
@@ -102,16 +102,16 @@ def foreign(picture: Image, usual: Usual) -> Mask:
 
 
 def _as_many_as_needed(tones: FloatImage, full: FloatImage, empty: FloatImage, bed: Mask, level: float) -> FloatImage:
-    """Tones of each colour of beads, so that the bed before the empty hopper is nothing foreign."""
+    """Tones of as many bead colours as needed so that the bed before the empty hopper contains nothing foreign."""
     beads = full[bed & (_off(full, empty) > level)]
-    # beads of one colour differ in how much light they get; what is left without the mean is the colour
+    # beads of one colour differ in brightness; subtracting the mean leaves the hue
     hues = beads - beads.mean(axis=1, keepdims=True)
     for count in range(2, min(COLOURS, len(beads)) + 1):
         strange = np.zeros_like(bed)
         strange[bed] = _off_mixtures(full[bed], empty[bed], empty[bed], tones) > level
         if _opened(strange).sum() <= RARE * bed.sum():
             break
-        cv2.setRNGSeed(count)  # the same film gives the same tones
+        cv2.setRNGSeed(count)  # reproducible
         stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 30, 0.5)
         _, kinds, _ = cv2.kmeans(hues, count, np.empty(0), stop, 3, cv2.KMEANS_PP_CENTERS)
         tones = np.stack([_tones(beads[kinds[:, 0] == kind]) for kind in np.unique(kinds)])
@@ -119,14 +119,14 @@ def _as_many_as_needed(tones: FloatImage, full: FloatImage, empty: FloatImage, b
 
 
 def _tones(colours: FloatImage) -> FloatImage:
-    """Of beads of one colour, from dark to bright, shape (3, 3)."""
+    """Tones of beads of one colour, from dark to bright, shape (3, 3)."""
     rising = colours[np.argsort(colours.sum(axis=1))]
     parts = [rising[int(low * len(rising)) : int(high * len(rising)) + 1] for low, high in TONES]
     return np.stack([part.mean(axis=0) for part in parts])
 
 
 def _off_tones(shown: FloatImage, tones: FloatImage) -> FloatImage:
-    """How far colours, shape (n, 3), are from those of beads, of one or where two of them meet."""
+    """Distance of colours, shape (n, 3), from those of beads, of one tone or a mixture of two."""
     pairs = [pair for kind in tones for pair in pairwise(kind)]
     pairs += [(one, other) for kinds in combinations(tones, 2) for one, other in product(*kinds)]
     return np.asarray(np.min([_off_mixture(shown, *pair) for pair in pairs], axis=0), dtype=np.float32)
@@ -143,17 +143,17 @@ def _round(radius: float) -> npt.NDArray[np.uint8]:
 
 
 def _opened(marked: Mask) -> npt.NDArray[np.uint8]:
-    """Without lone pixels and thin edges."""
+    """The mask without single pixels and thin edges."""
     return np.asarray(cv2.morphologyEx(marked.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)), np.uint8)
 
 
 def _off(shown: FloatImage, other: FloatImage) -> FloatImage:
-    """Largest difference of the colours."""
+    """Largest difference over the colour channels."""
     return np.asarray(np.abs(shown - other).max(axis=-1), dtype=np.float32)
 
 
 def _off_mixtures(shown: FloatImage, first: FloatImage, last: FloatImage, tones: FloatImage) -> FloatImage:
-    """How far colours, shape (n, 3), are from all mixtures of two things that these places may show."""
+    """Distance of colours, shape (n, 3), from all mixtures of two things that these pixels may show."""
     least = _off_mixture(shown, first, last)
     for tone in tones.reshape(-1, 3):
         for scene in (first, last):

@@ -1,4 +1,4 @@
-"""How fast beads leave an outlet and fall from it: a clock in the picture, for gravity is known."""
+"""Check the frame rate by the beads that leave an outlet and fall: their acceleration is that of gravity."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from rigtwin.lab.quantity import Check
 from rigtwin.lab.rigs import GRAVITY
 
 LEAST_FRAMES = 5
-BEGINS = 1.0  # bead diameters below the outlet: a bead that is wholly out of it is held by nothing
-LEAST_FALL = 1.5  # bead diameters over which it must be seen
-PASSING = 0.5  # bead diameters, by which another bead may have become the lowest one on the way
-JUMP = 0.6  # bead diameters by which a step may differ from the one before: then it is another bead, or the floor
-UNEVEN = 0.12  # bead diameters, standard deviation from a parabola up to which it is a free fall
-# relative, that the acceleration must be off gravity before rate or scale are doubted: the air takes some hundredths
-# from beads of a few millimetres, and a rate that was mixed up is wrong by a quarter or more
+BEGINS = 1.0  # [bead diameters] below the outlet: a bead that is completely outside falls freely
+LEAST_FALL = 1.5  # [bead diameters], least distance over which it must be seen
+PASSING = 0.5  # [bead diameters], uncertainty because another bead may have become the lowest one
+JUMP = 0.6  # [bead diameters], largest change of the step: a larger one means another bead, or the floor
+UNEVEN = 0.12  # [bead diameters], largest standard deviation from a parabola for a free fall
+# Least relative deviation of the acceleration from gravity for a failed check.  Air drag takes some hundredths from
+# beads of a few millimetres; a frame rate that was mixed up is wrong by a quarter or more.
 LEAST_OFF = 0.1
-# of sqrt(g W), the speed at which a body has fallen half of the slot's width W: between these beads leave slots from
-# three beads wide to many (Beverloo's law), whereas a clip in slow motion plays them eight times slower or more
+# Outlet speed over sqrt(g W), the speed after a fall of half of the slot's width W.  Beads leave slots from three beads
+# wide to many within this range (Beverloo's law); a clip in slow motion plays them at least eight times slower.
 OUTLET_SPEED = (0.15, 3.0)
 
 
@@ -36,18 +36,18 @@ class FreeFall:
     doubt: float  # [px/s^2], standard uncertainty
 
     def at(self, zoom: float) -> FreeFall:
-        """The same in a picture `zoom` times as large."""
+        """The same acceleration in a picture `zoom` times as large."""
         return FreeFall(self.acceleration * zoom, self.doubt * zoom)
 
 
 def surer(falls: Iterable[FreeFall | None]) -> FreeFall | None:
-    """The one whose acceleration is known best."""
+    """The fall with the smallest relative standard uncertainty."""
     seen = [fall for fall in falls if fall is not None]
     return min(seen, key=lambda fall: fall.doubt / fall.acceleration, default=None)
 
 
 def together(falls: Iterable[FreeFall | None]) -> FreeFall | None:
-    """The mean of what different ways to look at it tell, as doubtful as these contradict each other (Birge ratio)."""
+    """Weighted mean of several estimates; its uncertainty is widened if they disagree (Birge ratio)."""
     seen = [fall for fall in falls if fall is not None]
     if not seen:
         return None
@@ -59,17 +59,17 @@ def together(falls: Iterable[FreeFall | None]) -> FreeFall | None:
 
 
 def fall_below(time: Array, fronts: Array, bead: float) -> FreeFall | None:
-    """The fall that shows its acceleration best, None where none is seen.
+    """The fall with the best known acceleration; None if no fall is seen.
 
-    `fronts` [px], shape (any, n), is how far below the outlet the lowest bead is at `time` [s] by one or another way to
-    look for it, NaN where there is none; `bead` [px] is a diameter.  The lowest bead falls freely: nothing below holds
-    it, and those above are slower.
+    `fronts`, shape (any, n) [px], are distances of the lowest bead below the outlet at `time`, shape (n,) [s], by
+    several methods; NaN where there is none.  `bead` is a diameter [px].  The lowest bead falls freely: nothing below
+    holds it, and those above are slower.
     """
     return surer(_fitted(time[run], front[run], bead) for front in fronts for run in _runs(front, bead))
 
 
 def _runs(front: Array, bead: float) -> list[npt.NDArray[np.intp]]:
-    """Stretches over which the front goes down from frame to frame without a jump."""
+    """Index ranges over which the front moves down from frame to frame without a jump."""
     step = np.diff(front)
     on = np.isfinite(step) & (step > 0) & (front[1:] > BEGINS * bead) & (front[:-1] > BEGINS * bead)
     before = np.concatenate([[0.0], step[:-1]])
@@ -84,24 +84,24 @@ def _fitted(time: Array, front: Array, bead: float) -> FreeFall | None:
     scatter = float(np.sqrt(np.sum((front - np.polyval(fit, since)) ** 2) / (len(front) - 3)))
     if scatter > UNEVEN * bead:
         return None
-    # rows are whole pixels, and which of a bead's rows is its lowest changes with its light
+    # rows are whole pixels, and the lowest visible row of a bead changes with its illumination
     noise = max(scatter, 0.5)
     acceleration, doubt = 2 * float(fit[0]), 2 * noise * math.sqrt(float(covariance[0, 0]))
-    if acceleration < 3 * doubt:  # it glides
+    if acceleration < 3 * doubt:  # no significant acceleration
         return None
     return FreeFall(acceleration, math.hypot(doubt, PASSING * bead / float(np.ptp(front)) * acceleration))
 
 
 def fall_check(fall: FreeFall, scale: float, scale_doubt: float, rate: float) -> Check:
-    """Whether the first beads fall as gravity lets them; `scale` [m/px] and its relative doubt, `rate` [1/s] stated."""
+    """Check the acceleration against gravity; `scale` [m/px] with relative uncertainty, `rate` [1/s] as stated."""
     found, doubt = fall.acceleration * scale, math.hypot(fall.doubt / fall.acceleration, scale_doubt)
     reach = max(3 * doubt, LEAST_OFF)
     message = f"beads below the outlet fall with {reading(found, found * doubt, 'm/s^2')}"
     off = abs(math.log(found / GRAVITY))
     if off < reach:
-        # it grows with the square of the rate
-        told = f"a frame rate off by less than a factor of {math.exp((reach + off) / 2):.2f} would not show"
-        return Check("frame_rate", True, found, GRAVITY, f"{message}: scale and frame rate fit together; {told}.")
+        # the acceleration is proportional to the square of the rate
+        limit = f"a frame rate off by less than a factor of {math.exp((reach + off) / 2):.2f} would not show"
+        return Check("frame_rate", True, found, GRAVITY, f"{message}: scale and frame rate fit together; {limit}.")
     captured = rate / math.sqrt(found / GRAVITY)
     return Check(
         "frame_rate",
@@ -109,15 +109,15 @@ def fall_check(fall: FreeFall, scale: float, scale_doubt: float, rate: float) ->
         found,
         GRAVITY,
         f"{message} instead of {GRAVITY}: either the clip was captured at {captured:.0f} ± {captured * doubt / 2:.0f} "
-        f"Hz and not at {rate:.4g} (--frame-rate), or lengths (the scale) are {found / GRAVITY:.2g} times what they "
-        "should be.",
+        f"Hz and not at {rate:.4g} (--frame-rate), or lengths (the scale) are {found / GRAVITY:.2g} times the true "
+        "ones.",
     )
 
 
 def outlet_check(velocity: float, width: float) -> Check:
-    """Whether beads leave a slot `width` [m] about as fast as gravity lets them; `velocity` [m/s].
+    """Check the outlet speed [m/s] against gravity for a slot `width` [m]; used if no bead is seen to fall.
 
-    Wide, for it depends on how large the beads are: what is left where no bead is seen to fall from the slot.
+    The limits are wide, because the speed depends on the bead size.
     """
     ratio = velocity / math.sqrt(GRAVITY * width)
     passed = OUTLET_SPEED[0] < ratio < OUTLET_SPEED[1]
@@ -125,7 +125,7 @@ def outlet_check(velocity: float, width: float) -> Check:
     if ratio < 0:
         ending = ": they rise; is the clip played backwards?"
     if passed:
-        # it grows with the rate
+        # the speed is proportional to the rate
         low, high = OUTLET_SPEED[1] / ratio, ratio / OUTLET_SPEED[0]
         ending = f", so that a rate {low:.1f} times too low or {high:.1f} times too high would not show."
     message = f"beads leave the slot {ratio:.2g} times as fast as a body that has fallen half its width{ending}"

@@ -1,9 +1,4 @@
-"""A hopper with a slot that a slide opens: discharge time, mass flow, and what stays behind.
-
-`measure` turns a clip into what is left in the hopper over time, `evaluate` that into quantities; a simulated hopper
-goes through the same `evaluate`.  The slot opens when the slide's trailing edge passes its near edge; the last particle
-is out when its centre is one radius below the slot, which is when its upper edge passes the slot.
-"""
+"""Measure a hopper that empties through a slot opened by a slide: discharge time, mass flow, and residue."""
 
 from __future__ import annotations
 
@@ -47,7 +42,7 @@ from rigtwin.measure.media.duplicate_frames import at_its_pace
 from rigtwin.measure.media.video import open_video
 from rigtwin.measure.scene.checks import camera_by_scene
 
-AREA_DOUBT = 0.05  # relative, how far the bed's visible area follows its mass
+AREA_UNCERTAINTY = 0.05  # relative standard uncertainty of the mass share from the visible area of the bed
 
 
 def measure(
@@ -60,10 +55,42 @@ def measure(
     out: Path,
     progress: Progress = silent,
 ) -> Measurement:
-    """Opening, last particle, discharge time and flow rate from a clip of a hopper that empties.
+    """Measure opening, last particle, discharge time and flow rate from a clip of a hopper that empties.
 
-    `bead_diameter` [m], `total_mass` [kg] of the filling, `bin_width` [m] inside.  Raises `NothingToMeasure` when no
-    bed leaves.
+    Parameters
+    ----------
+    clip : Path
+        Video that begins before the slide opens and ends when the hopper is empty.
+    camera : Camera
+        Scale, roll, region, frame rate and other settings of the camera.
+    bead_diameter : float, optional
+        Bead diameter [m].
+    total_mass : float, optional
+        Mass of the filling [kg]; needed for the mass flow rate.
+    bin_width : float, optional
+        Inner width of the bin [m].
+    out : Path
+        Folder for annotated video, still, plot and record.
+    progress : Progress
+        Callback that shows the progress.
+
+    Returns
+    -------
+    Measurement
+        ``opening_time``, ``last_particle_time``, ``discharge_time``, ``discharge_time_5_95`` [s], a flow rate,
+        ``residue_fraction`` [1] and, where a scale is known, ``outlet_velocity`` [m/s].
+
+    Raises
+    ------
+    BadInput
+        If a size or mass is not positive.
+    NothingToMeasure
+        If no bed leaves the hopper in the clip.
+
+    Notes
+    -----
+    The slot opens when the trailing edge of the slide passes the near edge of the slot.  The last particle is out when
+    its centre is one radius below the slot, which is when its upper edge passes the slot.
     """
     for name, value in (("bead diameter", bead_diameter), ("total mass", total_mass), ("bin width", bin_width)):
         if value is not None and not (math.isfinite(value) and value > 0):
@@ -80,16 +107,16 @@ def measure(
         last = replace(last, budget=last.budget | {"hidden part of the slot": seen.interval})
     opened, last = (unhidden(seen, moment) for moment in (closed_before(seen, opened), last))
     still = camera_by_scene([moment.pose for moment in seen.moments])
-    compression, starved = compression_effect(seen, video, still)
-    if starved:
+    compression, few_bits = compression_effect(seen, video, still)
+    if few_bits:
         opened, last = (with_compression(seen, moment, failed_message(compression)) for moment in (opened, last))
     left = share_left(seen)
-    evaluation = evaluate_discharge(left, total_mass, opened, last, seen.residue, AREA_DOUBT)
+    evaluation = evaluate_discharge(left, total_mass, opened, last, seen.residue, AREA_UNCERTAINTY)
     timing = flow_timing_check(seen, left.value, opened, last)
     spacing = bead_spacing(seen.scenery.full, seen.scenery.bed)
     scale, scale_from, scale_doubt = scale_of(seen, camera, bead_diameter, bin_width, spacing)
     warnings = [*video.warnings, *evaluation.warnings]
-    warnings.append("mass left: taken from the bed's visible area, as of a slab of even depth.")
+    warnings.append("mass left: taken from the visible area of the bed, which assumes a slab of even depth.")
     view: dict[str, Any] = {
         "frame_rate_hz": video.frame_rate,
         "scale_m_per_px": scale,
@@ -97,24 +124,26 @@ def measure(
         "camera_roll_deg": math.degrees(seen.upright.roll),
         "camera_roll_from": seen.upright.source,
         "slot_width_px": (edges[1] - edges[0]) / seen.lens.zoom,
-        "slide_goes": {1: "right", -1: "left", 0: "not told"}[gate.direction if gate is not None else 0],
+        "slide_goes": {1: "right", -1: "left", 0: "unknown"}[gate.direction if gate is not None else 0],
         "frames": len(seen.moments),
     }
     velocity = outlet_velocity(seen, scale, scale_doubt, bin_width)
     quantities = evaluation.quantities
     size: Check | str = ""
-    rate: Check | str = "frame rate not confirmed: without a scale the beads' fall does not show it."
+    rate: Check | str = (
+        "frame rate not confirmed: without a scale the fall of the beads cannot be compared with gravity."
+    )
     if isinstance(velocity, str):
-        warnings.append(f"outlet velocity: none given, for {velocity}.")
+        warnings.append(f"outlet velocity: not given, because {velocity}.")
     if scale is not None:
         size = size_check(seen, scale, scale_from, scale_doubt, bead_diameter, spacing, bin_width)
-        told = None if isinstance(velocity, str) else doubted(velocity, failed_message(size))
+        outlet = None if isinstance(velocity, str) else doubted(velocity, failed_message(size))
         width = view["slot_width_px"] * scale
-        rate = rate_check(seen, told, width, video.frame_rate, scale=scale, doubt=scale_doubt, hidden=hidden > HIDDEN)
-        quantities = quantities if told is None else (*quantities, told)
-    asked = (timing, rate, size, still, nothing_level(seen.upright))
-    warnings += [each for each in asked if isinstance(each, str) and each]
-    judged = [each for each in asked if isinstance(each, Check)]
+        rate = rate_check(seen, outlet, width, video.frame_rate, scale=scale, doubt=scale_doubt, hidden=hidden > HIDDEN)
+        quantities = quantities if outlet is None else (*quantities, outlet)
+    outcomes = (timing, rate, size, still, nothing_level(seen.upright))
+    warnings += [each for each in outcomes if isinstance(each, str) and each]
+    judged = [each for each in outcomes if isinstance(each, Check)]
     checks = (
         *checks_of_picture(seen, gate, hidden),
         bed_check(seen, left.value, opened),

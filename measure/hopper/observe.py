@@ -1,3 +1,5 @@
+"""Observe a discharge: share left over time, opening, and last particle, from what was counted in every frame."""
+
 from __future__ import annotations
 
 import math
@@ -15,21 +17,22 @@ from rigtwin.measure.hopper.evaluate import CUT, CUT_SHORT, LASTING, Instant
 from rigtwin.measure.hopper.outflow import REACH_BELOW, Outflow
 from rigtwin.measure.hopper.slide_opening import Opening, find_opening, slot_edges
 
-EXPOSURE = 0.15  # frames, standard deviation of where in its frame's interval an unknown exposure lies
+EXPOSURE = 0.15  # [frames], standard deviation of the unknown position of an exposure within its frame interval
 
-CROSSING = 0.2  # frames, of the last particle's passage read between two frames
+CROSSING = 0.2  # [frames], standard uncertainty of the last particle's passage interpolated between two frames
 
-CLOSED = 4.0  # frames before the opening that show the slot closed: a slide takes two or three to leave it
+CLOSED = 4.0  # [frames], least time before the opening with a closed slot: a slide takes two or three to leave it
 
-# [deg], by which a roll may be wrong: the ends of a slot six beads wide then lie 0.16 of a bead off, about as far as is
-# not known of its row
+# [deg], largest tolerated error of the roll: it shifts the ends of a slot six beads wide by 0.16 bead diameters, about
+# the standard uncertainty of the row of the slot
 SLIGHT_ROLL = 3.0
 
-# of the slot's width, by which its edge is off in a picture turned wrong by that much: a level row leaves the gap
-# between bed and slide before the slot ends, in drawn films by a sixth of the slot at most
+# Error of the slot's edge for a roll wrong by `SLIGHT_ROLL`, as a share of the slot's width.  A row that is not
+# parallel to the slot leaves the gap between bed and slide before the slot ends, in drawn films by a sixth of the slot
+# at most.
 EDGE_ASLANT = 0.1
 
-NEARBY = 4  # frames about an instant in which something in front of the hopper makes it doubtful
+NEARBY = 4  # frames around an instant in which an occlusion makes it doubtful
 
 
 # ----------------------------------------------------------------------------------------------------- media -> record
@@ -46,30 +49,30 @@ def share_left(seen: Outflow) -> Series:
 
 
 def covered_frames(seen: Outflow) -> npt.NDArray[np.bool_]:
-    """In which frames something is in front of the bed or the slot."""
+    """Mask of frames in which something is in front of the bed or the slot, shape (frames,)."""
     return np.array([moment.covered for moment in seen.moments])
 
 
 def edges_of_slot(seen: Outflow) -> tuple[float, float]:
-    """Left and right edge of the slot [px], upright."""
+    """Left and right edge of the slot [px] in the upright picture."""
     slot = seen.scenery.slot
     return slot_edges(beads_in_slot(seen), slot.left, slot.right)
 
 
 def closed_before(seen: Outflow, opened: Instant) -> Instant:
-    """The opening, doubtful where the clip hardly shows the slot before it: it may have been open already."""
+    """The opening, doubtful if the clip begins so shortly before it that the slot may have been open already."""
     before = (opened.time - seen.moments[0].time) / seen.interval
     if before >= CLOSED:
         return opened
     why = (
-        f"the clip begins {max(before, 0.0):.1f} frames before the opening that was found, and the slot may have been "
-        "open already; let it begin 0.1 s before the slide moves"
+        f"the clip begins {max(before, 0.0):.1f} frames before the opening that was found, so the slot may have been "
+        "open already; begin the clip 0.1 s before the slide moves"
     )
     return replace(opened, doubtful=opened.doubtful or why)
 
 
 def beads_in_slot(seen: Outflow) -> npt.NDArray[np.bool_]:
-    """Where in the rows below the slot beads are, shape (frames, width)."""
+    """Mask of beads in the rows below the slot, shape (frames, width)."""
     full = seen.strips[:5].astype(np.float64).mean(axis=0)
     empty = seen.strips[-5:].astype(np.float64).mean(axis=0)
     level = max(seen.scenery.level, 8.0)
@@ -100,7 +103,7 @@ def opening_instant(seen: Outflow, gate: Opening | None) -> Instant:
 
 
 def unhidden(seen: Outflow, found: Instant) -> Instant:
-    """The same, doubtful where something passes in front of the hopper about that time."""
+    """The instant, doubtful if something passes in front of the hopper near that time."""
     near = [each.hidden for each in seen.moments if abs(each.time - found.time) < (NEARBY + 0.5) * seen.interval]
     if found.doubtful or not any(near):
         return found
@@ -110,41 +113,41 @@ def unhidden(seen: Outflow, found: Instant) -> Instant:
 
 
 def with_compression(seen: Outflow, found: Instant, reason: str) -> Instant:
-    """The same, uncertain by a frame for a codec that left out what was faint, and doubtful where there is a reason."""
+    """The instant with one frame of uncertainty for lossy compression, and doubtful if there is a reason."""
     return replace(found, budget=found.budget | {"compression": seen.interval}, doubtful=found.doubtful or reason)
 
 
 def _misjudged(turned: Upright) -> float:
-    """How far a stated roll [rad] is from that which level edges show, where it fails its check; else 0."""
+    """Difference [rad] of a stated roll from that of level edges in the picture if its check fails; otherwise 0."""
     if turned.seen is None or not failed(upright_checks(turned)):
         return 0.0
     return abs(turned.roll - turned.seen[0])
 
 
 def _opened_by_flow(seen: Outflow, time: Array) -> Instant:
-    """No slide was seen to move: the bed's first motion above the slot, which begins a little after the opening."""
+    """Opening from the first motion of the bed above the slot, a little after the opening; used if no slide is seen."""
     change = np.array([moment.change for moment in seen.moments])
     usual = change[1:6]
     level = float(np.median(usual)) + 6 * float(np.std(usual)) + 1.0
     moving = np.flatnonzero((change > level) & (np.roll(change, -1) > level) & ~covered_frames(seen))
     if len(moving) == 0:
-        raise NothingToMeasure("hopper: the bed does not begin to move in this clip; begin it before the opening.")
+        raise NothingToMeasure("hopper: no motion of the bed was found in this clip; begin it before the opening.")
     first = int(moving[0])
-    # a twentieth of a bead of free fall is what can be seen
+    # a displacement of a twentieth of a bead in free fall is visible
     return Instant(
         float(time[first]) - 0.5 * seen.interval,
         {"first motion": 0.7 * seen.interval + 0.004, "exposure": EXPOSURE * seen.interval},
         "first motion of the beads",
-        "the slide was not seen to free the slot, so the opening is taken from the beads' first motion",
+        "the slide was not seen to uncover the slot, so the opening is taken from the first motion of the beads",
     )
 
 
 def last_particle(seen: Outflow, edges: tuple[float, float]) -> Instant:
-    """When the upper edge of the uppermost bead passes the slot for good."""
+    """Instant at which the upper edge of the uppermost bead passes the slot for the last time."""
     slot, bead = seen.scenery.slot.row, seen.scenery.bead
-    # a bed that ends wider than the slot that beads pass through was seen to end elsewhere: walls of a hopper slope
+    # the bed ends wider than the slot: it was seen to end elsewhere, because the walls of a hopper slope
     wider = seen.scenery.slot.right - seen.scenery.slot.left - (edges[1] - edges[0]) - 0.5 * bead
-    # of a camera turned by so much more, the last bead passes one or the other end of the slot so much earlier
+    # with a roll error the last bead passes one end of the slot earlier
     turned = math.hypot(seen.upright.sigma, _misjudged(seen.upright))
     aslant = 0.5 * (edges[1] - edges[0]) * math.tan(turned)
     slot_sigma = math.hypot(seen.scenery.slot.sigma, 0.5 * max(wider, 0.0), aslant)
@@ -173,12 +176,12 @@ def last_particle(seen: Outflow, edges: tuple[float, float]) -> Instant:
     doubtful = ""
     pace = seen.outlet.shift[np.isfinite(seen.outlet.shift[:, 1]), 1]
     before = (top[k] - top[k - 1]) / (shown[k] - shown[k - 1]) if k > 0 else 0.0
-    # a bead twice as fast as the flow, or as it was itself, is still seen below the slot a frame later, and no further;
-    # the upper edge of a faint one may be taken half a bead too high or too low
+    # a bead twice as fast as the flow, or as itself before, would still be seen below the slot one frame later, and not
+    # further; the upper edge of a faint bead is uncertain by half a bead
     way = min(below, slot + REACH_BELOW * bead) - top[k]
     if frames == 1 and len(pace) and 2 * max(float(np.median(pace)), before) + bead < way:
         budget["not seen to pass"] = NEARBY * seen.interval
-        doubtful = f"the last bead vanishes at {time[k]:.3f} s and is not seen to pass the slot: give the original film"
+        doubtful = f"the last bead disappears at {time[k]:.3f} s before it passes the slot: give the original film"
     budget["slot's height"] = min(budget.get("slot's height", 0.0), 3 * seen.interval)
     budget["exposure"] = EXPOSURE * seen.interval
     passed = float(time[k] + part * (time[k + 1] - time[k]))
@@ -186,7 +189,7 @@ def last_particle(seen: Outflow, edges: tuple[float, float]) -> Instant:
 
 
 def _still_above(top: Array, slot: float, bead: float) -> npt.NDArray[np.intp]:
-    """Frames in which the uppermost bead, in row `top` [px], has not passed the row `slot`; `bead` is its diameter."""
-    # beads do not rise: what shows up above all that was there before is left over of a shake, or of the codec
+    """Frames in which the uppermost bead, at row `top` [px], has not passed row `slot`; `bead` is a diameter [px]."""
+    # beads do not rise: a new patch above all earlier ones is an artefact of camera shake or of the codec
     before = np.array([np.median(top[max(k - LASTING, 0) : max(k, 1)]) for k in range(len(top))])
     return np.flatnonzero((top < slot) & (top > before - bead))

@@ -1,7 +1,7 @@
-"""Watch a hopper empty: the bed in it, the slot it leaves by, the slide that frees the slot, the last bead.
+"""Observe a hopper that empties: the bed in it, the slot, the slide that uncovers the slot, and the last bead.
 
-What the hopper looks like before it is opened and after it is empty tells the bed from all else: a bead is what differs
-from the empty hopper and has the colour of the bed.
+Pictures of the full and of the empty hopper separate the bed from everything else: a bead is what differs from the
+empty hopper and has the colour of the bed.
 """
 
 from __future__ import annotations
@@ -30,22 +30,23 @@ from rigtwin.measure.scene.scene import Scene
 from rigtwin.measure.scene.steadied_frames import Cut, Region, Steadied, apart, cut_for, steadied, still_scene
 
 ENDS = 5  # frames at either end of the clip that show the full and the empty hopper
-BEAD_SHARE = 0.06  # of the bed's width, a bead's diameter where none is made out
-CLEAR = 6.0  # times the noise by which bed and empty hopper must differ
-FLOWING = (0.2, 0.8)  # of the bed that is left, while the flow is steady
-DIP = 0.25  # of how much rows of beads look like beads: the row below them, of their lowest points alone, does less so
-SLOT_DOUBT = 0.12  # of a bead's diameter, where on the lowest beads the slot lies
-LEAST_BESIDE = 500  # [px^2], below which nothing is said of what is beside the bed
-PASSES = 0.03  # share of it that something in front must hide
-AROUND = 3.0  # bead diameters above and below the slot, and one to its sides, that a hand must keep clear of
-# of the depth of what has changed: beads arch over a slot narrower than some six of them (Beverloo et al. 1961 need
-# more), the bed above is as wide, and a slide, its knob and its rod are hardly thicker than a bead
+BEAD_SHARE = 0.06  # bead diameter over the bed's width, if no bead is found
+CLEAR = 6.0  # least difference of bed and empty hopper over the noise
+FLOWING = (0.2, 0.8)  # shares of the bed left between which the flow is steady
+DIP = 0.25  # share of the bead likeness of rows of beads: the row below them contains only their lowest points
+SLOT_UNCERTAINTY = 0.12  # [bead diameters], standard uncertainty of the slot's row below the lowest beads
+LEAST_BESIDE = 500  # [px^2], least area beside the bed for an occlusion check
+PASSES = 0.03  # least share of that area that an occlusion hides
+AROUND = 3.0  # [bead diameters] above and below the slot, and one to its sides, where a hand is an occlusion
+# Depth of the changed region over the thickness of slender objects.  Beads arch over a slot narrower than about six of
+# them (Beverloo et al. 1961 need more), and the bed above is as wide; a slide, its knob and its rod are hardly thicker
+# than a bead.
 NARROWEST = 6
-SLENDER, GAPS = 11, 7  # [px], across such a thing and the gaps between beads, in a small picture
+SLENDER, GAPS = 11, 7  # [px], thickness of such an object, and of the gaps between beads, in a small picture
 ALIKE = 0.5  # overlap of their colours (Bhattacharyya) above which two regions are parts of one bed
 ALIKE_BLUR = 2.0  # [px]
-REACH_BELOW = 5  # bead diameters below the slot, in which a bead that leaves is looked for
-LEAST_BEAD = 0.2  # of a bead's disc, the area below which a patch is no bead
+REACH_BELOW = 5  # [bead diameters] below the slot, where a leaving bead is searched
+LEAST_BEAD = 0.2  # share of a bead's disc; smaller patches are no beads
 
 
 @dataclass(frozen=True)
@@ -55,53 +56,53 @@ class Slot:
     row: float  # lower edge of the bed that rests on the closed slide
     left: float
     right: float
-    sigma: float = 1.0  # of the row
+    sigma: float = 1.0  # standard uncertainty of the row
 
 
 @dataclass(frozen=True)
 class Scenery:
-    """The hopper before and after, upright, and what tells beads from it."""
+    """The hopper before and after, upright, and the classifier that separates beads from it."""
 
     full: Image
     empty: Image
-    bed: Mask  # where the bed was at first
+    bed: Mask  # where the bed is at first
     slot: Slot
     bead: float  # [px], bead diameter
-    odds: Array  # by colour cell, log likelihood ratio of beads against the empty hopper
+    odds: Array  # log likelihood ratio of beads against the empty hopper, by colour cell
     noise: float  # [grey levels]
-    level: float  # [grey levels], by which a bead differs from the empty hopper
-    turn: Array  # 2 x 3, from the upright picture to the stilled frame
-    bead_seen: bool  # beads were made out one by one
-    contrast: float  # [grey levels], by which the bed at first differs from the empty hopper
+    level: float  # [grey levels], threshold of a bead's difference from the empty hopper
+    turn: Array  # shape (2, 3), from the upright picture to the registered frame
+    bead_seen: bool  # single beads were found
+    contrast: float  # [grey levels], difference of the bed at first from the empty hopper
 
 
 @dataclass(frozen=True)
 class Moment:
-    """One frame's count."""
+    """Counts of one frame."""
 
     index: int
     time: float  # [s]
     left: float  # [px^2], area of beads above the slot
-    top: float  # [px], row of the uppermost bead in or below the hopper; infinite where there is none
-    front: float  # [px], row of the lowest bead below the slot that hangs together with the bed; NaN where none
-    lowest: float  # [px], row of the lowest bead below the slot; NaN where none
-    change: float  # [grey levels], how much the bed's lower part changed since the frame before
+    top: float  # [px], row of the uppermost bead in or below the hopper; infinite if there is none
+    front: float  # [px], row of the lowest bead connected to the bed; NaN if there is none
+    lowest: float  # [px], row of the lowest bead below the slot; NaN if there is none
+    change: float  # [grey levels], change of the bed's lower part since the previous frame
     pose: Pose
     covered: bool  # something is in front of the bed or the slot
-    hidden: bool = False  # something passes in front of the scene, be it beside the bed
+    hidden: bool = False  # something is in front of the scene, including beside the bed
 
 
 @dataclass(frozen=True)
 class Outflow:
-    """A hopper emptying."""
+    """Observation of a hopper that empties."""
 
     moments: tuple[Moment, ...]
-    strips: npt.NDArray[np.uint8]  # what the slide's level shows, shape (frames, width, colours of the rows)
-    masked: Mask  # where something is in front of that, shape (frames, width)
+    strips: npt.NDArray[np.uint8]  # rows at the slide's level, shape (frames, width, colours of the rows)
+    masked: Mask  # where something is in front of them, shape (frames, width)
     scenery: Scenery
     upright: Upright
     lens: Cut
-    residue: float  # share of the bed's area that is still there at the end
+    residue: float  # share of the bed's area still filled at the end
     interval: float  # [s], between frames
     outlet: Displacements  # of the beads in the slot from frame to frame, mean over the steady flow
     stream: Stream  # of the beads below the slot, in the upright cut
@@ -110,9 +111,9 @@ class Outflow:
 def follow_outflow(
     video: Video, *, roll: float | None, region: Region | None, bead: float | None, progress: Progress
 ) -> Outflow:
-    """Everything that is seen of a discharge; `bead` [px] is the bead's diameter where scale and bead are known.
+    """Observe a discharge; `bead` is the bead's diameter [px] if scale and bead are known.
 
-    Raises `NothingToMeasure` when no bed empties downwards between the first and the last frame.
+    Raises `NothingToMeasure` if no bed empties downwards between the first and the last frame.
     """
     lens = cut_for(video.width, video.height, region)
     scene = still_scene(video, lens)
@@ -137,7 +138,7 @@ def follow_outflow(
         strips.append(slide_strip(frame.colour, scenery))
         masked.append(strange[_strip_rows(scenery)].any(axis=0) | crossed)
         share = moments[-1].left / max(float(np.median([moment.left for moment in moments[:ENDS]])), 1.0)
-        # across a lost frame beads go twice as far
+        # across a lost frame beads move twice as far
         neighbours = before is not None and abs(moment.time - moments[-2].time - usual) < 0.5 * usual
         steady = neighbours and FLOWING[0] < share < FLOWING[1]
         if before is not None:
@@ -161,7 +162,7 @@ def follow_outflow(
 
 
 def _windows(scenery: Scenery) -> MeanCorrelation:
-    """Windows of two beads side by side along the slot, which see shifts of up to three beads downwards."""
+    """Windows two beads wide along the slot for downward shifts of up to three beads."""
     slot, bead = scenery.slot, scenery.bead
     count = max(3, round((slot.right - slot.left) / (0.75 * bead)))
     x = slot.left + (np.arange(count) + 0.5) * (slot.right - slot.left) / count
@@ -170,7 +171,7 @@ def _windows(scenery: Scenery) -> MeanCorrelation:
 
 
 def _below(picture: Image, scenery: Scenery) -> npt.NDArray[np.uint8]:
-    """How much what is below the slot differs from the empty hopper."""
+    """Difference of the picture below the slot from the empty hopper."""
     slot = scenery.slot
     part = (slice(round(slot.row), None), slice(max(round(slot.left), 0), round(slot.right)))
     return apart(picture[part], scenery.empty[part])
@@ -181,9 +182,9 @@ def _grey(picture: Image) -> npt.NDArray[np.uint8]:
 
 
 def bin_walls(scenery: Scenery) -> tuple[float, float] | None:
-    """Inner edges [px] of the bin's upright walls above the bed, None where they are not clear.
+    """Inner edges [px] of the bin's vertical walls above the bed; None if they are not clear.
 
-    Outwards from the bed the first edge that runs upright over all these rows is the wall's.
+    The wall is the first edge outwards from the bed that is vertical over all these rows.
     """
     rows, columns = np.nonzero(scenery.bed)
     top = int(rows.min() - 0.5 * scenery.bead)
@@ -209,7 +210,7 @@ def bin_walls(scenery: Scenery) -> tuple[float, float] | None:
 
 
 def bead_mask(picture: Image, scenery: Scenery) -> Mask:
-    """Pixels of an upright picture that belong to beads which are not part of the empty hopper."""
+    """Mask of beads in an upright picture that are not part of the empty hopper."""
     differs = cv2.GaussianBlur(apart(picture, scenery.empty), (0, 0), max(0.1 * scenery.bead, 0.8))
     odds = scenery.odds[colour_cells(picture, 0.5 * scenery.bead)]
     found = ((differs > scenery.level) & (odds > -0.5)).astype(np.uint8)
@@ -219,7 +220,7 @@ def bead_mask(picture: Image, scenery: Scenery) -> Mask:
 
 
 def slide_strip(picture: Image, scenery: Scenery) -> Image:
-    """The rows in which the slide lies, the colours of a column side by side, shape (width, 3 x rows)."""
+    """Rows at the slide's level, with the colours of a column side by side, shape (width, 3 x rows)."""
     rows = picture[_strip_rows(scenery)]
     return np.ascontiguousarray(rows.transpose(1, 0, 2).reshape(picture.shape[1], -1))
 
@@ -230,7 +231,7 @@ def _strip_rows(scenery: Scenery) -> slice:
 
 
 def _usual_sight(scene: Scene, scenery: Scenery) -> tuple[slice, Usual]:
-    """What the rows about bed and slot may show."""
+    """Usual colours of the rows around bed and slot."""
     slot, bead = scenery.slot, scenery.bead
     first = max(round(int(np.argmax(scenery.bed.any(axis=1))) - AROUND * bead), 0)
     rows = slice(first, round(slot.row + AROUND * bead))
@@ -247,7 +248,7 @@ def _usual_sight(scene: Scene, scenery: Scenery) -> tuple[slice, Usual]:
 
 
 def _strange(picture: Image, rows: slice, usual: Usual) -> tuple[Mask, bool]:
-    """Where something else is in front of an upright picture, and whether it comes near from the side."""
+    """Mask of foreign objects in an upright picture, and whether one approaches the bed from the side."""
     strange = np.zeros(picture.shape[:2], dtype=bool)
     part = np.ascontiguousarray(picture[rows])
     strange[rows] = foreign(part, usual)
@@ -285,8 +286,8 @@ def _scenery(video: Video, scene: Scene, lens: Cut, turn: Array, bead: float | N
     bed = _bed(np.asarray(differs > level), full)
     if bed is None:
         raise NothingToMeasure(
-            f"{video.path}: the picture shows no bed that has gone at the end; give a clip that begins before the slot "
-            "is opened and ends when the last bead has left, with the camera at rest."
+            f"{video.path}: no bed was found that has left at the end; give a clip that begins before the slot opens "
+            "and ends when the last bead has left, with the camera at rest."
         )
     beads = find_beads(*_searched(full, bed)) if bead is None else None
     width = float(np.ptp(np.nonzero(bed)[1]))
@@ -302,8 +303,8 @@ def _scenery(video: Video, scene: Scene, lens: Cut, turn: Array, bead: float | N
     slot = _above_slide(np.asarray(odds)[cells_full], bed & (odds[cells_full] > 0.7), slot, seen)
     if slot.row + seen > full.shape[0]:
         raise NothingToMeasure(
-            f"{video.path}: the picture ends at the slot; show what falls out of it as well, some five bead diameters "
-            "further down (or give a larger --region)."
+            f"{video.path}: the picture ends at the slot; show about five bead diameters below it as well (or give a "
+            "larger --region)."
         )
     contrast = float(np.median(apart(full, empty)[core]))
     return Scenery(
@@ -322,7 +323,7 @@ def _scenery(video: Video, scene: Scene, lens: Cut, turn: Array, bead: float | N
 
 
 def _searched(picture: Image, bed: Mask) -> tuple[Image, tuple[float, float]]:
-    """The picture of the bed alone, and between which radii [px] its beads can be."""
+    """The picture of the bed alone, and the range of possible bead radii [px]."""
     rows, columns = np.nonzero(bed)
     crop = picture[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
     width = float(np.ptp(columns))
@@ -335,10 +336,10 @@ def _otsu(values: npt.NDArray[np.uint8]) -> float:
 
 
 def _bed(differs: Mask, full: Image) -> Mask | None:
-    """The upper one of the two large regions that changed: the bed that left; the lower is where it went."""
+    """The upper of the two large regions that changed, which is the bed; the lower one is where it went."""
     changed = differs.astype(np.uint8)
     within = _closed(changed, GAPS)
-    if within.all():  # nothing stands out, and there is no edge to be deep within
+    if within.all():  # everything changed, so there is no edge to measure the depth from
         return None
     deep = 2 * float(cv2.distanceTransform(within, cv2.DIST_L2, 3).max())
     slender = max(SLENDER, round(deep / NARROWEST))
@@ -352,7 +353,7 @@ def _bed(differs: Mask, full: Image) -> Mask | None:
     if not large:
         return None
     upper = min(large, key=lambda k: centres[k][1])
-    # a bar in front of the hopper parts the bed in two; a hand at the slide that has left the view is no part of it
+    # a bar in front of the hopper splits the bed in two; a hand at the slide that has left the view is not part of it
     reach = 0.5 * stats[upper, cv2.CC_STAT_HEIGHT]
     cells = colour_cells(full, ALIKE_BLUR)
     beads = np.sqrt(shares(cells[labels == upper]))
@@ -369,18 +370,18 @@ def _disc(across: int) -> npt.NDArray[np.uint8]:
 
 
 def _slot(bed: Mask, bead: float) -> Slot:
-    """Where the bed rests on the slide, and how wide it is there."""
+    """Row where the bed rests on the slide, and its width there."""
     rows = np.flatnonzero(bed.any(axis=1))
     lowest = int(rows[-1])
     columns = np.flatnonzero(bed[max(lowest - round(0.4 * bead), 0) : lowest + 1].any(axis=0))
     inner = columns[len(columns) // 8 : len(columns) - len(columns) // 8]
     bottoms = bed.shape[0] - 1 - np.argmax(bed[::-1, inner], axis=0)
-    # beads touch the slide with their lowest points only
+    # beads touch the slide only with their lowest points
     return Slot(float(np.percentile(bottoms, 70)) + 0.5, float(columns[0]) - 0.5, float(columns[-1]) + 0.5)
 
 
 def _above_slide(odds: Array, coloured: Mask, slot: Slot, bead: float) -> Slot:
-    """The slot where the beads' colour ends: the slide beneath them went away, too, and looks like part of the bed."""
+    """The slot where the beads' colour ends: the slide below them also leaves, so it looks like a part of the bed."""
     inset = round(0.12 * (slot.right - slot.left))
     columns = slice(round(slot.left) + inset, max(round(slot.right) - inset, round(slot.left) + inset + 1))
     rows = np.flatnonzero(coloured.any(axis=1))
@@ -393,17 +394,17 @@ def _above_slide(odds: Array, coloured: Mask, slot: Slot, bead: float) -> Slot:
     seen = np.flatnonzero(coloured[max(row - round(0.4 * bead), 0) : row].any(axis=0))
     if len(seen) < 0.5 * (slot.right - slot.left):
         return replace(slot, sigma=0.4 * bead)
-    # where between the last row of beads and the first of the slide the colour changes over
+    # sub-pixel: interpolate the colour change between the last row of beads and the first of the slide
     above, below = alike[ended - 1] - level, alike[ended] - level
     crossing = row - 1 + above / max(above - below, 1e-6)
-    sigma = max(SLOT_DOUBT * bead, 0.7)
+    sigma = max(SLOT_UNCERTAINTY * bead, 0.7)
     return Slot(float(crossing), float(seen[0]) - 0.5, float(seen[-1]) + 0.5, sigma)
 
 
 def _end_of_beads(alike: Array, near: int) -> tuple[int, float]:
-    """First row, of log odds downwards, that does not look like beads, and the level it comes below; 0 where all do.
+    """First row, downwards, whose log odds are not those of beads, and the level that they fall below; 0 if none.
 
-    A slide of the beads' own colour follows them after a dip that need not reach even odds.
+    A slide in the beads' own colour follows them after a dip that may stay above even odds.
     """
     dip = DIP * float(np.median(alike[:near]))
     low = np.flatnonzero(alike < max(dip, 0.0))
@@ -454,7 +455,7 @@ def _moment(frame: Steadied, before: Image | None, scenery: Scenery, strange: Ma
 
 
 def _covers(strange: Mask, scenery: Scenery) -> bool:
-    """Whether something is in front of the bed or the slot; it may come near from the side, to pull the slide."""
+    """Whether something is in front of the bed or the slot; a hand may approach from the side to pull the slide."""
     slot, bead = scenery.slot, scenery.bead
     rows = slice(max(round(slot.row - AROUND * bead), 0), round(slot.row + AROUND * bead))
     columns = slice(max(round(slot.left - bead), 0), round(slot.right + bead))
@@ -462,7 +463,7 @@ def _covers(strange: Mask, scenery: Scenery) -> bool:
 
 
 def _beside(scenery: Scenery) -> Mask:
-    """Where nothing should change: to both sides of the bed, well above the slide and who pulls it."""
+    """Mask where nothing should change: to both sides of the bed, well above the slide and the hand that pulls it."""
     columns = np.flatnonzero(scenery.bed.any(axis=0))
     beside = np.ones_like(scenery.bed)
     beside[:, max(round(columns[0] - 2 * scenery.bead), 0) : round(columns[-1] + 2 * scenery.bead)] = False
@@ -471,12 +472,12 @@ def _beside(scenery: Scenery) -> Mask:
 
 
 def _hides(picture: Image, scenery: Scenery, beside: Mask) -> bool:
-    """Whether something is in front of a part of what should stand still."""
+    """Whether something is in front of the static surroundings."""
     if beside.sum() < LEAST_BESIDE:
         return False
-    # what is there before or after does not pass
+    # what is there before or after is not passing
     off = cv2.GaussianBlur(cv2.min(apart(picture, scenery.full), apart(picture, scenery.empty)), (0, 0), 2.0)[beside]
-    # a lamp that flickers moves all pixels alike
+    # flicker of the light changes all pixels alike
     return bool(np.mean(off > 15 + CLEAR * scenery.noise + np.median(off)) > PASSES)
 
 
@@ -485,7 +486,7 @@ def _top_row(part: Mask, stats: npt.NDArray[np.int32]) -> float:
 
 
 def _residue(scenery: Scenery) -> float:
-    """Share of the bed's place that still has the bed's colour and not another at the end."""
+    """Share of the bed's area that still has the bed's colour, unchanged, at the end."""
     odds = scenery.odds[colour_cells(scenery.empty, 0.5 * scenery.bead)]
     alike = cv2.erode(((odds > 1.0) & scenery.bed).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     unchanged = apart(scenery.full, scenery.empty) < scenery.level

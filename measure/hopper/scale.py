@@ -1,3 +1,5 @@
+"""Scale of a hopper's clip, and the velocity of the beads in the slot."""
+
 from __future__ import annotations
 
 import math
@@ -10,22 +12,24 @@ from rigtwin.lab.quantity import Detail, Quantity, root_sum_of_squares
 from rigtwin.measure.bulk.bead_spacing import NEIGHBOURS_DOUBT, size_of_beads
 from rigtwin.measure.hopper.outflow import Outflow, bin_walls
 
-GIVEN_DOUBT = 0.01  # relative, of a scale read off a length in view
+GIVEN_UNCERTAINTY = 0.01  # relative standard uncertainty of a scale from a length in view
 
-BIN_DOUBT = 0.04  # relative, of a scale from the bin's walls, whose depth in view is not known
+BIN_UNCERTAINTY = 0.04  # relative standard uncertainty of a scale from the bin's walls, whose depth in view is unknown
 
-BEAD_DOUBT = 0.15  # likewise from beads in a crowded bed, whose rims hide each other
+BEAD_UNCERTAINTY = (
+    0.15  # relative standard uncertainty of a scale from beads in a dense bed, whose rims hide each other
+)
 
 
 def outlet_profile(seen: Outflow, scale: float) -> tuple[Array, Array]:
-    """Place along the slot from its middle [m], and downward velocity of the beads there [m/s]; NaN: not seen."""
+    """Place along the slot from its middle [m] and downward velocity of the beads there [m/s]; NaN if not seen."""
     place, shift = seen.outlet.place[:, 0], seen.outlet.shift[:, 1]
     size = scale / seen.lens.zoom
     return (place - (seen.scenery.slot.left + seen.scenery.slot.right) / 2) * size, shift * size / seen.interval
 
 
 def outlet_velocity(seen: Outflow, scale: float | None, scale_doubt: float, bin_width: float | None) -> Quantity | str:
-    """Mean downward velocity of the beads in the slot, or in words why it is not known."""
+    """Mean downward velocity of the beads in the slot [m/s], or the reason why it is not known."""
     if scale is None:
         return f"no scale is known; {other_scale(bin_width)}, or --bead-diameter"
     _, velocity = outlet_profile(seen, scale)
@@ -34,7 +38,7 @@ def outlet_velocity(seen: Outflow, scale: float | None, scale_doubt: float, bin_
         return f"frames match in only {len(known)} places of the slot; film at a higher rate, with a shorter exposure"
     value = float(known.mean())
     budget = {
-        # neighbouring windows overlap by half
+        # neighbouring windows overlap by half, so half of them are independent
         "scatter along the slot": float(known.std(ddof=1)) / math.sqrt(len(known) / 2),
         "scale": scale_doubt * abs(value),
     }
@@ -46,21 +50,21 @@ def outlet_velocity(seen: Outflow, scale: float | None, scale_doubt: float, bin_
 def scale_of(
     seen: Outflow, camera: Camera, bead_diameter: float | None, bin_width: float | None, spacing: float | None
 ) -> tuple[float | None, str, float]:
-    """[m/px] of the clip, where it comes from, and its relative doubt."""
+    """Scale [m/px] of the clip, its source, and its relative standard uncertainty."""
     if camera.given_scale is not None:
-        return camera.given_scale, camera.scale_from, camera.scale_doubt(GIVEN_DOUBT)
+        return camera.given_scale, camera.scale_from, camera.scale_doubt(GIVEN_UNCERTAINTY)
     walls = bin_walls(seen.scenery) if bin_width is not None else None
     if walls is not None and bin_width is not None:
-        return bin_width / (walls[1] - walls[0]) * seen.lens.zoom, "bin width", BIN_DOUBT
+        return bin_width / (walls[1] - walls[0]) * seen.lens.zoom, "bin width", BIN_UNCERTAINTY
     if bead_diameter is not None and spacing is not None:
         return bead_diameter / size_of_beads(spacing) * seen.lens.zoom, "bead diameter", NEIGHBOURS_DOUBT
     if bead_diameter is not None and seen.scenery.bead_seen:
-        return float(bead_diameter / seen.scenery.bead * seen.lens.zoom), "bead diameter", BEAD_DOUBT
+        return float(bead_diameter / seen.scenery.bead * seen.lens.zoom), "bead diameter", BEAD_UNCERTAINTY
     return None, "not known", math.inf
 
 
 def other_scale(bin_width: float | None) -> str:
-    """What to give for a scale where `bin_width` did not serve for one."""
+    """Advice for another source of scale where `bin_width` was not usable."""
     if bin_width is None:
         return "give --bin-width or --scale"
-    return "the bin's walls are not made out, for all of --bin-width, so give --scale"
+    return "the bin's walls were not found in spite of --bin-width, so give --scale"

@@ -1,7 +1,7 @@
-"""When a hopper's slot begins to open, and where its edges are, from what the rows of the slide show over time.
+"""Find when a hopper's slot begins to open, and its edges, from the rows of the slide over time.
 
-The slide leaves a straight trace in this picture of position against time: its trailing edge.  Where the trace passes
-the slot's near edge, the slot begins to open; between frames that moment is found from the edge's places in them.
+In this picture of position against time the trailing edge of the slide leaves a straight trace.  The slot begins to
+open where the trace passes its near edge; that instant is interpolated between frames.
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ from scipy.ndimage import uniform_filter1d
 
 from rigtwin.lab.arrays import Array, Image, Mask
 
-STILL = 5  # frames before the first change, from which the noise is learnt
-ROWS = 0.4  # of the rows that show the slide, how many must have lost it
-LASTING = 3  # frames over which a change must last
+STILL = 5  # frames at the beginning from which the noise is estimated
+ROWS = 0.4  # share of the rows that show the slide which must have lost it
+LASTING = 3  # frames over which a change must persist
 
 
 @dataclass(frozen=True)
 class Opening:
-    """The slot begins to open."""
+    """Instant at which the slot begins to open."""
 
-    frame: float  # counted from the first strip, with its fraction
-    sigma: float  # [frames], one standard deviation
-    method: str  # how it was told
-    direction: int  # +1: the slide goes to the right, -1: to the left, 0: not told
-    speed: float  # [px/frame], of the slide; NaN where it was not told
+    frame: float  # from the first strip, with its fraction
+    sigma: float  # [frames], standard uncertainty
+    method: str  # how it was found
+    direction: int  # +1: the slide moves to the right, -1: to the left, 0: unknown
+    speed: float  # [px/frame], of the slide; NaN if unknown
 
 
 def slot_edges(beads: npt.NDArray[np.bool_], left: float, right: float) -> tuple[float, float]:
     """Left and right edge [px] of the columns that beads pass through; `beads` has shape (frames, width).
 
-    `left` and `right` are a first guess, used where too few beads are seen.
+    `left` and `right` are the first estimate, returned if too few beads are seen.
     """
     flowing = beads[:, round(left) : max(round(right), round(left) + 1)].mean(axis=1) > 0.25
     if flowing.sum() < 5:
@@ -50,11 +50,11 @@ def slot_edges(beads: npt.NDArray[np.bool_], left: float, right: float) -> tuple
 
 
 def find_opening(strips: Image, left: float, right: float, before: int, masked: Mask | None = None) -> Opening | None:
-    """When the slide's trailing edge passes the slot's near edge; None when nothing changes in the slot.
+    """Instant at which the slide's trailing edge passes the slot's near edge; None if nothing changes in the slot.
 
-    `strips`, shape (frames, width, 3 x rows), runs to when the hopper is empty.  `left` and `right` are the slot's
-    edges [px], `before` a frame at which the slot is open for sure, `masked` where something is in front of the slide,
-    shape (frames, width).
+    `strips`, shape (frames, width, 3 x rows), lasts until the hopper is empty.  `left` and `right` are the slot's edges
+    [px], `before` a frame in which the slot is surely open, `masked`, shape (frames, width), is where something is in
+    front of the slide.
     """
     level = strips[: before + LASTING + 1].astype(np.float64)
     masked = np.zeros(level.shape[:2], dtype=bool) if masked is None else masked[: len(level)]
@@ -66,11 +66,11 @@ def find_opening(strips: Image, left: float, right: float, before: int, masked: 
         return None
     first, last = np.percentile(changed[seen], [10, 90])
     if last - first < 1:
-        # gone between two frames
+        # the slide left between two frames
         return Opening(float(np.median(changed[seen])) - 0.5, 0.3, "slide, between two frames", 0, math.nan)
     direction = 1 if float(np.corrcoef(seen, changed[seen])[0, 1]) > 0 else -1
     near = left if direction > 0 else right
-    # the slide lies under the wall beside the slot, too: its edge is seen there before it opens anything
+    # the slide also lies under the wall beside the slot, so its edge is visible there before it opens anything
     around = np.arange(level.shape[1], dtype=np.float64)
     along = direction * (around - near)
     kept = (along > -0.7 * width) & (along < width) & np.isfinite(changed) & (changed <= before + 1)
@@ -85,9 +85,9 @@ def find_opening(strips: Image, left: float, right: float, before: int, masked: 
 
 
 def _first_changes(level: Array, empty: Array, masked: Mask) -> Array:
-    """The frame in which every column loses for good what it showed at first; infinite where that is not to be seen.
+    """Frame in which every column permanently loses what it showed at first; infinite if that is not visible.
 
-    What comes next is what the empty hopper shows, and soon beads.  The change counts from where it is half done, for a
+    Afterwards the column shows the empty hopper, and soon beads.  The change counts from its half height, because a
     moving edge is blurred.
     """
     wide = _smoothing(level)
@@ -95,7 +95,7 @@ def _first_changes(level: Array, empty: Array, masked: Mask) -> Array:
         level, empty = (uniform_filter1d(each, wide, axis=-2) for each in (level, empty))
     start = np.median(level[:STILL], axis=0)
     away, step = _by_row(level - start), _by_row((empty - start)[None])[0]
-    # of most of these frames: something may pass in one of them
+    # median over these frames: something may pass in one of them
     noise = max(float(np.median(np.percentile(away[:STILL], 90, axis=(1, 2)))), 1.0)
     shown = step > 4 * noise
     gone = (away > np.maximum(0.5 * step, 2.5 * noise)) & shown
@@ -105,13 +105,13 @@ def _first_changes(level: Array, empty: Array, masked: Mask) -> Array:
     above[masked] = False
     lasting = np.all([above[k : count + k] for k in range(LASTING)], axis=0)
     first = np.argmax(lasting, axis=0)
-    # what changes behind a hand is not known to a frame
+    # the frame of a change behind an occlusion is not known
     seen = lasting.any(axis=0) & ~masked[np.maximum(first - 1, 0), np.arange(len(first))]
     return np.asarray(np.where(seen, first, np.inf), dtype=np.float64)
 
 
 def _smoothing(level: Array) -> int:
-    """Over how many columns to average, so that a noisy film shows a slide that differs little from the wall."""
+    """Number of columns to average, so that a slide of low contrast is visible in a noisy film."""
     noise = 1.4826 * float(np.median(np.abs(np.diff(level[:STILL], axis=0)))) / math.sqrt(2)
     return 2 * int(np.clip(round(noise / 3), 0, 4)) + 1
 
@@ -123,13 +123,13 @@ def _by_row(colours: Array) -> Array:
 
 
 def _edge_places(along: Array, changed: Array) -> tuple[Array, Array]:
-    """Frames in which the edge is on its way, and where it is [px]: uncovered on this side of it, covered beyond."""
+    """Frames in which the edge is moving, and its places [px]: uncovered on this side of it, covered beyond."""
     frames, places = [], []
     order = np.argsort(along)
     along, changed = along[order], changed[order]
     for frame in range(int(changed.min()), int(changed.max())):
         done = changed <= frame
-        # the border that leaves the fewest columns on the wrong side
+        # the split with the fewest columns on the wrong side
         wrong = np.concatenate([[0], np.cumsum(~done)]) + (done.sum() - np.concatenate([[0], np.cumsum(done)]))
         k = int(np.argmin(wrong))
         if 1 < k < len(along) - 1 and wrong[k] < 0.2 * len(along):
@@ -139,7 +139,7 @@ def _edge_places(along: Array, changed: Array) -> tuple[Array, Array]:
 
 
 def _moving(frames: Array, places: Array) -> tuple[Array, Array]:
-    """The longest stretch in which the edge goes on from frame to frame; of equally long ones the first."""
+    """The longest stretch in which the edge advances from frame to frame; of equally long ones the first."""
     if len(frames) < 2:
         return frames, places
     on = (np.diff(places) > 1.5) & (np.diff(frames) == 1)
@@ -149,9 +149,9 @@ def _moving(frames: Array, places: Array) -> tuple[Array, Array]:
 
 
 def _line(frames: Array, places: Array) -> tuple[float, float, float]:
-    """Speed [px/frame] of the edge, the frame at which it is at 0, and that one's standard deviation.
+    """Speed [px/frame] of the edge, the frame at which it is at 0, and the standard uncertainty of that frame.
 
-    A slide that is still gathering speed, or a place misread, bends the trace: what is next to the slot counts most.
+    A slide that still accelerates, or a misread place, bends the trace, so places next to the slot have most weight.
     """
     if len(frames) == 2:
         speed = float((places[1] - places[0]) / (frames[1] - frames[0]))

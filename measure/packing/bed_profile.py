@@ -1,3 +1,5 @@
+"""Outline of a bed across its cylinder: record of one view, mean and roughness, and search for straight edges."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass, field
@@ -8,38 +10,38 @@ from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.records import Profile
 
-# How far the mean outline stands above the mean top of the surface beads, and the mean surface with its pits below it,
-# in bead diameters; from settled beds of a DEM, of 8 to 13 bead diameters' width and of several frictions.
-# The spread is that of layers drawn at random (benchmarks/measure/bulk_coverage.py): 0.067 from bed to bed,
-# 0.05 in the middle.
+# Height of the mean outline above the mean top of the surface beads, in bead diameters, and its standard uncertainty.
+# The value comes from settled beds of a DEM, 8 to 13 bead diameters wide, with several frictions.  The uncertainty is
+# that of layers drawn at random (benchmarks/measure/bulk_coverage.py): 0.067 from bed to bed, 0.05 in the middle.
 OUTLINE_ABOVE, OUTLINE_SPREAD = 0.30, 0.08
 
-INSIDE = 0.95  # share of the inner radius that is read: at the wall the outline falls with the last bead's side
+INSIDE = 0.95  # share of the inner radius that is read: at the wall the outline falls with the side of the last bead
 
-ROUGHEST = 0.6  # bead diameters; outlines of settled beds of a DEM are rough by 0.15 to 0.35
+ROUGHEST = 0.6  # [bead diameters], largest rms roughness; outlines of settled beds of a DEM have 0.15 to 0.35
 
-SMOOTHEST = 0.03  # likewise; a straight edge is read to a third of a pixel where beads are a dozen pixels wide
+SMOOTHEST = 0.03  # [bead diameters], least roughness; a straight edge reads a third of a pixel if beads have a dozen
 
-# of beads' round tops at most a third lies on one line, within that many bead diameters; of an edge in front, most
+# An outline with more than the share `ON_A_LINE` of its points within `LINE_WIDTH` bead diameters of one line is an
+# edge of something in front of the bed.  Of round bead tops at most a third of the points do so.
 ON_A_LINE, LINE_WIDTH = 0.5, 0.03
 
-ANCHORS = 40  # places through which lines are tried
+ANCHORS = 40  # points through pairs of which lines are tried
 
 
 @dataclass(frozen=True)
 class Observation:
-    """One photo's outline and what the picture leaves in doubt [m]."""
+    """Outline of one view with the uncertainties that the picture leaves."""
 
     profile: Profile
-    doubts: dict[str, float] = field(default_factory=dict)  # of the mean height
-    flaw: str = ""  # why the outline is not to be relied on
-    misfit: str = ""  # what speaks against a stated size
-    unconfirmed: str = ""  # the stated size on which all hangs and which nothing in the picture checks
-    bead: float | None = None  # [m], as large as beads look
+    doubts: dict[str, float] = field(default_factory=dict)  # [m], named standard uncertainties of the mean height
+    flaw: str = ""  # why the outline is unreliable
+    misfit: str = ""  # why a stated size contradicts the picture
+    unconfirmed: str = ""  # warning about a stated size that nothing in the picture confirms
+    bead: float | None = None  # [m], apparent diameter of a bead
 
 
 def inside_cylinder(profile: Profile, cylinder: float | None) -> tuple[Array, Array]:
-    """The outline where it is read, rising in x [m]; too little of it to read is possible."""
+    """Outline inside the cylinder, sorted by x: x and height, both shape (n,) [m]; n may be 0."""
     finite = np.isfinite(profile.height) & np.isfinite(profile.x)
     x, height = profile.x[finite], profile.height[finite]
     if cylinder is not None:
@@ -61,7 +63,7 @@ def mean_outline(profile: Profile, cylinder: float | None) -> tuple[float, float
             f"profile {profile.view!r} shows too little of the bed's surface inside the cylinder; "
             "give x_m from the axis and height_m above the floor."
         )
-    # even steps: a profile may be denser at some places
+    # resample in equal steps: a profile may have more points in some places
     places = np.linspace(x.min(), x.max(), 400)
     level = np.interp(places, x, height)
     return float(level.mean()), float(np.std(level - np.polyval(np.polyfit(places, level, 2), places)))

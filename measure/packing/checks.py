@@ -1,3 +1,5 @@
+"""Checks of a packing measurement: outline, stated sizes, scale, and whether the bulk density is possible."""
+
 from __future__ import annotations
 
 import math
@@ -27,93 +29,100 @@ if TYPE_CHECKING:
     from rigtwin.lab.records import Profile
     from rigtwin.measure.packing.cylinder import Bed
 
-SAME_PLANE = 0.02  # how far the two may differ when the gauge stands in the plane of the axis
+SAME_PLANE = 0.02  # largest relative difference of the two scales if the gauge stands in the plane of the axis
 
-OTHER_PLANE = 0.04  # how far a given scale may be off what the picture tells: lengths in view stand near the axis
+OTHER_PLANE = 0.04  # largest relative error of a given scale: a length in view may stand before or behind the axis
 
-USUAL_FRACTION = 0.6  # of a bed's volume that is beads: between loose (0.55) and close random packing (0.64)
+USUAL_FRACTION = 0.6  # solid fraction of a bed, between loose (0.55) and close random packing (0.64)
 
-# Share of a bed's volume that equal spheres fill at random: from loose (Onoda & Liniger 1990: 0.555) to close packing
+# Solid fraction of equal spheres packed at random: from loose (Onoda & Liniger 1990: 0.555) to close packing
 # (Scott & Kilgour 1969: 0.637); only a crystal has more, 0.74.
 SPHERES = (0.55, 0.64)
 
-# The wall orders the beads next to it and leaves gaps: of a loose bed's 0.6 that takes 0.010 (exp(10.686 d / D) - 1)
-# (Zou & Yu 1995, for cylinders of four beads' width and more).
+# The wall orders the beads next to it and leaves gaps.  They reduce the solid fraction 0.6 of a loose bed by
+# 0.010 (exp(10.686 d / D) - 1) (Zou & Yu 1995, for cylinders at least four beads wide).
 WALL_GAPS, WALL_DEPTH, NARROWEST = 0.010 / 0.6, 10.686, 4.0
 
-# Likewise of other beads: crosses and rods are loose, cubes, clumps that fit into each other, and several sizes dense.
+# Solid fractions of other beads: crosses and rods pack loosely; cubes, interlocking clumps and mixed sizes pack
+# densely.
 ANY_SHAPE = (0.3, 0.8)
 
-SOLID_DOUBT = 0.03  # relative, of a bead's density: of its volume, by a diameter gauged to 1 %
+SOLID_UNCERTAINTY = (
+    0.03  # relative standard uncertainty of a bead's density: from its volume, with a diameter known to 1 %
+)
 
-# [kg/m^3], of a bead's material where it is not stated: all between balsa wood and tungsten; what is lighter is foam
+# [kg/m^3], possible densities of a bead's material: from balsa wood to tungsten; what is lighter is foam
 SOLID_DENSITIES = (100.0, 19300.0)
 
-SPOILING = ("level_bed", "smooth_surface", "views_agree")  # checks without which a height is doubtful
+SPOILING = ("level_bed", "smooth_surface", "views_agree")  # if one of these checks fails the height is doubtful
 
-# likewise, of what the picture says of the stated sizes, on which scale, floor, or what is taken off the outline hang
+# the same for checks of the stated sizes, which set scale, floor and the offsets from the outline
 STATED = ("gauge", "bead_size", "walls", "straight_walls", "scale", "camera_roll")
 
-NEARER = 1.05  # the beads in front are nearer to the camera than the axis by a fifteenth or so, those beside them less
+NEARER = 1.05  # beads in front are nearer to the camera than the axis by about 1/15, beads at the sides less
 
-MOST_BEYOND = 0.08  # share of the beads seen that may lie outside of the walls: reflections in the glass
+MOST_BEYOND = 0.08  # largest share of beads found outside the walls: reflections in the glass look like beads
 
-# share by which a bed may be narrower at its foot than at its top: a cylinder seen from above and near looks so by a
-# twentieth; where the walls close in by more the density is off by as much
+# Largest relative narrowing of a bed from top to foot.  Perspective from above and near makes a cylinder narrower by
+# about 1/20; where the walls really converge by more the density is wrong by as much.
 MOST_NARROWING = 0.15
 
-# relative standard uncertainties of what a person has weighed and gauged; a twin's mass and cylinder are exact
+# relative standard uncertainties of a weighed mass and a gauged diameter; those of a simulation are exact
 BY_HAND = {"mass": 0.002, "cylinder diameter": 0.003}
 
-ADVISED_RATIO = 5.0  # cylinder over bead diameter
+ADVISED_RATIO = 5.0  # least cylinder diameter over bead diameter without a visible wall effect
 
 
 def bed_views_check(seen: Sequence[Observation], heights: Sequence[float], grain: float) -> Check:
-    """Views of one bed see other beads in front, and are read each for itself."""
+    """Check that views of one bed agree; each shows different beads in front, so their offsets are independent."""
     sigmas = [math.hypot(OUTLINE_SPREAD * grain, *each.doubts.values()) * 1e3 for each in seen]
     return views_check("mean outline", [height * 1e3 for height in heights], sigmas, "mm")
 
 
 def material_check(density: float) -> Check:
-    """Whether beads of any solid can lie as dense as that [kg/m^3]."""
+    """Check that the bulk density [kg/m^3] is possible for a solid material at the usual solid fraction."""
     solid, (low, high) = density / USUAL_FRACTION, SOLID_DENSITIES
-    says = f"the bulk has {density:.4g} kg/m^3, as of beads of about {roughly(solid)} kg/m^3"
+    says = f"the bulk density is {density:.4g} kg/m^3, which implies beads of about {roughly(solid)} kg/m^3"
     ending = (
-        f", but only foam is lighter than {low:g} (of such beads give --bead-density), and nothing heavier than "
-        f"{high:.0f}: check --total-mass, and --cylinder-diameter."
+        f", but only foam is lighter than {low:g} (for foam give --bead-density), and no material is heavier than "
+        f"{high:.0f}: check --total-mass and --cylinder-diameter."
     )
     passed = low < solid < high
     return Check("bulk_density", passed, solid, math.nan, says + ("." if passed else ending))
 
 
 def random_packing(ratio: float) -> tuple[float, float]:
-    """Shares that equal spheres may fill of a cylinder `ratio` times as wide as they are: loose, and close."""
+    """Loose and close solid fraction of equal spheres; `ratio` is cylinder over bead diameter."""
     loose, close = SPHERES
     gaps = WALL_GAPS * (math.exp(WALL_DEPTH / max(ratio, NARROWEST)) - 1)
     return loose * (1 - gaps), close
 
 
 def fraction_check(density: Quantity, solid: float, among: tuple[float, float], spheres: bool) -> Check:
-    """Whether beads of that density [kg/m^3] can fill so much of the bed, its pits left out."""
+    """Check the solid fraction of the bed below its mean surface; `solid` is the density of the beads [kg/m^3]."""
     fraction = density.value / solid
-    # the interval of 95 % is to reach what beads fill
-    slack = 2 * math.hypot(density.std_uncertainty / density.value, SOLID_DOUBT)
+    # the limits are widened so that the 95 % interval may touch the possible range
+    slack = 2 * math.hypot(density.std_uncertainty / density.value, SOLID_UNCERTAINTY)
     low, high = among[0] * (1 - slack), among[1] * (1 + slack)
     passed = low < fraction < high
-    says = f"the bulk has {density.value:.4g} kg/m^3, beads of {solid:g} kg/m^3 fill {100 * fraction:.3g} % of it"
-    kind = "equal spheres poured at random into such a cylinder" if spheres else "poured beads of whatever shape"
+    says = (
+        f"the bulk density is {density.value:.4g} kg/m^3: beads of {solid:g} kg/m^3 fill {100 * fraction:.3g} % of it"
+    )
+    kind = "equal spheres poured at random into such a cylinder" if spheres else "poured beads of any shape"
     wrong = (
         f", but {kind} fill {100 * among[0]:.0f} to {100 * among[1]:.0f} %: --total-mass is too "
-        f"{'low' if fraction < low else 'high'} for this bed, or the bead's density, --cylinder-diameter or the height "
-        "of the bed is wrong"
+        f"{'low' if fraction < low else 'high'} for this bed, or the bead density, --cylinder-diameter or the height "
+        "is wrong"
     )
-    others = "; of beads of other shapes or of several sizes, which this does not hold for, leave --bead-density out"
+    others = (
+        "; for beads of other shapes or of several sizes leave --bead-density out, this range does not apply to them"
+    )
     ending = "." if passed else wrong + (others if spheres else "") + "."
     return Check("bulk_density", passed, fraction, USUAL_FRACTION, says + ending)
 
 
 def roughly(density: float) -> str:
-    """Two digits of a density [kg/m^3], for a bed may be looser or denser than is usual."""
+    """Density [kg/m^3] rounded to two digits: the solid fraction is known only roughly."""
     return f"{float(f'{density:.2g}'):g}"
 
 
@@ -126,7 +135,7 @@ def checks_of(
     checks = []
     if cylinder is not None and bead is not None:
         ratio = cylinder / bead
-        ending = "." if ratio > ADVISED_RATIO else ": the wall orders the beads and the bed is looser than in bulk."
+        ending = "." if ratio > ADVISED_RATIO else ": the wall orders the beads and the bed is looser than a wide one."
         checks.append(
             Check(
                 "cylinder_bead_ratio",
@@ -141,36 +150,36 @@ def checks_of(
         lean = float(np.polyfit(each.profile.x[finite], each.profile.height[finite], 1)[0])
         degrees = math.degrees(math.atan(lean))
         passed = abs(degrees) < 6
-        ending = "." if passed else ": the bed lies askew; level it, or take views from more sides."
+        ending = "." if passed else ": the bed is not level; level it, or take views from more sides."
         checks.append(
             Check(
                 "level_bed",
                 passed,
                 degrees,
                 0.0,
-                f"the outline ({each.profile.view}) leans by {degrees:+.1f} deg and is {rough * 1e3:.2f} mm rough "
-                f"about its mean of {mean * 1e3:.1f} mm{ending}",
+                f"the outline ({each.profile.view}) leans by {degrees:+.1f} deg and has an rms roughness of "
+                f"{rough * 1e3:.2f} mm about its mean of {mean * 1e3:.1f} mm{ending}",
             )
         )
-        if bead is not None:  # else the outline's roughness is all that tells the bead's size
+        if bead is not None:  # without it the bead size is estimated from the roughness, which would be circular
             checks.append(_surface_check(each.profile, rough / bead, cylinder, bead))
     return checks
 
 
 def _surface_check(profile: Profile, rough: float, cylinder: float | None, bead: float) -> Check:
-    """Whether the outline is that of beads, `rough` [bead diameters] and nowhere drawn with a ruler."""
+    """Check that the outline is that of beads: roughness (in bead diameters) and share on one straight line."""
     straight = on_a_line(*inside_cylinder(profile, cylinder), LINE_WIDTH * bead)
     odd = "smooth" if rough < SMOOTHEST else "rough" if rough > ROUGHEST else "straight" if straight > ON_A_LINE else ""
-    ending = f": no settled bed is so {odd}; is something in front of it?" if odd else "."
+    ending = f": a settled bed is never so {odd}; is something in front of it?" if odd else "."
     message = (
-        f"the outline ({profile.view}) is rough by {rough:.2f} bead diameters, {100 * straight:.0f} % of it lie on one "
-        f"straight line{ending}"
+        f"the outline ({profile.view}) has a roughness of {rough:.2f} bead diameters, {100 * straight:.0f} % of it lie "
+        f"on one straight line{ending}"
     )
     return Check("smooth_surface", not odd, rough, 0.25, message)
 
 
 def gauge_pitch(bed: Bed) -> float:
-    """[m/px] of the gauge in the middle of the bed's height."""
+    """Scale [m/px] of the gauge at half the height of the bed."""
     assert bed.gauge is not None
     return bed.gauge.pitch(bed.floor - float(np.mean(bed.outline[1])) / 2)
 
@@ -185,19 +194,19 @@ def picture_checks(bed: Bed, scale: float, source: str, cylinder: float | None, 
                 True,
                 0.0,
                 1.0,
-                "no graduations of a length gauge were made out; scale and floor come from the cylinder and its beads.",
+                "no graduations of a length gauge were found; scale and floor come from the cylinder and its beads.",
             )
         )
     elif cylinder is not None:
         ratio = gauge_pitch(bed) / (cylinder / bed.width)
         same = abs(ratio - 1) < SAME_PLANE
         ending = (
-            ", as in the plane of the axis."
+            ", so both stand in the plane of the axis."
             if same
-            else ": it stands before or behind the axis and was not used, or --cylinder-diameter is wrong."
+            else ": the gauge stands before or behind the axis and was not used, or --cylinder-diameter is wrong."
         )
         checks.append(
-            Check("gauge", same, ratio, 1.0, f"the gauge's millimetre is {ratio:.3f} of the cylinder's{ending}")
+            Check("gauge", same, ratio, 1.0, f"the gauge's millimetre is {ratio:.3f} times the cylinder's{ending}")
         )
     known = gauge_pitch(bed) if bed.gauge is not None else None if cylinder is None else cylinder / bed.width
     if known is not None and source not in ("gauge", "cylinder diameter"):
@@ -212,13 +221,15 @@ def picture_checks(bed: Bed, scale: float, source: str, cylinder: float | None, 
         ratio = 2 * bed.bead_seen * scale / (NEARER * bead)
         checks.append(size_seen(ratio, MISFIT, source))
     within = same or bed.beyond < MOST_BEYOND
-    ending = "." if within else ": check --cylinder-diameter and --bead-diameter, by which walls were looked for."
-    ending = ", whose distance the gauge confirms." if same else ending
-    message = f"{100 * bed.beyond:.0f} % of the beads lie beyond what was taken for the cylinder's walls{ending}"
+    ending = (
+        "." if within else ": check --cylinder-diameter and --bead-diameter, which set where walls were looked for."
+    )
+    ending = "; the gauge confirms the distance of the walls." if same else ending
+    message = f"{100 * bed.beyond:.0f} % of the beads lie outside the cylinder's walls as found{ending}"
     checks.append(Check("walls", within, bed.beyond, 0.0, message))
     slants = abs(bed.narrowing) > MOST_NARROWING
     message = f"the bed is {100 * abs(bed.narrowing):.0f} % {'narrower' if bed.narrowing > 0 else 'wider'} at its foot"
-    ending = ", on both sides: this is no cylinder, and neither its scale nor its density holds." if slants else "."
+    ending = ", on both sides: this is no cylinder, so its scale and density are not valid." if slants else "."
     checks.append(Check("straight_walls", not slants, bed.narrowing, 0.0, message + ending))
     checks.append(
         Check(
@@ -226,7 +237,7 @@ def picture_checks(bed: Bed, scale: float, source: str, cylinder: float | None, 
             not bed.flaw,
             bed.contrast,
             1.0,
-            bed.flaw or f"the outline's clearness is {bed.contrast:.2f} of the clearest edge in the picture.",
+            bed.flaw or f"the contrast of the outline is {bed.contrast:.2f} of the clearest edge in the picture.",
         )
     )
     return checks

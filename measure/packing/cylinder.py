@@ -1,4 +1,4 @@
-"""Find a bed of beads in a glass cylinder in a photo: its walls, its floor, its outline, and a gauge beside it."""
+"""Find a bed of beads in a glass cylinder in a photo: walls, floor, outline, and a gauge beside the cylinder."""
 
 from __future__ import annotations
 
@@ -19,56 +19,57 @@ from rigtwin.measure.geometry.lines import at, long_lines
 from rigtwin.measure.packing.graduations import Gauge, find_gauge
 from rigtwin.measure.scene.contrast_stretch import exposure_of
 
-COARSE = 900  # [px], longer side of the picture that is searched for beads
-FEWEST = 25  # beads of a bed that can be told
-PARTED = 0.1  # share of the largest group of beads that a part of the bed beyond a hand or a rod must hold
-WALL_TO_WALL = 3  # beads in a row without which it does not show both walls
-LAYERED = 6  # rows a radius apart, of four layers of beads: of fewer the layers themselves differ in width
-FEWEST_ROWS = 3  # a bead's radius apart: what a single layer of beads fills
-ZERO_NEAR = 4.6  # [mm], of the floor: within half a centimetre the longer marks tell which one is the zero
-GOES_ON = 6.0  # [mm] that graduations may go on below the zero beyond what parts them
-ENDS_ABOVE = 4.0  # [mm] that they may end above it: a mark or two are lost in the gauge's foot and its shadow
-# [mm] and [px] by which the run of graduations that ends at the zero may seem longer than it is: marks are blurred
+COARSE = 900  # [px], longer side of the reduced picture that is searched for beads
+FEWEST = 25  # least number of beads of a bed
+PARTED = 0.1  # least size of a separate part of the bed, as a share of the largest; a hand or a rod may split the bed
+WALL_TO_WALL = 3  # beads; a row with fewer does not show both walls
+LAYERED = 6  # least number of rows, one radius apart (about four layers): single layers differ in width
+FEWEST_ROWS = 3  # rows, one bead radius apart, that a single layer of beads fills
+ZERO_NEAR = 4.6  # [mm], zero to floor: less than half a centimetre, so that the longer marks identify the zero
+GOES_ON = 6.0  # [mm], graduations further below the zero after a gap mean that the zero is wrong
+ENDS_ABOVE = 4.0  # [mm], graduations may end this far above zero: the gauge's foot and its shadow hide a mark or two
+# [mm] and [px] by which the lowest run of graduations may appear longer than it is, because marks are blurred
 SMEARED = 1.5, 4.0
-LOOKING = (-0.1, 0.6)  # slope at which a camera may look down on the floor: from under its level to 30 degrees
+LOOKING = (-0.1, 0.6)  # slope of the line of sight to the floor: from slightly below its level to 30 degrees above
 MOST_LEAN = math.radians(7)
-FOCAL_SIDES = 2.0  # usual focal length in longer sides of the picture
-USUAL_STEEPNESS = 0.5  # in bead diameters, as `Bed.steepness`
-FOCAL_DOUBT = 0.4  # standard deviation of its logarithm
-INSIDE = 0.97  # share of the inner radius in which the outline is looked for
-# relative, of the walls' distance by the beads' size: circles are found on a shaded bead's clearest edge, up to a sixth
-# inside its rim, and radii are tried in steps of an eighth
+FOCAL_SIDES = 2.0  # usual focal length over the longer side of the picture
+USUAL_STEEPNESS = 0.5  # [bead diameters], standard deviation of the prior of `Bed.steepness`
+FOCAL_UNCERTAINTY = 0.4  # standard deviation of the logarithm of the focal length
+INSIDE = 0.97  # share of the inner radius in which the outline is searched
+# Relative tolerance of the wall distance predicted from the bead size.  Circles are found on the clearest edge of a
+# shaded bead, up to 1/6 inside its rim, and radii are tried in steps of 1/8.
 WALL_TOLERANCE = 0.2
-# [px], half of the blur of 1 px under which edges are sought: shading draws the clearest edge to one side within it,
-# for all of the outline alike
-EDGE_DOUBT = 0.6
-LEAST_SHOWN = 0.3  # share of the surface across the cylinder without which nothing can be said of its height
-HIDDEN_LEVEL = 0.25  # bead diameters, as the outlines of settled beds are rough
-TEXTURE = 2.0  # most that texture may say, as log odds: less than colour's 3.9, for neighbouring pixels share it
+# [px], half of the 1 px blur under which edges are searched: shading shifts the clearest edge to one side within the
+# blur, by the same amount along the whole outline
+EDGE_UNCERTAINTY = 0.6
+LEAST_SHOWN = 0.3  # least visible share of the surface across the cylinder
+HIDDEN_LEVEL = 0.25  # [bead diameters], roughness of the outlines of settled beds
+TEXTURE = 2.0  # limit of the log odds from texture; less than the 3.9 of colour, because neighbouring pixels share it
 
 
 @dataclass(frozen=True)
 class Bed:
-    """A bed in the picture; lengths in px, rows counted down."""
+    """A bed in the picture; lengths in px, rows counted downwards."""
 
     axis: tuple[float, float]  # point of the axis at the floor
     lean: float  # [rad], of the axis: positive where its foot is further right
     roll: float  # [rad], of the horizontal: positive where it falls to the right
     width: float  # inner width of the cylinder in the plane of its axis
     floor_sigma: float
-    bulge: float  # how far the front of the floor hangs below its middle
+    bulge: float  # distance of the front of the floor below its middle
     bulge_sigma: float
     bead_radius: float
-    bead_seen: float  # the same by the picture alone, whatever sizes are stated
-    beyond: float  # share of the beads seen that lie outside of the walls
+    bead_seen: float  # bead radius from the picture alone, independent of stated sizes
+    beyond: float  # share of the beads found that lie outside the walls
     gauge: Gauge | None
-    contrast: float  # [1], clearness of the outline, 1 is as clear as any edge in the picture
+    contrast: float  # contrast of the outline over that of the clearest edge in the picture
     outline_doubt: float  # standard uncertainty of the mean outline
-    flaw: str  # why the outline is not to be relied on
+    flaw: str  # why the outline is unreliable
     longer_side: float  # of the picture
     silhouette: Silhouette = field(repr=False)
-    narrowing: float = 0.0  # share of its width by which the bed is narrower at its foot than at its top
-    roll_seen: tuple[float, float] | None = None  # [rad], by upright edges, and its doubt, where another roll is given
+    narrowing: float = 0.0  # relative decrease of the bed's width from top to foot
+    # roll from upright edges and its standard uncertainty [rad], where another roll is given
+    roll_seen: tuple[float, float] | None = None
 
     @property
     def floor(self) -> float:
@@ -76,12 +77,12 @@ class Bed:
 
     @property
     def outline(self) -> tuple[Array, Array]:
-        """x from the axis and height above the floor, inside the cylinder."""
+        """x from the axis and height above the floor, both shape (n,) [px], inside the cylinder."""
         seen = np.isfinite(self.silhouette.height) & (np.abs(self.silhouette.x) < INSIDE * self.width / 2)
         return self.silhouette.x[seen], self.silhouette.height[seen]
 
     def gauge_rows(self, x: Array, height: Array) -> Array:
-        """Rows at which the gauge is met on the level of outline points."""
+        """Rows [px] where horizontal lines through outline points meet the gauge."""
         assert self.gauge is not None
         points = self.silhouette.view.to_picture(x, height)
         rows = points[:, 1].copy()
@@ -90,18 +91,18 @@ class Bed:
         return rows
 
     def steepness(self) -> tuple[float, float]:
-        """How far the bed's far side rises over its near side in the picture, in bead diameters, and its doubt.
+        """Apparent rise of the bed's far side above its near side [bead diameters], and its standard uncertainty.
 
-        The front of the floor tells how steeply the camera looks down on the floor; on the surface it does by the
-        height over the camera's distance less.
+        The front of the floor shows the slope of the line of sight at the floor.  At the surface the slope is less, by
+        surface height over camera distance.
         """
         _, height = self.outline
         focal = FOCAL_SIDES * self.longer_side
         fallen = float(np.mean(height)) / focal
         steep = self.bulge / (self.width / 2) - fallen
-        doubt = math.hypot(fallen * FOCAL_DOUBT, self.bulge_sigma / (self.width / 2))
+        doubt = math.hypot(fallen * FOCAL_UNCERTAINTY, self.bulge_sigma / (self.width / 2))
         beads = self.width / (4 * self.bead_radius)
-        # who photographs a surface holds the camera near its height
+        # prior: the camera is usually held near the height of the surface
         share = USUAL_STEEPNESS**2 / (USUAL_STEEPNESS**2 + (doubt * beads) ** 2)
         return float(np.clip(share * steep * beads, -1.5, 1.5)), math.sqrt(share) * doubt * beads
 
@@ -114,7 +115,7 @@ def find_bed(
     roll: float | None = None,
     region: tuple[float, float, float, float] | None = None,
 ) -> Bed | None:
-    """The bed in a photo (BGR), None when there is none; `cylinder` inner and `bead` diameter [m] where known."""
+    """Find the bed in a photo (BGR), or None.  `cylinder` (inner) and `bead` are diameters [m] where known."""
     glare = glare_in(image)
     image = exposure_of(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)).applied(image)
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
@@ -141,7 +142,7 @@ def find_bed(
     inside[inside] = _filled(kept, alike)
     if np.sum(inside) < FEWEST:
         return None
-    # what looks round beside the empty part of the cylinder is no bead beyond a wall
+    # count only rows of the bed: round things beside the empty part of the cylinder are not beads beyond a wall
     beside = (down > np.percentile(down[inside], 5)) & (down < np.percentile(down[inside], 95))
     beyond = float(np.mean(((across < left) | (across > right))[beside])) if beside.any() else 0.0
     offset = (left + right) / 2
@@ -193,9 +194,9 @@ def find_bed(
 
 
 def _with_texture(alike: npt.NDArray[np.float32], grey: Image, beads: Beads, view: View) -> npt.NDArray[np.float32]:
-    """Likeness in colour joined by that in texture: a bed is all edges, what stands behind the glass is out of focus.
+    """Combine likeness in colour with likeness in texture: a bed is full of edges, the background is out of focus.
 
-    Histograms of local roughness, between the walls: among the circles, and more than a bead above all of them.
+    Compares histograms of local roughness between the walls: inside the bed, and more than a bead above it.
     """
     away = beads.centre - np.array(view.origin)
     turn = np.array([[math.cos(view.roll), math.sin(view.roll)], [math.sin(view.roll), -math.cos(view.roll)]])
@@ -221,7 +222,7 @@ def _with_texture(alike: npt.NDArray[np.float32], grey: Image, beads: Beads, vie
 
 
 def _filled(beads: Beads, alike: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
-    """Which circles are filled with what looks like beads: marks on the glass draw circles too."""
+    """Mask of circles filled with bead-like pixels; marks on the glass also form circles."""
     filled = cv2.GaussianBlur(alike, (0, 0), 0.5 * beads.radius)
     share = at(filled, beads.centre)
     return np.asarray(share > 0.7 * np.median(share))
@@ -243,9 +244,9 @@ def _beads(image: Image, grey: Image, region: tuple[float, float, float, float] 
 
 
 def _upright(grey: Image, roll: float | None) -> tuple[Level, tuple[float, float] | None]:
-    """How the vertical runs through the picture: its lean at every column, from the long upright edges.
+    """Lean of the vertical at every column, from long upright edges.
 
-    And the roll that these show where another is stated, with its doubt [rad].
+    If `roll` is given, also the roll that the edges show and its standard uncertainty [rad].
     """
     turned = np.ascontiguousarray(grey.T).astype(np.float32)
     lines = long_lines(
@@ -261,25 +262,26 @@ def _upright(grey: Image, roll: float | None) -> tuple[Level, tuple[float, float
 def _walls(
     across: Array, down: Array, radius: float, ratio: float | None, upright: Level, middle: tuple[float, float]
 ) -> tuple[float, float]:
-    """Inner walls at the bed's middle row, from its outermost beads and the long upright edges next to them."""
-    # the edges are lines of the turned picture: (row, column)
+    """Columns of the inner walls at the bed's middle row, from the outermost beads and long upright edges near them."""
+    # lines are in the transposed picture: (row, column)
     places = [line.start[1] + (middle[1] - line.start[0]) * math.tan(line.slope) - middle[0] for line in upright.lines]
     _, once = np.unique(np.floor(np.stack([across, down]) / radius), axis=1, return_index=True)
     starts = np.sort(across[once])
-    # what else looks round may lie beyond the walls: a first guess where the beads' size does not tell their distance
+    # other round things may lie outside the walls: start from an estimate of the width if the bead size does not give
+    # it
     width = 2 * radius * ratio if ratio is not None else float(np.ptp(np.percentile(starts, (2, 98)))) + 2 * radius
 
     def held(left: float, right: float) -> int:
         return int(np.searchsorted(starts, right) - np.searchsorted(starts, left))
 
-    # two upright edges as far apart as the cylinder's walls, with the beads between them; the inner ones
+    # best: two upright edges as far apart as the walls that hold most beads between them; of these the inner ones
     least, most_wide = (1 - WALL_TOLERANCE) * width, (1 + WALL_TOLERANCE) * width
     pairs = [(one, two) for one in places for two in places if least < two - one < most_wide]
     most = max((held(*pair) for pair in pairs), default=0)
     if most > 0.8 * max(held(start - radius, start + width) for start in starts.tolist()):
         return min((pair for pair in pairs if held(*pair) > 0.96 * most), key=lambda pair: pair[1] - pair[0])
     if ratio is not None:
-        # else the strip that holds the most beads
+        # otherwise the strip that holds the most beads
         first = max(starts.tolist(), key=lambda start: held(start, start + width - 1.8 * radius))
         across = across[(across >= first) & (across <= first + width - 1.8 * radius)]
     low, high = np.percentile(across, (2, 98))
@@ -292,7 +294,7 @@ def _walls(
 
 
 def _in_the_bed(across: Array, down: Array, walls: tuple[float, float], radius: float) -> npt.NDArray[np.bool_]:
-    """Circles between the walls, and in rows that beads fill: what else looks round stands alone."""
+    """Mask of circles between the walls in rows filled with beads; other round things stand in sparse rows."""
     inside = (across > walls[0]) & (across < walls[1])
     rows = np.arange(down.min(), down.max() + radius, radius)
     filled = []
@@ -304,7 +306,7 @@ def _in_the_bed(across: Array, down: Array, walls: tuple[float, float], radius: 
     if len(full) == 0:
         return inside
     runs = np.split(full, np.flatnonzero(np.diff(full) > 2) + 1)
-    # what is held in front of the bed parts it: two rows full of beads belong to it, wherever they are
+    # an object in front of the bed may split it: runs of full rows belong to it wherever they are
     kept = np.concatenate([run for run in runs if len(run) >= min(FEWEST_ROWS, max(map(len, runs)))])
     return np.asarray(inside & (down > rows[kept[0]] - 1.5 * radius) & (down < rows[kept[-1]] + 1.2 * radius))
 
@@ -312,10 +314,10 @@ def _in_the_bed(across: Array, down: Array, walls: tuple[float, float], radius: 
 def _floor(
     across: Array, down: Array, half: float, radius: float, known: float | None = None
 ) -> tuple[float, float, float, float]:
-    """Row of the floor at the axis and its doubt, how far the floor's front hangs below it and its doubt, all in px.
+    """Floor row at the axis, its standard uncertainty, distance of the floor's front below it, its uncertainty [px].
 
-    `known` is the row of the floor where a gauge tells it.  The lowest beads of a bed seen from above form an arc:
-    those in front touch the floor in front.
+    `known` is the floor row from a gauge.  The lowest beads of a bed seen from above form an arc, because those in
+    front touch the floor in front.
     """
     bins = np.linspace(-0.93 * half, 0.93 * half, 15)
     places, lowest = [], []
@@ -335,7 +337,7 @@ def _floor(
         if known is None:
             normal = design.T @ design + np.diag([0.0, 0.3])
             answer = np.linalg.solve(normal, design.T @ (y * weight))
-            # whether the floor lies low or is seen steeply the arc's shape alone tells
+            # low floor and steep view are separated only by the shape of the arc
             level_sigma = scale * math.sqrt(float(np.linalg.inv(normal)[0, 0]))
         else:
             bulge = float(design[:, 1] @ ((y - known) * weight) / (design[:, 1] @ design[:, 1]))
@@ -343,16 +345,16 @@ def _floor(
         answer[1] = max(answer[1], 0.0) if known is None else answer[1]
         miss = y - answer @ np.array([np.ones_like(x), arc])
         scale = max(1.4826 * float(np.median(np.abs(miss))), 0.1 * radius)
-        # a bead that is not seen leaves the place to one that lies higher
+        # a missed bead leaves a higher one as the lowest, so negative residuals are weighted less
         weight = np.where(miss < 0, 1 / (1 + (miss / (1.5 * scale)) ** 2), 1 / (1 + (miss / (2.5 * scale)) ** 2))
     floor_sigma = math.hypot(max(0.35 * radius, 1.0), level_sigma)
     return float(answer[0]), floor_sigma, float(answer[1]), math.hypot(0.6 * radius, scale)
 
 
 def _narrowing(across: Array, down: Array, radius: float) -> float:
-    """By how much less wide [px] the bed is at its foot than at its top, twice what the less slanting side shows.
+    """Decrease of the bed's width [px] from top to foot: twice that of the side that slants less.
 
-    Beads missed in glare, or at one wall, make one side slant; the wall of a bin or a heap's flanks slant both.
+    Beads missed in glare or at one wall make one side slant.  The walls of a bin or the flanks of a heap slant both.
     """
     from scipy.stats import theilslopes
 
@@ -377,7 +379,7 @@ def _gauge(
     axis: tuple[float, float],
     horizontal: float,
 ) -> Gauge | None:
-    """The gauge beside the cylinder; `pixel` is the expected size of a millimetre [px]."""
+    """Find the gauge beside the cylinder; `pixel` is the expected size of a millimetre [px]."""
     gap = 0.06 * (walls[1] - walls[0])
     columns = np.concatenate([np.arange(4, walls[0] - gap, 3.0), np.arange(walls[1] + gap, grey.shape[1] - 4, 3.0)])
     best = None
@@ -394,15 +396,15 @@ def _gauge(
 
 
 def _goes_on(gauge: Gauge) -> bool:
-    """Whether graduations are seen below what was taken for the zero."""
+    """Whether graduations are visible below the supposed zero."""
     return gauge.lowest > gauge.row_of(-GOES_ON) or gauge.last > gauge.row_of(-SMEARED[0]) + SMEARED[1]
 
 
 def _cut_off(beads: Beads, alike: npt.NDArray[np.float32]) -> bool:
-    """Whether the bed runs on to the lower edge of the picture, so that it does not show the floor."""
+    """Whether the bed reaches the lower edge of the picture, so that the floor is not visible."""
     height = len(alike)
     lowest = float(beads.centre[:, 1].max()) + beads.radius
-    if lowest < height - 2 * beads.radius:  # a row of beads that the edge cuts may not be found
+    if lowest < height - 2 * beads.radius:  # a row of beads cut by the edge may not be detected
         return False
     left, right = (max(round(float(end)), 0) for end in np.percentile(beads.centre[:, 0], (5, 95)))
     edge = alike[height - max(2, round(beads.radius / 4)) :, left : right + 1]
@@ -410,7 +412,7 @@ def _cut_off(beads: Beads, alike: npt.NDArray[np.float32]) -> bool:
 
 
 def _judged(bed: Bed, cut_off: bool) -> Bed | None:
-    """The bed with what speaks against its outline; None when it is none."""
+    """The bed with the uncertainty and flaws of its outline; None if too little of the surface is visible."""
     found = bed.silhouette
     seen = np.abs(found.x) < INSIDE * bed.width / 2
     known = seen & np.isfinite(found.height)
@@ -418,25 +420,25 @@ def _judged(bed: Bed, cut_off: bool) -> Bed | None:
     if shown < LEAST_SHOWN:
         return None
     apart = np.abs(found.looser[known] - found.stricter[known])
-    doubt = 0.15 * float(np.nanmean(np.minimum(apart, 4 * bed.bead_radius))) + EDGE_DOUBT
+    doubt = 0.15 * float(np.nanmean(np.minimum(apart, 4 * bed.bead_radius))) + EDGE_UNCERTAINTY
     flaw = ""
     middle = float(np.mean(bed.gauge_rows(*bed.outline))) if bed.gauge is not None else 0.0
     if cut_off:
-        flaw = "the bed runs on to the lower edge of the picture, which does not show the floor"
+        flaw = "the bed reaches the lower edge of the picture, so the floor is not visible"
     elif bed.gauge is not None and not bed.gauge.first - bed.bead_radius < middle < bed.gauge.last + bed.bead_radius:
         flaw = "the gauge's graduations are hidden at the height of the surface: something may be in front of both"
     elif bed.gauge is not None and _goes_on(bed.gauge):
-        flaw = "the gauge's graduations go on below what was taken for its zero: the lower part of the bed is hidden"
+        flaw = "the gauge's graduations continue below the supposed zero: the lower part of the bed is hidden"
     elif bed.gauge is not None and float(bed.gauge.reading(bed.gauge.lowest)) > ENDS_ABOVE:
-        flaw = "the gauge's graduations end above what was taken for its zero: they are hidden, or it was misread"
+        flaw = "the gauge's graduations end above the supposed zero: they are hidden, or the gauge was misread"
     elif bed.gauge is not None and not LOOKING[0] < bed.bulge / (bed.width / 2) < LOOKING[1]:
         flaw = "the lowest beads do not lie at the gauge's zero: the floor is hidden, or the gauge was misread"
     elif shown < 0.9:
         flaw = "the surface is hidden in more than a tenth of the cylinder's width"
     elif found.contrast < 0.25:
-        flaw = "the outline is hardly to be told from what is behind it"
+        flaw = "the outline has hardly any contrast to the background"
     elif float(np.nanmean(apart > 1.5 * bed.bead_radius)) > 0.2:
-        flaw = "a fifth of the outline depends on the level at which beads are told from what is behind them"
-    # where it is hidden the surface may lie higher or lower by its roughness, as long as a few beads are wide
+        flaw = "a fifth of the outline depends on the threshold that separates beads from the background"
+    # the hidden part may lie higher or lower by the roughness of a bed
     hidden = HIDDEN_LEVEL * 2 * bed.bead_radius * math.sqrt(max(1 - shown, 0.0))
     return replace(bed, outline_doubt=math.hypot(doubt, hidden), flaw=flaw)

@@ -1,3 +1,5 @@
+"""Evaluate outlines of a bed in a cylinder: bed height and bulk density with their uncertainty budgets."""
+
 from __future__ import annotations
 
 import math
@@ -31,13 +33,15 @@ from rigtwin.measure.packing.checks import (
     roughly,
 )
 
-PITS_BELOW, PITS_SPREAD = 0.50, 0.05
+PITS_BELOW, PITS_SPREAD = 0.50, 0.05  # [bead diameters], mean surface below the bead tops; its standard uncertainty
 
-BEAD_DOUBT = MISFIT / 2  # relative, of a scale read off the beads or of their size, which nothing else checks then
+BEAD_UNCERTAINTY = (
+    MISFIT / 2
+)  # relative standard uncertainty of a bead size, or of a scale from it, that nothing else checks
 
-# Beads are taken to be that many times as large as an outline is rough where only that tells their size; outlines of
-# settled beds are rough by 0.15 to 0.35 of them.
-OF_ROUGHNESS, ROUGHNESS_DOUBT = 4.0, 0.4  # the latter relative
+# Estimated bead diameter over the rms roughness of the outline, used where nothing else shows the bead size.  Outlines
+# of settled beds have a roughness of 0.15 to 0.35 bead diameters.
+OF_ROUGHNESS, ROUGHNESS_UNCERTAINTY = 4.0, 0.4  # the second is a relative standard uncertainty
 
 
 # ------------------------------------------------------------------------------------------------- record -> quantities
@@ -52,11 +56,54 @@ def evaluate(
     bead_density: float | None = None,
     spheres: bool = True,
 ) -> Evaluation:
-    """Bed height and bulk density from outlines of one bed (several views), filmed or simulated.
+    """Evaluate bed height and bulk density from outlines of one bed, filmed or simulated.
 
-    A simulated bed's profile is the outline of its spheres seen level and from far away, above the floor.
-    `cylinder_diameter` [m] is the inner one, `total_mass` [kg], `bead_diameter` [m], `bead_density` [kg/m^3];
-    `spheres` are all of one size.
+    Parameters
+    ----------
+    profiles : sequence of Profile
+        One outline per view: x across the cylinder [m], height above the floor [m].  The profile of a simulated bed is
+        the outline of its spheres, seen horizontally from far away.
+    cylinder_diameter : float or None
+        Inner diameter of the cylinder [m].
+    total_mass : float, optional
+        Mass of all beads [kg]; needed for the bulk density.
+    bead_diameter : float, optional
+        Bead diameter [m]; estimated from the roughness of the outline where it is not given.
+    bead_density : float, optional
+        Density of a bead [kg/m^3]; used to check the bulk density.
+    spheres : bool
+        Whether the beads are spheres of one size.
+
+    Returns
+    -------
+    Evaluation
+        ``bed_height`` [m] by the methods "surface bead tops", "mean surface" and "outline"; with mass and cylinder also
+        ``bulk_density`` [kg/m^3] by the first two; checks and warnings.
+
+    Raises
+    ------
+    BadInput
+        If no profile is given or a size, mass or density is not positive.
+    NothingToMeasure
+        If a profile shows too little of the surface, or lies less than a bead above the floor.
+
+    Notes
+    -----
+    With mean outline h_o and bead diameter d::
+
+        h_tops = h_o - 0.30 d
+        h_mean = h_o - 0.80 d
+        rho    = 4 m / (pi D^2 h)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rigtwin.lab.records import Profile
+    >>> x = np.linspace(-0.03, 0.03, 301)
+    >>> outline = Profile(x, 0.07 + 0.0018 * np.sin(2 * np.pi * x / 0.006), np.full(301, 1e-5))
+    >>> found = evaluate([outline], cylinder_diameter=0.06, bead_diameter=0.006, total_mass=0.1)
+    >>> [(one.quantity, one.method, round(one.value, 3)) for one in found.quantities[:2]]
+    [('bed_height', 'surface bead tops', 0.068), ('bed_height', 'mean surface', 0.065)]
     """
     seen = [Observation(profile) for profile in profiles]
     return evaluate_views(seen, cylinder_diameter, total_mass, bead_diameter, bead_density, {}, spheres)
@@ -110,8 +157,8 @@ def evaluate_views(
     warnings = list(dict.fromkeys(each.unconfirmed for each in seen if each.unconfirmed))
     if bead is None:
         warnings.append(
-            f"bead diameter not stated: what lies between outline, tops and mean surface was worked out for beads of "
-            f"{reading(grain, unknown, 'm')}, by the look of the bed; give --bead-diameter."
+            f"bead diameter not stated: the offsets between outline, tops and mean surface assume beads of "
+            f"{reading(grain, unknown, 'm')}, estimated from the picture; give --bead-diameter."
         )
     if mass is not None and cylinder is not None:
         densities = [_density(height, mass, cylinder, stated) for height in found[:2]]
@@ -123,34 +170,34 @@ def evaluate_views(
         if solid is None and stated:
             material = roughly(densities[0].value / USUAL_FRACTION)
             warnings.append(
-                f"mass not confirmed: bulk density hangs on --total-mass {mass * 1e3:g} g alone, by which beads have "
-                f"about {material} kg/m^3; give --bead-density to check it."
+                f"mass not confirmed: bulk density depends on --total-mass {mass * 1e3:g} g alone, which implies beads "
+                f"of about {material} kg/m^3; give --bead-density to check it."
             )
         found += [doubted(one, failed(checks, ["bulk_density", "cylinder_bead_ratio"])) for one in densities]
     else:
         missing = "total_mass" if mass is None else "cylinder_diameter"
-        warnings.append(f"bulk density is left out; give --{missing.replace('_', '-')}.")
+        warnings.append(f"bulk density was not computed; give --{missing.replace('_', '-')}.")
     return Evaluation(tuple(found), tuple(checks), tuple(warnings))
 
 
 def _bead_seen(seen: Sequence[Observation], rough: float) -> tuple[float, float]:
-    """Diameter of a bead that is not stated and its standard uncertainty, both in m."""
+    """Estimated diameter of a bead of unstated size and its standard uncertainty, both in m."""
     looks = [each.bead for each in seen if each.bead is not None]
-    if looks:  # views show the same beads alike
-        return float(np.median(looks)), BEAD_DOUBT * float(np.median(looks))
-    return OF_ROUGHNESS * rough, ROUGHNESS_DOUBT * OF_ROUGHNESS * rough
+    if looks:  # all views share the same bias of the apparent size, so it does not average out
+        return float(np.median(looks)), BEAD_UNCERTAINTY * float(np.median(looks))
+    return OF_ROUGHNESS * rough, ROUGHNESS_UNCERTAINTY * OF_ROUGHNESS * rough
 
 
 def _flaw(seen: Sequence[Observation], checks: Sequence[Check]) -> str:
-    """Why the heights are not to be relied on."""
+    """Reason why the heights are unreliable, or ""."""
     outline = [each.flaw for each in seen if each.flaw]
-    # an outline that something covers is likely to be askew or smooth for that
+    # a covered outline often also fails the checks on slope and roughness; report only the cause
     odd = [] if outline else [each.message for each in checks if not each.passed and each.check in SPOILING]
     return in_a_row([*outline, *odd, *(each.misfit for each in seen)])
 
 
 def _view_doubts(seen: Sequence[Observation], heights: Sequence[float]) -> dict[str, float]:
-    """What the pictures leave in doubt; views share scale and floor, so only scatter averages out."""
+    """Standard uncertainties of the mean outline [m]; views share scale and floor, so only scatter averages out."""
     names = dict.fromkeys(name for each in seen for name in each.doubts)
     parts = {name: max(each.doubts.get(name, 0.0) for each in seen) for name in names}
     sigmas = [float(np.nanmedian(each.profile.sigma)) for each in seen]
@@ -169,7 +216,7 @@ def _height(value: float, method: str, budget: dict[str, float], count: int, fla
 
 
 def _density(height: Quantity, mass: float, cylinder: float, stated: Mapping[str, float]) -> Quantity:
-    """Mass over the filled volume, pi/4 D^2 h."""
+    """Bulk density m / (pi/4 D^2 h) [kg/m^3]."""
     value = mass / (math.pi / 4 * cylinder**2 * height.value)
     power = {"mass": 1, "cylinder diameter": 2}
     budget = {name: value * part / height.value for name, part in height.budget.items()}

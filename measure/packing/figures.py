@@ -1,4 +1,4 @@
-"""What a measured bed looks like: the photo with walls, floor, outline and height, and a plot of the outline."""
+"""Figures of a packing measurement: the photo with walls, floor, outline and height, and a plot of the outline."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from rigtwin.measure.packing.cylinder import Bed
 def write_pictures(
     out: Path, stem: str, profile: Profile, seen: tuple[Image, Bed] | None, measurement: Measurement
 ) -> dict[str, Path]:
-    """Write overlay (for a photo), plot and record of one view into `out`; returns what was written."""
+    """Write overlay (for a photo), plot and record of one view into `out`; return the paths by kind."""
     out.mkdir(parents=True, exist_ok=True)
     files = {"plot": out / f"{stem}-plot.svg", "record": out / f"{stem}-profile.csv"}
     if seen is not None:
@@ -40,7 +40,7 @@ def write_pictures(
 
 
 def write_plot(path: Path, profile: Profile, found: tuple[Quantity, ...]) -> None:
-    """The outline across the cylinder, and the heights read from it."""
+    """Plot the outline across the cylinder with the heights found and their standard uncertainties."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7, 4))

@@ -1,8 +1,8 @@
-"""Read a length gauge that stands in a photo: the reading in millimetres at every row, without clicks.
+"""Find a length gauge in a photo and read it in millimetres at every row, without clicks.
 
-Graduations repeat.  Along the gauge the grey level is a wave of one period per millimetre whose phase, followed from
-end to end, is the reading itself: perspective, which lets the far end's millimetres shrink, is in the phase as well.
-Which of the marks are whole centimetres shows where the marks are longer.
+Graduations are periodic.  Along the gauge the grey level is a wave with a period of one millimetre.  Its unwrapped
+phase is the reading; perspective, which makes distant millimetres smaller, is contained in the phase.  The longer marks
+show which graduations are whole centimetres.
 """
 
 from __future__ import annotations
@@ -16,35 +16,37 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, GreyImage
 
-# by which the size of a millimetre may be larger or smaller than expected: wide, for the gauge is to tell whether what
-# was expected, from a stated size, is right
-PITCH_DOUBT = 2.2
-BENDING = 0.05  # how much the pitch may change from one end to the other, by perspective
-LEAST_LENGTH = 25.0  # [mm] of a gauge in view
-CLEAR = 7.0  # strength of the wave over that of a chance one
-LONGER_MARKS = 5.0  # how much the marks at whole centimetres must stand out
-CLEAR_PART = 8.0  # [mm] of a stretch of graduations that is no accident
-FEW_MARKS = 3.0  # [mm] of one that is none where its marks are as clear as the clearest of the gauge
-FINEST = 2.2  # [px], of a millimetre that can be told apart
-PADDED = 4  # times its length, to which a wave is padded: its rate is then told to a quarter of a turn over its length
-BENDS = 11  # tried between the two ends of `BENDING`
-PROMISING = 12  # columns of which all bends are tried
+# Factor by which a millimetre may be larger or smaller than expected.  It is wide because the gauge is also used to
+# check the stated size from which the expectation comes.
+PITCH_RANGE = 2.2
+BENDING = 0.05  # largest relative change of the pitch from end to end, by perspective
+LEAST_LENGTH = 25.0  # [mm], shortest visible length of a gauge
+CLEAR = 7.0  # least amplitude of the wave over that expected for noise
+LONGER_MARKS = 5.0  # least score of the longer marks at whole centimetres
+CLEAR_PART = 8.0  # [mm], shortest separate stretch of graduations that is accepted
+FEW_MARKS = 3.0  # [mm], the same where its marks are as clear as the clearest of the gauge
+FINEST = 2.2  # [px], smallest millimetre that can be resolved
+PADDED = (
+    4  # zero padding of a wave in multiples of its length; resolves its rate to a quarter of a turn over its length
+)
+BENDS = 11  # number of bends tried within +-`BENDING`
+PROMISING = 12  # number of columns for which all bends are tried
 
 
 @dataclass(frozen=True)
 class Gauge:
-    """A graduated line in the picture; `row` is counted along the gauge's own direction."""
+    """A graduated line in the picture; `row` is counted along the direction of the gauge."""
 
-    column: float  # [px], where the gauge crosses row 0 of its direction
-    lean: float  # [rad], the gauge's direction against the picture's columns, positive where its foot is further right
-    rate: tuple[float, float, float]  # reading [mm] = a + b row + c row^2, falling with the row
-    first: float  # [px], rows between which graduations are seen
-    last: float  # [px]
-    strength: float  # of the wave over a chance one
-    lowest: float  # [px], row of the lowest graduations, also of those beyond what parts the gauge in two
+    column: float  # [px], column of the gauge at row 0
+    lean: float  # [rad], angle between gauge and picture columns, positive where its foot is further right
+    rate: tuple[float, float, float]  # reading [mm] = a + b row + c row^2, decreasing with the row
+    first: float  # [px], first row with visible graduations
+    last: float  # [px], last row with visible graduations
+    strength: float  # amplitude of the wave over that expected for noise
+    lowest: float  # [px], row of the lowest graduations, including those below a gap
 
     def reading(self, row: Array | float) -> Array:
-        """[mm] at a picture row on the gauge."""
+        """Reading [mm] at a picture row [px] on the gauge."""
         a, b, c = self.rate
         return np.asarray(a + b * np.asarray(row) + c * np.asarray(row) ** 2, dtype=np.float64)
 
@@ -57,7 +59,7 @@ class Gauge:
         return float(row)
 
     def pitch(self, row: float) -> float:
-        """[m/px] at a picture row."""
+        """Size of a pixel [m/px] at a picture row [px]."""
         return abs(self.rate[1] + 2 * self.rate[2] * row) * 1e-3
 
     def column_at(self, row: float) -> float:
@@ -68,12 +70,13 @@ class Gauge:
 def find_gauge(
     grey: GreyImage, columns: Array, lean: Array, expected: float, floor: float, floor_doubt: float
 ) -> Gauge | None:
-    """The clearest gauge in the picture columns `columns`, whose direction there is `lean` [rad].
+    """Find the clearest gauge in picture columns.
 
-    `expected` is the size of a millimetre [px], `floor` the row near which the gauge's zero is, `floor_doubt` how near
-    [mm].  None when no graduations are seen.
+    `columns`, shape (n,) [px], are searched; `lean`, shape (n,) [rad], is the direction of a gauge there.  `expected`
+    is the size of a millimetre [px].  `floor` is the approximate row of the gauge's zero [px] and `floor_doubt` the
+    largest distance from it [mm].  Returns None if no graduations are found.
     """
-    if expected * PITCH_DOUBT < FINEST or len(columns) == 0:
+    if expected * PITCH_RANGE < FINEST or len(columns) == 0:
         return None
     waves = [_wave(grey, float(column), float(turn)) for column, turn in zip(columns, lean, strict=True)]
     strength, k, (rate, bend) = _clearest(np.stack(waves), expected)
@@ -86,12 +89,12 @@ def find_gauge(
     at_row_0 = _whole(waves, k, (phase, rate, bend), (first, last), floor, floor_doubt)
     if at_row_0 is None:
         return None
-    # readings grow upwards, rows downwards
+    # readings increase upwards, rows downwards
     return Gauge(float(columns[k]), float(lean[k]), (at_row_0, -rate, -bend), first, last, strength, lowest)
 
 
 def _wave(grey: GreyImage, column: float, lean: float, half_width: int = 2) -> Array:
-    """Grey level along the gauge's direction, its slow part taken out, in units of its usual size."""
+    """Grey level along the gauge, high-pass filtered and divided by its local rms."""
     rows = np.arange(grey.shape[0], dtype=np.float32)
     across = np.arange(-half_width, half_width + 1, dtype=np.float32)
     x = column + math.tan(lean) * rows[:, None] + across[None, :]
@@ -109,7 +112,7 @@ def _turns(rows: Array, rate: float, bend: float) -> Array:
 
 
 def _clearest(waves: Array, expected: float) -> tuple[float, int, tuple[float, float]]:
-    """Strength, number, and rate [1/px] and bend [1/px^2] of the clearest millimetre wave among `waves` (n, rows)."""
+    """Strength, index, rate [1/px] and bend [1/px^2] of the clearest millimetre wave; `waves` is (n, rows)."""
     bends = np.linspace(-BENDING, BENDING, BENDS) / (2 * waves.shape[1] * expected)
     few = bends[[BENDS // 4, BENDS // 2, BENDS - 1 - BENDS // 4]]
     first = np.max([_spectrum(waves, expected, float(bend))[0] for bend in few], axis=0)
@@ -121,18 +124,18 @@ def _clearest(waves: Array, expected: float) -> tuple[float, int, tuple[float, f
         if strength[top] > best:
             best, place, k = float(strength[top]), (float(rates[top]), bend), int(promising[top])
     rate, bend = place
-    # bend about the middle, as reading = a + rate row + bend row^2
+    # convert the bend about the middle to reading = a + rate row + bend row^2
     return best, k, (rate - bend * waves.shape[1], bend)
 
 
 def _spectrum(waves: Array, expected: float, bend: float) -> tuple[Array, Array]:
-    """Of every wave, unbent, the strength over that of a chance one and the rate [1/px] of its clearest period."""
+    """Strength (amplitude over that of noise) and rate [1/px] of the clearest period of every wave, bend removed."""
     from scipy.fft import fft, next_fast_len
 
     rows = waves.shape[1]
     chirp = np.exp(-2j * math.pi * bend * (np.arange(rows) - rows / 2) ** 2)
     count = next_fast_len(PADDED * rows)
-    lowest, highest = 1 / expected / PITCH_DOUBT, min(PITCH_DOUBT / expected, 1 / FINEST)
+    lowest, highest = 1 / expected / PITCH_RANGE, min(PITCH_RANGE / expected, 1 / FINEST)
     part = slice(math.floor(lowest * count), math.ceil(highest * count) + 1)
     size = np.abs(fft((waves * chirp).astype(np.complex64), count, axis=1)[:, part])
     top = np.argmax(size, axis=1)
@@ -141,7 +144,7 @@ def _spectrum(waves: Array, expected: float, bend: float) -> tuple[Array, Array]
 
 
 def _phase(wave: Array, rate: float, bend: float) -> tuple[float, float, float, float]:
-    """Phase at row 0 [turns], the rows between which the wave is seen, and the lowest row of a clear part of it."""
+    """Phase at row 0 [turns], first and last row of the visible wave, and the lowest row of any clear part."""
     rows = np.arange(len(wave), dtype=np.float64)
     mixed = wave * _turns(rows, rate, bend)
     window = 15
@@ -173,8 +176,9 @@ def _whole(
     floor: float,
     floor_doubt: float,
 ) -> float | None:
-    """The reading at row 0 [mm]: marks lie on whole millimetres, the longer ones on whole centimetres, and the zero
-    near the floor.
+    """Reading at row 0 [mm], or None if it is ambiguous.
+
+    Marks lie on whole millimetres, longer ones on whole centimetres, and the zero lies near the floor.
     """
     phase, rate, bend = law
     rows = np.arange(len(waves[0]), dtype=np.float64)
@@ -184,7 +188,7 @@ def _whole(
     best, answer = LONGER_MARKS, None
     for j in range(max(k - 14, 0), min(k + 15, len(waves))):
         wave = waves[j][inside]
-        # marks are the thin part of the period: dark on light, or light on dark
+        # marks take the smaller part of a period: dark on light, or light on dark
         sign = -1.0 if float(np.mean(wave**3)) < 0 else 1.0
         nearest = math.ceil(middle - floor_doubt)
         start = -phase + (0.5 if sign < 0 else 0.0)
@@ -201,5 +205,5 @@ def _whole(
 
 
 def _tooth(reading: Array) -> Array:
-    """One at whole centimetres, zero half a millimetre from them."""
+    """Weight that is 1 at whole centimetres and 0 from half a millimetre off."""
     return np.asarray(np.exp(-0.5 * ((reading - 10 * np.round(reading / 10)) / 0.25) ** 2))

@@ -1,14 +1,4 @@
-"""A cylinder filled with beads, photographed from the side: bed height and bulk density (Hlosta et al. 2020, fig. 4).
-
-The surface of a bed is a band, not a line.  `bed_height` by the method "surface bead tops", the first, is the mean top
-of the beads that form the surface, those with no higher bead whose centre lies within 0.8 diameters sideways of their
-own: what is read at a gauge.  "mean surface" is the mean height of the surface with its pits, half a bead lower, to
-which the bed fills the cylinder; a bead that is not stated is taken as large as beads look.  What a photo shows is the
-"outline": at every place across the cylinder the highest bead along the line of sight, some 0.3 diameters above the
-tops.  `evaluate` reads the outline and takes that off.  The bulk density is told for both of the first.
-
-A profile of `measure` runs across the cylinder, x = 0 on its axis; heights are above the cylinder's floor.
-"""
+"""Measure a cylinder filled with beads from photos: bed height and bulk density (Hlosta et al. 2020, fig. 4)."""
 
 from __future__ import annotations
 
@@ -48,11 +38,61 @@ def measure(
     out: Path | None = None,
     progress: Progress = silent,
 ) -> Measurement:
-    """Bed height and bulk density from photos of one bed (one per view); a ``.csv`` is a profile that is ready.
+    """Measure bed height and bulk density from photos of one bed.
 
-    A gauge beside the cylinder gives scale and zero where its graduations are seen; else the inner diameter of the
-    cylinder gives the scale, and the lowest beads the floor.  Where `spheres` is false, beads may fill more or less of
-    the bed than spheres of one size can.  Raises `NothingToMeasure` when no bed is seen.
+    Parameters
+    ----------
+    photos : sequence of Path
+        One photo per view.  A file with suffix ``.csv`` is read as a finished profile (columns ``x_m``, ``height_m``).
+    camera : Camera
+        Scale, roll, region and other settings of the camera.
+    cylinder_diameter : float or None
+        Inner diameter of the cylinder [m].
+    total_mass : float, optional
+        Mass of all beads [kg]; needed for the bulk density.
+    bead_diameter : float, optional
+        Bead diameter [m]; where it is not given, the apparent diameter in the picture is used.
+    bead_density : float, optional
+        Density of a bead [kg/m^3]; used to check the bulk density.
+    spheres : bool
+        Whether the beads are equal spheres; other shapes have a wider range of possible solid fractions.
+    out : Path, optional
+        Folder for overlay, plot and profile table.
+    progress : Progress
+        Callback that shows the progress.
+
+    Returns
+    -------
+    Measurement
+        ``bed_height`` [m] by the methods "surface bead tops" (first), "mean surface" and "outline", and
+        ``bulk_density`` [kg/m^3] by the first two.  Its profiles run across the cylinder: x = 0 on the axis, heights
+        above the floor [m].
+
+    Raises
+    ------
+    BadInput
+        If no photo is given, two photos are the same file, or no source of scale is available.
+    NothingToMeasure
+        If no bed is found in a photo.
+
+    Notes
+    -----
+    The surface of a bed has a thickness of about one bead, so three heights are reported:
+
+    - "surface bead tops" is the mean top of the surface beads.  A surface bead has no higher bead whose centre lies
+      within 0.8 diameters horizontally.  A reader of a gauge sees this height.
+    - "mean surface" is the mean height of the surface including its pits, half a bead diameter lower.  The volume of
+      the bed follows from it.
+    - "outline" is what a photo shows: for every x the highest bead along the line of sight.  It lies about 0.3
+      diameters
+      above the bead tops.  `evaluate` measures it and subtracts the offsets of the other two.
+
+    If graduations of a gauge beside the cylinder are visible they give scale and zero.  Otherwise the inner diameter of
+    the cylinder gives the scale, and the lowest beads give the floor.
+
+    References
+    ----------
+    Hlosta et al. 2020, fig. 4.
     """
     if not photos:
         raise BadInput("measure packing: no photo given; name one or more photos of the cylinder.")

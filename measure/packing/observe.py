@@ -1,3 +1,5 @@
+"""Observe one photo of a packing: the bed's outline in metres, its scale, and its uncertainty budget."""
+
 from __future__ import annotations
 
 import math
@@ -19,13 +21,13 @@ from rigtwin.measure.geometry.camera_roll import roll_check
 from rigtwin.measure.packing.bed_profile import Observation
 from rigtwin.measure.packing.checks import NEARER, SAME_PLANE, STATED, gauge_pitch, picture_checks
 from rigtwin.measure.packing.cylinder import Bed, find_bed
-from rigtwin.measure.packing.evaluate import BEAD_DOUBT
+from rigtwin.measure.packing.evaluate import BEAD_UNCERTAINTY
 
-GIVEN_DOUBT = 0.003  # relative, of a scale read off a length in the plane of the axis
+GIVEN_UNCERTAINTY = 0.003  # relative standard uncertainty of a scale from a length in the plane of the axis
 
-WALL_DOUBT = 0.006  # relative, of a scale read off the cylinder's inner walls
+WALL_UNCERTAINTY = 0.006  # relative standard uncertainty of a scale from the cylinder's inner walls
 
-GAUGE_DOUBT = 0.002  # relative, of a scale read off a gauge in the plane of the axis
+GAUGE_UNCERTAINTY = 0.002  # relative standard uncertainty of a scale from a gauge in the plane of the axis
 
 
 def observe(
@@ -34,8 +36,8 @@ def observe(
     bed = find_bed(image, cylinder=cylinder, bead=bead, roll=camera.roll, region=camera.region)
     if bed is None:
         raise NothingToMeasure(
-            f"{photo}: shows no bed of beads in a cylinder; photograph it from the side, the beads a dozen pixels wide "
-            "or more, or point at it with --region x,y,width,height."
+            f"{photo}: no bed of beads in a cylinder was found; photograph it from the side with beads a dozen "
+            "or more pixels wide, or give its place with --region x,y,width,height."
         )
     scale, doubt, source = _scale(photo, bed, camera, cylinder, bead)
     x, above = bed.outline
@@ -47,7 +49,7 @@ def observe(
         floor_doubt, floor_from = bed.floor_sigma * scale, "lowest beads"
     steep = bed.steepness()
     grain = 2 * bed.bead_radius * scale
-    # seen from above or below, the near or the far side of the bed stands out over the middle
+    # a camera above or below the surface sees its far or near side above the middle
     raised = 0.25 * steep[0] ** 2 * grain
     spread = max(0.25 * steep[1] * math.hypot(2 * steep[0], math.sqrt(2) * steep[1]), 0.02) * grain
     profile = Profile(x * scale, height - raised, np.full(len(x), 0.8 * scale), view=photo.stem)
@@ -76,16 +78,16 @@ def observe(
 
 
 def _unconfirmed(bed: Bed, source: str, cylinder: float | None, bead: float | None) -> str:
-    """What hangs on one stated size that nothing else in the picture checks; empty where something does."""
+    """Warning that the results depend on one stated size that nothing else in the picture confirms, or ""."""
     if bed.gauge is not None:
-        return ""  # its millimetres are known
+        return ""  # the gauge's graduations are a known length
     if source == "cylinder diameter" and bead is None:
-        what, advice = "bed height and, by its third power, bulk density hang", "--bead-diameter"
+        what, advice = "bed height and, by its third power, bulk density depend", "--bead-diameter"
         given = f"--cylinder-diameter {(cylinder or 0) * 1e3:g} mm"
     elif source == "bead diameter":
-        what, advice, given = "bed height hangs", "--cylinder-diameter", f"--bead-diameter {(bead or 0) * 1e3:g} mm"
+        what, advice, given = "bed height depends", "--cylinder-diameter", f"--bead-diameter {(bead or 0) * 1e3:g} mm"
     elif bead is None and cylinder is None:
-        what, advice, given = "bed height hangs", "--cylinder-diameter or --bead-diameter", "the given scale"
+        what, advice, given = "bed height depends", "--cylinder-diameter or --bead-diameter", "the given scale"
     else:
         return ""
     return size_unseen(what, given, f"give {advice} too, or photograph a length gauge beside the cylinder")
@@ -94,21 +96,21 @@ def _unconfirmed(bed: Bed, source: str, cylinder: float | None, bead: float | No
 def _scale(
     photo: Path, bed: Bed, camera: Camera, cylinder: float | None, bead: float | None
 ) -> tuple[float, float, str]:
-    """[m/px] in the plane of the axis at the bed's middle, its relative doubt, and where it is from."""
+    """Scale [m/px] in the plane of the axis at mid-height, its relative standard uncertainty, and its source."""
     if camera.given_scale is not None:
-        return camera.given_scale, camera.scale_doubt(GIVEN_DOUBT), camera.scale_from
+        return camera.given_scale, camera.scale_doubt(GIVEN_UNCERTAINTY), camera.scale_from
     wall = None if cylinder is None else cylinder / bed.width
-    doubt = WALL_DOUBT
+    doubt = WALL_UNCERTAINTY
     if bed.gauge is not None:
         pitch = gauge_pitch(bed)
         if wall is None or abs(pitch / wall - 1) < SAME_PLANE:
-            return pitch, GAUGE_DOUBT, "gauge"
-        # the truth lies anywhere between the two
-        doubt = math.hypot(WALL_DOUBT, (pitch / wall - 1) / math.sqrt(3))
+            return pitch, GAUGE_UNCERTAINTY, "gauge"
+        # rectangular distribution: the true scale lies anywhere between the two
+        doubt = math.hypot(WALL_UNCERTAINTY, (pitch / wall - 1) / math.sqrt(3))
     if wall is not None:
         return wall, doubt, "cylinder diameter"
     if bead is not None:
-        return NEARER * bead / (2 * bed.bead_seen), BEAD_DOUBT, "bead diameter"
+        return NEARER * bead / (2 * bed.bead_seen), BEAD_UNCERTAINTY, "bead diameter"
     raise BadInput(
         f"{photo}: no scale; give --cylinder-diameter, --scale, or a photo with a graduated gauge beside the cylinder."
     )

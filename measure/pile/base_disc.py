@@ -1,8 +1,8 @@
-"""Find the round base under a heap: rim ends, roll, and how far one looks down on it.
+"""Find the round base under a heap: ends of its rim, roll, and how steeply the camera looks down on it.
 
-The base is a disc seen from slightly above: its front rim is half an ellipse, its lower edge another half ellipse
-below it, its sides two straight walls; bead colour above the rim, none on its face.  This template is laid where it
-fits best.
+The base is a disc seen from slightly above.  Its front rim is half an ellipse, its lower edge another half ellipse
+below, its sides are two vertical walls.  Bead colour lies above the rim, none on the face.  This template is fitted to
+the picture by differential evolution.
 """
 
 from __future__ import annotations
@@ -22,48 +22,48 @@ from rigtwin.lab.arrays import Array
 from rigtwin.measure.bulk.beads import Beads, Edges, edges
 from rigtwin.measure.bulk.outline import Disc
 
-Numbers = npt.NDArray[np.floating[Any]]  # of either precision: candidates are compared in single
+Numbers = npt.NDArray[np.floating[Any]]  # single or double precision; candidates are evaluated in single precision
 
-LEAST_RIM = 0.5  # share of the lower rim that must lie on edges
-LEAST_WALL = 0.3  # likewise of both walls, less the edges that run on where a wall should end
-ENOUGH_BEADS = 300  # their share on one side of a line is known to 3 %
-POPULATION, ISLANDERS = 160, 100  # candidates searched together, of all and of one island
+LEAST_RIM = 0.5  # least share of the lower rim on edges
+LEAST_WALL = 0.3  # least mean share of the walls on edges, minus edges that continue beyond the end of a wall
+ENOUGH_BEADS = 300  # beads used to estimate the share on one side of a line, to 3 %
+POPULATION, ISLANDERS = 160, 100  # candidates of the final search, and of each island
 ISLANDS = 4  # parts of the height in which the front rim may lie
 ISLAND_GENERATIONS, GENERATIONS = 25, 35
-SAMPLES = (20, 40)  # along a rim, on the islands and for the best of them all
-LEADERS = 12  # of the population, around which mutants are made
-CROSSED = 0.7  # share of a candidate's numbers that a mutant gives it
-ALIKE = 1e-3  # relative spread of the costs at which a search ends
-USUAL_WALL = 0.6  # share of a wall on edges
-RUNNING_ON = 0.5  # weight of edges that run on where a wall should end
-HEAP = 3.0  # weight of bead colour right above the rim
-FACE = 2.0  # weight of bead colour on the face: beads are no disc
-PLAIN = 1.5  # weight of edges on the face
-MOST_ROLL = 0.1  # [rad], that a camera is turned, or a base leans, unless it is said
-BASE_LEANS = 0.02  # [rad], that a base leans beside a roll that is said
-THICK = 1.5  # cost of a thickness of half the width: bases are plates
-EMPTY = 4.0  # cost of a base twice as wide as the heap
-LIT = 4.0  # [grey], by which a lit top is brighter than the face at least
-SHADOW = 0.3  # of what follows a face in darkness: shadows on the face itself are fainter
-EDGE_ROWS = 8  # half pixels within which an edge as blurred as a lens makes it reaches its height
+SAMPLES = (20, 40)  # points along a rim, for the islands and for the final search
+LEADERS = 12  # best candidates around which mutants are made
+CROSSED = 0.7  # crossover probability per number of a candidate
+ALIKE = 1e-3  # relative spread of the costs at which a search stops
+USUAL_WALL = 0.6  # usual share of a wall on edges
+RUNNING_ON = 0.5  # weight of edges that continue beyond the end of a wall
+HEAP = 3.0  # weight of bead colour directly above the rim
+FACE = 2.0  # weight against bead colour on the face
+PLAIN = 1.5  # weight against edges on the face
+MOST_ROLL = 0.1  # [rad], largest roll of camera or base if none is stated
+BASE_LEANS = 0.02  # [rad], largest tilt of the base beyond a stated roll
+THICK = 1.5  # cost of thickness, per half width: bases are plates
+EMPTY = 4.0  # cost of a base wider than the heap, per half width of the heap
+LIT = 4.0  # [grey level], least brightness of a lit top above the face
+SHADOW = 0.3  # of the largest darkening above the face: shadows on the face itself are fainter
+EDGE_ROWS = 8  # [half pixels], width of an edge blurred by the lens
 SEEN_LARGER = 1.15  # circles are found on the clearest edge of a shaded bead, a little inside its rim
-SIZE_DOUBT = 0.2  # error of the logarithm of the circles' radius that is nothing unusual
+SIZE_TOLERANCE = 0.2  # tolerated error of the logarithm of the circles' radius
 FOCAL_LENGTH = 2.0  # in widths of the photo: between a phone (0.75) and a macro lens (3 and more)
-FOCAL_DOUBT = 0.4  # standard deviation of the logarithm of the above
+FOCAL_UNCERTAINTY = 0.4  # standard deviation of the logarithm of the above
 
 
 @dataclass(frozen=True)
 class _Template:
-    """Candidates for the disc, each field of shape (candidates, 1), lengths in half widths unless said.
+    """Candidates for the disc; each field has shape (candidates, 1), lengths in half widths unless stated.
 
-    Held by its lower rim, which nothing hides.
+    The reference is the lower rim, which nothing hides.
     """
 
-    x: Numbers  # [px], middle of the line between the lower rim's ends
+    x: Numbers  # [px], midpoint between the lower rim's ends
     y: Numbers  # [px], likewise
     half: Numbers  # [px]
     roll: Numbers  # [rad]
-    low: Numbers  # how far the front of the lower rim hangs below the line between its ends
+    low: Numbers  # distance of the front of the lower rim below the line between its ends
     thickness: Numbers
 
     def pixel(self, along: Numbers, down: Numbers) -> tuple[Numbers, Numbers]:
@@ -77,13 +77,13 @@ class _Template:
         return x, y
 
     def bulge(self, focal_length: float) -> Array:
-        """One looks down on the upper rim less steeply, by the disc's thickness over the distance."""
+        """Bulge of the upper rim; its view is less steep than that of the lower rim by thickness over distance."""
         near = nearness(self.half, focal_length)
         return np.asarray(np.maximum(self.low - self.thickness * near / (1 - near * near), 0))
 
 
 def nearness(half: Numbers, focal_length: float) -> Array:
-    """Disc radius over the camera's distance, from half its width and the focal length, both in px."""
+    """Disc radius over camera distance, from half its width and the focal length, both in px."""
     return np.asarray(np.minimum(half / focal_length, 0.5))
 
 
@@ -96,11 +96,11 @@ def find_disc(
     roll: float | None,
     beads_across: float | None,
 ) -> Disc | None:
-    """The disc under the beads, None when there is none to be seen.
+    """Find the disc under the beads; None if none is visible.
 
-    `alike` is the bead likeness of every pixel, `focal_length` in px, `roll` [rad] the camera's roll where it was
-    given, `beads_across` the disc's diameter in bead diameters where it is known.  A roll that is given only widens
-    the search, to both sides: the disc tells whether it is right, and its sign.
+    `alike` is the bead likeness of every pixel, `focal_length` in px, `roll` [rad] the stated roll of the camera,
+    `beads_across` the disc's diameter in bead diameters where it is known.  A stated roll only widens the search, to
+    both sides, so that the fitted roll can be used to check it and its sign.
     """
     pictures = [edges(grey, blur=2.5), edges(grey, blur=1.5)]
     costs = [
@@ -121,9 +121,9 @@ def find_disc(
 
 
 def _search(costs: Sequence[_Cost], bounds: Array) -> Array:
-    """The cheapest place: one island per height of the front rim, then the best of them all on the finer picture.
+    """Candidate with the least cost: one island per height range of the front rim, then a search on the finer picture.
 
-    Strong edges above or below the disc would otherwise draw the whole population to them.
+    With a single population, strong edges above or below the disc would attract all candidates.
     """
     sills = np.linspace(bounds[2, 0], bounds[2, 1], ISLANDS + 1)
     parts = np.repeat(bounds[None], ISLANDS, axis=0)
@@ -138,12 +138,13 @@ def _search(costs: Sequence[_Cost], bounds: Array) -> Array:
 def _evolved(
     cost: Callable[[Array], Array], bounds: Array, start: Array | None, generations: int
 ) -> tuple[Array, Array]:
-    """Populations, shape (islands, candidates, numbers), and their costs after differential evolution, best/1/bin
-    (Storn and Price 1997), around several leaders of each (Zhang and Sanderson 2009): around the best alone a
-    population may settle on an edge that is not the disc's.
+    """Minimise by differential evolution, best/1/bin (Storn and Price 1997).
 
-    `bounds` of shape (islands, numbers, 2); `start` are the first populations, spread evenly over the bounds where they
-    are None.  All islands are judged in one call: that, not the candidates' number, is what takes its time.
+    Returns populations, shape (islands, candidates, numbers), and their costs.  Mutants are made around several leaders
+    (Zhang and Sanderson 2009): around the best alone a population may converge on an edge that is not the disc's.
+
+    `bounds` has shape (islands, numbers, 2).  `start` holds the first populations; if None they fill the bounds evenly.
+    The run time depends on the number of cost calls, so all islands are evaluated in one call.
     """
     random = np.random.default_rng(len(bounds))
     low, span = bounds[:, None, :, 0], np.maximum(np.diff(bounds, axis=2), 1e-12)[:, None, :, 0]
@@ -179,9 +180,9 @@ def _evolved(
 
 
 def _candidate(place: Array) -> Array:
-    """Fields of a template from what is searched for: x of both ends, y of the lower rim's front, and the rest.
+    """Fields of a template from the searched numbers: x of both ends, y of the lower rim's front, and the rest.
 
-    Each edge then hangs on as few numbers as can be.
+    In these numbers each edge depends on as few of them as possible, which helps the search.
     """
     left, right, front, roll, low, thickness = place
     half = (right - left) / (2 * np.cos(roll))
@@ -192,7 +193,7 @@ def _candidate(place: Array) -> Array:
 
 
 def _sharpened(grey: npt.NDArray[np.uint8], fine: Edges, candidate: Array, focal_length: float) -> Array:
-    """The candidate moved to the sub-pixel edges: walls, then lower rim, then the upper rim by the face's height."""
+    """Refine a candidate to sub-pixel edges: walls, then lower rim, then upper rim by the height of the face."""
     p = candidate.copy()
     for reach in (7.0, 5.0, 3.0):
         template = _Template(*p[:, None, None])
@@ -214,7 +215,7 @@ def _sharpened(grey: npt.NDArray[np.uint8], fine: Edges, candidate: Array, focal
 def _edge_offset(
     picture: Edges, template: _Template, along: Array, down: Array, normal: tuple[float, float], reach: float
 ) -> tuple[Array, Array]:
-    """Where the strongest edge lies off the template [px] in the direction `normal`, and how strong it is."""
+    """Offset [px] of the strongest edge from the template in the direction `normal`, and its strength."""
     steps = np.arange(-reach, reach + 0.25, 0.5)
     half = float(template.half[0, 0])
     u, v = along[:, None] + normal[0] * steps / half, down[:, None] + normal[1] * steps / half
@@ -231,7 +232,7 @@ def _edge_offset(
 
 
 def _vertex(values: npt.NDArray[np.float32], rows: npt.NDArray[np.int64], at: npt.NDArray[np.int64]) -> Array:
-    """Offset, in samples, of the parabola's top through the largest sample and its neighbours."""
+    """Offset, in samples, of the vertex of the parabola through the largest sample and its neighbours."""
     at = np.clip(at, 1, values.shape[1] - 2)
     before, here, after = (values[rows, at + k].astype(np.float64) for k in (-1, 0, 1))
     bend = before - 2 * here + after
@@ -239,7 +240,7 @@ def _vertex(values: npt.NDArray[np.float32], rows: npt.NDArray[np.int64], at: np
 
 
 def _robust_fit(design: Array, values: Array, weight: Array) -> Array:
-    """Weighted least squares with Huber's weights."""
+    """Weighted least squares with Huber weights."""
     usual = np.ones_like(values)
     answer = np.zeros(design.shape[1])
     for _ in range(12):
@@ -252,22 +253,22 @@ def _robust_fit(design: Array, values: Array, weight: Array) -> Array:
 
 
 def _face_share(grey: npt.NDArray[np.uint8], template: _Template, focal_length: float) -> float:
-    """How tall the plain face is as a share of the template's, read along its whole front.
+    """Height of the plain face as a share of the template's, read along its whole front.
 
-    The front row of beads hides the upper rim's edge in part, and its shadow lies on the face.  Where at least every
-    fourth column shows a strip of the lit top the rim lies at the strip's lower edge; where none does, the face ends
-    where columns stop looking like the face below them.
+    The front row of beads partly hides the edge of the upper rim, and its shadow lies on the face.  If at least every
+    fourth column shows a strip of the lit top, the rim is the lower edge of that strip.  Otherwise the face ends where
+    columns no longer look like the face below them.
     """
     along = np.linspace(-0.9, 0.9, 320)
     arc = np.sqrt(1 - along * along)
     half, low = float(template.half[0, 0]), template.low * arc
-    tall = template.thickness + low - template.bulge(focal_length) * arc  # the middle of a face is nearer
+    tall = template.thickness + low - template.bulge(focal_length) * arc  # the middle of the face is nearer
     guess = half * float(np.max(tall))
     rows = np.arange(2.0, max(1.8 * guess, guess + 10, 12), 0.5)  # [px] above the lower rim, at the tallest column
     x, y = template.pixel(along[None, :], low - rows[:, None] / guess * tall)
-    # every column's own noise averages out, so that no smoothing need widen a strip of one or two pixels
+    # noise averages out over the columns, so no smoothing is needed that would widen a strip of one or two pixels
     values = cv2.remap(grey.astype(np.float32), x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR)
-    plain = rows < max(0.5 * guess, 2.5)  # of the thinnest face its first row at least
+    plain = rows < max(0.5 * guess, 2.5)  # at least the first row of a very thin face
     light = np.median(values[plain], axis=0)
     unlit = light < _usual(light) + LIT
     change = (values - light)[:, unlit]
@@ -275,20 +276,20 @@ def _face_share(grey: npt.NDArray[np.uint8], template: _Template, focal_length: 
     dark, bright = (each - np.median(each[plain]) for each in (dark, bright))
     faint = SHADOW * float(dark.max())
     ends, lit = _first_edge(dark, plain, faint), _first_edge(bright, plain, LIT)
-    # up to a lit top the face goes on in every fourth column; what is bright behind darker columns is a bead
+    # below a lit top every fourth column still shows the face; brightness behind darker columns is a bead
     if lit is not None and dark[round(lit)] < dark.max() / 2 and bright[: round(lit)].min() > -max(faint, LIT):
         ends = lit
     return 1.0 if ends is None else float(np.interp(ends, np.arange(len(rows)), rows)) / guess
 
 
 def _usual(light: Array) -> float:
-    """What the light of a face's columns hardly exceeds where no lamp's reflection lies over it."""
+    """Upper limit of the grey levels of a face's columns outside lamp reflections."""
     middle = float(np.median(light))
     return middle + 3 * 1.4826 * float(np.median(np.abs(light - middle)))
 
 
 def _first_edge(departure: Array, plain: npt.NDArray[np.bool_], least: float) -> float | None:
-    """Row at which a departure from the plain rows first reaches half of what it comes to, None where it stays."""
+    """Row at which a departure from the plain rows first reaches half of its height; None if it never departs."""
     first, usual = int(np.sum(plain)), float(np.std(departure[plain]))
     (clear,) = np.nonzero(departure[first:] > max(least, 4 * usual, 2.0))
     if len(clear) == 0:
@@ -301,7 +302,7 @@ def _first_edge(departure: Array, plain: npt.NDArray[np.bool_], least: float) ->
     while departure[row] < level:
         row += 1
     before = float(departure[row - 1])
-    # the last plain row may depart as far as the level, too: the edge then lies there
+    # the last plain row may also reach the level: the edge then lies there
     return row - min((float(departure[row]) - level) / max(float(departure[row]) - before, 1e-9), 1.0)
 
 
@@ -314,7 +315,7 @@ def _bounds(beads: Beads, roll: float | None) -> Array:
             (high - 0.15 * reach, high + 0.6 * reach),
             (foot - 0.1 * reach, foot + 0.45 * reach),
             (-turn, turn),
-            (0.0, 0.4),  # looking down by up to 20 degrees
+            (0.0, 0.4),  # camera looking down by up to 20 degrees
             (0.02, 0.5),
         ]
     )
@@ -323,7 +324,7 @@ def _bounds(beads: Beads, roll: float | None) -> Array:
 def _reach(beads: Beads) -> tuple[float, float, float, float]:
     """Left and right end of the heap, half its width, and its foot, all in px.
 
-    A few circles beside the heap may have been taken for beads of it.
+    Percentiles are used because a few circles beside the heap may be false detections.
     """
     left, right = np.percentile(beads.centre[:, 0], (1, 99)) + np.array([-beads.radius, beads.radius])
     return left, right, (right - left) / 2, float(np.percentile(beads.centre[:, 1], 95)) + beads.radius
@@ -331,9 +332,9 @@ def _reach(beads: Beads) -> tuple[float, float, float, float]:
 
 @dataclass(frozen=True)
 class _Cost:
-    """How badly candidates fit: edges on the outline, beads above the rim and neither below nor beside, a plain face.
+    """Cost of candidates: edges on the outline, beads above the rim and none below or beside it, a plain face.
 
-    The lower rim weighs most: it is the longest edge, and nothing stands before it.
+    The lower rim has the largest weight: it is the longest edge, and nothing stands in front of it.
     """
 
     picture: Edges
@@ -341,7 +342,7 @@ class _Cost:
     beads: Beads
     focal_length: float
     beads_across: float | None
-    samples: int  # along a rim
+    samples: int  # points along a rim
 
     @cached_property
     def heap_reach(self) -> float:
@@ -350,11 +351,11 @@ class _Cost:
 
     @cached_property
     def some_centres(self) -> Numbers:
-        """Centres of beads [px], enough of them to say how many lie below the rim."""
+        """Subset of bead centres [px], large enough to estimate the share below the rim."""
         return self.beads.centre[:: math.ceil(len(self.beads.centre) / ENOUGH_BEADS)].astype(np.float32)
 
     def __call__(self, places: Array) -> Array:
-        """Cost of places, shape (6, n), as `_candidate` reads them."""
+        """Cost of places, shape (6, n), in the numbers of `_candidate`."""
         template = _Template(*_candidate(places).astype(np.float32)[..., None])
         bead = self.beads.radius
         lower, left, right, upper, face, uneven, heap, spilled = _support(
@@ -366,7 +367,7 @@ class _Cost:
         arc = np.sqrt(np.clip(1 - along * along, 0, 1))
         front = template.bulge(self.focal_length) * arc - template.thickness
         below = np.mean(down > front - 0.3 * bead / template.half, axis=1)
-        # walls lower than a bead are little evidence: a bead's own side may pass for one
+        # walls lower than a bead are weak evidence: the side of a bead may look like one
         tall = np.minimum(template.thickness * template.half / bead, 1)[:, 0]
         walls = 0.45 * (tall * (left + right + np.minimum(left, right)) + (1 - tall) * 3 * USUAL_WALL)
         score = 2.5 * lower + walls + upper + HEAP * heap - FACE * face - PLAIN * uneven - spilled - 2 * below
@@ -374,18 +375,18 @@ class _Cost:
         score -= EMPTY * np.maximum(template.half[:, 0] / self.heap_reach - 1.15, 0)
         if self.beads_across is not None:
             size = np.log(template.half[:, 0] / bead / (self.beads_across * SEEN_LARGER))
-            score -= np.maximum(np.abs(size) - SIZE_DOUBT, 0) / SIZE_DOUBT
+            score -= np.maximum(np.abs(size) - SIZE_TOLERANCE, 0) / SIZE_TOLERANCE
         return np.asarray(-score)
 
 
 def _support(
     picture: Edges, alike: npt.NDArray[np.float32], template: _Template, bead: float, focal_length: float, samples: int
 ) -> Array:
-    """Shares, shape (8, n): edges on lower rim, both walls, upper rim; on the face bead colour and edges; bead colour
-    above and beside the heap's foot.
+    """Shares, shape (8, n): edges on lower rim, both walls and upper rim; bead colour and edges on the face; bead
+    colour above and beside the foot of the heap.
     """
     along = np.linspace(-0.97, 0.97, samples, dtype=np.float32)
-    some = along[::2]  # of what is read in several rows
+    some = along[::2]  # for what is read in several rows
     bulge = template.bulge(focal_length)
 
     def rim(hang: Numbers, u: Numbers) -> Numbers:
@@ -411,7 +412,7 @@ def _support(
             *((some, on_face(share), slope(template.low, some)) for share in (0.3, 0.5, 0.7)),
         ],
     )
-    inner = some[np.abs(some) < 0.75]  # a heap need not reach the rim at the sides
+    inner = some[np.abs(some) < 0.75]  # a heap may end before the rim at the sides
     beside = np.concatenate([np.linspace(*ends, 6, dtype=np.float32) for ends in ((-1.3, -1.07), (1.07, 1.3))])
     above = [-share * bead / template.half - template.thickness for share in (0.5, 1.0, 1.5, 2.0)]
     colour = _at(
@@ -430,7 +431,7 @@ def _support(
             right - RUNNING_ON * right_on,
             high,
             colour[:4].mean(axis=0),
-            # the quietest row stands for a face so thin that its rims' edges fill it
+            # the row with the fewest edges counts half: edges of the rims fill a very thin face
             (np.mean(uneven, axis=0) + np.min(uneven, axis=0)) / 2,
             colour[4:8].mean(axis=0),
             colour[8:].mean(axis=0),
@@ -441,8 +442,8 @@ def _support(
 def _on_edges(picture: Edges, template: _Template, lines: Sequence[tuple[Numbers, Numbers, Numbers | None]]) -> Array:
     """Share of lines that lies on edges along them, shape (lines, n).
 
-    Each line is given along and down the template, and by how steeply it falls (None: upright); all are read at once,
-    which is what makes a search of thousands of candidates quick.
+    Each line is given by coordinates along and down the template and by its slope (None: vertical).  All lines are read
+    in one call, because a search evaluates thousands of candidates.
     """
     x, y, starts = _laid_out(template, [line[:2] for line in lines])
     seen = cv2.remap(picture.both, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
@@ -459,13 +460,13 @@ def _on_edges(picture: Edges, template: _Template, lines: Sequence[tuple[Numbers
 
 
 def _at(layer: npt.NDArray[np.float32], template: _Template, lines: Sequence[tuple[Numbers, Numbers]]) -> Array:
-    """Mean of a picture along lines, given along and down the template, shape (lines, n)."""
+    """Mean of a picture along lines in template coordinates, shape (lines, n)."""
     x, y, starts = _laid_out(template, lines)
     return _means(cv2.remap(layer, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE), starts)
 
 
 def _means(values: npt.NDArray[Any], starts: Sequence[int]) -> Array:
-    """Of each line's samples, shape (lines, n)."""
+    """Mean of each line's samples, shape (lines, n)."""
     sizes = np.diff([*starts, values.shape[1]])
     return np.asarray((np.add.reduceat(values, starts, axis=1) / sizes.astype(np.float32)).T)
 
@@ -473,7 +474,7 @@ def _means(values: npt.NDArray[Any], starts: Sequence[int]) -> Array:
 def _laid_out(
     template: _Template, lines: Sequence[tuple[Numbers, Numbers]]
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], list[int]]:
-    """Picture points of all lines beside each other, shape (n, samples), and where each line begins."""
+    """Picture points of all lines side by side, shape (n, samples), and the index where each line begins."""
     *starts, end = itertools.accumulate((line[0].shape[-1] for line in lines), initial=0)
     laid = np.empty((2, len(template.x), end), dtype=np.float32)
     for line, part in zip(lines, _parts(starts, end), strict=True):

@@ -1,4 +1,4 @@
-"""What can be said of the photos of a heap: sizes that do not fit, an uneven heap, views of different heaps."""
+"""Checks and warnings of a heap: stated sizes, uneven flanks, washed-out outlines, agreement of views."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ if TYPE_CHECKING:
     from rigtwin.measure.bulk.outline import Silhouette
 
 ADVISED_RATIO = 25  # base over bead diameter (Hlosta et al. 2020, section 2.1.5 advises more)
-BASE_DOUBT = 0.01  # relative, of the base's edges in the picture
-NEARER = 1.08  # the beads in front, clearest of all, are nearer to the camera than the base's axis
+BASE_UNCERTAINTY = 0.01  # relative standard uncertainty of the base's width in the picture
+NEARER = 1.08  # the beads in front, which are the clearest, are nearer to the camera than the axis of the base
 
 
 def narrow_base(base: float, bead: float) -> list[str]:
-    """Advice on a base [m] of too few beads [m]: the heap on it is measured, but another one differs from it more."""
-    if round(base / bead, 1) >= ADVISED_RATIO:  # as precise as it is told
+    """Warning if the base [m] is few beads [m] wide: heaps on a narrow base differ more from each other."""
+    if round(base / bead, 1) >= ADVISED_RATIO:  # rounded as in the message
         return []
     return [
-        f"the base is {base / bead:.1f} bead diameters wide; {ADVISED_RATIO} or more are advised: on a smaller one "
-        "single beads set the angle, and only the mean of several heaps tells it."
+        f"the base is {base / bead:.1f} bead diameters wide; {ADVISED_RATIO} or more are advised: on a smaller base "
+        "single beads change the angle, so use the mean of several heaps."
     ]
 
 
 def uneven_flanks(profile: Profile, heap: repose_angles.Heap) -> str:
-    """What is told of a heap whose flanks differ by more than their grains explain, which heaps may; else nothing."""
+    """Warning if the flanks differ by more than grain roughness explains, or ""."""
     left, right = (repose_angles.flank_line(heap, side) for side in repose_angles.SIDES)
     if left is None or right is None:
         return ""
@@ -40,15 +40,16 @@ def uneven_flanks(profile: Profile, heap: repose_angles.Heap) -> str:
     if abs(difference) < 2.5 * doubt + 1.0:
         return ""
     return (
-        f"left minus right flank ({profile.view}) is {difference:+.1f} deg, its grains explain about {doubt:.1f} deg: "
-        "the heap is uneven, or its base not level; more views tell its mean better."
+        f"left minus right flank ({profile.view}) is {difference:+.1f} deg, grain roughness explains {doubt:.1f} deg: "
+        "the heap is uneven, or its base is not level; take more views to average over."
     )
 
 
 def views_checks(quantities: Sequence[Quantity], line: str) -> list[Check]:
-    """Whether the views show one heap, by the angle of the method `line` and by the height.
+    """Check that the views show one heap, by the angle of the method `line` and by the height.
 
-    An uneven heap's angle differs from view to view by what its sides do; a doubtful view's doubt is wide already.
+    The angle of an uneven heap varies between views by half the difference of its flanks, which is added to the
+    standard uncertainty.
     """
     checks = []
     for name, method, unit, per in (("angle_of_repose_graphical", line, "deg", 1.0), ("pile_height", "", "mm", 1e3)):
@@ -69,9 +70,9 @@ def views_checks(quantities: Sequence[Quantity], line: str) -> list[Check]:
 def size_checks(
     found: Silhouette, scale: float | None, scale_from: str, bead_diameter: float | None, base_diameter: float | None
 ) -> tuple[tuple[Check, ...], str]:
-    """Whether beads look as large as stated; the base is looked for by its size in beads, so angles hang on it, too.
+    """Check the apparent bead size against the stated one, or else a warning about the one size that sets the scale.
 
-    And in words what hangs on a single size, the other one not stated or not seen.
+    The bead size matters for angles, too, because the base is searched by its size in beads.
     """
     if scale is None:
         return (), ""
@@ -81,32 +82,32 @@ def size_checks(
         elif base_diameter is None:
             advice = "give --base-diameter too, with the whole base in view"
         else:
-            advice = "photograph the whole base, by whose stated diameter it could be checked"
+            advice = "photograph the whole base, so that its stated diameter can be compared"
         return (), size_unseen(
-            "heights, widths and the tip's radius (but no angle) hang", f"the scale from {scale_from}", advice
+            "heights, widths and the tip's radius (but no angle) depend", f"the scale from {scale_from}", advice
         )
     ratio = 2 * found.bead_seen * scale / (NEARER * bead_diameter)
     return (size_seen(ratio, MISFIT, scale_from),), ""
 
 
 def sizes_against_base(free: Silhouette | None, stated: float) -> str:
-    """Why no base `stated` beads wide was found, by the silhouette `free` that is found when none is stated."""
+    """Reason why no base was found, or ""; `free` is found without stated sizes, `stated` is the base in beads."""
     if free is None or free.disc is None:
         return ""
     seen = free.view.radius / free.bead_seen * NEARER
     if abs(seen / stated - 1) < MISFIT:
         return ""
     return (
-        f"the base in the picture is {seen:.1f} beads wide as they look, the stated sizes make it {stated:.1f}, and so "
-        "wide a base was not found: check --bead-diameter and --base-diameter"
+        f"the base in the picture is {seen:.1f} apparent bead diameters wide; by the stated sizes it would be "
+        f"{stated:.1f}, and no base of that width was found: check --bead-diameter and --base-diameter"
     )
 
 
 def base_check(seen: float, scale_doubt: float, stated: float, scale_from: str) -> Check:
-    """Whether the base looks as wide as stated [m], where the scale is not from it; angles need neither."""
-    passed = abs(seen / stated - 1) < 3 * math.hypot(scale_doubt, BASE_DOUBT)
+    """Check the apparent width of the base against the stated one [m]; angles need neither."""
+    passed = abs(seen / stated - 1) < 3 * math.hypot(scale_doubt, BASE_UNCERTAINTY)
     message = (
         f"by the scale from {scale_from} the base is {seen * 1e3:.1f} mm wide, {stated * 1e3:.1f} mm are stated"
-        f"{'.' if passed else ': the scale or the stated base is wrong, and heights and widths with it.'}"
+        f"{'.' if passed else ': the scale or the stated base is wrong, and so are heights and widths.'}"
     )
     return Check("base_diameter", passed, seen, stated, message)

@@ -1,3 +1,5 @@
+"""Evaluate profiles of a heap: angles of repose, height, width and tip radius with their uncertainty budgets."""
+
 from __future__ import annotations
 
 import math
@@ -20,36 +22,71 @@ GRAPHICAL, GEOMETRIC = "angle_of_repose_graphical", "angle_of_repose_geometric"
 
 LINE, NARROWER = "line 15-85 %", "line 20-80 %"
 
-FLAWED = 3.0  # [deg], added to the doubt of an angle whose outline cannot be relied on
+FLAWED = 3.0  # [deg], added to the uncertainty of an angle whose outline is unreliable
 
-GRAINS_PER_CUBE = 0.6 * 6 / math.pi  # of a grain's diameter, at the solid fraction of a loose bed
+GRAINS_PER_CUBE = 0.6 * 6 / math.pi  # grains per cubed grain diameter, at the solid fraction 0.6 of a loose bed
 
-STEEPEST_FLANK = 60.0  # [deg]; what sticks together may stand steeper, but is no heap of beads
+STEEPEST_FLANK = 60.0  # [deg]; cohesive matter may stand steeper, loose beads do not
 
-COVERED_BASE = 0.9  # share of a stated base that a heap must cover, below which the base is not its own
+COVERED_BASE = 0.9  # share of a stated base that a heap must cover for a geometric angle over that base
 
 
 @dataclass(frozen=True)
 class Observation:
-    """One photo's profile, and the same profile under other readings of the photo, one standard deviation away."""
+    """Profile of one photo, and the profiles that other readings of the photo give, one standard deviation away."""
 
     profile: Profile
     variants: Mapping[str, tuple[Profile, Profile]] = field(default_factory=dict)
-    flaw: str = ""  # why the outline is not to be relied on
+    flaw: str = ""  # why the outline is unreliable
     grain: float | None = None  # bead diameter, in the unit of the profile
     checks: tuple[Check, ...] = ()  # of the photo
-    scale_doubt: float = 0.0  # relative
-    unconfirmed: str = ""  # the stated size on which lengths hang and which nothing in the picture checks
-    notes: tuple[str, ...] = ()  # what is odd about the photo's file
+    scale_doubt: float = 0.0  # relative standard uncertainty of the scale
+    unconfirmed: str = ""  # warning about a stated size that nothing in the picture confirms
+    notes: tuple[str, ...] = ()  # warnings about the photo's file
 
 
 def evaluate(
     profiles: Sequence[Profile], *, base_diameter: float | None = None, bead_diameter: float | None = None
 ) -> Evaluation:
-    """Angles, height and width of a heap from its profiles (several views of one heap), filmed or simulated.
+    """Evaluate angles, height and width of a heap from its profiles, filmed or simulated.
 
-    A simulated heap's profile is the silhouette of its spheres, not the line through their centres.  Raises
-    `NothingToMeasure` when a profile holds no heap.
+    Parameters
+    ----------
+    profiles : sequence of Profile
+        One profile per view: x along the base [m], height above the base [m].  The profile of a simulated heap is the
+        silhouette of its spheres, not the line through their centres.
+    base_diameter : float, optional
+        Diameter of the base [m]; the geometric angle then refers to it instead of to the width of the heap.
+    bead_diameter : float, optional
+        Bead diameter [m]; a tenth of the heap's height where it is not given.
+
+    Returns
+    -------
+    Evaluation
+        Angles [deg] and lengths [m] of every view; with several views, first their means over views.
+
+    Raises
+    ------
+    NothingToMeasure
+        If a profile contains no heap.
+
+    Notes
+    -----
+    With apex height H, base width B and area S of the silhouette::
+
+        graphical            slope of a line along a flank, 15 to 85 % of the height
+        geometric, apex      atan(2 H / B), as in ISO 4324
+        geometric, equal area  atan(4 S / B^2)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rigtwin.lab.records import Profile
+    >>> x = np.linspace(-0.1, 0.1, 401)
+    >>> triangle = Profile(x, 0.05 - 0.5 * np.abs(x), np.full(401, 1e-5))
+    >>> found = evaluate([triangle], bead_diameter=0.002)
+    >>> [one.value for one in found.quantities if one.detail == {"side": "left"}][0].__round__(1)
+    26.6
     """
     return evaluate_views([Observation(profile) for profile in profiles], base_diameter, bead_diameter)
 
@@ -66,8 +103,8 @@ def evaluate_views(
         heap = repose_angles.find_parts(seen.profile, base_diameter, grain)
         if heap is None:
             raise NothingToMeasure(
-                f"profile {number + 1} ({seen.profile.view}) holds no heap above its base line; "
-                "of a table check that height_m is measured upwards from the base."
+                f"profile {number + 1} ({seen.profile.view}) contains no heap above its base line; "
+                "if it is a table, check that height_m is measured upwards from the base."
             )
         found = _quantities_of_view(seen, heap, base_diameter, grain)
         if len(observations) > 1:
@@ -89,10 +126,10 @@ def evaluate_views(
         odd = [check.message for check in agree if not check.passed]
         if any(doubtful) and not all(doubtful):
             left_out = ", ".join(seen.profile.view for seen, bad in zip(observations, doubtful, strict=True) if bad)
-            warnings.append(f"left out of the mean over views, because doubtful: {left_out}.")
+            warnings.append(f"left out of the mean over views because doubtful: {left_out}.")
             if doubtful.count(False) == 1:
-                odd.append(f"one view alone is sound, and none confirms it; left out: {left_out}")
-        # a mean over views has the scatter of its sides in its budget
+                odd.append(f"only one view is not doubtful, and no other view confirms it; left out: {left_out}")
+        # the scatter of the sides is already in the budget of a mean over views
         quantities = [*(doubted(one, "; ".join(odd)) for one in _over_views(quantities)), *quantities]
     if base_diameter is not None and bead_diameter is not None:
         warnings += narrow_base(base_diameter, bead_diameter)
@@ -143,7 +180,7 @@ def _quantities_of_view(
         }
         budget |= _definition_doubt(heap, grainy, angles, name, method, side)
         if name == GEOMETRIC and side == "mean" and base_diameter is not None and seen.profile.base is None:
-            # a measured height, or area, over a stated base or its square
+            # change of atan(2 H / B) or atan(4 S / B^2) by an error of the scale: H and S are measured, B is stated
             slant = math.sin(2 * math.radians(angle)) * (0.5 if method == "apex" else 1.0)
             budget["scale"] = math.degrees(slant * seen.scale_doubt)
         if flaw:
@@ -151,7 +188,7 @@ def _quantities_of_view(
         budget = {part: value for part, value in budget.items() if math.isfinite(value) and value > 0}
         detail: dict[str, str | int | float | bool] = {"side": side}
         if side == "mean" and name == GRAPHICAL:
-            # how far this heap is from even, not how well its mean is known: repeats of the heap tell that
+            # how uneven this heap is; it is not the uncertainty of its mean
             detail["left_minus_right_deg"] = round(angles[name, method, "left"] - angles[name, method, "right"], 4)
         if name == GEOMETRIC:
             detail["base_limited"] = limited
@@ -160,7 +197,7 @@ def _quantities_of_view(
     order = [(GRAPHICAL, LINE), (GEOMETRIC, "apex"), (GEOMETRIC, "equal area"), (GRAPHICAL, NARROWER)]
     place = {key: rank for rank, key in enumerate(order)}
     quantities.sort(key=lambda one: place.get((one.quantity, one.method), len(order)))
-    leaning = failed(seen.checks, ("camera_roll",))  # what one side gains by a base that leans, the other loses
+    leaning = failed(seen.checks, ("camera_roll",))  # a tilted base line adds to one side what it takes from the other
     quantities = [doubted(one, leaning if one.detail["side"] != "mean" else "") for one in quantities]
     wrong_size = failed(seen.checks, ("base_diameter",))
     return quantities + [doubted(one, wrong_size) for one in _lengths(seen, heap, grain, flaw)]
@@ -174,7 +211,7 @@ def _definition_doubt(
     method: str,
     side: str,
 ) -> dict[str, float]:
-    """What the grains and the definition itself leave open [deg]."""
+    """Standard uncertainties from the grains and from the definition of the angle [deg]."""
     if name == GRAPHICAL:
         if side != "mean":
             return dict(zip(("grain roughness", "window of the line"), grainy[side], strict=True))
@@ -185,7 +222,7 @@ def _definition_doubt(
         }
     reach = heap.base_width / 2 if side == "mean" else abs(heap.apex[0] - heap.feet[repose_angles.SIDES.index(side)])
     tangent = math.tan(math.radians(angles[name, method, side]))
-    # which grain is the foot: a quarter
+    # the foot is uncertain by a quarter of a grain
     per_grain = math.hypot(_summit_scatter(tangent), 0.0 if side == "mean" else 0.25 * tangent) * heap.grain / reach
     doubt = {"grain at apex and foot": math.degrees(per_grain / (1 + tangent * tangent))}
     if side != "mean":
@@ -194,10 +231,10 @@ def _definition_doubt(
 
 
 def _summit_scatter(tangent: float) -> float:
-    """Standard deviation, in grains, of how far the highest grain of a cone of this slope lies below its tip.
+    """Standard deviation, in grain diameters, of the depth of the highest grain below the tip of a cone.
 
-    Of grains laid at random, n to a grain's cube, n pi h^3 / (3 tan^2) lie within h of the tip on average, so that the
-    depth of the first one is Weibull's with the exponent 3.
+    With n grains per cubed diameter placed at random, n pi h^3 / (3 tan^2) grains lie within depth h of the tip on
+    average.  The depth of the first one therefore has a Weibull distribution with exponent 3.
     """
     depth: float = (3 * tangent**2 / (math.pi * GRAINS_PER_CUBE)) ** (1 / 3)
     return depth * math.sqrt(math.gamma(5 / 3) - math.gamma(4 / 3) ** 2)
@@ -206,12 +243,12 @@ def _summit_scatter(tangent: float) -> float:
 def _flaw_of_profile(heap: repose_angles.Heap, angles: Mapping[tuple[str, str, str], float]) -> str:
     missing = [side for side in repose_angles.SIDES if (GRAPHICAL, LINE, side) not in angles]
     if missing:
-        return f"the {missing[0]} flank is too short for a line"
+        return f"the {missing[0]} flank is too short to fit a line"
     for side in repose_angles.SIDES:
         line = repose_angles.flank_line(heap, side)
         if line is not None and line.angle > STEEPEST_FLANK:
             return (
-                f"the {side} flank stands at {line.angle:.0f} deg, as no loose heap does: something hides or adds to it"
+                f"the {side} flank has {line.angle:.0f} deg, steeper than a loose heap: something hides or adds to it"
             )
         if line is not None and abs(line.outer - line.inner) < 3 * heap.grain:
             return f"the {side} flank is only {abs(line.outer - line.inner) / heap.grain:.1f} grains long"
@@ -243,7 +280,7 @@ def _lengths(seen: Observation, heap: repose_angles.Heap, grain: float | None, f
 
 
 def _base_limited(profile: Profile, heap: repose_angles.Heap, base_diameter: float | None) -> bool:
-    """Whether the heap reaches the rim on both sides, so that its width is the dish's and not its own."""
+    """Whether the heap reaches the rim on both sides, so that the dish limits its width."""
     if profile.base is not None:
         gaps = (heap.feet[0] - profile.base[0], profile.base[1] - heap.feet[1])
         return max(gaps) < heap.grain
@@ -251,18 +288,18 @@ def _base_limited(profile: Profile, heap: repose_angles.Heap, base_diameter: flo
 
 
 def _bare_base(heap: repose_angles.Heap) -> str:
-    """What speaks against an angle over a base that the heap does not cover; nothing where that is its own width."""
+    """Reason why the geometric angle over a stated base is doubtful, or ""."""
     share = (heap.feet[1] - heap.feet[0]) / heap.base_width
     if share > COVERED_BASE:
         return ""
     return (
-        f"the heap covers {100 * share:.0f} % of the stated base, over which its geometric angle comes out too small; "
+        f"the heap covers {100 * share:.0f} % of the stated base, so its geometric angle is too small; "
         "pour more, or leave --base-diameter out"
     )
 
 
 def _over_views(quantities: Sequence[Quantity]) -> list[Quantity]:
-    """Mean over all views, of an angle over views and sides; the scatter is what repeats give."""
+    """Means over all views, for graphical angles over views and sides; their scatter gives the uncertainty."""
     groups: dict[tuple[str, str], list[Quantity]] = {}
     for one in quantities:
         per_side = any(
@@ -277,11 +314,11 @@ def _over_views(quantities: Sequence[Quantity]) -> list[Quantity]:
 
 
 def _combined(name: str, method: str, ones: Sequence[Quantity]) -> Quantity:
-    """Mean of the sound ones; of all, doubtful, where none is sound."""
+    """Mean of the values that are not doubtful; if all are, the doubtful mean of all."""
     ones = [one for one in ones if not one.doubtful] or ones
     values = np.array([one.value for one in ones])
     alone = len(ones) == 1
-    # a side's roughness is in the scatter; the top grain is one and the same in every view, so its doubt stays
+    # the roughness of a side is in the scatter; all views show the same top grain, so its uncertainty stays
     independent = () if alone else ("grain roughness",)
     parts = sorted({part for one in ones for part in one.budget if part not in independent})
     budget = {part: float(np.mean([one.budget.get(part, 0.0) for one in ones])) for part in parts}
@@ -307,5 +344,5 @@ def _combined(name: str, method: str, ones: Sequence[Quantity]) -> Quantity:
 
 
 def _spread(values: Sequence[float], middle: float) -> float:
-    """Root mean square of the changes that the readings one standard deviation away bring."""
+    """Root mean square difference from `middle` of the values one standard deviation away."""
     return math.sqrt(sum((value - middle) ** 2 for value in values) / len(values))

@@ -1,4 +1,4 @@
-"""Pictures of a measured heap: the photo with outline, base line and flank lines, and the profile with its angles."""
+"""Figures of a pile measurement: the photo with outline, base line and flank lines, and the profile with its angles."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def write_pictures(
     scale: float | None,
     grain: float | None,
 ) -> dict[str, Path]:
-    """Overlay, plot and, where the scale is known, the profile as CSV."""
+    """Write overlay, plot and, where the scale is known, the profile as CSV; return the paths by kind."""
     still = folder / f"{stem}-overlay.png"
     drawing.save_picture(still, _overlay(photo, found, profile, evaluation, scale or 1.0, grain))
     unit = "m" if scale is not None else "px"
@@ -44,7 +44,7 @@ def write_pictures(
 
 
 def write_plot(path: Path, profile: Profile, base_diameter: float | None, grain: float | None, unit: str) -> Path:
-    """The profile with base, apex, feet and flank lines, in mm (px where no scale is known)."""
+    """Plot the profile with base, apex, feet and flank lines, in mm (px where no scale is known)."""
     from matplotlib.figure import Figure
 
     factor, label = (1e3, "mm") if unit == "m" else (1.0, "px")
@@ -89,7 +89,7 @@ def _overlay(
     unit: float,
     grain: float | None,
 ) -> Image:
-    """The photo, at a size that fits a screen, with all that was measured drawn on it."""
+    """The photo, reduced to screen size, with the measured lines drawn on it."""
     picture = photo.copy()
     if found.zoom < 1:
         picture = np.asarray(cv2.resize(photo, None, fx=found.zoom, fy=found.zoom, interpolation=cv2.INTER_AREA))

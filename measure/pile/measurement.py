@@ -1,8 +1,4 @@
-"""A heap on a round base, photographed from the side: angle of repose, graphical and geometric.
-
-`measure` turns photos into profiles, `evaluate` profiles into angles; a simulated heap goes through the same
-`evaluate`.
-"""
+"""Measure a heap on a round base from photos taken from the side: graphical and geometric angle of repose."""
 
 from __future__ import annotations
 
@@ -28,10 +24,39 @@ def measure(
     out: Path | None = None,
     progress: Progress = silent,
 ) -> Measurement:
-    """Angles of repose from photos of one heap, one photo per view; a ``.csv`` is a profile that is ready.
+    """Measure angles of repose, height and width from photos of one heap.
 
-    `base_diameter` [m] of the disc the heap stands on, `bead_diameter` [m].  Angles need neither; heights and widths
-    need one of them, or a scale in `camera`.  Raises `NothingToMeasure` when a photo shows no heap.
+    Parameters
+    ----------
+    photos : sequence of Path
+        One photo per view.  A file with suffix ``.csv`` is read as a finished profile (columns ``x_m``, ``height_m``).
+    camera : Camera
+        Scale, roll, region and other settings of the camera.
+    base_diameter : float, optional
+        Diameter of the disc that the heap stands on [m].
+    bead_diameter : float, optional
+        Bead diameter [m].
+    out : Path, optional
+        Folder for overlay, plot and profile table.
+    progress : Progress
+        Callback that shows the progress.
+
+    Returns
+    -------
+    Measurement
+        ``angle_of_repose_graphical`` and ``angle_of_repose_geometric`` [deg] per side, as mean, and over all views;
+        ``pile_height``, ``pile_base_width`` and ``pile_tip_radius`` [m] where a scale is known.
+
+    Raises
+    ------
+    BadInput
+        If no photo is given, two photos are the same file, or beads are as wide as the base.
+    NothingToMeasure
+        If no heap is found in a photo or profile.
+
+    Notes
+    -----
+    Angles need no scale.  Lengths need `base_diameter`, `bead_diameter` or a scale in `camera`.
     """
     if not photos:
         raise BadInput("measure pile: no photo given; name one or more photos of the heap.")
@@ -39,7 +64,7 @@ def measure(
     if base_diameter is not None and bead_diameter is not None and bead_diameter >= base_diameter:
         raise BadInput(
             f"beads of {bead_diameter * 1e3:g} mm make no heap on a base of {base_diameter * 1e3:g} mm; "
-            "check the base's and the bead's diameter."
+            "check the diameters of base and bead."
         )
     observations, views, draws = [], [], []
     for number, (photo, name) in enumerate(zip(photos, _names(photos), strict=True)):
@@ -59,7 +84,7 @@ def measure(
     if not scaled:
         quantities = tuple(quantity for quantity in quantities if quantity.unit != "m")
         warnings.append(
-            "scale: not known, so heights and widths are left out; give --base-diameter, --bead-diameter or --scale."
+            "scale: not known, so heights and widths are omitted; give --base-diameter, --bead-diameter or --scale."
         )
     return Measurement(
         rig="pile",
@@ -75,7 +100,7 @@ def measure(
 
 
 def _drawn(draws: Sequence[Draw], out: Path) -> dict[str, Path]:
-    """The pictures of all views; drawn once none of them can be refused any more, so that nothing is half written."""
+    """Draw the figures of all views, after all of them were read: a refusal leaves no partial output."""
     files: dict[str, Path] = {}
     out.mkdir(parents=True, exist_ok=True)
     for number, draw in enumerate(draws):
@@ -85,7 +110,7 @@ def _drawn(draws: Sequence[Draw], out: Path) -> dict[str, Path]:
 
 
 def _names(photos: Sequence[Path]) -> list[str]:
-    """A name for every photo's view and files: its stem, numbered where an earlier photo has the same."""
+    """Name of every view and its files: the stem of the photo, numbered where an earlier photo has the same stem."""
     names: list[str] = []
     for photo in photos:
         taken = (f"{photo.stem}-{number}" for number in itertools.count(2))

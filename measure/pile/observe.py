@@ -1,3 +1,5 @@
+"""Observe one photo or table of a heap: its profile, variants of it for the uncertainty budget, scale and checks."""
+
 from __future__ import annotations
 
 import math
@@ -21,9 +23,9 @@ from rigtwin.measure.bulk.outline import Disc, Silhouette, View
 from rigtwin.measure.geometry.camera_roll import roll_check
 from rigtwin.measure.media.photo import read_photo
 from rigtwin.measure.pile import repose_angles
-from rigtwin.measure.pile.base_disc import FOCAL_DOUBT
+from rigtwin.measure.pile.base_disc import FOCAL_UNCERTAINTY
 from rigtwin.measure.pile.checks import (
-    BASE_DOUBT,
+    BASE_UNCERTAINTY,
     base_check,
     size_checks,
     sizes_against_base,
@@ -35,20 +37,23 @@ from rigtwin.measure.pile.silhouette import find_heap, undo_view
 Draw = Callable[[Path], dict[str, Path]]
 """Writes the pictures of a view into a folder."""
 
-MOSTLY = 0.5  # share of the outline beside white from which on it is the wall that is white
+MOSTLY = 0.5  # share of the outline beside white above which the whole background is white
 NO_SCALE = "not known"
 
-STATED_FOCAL_DOUBT = 0.1  # standard deviation of the logarithm of a focal length that the photo states
+STATED_FOCAL_UNCERTAINTY = 0.1  # standard deviation of the logarithm of a focal length stated in the photo's EXIF data
 
 FULL_FRAME_DIAGONAL = 43.27  # [mm]
 
 EXIF_IFD, FOCAL_LENGTH_35MM = 0x8769, 0xA405  # EXIF 2.32, tables 4 and 9
 
-BEAD_DOUBT, GIVEN_DOUBT = 0.06, 0.01  # relative, of a scale by beads, or given
+BEAD_UNCERTAINTY, GIVEN_UNCERTAINTY = (
+    0.06,
+    0.01,
+)  # relative standard uncertainty of a scale from beads, and of a given one
 
-STEEPEST_VIEW = 10.0  # [deg]; heaps come out 1 degree too steep from 12, 2 from 20
+STEEPEST_VIEW = 10.0  # [deg], of the line of sight; measured angles are 1 degree too steep from 12, 2 degrees from 20
 
-DOUBTFUL_COVER = 0.83  # share of the heap that circles cover, below which its outline may belong to something else
+DOUBTFUL_COVER = 0.83  # share of the heap covered by circles; below it the outline may belong to something else
 
 
 def observe_table(path: Path, name: str, base_diameter: float | None) -> tuple[Observation, dict[str, Any], Draw]:
@@ -75,8 +80,8 @@ def observe_photo(
     found = look(beads_across=ratio)
     if found is None:
         raise NothingToMeasure(
-            f"{photo}: shows no heap of beads standing out from what is behind it; "
-            "give a side view of the whole heap, or point at it with --region x,y,width,height."
+            f"{photo}: no heap of beads with contrast to its background was found; "
+            "give a side view of the whole heap, or its place with --region x,y,width,height."
         )
     scale, scale_from = _scale(found, camera, base_diameter, bead_diameter)
     unit = scale if scale is not None else 1.0
@@ -89,12 +94,12 @@ def observe_photo(
         sizes = (*sizes, base_check(across, _scale_doubt(scale_from, camera), base_diameter, scale_from))
     if camera.roll is not None and found.disc is not None:
         seen_turn = found.view.roll, found.base_line_doubt[1]
-        sizes = (*sizes, roll_check(camera.roll, *seen_turn, "the base that the angles count from shows"))
+        sizes = (*sizes, roll_check(camera.roll, *seen_turn, "the base line of the angles shows"))
     heap = repose_angles.find_parts(profile, None, 2 * found.bead_radius * unit)
     hidden = _washed_out(found, image) if heap is not None and uneven_flanks(profile, heap) else ""
     seen = Observation(
         profile,
-        _variants(found, unit, name, FOCAL_DOUBT if focal_length is None else STATED_FOCAL_DOUBT),
+        _variants(found, unit, name, FOCAL_UNCERTAINTY if focal_length is None else STATED_FOCAL_UNCERTAINTY),
         contradicted or _flaw_of_picture(found) or misfit or hidden,
         2 * found.bead_radius * unit,
         sizes,
@@ -120,13 +125,13 @@ def observe_photo(
 
 
 def _focal_length(photo: Path, image: npt.NDArray[np.uint8]) -> float | None:
-    """Focal length [px] by the photo's own note of its 35 mm equivalent, which goes by the diagonal (CIPA DCG-001)."""
+    """Focal length [px] from the EXIF 35 mm equivalent, which refers to the picture's diagonal (CIPA DCG-001)."""
     from PIL import Image, UnidentifiedImageError
 
     try:
         with Image.open(photo) as file:
             equivalent = file.getexif().get_ifd(EXIF_IFD).get(FOCAL_LENGTH_35MM)
-    except (UnidentifiedImageError, Image.DecompressionBombError):  # of a kind, or a size, that OpenCV alone reads
+    except (UnidentifiedImageError, Image.DecompressionBombError):  # a format or size that only OpenCV reads
         return None
     if not equivalent:
         return None
@@ -136,7 +141,7 @@ def _focal_length(photo: Path, image: npt.NDArray[np.uint8]) -> float | None:
 def _scale(
     found: Silhouette, camera: Camera, base_diameter: float | None, bead_diameter: float | None
 ) -> tuple[float | None, str]:
-    """[m/px] of the measured picture in the plane through the base's axis, and where it comes from."""
+    """Scale [m/px] of the analysed picture in the plane of the base's axis, and its source."""
     if camera.given_scale is not None:
         return camera.given_scale / found.zoom, camera.scale_from
     if base_diameter is not None and found.disc is not None:
@@ -147,13 +152,13 @@ def _scale(
 
 
 def _scale_doubt(scale_from: str, camera: Camera) -> float:
-    """Relative standard uncertainty of the scale; 0 where there is none."""
-    by_sizes = {"base diameter": BASE_DOUBT, "bead diameter": BEAD_DOUBT, NO_SCALE: 0.0}
-    return by_sizes.get(scale_from, camera.scale_doubt(GIVEN_DOUBT))
+    """Relative standard uncertainty of the scale; 0 if there is no scale."""
+    by_sizes = {"base diameter": BASE_UNCERTAINTY, "bead diameter": BEAD_UNCERTAINTY, NO_SCALE: 0.0}
+    return by_sizes.get(scale_from, camera.scale_doubt(GIVEN_UNCERTAINTY))
 
 
 def _profile(found: Silhouette, view: View, height: Array, unit: float, name: str) -> Profile:
-    """The outline as a section through the heap, in metres (in px where `unit` is 1)."""
+    """The outline as a vertical section through the heap, in metres (px if `unit` is 1)."""
     seen = np.isfinite(height)
     x, level = found.x[seen], height[seen]
     raw = repose_angles.find_parts(Profile(x, level, level), None, 2 * found.bead_radius)
@@ -168,7 +173,7 @@ def _profile(found: Silhouette, view: View, height: Array, unit: float, name: st
 
 
 def _variants(found: Silhouette, unit: float, name: str, focal_doubt: float) -> dict[str, tuple[Profile, Profile]]:
-    """Other readings of the same photo, each pair one standard deviation to either side."""
+    """Profiles of other readings of the photo, each pair one standard deviation to either side."""
     view, height = found.view, found.height
     raised, turned = found.base_line_doubt
     pairs = {
@@ -189,10 +194,10 @@ def _variants(found: Silhouette, unit: float, name: str, focal_doubt: float) -> 
 
 
 def _other_distance(view: View, disc: Disc, factor: float) -> tuple[View, float]:
-    """The view with the camera `factor` times as far away, and how much higher heights then are [px].
+    """View with the camera `factor` times as far away, and the increase of heights that follows [px].
 
-    Lower rim and front of the face are what was seen.  From further away the lower rim bulges less beyond the upper
-    one, so that the upper one must bulge more, and the axis meets the base plane elsewhere (see `Disc`).
+    The lower rim and the front of the face are observed.  From further away the lower rim bulges less beyond the upper
+    one, so the upper rim must bulge more, and the axis meets the base plane elsewhere (see `Disc`).
     """
     near, other = disc.nearness, disc.nearness / factor
     deepening, changed = near / (1 - near * near), other / (1 - other * other)
@@ -208,30 +213,31 @@ def _flaw_of_picture(found: Silhouette) -> str:
     if found.cut_off:
         return "the outline touches the edge of the picture"
     if found.contrast < 0.3:
-        return "the outline is hardly to be told from the background"
+        return "the outline has hardly any contrast to the background"
     if found.covered < DOUBTFUL_COVER or found.unexplained > 0.04:
-        return "beads were made out in only part of the heap"
+        return "beads were found in only part of the heap"
     if found.disc is None:
         return "the base disc was not found, so the base line is taken from the outermost beads"
     if found.view.looking_down > STEEPEST_VIEW:
         down = found.view.looking_down
         return (
-            f"the camera looks down by {down:.0f} degrees and sees no section; film from less than {STEEPEST_VIEW:.0f}"
+            f"the camera looks down by {down:.0f} degrees and sees no vertical section; photograph from less than "
+            f"{STEEPEST_VIEW:.0f}"
         )
     if found.disc.doubtful:
-        return "the edges of the base disc are unclear, so the base line may be off"
+        return "the edges of the base disc are unclear, so the base line may be wrong"
     apart = np.abs(found.looser - found.stricter)
     if float(np.nanmean(apart > found.bead_radius)) > 0.1:
-        return "more than a tenth of the outline depends on the level at which beads are told from the background"
+        return "more than a tenth of the outline depends on the threshold that separates beads from the background"
     return ""
 
 
 def _washed_out(found: Silhouette, photo: Image) -> str:
-    """What is said against an outline of which light hides a part; before a wall that is all white it hides none."""
+    """Reason if glare hides part of the outline, or ""; an all-white background is not glare."""
     image = cv2.resize(photo, None, fx=found.zoom, fy=found.zoom, interpolation=cv2.INTER_AREA)
     seen = np.isfinite(found.height)
     points = found.view.to_picture(found.x[seen], found.height[seen])
     hidden = under_glare(points, glare_in(np.asarray(image, dtype=np.uint8)), found.bead_radius)
     if not 2 * found.bead_radius < np.sum(hidden) < MOSTLY * len(hidden):
         return ""
-    return "light washes out a part of the outline, and the flanks differ"
+    return "glare washes out a part of the outline, and the flanks differ"

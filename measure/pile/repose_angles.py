@@ -1,7 +1,7 @@
-"""Angles of a heap from its surface profile; the same for a filmed and a simulated heap.
+"""Angles of repose of a heap from its surface profile; the same functions serve filmed and simulated heaps.
 
-Two families of definitions, never to be mixed: the *graphical* angle is the slope of a line laid along a flank, the
-*geometric* angle that of a triangle with the heap's height or area.
+There are two families of definitions.  The *graphical* angle is the slope of a line fitted along a flank.  The
+*geometric* angle is that of a triangle with the height or area of the heap.  They must not be mixed.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import numpy.typing as npt
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.records import Profile
 
-WINDOW = (0.15, 0.85)  # of the heap's height: without the toe and the tip
+WINDOW = (0.15, 0.85)  # shares of the heap's height between which a flank is fitted, without toe and tip
 OTHER_WINDOWS = ((0.2, 0.8), (0.1, 0.85), (0.15, 0.75), (0.25, 0.85), (0.1, 0.75), (0.25, 0.75))
 SIDES = ("left", "right")
-DRAWS = 200  # of the bootstrap
+DRAWS = 200  # bootstrap samples
 
 
 @dataclass(frozen=True)
@@ -27,27 +27,28 @@ class Line:
 
     angle: float  # [deg], above the base line, positive when the flank falls outwards
     middle: tuple[float, float]  # [m], a point of the line
-    inner: float  # [m], x where the window ends towards the apex
-    outer: float  # [m], x where it ends towards the foot
+    inner: float  # [m], x of the window's end towards the apex
+    outer: float  # [m], x of the window's end towards the foot
 
 
 @dataclass(frozen=True)
 class Heap:
     """The parts of a heap's profile; lengths in the unit of the profile."""
 
-    x: Array  # rising, evenly spaced
-    height: Array  # no gaps
+    x: Array  # shape (n,), increasing in equal steps
+    height: Array  # shape (n,), no gaps
     apex: tuple[float, float]  # x and height
     feet: tuple[float, float]  # x of the outermost points of the outline
-    base_width: float  # the dish's diameter where one is stated, as the picture shows it, else the distance of the feet
+    base_width: float  # diameter of the dish in the picture if one is stated, otherwise the distance of the feet
     grain: float  # bead diameter
-    apex_spread: float  # how far apart the places are that could as well be called the apex
+    apex_spread: float  # standard deviation of x over the top points, which could all be called the apex
 
 
 def find_parts(profile: Profile, base_diameter: float | None, grain: float | None) -> Heap | None:
-    """Apex, feet and base of a profile; None when there is no heap in it.
+    """Find apex, feet and base of a profile; None if it contains no heap.
 
-    The apex height is the 95th percentile of the uppermost grain's band, so that one stray grain does not set it.
+    The apex height is the 95th percentile of the heights in the band of the top grain, so that one stray grain does not
+    set it.
     """
     seen = np.isfinite(profile.height) & np.isfinite(profile.x)
     if np.sum(seen) < 8:
@@ -67,16 +68,16 @@ def find_parts(profile: Profile, base_diameter: float | None, grain: float | Non
     spread = float(np.std(even[level >= summit - 0.1 * size]))
     width = base_diameter or feet[1] - feet[0]
     if base_diameter is not None and profile.base is not None:
-        # height and base of the same picture: their ratio needs no scale
+        # height and base width from the same picture: their ratio needs no scale
         width = profile.base[1] - profile.base[0]
     return Heap(even, level, (apex_x, summit), feet, width, size, spread)
 
 
 def flank_line(heap: Heap, side: str, window: tuple[float, float] = WINDOW) -> Line | None:
-    """Robust orthogonal line through one flank, between two fractions of the heap's height.
+    """Fit a robust orthogonal line to one flank, between two fractions of the heap's height.
 
-    The flank runs from the outermost point that reaches the lower level to the innermost that stays below the upper
-    one; picking single points by their height would flatten a rough flank.
+    The flank runs from the outermost point that reaches the lower level to the innermost point below the upper level.
+    Selecting single points by their height would flatten the line along a rough flank.
     """
     part = _flank(heap, side, window)
     if part is None:
@@ -90,7 +91,7 @@ def flank_line(heap: Heap, side: str, window: tuple[float, float] = WINDOW) -> L
 
 
 def steepest_third(heap: Heap, side: str) -> float | None:
-    """Largest slope [deg] of a line over a third of the flank's height; None where that is fewer than three grains."""
+    """Largest slope [deg] of a line over a third of the flank's height; None if that is less than 1.5 grains."""
     low, high = WINDOW
     third = (high - low) / 3
     if third * heap.apex[1] < 3 * 0.5 * heap.grain:
@@ -101,9 +102,9 @@ def steepest_third(heap: Heap, side: str) -> float | None:
 
 
 def roughness_doubt(heap: Heap, side: str) -> float:
-    """Standard uncertainty [deg] of the flank's slope from its grains: moving-block bootstrap of the residuals.
+    """Standard uncertainty [deg] of the flank's slope from grain roughness: moving-block bootstrap of the residuals.
 
-    Blocks are two grains long, so that a grain is never cut into independent points (Kuensch 1989).
+    Blocks are two grains long, so that the points of one grain are not treated as independent (Kuensch 1989).
     """
     part = _flank(heap, side, WINDOW)
     if part is None:
@@ -120,19 +121,19 @@ def roughness_doubt(heap: Heap, side: str) -> float:
     lever = (x - x.mean()) / np.sum((x - x.mean()) ** 2)
     scatter = float(np.std(residual[index] @ lever))
     grains = max((x[-1] - x[0]) / heap.grain, 2.5)
-    # the line has taken two degrees of freedom from what scatter the few grains show
+    # the fitted line takes two degrees of freedom from the few grains
     return math.degrees(scatter * math.sqrt(grains / (grains - 2)) / (1 + slope * slope))
 
 
 def window_doubt(heap: Heap, side: str) -> float:
-    """Standard deviation [deg] of the slope over other, equally good windows."""
+    """Standard deviation [deg] of the slope over other, equally valid windows."""
     lines = [flank_line(heap, side, window) for window in (WINDOW, *OTHER_WINDOWS)]
     angles = [line.angle for line in lines if line is not None]
     return float(np.std(angles)) if len(angles) > 2 else math.nan
 
 
 def apex_angle(heap: Heap, side: str | None = None) -> float:
-    """atan(2 H / B) [deg], as in ISO 4324; of one side: apex to that side's foot."""
+    """Geometric angle atan(2 H / B) [deg], as in ISO 4324; of one side: from the apex to the foot of that side."""
     if side is None:
         return math.degrees(math.atan(2 * heap.apex[1] / heap.base_width))
     reach = abs(heap.apex[0] - heap.feet[SIDES.index(side)])
@@ -140,20 +141,20 @@ def apex_angle(heap: Heap, side: str | None = None) -> float:
 
 
 def equal_area_angle(heap: Heap) -> float:
-    """atan(4 S / B^2) [deg]: the isosceles triangle of the silhouette's area S on the same base."""
+    """Geometric angle atan(4 S / B^2) [deg]: isosceles triangle with the silhouette's area S on the base B."""
     area = float(np.trapezoid(np.maximum(heap.height, 0), heap.x))
     return math.degrees(math.atan(4 * area / heap.base_width**2))
 
 
 def tip_radius(heap: Heap) -> float | None:
-    """Radius of the circle along the top fifth of the heap, in the profile's unit; None when it is not round."""
+    """Radius of a circle fitted to the tip of the heap, in the unit of the profile; None if the tip is not convex."""
     top = np.abs(heap.x - heap.apex[0]) < 0.15 * (heap.feet[1] - heap.feet[0])
     bend = float(np.polyfit(heap.x[top] - heap.apex[0], heap.height[top], 2)[0])
     return -0.5 / bend if bend < 0 else None
 
 
 def monotony(heap: Heap, side: str) -> float:
-    """Share of a flank's rise that is not lost again in dips deeper than a grain's; 1 for a clean flank."""
+    """Net rise of a flank over its total variation, smoothed over 1.5 grains; 1 for a flank that falls steadily."""
     from scipy.ndimage import uniform_filter1d
 
     part = _flank(heap, side, WINDOW)
@@ -166,9 +167,9 @@ def monotony(heap: Heap, side: str) -> float:
 
 
 def _feet(x: Array, height: Array) -> tuple[float, float]:
-    """Where the heap starts and ends: from 2 % of its height outwards as long as the outline keeps falling.
+    """x of both ends of the heap: from 2 % of its height outwards for as long as the outline falls.
 
-    A record may go on along the base plane; what lies there is no foot.
+    A record may continue along the base plane, which is not part of the heap.
     """
     (up,) = np.nonzero(height > 0.02 * float(height.max()))
     first, last = int(up[0]), int(up[-1])
@@ -192,9 +193,9 @@ def _flank(heap: Heap, side: str, window: tuple[float, float]) -> npt.NDArray[np
 
 
 def _orthogonal_fit(x: Array, height: Array, grain: float) -> tuple[Array, Array]:
-    """Direction and a point of the line with the least orthogonal residuals, Huber's weights.
+    """Direction and a point of the line with the least orthogonal residuals, with Huber weights.
 
-    Bumps of half a grain are the surface itself; only what sticks out further is given less weight.
+    Bumps of half a grain belong to the surface; only points further off get less weight.
     """
     points = np.column_stack([x, height])
     weight = np.ones(len(x))

@@ -1,3 +1,5 @@
+"""Find the silhouette of a heap in a photo, and correct it for the perspective of the camera."""
+
 from __future__ import annotations
 
 import math
@@ -20,11 +22,11 @@ from rigtwin.measure.bulk.outline import COVERED, Disc, Silhouette, View, outlin
 from rigtwin.measure.pile.base_disc import FOCAL_LENGTH, find_disc
 from rigtwin.measure.scene.contrast_stretch import exposure_of
 
-FINEST = 1000  # [px], width of the picture that is measured; of 1400 the angles of the sample heap are no nearer
+FINEST = 1000  # [px], width of the analysed picture; 1400 does not improve the angles of the sample heap
 
-TALLEST = 2.0  # height of a picture over its width above which its height sets the size instead
+TALLEST = 2.0  # ratio of height to width above which the height of the picture sets its size
 
-COARSE = 900  # [px], width of the picture that is searched for beads
+COARSE = 900  # [px], width of the reduced picture that is searched for beads
 
 
 def find_heap(
@@ -35,10 +37,10 @@ def find_heap(
     beads_across: float | None = None,
     focal_length: float | None = None,
 ) -> Silhouette | None:
-    """The outline of a heap of beads in a photo (BGR), None when the photo shows none.
+    """Find the outline of a heap of beads in a photo (BGR); None if there is no heap.
 
-    `roll` [rad] and `region` [px] as the camera gives them, `beads_across` the base's diameter in bead diameters,
-    `focal_length` [px] of the lens where it is known.
+    `roll` [rad] and `region` [px] are those of the camera, `beads_across` is the base diameter in bead diameters,
+    `focal_length` [px] that of the lens where it is known.
     """
     focal_length = focal_length or FOCAL_LENGTH * photo.shape[1]
     if region is not None:
@@ -50,7 +52,7 @@ def find_heap(
 
 
 def _moved(found: Silhouette, left: float, top: float) -> Silhouette:
-    """The same in a photo that reaches further by `left` and `top` [px]."""
+    """The silhouette in the coordinates of a photo that extends `left` and `top` further [px]."""
     by = (left * found.zoom, top * found.zoom)
     origin = (found.view.origin[0] + by[0], found.view.origin[1] + by[1])
     disc = found.disc
@@ -86,16 +88,16 @@ def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal
 
 
 def undo_view(x: Array, height: Array, view: View, slopes: tuple[float, float]) -> tuple[Array, Array]:
-    """Outline points as they would be in a view from far away and level; all lengths in px.
+    """Outline points of a horizontal view from far away, from those of the actual view; all lengths in px.
 
-    The outline of a cone of slope theta is where the surface is seen edge-on: at the azimuth phi behind the plane
-    through the axis with sin phi = ((c - z) / tan theta - rho) / D, c and D the camera's height and distance.
-    `slopes` are tan(theta) of the left and right flank.
+    The outline of a cone of slope theta is where the surface is seen edge-on.  That is at the azimuth phi behind the
+    plane through the axis, with sin phi = ((c - z) / tan theta - rho) / D; c and D are the camera's height and
+    distance. `slopes` are tan(theta) of the left and right flank.
     """
     if not np.isfinite(view.camera_distance):
         return x, height
     gradient = np.where(x < 0, slopes[0], slopes[1])
-    # the camera is pointed at the heap's foot: heights are foreshortened, and what is high is nearer to it
+    # the camera is pointed at the foot of the heap: heights are foreshortened, and high points are nearer to it
     down = math.radians(view.looking_down)
     nearer = math.sin(down) * math.cos(down) / view.camera_distance
     height = height / (math.cos(down) + nearer * height)
@@ -110,7 +112,7 @@ def undo_view(x: Array, height: Array, view: View, slopes: tuple[float, float]) 
 
 
 def _breadth(picture: Image) -> float:
-    """[px], the width, or half the height of a picture so tall that it would take minutes by its width."""
+    """Width [px], or half the height of a tall picture, which would take minutes if scaled by its width."""
     return float(max(picture.shape[1], picture.shape[0] / TALLEST))
 
 
@@ -121,7 +123,7 @@ def _shrunk(picture: Image, factor: float) -> Image:
 
 
 def _beads(grey: Image) -> tuple[Beads, float] | None:
-    """Circles of the heap, and the radius [px] at which their edges end."""
+    """Circles of the heap, and the radius [px] of their rims."""
     shrink = min(1.0, COARSE / _breadth(grey))
     small = _shrunk(grey, shrink)
     beads = find_beads(small, (0.0045 * small.shape[1], 0.05 * small.shape[1]))
@@ -131,10 +133,11 @@ def _beads(grey: Image) -> tuple[Beads, float] | None:
 
 
 def _view_of_disc(disc: Disc) -> View:
-    """The camera's place relative to the base, from the ellipse of its rim.
+    """Position of the camera relative to the base, from the ellipse of its rim.
 
-    With q the disc's radius over the camera's distance D: the rim's ends lie R / sqrt(1 - q^2) from the middle, its
-    front bulges by c q / (1 - q^2) below the line between them, and the axis meets the base plane q bulges above it.
+    With q the disc's radius over the camera distance D and height c of the camera: the rim's ends lie R / sqrt(1 - q^2)
+    from the middle, its front lies c q / (1 - q^2) below the line between them, and the axis meets the base plane q
+    bulges above that line.
     """
     q = disc.nearness
     lift = q * disc.bulge
@@ -144,7 +147,7 @@ def _view_of_disc(disc: Disc) -> View:
 
 
 def _view_of_feet(beads: Beads, roll: float | None) -> View:
-    """No disc in sight: the base line runs under the outermost beads."""
+    """View without a visible disc: the base line runs under the outermost beads."""
     order = np.argsort(beads.centre[:, 0])
     few = max(2, len(order) // 12)
     feet = [beads.centre[part][np.argmax(beads.centre[part][:, 1])] for part in (order[:few], order[-few:])]
@@ -154,9 +157,9 @@ def _view_of_feet(beads: Beads, roll: float | None) -> View:
 
 
 def _looks_like_a_heap(found: Silhouette) -> bool:
-    """Whether beads fill the outline, something else is behind it, and it has a heap's proportions.
+    """Whether beads fill the outline, the background differs, and the proportions are those of a heap.
 
-    Circles are found in many pictures; that they cover all of an area that ends at them is a heap's own.
+    Circles are found in many pictures; only in a heap do they cover the whole area within the outline.
     """
     height, width = float(np.nanmax(found.height)), float(np.sum(np.isfinite(found.height)))
     bead = 2 * found.bead_radius

@@ -86,7 +86,7 @@ def test_the_interval_of_the_mean_holds_although_neighbouring_frames_are_alike()
     for _ in range(runs):
         mean = mean_over_time(np.arange(240) / 60, 30 + 2 * correlated(random, 240, 0.9))
         held += abs(mean.value - 30) < 1.96 * mean.std_error
-    # 90 to 99 %, and what 200 tries may scatter
+    # 90 to 99 %, with the scatter of 200 tries
     assert 0.88 <= held / runs <= 0.995
 
 
@@ -148,7 +148,7 @@ def test_a_drum_whose_wall_throws_beads_off_has_doubtful_slopes() -> None:
         found = drum.evaluate(seen, np.arange(40) / 30, drum_diameter=2 * RADIUS, speed=speed)
         return find(found, drum.GRAPHICAL, drum.MIDDLE).doubtful
 
-    # where the wall's acceleration is that of gravity a bead stays at it, whichever way the drum turns
+    # where the wall's acceleration equals gravity beads stay at it, for either direction of rotation
     assert "centrifuges" in wrong(-math.sqrt(9.82 / RADIUS))
     assert "thrown" in wrong(math.sqrt(0.6 * 9.81 / RADIUS))
     assert wrong(math.sqrt(0.1 * 9.81 / RADIUS)) == ""
@@ -156,7 +156,7 @@ def test_a_drum_whose_wall_throws_beads_off_has_doubtful_slopes() -> None:
 
 @pytest.mark.parametrize("frames", [1, 2, 4, 7, 8, 12])
 def test_neighbouring_frames_are_known_no_better_than_one_moment_of_the_flow(frames: int) -> None:
-    # of a flow that sways by two degrees over seconds: they agree, however many they are, and say nothing of its mean
+    # moments of a flow that sways by two degrees over seconds: they agree, but carry no information on its mean
     seen = [profile(32 + 0.02 * k) for k in range(frames)]
     found = find(drum.evaluate(seen, np.arange(frames) / 240, drum_diameter=2 * RADIUS), drum.GRAPHICAL)
     assert 1.8 < found.std_uncertainty < 2.4
@@ -169,11 +169,11 @@ def test_many_moments_of_the_flow_are_known_better_than_one() -> None:
     assert find(found, drum.GRAPHICAL).std_uncertainty < 0.2
 
 
-def test_bad_records_are_told_in_a_sentence() -> None:
+def test_bad_records_are_refused_in_a_sentence() -> None:
     one = profile(30)
     with pytest.raises(BadInput, match="2 profiles but 1 times"):
         drum.evaluate([one, one], np.array([0.0]), drum_diameter=0.15)
-    with pytest.raises(BadInput, match="do not rise"):
+    with pytest.raises(BadInput, match="do not increase"):
         drum.evaluate([one, one], np.array([1.0, 0.0]), drum_diameter=0.15)
     with pytest.raises(BadInput, match="must be positive"):
         drum.evaluate([one], np.array([0.0]), drum_diameter=-0.15)
@@ -279,7 +279,7 @@ def test_a_filmed_drum_gives_the_slope_it_was_drawn_with(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_a_stated_roll_is_held_against_the_level_stand(tmp_path: Path, sign: int) -> None:
+def test_a_stated_roll_is_compared_with_the_level_stand(tmp_path: Path, sign: int) -> None:
     film(tmp_path / "drum.mp4", 30.0, roll=1.5)  # clockwise
     found = measured(tmp_path / "drum.mp4", roll=math.radians(1.5 * sign))
     (check,) = [each for each in found.checks if each.check == "camera_roll"]
@@ -290,14 +290,14 @@ def test_a_stated_roll_is_held_against_the_level_stand(tmp_path: Path, sign: int
     assert angle.value == pytest.approx(30.0 if sign > 0 else 27.0, abs=0.6)
 
 
-def test_a_wrong_roll_is_held_against_a_stand_right_below_the_drum(tmp_path: Path) -> None:
+def test_a_wrong_roll_is_compared_with_a_stand_right_below_the_drum(tmp_path: Path) -> None:
     film(tmp_path / "drum.mp4", 30.0, stand=244)
     found = measured(tmp_path / "drum.mp4", roll=math.radians(8.0))
     assert all("camera roll of +8.00 degrees was given" in one.doubtful for one in found.quantities)
 
 
 @pytest.mark.parametrize("roll", [-8.0, 12.0, 20.0])
-def test_a_camera_turned_by_more_than_a_stand_allows_is_righted_and_doubted(tmp_path: Path, roll: float) -> None:
+def test_a_camera_turned_by_more_than_a_stand_allows_is_corrected_and_doubtful(tmp_path: Path, roll: float) -> None:
     film(tmp_path / "drum.mp4", 30.0, roll=roll)
     found = measured(tmp_path / "drum.mp4")
     angle = find(found, drum.GRAPHICAL, drum.MIDDLE)
@@ -308,7 +308,7 @@ def test_a_camera_turned_by_more_than_a_stand_allows_is_righted_and_doubted(tmp_
 
 
 @pytest.mark.parametrize("roll", [0.0, 6.0])
-def test_a_roll_that_nothing_shows_is_in_the_doubt(tmp_path: Path, roll: float) -> None:
+def test_a_roll_that_nothing_shows_is_in_the_uncertainty(tmp_path: Path, roll: float) -> None:
     film(tmp_path / "drum.mp4", 30.0, roll=roll, stand=None)
     found = measured(tmp_path / "drum.mp4")
     angle = find(found, drum.GRAPHICAL, drum.MIDDLE)
@@ -318,7 +318,7 @@ def test_a_roll_that_nothing_shows_is_in_the_doubt(tmp_path: Path, roll: float) 
     assert not angle.doubtful
 
 
-def test_a_large_roll_that_is_stated_and_that_nothing_shows_is_believed(tmp_path: Path) -> None:
+def test_a_large_stated_roll_that_nothing_shows_is_used(tmp_path: Path) -> None:
     film(tmp_path / "drum.mp4", 30.0, roll=12.0, stand=None)
     found = measured(tmp_path / "drum.mp4", roll=math.radians(12.0))
     angle = find(found, drum.GRAPHICAL, drum.MIDDLE)
@@ -326,7 +326,7 @@ def test_a_large_roll_that_is_stated_and_that_nothing_shows_is_believed(tmp_path
     assert not angle.doubtful
 
 
-def test_how_often_the_bed_slides_does_not_hang_on_the_cameras_roll(tmp_path: Path) -> None:
+def test_the_avalanche_frequency_does_not_depend_on_the_camera_roll(tmp_path: Path) -> None:
     film(tmp_path / "drum.mp4", 30.0, roll=12.0, frames=90, turn=math.radians(0.4), slides=8.0)
     found = measured(tmp_path / "drum.mp4")
     often = find(found, drum.FREQUENCY)
@@ -359,7 +359,7 @@ def test_beads_in_flight_over_the_upper_end_do_not_count_as_its_surface() -> Non
 
 
 @pytest.mark.parametrize("bend", [-0.05, 0.05])
-def test_every_filmed_angle_of_a_bent_surface_lies_within_its_doubt(tmp_path: Path, bend: float) -> None:
+def test_every_filmed_angle_of_a_bent_surface_lies_within_its_uncertainty(tmp_path: Path, bend: float) -> None:
     """The lines' true slopes, by the drawn curve; a surface that bows up or down is steeper in one half."""
     film(tmp_path / "drum.mp4", 28.0, bend=bend)
     found = measured(tmp_path / "drum.mp4")
@@ -392,13 +392,13 @@ def test_a_slow_drum_is_found_in_a_film_whose_noise_hides_the_motion_of_single_p
     assert angle.std_uncertainty < 2.5
 
 
-def test_a_surface_that_runs_out_of_the_picture_is_doubted(tmp_path: Path) -> None:
+def test_a_surface_that_runs_out_of_the_picture_is_doubtful(tmp_path: Path) -> None:
     film(tmp_path / "drum.mp4", 30.0, shown=0.6)
     found = measured(tmp_path / "drum.mp4")
-    assert all("picture's edge" in one.doubtful for one in found.quantities)
+    assert all("edge of the picture" in one.doubtful for one in found.quantities)
 
 
-def test_a_surface_of_which_one_half_rises_against_the_other_is_doubted() -> None:
+def test_a_surface_of_which_one_half_rises_against_the_other_is_doubtful() -> None:
     for toe in (25.0, -25.0):
         x = profile(25.0).x
         height = np.where(x > 0, math.tan(math.radians(25.0)) * x, math.tan(math.radians(toe)) * x) - 0.2 * RADIUS
@@ -416,14 +416,14 @@ def test_the_mirrored_drum_has_the_same_angle_and_turns_the_other_way(tmp_path: 
 
 
 @pytest.mark.parametrize("quarters", [1, 2, 3])
-def test_a_film_on_its_side_is_doubted(tmp_path: Path, quarters: int) -> None:
+def test_a_film_on_its_side_is_doubtful(tmp_path: Path, quarters: int) -> None:
     film(tmp_path / "drum.mp4", -28.0, quarters=quarters)
     found = measured(tmp_path / "drum.mp4")
     assert all("on its side" in one.doubtful for one in found.quantities)
 
 
 @pytest.mark.parametrize("step", [0.4, -1.0, 6.0])
-def test_beads_at_the_wall_tell_which_way_a_drum_turns_past_dirt_and_flicker(step: float) -> None:
+def test_beads_at_the_wall_show_which_way_a_drum_turns_past_dirt_and_flicker(step: float) -> None:
     random = np.random.default_rng(4)
     texture = cv2.GaussianBlur(random.normal(0, 1, (20, 900)), (0, 0), 2.5) * 200
     dirt = cv2.GaussianBlur(random.normal(0, 1, (20, 150)), (0, 0), 2.5) * 200
@@ -446,7 +446,7 @@ def test_a_lamp_that_flickers_does_not_hide_the_surface(tmp_path: Path) -> None:
     assert not angle.doubtful
 
 
-def test_a_single_picture_is_measured_and_said_to_be_one_moment(tmp_path: Path) -> None:
+def test_a_single_picture_is_measured_with_a_warning_that_it_is_one_moment(tmp_path: Path) -> None:
     picture = np.full((240, 240), 235, np.uint8)
     y, x = np.mgrid[:240, :240] - 119.5
     bed = -y < math.tan(math.radians(-38)) * x
@@ -496,7 +496,7 @@ def test_a_heap_that_slides_away_in_no_drum_is_refused(tmp_path: Path) -> None:
                 container.mux(packet)
         for packet in stream.encode():
             container.mux(packet)
-    with pytest.raises(NothingToMeasure, match="no turning drum is seen"):
+    with pytest.raises(NothingToMeasure, match="no turning drum was found"):
         measured(tmp_path / "heap.mp4")
 
 
@@ -565,7 +565,7 @@ def test_an_outline_that_no_flowing_bed_has_fails_a_check(lift: str, failing: se
     ],
 )
 @pytest.mark.parametrize("wall", [40, 170, 250])
-def test_a_lamp_mirrored_in_the_glass_is_told_from_uneven_light_and_lighter_beads(
+def test_a_lamp_mirrored_in_the_glass_is_distinguished_from_uneven_light_and_lighter_beads(
     light: str, hidden: bool, wall: int
 ) -> None:
     random = np.random.default_rng(4)
@@ -588,7 +588,7 @@ def test_a_lamp_mirrored_in_the_glass_is_told_from_uneven_light_and_lighter_bead
     assert (share > drum_checks.GLARE) == hidden
 
 
-def test_a_surface_seen_at_both_ends_alone_tells_nothing_of_the_light() -> None:
+def test_a_surface_seen_at_both_ends_alone_gives_no_glare() -> None:
     x = np.concatenate([np.arange(-110.0, -100.0), np.arange(101.0, 111.0)])
     picture = np.full((240, 240, 3), 90, np.uint8)
     share = brightened_share([picture] * 3, x, np.tile(0.5 * x, (3, 1)), (120.0, 120.0), 118.0, 0.0, 8.0)

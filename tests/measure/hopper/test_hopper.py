@@ -73,7 +73,7 @@ def test_without_a_mass_the_rate_has_its_own_name() -> None:
     assert not any(one.quantity == "mass_flow_rate" for one in found.quantities)
 
 
-def test_without_an_opening_the_first_loss_is_taken_and_said() -> None:
+def test_without_an_opening_the_first_loss_is_taken_with_a_warning() -> None:
     found = hopper_evaluate.evaluate(counted())
     assert find(found, "opening_time").value == pytest.approx(0.202, abs=0.002)
     assert any("opening" in warning for warning in found.warnings)
@@ -99,7 +99,7 @@ def test_what_stays_behind_is_reported() -> None:
     assert not next(check for check in found.checks if check.check == "emptied").passed
 
 
-def test_a_record_that_ends_with_its_last_loss_is_said_to_be_cut() -> None:
+def test_a_record_that_ends_with_its_last_loss_is_reported_as_cut() -> None:
     record = counted()
     for end, cut in ((0.99, True), (1.2, False)):
         kept = record.time < end
@@ -126,13 +126,13 @@ def test_a_record_of_an_empty_hopper_is_refused() -> None:
         hopper_evaluate.evaluate(Series(np.arange(50.0), np.zeros(50), "particles left", "particles"))
 
 
-def test_a_jam_and_a_record_that_is_too_short_are_told_apart() -> None:
+def test_a_jam_and_a_record_that_is_too_short_get_different_messages() -> None:
     record = counted()
     jammed = np.maximum(record.value, 350)
     with pytest.raises(NothingToMeasure, match=r"^mass left: .*arch over the outlet"):
         hopper_evaluate.evaluate(Series(record.time, jammed, "mass_left", "particles"))
     early = record.time < 0.35
-    with pytest.raises(NothingToMeasure, match="record that goes on"):
+    with pytest.raises(NothingToMeasure, match="record that lasts"):
         hopper_evaluate.evaluate(Series(record.time[early], record.value[early], "particles left", "particles"))
 
 
@@ -156,15 +156,15 @@ def test_beads_that_come_back_make_times_and_rates_doubtful(back: float) -> None
     step = float(time[1] - time[0])
     again = Series(step * np.arange(len(joined)), joined, "left", "1")
     assert not any("joined" in one.doubtful for one in hopper_evaluate.evaluate(once).quantities)
-    told = hopper_evaluate.evaluate(again).quantities
-    assert all(("joined" in one.doubtful) == ("s" in one.unit.split("/")) for one in told)
+    found = hopper_evaluate.evaluate(again).quantities
+    assert all(("joined" in one.doubtful) == ("s" in one.unit.split("/")) for one in found)
 
 
-def test_bad_records_are_told_in_a_sentence() -> None:
+def test_bad_records_are_refused_in_a_sentence() -> None:
     record = counted()
     with pytest.raises(NothingToMeasure, match="still left"):
         hopper_evaluate.evaluate(Series(record.time, np.full(len(record.time), 400.0), "particles left", "particles"))
-    with pytest.raises(BadInput, match="does not rise"):
+    with pytest.raises(BadInput, match="does not increase"):
         hopper_evaluate.evaluate(Series(record.time[::-1].copy(), record.value, "particles left", "particles"))
     with pytest.raises(BadInput, match="five"):
         hopper_evaluate.evaluate(Series(record.time[:3], record.value[:3], "particles left", "particles"))
@@ -199,7 +199,7 @@ def test_a_slide_frees_the_slot_between_two_frames_at_the_moment_its_edge_says(d
     assert found.speed == pytest.approx(speed, rel=0.05)
 
 
-def test_an_opening_told_from_columns_that_disagree_is_not_sharp() -> None:
+def test_an_opening_from_columns_that_disagree_is_not_sharp() -> None:
     left, right = 100, 170
     strips = sliding(1, 12.0, 17.0, left, right)
     # the slide is gone at once; something faint changes earlier, in no order, in every fourth column
@@ -255,14 +255,14 @@ def film(
     roll: float = 0.0,
     shake: float = 0.0,
 ) -> float:
-    """A bed that leaves row by row through a slot; returns the frame at which the last bead's upper edge is at it.
+    """Draw a bed that leaves row by row through a slot; return the frame at which the last bead's upper edge is at it.
 
-    The film has gaps where frames are `lost`, or these frames as `shown` one after the other.
+    The film has gaps where frames are `lost`, or shows these frames as `shown` one after the other.
 
-    `hand` tells where a hand of the colour `skin` is in a frame [px]; the beads have one of the `colours` each;
-    `noise` is that of the camera [grey levels], `flicker` the share by which a lamp on 50 Hz makes frames brighter and
-    darker.  The slide is as thick as `slide` [px] and the film is `zoom` times as large as all that; the scene looks
-    turned clockwise by `roll` [deg], and the camera moves to and fro by `shake` [px].
+    `hand` gives the place of a hand of the colour `skin` by frame [px]; the beads have one of the `colours` each;
+    `noise` is that of the camera [grey levels], `flicker` the amplitude of a 50 Hz lamp as a share of the brightness.
+    The slide is `slide` [px] thick and the film is enlarged by `zoom`; the scene looks turned clockwise by `roll`
+    [deg], and the camera moves to and fro by `shake` [px].
     """
     random = np.random.default_rng(5)
     rows, columns = 9, 5
@@ -311,8 +311,8 @@ def film(
                 turn = cv2.getRotationMatrix2D((SIZE[0] / 2, SIZE[1] / 2), -roll, 1.0)  # OpenCV turns anticlockwise
                 picture = cv2.warpAffine(picture, turn, SIZE, borderMode=cv2.BORDER_REPLICATE)
             if shake:
-                aside = shake * np.array([math.sin(1.1 * k), math.cos(0.7 * k)])
-                picture = cv2.warpAffine(picture, np.c_[np.eye(2), aside], SIZE, borderMode=cv2.BORDER_REPLICATE)
+                offset = shake * np.array([math.sin(1.1 * k), math.cos(0.7 * k)])
+                picture = cv2.warpAffine(picture, np.c_[np.eye(2), offset], SIZE, borderMode=cv2.BORDER_REPLICATE)
             lamp = 1 + flicker * math.sin(2 * math.pi * 100.7 * k / RATE)
             noisy = np.clip(lamp * picture + random.normal(0, noise, picture.shape), 0, 255).astype(np.uint8)
             pictures.append(noisy)
@@ -340,7 +340,7 @@ def test_a_filmed_discharge_gives_both_ends_within_a_frame(tmp_path: Path) -> No
     assert low * RATE < last - OPENED < high * RATE
     assert found.camera["slot_width_px"] == pytest.approx(SLOT_RIGHT - SLOT_LEFT, abs=3)
     assert found.camera["slide_goes"] == "right"
-    # a bed that flows is 5 to 10 % looser: its area tells a share of it to 1 or 2 % at either end, and the time with it
+    # a flowing bed is 5 to 10 % looser: its area gives a share to 1 or 2 % at either end, and so the time
     middle = find(found, "discharge_time_5_95")
     assert 0.012 < middle.std_uncertainty / middle.value < 0.03
     assert all(path.exists() for path in found.files.values())
@@ -379,9 +379,7 @@ def test_times_are_right_or_doubtful_however_the_camera_is_turned(
     assert not find(found, "residue_fraction").doubtful
 
 
-def test_a_hopper_without_a_level_edge_is_told_what_roll_to_give(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_hopper_without_a_level_edge_gets_advice_on_the_roll(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     unseen = Upright(0.0, math.radians(2.3), NOT_SEEN, np.empty((0, 4)))
     monkeypatch.setattr(outflow, "upright", lambda picture, given: unseen)
     film(tmp_path / "hopper.mp4")
@@ -448,7 +446,7 @@ def test_a_hand_before_the_last_bead_makes_its_time_doubtful(tmp_path: Path) -> 
     assert low * RATE < last < high * RATE
 
 
-def test_a_hand_before_a_bed_of_two_colours_is_told(tmp_path: Path) -> None:
+def test_a_hand_before_a_bed_of_two_colours_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "hand.mp4"
 
     def reaching(k: int) -> tuple[float, float]:
@@ -535,7 +533,7 @@ def test_frames_missing_from_the_flow_are_counted(tmp_path: Path, lost: list[int
 
 
 @pytest.mark.parametrize("cut", [0, 5, 9])
-def test_many_frames_cut_out_of_the_flow_are_told_by_the_bed_that_is_gone(cut: int) -> None:
+def test_many_frames_cut_out_of_the_flow_are_detected_by_the_bed_that_is_gone(cut: int) -> None:
     """No bead that falls before the gap is seen after it, but some 40 beads leave in every frame."""
     rng = np.random.default_rng(4)
     gone = rng.poisson(40, 70).astype(np.float64)
@@ -548,7 +546,7 @@ def test_many_frames_cut_out_of_the_flow_are_told_by_the_bed_that_is_gone(cut: i
 
 
 @pytest.mark.parametrize("seen", [True, False])
-def test_a_cut_in_a_flow_that_comes_in_bursts_is_told_where_no_bead_is_seen_on_both_sides_of_it(*, seen: bool) -> None:
+def test_a_cut_in_a_flow_of_bursts_is_detected_where_no_bead_is_seen_on_both_sides_of_it(*, seen: bool) -> None:
     gone = np.tile([15.0, 65.0, 40.0, 25.0, 55.0], 14)
     gone[30] = 5 * 40.0
     shown = np.ones(len(gone))
@@ -579,7 +577,7 @@ def test_frames_that_the_times_say_are_missing_are_no_trouble(tmp_path: Path) ->
 
 @pytest.mark.parametrize("crf", [14, 28])
 @pytest.mark.parametrize("every", [3, 5])
-def test_frames_shown_twice_in_the_flow_are_told(tmp_path: Path, every: int, crf: int) -> None:
+def test_frames_shown_twice_in_the_flow_are_detected(tmp_path: Path, every: int, crf: int) -> None:
     film(tmp_path / "twice.mp4", crf=crf, shown=[k for k in range(75) for _ in range(2 if k % every == 0 else 1)])
     check = judged(tmp_path / "twice.mp4", "frame_timing")
     assert not check.passed
@@ -587,7 +585,7 @@ def test_frames_shown_twice_in_the_flow_are_told(tmp_path: Path, every: int, crf
     assert f"{1 + 1 / every:.2f} times too long" in check.message
 
 
-def test_a_film_that_shows_each_frame_three_times_is_told() -> None:
+def test_a_film_that_shows_each_frame_three_times_is_detected() -> None:
     ones = np.ones(60)
     check = timing_check(ones, ones, np.tile([10.0, 0.2, 0.2], 20) + np.arange(60) / 100, ones)
     assert isinstance(check, Check)
@@ -600,11 +598,11 @@ def test_frames_shown_in_place_of_the_next_do_not_lengthen_the_flow(tmp_path: Pa
     film(tmp_path / "held.mp4", shown=[k - 1 if k % 5 == 4 else k for k in range(75)])
     check = judged(tmp_path / "held.mp4", "frame_timing")
     assert not check.passed
-    assert "where others are missing" in check.message
+    assert "they replace missing frames" in check.message
 
 
 @pytest.mark.parametrize(("every", "stated"), [(1, 1.0), (2, 0.5), (2, 1.0), (1, 0.5), (1, 2.0)])
-def test_beads_that_fall_tell_a_frame_rate_that_is_not_theirs(tmp_path: Path, every: int, stated: float) -> None:
+def test_falling_beads_show_a_frame_rate_that_is_not_theirs(tmp_path: Path, every: int, stated: float) -> None:
     film(tmp_path / "rate.mp4", shown=range(0, 75, every))
     check = judged(tmp_path / "rate.mp4", "frame_rate", stated * RATE)
     assert check.passed == (stated * every == 1)
@@ -633,16 +631,16 @@ def test_what_shows_up_above_the_last_bead_for_a_frame_is_no_bead() -> None:
 
 
 @pytest.mark.parametrize("cut", [2, 11])  # [frames]: an earlier bead is seen below the slot after it, and none
-def test_a_last_bead_that_vanishes_above_the_slot_is_doubtful(tmp_path: Path, cut: int) -> None:
+def test_a_last_bead_that_disappears_above_the_slot_is_doubtful(tmp_path: Path, cut: int) -> None:
     last = film(tmp_path / "gone.mp4")
     film(tmp_path / "gone.mp4", shown=[*range(math.floor(last) - 1), *range(math.ceil(last) + cut - 1, 75)])
     camera = Camera(frame_rate=RATE, scale=DIAMETER / (2 * BEAD))
     found = hopper.measure(tmp_path / "gone.mp4", camera, bead_diameter=DIAMETER, out=tmp_path)
-    assert "vanishes" in find(found, "last_particle_time").doubtful
-    assert "vanishes" in find(found, "discharge_time").doubtful
+    assert "disappears" in find(found, "last_particle_time").doubtful
+    assert "disappears" in find(found, "discharge_time").doubtful
 
 
-def test_a_last_bead_that_vanishes_after_frames_that_do_not_show_it_is_doubtful(tmp_path: Path) -> None:
+def test_a_last_bead_that_disappears_after_frames_that_do_not_show_it_is_doubtful(tmp_path: Path) -> None:
     last = math.floor(film(tmp_path / "gone.mp4"))
 
     def hand(k: int) -> tuple[float, float]:
@@ -651,7 +649,7 @@ def test_a_last_bead_that_vanishes_after_frames_that_do_not_show_it_is_doubtful(
     film(tmp_path / "gone.mp4", hand=hand, shown=[*range(last - 1), *range(last + 3, 75)])
     camera = Camera(frame_rate=RATE, scale=DIAMETER / (2 * BEAD))
     found = hopper.measure(tmp_path / "gone.mp4", camera, bead_diameter=DIAMETER, out=tmp_path)
-    assert "vanishes" in find(found, "last_particle_time").doubtful
+    assert "disappears" in find(found, "last_particle_time").doubtful
 
 
 def test_a_clip_that_ends_while_beads_leave_has_nothing_that_is_not_doubtful(tmp_path: Path) -> None:
@@ -681,9 +679,9 @@ def test_two_scales_that_contradict_make_velocities_doubtful(tmp_path: Path, fac
         tmp_path / "hopper.mp4", Camera(frame_rate=RATE, scale=scale), bead_diameter=0.006, out=tmp_path / "out"
     )
     assert next(check for check in found.checks if check.check == "bead_size").passed == passed
-    told = [one for one in found.quantities if one.quantity == "outlet_velocity"]
-    assert told
-    assert all(("check --bead-diameter" in one.doubtful) != passed for one in told)
+    found = [one for one in found.quantities if one.quantity == "outlet_velocity"]
+    assert found
+    assert all(("check --bead-diameter" in one.doubtful) != passed for one in found)
 
 
 def test_times_of_an_interlaced_film_are_doubtful_and_shares_are_not(tmp_path: Path) -> None:
@@ -695,7 +693,7 @@ def test_times_of_an_interlaced_film_are_doubtful_and_shares_are_not(tmp_path: P
 
 
 @pytest.mark.parametrize("crf", [40, 51])
-def test_a_starved_clip_is_right_within_a_frame_or_doubtful(tmp_path: Path, crf: int) -> None:
+def test_an_over_compressed_clip_is_right_within_a_frame_or_doubtful(tmp_path: Path, crf: int) -> None:
     last = film(tmp_path / "hopper.mp4", crf=crf)
     found = hopper.measure(tmp_path / "hopper.mp4", Camera(frame_rate=RATE), out=tmp_path / "out")
     for end, truth in ((find(found, "opening_time"), OPENED), (find(found, "last_particle_time"), last)):
@@ -704,7 +702,7 @@ def test_a_starved_clip_is_right_within_a_frame_or_doubtful(tmp_path: Path, crf:
         assert bool(end.doubtful) is (crf == 51)
 
 
-def test_noise_that_beads_stand_out_of_by_far_is_no_reason_for_doubt(tmp_path: Path) -> None:
+def test_noise_far_below_the_contrast_of_beads_makes_nothing_doubtful(tmp_path: Path) -> None:
     last = film(tmp_path / "hopper.mp4", noise=10.0, crf=6)
     found = hopper.measure(tmp_path / "hopper.mp4", Camera(frame_rate=RATE), out=tmp_path / "out")
     assert 8 < next(check for check in found.checks if check.check == "bed_clear").value * hopper_checks.BED_CLEAR < 18
@@ -731,7 +729,7 @@ def test_a_still_films_bits_are_those_of_the_bed(tmp_path: Path, zoom: int) -> N
     assert judged(tmp_path / "hopper.mp4", "compression").value == pytest.approx(bits, rel=0.2)
 
 
-def test_few_bits_are_a_frame_of_doubt_and_those_of_a_shaken_film_too_few(tmp_path: Path) -> None:
+def test_few_bits_add_a_frame_of_uncertainty_and_those_of_a_shaken_film_are_too_few(tmp_path: Path) -> None:
     """A codec spends them all over a picture that shakes, and leaves out in it what it shows of a still one."""
     found = []
     for name, shake in (("still.mp4", 0.0), ("shaken.mp4", 1.0)):
@@ -764,7 +762,7 @@ def test_a_frame_rate_off_by_two_shows_in_how_the_first_beads_fall(tmp_path: Pat
 
 
 @pytest.mark.parametrize("floor", [8.0, 20.0, 200.0])
-def test_the_fall_of_the_lowest_bead_is_told_from_creeping_and_from_lying_on_the_floor(floor: float) -> None:
+def test_the_fall_of_the_lowest_bead_is_distinguished_from_creeping_and_from_rest(floor: float) -> None:
     """In bead diameters of 10 px: it creeps out of the slot, falls, and comes to rest."""
     time = np.arange(60) / 240
     after = np.maximum(time - 0.06, 0)
@@ -781,19 +779,19 @@ def test_two_looks_at_a_fall_that_contradict_each_other_leave_it_doubtful() -> N
     assert alike is not None
     assert other is not None
     assert (alike.acceleration, alike.doubt) == (pytest.approx(100.0), pytest.approx(3.0 / math.sqrt(2)))
-    # the doubt reaches to both
+    # the uncertainty covers both
     assert other.acceleration - other.doubt <= 98.5
     assert other.acceleration + other.doubt >= 149.5
     assert free_fall_clock.together([None]) is None
 
 
 @pytest.mark.parametrize("doubt", [0.01, 0.1, 0.3])
-def test_a_fall_that_fits_tells_which_frame_rates_would_not(doubt: float) -> None:
+def test_a_fall_that_fits_states_which_frame_rates_would_not_show(doubt: float) -> None:
     fall = free_fall_clock.FreeFall(9810.0, doubt * 9810.0)
     fits = free_fall_clock.fall_check(fall, 0.001, 0.0, RATE)
     factor = float(fits.message.split("a factor of ")[1].split()[0])
     assert fits.passed
-    # the same frames, told to be taken faster or slower
+    # the same frames with a stated rate that is faster or slower
     for stated, passed in ((0.97 * factor, True), (1.03 * factor, False)):
         for times in (stated, 1 / stated):
             other = free_fall_clock.FreeFall(times**2 * fall.acceleration, times**2 * fall.doubt)
@@ -808,10 +806,10 @@ def test_beads_that_leave_far_slower_than_gravity_lets_them_were_played_in_slow_
     effective = width - 1.4 * bead
     # Beverloo's law for a slot, its flow spread over the slot
     speed = 1.03 * math.sqrt(9.81 * effective) * effective / width / 0.8
-    told = free_fall_clock.outlet_check(speed / slowed, width)
-    assert told.passed == passed
+    found = free_fall_clock.outlet_check(speed / slowed, width)
+    assert found.passed == passed
     if passed:
-        low, high = (float(each) for each in re.findall(r"([\d.]+) times too", told.message))
+        low, high = (float(each) for each in re.findall(r"([\d.]+) times too", found.message))
         # a rate that is too high makes beads faster than they are
         for too_high, possible in ((0.95 * high, True), (1.05 * high, False), (1.05 / low, True), (0.95 / low, False)):
             truth = speed / too_high
@@ -870,5 +868,5 @@ def test_beads_end_where_the_slide_begins_though_it_looks_like_beads(slide: floa
     assert level < 1.4
 
 
-def test_where_all_looks_like_beads_no_end_of_them_is_told() -> None:
+def test_where_all_looks_like_beads_no_end_of_them_is_found() -> None:
     assert _end_of_beads(np.full(12, 2.0), 3) == (0, 0.0)

@@ -1,4 +1,4 @@
-"""Bed height and bulk density from made-up outlines and from drawn photos whose truth is known."""
+"""Bed height and bulk density from constructed outlines and from drawn photos with known truth."""
 
 import math
 from dataclasses import replace
@@ -21,7 +21,7 @@ BEAD, CYLINDER = 0.006, 0.06
 
 
 def outline(centres, bead=BEAD, cylinder=CYLINDER):
-    """Outline of spheres seen level and from far away."""
+    """Outline of spheres seen horizontally from far away."""
     x = np.linspace(-cylinder / 2, cylinder / 2, 601)
     inside = (bead / 2) ** 2 - (x - centres[:, :1]) ** 2
     height = np.where(inside > 0, centres[:, 2:] + np.sqrt(np.maximum(inside, 0)), -np.inf).max(axis=0)
@@ -29,7 +29,7 @@ def outline(centres, bead=BEAD, cylinder=CYLINDER):
 
 
 def flat(height, cylinder=CYLINDER):
-    """Level on average, as rough as a settled bed."""
+    """Outline that is level on average and as rough as a settled bed."""
     x = np.linspace(-cylinder / 2, cylinder / 2, 301)
     waves = 0.3 * BEAD * np.sin(2 * np.pi * x / BEAD)
     return Profile(x, height + waves, np.full(len(x), 1e-5))
@@ -66,7 +66,7 @@ def test_heights_scale_with_the_rig_and_the_density_does_not(size):
 
 
 def layer(seed, count=105):
-    """Tops of a rough bed: beads in the surface of random height, no two nearer than a bead in all directions."""
+    """Centres of a rough surface layer: random heights, every two at least 0.9 bead diameters apart."""
     rng = np.random.default_rng(seed)
     places: list[np.ndarray] = []
     while len(places) < count:
@@ -110,7 +110,7 @@ def test_the_surface_of_a_bed_is_no_straight_edge(seed):
     assert not pick(result, "bed_height").doubtful
 
 
-def test_without_a_bead_nothing_tells_how_rough_an_outline_may_be():
+def test_without_a_bead_size_the_roughness_is_not_checked():
     result = packing_evaluate.evaluate([outline(layer(3))], cylinder_diameter=CYLINDER)
     assert "smooth_surface" not in {check.check for check in result.checks}
 
@@ -177,12 +177,12 @@ def test_a_mass_that_is_off_makes_a_density_that_its_beads_cannot_have(share, so
     result = packing_evaluate.evaluate(
         [flat(0.07)], cylinder_diameter=CYLINDER, bead_diameter=BEAD, total_mass=mass, bead_density=solid
     )
-    told = "--total-mass" in pick(result, "bulk_density").doubtful
-    assert told == (share != 1.0 if solid else share == 0.1)  # alone, only what no wood has is told
+    doubtful = "--total-mass" in pick(result, "bulk_density").doubtful
+    assert doubtful == (share != 1.0 if solid else share == 0.1)  # alone, only what no wood has is reported
 
 
 def filled(fraction, *, diameter=CYLINDER, **known):
-    """The check of a bed whose mean surface holds in that share of beads of 568 kg/m^3."""
+    """The density check of a bed of beads of 568 kg/m^3 that fill this share of it below the mean surface."""
     surface = 0.07 - (packing_bed_profile.OUTLINE_ABOVE + packing_evaluate.PITS_BELOW) * BEAD
     mass = fraction * 568.0 * math.pi / 4 * diameter**2 * surface
     result = packing_evaluate.evaluate(
@@ -259,10 +259,10 @@ def shade(picture, centre, radius, tone):
 
 
 def draw(path, *, roll_deg=0.0, gauge=True, height=62.0, seed=2, block=0.0, beside=(), closing=0.0):
-    """A cylinder of shaded beads beside a gauge; returns the mean row of the outline as a height [mm].
+    """Draw a cylinder of shaded beads beside a gauge; return the mean height of the outline [mm].
 
-    The gauge stands on a `block` of that height; `beside` are places [mm] from axis and floor of what else looks round.
-    The walls close in by the share `closing` from the top of the bed down to the floor, as a hopper's.
+    The gauge stands on a `block` of that height.  `beside` are places [mm] from axis and floor of other round things.
+    The walls converge by the share `closing` from the top of the bed to the floor, as in a hopper.
     """
     rng = np.random.default_rng(seed)
     zoom = 2
@@ -375,13 +375,13 @@ def test_a_scale_read_off_the_beads_alone_is_as_doubtful_as_their_soft_rims(tmp_
     assert low < truth < high
 
 
-def test_what_was_weighed_and_gauged_by_hand_is_doubted_and_what_a_twin_knows_is_not(tmp_path):
+def test_weighed_mass_and_gauged_diameter_have_an_uncertainty_and_those_of_a_twin_have_none(tmp_path):
     photo = tmp_path / "bed.png"
     draw(photo)
     stated = {"cylinder_diameter": CYLINDER, "total_mass": 0.1, "bead_diameter": BEAD}
     filmed = pick(packing.measure([photo], Camera(), **stated), "bulk_density")
     exact = pick(packing_evaluate.evaluate([flat(0.07)], **stated), "bulk_density")
-    # the volume goes with the square of the diameter
+    # the volume scales with the square of the diameter
     assert filmed.budget["mass"] == pytest.approx(0.002 * filmed.value)
     assert filmed.budget["cylinder diameter"] == pytest.approx(2 * 0.003 * filmed.value)
     assert not {"mass", "cylinder diameter"} & set(exact.budget)
@@ -400,7 +400,7 @@ def test_a_dark_photo_gives_the_same_height(tmp_path):
 
 
 def covered(path, start, end, width, colour=(60, 60, 200)):
-    """The photo with a thick rod before it; places in mm from the axis and above the floor."""
+    """Draw a thick rod in front of the photo; places in mm from the axis and above the floor."""
     picture = cv2.imread(str(path))
     ends = [(round(200 + PIXEL * x), round(540 - PIXEL * h)) for x, h in (start, end)]
     cv2.line(picture, *ends, colour, round(PIXEL * width), cv2.LINE_AA)
@@ -454,7 +454,7 @@ def test_without_the_beads_size_the_surface_lies_half_a_bead_as_it_looks_below_t
     )
     known, found = (pick(result, "bed_height", "mean surface") for result in (stated, looked))
     tops = pick(looked, "bed_height")
-    # single beads look larger or smaller by at most 0.16
+    # the apparent size of single beads differs by at most 0.16
     assert tops.value - found.value == pytest.approx(BEAD / 2, rel=0.16)
     assert found.value == pytest.approx(known.value, abs=2 * found.budget["bead diameter"])
     assert found.std_uncertainty > known.std_uncertainty
@@ -465,11 +465,11 @@ def test_without_the_beads_size_the_surface_lies_half_a_bead_as_it_looks_below_t
     assert not any("bead diameter not stated" in warning for warning in stated.warnings)
 
 
-def test_a_size_that_nothing_checks_is_said_to_be_unconfirmed(tmp_path):
+def test_a_size_that_nothing_checks_is_reported_as_unconfirmed(tmp_path):
     photo = tmp_path / "bed.png"
     draw(photo, gauge=False)
     alone = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, total_mass=0.1, bead_density=1000.0)
-    assert "bulk density hang on --cylinder-diameter 60 mm alone" in alone.warnings[0]
+    assert "bulk density depend on --cylinder-diameter 60 mm alone" in alone.warnings[0]
     both = packing.measure(
         [photo], Camera(), cylinder_diameter=CYLINDER, total_mass=0.1, bead_density=1000.0, bead_diameter=BEAD
     )
@@ -532,7 +532,7 @@ def test_a_leaning_outline_makes_the_height_doubtful():
     x = np.linspace(-CYLINDER / 2, CYLINDER / 2, 301)
     leaning = Profile(x, 0.07 + 0.2 * x, np.full(len(x), 1e-5))
     result = packing_evaluate.evaluate([leaning], cylinder_diameter=CYLINDER, bead_diameter=BEAD)
-    assert "askew" in pick(result, "bed_height").doubtful
+    assert "not level" in pick(result, "bed_height").doubtful
     level = packing_evaluate.evaluate([flat(0.07)], cylinder_diameter=CYLINDER, bead_diameter=BEAD)
     assert pick(result, "bed_height").std_uncertainty > 2 * pick(level, "bed_height").std_uncertainty
 
@@ -584,13 +584,13 @@ def test_a_bed_between_walls_that_close_in_is_no_cylinder(tmp_path, closing):
     assert all(("no cylinder" in one.doubtful) is (closing > 0) for one in result.quantities)
 
 
-def test_a_mass_that_no_stated_density_confirms_is_told_with_what_it_makes_of_the_beads(tmp_path):
+def test_a_mass_that_no_stated_density_confirms_is_reported(tmp_path):
     photo = tmp_path / "bed.png"
     draw(photo)
     given = {"cylinder_diameter": CYLINDER, "total_mass": 1.0, "bead_diameter": BEAD}
-    told = [each for each in packing.measure([photo], Camera(), **given).warnings if "mass not confirmed" in each]
-    assert len(told) == 1
-    assert "1000 g" in told[0]
+    found = [each for each in packing.measure([photo], Camera(), **given).warnings if "mass not confirmed" in each]
+    assert len(found) == 1
+    assert "1000 g" in found[0]
     sure = packing.measure([photo], Camera(), bead_density=700.0, **given)
     assert not any("mass not confirmed" in each for each in sure.warnings)
     assert all(one.doubtful for one in sure.quantities if one.quantity == "bulk_density")
@@ -604,7 +604,7 @@ def test_a_known_length_outside_of_the_photo_is_refused(tmp_path):
         packing.measure([photo], camera, cylinder_diameter=CYLINDER)
 
 
-def test_a_photo_that_cuts_the_bed_off_above_its_floor_is_doubted(tmp_path):
+def test_a_photo_that_cuts_the_bed_off_above_its_floor_makes_all_quantities_doubtful(tmp_path):
     photo = tmp_path / "bed.png"
     draw(photo)
     cv2.imwrite(str(photo), cv2.imread(str(photo))[: round(540 - 20 * PIXEL)])

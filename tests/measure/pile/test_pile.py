@@ -151,7 +151,7 @@ def test_a_base_seen_in_the_same_picture_makes_geometric_angles_free_of_the_scal
     assert angles[0] == pytest.approx(angles[1], abs=0.05)
 
 
-def test_a_heap_narrower_than_the_stated_base_has_no_angle_over_it_without_doubt() -> None:
+def test_a_heap_narrower_than_the_stated_base_has_a_doubtful_angle_over_it() -> None:
     heap = triangle(30, 30, grain=0.002)
     for wider, doubtful in ((1.0, False), (1.3, True)):
         result = evaluate([heap], base_diameter=wider * float(np.ptp(heap.x)), bead_diameter=0.002)
@@ -192,12 +192,12 @@ def test_heaps_of_one_angle_and_two_heights_are_no_views_of_one() -> None:
     )
 
 
-def test_flanks_that_differ_are_a_fact_of_the_heap_which_is_told_and_no_doubt() -> None:
+def test_flanks_that_differ_give_a_warning_and_no_doubtful_quantity() -> None:
     even, uneven = (replace(triangle(30, right), view=name) for name, right in (("even", 30), ("uneven", 40)))
     for result in (evaluate([uneven]), evaluate([even, uneven])):
         assert not any(quantity.doubtful for quantity in result.quantities)
-        (told,) = [warning for warning in result.warnings if "left minus right" in warning]
-        assert "(uneven) is -10.0 deg" in told
+        (found,) = [warning for warning in result.warnings if "left minus right" in warning]
+        assert "(uneven) is -10.0 deg" in found
 
 
 def test_a_flank_that_no_loose_heap_has_is_doubtful() -> None:
@@ -206,7 +206,7 @@ def test_a_flank_that_no_loose_heap_has_is_doubtful() -> None:
 
 
 def bumpy(slope: float, **shape: float) -> Profile:
-    """A heap whose left flank goes up and down by more than a bead: nothing that an outline of one can be."""
+    """A heap whose left flank goes up and down by more than a bead, which no real outline does."""
     heap = triangle(slope, slope, **shape)
     flank = np.where(heap.x < 0, 0.004 * np.sin(heap.x / 0.0012), 0)
     return replace(heap, height=np.clip(heap.height + flank, 0, heap.height.max()), view="bumpy")
@@ -224,7 +224,7 @@ def test_a_doubtful_view_is_left_out_of_the_mean_and_named() -> None:
 
 
 @pytest.mark.parametrize("sound", [1, 3])
-def test_a_view_of_another_heap_is_told_even_where_it_is_left_out(sound: int) -> None:
+def test_a_view_of_another_heap_is_reported_even_where_it_is_left_out(sound: int) -> None:
     views = [replace(triangle(30, 30), view=f"sound {k}") for k in range(sound)]
     result = evaluate([*views, bumpy(30, height=0.015)], bead_diameter=0.002)
     combined = [q for q in result.quantities if q.detail.get("view") == "all"]
@@ -248,7 +248,7 @@ def test_one_sound_view_is_the_mean_but_for_what_the_other_contradicts() -> None
     ]
     alone = angle(evaluate([sound], bead_diameter=0.002), GEOMETRIC, "mean")
     assert combined.value == pytest.approx(alone.value)
-    # another heap, as its height tells: whose angle the mean is, nobody knows
+    # the heights show that these are two heaps, so it is unknown whose angle the mean is
     assert combined.doubtful
     assert {part: combined.budget[part] for part in alone.budget} == pytest.approx(alone.budget)
     json.dumps(result.quantities[0].detail, allow_nan=False)
@@ -297,7 +297,7 @@ def test_a_profile_table_is_measured_like_the_record_it_holds(tmp_path: Path) ->
 
 @dataclass(frozen=True)
 class Scene:
-    """What is drawn: a heap of equal spheres on a disc before a background; lengths in bead diameters."""
+    """Parameters of a drawn heap of equal spheres on a disc before a background; lengths in bead diameters."""
 
     slope: float = 27.0  # [deg]
     base: float = 24.0
@@ -336,7 +336,7 @@ def heap_of_spheres(scene: Scene) -> Array:
 
 
 def true_profile(centres: Array) -> Profile:
-    """The outline of the spheres seen level and from far away, highest edge at each x."""
+    """The outline of the spheres seen horizontally from far away: highest edge at each x."""
     x = np.linspace(centres[:, 0].min() - 0.49, centres[:, 0].max() + 0.49, 1500)
     rise = np.sqrt(np.maximum(0.25 - (x - centres[:, :1]) ** 2, 0))
     height = np.max(np.where(rise > 0, centres[:, 2:] + rise, -np.inf), axis=0)
@@ -433,7 +433,7 @@ def measured(path: Path, scene: Scene, out: Path | None = None) -> Measurement:
 
 
 def truth(scene: Scene) -> Evaluation:
-    """Our own ruler laid on the exact outline of the drawn spheres."""
+    """The angle definitions applied to the exact outline of the drawn spheres."""
     outline = true_profile(heap_of_spheres(scene))
     metres = replace(outline, x=outline.x * BEAD, height=outline.height * BEAD)
     return evaluate([metres], base_diameter=scene.base * BEAD, bead_diameter=BEAD)
@@ -446,7 +446,7 @@ def test_a_drawn_heap_is_measured_within_its_interval(name: str, tmp_path: Path)
     for quantity in MAIN:
         found = angle(result, quantity, "mean")
         wanted = angle(exact, quantity, "mean").value
-        # a bead more or less in the window is worth a degree on one flank of so few grains
+        # on a flank of so few grains one bead more in the window changes the angle by a degree
         assert found.value == pytest.approx(wanted, abs=1.2)
         assert found.interval95[0] <= wanted <= found.interval95[1]
         assert not found.doubtful
@@ -505,7 +505,7 @@ def test_scale_roll_and_pictures_come_with_the_angles(tmp_path: Path) -> None:
     assert angle(again, GRAPHICAL, "left").value == pytest.approx(angle(result, GRAPHICAL, "left").value, abs=0.05)
 
 
-def test_a_photo_that_states_its_focal_length_leaves_less_doubt_about_the_distance(tmp_path: Path) -> None:
+def test_a_photo_that_states_its_focal_length_has_a_smaller_uncertainty_from_the_distance(tmp_path: Path) -> None:
     from PIL import Image as PillowImage
 
     scene = Scene(seed=7, looking_down=5)
@@ -552,7 +552,7 @@ def test_two_degrees_of_camera_roll_do_not_change_the_angle(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_a_stated_roll_is_held_against_the_base_and_moves_no_angle(tmp_path: Path, sign: int) -> None:
+def test_a_stated_roll_is_compared_with_the_base_and_changes_no_angle(tmp_path: Path, sign: int) -> None:
     scene = Scene(seed=8, roll=2.0)  # clockwise
     photo = photograph(tmp_path, scene)
     sizes = {"base_diameter": scene.base * BEAD, "bead_diameter": BEAD}
@@ -567,7 +567,7 @@ def test_a_stated_roll_is_held_against_the_base_and_moves_no_angle(tmp_path: Pat
         assert ("camera roll" in other.doubtful) is (sign < 0 and side != "mean")
 
 
-def test_a_view_from_high_above_is_told(tmp_path: Path) -> None:
+def test_a_view_from_high_above_makes_every_quantity_doubtful(tmp_path: Path) -> None:
     scene = replace(SCENES["plain"], looking_down=16.0)
     result = measured(photograph(tmp_path, scene), scene)
     assert result.camera["looking_down_deg"] == pytest.approx(16.0, abs=2.0)
@@ -605,7 +605,7 @@ def test_a_scale_that_the_base_contradicts_makes_lengths_doubtful_and_no_angle(
     assert now.value == pytest.approx(before.value, abs=0.1)
 
 
-def test_heights_that_hang_on_the_base_alone_say_so(tmp_path: Path) -> None:
+def test_heights_that_depend_on_the_base_alone_give_a_warning(tmp_path: Path) -> None:
     scene = Scene(seed=8)
     photo = photograph(tmp_path, scene)
     alone = measure([photo], Camera(), base_diameter=scene.base * BEAD)
@@ -620,7 +620,7 @@ def test_a_base_of_25_beads_is_as_wide_as_advised() -> None:
     assert "24.9 bead diameters wide; 25 or more are advised" in advice
 
 
-def test_sizes_by_which_no_base_is_found_are_held_against_the_one_in_the_picture(tmp_path: Path) -> None:
+def test_sizes_by_which_no_base_is_found_are_compared_with_the_base_in_the_picture(tmp_path: Path) -> None:
     scene = Scene(seed=8)
     result = measure([photograph(tmp_path, scene)], Camera(), base_diameter=scene.base * BEAD, bead_diameter=2 * BEAD)
     assert all("check --bead-diameter and --base-diameter" in each.doubtful for each in result.quantities)
@@ -687,7 +687,7 @@ def test_a_picture_without_a_heap_gives_no_angle(kind: str, light: str, tmp_path
     path = tmp_path / "photo.png"
     picture = without_heap(kind)
     cv2.imwrite(str(path), as_seen(picture, light) if light else picture)
-    with pytest.raises(NothingToMeasure, match=r"photo\.png: shows no heap") as caught:
+    with pytest.raises(NothingToMeasure, match=r"photo\.png: no heap of beads") as caught:
         measure([path], Camera(), base_diameter=0.09, bead_diameter=0.006, out=tmp_path / "out")
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "out").exists()
