@@ -1,3 +1,5 @@
+"""Evaluate the track of a bouncing bead: drop and rebound heights, restitution per bounce, checks."""
+
 from __future__ import annotations
 
 import math
@@ -23,13 +25,14 @@ from rigtwin.measure.drop.lost_frames import find_losses
 from rigtwin.measure.media.duplicate_frames import repeated
 from rigtwin.measure.media.frame_loss import Loss, in_time
 
+# checks on which heights depend
 HEIGHTS_REST_ON = ("first_fall", "lost_frames", "gravity", "flight_residuals", "out_of_plane")
 
-GAIN = "a restitution above 1 cannot be: the track is wrong there"
+GAIN = "a restitution above 1 is not possible: the track is wrong there"
 
-ONE_VIEW = "seen from one side: what goes across the view is left out"
+ONE_VIEW = "seen from one side: motion along the line of sight is not measured"
 
-SPUN = "it leaves the plate faster than it came down: its spin drives it up, which is no restitution"
+SPUN = "the body leaves the plate faster than it came down: its spin adds to the rebound, which is no restitution"
 
 
 # ------------------------------------------------------------------------------------------------- record -> quantities
@@ -42,26 +45,76 @@ def evaluate(
     bead_diameter: float | None = None,
     bead_density: float | None = None,
 ) -> Evaluation:
-    """Quantities and checks of one track; y up, against gravity.
+    """Evaluate the track of a bouncing body, filmed or simulated.
 
-    `side` is the same body at the same times as one sees it from the side, its x away from the viewer of `track`.
-    `bead_diameter` [m] and `bead_density` [kg/m^3] fix the air drag; without them its strength is fitted.  A `sigma`
-    of NaN means unknown: the noise is taken from the residuals.  Raises `NothingToMeasure` when there is no bounce.
+    Parameters
+    ----------
+    track : Track
+        Position [m], shape (n, 2), y up against gravity; time [s], shape (n,).  A `sigma` of NaN means unknown: the
+        noise is then taken from the residuals.
+    side : Track, optional
+        The same body at the same times seen from the side: its x points away from the viewer of `track`.
+    bead_diameter, bead_density : float, optional
+        Diameter [m] and density [kg/m^3], which fix the air drag; without both of them its strength is fitted.
+
+    Returns
+    -------
+    Evaluation
+        ``drop_height`` [m], and per bounce ``rebound_height`` [m] and ``restitution_wall`` [1] by several methods.
+
+    Raises
+    ------
+    NothingToMeasure
+        If the track has no bounce with a free flight before and after it.
+
+    Notes
+    -----
+    Methods of ``restitution_wall`` at bounce k:
+
+    - ``height``: sqrt(h_k / h_{k-1}) with the apex heights h; air drag lowers it.
+    - ``velocity``: ratio of the speeds normal to the plate just after and just before the contact.
+    - ``time``: ratio of neighbouring flight times, from the second bounce on.
+    - ``all directions``: ratio of the total speeds (with `side`); ``picture plane``: the same from one view.  Both are
+      for bodies that leave sideways, as non-spherical ones do (section 3.2).
+
+    References
+    ----------
+    Hlosta et al. (2020), eq. 5 and section 3.2.
+
+    Examples
+    --------
+    A fall from 0.5 m with three rebounds at e = 0.8, without air:
+
+    >>> import numpy as np
+    >>> flights, impact, height, speed = [], (2 * 0.5 / 9.81) ** 0.5, 0.5, 9.81 * (2 * 0.5 / 9.81) ** 0.5
+    >>> time = np.arange(0, 1.6, 1 / 240)
+    >>> y = 0.5 - 9.81 * time**2 / 2
+    >>> for _ in range(3):
+    ...     speed *= 0.8
+    ...     since = time - impact
+    ...     y = np.where(since > 0, speed * since - 9.81 * since**2 / 2, y)
+    ...     impact += 2 * speed / 9.81
+    >>> seen = time < impact
+    >>> track = Track(time[seen], np.column_stack([0 * y, y])[seen], np.full(int(seen.sum()), np.nan))
+    >>> found = evaluate(track).quantities
+    >>> e = next(each for each in found if each.method == "velocity" and each.detail["bounce"] == 1)
+    >>> bool(abs(e.value - 0.8) < 0.01)
+    True
     """
     rate = rate_of(track)
     drag = AirDrag(bead_diameter, bead_density)
     whole = track
     track, repeats, losses, fitted = readable(track, drag)
-    if side is not None:  # a body that turns meets the plate higher and lower: that is no loss of frames
+    if side is not None:  # a rotating body touches the plate at different heights, which looks like lost frames
         track, losses, fitted = whole, (), None
     bounces = bounces_of(track, drag, str(track.body), fitted=fitted, in_metres=True)
     return evaluate_bounces(track, bounces, side=side, scale_doubt=0.0, rate=rate, repeats=repeats, losses=losses)
 
 
 def readable(track: Track, drag: AirDrag) -> tuple[Track, int, tuple[Loss, ...], Bounces | None]:
-    """The track without points that are blank or repeat the one before, how many these were, and its bounces.
+    """The track without NaN points and repeated frames, the number of repeats, lost frames, and its bounces.
 
-    Its times are true then, also where frames were surely lost.
+    The times are corrected for frames that were lost for certain.
     """
     finite = np.isfinite(track.time) & np.all(np.isfinite(track.position), axis=1)
     time, position = track.time[finite], track.position[finite]
@@ -78,7 +131,7 @@ def readable(track: Track, drag: AirDrag) -> tuple[Track, int, tuple[Loss, ...],
 
 
 def rate_of(track: Track) -> float:
-    """[1/s]"""
+    """Frame rate [1/s]."""
     return 1 / float(np.nanmedian(np.diff(track.time))) if len(track.time) > 1 else math.nan
 
 
@@ -91,14 +144,17 @@ def bounces_of(
     in_metres: bool = False,
     filmed: bool = False,
 ) -> Bounces:
-    """The bounces of a track, as `fitted` already where they are."""
+    """The bounces of a track; `fitted` if they were fitted already.
+
+    Raises `NothingToMeasure` if there is no bounce.
+    """
     record = heights_of(track, filmed=filmed)
     if fitted is None and len(record.time) > 12:
         fitted = fit(record, drag)
     if fitted is None:
         raise NothingToMeasure(f"{name}: {_why_no_bounce(record)}")
     if in_metres and drag.known and abs(fitted.read(lambda at: at.size)[0] - 1) > 0.2:
-        # the air's drag on the bead is known in true metres and seconds only
+        # with a wrong scale or frame rate the known drag does not apply: fit it
         return fit_bounces(record, AirDrag()) or fitted
     return fitted
 
@@ -108,7 +164,7 @@ def heights_of(track: Track, *, filmed: bool = False) -> Heights:
 
 
 def fit(record: Heights, drag: AirDrag) -> Bounces | None:
-    """With the known drag, or, where that fits nothing because time runs at another rate, with a free one."""
+    """Fit with the known drag, or with a free one if that fails because the frame rate is wrong."""
     fitted = fit_bounces(record, drag)
     return fit_bounces(record, AirDrag()) if fitted is None and drag.known else fitted
 
@@ -139,7 +195,11 @@ def evaluate_bounces(
     repeats: int,
     losses: tuple[Loss, ...],
 ) -> Evaluation:
-    """`repeats` frames that showed the same as the one before are left out, sure `losses` mended in the times."""
+    """Quantities and checks of fitted bounces.
+
+    `repeats` is the number of repeated frames that were left out; certain `losses` are corrected in the times already.
+    `rate` [1/s] is the frame rate, `scale_doubt` the relative standard uncertainty of the scale.
+    """
     share = repeats / max(repeats + len(track.time), 1)
     checks = (
         gravity_check(bounces, scale_doubt, rate, share),
@@ -163,7 +223,7 @@ def evaluate_bounces(
 
 
 class _Along:
-    """How fast the body goes along the plate before and after its bounces, in the unit of the record per second."""
+    """Speed along the plate before and after each bounce, in units of the record per second."""
 
     def __init__(self, track: Track, side: Track | None, bounces: Bounces) -> None:
         self.method = "picture plane" if side is None else "all directions"
@@ -180,7 +240,7 @@ class _Along:
 
 
 def _slope(time: Array, x: Array) -> tuple[float, float]:
-    """Slope of a straight line [1/s] and its standard uncertainty; infinite doubt where there are too few points."""
+    """Slope of a straight line [1/s] and its standard uncertainty, which is infinite for fewer than 4 points."""
     if len(time) < 4:
         return 0.0, math.inf
     (slope, _), covariance = np.polyfit(time - time.mean(), x, 1, cov=True)
@@ -194,7 +254,7 @@ def _restitutions(
     height_doubt = "; ".join(text for text in (doubt, failed.get("out_of_plane", "")) if text)
     speed_doubt = doubt
     if "gravity" in failed and abs(bounces.read(lambda at: at.size)[0] - 1) > 0.1:
-        drag = "how much the air slows the bead is not known, as scale or frame rate contradict gravity"
+        drag = "the air drag is not known, as scale or frame rate contradict gravity"
         speed_doubt = "; ".join(text for text in (doubt, drag) if text)
     found = []
     for k in range(1, bounces.count + 1):
@@ -223,7 +283,7 @@ def _restitutions(
 
 
 def _with_speed_along(bounces: Bounces, along: _Along, k: int, detail: dict[str, Detail], doubt: str) -> Quantity:
-    """Speed after over speed before, with what goes along the plate; the energy in the spin is no part of it."""
+    """Ratio of the total speeds after and before, including motion along the plate; rotation is not included."""
     before, after = along.speeds[k - 1], along.speeds[k]
 
     def ratio(at: Reader) -> float:
@@ -238,15 +298,16 @@ def _with_speed_along(bounces: Bounces, along: _Along, k: int, detail: dict[str,
 
 
 def _wrong_from(bounces: Bounces) -> float:
-    """The bounce before the first that seems to leave the plate faster than it came: they share a contact.
+    """Number of the first bounce that is not reliable; infinite if all are.
 
-    0 where that is the first of all: then the fall to it is not to be trusted either.
+    It is the one before the first bounce with a restitution above 1, because they share a contact; 0 means that the
+    drop height is not reliable either.
     """
     return next((k - 1 for k in range(1, bounces.count + 1) if _gains(bounces, k)), math.inf)
 
 
 def _gains(bounces: Bounces, bounce: int) -> bool:
-    """Whether it seems to leave the plate faster than it came down."""
+    """Whether the restitution of a bounce is above 1 by more than two standard uncertainties."""
     value, parts = bounces.read(_speed_ratio(bounce))
     return value - 2 * root_sum_of_squares(parts) > 1
 
