@@ -26,9 +26,9 @@ from rigtwin.measure.tracking.colour_channel import LUMA
 from rigtwin.measure.tracking.follow import Chase, look_again
 
 # Shift of a bead's centre by the background texture and the codec, over the noise of a point.  It depends on position
-# or drifts in time, so it does not average out.  Maximum likelihood of the errors of beads in 15 rendered films of known
+# or drifts in time, so it does not average out.  Maximum likelihood of the errors of beads in 15 drawn films of known
 # truth (benchmarks/measure/background_bias.py) gave 0.35 to 0.5 without drifts.  A larger value is used: the errors of
-# the restitution in 71 rendered films of all hardnesses are 0.84 of the stated uncertainty (root mean square), 0.97
+# the restitution in 71 drawn films of all hardnesses are 0.84 of the stated uncertainty (root mean square), 0.97
 # without drifts; in 18 plain ones with usual compression the restitution is 0.0009 too large on average.
 GROUND = 0.7
 
@@ -171,6 +171,6 @@ def roll_warning(fit: SwingFit, camera: Camera) -> tuple[str, ...]:
     if abs(found - math.degrees(camera.roll)) < 0.3:
         return ()
     return (
-        f"camera roll: {math.degrees(camera.roll):.2f} degrees were given, but the threads at rest show {found:.2f} degrees; "
-        "angles are measured from the direction of the threads at rest",
+        f"camera roll: {math.degrees(camera.roll):.2f} degrees were given, but the fitted swings show {found:.2f} "
+        "degrees; angles are measured from the fitted vertical",
     )

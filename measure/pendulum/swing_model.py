@@ -163,7 +163,7 @@ def turning_points(swings: Swings, collision: int) -> tuple[Array, Array]:
 def _integrate(
     swings: Swings, angle: Array, rate: Array, start: Array, end: Array, *, time: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Integrate a free swing from `start` to `end` (shape (batch,)); angles and speeds at `time`, then those at `end`."""
+    """Integrate a free swing from `start` to `end`, shape (batch,); angles and speeds at `time`, then at `end`."""
     pull = swings["gravity"] / swings.per_bead("length")
     damping, drag = swings["damping"], swings["drag"]
 
