@@ -74,7 +74,7 @@ def _proportions_check(way: Way, onset: Onset, falls_as_it_should: bool) -> Chec
         message = (
             f"the body at rest moves up the plate by {-1e3 * seen:.1f} ± {1e3 * onset.axis_sigma:.1f} mm per radian "
             f"of its rise, of which the uncertainty of the hinge explains {1e3 * way.drift:.0f} mm: are widths "
-            "squeezed, as in a clip whose pixels are not square? Then all angles are wrong; convert it to square pixels."
+            "squeezed, as in a clip whose pixels are not square? Then all angles are wrong; use square pixels."
         )
         return Check("proportions", False, seen, 0.0, message)
     # lower limit of the excess acceleration: friction drops by at most half when motion starts
@@ -86,8 +86,8 @@ def _proportions_check(way: Way, onset: Onset, falls_as_it_should: bool) -> Chec
         return Check("proportions", True, seen, 0.0, "no sign of squeezed widths was found.")
     message = (
         "the acceleration of the body does not agree with gravity: either the scale or the frame rate is wrong, which "
-        f"does not affect the angles, or the record is {squeeze:.2f} times as wide as it should be, and all angles are "
-        "wrong; the plate turns too little to decide. Is a bead as wide as it is high?"
+        f"does not affect the angles, or the record is {squeeze:.2f} times as wide as it should be, and all angles "
+        "are wrong; the plate turns too little to decide. Is a bead as wide as it is high?"
     )
     return Check("proportions", False, seen, 0.0, message)
 
@@ -123,7 +123,7 @@ def _variant_check(way: Way, onset: Onset, variant: Variant) -> Check | str:
     else:
         return (
             f"not confirmed: neither acceleration nor friction in motion shows whether the body {variant}s, as stated; "
-            f"that the coefficient is one of {'sliding' if variant == 'slide' else 'rolling'} depends on --variant alone."
+            f"that the coefficient is for {'sliding' if variant == 'slide' else 'rolling'} depends on --variant alone."
         )
     return Check("variant", believed, onset.gain, 1.0, message)
 
@@ -185,7 +185,7 @@ def _residual_check(way: Way, onset: Onset) -> Check:
         expected = max(expected, float(np.median(stated)))
     ratio = onset.noise / expected
     passed = ratio < RESIDUALS
-    meaning = "within its frame-to-frame noise" if ratio < 3 else f"of up to {RESIDUALS} that are allowed"
+    meaning = "within its frame-to-frame noise" if ratio < 3 else f"where up to {RESIDUALS} are allowed"
     ending = "." if passed else ": it does not run freely; check its record before using the onset."
     return Check(
         "run_residuals",

@@ -10,7 +10,7 @@ from rigtwin.lab.quantity import Check
 from rigtwin.measure.geometry.camera_roll import roll_check
 from rigtwin.measure.media.time_base import UNSTEADY
 from rigtwin.measure.media.video import Video
-from rigtwin.measure.tilt.body_track import FEWEST, Passenger
+from rigtwin.measure.tilt.body_track import FEWEST, RestingBody
 from rigtwin.measure.tilt.checks import BEGIN_EARLIER
 from rigtwin.measure.tilt.observe import Film, Gauge, Horizontal
 from rigtwin.measure.tilt.onset import (
@@ -23,7 +23,7 @@ CLUMP = 2.3  # length over height of a body beyond which it is no single bead, e
 MOSTLY = 0.8  # minimum share of frames before the onset in which a missing frame would be detected
 
 
-def shape_check(body: Passenger, variant: Variant) -> Check:
+def shape_check(body: RestingBody, variant: Variant) -> Check:
     """Whether the shape of the body allows the stated motion: beads glued together do not roll."""
     ratio = body.size[0] / body.size[1]
     passed = variant == "slide" or ratio < CLUMP
@@ -38,8 +38,8 @@ def portrait_check(film: Film, onset: Onset) -> tuple[Check, ...]:
     if resting >= max(FEWEST, len(body.rests) / 2):
         return ()
     message = (
-        f"of the {len(body.rests)} frames that show the body at its first position only {resting} are before the onset: "
-        f"too little of its rest is seen. {BEGIN_EARLIER}"
+        f"of the {len(body.rests)} frames that show the body at its first position only {resting} are before the "
+        f"onset: too little of its rest is seen. {BEGIN_EARLIER}"
     )
     return (Check("picture_at_rest", False, float(resting), float(FEWEST), message),)
 

@@ -19,7 +19,7 @@ from rigtwin.measure.tilt import checks as tilt_checks
 from rigtwin.measure.tilt import evaluate as tilt
 from rigtwin.measure.tilt import film_checks as tilt_film_checks
 from rigtwin.measure.tilt import measurement as tilt_measurement
-from rigtwin.measure.tilt.body_track import Passenger
+from rigtwin.measure.tilt.body_track import RestingBody
 from rigtwin.measure.tilt.onset import smooth_angle, smoothing_doubt
 
 G = 9.81
@@ -170,7 +170,7 @@ def test_a_ball_that_rolls_where_sliding_was_said_is_noticed():
 @pytest.mark.parametrize(("length", "rolls"), [(1.0, True), (1.9, True), (3.0, False)])
 def test_beads_glued_together_do_not_roll_and_a_smeared_bead_may(length, rolls):
     nothing = np.zeros((1, 1), np.float32)
-    body = Passenger(0, 0, nothing, nothing, (0.0, 0.0), (12 * length, 12.0), (0, 1, 2))
+    body = RestingBody(0, 0, nothing, nothing, (0.0, 0.0), (12 * length, 12.0), (0, 1, 2))
     assert tilt_film_checks.shape_check(body, "roll").passed == rolls
     assert tilt_film_checks.shape_check(body, "slide").passed
 
