@@ -446,7 +446,7 @@ def _first_guess(
     between = np.diff(time[contacts])
     metres[1 : 1 + len(between)] = GRAVITY * between**2 / 8
     model = _Model(len(contacts), drag, float(min(stop, time[-1])), float(metres[0]))
-    strength, doubt = (1.0, DRAG_HELD) if drag.known else (0.0, FREE_DRAG)
+    strength, width = (1.0, DRAG_HELD) if drag.known else (0.0, FREE_DRAG)
     n = model.count
     to_fall = tables_of(drag, strength, 4 * float(metres[0])).fall.time_to(metres[:1])
     release = float(time[contacts[0]] - to_fall[0])
@@ -466,7 +466,7 @@ def _first_guess(
         ]
     )
     spread = np.full(model.length, np.inf)
-    spread[-4:] = PERSPECTIVE, LENS, CONTACT_SPREAD * longest, doubt
+    spread[-4:] = PERSPECTIVE, LENS, CONTACT_SPREAD * longest, width
     return model, parameters, spread, stop
 
 

@@ -36,11 +36,11 @@ MIRRORED = 0.15  # relative distance from the mirrored fall up to which the moti
 def gravity_check(bounces: Bounces, scale_doubt: float, rate: float, repeated_share: float) -> Check:
     gravity, parts = bounces.read(lambda at: at.size * GRAVITY)
     fit_doubt = root_sum_of_squares(parts)
-    doubt = math.hypot(fit_doubt, gravity * scale_doubt)
+    uncertainty = math.hypot(fit_doubt, gravity * scale_doubt)
     passed = abs(math.log(gravity / GRAVITY)) < max(
         0.015, math.hypot(3 * fit_doubt / gravity, SCALES_APART * scale_doubt)
     )
-    found = f"free flight gives g = {gravity:.3f} ± {doubt:.3f} m/s²"
+    found = f"free flight gives g = {gravity:.3f} ± {uncertainty:.3f} m/s²"
     if passed:
         return Check("gravity", True, gravity, GRAVITY, f"{found}: scale, frame rate and roll fit together.")
     meaning = _what_is_wrong(gravity, rate, repeated_share)
@@ -69,24 +69,24 @@ def _what_is_wrong(gravity: float, rate: float, repeated_share: float) -> str:
     return f"either {scale}, or it was captured at {rate / math.sqrt(ratio):.4g} Hz and not {rate:.4g} Hz."
 
 
-def scales_agree(ratio: float, doubt: float) -> bool:
+def scales_agree(ratio: float, uncertainty: float) -> bool:
     """Whether the bead's stated diameter and another scale are compatible.
 
-    `ratio` is the ratio of the two scales, `doubt` its relative standard uncertainty.
+    `ratio` is the ratio of the two scales, `uncertainty` its relative standard uncertainty.
     """
-    return abs(math.log(ratio)) < max(LEAST_APART, SCALES_APART * doubt)
+    return abs(math.log(ratio)) < max(LEAST_APART, SCALES_APART * uncertainty)
 
 
-def contradiction(ratio: float, doubt: float, rate: float, bead: float) -> str:
+def contradiction(ratio: float, uncertainty: float, rate: float, bead: float) -> str:
     """Message on possible causes if the bead's stated diameter [m] gives `ratio` times the scale from gravity.
 
-    `doubt` is the relative standard uncertainty of the ratio, `rate` [1/s] the stated frame rate.
+    `uncertainty` is the relative standard uncertainty of the ratio, `rate` [1/s] the stated frame rate.
     """
     across, captured = bead / ratio, rate / math.sqrt(ratio)
     return (
         f"the stated diameter and frame rate contradict each other: either the bead is "
-        f"{reading(across, across * doubt, 'm')} across and not {1e3 * bead:.3g}, or the clip was captured at "
-        f"{captured:.0f} ± {captured * doubt / 2:.0f} Hz and not at {rate:.4g}, or the rim of "
+        f"{reading(across, across * uncertainty, 'm')} across and not {1e3 * bead:.3g}, or the clip was captured at "
+        f"{captured:.0f} ± {captured * uncertainty / 2:.0f} Hz and not at {rate:.4g}, or the rim of "
         "the bead's image was misjudged"
     )
 
@@ -140,8 +140,8 @@ def plane_check(track: Track, bounces: Bounces, side: Track | None = None) -> Ch
     ending = "."
     if not passed:
         ending = (
-            ": the bead leaves the plane of the picture (spin, not a sphere, or plate not level); use only the methods "
-            "by speeds."
+            ": the bead leaves the plane of its fall (spin, not a sphere, or plate not level); use only the methods by "
+            "speeds."
         )
     return Check("out_of_plane", passed, value, 0.0, message + ending)
 
@@ -196,7 +196,7 @@ def timing_check(track: Track, bounces: Bounces, repeats: int, losses: Sequence[
     if repeats:
         message = f"doubled frames: {repeats} of {repeats + len(time)} repeat the one before and were left out"
     message += "".join(f"; {_loss_text(loss)}" for loss in losses)
-    ending = "." if passed else ": use the camera's original file, taken at a fixed frame rate."
+    ending = "." if passed else ": for a film, use the camera's original file, taken at a fixed frame rate."
     return Check("frame_timing", passed, missing + again + repeats, 0.0, message + ending)
 
 
@@ -211,11 +211,12 @@ def _loss_text(loss: Loss) -> str:
     return f"{loss.in_words} at {loss.time:.3f} s, which the time stamps do not show: {why} after the correction"
 
 
-def size_check(found: float, doubt: float, stated: float) -> Check:
-    """Compare the diameter of the bead's image `found` with the `stated` one [m]; `doubt` is relative."""
-    passed = scales_agree(found / stated, doubt)
+def size_check(found: float, uncertainty: float, stated: float) -> Check:
+    """Compare the diameter of the bead's image `found` with the `stated` one [m]; `uncertainty` is relative."""
+    passed = scales_agree(found / stated, uncertainty)
     message = (
-        f"the bead's rim is {found * 1e3:.2f} ± {found * doubt * 1e3:.2f} mm across, {stated * 1e3:.2f} mm are stated"
+        f"the bead's rim is {found * 1e3:.2f} ± {found * uncertainty * 1e3:.2f} mm across, "
+        f"{stated * 1e3:.2f} mm are stated"
     )
     ending = "." if passed else ": the scale or the stated diameter is wrong, or something else was followed."
     return Check("bead_size", passed, found, stated, message + ending)

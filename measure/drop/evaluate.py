@@ -236,7 +236,7 @@ class _Along:
         ]
         lines = [[_slope(track.time[flight], x[flight]) for x in places] for flight in flights]
         self.speeds = [math.hypot(*(slope for slope, _ in line)) for line in lines]
-        self.doubts = [math.hypot(*(doubt for _, doubt in line)) for line in lines]
+        self.sigmas = [math.hypot(*(sigma for _, sigma in line)) for line in lines]
 
 
 def _slope(time: Array, x: Array) -> tuple[float, float]:
@@ -250,12 +250,12 @@ def _slope(time: Array, x: Array) -> tuple[float, float]:
 def _restitutions(
     bounces: Bounces, failed: dict[str, str], along: Sequence[_Along], wrong_from: float
 ) -> list[Quantity]:
-    doubt = "; ".join(failed[name] for name in ("first_fall", "flight_residuals", "frame_timing") if name in failed)
-    height_doubt = "; ".join(text for text in (doubt, failed.get("out_of_plane", "")) if text)
-    speed_doubt = doubt
+    reason = "; ".join(failed[name] for name in ("first_fall", "flight_residuals", "frame_timing") if name in failed)
+    height_reason = "; ".join(text for text in (reason, failed.get("out_of_plane", "")) if text)
+    speed_reason = reason
     if "gravity" in failed and abs(bounces.read(lambda at: at.size)[0] - 1) > 0.1:
         drag = "the air drag is not known, as scale or frame rate contradict gravity"
-        speed_doubt = "; ".join(text for text in (doubt, drag) if text)
+        speed_reason = "; ".join(text for text in (reason, drag) if text)
     found = []
     for k in range(1, bounces.count + 1):
         speed, parts = bounces.read(_impact_speed(k))
@@ -267,22 +267,22 @@ def _restitutions(
         }
         by_height, by_speed = bounces.read(_height_ratio(k)), bounces.read(_speed_ratio(k))
         mine = [
-            _quantity("restitution_wall", by_height, "1", "height", detail, height_doubt),
-            _quantity("restitution_wall", by_speed, "1", "velocity", detail, speed_doubt),
+            _quantity("restitution_wall", by_height, "1", "height", detail, height_reason),
+            _quantity("restitution_wall", by_speed, "1", "velocity", detail, speed_reason),
         ]
         if k > 1:
-            mine.append(_quantity("restitution_wall", bounces.read(_time_ratio(k)), "1", "time", detail, height_doubt))
+            mine.append(_quantity("restitution_wall", bounces.read(_time_ratio(k)), "1", "time", detail, height_reason))
         gains = GAIN if k >= wrong_from else SPUN if along and _gains(bounces, k) else ""
         found += [doubted(quantity, gains) for quantity in mine]
         found += [
-            doubted(_with_speed_along(bounces, one, k, detail, speed_doubt), GAIN if k >= wrong_from else "")
+            doubted(_with_speed_along(bounces, one, k, detail, speed_reason), GAIN if k >= wrong_from else "")
             for one in along
-            if math.isfinite(one.doubts[k - 1] + one.doubts[k])
+            if math.isfinite(one.sigmas[k - 1] + one.sigmas[k])
         ]
     return found
 
 
-def _with_speed_along(bounces: Bounces, along: _Along, k: int, detail: dict[str, Detail], doubt: str) -> Quantity:
+def _with_speed_along(bounces: Bounces, along: _Along, k: int, detail: dict[str, Detail], reason: str) -> Quantity:
     """Ratio of the total speeds after and before, including motion along the plate; rotation is not included."""
     before, after = along.speeds[k - 1], along.speeds[k]
 
@@ -291,10 +291,10 @@ def _with_speed_along(bounces: Bounces, along: _Along, k: int, detail: dict[str,
 
     value, parts = bounces.read(ratio)
     fast = bounces.read(_impact_speed(k))[0] ** 2 + before**2
-    parts["along the plate"] = math.hypot(after * along.doubts[k] / value, value * before * along.doubts[k - 1]) / fast
+    parts["along the plate"] = math.hypot(after * along.sigmas[k] / value, value * before * along.sigmas[k - 1]) / fast
     if along.method == "picture plane":
-        doubt = "; ".join(text for text in (doubt, ONE_VIEW) if text)
-    return _quantity("restitution_wall", (value, parts), "1", along.method, detail, doubt)
+        reason = "; ".join(text for text in (reason, ONE_VIEW) if text)
+    return _quantity("restitution_wall", (value, parts), "1", along.method, detail, reason)
 
 
 def _wrong_from(bounces: Bounces) -> float:
@@ -334,7 +334,7 @@ def _apex_height(bounce: int) -> Callable[[Reader], float]:
 
 
 def _heights(bounces: Bounces, scale_doubt: float, failed: dict[str, str], wrong_from: float) -> list[Quantity]:
-    doubt = "; ".join(failed[name] for name in HEIGHTS_REST_ON if name in failed)
+    reason = "; ".join(failed[name] for name in HEIGHTS_REST_ON if name in failed)
     found = []
     for k in range(bounces.count + 1):
         value, parts = bounces.read(_apex_height(k))
@@ -342,7 +342,7 @@ def _heights(bounces: Bounces, scale_doubt: float, failed: dict[str, str], wrong
             parts["scale"] = abs(value) * float(scale_doubt)
         name = "rebound_height" if k else "drop_height"
         detail: dict[str, Detail] = {"bounce": k} if k else {}
-        height = _quantity(name, (value, parts), "m", "height", detail, doubt)
+        height = _quantity(name, (value, parts), "m", "height", detail, reason)
         found.append(doubted(height, GAIN if k >= wrong_from else ""))
     return found
 

@@ -35,7 +35,7 @@ RATE_UNCONFIRMED = (
 )
 
 
-def _with_doubts(
+def _with_film_checks(
     quantity: Quantity, checks: tuple[Check, ...], drag: AirDrag, *, film: str, lengths: str, scales: str
 ) -> Quantity:
     """The quantity with the failed checks of the film that affect it; those of the flights are included already.
@@ -47,8 +47,8 @@ def _with_doubts(
     of_size = in_metres or (quantity.method == "velocity" and drag.known)
     rests_on = {"bead_in_view": True, "static_camera": True, "camera_roll": in_metres, "bead_size": of_size}
     seen = failed(checks, [name for name, rests in rests_on.items() if rests])
-    doubts = [seen, film, lengths if in_metres else "", scales if of_size else ""]
-    return doubted(quantity, "; ".join(filter(None, doubts)))
+    reasons = [seen, film, lengths if in_metres else "", scales if of_size else ""]
+    return doubted(quantity, "; ".join(filter(None, reasons)))
 
 
 # ---------------------------------------------------------------------------------------------------- media -> record
@@ -134,7 +134,7 @@ def measure(
         source=clip,
         source_sha256=sha256(clip),
         quantities=tuple(
-            _with_doubts(quantity, checks, drag, film=video.spoilt, lengths=unjudged, scales=gauge.contradiction)
+            _with_film_checks(quantity, checks, drag, film=video.spoilt, lengths=unjudged, scales=gauge.contradiction)
             for quantity in evaluation.quantities
         ),
         checks=checks,
@@ -195,8 +195,8 @@ def _with_gravity_judged(checks: tuple[Check, ...], gauge: Gauge) -> tuple[Check
     """Checks with gravity by the scale of the bead's diameter; without that check if gravity gave the scale."""
     gravity, *others = checks
     if gauge.gravity is not None:
-        value, doubt = gauge.gravity
-        message = f"with the scale from the bead's diameter, free flight gives g = {value:.2f} ± {doubt:.2f} m/s²"
+        value, sigma = gauge.gravity
+        message = f"with the scale from the bead's diameter, free flight gives g = {value:.2f} ± {sigma:.2f} m/s²"
         message += f" instead of {GRAVITY}: {gauge.contradiction}" if gauge.contradiction else ": they agree"
         gravity = replace(gravity, passed=not gauge.contradiction, value=value, message=message)
     elif gauge.source == "gravity":

@@ -16,7 +16,7 @@ class _Arc:
 
     path: SpotPath
     acceleration: float  # [px/frame^2], down
-    doubt: float  # its standard uncertainty
+    sigma: float  # its standard uncertainty
     weight: float  # evidence for a bead in free flight: vertical range times root of the contrast
 
 
@@ -33,7 +33,7 @@ def join_flights(paths: list[SpotPath], size: float | None) -> SpotPath | None:
     frames: dict[int, int] = {}
     chosen: list[SpotPath] = []
     for arc in sorted(arcs, key=lambda arc: -arc.weight):
-        alike = abs(arc.acceleration - best.acceleration) < 0.1 * best.acceleration + 3 * arc.doubt
+        alike = abs(arc.acceleration - best.acceleration) < 0.1 * best.acceleration + 3 * arc.sigma
         same = 0.6 < arc.path.radius / best.path.radius < 1.7
         free = [k for k, frame in enumerate(arc.path.frames) if frame not in frames]
         if alike and same and len(free) > 0.7 * len(arc.path.frames):
@@ -69,12 +69,12 @@ def _as_arc(path: SpotPath) -> list[_Arc]:
     t, y = frames[first:] - frames[first], y[first:]
     bend, slope, base = np.polyfit(t, y, 2)
     rms = float(np.std(y - np.polyval([bend, slope, base], t)))
-    doubt = 2 * 13.4 * max(rms, 0.1) / (float(np.ptp(t)) ** 2 * math.sqrt(len(t)))
-    if bend <= 0 or np.ptp(y) < path.radius or rms > 0.25 * path.radius + 0.01 * np.ptp(y) or doubt > bend:
+    sigma = 2 * 13.4 * max(rms, 0.1) / (float(np.ptp(t)) ** 2 * math.sqrt(len(t)))
+    if bend <= 0 or np.ptp(y) < path.radius or rms > 0.25 * path.radius + 0.01 * np.ptp(y) or sigma > bend:
         return []
     contrast = float(np.median([spot.contrast for spot in path.spots]))
     whole = SpotPath(path.frames, path.spots)
-    return [_Arc(whole, 2 * float(bend), doubt, float(np.ptp(y)) * math.sqrt(contrast))]
+    return [_Arc(whole, 2 * float(bend), sigma, float(np.ptp(y)) * math.sqrt(contrast))]
 
 
 def likeness(path: SpotPath, size: float | None) -> float:

@@ -37,5 +37,5 @@ def fit_sideways(time: Array, across: Array, contacts: Array, apexes: Array) -> 
         solution, *_ = np.linalg.lstsq(design[kept], across[kept], rcond=None)
         off = across - design @ solution
         kept = np.abs(off) < OUTLIER * 1.4826 * np.median(np.abs(off[kept])) + 1e-9
-    doubt = np.sqrt(np.var(off[kept]) * np.linalg.pinv(design[kept].T @ design[kept])[0, 0])
-    return SidewaysMotion(float(solution[0]), float(doubt), off, kept)
+    sigma = np.sqrt(np.var(off[kept]) * np.linalg.pinv(design[kept].T @ design[kept])[0, 0])
+    return SidewaysMotion(float(solution[0]), float(sigma), off, kept)

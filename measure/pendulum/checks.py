@@ -21,7 +21,7 @@ LEAST_MISFIT = 5e-4  # residual over the pendulum's length that always passes: b
 LEAST_NOISE = 2e-5  # lower limit of the noise over the pendulum's length: below it an exact record shows its rounding
 
 
-def doubts_of(fit: SwingFit, outcomes: dict[str, Outcome]) -> dict[str, str]:
+def reasons_of(fit: SwingFit, outcomes: dict[str, Outcome]) -> dict[str, str]:
     """Reasons why collision, release angle and turning angles are doubtful; empty texts if there is none."""
     swings = fit.swings
     collision, release, turning = [], [], []

@@ -16,10 +16,10 @@ from rigtwin.lab.records import Track
 from rigtwin.measure.pendulum.checks import (
     contact_angle_check,
     distance_check,
-    doubts_of,
     gravity_check,
     length_check,
     momentum_check,
+    reasons_of,
     residual_check,
 )
 from rigtwin.measure.pendulum.swing_fit import Outcome, SwingFit, fit_swings
@@ -109,15 +109,15 @@ def judge(
         checks.append(length_check(outcomes["length"], length))
     if bead_diameter is not None and fit.swings.beads == 2:
         checks.append(distance_check(outcomes["distance"], bead_diameter))
-    doubts = doubts_of(fit, outcomes)
+    reasons = reasons_of(fit, outcomes)
     if not residuals.passed:
-        doubts = {name: "; ".join(filter(None, [doubt, residuals.message])) for name, doubt in doubts.items()}
+        reasons = {name: "; ".join(filter(None, [reason, residuals.message])) for name, reason in reasons.items()}
     if fit.swings.beads == 1 and not checks[0].passed:
-        doubts["plumb"] = checks[0].message
+        reasons["plumb"] = checks[0].message
     if fit.swings.beads == 2:
         off_centre = [check.message for check in checks if check.check in HEAD_ON and not check.passed]
-        doubts["collision"] = "; ".join(filter(None, [doubts["collision"], *off_centre]))
-    quantities = [*_restitutions(fit, outcomes, doubts), *_angles(outcomes, doubts)]
+        reasons["collision"] = "; ".join(filter(None, [reasons["collision"], *off_centre]))
+    quantities = [*_restitutions(fit, outcomes, reasons), *_angles(outcomes, reasons)]
     warnings = [check.message for check in checks if not check.passed]
     return Evaluation(tuple(quantities), tuple(checks), tuple(warnings))
 
@@ -210,7 +210,7 @@ def _with_shading(outcomes: dict[str, Outcome], shading: float) -> dict[str, Out
     }
 
 
-def _restitutions(fit: SwingFit, outcomes: dict[str, Outcome], doubts: dict[str, str]) -> list[Quantity]:
+def _restitutions(fit: SwingFit, outcomes: dict[str, Outcome], reasons: dict[str, str]) -> list[Quantity]:
     name = "restitution_pair" if fit.swings.beads == 2 else "restitution_wall"
     found = []
     for k in range(fit.swings.collisions):
@@ -219,16 +219,16 @@ def _restitutions(fit: SwingFit, outcomes: dict[str, Outcome], doubts: dict[str,
             "collision": k + 1,
             "impact_speed_m_per_s": round(outcomes[f"approach_{k}"].value, 5),
         }
-        doubt = doubts["collision"]
+        reason = reasons["collision"]
         if e.value - 2 * e.std > 1:
-            doubt = "; ".join(filter(None, [doubt, "a restitution above 1 is not possible: a track is wrong"]))
-        found.append(_quantity(name, e, "1", "velocity", detail, doubtful=doubt))
+            reason = "; ".join(filter(None, [reason, "a restitution above 1 is not possible: a track is wrong"]))
+        found.append(_quantity(name, e, "1", "velocity", detail, doubtful=reason))
     by_speed, by_angle = outcomes["restitution_0"], outcomes["from_angles"]
     # this method counts losses of the swing as restitution: its difference from the fit enters the uncertainty
     losses = {"swing_losses": abs(by_speed.value - by_angle.value)}
     detail = {"collision": 1}
-    seen = "; ".join(filter(None, [doubts["collision"], doubts["release"], doubts["turning"]]))
-    plumb = "; ".join(filter(None, [seen, doubts.get("plumb", "")]))
+    seen = "; ".join(filter(None, [reasons["collision"], reasons["release"], reasons["turning"]]))
+    plumb = "; ".join(filter(None, [seen, reasons.get("plumb", "")]))
     found.append(
         _quantity(name, Outcome(by_angle.value, by_angle.budget | losses), "1", "angle", detail, doubtful=plumb)
     )
@@ -247,7 +247,7 @@ def _restitutions(fit: SwingFit, outcomes: dict[str, Outcome], doubts: dict[str,
     return found
 
 
-def _angles(outcomes: dict[str, Outcome], doubts: dict[str, str]) -> list[Quantity]:
+def _angles(outcomes: dict[str, Outcome], reasons: dict[str, str]) -> list[Quantity]:
     way = outcomes["way"].value
     quantities = [
         _quantity(
@@ -256,14 +256,14 @@ def _angles(outcomes: dict[str, Outcome], doubts: dict[str, str]) -> list[Quanti
             "deg",
             "swing",
             {"body": "A", "side": "left" if way > 0 else "right"},
-            doubtful=doubts["release"],
+            doubtful=reasons["release"],
         )
     ]
     for bead, body in enumerate("AB"):
         if (turning := outcomes.get(f"turning_{bead}")) is not None:
             detail: dict[str, Detail] = {"body": body, "side": "right" if turning.value * way > 0 else "left"}
             angle = _degrees(replace(turning, value=abs(turning.value)))
-            quantities.append(_quantity("rebound_angle", angle, "deg", "swing", detail, doubtful=doubts["turning"]))
+            quantities.append(_quantity("rebound_angle", angle, "deg", "swing", detail, doubtful=reasons["turning"]))
     return quantities
 
 

@@ -36,12 +36,12 @@ class _Step:
 
     time: float  # [s], of that frame
     frames: float  # positive: the beads are ahead
-    doubt: float  # [frames], standard uncertainty
+    sigma: float  # [frames], standard uncertainty
     share: float  # share of the residual sum of squares that it explains
 
     @property
     def clear(self) -> bool:
-        return abs(self.frames) > CLEAR * self.doubt
+        return abs(self.frames) > CLEAR * self.sigma
 
     @property
     def broken(self) -> bool:

@@ -69,7 +69,7 @@ def _timing_check(film: Film, video: Video, onset: Onset) -> Check:
             f"; {lost} more {'is' if lost == 1 else 'are'} missing by how far {by} at {at[0]:.3f} s"
             f"{'' if len(at) == 1 else f' and {len(at) - 1} times after'}, and the times were corrected"
         )
-    clear = film.told[film.times < onset.time]
+    clear = film.shown[film.times < onset.time]
     seen = float(np.mean(clear)) if len(clear) else 0.0
     hidden = (
         f"in {100 * (1 - seen):.0f} % of the frames before the onset the plate turns too little to show a missing one"

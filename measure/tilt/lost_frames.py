@@ -30,7 +30,7 @@ class Gaps:
     """Missing and repeated frames of a film, and where they would be detected."""
 
     missing: npt.NDArray[np.int64]  # frames missing before each frame, shape (n,); -1: it repeats the one before
-    told: npt.NDArray[np.bool_]  # whether a missing frame would be detected there, shape (n,)
+    shown: npt.NDArray[np.bool_]  # whether a missing frame would be detected there, shape (n,)
 
 
 def gaps_by_turn(times: Array, angle: Array) -> Gaps:
@@ -39,13 +39,13 @@ def gaps_by_turn(times: Array, angle: Array) -> Gaps:
     `times` [s] are the time stamps, `angle` that of the plate in any unit, NaN where it is not seen, both of shape
     (n,).  Nothing is detected if the plate does not turn steadily, or turns too little per frame.
     """
-    missing, told = np.zeros(len(times), dtype=np.int64), np.zeros(len(times), dtype=bool)
+    missing, shown = np.zeros(len(times), dtype=np.int64), np.zeros(len(times), dtype=bool)
     seen = np.flatnonzero(np.isfinite(angle))
     seen = seen[1:][np.diff(seen) == 1]  # frames whose predecessor is seen too
     steps = np.diff(times)[seen - 1]
     even = seen[np.abs(steps - np.median(steps)) < 0.1 * np.median(steps)] if len(seen) else seen
     if len(even) < 4 * AROUND:
-        return Gaps(missing, told)
+        return Gaps(missing, shown)
     turns = angle[even] - angle[even - 1]
     wide = np.lib.stride_tricks.sliding_window_view(np.pad(turns, AROUND, mode="edge"), 2 * AROUND + 1)
     usual = np.median(wide, axis=1)
@@ -61,10 +61,10 @@ def gaps_by_turn(times: Array, angle: Array) -> Gaps:
     others = np.convolve(np.pad(found, 2).astype(int), np.ones(5, dtype=int), mode="valid") - found
     found &= others == 0
     if np.mean(found) > MOST:
-        return Gaps(missing, told)
-    told[even[clear]] = True
+        return Gaps(missing, shown)
+    shown[even[clear]] = True
     missing[even[found]] = whole[found].astype(np.int64)
-    return Gaps(missing, told)
+    return Gaps(missing, shown)
 
 
 def gaps_by_run(times: Array, way: Array, sigma: Array) -> Gaps:
@@ -73,9 +73,9 @@ def gaps_by_run(times: Array, way: Array, sigma: Array) -> Gaps:
     `way` is the displacement from its rest position and `sigma` its noise, in the same unit, shape (n,).  A doubled
     frame that replaces a lost one does not shift later frames: neither is reported.
     """
-    missing, told = np.zeros(len(times), dtype=np.int64), np.zeros(len(times), dtype=bool)
+    missing, shown = np.zeros(len(times), dtype=np.int64), np.zeros(len(times), dtype=bool)
     if len(times) < 2 * FEW_AROUND:
-        return Gaps(missing, told)
+        return Gaps(missing, shown)
     # the square root of the displacement is linear in time, nearly so for a body that rolls from rest
     root, lasts = np.sqrt(np.maximum(way, 0.0)), np.diff(times)
     pace = np.diff(root)
@@ -88,13 +88,13 @@ def gaps_by_run(times: Array, way: Array, sigma: Array) -> Gaps:
     clear = runs & (usual * (2 * root[:-1] + usual) > FAST * noise)
     extra = np.where(runs, pace / np.where(runs, usual, 1.0) - 1, 0.0)
     if not clear.any() or float(np.median(np.abs(extra[clear]))) > JERKY:
-        return Gaps(missing, told)
+        return Gaps(missing, shown)
     together = np.convolve(np.pad(extra, 1), np.ones(3), mode="valid")
     whole = np.rint(extra)
     # the outermost steps have no neighbour on one side
     clear[[0, -1]] = False
     found = clear & (whole != 0) & (whole >= -1) & (whole <= MOST_AT_ONCE)
     found &= (np.abs(extra - whole) < WHOLE) & (np.rint(together) == whole)
-    told[1:] = clear
+    shown[1:] = clear
     missing[1:][found] = whole[found].astype(np.int64)
-    return Gaps(missing, told)
+    return Gaps(missing, shown)

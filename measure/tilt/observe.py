@@ -69,7 +69,7 @@ class Film:
     uphill: int  # +1 where the arm rises to the right
     picture: FloatImage = field(repr=False)  # the still scene
     missing: npt.NDArray[np.int64]  # frames missing before each frame, shape (n,)
-    told: npt.NDArray[np.bool_]  # whether the plate turns far enough to show a missing frame, shape (n,)
+    shown: npt.NDArray[np.bool_]  # whether the plate turns far enough to show a missing frame, shape (n,)
     repeated: int = 0  # frames of the run that repeat the one before and delay all that follow
     lost_in_run: int = 0  # frames of the run that are missing by the motion of the body, but not by the plate's turn
 
@@ -206,7 +206,7 @@ def _follow(
         uphill,
         scene.picture,
         gaps.missing,
-        gaps.told,
+        gaps.shown,
     )
 
 
@@ -219,7 +219,7 @@ def by_the_run(film: Film, way: Way, run: Run, onset: Onset, video: Video) -> Fi
     gaps = gaps_by_run(raw[frames], way.down[first : run.end] - rest, way.sigma[first : run.end])
     lost = np.maximum(gaps.missing, 0)
     missing = film.missing.copy()
-    missing[frames[gaps.told]] = lost[gaps.told]
+    missing[frames[gaps.shown]] = lost[gaps.shown]
     return replace(
         film,
         missing=missing,

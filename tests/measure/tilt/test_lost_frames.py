@@ -94,7 +94,7 @@ def test_a_whole_run_lacks_nothing(seed):
     way, sigma = run(seed)
     found = gaps_by_run(np.arange(60) / RATE, way, sigma)
     assert not found.missing.any()
-    assert found.told.sum() > 40
+    assert found.shown.sum() > 40
 
 
 def test_frames_put_in_between_put_off_a_run_and_those_in_anothers_place_do_not():
@@ -109,7 +109,7 @@ def test_frames_put_in_between_put_off_a_run_and_those_in_anothers_place_do_not(
 def test_a_run_that_stops_and_goes_tells_nothing():
     rng = np.random.default_rng(2)
     way = np.cumsum(rng.choice([0.0, 8.0, 16.0], 60))
-    assert not gaps_by_run(np.arange(60) / RATE, way, np.full(60, 0.05)).told.any()
+    assert not gaps_by_run(np.arange(60) / RATE, way, np.full(60, 0.05)).shown.any()
 
 
 def test_what_a_codec_copies_while_it_hardly_moves_yet_is_no_frame_shown_twice():
