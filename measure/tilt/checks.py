@@ -52,7 +52,7 @@ def _gravity_check(way: Way, onset: Onset, variant: Variant) -> Check | str:
         )
         return Check("gravity", False, ratio, 1.0, message)
     passed = abs(onset.gain - 1) < 3 * sigma
-    found = f"the body's acceleration grows with the angle as {onset.gain:.3f} ± {sigma:.3f} times that of a body that {how}"
+    found = f"the acceleration grows with the angle as {onset.gain:.3f} ± {sigma:.3f} times that of a body that {how}"
     ending = "scale and frame rate fit" if passed else "the scale, the frame rate or the variant is wrong"
     return Check("gravity", passed, onset.gain, 1.0, f"{found}: {ending}.")
 
