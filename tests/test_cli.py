@@ -533,7 +533,7 @@ def test_a_bed_that_spilled_and_a_heap_that_moves_are_doubtful(capfd):
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
-        ("drop --drop-height 100mm --particle C6 --seed 3", "trust the methods by speeds only"),
+        ("drop --drop-height 100mm --particle C6 --seed 3", "use only the methods by speeds"),
         ("pile --base-diameter 40mm --rim-height 8mm --count 60", "the mean of several heaps"),
         ("drum --drum-diameter 40mm --speed 60rpm --count 40", "give a longer record where these are few"),
         ("hopper --outlet 30mm --count 300 --duration 0.3s", "give a longer record"),

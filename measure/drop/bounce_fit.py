@@ -1,13 +1,13 @@
-"""The bounces of a falling bead, fitted as a whole: gravity, air drag, contact times, levels, the camera's view.
+"""Fit all flights of a bouncing bead at once: gravity, air drag, contact times, plate level, camera geometry.
 
-Between two contacts the bead flies freely.  With quadratic-like air drag every vertical flight is a piece of one and
-the same curve, shifted in time: H - S(t - t_apex), so a whole record is described by one release and one apex height
-per bounce; the contacts are where neighbouring flights meet the plate.  Heights, speeds at the contacts and flight
-times are then not three fits but three readings of one.
+Between two contacts the bead flies freely.  With air drag that depends only on speed, every vertical flight is a piece
+of one curve shifted in time, H - S(t - t_apex).  One release time and one apex height per bounce therefore describe the
+whole record; a contact is where two neighbouring flights meet at the plate.  Heights, speeds at the contacts and flight
+times all follow from this one fit.
 
-What the camera does to heights is fitted along, with priors as wide as a careful set-up makes them: perspective and
-lens (scale changes with height), a bead that bounces toward the camera (level and scale change along a flight).
-Nothing is ever taken from the nearest frame: at 60 frames per second that alone would cost 0.01 of the restitution.
+Camera effects on the heights are fitted too, with priors for a careful set-up: perspective and lens (the scale changes
+with height), and motion toward the camera (level and scale change along a flight).  No value is read from the nearest
+frame: at 60 frames per second that alone would cause an error of 0.01 in the restitution.
 """
 
 from __future__ import annotations
@@ -24,21 +24,22 @@ from scipy.optimize import least_squares
 from rigtwin.lab.arrays import Array, Mask
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.drop.fall_in_air import AirDrag, Fall, longest_contact, tables_of
-from rigtwin.measure.drop.sideways_motion import fly_aside
+from rigtwin.measure.drop.sideways_motion import fit_sideways
 
-# One standard deviation of what is not known beforehand.
-PERSPECTIVE = 0.02  # relative change of scale over the drop height: a camera at 2.5 drop heights pitched by 3 degrees
-LENS = 0.01  # the same, quadratic: 1 % of barrel at the picture's edge
-DRIFT = 0.04  # the plate's level, as a fraction of a flight's height: a bead that leaves the plane by 2 degrees
-# of the longest: median and standard deviation where moduli from that of rubber (1e7 Pa) to that of steel (2e11 Pa)
-# are alike likely order by order, for a contact lasts as the modulus to the power -0.4; most beads are hard: no mean
+# Standard deviations of the priors.
+PERSPECTIVE = 0.02  # relative change of scale over the drop height: camera 2.5 drop heights away, pitched by 3 degrees
+LENS = 0.01  # the same, quadratic term: 1 % barrel distortion at the edge of the picture
+DRIFT = 0.04  # change of the plate's level over the height of a flight: a bead that leaves the plane by 2 degrees
+# Duration of a contact as a share of the longest possible one: median and standard deviation for log-uniform moduli
+# from rubber (1e7 Pa) to steel (2e11 Pa); the duration scales as the modulus to the power -0.4.  The median is used,
+# not the mean, because most beads are hard.
 USUAL_CONTACT, CONTACT_SPREAD = 0.14, 0.25
-DRAG = 0.10  # relative: sphere's drag coefficient for a bead with a hole or a seam
-DRAG_FORM = 0.3  # relative: what a sphere's drag coefficient grows by from a fall to its rebound, where it is unknown
-DRAG_HELD = 0.05  # relative: what the fit may change of it, as a track's slow errors look much like drag
-LEAST_SEEN = 0.5  # share of a flight's frames that must show the bead on the fitted curve
-FEWEST_SEEN = 3  # frames of a flight that must, however short it is
-FREE_DRAG = 0.3  # [1/m], drag per mass where the bead is unknown: a wooden bead of 6 mm has 0.2
+DRAG = 0.10  # relative uncertainty of a sphere's drag coefficient for a bead with a hole or a seam
+DRAG_FORM = 0.3  # relative growth of a sphere's drag coefficient from a fall to its rebound, if the size is unknown
+DRAG_HELD = 0.05  # relative prior width of a known drag: slow errors of a track look much like drag
+LEAST_SEEN = 0.5  # minimum share of a flight's frames that must show the bead on the fitted curve
+FEWEST_SEEN = 3  # minimum number of such frames, however short the flight is
+FREE_DRAG = 0.3  # [1/m], prior width of the drag per mass of an unknown bead: a wooden bead of 6 mm has 0.2
 
 
 @dataclass(frozen=True)
@@ -47,13 +48,13 @@ class Heights:
 
     time: Array  # [s], shape (n,)
     height: Array  # up, shape (n,)
-    sigma: Array  # one standard deviation, shape (n,); only its course matters, its size is fitted
-    across: Array | None = None  # place to the side in a film, shape (n,): tells what the film does to places
+    sigma: Array  # standard deviation, shape (n,); only relative values matter, the size is fitted
+    across: Array | None = None  # horizontal position in a film, shape (n,): its residuals show errors of the film
 
 
 @dataclass(frozen=True)
 class Bounces:
-    """The fitted record: values of the parameters, their covariance, and how to read them."""
+    """The fitted record: parameters, their covariance, and the quantities derived from them."""
 
     model: _Model
     parameters: Array
@@ -61,12 +62,12 @@ class Bounces:
     used: Mask  # which frames were fitted, shape (n,)
     residual: Array  # in the unit of the heights, shape (n,), NaN outside the flights
     noise: float  # in the unit of the heights, scatter of the fitted frames
-    expected_noise: float  # the same from third differences, which know no model
+    expected_noise: float  # the same from third differences, independent of the model
     time_offset: float  # [s], subtracted from the times before fitting
 
     @property
     def count(self) -> int:
-        """Bounces that were seen with a flight before and after."""
+        """Number of bounces that were seen with a flight before and after."""
         return self.model.count
 
     @property
@@ -76,7 +77,7 @@ class Bounces:
 
     @property
     def apex_times(self) -> Array:
-        """[s], shape (count + 1,), the first is the release (or the apex before it)."""
+        """[s], shape (count + 1,); the first is the release (or the apex before it)."""
         return self.model.apexes(self.parameters) + self.time_offset
 
     @property
@@ -90,11 +91,11 @@ class Bounces:
         return self.model.curve(self.parameters, time - self.time_offset)
 
     def level(self, time: Array) -> Array:
-        """Where the bead's centre stands at contact, in the unit of the record."""
+        """Height of the bead's centre at contact at times [s], in the unit of the record."""
         return self.model.level(self.parameters, time - self.time_offset)
 
     def read(self, reading: Callable[[Reader], float]) -> tuple[float, dict[str, float]]:
-        """A number read off the fit, and the parts of its standard uncertainty by cause."""
+        """Value of `reading` for the fitted parameters, and its standard uncertainty split by cause."""
         value = float(reading(self.model.reader(self.parameters)))
         gradient = np.zeros(len(self.parameters))
         for k, step in enumerate(0.1 * np.sqrt(np.diag(self.covariance)) + 1e-12):
@@ -112,7 +113,7 @@ class Bounces:
             parts[cause] = math.sqrt(max(before - after, 0.0))
             before = after
         parts["tracking"] = math.sqrt(max(before, 0.0))
-        # how the reading would follow another drag, the other parameters fitted anew
+        # change of the reading per change of the drag, with the other parameters fitted again
         follows = float(gradient @ self.covariance[:, -1]) / float(self.covariance[-1, -1])
         drag = self.model.drag
         strength = 1.0 if drag.known else float(self.parameters[-1])
@@ -122,7 +123,7 @@ class Bounces:
 
 
 def find_contacts(record: Heights) -> npt.NDArray[np.intp]:
-    """Frames nearest to the contacts: minima of the height that stand out of the noise on both sides."""
+    """Frames nearest to the contacts: minima of the height that exceed the noise on both sides, shape (contacts,)."""
     y = record.height
     noise = third_difference_noise(record)
     span = float(np.ptp(y))
@@ -132,7 +133,7 @@ def find_contacts(record: Heights) -> npt.NDArray[np.intp]:
 
 
 def _lows(y: Array, prominence: float) -> npt.NDArray[np.intp]:
-    """Minima from which one climbs at least so far, to both sides, before one finds a lower place.
+    """Minima of at least this prominence on both sides.
 
     scipy.signal.find_peaks does the same, but its import takes longer than a whole measurement.
     """
@@ -150,14 +151,15 @@ def _lows(y: Array, prominence: float) -> npt.NDArray[np.intp]:
 
 
 def third_difference_noise(record: Heights) -> float:
-    """Scatter of a record that needs no model: parabolas have no third difference; contacts are outvoted.
+    """Noise of a record from third differences, without a model.
 
-    Differences are divided by the frames' own times, so that frames may come unevenly or be missing.
+    The third difference of a parabola is zero; the median is not affected by the few contacts.  Divided differences
+    with the true times allow uneven or missing frames.
     """
     if len(record.time) < 4:
         return 0.0
     time, height = (np.lib.stride_tricks.sliding_window_view(each, 4) for each in (record.time, record.height))
-    # ones on the diagonal leave the products as they are
+    # ones on the diagonal do not change the products
     apart = (time[:, :, None] - time[:, None, :]) / np.median(np.diff(record.time)) + np.eye(4)
     known = np.all(apart != 0, axis=(1, 2))
     weights = 1 / np.prod(apart[known], axis=2)
@@ -170,11 +172,11 @@ def _part(record: Heights, used: Mask) -> Heights:
 
 
 class Reader:
-    """Parameters turned into the numbers of the experiment, in metres of fall."""
+    """The parameters as quantities of the experiment, in metres of fall."""
 
     def __init__(self, heights: Array, fall: Fall, size: float, periods: Array) -> None:
         self.heights = heights  # [m], apex above the contact level; the first is the drop
-        self.size = size  # record's unit per metre
+        self.size = size  # units of the record per metre
         self.flight_times = periods  # [s], from contact to contact
         self._fall = fall
 
@@ -189,12 +191,12 @@ class Reader:
 
 @dataclass(frozen=True)
 class _Model:
-    """Layout of the parameter vector: size, release, H_0..H_N, levels, growth, perspective, lens, dwell, drag."""
+    """Layout of the parameter vector: log size, release, H_0..H_N, levels, growth, perspective, lens, dwell, drag."""
 
     count: int
     drag: AirDrag
     end: float  # [s], last frame used
-    top: float  # [m], about the drop height: unit of the perspective terms
+    top: float  # [m], approximate drop height: unit of the perspective terms
 
     @property
     def length(self) -> int:
@@ -207,19 +209,19 @@ class _Model:
         return heights, p[3 + n : 4 + 2 * n], p[4 + 2 * n : 4 + 3 * n]
 
     def swelling(self, flights: Array) -> Array:
-        """One standard deviation of the growth along flights of these heights that is expected beforehand."""
+        """Prior standard deviation of the growth along flights of these heights."""
         return DRIFT * 1.3 * flights / self.top
 
     @property
     def causes(self) -> dict[str, list[int]]:
-        """Which parameters stand for which cause of doubt."""
+        """Indices of the parameters that belong to each cause of uncertainty."""
         n = self.count
         first = 4 + 3 * n
         growth = list(range(4 + 2 * n, first))
         return {"air drag": [first + 3], "contact duration": [first + 2], "camera": [*growth, first, first + 1]}
 
     def fall(self, p: Array) -> Fall:
-        # the reach of the tables goes in steps, so that most calls find them made
+        # the range of the tables grows in powers of two, so that most calls hit the cache
         highest = 2.0 ** math.ceil(math.log2(1.3 * float(np.max(self.split(p)[0]))))
         return tables_of(self.drag, max(float(p[-1]), 0.0), highest)
 
@@ -251,7 +253,7 @@ class _Model:
         return np.asarray(self.curves(p[None], time)[0])
 
     def curves(self, many: Array, time: Array) -> Array:
-        """The curve for many parameter vectors of one and the same drag, shape (m, n)."""
+        """The curve for many parameter vectors with the same drag, shape (m, n)."""
         n = self.count
         fall = self.fall(many[0])
         apexes, contacts = self._times(many, fall)
@@ -261,7 +263,7 @@ class _Model:
             return np.take_along_axis(values, flight, axis=1)
 
         above = of_flight(self._heights(many)) - fall.below_apex(time - of_flight(apexes))
-        # level and growth run straight from contact to contact
+        # level and growth are linear from contact to contact
         last = np.maximum(self.end, contacts[:, n - 1 : n] + 1e-6)
         knots = np.concatenate([contacts[:, :n], last], axis=1)
         leg = np.maximum(flight - 1, 0)
@@ -274,7 +276,7 @@ class _Model:
 
         growth = np.concatenate([np.zeros((len(many), 1)), many[:, 4 + 2 * n : 4 + 3 * n]], axis=1)
         relative = above / self.top
-        # so that `size` is that of the drop as a whole, which is what a rule beside it or a stated scale mean
+        # minus 1, so that `size` is the mean scale over the drop, as given by a rule beside it or a stated scale
         seen = above * (1 + many[:, -4:-3] * (relative - 1) + many[:, -3:-2] * (relative**2 - 1))
         curves = along(many[:, 3 + n : 4 + 2 * n]) + np.exp(many[:, :1]) * (1 + along(growth)) * seen
         return np.asarray(np.where((time > contacts[:, -1:]) | (time < apexes[:, :1]), np.nan, curves))
@@ -284,7 +286,7 @@ class _Model:
 
 
 def fit_bounces(record: Heights, drag: AirDrag) -> Bounces | None:
-    """Fit all flights at once; None when there is no contact with a flight before and after it."""
+    """Fit all flights at once; None if there is no contact with a flight before and after it."""
     offset = float(record.time[0])
     record = replace(record, time=record.time - offset)
     contacts = _worth_fitting(record, find_contacts(record))
@@ -301,15 +303,15 @@ def fit_bounces(record: Heights, drag: AirDrag) -> Bounces | None:
 
 
 def _well_seen(time: Array, fitted: Bounces) -> int:
-    """Bounces up to the first whose flight shows the bead in less than half of its frames, or hardly ever.
+    """Number of bounces before the first flight in which too few frames show the bead on the fitted curve.
 
-    Where the bead was lost and other things were taken for it, turns of the track are no contacts, and a wrong flight
-    spoils the one before it, for they share a contact.
+    Where another object was followed in place of the bead, minima of the track are no contacts.  A wrong flight also
+    spoils the one before it, because they share a contact.
     """
     step, end = float(np.median(np.diff(time))), fitted.model.end
     contacts = fitted.model.contacts(fitted.parameters)
     for k, (begins, ends) in enumerate(pairwise(contacts)):
-        # a frame at either end stays out of the fit, for its exposure may hold the contact
+        # one frame at either end is left out of the fit: its exposure may contain the contact
         frames = (min(float(ends), end) - float(begins)) / step - 2
         seen = np.sum(fitted.used & (time > begins) & (time < ends))
         if seen < max(LEAST_SEEN * frames, FEWEST_SEEN):
@@ -318,7 +320,7 @@ def _well_seen(time: Array, fitted: Bounces) -> int:
 
 
 def _worth_fitting(record: Heights, contacts: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-    """Contacts with at least five frames of flight on both sides, in which the bead gets well away from the plate."""
+    """Contacts with at least five frames of flight on both sides and a rise well above the noise."""
     noise = third_difference_noise(record)
     edges = [0, *contacts.tolist(), len(record.time) - 1]
     kept: list[int] = []
@@ -339,7 +341,7 @@ def _fit(record: Heights, contacts: npt.NDArray[np.intp], drag: AirDrag, offset:
     model, parameters, spread, stop = start
     centre = parameters.copy()
     step = float(np.median(np.diff(record.time)))
-    # below this the tables of the fall would be taken for a residual
+    # below this, interpolation errors of the fall tables would count as residuals
     finest = 2e-6 * float(np.ptp(record.height))
     usual = max(third_difference_noise(record), finest)
     sigma = record.sigma.copy()
@@ -353,10 +355,10 @@ def _fit(record: Heights, contacts: npt.NDArray[np.intp], drag: AirDrag, offset:
         before, used = used, _in_flight(record, model, parameters, step, usual, stop) & ~outlier
         if np.sum(used) < model.count * 4 + 6:
             return None
-        if not (np.array_equal(used, before) and abs(scatter - 1) < 0.02):  # else the same fit again
-            # what is taken for an outlier changes more than the last digits would
+        if not (np.array_equal(used, before) and abs(scatter - 1) < 0.02):  # otherwise the fit would be the same
+            # a coarse tolerance is enough here: the choice of outliers changes the result more
             parameters, _ = _solve(record, model, parameters, centre, spread, sigma, used, to=1e-5)
-            # free flight tells a strong lens by itself: what it shows is not pulled back to what is usual
+            # free flight determines a strong lens distortion: widen the prior so that it does not pull it back
             spread[-4:-2] = np.maximum(spread[-4:-2], np.abs(parameters[-4:-2]))
         residual = record.height - model.curve(parameters, record.time)
         ratio = residual / sigma
@@ -371,8 +373,8 @@ def _fit(record: Heights, contacts: npt.NDArray[np.intp], drag: AirDrag, offset:
     excess = _repetition((residual / sigma)[used])
     if record.across is not None:
         contacts_seen = model.contacts(parameters)[: model.count]
-        aside = fly_aside(record.time[used], record.across[used], contacts_seen, model.apexes(parameters))
-        excess = max(excess, _unsteadiness(aside.off[aside.kept] / sigma[used][aside.kept]))
+        sideways = fit_sideways(record.time[used], record.across[used], contacts_seen, model.apexes(parameters))
+        excess = max(excess, _unsteadiness(sideways.off[sideways.kept] / sigma[used][sideways.kept]))
     sigma = sigma * math.sqrt(excess)
     parameters, covariance = _solve(record, model, parameters, centre, spread, sigma, used)
     residual = record.height - model.curve(parameters, record.time)
@@ -382,18 +384,18 @@ def _fit(record: Heights, contacts: npt.NDArray[np.intp], drag: AirDrag, offset:
         covariance=covariance,
         used=used,
         residual=residual,
-        # a frame that says itself that it is poor is no sign of a misfit
+        # weighted: a frame with a large stated sigma is no sign of a misfit
         noise=float(np.sqrt(np.average(residual[used] ** 2, weights=sigma[used] ** -2))),
-        # of a bead in flight: at rest it is seen better
+        # noise in flight as well: a bead at rest is located better
         expected_noise=max(third_difference_noise(record), third_difference_noise(_part(record, used))),
         time_offset=offset,
     )
 
 
 def _repetition(ratio: Array) -> float:
-    """Factor on the variance because residuals go together: a background's texture, pixel locking, a model's misfit.
+    """Factor on the variance for correlated residuals: background texture, pixel locking, misfit of the model.
 
-    1 + 2 sum of the autocorrelation up to its first zero: what is left over slowly is no noise that averages out.
+    1 + 2 sum of the autocorrelation up to its first zero: slow residuals do not average out.
     """
     values = ratio - ratio.mean()
     power = float(values @ values) + 1e-300
@@ -404,9 +406,9 @@ def _repetition(ratio: Array) -> float:
 
 
 def _unsteadiness(ratio: Array) -> float:
-    """Factor on the variance of heights by what a film leaves to the side, where a bead must fly straight.
+    """Factor on the variance of the heights from the horizontal residuals, where the bead must fly straight.
 
-    A shake that a codec hides in the scene bends heights as gravity does, so that their own fit cannot see it.
+    Camera shake that the codec hides in the scene bends heights as gravity does; the fit of the heights cannot see it.
     """
     return float(np.mean(ratio**2)) * _repetition(ratio)
 
@@ -433,18 +435,18 @@ def _first_guess(
         apexes.append((time[first] - slope / (2 * bend), base - slope**2 / (4 * bend)))
     bend = float(np.median(bends))
     levels = [float(min(y[k], y[min(k + 1, len(y) - 1)])) for k in contacts]
-    # two frames around a contact are both too high by up to a frame's fall: extrapolate with the parabola instead
+    # both frames around a contact are too high by up to one frame of fall: extrapolate with the parabola instead
     heights = [max(apexes[0][1] - levels[0], 1e-3 * abs(apexes[0][1]))]
     heights += [apex - level for (_, apex), level in zip(apexes[1:], levels, strict=True)]
     if min(heights) <= 0:
         return None
     size = bend / GRAVITY
     metres = np.array(heights) / size
-    # flight times know neither scale nor drag, so they start the fit with the contacts where they were seen
+    # flight times do not depend on scale or drag, so the fit starts with the contacts where they were seen
     between = np.diff(time[contacts])
     metres[1 : 1 + len(between)] = GRAVITY * between**2 / 8
     model = _Model(len(contacts), drag, float(min(stop, time[-1])), float(metres[0]))
-    strength, doubt = (1.0, DRAG_HELD) if drag.known else (0.0, FREE_DRAG)
+    strength, width = (1.0, DRAG_HELD) if drag.known else (0.0, FREE_DRAG)
     n = model.count
     to_fall = tables_of(drag, strength, 4 * float(metres[0])).fall.time_to(metres[:1])
     release = float(time[contacts[0]] - to_fall[0])
@@ -464,12 +466,12 @@ def _first_guess(
         ]
     )
     spread = np.full(model.length, np.inf)
-    spread[-4:] = PERSPECTIVE, LENS, CONTACT_SPREAD * longest, doubt
+    spread[-4:] = PERSPECTIVE, LENS, CONTACT_SPREAD * longest, width
     return model, parameters, spread, stop
 
 
 def _fall_begins(record: Heights, contact: int) -> int:
-    """Frame from which the bead surely falls: it is lower by 3 % of the fall than it was at its highest."""
+    """Last frame in which the bead is within 3 % of the fall from its highest point: it falls from there on."""
     y = record.height[: contact + 1]
     top = float(np.max(y))
     return int(np.flatnonzero(y > top - 0.03 * (top - y[-1]))[-1])
@@ -481,7 +483,7 @@ def _in_flight(record: Heights, model: _Model, p: Array, step: float, noise: flo
     contacts = model.contacts(p)
     heights, _, _ = model.split(p)
     start = model.apexes(p)[0]
-    # at the apex itself a bead still held looks the same as one let go
+    # near the apex a bead that is still held looks the same as a released one
     begun = start + math.sqrt(2 * max(3 * noise / math.exp(p[0]), 0.004 * float(heights[0])) / GRAVITY)
     inside = (time > begun) & (time < min(stop, float(contacts[-1])) + 1e-9)
     for contact in [*contacts[: model.count], contacts[-1]]:
@@ -501,7 +503,7 @@ def _solve(
     *,
     to: float = 1e-9,
 ) -> tuple[Array, Array]:
-    """Least squares with priors, until a step gains less than a part `to` of the cost; values and covariance."""
+    """Least squares with priors; parameters and covariance.  `to` is the relative tolerance of the cost."""
     time, y, sigma = record.time[used], record.height[used], sigma[used]
     n = model.count
     known = np.isfinite(spread)
@@ -513,21 +515,21 @@ def _solve(
 
     def misfits(many: Array) -> Array:
         curves = model.curves(many, time)
-        # a frame before the moving release counts as at rest there
+        # a frame outside the flights counts with a constant large residual
         curves = np.where(np.isfinite(curves), curves, y + 10 * sigma)
         levels, growth = many[:, 3 + n : 4 + 2 * n], many[:, 4 + 2 * n : 4 + 3 * n]
         priors = (many[:, known] - centre[known]) / spread[known]
         steps = np.diff(levels)
         off = steps / drift
         if open_end:
-            # no next contact shows the level: the bead most likely drifts on as before, but a bounce may turn it
+            # no next contact shows the level: prior is the same drift as before, but a bounce may change it
             before = steps[:, -2] * flights[-1] ** 0.5 / flights[-2] ** 0.5 if n > 1 else np.zeros(len(many))
             off[:, -1] = (steps[:, -1] - before) / (0.5 * drift[-1] + 0.5 * np.abs(before))
         swell = np.diff(np.concatenate([np.zeros((len(many), 1)), growth], axis=1)) / swelling
         return np.concatenate([(y - curves) / sigma, priors, off, swell], axis=1)
 
     def slopes(p: Array) -> Array:
-        """Derivatives by differences; all parameters but the drag, the last one, share the tables of the fall."""
+        """Derivatives by finite differences; all parameters except the drag (the last) share the tables of the fall."""
         steps = math.sqrt(np.finfo(float).eps) * np.maximum(np.abs(p), 1.0)
         moved = p + np.diag(steps)
         here, *there = misfits(np.concatenate([p[None], moved[:-1]]))

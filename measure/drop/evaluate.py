@@ -1,3 +1,5 @@
+"""Evaluate the track of a bouncing bead: drop and rebound heights, restitution per bounce, checks."""
+
 from __future__ import annotations
 
 import math
@@ -22,13 +24,14 @@ from rigtwin.measure.drop.fall_in_air import AirDrag
 from rigtwin.measure.drop.lost_frames import find_losses
 from rigtwin.measure.media.frame_loss import Loss, in_time, repeated
 
+# checks on which heights depend
 HEIGHTS_REST_ON = ("first_fall", "lost_frames", "gravity", "flight_residuals", "out_of_plane")
 
-GAIN = "a restitution above 1 cannot be: the track is wrong there"
+GAIN = "a restitution above 1 is not possible: the track is wrong there"
 
-ONE_VIEW = "seen from one side: what goes across the view is left out"
+ONE_VIEW = "seen from one side: motion along the line of sight is not measured"
 
-SPUN = "it leaves the plate faster than it came down: its spin drives it up, which is no restitution"
+SPUN = "the body leaves the plate faster than it came down: its spin adds to the rebound, which is no restitution"
 
 
 # ------------------------------------------------------------------------------------------------- record -> quantities
@@ -41,26 +44,76 @@ def evaluate(
     bead_diameter: float | None = None,
     bead_density: float | None = None,
 ) -> Evaluation:
-    """Quantities and checks of one track; y up, against gravity.
+    """Evaluate the track of a bouncing body, filmed or simulated.
 
-    `side` is the same body at the same times as one sees it from the side, its x away from the viewer of `track`.
-    `bead_diameter` [m] and `bead_density` [kg/m^3] fix the air drag; without them its strength is fitted.  A `sigma`
-    of NaN means unknown: the noise is taken from the residuals.  Raises `NothingToMeasure` when there is no bounce.
+    Parameters
+    ----------
+    track : Track
+        Position [m], shape (n, 2), y up against gravity; time [s], shape (n,).  A `sigma` of NaN means unknown: the
+        noise is then taken from the residuals.
+    side : Track, optional
+        The same body at the same times seen from the side: its x points away from the viewer of `track`.
+    bead_diameter, bead_density : float, optional
+        Diameter [m] and density [kg/m^3], which fix the air drag; without both of them its strength is fitted.
+
+    Returns
+    -------
+    Evaluation
+        ``drop_height`` [m], and per bounce ``rebound_height`` [m] and ``restitution_wall`` [1] by several methods.
+
+    Raises
+    ------
+    NothingToMeasure
+        If the track has no bounce with a free flight before and after it.
+
+    Notes
+    -----
+    Methods of ``restitution_wall`` at bounce k:
+
+    - ``height``: sqrt(h_k / h_{k-1}) with the apex heights h; air drag lowers it.
+    - ``velocity``: ratio of the speeds normal to the plate just after and just before the contact.
+    - ``time``: ratio of neighbouring flight times, from the second bounce on.
+    - ``all directions``: ratio of the total speeds (with `side`); ``picture plane``: the same from one view.  Both are
+      for bodies that leave sideways, as non-spherical ones do (section 3.2).
+
+    References
+    ----------
+    Hlosta et al. (2020), eq. 5 and section 3.2.
+
+    Examples
+    --------
+    A fall from 0.5 m with three rebounds at e = 0.8, without air:
+
+    >>> import numpy as np
+    >>> flights, impact, height, speed = [], (2 * 0.5 / 9.81) ** 0.5, 0.5, 9.81 * (2 * 0.5 / 9.81) ** 0.5
+    >>> time = np.arange(0, 1.6, 1 / 240)
+    >>> y = 0.5 - 9.81 * time**2 / 2
+    >>> for _ in range(3):
+    ...     speed *= 0.8
+    ...     since = time - impact
+    ...     y = np.where(since > 0, speed * since - 9.81 * since**2 / 2, y)
+    ...     impact += 2 * speed / 9.81
+    >>> seen = time < impact
+    >>> track = Track(time[seen], np.column_stack([0 * y, y])[seen], np.full(int(seen.sum()), np.nan))
+    >>> found = evaluate(track).quantities
+    >>> e = next(each for each in found if each.method == "velocity" and each.detail["bounce"] == 1)
+    >>> bool(abs(e.value - 0.8) < 0.01)
+    True
     """
     rate = rate_of(track)
     drag = AirDrag(bead_diameter, bead_density)
     whole = track
     track, repeats, losses, fitted = readable(track, drag)
-    if side is not None:  # a body that turns meets the plate higher and lower: that is no loss of frames
+    if side is not None:  # a rotating body touches the plate at different heights, which looks like lost frames
         track, losses, fitted = whole, (), None
     bounces = bounces_of(track, drag, str(track.body), fitted=fitted, in_metres=True)
     return evaluate_bounces(track, bounces, side=side, scale_doubt=0.0, rate=rate, repeats=repeats, losses=losses)
 
 
 def readable(track: Track, drag: AirDrag) -> tuple[Track, int, tuple[Loss, ...], Bounces | None]:
-    """The track without points that are blank or repeat the one before, how many these were, and its bounces.
+    """The track without NaN points and repeated frames, the number of repeats, lost frames, and its bounces.
 
-    Its times are true then, also where frames were surely lost.
+    The times are corrected for frames that were lost for certain.
     """
     finite = np.isfinite(track.time) & np.all(np.isfinite(track.position), axis=1)
     time, position = track.time[finite], track.position[finite]
@@ -77,7 +130,7 @@ def readable(track: Track, drag: AirDrag) -> tuple[Track, int, tuple[Loss, ...],
 
 
 def rate_of(track: Track) -> float:
-    """[1/s]"""
+    """Frame rate [1/s]."""
     return 1 / float(np.nanmedian(np.diff(track.time))) if len(track.time) > 1 else math.nan
 
 
@@ -90,14 +143,17 @@ def bounces_of(
     in_metres: bool = False,
     filmed: bool = False,
 ) -> Bounces:
-    """The bounces of a track, as `fitted` already where they are."""
+    """The bounces of a track; `fitted` if they were fitted already.
+
+    Raises `NothingToMeasure` if there is no bounce.
+    """
     record = heights_of(track, filmed=filmed)
     if fitted is None and len(record.time) > 12:
         fitted = fit(record, drag)
     if fitted is None:
         raise NothingToMeasure(f"{name}: {_why_no_bounce(record)}")
     if in_metres and drag.known and abs(fitted.read(lambda at: at.size)[0] - 1) > 0.2:
-        # the air's drag on the bead is known in true metres and seconds only
+        # with a wrong scale or frame rate the known drag does not apply: fit it
         return fit_bounces(record, AirDrag()) or fitted
     return fitted
 
@@ -107,7 +163,7 @@ def heights_of(track: Track, *, filmed: bool = False) -> Heights:
 
 
 def fit(record: Heights, drag: AirDrag) -> Bounces | None:
-    """With the known drag, or, where that fits nothing because time runs at another rate, with a free one."""
+    """Fit with the known drag, or with a free one if that fails because the frame rate is wrong."""
     fitted = fit_bounces(record, drag)
     return fit_bounces(record, AirDrag()) if fitted is None and drag.known else fitted
 
@@ -138,7 +194,11 @@ def evaluate_bounces(
     repeats: int,
     losses: tuple[Loss, ...],
 ) -> Evaluation:
-    """`repeats` frames that showed the same as the one before are left out, sure `losses` mended in the times."""
+    """Quantities and checks of fitted bounces.
+
+    `repeats` is the number of repeated frames that were left out; certain `losses` are corrected in the times already.
+    `rate` [1/s] is the frame rate, `scale_doubt` the relative standard uncertainty of the scale.
+    """
     share = repeats / max(repeats + len(track.time), 1)
     checks = (
         gravity_check(bounces, scale_doubt, rate, share),
@@ -162,7 +222,7 @@ def evaluate_bounces(
 
 
 class _Along:
-    """How fast the body goes along the plate before and after its bounces, in the unit of the record per second."""
+    """Speed along the plate before and after each bounce, in units of the record per second."""
 
     def __init__(self, track: Track, side: Track | None, bounces: Bounces) -> None:
         self.method = "picture plane" if side is None else "all directions"
@@ -175,11 +235,11 @@ class _Along:
         ]
         lines = [[_slope(track.time[flight], x[flight]) for x in places] for flight in flights]
         self.speeds = [math.hypot(*(slope for slope, _ in line)) for line in lines]
-        self.doubts = [math.hypot(*(doubt for _, doubt in line)) for line in lines]
+        self.sigmas = [math.hypot(*(sigma for _, sigma in line)) for line in lines]
 
 
 def _slope(time: Array, x: Array) -> tuple[float, float]:
-    """Slope of a straight line [1/s] and its standard uncertainty; infinite doubt where there are too few points."""
+    """Slope of a straight line [1/s] and its standard uncertainty, which is infinite for fewer than 4 points."""
     if len(time) < 4:
         return 0.0, math.inf
     (slope, _), covariance = np.polyfit(time - time.mean(), x, 1, cov=True)
@@ -189,12 +249,12 @@ def _slope(time: Array, x: Array) -> tuple[float, float]:
 def _restitutions(
     bounces: Bounces, failed: dict[str, str], along: Sequence[_Along], wrong_from: float
 ) -> list[Quantity]:
-    doubt = "; ".join(failed[name] for name in ("first_fall", "flight_residuals", "frame_timing") if name in failed)
-    height_doubt = "; ".join(text for text in (doubt, failed.get("out_of_plane", "")) if text)
-    speed_doubt = doubt
+    reason = "; ".join(failed[name] for name in ("first_fall", "flight_residuals", "frame_timing") if name in failed)
+    height_reason = "; ".join(text for text in (reason, failed.get("out_of_plane", "")) if text)
+    speed_reason = reason
     if "gravity" in failed and abs(bounces.read(lambda at: at.size)[0] - 1) > 0.1:
-        drag = "how much the air slows the bead is not known, as scale or frame rate contradict gravity"
-        speed_doubt = "; ".join(text for text in (doubt, drag) if text)
+        drag = "the air drag is not known, as scale or frame rate contradict gravity"
+        speed_reason = "; ".join(text for text in (reason, drag) if text)
     found = []
     for k in range(1, bounces.count + 1):
         speed, parts = bounces.read(_impact_speed(k))
@@ -206,23 +266,23 @@ def _restitutions(
         }
         by_height, by_speed = bounces.read(_height_ratio(k)), bounces.read(_speed_ratio(k))
         mine = [
-            _quantity("restitution_wall", by_height, "1", "height", detail, height_doubt),
-            _quantity("restitution_wall", by_speed, "1", "velocity", detail, speed_doubt),
+            _quantity("restitution_wall", by_height, "1", "height", detail, height_reason),
+            _quantity("restitution_wall", by_speed, "1", "velocity", detail, speed_reason),
         ]
         if k > 1:
-            mine.append(_quantity("restitution_wall", bounces.read(_time_ratio(k)), "1", "time", detail, height_doubt))
+            mine.append(_quantity("restitution_wall", bounces.read(_time_ratio(k)), "1", "time", detail, height_reason))
         gains = GAIN if k >= wrong_from else SPUN if along and _gains(bounces, k) else ""
         found += [doubted(quantity, gains) for quantity in mine]
         found += [
-            doubted(_with_speed_along(bounces, one, k, detail, speed_doubt), GAIN if k >= wrong_from else "")
+            doubted(_with_speed_along(bounces, one, k, detail, speed_reason), GAIN if k >= wrong_from else "")
             for one in along
-            if math.isfinite(one.doubts[k - 1] + one.doubts[k])
+            if math.isfinite(one.sigmas[k - 1] + one.sigmas[k])
         ]
     return found
 
 
-def _with_speed_along(bounces: Bounces, along: _Along, k: int, detail: dict[str, Detail], doubt: str) -> Quantity:
-    """Speed after over speed before, with what goes along the plate; the energy in the spin is no part of it."""
+def _with_speed_along(bounces: Bounces, along: _Along, k: int, detail: dict[str, Detail], reason: str) -> Quantity:
+    """Ratio of the total speeds after and before, including motion along the plate; rotation is not included."""
     before, after = along.speeds[k - 1], along.speeds[k]
 
     def ratio(at: Reader) -> float:
@@ -230,22 +290,23 @@ def _with_speed_along(bounces: Bounces, along: _Along, k: int, detail: dict[str,
 
     value, parts = bounces.read(ratio)
     fast = bounces.read(_impact_speed(k))[0] ** 2 + before**2
-    parts["along the plate"] = math.hypot(after * along.doubts[k] / value, value * before * along.doubts[k - 1]) / fast
+    parts["along the plate"] = math.hypot(after * along.sigmas[k] / value, value * before * along.sigmas[k - 1]) / fast
     if along.method == "picture plane":
-        doubt = "; ".join(text for text in (doubt, ONE_VIEW) if text)
-    return _quantity("restitution_wall", (value, parts), "1", along.method, detail, doubt)
+        reason = "; ".join(text for text in (reason, ONE_VIEW) if text)
+    return _quantity("restitution_wall", (value, parts), "1", along.method, detail, reason)
 
 
 def _wrong_from(bounces: Bounces) -> float:
-    """The bounce before the first that seems to leave the plate faster than it came: they share a contact.
+    """Number of the first bounce that is not reliable; infinite if all are.
 
-    0 where that is the first of all: then the fall to it is not to be trusted either.
+    It is the one before the first bounce with a restitution above 1, because they share a contact; 0 means that the
+    drop height is not reliable either.
     """
     return next((k - 1 for k in range(1, bounces.count + 1) if _gains(bounces, k)), math.inf)
 
 
 def _gains(bounces: Bounces, bounce: int) -> bool:
-    """Whether it seems to leave the plate faster than it came down."""
+    """Whether the restitution of a bounce is above 1 by more than two standard uncertainties."""
     value, parts = bounces.read(_speed_ratio(bounce))
     return value - 2 * root_sum_of_squares(parts) > 1
 
@@ -272,7 +333,7 @@ def _apex_height(bounce: int) -> Callable[[Reader], float]:
 
 
 def _heights(bounces: Bounces, scale_doubt: float, failed: dict[str, str], wrong_from: float) -> list[Quantity]:
-    doubt = "; ".join(failed[name] for name in HEIGHTS_REST_ON if name in failed)
+    reason = "; ".join(failed[name] for name in HEIGHTS_REST_ON if name in failed)
     found = []
     for k in range(bounces.count + 1):
         value, parts = bounces.read(_apex_height(k))
@@ -280,7 +341,7 @@ def _heights(bounces: Bounces, scale_doubt: float, failed: dict[str, str], wrong
             parts["scale"] = abs(value) * float(scale_doubt)
         name = "rebound_height" if k else "drop_height"
         detail: dict[str, Detail] = {"bounce": k} if k else {}
-        height = _quantity(name, (value, parts), "m", "height", detail, doubt)
+        height = _quantity(name, (value, parts), "m", "height", detail, reason)
         found.append(doubted(height, GAIN if k >= wrong_from else ""))
     return found
 

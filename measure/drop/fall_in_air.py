@@ -1,4 +1,4 @@
-"""How a bead falls through air, and how long it touches the plate that it falls on."""
+"""Fall of a sphere through air with drag, and an upper limit for its contact time with a plate."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from rigtwin.lab.rigs import GRAVITY
 
 AIR_DENSITY = 1.2  # [kg/m^3], 20 degrees C
 AIR_VISCOSITY = 1.81e-5  # [Pa s]
-DWELL = 1.2e-3  # [s], longest contact of a bead of unknown size
-SOFTEST = 1e7  # [Pa], effective modulus of the softest pair of bead and plate worth a drop: rubber
-USUAL_DENSITY = 1000.0  # [kg/m^3], of a bead that was not weighed
-NEWTON = 0.44  # drag coefficient of a fast sphere
+DWELL = 1.2e-3  # [s], longest contact assumed for a bead of unknown size
+SOFTEST = 1e7  # [Pa], effective modulus of the softest pair of bead and plate considered: rubber
+USUAL_DENSITY = 1000.0  # [kg/m^3], assumed for a bead of unknown density
+NEWTON = 0.44  # drag coefficient of a fast sphere (Newton's regime)
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,8 @@ class AirDrag:
 
     Schiller and Naumann (1933), "A drag coefficient correlation"; 0.44 is Newton's regime.
 
-    Without the density its strength k is unknown, C_d/0.44 k v^2; without the diameter too C_d is taken as constant.
+    Without the density the strength k [1/m] is free: the deceleration is (C_d / 0.44) k v^2.  Without the diameter C_d
+    is constant as well.
     """
 
     diameter: float | None = None  # [m]
@@ -37,7 +38,7 @@ class AirDrag:
         return self.diameter is not None and self.density is not None
 
     def deceleration(self, speed: Array, strength: float) -> Array:
-        """[m/s^2] at speeds [m/s]; `strength` multiplies the known law, or is k [1/m] of the unknown one."""
+        """Deceleration [m/s^2] at speeds [m/s]; `strength` multiplies the known law, or is k [1/m] of the free one."""
         if self.diameter is None:
             return np.asarray(strength * speed**2)
         reynolds = np.maximum(AIR_DENSITY * speed * self.diameter / AIR_VISCOSITY, 1e-9)
@@ -48,7 +49,7 @@ class AirDrag:
 
 
 def longest_contact(drag: AirDrag, height: float) -> float:
-    """How long a bead touches the plate at most after a fall of `height` [m], in seconds.
+    """Upper limit of the contact time [s] of a bead with the plate after a fall of `height` [m].
 
     Hertz: 2.87 (m^2 / (R E^2 v))^(1/5) (Johnson 1985, section 11.4), with the modulus E of rubber.
     """
@@ -61,18 +62,18 @@ def longest_contact(drag: AirDrag, height: float) -> float:
 
 
 class Fall:
-    """Fall from rest and the time-reversed rise to rest, as tables over speed."""
+    """Fall from rest and the rise to rest (in reversed time), tabulated over speed."""
 
     _points = 1500
 
     def __init__(self, drag: AirDrag, strength: float, highest: float) -> None:
-        """`highest` [m]: the tables reach at least this far."""
+        """Build tables that cover at least a fall of `highest` [m]."""
         fastest = 1.4 * math.sqrt(2 * GRAVITY * highest)
         terminal = self._terminal(drag, strength, fastest)
         reach = -math.log1p(-min(fastest / terminal, 1 - 1e-6))
         down = terminal * -np.expm1(-np.linspace(0, reach, self._points))
         self.fall = _Table(down, GRAVITY - drag.deceleration(down, strength))
-        # drag shortens a rise: a bead may leave the plate faster than it could ever fall
+        # drag shortens a rise: a bead may leave the plate above its terminal speed
         up = np.linspace(0, 3 * fastest, self._points)
         self.rise = _Table(up, GRAVITY + drag.deceleration(up, strength))
 
@@ -85,17 +86,17 @@ class Fall:
         return high if surplus(high) > 0 else float(brentq(surplus, 1e-6, high))
 
     def below_apex(self, time: Array) -> Array:
-        """[m], how far below its apex the bead is, `time` [s] counted from the apex."""
+        """Distance below the apex [m]; `time` [s] is counted from the apex."""
         return np.where(time > 0, self.fall.distance_at(time), self.rise.distance_at(-time))
 
 
 class _Table:
     def __init__(self, speed: Array, acceleration: Array) -> None:
         self.speed = speed
-        # by speed, not by time: both integrals are smooth there, also near the terminal speed
+        # tabulated over speed, not time: both integrals are smooth there, also near the terminal speed
         self.time = _integral(speed, 1 / acceleration)
         self.distance = _integral(speed, speed / acceleration)
-        # between table points the motion is uniformly accelerated: there squares and distances are linear to each other
+        # between table points the acceleration is constant: squared time and speed are linear in the distance
         self._time_square, self._speed_square = self.time**2, speed**2
 
     def distance_at(self, time: Array) -> Array:
@@ -112,7 +113,7 @@ class _Table:
 
 @lru_cache(maxsize=64)
 def tables_of(drag: AirDrag, strength: float, highest: float) -> Fall:
-    """A fall's tables, which take longer to make than to read: kept for whoever asks again."""
+    """Cached tables of a fall: building them takes longer than interpolation."""
     return Fall(drag, strength, highest)
 
 

@@ -1,4 +1,4 @@
-"""What a measured drop looks like: annotated video, strobe picture, plot of height over time with its residuals."""
+"""Pictures of a measured drop: annotated video, strobe picture, plot of height over time with residuals."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from rigtwin.measure.media.video import Frame, Video
 from rigtwin.measure.tracking.cutouts import Sighting
 from rigtwin.measure.tracking.follow import Chase
 
-_LONGEST_SIDE = 960  # [px], of the overlay video: enough to judge by, quick to write
+_LONGEST_SIDE = 960  # [px], of the overlay video: sharp enough to check, fast to write
 
 
 def write_pictures(
@@ -114,7 +114,7 @@ def _apex_texts(measurement: Measurement) -> list[str]:
 
 
 class _Strobe:
-    """All of the fall in one picture: the bead of every few frames pasted into the last frame."""
+    """Strobe picture: the bead of every few frames pasted into the last frame."""
 
     def __init__(self, seen: Chase, in_pixels: Bounces) -> None:
         self._seen = seen
@@ -125,7 +125,7 @@ class _Strobe:
 
     @staticmethod
     def _apart(sightings: tuple[Sighting, ...], distance: float) -> set[int]:
-        """Frames whose beads do not hide each other."""
+        """Frames whose beads are at least `distance` [px] apart."""
         chosen: set[int] = set()
         last = (np.inf, np.inf)
         for sighting in sightings:
@@ -136,7 +136,7 @@ class _Strobe:
         return chosen
 
     def add(self, frame: Frame, sighting: Sighting | None) -> None:
-        """See one frame."""
+        """Store the bead of one frame if it was chosen."""
         self._picture = frame.colour
         if sighting is None or sighting.frame not in self._chosen:
             return
@@ -210,7 +210,7 @@ def _write_video(
     trail: list[tuple[float, float]] = []
     first, last = seen.cuts[0].frame, seen.cuts[-1].frame
     marks = _contact_marks(bounces, measurement, seen, zoom)
-    # high-speed clips are shown slowly, as one wants to see them
+    # at most 30 frames per second: high-speed clips play in slow motion
     with OverlayVideo(path, frame_rate=min(video.playback_rate or 30.0, 30.0)) as overlay:
         for frame in video.frames(first, last):
             sighting = by_frame.get(frame.index)
@@ -246,7 +246,7 @@ def _contact_marks(
 
 
 def _mark_past(picture: Image, frame: Frame, marks: list[tuple[float, tuple[float, float], str]]) -> None:
-    """Contacts that have happened, with their restitution, and a clock."""
+    """Mark past contacts with their restitution; write frame number and time."""
     past = [(place, text) for contact, place, text in marks if contact <= frame.time]
     for place, _ in past:
         draw_cross(picture, place, 5, RED)

@@ -1,3 +1,5 @@
+"""Find the bead in a clip of a drop and follow it: the path that falls and bounces."""
+
 from __future__ import annotations
 
 import math
@@ -24,25 +26,30 @@ from rigtwin.measure.scene.background import learn_scene
 from rigtwin.measure.tracking.find_paths import find_paths
 from rigtwin.measure.tracking.follow import Chase, chase_path, look_again
 
-AS_WELL, AS_BRIGHT = 1.3, 0.7  # times the usual misfit and contrast, up and down to which a bead is seen whole
+AS_WELL, AS_BRIGHT = 1.3, 0.7  # limits for an unoccluded bead: largest misfit, smallest contrast, over the median
 
-STREAK_OFF = 0.5  # [px], of a bead's streak, from which on a frame is fitted again with the one that its flight makes
+STREAK_OFF = (
+    0.5  # [px], error of a bead's motion blur beyond which a frame is fitted again with the motion of the flight
+)
 
 
 @dataclass(frozen=True)
 class _Found:
-    """The bead of a clip."""
+    """The bead of a clip and its fitted bounces."""
 
-    video: Video  # with true times, where frames were lost
+    video: Video  # with corrected times if frames were lost
     seen: Chase
     pixels: Track
-    repeats: frozenset[int]  # frames that show the same as the one before
+    repeats: frozenset[int]  # frames that repeat the one before
     losses: tuple[Loss, ...]
     fitted: Bounces | None
 
 
 def find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float | None, progress: Progress) -> _Found:
-    """The bead among all that moves: the thing that falls and bounces."""
+    """Find the bead among everything that moves: the object that falls and bounces.
+
+    Raises `NothingToMeasure` if nothing falls, or no bead can be located.
+    """
     scene = learn_scene(video, quickly=True).scene()
     moves = find_paths(video, scene, camera.region, progress)
     paths, doubled = moves.paths, moves.repeated | video.skipped
@@ -75,21 +82,21 @@ def find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float 
             if bouncing[-1][0].passed:
                 break
     if bouncing:
-        # what else moves may seem to bounce as well, but hardly in free flight
+        # other moving things may seem to bounce, but hardly in free flight
         _, found, fitted = min(bouncing, key=lambda each: (not each[0].passed, each[0].value))
         expected = _expected(found.seen, found.pixels, fitted, found.video)
         better = look_again(found.seen, {index: at for index, at in expected.items() if index not in doubled})
         return replace(found, seen=better, pixels=_pixel_track(better))
     if best is None:
         raise NothingToMeasure(
-            f"{video.path}: something moves, but no bead could be made out in it; use a larger or better lit picture "
+            f"{video.path}: something moves, but no bead could be located in it; use a larger or better lit picture "
             "of the bead, or narrow the search with --region."
         )
     return best
 
 
 def _in_true_time(video: Video, seen: Chase, repeats: frozenset[int], drag: AirDrag) -> _Found:
-    """The bead of a path; where its flights show that frames were lost, the times of all that comes after are moved."""
+    """Follow the bead of a path; if its flights show that frames were lost, all later times are corrected."""
     pixels = _pixel_track(seen)
     losses, fitted = find_losses(heights_of(pixels), lambda record: fit(record, drag))
     if not losses:
@@ -103,20 +110,20 @@ def _in_true_time(video: Video, seen: Chase, repeats: frozenset[int], drag: AirD
 
 
 def _pixel_track(seen: Chase) -> Track:
-    """In pixels, y up."""
+    """Track in pixels, y up."""
     frames = np.array([sighting.frame for sighting in seen.sightings])
-    # where the bead was lost from sight, what is seen just before and after may be only a part of it
+    # next to an occlusion the bead may be seen only in part
     in_part = _beside_a_gap(frames, np.array(seen.path.frames)) & ~_as_usual(seen)
-    doubted = np.where(in_part, 5.0, 1.0)
+    factor = np.where(in_part, 5.0, 1.0)
     return Track(
         time=np.array([sighting.time for sighting in seen.sightings]),
         position=np.array([(sighting.image.x, -sighting.image.y) for sighting in seen.sightings]).reshape(-1, 2),
-        sigma=doubted * np.array([sighting.image.sigma for sighting in seen.sightings]),
+        sigma=factor * np.array([sighting.image.sigma for sighting in seen.sightings]),
     )
 
 
 def _as_usual(seen: Chase) -> npt.NDArray[np.bool_]:
-    """Whether each sighting is of a bead as bright and as well explained as in most frames, shape (n,)."""
+    """Whether misfit and contrast of each sighting are as in most frames, shape (n,)."""
     misfits = np.array([sighting.fit.misfit for sighting in seen.sightings])
     contrasts = np.abs([sighting.image.contrast for sighting in seen.sightings])
     explained = misfits < AS_WELL * np.median(misfits)
@@ -134,10 +141,10 @@ def _beside_a_gap(frames: npt.NDArray[np.intp], path: npt.NDArray[np.intp]) -> n
 def _expected(
     seen: Chase, pixels: Track, fitted: Bounces, video: Video
 ) -> dict[int, tuple[tuple[float, float], tuple[float, float]]]:
-    """Where the bead should be in the frames of the flights that are worth another look.
+    """Position [px] and motion [px/frame] expected by the fit, for the frames that need a second search.
 
-    These are those whose bead was lost or taken for something else, and those fitted with another streak than the
-    flight makes: beside a bounce the way from frame to frame is not that within a frame.
+    These are frames in which the bead was lost or confused, and frames fitted with the wrong motion blur: next to a
+    bounce the displacement between frames is not the motion within a frame.
     """
     good = fitted.used
     known = {sighting.frame for sighting, used in zip(seen.sightings, good, strict=True) if used}
@@ -158,5 +165,5 @@ def _expected(
 
 
 def _streak_off(seen: Chase, taken: tuple[float, float], motion: tuple[float, float]) -> bool:
-    """Whether a frame was fitted with another streak than the bead's motion [px/frame] makes."""
+    """Whether the motion blur used in a frame differs from that of the fitted `motion` [px/frame]."""
     return seen.shutter.share * math.dist(taken, motion) > STREAK_OFF

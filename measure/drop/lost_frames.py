@@ -1,9 +1,10 @@
-"""A frame that a film lost, or shows twice, without its times saying so: found by the flights of a bouncing bead.
+"""Detect lost or doubled frames that the time stamps do not show, from the flights of a bouncing bead.
 
-From there on every frame is a whole number of intervals late or early.  Within a flight that tears the parabola apart.
-At a contact each flight stays whole, but the two no longer meet on the plate: they cross higher up, where a lost frame
-brings them together, or lower, and a fit takes that for a bead that leaves the plane, unless it asks for this first.
-A bead that does come nearer is told by its growth: its plate sinks with that, as high as the camera stands above it.
+After such a frame all others are early or late by a whole number of frame intervals.  Within a flight this breaks the
+parabola.  At a contact each flight stays a parabola, but the two no longer meet on the plate: they cross above it (lost
+frame) or below it (doubled frame).  A fit would take that for a bead that leaves the plane, so lost frames are tested
+first.  A bead that does come nearer grows in the picture, and its plate sinks in proportion, depending on how high the
+camera stands.
 """
 
 from __future__ import annotations
@@ -21,45 +22,49 @@ from rigtwin.measure.media.frame_loss import MOST, WILD, Loss, in_time
 
 Fit = Callable[[Heights], Bounces | None]
 
-LOST = (1, 2, 3, -1)  # frames; a negative one is shown twice
+LOST = (1, 2, 3, -1)  # numbers of lost frames that are tried; -1: a frame is shown twice
 
-TRIED = 3  # places of either kind, the likeliest, that the whole record is fitted with
+TRIED = 3  # number of the likeliest places of either kind for which the whole record is fitted
 
-ILL_FITTED = 2.5  # times its noise that a track may leave its fitted flights
+ILL_FITTED = 2.5  # largest residual of fitted flights over the noise
 
-TORN = 1.5  # times less scatter that the halves of a flight leave than the whole
+TORN = 1.5  # minimum ratio of the scatter of a whole flight to that of its two halves
 
-GAINED = 60.0  # squares of the noise: that a place is tried at every frame gains a dozen, slow errors some times that
+# minimum gain in chi-square: trying a place at every frame gains about a dozen, slow errors several times that
+GAINED = 60.0
 
-SHORTEST = 2  # frames on either side of a place within a flight; one alone may show something else
+SHORTEST = 2  # minimum frames on either side of a place within a flight; a single one may show another object
 
-OUTERMOST = 3  # the same of the first and the last flight, of which no next contact tells
+OUTERMOST = 3  # the same for the first and the last flight, which no contact bounds on one side
 
-BESIDE = 3  # frames from a contact, up to which too few lie between to be a half of a flight
+BESIDE = 3  # distance from a contact [frames] within which the exact place is searched again
 
-SOFT = 0.015  # [s], from a contact, up to which one that lasts, as a ball of foam's does, may be what bends a flight
+SOFT = 0.015  # [s], distance from a contact within which a long contact (ball of foam) may bend a flight
 
-SURELY = 5.0  # standard uncertainties of a plate's steps from contact to contact, from which on they are real
+SURELY = 5.0  # standard uncertainties beyond which a step of the plate from contact to contact is real
 
-ODD = 6.0  # squares of their doubt, that steps leave of an even drift, from which on they ask for another cause
+ODD = 6.0  # chi-square of the steps about a uniform drift beyond which another cause is looked for
 
-OTHERS = 16.0  # such squares, that a sure loss may leave; and more than it leaves, that all others must
+OTHERS = 16.0  # largest chi-square that a certain loss may leave; all others must leave more by at least as much
 
-CAMERA = (-0.5, 0.35)  # sinking of the plate in drop heights per growth: seen from about halfway up, pitched a little
+# prior mean and standard deviation of the plate's drift in drop heights per relative growth of the bead: camera about
+# halfway up, slightly pitched
+CAMERA = (-0.5, 0.35)
 
-UNEVEN = 5e-4  # of the drop height, to which plates are level
+UNEVEN = 5e-4  # flatness of plates over the drop height
 
-LEAST_TOLD = 0.5  # share of the knowledge of a growth that must come from the record, and not from what is usual
+LEAST_SHOWN = 0.5  # minimum share of the information on a growth that comes from the record and not from the prior
 
-GROWN_TO = (0.001, 0.05)  # growth that a fit of air and lens may miss: absolute, and relative
+GROWN_TO = (0.001, 0.05)  # error of a growth from the models of air and lens: absolute and relative
 
-AS_NOISE = 1.2  # squares of the noise for each point, that a fit may leave where nothing can be torn
+AS_NOISE = 1.2  # chi-square per point up to which a fit needs no loss within a flight
 
 
 def find_losses(record: Heights, fit: Fit) -> tuple[tuple[Loss, ...], Bounces | None]:
-    """Where frames are lost, or none where that does not explain the record, and its bounces with sure ones mended.
+    """Lost frames (none if they do not explain the record), and the bounces with certain losses corrected.
 
-    `fit` tells a record's bounces.  A loss that is not sure is the last: what else there may be would rest on it.
+    `fit` fits the bounces of a record.  The search ends at the first loss that is not certain, because any further one
+    would depend on it.
     """
     if len(record.time) <= 12:
         return (), None
@@ -77,7 +82,7 @@ def find_losses(record: Heights, fit: Fit) -> tuple[tuple[Loss, ...], Bounces | 
 
 
 def _better(record: Heights, bounces: Bounces | None, fit: Fit) -> tuple[Loss, Bounces] | None:
-    """The loss that explains a record best, with its bounces then."""
+    """The loss that explains a record best, with the bounces fitted after its correction."""
     noise = _noise(record)
     if bounces is not None and _as_noise(bounces, noise) and _oddness(bounces) < ODD:
         return None
@@ -110,7 +115,7 @@ def _better(record: Heights, bounces: Bounces | None, fit: Fit) -> tuple[Loss, B
 
 
 def _fitted(record: Heights, loss: Loss, noise: float, fit: Fit) -> tuple[Loss, Bounces] | None:
-    """The record with a loss; of the points about a contact those are taken to follow it that lie so on the flights."""
+    """The record fitted with a loss; near a contact, the loss is moved to the frame that fits the flights best."""
     fitted = fit(_mended(record, loss))
     if fitted is None:
         return None
@@ -142,7 +147,7 @@ def _noise(record: Heights) -> float:
 
 
 def _left(bounces: Bounces | None, noise: float) -> float:
-    """What a fit leaves of the record from the release on, in squares of the noise, also where it knows no flight."""
+    """Chi-square of a fit from the release on, also for frames outside the flights."""
     if bounces is None:
         return math.inf
     off = (bounces.residual / noise) ** 2
@@ -158,7 +163,7 @@ def _misfit(bounces: Bounces) -> float:
 
 
 def _within_flights(record: Heights, noise: float) -> list[Loss]:
-    """Places in each flight that make one curve of two halves: a parabola, or what air and lens make of it."""
+    """Likely losses within each flight: two halves become one polynomial (degree 3 for air and lens)."""
     contacts = find_contacts(record).tolist()
     falls = np.flatnonzero(record.height > 0.97 * np.max(record.height) + 0.03 * np.min(record.height))
     start = int(falls[falls < contacts[0]][-1]) if contacts and np.any(falls < contacts[0]) else 0
@@ -178,7 +183,7 @@ def _loss(record: Heights, index: int, lost: int, *, at_contact: bool) -> Loss:
 
 
 def _torn_at(time: Array, height: Array, degree: int, noise: float, shortest: int) -> tuple[int, int, float] | None:
-    """Where the second half begins, the frames that are lost there, and what that gains in squares of the noise."""
+    """Index at which the second half begins, the number of frames lost there, and the gain in chi-square."""
     if len(time) < 2 * shortest + degree:
         return None
     whole = float(_off_curve(time[None], height, degree)[0])
@@ -195,7 +200,7 @@ def _torn_at(time: Array, height: Array, degree: int, noise: float, shortest: in
 
 
 def _off_curve(times: Array, height: Array, degree: int) -> Array:
-    """Root mean square that polynomials leave of heights at various times, shape (m, n); shape (m,)."""
+    """Root mean square residual of polynomial fits of the heights at `times`, shape (m, n); shape (m,)."""
     since = times - times.mean(axis=1, keepdims=True)
     since /= np.ptp(since, axis=1)[:, None]
     q, _ = np.linalg.qr(since[:, :, None] ** np.arange(degree + 1))
@@ -207,7 +212,7 @@ def _off_curve(times: Array, height: Array, degree: int) -> Array:
 
 
 def _at_contacts(record: Heights, bounces: Bounces) -> list[Loss]:
-    """Contacts at which flights meet as far from an evenly drifting plate as lost frames make them."""
+    """Likely losses at contacts: flights meet off a uniformly drifting plate by as much as lost frames cause."""
     odd = _oddness(bounces)
     if odd < ODD:
         return []
@@ -222,7 +227,7 @@ def _at_contacts(record: Heights, bounces: Bounces) -> list[Loss]:
 
 
 def _lifts(bounces: Bounces, contact: int, shift: float) -> Array:
-    """Steps of the plate's level that a loss of so many seconds at a contact feigns, shape (count - 1,)."""
+    """Apparent steps of the plate's level due to a loss of `shift` [s] at a contact, shape (count - 1,)."""
     reader = bounces.model.reader(bounces.parameters)
     down, up = reader.impact_speed(contact + 1), reader.rebound_speed(contact + 1)
     levels = np.zeros(bounces.count)
@@ -231,37 +236,37 @@ def _lifts(bounces: Bounces, contact: int, shift: float) -> Array:
 
 
 def _beside(record: Heights, loss: Loss, mended: Bounces) -> int | None:
-    """The contact that a loss is so near to that what happens there may look the same, if there is one."""
+    """Index of the contact that is so near to a loss that a long contact looks the same; None if there is none."""
     between = np.mean(in_time(record.time, (loss,))[loss.index - 1 : loss.index + 1])
     far = np.abs(mended.contact_times - between)
-    # half of the frames that are lost lie on either side
+    # half of the lost frames lie on either side
     near = max(1.5 * float(np.median(np.diff(record.time))) + abs(loss.shift) / 2, SOFT)
     return int(np.argmin(far)) if loss.at_contact or float(np.min(far)) < near else None
 
 
 def _level(bounces: Bounces) -> bool:
     """Whether the plate shows no real step from contact to contact."""
-    steps, doubts = _steps(bounces)
-    return not np.any(np.abs(steps) > SURELY * doubts)
+    steps, sigmas = _steps(bounces)
+    return not np.any(np.abs(steps) > SURELY * sigmas)
 
 
 def _lifted_alone(contact: int, mended: Bounces, before: Bounces) -> bool:
-    """Whether one contact stood above or below both its neighbours, and no step is left of that.
+    """Whether one contact was above or below both its neighbours, and no step remains after the correction.
 
-    A bead that is kicked aside at a bounce leaves the plane from there on and does not come back.  At the first and the
-    last contact, and where the drift begins or ends, there is one step only, which either may have made.
+    A bead that is kicked sideways at a bounce leaves the plane from there on and does not come back.  At the first and
+    the last contact, and where a drift begins or ends, there is only one step, which either cause may explain.
     """
-    steps, doubts = _steps(before)
+    steps, sigmas = _steps(before)
     if not 1 <= contact < before.count - 1:
         return False
-    rises, falls = (steps / doubts)[contact - 1 : contact + 1]
+    rises, falls = (steps / sigmas)[contact - 1 : contact + 1]
     return bool(rises * falls < 0 and min(abs(rises), abs(falls)) > SURELY and _level(mended))
 
 
 def _undrifted(loss: Loss, contact: int, before: Bounces) -> bool:
-    """Whether no drift explains the plate's steps, from wherever one looks, nor any other loss than this one.
+    """Whether neither a drift, at any position of the camera, nor any other loss explains the steps of the plate.
 
-    A contact that lasts looks like a frame shown twice, and never like one that is lost.
+    A long contact looks like a frame shown twice, and never like a lost one.
     """
     if loss.frames < 0 or _oddness(before, usually=False) < GAINED:
         return False
@@ -275,17 +280,17 @@ def _undrifted(loss: Loss, contact: int, before: Bounces) -> bool:
 
 
 def _oddness(bounces: Bounces, feigned: Array | float = 0.0, *, usually: bool = True) -> float:
-    """Squares of their doubt, that the plate's steps leave where the bead's growth explains what it can of them.
+    """Chi-square of the plate's steps after the best explanation by the growth of the bead.
 
-    `feigned` steps are a loss's; `usually` the camera stands where one puts it, else anywhere.
+    `feigned` are apparent steps of a loss; `usually` applies the prior of the camera's position.
     """
     if bounces.count < 2:
         return 0.0
-    steps, doubts = _steps(bounces)
+    steps, sigmas = _steps(bounces)
     growth, grown = _growths(bounces)
     steep = np.tan(np.linspace(-np.pi / 2, np.pi / 2, 2001)[1:-1, None])
     seen = (steps - feigned) / bounces.span
-    variance = (doubts / bounces.span) ** 2 + UNEVEN**2 + (steep * grown) ** 2
+    variance = (sigmas / bounces.span) ** 2 + UNEVEN**2 + (steep * grown) ** 2
     left = np.sum((seen - steep * growth) ** 2 / variance, axis=1)
     if usually:
         left += ((steep[:, 0] - CAMERA[0]) / CAMERA[1]) ** 2
@@ -293,28 +298,28 @@ def _oddness(bounces: Bounces, feigned: Array | float = 0.0, *, usually: bool = 
 
 
 def _growths(bounces: Bounces) -> tuple[Array, Array]:
-    """Of the bead from contact to contact, relative, and their standard uncertainties, shape (count - 1,).
+    """Relative growth of the bead from contact to contact and its standard uncertainty, shape (count - 1,).
 
-    What the fit expects beforehand is taken out again; along low flights it is all that holds the growth, near nothing.
+    The prior of the fit is removed again: along low flights it alone determines the growth.
     """
     count = bounces.count
     heights, _, growth = bounces.model.split(bounces.parameters)
     inner = slice(4 + 2 * count, 3 + 3 * count)
     mine = bounces.covariance[inner, inner]
-    # the first contact is where it is counted from
+    # growth is relative to the first contact
     steps = np.eye(count - 1) - np.eye(count - 1, k=-1)
     fitted = np.diag(steps @ mine @ steps.T)
-    told = 1 - fitted / bounces.model.swelling(heights[1:count]) ** 2
-    known = told > LEAST_TOLD
-    told = np.where(known, told, 1.0)
-    each, variance = steps @ growth[: count - 1] / told, np.where(known, fitted / told, 1.0)
+    shown = 1 - fitted / bounces.model.swelling(heights[1:count]) ** 2
+    known = shown > LEAST_SHOWN
+    shown = np.where(known, shown, 1.0)
+    each, variance = steps @ growth[: count - 1] / shown, np.where(known, fitted / shown, 1.0)
     return each, np.sqrt(variance + GROWN_TO[0] ** 2 + (GROWN_TO[1] * each) ** 2)
 
 
 def _steps(bounces: Bounces) -> tuple[Array, Array]:
-    """Of the plate's level from contact to contact, and their standard uncertainties, shape (count - 1,).
+    """Steps of the plate's level from contact to contact and their standard uncertainties, shape (count - 1,).
 
-    What follows the last contact shows no level of its own.
+    The last flight has no level of its own.
     """
     count = bounces.count
     _, levels, _ = bounces.model.split(bounces.parameters)
@@ -325,6 +330,6 @@ def _steps(bounces: Bounces) -> tuple[Array, Array]:
 
 
 def _meet(mended: Bounces, before: Bounces) -> bool:
-    """Whether flights meet on a level or evenly drifting plate, or come nearer to that, which did not."""
+    """Whether the correction brings the flights clearly closer to a level or uniformly drifting plate."""
     odd, left = _oddness(before), _oddness(mended)
     return 2 <= before.count <= mended.count and left < odd - ODD and left < max(ODD, odd / 2)

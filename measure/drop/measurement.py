@@ -1,14 +1,4 @@
-"""A bead falls on a plate and bounces: drop and rebound heights, restitution per bounce (Hlosta et al. 2020, eq. 5).
-
-`measure` turns a clip into a track and the track into quantities; `evaluate` does the second half for any track, filmed
-or simulated.  Restitutions are told apart: by ``height`` sqrt(h_{k+1}/h_k), which air drag lowers; by ``velocity``,
-the ratio of the speeds across the plate at the contact itself; by ``time``, the ratio of neighbouring flight times;
-and where the body leaves sideways, as one that is no sphere does, by ``all directions``, the ratio of the speeds with
-what goes along the plate (section 3.2), which takes two views; of one view it is by ``picture plane``.
-
-In a track of `measure` y = 0 is the bead's centre at its first contact, so y is the height of its lowest point above
-the plate; x = 0 is where it first hits.
-"""
+"""Measure a bead that falls on a plate and bounces: from a clip or a track to quantities (`measure`)."""
 
 from __future__ import annotations
 
@@ -40,25 +30,25 @@ RATE_UNJUDGED = (
 )
 
 RATE_UNCONFIRMED = (
-    "frame rate not confirmed: the scale was taken from gravity, so that all lengths hang on --frame-rate alone, with "
-    "its square; give --bead-diameter or --scale"
+    "frame rate not confirmed: the scale was taken from gravity, so all lengths depend on the square of --frame-rate; "
+    "give --bead-diameter or --scale"
 )
 
 
-def _with_doubts(
+def _with_film_checks(
     quantity: Quantity, checks: tuple[Check, ...], drag: AirDrag, *, film: str, lengths: str, scales: str
 ) -> Quantity:
-    """The quantity with the failed checks of the film that it rests on; those of the flights it has already.
+    """The quantity with the failed checks of the film that affect it; those of the flights are included already.
 
-    `film` is what makes all doubtful, `lengths` what makes lengths doubtful, `scales` what makes time or size doubtful.
+    `film` makes every quantity doubtful, `lengths` those in metres, `scales` those that depend on the bead's size.
     """
     in_metres = quantity.unit == "m"
-    # the bead's size is in the air's drag where that is known and not fitted
+    # a known air drag depends on the bead's size; a fitted one does not
     of_size = in_metres or (quantity.method == "velocity" and drag.known)
     rests_on = {"bead_in_view": True, "static_camera": True, "camera_roll": in_metres, "bead_size": of_size}
     seen = failed(checks, [name for name, rests in rests_on.items() if rests])
-    doubts = [seen, film, lengths if in_metres else "", scales if of_size else ""]
-    return doubted(quantity, "; ".join(filter(None, doubts)))
+    reasons = [seen, film, lengths if in_metres else "", scales if of_size else ""]
+    return doubted(quantity, "; ".join(filter(None, reasons)))
 
 
 # ---------------------------------------------------------------------------------------------------- media -> record
@@ -73,9 +63,44 @@ def measure(
     out: Path | None = None,
     progress: Progress = silent,
 ) -> Measurement:
-    """Measure a clip of a bouncing bead, or evaluate a track already made (``.csv``).
+    """Measure a clip of a bouncing bead, or evaluate a recorded track (``.csv``).
 
-    Raises `UnreadableMedia` for a file that is no video, `NothingToMeasure` when no bead falls and bounces in it.
+    Parameters
+    ----------
+    clip : Path
+        Video or stack of images; or a track as ``.csv``, for which the camera is not used.
+    camera : Camera
+        Frame rate, scale, roll and search region, as far as known.
+    bead_diameter : float, optional
+        Diameter of the bead [m].  Gives a scale if `camera` has none, and the air drag.
+    bead_density : float, optional
+        Density of the bead [kg/m^3].  With the diameter it fixes the air drag; otherwise the drag is fitted.
+    out : Path, optional
+        Folder for the annotated video, pictures, plot and track; None writes no files.
+    progress : Progress, optional
+        Called with stage, number of steps done and total number of steps.
+
+    Returns
+    -------
+    Measurement
+        ``drop_height`` and ``rebound_height`` [m] and ``restitution_wall`` [1] per bounce, with checks and the track.
+
+    Raises
+    ------
+    UnreadableMedia
+        If the file is no video.
+    NothingToMeasure
+        If no bead falls and bounces in it.
+
+    Notes
+    -----
+    In the track, y = 0 is the bead's centre at its first contact, so y is the height of its lowest point above the
+    plate; x = 0 is the point of the first impact.  The methods of the restitution are described in
+    `rigtwin.measure.drop.evaluate.evaluate`.
+
+    References
+    ----------
+    Hlosta et al. (2020), eq. 5.
     """
     drag = AirDrag(bead_diameter, bead_density)
     if clip.suffix.lower() == ".csv":
@@ -97,7 +122,7 @@ def measure(
         repeats=len(repeats - video.skipped),
         losses=found.losses,
     )
-    checks = _with_gravity_told(evaluation.checks, gauge) + view_checks(video, seen, fitted, repeats)
+    checks = _with_gravity_judged(evaluation.checks, gauge) + view_checks(video, seen, fitted, repeats)
     if camera.roll is not None:
         checks = (*checks, roll_check(camera.roll, *gauge.fall, "the bead's fall shows"))
     if bead_diameter is not None and not gauge.source.startswith("bead diameter"):
@@ -109,7 +134,7 @@ def measure(
         source=clip,
         source_sha256=sha256(clip),
         quantities=tuple(
-            _with_doubts(quantity, checks, drag, film=video.spoilt, lengths=unjudged, scales=gauge.contradiction)
+            _with_film_checks(quantity, checks, drag, film=video.spoilt, lengths=unjudged, scales=gauge.contradiction)
             for quantity in evaluation.quantities
         ),
         checks=checks,
@@ -148,8 +173,8 @@ def _measure_record(path: Path, drag: AirDrag, out: Path | None) -> Measurement:
     if len(tracks) > 1:
         warnings = (*warnings, f"{path.name} holds {len(tracks)} bodies; evaluated {track.body!r}, the longest.")
     if drag.density is not None and drag.diameter is None:
-        told = "bead density: not used, for the air's drag needs the diameter too; it was fitted. Give --bead-diameter."
-        warnings = (*warnings, told)
+        unused = "bead density not used: the air drag needs the diameter too and was fitted. Give --bead-diameter."
+        warnings = (*warnings, unused)
     measurement = Measurement(
         rig="drop",
         source=path,
@@ -166,12 +191,12 @@ def _measure_record(path: Path, drag: AirDrag, out: Path | None) -> Measurement:
     return replace(measurement, files={"plot": write_plot(out, measurement, bounces)})
 
 
-def _with_gravity_told(checks: tuple[Check, ...], gauge: Gauge) -> tuple[Check, ...]:
-    """With what the bead's diameter says of gravity; without that check where gravity itself gave the scale."""
+def _with_gravity_judged(checks: tuple[Check, ...], gauge: Gauge) -> tuple[Check, ...]:
+    """Checks with gravity by the scale of the bead's diameter; without that check if gravity gave the scale."""
     gravity, *others = checks
     if gauge.gravity is not None:
-        value, doubt = gauge.gravity
-        message = f"with the scale of the bead's diameter free flight gives g = {value:.2f} ± {doubt:.2f} m/s²"
+        value, sigma = gauge.gravity
+        message = f"with the scale from the bead's diameter, free flight gives g = {value:.2f} ± {sigma:.2f} m/s²"
         message += f" instead of {GRAVITY}: {gauge.contradiction}" if gauge.contradiction else ": they agree"
         gravity = replace(gravity, passed=not gauge.contradiction, value=value, message=message)
     elif gauge.source == "gravity":

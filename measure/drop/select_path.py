@@ -1,4 +1,4 @@
-"""Which of the paths of what moves is that of a bead that falls and bounces."""
+"""Select the path of the falling bead from the paths of everything that moves."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ from rigtwin.measure.tracking.link import SpotPath
 
 @dataclass(frozen=True)
 class _Arc:
-    """A piece of a path without a kink, and how it accelerates."""
+    """A piece of a path without a kink, and its acceleration."""
 
     path: SpotPath
     acceleration: float  # [px/frame^2], down
-    doubt: float  # standard uncertainty of it
-    weight: float  # how surely it is a bead in free flight: way times contrast
+    sigma: float  # its standard uncertainty
+    weight: float  # evidence for a bead in free flight: vertical range times root of the contrast
 
 
 def join_flights(paths: list[SpotPath], size: float | None) -> SpotPath | None:
-    """One path from all arcs that fall alike: at a bounce, or behind a post, a bead is easily mixed up with its shadow.
+    """Join all arcs with the same downward acceleration to one path.
 
-    Shadows and reflections on a plate move too, but only the bead always accelerates by the same gravity.
+    At a bounce, or behind a post, a bead is easily confused with its shadow or reflection.  Only the bead always
+    has the same acceleration.  `size` [px] is the expected radius.
     """
     arcs = [arc for path in paths if likeness(path, size) > 0 for piece in _arcs(path) for arc in _as_arc(piece)]
     if not arcs:
@@ -32,7 +33,7 @@ def join_flights(paths: list[SpotPath], size: float | None) -> SpotPath | None:
     frames: dict[int, int] = {}
     chosen: list[SpotPath] = []
     for arc in sorted(arcs, key=lambda arc: -arc.weight):
-        alike = abs(arc.acceleration - best.acceleration) < 0.1 * best.acceleration + 3 * arc.doubt
+        alike = abs(arc.acceleration - best.acceleration) < 0.1 * best.acceleration + 3 * arc.sigma
         same = 0.6 < arc.path.radius / best.path.radius < 1.7
         free = [k for k, frame in enumerate(arc.path.frames) if frame not in frames]
         if alike and same and len(free) > 0.7 * len(arc.path.frames):
@@ -45,7 +46,7 @@ def join_flights(paths: list[SpotPath], size: float | None) -> SpotPath | None:
 
 
 def _arcs(path: SpotPath) -> list[SpotPath]:
-    """Pieces between kinks."""
+    """Pieces of the path between kinks, of at least five frames."""
     y = path.centres[:, 1]
     frames = np.array(path.frames)
     speed = np.diff(y) / np.diff(frames)
@@ -59,7 +60,7 @@ def _arcs(path: SpotPath) -> list[SpotPath]:
 
 
 def _as_arc(path: SpotPath) -> list[_Arc]:
-    """The piece as an arc when it is a parabola bent downwards; resting frames before a release are left out."""
+    """The piece as an arc if it is a parabola bent downwards; frames at rest before a release are left out."""
     y, frames = path.centres[:, 1], np.array(path.frames, dtype=np.float64)
     moving = np.flatnonzero(np.abs(y - y[0]) > 0.5 * path.radius)
     first = 0 if np.ptp(y) < 2 * path.radius or not len(moving) else max(int(moving[0]) - 2, 0)
@@ -68,16 +69,16 @@ def _as_arc(path: SpotPath) -> list[_Arc]:
     t, y = frames[first:] - frames[first], y[first:]
     bend, slope, base = np.polyfit(t, y, 2)
     rms = float(np.std(y - np.polyval([bend, slope, base], t)))
-    doubt = 2 * 13.4 * max(rms, 0.1) / (float(np.ptp(t)) ** 2 * math.sqrt(len(t)))
-    if bend <= 0 or np.ptp(y) < path.radius or rms > 0.25 * path.radius + 0.01 * np.ptp(y) or doubt > bend:
+    sigma = 2 * 13.4 * max(rms, 0.1) / (float(np.ptp(t)) ** 2 * math.sqrt(len(t)))
+    if bend <= 0 or np.ptp(y) < path.radius or rms > 0.25 * path.radius + 0.01 * np.ptp(y) or sigma > bend:
         return []
     contrast = float(np.median([spot.contrast for spot in path.spots]))
     whole = SpotPath(path.frames, path.spots)
-    return [_Arc(whole, 2 * float(bend), doubt, float(np.ptp(y)) * math.sqrt(contrast))]
+    return [_Arc(whole, 2 * float(bend), sigma, float(np.ptp(y)) * math.sqrt(contrast))]
 
 
 def likeness(path: SpotPath, size: float | None) -> float:
-    """How much a path looks like a falling bead: long way up and down, steady steps, clear and of the right size."""
+    """Score of a path: long vertical path, smooth steps, contrast, and the expected radius `size` [px]."""
     y = path.centres[:, 1]
     if len(y) < 8:
         return 0.0

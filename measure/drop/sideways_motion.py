@@ -1,4 +1,4 @@
-"""What a falling bead does to the side, where nothing pulls at it: it goes straight on from bounce to bounce."""
+"""Horizontal motion of a bouncing bead: linear in time between two bounces."""
 
 from __future__ import annotations
 
@@ -8,21 +8,24 @@ import numpy as np
 
 from rigtwin.lab.arrays import Array, Mask
 
-WILD = 4.0  # standard deviations
+OUTLIER = 4.0  # robust standard deviations beyond which a point is an outlier
 
 
 @dataclass(frozen=True)
-class Aside:
-    """A straight line for each flight, and one bend for all: a camera that is not upright shows gravity to the side."""
+class SidewaysMotion:
+    """Fitted horizontal motion: one line per flight, and one common acceleration due to camera roll."""
 
-    bend: float  # of a fall, in units of length per second squared
-    bend_doubt: float  # the same, as told by what is left
-    off: Array  # what the lines leave of the places, shape (n,)
-    kept: Mask  # which points are not wild, shape (n,)
+    bend: float  # horizontal acceleration, in units of length per second squared
+    bend_doubt: float  # its standard uncertainty, from the residuals
+    off: Array  # residuals, shape (n,)
+    kept: Mask  # points that are no outliers, shape (n,)
 
 
-def fly_aside(time: Array, across: Array, contacts: Array, apexes: Array) -> Aside:
-    """Lines through the places aside at times [s] within the flights; one apex [s] more than contacts [s]."""
+def fit_sideways(time: Array, across: Array, contacts: Array, apexes: Array) -> SidewaysMotion:
+    """Fit the horizontal positions `across` at `time` [s], shape (n,), within the flights.
+
+    `contacts` [s] has one entry less than `apexes` [s].
+    """
     flight = np.searchsorted(contacts, time)
     columns = [-0.5 * (time - apexes[flight]) ** 2]
     for k in range(len(apexes)):
@@ -33,6 +36,6 @@ def fly_aside(time: Array, across: Array, contacts: Array, apexes: Array) -> Asi
     for _ in range(3):
         solution, *_ = np.linalg.lstsq(design[kept], across[kept], rcond=None)
         off = across - design @ solution
-        kept = np.abs(off) < WILD * 1.4826 * np.median(np.abs(off[kept])) + 1e-9
-    doubt = np.sqrt(np.var(off[kept]) * np.linalg.pinv(design[kept].T @ design[kept])[0, 0])
-    return Aside(float(solution[0]), float(doubt), off, kept)
+        kept = np.abs(off) < OUTLIER * 1.4826 * np.median(np.abs(off[kept])) + 1e-9
+    sigma = np.sqrt(np.var(off[kept]) * np.linalg.pinv(design[kept].T @ design[kept])[0, 0])
+    return SidewaysMotion(float(solution[0]), float(sigma), off, kept)

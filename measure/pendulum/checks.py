@@ -1,4 +1,4 @@
-"""What speaks for and against a measured pendulum: momentum, gravity, lengths, where it hits, what was left out."""
+"""Checks of a measured pendulum: momentum, gravity, lengths, contact angle, residuals, lens, timing, camera."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from rigtwin.measure.media.video import Video
     from rigtwin.measure.pendulum.track_two_beads import Beads
 
-MOST_MISFIT = 1.4  # times the noise from frame to frame, that a track may leave the fitted swings by
-LEAST_MISFIT = 5e-4  # of the pendulum's length: textures behind a bead shift it by less, and slowly in high-speed films
-LEAST_NOISE = 2e-5  # of the pendulum's length: below it a record that is exact would be judged by its rounding
+MOST_MISFIT = 1.4  # largest residual over the frame-to-frame noise
+LEAST_MISFIT = 5e-4  # residual over the pendulum's length that always passes: background texture shifts a bead by less
+LEAST_NOISE = 2e-5  # lower limit of the noise over the pendulum's length: below it an exact record shows its rounding
 
 
-def doubts_of(fit: SwingFit, outcomes: dict[str, Outcome]) -> dict[str, str]:
-    """Why the collision, the release angle or the turning angles should not be trusted; empty where nothing is."""
+def reasons_of(fit: SwingFit, outcomes: dict[str, Outcome]) -> dict[str, str]:
+    """Reasons why collision, release angle and turning angles are doubtful; empty texts if there is none."""
     swings = fit.swings
     collision, release, turning = [], [], []
     if fit.noise > 0.006 * outcomes["length"].value:
@@ -41,9 +41,9 @@ def doubts_of(fit: SwingFit, outcomes: dict[str, Outcome]) -> dict[str, str]:
     if since < -frame_interval(first):
         release.append("the record begins after the release: the angle is extrapolated")
     elif since < 2 * frame_interval(first):
-        release.append("the record begins at the release: that the bead started from rest is not seen")
+        release.append("the record begins at the release: it does not show that the bead started from rest")
     if since < 2 * frame_interval(first):
-        # the speed at the hit follows from a fall that is taken to start from rest
+        # the fit of the speed at the collision assumes a start from rest
         collision.append("the record does not show bead A at rest before its fall")
     _, when = turning_points(swings, 0)
     for bead, track in enumerate(fit.tracks):
@@ -53,7 +53,7 @@ def doubts_of(fit: SwingFit, outcomes: dict[str, Outcome]) -> dict[str, str]:
 
 
 def _sway(fit: SwingFit) -> float:
-    """Speed of bead B in the last moments before the collision [m/s]; 0 where it cannot be told from noise."""
+    """Speed of bead B in the last 0.12 s before the collision [m/s]; 0 if it is within the noise."""
     track, hit = fit.tracks[1], float(fit.swings["time_0"])
     before = (track.time < hit - frame_interval(track)) & (track.time > hit - 0.12)
     if np.sum(before) < 8:
@@ -71,21 +71,21 @@ def momentum_check(outcomes: dict[str, Outcome], bead_mass: float | None) -> Che
     found = (
         f"momentum after the collision is {ratio.value:.4f} of that before (equal masses; {before:.4g} {unit} before)"
     )
-    meaning = "" if passed else ": the beads differ in mass, they hit off centre, or a track is wrong"
+    meaning = "" if passed else ": the beads differ in mass, hit off centre, or a track is wrong"
     return Check("momentum", passed, after, before, found + meaning)
 
 
 def contact_angle_check(outcomes: dict[str, Outcome]) -> Check:
-    """Whether the bead hangs plumb where it touches the wall, as the formula with the two angles supposes."""
+    """Whether the bead hangs vertically where it touches the wall, as the formula with the two angles assumes."""
     hit = outcomes["contact_angle"]
-    angle, doubt = math.degrees(hit.value), math.degrees(hit.std)
-    passed = abs(angle) < max(1.0, 3 * doubt)
-    found = f"the bead hits the wall {angle:+.2f} ± {doubt:.2f} degrees past the vertical"
+    angle, sigma = math.degrees(hit.value), math.degrees(hit.std)
+    passed = abs(angle) < max(1.0, 3 * sigma)
+    found = f"the bead hits the wall {angle:+.2f} ± {sigma:.2f} degrees past the vertical"
     meaning = "" if passed else ": methods velocity and height allow for it, method angle does not"
     return Check("contact_angle", passed, angle, 0.0, found + meaning)
 
 
-HEAVIEST = 0.5  # by which a rod alone, without a bead, swings faster than a thread of its length
+HEAVIEST = 0.5  # relative excess of apparent gravity for a rod without a bead, against a thread of its length
 
 
 def gravity_check(outcomes: dict[str, Outcome]) -> Check:
@@ -113,7 +113,7 @@ def gravity_check(outcomes: dict[str, Outcome]) -> Check:
 
 
 def residual_check(fit: SwingFit) -> Check:
-    """Whether the swings leave of the tracks what one frame differs by from the next, and not more."""
+    """Whether the residuals of the swings are as small as the noise from frame to frame."""
     misses, steps = [], []
     for bead, (residual, used) in enumerate(zip(fit.residuals, fit.used, strict=True)):
         swings = used & (fit.tracks[bead].time > (float(fit.swings["time_0"]) if bead else -math.inf))
@@ -123,47 +123,47 @@ def residual_check(fit: SwingFit) -> Check:
     off, noise = (1.4826 * float(np.median(np.abs(np.concatenate(each)))) for each in (misses, steps))
     ratio = off / max(noise, LEAST_NOISE * float(fit.swings["length_0"]))
     passed = ratio < MOST_MISFIT or off < LEAST_MISFIT * float(fit.swings["length_0"])
-    message = f"the tracks leave the fitted swings by {ratio:.2f} times their frame-to-frame noise"
+    message = f"residuals from the fitted swings are {ratio:.2f} times the frame-to-frame noise of the tracks"
     meaning = "" if passed else ": frames are missing or repeated, something touches a bead, or a track is wrong"
     return Check("swing_residuals", passed, ratio, 1.0, message + meaning)
 
 
 def lens_check(fit: SwingFit) -> Check:
-    """Whether the camera's view bends more than a usual lens and a careful set-up make it."""
+    """Whether lens and perspective exceed those of a usual lens and a careful set-up."""
     lens = 100 * float(fit.swings["lens"])
     askew = 100 * math.hypot(float(fit.swings["perspective_x"]), float(fit.swings["perspective_y"]))
     message = (
-        f"one pendulum length from the picture's middle things look {lens:+.1f} % larger through the lens, and up to "
-        f"{askew:.1f} % larger on one side"
+        f"one pendulum length from the middle of the picture the scale changes by {lens:+.1f} % (lens) and by up to "
+        f"{askew:.1f} % on one side (perspective)"
     )
     meaning = ": photograph a board in the plane of the swing and give --board, or film from further away"
     return Check("lens", not fit.bent, lens, 0.0, message + (meaning if fit.bent else ""))
 
 
 def timing_check(video: Video, losses: Sequence[Loss] = ()) -> Check:
-    """Whether frames of the film repeat the one before them, or are lost; sure `losses` were mended before."""
+    """Whether frames of the film repeat the one before, or are lost; certain `losses` are corrected already."""
     frames, doubled = video.last - video.first + 1, len(video.skipped)
     message = f"{doubled} of {frames} frames repeat the one before"
     if doubled:
         message = f"doubled frames: {message} and were left out: use the camera's original file"
-    message += "".join(f"; {_told(loss)}" for loss in losses)
+    message += "".join(f"; {_loss_text(loss)}" for loss in losses)
     return Check("frame_timing", not doubled and all(loss.sure for loss in losses), doubled, 0.0, message)
 
 
-def _told(loss: Loss) -> str:
-    told = f"{loss.in_words} at about {loss.time:.3f} s, which the times do not tell"
+def _loss_text(loss: Loss) -> str:
+    text = f"{loss.in_words} at about {loss.time:.3f} s, which the time stamps do not show"
     if loss.sure:
-        return f"{told}: the swings are whole once that is put right"
+        return f"{text}: the swings fit after the correction"
     return (
-        f"it seems that {told}, or the contact lasts: from there on the beads are off their swings by that much; times "
-        "are left as they are: film with a fixed frame rate, or use the camera's original file"
+        f"possibly {text}, or the contact lasts long: from there on the phase of the swings is off by that much; "
+        "times were not changed: film with a fixed frame rate, or use the camera's original file"
     )
 
 
 def view_checks(beads: Beads, others: Sequence[Check]) -> tuple[Check, Check]:
-    """Whether the beads were seen all along their swings, and whether the camera stood still or its shake was followed.
+    """Whether the beads were seen during their swings, and whether the camera was still or its shake was measured.
 
-    `others` are the checks of the fit: swings that fit show a still camera where nothing else in the picture does.
+    `others` are the checks of the fit: small residuals show a still camera if the scene has no edges.
     """
     shares, count = [], 0
     for images, looked in zip(beads.images, beads.looked, strict=True):
@@ -182,14 +182,14 @@ def view_checks(beads: Beads, others: Sequence[Check]) -> tuple[Check, Check]:
 
 def length_check(found: Outcome, stated: float) -> Check:
     passed = abs(found.value / stated - 1) <= max(0.02, 2.5 * found.std / stated)
-    meaning = "" if passed else ": the scale is off, or the stated length is not from hinge to bead centre"
+    meaning = "" if passed else ": the scale is wrong, or the stated length is not from hinge to bead centre"
     message = f"the beads swing on circles of {found.value * 1e3:.1f} mm, {stated * 1e3:.1f} mm are stated{meaning}"
     return Check("length", passed, found.value, stated, message)
 
 
 def distance_check(found: Outcome, diameter: float) -> Check:
     passed = abs(found.value / diameter - 1) <= max(0.06, 2.5 * found.std / diameter)
-    meaning = "" if passed else ": the scale or the stated diameter is off, or the beads hit off centre"
+    meaning = "" if passed else ": the scale or the stated diameter is wrong, or the beads hit off centre"
     message = (
         f"the centres are {found.value * 1e3:.2f} mm apart at the collision, beads of {diameter * 1e3:.2f} mm{meaning}"
     )

@@ -1,3 +1,5 @@
+"""Evaluate the tracks of a pendulum: restitution, release and rebound angles, checks."""
+
 from __future__ import annotations
 
 import math
@@ -14,10 +16,10 @@ from rigtwin.lab.records import Track
 from rigtwin.measure.pendulum.checks import (
     contact_angle_check,
     distance_check,
-    doubts_of,
     gravity_check,
     length_check,
     momentum_check,
+    reasons_of,
     residual_check,
 )
 from rigtwin.measure.pendulum.swing_fit import Outcome, SwingFit, fit_swings
@@ -25,11 +27,11 @@ from rigtwin.measure.pendulum.swing_model import Swings, centres, states_at_coll
 
 Variant = Literal["double", "wall"]
 
-# The lit side of a bead turns with its place under the lamp: its centre, fitted as that of an evenly shaded disc,
-# shifts by some hundredths of the radius between the ends of a swing.
+# Share of the bead's radius.  The lit side of a bead changes with its position under the lamp, so the centre fitted to
+# an evenly shaded disc shifts by some hundredths of the radius between the ends of a swing.
 SHADING = 0.03
 
-HEAD_ON = ("momentum", "contact_distance")  # checks that fail where the beads meet off centre or a track is wrong
+HEAD_ON = ("momentum", "contact_distance")  # checks that fail if the beads meet off centre or a track is wrong
 
 
 def evaluate(
@@ -42,19 +44,47 @@ def evaluate(
 ) -> Evaluation:
     """Restitution, release and rebound angles of a pendulum record, with checks of momentum, gravity and lengths.
 
-    `tracks` hold beads "A" (released) and "B" (hanging), or one bead for the wall; `length` [m] from hinge to bead
-    centre, `bead_diameter` [m] and `bead_mass` [kg] are what was stated beforehand and only serve the checks.
+    Parameters
+    ----------
+    tracks : sequence of Track
+        Beads "A" (released) and "B" (hanging), or one bead for the wall.  Position [m], shape (n, 2), in the plane of
+        the swing; time [s], shape (n,).
+    variant : {"double", "wall"}
+        Second bead or wall.
+    length : float, optional
+        Stated length from hinge to bead centre [m]; used in the checks only.
+    bead_diameter : float, optional
+        Stated diameter [m]; used in the checks only.
+    bead_mass : float, optional
+        Stated mass [kg]; used in the checks only.
 
+    Returns
+    -------
+    Evaluation
+        ``restitution_pair`` and ``energy_ratio_root`` (or ``restitution_wall``) [1], ``release_angle`` and
+        ``rebound_angle`` [deg], with checks.
+
+    Raises
+    ------
+    NothingToMeasure
+        If there is no release, no second bead or no collision in the record.
+    BadInput
+        If the number or names of the tracks do not match the variant.
+
+    Notes
+    -----
     - ``restitution_pair``, method "velocity", per collision: e = (v_B' - v_A') / (v_A - v_B) with the speeds at the
       contact from the fitted equation of motion, so damping does not count as restitution.
-    - ``restitution_pair``, method "angle": e = (sin(b'/2) - sin(a'/2)) / sin(a/2) with release angle a and the turning
-      angles a', b' of A and B, A's negative where it bounces back; losses of the swing between do count.
-    - ``energy_ratio_root``, method "height": sqrt(h_B' / h_A), the paper's eq. 5 applied to the two beads.  For equal
+    - ``restitution_pair``, method "angle": e = (sin(b'/2) - sin(a'/2)) / sin(a/2) with the release angle a and the
+      turning angles a', b' of A and B, that of A negative if it bounces back.  Losses of the swing do count.
+    - ``energy_ratio_root``, method "height": sqrt(h_B' / h_A), eq. 5 of the paper applied to the two beads.  For equal
       masses it is (1 + e) / 2, not e.
-    - ``restitution_wall`` for the wall: "velocity" v'/v; "angle" sin(a'/2) / sin(a/2), which supposes that the bead
-      hangs plumb where it touches the wall; "height" sqrt(h'/h) with the heights above the place of the hit.
+    - ``restitution_wall``, methods "velocity": v'/v; "angle": sin(a'/2) / sin(a/2), which assumes that the bead hangs
+      vertically where it touches the wall; "height": sqrt(h'/h) with the heights above the point of contact.
 
-    Raises `NothingToMeasure` when there is no release, no second bead or no collision in the record.
+    References
+    ----------
+    Hlosta et al. (2020), eq. 5 and fig. 3c.
     """
     return judge(fit_swings(in_order(tracks, variant)), length, bead_diameter, bead_mass)
 
@@ -67,9 +97,9 @@ def judge(
     *,
     shading: float = 0.0,
 ) -> Evaluation:
-    """The evaluation of fitted swings; arguments as in `evaluate`.
+    """Evaluate fitted swings; arguments as in `evaluate`.
 
-    `shading` [m] is how far a filmed bead's centre seems to shift from place to place with the light that falls on it.
+    `shading` [m] is the apparent shift of a filmed bead's centre between positions due to the lighting.
     """
     outcomes = _with_shading(fit.propagate(outcomes_of), shading)
     residuals = residual_check(fit)
@@ -79,21 +109,24 @@ def judge(
         checks.append(length_check(outcomes["length"], length))
     if bead_diameter is not None and fit.swings.beads == 2:
         checks.append(distance_check(outcomes["distance"], bead_diameter))
-    doubts = doubts_of(fit, outcomes)
+    reasons = reasons_of(fit, outcomes)
     if not residuals.passed:
-        doubts = {name: "; ".join(filter(None, [doubt, residuals.message])) for name, doubt in doubts.items()}
+        reasons = {name: "; ".join(filter(None, [reason, residuals.message])) for name, reason in reasons.items()}
     if fit.swings.beads == 1 and not checks[0].passed:
-        doubts["plumb"] = checks[0].message
+        reasons["plumb"] = checks[0].message
     if fit.swings.beads == 2:
         off_centre = [check.message for check in checks if check.check in HEAD_ON and not check.passed]
-        doubts["collision"] = "; ".join(filter(None, [doubts["collision"], *off_centre]))
-    quantities = [*_restitutions(fit, outcomes, doubts), *_angles(outcomes, doubts)]
+        reasons["collision"] = "; ".join(filter(None, [reasons["collision"], *off_centre]))
+    quantities = [*_restitutions(fit, outcomes, reasons), *_angles(outcomes, reasons)]
     warnings = [check.message for check in checks if not check.passed]
     return Evaluation(tuple(quantities), tuple(checks), tuple(warnings))
 
 
 def in_order(tracks: Sequence[Track], variant: Variant) -> tuple[Track, ...]:
-    """Bead A, then bead B."""
+    """The tracks of bead A, then bead B.
+
+    Raises `NothingToMeasure` for one track only, `BadInput` if names or number do not match the variant.
+    """
     named = {track.body.strip().upper(): track for track in tracks}
     if variant == "wall":
         if len(tracks) != 1 and "A" not in named:
@@ -111,7 +144,7 @@ def in_order(tracks: Sequence[Track], variant: Variant) -> tuple[Track, ...]:
 
 
 def outcomes_of(swings: Swings) -> dict[str, Array]:
-    """All that is derived from the swings; speeds and angles count positive in A's direction of approach."""
+    """All values derived from the swings; speeds and angles are positive in A's direction of approach."""
     lengths, outcomes = swings.per_bead("length"), {}
     for k in range(swings.collisions):
         angle, before = states_at_collision(swings, k)
@@ -158,7 +191,7 @@ def _first_collision(swings: Swings, angle: Array, v: Array, v_after: Array, way
 
 
 def _with_shading(outcomes: dict[str, Outcome], shading: float) -> dict[str, Outcome]:
-    """Angles, each seen somewhere else, with the doubt about where the bead's centre is there."""
+    """Add the uncertainty of the bead's centre due to shading to angles and what follows from them."""
     if not shading > 0:
         return outcomes
     step = shading / outcomes["length"].value  # [rad]
@@ -177,7 +210,7 @@ def _with_shading(outcomes: dict[str, Outcome], shading: float) -> dict[str, Out
     }
 
 
-def _restitutions(fit: SwingFit, outcomes: dict[str, Outcome], doubts: dict[str, str]) -> list[Quantity]:
+def _restitutions(fit: SwingFit, outcomes: dict[str, Outcome], reasons: dict[str, str]) -> list[Quantity]:
     name = "restitution_pair" if fit.swings.beads == 2 else "restitution_wall"
     found = []
     for k in range(fit.swings.collisions):
@@ -186,16 +219,16 @@ def _restitutions(fit: SwingFit, outcomes: dict[str, Outcome], doubts: dict[str,
             "collision": k + 1,
             "impact_speed_m_per_s": round(outcomes[f"approach_{k}"].value, 5),
         }
-        doubt = doubts["collision"]
+        reason = reasons["collision"]
         if e.value - 2 * e.std > 1:
-            doubt = "; ".join(filter(None, [doubt, "a restitution above 1 cannot be: a track is wrong"]))
-        found.append(_quantity(name, e, "1", "velocity", detail, doubtful=doubt))
+            reason = "; ".join(filter(None, [reason, "a restitution above 1 is not possible: a track is wrong"]))
+        found.append(_quantity(name, e, "1", "velocity", detail, doubtful=reason))
     by_speed, by_angle = outcomes["restitution_0"], outcomes["from_angles"]
-    # what the swings lose on their way counts as restitution here: the fit knows how much
+    # this method counts losses of the swing as restitution: its difference from the fit enters the uncertainty
     losses = {"swing_losses": abs(by_speed.value - by_angle.value)}
     detail = {"collision": 1}
-    seen = "; ".join(filter(None, [doubts["collision"], doubts["release"], doubts["turning"]]))
-    plumb = "; ".join(filter(None, [seen, doubts.get("plumb", "")]))
+    seen = "; ".join(filter(None, [reasons["collision"], reasons["release"], reasons["turning"]]))
+    plumb = "; ".join(filter(None, [seen, reasons.get("plumb", "")]))
     found.append(
         _quantity(name, Outcome(by_angle.value, by_angle.budget | losses), "1", "angle", detail, doubtful=plumb)
     )
@@ -214,7 +247,7 @@ def _restitutions(fit: SwingFit, outcomes: dict[str, Outcome], doubts: dict[str,
     return found
 
 
-def _angles(outcomes: dict[str, Outcome], doubts: dict[str, str]) -> list[Quantity]:
+def _angles(outcomes: dict[str, Outcome], reasons: dict[str, str]) -> list[Quantity]:
     way = outcomes["way"].value
     quantities = [
         _quantity(
@@ -223,14 +256,14 @@ def _angles(outcomes: dict[str, Outcome], doubts: dict[str, str]) -> list[Quanti
             "deg",
             "swing",
             {"body": "A", "side": "left" if way > 0 else "right"},
-            doubtful=doubts["release"],
+            doubtful=reasons["release"],
         )
     ]
     for bead, body in enumerate("AB"):
         if (turning := outcomes.get(f"turning_{bead}")) is not None:
             detail: dict[str, Detail] = {"body": body, "side": "right" if turning.value * way > 0 else "left"}
             angle = _degrees(replace(turning, value=abs(turning.value)))
-            quantities.append(_quantity("rebound_angle", angle, "deg", "swing", detail, doubtful=doubts["turning"]))
+            quantities.append(_quantity("rebound_angle", angle, "deg", "swing", detail, doubtful=reasons["turning"]))
     return quantities
 
 

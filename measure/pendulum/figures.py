@@ -1,4 +1,4 @@
-"""Pictures of a measured pendulum: annotated video, one still, and the angles over time beside their fit."""
+"""Pictures of a measured pendulum: annotated video, still picture, plot of the angles over time with their fit."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ NAMES = "AB"
 
 @dataclass(frozen=True)
 class View:
-    """How the fitted swings look in the picture."""
+    """The fitted swings in pixels of the picture."""
 
     pivots: Array  # [px], shape (beads, 2)
     lengths: Array  # [px], shape (beads,)
@@ -36,7 +36,7 @@ class View:
     angles: Array  # [rad], from gravity, per bead and frame, shape (beads, n)
 
     def place(self, bead: int, angle: float, share: float = 1.0) -> tuple[float, float]:
-        """The point on a bead's thread at an angle from gravity, `share` of the way down [px]."""
+        """Point on a bead's thread [px] at `angle` [rad] from gravity; `share` of the length from the pivot."""
         turned, reach = angle + self.down, share * float(self.lengths[bead])
         return (
             float(self.pivots[bead, 0]) + reach * math.sin(turned),
@@ -45,7 +45,7 @@ class View:
 
 
 def picture_view(fit: SwingFit, times: Array) -> View:
-    """`fit` in pixels with y up, as `measure` fits it; `times` [s] of the frames."""
+    """View of a `fit` in pixels (y up) at `times` [s] of the frames."""
     swings = fit.swings
     pivots = np.column_stack([swings.per_bead("pivot_x"), -swings.per_bead("pivot_y")])
     at, _ = angles(swings, times)
@@ -53,7 +53,7 @@ def picture_view(fit: SwingFit, times: Array) -> View:
 
 
 def write_overlay(path: Path, video: Video, beads: Beads, view: View, *, still: int, progress: Progress) -> Image:
-    """The clip with both beads circled, their trails, pivots and angles; hands back the untouched frame `still`."""
+    """Write the clip with both beads, their trails, pivots and angles; returns the unmarked frame `still`."""
     kept: Image | None = None
     trails = [np.array([_place(image) for image in images]) for images in beads.images]
     with drawing.OverlayVideo(path, frame_rate=min(video.playback_rate or 30.0, 30.0)) as film:
@@ -81,12 +81,12 @@ def write_still(
 ) -> None:
     """One picture: both trails, release and turning angles as lines with their numbers, restitution in the corner.
 
-    `found` are the quantities of the measurement: the picture says what the tables say.
+    `found` are the quantities of the measurement, so that the picture shows the same values as the tables.
     """
     picture = picture.copy()
     release = float(fit.swings["release_angle"])
     turning = turning_points(fit.swings, 0)[0][:, 0]
-    told = {(q.quantity, str(q.detail.get("body", ""))): q.value for q in found if q.unit == "deg"}
+    values = {(q.quantity, str(q.detail.get("body", ""))): q.value for q in found if q.unit == "deg"}
     for bead, images in enumerate(beads.images):
         trail = np.array([_place(image) for image in images])
         for x, y in trail[np.all(np.isfinite(trail), axis=1)]:
@@ -100,7 +100,7 @@ def write_still(
             share = 0.55 + 0.12 * (bead + place)
             arc = [view.place(bead, part, share) for part in np.linspace(0, angle, 40)]
             drawing.draw_path(picture, arc, COLOURS[bead])
-            value = told.get((quantity, NAMES[bead]), abs(math.degrees(angle)))
+            value = values.get((quantity, NAMES[bead]), abs(math.degrees(angle)))
             label = f"{name} {value:.2f}°"
             drawing.draw_text(picture, label, view.place(bead, 0.55 * angle, share + 0.04), COLOURS[bead])
     lines = [
@@ -114,7 +114,7 @@ def write_still(
 
 
 def write_plot(path: Path, fit: SwingFit) -> None:
-    """Angles over time with the fitted swings, and what is left, as an SVG file."""
+    """Write angles over time with the fitted swings, and the residuals, as an SVG file."""
     from matplotlib.figure import Figure
 
     swings = fit.swings

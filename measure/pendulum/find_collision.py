@@ -1,4 +1,4 @@
-"""Where one bead hits another in a film: of all paths of what moves, the one that ends, fast, where another begins.
+"""Find the collision of two beads in a film: one path ends at high speed where another one begins.
 
 Picture coordinates: x right, y down, centre of the top-left pixel (0, 0).
 """
@@ -26,23 +26,23 @@ from rigtwin.measure.tracking.detect import inside_region
 
 Region = tuple[float, float, float, float]
 
-LEAST_LEAP = 0.5  # bead diameters, of one from the bead that hits over to the one that is hit
-MOST_MEETINGS = 8  # of one path with another, the longest ones, among which the film shows which is the collision
-COMPARABLE = 0.4  # of how long and large the best of them are, that another is
-HUNG = 0.5  # of how much beads differ from the scene, what is gone where one hung and another may have come
-JUST_LEFT = 12  # frames, in which B has left the place where it hung and A has hardly come there
-BENDS = 0.3  # of the way back to where B hung, by which that may lie beside a straight line
-MOST_PIECES = 60  # of path, the farthest ones, among which a meeting is sought: noise has thousands
-INNER = 0.7  # of a bead's radius, within which it is all bead
-ONE_SIDED = 0.6  # of how much beads differ from the scene, what is left where brighter and darker are set off
-MANY = 20_000  # pixels, of which the middle is known as well as of all
-SHORTEST_HALF = 0.1  # [s], of a swing to and fro: no bead hangs from a thread of 10 mm
-LOST = 4  # frames after which a path that was not seen again has ended
+LEAST_LEAP = 0.5  # [bead diameters], minimum jump from the hitting bead to the one that is hit
+MOST_MEETINGS = 8  # number of candidate collisions with the highest scores that are verified in the film
+COMPARABLE = 0.4  # minimum score of a candidate over the best one
+HUNG = 0.5  # minimum change at B's rest position over the contrast of the beads
+JUST_LEFT = 12  # [frames] after the collision in which B has left its rest position and A has hardly reached it
+BENDS = 0.3  # largest offset of B's rest position from a straight line over the distance back to it
+MOST_PIECES = 60  # number of the longest pieces of paths among which a collision is sought: noise has thousands
+INNER = 0.7  # share of a bead's radius within which all pixels show the bead
+ONE_SIDED = 0.6  # minimum |mean difference| over mean |difference| from the scene for a bead of known contrast
+MANY = 20_000  # number of pixels that is enough for the median of a picture
+SHORTEST_HALF = 0.1  # [s], minimum half period: that of a thread of 10 mm
+LOST = 4  # [frames] without detection after which a path has ended
 
 
 @dataclass
 class Path:
-    """What moves, frame by frame; `size` is the smaller side of its picture."""
+    """Path of a moving spot, frame by frame; `size` is the smaller side of the spot."""
 
     frames: list[int] = field(default_factory=list)
     places: list[Array] = field(default_factory=list)  # [px]
@@ -52,18 +52,18 @@ class Path:
         return Path(self.frames[start:end], self.places[start:end], self.sizes[start:end])
 
     def at(self, frame: float) -> Array:
-        """Place [px] in a frame between those seen; at an end, the last one seen."""
+        """Position [px] in a frame, interpolated; beyond an end, that of the end."""
         places = np.array(self.places)
         return np.array([np.interp(frame, self.frames, places[:, k]) for k in (0, 1)])
 
     def along(self, frame: int) -> tuple[Array, Array]:
-        """Place [px] and velocity [px/frame]."""
+        """Position [px] and velocity [px/frame] in a frame."""
         return self.at(frame), (self.at(frame + 1) - self.at(frame - 1)) / 2
 
     def clear_of(self, place: Array, reach: float, *, from_end: bool) -> Path:
-        """The path up to where it comes within `reach` of a place, or from where it has left it.
+        """The path up to where it comes within `reach` [px] of a place, or from where it has left it.
 
-        Next to each other two beads show as one spot.
+        Two beads next to each other appear as one spot.
         """
         near = np.hypot(*(np.array(self.places) - place).T) <= reach
         if from_end:
@@ -72,11 +72,11 @@ class Path:
 
     @property
     def extent(self) -> float:
-        """[px]"""
+        """Larger side of the bounding box [px]."""
         return float(np.max(np.ptp(np.array(self.places), axis=0)))
 
     def velocity(self, *, at_end: bool) -> Array:
-        """[px/frame] over the last or first few frames."""
+        """Mean velocity [px/frame] over the last or first few frames."""
         last = len(self.frames) - 1
         one, other = (max(last - 3, 0), last) if at_end else (0, min(3, last))
         if one == other:
@@ -86,7 +86,7 @@ class Path:
 
 @dataclass(frozen=True)
 class Collision:
-    """The two paths that meet, before the beads are followed in detail."""
+    """The two paths of a collision, before the beads are located in detail."""
 
     fall: Path  # bead A up to the collision
     rise: Path  # bead B from it on
@@ -95,17 +95,17 @@ class Collision:
 
     @property
     def weight(self) -> float:
-        """How much of what moves in the film the two paths are."""
+        """Sum of the weights of both paths, see `weight_of`."""
         return weight_of(self.fall) + weight_of(self.rise)
 
     @property
     def way(self) -> Array:
-        """Unit vector, in which B leaves."""
+        """Unit vector of the direction in which B leaves."""
         velocity = self.rise.velocity(at_end=False)
         return np.asarray(velocity / max(float(np.hypot(*velocity)), 1e-9))
 
     def of_every(self, every: int, first: int) -> Collision:
-        """The same in frames of the clip, where paths counted `every` so many from the `first` on."""
+        """The same in frame numbers of the clip, for paths that count every `every`-th frame from `first` on."""
         fall, rise = (
             Path([first + every * k for k in path.frames], path.places, path.sizes) for path in (self.fall, self.rise)
         )
@@ -113,7 +113,7 @@ class Collision:
 
 
 def weight_of(path: Path) -> float:
-    """How far something moves, and how large it is."""
+    """Weight of a path: extent times root of the size."""
     return path.extent * math.sqrt(float(np.median(path.sizes)))
 
 
@@ -126,9 +126,9 @@ def find_paths(
     *,
     every: int = 1,
 ) -> list[Path]:
-    """Everything that moves against the still `scene`, linked from frame to frame and broken where its speed jumps.
+    """Paths of everything that moves against the still `scene`, split where the speed jumps.
 
-    Of a high-speed film only `every` so many frames are looked at; paths count these then, from the clip's first.
+    For a high-speed film only every `every`-th frame is used; paths then count these frames from the clip's first.
     """
     paths: list[Path] = []
     shake = (0.0, 0.0)
@@ -143,7 +143,7 @@ def find_paths(
         progress("looking for beads", since, video.last - video.first + 1)
         view = scene.view(frame.grey, shake)
         shake = view.shake
-        # in colour: a brown bead on a grey wall may have the wall's grey on its lit side
+        # in colour: the lit side of a brown bead may have the same grey level as a grey wall
         level = float(view.grey.mean()) / max(float(frame.grey.mean()), 1.0)  # the lamp's flicker
         blue, green, red = cv2.split(cv2.absdiff(_steady(frame.colour, shake, level), still))
         difference = np.asarray(cv2.max(cv2.max(blue, green), red), dtype=np.uint8)
@@ -152,7 +152,7 @@ def find_paths(
 
 
 def _steady(colour: Image, shake: tuple[float, float], level: float) -> Image:
-    """A frame laid over the still scene, as `Scene.view` does it."""
+    """A colour frame registered to the still scene, as `Scene.view` does for grey frames."""
     if abs(level - 1) > 0.004:
         colour = np.asarray(cv2.convertScaleAbs(colour, alpha=level), dtype=np.uint8)
     if max(abs(shake[0]), abs(shake[1])) < 0.03:
@@ -163,8 +163,8 @@ def _steady(colour: Image, shake: tuple[float, float], level: float) -> Image:
 
 
 def _spots(difference: npt.NDArray[np.uint8], least: npt.NDArray[np.float32]) -> list[tuple[Array, float, float]]:
-    """Compact spots that differ from the still scene: place [px], width [px], weight; heaviest first."""
-    smooth = cv2.medianBlur(difference, 5)  # drops what is thinner than half its window, keeps edges
+    """Compact spots that differ from the still scene: position [px], width [px], weight; heaviest first."""
+    smooth = cv2.medianBlur(difference, 5)  # removes what is thinner than half its window, keeps edges
     mask = (smooth > least).astype(np.uint8)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     marked = np.flatnonzero(mask)
@@ -182,7 +182,7 @@ def _spots(difference: npt.NDArray[np.uint8], least: npt.NDArray[np.float32]) ->
 
 
 def _core(values: npt.NDArray[np.uint8]) -> tuple[Array, float] | None:
-    """Middle and width of the thickest part of a spot: threads and faint shadows that hang on it fall away."""
+    """Centre and width of the thickest part of a spot, without attached threads and faint shadows."""
     strong = values > 0.3 * np.percentile(values[values > 0], 90)
     depth = cv2.distanceTransform(np.pad(strong, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
     deepest = float(np.max(depth))
@@ -193,7 +193,7 @@ def _core(values: npt.NDArray[np.uint8]) -> tuple[Array, float] | None:
 
 
 def _link(paths: list[Path], spots: list[tuple[Array, float, float]], index: int) -> None:
-    """Extend the living paths by the spots nearest to where they should be; the others begin new paths."""
+    """Extend the active paths by the spots nearest to their predicted positions; other spots begin new paths."""
     living = [path for path in paths if index - path.frames[-1] <= LOST]
     pairs = []
     for path in living:
@@ -228,7 +228,7 @@ def _extend(path: Path, spot: tuple[Array, float, float], index: int) -> None:
 
 
 def _unbroken(path: Path) -> list[Path]:
-    """Pieces between the jumps of speed: a pendulum's speed changes slowly, a collision's at once."""
+    """Pieces between jumps of speed: the speed changes slowly in a swing and at once in a collision."""
     if len(path.frames) < 5:
         return []
     frames, places = np.array(path.frames, dtype=float), np.array(path.places)
@@ -240,7 +240,7 @@ def _unbroken(path: Path) -> list[Path]:
         # medians over three steps, so that a single frame of contact counts once
         before, after = np.median(speed[max(i - 3, 0) : i], axis=0), np.median(speed[i : i + 3], axis=0)
         jump[i] = np.hypot(*(after - before)) / (1.0 + 0.15 * max(fast[max(i - 3, 0) : i + 3]))
-        # from the hitting bead over to the one it hits, a leap of one diameter
+        # a jump by one diameter, from the hitting bead to the one that is hit
         around = np.median(speed[max(i - 4, 0) : i + 3], axis=0)
         leap = places[i] - places[i - 1] - around * (frames[i] - frames[i - 1])
         jump[i] = max(jump[i], float(np.hypot(*leap)) / (1.5 + 0.35 * size))
@@ -257,11 +257,11 @@ def find_collision(
     *,
     in_pieces: bool,
 ) -> Collision:
-    """The pair of paths of which one ends, fast, where and when the other begins in the same direction.
+    """The pair of paths of which one ends at high speed where and when the other begins in the same direction.
 
-    With `in_pieces` also of paths that are broken.  One bead's path, broken on its way, looks like two that meet: of
-    all that meet the first is taken of which `shown` says that the film shows a bead hanging there, else the first.
-    Raises `NothingToMeasure` when there is none; `stated_length` [m] of the pendulum then helps to say what was seen.
+    With `in_pieces`, broken paths are tried too.  The broken path of one bead looks like two that meet, so the first
+    candidate is taken for which `shown` confirms in the film that a bead hung there; else the first one.
+    Raises `NothingToMeasure` if there is none; `stated_length` [m] of the pendulum is used in its message.
     """
     moving = [path for path in paths if path.extent > 3 * float(np.median(path.sizes))]
     meetings = _meetings([with_beginning(path, paths) for path in moving], moving)
@@ -287,21 +287,21 @@ def _collision(fall: Path, rise: Path, paths: list[Path]) -> Collision:
 
 
 def _meetings(falls: list[Path], rises: list[Path], least_leap: float = -math.inf) -> list[tuple[Path, Path]]:
-    """Paths that meet, first those that are longest and largest; of each hit the best ones only."""
+    """Pairs of paths that meet, highest score first; for each start of a rise only the best one."""
     scores = {(i, k): _meeting(fall, rise) for i, fall in enumerate(falls) for k, rise in enumerate(rises)}
     leaps = [pair for pair, score in scores.items() if score > 0 and _leap(falls[pair[0]], rises[pair[1]]) > least_leap]
     best: dict[int, tuple[Path, Path]] = {}
     highest = max((scores[pair] for pair in leaps), default=0.0)
     for i, k in sorted(leaps, key=lambda pair: -scores[pair]):
-        if scores[i, k] > COMPARABLE * highest:  # threads seem to meet as well
+        if scores[i, k] > COMPARABLE * highest:  # spots of threads seem to meet as well
             best.setdefault(rises[k].frames[0], (falls[i], rises[k]))
     return list(best.values())
 
 
 def _meetings_of_pieces(paths: list[Path]) -> list[tuple[Path, Path]]:
-    """The same where a coarse codec moves the beads by jerks, which breaks their paths into pieces.
+    """The same if a coarse codec moves the beads in jerks, which breaks their paths into pieces.
 
-    One bead's pieces meet as those of two do, but for the leap of a diameter from the one bead over to the other.
+    Pieces of one bead also meet; only the jump of a diameter distinguishes the collision of two beads.
     """
     pieces = [path for path in paths if path.extent > 0.5 * float(np.median(path.sizes))]
     pieces = sorted(pieces, key=lambda path: -path.extent)[:MOST_PIECES]
@@ -315,7 +315,7 @@ def _meetings_of_pieces(paths: list[Path]) -> list[tuple[Path, Path]]:
 
 
 def _leap(fall: Path, rise: Path) -> float:
-    """How much further on `rise` begins than `fall` would have gone, in bead diameters."""
+    """Distance from the extrapolated end of `fall` to the begin of `rise`, in bead diameters."""
     velocity = (fall.velocity(at_end=True) + rise.velocity(at_end=False)) / 2
     further = rise.places[0] - fall.places[-1] - velocity * (rise.frames[0] - fall.frames[-1])
     way = velocity / max(float(np.hypot(*velocity)), 1e-9)
@@ -323,7 +323,7 @@ def _leap(fall: Path, rise: Path) -> float:
 
 
 def lone_swing(moving: list[Path], video: Video, stated_length: float | None) -> str:
-    """What a single pendulum's period says of its length; empty where nothing swings to and fro."""
+    """Message with the period of a single pendulum and its length; empty if nothing swings."""
     size = max(float(np.median(path.sizes)) for path in moving)
     main = [path for path in moving if float(np.median(path.sizes)) > 0.6 * size]
     frames = np.concatenate([path.frames for path in main])
@@ -331,7 +331,7 @@ def lone_swing(moving: list[Path], video: Video, stated_length: float | None) ->
     time = video.times[frames[order]]
     x = np.concatenate([np.array(path.places)[:, 0] for path in main])[order]
     away = x - (np.percentile(x, 2) + np.percentile(x, 98)) / 2
-    # crossings of the middle, each counted once although noise may cross it to and fro
+    # crossings of the middle, each counted once in spite of noise
     far = np.flatnonzero(np.abs(away) > 0.3 * np.percentile(np.abs(away), 90))
     turns = np.flatnonzero(np.sign(away[far[:-1]]) != np.sign(away[far[1:]]))
     if len(turns) < 4:
@@ -348,11 +348,11 @@ def lone_swing(moving: list[Path], video: Video, stated_length: float | None) ->
         return ""
     fits = GRAVITY * (half / math.pi) ** 2
     stated = "" if stated_length is None else f", {stated_length * 1e3:.0f} mm are stated"
-    return f" (one body swings, with a period of {2 * half:.3f} s as a pendulum of {fits * 1e3:.0f} mm has{stated})"
+    return f" (one body swings, with a period of {2 * half:.3f} s, that of a pendulum of {fits * 1e3:.0f} mm{stated})"
 
 
 def _meeting(fall: Path, rise: Path) -> float:
-    """How well `rise` begins where and when `fall` ends; 0 where it does not."""
+    """Score of `rise` as the continuation of `fall` after a collision; 0 if it is not."""
     wait = rise.frames[0] - fall.frames[-1]
     if not -3 <= wait <= 3 * LOST or len(fall.frames) < 6:
         return 0.0
@@ -375,13 +375,13 @@ def _meeting(fall: Path, rise: Path) -> float:
 
 
 def with_beginning(fall: Path, paths: list[Path]) -> Path:
-    """The fall with the pieces of path that lead up to it, back to the bead at rest."""
+    """The fall joined with earlier pieces of paths, back to the bead at rest."""
     while True:
         velocity = fall.velocity(at_end=False)
         back = []
         for path in paths:
             gap = fall.frames[0] - path.frames[-1]
-            # behind something narrow the bead is out of sight for a while
+            # a narrow object may occlude the bead for a while
             expected = fall.places[0] - gap * velocity
             reach = 3 + 0.5 * fall.sizes[0] + 0.4 * gap * float(np.hypot(*velocity))
             if 0 <= gap <= 3 * LOST and np.hypot(*(path.places[-1] - expected)) < reach:
@@ -398,7 +398,7 @@ def _backwards(path: Path) -> Path:
 
 
 def _rest_place(fall: Path, rise: Path, paths: list[Path], radius: float) -> Array:
-    """About where B hung: a still spot behind its rise, else a little behind where its rise is first seen."""
+    """Approximate rest position of B: a still spot behind its rise, else a point just behind the begin of the rise."""
     velocity = rise.velocity(at_end=False)
     speed = float(np.hypot(*velocity))
     furthest = (rise.frames[0] - fall.frames[-1] + 6) * speed + radius
@@ -414,7 +414,7 @@ def _rest_place(fall: Path, rise: Path, paths: list[Path], radius: float) -> Arr
 
 
 def _apart(greys: dict[int, GreyImage], collision: Collision) -> Array:
-    """[grey levels], how moving beads differ from the scene, pixel by pixel."""
+    """Difference of moving beads from the scene [grey levels], for each pixel inside the beads."""
     apart: list[Array] = [np.zeros(1)]
     shape = next(iter(greys.values())).shape
     for path in (collision.fall, collision.rise):
@@ -423,22 +423,22 @@ def _apart(greys: dict[int, GreyImage], collision: Collision) -> Array:
             disc = np.zeros(shape, dtype=np.uint8)
             cv2.circle(disc, (x, y), max(round(INNER * collision.radius), 1), 1, cv2.FILLED)
             inside = np.nonzero(disc)
-            # the middle of all whole frames would take seconds
+            # the median of all whole frames would take seconds
             apart.append(greys[index][inside] - np.median([grey[inside] for grey in greys.values()], axis=0))
     return np.concatenate(apart)
 
 
 def _contrast(apart: Array) -> int:
-    """1 where moving beads are brighter than the scene, -1 where they are darker, 0 where they are both or neither."""
-    # over the places where it moves a bead's lit and dark side may stand out either way
+    """1 if moving beads are brighter than the scene, -1 if they are darker, 0 if both or neither."""
+    # depending on the background, a bead's lit and dark side may have opposite contrast
     one_sided = abs(float(np.mean(apart))) > ONE_SIDED * float(np.mean(np.abs(apart)))
     return int(np.sign(np.mean(apart))) if one_sided else 0
 
 
 def _left_by_bead(before: GreyImage, after: GreyImage, contrast: int) -> Array:
-    """How much of a bead [grey levels] each place showed before and no more after, of frames of shape (n, ...).
+    """Contrast [grey levels] of each pixel that vanished between two sets of frames of shape (n, ...).
 
-    By its noise alone every place of a bead of known contrast shows some.
+    For a bead of known contrast the result is positive from noise alone.
     """
     usual = np.median(before, axis=0)
     if contrast == 0:
@@ -447,30 +447,30 @@ def _left_by_bead(before: GreyImage, after: GreyImage, contrast: int) -> Array:
 
 
 def hanging_place(greys: dict[int, GreyImage], collision: Collision) -> Array:
-    """Where B hung: what the frames before the collision show there and those after it do not.
+    """Rest position of B [px]: a bead is seen there before the collision and not after it.
 
-    A may have come to rest one diameter before it: of two such places, B's is the one further on.  Or A hides a part of
-    it in most frames after the collision: where beads are known to be brighter or darker than the scene, the frames
-    that show least of a bead count, and the place that has lost most, for what A covers now and B's shadow lose less.
+    A may have come to rest one diameter before it; of two such positions, B's is the one further on.  A may also cover
+    part of it in most frames after the collision.  If the sign of the contrast is known, the frames with least of a
+    bead count, and the position with the largest change: positions covered by A and B's shadow change less.
     """
     place, gone = _place_left(greys, collision, _contrast(_apart(greys, collision)))
     return collision.rest if gone < 4 else place
 
 
 def hung(greys: dict[int, GreyImage], collision: Collision) -> bool:
-    """Whether the frames show a bead before the collision which has left right after it, and which A has not passed."""
+    """Whether the frames show a bead that leaves its position at the collision, and that A has not passed."""
     apart = _apart(greys, collision)
     place, gone = _place_left(greys, collision, _contrast(apart))
     ahead = (place - collision.fall.places[-1]) @ collision.way
-    # a path may run on along B for as long as one lives that is not seen
+    # the path of A may continue along B for up to LOST frames
     further = collision.radius + LOST * float(np.hypot(*collision.rise.velocity(at_end=False)))
     return bool(gone > HUNG * float(np.mean(np.abs(apart))) and ahead > -further)
 
 
 def _place_left(greys: dict[int, GreyImage], collision: Collision, contrast: int) -> tuple[Array, float]:
-    """Where something the size of a bead hung up to the collision, and how much of it has gone [grey levels].
+    """Position of a bead-sized object that vanished at the collision, and the contrast it lost [grey levels].
 
-    It has left where it hung after the collision, or right after it alone, before A has come there.
+    Compared are all frames after the collision, or only those right after it, before A reaches the position.
     """
     came, left = collision.fall.frames[-1], collision.rise.frames[0]
     before = [grey for index, grey in greys.items() if index < came - 1]
@@ -490,18 +490,18 @@ def _place_lost(
 ) -> tuple[Array, float]:
     radius, reach = collision.radius, math.ceil(collision.radius)
     way, begun = collision.way, collision.rise.places[0]
-    aside = np.array([-way[1], way[0]])
+    sideways = np.array([-way[1], way[0]])
     waited = (collision.rise.frames[0] - collision.fall.frames[-1] + 3) * float(
         np.hypot(*collision.rise.velocity(at_end=False))
     )
-    # its way bends up from where it hung
+    # its path bends upwards from the rest position
     ends = [
         (along, side * (2 * radius + BENDS * abs(along)))
         for along in (-6 * radius - waited, radius)
         for side in (-1, 1)
     ]
-    corners = np.array([begun + along * way + across * aside for along, across in ends])
-    # more is not looked at, beside what lies within a bead's reach of a place and of those next to it
+    corners = np.array([begun + along * way + across * sideways for along, across in ends])
+    # only this window is evaluated, with a margin for the filter
     left, top = np.maximum(np.floor(corners.min(axis=0)).astype(int) - 2 * reach - 1, 0).tolist()
     right, bottom = np.maximum(np.ceil(corners.max(axis=0)).astype(int) + 2 * reach + 2, 0).tolist()
     window = np.s_[top:bottom, left:right]
@@ -522,7 +522,7 @@ def _place_lost(
     filled = cv2.filter2D(gone.astype(np.float32), -1, disc / disc.sum())
     y, x = np.nonzero(filled >= cv2.dilate(filled, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)))
     places = np.column_stack([x + left, y + top]).astype(np.float64)
-    along, across = (places - begun) @ way, np.abs((places - begun) @ aside)
+    along, across = (places - begun) @ way, np.abs((places - begun) @ sideways)
     behind = (along < radius) & (along > -6 * radius - waited) & (across < 2 * radius + BENDS * np.abs(along))
     peaks = np.where(behind, filled[y, x], 0)
     if len(peaks) == 0:

@@ -1,8 +1,8 @@
-"""Frames that a film lost, or shows twice, without its times saying so: found by the phase of the swing.
+"""Detect lost or doubled frames that the time stamps do not show, from the phase of the swing.
 
-From there on both beads are ahead of their swings, or behind them, by a whole number of frames.  A lens, a thread's
-pull or a wrong length bend the whole of a swing; nothing else puts it ahead from one frame on, also at a collision:
-a contact that lasts holds the beads up.
+After such a frame both beads are ahead of, or behind, their swings by a whole number of frames.  A lens, the pull of
+a thread or a wrong length distort the whole swing; no other cause gives a phase step at one frame, except that a long
+contact delays the beads.
 """
 
 from __future__ import annotations
@@ -22,37 +22,37 @@ from rigtwin.measure.pendulum.swing_model import angles, positions
 
 Fit = Callable[[tuple[Track, ...]], SwingFit]
 
-CLEAR = 4.5  # standard uncertainties of a step, by which it must differ from none
-LEAST = 0.5  # frames, of a step: what a codec or a shake does to a swing looks like a fraction of one
-EXPLAINED = 0.5  # of the squares that a step explains, that are to be gone once whole frames are put right
-FRACTION = 0.3  # of a frame, that they may leave of it
+CLEAR = 4.5  # standard uncertainties by which a step must differ from zero
+LEAST = 0.5  # [frames], minimum step: codec and camera shake cause fractions of a frame
+EXPLAINED = 0.5  # minimum share of a step's sum of squares that must vanish after the correction by whole frames
+FRACTION = 0.3  # [frames], largest step that may remain after the correction
 
-UNSEEN = 1e-6  # of a step's squares, which are left of it where the swings' own numbers do the same
+UNSEEN = 1e-6  # lower limit of the share of a step that the parameters of the swing do not absorb
 
 
 @dataclass(frozen=True)
 class _Step:
-    """By how much the beads are ahead of their swings from one frame on."""
+    """Phase step of the beads at one frame."""
 
     time: float  # [s], of that frame
-    frames: float
-    doubt: float  # one standard uncertainty of the frames
-    share: float  # of the squares left, that it explains
+    frames: float  # positive: the beads are ahead
+    sigma: float  # [frames], standard uncertainty
+    share: float  # share of the residual sum of squares that it explains
 
     @property
     def clear(self) -> bool:
-        return abs(self.frames) > CLEAR * self.doubt
+        return abs(self.frames) > CLEAR * self.sigma
 
     @property
     def broken(self) -> bool:
-        """Whether it is no whole number of frames."""
+        """Whether it is clearly no whole number of frames."""
         return self.clear and abs(self.frames - round(self.frames)) > FRACTION
 
 
 def find_losses(times: Array, tracks: Sequence[Track], fit: Fit) -> tuple[tuple[Loss, ...], SwingFit]:
-    """Where frames are lost, as indices into the `times` [s] of all frames, and the swings with those that are sure.
+    """Lost frames as indices into the `times` [s] of all frames, and the swings with the certain ones corrected.
 
-    One that is not sure is the last.
+    The search ends at the first loss that is not certain.
     """
     losses: list[Loss] = []
     fitted = fit(tuple(tracks))
@@ -63,12 +63,12 @@ def find_losses(times: Array, tracks: Sequence[Track], fit: Fit) -> tuple[tuple[
         loss = Loss(index, frames, float(times[index]), frames * frame_interval(fitted.tracks[0]), at_contact=False)
         try:
             mended, better = _mended(times, tracks, fit, [*losses, loss])
-        except NothingToMeasure:  # not with such times
+        except NothingToMeasure:  # no swing fits these times
             losses.append(replace(loss, sure=False))
             break
         left = _step(better)
         gone = better.noise < fitted.noise * math.sqrt(1 - EXPLAINED * step.share) and not left.broken
-        # a contact that lasts looks like a frame that is shown twice
+        # a long contact looks like a frame that is shown twice
         sure = gone and len(losses) < MOST and (frames > 0 or not mended.at_contact)
         losses.append(replace(mended, sure=sure))
         if not sure:
@@ -78,16 +78,16 @@ def find_losses(times: Array, tracks: Sequence[Track], fit: Fit) -> tuple[tuple[
 
 
 def at_times(times: Array, tracks: Sequence[Track], losses: Sequence[Loss]) -> tuple[Track, ...]:
-    """The tracks, whose points are at some of the `times`, with the sure losses put right."""
+    """The tracks with their times, a subset of `times` [s], corrected for the certain losses."""
     moved = in_time(times, losses)
     return tuple(replace(track, time=moved[np.searchsorted(times, track.time)]) for track in tracks)
 
 
 def _step(fit: SwingFit) -> _Step:
-    """The step of the phase that explains most of what the fit leaves.
+    """The phase step that explains most of the residuals.
 
-    Of every frame by itself: what is left of a step there, once the swings are fitted anew, and how much of what is
-    left of the points lies along it.
+    A step is tried at every frame: its pattern is projected off the parameters of the swing, and the residuals are
+    projected on it.
     """
     interval = frame_interval(fit.tracks[0])
     slopes = slopes_of(fit)
@@ -99,10 +99,10 @@ def _step(fit: SwingFit) -> _Step:
     time = np.concatenate([*own, np.full(len(left) - sum(map(len, own)), -np.inf)])
     order = np.argsort(-time, kind="stable")
     since, first = time[order], np.unique(-time[order], return_index=True)[1]
-    # of all points from a frame on, each the sum of those after it
+    # sums over all points from a frame on
     along, size = np.cumsum((ahead * left)[order]), np.cumsum((ahead**2)[order])
     taken = np.cumsum(ahead[order, None] * ways[order], axis=0)
-    last = np.append(first[1:], len(since))[:-2] - 1  # no step before the first frame, nor at what is known beforehand
+    last = np.append(first[1:], len(since))[:-2] - 1  # no step before the first frame or at the priors
     seen = np.maximum(size[last] - np.sum(taken[last] ** 2, axis=1), UNSEEN * size[last])
     gains = along[last] ** 2 / seen
     best = int(np.argmax(gains))
@@ -119,7 +119,7 @@ def _step(fit: SwingFit) -> _Step:
 
 
 def _mended(times: Array, tracks: Sequence[Track], fit: Fit, losses: list[Loss]) -> tuple[Loss, SwingFit]:
-    """The last loss, moved to where the points then follow the swings, and the swings with all put right."""
+    """The last loss moved to its most likely frame, and the swings with all losses corrected."""
     fitted = fit(at_times(times, tracks, losses))
     best = _placed(times, tracks, fitted, losses)
     if best.index != losses[-1].index:
@@ -128,7 +128,7 @@ def _mended(times: Array, tracks: Sequence[Track], fit: Fit, losses: list[Loss])
 
 
 def _placed(times: Array, tracks: Sequence[Track], fit: SwingFit, losses: Sequence[Loss]) -> Loss:
-    """The last loss at the frame from which on the points lie on the swings as they are then."""
+    """The last loss at the frame for which the corrected points fit the swings best."""
     loss, before = losses[-1], in_time(times, losses[:-1])
     off = np.zeros((2, len(times)))
     for bead, track in enumerate(tracks):

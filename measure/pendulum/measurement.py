@@ -1,8 +1,4 @@
-"""Double pendulum: bead A swings from an angle into bead B at rest (Hlosta et al. 2020, fig. 3c); or into a wall.
-
-`measure` reads a clip or a tracked record; `evaluate` turns tracks, filmed or simulated, into restitution and angles.
-Every number that enters the restitution is an angle or a ratio of speeds, so neither scale nor frame rate touch it.
-"""
+"""Measure a double or wall pendulum: from a clip or a record to quantities (`measure`)."""
 
 from __future__ import annotations
 
@@ -56,13 +52,51 @@ def measure(
     out: Path | None = None,
     progress: Progress = silent,
 ) -> Measurement:
-    """Measure a clip, or evaluate an already tracked record (``.csv`` with time_s, x_m, y_m, particle).
+    """Measure a clip of a pendulum, or evaluate a tracked record.
 
-    `length` [m] from hinge to bead centre, `bead_diameter` [m], `bead_mass` [kg], as far as known.  The scale is the
-    camera's where given, else from `length`, else from `bead_diameter` (the centres' distance at the collision), else
-    from gravity.  Files go into `out`; None writes none.
+    Bead A swings from an angle into bead B at rest, or into a wall.
 
-    Raises `NothingToMeasure` where no released bead hits a hanging one.
+    Parameters
+    ----------
+    clip : Path
+        Video or stack of images; or a record as ``.csv`` with columns time_s, x_m, y_m and particle.
+    camera : Camera
+        Frame rate, scale, roll and search region, as far as known; not used for a record.
+    variant : {"double", "wall"}
+        Second bead or wall.
+    length : float, optional
+        Length from hinge to bead centre [m].
+    bead_diameter : float, optional
+        Diameter of the beads [m].
+    bead_mass : float, optional
+        Mass of a bead [kg].
+    out : Path, optional
+        Folder for the annotated video, pictures, plot and track; None writes no files.
+    progress : Progress, optional
+        Called with stage, number of steps done and total number of steps.
+
+    Returns
+    -------
+    Measurement
+        Restitution [1], release and rebound angles [deg] as in `rigtwin.measure.pendulum.evaluate.evaluate`, with
+        checks and tracks.
+
+    Raises
+    ------
+    UnreadableMedia
+        If the file is no video.
+    NothingToMeasure
+        If no released bead hits a hanging one (or a wall).
+
+    Notes
+    -----
+    The scale is that of `camera` if given, else from `length`, else from `bead_diameter` (distance of the centres at
+    the collision), else from gravity.  The restitution uses only angles and ratios of speeds, so it depends neither on
+    the scale nor on the frame rate.
+
+    References
+    ----------
+    Hlosta et al. (2020), fig. 3c.
     """
     if clip.suffix.lower() == ".csv":
         return _measure_record(
@@ -83,7 +117,7 @@ def measure(
     )
     timing, lens = timing_check(video, film.losses), lens_check(fit)
     views = view_checks(film.beads, evaluation.checks)
-    # gravity checks nothing where the scale is from it
+    # gravity is no check if the scale is from gravity
     by_gravity = scale_from == "gravity"
     checks = (*(each for each in evaluation.checks if each.check != "gravity" or not by_gravity), timing, lens, *views)
     spoilt = "; ".join(filter(None, [video.spoilt, failed((timing, lens, *views))]))

@@ -1,3 +1,5 @@
+"""Follow the beads of a pendulum through a film, fit their swings in pixels, and find the scale."""
+
 from __future__ import annotations
 
 import math
@@ -23,11 +25,11 @@ from rigtwin.measure.pendulum.track_two_beads import Beads, find_beads, relocate
 from rigtwin.measure.tracking.colour_channel import LUMA
 from rigtwin.measure.tracking.follow import Chase, look_again
 
-# What the texture behind a bead and the codec shift its centre by, as a share of a point's noise, goes with the place
-# and not with the frame, or drifts, and does not average out.  By maximum likelihood of the errors of beads in 15 drawn
-# films of known truth (benchmarks/measure/background_bias.py) it was 0.35 to 0.5 without the drifts.  More is taken:
-# restitutions of 71 drawn films of all hardnesses are off by 0.84 of what is stated, root mean square, and by 0.97
-# without the drifts; of 18 plain ones that were compressed as usual they are 0.0009 too large on average.
+# Shift of a bead's centre by the background texture and the codec, over the noise of a point.  It depends on position
+# or drifts in time, so it does not average out.  Maximum likelihood of the errors of beads in 15 drawn films of known
+# truth (benchmarks/measure/background_bias.py) gave 0.35 to 0.5 without drifts.  A larger value is used: the errors of
+# the restitution in 71 drawn films of all hardnesses are 0.84 of the stated uncertainty (root mean square), 0.97
+# without drifts; in 18 plain ones with usual compression the restitution is 0.0009 too large on average.
 GROUND = 0.7
 
 
@@ -38,11 +40,11 @@ class Film:
     beads: Beads
     times: Array  # [s], of every frame
     fit: SwingFit
-    losses: tuple[Loss, ...] = ()  # of frames, the sure ones put right in the times
+    losses: tuple[Loss, ...] = ()  # lost frames; `times` are corrected for the certain ones
 
 
 def watch(video: Video, camera: Camera, length: float | None, progress: Progress) -> Film:
-    """Both beads of a double pendulum in every frame, and their swings; `length` [m] only serves what is told."""
+    """Both beads of a double pendulum in every frame, and their swings; `length` [m] is used in messages only."""
     beads = find_beads(video, camera.region, stated_length=length, progress=progress)
     times, fit, losses = _swings(video, beads)
     places, velocities, again = _second_look(fit, beads, times)
@@ -65,7 +67,7 @@ def watch_wall(video: Video, camera: Camera, length: float | None, progress: Pro
 
 
 def _swings(video: Video, beads: Beads) -> tuple[Array, SwingFit, tuple[Loss, ...]]:
-    """Times [s] of all frames, with frames that were lost put right, the swings, and what was lost."""
+    """Times [s] of all frames corrected for lost frames, the swings, and the lost frames."""
     times = video.times[beads.frames]
     losses, fit = find_losses(
         times, picture_tracks(beads, times), lambda tracks: fit_clip(video.path, tracks, axis=camera_axis(video))
@@ -79,7 +81,7 @@ def _one_bead(chase: Chase, video: Video) -> Beads:
         raise NothingToMeasure(f"{video.path}: what moves in this clip does not look like a bead.")
     frames = np.array([index for index in range(video.first, video.last + 1) if index not in video.skipped])
     images = images_by_frame(chase, frames)
-    # where the bead rests for long its frames are not cut out, and the next that is tells the pose
+    # frames of a bead at rest are not all cut out: use the pose of the next one that is
     cut = np.array([cut.frame for cut in chase.cuts])
     following = np.clip(np.searchsorted(cut, frames), 0, len(cut) - 1)
     poses = tuple(chase.cuts[k].pose for k in following.tolist())
@@ -99,9 +101,9 @@ def picture_tracks(beads: Beads, times: Array) -> tuple[Track, ...]:
 
 
 def _second_look(fit: SwingFit, beads: Beads, times: Array) -> tuple[Array, Array, Mask]:
-    """Where the fitted swings put the beads [px, y down], how fast [px/frame], which frames need a second look.
+    """Fitted position [px, y down] and velocity [px/frame] of the beads, and the frames that need a second search.
 
-    These are frames around a collision, where the beads touch, and frames where a bead was lost or another thing found.
+    These are frames around a collision, where the beads touch, and frames in which a bead was lost or confused.
     """
     frame = float(np.median(np.diff(times)))
     after, before = (positions(fit.swings, angles(fit.swings, times + side * frame)[0]) for side in (0.5, -0.5))
@@ -119,7 +121,7 @@ def _second_look(fit: SwingFit, beads: Beads, times: Array) -> tuple[Array, Arra
 
 
 def camera_axis(video: Video) -> tuple[float, float]:
-    """Where the camera's axis goes through the picture [px, y up]: its middle, unless the film was cropped."""
+    """Principal point of the picture [px, y up]: its middle, unless the film was cropped."""
     return (video.width - 1) / 2, -(video.height - 1) / 2
 
 
@@ -133,7 +135,7 @@ def fit_clip(
 
 
 def scale_of(film: Film, camera: Camera, length: float | None, bead_diameter: float | None) -> tuple[float, str]:
-    """[m/px] and where it is from."""
+    """Scale [m/px] and its source."""
     fit = film.fit
     if camera.given_scale is not None:
         return camera.given_scale, camera.scale_from
@@ -141,7 +143,7 @@ def scale_of(film: Film, camera: Camera, length: float | None, bead_diameter: fl
     if length is not None:
         return length / found["length"].value, "pendulum length"
     if bead_diameter is not None:
-        # two beads touch at the collision; one alone shows its rim only
+        # two beads touch at the collision; for one bead only its rim is available
         across = found["distance"].value if "distance" in found else 2 * film.beads.looks[0].radius
         return bead_diameter / across, "bead diameter"
     return GRAVITY / found["gravity"].value, "gravity"
@@ -150,7 +152,7 @@ def scale_of(film: Film, camera: Camera, length: float | None, bead_diameter: fl
 def upright(
     film: Film, axis: tuple[float, float], scale: float, roll: float
 ) -> tuple[tuple[Track, ...], tuple[float, float]]:
-    """Tracks and the camera's axis in metres from where the last bead hangs, x to the right, y against gravity."""
+    """Tracks and principal point in metres from the rest position of the last bead, x to the right, y up."""
     swings = film.fit.swings
     rest = centres(swings, np.zeros((swings.beads, 1, 1)))[-1, 0, 0]
     back = np.array([[math.cos(roll), math.sin(roll)], [-math.sin(roll), math.cos(roll)]]) * scale
@@ -169,6 +171,6 @@ def roll_warning(fit: SwingFit, camera: Camera) -> tuple[str, ...]:
     if abs(found - math.degrees(camera.roll)) < 0.3:
         return ()
     return (
-        f"camera roll: {math.degrees(camera.roll):.2f} degrees were given, but the beads hang at {found:.2f} degrees; "
-        "angles are measured from where they hang",
+        f"camera roll: {math.degrees(camera.roll):.2f} degrees were given, but the fitted swings show {found:.2f} "
+        "degrees; angles are measured from the fitted vertical",
     )

@@ -1,8 +1,8 @@
-"""The swing of one or two beads fitted to their tracks as a whole.
+"""Fit the swing of one or two beads to their tracks, through all collisions at once.
 
-All frames before, between and after the collisions are fitted at once, so the speeds *at* the contact follow from
-hundreds of frames, damping is not counted as restitution, and the moment of contact is where the fits before and after
-meet.
+All frames before, between and after the collisions are fitted together.  The speeds at the contact therefore follow
+from hundreds of frames, damping is not counted as restitution, and the time of the contact is where the swings before
+and after it meet.
 """
 
 from __future__ import annotations
@@ -21,30 +21,29 @@ from rigtwin.lab.records import Track
 from rigtwin.measure.geometry.circle import fit_circle
 from rigtwin.measure.pendulum.swing_model import Swings, angles, positions, states_at_collision
 
-SETTLED = 0.02  # of the noise: the fit is done when it was weighed by the noise that it leaves
+SETTLED = 0.02  # relative change of the noise below which its iteration has converged
 
-FEWEST_AFTER = 3  # points of a bead after a collision, that say how fast it leaves
+FEWEST_AFTER = 3  # minimum number of points after a collision for the speed of a bead
 
-# share of bead A's way after which what held it hides or touches its rim no more: a finger is drawn back as it falls
+# share of bead A's arc after which the holder (a finger) neither occludes nor touches it any more
 CLEAR = 0.03
 
-# What is known beforehand of things that one short swing hardly shows; (mean, standard deviation).
+# Priors of parameters that one short swing hardly determines; (mean, standard deviation).
 PRIORS = {
     "damping": (0.03, 0.1),  # [1/s], pivot and thread
     # [1/rad], rho_air Cd A L / (2 m): 0.006 to 0.01 for 6 to 12 mm beads of plastic or wood on 0.15 to 0.3 m
     "drag": (0.01, 0.015),
-    # A camera two and a half pendulum lengths away whose axis stands 2 degrees off the normal of the swing plane makes
-    # things one length from the middle 1.4 % larger on one side; a lens barrels by up to about half a percent there.
+    # With a camera 2.5 pendulum lengths away whose axis is 2 degrees off the normal of the swing plane, the scale one
+    # length from the middle is 1.4 % larger on one side; barrel distortion of a lens is up to about 0.5 % there.
     "perspective_x": (0.0, 0.014),
     "perspective_y": (0.0, 0.014),
     "lens": (0.0, 0.003),
 }
 
-# A lens that bends lines shows in the tracks of a long swing: what it does to them is then taken from there, up to some
-# tenth at the picture's edge.
+# Wider priors for strong distortion: the tracks of a long swing determine it, up to some tenth at the picture's edge.
 BENT = {"perspective_x": (0.0, 0.05), "perspective_y": (0.0, 0.05), "lens": (0.0, 0.05)}
 
-MOST_BENT = 3.0  # standard deviations of what is known beforehand, that a usual camera's view may be fitted off by
+MOST_BENT = 3.0  # prior standard deviations beyond which the view is that of a strong lens or an oblique camera
 
 _CAUSES = {
     "damping": "damping",
@@ -73,15 +72,15 @@ class SwingFit:
 
     swings: Swings
     tracks: tuple[Track, ...]
-    used: tuple[Mask, ...]  # which points of each track the fit rests on
+    used: tuple[Mask, ...]  # which points of each track were fitted
     residuals: tuple[Array, ...]  # [m], observed minus fitted, shape (n, 2) per track, also of points not used
     noise: float  # [m], standard deviation of one coordinate of a used point
-    covariance: Array  # of the vector
-    parts: dict[str, Array]  # parts of the covariance by cause; they add up to it
-    bent: bool = False  # whether the view bends more than a usual lens and a careful set-up make it
+    covariance: Array  # of the parameter vector
+    parts: dict[str, Array]  # parts of the covariance by cause; their sum is the covariance
+    bent: bool = False  # whether lens and perspective exceed those of a usual lens and a careful set-up
 
     def propagate(self, function: Callable[[Swings], dict[str, Array]]) -> dict[str, Outcome]:
-        """What `function` derives from the swings (each of shape (batch,)), with its standard uncertainty by cause."""
+        """Propagate the covariance through `function` (values of shape (batch,)): values and uncertainty by cause."""
         columns, steps = _perturbed(self.swings, np.sqrt(np.diag(self.covariance)) * 0.05)
         outcomes = {}
         for name, values in function(self.swings.batch(columns)).items():
@@ -99,13 +98,12 @@ def fit_swings(
     ground: float = 0.0,
     most_collisions: int = 3,
 ) -> SwingFit:
-    """Fit the swing of bead A (``tracks[0]``) into bead B (``tracks[1]``) or, alone, into a wall.
+    """Fit the swing of bead A (``tracks[0]``) into bead B (``tracks[1]``) or, for a single track, into a wall.
 
-    `axis` is the place in the record's axes that the camera's own goes through, where it is known: a view askew shrinks
-    lengths about it.  `ground` is how far a filmed bead's centre seems to shift from place to place with what lies
-    behind it, as a share of the noise.
+    `axis` is the principal point in the record's axes, if known: perspective scales lengths about it.  `ground` is the
+    position-dependent shift of a filmed bead's centre by its background, as a share of the noise.
 
-    Raises `NothingToMeasure` when there is no release, no collision, or too little of either to fit.
+    Raises `NothingToMeasure` if there is no release, no collision, or too few points of either.
     """
     origin, unit = tracks[0].position[0], float(np.ptp(tracks[0].position[:, 0]))
     if not unit > 0:
@@ -118,13 +116,13 @@ def fit_swings(
         first = replace(first, axis=((axis[0] - float(origin[0])) / unit, (axis[1] - float(origin[1])) / unit))
     fit = _fit(first, scaled, ground)
     if axis is not None and _bends(fit.swings):
-        with suppress(NothingToMeasure):  # then the straight one stands
+        with suppress(NothingToMeasure):  # then keep the fit with the narrow priors
             fit = _fit(fit.swings, scaled, ground, bent=True)
     while fit.swings.collisions < most_collisions:
         further = _with_next_collision(fit)
         if further is None:
             break
-        # where a later collision does not fit (the beads turn out of the plane, a track is lost) the earlier ones stand
+        # if a later collision does not fit (the beads leave the plane, a track is lost), keep the earlier ones
         try:
             longer = _fit(further, scaled, ground, bent=fit.bent)
         except NothingToMeasure:
@@ -136,9 +134,9 @@ def fit_swings(
 
 
 def misses_of(fit: SwingFit, late: float = 0.0) -> Array:
-    """Misses of all used points, and of what is known beforehand, in units of their noise; points `late` [s] later.
+    """Residuals of all used points and of the priors, in units of their noise; points shifted by `late` [s].
 
-    Bead by bead x of all points, then y; then what is known beforehand.
+    Order: for each bead x of all points, then y; then the priors.
     """
     data = _data_of(fit)
     moved = tuple(replace(track, time=track.time + late) for track in data.tracks)
@@ -146,7 +144,7 @@ def misses_of(fit: SwingFit, late: float = 0.0) -> Array:
 
 
 def slopes_of(fit: SwingFit) -> Array:
-    """Derivatives of the misses by the vector, shape (n, parameters)."""
+    """Derivatives of the residuals by the parameters, shape (n, parameters)."""
     return _slopes(fit.swings, _data_of(fit))
 
 
@@ -160,7 +158,7 @@ def _bends(swings: Swings) -> bool:
 
 
 def onset(track: Track) -> int | None:
-    """Index of the first point at which the body has clearly left its first place; None when it never does."""
+    """Index of the first point at which the body has clearly left its first position; None if it never does."""
     first = np.median(track.position[:5], axis=0)
     away = np.hypot(*(track.position - first).T)
     moved = away > max(8 * jitter(track), 0.02 * float(np.percentile(away, 95)))
@@ -171,13 +169,13 @@ def onset(track: Track) -> int | None:
 
 
 def jitter(track: Track) -> float:
-    """Noise of one coordinate [m] from neighbouring points: an upper bound, for it takes in the path's curvature."""
+    """Noise of one coordinate [m] from second differences: an upper limit, as it includes the path's curvature."""
     second = np.diff(track.position, n=2, axis=0)
     return float(np.median(np.abs(second))) / (0.6745 * math.sqrt(6))
 
 
 def frame_interval(track: Track) -> float:
-    """[s]"""
+    """Frame interval [s]."""
     return float(np.median(np.diff(track.time)))
 
 
@@ -199,7 +197,7 @@ def _first_guess(tracks: tuple[Track, ...]) -> Swings:
     tilt = math.atan2(down[0], -down[1])
     angle = [_angle(track, centre, tilt) for track, (centre, _) in zip(tracks, circles, strict=True)]
     pull = _pull(a.time[falling], angle[0][falling])
-    if len(tracks) > 1:  # run B back to where it hung
+    if len(tracks) > 1:  # extrapolate B back to its rest position
         leaving = _slope(tracks[1].time, angle[1], float(tracks[1].time[hit - 1]), 0.3 / math.sqrt(pull))
         hit_time -= max(float(angle[1][hit]) / leaving, 0.0) if leaving != 0 else 0.0
     _seen_after(hit_time, tracks)
@@ -222,13 +220,13 @@ def _first_guess(tracks: tuple[Track, ...]) -> Swings:
 
 
 def _seen_after(hit: float, tracks: tuple[Track, ...]) -> None:
-    """Refuse a record that shows one bead after the collision and not the other."""
+    """Raise `NothingToMeasure` if one bead is seen after the collision and the other is not."""
     ends = [float(np.max(track.time)) for track in tracks]
     for track, end in zip(tracks, ends, strict=True):
         if np.sum(track.time > hit) < FEWEST_AFTER and max(ends) > max(end, hit) + FEWEST_AFTER * frame_interval(track):
             raise NothingToMeasure(
                 f"Bead {track.body} is not seen after the collision at {hit:.3f} s, though the record goes on to "
-                f"{max(ends):.3f} s: something hides it, or another thing was taken for it; clear the view, film "
+                f"{max(ends):.3f} s: something hides it, or another object was followed; clear the view, film "
                 "larger, or narrow the search with --region."
             )
 
@@ -242,7 +240,7 @@ def _first_hit(tracks: tuple[Track, ...]) -> int:
                 "Bead B never moves: there is no collision in this record; let the clip run on past the collision."
             )
         return hit
-    # a wall turns the bead around at full speed; at an end of its swing it turns slowly
+    # a wall reverses the bead at full speed; at the end of a swing it turns slowly
     track = tracks[0]
     step = np.diff(track.position, axis=0)
     kink = np.hypot(*np.diff(step, axis=0).T)
@@ -258,13 +256,14 @@ def _angle(track: Track, centre: Array, tilt: float) -> Array:
 
 
 def _pull(time: Array, angle: Array) -> float:
-    """g/L [1/s^2] from the energy of a fall: omega^2 grows as 2 g/L cos(theta)."""
+    """g/L [1/s^2] from the energy of a fall: omega^2 = 2 g/L cos(theta) + const."""
     curve = np.polynomial.Polynomial.fit(time, angle, min(4, len(time) - 1))
     energy = curve.deriv()(time) ** 2
     slope = float(np.polynomial.Polynomial.fit(np.cos(curve(time)), energy, 1).convert().coef[-1])
     if not slope > 0:
         raise NothingToMeasure(
-            "Bead A does not gain speed as a falling pendulum does; let the clip begin before the release, upright."
+            "Bead A does not gain speed as a falling pendulum does; let the clip begin before the release, with an "
+            "upright camera."
         )
     return slope / 2
 
@@ -282,18 +281,20 @@ def _slope(time: Array, angle: Array, start: float, span: float) -> float:
 
 
 def _fit(swings: Swings, tracks: tuple[Track, ...], ground: float, *, bent: bool = False) -> SwingFit:
-    """Least squares with the priors; frames of contact, held frames and wild points stay out."""
+    """Least squares with priors, without frames of contact, frames in which A is held, and outliers."""
     from scipy.optimize import least_squares
 
     priors = PRIORS | BENT if bent else PRIORS
     weights = [_weights(track) for track in tracks]
-    wild = [~np.all(np.isfinite(track.position), axis=1) for track in tracks]
+    outlier = [~np.all(np.isfinite(track.position), axis=1) for track in tracks]
     noise = 0.01 * float(swings["length_0"])
     used, weighed_by = list[Mask](), math.inf
     for _ in range(6):
         end = _end_of_last_swing(swings)
-        chosen = [_usable(swings, track, bead, end) & ~wild[bead] for bead, track in enumerate(tracks)]
-        settled = abs(noise - weighed_by) < SETTLED * noise  # before, the priors weigh too much against the points
+        chosen = [_usable(swings, track, bead, end) & ~outlier[bead] for bead, track in enumerate(tracks)]
+        settled = (
+            abs(noise - weighed_by) < SETTLED * noise
+        )  # until then the priors have the wrong weight against the points
         if settled and all(np.array_equal(old, new) for old, new in zip(used, chosen, strict=True)):
             break
         used, weighed_by = chosen, noise
@@ -308,14 +309,14 @@ def _fit(swings: Swings, tracks: tuple[Track, ...], ground: float, *, bent: bool
         swinging = float(swings["gravity"]) > 0 and np.all(swings.per_bead("length") > 0)
         if not (swinging and all(np.all(np.isfinite(residual)) for residual in residuals)):
             raise NothingToMeasure(
-                "The swing does not show the pull of gravity: too little of it, or something else than the beads, was "
+                "The swing does not show the pull of gravity: too little of it, or another object than the beads, was "
                 "followed; film larger, from before the release to past the collision, or narrow the search with "
                 "--region."
             )
         scaled = np.concatenate([(r * w[:, None])[u] for r, w, u in zip(residuals, weights, used, strict=True)])
         spread = 1.4826 * float(np.median(np.abs(scaled)))
         noise = max(float(np.sqrt(np.mean(scaled[np.abs(scaled) < 6 * spread + 1e-12] ** 2))), 1e-7)
-        wild = [
+        outlier = [
             np.max(np.abs(r * w[:, None]), axis=1) > 6 * spread + 1e-9 for r, w in zip(residuals, weights, strict=True)
         ]
     data = _Data(tracks, tuple(weights), tuple(used), noise, priors)
@@ -324,7 +325,7 @@ def _fit(swings: Swings, tracks: tuple[Track, ...], ground: float, *, bent: bool
 
 
 def _weights(track: Track) -> Array:
-    """Relative weight of each point: one over its sigma, around one."""
+    """Relative weight of each point: median sigma over its sigma."""
     sigma = track.sigma
     if not np.all(np.isfinite(sigma)) or np.min(sigma) <= 0:
         return np.ones(len(track.time))
@@ -332,7 +333,7 @@ def _weights(track: Track) -> Array:
 
 
 def _usable(swings: Swings, track: Track, bead: int, end: float) -> Mask:
-    """Points in free swing: A after its release, none whose exposure may straddle a collision, none after `end` [s]."""
+    """Points in free swing: A after its release, none whose exposure may contain a collision, none after `end` [s]."""
     dt = frame_interval(track)
     usable = track.time < end - dt
     if bead == 0:
@@ -343,9 +344,9 @@ def _usable(swings: Swings, track: Track, bead: int, end: float) -> Mask:
 
 
 def _clearing(swings: Swings) -> float:
-    """How long after its release bead A is still beside what held it [s]: until it has gone `CLEAR` of its way.
+    """Time after the release until bead A has left its holder [s]: it has moved by the share `CLEAR` of its arc.
 
-    From rest it falls by g sin(a) t^2 / 2 along its circle of radius L, on which its way is a L.
+    From rest it moves by g sin(a) t^2 / 2 along its circle of radius L; the whole arc is a L.
     """
     way, pull = abs(float(swings["release_angle"])), float(swings["gravity"] / swings["length_0"])
     return math.sqrt(2 * CLEAR * way / (pull * max(math.sin(way), 0.05)))
@@ -371,13 +372,13 @@ def _residuals(swings: Swings, tracks: tuple[Track, ...]) -> list[Array]:
 
 @dataclass(frozen=True)
 class _Data:
-    """What a fit is held against."""
+    """Data and priors of a fit."""
 
     tracks: tuple[Track, ...]
     weights: tuple[Array, ...]  # relative, of every point
     used: tuple[Mask, ...]
     noise: float  # [m], of a point of weight 1
-    priors: dict[str, tuple[float, float]]  # mean and standard deviation of what is known beforehand
+    priors: dict[str, tuple[float, float]]  # mean and standard deviation
 
 
 def _misses_at(vector: Array, swings: Swings, data: _Data) -> Array:
@@ -389,14 +390,14 @@ def _slopes_at(vector: Array, swings: Swings, data: _Data) -> Array:
 
 
 def _slopes(swings: Swings, data: _Data) -> Array:
-    """Derivatives of the misses, shape (n, parameters)."""
+    """Derivatives of the residuals by finite differences, shape (n, parameters)."""
     columns, steps = _perturbed(swings)
     table = _misses(swings.batch(columns), data)
     return np.asarray((table[:, 1:] - table[:, :1]) / steps)
 
 
 def _misses(swings: Swings, data: _Data) -> Array:
-    """Weighted misses of all used points and of the priors, shape (n, batch)."""
+    """Weighted residuals of all used points and of the priors, shape (n, batch)."""
     rows = []
     time = np.unique(np.concatenate([track.time[mask] for track, mask in zip(data.tracks, data.used, strict=True)]))
     seen = positions(swings, angles(swings, time)[0])
@@ -409,21 +410,21 @@ def _misses(swings: Swings, data: _Data) -> Array:
 
 
 def _perturbed(swings: Swings, steps: Array | None = None) -> tuple[Array, Array]:
-    """The vector and, one column each, the vector with one entry moved a little; shape (n, n + 1)."""
+    """The parameter vector, and one column per parameter with that one changed; shape (n, n + 1)."""
     if steps is None:
         steps = 1e-6 * np.maximum(np.abs(swings.vector), 0.1)
     return swings.vector[:, None] + np.column_stack([np.zeros(len(steps)), np.diag(steps)]), steps
 
 
 def _covariance(swings: Swings, data: _Data, residuals: list[Array], ground: float) -> tuple[Array, dict[str, Array]]:
-    """Covariance of the vector, and its parts: tracking noise, each thing known beforehand only, and the ground.
+    """Covariance of the parameters and its parts: tracking noise, each prior, and the background.
 
-    With information N from the data and P from the priors, C = (N + P)^-1 = C N C + sum of C P_i C.  What shifts all
-    points from place to place hides in the parameters and not in the residuals: C J^T d for every pattern d of it.
+    With information N from the data and P from the priors, C = (N + P)^-1 = C N C + sum of C P_i C.  A shift of all
+    points that depends on position changes the parameters, not the residuals: C J^T d for each such pattern d.
     """
     slopes = _slopes(swings, data)
     count = len(slopes) - len(PRIORS)
-    # neighbouring residuals that go together (background, lens, texture) carry less information than their number says
+    # correlated residuals (background, lens, texture) carry less information than their number suggests
     seen = slopes[:count].T @ slopes[:count] / correlation(residuals, data.used)
     causes = {"tracking": seen}
     for row, name in enumerate(PRIORS):
@@ -443,9 +444,9 @@ def _inverse(information: Array) -> Array:
 
 
 def _shifts(swings: Swings, data: _Data) -> Array:
-    """Ways in which the ground may shift the points seen, in units of their noise, shape (points, ways).
+    """Patterns in which the background may shift the points, in units of their noise, shape (points, patterns).
 
-    To either side and up or down, each bead by itself.
+    Horizontal and vertical shifts for each bead.
     """
     rows = []
     for bead, (track, weight, mask) in enumerate(zip(data.tracks, data.weights, data.used, strict=True)):
@@ -455,17 +456,17 @@ def _shifts(swings: Swings, data: _Data) -> Array:
 
 
 def ground_ways(fit: SwingFit) -> list[Array]:
-    """Ways in which what lies behind a bead may shift its centre, of the points used of each, shape (points, ways)."""
+    """Patterns in which the background may shift a bead's centre, for the used points of each, (points, patterns)."""
     swings, both = fit.swings, zip(fit.tracks, fit.used, strict=True)
     return [_ways(swings, bead, track.time[mask]) for bead, (track, mask) in enumerate(both)]
 
 
 def _ways(swings: Swings, bead: int, time: Array) -> Array:
-    """Along a line, a parabola and a cubic over the places of the swing; rest; the square of the speed; and in time.
+    """Patterns: polynomials of degree 1 to 3 over the position; rest; the square of the speed; drifts in time.
 
-    A bead at rest hangs before a ground that was hidden so long, against one that moves; with the speed blur weighs a
-    bead's lit and dark side otherwise, and a codec keeps slow things by what it showed before.  What it keeps drifts,
-    too, from the release or a collision to the next one: along a line and a parabola.
+    A bead at rest hides a background that is never seen meanwhile, unlike a moving one.  Motion blur at high speed
+    changes the weight of a bead's lit and dark side, and a codec copies slow objects from earlier frames.  What it
+    copies also drifts in time between release and collisions: along a line and a parabola.
     """
     hit, reach = float(swings["time_0"]), float(swings["length_0"] * np.abs(np.sin(swings["release_angle"])))
     angle, speed = angles(swings, time)
@@ -478,7 +479,7 @@ def _ways(swings: Swings, bead: int, time: Array) -> Array:
 
 
 def _drifts(time: Array, cuts: list[float]) -> Array:
-    """A line and a parabola in time over every stretch between the cuts, each of which is 0 elsewhere."""
+    """A line and a parabola in time for each interval between the cuts, 0 elsewhere."""
     columns = np.zeros((len(time), 2 * (len(cuts) + 1)))
     stretch = np.searchsorted(cuts, time)
     for k in np.unique(stretch):
@@ -490,7 +491,7 @@ def _drifts(time: Array, cuts: list[float]) -> Array:
 
 
 def correlation(residuals: list[Array], used: Sequence[Mask]) -> float:
-    """How many neighbouring residuals count as one: 1 + 2 sum of the autocorrelation up to its first zero."""
+    """Autocorrelation factor of residuals: 1 + 2 sum of the autocorrelation up to its first zero, at least 1."""
     lengths = []
     for residual, mask in zip(residuals, used, strict=True):
         for series in residual[mask].T:
@@ -507,7 +508,7 @@ def correlation(residuals: list[Array], used: Sequence[Mask]) -> float:
 
 
 def _end_of_last_swing(swings: Swings) -> float:
-    """When the beads come together again after the last collision [s]."""
+    """Time at which the beads meet again after the last collision [s]."""
     start = float(swings[f"time_{swings.collisions - 1}"])
     period = 2 * math.pi * math.sqrt(float(np.max(swings.per_bead("length"))) / float(swings["gravity"]))
     time = start + np.linspace(0, 1.3 * period, 400)
@@ -515,13 +516,13 @@ def _end_of_last_swing(swings: Swings) -> float:
     at, _ = states_at_collision(swings, swings.collisions - 1)
     apart = (angle - at[:, None])[..., 0]
     way = apart[0] if swings.beads == 1 else apart[1] - apart[0]
-    opened = len(time) // 6  # a fifth of a period after the collision: well apart, far from back together
+    opened = len(time) // 6  # a fifth of a period after the collision: well apart, long before they meet again
     closed = np.flatnonzero(way[opened:] * np.sign(way[opened]) <= 0)
     return float(time[opened + closed[0]]) if len(closed) else float(time[-1])
 
 
 def _with_next_collision(fit: SwingFit) -> Swings | None:
-    """The fitted swings with a guess at the next collision; None when the record does not show it well."""
+    """The fitted swings with a first guess of the next collision; None if the record does not show it well."""
     swings = fit.swings
     hit = _end_of_last_swing(swings)
     values = dict(zip(Swings.names(swings.beads, swings.collisions), swings.vector, strict=True))
@@ -536,7 +537,7 @@ def _with_next_collision(fit: SwingFit) -> Swings | None:
         values[f"speed_{k}_{bead}"] = _slope(track.time, angle, hit + frame_interval(track), 0.4 / math.sqrt(pull))
     before = states_at_collision(swings, k - 1)[1]
     approach = abs(float(np.ptp(before))) if swings.beads > 1 else abs(float(before[0, 0]))
-    # a soft collision hides in the noise and in the frames left out around it
+    # a collision with little rebound is hidden by the noise and the frames left out around it
     leaving = np.ptp(swings.after(k - 1)) if swings.beads > 1 else abs(float(swings.after(k - 1)[0]))
     if float(leaving) < 0.15 * approach:
         return None

@@ -1,11 +1,11 @@
-"""The swing of one or two beads on threads: geometry, gravity, damping, and every collision.
+"""Motion of one or two beads on threads: geometry, gravity, damping, and every collision.
 
-Each bead is a damped pendulum that keeps to its own circle,
+Each bead is a damped pendulum on its own circle,
 
     theta'' = -(g / L) sin(theta) - c theta' - k |theta'| theta'
     x = X + L sin(theta),  y = Y - L cos(theta)                       (y against gravity)
 
-whose angular speed jumps at a collision while its angle does not.  `rigtwin.measure.pendulum.swing_fit` fits it
+whose angular speed jumps at a collision while its angle is continuous.  `rigtwin.measure.pendulum.swing_fit` fits it
 to tracks.
 """
 
@@ -18,7 +18,7 @@ import numpy as np
 
 from rigtwin.lab.arrays import Array
 
-STEP = 0.008  # [s], of the Runge-Kutta integration: error below 3e-6 rad over a swing of a 100 mm pendulum
+STEP = 0.008  # [s], step of the Runge-Kutta integration: error below 3e-6 rad over a swing of a 100 mm pendulum
 
 _SHARED = (
     "tilt",
@@ -43,7 +43,7 @@ class Swings:
     vector: Array
     beads: int
     collisions: int
-    axis: tuple[float, float] | None = None  # where the camera's axis goes through; None takes it half-way down
+    axis: tuple[float, float] | None = None  # principal point in the record's axes; None: half-way down the thread
 
     @staticmethod
     def names(beads: int, collisions: int) -> list[str]:
@@ -69,11 +69,11 @@ class Swings:
         return np.stack([self[f"speed_{collision}_{bead}"] for bead in range(self.beads)])
 
     def batch(self, columns: Array) -> Swings:
-        """Other values of the parameters, one set per column."""
+        """The same model with other parameters, one set per column, shape (n_parameters, batch)."""
         return replace(self, vector=columns)
 
     def batched(self) -> Swings:
-        """The same as a batch, of one where it is none."""
+        """The same as a batch (of size 1 for a single vector)."""
         return self.batch(self.vector.reshape(len(self.vector), -1))
 
 
@@ -99,20 +99,20 @@ def angles(swings: Swings, time: Array) -> tuple[Array, Array]:
 
 
 def centres(swings: Swings, angle: Array) -> Array:
-    """Where the beads are, shape (beads, n, batch, 2), in the record's axes."""
+    """Positions of the beads in the record's axes, shape (beads, n, batch, 2)."""
     swings = swings.batched()
     pivot = np.stack([swings.per_bead("pivot_x"), swings.per_bead("pivot_y")], axis=-1)[:, None]
     length = swings.per_bead("length")[:, None]
     turned = angle + swings["tilt"]
-    with np.errstate(invalid="ignore"):  # a swing that speeds up without end is nowhere
+    with np.errstate(invalid="ignore"):  # a diverging swing has no position
         return np.stack([pivot[..., 0] + length * np.sin(turned), pivot[..., 1] - length * np.cos(turned)], axis=-1)
 
 
 def positions(swings: Swings, angle: Array) -> Array:
-    """Where the beads are seen, shape (beads, n, batch, 2): `centres` through perspective and lens."""
+    """Apparent positions of the beads, shape (beads, n, batch, 2): `centres` with perspective and lens distortion."""
     swings = swings.batched()
     unit = swings["length_0"]
-    # about the middle of the picture, in units of the pendulum length
+    # relative to the principal point, in units of the pendulum length
     if swings.axis is None:
         middle = np.stack([swings["pivot_x_0"], swings["pivot_y_0"] - 0.5 * unit], axis=-1)
     else:
@@ -159,11 +159,11 @@ def turning_points(swings: Swings, collision: int) -> tuple[Array, Array]:
     return turning[:, 0], start + (grid[k[:, 0] - 1] + fraction[:, 0] * step)
 
 
-@np.errstate(over="ignore", invalid="ignore")  # a search may try what speeds up without end
+@np.errstate(over="ignore", invalid="ignore")  # an optimizer may try diverging parameters
 def _integrate(
     swings: Swings, angle: Array, rate: Array, start: Array, end: Array, *, time: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Swing freely from `start` to `end` (shape (batch,)); angles and speeds at `time`, then those at `end`."""
+    """Integrate a free swing from `start` to `end`, shape (batch,); angles and speeds at `time`, then at `end`."""
     pull = swings["gravity"] / swings.per_bead("length")
     damping, drag = swings["damping"], swings["drag"]
 

@@ -1,7 +1,7 @@
-"""Follow the one bead of a wall pendulum through a film: released, thrown back by the wall, again and again.
+"""Follow the bead of a wall pendulum through a film: released, thrown back by the wall, repeatedly.
 
-Of all that moves, the bead is what flies fast into a place and comes back out of it (`find_rebound`); a lone bead never
-leaves its circle, so every piece of a path on that circle is its own.
+The bead is the object that moves fast to a point and comes back from it (`find_rebound`).  It never leaves its circle,
+so every piece of a path on that circle belongs to it.
 
 Picture coordinates: x right, y down, centre of the top-left pixel (0, 0).
 """
@@ -28,9 +28,9 @@ from rigtwin.measure.tracking.link import SpotPath
 def find_wall_bead(
     video: Video, region: Region | None = None, *, stated_length: float | None = None, progress: Progress = silent
 ) -> Chase:
-    """The bead in every frame; `stated_length` [m] of the pendulum only helps to say what is wrong.
+    """Locate the bead in every frame; `stated_length` [m] of the pendulum is used in messages only.
 
-    Raises `NothingToMeasure` when nothing is thrown back in the clip.
+    Raises `NothingToMeasure` if nothing is thrown back in the clip.
     """
     samples = sample_frames(video, progress)
     scene = still_scene({index: frame.grey for index, frame in samples.items()})
@@ -40,7 +40,7 @@ def find_wall_bead(
 
 
 def find_rebound(paths: list[Path], video: Video, stated_length: float | None = None) -> tuple[Path, Path]:
-    """The pair of paths of which one ends, fast, where and when the other leaves the way the first came.
+    """The pair of paths of which one ends at high speed where and when the other starts in the opposite direction.
 
     Raises `NothingToMeasure` when there is none.
     """
@@ -65,7 +65,7 @@ def find_rebound(paths: list[Path], video: Video, stated_length: float | None = 
 
 
 def _rebound(fall: Path, rise: Path) -> float:
-    """How well `rise` goes back from where and when `fall` ends; 0 where it does not."""
+    """Score of `rise` as the way back from the end of `fall`; 0 if it is not."""
     wait = rise.frames[0] - fall.frames[-1]
     if not -3 <= wait <= 2 * LOST or len(fall.frames) < 6 or len(rise.frames) < 4:
         return 0.0
@@ -77,7 +77,7 @@ def _rebound(fall: Path, rise: Path) -> float:
     back = -float(arriving @ leaving) / speed
     if not 0.1 * speed < back < 1.1 * speed or float(np.hypot(*leaving)) > 1.3 * back:
         return 0.0
-    # a pendulum at the end of its swing comes back too, but slowly
+    # at the end of its swing a pendulum turns back too, but slowly
     fastest = float(np.max(np.hypot(*np.diff(np.array(fall.places), axis=0).T) / np.diff(fall.frames)))
     if speed < 0.5 * fastest or float(np.hypot(*(rise.places[0] - fall.places[-1]))) > size + (abs(wait) + 2) * speed:
         return 0.0
@@ -85,7 +85,7 @@ def _rebound(fall: Path, rise: Path) -> float:
 
 
 def _whole_path(paths: list[Path], fall: Path, rise: Path) -> SpotPath:
-    """All pieces of path that lie on the bead's circle, and are as large as the bead, joined frame by frame."""
+    """All pieces of paths on the bead's circle with the size of the bead, joined frame by frame."""
     centre, radius = fit_circle(np.array([*fall.places, *rise.places]))
     size = float(np.median([*fall.sizes, *rise.sizes]))
     chosen = {frame: (place, width) for path in (fall, rise) for frame, place, width in _steps(path)}
@@ -103,6 +103,6 @@ def _steps(path: Path) -> list[tuple[int, Array, float]]:
 
 
 def images_by_frame(chase: Chase, frames: npt.NDArray[np.int64]) -> list[BeadImage | None]:
-    """What was seen of the bead in each of `frames`."""
+    """Image of the bead in each of `frames`; None where it was not seen."""
     seen = {sighting.frame: sighting.image for sighting in chase.sightings}
     return [seen.get(int(frame)) for frame in frames]

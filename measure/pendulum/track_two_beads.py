@@ -1,7 +1,7 @@
-"""Follow the two beads of a double pendulum through the film of a still camera, sub-pixel, in touch or apart.
+"""Locate the two beads of a double pendulum with sub-pixel accuracy in every frame, in contact or apart.
 
-`find_beads` follows both from their collision (`meeting`) to the ends of the clip; `relocate` looks again where the
-fitted swings say a bead must be.  The beads swing in one plane and cannot pass each other.
+`find_beads` follows both beads through the clip, based on their collision (`find_collision`); `relocate` searches
+again at the positions given by the fitted swings.  The beads swing in one plane and cannot pass each other.
 
 Picture coordinates: x right, y down, centre of the top-left pixel (0, 0).
 """
@@ -41,9 +41,9 @@ from rigtwin.measure.tracking.detect import Spot
 from rigtwin.measure.tracking.link import SpotPath
 from rigtwin.measure.tracking.refine import common_look, fit_bead
 
-SPARSER = (4, 16)  # frames, of which one is looked at where all are too alike to show a collision
-FEWEST = 60  # of these that a swing needs
-SAMPLES = 21  # frames from which the still scene is learnt
+SPARSER = (4, 16)  # frame steps that are tried if neighbouring frames are too similar to show a collision
+FEWEST = 60  # minimum number of such frames in a clip
+SAMPLES = 21  # number of frames from which the background is learnt
 
 
 @dataclass(frozen=True)
@@ -51,18 +51,18 @@ class Beads:
     """Both beads (the one bead, before a wall) in every frame of the clip."""
 
     frames: npt.NDArray[np.int64]  # frame numbers, shape (n,)
-    images: tuple[list[BeadImage | None], ...]  # of A and B, by frame
+    images: tuple[list[BeadImage | None], ...]  # of A and B, one per frame
     looks: list[Look]  # of A and B
     exposure: float  # share of the frame interval
     scene: Scene
     channel: Channel
-    poses: tuple[Pose, ...]  # of each frame over the scene
-    looked: npt.NDArray[np.bool_]  # where each bead was looked for, shape (2, n)
-    greys: dict[int, GreyImage]  # the frames from which the scene was learnt
+    poses: tuple[Pose, ...]  # of each frame relative to the scene
+    looked: npt.NDArray[np.bool_]  # whether each bead was searched for, shape (2, n)
+    greys: dict[int, GreyImage]  # the frames from which the background was learnt
 
     @property
     def shakes(self) -> Array:
-        """[px], where the scene's origin lies in each frame, shape (n, 2)"""
+        """Position of the scene's origin in each frame [px], shape (n, 2)."""
         return shakes_of(self.poses)
 
 
@@ -73,9 +73,9 @@ def find_beads(
     stated_length: float | None = None,
     progress: Progress = silent,
 ) -> Beads:
-    """Both beads in every frame; `stated_length` [m] of the pendulum only helps to say what is wrong.
+    """Locate both beads in every frame; `stated_length` [m] of the pendulum is used in messages only.
 
-    Raises `NothingToMeasure` when no two bodies collide in the clip.
+    Raises `NothingToMeasure` if no two bodies collide in the clip.
     """
     samples = sample_frames(video, progress)
     scene = still_scene({index: frame.grey for index, frame in samples.items()})
@@ -113,10 +113,10 @@ def _collision(
     stated_length: float | None,
     progress: Progress,
 ) -> Collision:
-    """The collision; where none is seen, again in the frames of films several times slower.
+    """Find the collision; if none is found, search again with a larger step between frames.
 
-    In a high-speed film the beads' one spot creeps from the one over to the other without a leap, while glimpses of
-    their threads seem to meet.  Pieces of paths are put together only where no whole ones meet.
+    In a high-speed film the common spot of both beads moves from one to the other without a jump, while spots of the
+    threads seem to meet.  Broken paths are joined only if no whole ones meet.
     """
     seen: dict[int, list[Path]] = {}
     steady = _steady(scene, {index: frame.grey for index, frame in samples.items()})
@@ -135,16 +135,16 @@ def _collision(
             if every not in seen:
                 seen[every] = find_paths(video, scene, samples, region, progress, every=every)
             try:
-                # where every frame is looked at paths count the film's own
+                # with a step of 1 paths use the frame numbers of the film
                 pace = (1, 0) if every == 1 else (every, video.first)
                 found = find_collision(seen[every], video, stated_length, partial(shown, pace), in_pieces=in_pieces)
                 found = found.of_every(*pace)
             except NothingToMeasure as error:
-                refused = refused or error  # what is said of periods counts all frames
+                refused = refused or error  # keep the first message: its period is based on all frames
                 continue
             if found.weight > max(weight_of(path) for path in seen[every]):
                 return found
-            # something larger moves further, the beads themselves perhaps
+            # some other path has a larger weight, possibly that of the beads
             if best is None or found.weight > best.weight:
                 best = found
         if best is not None:
@@ -154,19 +154,19 @@ def _collision(
 
 
 def _right_after(video: Video, collision: Collision) -> Iterable[Frame]:
-    """Right after the collision B has left its place and A has not come to it yet: the best view of what B hid."""
-    # A's path may run on along B's
+    """Frames right after the collision: B has left its position and A has not reached it, so the background is seen."""
+    # the path of A may continue along that of B
     first = min(collision.fall.frames[-1] + 1, collision.rise.frames[0], video.last)
     return video.frames(first, collision.rise.frames[0] + JUST_LEFT - 1)
 
 
 def _steady(scene: Scene, greys: dict[int, GreyImage]) -> dict[int, GreyImage]:
-    """The frames, by number, laid over the scene."""
+    """The frames, by number, registered to the scene."""
     return {index: rounded(scene.view(grey).grey) for index, grey in greys.items()}
 
 
 def still_scene(greys: dict[int, GreyImage]) -> Scene:
-    """What the frames, by number, show of the scene."""
+    """Background learnt from frames by number."""
     background = Background()
     for index, grey in greys.items():
         background.add(index, grey)
@@ -174,7 +174,7 @@ def still_scene(greys: dict[int, GreyImage]) -> Scene:
 
 
 def as_spots(path: Path) -> SpotPath:
-    """The path as `follow` takes it."""
+    """The path in the type used by `rigtwin.measure.tracking.follow`."""
     spots = [
         Spot(float(x), float(y), math.pi / 4 * size**2, size, size, 0.0)
         for (x, y), size in zip(path.places, path.sizes, strict=True)
@@ -193,10 +193,10 @@ def sample_frames(video: Video, progress: Progress) -> dict[int, Frame]:
 def _without_beads(
     scene: Scene, greys: dict[int, GreyImage], rest: Array, radius: float, places: dict[int, list[Array]]
 ) -> Scene:
-    """The still scene behind the beads as well, from the frames in `places`, which says where beads may be in them.
+    """Background without the beads, from the frames in `places`, which holds possible positions of beads in them.
 
-    Where beads cover a pixel in many frames the median over time is no background: there the frames are taken in which
-    the beads are furthest away, and where they never leave, the surroundings grow in.
+    Where beads cover a pixel in many frames, the median over time is not the background.  There the frames are used in
+    which the beads are furthest away; pixels that are always covered are filled from their surroundings.
     """
     reach = round(1.7 * radius + 3)
     cover = np.zeros(scene.picture.shape, dtype=np.float32)
@@ -222,7 +222,7 @@ def _without_beads(
 
 
 def _rough_places(collision: Collision, indices: Iterable[int]) -> dict[int, list[Array]]:
-    """Where beads may be, in those of the frames `indices` in which that is known well enough."""
+    """Possible positions of beads in those frames of `indices` in which they are known well enough."""
     hit, rest = collision.rise.frames[0], collision.rest
     fall = collision.fall.clear_of(rest, 2.5 * collision.radius, from_end=True)
     velocity = collision.rise.velocity(at_end=False)
@@ -232,7 +232,7 @@ def _rough_places(collision: Collision, indices: Iterable[int]) -> dict[int, lis
         if index <= fall.frames[-1]:
             places[index] = [fall.at(index), rest]
         elif hit <= index < hit + 12:
-            # A may stay where it hit or go on, up to half as fast as B (which leaves out a restitution below 0.3)
+            # A may stop at the contact or go on with up to half the speed of B (this excludes a restitution below 0.3)
             onwards = [touch + share * velocity * (index - hit + 2) for share in np.linspace(0, 0.5, 6)]
             places[index] = [collision.rise.at(index), *onwards]
     return places
@@ -242,10 +242,10 @@ def _rough_places(collision: Collision, indices: Iterable[int]) -> dict[int, lis
 
 
 def _learn_looks(video: Video, channel: Channel, scene: Scene, collision: Collision) -> tuple[list[Look], float]:
-    """What A and B look like, from frames in which they are apart, and the exposure's share of the frame interval."""
+    """Appearance of A and B from frames in which they are apart, and exposure over frame interval."""
     fall = collision.fall.clear_of(collision.rest, 3 * collision.radius, from_end=True)
     rise = collision.rise.clear_of(collision.rest, 3 * collision.radius, from_end=False)
-    # not the first frames of the fall: something may hold the bead there
+    # not the first frames of the fall: a holder may occlude the bead there
     wanted = [
         _spread(path.frames[len(path.frames) // 3 * (1 - k)], path.frames[-1]) for k, path in enumerate((fall, rise))
     ]
@@ -256,7 +256,7 @@ def _learn_looks(video: Video, channel: Channel, scene: Scene, collision: Collis
             if frame.index in wanted[bead]:
                 (x, y), speed = path.along(frame.index)
                 grey = scene.view(channel.grey(frame)).grey
-                # neither radius nor exposure is known yet, and the fit is held near those it starts from
+                # radius and exposure are not known yet, and the fit stays near its start values: try several
                 tries = [
                     fit_bead(
                         grey,
@@ -284,7 +284,7 @@ def _spread(first: int, last: int) -> set[int]:
 
 
 class _Walk:
-    """Locates both beads frame by frame, each from where its path or its last frames say it should be."""
+    """Locates both beads frame by frame, near the position predicted from its path or its last frames."""
 
     def __init__(self, scene: Scene, collision: Collision, looks: list[Look], exposure: float, first: int) -> None:
         self.scene, self.collision, self.looks, self.exposure = scene, collision, looks, exposure
@@ -298,9 +298,9 @@ class _Walk:
         self.rise = collision.rise.clear_of(collision.rest, 1.2 * reach, from_end=False)
         arriving, leaving = self.fall.velocity(at_end=True), self.rise.velocity(at_end=False)
         self._hit = _hit_frame(self.fall, arriving, collision.rest, reach)
-        # beads of equal mass: A keeps what B does not take; the search around it forgives other masses
+        # momentum of beads of equal mass; the search radius allows for other masses
         self._kept = arriving - leaving
-        # a bead at rest is the same in every frame: a few dozen frames say where
+        # a bead at rest needs only a few dozen frames
         left = np.hypot(*(np.array(self.fall.places) - self.fall.places[0]).T) > 1.5
         self._release = self.fall.frames[int(np.argmax(left))] - 2
         self._rest_steps = (max(1, round((self._release - first) / 10)), max(1, round((self._hit - first) / 25)))
@@ -308,7 +308,7 @@ class _Walk:
     def step(self, index: int, grey: GreyImage) -> None:
         view = self.scene.view(grey, self.poses[-1].shake if self.poses else (0.0, 0.0))
         (expected_a, speed_a), (expected_b, speed_b) = self._expect_a(index), self._expect_b(index)
-        # in its swing B is well known beforehand; just after the collision A is not
+        # B first: its prediction is good, that of A just after the collision is not
         b, a = None, None
         looked = [
             index >= self._release or index % self._rest_steps[0] == 0,
@@ -326,7 +326,7 @@ class _Walk:
         self.b.append(b)
 
     def _expect_a(self, index: int) -> tuple[Array, Array]:
-        """Place [px] and velocity [px/frame]."""
+        """Predicted position [px] and velocity [px/frame]."""
         last, arriving = self.fall.frames[-1], self.fall.velocity(at_end=True)
         if index < last:
             return self.fall.along(index)
@@ -351,7 +351,7 @@ class _Walk:
     def _onwards(
         self, images: list[BeadImage | None], index: int, start: Array, velocity: Array, since: float
     ) -> tuple[Array, Array]:
-        """Straight on from the last frames in which the bead was found since the collision."""
+        """Linear extrapolation from the last frames in which the bead was found since the collision."""
         seen = [
             (frame, image)
             for frame, image in zip(self.frames[-12:], images[-12:], strict=True)
@@ -377,11 +377,11 @@ class _Walk:
 
 
 def relocate(video: Video, beads: Beads, places: Array, velocities: Array, again: npt.NDArray[np.bool_]) -> Beads:
-    """Look again, in the frames and for the beads marked in `again` (shape (2, n)), where the fitted swings put them.
+    """Search again for the beads in the frames marked in `again`, shape (2, n), at the positions of the fitted swings.
 
-    `places` [px] and `velocities` [px/frame] have shape (2, n, 2).  Knowing where both beads are in every frame shows
-    the scene behind them better; where that changes it, beads are looked at again too.  A bead that is not found
-    where it should be is not seen.
+    `places` [px] and `velocities` [px/frame] have shape (2, n, 2).  With the positions of both beads known, the
+    background behind them is improved; beads in front of changed parts are located again too.  A bead that is not
+    found near its fitted position counts as not seen.
     """
     known = {int(frame): [places[0, k], places[1, k]] for k, frame in enumerate(beads.frames)}
     radius = max(look.radius for look in beads.looks)
@@ -414,7 +414,7 @@ def relocate(video: Video, beads: Beads, places: Array, velocities: Array, again
 
 
 def _in_front_of(change: npt.NDArray[np.float32], places: Array, looks: list[Look]) -> npt.NDArray[np.bool_]:
-    """Which beads stand before a part of the scene that has changed by some grey levels, shape (2, n)."""
+    """Which beads are in front of a part of the scene that changed by more than one grey level, shape (2, n)."""
     near = np.zeros(places.shape[:2], dtype=bool)
     for bead, look in enumerate(looks):
         size = 2 * math.ceil(look.radius) + 1
@@ -434,8 +434,8 @@ def _locate_beside(
     other: Array | None,
     other_radius: float,
 ) -> BeadImage | None:
-    """One bead where the other may be close by: the other's pixels are not looked at."""
-    # all that the fit may look at
+    """Locate one bead; pixels of the other bead, if close, are masked."""
+    # window that contains all pixels of the fit
     reach = 1.5 * look.radius + 6 + np.abs(blur) / 2
     left, top = (max(int(place - far), 0) for place, far in zip(expected, reach, strict=True))
     right, bottom = (max(int(place + far) + 2, 0) for place, far in zip(expected, reach, strict=True))
@@ -448,14 +448,14 @@ def _locate_beside(
         nearer = to_other - other_radius < np.hypot(x - expected[0], y - expected[1]) - look.radius
         hidden = nearer & (to_other < other_radius + 3)
     place = (float(expected[0]) - left, float(expected[1]) - top)
-    # no blur at all would mean "unknown"
+    # a blur of zero would mean "unknown"
     smear = (float(blur[0]) + 0.01, float(blur[1]))
     fit = fit_bead(part, scene.picture[window], place, look.radius, blur_guess=smear, hidden=hidden, look=look)
     return None if fit is None else replace(fit.image, x=fit.image.x + left, y=fit.image.y + top)
 
 
 def _hit_frame(fall: Path, arriving: Array, rest: Array, reach: float) -> float:
-    """When A, going on as it does, comes within `reach` [px] of B at rest: a frame number with a fraction."""
+    """Frame number (with fraction) at which A, at constant velocity, comes within `reach` [px] of B at rest."""
     speed = float(np.hypot(*arriving))
     ahead = float((rest - fall.places[-1]) @ arriving) / max(speed, 1e-9) - reach
     return float(fall.frames[-1] + max(ahead, 0.0) / max(speed, 1e-9))

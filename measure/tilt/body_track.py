@@ -1,7 +1,7 @@
-"""Find what rests on a turning arm and later runs down it, and follow it along the arm to a part of a pixel.
+"""Find the body that rests on a turning arm and later runs down it, and follow it with sub-pixel accuracy.
 
-Seen in the arm's own coordinates a resting body stands still while all behind it moves.  What stood still in the first
-part of the clip and is gone in the rest is the body; its picture at rest is then laid over every frame.
+In the arm's coordinates a resting body does not move while the background does.  The object that is still in the first
+part of the clip and gone in the rest is the body; its picture at rest is then registered to every frame.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ import numpy.typing as npt
 from rigtwin.lab.arrays import Array, FloatImage
 from rigtwin.measure.tilt.plate_angle import Arm
 
-SATURATED = 225.0  # [grey levels], least of what may be
-GLARE_SIZE = 0.012  # of the picture's longer side, of a saturated patch that is a lamp's
-LEAST_SEEN = 0.35  # share of the body's picture that must not be hidden
-STRONG = 0.3  # of a body's contrast, that its pixels have at least
-PART = 0.2  # of the largest part of a body, that another one is at least
-ALIKE = 0.5  # correlation below which what is found is not the body
-FEWEST = 3  # sample frames of a body at rest, and of one that comes: two would make a picture of what moves as well
-COMES = 0.7  # correlation from which on what is seen up the plate is what later lies lower down: over half its variance
-STEADILY = 0.8  # of the way it is seen to go, that a body must come down the plate
+SATURATED = 225.0  # [grey levels], lower limit of the level that counts as saturated
+GLARE_SIZE = 0.012  # minimum size of the reflection of a lamp over the longer side of the picture
+LEAST_SEEN = 0.35  # minimum mean weight of the body's pixels, which drops with occlusion
+STRONG = 0.3  # minimum contrast of a body's pixels over that of the body
+PART = 0.2  # minimum area of a part of a body over that of the largest part
+ALIKE = 0.5  # minimum correlation with the picture at rest
+FEWEST = 3  # minimum sample frames of a resting or an arriving body: with two, a moving object would pass too
+COMES = 0.7  # minimum correlation of an object up the plate with the one that rests lower later: half the variance
+STEADILY = 0.8  # minimum net displacement down the plate over the path length of an arriving body
 
 
 @dataclass(frozen=True)
-class Passenger:
+class RestingBody:
     """A body at rest on the arm, in the arm's coordinates."""
 
     left: int  # first column of its picture in `arm.along`
@@ -38,19 +38,19 @@ class Passenger:
     weight: FloatImage = field(repr=False)  # 1 / variance on the body, 0 elsewhere
     centre: tuple[float, float]  # [px], along and across
     size: tuple[float, float]  # [px], along and across
-    rests: tuple[int, ...]  # sample frames in which it is taken to be at rest, rising
+    rests: tuple[int, ...]  # sample frames in which it is taken to be at rest, ascending
 
 
 @dataclass(frozen=True)
 class Arrival:
-    """A body that is seen to come down the plate, but at no place to rest before."""
+    """A body that comes down the plate, but is not seen at rest before."""
 
-    frame: int  # sample frame in which it has come to the place where it stays
+    frame: int  # sample frame in which it has reached its final position
 
 
 @dataclass(frozen=True)
 class Step:
-    """Where the body is in one frame, against its place at rest."""
+    """Displacement of the body in one frame from its position at rest."""
 
     along: float  # [px]
     across: float  # [px]
@@ -59,23 +59,23 @@ class Step:
 
 
 def glare(picture: FloatImage) -> npt.NDArray[np.bool_]:
-    """Where lamps are mirrored for all of the clip; highlights on beads are smaller."""
+    """Mask of reflections of lamps, which stay for the whole clip; highlights on beads are smaller."""
     size = max(5, round(GLARE_SIZE * max(picture.shape)) | 1)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-    # a film's brightness often ends at 235
+    # white is often at 235 in video
     white = max(float(picture.max()) - 3, SATURATED)
     patch = cv2.morphologyEx((picture >= white).astype(np.uint8), cv2.MORPH_OPEN, kernel)
     return np.asarray(cv2.dilate(patch, np.ones((3 * size, 3 * size), np.uint8)) > 0)
 
 
-def find_passenger(
+def find_body(
     arm: Arm, frames: dict[int, FloatImage], uphill: int, hidden: npt.NDArray[np.bool_] | None = None
-) -> Passenger | Arrival | None:
-    """The body that rests in the first and is gone in the last of the sample frames; None when there is none.
+) -> RestingBody | Arrival | None:
+    """The body that rests in the first sample frames and is gone in the last ones; None if there is none.
 
-    An `Arrival` where nothing leaves a place, but a body comes to one.
+    An `Arrival` if nothing leaves its position, but a body comes to one.
 
-    `uphill` is +1 where the arm rises to the right; `hidden` marks pixels of the still scene that show nothing of it.
+    `uphill` is +1 if the arm rises to the right; `hidden` marks pixels of the scene in which the arm is occluded.
     """
     numbers = sorted(arm.directions)
     upper = min(edge.row for edge in arm.edges)
@@ -87,7 +87,7 @@ def find_passenger(
     ).astype(np.float32)
     stack = np.stack([cv2.GaussianBlur(cut, (0, 0), 1.0) for cut in stack])
     if hidden is not None and hidden.any():
-        # in the arm's own picture a patch fixed in the scene wanders like a body
+        # in the arm's coordinates a patch fixed in the scene moves like a body
         covered = np.stack(
             [
                 arm.cut(hidden.astype(np.float32), arm.directions[n], arm.along[columns], arm.across[rows])
@@ -100,7 +100,7 @@ def find_passenger(
     gone = [blob for split in range(FEWEST, len(numbers)) for blob in _gone(stack, split, noise, surface)]
     if not gone:
         return None
-    # the body leaves one place and arrives at another, lower one: the uppermost clear place is where it stood
+    # the body leaves one position and arrives at a lower one: the uppermost clear one is its rest position
     clearest = max(blob.merit for blob in gone)
     clear = [blob for blob in gone if blob.merit > 0.25 * clearest]
     highest = max(clear, key=lambda blob: uphill * blob.along)
@@ -115,9 +115,9 @@ def find_passenger(
 
 @dataclass(frozen=True)
 class _Gone:
-    """A place that something left between two sample frames."""
+    """A position that an object left between two sample frames."""
 
-    merit: float  # how clearly
+    merit: float  # sum of the score over the mask
     along: float  # [px]
     length: float  # [px]
     split: int  # number of sample frames before it left
@@ -125,7 +125,7 @@ class _Gone:
 
 
 def _uncovered(stack: npt.NDArray[np.float32], covered: npt.NDArray[np.bool_]) -> npt.NDArray[np.float32]:
-    """What is covered in a frame as it is in the nearest frame in which it is not; where there is none, still."""
+    """Fill covered pixels from the nearest frame in which they are visible; constant if there is none."""
     filled = stack.copy()
     never = covered.all(axis=0)
     filled[:, never] = stack[0, never]
@@ -146,7 +146,7 @@ def _grain(stack: npt.NDArray[np.float32]) -> float:
 
 
 def _gone(stack: npt.NDArray[np.float32], split: int, noise: float, surface: float) -> list[_Gone]:
-    """What stood still before `split` and is not there after it; `surface` is the row of the plate's upper edge."""
+    """Objects that are still before `split` and absent after it; `surface` is the row of the plate's upper edge."""
     before, after = stack[:split], stack[split:]
     rest, later = np.median(before, axis=0), np.median(after, axis=0)
     flicker = 1.4826 * np.median(np.abs(before - rest), axis=0)
@@ -167,10 +167,10 @@ def _gone(stack: npt.NDArray[np.float32], split: int, noise: float, surface: flo
 
 
 def _arrives(stack: npt.NDArray[np.float32], place: _Gone, uphill: int) -> bool:
-    """Whether it is the bare plate that rests at a place first, until a body comes down to it.
+    """Whether a position shows the bare plate first, until a body comes down to it.
 
-    What changes at the place is then the body that lies there later, and the frames before show just that up the plate,
-    lower from one to the next.  Where a body leaves a place there is nothing above it that moves.
+    The change at the position is then the body that lies there later, and earlier frames show the same body further up
+    the plate, lower from one to the next.  If a body leaves the position, nothing moves above it.
     """
     y, x = np.nonzero(place.mask)
     rows, columns = slice(int(y.min()), int(y.max()) + 1), slice(int(x.min()), int(x.max()) + 1)
@@ -191,7 +191,7 @@ def _arrives(stack: npt.NDArray[np.float32], place: _Gone, uphill: int) -> bool:
 
 
 def _outline(mask: npt.NDArray[np.bool_], contrast: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
-    """What is hulled by the strong parts of a place: a mottled background that turns behind it leaves weaker ones."""
+    """Convex hull of the parts with strong contrast; a textured background that turns leaves weaker ones."""
     strong = mask & (contrast > STRONG * np.percentile(contrast[mask], 95))
     closed = cv2.morphologyEx(strong.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
     _, labels, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=8)
@@ -208,7 +208,7 @@ def _portrait(
     numbers: Sequence[int],
     mask: npt.NDArray[np.bool_],
     corner: tuple[int, int],
-) -> Passenger:
+) -> RestingBody:
     y, x = np.nonzero(mask)
     margin = 5
     height, width = mask.shape
@@ -222,7 +222,7 @@ def _portrait(
     usual = float(np.median(flicker)) + 0.5
     near = cv2.dilate(mask[top:bottom, left:right].astype(np.uint8), np.ones((5, 5), np.uint8))
     weight = near / (usual**2 + cv2.blur(flicker.astype(np.float32), (3, 3)) ** 2)
-    return Passenger(
+    return RestingBody(
         corner[1] + left,
         corner[0] + top,
         picture,
@@ -234,11 +234,11 @@ def _portrait(
 
 
 def follow(
-    arm: Arm, body: Passenger, frame: FloatImage, direction: float, near: Sequence[float], reach: float
+    arm: Arm, body: RestingBody, frame: FloatImage, direction: float, near: Sequence[float], reach: float
 ) -> Step | None:
-    """The body in one steady frame; `near` is where it is expected (along, across) and `reach` how far off [px].
+    """Locate the body in one steady frame, near its expected displacement `near` (along, across) within `reach` [px].
 
-    None when what is found there is not like the body.
+    None if no match is found there.
     """
     place = np.array(near, dtype=np.float64)
     if reach > 1.5:
@@ -249,7 +249,7 @@ def follow(
     return _laid(arm, body, frame, direction, place)
 
 
-def _window(arm: Arm, body: Passenger, place: Array, margin: int = 0) -> tuple[Array, Array]:
+def _window(arm: Arm, body: RestingBody, place: Array, margin: int = 0) -> tuple[Array, Array]:
     height, width = body.picture.shape
     first = arm.along[0] + body.left + place[0] - margin
     upper = arm.across[0] + body.top + place[1] - margin
@@ -257,12 +257,12 @@ def _window(arm: Arm, body: Passenger, place: Array, margin: int = 0) -> tuple[A
 
 
 def _searched(
-    arm: Arm, body: Passenger, frame: FloatImage, direction: float, place: Array, reach: float
+    arm: Arm, body: RestingBody, frame: FloatImage, direction: float, place: Array, reach: float
 ) -> Array | None:
-    """The place of the best likeness to the whole pixel."""
+    """Position of the best correlation, to a whole pixel."""
     margin = math.ceil(reach) + 1
     along, across = _window(arm, body, place, margin)
-    keep = slice(max(margin - 3, 0), len(across) - max(margin - 3, 0))  # it cannot leave the plate
+    keep = slice(max(margin - 3, 0), len(across) - max(margin - 3, 0))  # the body stays on the plate
     region = arm.cut(frame, direction, along, across[keep])
     mask = (body.weight > 0).astype(np.float32)
     if np.ptp(region) < 1:
@@ -275,8 +275,8 @@ def _searched(
     return place + np.array([right - margin, down - min(margin, 3)], dtype=np.float64)
 
 
-def _laid(arm: Arm, body: Passenger, frame: FloatImage, direction: float, place: Array) -> Step | None:
-    """Gauss-Newton on the pixels of the body; what hides a part of it counts little."""
+def _laid(arm: Arm, body: RestingBody, frame: FloatImage, direction: float, place: Array) -> Step | None:
+    """Sub-pixel registration: Gauss-Newton on the pixels of the body, with robust weights against occlusion."""
     model = body.picture.astype(np.float64)
     base = body.weight.astype(np.float64)
     known = base > 0
@@ -305,7 +305,7 @@ def _laid(arm: Arm, body: Passenger, frame: FloatImage, direction: float, place:
         w = base[known] * usual
         inverse = np.linalg.inv((columns * w[:, None]).T @ columns + 1e-9 * np.eye(4))
         scatter = inverse @ ((columns * (w**2 * spread**2)[:, None]).T @ columns) @ inverse
-        # compression ties neighbouring pixels together
+        # factor 2: compression correlates neighbouring pixels
         sigma = 2 * math.sqrt(max(float(scatter[0, 0]), 1e-8)) / abs(gain)
         likeness = _likeness(values, model[known], w)
         if float(usual.mean()) < LEAST_SEEN or answer[2] < 0.15:

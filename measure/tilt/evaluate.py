@@ -1,3 +1,5 @@
+"""Evaluate plate angle and body track of a tilt: friction and its angle at the onset of motion, checks."""
+
 from __future__ import annotations
 
 import math
@@ -25,11 +27,11 @@ from rigtwin.measure.tilt.onset import (
 
 FRICTION = {"slide": "static_friction", "roll": "rolling_friction"}
 
-GIVEN_DOUBT = 0.02  # relative, of a scale read off a length in view, or of a record that somebody tracked
+GIVEN_DOUBT = 0.02  # relative standard uncertainty of a scale from a length in view, or of a tracked record
 
-WRONG_SCALE = 0.3  # relative misfit of the acceleration from which on the scale is not believed
+WRONG_SCALE = 0.3  # relative misfit of the acceleration beyond which the scale is not used
 
-# checks that every number rests on
+# checks that affect every quantity
 BEHIND_ALL = {
     "variant",
     "creep",
@@ -43,9 +45,10 @@ BEHIND_ALL = {
     "static_camera",
 }
 
+# further checks that affect angles
 ANGLES_ON = {"level", "camera_roll", "proportions"}
 
-# and those that it rests on besides: an angle needs no clock and no scale, a moment no horizontal
+# all checks per quantity: an angle needs neither time base nor scale, the onset time needs no horizontal
 RESTS_ON = {
     "static_friction": BEHIND_ALL | ANGLES_ON,
     "static_friction_angle": BEHIND_ALL | ANGLES_ON,
@@ -62,11 +65,41 @@ RESTS_ON = {
 def evaluate(
     angle: Series, tracks: Sequence[Track], *, variant: Variant, bead_diameter: float | None = None
 ) -> Evaluation:
-    """Friction and its angle at the onset of motion, with the time of the onset.
+    """Friction and its angle at the onset of motion, and the time of the onset.
 
-    `angle` is the plate's angle against the horizontal over time ("rad" or "deg"); `tracks` hold the body, or the
-    bodies of one rigid clump, fixed in space with the origin on the plate's axis.  Raises `NothingToMeasure` when
-    nothing starts to move.
+    Parameters
+    ----------
+    angle : Series
+        Angle of the plate against the horizontal over time [s], positive, in "rad" or "deg".
+    tracks : sequence of Track
+        The body, or the bodies of one rigid clump.  Position [m], shape (n, 2), fixed in space, origin on the plate's
+        axis, x towards the rising side, y up.
+    variant : {"slide", "roll"}
+        Kind of motion.
+    bead_diameter : float, optional
+        Diameter of the bead [m]; scales the limits of drift and creep.
+
+    Returns
+    -------
+    Evaluation
+        ``static_friction`` (slide) or ``rolling_friction`` (roll) [1], the same with ``_angle`` [deg], ``onset_time``
+        [s], for a sliding body ``kinetic_friction`` [1], with checks.
+
+    Raises
+    ------
+    NothingToMeasure
+        If nothing starts to move, or rest and run are not both seen.
+    BadInput
+        If the variant is unknown or there is no track.
+
+    Notes
+    -----
+    mu = tan(alpha) at the onset.  The onset is the change point of a fit of rest and run, see
+    `rigtwin.measure.tilt.onset`, not the crossing of a threshold.
+
+    References
+    ----------
+    Hlosta et al. (2020), eqs. 3 and 4.
     """
     check_variant(variant)
     way = way_down(angle, tracks, variant, bead_diameter, scale_doubt=GIVEN_DOUBT)
@@ -82,20 +115,23 @@ def check_variant(variant: str) -> None:
 def way_down(
     angle: Series, tracks: Sequence[Track], variant: Variant, bead_diameter: float | None, scale_doubt: float
 ) -> Way:
-    """How far the body came down the plate: its track turned back by the plate's angle."""
+    """Displacement of the body down the plate: its track rotated back by the plate's angle.
+
+    Raises `BadInput` without a track, `NothingToMeasure` if body and angle are seen together in too few frames.
+    """
     if not tracks:
         raise BadInput("measure tilt: the record holds no track of the body; give one beside the angle.")
     if any(len(track.time) == 0 for track in tracks):
         raise NothingToMeasure(
-            "measure tilt: what is on the plate is seen in no frame together with the plate's angle; is this a clip of "
-            "a tilting plate, with the body in view?"
+            "measure tilt: the body is seen in no frame together with the plate's angle; is this a clip of a tilting "
+            "plate, with the body in view?"
         )
     turned = np.radians(angle.value) if angle.unit == "deg" else np.asarray(angle.value)
     known = np.isfinite(turned) & np.isfinite(angle.time)
     if known.sum() < 8:
         raise NothingToMeasure(
             f"measure tilt: the plate's angle is known in only {int(known.sum())} frames; is this a clip of a tilting "
-            "plate, seen from the side, and light enough?"
+            "plate, seen from the side, with enough light?"
         )
     time = tracks[0].time
     ways, sigmas = [], []
@@ -130,8 +166,8 @@ def onset_of(way: Way, whose: str) -> tuple[Run, Onset]:
         first, last = (math.degrees(angle) for angle in (way.angle[0], way.angle[-1]))
         if abs(last - first) < math.degrees(LEAST_TURN):
             raise NothingToMeasure(
-                f"{whose}: what is taken for the body is seen only while the plate stands at {first:.1f} degrees, and "
-                "stays where it is; is the clip whole, sharp and one of a tilting plate?"
+                f"{whose}: the object that is taken for the body is seen only while the plate stands at {first:.1f} "
+                "degrees, and it stays where it is; is this a complete and sharp clip of a tilting plate?"
             )
         rises = last > first
         advice = "film on until it has run down the plate." if rises else "is the clip played backwards?"
@@ -141,7 +177,7 @@ def onset_of(way: Way, whose: str) -> tuple[Run, Onset]:
         )
     onset = find_onset(way, run)
     if onset is not None and math.isfinite(way.scale_doubt) and abs(onset.gain - 1) > WRONG_SCALE:
-        # a scale that far off must not pull the onset along: let the run tell its own
+        # a wrong scale must not shift the onset: fit it freely
         onset = find_onset(replace(way, scale_doubt=math.inf), run)
     if onset is None:
         raise NothingToMeasure(
@@ -160,7 +196,10 @@ def evaluate_run(
     geometry: Mapping[str, float] | None = None,
     timing: Mapping[str, float] | None = None,
 ) -> Evaluation:
-    """`geometry` and `timing` hold what a film adds to the doubt of the angle [rad] and of the time [s]."""
+    """Quantities and checks of a fitted onset.
+
+    `geometry` [rad] and `timing` [s] are additional standard uncertainties of the angle and the time in a film.
+    """
     geometry = geometry or {}
     judged = checks_of(way, onset, variant, bead_diameter)
     checks = tuple(each for each in judged if isinstance(each, Check))
@@ -175,7 +214,7 @@ def evaluate_run(
         _quantity("onset_time", onset.time, "s", {"onset": onset.time_sigma, **(timing or {})}),
     ]
     if variant == "slide" and math.isfinite(way.scale_doubt):
-        # the acceleration, which the friction of the moving body falls short of the slope by, goes with the scale
+        # kinetic friction is the slope minus the acceleration over g, which is proportional to the scale
         scale = min(way.scale_doubt, LEAST_DOUBT) * abs(math.tan(onset.angle) - onset.moving_friction)
         turned = {part: slope * value for part, value in geometry.items()}
         moving = {"acceleration": onset.moving_sigma, "scale": scale, **turned}

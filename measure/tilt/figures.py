@@ -1,4 +1,4 @@
-"""What a measured tilt looks like: annotated video, still at the onset, plot of the way down the plate and its fit."""
+"""Pictures of a measured tilt: annotated video, still at the onset, plot of the displacement and its fit."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def write_pictures(
 
 
 def write_plot(path: Path, way: Way, onset: Onset, found: Quantity) -> None:
-    """Way down the plate with the fitted run, its residuals, and the angle of the plate."""
+    """Plot displacement down the plate with the fitted run, its residuals, and the angle of the plate."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8, 6.5))
@@ -95,7 +95,7 @@ def _write_video(
     angle: Series,
     progress: Progress,
 ) -> Image | None:
-    """The annotated clip; returns the picture of the first frame after the onset."""
+    """Write the annotated clip; returns the picture of the first frame after the onset."""
     still = None
     with OverlayVideo(path, frame_rate=min(video.playback_rate or 30.0, 30.0)) as overlay:
         for k, frame in enumerate(video.frames()):
@@ -115,7 +115,7 @@ def _write_video(
 
 
 def _mark(picture: Image, film: Film, k: int) -> None:
-    """Arm, its pivot, the level edges and the body in one frame."""
+    """Draw the arm, its pivot, the level edges and the body in one frame."""
     shake = np.array(film.poses[k].shake)
     for line in () if film.level is None else film.level.lines:
         draw_line(picture, _moved(line.start, shake), _moved(line.end, shake), SKY)

@@ -1,3 +1,5 @@
+"""Checks of a tilt film: shape of the body, rest, view of the plate, frame timing, horizontal."""
+
 from __future__ import annotations
 
 import math
@@ -8,7 +10,7 @@ from rigtwin.lab.quantity import Check
 from rigtwin.measure.geometry.camera_roll import roll_check
 from rigtwin.measure.media.time_base import UNSTEADY
 from rigtwin.measure.media.video import Video
-from rigtwin.measure.tilt.body_track import FEWEST, Passenger
+from rigtwin.measure.tilt.body_track import FEWEST, RestingBody
 from rigtwin.measure.tilt.checks import BEGIN_EARLIER
 from rigtwin.measure.tilt.observe import Film, Gauge, Horizontal
 from rigtwin.measure.tilt.onset import (
@@ -16,13 +18,13 @@ from rigtwin.measure.tilt.onset import (
     Variant,
 )
 
-CLUMP = 2.3  # length over height of a body on the plate, from which on it is no single bead, smeared by what it crept
+CLUMP = 2.3  # length over height of a body beyond which it is no single bead, even if smeared by creep
 
-MOSTLY = 0.8  # of the frames before the onset, in which a missing one must show to be told
+MOSTLY = 0.8  # minimum share of frames before the onset in which a missing frame would be detected
 
 
-def shape_check(body: Passenger, variant: Variant) -> Check:
-    """Whether the body can do what is stated: beads glued together do not roll."""
+def shape_check(body: RestingBody, variant: Variant) -> Check:
+    """Whether the shape of the body allows the stated motion: beads glued together do not roll."""
     ratio = body.size[0] / body.size[1]
     passed = variant == "slide" or ratio < CLUMP
     ending = "." if passed else ": it is no single bead, so that it slides; give --variant slide."
@@ -30,14 +32,14 @@ def shape_check(body: Passenger, variant: Variant) -> Check:
 
 
 def portrait_check(film: Film, onset: Onset) -> tuple[Check, ...]:
-    """Whether the body rests in the frames of which its picture at rest is made, where it does not."""
+    """A failed check if the body moves in too many frames from which its picture at rest is made, else none."""
     body = film.body
     resting = int(np.sum(film.times[np.isin(film.frames, body.rests)] < onset.time))
     if resting >= max(FEWEST, len(body.rests) / 2):
         return ()
     message = (
-        f"of the {len(body.rests)} frames that show the body at its first place only {resting} are before the onset: "
-        f"too little of its rest is seen. {BEGIN_EARLIER}"
+        f"of the {len(body.rests)} frames that show the body at its first position only {resting} are before the "
+        f"onset: too little of its rest is seen. {BEGIN_EARLIER}"
     )
     return (Check("picture_at_rest", False, float(resting), float(FEWEST), message),)
 
@@ -56,7 +58,7 @@ def view_checks(film: Film, gauge: Gauge, video: Video, onset: Onset) -> tuple[C
 
 
 def _timing_check(film: Film, video: Video, onset: Onset) -> Check:
-    """Whether the frames follow each other as their times say, as far as plate and body show."""
+    """Whether the time stamps are right, as far as the motion of plate and body shows."""
     steps = np.diff(video.times[video.first : video.last + 1])
     odd = int(np.sum(np.abs(steps - np.median(steps)) > 0.5 * np.median(steps)))
     message = f"{odd} of {len(steps)} frame intervals are odd" + ("; the file's own times were used" if odd else "")
@@ -65,21 +67,21 @@ def _timing_check(film: Film, video: Video, onset: Onset) -> Check:
         by = {0: "the plate turns", lost: "the body moves"}.get(film.lost_in_run, "plate and body move")
         message += (
             f"; {lost} more {'is' if lost == 1 else 'are'} missing by how far {by} at {at[0]:.3f} s"
-            f"{'' if len(at) == 1 else f' and {len(at) - 1} times after'}, and the times were put right"
+            f"{'' if len(at) == 1 else f' and {len(at) - 1} times after'}, and the times were corrected"
         )
-    told = film.told[film.times < onset.time]
-    seen = float(np.mean(told)) if len(told) else 0.0
+    clear = film.shown[film.times < onset.time]
+    seen = float(np.mean(clear)) if len(clear) else 0.0
     hidden = (
         f"in {100 * (1 - seen):.0f} % of the frames before the onset the plate turns too little to show a missing one"
     )
     passed = False
     if doubled := film.repeated:
         ending = (
-            f", but in the run {doubled} frame{'' if doubled == 1 else 's'} just like the one before put off "
-            "what follows, so that times come out too long: use the camera's original file."
+            f", but in the run {doubled} frame{'' if doubled == 1 else 's'} identical to the one before delay "
+            "all that follow, so that times are too long: use the camera's original file."
         )
     elif film.lost_in_run:
-        # what the plate's turn does not show there it need not show before the onset
+        # a loss that the plate's turn does not show there may be missed before the onset too
         ending = ", but others may be before the onset, where only the plate moves: use the camera's original file."
     elif odd >= UNSTEADY * len(steps):
         ending = ", but so many may be wrong: use the camera's original file."
@@ -89,13 +91,13 @@ def _timing_check(film: Film, video: Video, onset: Onset) -> Check:
 
 
 def _level_check(level: Horizontal, edges: int) -> Check:
-    """Whether the horizontal is known, and a stated one is that of the base plate."""
-    degrees, doubt = math.degrees(level.roll), math.degrees(level.sigma)
+    """Whether the horizontal is known, and whether a stated one agrees with the base plate."""
+    degrees, sigma = math.degrees(level.roll), math.degrees(level.sigma)
     if level.source == "not known":
-        message = "no level edge of a base plate is seen, so the camera is taken to be upright; give --camera-roll."
+        message = "no level edge of a base plate was found, so the camera is taken to be upright; give --camera-roll."
         return Check("level", False, 0.0, 0.0, message)
     if level.source == "given" and level.seen is not None:
         return roll_check(level.roll, *level.seen, f"{edges} level edges of the base plate run at")
     where = "as given" if level.source == "given" else f"from {edges} level edges"
-    message = f"the horizontal runs at {degrees:+.2f} ± {doubt:.2f} deg in the picture, {where}."
+    message = f"the horizontal runs at {degrees:+.2f} ± {sigma:.2f} deg in the picture, {where}."
     return Check("level", True, degrees, 0.0, message)

@@ -1,13 +1,4 @@
-"""A plate is tilted until a body on it slides or rolls: friction from the angle at the onset.
-
-Hlosta et al. 2020, eqs. 3 and 4: mu = tan(alpha) where motion begins.
-
-`measure` turns a clip into the plate's angle and the body's track, `evaluate` does the rest for any such record, filmed
-or simulated.  The onset is found by running the body's motion back to rest (`measure.onset`), not by a threshold.
-
-A track is fixed in space, its origin on the axis about which the plate turns: x points to where the plate rises, y up.
-The angle is that of the plate against the horizontal, positive.
-"""
+"""Measure a plate that is tilted until a body on it slides or rolls: from a clip to quantities (`measure`)."""
 
 from __future__ import annotations
 
@@ -36,7 +27,7 @@ from rigtwin.measure.tilt.onset import (
     Way,
 )
 
-STARVED = 0.006  # bits per pixel, below which a film in which so little moves leaves out what is faint
+OVER_COMPRESSED = 0.006  # [bits/pixel], below which the codec drops low-contrast motion in a film with little motion
 
 
 def measure(
@@ -51,9 +42,48 @@ def measure(
 ) -> Measurement:
     """Measure a clip of a tilting plate with a body on it.
 
-    `bead_diameter` [m] or `arm_length` [m, hinge to tip] give the scale, which only the acceleration check and the
-    kinetic friction need; the angle needs none.  The base plate under the arm is taken to be level, unless the
-    camera's roll is given.  Raises `NothingToMeasure` when no straight arm turns or nothing moves on it.
+    Parameters
+    ----------
+    clip : Path
+        Video or stack of images, seen from the side.
+    camera : Camera
+        Frame rate, scale, roll and search region, as far as known.  Without a roll the base plate under the arm is
+        taken to be level.
+    variant : {"slide", "roll"}
+        Kind of motion.
+    bead_diameter : float, optional
+        Diameter of the bead [m].
+    arm_length : float, optional
+        Length of the arm from hinge to tip [m].
+    out : Path, optional
+        Folder for the annotated video, pictures, plot and records; None writes no files.
+    progress : Progress, optional
+        Called with stage, number of steps done and total number of steps.
+
+    Returns
+    -------
+    Measurement
+        Quantities and checks of `rigtwin.measure.tilt.evaluate.evaluate`, the track of the body, and the angle of the
+        plate against the horizontal [rad], positive.
+
+    Raises
+    ------
+    UnreadableMedia
+        If the file is no video.
+    NothingToMeasure
+        If no straight arm turns, or nothing moves on it.
+    BadInput
+        If the variant is unknown.
+
+    Notes
+    -----
+    mu = tan(alpha) at the onset of motion.  The track is fixed in space with its origin on the axis of the plate, x
+    towards the rising side and y up.  The scale is that of `camera`, else from `arm_length`, else from
+    `bead_diameter`, else from gravity.  Only the check of the acceleration and the kinetic friction need it.
+
+    References
+    ----------
+    Hlosta et al. (2020), eqs. 3 and 4.
     """
     check_variant(variant)
     video = at_its_pace(open_video(clip, camera), progress)
@@ -70,7 +100,7 @@ def measure(
     if np.any(film.missing != by_turn_alone.missing):
         angle, track, way, run, onset = read(film, gauge)
     if not math.isfinite(gauge.doubt):
-        # only now, for it hangs on the square of all times
+        # only now, as it depends on the square of all times
         gauge = replace(gauge, scale=gauge.scale / onset.gain, source="gravity")
         angle, track, way, run, onset = read(film, gauge)
     geometry = {
@@ -78,18 +108,18 @@ def measure(
         "arm": max(film.arm.tilt_sigma, float(np.nanmedian(film.sigmas))),
         "perspective": PERSPECTIVE,
     }
-    # an exposure lasts up to a frame, and a time stamp tells its start
+    # an exposure lasts up to one frame interval, and the time stamp is that of its start
     timing = {"exposure": 0.2 / video.frame_rate}
-    if put_right := int(np.sum(film.missing[film.times <= onset.time] > 0)):
-        # a jerk of the plate looks like a frame that is missing
-        timing["missing frames"] = 0.5 * math.sqrt(put_right) / video.frame_rate
+    if corrected := int(np.sum(film.missing[film.times <= onset.time] > 0)):
+        # a jerk of the plate looks like a missing frame
+        timing["missing frames"] = 0.5 * math.sqrt(corrected) / video.frame_rate
     evaluation = evaluate_run(way, run, onset, variant, bead_diameter, geometry, timing)
     still = camera_by_scene(film.poses)
     of_film = (
         shape_check(film.body, variant),
         *portrait_check(film, onset),
         *view_checks(film, gauge, video, onset),
-        compression_check(video, STARVED),
+        compression_check(video, OVER_COMPRESSED),
         *([still] if isinstance(still, Check) else []),
     )
     checks = (*evaluation.checks, *of_film)

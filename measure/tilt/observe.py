@@ -1,3 +1,5 @@
+"""Follow plate and body through a tilt film, and find scale and horizontal (media to record)."""
+
 from __future__ import annotations
 
 import math
@@ -18,7 +20,7 @@ from rigtwin.measure.scene.background import Background, learn_scene
 from rigtwin.measure.scene.contrast_stretch import DIMMEST
 from rigtwin.measure.scene.pose import Pose
 from rigtwin.measure.scene.scene import Scene
-from rigtwin.measure.tilt.body_track import SATURATED, Arrival, Passenger, Step, find_passenger, follow, glare
+from rigtwin.measure.tilt.body_track import SATURATED, Arrival, RestingBody, Step, find_body, follow, glare
 from rigtwin.measure.tilt.checks import BEGIN_EARLIER, LEAST_REST
 from rigtwin.measure.tilt.evaluate import GIVEN_DOUBT
 from rigtwin.measure.tilt.lost_frames import gaps_by_run, gaps_by_turn
@@ -32,21 +34,21 @@ from rigtwin.measure.tilt.onset import (
 )
 from rigtwin.measure.tilt.plate_angle import Arm, find_arm, lay_over
 
-PERSPECTIVE = math.radians(0.02)  # a plate that is not quite parallel to the picture
+PERSPECTIVE = math.radians(0.02)  # standard uncertainty for a plate that is not quite parallel to the picture
 
 GIVEN_ROLL = math.radians(0.1)  # standard uncertainty of a stated camera roll
 
-MOVED = 0.08  # [px], how far a body that has left the pixels on which it rested lies off its picture
+MOVED = 0.08  # [px], registration error of a body that has left the pixels on which it rested
 
-AT_REST = 0.1  # [px], within which it has not left them
+AT_REST = 0.1  # [px], displacement up to which it has not left them
 
-NO_LEVEL = math.radians(1.0)  # standard uncertainty of a camera roll that nothing tells
+NO_LEVEL = math.radians(1.0)  # standard uncertainty of an unknown camera roll
 
-BEAD_DOUBT = 0.12  # relative, of a scale from the outline of a body on the plate
+BEAD_DOUBT = 0.12  # relative standard uncertainty of a scale from the outline of a body on the plate
 
-MOST_WHITE = 0.25  # of the picture: more is no highlight
+MOST_WHITE = 0.25  # share of white pixels beyond which the picture is overexposed: more is no highlight
 
-NOMINAL = 3e-4  # [m/px], where no scale is known: only a unit
+NOMINAL = 3e-4  # [m/px], placeholder if no scale is known
 
 
 # ---------------------------------------------------------------------------------------------------- media -> record
@@ -54,33 +56,33 @@ NOMINAL = 3e-4  # [m/px], where no scale is known: only a unit
 
 @dataclass(frozen=True)
 class Film:
-    """Arm and body followed through a clip; directions and shifts as the picture shows them."""
+    """Arm and body followed through a clip, in picture coordinates."""
 
     arm: Arm
     level: Level | None
-    body: Passenger
+    body: RestingBody
     frames: npt.NDArray[np.int64]  # frame numbers, shape (n,)
     times: Array  # [s], shape (n,)
     directions: Array  # [rad], of the arm in the picture, NaN where it is not seen, shape (n,)
     sigmas: Array  # [rad], of the directions
-    steps: tuple[Step | None, ...]  # the body against its place at rest
-    poses: tuple[Pose, ...]  # of the frames over the still scene
+    steps: tuple[Step | None, ...]  # displacement of the body from its position at rest
+    poses: tuple[Pose, ...]  # of the frames relative to the still scene
     uphill: int  # +1 where the arm rises to the right
     picture: FloatImage = field(repr=False)  # the still scene
-    missing: npt.NDArray[np.int64]  # frames that the film lacks before each, shape (n,)
-    told: npt.NDArray[np.bool_]  # whether the plate turns so far that one which is missing stands out, shape (n,)
-    repeated: int = 0  # frames of the run that repeat the one before and put off all that follow
-    lost_in_run: int = 0  # frames that are missing there by how far the body moves, and not by the plate's turn
+    missing: npt.NDArray[np.int64]  # frames missing before each frame, shape (n,)
+    shown: npt.NDArray[np.bool_]  # whether the plate turns far enough to show a missing frame, shape (n,)
+    repeated: int = 0  # frames of the run that repeat the one before and delay all that follow
+    lost_in_run: int = 0  # frames of the run that are missing by the motion of the body, but not by the plate's turn
 
 
 @dataclass(frozen=True)
 class Horizontal:
-    """How the horizontal runs through the picture at the arm's height."""
+    """Direction of the horizontal in the picture at the arm's height."""
 
-    roll: float  # [rad], positive where it falls to the right
-    sigma: float  # [rad], one standard deviation
+    roll: float  # [rad], positive if it falls to the right
+    sigma: float  # [rad], standard uncertainty
     source: str
-    seen: tuple[float, float] | None  # [rad], that of the base plate's edges and its standard deviation
+    seen: tuple[float, float] | None  # [rad], direction of the base plate's edges and its standard uncertainty
 
 
 @dataclass(frozen=True)
@@ -94,12 +96,16 @@ class Gauge:
 
 
 def watch(video: Video, camera: Camera, progress: Progress) -> Film:
+    """Find arm and body and follow them through the clip.
+
+    Raises `NothingToMeasure` if no straight arm turns, or no body rests on it first and leaves later.
+    """
     learnt = learn_scene(video)
     scene = learnt.scene()
     stack = np.stack(list(_laid_over(scene, learnt).values()))
     moved = np.percentile(stack, 90, axis=0) - np.percentile(stack, 10, axis=0)
     still = moved < 6 * float(np.median(moved)) + 6
-    # of a scene with few edges of its own the arm as it turns would pull the frames along
+    # in a scene with few edges the turning arm would bias the camera pose
     scene = replace(scene, moving=~still)
     samples = _laid_over(scene, learnt)
     progress("looking for the arm", 0, 1)
@@ -114,27 +120,28 @@ def watch(video: Video, camera: Camera, progress: Progress) -> Film:
     horizontal = 0.0 if level is None else level.slope
     usual = float(np.median(list(arm.directions.values()))) + arm.tilt
     uphill = 1 if usual < horizontal else -1
-    body = find_passenger(arm, samples, uphill, glare(scene.picture) | in_front(arm, still))
+    body = find_body(arm, samples, uphill, glare(scene.picture) | in_front(arm, still))
     if body is None:
         raise NothingToMeasure(
-            f"{video.path}: {_poorly_lit(samples)}an arm turns, but nothing is seen to rest on its upper side at first "
-            "and to have left its place at the end; film on until the body has slid or rolled down, in contrast."
+            f"{video.path}: {_poorly_lit(samples)}an arm turns, but no body is seen that rests on its upper side at "
+            "first and has left its position at the end; film on until the body has slid or rolled down, with good "
+            "contrast."
         )
     if isinstance(body, Arrival):
         raise NothingToMeasure(
-            f"{video.path}: what comes down the plate by {video.times[body.frame]:.3f} s is not seen at rest before: "
-            f"it moves in the first pictures already. {BEGIN_EARLIER}"
+            f"{video.path}: the body that comes down the plate by {video.times[body.frame]:.3f} s is not seen at rest "
+            f"before: it moves in the first pictures already. {BEGIN_EARLIER}"
         )
     return _follow(video, scene, arm, level, body, uphill, progress)
 
 
 def _poorly_lit(samples: Mapping[int, FloatImage]) -> str:
-    """What is wrong with the pictures themselves, as the beginning of a sentence; empty where nothing is."""
+    """Begin of a message on poor exposure of the pictures; empty if there is none."""
     blank = sum(float(np.ptp(np.percentile(picture, (0.5, 99.5)))) < DIMMEST for picture in samples.values())
     if blank:
         rest = "in what remains " if blank < len(samples) else ""
         return f"{blank} of {len(samples)} pictures looked at show nothing but one brightness; {rest}"
-    # a film's brightness often ends at 235
+    # white is often at 235 in video
     white = float(np.mean([np.mean(picture >= max(picture.max() - 3, SATURATED)) for picture in samples.values()]))
     return f"{100 * white:.0f} % of the picture is white, overexposed; " if white > MOST_WHITE else ""
 
@@ -144,7 +151,7 @@ def _laid_over(scene: Scene, learnt: Background) -> dict[int, FloatImage]:
 
 
 def _follow(
-    video: Video, scene: Scene, arm: Arm, level: Level | None, body: Passenger, uphill: int, progress: Progress
+    video: Video, scene: Scene, arm: Arm, level: Level | None, body: RestingBody, uphill: int, progress: Progress
 ) -> Film:
     """Arm and body in every frame, each predicted from the frames before."""
     numbers, directions, sigmas, steps, poses = [], [], [], [], []
@@ -154,7 +161,7 @@ def _follow(
     place, speed, lost = np.zeros(2), 0.0, 0
     usual, before = float(np.median(np.diff(video.times))), math.nan
     for frame in video.frames():
-        # where frames are missing it goes as much further
+        # number of frame intervals since the last frame: the body moves further if frames are missing
         lasts = 1.0 if math.isnan(before) else (video.times[frame.index] - before) / usual
         before = video.times[frame.index]
         view = scene.view(frame.grey, shake)
@@ -164,7 +171,7 @@ def _follow(
         direction = guess if turn is None else turn.direction
         step = None
         if lost < 20:
-            # downhill it may speed up by a good part of its size from frame to frame
+            # from frame to frame it may accelerate by a large share of its size
             expected = place + np.array([speed * lasts, 0.0])
             step = follow(arm, body, view.grey, direction, expected.tolist(), 1.0)
             if step is None or abs(speed) > 1.0 or abs(step.along - place[0]) > 1.0:
@@ -200,12 +207,12 @@ def _follow(
         uphill,
         scene.picture,
         gaps.missing,
-        gaps.told,
+        gaps.shown,
     )
 
 
 def by_the_run(film: Film, way: Way, run: Run, onset: Onset, video: Video) -> Film:
-    """The film with the frames that are missing by the body's run where that tells, and else by the plate's turn."""
+    """The film with missing frames from the run of the body where it shows them, else from the plate's turn."""
     first = int(np.searchsorted(way.time, onset.time))
     rest = float(np.median(way.down[max(first - LEAST_REST, 0) : first + 1]))
     frames = np.searchsorted(film.times, way.time[first : run.end])
@@ -213,7 +220,7 @@ def by_the_run(film: Film, way: Way, run: Run, onset: Onset, video: Video) -> Fi
     gaps = gaps_by_run(raw[frames], way.down[first : run.end] - rest, way.sigma[first : run.end])
     lost = np.maximum(gaps.missing, 0)
     missing = film.missing.copy()
-    missing[frames[gaps.told]] = lost[gaps.told]
+    missing[frames[gaps.shown]] = lost[gaps.shown]
     return replace(
         film,
         missing=missing,
@@ -224,16 +231,17 @@ def by_the_run(film: Film, way: Way, run: Run, onset: Onset, video: Video) -> Fi
 
 
 def gauge_of(film: Film, camera: Camera, bead_diameter: float | None, arm_length: float | None) -> Gauge:
+    """Scale and horizontal; the scale is that of the camera, else from the arm, else from the bead."""
     level = _horizontal(film, camera)
     if camera.given_scale is not None:
         doubt = camera.scale_doubt(GIVEN_DOUBT)
         return Gauge(camera.given_scale, doubt, camera.scale_from, level)
     if arm_length is not None:
         tip = film.arm.span[1] if film.uphill > 0 else -film.arm.span[0]
-        # the arm's front is nearer to the camera than the body on its middle
+        # 5 %: the front of the arm is nearer to the camera than the body on its middle
         return Gauge(arm_length / tip, 0.05, "arm length", level)
     if bead_diameter is not None:
-        # a clump is one bead high; what glare leaves of its picture has notches, which no circle may be fitted between
+        # the height is used, as a clump is one bead high; no circle is fitted, as glare leaves notches in the outline
         return Gauge(bead_diameter / film.body.size[1], BEAD_DOUBT, "bead diameter", level)
     return Gauge(NOMINAL, math.inf, "not known", level)
 
@@ -242,11 +250,11 @@ def _horizontal(film: Film, camera: Camera) -> Horizontal:
     """The horizontal at the arm's height in the picture."""
     usual = float(np.nanmedian(film.directions)) if np.any(np.isfinite(film.directions)) else 0.0
     x, y = (film.picture.shape[1] - 1) / 2, (film.picture.shape[0] - 1) / 2
-    # an edge that runs through the picture's middle is seen at its own slope, wherever the camera looks
+    # an edge through the middle of the picture has its true slope for any viewing direction
     row = y + (film.arm.pivot[1] - y) * math.cos(usual) - (film.arm.pivot[0] - x) * math.sin(usual)
     seen = None if film.level is None else film.level.at(row)
     if camera.roll is not None:
-        # where the picture shows another horizontal, either may be right: a bench may slope, a reading may be off
+        # if the picture shows another horizontal, either may be right: the base may slope, the reading may be wrong
         apart = 0.0 if seen is None else abs(camera.roll - seen[0])
         return Horizontal(camera.roll, math.hypot(GIVEN_ROLL, apart / 2), "given", seen)
     if seen is None:
@@ -255,7 +263,7 @@ def _horizontal(film: Film, camera: Camera) -> Horizontal:
 
 
 def record(film: Film, gauge: Gauge) -> tuple[Series, Track]:
-    """The plate's angle, and the body's track in metres about the axis."""
+    """Angle of the plate [rad], and track of the body [m] relative to the axis."""
     sign = film.uphill
     angle = -sign * (film.directions + film.arm.tilt - gauge.level.roll)
     seen = np.array([step is not None for step in film.steps]) & np.isfinite(angle)
@@ -276,10 +284,10 @@ def record(film: Film, gauge: Gauge) -> tuple[Series, Track]:
 
 
 def _wander(moved: Array) -> Array:
-    """[px], doubt of the place of a body that has moved off the pixels it rested on by `moved` [px].
+    """Standard uncertainty [px] of the position of a body that has moved by `moved` [px] off its pixels at rest.
 
-    It lies over its picture to a part of a pixel only, and all along one pixel wrong alike: the many frames in which it
-    is slow tell no more than one.
+    The registration has an error of a fraction of a pixel, which is constant along one pixel: many frames of a slow
+    body carry no more information than one.
     """
     moved = np.maximum(np.abs(moved) - max(AT_REST, 4 * jitter(moved)), 0.0)
     near = np.sort(moved[np.isfinite(moved)])

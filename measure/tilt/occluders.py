@@ -1,7 +1,7 @@
-"""What stands in front of a turning arm: a post, a rule, a cable.
+"""Find objects in front of a turning arm: a post, a rule, a cable.
 
-The arm passes behind it and nothing changes there.  In the arm's own coordinates such a thing wanders along like a body
-that rests on it and leaves.
+The arm passes behind such an object and its pixels do not change.  In the arm's coordinates it moves along the arm,
+like a body that rests on it and leaves.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ import numpy as np
 from rigtwin.lab.arrays import Mask
 from rigtwin.measure.tilt.plate_angle import Arm
 
-INSIDE = 2.0  # [px], from the arm's edges, where a pixel shows the arm alone
-OFTEN = 0.15  # of the frames, in which a pixel shows the arm, and in which it does not
-FEWEST = 6  # pixels of a column that the arm sweeps over
-UNCHANGED = 0.6  # of these, that stay as they are where something stands in front
-THIN = 0.3  # of the columns swept over; where more stay as they are, arm and background are alike
+INSIDE = 2.0  # [px], minimum distance from the arm's edges for a pixel that shows only the arm
+OFTEN = 0.15  # minimum share of frames in which a pixel shows the arm, and in which it does not
+FEWEST = 6  # minimum number of pixels in a column that the arm sweeps over
+UNCHANGED = 0.6  # minimum share of unchanged pixels in an occluded column
+THIN = 0.3  # largest share of occluded columns; if more are unchanged, arm and background look alike
 
 
 def in_front(arm: Arm, still: Mask) -> Mask:
-    """Columns of the picture in which something stands before the arm; `still` marks pixels that do not change."""
+    """Mask of the columns in which an object is in front of the arm; `still` marks pixels that do not change."""
     y, x = np.indices(still.shape, dtype=np.float32)
     x, y = x - np.float32(arm.pivot[0]), y - np.float32(arm.pivot[1])
     rows = [edge.row for edge in arm.edges]

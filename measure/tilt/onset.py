@@ -1,13 +1,13 @@
-"""When a body on a slowly rising plate starts to move, from its way down the plate and the plate's angle over time.
+"""Find the onset of motion of a body on a slowly rising plate: a change point of its displacement.
 
-After the onset the body obeys s'' = f g (sin a - m cos a): f = 1 for a sliding body and 5/7 for a ball that rolls
-without slip, a the angle, m the friction while it moves.  The first frames of that motion are far smaller than the
-noise (a rolling ball's way grows with the cube of time), so the whole run is fitted and its beginning is where the
-motion, run backwards, came to rest: a change point that no threshold shifts.
+After the onset the body obeys s'' = f g (sin a - m cos a), with f = 1 for sliding and 5/7 for a ball that rolls without
+slip, the angle a, and the friction m in motion.  The displacement in the first frames is far smaller than the noise
+(for a rolling ball it grows with the cube of time).  Therefore rest and run are fitted together, and the onset is the
+change point between them; no threshold is involved.
 
-What moves the body a little before the onset must not pass for it: a drift in step with the angle (the axis is not
-quite where it is thought to be) and a creep that began some time before.  Both are columns of the fit; which of them
-are needed is weighed by the data (Schwarz's criterion), and the doubt of the onset covers all that remain likely.
+Small motion before the onset must not be taken for it: drift in proportion to the angle (error of the assumed axis),
+and creep that starts earlier.  Both are columns of the fit.  Schwarz's criterion (BIC) weights the models with and
+without creep, and the uncertainty of the onset covers all likely ones.
 """
 
 from __future__ import annotations
@@ -25,42 +25,45 @@ from rigtwin.lab.rigs import GRAVITY
 
 Variant = Literal["slide", "roll"]
 
-LEAST_TURN = math.radians(0.4)  # of a clip that shows a tilt
-FACTOR = {"slide": 1.0, "roll": 5 / 7}  # of gravity along the plate; a solid ball that rolls also has to be spun up
-USUAL_DRIFT = 0.006  # [m], how far the axis may lie off the origin of a track
-MOST_POINTS = 250  # a longer record is averaged down: the onset hangs on all of the run, not on single frames
-# -2 log of the odds that rolling friction falls when a ball starts to roll, as sliding friction does: an error that
-# lasts for a while looks like it
+LEAST_TURN = math.radians(0.4)  # minimum turn in a clip of a tilt
+FACTOR = {"slide": 1.0, "roll": 5 / 7}  # share of gravity along the plate; a rolling solid ball also gains rotation
+USUAL_DRIFT = 0.006  # [m], standard uncertainty of the axis relative to the origin of a track
+MOST_POINTS = 250  # a longer record is averaged in groups: the onset depends on the whole run, not on single frames
+# -2 log of the prior odds that rolling friction drops when a ball starts to roll, as sliding friction does: a slowly
+# varying error looks like it
 ROLLING_JUMP = 25.0
-# of the smoothed angle, between which a slow plate hardly turns: its search takes a millisecond for every knot
+# limit of the knots of the smoothed angle: a slow plate hardly turns between them, and each costs about a millisecond
 MOST_KNOTS = 4000
-SLOW = 0.02  # speed of a creep over the mean speed of the run, one standard deviation
-CREEP_STARTS, CREEP_SHAPES = 6, 2  # how many beginnings of a creep are tried, and whether it is even or grows
-PARTS = 4  # of the angle's record
-FLOOR = 1e-7  # [m], finer than any film
-LEAST_DOUBT = 0.15  # of the scale: a scale that is wrong must not pull the onset along
-LEAST_RUN = 0.25  # way of a run over the bead's size
-WORSE = 1.5  # times the noise at rest, from which on that of a run is one of its own
-FAR = 0.002  # noise added per way, relative: a body that has turned and left its light is tracked less well
+SLOW = 0.02  # prior standard deviation of the speed of creep over the mean speed of the run
+CREEP_STARTS, CREEP_SHAPES = (
+    6,
+    2,
+)  # number of start times and of shapes (constant or growing speed) of creep that are tried
+PARTS = 4  # number of parts of the angle's record for its uncertainty
+FLOOR = 1e-7  # [m], lower limit of the noise, below that of any film
+LEAST_DOUBT = 0.15  # lower limit of the relative uncertainty of the scale: a wrong scale must not shift the onset
+LEAST_RUN = 0.25  # minimum displacement of a run over `Way.drift`
+WORSE = 1.5  # ratio of noise in the run to noise at rest beyond which they are treated separately
+FAR = 0.002  # added noise over displacement: tracking is worse when rotation and lighting have changed
 
 
 @dataclass(frozen=True)
 class Way:
-    """How far the body has come down the plate, and the plate's angle, over time."""
+    """Displacement of the body down the plate, and the plate's angle, over time."""
 
-    time: Array  # [s], shape (n,), rising
+    time: Array  # [s], shape (n,), ascending
     angle: Array  # [rad], shape (n,), plate against the horizontal
     down: Array  # [m], shape (n,), along the plate, positive downhill
     sigma: Array  # [m], shape (n,), one standard deviation of `down`; NaN where unknown
     factor: float  # 1 sliding, 5/7 rolling
     scale_doubt: float  # relative standard uncertainty of lengths; infinite when there is no scale
-    drift: float  # [m], how far the true axis may lie off the one that the way was measured about
-    reach: float  # [m], of the body at first, from that axis
+    drift: float  # [m], standard uncertainty of the axis about which the displacement was measured
+    reach: float  # [m], initial distance of the body from that axis
 
 
 @dataclass(frozen=True)
 class Onset:
-    """The change point and what was fitted around it."""
+    """The change point and the fitted parameters."""
 
     time: float  # [s]
     time_sigma: float  # [s]
@@ -68,30 +71,30 @@ class Onset:
     angle_sigma: float  # [rad], from `time_sigma` and the noise of the angle
     moving_friction: float  # tan of the angle at which the moving body would not accelerate
     moving_sigma: float
-    gain: float  # fitted acceleration over that expected from gravity and the scale; 1 when both are right
+    gain: float  # fitted acceleration over that expected from gravity and the scale
     gain_sigma: float
-    axis: float  # [m], way that the body seems to come down for every radian that the plate rises under it
+    axis: float  # [m/rad], apparent displacement of the resting body per angle of the plate
     axis_sigma: float  # [m]
-    creep: float  # [m], way that the body crept before the onset
+    creep: float  # [m], creep before the onset
     creep_sigma: float  # [m]
-    noise: float  # [m], scatter of the way about the fit
-    used: npt.NDArray[np.bool_]  # points of the way that were fitted, shape (n,)
-    fitted: Array  # [m], fitted way at every point of the record, NaN outside the window
-    rate: float  # [rad/s], of the angle at the onset
-    under_way: float  # logarithm of the odds that the body moves from the first point on and the onset was before it
+    noise: float  # [m], scatter about the fit
+    used: npt.NDArray[np.bool_]  # points that were fitted, shape (n,)
+    fitted: Array  # [m], fitted displacement at every point of the record, NaN outside the window
+    rate: float  # [rad/s], rate of the angle at the onset
+    under_way: float  # log odds that the body moves from the first point on and the onset was before it
 
 
 @dataclass(frozen=True)
 class Run:
     """The last sustained motion downhill."""
 
-    start: int  # first index that is surely in motion
+    start: int  # first index that is certainly in motion
     end: int  # last index before the body is stopped or lost
     total: float  # [m]
 
 
 def find_run(way: Way) -> Run | None:
-    """The last motion that goes on until the body is stopped or the record ends; None when there is none."""
+    """The last motion that goes on until the body is stopped or the record ends; None if there is none."""
     down = _calm(way.down)
     noise = jitter(way.down)
     top = float(np.max(down))
@@ -100,7 +103,7 @@ def find_run(way: Way) -> Run | None:
     if len(down) < 8 or total < max(12 * noise, LEAST_RUN * way.drift) + FLOOR:
         return None
     end = int(np.argmax(down > top - 0.03 * total - noise))
-    # back from the end to where the body was still near its place
+    # last point at which the body was still near its rest position
     level = low + max(0.04 * total, 6 * noise)
     before = np.flatnonzero(down[: end + 1] < level)
     start = int(before[-1]) + 1 if len(before) else 0
@@ -108,7 +111,7 @@ def find_run(way: Way) -> Run | None:
 
 
 def find_onset(way: Way, run: Run) -> Onset | None:
-    """The onset of a run; None when too few points lie before or in it."""
+    """The onset of a run; None if too few points lie before or in it."""
     table = _window(way, run)
     if table is None:
         return None
@@ -118,21 +121,21 @@ def find_onset(way: Way, run: Run) -> Onset | None:
             return None
         residual = found.miss[found.best] * table.sigma
         moves = table.time > found.onset[found.best]
-        # what moves over the pixels is laid over its picture less well than what rests on them, and for a while wrong
-        # to the same side: a run that counted as exact as the rest would bend the onset to follow it
+        # a moving body is registered less well than a resting one, with errors that are correlated in time: with the
+        # noise at rest for the whole record, the onset would follow these errors
         rests, runs = (_scatter(residual[part], table.own[part], table.far[part]) for part in (~moves, moves))
         kept = np.empty(len(moves), dtype=bool)
         kept[~moves], kept[moves] = rests.kept, runs.kept
         noise = math.sqrt(float(np.mean(np.where(moves, runs.noise, rests.noise)[kept] ** 2)))
         apart = runs.together if runs.together > WORSE * rests.together else rests.together
         table = table.with_noise(np.where(moves, apart, rests.together), kept)
-        # with another noise another motion may be the likely one
+        # with the new noise another candidate may be the best
         found = _search(table)
     return None if found is None else _summary(way, table, found, noise, _under_way(table, found))
 
 
 def smooth_angle(time: Array, angle: Array) -> Array:
-    """The angle without the noise of single frames (smoothing spline, generalised cross-validation)."""
+    """Smoothed angle, shape (n,) (smoothing spline, generalised cross-validation)."""
     from scipy.interpolate import make_smoothing_spline
 
     if len(time) < 8:
@@ -145,52 +148,52 @@ def smooth_angle(time: Array, angle: Array) -> Array:
 
 
 def smoothing_doubt(time: Array, angle: Array, places: Array) -> float:
-    """Standard uncertainty of the smoothed angle about some times, by what parts of the record say of it.
+    """Standard uncertainty of the smoothed angle at times `places` [s], from the scatter between parts of the record.
 
-    Every `PARTS`-th point makes a record of its own, and their mean is known to their scatter over sqrt(PARTS).
+    Every `PARTS`-th point makes one part; the uncertainty of their mean is their scatter over sqrt(PARTS).
     """
     parts = [(time[first::PARTS], angle[first::PARTS]) for first in range(PARTS)]
-    # before the last of them begins and after the first of them ends they would differ by how fast the plate turns
+    # outside the common range of the parts they would differ by the rate of the plate
     places = places[(places >= time[PARTS - 1]) & (places <= time[-PARTS])]
     curves = np.stack([np.interp(places, when, smooth_angle(when, part)) for when, part in parts])
     return math.sqrt(float(np.mean(np.var(curves, axis=0, ddof=1))) / PARTS)
 
 
 def jitter(values: Array) -> float:
-    """Scatter from point to point, blind to anything smooth (third differences)."""
+    """Noise from point to point from third differences, insensitive to smooth motion."""
     third = np.diff(values[np.isfinite(values)], n=3)
     return 1.4826 * float(np.median(np.abs(third))) / math.sqrt(20) if len(third) else 0.0
 
 
 def _calm(values: Array) -> Array:
-    """Median over three points: one wild point is no motion."""
+    """Median over three points, so that a single outlier is no motion."""
     padded = np.concatenate([values[:1], values, values[-1:]])
     return np.asarray(np.median(np.stack([padded[:-2], padded[1:-1], padded[2:]]), axis=0))
 
 
 @dataclass(frozen=True)
 class _Table:
-    """The points that are fitted, with the integrals that every candidate needs."""
+    """The points that are fitted, with integrals used by all candidates."""
 
     time: Array
     angle: Array
     down: Array
-    own: Array  # noise of every point relative to that of a resting one
-    far: Array  # [m], what the way behind it adds
-    sigma: Array  # [m], both together
+    own: Array  # noise of every point relative to that of a point at rest
+    far: Array  # [m], noise added in proportion to the displacement
+    sigma: Array  # [m], total standard deviation
     kept: npt.NDArray[np.bool_]  # points that are no outliers
     factor: float
     scale_doubt: float
     drift: float
-    slow: float  # [m/s], speed that a creep may have
-    early: float  # [s], between which the onset is looked for
-    late: float
+    slow: float  # [m/s], prior standard deviation of the speed of creep
+    early: float  # [s], earliest onset that is tried
+    late: float  # [s], latest onset
     step: float  # [s], frame interval
     sines: tuple[Array, Array]  # first and second integral over time of sin(angle)
     cosines: tuple[Array, Array]
 
     def with_noise(self, noise: Array, kept: npt.NDArray[np.bool_]) -> _Table:
-        """The same with this noise of its points, and without those that are not kept."""
+        """The same with this noise [m] of its points; those not kept get negligible weight."""
         sigma = np.hypot(noise * self.own, self.far)
         return replace(self, sigma=sigma * np.where(kept, 1.0, 1e3), kept=kept)
 
@@ -202,14 +205,14 @@ class _Candidates:
     onset: Array  # [s]
     cost: Array  # -2 log of the weight
     answer: Array  # shape (n, 5): rest, axis, gain, creep, jump
-    variance: Array  # of the answer, NaN where the candidate has no such column
+    variance: Array  # of the answer, NaN if the candidate has no such column
     creep_from: Array  # [s], NaN without creep
     miss: Array  # (seen - fitted) / sigma, shape (n, points)
-    spacing: Array  # [s], to the next onset that was tried: the stretch that a candidate stands for
+    spacing: Array  # [s], to the next onset that was tried: the interval that a candidate represents
 
     @classmethod
     def joined(cls, parts: Sequence[_Candidates]) -> _Candidates:
-        """All of them as one."""
+        """Concatenated candidates."""
         return cls(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(cls)))
 
     @property
@@ -223,7 +226,7 @@ class _Candidates:
 
 
 def _window(way: Way, run: Run) -> _Table | None:
-    """Rest before the run and the run itself, averaged down to a manageable number of points."""
+    """Rest before the run and the run itself, averaged to at most `MOST_POINTS` points; None if too few."""
     finite = np.isfinite(way.down) & np.isfinite(way.angle)
     start, end = float(way.time[run.start]), float(way.time[run.end])
     step = float(np.median(np.diff(way.time)))
@@ -264,7 +267,7 @@ def _window(way: Way, run: Run) -> _Table | None:
 
 
 def _integrals(time: Array, values: Array) -> tuple[Array, Array]:
-    """First and second integral from the first point on, of straight lines between the points."""
+    """First and second integral over time from the first point on, with linear interpolation between the points."""
     step = np.diff(time)
     first = np.concatenate([[0.0], np.cumsum(step * (values[1:] + values[:-1]) / 2)])
     second = np.concatenate([[0.0], np.cumsum(step * first[:-1] + step**2 * (2 * values[:-1] + values[1:]) / 6)])
@@ -283,23 +286,23 @@ def _since(table: _Table, integrals: tuple[Array, Array], values: Array, onset: 
 
 
 def _everywhere(table: _Table) -> Array:
-    """Onsets to try when nothing is known."""
+    """Onsets [s] to try in the first, coarse search."""
     span = table.late - table.early
     return np.linspace(table.early, table.late, int(np.clip(1.5 * span / table.step, 24, 80)))
 
 
 def _around(table: _Table, found: _Candidates) -> Array:
-    """Onsets to try between the likely ones of one kind."""
+    """Onsets [s] to try near the likely ones of one kind."""
     near = found.onset[found.cost < np.min(found.cost) + 16]
     width = float(found.spacing[0])
     return np.linspace(max(near.min() - width, table.early), min(near.max() + width, table.late), 32)
 
 
 def _search(table: _Table) -> _Candidates | None:
-    """Every likely combination of onset, creep and jump in friction.
+    """Candidates for all likely combinations of onset, creep and jump in friction.
 
-    With and without a creep each has a valley of its own: a coarse step that misses the narrow one of the simple motion
-    may still fall into the wide one of the motion with more freedom, from which no finer step leads back.
+    The models with and without creep are searched separately, as each has its own minimum.  A coarse search may miss
+    the narrow minimum of the simple model and find only the wide one of the other, which a finer search cannot leave.
     """
     kinds = []
     for creeps in (False, True):
@@ -314,7 +317,7 @@ def _search(table: _Table) -> _Candidates | None:
 
 
 def _tried(table: _Table, onsets: Array, creeps: bool) -> _Candidates:
-    """All candidates of these onsets, by linear least squares; what cannot be has infinite cost."""
+    """All candidates of these onsets, by linear least squares; impossible ones have infinite cost."""
     time = table.time
     alpha = np.interp(onsets, time, table.angle)
     sine = np.stack([_since(table, table.sines, np.sin(table.angle), onset) for onset in onsets])
@@ -337,9 +340,9 @@ def _tried(table: _Table, onsets: Array, creeps: bool) -> _Candidates:
 
 
 def _under_way(table: _Table, found: _Candidates) -> float:
-    """Logarithm of the odds that the body comes down from the first point on, at a speed of its own there or from rest.
+    """Log odds that the body moves from the first point on, with any initial speed, against the onsets that were tried.
 
-    Against the onsets that were tried, by the same least squares; what is fitted is no different but for its beginning.
+    The same least squares, except for the initial condition.
     """
     from scipy.optimize import lsq_linear
 
@@ -355,24 +358,24 @@ def _under_way(table: _Table, found: _Candidates) -> float:
     size = np.sqrt(np.sum(weighted**2, axis=0) + certain**2)
     rows = np.vstack([weighted / size, np.diag(certain / size)])
     wanted = np.concatenate([table.down / table.sigma, certain * mean])
-    # gravity pulls down the plate, and nothing comes up it by itself
+    # bounds: gravity pulls down the plate, and the initial speed is not uphill
     least = np.array([-np.inf, -np.inf, 0.0, -np.inf, 0.0])
     answer = lsq_linear(rows, wanted, (least, np.full(5, np.inf)))
-    # its speed and its friction are free, each for Schwarz's price
+    # Schwarz's penalty for two free parameters: initial speed and friction
     cost = 2 * float(answer.cost) + 2 * math.log(max(float(np.sum(table.kept)), 2.0))
     return (float(np.min(found.cost)) - cost) / 2
 
 
 def _solved(table: _Table, onsets: Array, columns: Array, creep_from: float) -> _Candidates:
-    """The candidates of one combination.
+    """The candidates of one combination of terms.
 
-    Columns: rest, axis, gain, then creep where it has a start, then jump where there is one.
+    Columns: rest, axis, gain, then creep if `creep_from` [s] is finite, then jump if there is one.
     """
     count = columns.shape[1]
     creeps = math.isfinite(creep_from)
     places = [0, 1, 2, 4][:count] if not creeps else [0, 1, 2, 3, 4][:count]
-    # gain: what is known of the scale; axis: what is known of the hinge; creep is slow beside the run; a coefficient of
-    # friction jumps by less than 1
+    # priors: gain from the scale; axis from the uncertainty of the hinge; creep is slow against the run; friction jumps
+    # by less than 1
     mean = np.array([0.0, 0.0, 1.0, 0.0, 0.0])[places]
     gain = 1 / max(table.scale_doubt, LEAST_DOUBT) ** 2
     certain = np.array([0.0, 1 / table.drift**2, gain, 1 / table.slow**2, 1.0])[places]
@@ -385,17 +388,17 @@ def _solved(table: _Table, onsets: Array, columns: Array, creep_from: float) -> 
     answer = np.einsum("kij,kj->ki", inverse, scaled @ wanted + certain * mean / size) / size
     miss = wanted - np.einsum("kin,ki->kn", weighted, answer)
     cost = np.sum(miss**2, axis=1) + (answer - mean) ** 2 @ certain
-    # Schwarz's price of a parameter; a creep has a start as well as a size
+    # Schwarz's penalty per parameter; creep has a start and a size
     free = (2 if creeps else 0) + (1 if 4 in places else 0)
     cost = cost + free * math.log(max(float(np.sum(table.kept)), 2.0))
-    if creeps:  # all creeps together are as likely beforehand as none, however many are tried
+    if creeps:  # prior: all creeps together are as likely as none, however many are tried
         cost = cost + 2 * math.log(CREEP_STARTS * CREEP_SHAPES)
     if 4 in places and table.factor < 1:
         cost = cost + ROLLING_JUMP
     full, variance = np.zeros((len(onsets), 5)), np.full((len(onsets), 5), np.nan)
     full[:, places] = answer
     variance[:, places] = np.einsum("kii->ki", inverse) / size**2
-    # friction does not grow when motion starts, and nothing creeps uphill or begins to creep after the onset
+    # friction does not increase when motion starts; creep is downhill and starts before the onset
     possible = (full[:, 2] > 0) & np.all(full[:, 3:] >= 0, axis=1)
     if creeps:
         possible &= creep_from < onsets - 3 * table.step
@@ -412,15 +415,15 @@ def _solved(table: _Table, onsets: Array, columns: Array, creep_from: float) -> 
 
 @dataclass(frozen=True)
 class _Scatter:
-    """Noise of the residuals of some points."""
+    """Noise of the residuals of a set of points."""
 
-    noise: float  # [m], of one that rests
-    together: float  # [m], that counts each by itself for what they are worth together
-    kept: npt.NDArray[np.bool_]  # which are not wild
+    noise: float  # [m], of a point at rest
+    together: float  # [m], the same, enlarged for correlation between points
+    kept: npt.NDArray[np.bool_]  # points that are no outliers
 
 
 def _scatter(residual: Array, own: Array, far: Array) -> _Scatter:
-    """The noise of points whose way adds `far` [m] to it, by expectation and maximisation of the likelihood."""
+    """Noise of points with an additional known noise `far` [m], by expectation maximisation."""
     if len(residual) < 2:
         return _Scatter(FLOOR, FLOOR, np.ones(len(residual), dtype=bool))
     noise = max(1.4826 * float(np.median(np.abs(residual) / own)), FLOOR)
@@ -434,7 +437,7 @@ def _scatter(residual: Array, own: Array, far: Array) -> _Scatter:
 
 
 def _repeat(residual: Array) -> float:
-    """How many neighbouring residuals count as one: 1 + 2 sum of the autocorrelation up to its first zero."""
+    """Autocorrelation factor of residuals: 1 + 2 sum of the autocorrelation until it is no longer significant."""
     rest = residual - np.mean(residual)
     total = float(rest @ rest)
     together = 1.0
@@ -447,7 +450,7 @@ def _repeat(residual: Array) -> float:
 
 
 def _summary(way: Way, table: _Table, found: _Candidates, noise: float, under_way: float) -> Onset:
-    """Mean and spread over all that is likely."""
+    """Weighted mean and spread over all candidates."""
     weight = found.weight
 
     def average(values: Array, own: Array | float = 0.0) -> tuple[float, float]:

@@ -1,12 +1,12 @@
 """Find a straight arm that turns about a hinge in a video of a still scene, and its angle in every frame.
 
-The arm shows as long straight edges that turn together, whatever its colour: moving edges are collected in a few
-frames spread over the clip (Hough, by gradient direction), one hinge explains them all, and the arm turned back about
-that hinge is a still picture.  Every frame is then laid over that picture edge by edge: one common turn, and a shift
-of each edge of its own, because edges at other depths shift a little differently.
+The arm appears as long straight edges that turn together, for any colour.  Moving edges are collected in a few frames
+spread over the clip (Hough transform with gradient direction), and one hinge is found for all of them.  Turned back
+about this hinge, the frames give a still picture of the arm.  Every frame is then registered to that picture with one
+common turn, and a separate shift of each edge, because edges at different depths shift differently.
 
-Picture coordinates: x right, y down.  An arm's direction is the angle [rad] of its line in the picture, positive where
-it falls to the right.
+Picture coordinates: x right, y down.  An arm's direction is the angle [rad] of its line in the picture, positive if it
+falls to the right.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from rigtwin.lab.arrays import Array, FloatImage, GreyImage
 from rigtwin.measure.geometry.lines import fullest_run, gradient, straight
 from rigtwin.measure.tilt.onset import LEAST_TURN
 
-STEEPEST = math.radians(65)  # of an arm
-TURN_STEP = math.radians(0.25)  # of the search
-SHORTEST = 0.12  # of the picture's width, of an edge that counts
+STEEPEST = math.radians(65)  # largest slope of an arm
+TURN_STEP = math.radians(0.25)  # angular step of the search
+SHORTEST = 0.12  # minimum length of an edge over the width of the picture
 REACH = 4  # [px], rows on each side of an edge that are compared
-PARALLEL = math.radians(0.35)  # edges of the arm
-NOT_PARALLEL = math.radians(0.025)  # how parallel the edges of an arm are
+PARALLEL = math.radians(0.35)  # largest angle between edges of the arm
+NOT_PARALLEL = math.radians(0.025)  # standard deviation of the angle between edges of an arm
 
 
 @dataclass(frozen=True)
@@ -38,20 +38,20 @@ class Edge:
     row: float  # [px], across the arm, positive towards the picture's bottom
     start: int  # first column along the arm
     end: int  # last column
-    slope: float  # [rad], of the edge against the arm's coordinates
+    slope: float  # [rad], relative to the arm's coordinates
     strength: float  # [grey/px]
 
 
 @dataclass(frozen=True)
 class Arm:
-    """An arm at rest: its picture turned back about the pivot."""
+    """Picture of the arm, turned back about the pivot, with its edges."""
 
     pivot: tuple[float, float]  # [px], in the still scene
     along: Array  # [px], distance from the pivot of every column, signed as x
     across: Array  # [px], of every row, positive down
     picture: FloatImage = field(repr=False)  # [grey levels], shape (rows, columns)
     edges: tuple[Edge, ...]
-    span: tuple[float, float]  # [px], along: where the arm's edges begin and end
+    span: tuple[float, float]  # [px], along the arm: begin and end of its edges
     directions: dict[int, float]  # [rad], of the sample frames, from the search
 
     def cut(self, frame: FloatImage | GreyImage, direction: float, along: Array, across: Array) -> FloatImage:
@@ -60,13 +60,13 @@ class Arm:
 
     @property
     def tilt(self) -> float:
-        """[rad], of the edges against the arm's coordinates, and with it the arm's direction at turn zero."""
+        """Slope of the edges in the arm's coordinates [rad]: the arm's direction at turn zero."""
         weight = np.array([edge.strength**2 * (edge.end - edge.start) ** 3 for edge in self.edges])
         return float(weight @ np.array([edge.slope for edge in self.edges]) / weight.sum())
 
     @property
     def tilt_sigma(self) -> float:
-        """[rad], scatter between its edges: perspective, and edges that are not quite parallel."""
+        """Standard uncertainty of `tilt` [rad] from the scatter between edges (perspective, edges not parallel)."""
         slopes = np.array([edge.slope for edge in self.edges])
         weight = np.array([edge.strength**2 * (edge.end - edge.start) ** 3 for edge in self.edges])
         spread = math.sqrt(float(weight @ (slopes - self.tilt) ** 2 / weight.sum()))
@@ -74,7 +74,7 @@ class Arm:
 
     @property
     def converging(self) -> tuple[float, float] | None:
-        """How the slope of its edges changes per row downwards, and how surely [rad/px]: the camera looks sideways."""
+        """Change of the edges' slope per row [rad/px] (oblique view) and its standard uncertainty; None if unknown."""
         rows = np.array([edge.row for edge in self.edges])
         if len(rows) < 3 or np.ptp(rows) < 8:
             return None
@@ -83,7 +83,7 @@ class Arm:
         middle = weight @ rows / weight.sum()
         moment = float(weight @ (rows - middle) ** 2 / weight.sum())
         change = float(weight @ ((rows - middle) * slopes) / weight.sum()) / moment
-        # what lies on the plate, or a mark on it, makes edges that run their own way
+        # objects on the plate and marks on it have edges of other slopes
         off = slopes - weight @ slopes / weight.sum() - change * (rows - middle)
         scatter = math.sqrt(float(weight @ off**2 / weight.sum()) * len(rows) / (len(rows) - 2))
         return change, math.hypot(NOT_PARALLEL, scatter) / math.sqrt(moment * len(rows))
@@ -91,7 +91,7 @@ class Arm:
 
 @dataclass(frozen=True)
 class Turn:
-    """The arm in one frame."""
+    """Direction of the arm in one frame."""
 
     direction: float  # [rad]
     sigma: float  # [rad]
@@ -112,7 +112,7 @@ def turned_back(
 
 
 def find_arm(frames: dict[int, FloatImage]) -> Arm | None:
-    """The arm in steady sample frames by frame number; None when nothing straight turns."""
+    """Find the arm in steady sample frames by frame number; None if nothing straight turns."""
     numbers = sorted(frames)
     pictures = [frames[number] for number in numbers]
     moving = [_moving_edges(pictures, k) for k in range(len(pictures))]
@@ -132,7 +132,7 @@ _GRID = np.arange(-STEEPEST, STEEPEST + TURN_STEP / 2, TURN_STEP)
 
 
 def _moving_edges(pictures: Sequence[FloatImage], k: int) -> tuple[Array, Array, Array, Array]:
-    """x, y, direction and weight of edge pixels of picture k that some other picture does not have there."""
+    """x, y, direction and weight of edge pixels of picture k that are absent in some other picture."""
     here_x, here_y = gradient(pictures[k])
     strength = np.hypot(here_x, here_y)
     others = {0, len(pictures) // 2, len(pictures) - 1} - {k}
@@ -146,7 +146,7 @@ def _moving_edges(pictures: Sequence[FloatImage], k: int) -> tuple[Array, Array,
     weight[:, :3] = weight[:, -3:] = 0
     y, x = np.nonzero((weight > noise) & (np.abs(here_x) < math.tan(STEEPEST + 0.1) * np.abs(here_y)))
     direction = np.arctan(-here_x[y, x] / here_y[y, x])
-    # a strong edge is not many times better than a clear one: length is what tells an arm
+    # cap the weight: length, not contrast, identifies an arm
     capped = np.minimum(weight[y, x], 4 * noise) / noise
     return x.astype(np.float64), y.astype(np.float64), direction.astype(np.float64), capped.astype(np.float64)
 
@@ -167,13 +167,13 @@ def _votes(x: Array, y: Array, direction: Array, weight: Array, width: int, heig
 
 
 def _evidence(votes: Array) -> Array:
-    """How strongly each direction shows: its three longest lines, squared so that one long one beats many short."""
+    """Score of each direction: root sum of squares of its three longest lines, which favours one long line."""
     longest = np.sort(votes[:, ::3], axis=1)[:, -3:]
     return np.asarray(np.sqrt(np.sum(longest**2, axis=1)))
 
 
 def _direction_path(evidence: Array) -> npt.NDArray[np.int64]:
-    """The direction in every sample frame that shows best and moves steadily (Viterbi)."""
+    """Index of the direction in every sample frame: high score and steady motion (Viterbi algorithm)."""
     count, grid = evidence.shape
     scale = np.percentile(evidence, 99.5) + 1e-9
     gain = evidence / scale
@@ -193,7 +193,7 @@ def _direction_path(evidence: Array) -> npt.NDArray[np.int64]:
 
 
 def _pivot(votes: Sequence[Array], path: npt.NDArray[np.int64], width: int, height: int) -> tuple[float, float] | None:
-    """The point about which the line turns: seen from there all sample frames have it at one height."""
+    """Point about which the line turns: its distance from the line is the same in all sample frames."""
     reach = (votes[0].shape[1] - 1) // 2
     rows = np.arange(-height, height, dtype=np.float64)
     best, pivot = 0.0, None
@@ -211,7 +211,7 @@ def _pivot(votes: Sequence[Array], path: npt.NDArray[np.int64], width: int, heig
 
 
 def _picture_of(directions: dict[int, float], pivot: tuple[float, float], frames: dict[int, FloatImage]) -> Arm | None:
-    """The arm's own picture: sample frames turned back, laid over each other, the pivot refined on the way."""
+    """Median picture of the arm from sample frames turned back; the pivot is refined meanwhile."""
     width = next(iter(frames.values())).shape[1]
     numbers = sorted(frames)
     along = np.arange(-width, width, dtype=np.float64)
@@ -258,14 +258,14 @@ def _shifted_pivot(
 
 
 def _still(stack: npt.NDArray[np.float32]) -> tuple[FloatImage, FloatImage]:
-    """Median over the cuts and their scatter about it."""
+    """Median over the stack and the scatter about it."""
     middle = np.median(stack, axis=0).astype(np.float32)
     scatter = np.median(np.abs(stack - middle), axis=0).astype(np.float32) * np.float32(1.4826)
     return middle, np.asarray(cv2.blur(scatter, (5, 3)) + np.float32(0.5), dtype=np.float32)
 
 
 def _edges(middle: FloatImage, noise: FloatImage, along: Array, across: Array, width: int) -> tuple[Edge, ...]:
-    """Straight edges along the arm: rows in which the picture changes across it over a long way."""
+    """Straight edges along the arm: rows with a gradient across it over a long range of columns."""
     smooth = cv2.GaussianBlur(middle, (0, 0), sigmaX=2.0, sigmaY=1.0)
     change = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8), dtype=np.float32)
     clear = np.abs(change) > np.maximum(0.25 * noise, 0.6)
@@ -284,13 +284,13 @@ def _edges(middle: FloatImage, noise: FloatImage, along: Array, across: Array, w
             found.append(edge)
     slopes = np.array([edge.slope for edge in found])
     length = np.array([edge.strength * (edge.end - edge.start) for edge in found])
-    # the arm's edges are parallel; what is not is a mark on it, or something beside it
+    # the arm's edges are parallel; others belong to marks on it or objects beside it
     leader = 0.0 if not found else slopes[int(np.argmax(length))]
     return tuple(edge for edge, slope in zip(found, slopes, strict=True) if abs(slope - leader) < PARALLEL)
 
 
 def _edge_at(row: int, change: FloatImage, signed: Array, along: Array, across: Array, width: int) -> Edge | None:
-    """The edge near a row: where it runs, and its slope to a fraction of a pixel."""
+    """The edge near a row, with its range of columns and its slope; None if it is too short."""
     band = slice(row - 3, row + 4)
     sign = 1.0 if signed[row - 1 : row + 2].sum() > 0 else -1.0
     support = np.max(sign * signed[band], axis=0)
@@ -320,7 +320,7 @@ def _span(edges: tuple[Edge, ...], along: Array) -> tuple[float, float]:
 
 
 def lay_over(arm: Arm, frame: FloatImage, direction: float, *, reach: int = REACH) -> Turn | None:
-    """The arm's direction in a steady frame, from a guess; None when its edges are not found near there."""
+    """The arm's direction in a steady frame, from a first guess [rad]; None if its edges are not found near it."""
     found: Turn | None = None
     shifts = np.zeros(len(arm.edges))
     for step in range(4):
@@ -348,7 +348,7 @@ def lay_over(arm: Arm, frame: FloatImage, direction: float, *, reach: int = REAC
 def _edge_shift(
     arm: Arm, edge: Edge, frame: FloatImage, direction: float, shift: float, reach: int
 ) -> tuple[Array, Array, Array]:
-    """Along the arm: place, how far the edge lies off its place in the arm's picture, and what that is worth."""
+    """Offset of an edge from its position in the arm's picture: position along the arm, offset [px], weight."""
     columns = np.arange(edge.start, edge.end + 1)
     row = int(np.argmin(np.abs(arm.across - edge.row)))
     low, high = max(row - reach - 1, 0), min(row + reach + 2, len(arm.across))
@@ -360,7 +360,7 @@ def _edge_shift(
     slope = np.gradient(model, axis=0)
     model, seen = model - model.mean(axis=0), seen - seen.mean(axis=0)
     power = np.sum(slope * slope, axis=0)
-    # the light on the arm changes as it turns: compare shapes, not levels
+    # the brightness of the arm changes as it turns: compare profiles without level and gain
     gain = np.clip(np.sum(model * seen, axis=0) / (np.sum(model * model, axis=0) + 1e-6), 0.3, 3.0)
     miss = seen - gain * model
     offset = -np.sum(slope * miss, axis=0) / (gain * power + 1e-6)
@@ -377,7 +377,7 @@ def _grouped(values: npt.NDArray[np.float32], width: int) -> npt.NDArray[np.floa
 def _common_turn(
     along: Array, shift: Array, weight: Array, which: npt.NDArray[np.int64], count: int
 ) -> tuple[float, Array, float, float]:
-    """One turn for all edges and a shift of each, robust: [rad], [px], standard error [rad], share that fits."""
+    """Robust fit of one turn and a shift per edge: turn [rad], shifts [px], standard error [rad], share of inliers."""
     design = np.zeros((len(along), count + 1))
     design[:, 0] = along
     design[np.arange(len(along)), which + 1] = 1.0

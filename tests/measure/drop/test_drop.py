@@ -1,4 +1,4 @@
-"""Restitution from drawn clips and made-up tracks whose truth is known."""
+"""Restitution of a falling bead from drawn clips and simulated tracks of known truth."""
 
 import math
 from dataclasses import replace
@@ -56,7 +56,7 @@ def fall(times, *, height=0.25, restitution=0.7, drag=0.0, release=0.03):
         if not flight.t_events[0].size:
             break
         now, state = float(flight.t_events[0][0]), [1e-12, -restitution * float(flight.y_events[0][0][1])]
-        if state[1] < 0.05:  # rests on the plate before bounces come without end
+        if state[1] < 0.05:  # rest on the plate instead of infinitely many bounces
             heights[times > now] = 0.0
             break
     return heights
@@ -89,7 +89,7 @@ def check(result, name):
 
 
 @pytest.mark.parametrize("method", ["height", "velocity"])
-def test_without_air_all_restitutions_are_that_of_the_contact(method):
+def test_without_air_all_methods_give_the_restitution_of_the_contact(method):
     result = drop.evaluate(track(), bead_diameter=0.006, bead_density=7800.0)
     for bounce in (1, 2):
         e = pick(result.quantities, "restitution_wall", method=method, bounce=bounce)
@@ -98,7 +98,7 @@ def test_without_air_all_restitutions_are_that_of_the_contact(method):
     assert pick(result.quantities, "restitution_wall", method="time", bounce=2).value == pytest.approx(0.7, abs=0.001)
 
 
-def test_heights_and_impact_speed_are_those_of_the_fall():
+def test_heights_and_impact_speed_match_the_simulated_fall():
     result = drop.evaluate(track(), bead_diameter=0.006, bead_density=7800.0)
     assert pick(result.quantities, "drop_height").value == pytest.approx(0.25, rel=0.004)
     assert pick(result.quantities, "rebound_height", bounce=1).value == pytest.approx(0.25 * 0.49, rel=0.006)
@@ -109,7 +109,7 @@ def test_heights_and_impact_speed_are_those_of_the_fall():
 
 @pytest.mark.parametrize("known", [True, False])
 def test_air_drag_lowers_the_heights_but_not_the_restitution_at_the_contact(known):
-    """A light bead, k = 0.35 / m: sqrt(h2/h1) loses 2 to 3 %, which is no loss of the contact."""
+    """A light bead, k = 0.35 / m: sqrt(h2/h1) is 2 to 3 % too small due to drag, not due to the contact."""
     k = 0.35
     # the bead whose drag coefficient is 0.44 at these speeds: k = 0.75 * 0.44 * 1.2 / (density * diameter)
     diameter = 0.06
@@ -123,7 +123,7 @@ def test_air_drag_lowers_the_heights_but_not_the_restitution_at_the_contact(know
     assert low - 0.002 < 0.7 < high + 0.002
 
 
-def test_restitution_is_unchanged_when_the_camera_is_twice_as_fast():
+def test_restitution_does_not_depend_on_the_frame_rate():
     slow = drop.evaluate(track(fps=120.0, noise=2e-5))
     fast = drop.evaluate(track(fps=240.0, noise=2e-5))
     for method in ("height", "velocity"):
@@ -133,7 +133,7 @@ def test_restitution_is_unchanged_when_the_camera_is_twice_as_fast():
         assert a.value == pytest.approx(b.value, abs=0.002)
 
 
-def test_restitution_is_unchanged_by_the_unit_of_length_and_by_mirroring():
+def test_restitution_does_not_depend_on_scale_or_mirroring():
     first = track()
     other = replace(first, position=first.position * [-3.0, 3.0], sigma=first.sigma * 3)
     a, b = drop.evaluate(first), drop.evaluate(other)
@@ -145,8 +145,8 @@ def test_restitution_is_unchanged_by_the_unit_of_length_and_by_mirroring():
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-6])
-def test_a_simulated_track_is_read_with_the_same_ruler(noise):
-    """Exact heights, no sigma: only the estimator's own bias is left."""
+def test_an_exact_track_without_sigma_gives_the_exact_restitution(noise):
+    """Exact heights, no sigma: only the bias of the estimator remains."""
     made = replace(track(noise=noise, fps=400.0), sigma=np.full(380, np.nan))
     result = drop.evaluate(made, bead_diameter=0.006, bead_density=7800.0)
     assert pick(result.quantities, "restitution_wall", method="velocity", bounce=1).value == pytest.approx(
@@ -154,8 +154,8 @@ def test_a_simulated_track_is_read_with_the_same_ruler(noise):
     )
 
 
-def test_stated_intervals_hold_the_truth_about_as_often_as_they_say():
-    """24 records of 6 numbers with random restitution, phase, noise and gaps: 95 % wanted, and not all far inside."""
+def test_stated_intervals_cover_the_truth_at_their_nominal_rate():
+    """24 records of 6 numbers with random restitution, phase, noise and gaps: 95 % coverage expected."""
     rng = np.random.default_rng(11)
     scaled = []
     for seed in range(24):
@@ -177,8 +177,8 @@ def test_stated_intervals_hold_the_truth_about_as_often_as_they_say():
     assert np.std(scaled) > 0.15
 
 
-def test_boxes_of_what_moves_do_not_overlap():
-    """A bent part's box may hold another part: both would be counted twice."""
+def test_bounding_boxes_of_moving_spots_do_not_overlap():
+    """The bounding box of a bent part may contain another part, which must not be counted twice."""
     mask = np.zeros((20, 20), np.uint8)
     mask[2, 2:15] = mask[2:15, 2] = mask[10:12, 10:12] = mask[18, 18] = 1
     assert sorted(spots._boxes_apart(mask)) == [(2, 2, 13, 13), (18, 18, 1, 1)]
@@ -190,27 +190,27 @@ def test_noisier_tracks_have_wider_intervals():
     assert b.budget["tracking"] > 5 * a.budget["tracking"]
 
 
-def test_heights_are_known_no_better_than_places_aside_where_a_bead_flies_straight():
+def test_horizontal_residuals_enlarge_the_uncertainty_of_heights():
     steady = track(noise=3e-5)
     sway = 2.5e-4 * np.sin(2 * math.pi * steady.time / 0.23)
     rng = np.random.default_rng(3)
     across = 0.01 * steady.time + sway + rng.normal(0, 3e-5, len(sway))
     record = bounce_fit.Heights(steady.time, steady.position[:, 1], steady.sigma)
-    doubts = [
-        bounce_fit.fit_bounces(replace(record, across=aside), fall_in_air.AirDrag()).read(lambda at: at.size)[1]
-        for aside in (None, across)
+    budgets = [
+        bounce_fit.fit_bounces(replace(record, across=horizontal), fall_in_air.AirDrag()).read(lambda at: at.size)[1]
+        for horizontal in (None, across)
     ]
-    known_to, told = (math.hypot(*parts.values()) for parts in doubts)
-    assert told > 1.3 * known_to
+    vertical_only, with_horizontal = (math.hypot(*parts.values()) for parts in budgets)
+    assert with_horizontal > 1.3 * vertical_only
 
 
-def test_budget_adds_up():
+def test_budget_adds_up_to_the_standard_uncertainty():
     for quantity in drop.evaluate(track()).quantities:
         assert math.sqrt(sum(part**2 for part in quantity.budget.values())) == pytest.approx(quantity.std_uncertainty)
 
 
-def test_slow_motion_taken_for_real_time_is_recognised():
-    """Captured at 240 Hz, stamped as if at 30 Hz: g comes out 64 times too small, restitution stays."""
+def test_slow_motion_taken_for_real_time_fails_the_gravity_check():
+    """Captured at 240 Hz, stamped as if at 30 Hz: g is 64 times too small, the restitution does not change."""
     made = track()
     result = drop.evaluate(replace(made, time=made.time * 8))
     gravity = check(result, "gravity")
@@ -232,7 +232,7 @@ def test_slow_motion_of_a_light_bead_of_known_drag_is_recognised_and_not_refused
 
 
 def test_doubled_frames_are_left_out_and_named():
-    """Every frame twice at the stated rate: the record lasts twice as long, and g comes out four times too small."""
+    """Every frame twice at the stated rate: the record lasts twice as long, and g is four times too small."""
     made = track(duration=0.7)
     twice = np.repeat(made.position, 2, axis=0) + np.random.default_rng(3).normal(0, 1e-5, (2 * len(made.time), 2))
     times = np.arange(len(twice)) / FPS
@@ -244,9 +244,9 @@ def test_doubled_frames_are_left_out_and_named():
     assert e.value == pytest.approx(0.7, abs=0.004)
 
 
-def test_the_gravity_check_tells_a_wrong_scale_from_slow_motion_and_leaves_clean_records_alone():
+def test_the_gravity_check_distinguishes_a_wrong_scale_slow_motion_and_clean_records():
     rng = np.random.default_rng(17)
-    told = {"the scale": 0, "slow motion": 0, "clean": 0}
+    recognised = {"the scale": 0, "slow motion": 0, "clean": 0}
     for seed in range(4):
         made = track(
             restitution=rng.uniform(0.5, 0.8),
@@ -265,12 +265,12 @@ def test_the_gravity_check_tells_a_wrong_scale_from_slow_motion_and_leaves_clean
             gravity = check(drop.evaluate(record), "gravity")
             others = {"the scale", "slow motion", "doubled"} - {name}
             first = min(gravity.message.find(word) % 10_000 for word in others)
-            told[name] += gravity.passed if name == "clean" else gravity.message.find(name) % 10_000 < first
-    assert told["clean"] == told["the scale"] == told["slow motion"] == 4, told
+            recognised[name] += gravity.passed if name == "clean" else gravity.message.find(name) % 10_000 < first
+    assert recognised["clean"] == recognised["the scale"] == recognised["slow motion"] == 4, recognised
 
 
 @pytest.mark.parametrize(("jitter", "lost"), [(0.1, 0.0), (0.0, 0.3), (0.05, 0.3)])
-def test_frames_that_come_unevenly_or_are_missing_spoil_nothing_where_their_times_are_true(jitter, lost):
+def test_uneven_or_missing_frames_with_true_times_do_not_change_the_restitution(jitter, lost):
     random = np.random.default_rng(8)
     times = np.arange(0.0, 0.95, 1 / FPS)
     times = np.sort(times + random.uniform(-jitter, jitter, len(times)) / FPS)[random.random(len(times)) >= lost]
@@ -282,7 +282,7 @@ def test_frames_that_come_unevenly_or_are_missing_spoil_nothing_where_their_time
     assert abs(found.value - 0.7) < 4 * found.std_uncertainty < 0.01
 
 
-def test_blank_points_of_a_record_are_left_out():
+def test_nan_points_of_a_record_are_left_out():
     made = track()
     holed = made.position.copy()
     holed[40:43] = np.nan
@@ -292,7 +292,7 @@ def test_blank_points_of_a_record_are_left_out():
     )
 
 
-def test_a_scale_off_by_a_twentieth_is_recognised():
+def test_a_scale_error_of_five_percent_fails_the_gravity_check():
     made = track()
     result = drop.evaluate(replace(made, position=made.position * 1.05))
     gravity = check(result, "gravity")
@@ -301,7 +301,7 @@ def test_a_scale_off_by_a_twentieth_is_recognised():
     assert "the scale" in gravity.message
 
 
-def test_something_that_pushes_the_bead_makes_the_result_doubtful():
+def test_a_disturbing_force_makes_the_result_doubtful():
     made = track()
     bump = 1.5e-3 * np.sin(2 * np.pi * made.time / 0.045)
     result = drop.evaluate(replace(made, position=made.position + np.stack([0 * bump, bump], axis=1)))
@@ -309,7 +309,7 @@ def test_something_that_pushes_the_bead_makes_the_result_doubtful():
     assert pick(result.quantities, "restitution_wall", method="velocity", bounce=1).doubtful
 
 
-def test_other_things_taken_for_a_lost_bead_cost_the_bounces_from_there_on_and_not_those_before():
+def test_following_another_object_affects_only_later_bounces():
     whole = track(duration=1.3)
     contacts = [float(pick(drop.evaluate(whole).quantities, "restitution_wall", method="velocity", bounce=k)
                       .detail["contact_time_s"]) for k in (3, 4)]  # fmt: skip
@@ -324,7 +324,7 @@ def test_other_things_taken_for_a_lost_bead_cost_the_bounces_from_there_on_and_n
     assert not pick(found, "restitution_wall", method="velocity", bounce=1).doubtful
 
 
-def test_a_bead_that_leaves_faster_than_it_came_is_doubtful_from_the_bounce_before():
+def test_a_restitution_above_one_makes_results_doubtful_from_the_bounce_before():
     speeds, time, starts = [1.4, 1.0, 0.7, 0.8, 0.56], 0.05 + 1.4 / G, []
     for speed in speeds[1:]:
         starts.append((time, speed))
@@ -342,8 +342,8 @@ def test_a_bead_that_leaves_faster_than_it_came_is_doubtful_from_the_bounce_befo
 
 
 @pytest.mark.parametrize("bend", [-0.25, 0.2])
-def test_the_flights_show_a_lens_that_bends_the_picture(bend):
-    """A lens that shows places a tenth of a metre off its axis so much further out or in."""
+def test_lens_distortion_is_fitted_from_the_flights(bend):
+    """`bend` is the relative radial distortion of the lens 0.1 m off its axis."""
     bare = track(noise=3e-5, seed=5, height=0.12, duration=0.6)
     off = (bare.position - [0, 0.06]) / 0.1
     seen = replace(bare, position=[0, 0.06] + 0.1 * off * (1 + bend * np.sum(off**2, axis=1, keepdims=True)))
@@ -354,13 +354,13 @@ def test_the_flights_show_a_lens_that_bends_the_picture(bend):
         assert not e.doubtful
 
 
-def test_a_bead_that_bounces_aside_is_named():
+def test_a_bead_that_bounces_sideways_fails_the_plane_check():
     result = drop.evaluate(track(sideways=0.6))
     assert not check(result, "out_of_plane").passed
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_bounce_aside_is_read_by_the_speeds_in_all_directions(seed):
+def test_two_views_give_the_restitution_of_a_sideways_bounce(seed):
     """Straight down, then 0.8 m/s to the right and 1.1 m/s away from the viewer."""
     hit, fast = 0.03 + math.sqrt(2 * 0.25 / G), math.sqrt(2 * G * 0.25)
     fallen = track(sideways=0.0, restitution=0.5, seed=seed)
@@ -374,8 +374,8 @@ def test_a_bounce_aside_is_read_by_the_speeds_in_all_directions(seed):
     assert both.std_uncertainty < 2e-3
     assert not both.doubtful
     second = pick(drop.evaluate(front, side=side).quantities, "restitution_wall", method="all directions", bounce=2)
-    told = math.hypot(0.25 * fast, 0.8, 1.1) / math.hypot(0.5 * fast, 0.8, 1.1)
-    assert second.value == pytest.approx(told, abs=4 * second.std_uncertainty)
+    expected = math.hypot(0.25 * fast, 0.8, 1.1) / math.hypot(0.5 * fast, 0.8, 1.1)
+    assert second.value == pytest.approx(expected, abs=4 * second.std_uncertainty)
 
     alone = pick(drop.evaluate(front).quantities, "restitution_wall", method="picture plane", bounce=1)
     assert alone.value == pytest.approx(math.hypot(0.5 * fast, 0.8) / fast, abs=4e-3)
@@ -386,12 +386,12 @@ def test_a_bead_that_falls_straight_has_no_restitution_in_all_directions():
     assert all(q.method not in ("all directions", "picture plane") for q in drop.evaluate(track()).quantities)
 
 
-def test_a_fall_without_rebound_says_so():
+def test_a_fall_without_rebound_is_refused():
     with pytest.raises(NothingToMeasure, match="no rebound"):
         drop.evaluate(track(duration=0.24))
 
 
-def test_a_bead_at_rest_is_nothing_to_measure():
+def test_a_bead_at_rest_is_refused():
     with pytest.raises(NothingToMeasure, match="hardly moves"):
         drop.evaluate(track(release=9.0))
 
@@ -423,8 +423,8 @@ def film(
 ) -> Path:
     """Draw a clip: textured wall, plate, holder, a lit bead of 6 px radius with a third of a frame of motion blur.
 
-    With `doubled` every second frame repeats the one before, in the hand of someone whose camera sways by 1.5 px.
-    The camera sways by `hidden` [px] too, but the wall is stored as it was, as a coarse codec does.
+    With `doubled` every second frame repeats the one before, and the camera shakes by 1.5 px.  With `hidden` [px] the
+    camera shakes too, but the wall does not move, as after a coarse codec.
     """
     width, height, radius = 176, 352, DIAMETER / 2 / SCALE
     rng = np.random.default_rng(7)
@@ -493,7 +493,7 @@ def test_a_clip_gives_the_height_it_was_drawn_with(measured):
     assert pick(measured.quantities, "drop_height").value == pytest.approx(0.14, rel=0.01)
 
 
-def test_everything_to_judge_by_is_written(measured):
+def test_all_output_files_are_written(measured):
     assert {"overlay", "still", "plot", "record"} <= set(measured.files)
     assert all(path.stat().st_size > 500 for path in measured.files.values())
     assert not list(measured.files["still"].parent.glob("*part*"))
@@ -517,7 +517,7 @@ def test_scales_from_rule_bead_and_gravity_agree(clip, measured):
 
 
 @pytest.mark.parametrize(("rate", "across"), [(FPS / 1.25, 1.0), (FPS, 1.3), (FPS, 0.7)])
-def test_a_stated_rate_and_diameter_that_gravity_contradicts_make_lengths_doubtful(clip, rate, across):
+def test_a_rate_and_diameter_that_contradict_gravity_make_lengths_doubtful(clip, rate, across):
     result = drop_measurement.measure(
         clip, Camera(frame_rate=rate), bead_diameter=across * DIAMETER, bead_density=7800.0
     )
@@ -531,19 +531,19 @@ def test_a_stated_rate_and_diameter_that_gravity_contradicts_make_lengths_doubtf
     assert not pick(result.quantities, "restitution_wall", method="height", bounce=1).doubtful
 
 
-def test_a_nominal_diameter_a_little_off_is_no_contradiction_and_neighbouring_frame_rates_are():
-    rim = 0.012  # of a bead that is twenty pixels in radius
+def test_a_small_error_of_the_diameter_is_no_contradiction_but_a_neighbouring_frame_rate_is():
+    rim = 0.012  # relative, for a bead of 20 px radius
     assert checks.scales_agree(1.04, rim)
     assert not checks.scales_agree((25 / 24) ** 2, rim)
     assert "at 1000 ± 60 Hz and not at 1200" in checks.contradiction(1.44, 0.12, 1200.0, 0.006)
 
 
-def test_a_radius_that_no_rim_tells_contradicts_no_scale_that_is_a_fifth_off_but_rates_of_50_and_60():
+def test_a_radius_without_fitted_rim_contradicts_rates_of_50_and_60_but_no_scale_error_of_20_percent():
     spot = spots_link.SpotPath((0, 1), (spots.Spot(10.0, 10.0, 60.0, 9.0, 9.0, 20.0),) * 2)
     scene = Scene(np.zeros((20, 20)), np.ones((20, 20)))
-    doubt = radius_doubt(Chase((), spot, (), NOT_TOLD, 4.5, scene, (), None, None))
-    assert checks.scales_agree(1.2, doubt)
-    assert not checks.scales_agree((60 / 50) ** 2, doubt)
+    uncertainty = radius_doubt(Chase((), spot, (), NOT_TOLD, 4.5, scene, (), None, None))
+    assert checks.scales_agree(1.2, uncertainty)
+    assert not checks.scales_agree((60 / 50) ** 2, uncertainty)
 
 
 def test_a_contact_is_longer_for_larger_beads_and_slower_falls():
@@ -554,7 +554,7 @@ def test_a_contact_is_longer_for_larger_beads_and_slower_falls():
     assert 3e-4 < fall_in_air.longest_contact(small, 0.3) < 7e-4
 
 
-def test_a_bead_that_was_not_weighed_falls_by_the_drag_law_of_its_size():
+def test_without_density_the_drag_law_of_the_diameter_is_used():
     def strength(speed):
         # Schiller and Naumann's coefficient of a wooden bead, three times 0.44 where it is slow
         reynolds = max(1.2 * speed * DIAMETER / 1.8e-5, 1e-9)
@@ -571,12 +571,12 @@ def test_a_bead_that_was_not_weighed_falls_by_the_drag_law_of_its_size():
         bounce=2,
     )
     assert abs(sized.value - 0.7) < 2 * sized.std_uncertainty < 4e-3
-    # what is known of the air makes nothing less certain
+    # knowledge of the air drag does not increase the uncertainty
     assert weighed.std_uncertainty < 1.1 * sized.std_uncertainty
     assert sized.budget["air drag"] > 0
 
 
-def test_a_scale_from_a_board_is_as_doubtful_as_the_board(clip):
+def test_the_uncertainty_of_a_board_enters_the_budget_of_heights(clip):
     board = Lens((176, 352), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), (0.0, 0.0), SCALE, 0.02, 0.1)
     result = drop_measurement.measure(clip, Camera(frame_rate=FPS, scale=SCALE, lens=board))
     height = pick(result.quantities, "drop_height")
@@ -592,7 +592,7 @@ def test_a_mirrored_clip_gives_the_same_restitution(tmp_path, measured):
         assert a.value == pytest.approx(b.value, abs=3 * math.hypot(a.std_uncertainty, b.std_uncertainty))
 
 
-def test_a_swaying_camera_and_doubled_frames_are_taken_out_and_told(tmp_path):
+def test_camera_shake_and_doubled_frames_are_corrected_and_reported(tmp_path):
     result = drop_measurement.measure(film(tmp_path / "doubled.mp4", doubled=True), CAMERA, bead_diameter=DIAMETER)
     assert "doubled frames" in check(result, "frame_timing").message
     assert check(result, "static_camera").passed
@@ -602,16 +602,16 @@ def test_a_swaying_camera_and_doubled_frames_are_taken_out_and_told(tmp_path):
     assert e.value == pytest.approx(0.7, abs=max(0.006, 2 * e.std_uncertainty))
 
 
-def test_a_shake_that_the_codec_hides_makes_all_doubtful(tmp_path):
+def test_camera_shake_hidden_by_the_codec_makes_all_quantities_doubtful(tmp_path):
     result = drop_measurement.measure(film(tmp_path / "hidden.mp4", hidden=0.7), CAMERA, bead_diameter=DIAMETER)
     camera = check(result, "static_camera")
     assert not camera.passed
-    assert camera.value < 0.2  # the wall seems to stand still
+    assert camera.value < 0.2  # the wall appears still
     assert "strongest edges" in camera.message
     assert all("strongest edges" in each.doubtful for each in result.quantities)
 
 
-def test_a_film_too_long_to_keep_and_large_pictures_are_measured_alike(clip, measured, monkeypatch):
+def test_long_films_and_large_pictures_give_the_same_result(clip, measured, monkeypatch):
     monkeypatch.setattr(sources, "KEPT", 10**5)
     monkeypatch.setattr(spots, "LARGE", 10**4)
     result = drop_measurement.measure(clip, CAMERA, bead_diameter=DIAMETER, bead_density=7800.0)
@@ -619,31 +619,31 @@ def test_a_film_too_long_to_keep_and_large_pictures_are_measured_alike(clip, mea
         assert abs(one.value - other.value) < 0.3 * other.std_uncertainty
 
 
-def test_a_region_away_from_the_bead_is_named(clip):
+def test_a_region_without_the_bead_is_named_in_the_error(clip):
     with pytest.raises(NothingToMeasure, match=r"nothing falls inside --region 0,0,40,40"):
         drop_measurement.measure(clip, Camera(frame_rate=FPS, region=(0, 0, 40, 40)))
 
 
-def test_a_region_outside_the_picture_is_named_before_anything_is_read(clip):
+def test_a_region_outside_the_picture_is_bad_input(clip):
     with pytest.raises(BadInput, match="outside the picture"):
         drop_measurement.measure(clip, Camera(frame_rate=FPS, region=(5000, 0, 40, 40)))
 
 
 @pytest.mark.parametrize(("degrees", "passed"), [(0.0, True), (4.0, False)])
-def test_a_camera_roll_that_the_fall_contradicts_is_flagged(clip, degrees, passed):
+def test_a_camera_roll_that_contradicts_the_fall_makes_lengths_doubtful(clip, degrees, passed):
     result = drop_measurement.measure(clip, Camera(frame_rate=FPS, roll=math.radians(degrees)), bead_diameter=DIAMETER)
     assert check(result, "camera_roll").passed is passed
-    # a failed check marks all that rests on it, and nothing else
+    # a failed check marks all quantities that depend on it, and no others
     assert all(("camera roll" in each.doubtful) is (each.unit == "m" and not passed) for each in result.quantities)
 
 
-def test_heights_by_gravity_are_doubtful_where_only_the_file_tells_the_frame_rate(clip):
+def test_heights_with_scale_from_gravity_and_rate_from_the_file_are_doubtful(clip):
     result = drop_measurement.measure(clip, Camera())
     assert "give --frame-rate" in pick(result.quantities, "drop_height").doubtful
     assert not pick(result.quantities, "restitution_wall", method="velocity", bounce=1).doubtful
 
 
-def test_a_steady_clip_is_searched_once_and_not_read_again_for_the_bead(clip, monkeypatch):
+def test_a_clip_of_a_still_camera_is_read_at_most_twice(clip, monkeypatch):
     monkeypatch.setattr(sources, "KEPT", 10**5)
     read = []
     pictures = sources.Film.pictures
@@ -655,7 +655,7 @@ def test_a_steady_clip_is_searched_once_and_not_read_again_for_the_bead(clip, mo
 
     monkeypatch.setattr(sources.Film, "pictures", counted)
     drop_measurement.measure(clip, CAMERA)
-    # once for the still scene, which of a short clip needs all of it, once to search, and its size from the first
+    # once for the background (all frames of a short clip), once for the search, and the size from the first frame
     assert len(read) <= 2 * 150 + 1
 
 
@@ -666,18 +666,18 @@ def test_playback_rate_taken_for_the_capture_rate_is_flagged(clip):
     assert any("read from the file" in line for line in result.warnings)
 
 
-def test_a_clip_that_ends_before_the_rebound_says_so(tmp_path):
+def test_a_clip_that_ends_before_the_rebound_is_refused(tmp_path):
     with pytest.raises(NothingToMeasure, match="no rebound"):
         drop_measurement.measure(film(tmp_path / "short.mp4", frames=42), CAMERA)
 
 
-def test_a_clip_without_a_bead_says_so(tmp_path):
+def test_a_clip_without_a_bead_is_refused(tmp_path):
     with pytest.raises(NothingToMeasure, match="nothing falls"):
         drop_measurement.measure(film(tmp_path / "empty.mp4", bead=False, frames=30), CAMERA)
 
 
 @pytest.mark.parametrize("content", [b"", b"time_s,x_m\n1,2\n"])
-def test_a_file_that_is_no_video_says_so(tmp_path, content):
+def test_a_file_that_is_no_video_is_refused(tmp_path, content):
     path = tmp_path / "clip.mp4"
     path.write_bytes(content)
     with pytest.raises(UnreadableMedia, match=r"clip\.mp4"):

@@ -1,4 +1,4 @@
-"""Bounces of known restitution whose record lost a frame, shows one twice, or begins too late."""
+"""Bounces of known restitution whose record has a lost or doubled frame, or begins too late."""
 
 import math
 from dataclasses import replace
@@ -16,7 +16,7 @@ RELEASE = 0.03  # [s]
 
 
 def heights(times, *, drop_height, restitution, lasting=0.0):
-    """[m], of a bead without air that rests, falls and bounces at contacts that last [s]."""
+    """Heights [m] of a bead without air drag that rests, falls and bounces; `lasting` [s] is the contact time."""
     fall = math.sqrt(2 * drop_height / G)
     found = np.where(times < RELEASE, drop_height, drop_height - G / 2 * (times - RELEASE) ** 2)
     begun, speed = RELEASE + fall, G * fall
@@ -35,15 +35,16 @@ def heights(times, *, drop_height, restitution, lasting=0.0):
 
 
 def contact(number, *, drop_height, restitution):
-    """[s]"""
+    """Time of a contact [s]."""
     fall = math.sqrt(2 * drop_height / G)
     return RELEASE + fall * (1 + 2 * sum(restitution**k for k in range(1, number)))
 
 
 def record(kept, *, rate, duration, seed, drop_height=0.2, restitution=0.7, towards=0.0, kicked=(1, 0.0), noise=5e-5):
-    """A track of the frames that `kept` chooses, stored as if none were missing; y of a bead that comes nearer.
+    """A track of the frames chosen by `kept`, with time stamps as if none were missing.
 
-    `kicked` is the bounce from which on the bead drifts out of the plane, and its drift [m/s] in the picture's height.
+    `towards` [m/s] is the speed towards the camera; `kicked` is the bounce after which the bead drifts out of the
+    plane, and the drift [m/s] of its apparent height.
     """
     times = np.arange(round(duration * rate)) / rate
     off = np.maximum(times - contact(1, drop_height=drop_height, restitution=restitution), 0.0) * towards
@@ -82,18 +83,18 @@ def off(result, truth=0.7):
 
 @pytest.mark.parametrize(("rate", "lost"), [(60.0, 1), (240.0, 1), (240.0, 2), (1000.0, 3)])
 @pytest.mark.parametrize("place", [0.17, 0.3, 0.46, 0.66])  # [s]: in the fall, the first flight and the second
-def test_a_frame_lost_in_flight_is_put_back_and_told(rate, lost, place):
+def test_a_frame_lost_in_flight_is_corrected_and_reported(rate, lost, place):
     result = drop.evaluate(record(without(round(place * rate), lost), rate=rate, duration=0.85, seed=round(rate)))
     assert f"{lost} frame" in check(result, "frame_timing").message
-    assert "do not tell" in check(result, "frame_timing").message
+    assert "time stamps do not show" in check(result, "frame_timing").message
     assert not [check.check for check in result.checks if not check.passed]
-    assert all(abs(far) < 3.5 and not doubt for far, doubt in off(result))
+    assert all(abs(far) < 3.5 and not reason for far, reason in off(result))
     height = next(each for each in result.quantities if each.quantity == "drop_height")
     assert abs(height.value - 0.2) < 3.5 * height.std_uncertainty
 
 
 def contact_times(result):
-    """[s]"""
+    """Contact times [s]."""
     return [
         each.detail["contact_time_s"]
         for each in result.quantities
@@ -103,7 +104,7 @@ def contact_times(result):
 
 @pytest.mark.parametrize("bounce", [2, 3])
 @pytest.mark.parametrize("beside", [-1, 0, 1])
-def test_a_frame_lost_at_an_inner_contact_is_put_back_for_flights_meet_on_the_plate(bounce, beside):
+def test_a_frame_lost_at_an_inner_contact_is_corrected(bounce, beside):
     gone = round(contact(bounce, drop_height=0.2, restitution=0.7) * 240) + beside
     result = drop.evaluate(record(without(gone), rate=240.0, duration=1.0, seed=bounce))
     assert "1 frame lost" in check(result, "frame_timing").message
@@ -112,40 +113,40 @@ def test_a_frame_lost_at_an_inner_contact_is_put_back_for_flights_meet_on_the_pl
 
 
 @pytest.mark.parametrize("beside", [-1, 0, 1])
-def test_a_frame_lost_at_the_first_contact_makes_all_doubtful_for_one_step_of_the_plate_tells(beside):
+def test_a_frame_lost_at_the_first_contact_makes_all_quantities_doubtful(beside):
     gone = round(contact(1, drop_height=0.2, restitution=0.7) * 240) + beside
     result = drop.evaluate(record(without(gone), rate=240.0, duration=1.0, seed=1))
-    told = check(result, "frame_timing")
-    assert not told.passed
-    assert "1 frame lost at about 0.2" in told.message
-    assert "kicked aside" in told.message
-    assert all(told.message.rstrip(".") in each.doubtful for each in result.quantities)
+    timing = check(result, "frame_timing")
+    assert not timing.passed
+    assert "1 frame lost at about 0.2" in timing.message
+    assert "kicked sideways" in timing.message
+    assert all(timing.message.rstrip(".") in each.doubtful for each in result.quantities)
 
 
 @pytest.mark.parametrize("bounce", [1, 2, 3])
 @pytest.mark.parametrize("drift", [0.0084, -0.0084, 0.0168, 0.004])  # [m/s]: the first three step as a lost frame does
 @pytest.mark.parametrize("duration", [0.86, 1.0])  # [s]: three bounces and a little, so that the fourth is seen; five
-def test_a_bead_that_is_kicked_aside_is_not_taken_for_a_lost_frame(bounce, drift, duration):
+def test_a_bead_that_is_kicked_sideways_is_not_taken_for_a_lost_frame(bounce, drift, duration):
     result = drop.evaluate(record(whole, rate=240.0, duration=duration, seed=bounce, kicked=(bounce, drift)))
-    assert all(abs(far) < 3 or doubt for far, doubt in off(result))
+    assert all(abs(far) < 3 or reason for far, reason in off(result))
     meant = [contact(k + 1, drop_height=0.2, restitution=0.7) for k in range(len(contact_times(result)))]
     assert contact_times(result) == pytest.approx(meant, abs=0.6e-3)  # a frame is 4.2 ms
 
 
 @pytest.mark.parametrize("drop_height", [0.2, 0.3])
 @pytest.mark.parametrize("lasting", [0.005, 0.01])  # [s]
-def test_a_contact_that_lasts_moves_no_times(lasting, drop_height):
+def test_a_long_contact_does_not_change_the_times(lasting, drop_height):
     times = np.arange(216) / 240
     y = heights(times, drop_height=drop_height, restitution=0.5, lasting=lasting)
     seen = np.stack([0.01 * times, y], axis=1) + np.random.default_rng(4).normal(0, 5e-5, (len(times), 2))
     result = drop.evaluate(Track(times, seen, np.full(len(times), 5e-5)))
-    assert "once that is put right" not in check(result, "frame_timing").message
+    assert "after the correction" not in check(result, "frame_timing").message
     apart = np.diff(contact_times(result))[:1]
     meant = math.sqrt(2 * drop_height / G) + lasting
     assert apart == pytest.approx(np.full(len(apart), meant), abs=1e-3)  # a frame is 4.2 ms
 
 
-def test_where_a_film_lost_frames_is_told_in_its_own_times_though_more_than_one_place_is_torn():
+def test_lost_frames_in_several_places_are_reported_in_the_times_of_the_record():
     times_gone = (0.3, 0.6)
     gone = [round(time * 240) for time in times_gone]
     kept = without(gone[0])
@@ -155,11 +156,11 @@ def test_where_a_film_lost_frames_is_told_in_its_own_times_though_more_than_one_
     message = check(result, "frame_timing").message
     assert f"at {gone[0] / 240:.3f} s" in message
     assert f"at {(gone[1] - 1) / 240:.3f} s" in message
-    assert all(abs(far) < 3.5 and not doubt for far, doubt in off(result))
+    assert all(abs(far) < 3.5 and not reason for far, reason in off(result))
 
 
-def test_a_shift_is_in_seconds_of_the_record_whatever_the_steps_of_the_film():
-    """A film of 120 frames a second that shows each twice: its bead's track has every other frame alone."""
+def test_a_time_shift_does_not_depend_on_the_frame_interval_of_the_film():
+    """A film of 120 frames per second with doubled frames: the track has every second frame only."""
     loss = Loss(index=12, frames=1, time=0.2, shift=1 / 60, at_contact=False)
     film = np.arange(40) / 120
     moved = in_time(film, (replace(loss, index=24),))
@@ -169,7 +170,7 @@ def test_a_shift_is_in_seconds_of_the_record_whatever_the_steps_of_the_film():
 
 
 @pytest.mark.parametrize("points", [0, 1, 8])
-def test_a_track_of_hardly_any_points_lost_nothing_and_is_refused_in_words(points):
+def test_a_track_with_too_few_points_is_refused(points):
     few = np.arange(points) / 240
     blank = Track(few, np.zeros((points, 2)), np.full(points, 5e-5))
     with pytest.raises(NothingToMeasure):
@@ -178,14 +179,14 @@ def test_a_track_of_hardly_any_points_lost_nothing_and_is_refused_in_words(point
         drop.evaluate(Track(np.arange(90) / 240, np.full((90, 2), np.nan), np.full(90, 5e-5)))
 
 
-def test_a_frame_that_is_shown_twice_moves_what_follows_back():
+def test_a_doubled_frame_is_corrected():
     result = drop.evaluate(record(twice(60), rate=240.0, duration=0.85, seed=5))
     assert "1 frame shown twice" in check(result, "frame_timing").message
     assert all(abs(far) < 3.5 for far, _ in off(result))
 
 
-def test_where_two_contacts_alone_tell_of_a_lost_frame_all_is_doubtful():
-    """One step of the plate between two contacts might as well be that of a bead that leaves the plane."""
+def test_a_frame_lost_in_a_record_of_two_contacts_makes_all_quantities_doubtful():
+    """A single step of the plate between two contacts may also be due to a bead that leaves the plane."""
     gone = round(contact(1, drop_height=0.2, restitution=0.7) * 240)
     result = drop.evaluate(record(without(gone), rate=240.0, duration=0.7, seed=7))
     assert not check(result, "frame_timing").passed
@@ -193,7 +194,7 @@ def test_where_two_contacts_alone_tell_of_a_lost_frame_all_is_doubtful():
 
 
 @pytest.mark.parametrize("towards", [0.0, 0.1, -0.2, 0.25])
-def test_nothing_is_lost_where_a_bead_comes_towards_the_camera_or_goes_away(towards):
+def test_motion_towards_or_away_from_the_camera_is_no_lost_frame(towards):
     for seed in range(3):
         result = drop.evaluate(record(whole, rate=240.0, duration=1.0, seed=seed, towards=towards))
         assert check(result, "frame_timing").passed
@@ -202,9 +203,7 @@ def test_nothing_is_lost_where_a_bead_comes_towards_the_camera_or_goes_away(towa
 
 @pytest.mark.parametrize("bounce", [1, 2, 3])
 @pytest.mark.parametrize("towards", [0.25, -0.2])
-def test_a_frame_lost_at_a_contact_of_a_bead_that_comes_nearer_is_put_back_for_its_growth_tells_the_drift(
-    bounce, towards
-):
+def test_a_frame_lost_at_a_contact_of_an_approaching_bead_is_corrected(bounce, towards):
     gone = round(contact(bounce, drop_height=0.2, restitution=0.7) * 240)
     result = drop.evaluate(record(without(gone), rate=240.0, duration=1.0, seed=bounce, towards=towards))
     assert "1 frame lost" in check(result, "frame_timing").message
@@ -215,16 +214,16 @@ def test_a_frame_lost_at_a_contact_of_a_bead_that_comes_nearer_is_put_back_for_i
 
 
 @pytest.mark.parametrize("bounce", [1, 2])
-def test_where_growth_may_be_that_of_a_bead_seen_from_high_above_a_lost_frame_makes_all_doubtful(bounce):
-    """Of three contacts two steps are known: one drift and one lost frame explain whatever they are."""
+def test_a_lost_frame_that_growth_may_explain_is_not_corrected_silently(bounce):
+    """Three contacts give two steps, which a drift and a lost frame can always explain."""
     gone = round(contact(bounce, drop_height=0.2, restitution=0.7) * 240)
     result = drop.evaluate(record(without(gone), rate=240.0, duration=0.75, seed=3, towards=0.1))
-    assert all(abs(far) < 3 or doubt for far, doubt in off(result))
+    assert all(abs(far) < 3 or reason for far, reason in off(result))
     assert "1 frame lost" in check(result, "frame_timing").message
 
 
 @pytest.mark.parametrize("towards", [0.25, -0.25])
-def test_low_flights_whose_growth_is_not_seen_are_no_reason_to_doubt(towards):
+def test_low_flights_without_visible_growth_pass_the_timing_check(towards):
     for seed in range(3):
         seen = record(
             whole, rate=240.0, duration=0.75, seed=seed, drop_height=0.115, restitution=0.635, towards=towards
@@ -242,8 +241,8 @@ def test_a_record_that_begins_as_the_bead_rises_makes_heights_doubtful():
     assert check(drop.evaluate(whole_record), "first_fall").passed
 
 
-def test_a_fall_that_is_not_seen_makes_all_doubtful():
-    """The bead is let go of, then lost from sight until it has bounced."""
+def test_an_occluded_fall_makes_all_quantities_doubtful():
+    """The bead is released, then occluded until it has bounced."""
     made = record(whole, rate=240.0, duration=1.0, seed=2)
     seen = (made.time < RELEASE + 0.06) | (made.time > contact(1, drop_height=0.2, restitution=0.7) + 0.08)
     result = drop.evaluate(Track(made.time[seen], made.position[seen], made.sigma[seen]))
@@ -252,5 +251,5 @@ def test_a_fall_that_is_not_seen_makes_all_doubtful():
 
 
 @pytest.mark.parametrize(("frames", "words"), [(1, "1 frame lost"), (3, "3 frames lost"), (-2, "2 frames shown twice")])
-def test_what_the_camera_did_is_told_with_how_many_frames(frames, words):
+def test_a_loss_is_described_with_the_number_of_frames(frames, words):
     assert Loss(8, frames, 0.2, 0.0, False).in_words == words

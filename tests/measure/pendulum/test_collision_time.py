@@ -1,4 +1,4 @@
-"""Where two beads meet, from paths as films show them: whole, and in pieces as a coarse codec leaves them."""
+"""The collision of two beads from whole paths, and from broken ones as after a coarse codec."""
 
 from itertools import pairwise
 
@@ -16,7 +16,7 @@ class Clip:
 
 
 def pieces(frames, across, lengths):
-    """A bead's way along x, cut after so many frames."""
+    """Path of a bead along x, split into pieces of the given numbers of frames."""
     edges = np.cumsum([0, *lengths])
     return [
         Path(list(frames[a:b]), [np.array([x, 100.0]) for x in across[a:b]], [SIZE] * (b - a))
@@ -25,7 +25,7 @@ def pieces(frames, across, lengths):
 
 
 def swings(*, leap=SIZE):
-    """Bead A gains speed up to its hit; bead B, one diameter ahead, goes on from there and slows down."""
+    """Bead A accelerates up to the collision; bead B starts one diameter ahead and slows down."""
     fall, rise = np.arange(20, HIT), np.arange(HIT + 2, HIT + 40)
     came = 200 * (1 - np.cos((fall - 20) / 40 * np.pi / 2)) + 50
     went = 250 + leap + 6.5 * 25 * np.sin((rise - HIT) / 25 * 0.9) / 0.9
@@ -33,14 +33,14 @@ def swings(*, leap=SIZE):
 
 
 @pytest.mark.parametrize(("before", "after"), [((40,), (38,)), ((20, 8, 6, 6), (6, 8, 10, 14))])
-def test_the_hit_is_found_also_where_no_piece_of_a_path_is_long(before, after):
+def test_the_collision_is_found_from_short_pieces_of_paths(before, after):
     fall, came, rise, went = swings()
     found = find_collision([*pieces(fall, came, before), *pieces(rise, went, after)], Clip(), in_pieces=True)
     assert (found.fall.frames[0], found.fall.frames[-1]) == (fall[0], fall[-1])
     assert found.rise.frames[0] == rise[0]
 
 
-def test_one_bead_whose_path_is_broken_hits_nothing():
+def test_the_broken_path_of_one_bead_is_no_collision():
     fall, came, rise, went = swings(leap=0.0)
     with pytest.raises(NothingToMeasure, match="no bead is seen to hit"):
         find_collision([*pieces(fall, came, (34, 6)), *pieces(rise, went, (6, 8, 10, 14))], Clip(), in_pieces=True)

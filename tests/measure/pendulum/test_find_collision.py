@@ -1,4 +1,4 @@
-"""Two beads that collide are looked for in fewer and fewer frames of a high-speed film."""
+"""Search for the collision of two beads, also in every 4th or 16th frame of a high-speed film."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ def straight(frames: list[int], step: float) -> Path:
 
 
 def found(monkeypatch: pytest.MonkeyPatch, frames: int, shows: dict[int, float]) -> Collision:
-    """What is made of a film of `frames` in which, looked at so sparsely, paths of so large steps [px] meet.
+    """Collision found in a film of `frames` frames; `shows` maps a frame step to the step [px] of paths that meet.
 
-    Something moves by 30 px.
+    Another object moves by 30 px.
     """
 
     def paths(*_: object, every: int = 1) -> list[Path]:
@@ -42,7 +42,7 @@ def found(monkeypatch: pytest.MonkeyPatch, frames: int, shows: dict[int, float])
 
 
 @pytest.mark.parametrize("shows", [1, 4, 16])
-def test_a_collision_that_shows_in_fewer_frames_is_told_in_the_films_own(
+def test_a_collision_found_in_sampled_frames_has_frame_numbers_of_the_film(
     monkeypatch: pytest.MonkeyPatch, shows: int
 ) -> None:
     first = 0 if shows == 1 else 5  # paths of all frames count the clip's own already
@@ -50,25 +50,27 @@ def test_a_collision_that_shows_in_fewer_frames_is_told_in_the_films_own(
 
 
 @pytest.mark.parametrize(("frames", "shows"), [(2000, 0), (500, 16), (200, 4)])
-def test_where_no_frames_show_a_collision_the_error_speaks_of_all_of_them(
+def test_without_a_collision_the_error_is_that_of_the_search_in_all_frames(
     monkeypatch: pytest.MonkeyPatch, frames: int, shows: int
 ) -> None:
     with pytest.raises(NothingToMeasure, match=r"one of 1$"):
         found(monkeypatch, frames, {shows: 20.0})
 
 
-def test_glimpses_of_threads_that_seem_to_meet_do_not_outdo_the_beads(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_collision_of_the_heaviest_paths_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     assert found(monkeypatch, 2000, {1: 2.0, 4: 20.0}).fall.extent == 40
-    assert found(monkeypatch, 2000, {1: 2.0}).fall.extent == 4  # something large moves besides, a hand say
+    assert found(monkeypatch, 2000, {1: 2.0}).fall.extent == 4  # another large object moves too, e.g. a hand
 
 
-@pytest.mark.parametrize(("bead", "ground"), [(50.0, 140.0), (210.0, 120.0)])
+@pytest.mark.parametrize(("bead", "background"), [(50.0, 140.0), (210.0, 120.0)])
 @pytest.mark.parametrize("creeps", [0.25, 0.0])
-def test_where_b_hung_is_told_though_a_comes_to_hide_it(bead: float, ground: float, creeps: float) -> None:
-    """A hits at frame 10 and goes on by so much [px/frame], before most of B's place, or stays where it hit."""
+def test_the_rest_position_of_b_is_found_although_a_covers_it_later(
+    bead: float, background: float, creeps: float
+) -> None:
+    """A hits at frame 10 and goes on with `creeps` [px/frame], covering most of B's rest position, or stops."""
     random = np.random.default_rng(4)
     radius, hung, level = 7.0, 60.0, 20.0
-    wall = ground + 4 * random.standard_normal((40, 130))
+    wall = background + 4 * random.standard_normal((40, 130))
 
     def picture(*places: float) -> npt.NDArray[np.uint8]:
         shown = wall + 2 * random.standard_normal(wall.shape)
@@ -94,12 +96,12 @@ HIT, SIZE, PIVOT, LENGTH = 40, 10.0, np.array([200.0, 10.0]), 130.0  # frame; [p
 
 
 def at(angle: float, pivot: float = 0.0) -> npt.NDArray[np.float64]:
-    """[px], of a bead so far from the vertical [rad]."""
+    """Position [px] of a bead at an angle from the vertical [rad]."""
     return PIVOT + (pivot, 0) + LENGTH * np.array([np.sin(angle), np.cos(angle)])
 
 
 def cradle(k: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Where A and B are in frame k: A falls, hits, and nearly stays beside where B hung."""
+    """Positions of A and B in frame k: A falls, hits, and nearly stops beside B's rest position."""
     rate = 0.0393  # [rad], of the swing in a frame
     if k <= HIT:
         return at(-0.8 * np.cos(rate * k), -SIZE), at(0.0)
@@ -108,7 +110,7 @@ def cradle(k: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
 
 
 def seen(*, mirrored: bool) -> tuple[list[Path], dict[int, npt.NDArray[np.uint8]], npt.NDArray[np.float64]]:
-    """The paths of a cradle of which B's is broken, frames of it, and where B hung."""
+    """Paths of a cradle (that of B is broken), its frames, and the rest position of B."""
     ways = {k: cradle(k) for k in range(80)}
     random = np.random.default_rng(7)
     y, x = np.mgrid[:170, :400]
@@ -132,8 +134,8 @@ def seen(*, mirrored: bool) -> tuple[list[Path], dict[int, npt.NDArray[np.uint8]
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
-def test_where_a_path_is_broken_nothing_is_hit_for_nothing_hung_there(mirrored: bool) -> None:
-    """A comes to where B hung, so that B's rise seems to be A's fall that goes on, up to where B's path is broken."""
+def test_a_break_of_a_path_is_no_collision_if_no_bead_hung_there(mirrored: bool) -> None:
+    """A reaches B's rest position, so B's rise looks like a continuation of A's fall up to the break."""
     paths, greys, rest = seen(mirrored=mirrored)
     video = SimpleNamespace(path=File("swing.mp4"))
     few = {k: grey for k, grey in greys.items() if k % 4 == 0}
@@ -147,16 +149,18 @@ def test_where_a_path_is_broken_nothing_is_hit_for_nothing_hung_there(mirrored: 
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
-def test_a_bead_does_not_pass_the_one_that_it_hits(mirrored: bool) -> None:
-    """A's path that runs on along B's, past where it hung, is none; nor is one of B alone."""
+def test_a_path_past_the_rest_position_is_no_fall_of_a(mirrored: bool) -> None:
+    """A path of A that continues along B past its rest position is no fall, nor is a path of B alone."""
     (fall, rise, onwards), greys, rest = seen(mirrored=mirrored)
     passed = Path(fall.frames + rise.frames, fall.places + rise.places, fall.sizes + rise.sizes)
     assert hung(greys, Collision(fall, rise, rest, SIZE / 2))
     assert not hung(greys, Collision(passed, onwards, rest, SIZE / 2))
-    assert hung(greys, Collision(passed.part(0, len(fall.frames) + 2), onwards, rest, SIZE / 2))  # it only runs on
+    assert hung(
+        greys, Collision(passed.part(0, len(fall.frames) + 2), onwards, rest, SIZE / 2)
+    )  # a short continuation is allowed
 
 
-def test_threads_that_seem_to_meet_are_no_collision_though_something_left_there() -> None:
+def test_paths_of_threads_are_no_collision() -> None:
     (fall, rise, _), _, _ = seen(mirrored=False)
     faint = [
         Path(path.frames, [place - np.array([0.0, 60.0]) for place in path.places], [4.0] * len(path.frames))
@@ -170,16 +174,16 @@ def test_threads_that_seem_to_meet_are_no_collision_though_something_left_there(
     assert find_collision([fall, rise, *faint], video, None, shown, in_pieces=False).radius > SIZE / 2  # type: ignore[arg-type]
 
 
-def test_where_b_hung_is_told_though_it_is_seen_only_far_up_its_way() -> None:
-    """A pole or a coarse codec hides its rise at first: its way then points below where it hung."""
+def test_the_rest_position_of_b_is_found_although_its_rise_is_seen_late() -> None:
+    """A pole or a coarse codec hides the begin of the rise, which then points below the rest position."""
     (fall, _, onwards), greys, rest = seen(mirrored=False)
     late = Collision(fall, onwards, rest + np.array([9.0, 12.0]), SIZE / 2)
     few = {k: grey for k, grey in greys.items() if k % 4 == 0 or HIT - 2 < k < HIT + 26}
     assert hanging_place(few, late) == pytest.approx(rest, abs=2)
 
 
-def test_bodies_that_are_seen_at_once_are_no_lone_pendulum() -> None:
-    """As of a film of a drum: they cross the middle in one and the same frame."""
+def test_several_bodies_seen_at_once_are_no_single_pendulum() -> None:
+    """As in a film of a drum: they cross the middle in the same frame."""
     film: Any = SimpleNamespace(times=np.arange(60) / 30)
     beads = [
         Path(list(range(60)), [np.array([x + 0.2 * k, 50.0]) for k in range(60)], [9.0] * 60) for x in (0, 200, 5, 205)
@@ -187,9 +191,9 @@ def test_bodies_that_are_seen_at_once_are_no_lone_pendulum() -> None:
     assert lone_swing(beads, film, 0.191) == ""
 
 
-def test_a_lone_pendulum_tells_its_length() -> None:
+def test_the_period_of_a_single_pendulum_gives_its_length() -> None:
     length = 0.25  # [m]
     film: Any = SimpleNamespace(times=np.arange(480) / 120)
     away = 80 * np.cos(np.sqrt(9.81 / length) * film.times)
     bead = Path(list(range(480)), [np.array([200 + x, 50.0]) for x in away], [9.0] * 480)
-    assert "as a pendulum of 250 mm" in lone_swing([bead], film, None)
+    assert "that of a pendulum of 250 mm" in lone_swing([bead], film, None)

@@ -1,4 +1,4 @@
-"""The pendulum's ruler against swings made by an integrator of its own, and against drawn clips of known truth."""
+"""Pendulum measurements against an independent integrator, and against drawn clips of known truth."""
 
 import math
 from dataclasses import dataclass, replace
@@ -89,11 +89,11 @@ def check(evaluation, name):
     return one
 
 
-def test_the_restitution_put_into_the_swing_comes_back_free_of_damping_and_drag():
+def test_the_restitution_of_a_simulated_swing_is_found_without_damping_and_drag():
     evaluation = evaluate(tracks_of(Truth(restitution=0.62, damping=0.08, drag=0.02), noise=1e-5))
     e = found(evaluation, "restitution_pair", "velocity", collision=1)
     assert e.value == pytest.approx(0.62, abs=0.002)
-    # the angles themselves include what the swings lost on their way, and say so
+    # the angles include losses of the swing, which enter the interval
     by_angle = found(evaluation, "restitution_pair", "angle")
     assert by_angle.value < 0.615
     low, high = by_angle.interval95
@@ -103,13 +103,13 @@ def test_the_restitution_put_into_the_swing_comes_back_free_of_damping_and_drag(
 @pytest.mark.parametrize(
     ("release", "noise", "duration", "seed"), [(34.7, 2.68e-3, 0.41, 38), (42.1, 3.63e-3, 0.51, 45)]
 )
-def test_a_swing_that_drowns_in_noise_is_refused_in_a_sentence(release, noise, duration, seed):
+def test_a_swing_below_the_noise_is_refused(release, noise, duration, seed):
     tracks = tracks_of(Truth(release=math.radians(release)), frame_rate=120, duration=duration, noise=noise, seed=seed)
     with pytest.raises(NothingToMeasure, match="pull of gravity"):
         fit_swings(tuple(tracks))
 
 
-def test_release_and_rebound_angles_are_those_of_the_swing():
+def test_release_and_rebound_angles_match_the_simulated_swing():
     truth = Truth()
     times = np.arange(0, 0.6, 1 / 960)
     angles, _ = swing(truth, times)
@@ -179,7 +179,7 @@ def test_every_clean_collision_of_a_long_record_gives_its_restitution():
         assert e.value == pytest.approx(0.8, abs=4 * e.std_uncertainty)
 
 
-def test_momentum_is_checked_and_beads_of_different_mass_are_told():
+def test_beads_of_different_mass_fail_the_momentum_check():
     equal = evaluate(tracks_of(Truth()), bead_mass=0.69e-3)
     assert check(equal, "momentum").passed
     assert check(equal, "momentum").expected == pytest.approx(0.69e-3 * 1.097, rel=0.02)
@@ -194,7 +194,7 @@ def test_a_heavy_hanging_bead_throws_the_released_one_back_to_its_side():
     assert found(evaluation, "restitution_pair", "velocity", collision=1).value == pytest.approx(0.8, abs=0.006)
 
 
-def test_stated_length_and_diameter_are_held_against_the_record():
+def test_a_wrong_length_or_diameter_fails_its_check():
     tracks = tracks_of(Truth())
     right = evaluate(tracks, length=0.19, bead_diameter=0.012)
     wrong = evaluate(tracks, length=0.21, bead_diameter=0.010)
@@ -203,12 +203,12 @@ def test_stated_length_and_diameter_are_held_against_the_record():
     assert not check(wrong, "length").passed
     assert not check(wrong, "contact_distance").passed
     assert len(wrong.warnings) == 2
-    # beads that seem to meet a bead's fifth too early or late may have met off centre
-    doubts = [found(each, "restitution_pair", "velocity", collision=1).doubtful for each in (right, wrong)]
-    assert [bool(doubt) for doubt in doubts] == [False, True]
+    # a contact distance that is off by a fifth of a bead may mean an off-centre collision
+    reasons = [found(each, "restitution_pair", "velocity", collision=1).doubtful for each in (right, wrong)]
+    assert [bool(reason) for reason in reasons] == [False, True]
 
 
-def test_the_stated_interval_holds_the_truth_as_often_as_it_says():
+def test_stated_intervals_cover_the_truth_at_their_nominal_rate():
     rng = np.random.default_rng(7)
     inside, misses = 0, []
     for seed in range(24):
@@ -226,10 +226,10 @@ def test_the_stated_interval_holds_the_truth_as_often_as_it_says():
         misses.append((e.value - truth.restitution) / e.std_uncertainty)
     # 24 records at 95 %: fewer than 19 inside happens once in a thousand times by chance
     assert inside >= 19
-    assert 0.5 < np.std(misses) < 1.6  # nor are the intervals idly wide
+    assert 0.5 < np.std(misses) < 1.6  # nor are the intervals much too wide
 
 
-def test_a_codec_may_let_a_bead_drift_between_release_and_collision_by_what_the_interval_allows():
+def test_the_budget_covers_drifts_of_a_bead_due_to_the_codec():
     truth, noise, ground = Truth(restitution=0.7), 5e-5, 1.0
     tracks = tracks_of(truth, noise=noise)
     hit = tracks[1].time[np.argmax(swing(truth, tracks[1].time)[0][:, 1] > 0)]
@@ -250,7 +250,7 @@ def test_a_codec_may_let_a_bead_drift_between_release_and_collision_by_what_the_
     assert np.sqrt(np.sum(np.square(moves))) < e.budget["ground"]
 
 
-def test_missing_frames_and_wild_points_do_not_matter():
+def test_missing_frames_and_outliers_do_not_change_the_restitution():
     tracks = tracks_of(Truth())
     rng = np.random.default_rng(1)
     damaged = []
@@ -263,7 +263,7 @@ def test_missing_frames_and_wild_points_do_not_matter():
     assert e.value == pytest.approx(0.6, abs=max(3 * e.std_uncertainty, 0.006))
 
 
-def test_what_held_the_bead_may_pull_at_its_first_points_without_changing_the_restitution():
+def test_disturbed_points_right_after_the_release_do_not_change_the_restitution():
     truth = Truth()
     free, hanging = tracks_of(truth)
     pulled = np.array(free.position)
@@ -275,7 +275,7 @@ def test_what_held_the_bead_may_pull_at_its_first_points_without_changing_the_re
     assert abs(e.value - alone.value) < 0.1 * e.std_uncertainty
 
 
-def test_frames_that_are_missing_without_a_word_make_all_numbers_doubtful():
+def test_missing_frames_with_wrong_times_make_all_quantities_doubtful():
     tracks = tracks_of(Truth(), noise=3e-5)
     keep = np.sort(np.random.default_rng(4).choice(len(tracks[0].time), int(0.9 * len(tracks[0].time)), replace=False))
     short = [Track(one.time[: len(keep)], one.position[keep], one.sigma[keep], one.body) for one in tracks]
@@ -285,8 +285,8 @@ def test_frames_that_are_missing_without_a_word_make_all_numbers_doubtful():
     assert all(quantity.doubtful for quantity in missed.quantities)
 
 
-def test_a_camera_that_looks_down_on_the_beads_sees_their_angles_where_its_axis_is_known():
-    """A pinhole camera two lengths away, aimed three degrees down at the place where the beads hang."""
+def test_an_oblique_view_gives_the_release_angle_if_the_principal_point_is_known():
+    """A pinhole camera two lengths away, pitched three degrees down, aimed at the rest position of the beads."""
     truth, pitch, away = Truth(), math.radians(3), 0.4
     tracks = []
     for one in tracks_of(truth, noise=0.0):
@@ -303,7 +303,7 @@ def test_a_camera_that_looks_down_on_the_beads_sees_their_angles_where_its_axis_
 
 
 @pytest.mark.parametrize("barrel", [0.0, 0.1])
-def test_a_lens_that_bends_the_swing_is_told_and_fitted_along(barrel):
+def test_strong_lens_distortion_is_reported_and_fitted(barrel):
     truth, axis = Truth(), np.array([-0.02, -0.12])
     tracks = []
     for track in tracks_of(truth, noise=2e-5):
@@ -321,13 +321,13 @@ def test_a_lens_that_bends_the_swing_is_told_and_fitted_along(barrel):
         assert abs(one.value - true) < 2.5 * one.std_uncertainty
 
 
-def test_a_record_that_ends_before_the_beads_turn_is_doubtful_about_the_angles_only():
+def test_a_record_that_ends_before_the_turn_makes_only_angles_doubtful():
     evaluation = evaluate(tracks_of(Truth(), duration=0.42))
     assert "turns" in found(evaluation, "rebound_angle", body="B").doubtful
     assert not found(evaluation, "restitution_pair", "velocity", collision=1).doubtful
 
 
-def test_a_record_that_does_not_show_the_bead_at_rest_says_so_and_is_less_sure():
+def test_a_record_without_the_bead_at_rest_is_doubtful_and_less_certain():
     whole, late = evaluate(tracks_of(Truth())), evaluate(tracks_of(Truth(released=0.0)))
     e, doubted = (found(each, "restitution_pair", "velocity", collision=1) for each in (whole, late))
     assert not e.doubtful
@@ -335,7 +335,7 @@ def test_a_record_that_does_not_show_the_bead_at_rest_says_so_and_is_less_sure()
     assert doubted.std_uncertainty > 2 * e.std_uncertainty
 
 
-def test_a_record_without_collision_or_without_second_bead_is_refused_in_one_sentence():
+def test_a_record_without_collision_or_second_bead_is_refused():
     still, moving = tracks_of(Truth())[::-1]
     with pytest.raises(NothingToMeasure, match="Only one bead"):
         evaluate([moving])
@@ -346,7 +346,7 @@ def test_a_record_without_collision_or_without_second_bead_is_refused_in_one_sen
         evaluate([Track(t.time, t.position, t.sigma, name) for t, name in ((moving, "1"), (still, "2"))])
 
 
-def test_a_bead_that_is_lost_at_the_collision_is_named_where_the_record_goes_on():
+def test_a_bead_that_is_lost_at_the_collision_is_named_in_the_error():
     a, b = tracks_of(Truth())
     hit = int(np.argmax(b.position[:, 0] > b.position[0, 0] + 0.001))
     lost = Track(a.time[:hit], a.position[:hit], a.sigma[:hit], "A")
@@ -357,18 +357,18 @@ def test_a_bead_that_is_lost_at_the_collision_is_named_where_the_record_goes_on(
 
 
 @pytest.mark.parametrize("noise", [5e-5, 2e-4])
-def test_a_record_of_which_both_tracks_are_one_bead_has_no_number_that_is_not_doubtful(noise):
-    """B's rise is taken for A's fall that goes on, and a place on its way for where B hung."""
+def test_two_tracks_of_the_same_bead_make_all_quantities_doubtful(noise):
+    """B's rise is taken for a continuation of A's fall, and a point of it for B's rest position."""
     a, b = tracks_of(Truth(restitution=0.88, length=0.15, diameter=0.006), noise=noise)
     hit = int(np.argmax(np.abs(b.position[:, 0] - b.position[0, 0]) > 0.003))
     late = np.arange(len(a.time)) < hit + 20
     stays = b.position[hit + 20] + np.random.default_rng(1).normal(0, noise, b.position.shape)
     one = replace(a, position=np.where(np.arange(len(a.time))[:, None] < hit, a.position, b.position))
-    told = evaluate([one, replace(b, position=np.where(late[:, None], stays, b.position))])
-    assert all(each.doubtful for each in told.quantities)
-    assert not check(told, "swing_residuals").passed
-    # what it is worth shows in the interval as well: the restitution drawn lies in it
-    restitution = found(told, "restitution_pair", "velocity", collision=1)
+    result = evaluate([one, replace(b, position=np.where(late[:, None], stays, b.position))])
+    assert all(each.doubtful for each in result.quantities)
+    assert not check(result, "swing_residuals").passed
+    # the interval is wide enough to contain the true restitution
+    restitution = found(result, "restitution_pair", "velocity", collision=1)
     assert restitution.interval95[0] < 0.88 < restitution.interval95[1]
 
 
@@ -397,15 +397,15 @@ def test_a_tracked_record_is_measured_like_its_tracks(tmp_path):
 SCALE = 0.0008  # [m/px]
 
 
-# x264 writes another film at every run where it spreads what it learns of later frames (mbtree, on some processors)
+# without mbtree, whose result differs between runs on some processors
 X264 = {"crf": "18", "x264-params": "mbtree=0"}
 
 
 def draw_clip(path, truth, *, duration=0.66, exposure=0.25, mirror=False, seed=0, block=False, change=None, lost=-1):
-    """A film of shaded beads on threads before a mottled wall with a stand and a holder: blur, noise, H.264.
+    """A film of shaded beads on threads in front of a textured wall with a stand and a holder: blur, noise, H.264.
 
-    With `block` one bead swings against a block that stands where it hangs; `change` is made to every picture; one
-    frame is `lost` without a word.
+    With `block` one bead swings against a block at its rest position; `change` is applied to every picture; the frame
+    `lost` is left out, with time stamps as if it were not missing.
     """
     rng = np.random.default_rng(seed)
     rate, width, height, parts = 240, 400, 280, 3
@@ -455,7 +455,7 @@ def _scene(wall, x, y, truth, swung):
 
 
 def _hold(picture, x, y, truth):
-    """A rod that touches the released bead from outside until it lets go."""
+    """A rod that touches the bead from outside until the release."""
     pivot, reach = _pivots(truth)[0], truth.length / SCALE
     end = pivot + reach * np.array([-math.sin(truth.release), math.cos(truth.release)])
     rod = (np.abs(y - end[1]) < 3) & (x < end[0] - truth.diameter / SCALE / 2 + 1) & (x > end[0] - 40)
@@ -498,7 +498,7 @@ def test_a_drawn_clip_gives_back_restitution_angles_scale_and_roll(drawn, tmp_pa
     }
     assert all(path.stat().st_size > 0 for path in measurement.files.values())
     assert len(stages) >= 3
-    # the record written is one that measures the same
+    # the written record gives the same result
     again = measure(measurement.files["record"], Camera())
     assert found(again, "restitution_pair", "velocity", collision=1).value == pytest.approx(e.value, abs=2e-3)
 
@@ -513,7 +513,7 @@ def test_a_mirrored_clip_whose_scale_is_from_the_bead_gives_the_same_restitution
     assert measurement.camera["scale_m_per_px"] == pytest.approx(SCALE, rel=0.03)
 
 
-def test_a_clip_cut_off_before_the_collision_holds_nothing_to_measure(drawn):
+def test_a_clip_that_ends_before_the_collision_is_refused(drawn):
     _, path = drawn
     with pytest.raises(NothingToMeasure, match=r"hit a second one|no collision|nothing like a bead"):
         measure(path, Camera(frame_rate=240, end=Moment(50, "frame")))
@@ -543,7 +543,7 @@ def test_a_film_of_a_bead_against_a_wall_gives_the_restitution_of_each_hit(again
         low, high = e.interval95
         assert low < 0.72 < high
     for method in ("angle", "height"):
-        # damping and drag take 1 to 2 % on the way, and the budget says so
+        # damping and drag cost 1 to 2 %, which enters the budget
         e = found(measurement, "restitution_wall", method)
         assert e.value == pytest.approx(0.71, abs=0.012)
         assert "swing_losses" in e.budget
@@ -555,13 +555,13 @@ def test_a_film_of_a_bead_against_a_wall_gives_the_restitution_of_each_hit(again
     assert found(again, "restitution_wall", "velocity", collision=1).value == pytest.approx(e.value, abs=0.02)
 
 
-def test_two_beads_taken_for_a_wall_are_refused_in_one_sentence(drawn):
+def test_two_beads_are_refused_as_a_wall_pendulum(drawn):
     with pytest.raises(NothingToMeasure, match="bounce back from a wall"):
         measure(drawn[1], Camera(frame_rate=240), variant="wall")
 
 
-def test_a_wall_off_the_plumb_line_is_told_and_heights_allow_for_it():
-    """The hit comes 6 degrees early: the ratio of the sines is off, speeds and heights above the hit are not."""
+def test_a_wall_off_the_vertical_makes_only_the_angle_method_doubtful():
+    """The contact is 6 degrees early: the ratio of the sines is wrong, speeds and heights are not."""
     truth, early = Truth(restitution=0.7, damping=0.0, drag=0.0, mass_ratio=1e9), math.radians(6)
     times = np.arange(0, 0.75, 1 / 240)
     angle, speed, now, seen = -truth.release, 0.0, truth.released, []
@@ -587,7 +587,7 @@ def test_a_wall_off_the_plumb_line_is_told_and_heights_allow_for_it():
     assert "past the vertical" in found(evaluation, "restitution_wall", "angle").doubtful
 
 
-def test_what_is_known_beforehand_of_camera_and_pivot_weighs_no_more_than_it_should_in_a_short_clean_record():
+def test_the_priors_do_not_bias_a_short_record_with_little_noise():
     rng = np.random.default_rng(5)
     misses = []
     for seed in range(10):
@@ -604,7 +604,7 @@ def test_what_is_known_beforehand_of_camera_and_pivot_weighs_no_more_than_it_sho
 
 
 def without(tracks, lost):
-    """The tracks of a film that lost some of its frames, or shows one twice (-k: number k), and all its times."""
+    """Times and tracks of a film with lost frames, or a doubled one (-k: frame k)."""
     keep = [k for k in range(len(tracks[0].time)) if k not in lost]
     keep = sorted(keep + [-k for k in lost if k < 0])
     times = np.arange(len(keep)) / 240
@@ -615,14 +615,14 @@ HIT = 67  # the first frame after the hit, of `tracks_of(Truth())`; B turns at a
 
 
 @pytest.mark.parametrize("lost", [(30,), (HIT,), (HIT - 1,), (116,), (140,), (90, 91), (40, 130), (-90,)])
-def test_a_frame_that_is_lost_without_a_word_is_found_by_the_swing_and_put_right(lost):
+def test_a_lost_or_doubled_frame_is_found_from_the_swing_and_corrected(lost):
     truth = Truth()
     whole = tracks_of(truth, noise=2e-4)
     times, tracks = without(whole, lost)
     losses, fit = find_losses(times, tracks, fit_swings)
     assert sum(abs(loss.frames) for loss in losses) == len(lost)
     assert all(loss.sure for loss in losses)
-    if lost != (116,):  # beads that turn hardly move from frame to frame
+    if lost != (116,):  # at the turning point beads hardly move from frame to frame
         assert [loss.index for loss in losses][-1] == pytest.approx(abs(lost[-1]) - len(lost) + 1, abs=1)
     angle = found(judge(fit), "rebound_angle", body="B")
     true = found(evaluate(whole), "rebound_angle", body="B").value
@@ -631,8 +631,8 @@ def test_a_frame_that_is_lost_without_a_word_is_found_by_the_swing_and_put_right
 
 
 @pytest.mark.parametrize("barrel", [0.0, 0.1])
-def test_what_bends_or_holds_up_a_swing_is_no_lost_frame(barrel):
-    """A lens, the air, and a contact that lasts for a frame."""
+def test_lens_drag_and_a_long_contact_are_no_lost_frames(barrel):
+    """Lens distortion, air drag, and a contact of one frame."""
     axis = np.array([-0.02, -0.12])
     tracks = tracks_of(Truth(drag=0.03, damping=0.1), noise=2e-4)
     bent = [
@@ -649,7 +649,7 @@ def test_what_bends_or_holds_up_a_swing_is_no_lost_frame(barrel):
     assert "contact lasts" in timing_check(SimpleNamespace(first=0, last=99, skipped=()), (one,)).message
 
 
-def test_times_that_are_off_by_no_whole_frame_are_left_as_they_are():
+def test_a_time_shift_by_a_fraction_of_a_frame_is_not_corrected():
     tracks = tracks_of(Truth(), noise=1e-4)
     late = [replace(one, time=one.time - (one.time > 0.42) * 0.65 / 240) for one in tracks]
     losses, _ = find_losses(late[0].time, late, fit_swings)
@@ -658,15 +658,15 @@ def test_times_that_are_off_by_no_whole_frame_are_left_as_they_are():
     assert not timing_check(SimpleNamespace(first=0, last=99, skipped=()), losses).passed
 
 
-def test_a_film_that_lost_a_frame_is_measured_as_it_was(tmp_path):
-    """Its frames have the times of a film that lost none."""
+def test_a_film_with_a_lost_frame_gives_the_true_restitution(tmp_path):
+    """The time stamps are those of a complete film."""
     truth = Truth(restitution=0.72, length=0.16, release=math.radians(45), released=0.06)
     clip = tmp_path / "lost.mp4"
     draw_clip(clip, truth, lost=104)
-    told = measure(clip, Camera(frame_rate=240.0), length=truth.length)
-    (timing,) = [each for each in told.checks if each.check == "frame_timing"]
+    result = measure(clip, Camera(frame_rate=240.0), length=truth.length)
+    (timing,) = [each for each in result.checks if each.check == "frame_timing"]
     assert timing.passed
     assert "1 frame lost at about 0.4" in timing.message
-    e = found(told, "restitution_pair", "velocity", collision=1)
+    e = found(result, "restitution_pair", "velocity", collision=1)
     assert not e.doubtful
     assert abs(e.value - truth.restitution) < 2.5 * e.std_uncertainty

@@ -1,4 +1,4 @@
-"""Friction from tilted plates whose onset is known: made-up records with a closed form, and drawn clips."""
+"""Friction from tilted plates of known onset: simulated records with a closed form, and drawn clips."""
 
 import math
 from dataclasses import replace
@@ -19,19 +19,19 @@ from rigtwin.measure.tilt import checks as tilt_checks
 from rigtwin.measure.tilt import evaluate as tilt
 from rigtwin.measure.tilt import film_checks as tilt_film_checks
 from rigtwin.measure.tilt import measurement as tilt_measurement
-from rigtwin.measure.tilt.body_track import Passenger
+from rigtwin.measure.tilt.body_track import RestingBody
 from rigtwin.measure.tilt.onset import smooth_angle, smoothing_doubt
 
 G = 9.81
 FACTOR = {"slide": 1.0, "roll": 5 / 7}
 
 
-# x264 writes another film at every run where it spreads what it learns of later frames (mbtree, on some processors)
+# without mbtree, whose result differs between runs on some processors
 X264 = {"crf": "16", "preset": "veryfast", "x264-params": "mbtree=0"}
 
 
 def way_down(times, alpha, onset, variant, drop=0.85):
-    """Way [m] of a body that starts at `onset` on a plate at angle `alpha(t)`, friction falling to `drop` of itself."""
+    """Displacement [m] of a body that starts at `onset` on a plate at `alpha(t)`; friction drops by a factor `drop`."""
     fine = np.arange(0.0, times[-1] + 0.01, 1e-4)
     mu = math.tan(float(alpha(onset))) * (drop if variant == "slide" else 1.0)
     push = FACTOR[variant] * G * (np.sin(alpha(fine)) - mu * np.cos(alpha(fine)))
@@ -40,7 +40,7 @@ def way_down(times, alpha, onset, variant, drop=0.85):
 
 
 def record(variant, *, angle_deg, rate_deg=2.0, fps=100.0, noise=3e-5, seed=0, creep=0.0, size=1.0, stop=0.08):
-    """Angle and track, seen from the axis, of a body 0.12 m up the plate; its onset at 1.3 s."""
+    """Angle, and track about the axis, of a body 0.12 m up the plate; onset at 1.3 s."""
     rng = np.random.default_rng(seed)
     onset = 1.3
     times = np.arange(0.0, 4.0, 1 / fps)
@@ -107,17 +107,17 @@ def test_intervals_cover_the_truth(variant):
     assert inside >= 11  # binomial: of 14 cases at 95 %, fewer than 11 has a chance below 0.5 %
 
 
-def test_creep_before_the_onset_is_reported_and_left_out():
+def test_creep_before_the_onset_is_reported_and_does_not_shift_it():
     angles, tracks = record("slide", angle_deg=18.0, creep=6e-4)
     result = tilt.evaluate(angles, tracks, variant="slide", bead_diameter=0.006)
     check = next(check for check in result.checks if check.check == "creep")
-    assert 2e-4 < check.value < 9e-4  # how long it crept is not sharp
+    assert 2e-4 < check.value < 9e-4  # the begin of the creep is not well determined
     assert pick(result, "static_friction_angle").value == pytest.approx(18.0, abs=0.1)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_a_run_that_is_tracked_less_well_than_the_rest_does_not_bend_the_onset(seed):
-    """A body lies over its picture to a tenth of a pixel once it has left the pixels on which it rested."""
+def test_larger_tracking_errors_in_the_run_do_not_shift_the_onset(seed):
+    """The registration error is a tenth of a pixel once the body has left its pixels at rest."""
     angles, (track,) = record("roll", angle_deg=4.0, fps=240, noise=8e-6, seed=seed)
     pixel = 4e-4  # [m]
     along = np.hypot(track.position[:, 0], track.position[:, 1])
@@ -131,15 +131,15 @@ def test_a_run_that_is_tracked_less_well_than_the_rest_does_not_bend_the_onset(s
 
 @pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize("angle", [9.5, 14.0])
-def test_a_sharp_onset_in_a_quiet_film_is_not_taken_for_a_creep_and_a_later_onset(angle, seed):
-    """The onset of the simple motion is a narrow valley there, which a coarse search steps over."""
+def test_a_sharp_onset_with_little_noise_is_not_taken_for_creep(angle, seed):
+    """The onset without creep is then a narrow minimum, which a coarse search may miss."""
     angles, tracks = record("slide", angle_deg=angle, rate_deg=4.5, fps=120, noise=1.3e-5, seed=seed)
     result = tilt.evaluate(angles, tracks, variant="slide", bead_diameter=0.006)
     assert pick(result, "onset_time").value == pytest.approx(1.3, abs=1.5e-3)
     assert next(check for check in result.checks if check.check == "creep").value == 0
 
 
-def test_the_angle_hangs_on_no_scale_but_the_check_of_gravity_does():
+def test_the_gravity_check_depends_on_the_scale_and_the_angle_does_not():
     right = tilt.evaluate(*record("roll", angle_deg=4.0), variant="roll", bead_diameter=0.006)
     wrong = tilt.evaluate(*record("roll", angle_deg=4.0, size=1.3), variant="roll", bead_diameter=0.006)
     angles = [pick(result, "rolling_friction_angle").value for result in (right, wrong)]
@@ -149,17 +149,17 @@ def test_the_angle_hangs_on_no_scale_but_the_check_of_gravity_does():
 
 
 @pytest.mark.parametrize("times", [2.0, 4.0])
-def test_a_slide_told_too_fast_leaves_too_little_friction_and_is_not_believed(times):
+def test_a_frame_rate_that_is_too_high_fails_the_gravity_check_of_a_slide(times):
     angles, (track,) = record("slide", angle_deg=20.4)
     fast = [replace(each, time=each.time / times) for each in (angles, track)]
     result = tilt.evaluate(fast[0], fast[1:], variant="slide", bead_diameter=0.006)
     assert "the frame rate is too high" in next(check for check in result.checks if check.check == "gravity").message
     assert pick(result, "onset_time").doubtful
     assert pick(result, "kinetic_friction").doubtful
-    assert not pick(result, "static_friction").doubtful or times > 2  # then the plate rises too fast to be believed
+    assert not pick(result, "static_friction").doubtful or times > 2  # then the plate rises too fast
 
 
-def test_a_ball_that_rolls_where_sliding_was_said_is_noticed():
+def test_a_rolling_ball_stated_as_sliding_fails_the_variant_check():
     result = tilt.evaluate(*record("roll", angle_deg=4.0), variant="slide", bead_diameter=0.006)
     check = next(check for check in result.checks if check.check == "variant")
     assert not check.passed
@@ -168,20 +168,20 @@ def test_a_ball_that_rolls_where_sliding_was_said_is_noticed():
 
 
 @pytest.mark.parametrize(("length", "rolls"), [(1.0, True), (1.9, True), (3.0, False)])
-def test_beads_glued_together_do_not_roll_and_a_smeared_bead_may(length, rolls):
+def test_the_shape_check_refuses_rolling_clumps_but_not_smeared_beads(length, rolls):
     nothing = np.zeros((1, 1), np.float32)
-    body = Passenger(0, 0, nothing, nothing, (0.0, 0.0), (12 * length, 12.0), (0, 1, 2))
+    body = RestingBody(0, 0, nothing, nothing, (0.0, 0.0), (12 * length, 12.0), (0, 1, 2))
     assert tilt_film_checks.shape_check(body, "roll").passed == rolls
     assert tilt_film_checks.shape_check(body, "slide").passed
 
 
-def test_a_noiseless_record_is_read_exactly():
+def test_a_record_without_noise_gives_the_exact_angle():
     angles, tracks = record("roll", angle_deg=4.0, noise=0.0, fps=300)
     result = tilt.evaluate(angles, tracks, variant="roll", bead_diameter=0.006)
     assert pick(result, "rolling_friction_angle").value == pytest.approx(4.0, abs=0.03)
 
 
-def test_a_body_that_stays_is_said_to_stay():
+def test_a_body_that_does_not_move_is_refused():
     angles, tracks = record("slide", angle_deg=18.0)
     rest = tracks[0].time < 1.2
     still = Track(tracks[0].time[rest], tracks[0].position[rest], tracks[0].sigma[rest])
@@ -191,26 +191,26 @@ def test_a_body_that_stays_is_said_to_stay():
 
 @pytest.mark.parametrize("stated", ["slide", "roll"])
 @pytest.mark.parametrize("moving", ["slide", "roll"])
-@pytest.mark.parametrize("doubt", [0.12, math.inf])
-def test_friction_in_motion_tells_how_a_body_moves_where_the_scale_does_not(stated, moving, doubt):
+@pytest.mark.parametrize("scale_doubt", [0.12, math.inf])
+def test_friction_in_motion_shows_the_kind_of_motion_without_a_scale(stated, moving, scale_doubt):
     for seed in range(3):
         angles, tracks = record(moving, angle_deg=12.0 if moving == "slide" else 5.0, seed=seed)
-        way = tilt.way_down(angles, tracks, stated, 0.006, scale_doubt=doubt)
+        way = tilt.way_down(angles, tracks, stated, 0.006, scale_doubt=scale_doubt)
         check = tilt_checks._variant_check(way, tilt.onset_of(way, "record")[1], stated)
-        assert isinstance(check, str) == (doubt == math.inf and moving == "roll")
+        assert isinstance(check, str) == (scale_doubt == math.inf and moving == "roll")
         if not isinstance(check, str):
             assert check.passed == (stated == moving)
 
 
-def test_a_body_whose_friction_stays_the_same_is_said_to_be_unconfirmed_without_a_scale():
+def test_without_a_scale_constant_friction_leaves_the_variant_unconfirmed():
     angles, tracks = record("roll", angle_deg=5.0, noise=1.5e-4, fps=25.0)
     way = tilt.way_down(angles, tracks, "slide", 0.006, scale_doubt=math.inf)
     run, onset = tilt.onset_of(way, "record")
     result = tilt.evaluate_run(way, run, onset, "slide", 0.006, {})
-    assert pick(result, "static_friction").doubtful or any("hangs on --variant" in each for each in result.warnings)
+    assert pick(result, "static_friction").doubtful or any("depends on --variant" in each for each in result.warnings)
 
 
-def test_a_body_that_is_never_seen_is_refused_in_a_sentence():
+def test_a_body_that_is_never_seen_is_refused():
     angles, _ = record("slide", angle_deg=18.0)
     nothing = Track(np.empty(0), np.empty((0, 2)), np.empty(0))
     with pytest.raises(NothingToMeasure, match="seen in no frame"):
@@ -218,7 +218,7 @@ def test_a_body_that_is_never_seen_is_refused_in_a_sentence():
 
 
 @pytest.mark.parametrize(("variant", "late"), [("slide", 0.05), ("slide", 0.1), ("roll", 0.3)])
-def test_a_record_that_begins_after_the_onset_tells_none(variant, late):
+def test_a_record_that_begins_after_the_onset_is_doubtful(variant, late):
     angles, (track,) = record(variant, angle_deg=18.0 if variant == "slide" else 5.0)
     seen = track.time > 1.3 + late
     track = replace(track, time=track.time[seen], position=track.position[seen], sigma=track.sigma[seen])
@@ -228,8 +228,8 @@ def test_a_record_that_begins_after_the_onset_tells_none(variant, late):
 
 
 @pytest.mark.parametrize("squeeze", [0.75, 0.85])
-def test_an_angle_in_a_squeezed_picture_is_doubted(squeeze):
-    """A plate that turns is longer in it when it is steep, and a body that rests on it seems to wander uphill."""
+def test_an_angle_in_a_squeezed_picture_is_doubtful(squeeze):
+    """A steep plate is longer in such a picture, and a body at rest on it seems to move uphill."""
     angles, (track,) = record("slide", angle_deg=20.4)
     position = track.position * [squeeze, 1.0]
     wide = replace(angles, value=np.arctan2(np.sin(angles.value), squeeze * np.cos(angles.value)))
@@ -240,7 +240,7 @@ def test_an_angle_in_a_squeezed_picture_is_doubted(squeeze):
 
 
 @pytest.mark.parametrize("times", [0.6, 0.8, 1.4])
-def test_a_wrong_frame_rate_is_told_from_a_squeezed_picture_where_a_body_rests_high_on_a_steep_plate(times):
+def test_a_wrong_frame_rate_is_distinguished_from_a_squeezed_picture_on_a_steep_plate(times):
     angles, (track,) = record("slide", angle_deg=20.4)
     other = [replace(each, time=each.time / times) for each in (angles, track)]
     found = tilt.evaluate(other[0], other[1:], variant="slide", bead_diameter=0.006)
@@ -248,7 +248,7 @@ def test_a_wrong_frame_rate_is_told_from_a_squeezed_picture_where_a_body_rests_h
     assert next(check for check in found.checks if check.check == "proportions").passed
 
 
-def test_what_may_be_a_wrong_rate_or_a_squeezed_picture_is_said_to_be_either():
+def test_the_message_names_both_a_wrong_rate_and_a_squeezed_picture_if_either_is_possible():
     angles, (track,) = record("roll", angle_deg=4.0)
     slow = [replace(each, time=each.time / 0.75) for each in (angles, track)]
     found = tilt.evaluate(slow[0], slow[1:], variant="roll", bead_diameter=0.006)
@@ -276,7 +276,7 @@ def draw(alpha, down, *, roll, ball, background, post=None):
     picture = cv2.resize(background, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST).copy()
 
     def pixel(x, y, turn):
-        """From rig coordinates about the hinge [px], y up."""
+        """Picture position of rig coordinates about the hinge [px], y up."""
         cos, sin = math.cos(turn - roll), math.sin(turn - roll)
         place = np.array([HINGE[0] + x * cos - y * sin, HINGE[1] - x * sin - y * cos])
         return np.round(((place + 0.5) * zoom - 0.5) * 16).astype(int)  # sixteenths of a pixel
@@ -327,7 +327,7 @@ def clip(path, *, variant, angle_deg, fps=50.0, rate_deg=3.0, roll_deg=0.0, nois
 
 
 @pytest.mark.parametrize(("angle", "noise"), [(14.0, 2.0), (22.0, 5.0)])
-def test_a_plate_that_turns_by_a_degree_before_the_onset_is_not_called_squeezed(tmp_path, angle, noise):
+def test_a_small_turn_before_the_onset_is_not_taken_for_a_squeezed_picture(tmp_path, angle, noise):
     film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=angle, rate_deg=1.0, noise=noise)
     found = pick(
         tilt_measurement.measure(film, Camera(frame_rate=50.0), variant="slide", bead_diameter=0.012), "static_friction"
@@ -337,7 +337,7 @@ def test_a_plate_that_turns_by_a_degree_before_the_onset_is_not_called_squeezed(
 
 
 @pytest.mark.parametrize(("variant", "angle", "roll"), [("slide", 14.0, 0.0), ("roll", 6.0, 1.5)])
-def test_a_drawn_clip_gives_the_drawn_onset(tmp_path, variant, angle, roll):
+def test_a_drawn_clip_gives_the_true_onset(tmp_path, variant, angle, roll):
     film = clip(tmp_path / "clip.mp4", variant=variant, angle_deg=angle, roll_deg=roll)
     out = tmp_path / "out" if variant == "slide" else None
     result = tilt_measurement.measure(film, Camera(frame_rate=50.0), variant=variant, bead_diameter=0.012, out=out)
@@ -353,7 +353,7 @@ def test_a_drawn_clip_gives_the_drawn_onset(tmp_path, variant, angle, roll):
 
 
 @pytest.mark.parametrize(("variant", "post"), [("slide", 335), ("roll", 330)])
-def test_a_post_before_the_plate_is_not_taken_for_the_body(tmp_path, variant, post):
+def test_a_post_in_front_of_the_plate_is_not_taken_for_the_body(tmp_path, variant, post):
     film = clip(tmp_path / "clip.mp4", variant=variant, angle_deg=14.0 if variant == "slide" else 6.0, post=post)
     result = tilt_measurement.measure(film, Camera(frame_rate=50.0), variant=variant, bead_diameter=0.012)
     assert pick(result, "onset_time").value == pytest.approx(0.9, abs=0.03)
@@ -365,14 +365,14 @@ def test_a_clip_that_begins_in_the_middle_of_the_run_is_refused(tmp_path):
         tilt_measurement.measure(film, Camera(frame_rate=40.0), variant="slide", bead_diameter=0.012)
 
 
-@pytest.mark.parametrize("first", [44, 45])  # the body lets go at frame 45
-def test_a_clip_that_begins_at_the_onset_is_doubted(tmp_path, first):
+@pytest.mark.parametrize("first", [44, 45])  # onset at frame 45
+def test_a_clip_that_begins_at_the_onset_is_doubtful(tmp_path, first):
     film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=14.0, lost=range(first))
     result = tilt_measurement.measure(film, Camera(frame_rate=50.0), variant="slide", bead_diameter=0.012)
     assert all(quantity.doubtful for quantity in result.quantities)
 
 
-def test_a_stated_roll_is_held_against_the_level_that_the_picture_shows(tmp_path):
+def test_a_roll_that_contradicts_the_base_plate_makes_angles_doubtful(tmp_path):
     film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=14.0, roll_deg=1.5)
     for stated, right in ((1.5, True), (-1.5, False)):
         camera = Camera(frame_rate=50.0, roll=math.radians(stated))
@@ -380,10 +380,10 @@ def test_a_stated_roll_is_held_against_the_level_that_the_picture_shows(tmp_path
         found = pick(result, "static_friction_angle")
         assert bool(found.doubtful) == (not right)
         assert abs(found.value - 14.0) < 3 * found.std_uncertainty
-        assert not pick(result, "onset_time").doubtful  # which no horizontal tells
+        assert not pick(result, "onset_time").doubtful  # which does not depend on the horizontal
 
 
-def test_frames_lost_from_a_film_are_put_right_by_the_turn_of_the_plate(tmp_path):
+def test_lost_frames_are_corrected_from_the_turn_of_the_plate(tmp_path):
     film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=14.0, rate_deg=9.0, lost=(20, 21, 33))
     result = tilt_measurement.measure(film, Camera(frame_rate=50.0), variant="slide", bead_diameter=0.012)
     found = pick(result, "onset_time")
@@ -392,8 +392,8 @@ def test_frames_lost_from_a_film_are_put_right_by_the_turn_of_the_plate(tmp_path
     assert "3 more are missing" in timing.message
 
 
-def test_frames_lost_from_a_film_of_a_slow_plate_are_told_by_the_run(tmp_path):
-    """Every seventh is lost; the plate turns by 0.02 degrees from frame to frame."""
+def test_lost_frames_with_a_slow_plate_are_found_from_the_run(tmp_path):
+    """Every seventh frame is lost; the plate turns by 0.02 degrees per frame."""
     film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=14.0, rate_deg=1.0, lost=range(3, 66, 7))
     result = tilt_measurement.measure(film, Camera(frame_rate=50.0), variant="slide", bead_diameter=0.012)
     timing = next(check for check in result.checks if check.check == "frame_timing")
@@ -405,26 +405,26 @@ def test_frames_lost_from_a_film_of_a_slow_plate_are_told_by_the_run(tmp_path):
     assert found.value == pytest.approx(14.0, abs=0.15)
 
 
-def test_the_size_of_a_bead_is_that_of_its_outline(tmp_path):
+def test_the_scale_follows_from_the_outline_of_the_bead(tmp_path):
     film = clip(tmp_path / "clip.mp4", variant="roll", angle_deg=6.0)
     result = tilt_measurement.measure(film, Camera(frame_rate=50.0), variant="roll", bead_diameter=0.012)
     assert result.camera["scale_m_per_px"] == pytest.approx(SCALE, rel=0.1)
 
 
-def test_a_clip_in_which_nothing_slides_says_so(tmp_path):
+def test_a_clip_in_which_nothing_slides_is_refused(tmp_path):
     film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=14.0, still=True)
     with pytest.raises(NothingToMeasure, match=r"film on until|stays where it is"):
         tilt_measurement.measure(film, Camera(frame_rate=50.0), variant="slide")
 
 
-def test_pictures_that_show_nothing_are_named_where_no_plate_is_found(tmp_path):
+def test_blank_pictures_are_named_in_the_error(tmp_path):
     for k in range(20):
         cv2.imwrite(str(tmp_path / f"{k:03}.png"), np.zeros((HEIGHT, WIDTH), np.uint8))
     with pytest.raises(NothingToMeasure, match="show nothing but one brightness"):
         tilt_measurement.measure(tmp_path, Camera(frame_rate=50.0), variant="slide")
 
 
-def test_a_clip_played_backwards_is_not_asked_to_go_on():
+def test_a_clip_played_backwards_is_named_in_the_error():
     angles, tracks = record("slide", angle_deg=18.0)
     rest = tracks[0].time < 1.2
     still = Track(tracks[0].time[rest], tracks[0].position[rest][::-1], tracks[0].sigma[rest])
@@ -433,7 +433,7 @@ def test_a_clip_played_backwards_is_not_asked_to_go_on():
         tilt.evaluate(back, [still], variant="slide")
 
 
-def test_what_is_stated_of_a_smoothed_angle_is_what_it_is_off_by():
+def test_the_uncertainty_of_a_smoothed_angle_matches_its_error():
     time = np.linspace(0, 4, 200)
     errors, stated = [], []
     for seed in range(20):
@@ -443,10 +443,10 @@ def test_what_is_stated_of_a_smoothed_angle_is_what_it_is_off_by():
         errors.append(smooth_angle(time, angle + noise)[middle] - angle[middle])
         stated.append(smoothing_doubt(time, angle + noise, time[middle]))
     ratio = float(np.sqrt(np.mean(np.square(errors)) / np.mean(np.square(stated))))
-    assert 0.6 < ratio < 1.6  # 20 records of some four free curves each
+    assert 0.6 < ratio < 1.6  # 20 records with about four degrees of freedom each
 
 
-def test_a_slow_plates_many_frames_are_smoothed_in_bounded_time_to_what_their_noise_allows(monkeypatch):
+def test_many_frames_are_smoothed_with_a_limited_number_of_knots(monkeypatch):
     knots, spline = [], scipy.interpolate.make_smoothing_spline
     monkeypatch.setattr(
         scipy.interpolate, "make_smoothing_spline", lambda x, *more: knots.append(len(x)) or spline(x, *more)
@@ -456,22 +456,22 @@ def test_a_slow_plates_many_frames_are_smoothed_in_bounded_time_to_what_their_no
     noise = math.radians(0.02) * np.random.default_rng(2).standard_normal(len(time))
     off = smooth_angle(time, angle + noise) - angle
     assert max(knots) <= 4000
-    # a sway of 6 s is drawn by some eight free curves a period: 75 of them, of 14 000 frames
+    # about eight degrees of freedom per period of 6 s: 75 for 14 000 frames
     assert np.sqrt(np.mean(off**2)) < 1.5 * math.radians(0.02) * math.sqrt(75 / 14_000)
 
 
-def test_how_fast_the_plate_turns_is_no_doubt_of_its_angle() -> None:
+def test_the_rate_of_the_plate_does_not_add_to_the_uncertainty_of_its_angle() -> None:
     time = np.linspace(0, 4, 200)
     assert smoothing_doubt(time, 0.05 * time, time) < 1e-9
 
 
-def test_the_times_of_a_record_are_not_doubted_for_an_exposure():
+def test_a_record_has_no_exposure_term_in_its_time_budget():
     found = pick(tilt.evaluate(*record("slide", angle_deg=20), variant="slide"), "onset_time")
     assert set(found.budget) == {"onset"}
 
 
 @pytest.mark.parametrize("stretch", [1.0, 8.0, 1000 / 30])
-def test_a_film_played_too_slowly_spoils_moments_and_speeds_but_not_the_angle(stretch):
+def test_slow_motion_makes_times_and_kinetic_friction_doubtful_but_not_the_angle(stretch):
     angle, tracks = record("slide", angle_deg=22, seed=5)
     slow = [replace(track, time=track.time * stretch) for track in tracks]
     result = tilt.evaluate(replace(angle, time=angle.time * stretch), slow, variant="slide", bead_diameter=6e-3)
