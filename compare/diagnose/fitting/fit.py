@@ -199,7 +199,7 @@ def screen(bench: Bench, near: Fit, candidates: Sequence[Effect]) -> list[Fit]:
 
 
 def _robust(scores: Array, inverse: Array, tie: Array) -> Array:
-    """Robust (sandwich) standard deviations from the scatter of the scores between repetitions and the priors (`tie`)."""
+    """Robust (sandwich) standard deviations from the scatter of the scores between repetitions and priors (`tie`)."""
     repetitions = len(scores)
     centred = scores - scores.mean(0)
     meat = centred.T @ centred * repetitions / max(repetitions - 1, 1)

@@ -30,7 +30,7 @@ def descend(
     linear: Linear,
     most: int,
 ) -> tuple[Linear, bool]:
-    """Levenberg-Marquardt descent at fixed scatter; changes `state`.  Returns the last point and whether it converged."""
+    """Levenberg-Marquardt descent at fixed scatter; changes `state`.  Returns last point and whether it converged."""
     refused, idle = False, 0
     damping = DAMPED if linear.objective > FAR * bench.rows.size else FREE
     low, high = np.array([u.low for u in unknowns]), np.array([u.high for u in unknowns])

@@ -48,7 +48,7 @@ def parameters(lab: TrackedLab, fitted: Fit, terms: Sequence[Effect]) -> dict[st
 
 
 def _by_size(lab: TrackedLab, fitted: Fit, term: Effect) -> float:
-    """Relative uncertainty of a force's coefficient from the stated diameter uncertainty of the bead that it moves most.
+    """Relative uncertainty of a force's coefficient from the diameter uncertainty of the bead that it moves most.
 
     Zero where that diameter is an unknown of the fit: the covariance of the fit then contains its uncertainty.
     """

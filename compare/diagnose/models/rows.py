@@ -80,14 +80,14 @@ class Beads:
         return stated_uncertainty(self.known[name].about, "diameter_uncertainty_m", DIAMETER)
 
     def of(self, kind: str, values: Mapping[str, Array], runs: Any) -> Array:
-        """Unknowns of this kind [m] in each repetition, shape (settings, R); `runs` holds the bead of each repetition."""
+        """Unknowns of this kind [m] in each repetition, shape (settings, R); `runs` is the bead of each repetition."""
         return np.stack([values[f"{kind}.{name}"] for name in self.names], axis=-1)[:, runs]
 
 
 def coefficients(
     term: Effect, values: Mapping[str, Array], lab: TrackedLab, conditions: Sequence[Condition]
 ) -> list[Array]:
-    """Parameters of an effect in each repetition, shape (settings, R, 1); stated values take precedence over fitted ones.
+    """Parameters of an effect in each repetition, shape (settings, R, 1); stated values replace fitted ones.
 
     `conditions` holds the condition of each repetition.
     """

@@ -128,7 +128,7 @@ class SlideBench(Runs):
         return Moved(x, y, vx, vy, soft)
 
     def quiet(self, name: str, terms: Sequence[Effect]) -> bool:
-        """Whether the unknown changes no motion: friction of a pair does not, each repetition has its own slip angle."""
+        """Whether the unknown changes no motion: friction of a pair does not, as each repetition has a slip angle."""
         return name.startswith("static_friction.") and not any(term.onset is not None for term in terms)
 
     def touches(self, name: str) -> tuple[str, Array] | None:

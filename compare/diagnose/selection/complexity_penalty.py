@@ -11,10 +11,10 @@ from rigtwin.sim.effects import Effect
 SECOND = 20.0
 """Smallest gain in deviance of a further effect."""
 SECOND_SHARE, SECOND_MOST = 0.02, 1500.0
-"""Share of the gain so far that a further effect of the same kind must reach, and its limit.  The law of a strong effect
-is known to a few percent only, and the rest must not be named as a second effect."""
+"""Share of the gain so far that a further effect of the same kind must reach, and its limit.  The law of a strong
+effect is known to a few percent only, and the rest must not be named as a second effect."""
 OTHER_SHARE = 1e-4
-"""As `SECOND_SHARE`, for a further effect of another kind: for example in the picture, if the first changes the motion."""
+"""As `SECOND_SHARE`, for a further effect of another kind, for example in the picture if the first is in the motion."""
 ACROSS_MOST = 100.0
 """As `SECOND_MOST`, for an effect across the fall if the first acts along it, or on the onset of sliding if the first
 acts during sliding: an error in the law of the first does not show there."""

@@ -79,7 +79,10 @@ class Formula:
             return ""
         seen = _closes(before, after, self.sizes.condition_noise_floor) is not None
         if not after <= (1 + WORSE) * before:
-            return f"every formula that closes the gap elsewhere widens it in the held-out condition {self.sizes.condition}"
+            return (
+                "every formula that closes the gap elsewhere widens it in the held-out condition "
+                f"{self.sizes.condition}"
+            )
         if seen and not before - after > WORSE * before:
             return (
                 "no formula that closes the gap elsewhere closes any of it in the held-out condition "

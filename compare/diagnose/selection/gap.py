@@ -100,7 +100,7 @@ def gap(bench: Regioned, lab: TrackedLab, base: Fit, best: Fit | None) -> Gap:
 
 @dataclass(frozen=True)
 class Beside:
-    """Another set of effects, fitted to all data instead of the winner: the share of the gap that a wrong name closes."""
+    """Another set of effects, fitted to all data instead of the winner: the gap that a wrong name closes."""
 
     role: str  # "runner-up" or "placebo"
     effects: tuple[str, ...]
