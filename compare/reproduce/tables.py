@@ -84,7 +84,7 @@ class Cell:
         return [results[name] for name in self.runs if name in results]
 
     def _ran_out(self, result: dict[str, Any]) -> bool:
-        """Whether the cell counts the particles that left within a time, and all had left: it does not show the flow."""
+        """Whether the cell counts the particles that left within a time and all had left, so it shows no flow."""
         return self.quantity in _COUNTED and result.get("emptied", 0) >= result.get("asked", math.inf)
 
 

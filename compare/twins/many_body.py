@@ -1,4 +1,4 @@
-"""Twins of the rigs that hold many particles: pile, packed cylinder, drum, hopper."""
+"""Shared parts of the twins with many particles: pile, packing, drum and hopper."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Cast(NamedTuple):
-    """Who takes part in a rig of many particles."""
+    """Particle, wall and contacts of a rig with many particles."""
 
     particle: Particle
     wall: Material
@@ -44,7 +44,10 @@ def bulk_twin(
     series: tuple[Series, ...] = (),
     draw: Callable[[], npt.NDArray[np.uint8]] | None = None,
 ) -> Twin:
-    """The twin of a `run` that began at `begun` [s] and went as `course` says."""
+    """The twin of a finished `run`.
+
+    `begun` is the start on the performance counter [s], `course` holds particle numbers and other results of the run.
+    """
     if "at_rest" in course:  # a bed or a heap
         why = "; ".join(spoilt({"warnings": run.warnings, **course}))
         evaluation = replace(evaluation, quantities=tuple(doubted(one, why) for one in evaluation.quantities))

@@ -1,8 +1,8 @@
-"""The twin of an experiment: the same rig simulated, then read with the same ruler as the film.
+"""The twin of an experiment: the same rig simulated, and evaluated by the same function as the film.
 
-Each rig's twin runs ``sim.<rig>`` and hands the record to ``measure.<rig>.evaluate``, the very function that reads the
-filmed record.  The twin is an ideal rig in a vacuum with pivots that do not rub: its evaluation is told no density and
-no mass, so that no drag is taken out of a flight that had none.
+Each rig's twin runs ``sim.<rig>`` and passes the record to ``measure.<rig>.evaluate``, which also evaluates the filmed
+record.  The twin is an ideal rig in a vacuum with frictionless pivots: its evaluation gets no density and no mass, so
+that no drag is corrected that the simulation did not have.
 """
 
 from __future__ import annotations
@@ -43,20 +43,20 @@ if TYPE_CHECKING:
 
 
 PILE_COUNT = 1000
-"""Particles poured on a pile's twin where neither the lab file nor the command says how many."""
+"""Number of particles of a pile's twin if neither the lab file nor the command states one."""
 
 BULK = (PackingSettings, PileSettings, DrumSettings, HopperSettings)
-"""Rigs of many particles: their twins wait for nothing that is measured."""
+"""Rigs of many particles; their twins need no measured input."""
 
 NEEDS = {"drop": ("restitution",), "pendulum": ("restitution",), "tilt": ("static_friction", "rolling_friction")}
-"""What a contact must know before its rig can be simulated."""
+"""Contact parameters that the simulation of a rig needs; all of them for other rigs."""
 
-# the quantity whose measured mean starts the twin where the lab file does not state it
+# the quantity whose measured mean is input of the twin if the lab file does not state it
 STARTS_FROM = {"drop": "drop_height", "pendulum": "release_angle"}
 
 
 def needs_measurement(experiment: Experiment) -> bool:
-    """Whether the twin waits for what was measured: its start, its frame rate, or how long the film goes on."""
+    """Whether the twin needs measured input: its start, its frame rate, or the length of the film."""
     if isinstance(experiment.rig, BULK):
         return False
     stated = stated_start(experiment) is not None and experiment.camera.frame_rate is not None
@@ -64,7 +64,7 @@ def needs_measurement(experiment: Experiment) -> bool:
 
 
 def takes_count(experiment: Experiment) -> bool:
-    """Whether the lab file leaves open how many particles the twin has."""
+    """Whether the lab file does not determine the number of particles of the twin."""
     rig = experiment.rig
     if isinstance(rig, (PackingSettings, HopperSettings)):
         return rig.count is None and rig.total_mass is None
@@ -74,7 +74,7 @@ def takes_count(experiment: Experiment) -> bool:
 
 
 def stated_start(experiment: Experiment) -> float | None:
-    """Drop height [m] or release angle [deg] as the lab file states it; None for other rigs, or where it does not."""
+    """Drop height [m] or release angle [deg] as stated in the lab file; None for other rigs or if not stated."""
     rig = experiment.rig
     if isinstance(rig, DropSettings):
         return rig.drop_height
@@ -84,7 +84,7 @@ def stated_start(experiment: Experiment) -> float | None:
 
 
 def measured_start(experiment: Experiment, measurement: Measurement) -> Quantity | None:
-    """The measured drop height, or release angle of bead A; a doubtful one only where there is no other."""
+    """The measured drop height, or release angle of bead A; a doubtful one only if there is no other."""
     name = STARTS_FROM.get(experiment.rig_name)
     mine = [q for q in measurement.quantities if q.quantity == name and math.isfinite(q.value)]
     return min(mine, key=lambda quantity: bool(quantity.doubtful), default=None)
@@ -105,9 +105,9 @@ def twin_of(
 ) -> Twin:
     """The matched twin of an experiment under a model.
 
-    The twin starts from what the lab file states, else from the measured mean; the same settings are then marked in
-    `Twin.set_from`.  A run of many particles is kept in the folder `kept_in` while it goes, and goes on from there.
-    Raises `BadInput` when a contact that the rig needs is not known.
+    The twin starts from the stated value, else from the measured mean; `Twin.set_from` records which.  A run of many
+    particles writes checkpoints into the folder `kept_in` and continues from them.  Raises `BadInput` if a contact that
+    the rig needs is not known.
     """
     rig, particle = experiment.rig, experiment.particle
     contacts = [model.contact(*names, NEEDS.get(experiment.rig_name, PARAMETERS)) for names in experiment.contacts]
@@ -165,9 +165,9 @@ def twin_of(
 
 
 def check_settings(experiment: Experiment, *, model: Model, frame_rate: float | None, count: int | None = None) -> None:
-    """Raises `BadInput` where the twin would refuse its settings, before anything is measured or computed.
+    """Raise `BadInput` for settings that the twin would refuse, before anything is measured or computed.
 
-    What hangs on a measurement is left open, and so is what hangs on a `frame_rate` [1/s] that is not known (None).
+    Settings that depend on a measurement, or on a `frame_rate` [1/s] that is not known (None), are not checked.
     """
     rig, particle, wall = experiment.rig, experiment.particle, experiment.wall
     if isinstance(rig, BULK):
@@ -215,7 +215,7 @@ def _check_bulk(experiment: Experiment, count: int | None) -> None:
 
 
 def _filled(experiment: Experiment, count: int | None) -> int | None:
-    """How many particles the twin has: by the lab file, else `count`; None where a drum's fill tells."""
+    """Number of particles of the twin: from the lab file, else `count`; None if the fill of a drum determines it."""
     rig = experiment.rig
     if isinstance(rig, DrumSettings):
         return rig.count or (count if takes_count(experiment) else None)
@@ -224,20 +224,20 @@ def _filled(experiment: Experiment, count: int | None) -> int | None:
     assert isinstance(rig, (PackingSettings, HopperSettings))
     weighed = None if rig.total_mass is None else round(rig.total_mass / experiment.particle.mass)
     if weighed == 0 and not rig.count:
-        raise BadInput("total_mass: is less than half of a particle's mass; state the mass of all of them.")
+        raise BadInput("total_mass: is less than half the mass of one particle; state the mass of all particles.")
     filled = rig.count or weighed or count
     if not filled:
-        raise BadInput("how many particles there are is not known; add total_mass or count to the experiment.")
+        raise BadInput("the number of particles is not known; add total_mass or count to the experiment.")
     return filled
 
 
 def checkpoints(folder: Path, experiment: Experiment) -> list[Path]:
-    """What `folder` holds of an experiment's twins that have not ended, or had when the call was interrupted."""
+    """Checkpoints of an experiment's twins in `folder`."""
     return sorted(folder.glob(f"{_digest(experiment.id)}-*.npz"))
 
 
 def _checkpoint(folder: Path, experiment: Experiment, *decides: object) -> Path:
-    """Another file for every run with another outcome; a damaged one is thrown away, and its run begins anew."""
+    """Checkpoint file of a run, a different one for each combination of settings; a damaged file is deleted."""
     from rigtwin.sim.engine.bulk.checkpoint import kept_time
 
     what = _digest(__version__, experiment.rig, experiment.particle, experiment.wall, decides)
@@ -275,7 +275,7 @@ def _bulk_twin(experiment: Experiment, contacts: Sequence[Contact], *, count: in
 
 
 def _start(experiment: Experiment, measurements: Sequence[Measurement]) -> tuple[float | None, dict[str, str]]:
-    """The measured start in SI (None for a pile, or where none was measured), and which source the twin starts from."""
+    """The measured start in SI units (None if there is none), and the source of the start of the twin."""
     name = STARTS_FROM.get(experiment.rig_name)
     if name is None:
         return None, {}
@@ -288,7 +288,7 @@ def _start(experiment: Experiment, measurements: Sequence[Measurement]) -> tuple
 
 
 def _frame_rate(experiment: Experiment, measurements: Sequence[Measurement]) -> float:
-    """[1/s] as stated, else as the clips have it, else from the time steps of records already tracked."""
+    """Frame rate [1/s] as stated, else that of the clips, else from the time steps of tracked records."""
     if experiment.camera.frame_rate is not None:
         return experiment.camera.frame_rate
     rates = [float(rate) for item in measurements if (rate := item.camera.get("frame_rate_hz"))]
@@ -302,7 +302,7 @@ def _frame_rate(experiment: Experiment, measurements: Sequence[Measurement]) -> 
 
 
 def _watched(rig: Pendulum, rate: float, measurements: Sequence[Measurement]) -> float:
-    """[s] as long as the films go on, so that later collisions have their twin, and until the beads have turned."""
+    """Length of the record [s]: that of the longest film, and at least until the beads turn back."""
     film = max((float(np.ptp(track.time)) for item in measurements for track in item.tracks), default=0.0)
     period = 2 * math.pi * math.sqrt(rig.length / GRAVITY) * (1 + rig.release_angle**2 / 16)
     return max(film, 0.6 * period + 5 / rate)

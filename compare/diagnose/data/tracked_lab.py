@@ -225,7 +225,7 @@ def start_of(track: Track) -> float:
 
 
 def other_rates(conditions: Sequence[Condition], stated: Sequence[float | None]) -> Iterator[str]:
-    """A warning for each condition whose rows contradict the stated frame rate [1/s]; the times are kept as they are."""
+    """A warning for each condition whose rows contradict the stated frame rate [1/s]; the times are kept."""
     for condition, rate in zip(conditions, stated, strict=True):
         steps = [float(np.median(np.diff(track.time))) for each in condition.repetitions for track in each]
         found = 1 / float(np.median(steps))

@@ -218,7 +218,7 @@ class DropBench:
         return Mechanics(x[0], y[0], u[0], v[0], soft, by_row, by_soft)
 
     def touches(self, name: str) -> tuple[str, Array] | None:
-        """A restitution acts in the repetitions of its pair or of all pairs of one material, a diameter in its bead's."""
+        """A restitution acts in the repetitions of its pair or of pairs of one material, a diameter in its bead's."""
         kind, _, rest = name.partition(".")
         if kind == "diameter":
             return kind, self.bead == self.beads.names.index(rest)
