@@ -1,4 +1,4 @@
-"""A whole lab compared: the files it leaves, the page a person opens, and what stays when a run fails."""
+"""Comparison of a whole lab: written files, the report, and what is kept when a run fails."""
 
 import csv
 import hashlib
@@ -169,9 +169,9 @@ def test_a_warning_about_one_view_of_several_is_not_laid_to_the_first_photo(comp
     pile = Measurement(
         "pile", Path("front.jpg"), "", (view("front"), view("side")), (), ("side: too dark.", "scale: not known.")
     )
-    told = replace(outcome, measurements=(pile,), failures=()).warnings
-    assert "side: too dark." in told
-    assert "front.jpg and its other views: scale: not known." in told
+    warnings = replace(outcome, measurements=(pile,), failures=()).warnings
+    assert "side: too dark." in warnings
+    assert "front.jpg and its other views: scale: not known." in warnings
 
 
 def test_a_doubtful_repetition_beside_sound_ones_is_said_to_be_in_no_mean(compared):
@@ -182,20 +182,20 @@ def test_a_doubtful_repetition_beside_sound_ones_is_said_to_be_in_no_mean(compar
         return Measurement("drop", Path(name), "", tuple(found))
 
     (outcome,) = compared.outcomes
-    said = "r2.mp4 is doubtful and not in the mean of Restitution on the wall: the plate moved"
+    said = "r2.mp4 is doubtful and excluded from the mean of Restitution on the wall: the plate moved"
 
-    def told(*measurements):
+    def warnings_of(*measurements):
         return replace(outcome, measurements=measurements).warnings
 
-    assert said in told(drop("r1.mp4"), drop("r2.mp4", "the plate moved"))
-    assert said not in told(drop("r2.mp4", "the plate moved")), "alone it is in the mean"
+    assert said in warnings_of(drop("r1.mp4"), drop("r2.mp4", "the plate moved"))
+    assert said not in warnings_of(drop("r2.mp4", "the plate moved")), "alone it is in the mean"
 
 
 @pytest.mark.parametrize(
-    ("stated", "by_hand", "told"),
+    ("stated", "by_hand", "warned"),
     [(2.0, 0.0, False), (2.08, 0.0, False), (0.1, 0.0, True), (2.2, 0.0, True), (2.2, 0.2, False), (3.0, 0.2, True)],
 )
-def test_a_plate_that_rises_at_another_speed_than_stated_is_told(compared, stated, by_hand, told):
+def test_a_plate_that_rises_at_another_speed_than_stated_gives_a_warning(compared, stated, by_hand, warned):
     """At 2 deg/s after a second of rest; by hand it goes 20 % faster and slower in turn."""
     time = np.arange(600) / 100
     speed = np.where(time < 1, 0, 2 * (1 + by_hand * np.sign(np.sin(1.5 * time))))
@@ -204,7 +204,7 @@ def test_a_plate_that_rises_at_another_speed_than_stated_is_told(compared, state
     (outcome,) = compared.outcomes
     tilt = replace(outcome.experiment, rig=TiltSettings("slide", speed=np.radians(stated)))
     warnings = replace(outcome, experiment=tilt, measurements=(film,), failures=()).warnings
-    assert any(f"states a speed of {stated:.3g} deg/s" in warning for warning in warnings) == told
+    assert any(f"states a speed of {stated:.3g} deg/s" in warning for warning in warnings) == warned
 
 
 def test_provenance_names_every_input_by_its_content(lab, out):
@@ -306,8 +306,8 @@ def test_results_of_experiments_that_are_not_measured_now_are_not_replaced(lab, 
 def test_an_experiment_that_was_renamed_in_the_lab_file_is_said_to_be_gone(lab, compared, tmp_path):
     mine = Path(shutil.copytree(lab, tmp_path / "lab"))
     results = Path(shutil.copytree(compared.files["report.html"].parent, tmp_path / "out"))
-    told = results / "deviations.json"  # as if this folder had been compared into it
-    told.write_text(told.read_text().replace(str(lab), str(mine)))
+    document = results / "deviations.json"  # as if this folder had been compared into it
+    document.write_text(document.read_text().replace(str(lab), str(mine)))
     (mine / "lab.toml").write_text(LAB.replace("pair/1", "pair-1"))
     (said,) = compare(mine, results, workers=1).remarks
     assert said.startswith("pair/1: no longer in lab.toml")

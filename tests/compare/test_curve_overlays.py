@@ -1,4 +1,4 @@
-"""Shapes laid over one another: the distance is that of the curves, whatever their origin, sampling or side."""
+"""Overlays: the distance is that of the curves, independent of origin, sampling and side."""
 
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""Deviations: the numbers behind `measured`, `percent_deviation` and `z` hold up against chance itself."""
+"""Deviations: `measured`, `percent_deviation` and `z` agree with simulated random samples."""
 
 import csv
 import io
@@ -100,7 +100,7 @@ def test_z_changes_sign_when_measured_and_simulated_change_places(a, b, u_a, u_b
 
 
 @pytest.mark.parametrize("value", [0.0, 1e-300, -0.02])
-def test_a_measured_value_that_is_not_told_from_zero_gives_no_percentage_but_a_z(value):
+def test_a_measured_value_compatible_with_zero_gives_no_percentage_but_a_z(value):
     row = compared([quantity(value, 0.03)], [quantity(0.09, 0.04)])[0]
     assert (row.percent_deviation, row.percent_deviation_std) == (None, None)
     assert row.z == pytest.approx((0.09 - value) / 0.05)
@@ -119,7 +119,7 @@ def test_a_doubtful_repetition_is_left_out_and_named_where_sound_ones_remain():
     assert "1 doubtful repetition left out" in row.note
 
 
-def test_doubt_is_carried_into_the_row_when_every_repetition_is_doubtful():
+def test_the_row_is_doubtful_when_every_repetition_is_doubtful():
     row = compared([quantity(0.5, doubtful="blurred"), quantity(0.6, doubtful="rolled")], [quantity(0.51)])[0]
     assert (row.measured_n, row.doubtful, row.verdict) == (2, "blurred; rolled", "doubtful")
 
@@ -185,7 +185,7 @@ def test_a_setting_handed_to_the_twin_is_not_counted_as_agreement():
     assert (row.verdict, row.note) == ("set equal", "the twin starts from the measured value")
 
 
-def test_the_verdict_says_which_side_is_high_only_when_the_difference_is_told_from_chance():
+def test_the_verdict_says_which_side_is_high_only_when_the_difference_is_significant():
     def verdict(simulated):
         return compared([quantity(0.5, 0.006)] * 2, [quantity(simulated, 0.008)])[0].verdict
 
@@ -222,12 +222,12 @@ def test_one_repetition_convicts_no_twin_however_well_it_is_measured():
     assert row.z > 50
     assert row.verdict == "too few repetitions to tell"
     assert row.coverage_factor == math.inf
-    assert "how much repetitions differ is not in the uncertainty" in row.note
+    assert "the scatter of repetitions is not in the uncertainty" in row.note
     (left,) = compared([quantity(0.40, 1e-4), quantity(0.41, 1e-4, doubtful="blurred")], [quantity(0.50, 1e-4)])
     assert left.verdict == "too few repetitions to tell"
 
 
-def test_one_repetition_tells_that_a_rig_is_not_set_as_stated():
+def test_one_repetition_shows_that_a_rig_is_not_set_as_stated():
     height = [quantity(value, 0.001, "drop_height", "m", "fit") for value in (0.30, 0.32)]
     row = compared(height[:1], height[1:], set_from={"drop_height": "stated"})[0]
     assert row.verdict == "differs from the setting"
@@ -290,7 +290,7 @@ def test_one_run_convicts_itself_of_nothing_where_runs_differ_by_their_seed(rig,
     assert row.verdict == "twin too high"
 
 
-def test_the_csv_has_the_agreed_columns_and_empty_cells_for_what_cannot_be_told():
+def test_the_csv_has_the_agreed_columns_and_empty_cells_for_unknown_values():
     text = deviations_csv(compared([quantity(0.0, 0.1)], [quantity(0.5, math.nan)]))
     row = next(csv.DictReader(io.StringIO(text)))
     agreed = (

@@ -1,4 +1,4 @@
-"""Diagnosis: a second name must not stand for what the first effect's law leaves, nor drown beside a strong first."""
+"""Diagnosis: an error in the law of the first effect is not named as a second, and a real second effect is found."""
 
 from types import SimpleNamespace
 
@@ -44,8 +44,8 @@ def test_every_law_is_bent_in_proportion_to_the_coefficient_and_what_moves_the_r
     assert bool(found) == (not effect.geometry)
     for term in found:
         hook = next(name for name in MOTION if getattr(term, name) is not None)
-        nought, once, twice = (np.array(getattr(term, hook)(*MOTION[hook], c)) for c in (0.0, 0.01, 0.02))
-        assert twice - nought == pytest.approx(2 * (once - nought), rel=1e-6)
+        zero, once, twice = (np.array(getattr(term, hook)(*MOTION[hook], c)) for c in (0.0, 0.01, 0.02))
+        assert twice - zero == pytest.approx(2 * (once - zero), rel=1e-6)
 
 
 def test_a_share_of_a_strong_first_effect_is_asked_only_of_what_its_law_may_have_left(monkeypatch):
@@ -115,7 +115,7 @@ def test_a_law_of_the_impact_under_which_beads_would_win_energy_is_refused():
     assert refused(fitted(0.9, 0.01), terms) == ""
 
 
-def test_a_candidate_whose_equations_have_no_solution_is_left_out_and_told():
+def test_a_candidate_whose_equations_have_no_solution_is_left_out_and_reported():
     search = _Search(SimpleNamespace(), None, 1.0)
 
     def singular():
@@ -138,15 +138,15 @@ def test_frictions_of_three_sizes_are_tied_where_the_data_say_so_and_not_where_t
     sizes, draws, found = np.array([1.0, 1.25, 1.5]), 200, 0
     for _ in range(draws):
         seen = rng.normal(0.0 if not lever else -np.log(sizes)[:, None], scatter, (3, repetitions))
-        doubt = np.full(3, max(float(np.var(seen, axis=1).mean()), 1e-6) / repetitions)
+        variance = np.full(3, max(float(np.var(seen, axis=1).mean()), 1e-6) / repetitions)
         tied = seen.mean(axis=1) + np.log(sizes)
-        lost = float(np.sum((tied - np.average(tied, weights=1 / doubt)) ** 2 / doubt))
-        base = SimpleNamespace(index=int, covariance=np.diag(doubt), values=np.ones(3))
+        lost = float(np.sum((tied - np.average(tied, weights=1 / variance)) ** 2 / variance))
+        base = SimpleNamespace(index=int, covariance=np.diag(variance), values=np.ones(3))
         found += spared(base, ("0", "1", "2")) - lost > ALARM
     assert found >= 0.85 * draws if lever else found <= 0.01 * draws
 
 
-def test_frictions_that_share_their_doubt_are_worth_tying():
+def test_frictions_with_a_common_uncertainty_gain_from_tying():
     """An incline that is not quite as stated moves all of them alike: what is known of their ratios counts."""
     apart, shared = 1e-4 * np.eye(3), 0.01 * np.ones((3, 3))
     alone = SimpleNamespace(index=int, covariance=apart + 0.01 * np.eye(3), values=np.ones(3))

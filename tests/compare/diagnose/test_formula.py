@@ -1,4 +1,4 @@
-"""Diagnosis: formulas of what no effect explains; their shapes against closed forms, and when one is told as a law."""
+"""Diagnosis: formulas of unexplained disagreements, their shapes against closed forms, and when one is a law."""
 
 import math
 from types import SimpleNamespace
@@ -120,7 +120,7 @@ def test_a_bob_that_is_pushed_by_the_clock_swings_as_scipy_says():
         ({"held_out_before": 1.03, "held_out_after": 1.2, "held_out_gain": 90.0}, False),  # widens the gap of its rows
     ],
 )
-def test_only_a_formula_that_closes_the_gap_where_it_was_not_fitted_is_told(change, holds):
+def test_only_a_formula_that_closes_the_gap_on_held_out_data_is_reported(change, holds):
     sizes = Gap(**{**GAP.to_json(), **change})
     assert Formula(None, sizes).holds is holds
 
@@ -128,11 +128,14 @@ def test_only_a_formula_that_closes_the_gap_where_it_was_not_fitted_is_told(chan
 @pytest.mark.parametrize(
     ("change", "why"),
     [
-        ({"held_out_after": 2.5}, "none closes the gap on repetitions"),
+        ({"held_out_after": 2.5}, "no formula closes the gap on held-out repetitions"),
         ({"held_out_before": None, "held_out_after": None, "held_out_noise_floor": None}, "no condition has two"),
         ({"held_out_before": 1.0, "held_out_after": 1.0}, "no gap in such"),
-        ({"held_out_before": 1.0, "held_out_after": 1.2, "held_out_gain": 90.0}, "widening the gap on repetitions"),
-        ({"condition_after": 12.0}, "without widening it in far"),
+        (
+            {"held_out_before": 1.0, "held_out_after": 1.2, "held_out_gain": 90.0},
+            "widens the gap on held-out repetitions",
+        ),
+        ({"condition_after": 12.0}, "widens it in the held-out condition far"),
         ({"condition_after": 7.9}, "closes any of it in far"),
     ],
 )
@@ -177,7 +180,7 @@ def test_a_term_that_may_be_zero_or_has_no_shape_is_refused(name, numbers, good)
         ((1001.0, 1002.0), 1.0, []),
     ],
 )
-def test_shapes_go_on_to_all_data_unless_a_part_of_them_tells_them_apart(deviances, per_row, kept):
+def test_shapes_are_fitted_to_all_data_unless_part_of_them_separates_them(deviances, per_row, kept):
     shape = SHAPES["drop form:band"]
     rough = [(shape, SimpleNamespace(deviance=one, per_row=per_row)) for one in deviances]
     left = _worth_all(rough, SimpleNamespace(deviance=1000.0), 4.0, 1.0)

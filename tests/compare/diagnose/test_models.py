@@ -141,16 +141,16 @@ def test_slow_contacts_of_two_beads_are_found_wherever_in_a_step_they_fall():
     assert (motion.speeds < 1.0).sum() >= 2 * len(e)
 
 
-@pytest.mark.parametrize("told", [0.01, 0.1, 0.3])
-def test_leftovers_gain_less_than_its_price_by_setting_a_stated_quantity_free(told):
-    """Data on a line with noise 1 know the roll to `told` of what is stated; all that is left over looks like it."""
+@pytest.mark.parametrize("share", [0.01, 0.1, 0.3])
+def test_residuals_of_the_first_effect_gain_less_than_the_price_of_a_freed_calibration_quantity(share):
+    """Data on a line with noise 1 determine the roll to `share` of its stated uncertainty; all residuals resemble it."""
     stated, left = 0.01, 400.0
-    column = np.ones(100) / (told * stated) / math.sqrt(100)
+    column = np.ones(100) / (share * stated) / math.sqrt(100)
     leftover = math.sqrt(left) * column / np.linalg.norm(column)
     held, *_ = np.linalg.lstsq(np.append(column, 1 / stated)[:, None], np.append(leftover, 0.0), rcond=None)
     gained = np.sum((leftover - column * held) ** 2) + (held[0] / stated) ** 2
     fewer = SimpleNamespace(fitted=SimpleNamespace(unknowns=[Unknown("camera_roll.angle", 0.0, 1e-3, sd=stated)]))
-    more = SimpleNamespace(fitted=SimpleNamespace(std=lambda name: told * stated))
+    more = SimpleNamespace(fitted=SimpleNamespace(std=lambda name: share * stated))
     price = feigned(fewer, more, [named("camera_roll")], left)
     assert gained + SECOND < price + 1e-9
     assert price < 1.1 * (math.sqrt(gained) + math.sqrt(SECOND)) ** 2
@@ -238,8 +238,8 @@ def test_the_loss_to_a_thin_plate_is_that_of_zeners_equation():
     ):  # fmt: skip
         mass = density * 4 / 3 * math.pi * radius**3
         plate = effect.parameters[1].stated(wood, {**steel, "thickness_m": thickness})
-        told = effect.restitution(1.0, speed, radius, mass, 1.0, plate)
-        assert math.log(told) == pytest.approx(math.log(bounced(speed, radius, density, thickness)), rel=0.04)
+        found = effect.restitution(1.0, speed, radius, mass, 1.0, plate)
+        assert math.log(found) == pytest.approx(math.log(bounced(speed, radius, density, thickness)), rel=0.04)
 
 
 def test_what_a_lab_states_of_a_plate_is_not_fitted_and_is_assumed_where_it_states_none():
@@ -259,9 +259,9 @@ def test_what_a_lab_states_of_a_plate_is_not_fitted_and_is_assumed_where_it_stat
         strength, found = coefficients(effect, known, lab, conditions)
         assert strength.ravel() == pytest.approx([0.5])
         assert found.ravel() == pytest.approx(plates)
-        told = list(lab.assumed([effect]))
-        assert len(told) == (1 if len(stated) == 1 else 0)
-        assert all("wood on thick; 0.005 is taken for plate there" in one for one in told)
+        remarks = list(lab.assumed([effect]))
+        assert len(remarks) == (1 if len(stated) == 1 else 0)
+        assert all("wood on thick; plate = 0.005 is assumed there" in one for one in remarks)
 
 
 def struck(length, release, seconds, rng):
@@ -364,7 +364,7 @@ def test_a_push_that_the_mirror_changes_has_a_side_of_its_own(force, aimed):
 
 
 @pytest.mark.parametrize(
-    ("takes", "gives", "parameters", "told"),
+    ("takes", "gives", "parameters", "message"),
     [
         ("vx, vy, gap, radius, a", "a * vx, a * vy", "(Parameter('a', '1', 0, 1, 0.1),)", "force of effect mine fails"),
         ("vx, vy, gap, radius, mass, a", "a * vx", "(Parameter('a', '1', 0, 1, 0.1),)", "two numbers"),
@@ -372,7 +372,7 @@ def test_a_push_that_the_mirror_changes_has_a_side_of_its_own(force, aimed):
         ("vx, vy, gap, radius, mass", "vx, vy", "()", "no parameter"),
     ],
 )
-def test_an_own_effect_whose_functions_do_not_fit_is_refused(tmp_path, takes, gives, parameters, told):
+def test_an_own_effect_whose_functions_do_not_fit_is_refused(tmp_path, takes, gives, parameters, message):
     path = tmp_path / "mine.py"
     path.write_text(
         "from rigtwin.sim.effects import Effect, Parameter\n"
@@ -380,7 +380,7 @@ def test_an_own_effect_whose_functions_do_not_fit_is_refused(tmp_path, takes, gi
         "EFFECT = Effect(name='mine', title='mine', kind='physical', rigs=('drop',),\n"
         f"    parameters={parameters}, equation='a', source='own', force=force)\n"
     )
-    with pytest.raises(BadInput, match=told) as refused:
+    with pytest.raises(BadInput, match=message) as refused:
         own_effect(path)
     assert "mine.py" in str(refused.value)
 

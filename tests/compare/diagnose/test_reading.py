@@ -1,4 +1,4 @@
-"""What a lab.json may say in more than one way, and what is refused before anything is fitted."""
+"""Diagnosis: accepted variants of a lab.json, and errors that are found before the fit."""
 
 import json
 import math
@@ -125,7 +125,7 @@ def later(rows, by: float):
     return [f"{float(row.split(',', 1)[0]) + by:.6f},{row.split(',', 1)[1]}" for row in rows]
 
 
-def test_the_bead_let_go_is_told_by_where_it_starts_and_not_by_which_row_comes_first(doubles):
+def test_the_released_bead_is_found_from_its_start_and_not_from_the_order_of_rows(doubles):
     rewrite(doubles / "c" / "rep02.csv", lambda rows: rows[1:])  # A was not seen in the first frame
     rewrite(doubles / "c" / "rep03.csv", lambda rows: sorted(rows, key=lambda row: row.split(",")[1], reverse=True))
     lab = read_tracked_lab(doubles)
@@ -149,7 +149,7 @@ def test_two_pendulums_of_unlike_beads_or_let_go_on_the_right_are_refused(double
             doubles / "c" / f"rep{number:02d}.csv",
             lambda rows: [f"{t},{b},{-float(x)},{y}" for t, b, x, y in (row.split(",") for row in rows)],
         )
-    with pytest.raises(BadInput, match=r"rep01\.csv: A, the bead that is let go, starts on the right"):
+    with pytest.raises(BadInput, match=r"rep01\.csv: A, the released bead, starts on the right"):
         check_axes(read_tracked_lab(doubles))
     condition(change(doubles, {"particles": BEADS | {"light": BEADS["heavy"]}}), bead_B="light")
     with pytest.raises(BadLabFile, match="condition c: names two kinds of beads, heavy and light"):
@@ -171,7 +171,7 @@ def test_when_the_clock_was_started_changes_nothing(rig, by, request):
 @pytest.mark.parametrize(
     "name", ["drop_height_uncertainty_m", "release_sideways_speed_m_s", "plate_level_uncertainty_deg"]
 )
-def test_a_stated_doubt_of_zero_is_a_quantity_known_very_well(drops, name):
+def test_a_stated_uncertainty_of_zero_is_a_quantity_known_very_well(drops, name):
     plain = fit(bench_of(read_tracked_lab(drops)), rounds=3)
     exact = fit(bench_of(read_tracked_lab(change(drops, {"rig_geometry": {name: 0}}))), rounds=3)
     assert exact.converged
@@ -197,7 +197,7 @@ def test_a_bead_whose_diameter_is_known_exactly_keeps_it(doubles):
 def test_a_baseline_without_a_misfit_is_refused(drops, monkeypatch):
     lost = replace(fit(bench_of(read_tracked_lab(drops)), rounds=1), deviance=math.nan)
     monkeypatch.setattr("rigtwin.compare.diagnose.diagnosis.fit", lambda *_args, **_more: lost)
-    with pytest.raises(BadInput, match=r"cannot be fitted to these tracks.*the misfit of the baseline is no number"):
+    with pytest.raises(BadInput, match=r"cannot be fitted to these tracks.*the misfit of the baseline is not finite"):
         diagnose(read_tracked_lab(drops))
 
 
@@ -223,7 +223,7 @@ def test_no_wall_can_be_said_in_four_ways_and_leaves_a_pendulum_free(pendulums, 
 def test_a_pendulum_that_strikes_beside_a_free_one_is_refused(pendulums):
     first = json.loads((pendulums / "lab.json").read_text())["conditions"][0]
     both = [first, first | {"name": "d", "files": "c/rep%02d.csv", "wall": "steel"}]
-    with pytest.raises(BadLabFile, match="c swings freely and d strikes a wall"):
+    with pytest.raises(BadLabFile, match="c swings freely and d hits a wall"):
         read_tracked_lab(change(pendulums, {"conditions": both}))
     assert isinstance(bench_of(read_tracked_lab(change(pendulums, {"conditions": both[1:]}))), DoubleBench)
 
@@ -238,7 +238,7 @@ def test_sliding_friction_is_one_number_or_one_for_each_wall(drops, stated, take
     assert bench.friction == pytest.approx(taken)
 
 
-def test_a_friction_or_a_doubt_that_is_a_text_is_refused_by_name(drops):
+def test_a_friction_or_an_uncertainty_that_is_a_text_is_refused_by_name(drops):
     for name in ("sliding_friction_pw", "drop_height_uncertainty_m"):
         with pytest.raises(BadLabFile, match=f"{name}: 'little' is not a number"):
             bench_of(read_tracked_lab(change(drops, {"rig_geometry": {name: "little"}})))
@@ -248,7 +248,7 @@ def test_a_bead_that_rolls_for_no_stated_reason_is_refused(tmp_path):
     time = np.arange(0, 0.5, 1 / 240)
     place = np.column_stack([0.3 * time**2, np.full(len(time), RADIUS)])
     folder = write_lab(tmp_path / "roll", "roll", {"wall": "glass", "slope_deg": 6}, [(time, place)])
-    with pytest.raises(BadLabFile, match="condition c: states neither incline_angle_deg nor push_speed_m_s"):
+    with pytest.raises(BadLabFile, match="condition c: has neither incline_angle_deg nor push_speed_m_s"):
         read_tracked_lab(folder)
     assert read_tracked_lab(condition(folder, incline_angle_deg=6)).setting("incline_angle_deg") == [6]
 

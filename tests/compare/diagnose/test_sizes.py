@@ -1,4 +1,4 @@
-"""What the stated doubt of a bead's diameter does to the coefficients that are fitted beside it."""
+"""Effect of the stated uncertainty of a bead's diameter on the coefficients fitted beside it."""
 
 import json
 
@@ -22,7 +22,7 @@ def test_pivot_friction_beside_drag_is_found_though_the_diameters_are_a_little_o
     assert abs(found.value(moment) - truth["parameters"]["tau_c"]) < 2.5 * found.std(moment)
 
 
-def test_another_plate_tells_a_loss_to_the_plate_from_one_in_the_bead(tmp_path):
+def test_another_plate_separates_a_loss_to_the_plate_from_one_in_the_bead(tmp_path):
     """From one plate they look alike; the proposed experiment, carried out on the drawn bench, names the plate."""
     case = Case("single", "drop", ("plate_compliance",), "moderate")
     write(case, "lab", (10250, 66), tmp_path, narrowed=True)
@@ -30,9 +30,9 @@ def test_another_plate_tells_a_loss_to_the_plate_from_one_in_the_bead(tmp_path):
     assert alike.verdict == "indistinguishable"
     assert "plate of the same material" in alike.designs[0].words
     write(case, "further", (10250, 66), tmp_path, narrowed=True, design=alike.designs[0].to_json())
-    told = diagnose(read_tracked_lab(tmp_path / "labs" / "further")).to_json()
-    assert told["verdict"] == "named"
-    assert [effect["effect"] for effect in told["effects"]] == ["plate_compliance"]
+    result = diagnose(read_tracked_lab(tmp_path / "labs" / "further")).to_json()
+    assert result["verdict"] == "named"
+    assert [effect["effect"] for effect in result["effects"]] == ["plate_compliance"]
 
 
 def with_half_the_thickness(effect, seed, folder):

@@ -1,4 +1,4 @@
-"""Bootstrap over repetitions: a name that all speak for is stable, one that hangs on a single one is not."""
+"""Bootstrap over repetitions: a name that all support is stable, one that depends on a single one is not."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Twins: they start where the experiment started, and give back what was put into them."""
+"""Twins start from the state of the experiment, and their evaluation returns the parameters put in."""
 
 import math
 from pathlib import Path
@@ -195,7 +195,7 @@ def test_the_lab_goes_before_the_published_contact():
     assert by_name.contact("steel", "D6", model).static_friction == 0.11
 
 
-def test_a_contact_nobody_knows_is_refused_by_name():
+def test_an_unknown_contact_is_refused_by_name():
     with pytest.raises(BadInput, match="D6-wood_ash"):
         by_name.contact("D6", "wood_ash", Model())
 
