@@ -48,7 +48,7 @@ def test_a_fault_of_one_run_is_reported_and_the_others_continue_and_are_kept(tmp
     assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_who_interrupts_learns_what_is_kept(tmp_path):
+def test_an_interrupt_has_a_note_on_what_is_kept(tmp_path):
     def impatient(_what, done, _whole):
         if done:
             raise KeyboardInterrupt
@@ -59,7 +59,7 @@ def test_who_interrupts_learns_what_is_kept(tmp_path):
     assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_a_result_cut_short_or_spoilt_is_run_again(tmp_path):
+def test_a_truncated_or_damaged_result_is_run_again(tmp_path):
     one = Run("one", "builtins:dict", {"number": 16})
     run_all([one], tmp_path)
     (file,) = tmp_path.iterdir()

@@ -103,7 +103,7 @@ def test_a_fault_of_the_program_is_not_reported_as_an_error_of_the_lab(monkeypat
     assert not isinstance(error.value, BadInput)
 
 
-def test_a_pendulum_whose_origin_is_where_it_hangs_is_refused():
+def test_a_pendulum_with_the_origin_at_its_bob_is_refused():
     with pytest.raises(BadInput, match="put the origin at the pivot"):
         check_axes(lab_of("pendulum", lambda place: place + np.array([0, 0.25])))
 
@@ -215,7 +215,7 @@ def test_no_drawn_pendulum_is_refused_and_most_faulty_copies_are():
         (0.05, 0.95, 30, 0.8), (0.05, 0.90, 60, 0.8), (0.02, 0.95, 60, 0.5),
     ],
 )  # fmt: skip
-def test_a_lively_bead_under_a_slow_camera_is_not_refused(height, lively, rate, seconds):
+def test_a_fast_bead_at_a_low_frame_rate_is_not_refused(height, lively, rate, seconds):
     time = np.arange(0, seconds, 1 / rate)
     place, at, speed = [], 0.0, 0.0
     first = math.sqrt(2 * height / G)
@@ -250,6 +250,6 @@ def test_an_arm_that_tilted_long_before_its_first_row_is_not_refused():
 
 
 @pytest.mark.parametrize("rig", ["drop", "pendulum", "double", "slide", "roll"])
-def test_too_few_rows_say_nothing(rig):
+def test_too_few_rows_give_no_fault(rig):
     for rows in range(1, 6):
         assert fault_of(rig, TIME[:rows], np.zeros((rows, 2)), {"length_m": 0.25}) == ""

@@ -12,7 +12,7 @@ from rigtwin.sim.effects import named
 
 
 @pytest.mark.parametrize("seed", [(10160, 127), (10161, 318), (11,)])
-def test_pivot_friction_beside_drag_is_found_though_the_diameters_are_a_little_off(seed, tmp_path):
+def test_pivot_friction_beside_drag_is_found_with_slightly_wrong_diameters(seed, tmp_path):
     """The pivot's share was off by three of its deviations and more where bobs of two sizes had the stated ones."""
     truth = write(Case("pair", "pendulum", ("air_drag", "pivot_friction"), "moderate"), "lab", seed, tmp_path)
     bench = bench_of(read_tracked_lab(tmp_path / "labs" / "lab"))
@@ -52,13 +52,13 @@ def named_in(lab):
 
 
 @pytest.mark.parametrize("effect", ["plate_compliance", "velocity_dependent_restitution"])
-def test_two_plates_of_one_material_tell_what_bends_away_from_what_the_bead_loses(effect, tmp_path):
+def test_two_plates_of_one_material_separate_bending_of_the_plate_from_losses_in_the_bead(effect, tmp_path):
     verdict, names = named_in(with_half_the_thickness(effect, (10600, 10), tmp_path))
     assert verdict == "named"
     assert (names == ["plate_compliance"]) == (effect == "plate_compliance")
 
 
-def test_plates_of_which_the_lab_states_other_materials_are_not_tied(tmp_path):
+def test_plates_of_different_stated_materials_are_not_tied(tmp_path):
     """A density that is off by a millionth changes nothing but what is known: how lively either is then is free."""
     lab = with_half_the_thickness("plate_compliance", (10600, 10), tmp_path)
     document = json.loads((lab / "lab.json").read_text())

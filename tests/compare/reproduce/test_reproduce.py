@@ -30,7 +30,7 @@ def test_graphical_and_geometric_angles_come_from_the_same_piles():
 
 
 @pytest.mark.parametrize("table", TABLES)
-def test_every_cell_holds_what_the_paper_prints(table):
+def test_every_cell_has_the_value_of_the_paper(table):
     whole = plan([table], quick=False, repetitions=None, seed=1)
     printed = {value for row in hlosta2020.table(table) for value in row.values()}
     for cell in whole.cells:
@@ -46,7 +46,7 @@ def test_a_table_that_is_not_reproduced_is_named(capsys, tmp_path):
 
 
 @pytest.mark.parametrize("wrong", [["--table", "99"], ["--study", "colour"]])
-def test_what_there_is_not_is_named_where_nothing_is_kept_too(wrong, capsys, tmp_path):
+def test_an_unknown_table_or_study_is_named_also_without_kept_runs(wrong, capsys, tmp_path):
     assert run(["reproduce", "hlosta2020", "--kept", *wrong, "--out", str(tmp_path)]) == 2
     assert wrong[1] in capsys.readouterr().err
 
@@ -129,9 +129,7 @@ def test_a_fault_in_one_run_leaves_the_others_shown_and_the_command_ends_with_1(
     assert "Traceback" in capsys.readouterr().err
 
 
-def test_a_run_that_the_memory_does_not_hold_leaves_the_others_shown_and_the_command_ends_with_2(
-    tmp_path, monkeypatch, capsys
-):
+def test_a_run_out_of_memory_leaves_the_others_shown_and_the_command_ends_with_2(tmp_path, monkeypatch, capsys):
     keep(tmp_path, 16)
     huge = planned_but_first(function="builtins:bytearray", settings={"source": 2**60})
     monkeypatch.setattr(module, "plan", huge)
@@ -157,12 +155,12 @@ def test_a_page_without_any_result_can_be_written(tmp_path):
     assert all(row["ours"] is None for row in empty.rows)
 
 
-def test_numbers_show_as_many_digits_as_their_scatter_allows():
+def test_the_digits_of_a_number_follow_from_its_scatter():
     assert number(184.0, 1.3) == "184.0 ± 1.3"
     assert number(2.716) == "2.72"
 
 
-def test_a_swept_bed_is_judged_by_how_far_it_is_from_the_measured_one_without_sign(tmp_path):
+def test_a_swept_bed_is_judged_by_its_absolute_deviation(tmp_path):
     cells = plan([4], quick=False, repetitions=None, seed=1).cells
     assert len(cells) == 56
     # beds that are as far off as the paper's, some too low
@@ -182,7 +180,7 @@ def test_a_swept_bed_is_judged_by_how_far_it_is_from_the_measured_one_without_si
     assert text.count("| D6, static friction") == 20
 
 
-def test_table_7_stands_beside_ours_with_the_paper_s_first_frictions_too_and_is_not_judged_by_them(tmp_path):
+def test_table_7_has_rows_with_the_first_frictions_that_are_not_judged(tmp_path):
     planned = plan([7], quick=False, repetitions=None, seed=1).cells
     cells = [cell for cell in planned if cell.quantity == "bed_height"]
     first = [cell for cell in cells if "before calibration" in cell.row]
@@ -195,7 +193,7 @@ def test_table_7_stands_beside_ours_with_the_paper_s_first_frictions_too_and_is_
     assert page(table, "reproduction.md").count("| +10.0 |") == 14
 
 
-def test_table_7_has_our_seconds_a_particle_beside_the_paper_s_and_no_deviation_between_two_machines(tmp_path, capsys):
+def test_table_7_has_computing_times_without_a_deviation(tmp_path, capsys):
     keep(tmp_path, 7, result={"bead_tops_height_mm": 200.0, "seconds_per_particle": 0.0125})
     asked = ["reproduce", "hlosta2020", "--table", "7", "--quick", "--kept", "--out", str(tmp_path)]
     assert run([*asked, "--json"]) == 0
@@ -225,7 +223,7 @@ def flowed(folder: Path, **result):
     return {row["quantity"]: row for row in json.loads((folder / "cells.json").read_text())["cells"]}
 
 
-def test_the_steady_flow_stands_beside_what_left_in_time_and_neither_is_set_against_the_paper_s_where_all_left(
+def test_flows_are_not_compared_with_the_paper_where_all_particles_left(
     tmp_path,
 ):
     rows = flowed(tmp_path, emptied=15000, mass_flow_g_s=213.0, steady_mass_flow_g_s=331.8)
@@ -242,7 +240,7 @@ def test_the_steady_flow_stands_beside_what_left_in_time_and_neither_is_set_agai
     assert "Mass flow rate, steady, g/s" in (tmp_path / "report.html").read_text()
 
 
-def test_what_left_within_the_stated_time_is_set_against_the_paper_s_where_beads_are_left(tmp_path):
+def test_flows_are_compared_with_the_paper_where_particles_remain(tmp_path):
     said = ["only 11000 of 15000 beads had left the hopper when the run ended"]
     rows = flowed(tmp_path, emptied=11000, mass_flow_g_s=156.24, steady_mass_flow_g_s=None, warnings=said)
     assert rows["mass_flow"]["ours_against_paper_dem_percent"] == pytest.approx(-10.0)
@@ -252,7 +250,7 @@ def test_what_left_within_the_stated_time_is_set_against_the_paper_s_where_beads
 
 
 @pytest.mark.parametrize(("particle", "frictions"), [("D6", (0.2, 0.01)), ("C6_24s", (0.5, 0.1))])
-def test_what_table_7_was_printed_with_is_what_its_twin_gets(particle, frictions, monkeypatch):
+def test_the_twin_of_table_7_has_the_printed_parameters(particle, frictions, monkeypatch):
     from rigtwin.compare.twins import many_body as bulk_twins
 
     class Asked(Exception):
@@ -286,7 +284,7 @@ def test_a_bed_that_spills_is_poured_again_into_a_higher_cylinder(monkeypatch):
     assert high["cylinder_height_mm"] == pytest.approx(40.5)
 
 
-def test_the_experiment_done_again_lies_as_often_that_near_as_drawn_runs_do():
+def test_a_repeated_experiment_is_as_often_that_near_as_random_runs():
     """Ten runs, their mean and standard deviation, and what further runs do: drawn from one normal distribution."""
     random = np.random.default_rng(3)
     for runs in (1, 10):
@@ -387,7 +385,7 @@ def test_kept_results_are_shown_without_running_anything(tmp_path, monkeypatch):
     assert "Table 16" in (tmp_path / "report.html").read_text()
 
 
-def test_where_nothing_is_kept_that_is_said_and_nothing_written(tmp_path, capsys):
+def test_without_kept_runs_an_error_is_given_and_nothing_is_written(tmp_path, capsys):
     asked = ["reproduce", "hlosta2020", "--table", "16", "--kept", "--out"]
     assert run([*asked, str(tmp_path / "nosuch")]) == 2
     assert "no finished run" in capsys.readouterr().err
@@ -400,7 +398,7 @@ def test_where_nothing_is_kept_that_is_said_and_nothing_written(tmp_path, capsys
     assert (tmp_path / "cells.csv").read_text() == before
 
 
-def test_cells_that_are_not_asked_for_again_are_said_to_be_replaced(tmp_path, capsys):
+def test_a_remark_names_earlier_cells_that_are_not_requested_again(tmp_path, capsys):
     for table in (14, 16):
         keep(tmp_path, table)
     asked = ["reproduce", "hlosta2020", "--quick", "--kept", "--out", str(tmp_path)]
@@ -517,7 +515,7 @@ def test_cells_written_without_doubtful_values_are_read_unchanged(tmp_path):
         (14, "D6", ("wall", "youngs_modulus"), 1e9),
     ],
 )
-def test_a_kept_run_of_another_particle_contact_or_rig_is_not_taken_for_this_one(table, name, place, other, tmp_path):
+def test_a_kept_run_of_another_particle_contact_or_rig_is_not_used(table, name, place, other, tmp_path):
     one = next(item for item in plan([table], quick=True, repetitions=1, seed=1).runs if f"-{name}-" in item.name)
     record = {
         "function": one.function, "settings": dict(one.settings), "inputs": one.inputs,
@@ -546,7 +544,7 @@ def test_a_kept_run_of_another_particle_contact_or_rig_is_not_taken_for_this_one
     assert read(json.dumps(document))
 
 
-def test_a_new_run_keeps_what_it_was_made_of(tmp_path):
+def test_a_new_run_keeps_its_inputs(tmp_path):
     one = Run("one", "builtins:dict", {"number": 16}, inputs={"diameter": 6e-3})
     run_all([one], tmp_path)
     other = replace(one, inputs={"diameter": 12e-3})
@@ -603,7 +601,7 @@ def test_progress_counts_the_cost_of_what_is_done(tmp_path):
     assert seen == [(10.0, 40.0), (40.0, 40.0)]
 
 
-def test_each_rolling_law_has_runs_of_its_own_and_type_c_those_of_before():
+def test_each_rolling_law_has_its_own_runs_and_type_c_uses_earlier_ones():
     by_law = {law: plan(None, quick=False, repetitions=1, seed=1, rolling=law) for law in ROLLING}
     by_default = plan(None, quick=False, repetitions=1, seed=1)
     assert by_default == by_law["type A"]
